@@ -1,4 +1,4 @@
-//! The shipped machines in every order of events within bounds.
+//! Runs the shipped machines through every order of events within bounds.
 //!
 //! A [`System`] defines the actions that are possible in a moment. [`explore`] visits every reachable
 //! moment, breadth first, and checks each [`Property`] in it. [`domain`] models the Manager with its

@@ -5,7 +5,7 @@ use std::{fmt, io};
 use super::Report;
 use crate::results;
 
-/// A file of counts: a line for each scope.
+/// A file of expected counts, with a line for each scope.
 #[derive(Clone, Copy, Debug)]
 pub struct Golden {
     pub(super) file: &'static str,
@@ -19,19 +19,19 @@ impl Golden {
         lines.filter_map(|line| line.split(' ').next())
     }
 
-    /// Whether a search has counted what it did before.
+    /// True if a search has the expected counts.
     #[must_use]
     pub fn has<A>(self, scope: &str, report: &Report<A>) -> bool {
         let counts = counts(scope, report);
         self.text.lines().any(|line| line == counts)
     }
 
-    /// Prints what a search has found, and notes it with the other [`results`]. Whether all held,
-    /// with counts as before.
+    /// Prints the findings of a search, and appends them to the other [`results`]. Returns true if
+    /// every property held and the counts are the expected ones.
     ///
     /// # Errors
     ///
-    /// It cannot be printed or noted.
+    /// The findings cannot be printed or appended.
     pub fn tell<A: fmt::Display>(
         self,
         out: &mut impl io::Write,

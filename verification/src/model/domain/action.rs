@@ -4,7 +4,7 @@ use std::fmt;
 
 use sm2_proto::{InterfaceId, LinkId};
 
-/// One thing that happens; nodes are counted from 0.
+/// One event. Nodes are counted from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Action {
     /// The Manager reads a node's next frame, or the end of its connection.
@@ -13,13 +13,13 @@ pub enum Action {
     NodeReads(u8),
     /// A node connects, for the first time or again.
     Connects(u8),
-    /// A node sees that the other end of a link is gone.
+    /// A node sees that the other end of a link has closed.
     Notices(u8, InterfaceId, LinkId),
-    /// Another Manager begins.
+    /// Another Manager starts.
     ManagerBegins,
-    /// Nobody has anything to do until the Manager's deadline.
+    /// No action is possible before the Manager's next deadline, so time advances to it.
     TimePasses,
-    /// A program declares the first interface that it has not.
+    /// A program declares its first interface that is not declared.
     Declares(u8),
     /// A program withdraws an interface.
     Withdraws(u8, InterfaceId),
@@ -27,18 +27,19 @@ pub enum Action {
     Closes(u8, InterfaceId, LinkId),
     /// A process dies.
     NodeDies(u8),
-    /// The Manager dies; what it has sent is there.
+    /// The Manager dies. Frames that it has sent still arrive.
     ManagerDies,
-    /// The Manager reads a node's next frame and dies after so many frames of its answer.
+    /// The Manager reads a node's next frame and dies after sending this many frames of its answer.
     ManagerDiesAnswering(u8, u8),
-    /// The Manager ends in good order, for another one to take its place.
+    /// The Manager shuts down in order, so that another one can take its place.
     ManagerShutsDown,
-    /// A node does not read in time, and the Manager hangs up.
+    /// A node does not read in time, and the Manager closes its connection.
     Stalls(u8),
 }
 
 impl Action {
-    /// Whether it happens by itself, sooner or later; else somebody has to choose it.
+    /// True if the action happens sooner or later without a choice; otherwise it costs a part of
+    /// the budget.
     #[must_use]
     pub const fn goes_on(&self) -> bool {
         matches!(

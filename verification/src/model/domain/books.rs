@@ -11,11 +11,11 @@ pub(super) enum Side {
     Node,
 }
 
-/// The ends of links that are named in one session and lack a farewell.
+/// The ends of links that are named in one session and whose farewells are not complete.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Books(BTreeMap<(InterfaceId, LinkId), Book>);
 
-/// Of the Manager and the node, in this order.
+/// One record per end. Arrays are indexed by side: the Manager, then the node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 struct Book {
     /// The sides that have named the end, or received its name.
@@ -27,7 +27,7 @@ struct Book {
 }
 
 impl Books {
-    /// A side names an end for the first time; what is wrong with it, if anything.
+    /// Records that a side names an end for the first time. Returns an error text if that is wrong.
     pub(super) fn name(
         &mut self,
         side: Side,
@@ -42,14 +42,14 @@ impl Books {
         before.map(|_| format!("{link} of {interface} is named twice"))
     }
 
-    /// A side reads that name.
+    /// Records that a side reads that name.
     pub(super) fn hear(&mut self, side: Side, interface: InterfaceId, link: LinkId) {
         if let Some(book) = self.0.get_mut(&(interface, link)) {
             book.knows[side as usize] = true;
         }
     }
 
-    /// A side says farewell; what is wrong with it, if anything.
+    /// Records that a side sends its farewell. Returns an error text if that is wrong.
     //= SM2-LNK-003 model
     pub(super) fn farewell(
         &mut self,
@@ -69,7 +69,8 @@ impl Books {
         None
     }
 
-    /// A side reads the other's farewell. After both the end is over.
+    /// Records that a side reads the other's farewell. After both farewells were read, the end is
+    /// forgotten.
     pub(super) fn read(&mut self, side: Side, interface: InterfaceId, link: LinkId) {
         let Some(book) = self.0.get_mut(&(interface, link)) else {
             return;
@@ -85,7 +86,7 @@ impl Books {
         }
     }
 
-    /// The Manager reads nothing more, and owes nothing for it.
+    /// The Manager reads nothing more, and owes no farewells.
     pub(super) fn manager_ends(&mut self) {
         for book in self.0.values_mut() {
             book.read[Side::Manager as usize] = true;
@@ -94,12 +95,12 @@ impl Books {
             .retain(|_, it| it.said != [true; 2] || it.read != [true; 2]);
     }
 
-    /// An interface is gone, and all its ends.
+    /// Forgets an interface with all its ends.
     pub(super) fn forget(&mut self, interface: InterfaceId) {
         self.0.retain(|(of, _), _| *of != interface);
     }
 
-    /// Whether a side has said farewell to an end.
+    /// True if a side has sent its farewell for an end.
     pub(super) fn has_said(&self, side: Side, interface: InterfaceId, link: LinkId) -> bool {
         let book = self.0.get(&(interface, link));
         book.is_some_and(|it| it.said[side as usize])
@@ -109,7 +110,7 @@ impl Books {
         self.0.keys()
     }
 
-    /// An end to which one side has said farewell, and not both have read the other's.
+    /// Returns an end for which a farewell was sent, but not both farewells were read.
     pub(super) fn half_said(&self) -> Option<(InterfaceId, LinkId)> {
         let half = self.0.iter().find(|(_, it)| it.said.contains(&true));
         half.map(|(end, _)| *end)

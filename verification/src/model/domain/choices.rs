@@ -12,8 +12,8 @@ use super::{
 };
 
 impl World {
-    /// All that can happen now; in a reduced scope one action instead that may go first, if
-    /// there is one.
+    /// Returns all possible actions. In a reduced scope, returns a single action if one may go
+    /// first.
     #[must_use]
     pub fn actions(&self, scope: &Scope) -> Vec<Action> {
         let mut actions = self.progress();
@@ -26,7 +26,7 @@ impl World {
         actions
     }
 
-    /// The actions that happen without a choice, sooner or later.
+    /// The actions that happen sooner or later without a choice.
     pub(super) fn progress(&self) -> Vec<Action> {
         let mut actions = Vec::new();
         let alive = self.manager.is_some();
@@ -41,7 +41,7 @@ impl World {
             if open.is_some_and(|it| !it.down.is_empty()) {
                 actions.push(Action::NodeReads(at));
             }
-            // A Manager hears those who are gone before those who come.
+            // A Manager reads the ends of old connections before it accepts new ones.
             if alive && open.is_none() && program.closed.is_empty() {
                 actions.push(Action::Connects(at));
             }
@@ -61,7 +61,7 @@ impl World {
         actions
     }
 
-    /// The actions that may happen, within the budget.
+    /// Adds the actions that cost a part of the budget, as far as it lasts.
     fn add_choices(&self, scope: &Scope, actions: &mut Vec<Action>) {
         let alive = self.manager.is_some();
         for (at, program) in (0_u8..).zip(&self.programs) {
@@ -71,7 +71,7 @@ impl World {
             if self.budget.withdrawals > 0 {
                 for &interface in program.interfaces.keys() {
                     let withdraw = node::Input::Withdraw { interface };
-                    // Not while it is being declared.
+                    // An interface that is being declared cannot be withdrawn.
                     if program.node.clone().handle(self.now, withdraw).is_ok() {
                         actions.push(Action::Withdraws(at, interface));
                     }
@@ -106,7 +106,7 @@ impl World {
 
     fn can_declare(&self, at: u8) -> bool {
         let mut node = self.programs[usize::from(at)].node.clone();
-        // Without a WELCOME no interface can be withdrawn either, whatever its number.
+        // Before WELCOME no interface can be withdrawn, whatever its number.
         !matches!(
             node.handle(
                 self.now,
@@ -118,7 +118,7 @@ impl World {
         )
     }
 
-    /// How many frames the Manager would send upon what a node sent.
+    /// How many frames the Manager would send in answer to a node's next frame.
     fn frames_of_answer(&self, at: u8) -> u8 {
         let program = &self.programs[usize::from(at)];
         let connection = program.closed.front().or(program.connection.as_ref());

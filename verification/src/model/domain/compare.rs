@@ -1,4 +1,4 @@
-//! Whether the reductions lose anything: a scope searched with them and without.
+//! Checks that reductions lose nothing: searches a scope with and without them.
 
 use std::{cell::RefCell, collections::BTreeSet};
 
@@ -10,20 +10,20 @@ use super::{
 /// The findings of a complete search.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Findings {
-    /// The prints of the moments in which all is quiet.
+    /// The fingerprints of the quiet moments.
     pub quiet: BTreeSet<u64>,
     /// The properties that fail in some moment.
     pub failures: BTreeSet<Property>,
-    /// How many moments were visited. This is what reductions change.
+    /// The number of visited moments, which reductions change.
     pub states: usize,
 }
 
 impl Findings {
-    /// Searches a scope to its end, also beyond failures.
+    /// Searches the whole scope, even beyond failures.
     ///
     /// # Errors
     ///
-    /// A failure behind which there is nothing to search: in the first moment, or a panic.
+    /// A failure that ends the search: in the first moment, or a panic.
     pub fn of(scope: &Scope) -> Result<Self, Counterexample<Action>> {
         let collector = Collector {
             scope,
@@ -35,14 +35,14 @@ impl Findings {
         report.failure.map_or(Ok(found), Err)
     }
 
-    /// Whether two searches came upon the same.
+    /// True if two searches found the same quiet moments and failures.
     #[must_use]
     pub fn say_the_same(&self, other: &Self) -> bool {
         (&self.quiet, &self.failures) == (&other.quiet, &other.failures)
     }
 }
 
-/// A system in which nothing fails: where a property does not hold the way ends.
+/// A system that never fails: a moment in which a property does not hold has no successors.
 struct Collector<'a> {
     scope: &'a Scope,
     found: RefCell<Findings>,

@@ -1,4 +1,4 @@
-//! Faults of the harness on purpose, which the search must find.
+//! Deliberate faults of the harness, which the search must find.
 
 use std::{collections::VecDeque, rc::Rc};
 

@@ -1,4 +1,4 @@
-//! A person goes through a scope.
+//! Lets a person walk through a scope.
 
 use std::{
     fmt,
@@ -11,14 +11,14 @@ use super::{
     world::{Connection, Down, Pair, Program, World},
 };
 
-/// Shows a moment and what can happen in it; the person chooses by number, goes back with `b`,
-/// ends with `q`. A property that does not hold is told.
+/// Shows a moment and its possible actions. The person chooses an action by number, goes back with
+/// `b`, and quits with `q`. Reports a property that does not hold.
 ///
-/// All that can happen is shown, also what a search need not look at.
+/// Shows all possible actions, including those that a reduced search skips.
 ///
 /// # Errors
 ///
-/// The person cannot be heard or told anything.
+/// The input or output fails.
 pub fn walk_by_hand(
     scope: &Scope,
     ask: &mut impl BufRead,

@@ -1,4 +1,4 @@
-//! Machines that keep the tape of their present state.
+//! Machines together with the tape of their present state.
 
 use std::cell::OnceCell;
 
@@ -6,11 +6,11 @@ use sm2_proto::manager::Manager;
 
 use super::tape::{Keys, Tape};
 
-/// The tape of something, as long as that does not change.
+/// The tape of a value, as long as the value does not change.
 #[derive(Debug, Default)]
 pub(super) struct Taped(OnceCell<Tape>);
 
-/// A copy is made to be changed: it has no tape.
+/// A copy is made to be changed, so it has no tape.
 impl Clone for Taped {
     fn clone(&self) -> Self {
         Self::default()

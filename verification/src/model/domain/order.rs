@@ -1,37 +1,40 @@
-//! Which action may go first, since it makes no difference when it happens.
+//! Chooses an action that may go first, because its time makes no difference.
 //!
-//! An action goes first if it commutes with all that can happen before it: with every other
-//! action that is possible now, or becomes so while it has not happened. One order then
-//! stands for all, and leads to the same quiet moments (a *persistent set* of one). Nothing
-//! goes round in circles here: each action spends a frame, a connection or a part of the budget.
-//! The moments between are not looked at.
+//! An action goes first if it commutes with all actions that can happen before it: every other
+//! action that is possible now, or becomes possible while this one has not happened. Then one order
+//! stands for all, and leads to the same quiet moments (a *persistent set* of one). There are no
+//! cycles, since each action spends a frame, a connection or a part of the budget. The moments in
+//! between are not visited.
 //!
-//! The arguments below rely on the tables of SPEC and on the order of queues. If a machine broke
-//! them, this reduction might hide the effects. The tests therefore search small scopes without it, too.
+//! The arguments below rely on the tables of SPEC and on the order of queues. If a machine violated
+//! them, this reduction might hide the effects. The tests therefore search small scopes without it,
+//! too.
 //!
-//! **A node reads a frame that it does not answer** (LINK, WITHDRAWN, DECLARED of a ready
-//! node, GOODBYE, or the end). That changes this node alone, and what it reads was sent already. The death of
-//! the node takes all of it back, whether the frame was read or not. Later frames of the Manager, and
-//! its end, come behind the frame. The end of a link at the other side has the same effect before and
-//! after. Requests of the program do not commute (a WITHDRAW that crosses LINK is the interesting
-//! case), so the budget must have none left.
+//! **A node reads a frame that it does not answer** (LINK, WITHDRAWN, DECLARED of a ready node,
+//! GOODBYE, or the end). That changes this node alone, and the frame was sent already. The death of
+//! the node discards its state, whether the frame was read or not. Later frames of the Manager, and
+//! its end, come after the frame. The end of a link at the other side has the same effect before
+//! and after. Requests of the program do not commute (a WITHDRAW that crosses LINK is the
+//! interesting case), so none may be left in the budget.
 //!
-//! **A node reads any frame.** Its answer comes behind what it has sent. If the Manager
-//! ends, it is lost, be it sent before or after. Besides the above, the node must not die (the Manager
-//! would read the answer or not), nor see a link end (which of two farewells is first matters), nor
-//! declare.
+//! **A node reads any frame.** Its answer is queued after its earlier frames. If the Manager ends,
+//! the answer is lost, whether it was sent before or after. In addition to the above, the node must
+//! not be able to die (the Manager would read the answer or not), to see a link end (the order of
+//! two farewells matters), or to declare.
 //!
-//! **The Manager reads the answer to its own farewell.** It forgets that end, and nothing else; all that
-//! can come between forgets it too.
+//! **The Manager reads the answer to its own farewell.** It forgets that end and changes nothing
+//! else. Every event that can come in between forgets the end, too.
 //!
-//! **The Manager reads HELLO, or DECLARE of one who is resuming.** It changes that session alone, as
-//! nobody is linked with it, and no name or type is disputed. If the session ends, its answer is lost, be
-//! it sent or not. Not so: the end of the Manager, or of its connection, before or after the answer.
+//! **The Manager reads HELLO, or DECLARE of a node that is resuming.** It changes that session
+//! alone, since the node has no links, and no name or type is disputed. If the session ends, the
+//! answer is lost, whether it was sent or not. The action does not commute with the end of the
+//! Manager, or of the Manager's end of the connection.
 //!
-//! **The Manager reads CLAIM.** Two claims of one link come to the same in either order, and so do CLAIM
-//! and all that makes links, which leaves resuming sessions out. But the link must not be ending.
+//! **The Manager reads CLAIM.** Two claims of one link have the same result in either order. CLAIM
+//! also commutes with all actions that make links, because these leave out resuming sessions. But
+//! the link must not be ending.
 //!
-//! **The last node that is away connects.** The order of sessions is what it will be in any case.
+//! **The last disconnected node connects.** The order of sessions is the same in any case.
 
 use sm2_proto::control::{ToManager, ToNode};
 

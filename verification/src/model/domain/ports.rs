@@ -25,7 +25,8 @@ const USER: Credentials = Credentials {
 };
 
 impl Connection {
-    /// The Manager has closed its end: what it has not read is lost, what it has sent is not.
+    /// The Manager closes its end. Frames that it has not read are lost; frames that it has sent
+    /// are not.
     pub(super) fn end(&mut self) {
         self.up.clear();
         self.books.manager_ends();
@@ -66,7 +67,7 @@ impl World {
         }
     }
 
-    /// The Manager sends no more than `limit` frames of what follows.
+    /// Lets the Manager read. At most `limit` of the resulting frames are sent.
     pub(super) fn manager_reads(&mut self, scope: &Scope, at: u8, limit: usize) {
         let program = self.program(at);
         let first = program.closed.front_mut();
@@ -110,7 +111,7 @@ impl World {
             return;
         }
         let outputs: Vec<_> = std::iter::from_fn(|| manager.poll()).collect();
-        // These sockets take at once all that is sent to them: nobody waits for room.
+        // These sockets are never full, so no machine waits for room.
         for output in &outputs {
             if let manager::Output::Link { ends, .. } = output {
                 for &(session, _) in ends {
@@ -225,7 +226,7 @@ impl World {
             Rc::make_mut(&mut self.keys).insert(link, key.0);
             *place = self.owner(*session, interface);
         }
-        // The WITHDRAW of one of them, or its process' end, may be on the way.
+        // The WITHDRAW of one of them, or the end of its process, may be in flight.
         let stays = |(at, life, interface): End| {
             let program = self.programs.get(usize::from(at));
             program.is_some_and(|it| it.life == life && it.interfaces.contains_key(&interface))
@@ -328,7 +329,7 @@ impl World {
             match output {
                 node::Output::Transmit(bytes) => self.send_up(scope, at, bytes),
                 node::Output::Welcomed { .. } => {
-                    // A program that comes back has declared before.
+                    // A program that reconnects has declared before.
                     let first = self.program(at).interfaces.is_empty();
                     while scope.eager && first && !self.program(at).undeclared.is_empty() {
                         self.declare(scope, at);

@@ -1,19 +1,19 @@
-//! By what moments are told apart: all there is, but for names.
+//! The fingerprint of a moment, which ignores the choice of names.
 //!
-//! Two moments of one print differ in nothing that a machine or this harness asks for, so the
-//! same can follow on both, and the same properties hold:
+//! Two moments with one fingerprint differ in nothing that a machine or this harness uses. So the
+//! same actions follow on both, and the same properties hold:
 //!
-//! - Links and sessions are counted through in the order of their numbers. Machines compare these
-//!   numbers with each other, and give new ones that are greater than all before; nothing else.
-//! - The keys of links are as good as the numbers that they belong to. One that does not
-//!   belong to its link stays what it is.
-//! - A Manager's revision is shown in pages and asked for by WATCH, and nobody watches.
-//! - Times count from now on.
-//! - A node never asks which number its session has, nor who the peer of a link is: both go to
-//!   its program, and programs do not ask here. So a node's own words have neither.
-//! - Nodes of equal programs are in the order of what they are and have. Where two of them are
-//!   alike in that, their own order stays: then one moment may have several prints, which costs
-//!   a search time and nothing else.
+//! - Links and sessions are renumbered in the order of their numbers. Machines only compare these
+//!   numbers with each other, and assign new ones that are greater than all earlier ones.
+//! - The key of a link stands for the number of its link. A key that does not belong to its link
+//!   keeps its value.
+//! - The revision of a Manager is left out. It appears only in pages and WATCH, and no node
+//!   watches.
+//! - Times are relative to the current time.
+//! - A node never uses the number of its session or the identity of a link's peer: both go to its
+//!   program, and programs do not use them here. So the words of a node contain neither.
+//! - Nodes of equal programs are sorted by their states. If two of them have the same state, their
+//!   own order stays. Then one moment may have several fingerprints, which only costs search time.
 //!
 //! Interfaces keep their numbers.
 
@@ -23,7 +23,7 @@ use super::{
     world::{Connection, End, Program, World},
 };
 
-/// How the numbers of one moment are counted through.
+/// The new numbers of the links and sessions of one moment.
 struct Names {
     links: Vec<u64>,
     sessions: Vec<u64>,
@@ -31,7 +31,7 @@ struct Names {
 }
 
 impl World {
-    /// The print of this moment.
+    /// Returns the fingerprint of this moment.
     #[must_use]
     pub fn print(&self, scope: &Scope) -> u64 {
         let manager = self.manager.as_deref().map(|it| it.tape(&self.keys));
@@ -107,7 +107,7 @@ impl Names {
         epoch_of(word) << 16 | rank as u64
     }
 
-    /// Zero: a session that the Manager does not know.
+    /// Returns the new number of a session, or 0 if the Manager does not know the session.
     fn session(&self, number: u64) -> u64 {
         let rank = self.sessions.binary_search(&number);
         rank.map_or(0, |rank| rank as u64 + 1)
@@ -131,7 +131,8 @@ impl Names {
         mix.finish()
     }
 
-    /// Names that follow each other are the set of all names: in the order of their numbers.
+    /// Mixes the words of a Manager. Consecutive names are a set, so they are sorted by their new
+    /// numbers.
     fn manager(&self, tape: &Tape, renamed: &[u8], mix: &mut Mix) {
         let mut together: Vec<u8> = Vec::new();
         for word in tape.words() {
@@ -152,8 +153,7 @@ impl Names {
     }
 }
 
-/// For each node the number that it is counted by: those of equal programs in the order of
-/// what they are and have.
+/// Returns the new number of each node: nodes of equal programs are sorted by their states.
 fn ranks(scope: &Scope, own: &[u64]) -> Vec<u8> {
     let programs = &scope.programs;
     let mut renamed: Vec<u8> = (0_u8..).take(own.len()).collect();
@@ -177,7 +177,7 @@ fn end_word((at, life, interface): End, renamed: &[u8]) -> u64 {
     u64::from(at) << 56 | u64::from(life) << 48 | interface.0
 }
 
-/// A mix of words, each of which can be undone: no two short texts have one print by design.
+/// A hash of words. Its steps are invertible, so that short texts rarely have equal fingerprints.
 #[derive(Default)]
 struct Mix(u64);
 

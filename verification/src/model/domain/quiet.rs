@@ -44,12 +44,11 @@ impl World {
         Ok(true)
     }
 
-    /// This moment after all that happens by itself, and is to be declared, has happened: one
-    /// order of it.
+    /// Returns this moment after all pending actions and declarations, in one possible order.
     ///
     /// # Errors
     ///
-    /// The property that broke on the way, or that does not hold there.
+    /// The property that was broken on the way, or that does not hold at the end.
     pub fn settled(mut self, scope: &Scope) -> Result<Self, Failure> {
         self.budget = Budget::default();
         while let Some(&action) = self.actions(scope).first() {
@@ -95,7 +94,7 @@ impl World {
         self.check_mirror(scope, &ends)
     }
 
-    /// The declared interfaces, and their numbers at the Manager.
+    /// The declared interfaces, with their numbers at the Manager.
     fn ends<'a>(
         &self,
         scope: &'a Scope,
@@ -192,7 +191,7 @@ impl World {
         })
     }
 
-    /// The domain as the first node reads it; the moment stays what it is.
+    /// Reads the domain as the first node would. Does not change the moment.
     fn look(&self, scope: &Scope) -> Result<Domain, Failure> {
         let unread = || Failure {
             property: Property::MirrorIsExact,

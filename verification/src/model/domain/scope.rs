@@ -2,39 +2,40 @@
 
 use sm2_proto::{Contract, Demand, Name, Offer, ServiceQos, TypeId};
 
-/// How often each thing may happen.
+/// How often each event may happen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Budget {
-    /// A program withdraws an interface, and declares its like again.
+    /// A program withdraws an interface, and declares it again.
     pub withdrawals: u8,
     /// A program ends a link.
     pub closes: u8,
-    /// A process dies, and another one of its name takes its place.
+    /// A process dies, and another one with the same name starts.
     pub node_crashes: u8,
-    /// The Manager dies, and another one takes its place.
+    /// The Manager dies, and another one starts.
     pub manager_crashes: u8,
     /// The Manager gives up a node that does not read.
     pub stalls: u8,
-    /// The Manager ends in good order, and another one takes its place.
+    /// The Manager shuts down in order, and another one starts.
     pub shutdowns: u8,
 }
 
-/// Each is found by a property: `tests/model.rs` says which one, in which scope.
+/// A fault of the harness. A property finds each fault: `tests/model.rs` states which one, and in
+/// which scope.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Fault {
     /// UNLINKED never reaches the Manager.
     UnlinkedLost,
-    /// WITHDRAWN passes what was sent before it, as if there were no *dropping*.
+    /// WITHDRAWN overtakes earlier frames, as if there were no *dropping* state.
     WithdrawnOvertakes,
     /// CLAIM carries another key than LINK did.
     OtherKey,
-    /// The next Manager numbers from where the one before it began.
+    /// The next Manager starts with the same numbers as the previous one.
     EpochAgain,
     /// The Manager never sees the end of a connection.
     EndUnseen,
-    /// LINK states terms that nobody asked for.
+    /// LINK states a QoS that does not follow from the contracts.
     OtherTerms,
-    /// DECLARED comes twice.
+    /// DECLARED is sent twice.
     DeclaredTwice,
     /// CLAIMED never reaches the Manager.
     ClaimedLost,
@@ -44,12 +45,11 @@ pub enum Fault {
     LinkTwice,
     /// The last item of each page is lost.
     ItemLost,
-    /// A connection gets the number of the one before it.
+    /// A connection gets the number of the previous one.
     SessionAgain,
-    /// The Manager's driver does not take its outputs.
+    /// The Manager's driver does not poll its outputs.
     Unpolled,
-    /// A node's driver closes a link that ended at the other side, and does not tell its
-    /// machine.
+    /// A node's driver closes a link that ended at the other side, without telling its machine.
     HangUpUnsaid,
 }
 
@@ -62,12 +62,12 @@ pub struct Scope {
     pub programs: Vec<Vec<Contract>>,
     /// The limits of the numbers of events.
     pub budget: Budget,
-    /// Whether programs declare as soon as they can, in one step; else each DECLARE is a
-    /// step of its own, at any time.
+    /// True if programs declare as soon as they can, in one step. Otherwise each DECLARE is a
+    /// separate step, possible at any time.
     pub eager: bool,
-    /// Whether the search begins where everybody is connected, linked and quiet.
+    /// True if the search starts with all nodes connected, linked and quiet.
     pub settled: bool,
-    /// Whether moments that differ in names alone count as one, and actions that make no
+    /// True if moments that differ only in names count as one, and actions whose time makes no
     /// difference go first.
     pub reduced: bool,
     /// The fault, if any.
@@ -220,7 +220,7 @@ impl Scope {
         all
     }
 
-    /// The scope of that name.
+    /// The scope with this name.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         Self::all().into_iter().find(|it| it.name == name)
@@ -242,7 +242,7 @@ fn withdrawals(withdrawals: u8) -> Budget {
     }
 }
 
-/// Two nodes, each of which publishes what the other one subscribes to.
+/// Two nodes, each of which publishes the topic that the other one subscribes to.
 fn crossed() -> Vec<Vec<Contract>> {
     vec![
         vec![publisher(LIDAR), subscriber(CAMERA)],

@@ -77,7 +77,7 @@ impl World {
         if scope.fault != Some(Fault::EpochAgain) || self.epoch == 0 {
             self.epoch += 1;
         }
-        // Changes are not asked for here; pages are.
+        // No node requests changes here; pages are requested.
         let policy = Policy {
             changes_remembered: 0,
             ..Policy::default()
@@ -155,8 +155,8 @@ impl World {
             .retain(|ends| !ends.iter().any(|end| (end.0, end.1) == (at, life)));
     }
 
-    /// A node's queue is full, and the Manager gives the node up: it reads nothing more from
-    /// it, and what it has sent is there. GOODBYE does not fit.
+    /// A node's queue is full, and the Manager gives the node up. The Manager reads no more of the
+    /// node's frames. Its own sent frames still arrive, but there is no room for GOODBYE.
     fn stall(&mut self, scope: &Scope, at: u8) {
         self.budget.stalls -= 1;
         let program = self.program(at);
@@ -171,7 +171,7 @@ impl World {
         self.feed_manager(scope, manager::Input::Stalled { session }, usize::MAX);
     }
 
-    /// A node closes its end of its connection: what it has not read is lost.
+    /// A node closes its end of its connection. Frames that it has not read are lost.
     pub(super) fn hang_up(&mut self, at: u8) {
         let Some(mut connection) = self.program(at).connection.take() else {
             return;
@@ -218,7 +218,7 @@ impl World {
         self.set_socket(link, |it| *it == end, Socket::Closed);
     }
 
-    /// A descriptor that nobody received.
+    /// A descriptor that was never received.
     pub(super) fn lose(&mut self, end: End, link: LinkId) {
         self.doom(link);
         self.set_socket(link, |it| *it == end, Socket::Closed);

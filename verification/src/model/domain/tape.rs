@@ -1,8 +1,9 @@
 //! The words that a machine hashes. Numbers that depend on its history are marked: they are renamed
 //! when moments are compared (`print.rs`).
 //!
-//! A hash says nothing of what it hashes. So the numbers that this harness is free to choose lie
-//! where no other number of a machine does, and the others are known by where they stand.
+//! A hasher is not told the meaning of the values that it gets. Therefore this harness chooses its
+//! own numbers from ranges that no other number of a machine uses. The other numbers are recognised
+//! by their positions.
 
 use std::{
     collections::BTreeMap,
@@ -11,16 +12,16 @@ use std::{
 
 use sm2_proto::{Instant, LinkId, NodeId, manager::Manager};
 
-/// The first Manager's sessions begin here, and so do those of each next one.
+/// The first session number of each Manager.
 pub(super) const SESSIONS: u64 = 7_000_000;
 const SESSIONS_END: u64 = 8_000_000;
-/// Epochs begin here.
+/// The first epoch.
 pub(super) const EPOCHS: u64 = 0xE000_0000;
 const EPOCHS_END: u64 = 0xE000_1000;
-/// When each Manager begins: time is as it were at rest, and moves on by deadlines alone.
+/// The time at which each Manager starts. Time advances only to deadlines.
 pub(super) const BEGIN: Instant = Instant(1_000_000_000_000_000);
 const TIME_END: u64 = 2_000_000_000_000_000;
-/// How the names of nodes begin; one digit follows.
+/// The start of each node's name; one digit follows.
 pub(super) const NODE: &[u8] = b"node/";
 
 /// The mask of the upper byte of a word, which is its kind. The rest is the number.
@@ -29,9 +30,9 @@ const SESSION: u64 = 1 << 56;
 const LINK: u64 = 2 << 56;
 const TIME: u64 = 3 << 56;
 const NAME: u64 = 4 << 56;
-/// The key that belongs to the link named before it.
+/// The key of the link that precedes it.
 const KEY: u64 = 5 << 56;
-/// In a link's word: its epoch stands above its serial number.
+/// The epoch's position in a link's word, above the serial number.
 const EPOCH_AT: u32 = 40;
 
 /// The key in the LINK frames of each link.
@@ -42,14 +43,14 @@ pub(super) type Keys = BTreeMap<LinkId, u64>;
 pub(super) enum Word {
     Plain(u64),
     Session(u64),
-    /// As [`link_word`] has it: in the order of the ids.
+    /// A link as in [`link_word`]: words are in the order of the ids.
     Link(u64),
     Time(u64),
-    /// Of which node.
+    /// The name of the node with this index.
     Name(u8),
 }
 
-/// The words, and which links and sessions are among them, in ascending order.
+/// The words of a machine, and the links and sessions among them, in ascending order.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Tape {
     words: Vec<u64>,
@@ -58,15 +59,16 @@ pub(super) struct Tape {
 }
 
 impl Tape {
-    /// Of anything but a Manager.
+    /// The tape of any value except a Manager.
     pub(super) fn of(keys: &Keys, what: &impl Hash) -> Self {
         let mut taker = Taker::new(keys, None);
         what.hash(&mut taker);
         taker.finished()
     }
 
-    /// Of a Manager: without its revision (nobody watches, and no change is remembered) and the
-    /// greatest numbers that it has given and seen (what comes is always greater).
+    /// The tape of a Manager, without its revision (no node watches, and no change is remembered),
+    /// and without the greatest numbers that it has assigned and seen (later numbers are always
+    /// greater).
     pub(super) fn of_manager(keys: &Keys, manager: &Manager) -> Self {
         let mut taker = Taker::new(keys, Some(manager.revision()));
         manager.hash(&mut taker);
@@ -91,7 +93,8 @@ pub(super) const fn link_word(link: LinkId) -> u64 {
     LINK | (link.epoch.wrapping_sub(EPOCHS) << EPOCH_AT) | link.serial
 }
 
-/// The epoch of a link's word, which is not renamed: the budget says how many there were.
+/// The epoch of a link's word. Epochs are not renumbered, since the budget determines how many
+/// there were.
 pub(super) const fn epoch_of(word: u64) -> u64 {
     word >> EPOCH_AT
 }
@@ -99,19 +102,19 @@ pub(super) const fn epoch_of(word: u64) -> u64 {
 struct Taker<'a> {
     keys: &'a Keys,
     tape: Tape,
-    /// An epoch, which a serial number may follow.
+    /// An epoch, if a serial number may follow.
     epoch: Option<u64>,
-    /// The link that was named last: its key may follow.
+    /// The link that was named last, if its key may follow.
     link: Option<LinkId>,
     /// The revision of a Manager.
     revision: Option<u64>,
-    /// How many numbers of 64 bits came, as long as that matters.
+    /// The number of 64-bit values so far, as long as it matters.
     numbers: usize,
     /// The next number is the serial number of the Manager's last link.
     last_serial: bool,
 }
 
-/// Where a Manager's numbers of 64 bits stand: after the two times of its policy.
+/// The positions of a Manager's 64-bit numbers: after the two times of its policy.
 const REVISION_AT: usize = 2;
 const LAST_SESSION_AT: usize = 3;
 
@@ -153,7 +156,7 @@ impl<'a> Taker<'a> {
         }
     }
 
-    /// Whether this number is left out: one of a Manager's that only grow.
+    /// True if this number is left out: it is one of the Manager's numbers that only grow.
     fn is_left_out(&mut self, number: u64) -> bool {
         if std::mem::take(&mut self.last_serial) {
             return true;
@@ -199,7 +202,7 @@ impl Hasher for Taker<'_> {
     }
 
     fn write_u8(&mut self, byte: u8) {
-        // The end of a text needs no word: the length is there already.
+        // The end of a text needs no word, because its length is a word already.
         if byte != 0xFF {
             self.plain(u64::from(byte));
         }
@@ -240,7 +243,7 @@ impl Hasher for Taker<'_> {
     }
 
     fn write_u128(&mut self, secret: u128) {
-        // The Manager's secret, which follows from its epoch; then the serial number of its
+        // The Manager's secret, which follows from its epoch, and then the serial number of its
         // last link.
         self.plain(low(secret as u64));
         self.last_serial = true;
@@ -263,7 +266,7 @@ fn is_session(number: u64) -> bool {
     (SESSIONS..SESSIONS_END).contains(&number)
 }
 
-/// A number without a kind: one that is too long loses its lowest byte.
+/// A number without a kind. A number that is too long loses its lowest byte.
 const fn low(number: u64) -> u64 {
     if number & KIND == 0 {
         number
@@ -272,7 +275,7 @@ const fn low(number: u64) -> u64 {
     }
 }
 
-/// As a session's word has it.
+/// The number of a session, as in a session's word.
 pub(super) const fn session_number(session: NodeId) -> u64 {
     session.0.wrapping_sub(SESSIONS)
 }

@@ -21,10 +21,11 @@ use super::{
     tape::{BEGIN, EPOCHS, Keys, NODE, SESSIONS},
 };
 
-/// An interface of one process: which node, its how manieth process, which interface.
+/// An interface of one process: its node, the index of the process among the node's, and the
+/// interface.
 pub(super) type End = (u8, u8, InterfaceId);
 
-/// Where one end of a link's socket pair is.
+/// The location of one end of a link's socket pair.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Socket {
     Underway,
@@ -32,16 +33,16 @@ pub(super) enum Socket {
     Closed,
 }
 
-/// A link's two ends. Forgotten as soon as both are closed.
+/// A link's two ends. Removed when both are closed.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Pair {
     pub(super) ends: [End; 2],
     pub(super) sockets: [Socket; 2],
-    /// Whether anybody had reason to end it.
+    /// True if any side had a reason to end it.
     pub(super) doomed: bool,
 }
 
-/// A frame in flight, and what it says.
+/// A frame in flight, and its decoded form.
 #[derive(Clone, Debug)]
 pub(super) struct Frame<T> {
     pub(super) bytes: Vec<u8>,
@@ -51,7 +52,7 @@ pub(super) struct Frame<T> {
 /// An item that a node has not read yet.
 #[derive(Clone, Debug, Hash)]
 pub(super) enum Down {
-    /// With the descriptor of a link, for this interface.
+    /// A frame, with the descriptor of a link for this interface.
     Frame(Rc<Frame<ToNode>>, Option<(LinkId, InterfaceId)>),
     Eof,
 }
@@ -59,15 +60,15 @@ pub(super) enum Down {
 #[derive(Clone, Debug, Hash)]
 pub(super) struct Connection {
     pub(super) session: NodeId,
-    /// Which process of the node's.
+    /// The index of the process among the node's processes.
     pub(super) life: u8,
-    /// The Manager's end is gone.
+    /// True if the Manager's end is closed.
     pub(super) dead: bool,
-    /// As far as the Manager has read: between HELLO of one who comes back and CLAIMED.
+    /// True between HELLO of a reconnecting node and its CLAIMED, as far as the Manager has read.
     pub(super) resuming: bool,
     pub(super) up: VecDeque<Rc<Frame<ToManager>>>,
     pub(super) down: VecDeque<Down>,
-    /// The ends of links of this session that lack a farewell.
+    /// The ends of links of this session whose farewells are not complete.
     pub(super) books: Books,
 }
 
@@ -75,12 +76,13 @@ pub(super) struct Connection {
 pub(super) struct Program {
     pub(super) node: Node,
     pub(super) life: u8,
-    /// Whether this process has connected before.
+    /// True if this process has connected before.
     pub(super) begun: bool,
     pub(super) connection: Option<Connection>,
     /// Connections that the node has closed and the Manager has not read to their end.
     pub(super) closed: VecDeque<Connection>,
-    /// Which contract each interface has, and which have none yet, as places in the scope's list.
+    /// The contract of each interface, and below the contracts that have none yet, as indices into
+    /// the scope's list.
     pub(super) interfaces: BTreeMap<InterfaceId, u8>,
     pub(super) undeclared: BTreeSet<u8>,
     pub(super) links: BTreeSet<(InterfaceId, LinkId)>,
@@ -91,14 +93,14 @@ pub(super) struct Program {
 #[derive(Clone, Debug)]
 pub struct World {
     pub(super) now: Instant,
-    /// How many Managers there were.
+    /// The number of Managers so far.
     pub(super) epoch: u64,
     pub(super) sessions: u64,
     pub(super) last_link: Option<LinkId>,
     pub(super) manager: Option<Rc<Kept>>,
     pub(super) programs: Vec<Rc<Program>>,
     pub(super) pairs: BTreeMap<LinkId, Pair>,
-    /// Pairs that the present Manager may keep apart, since one of them ended its link.
+    /// Pairs that the present Manager need not link, since one of them ended its link.
     pub(super) broken: BTreeSet<[End; 2]>,
     pub(super) budget: Budget,
     /// The keys of all links so far.
@@ -122,7 +124,7 @@ impl Hash for Program {
     }
 }
 
-/// Everything, with the numbers as they are: nothing is renamed.
+/// Hashes everything, without renumbering.
 impl Hash for World {
     fn hash<H: Hasher>(&self, state: &mut H) {
         (self.now, self.epoch, self.sessions, self.last_link).hash(state);
@@ -155,7 +157,7 @@ impl World {
     ///
     /// # Errors
     ///
-    /// The property that breaks on the way there.
+    /// The property that is broken on the way there.
     pub fn new(scope: &Scope) -> Result<Self, Failure> {
         let programs = 0..scope.programs.len();
         let mut world = Self {

@@ -4,18 +4,18 @@ use std::fmt;
 
 use super::Form;
 
-/// One thing that happens. End 0 publishes or calls, end 1 subscribes or serves.
+/// One event. End 0 publishes or calls, end 1 subscribes or serves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Action {
-    /// An end's driver gets its socket: OPEN goes out.
+    /// An end's driver gets its socket, and sends OPEN.
     Begins(u8),
     /// An end reads its next frame, or the end of the stream.
     Reads(u8),
-    /// An end's socket takes the packet that it did not take before.
+    /// An end's socket accepts the packet that it refused before.
     Flushes(u8),
     /// An application takes the next message.
     Takes(u8),
-    /// An application gives back the message of this number.
+    /// An application releases the message of this number.
     GivesBack(u8, u64),
     /// The server replies to this call.
     Replies(u64, Form),
@@ -25,7 +25,7 @@ pub enum Action {
     Skips,
     /// The caller no longer wants the reply to this call.
     Cancels(u64),
-    /// An end will not use this segment again.
+    /// An end gives up this segment.
     Retires(u8, u32),
     /// A program closes its end.
     Closes(u8),
@@ -34,7 +34,7 @@ pub enum Action {
 }
 
 impl Action {
-    /// Whether it happens by itself, sooner or later.
+    /// True if the action happens sooner or later without a choice.
     pub(super) const fn goes_on(self) -> bool {
         match self {
             Self::Begins(_)

@@ -1,4 +1,4 @@
-//! The actions of the applications: publish, call, take, release, end.
+//! The actions of the applications: publish, call, take, release, close.
 
 use sm2_proto::{
     Farewell,
@@ -23,7 +23,7 @@ impl World {
         form != Form::Pooled || self.ends[at].pool.free(scope).is_some()
     }
 
-    /// A publication, or a call.
+    /// Publishes, or calls.
     pub(super) fn send(&mut self, scope: &LinkScope, form: Form) -> Result<(), Failure> {
         self.budget.messages -= 1;
         let end = self.end(0);
@@ -35,8 +35,8 @@ impl World {
         self.offer(scope, 0, id, form, Status::Ok)
     }
 
-    /// The server's application has done with a call. It says so if it was told that nobody
-    /// waits, and the third call is always too late.
+    /// The server's application has finished a call. The reply says so if the call was cancelled.
+    /// The third call always misses its deadline.
     pub(super) fn reply(
         &mut self,
         scope: &LinkScope,
@@ -195,7 +195,7 @@ impl World {
         self.feed(scope, 0, Input::Cancel { call })
     }
 
-    /// The server hears that nobody waits for a reply.
+    /// The server is told that the caller no longer wants a reply.
     //= SM2-SRV-004 model
     pub(super) fn told_of_cancel(&mut self, at: usize, call: u64) -> Result<(), Failure> {
         let asked = self.ends[1 - at].cancelled.contains(&call);
@@ -229,7 +229,7 @@ impl World {
         self.budget.deaths -= 1;
         let end = self.end(at);
         end.life = Life::Dead;
-        // Nobody asks for it any more.
+        // No outputs of the dead process are read any more.
         end.link = Link::new(scope.config(at));
         end.kept = None;
         end.mapped.clear();

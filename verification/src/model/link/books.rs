@@ -1,4 +1,5 @@
-//! Plain lists of what was sent one way: where each message is, and what must become of it.
+//! Plain lists of the messages sent in one direction: the stage of each message, and its expected
+//! fate.
 
 use std::collections::VecDeque;
 
@@ -13,21 +14,21 @@ use super::{
 /// The limits that both ends of one direction have agreed on.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FlowLimits {
-    /// Whether replies go this way.
+    /// True if replies are sent in this direction.
     pub(super) replies: bool,
-    /// Whether publications do.
+    /// True if publications are sent in this direction.
     pub(super) data: bool,
     displaces: bool,
-    /// How many messages may wait for the window.
+    /// The number of messages that may wait for the window.
     waiting: usize,
-    /// How many may be ready, if the next displaces one.
+    /// The number of messages that may be ready, if the next one displaces one.
     ready: usize,
     max_borrowed: usize,
     window: usize,
 }
 
 impl FlowLimits {
-    /// Those of what end `from` sends.
+    /// The limits of the messages that end `from` sends.
     pub(super) fn new(scope: &LinkScope, from: usize) -> Self {
         let [ours, theirs] = [scope.config(from), scope.config(1 - from)];
         Self {
@@ -53,56 +54,56 @@ impl FlowLimits {
     }
 }
 
-/// Where a message is, on its way and back. The number is its `sequence`.
+/// The stage of a message. The number is its `sequence`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Stage {
-    /// With the machine that sends it.
+    /// It waits in the sender's machine.
     Queued,
-    /// With the driver, whose socket is full.
+    /// The sender's driver keeps it, because the socket is full.
     Kept(u64),
     OnTheWire(u64),
-    /// Not taken yet.
+    /// It can be taken.
     Ready(u64),
-    /// The application's.
+    /// The application holds it.
     Held(u64),
-    /// Given back, or displaced before it was taken.
+    /// It was released, or was displaced before it was taken.
     Back(u64, Given),
-    /// A RELEASE has left that names it.
+    /// A RELEASE that names it was sent.
     Named(Given),
-    /// It comes no further.
+    /// It was lost.
     Gone,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Entry {
-    /// Also the driver's key for it, and its content.
+    /// The id, which is also the driver's key for the message, and its content.
     pub(super) id: u64,
     pub(super) form: Form,
     pub(super) slot: Option<Slot>,
     pub(super) status: Status,
     pub(super) stage: Stage,
-    /// The fate that its sender knows.
+    /// The fate that was reported to the sender.
     pub(super) fate: Option<Fate>,
 }
 
-/// Whether there is room for one more message.
+/// The room for one more message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Room {
     Free,
-    /// If the oldest one goes that waits.
+    /// There is room if this message, the oldest that waits, is displaced.
     Displaces(u64),
     None,
 }
 
-/// All messages of one direction that one of both ends still has to do with.
+/// All messages of one direction that matter to at least one end.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Flow {
     pub(super) entries: VecDeque<Entry>,
-    /// Of all that were ever sent this way; `in_flight` is not kept here.
+    /// Counters of all messages ever sent in this direction. `in_flight` is not counted here.
     tally: Counters,
-    /// The number of the last one that left its machine.
+    /// The number of the last message that left its machine.
     sequence: u64,
-    /// The id that the reader would see next if none were lost.
+    /// The id of the next message if none is lost.
     next_id: Option<u64>,
     /// The displaced message that must be reported within the same step.
     pub(super) displaced: Option<u64>,
@@ -118,12 +119,12 @@ impl Flow {
         self.unsettled().filter(|it| it.stage == Stage::Queued)
     }
 
-    /// How many the sender has sent and not got back.
+    /// The number of messages that were sent and not released.
     fn unreleased(&self) -> usize {
         self.unsettled().count() - self.queued().count()
     }
 
-    /// Whether there is room at the sender, which knows the window or not.
+    /// Returns the room at the sender, which knows the window only after OPEN.
     //= SM2-QOS-001, SM2-QOS-002 model
     pub(super) fn room(&self, limits: &FlowLimits, opened: bool) -> Room {
         let window = if opened { limits.window } else { 0 };
@@ -138,7 +139,7 @@ impl Flow {
         }
     }
 
-    /// The application gave its machine a message.
+    /// Records that the application gave its machine a message.
     pub(super) fn offered(&mut self, entry: Entry, room: Room) {
         self.tally.offered += 1;
         if let Room::Displaces(id) = room {
@@ -147,13 +148,13 @@ impl Flow {
         self.entries.push_back(entry);
     }
 
-    /// A deadline passed.
+    /// Records that a deadline passed.
     pub(super) fn skipped(&mut self) {
         self.tally.offered += 1;
         self.tally.deadline += 1;
     }
 
-    /// The machine handed out the packet of a message.
+    /// Records that the machine handed out the packet of a message.
     //= SM2-MSG-001, SM2-MSG-003 model
     pub(super) fn handed_out(
         &mut self,
@@ -179,7 +180,7 @@ impl Flow {
         Ok(())
     }
 
-    /// Where a message is now that was at `from`.
+    /// Moves the message at stage `from` to stage `to`.
     pub(super) fn moved(&mut self, from: Stage, to: Stage) {
         let mut entries = self.entries.iter_mut();
         if let Some(entry) = entries.find(|it| it.stage == from) {
@@ -187,7 +188,7 @@ impl Flow {
         }
     }
 
-    /// The reader's machine has taken a message in.
+    /// Records that the reader's machine accepted a message.
     //= SM2-MSG-001, SM2-MSG-002, SM2-MSG-003, SM2-QOS-001 model
     pub(super) fn accepted(
         &mut self,
@@ -220,7 +221,7 @@ impl Flow {
         }
     }
 
-    /// The oldest that was not taken goes back.
+    /// Displaces the oldest message that was not taken.
     fn displace(&mut self) {
         for entry in &mut self.entries {
             if let Stage::Ready(sequence) = entry.stage {
@@ -231,7 +232,7 @@ impl Flow {
         }
     }
 
-    /// How many wait to be taken.
+    /// The number of messages that can be taken.
     pub(super) fn ready(&self) -> usize {
         let ready = |it: &&Entry| matches!(it.stage, Stage::Ready(_));
         self.entries.iter().filter(ready).count()
@@ -245,12 +246,12 @@ impl Flow {
         })
     }
 
-    /// Whether the application may take one more.
+    /// True if the application may take one more message.
     pub(super) fn may_take(&self, limits: &FlowLimits) -> bool {
         self.held().count() < limits.max_borrowed
     }
 
-    /// The application took a message: the one that this gives.
+    /// Records that the application took a message, and returns it.
     //= SM2-MSG-002, SM2-MSG-005 model
     pub(super) fn taken(&mut self, it: &Delivery, limits: &FlowLimits) -> Result<Entry, Failure> {
         if !self.may_take(limits) {
@@ -275,7 +276,7 @@ impl Flow {
         Ok(*entry)
     }
 
-    /// The application gave a message back, on a link that is `over` or not.
+    /// Records that the application released a message. `over` is true if the link has ended.
     pub(super) fn given_back(&mut self, sequence: u64, over: bool) {
         let to = match over {
             true => Stage::Gone,
@@ -284,7 +285,7 @@ impl Flow {
         self.moved(Stage::Held(sequence), to);
     }
 
-    /// A RELEASE left that names this message.
+    /// Records that a RELEASE that names this message was sent.
     //= SM2-MSG-004 model
     pub(super) fn named(&mut self, sequence: u64, given: Given) -> Result<(), Failure> {
         let back = Stage::Back(sequence, given);
@@ -299,7 +300,7 @@ impl Flow {
         Ok(())
     }
 
-    /// The sender is told what became of a message; `over` if its link ended.
+    /// Records the fate that is reported to the sender. `over` is true if the link has ended.
     //= SM2-MSG-004, SM2-QOS-004 model
     pub(super) fn settled(&mut self, id: u64, fate: Fate, over: bool) -> Result<Entry, Failure> {
         let mut entries = self.entries.iter_mut();
@@ -343,7 +344,7 @@ impl Flow {
         fail(property, format!("{entry:?} is settled"))
     }
 
-    /// Counters as the sender must have them.
+    /// The counters that the sender must have.
     pub(super) fn counters(&self) -> Counters {
         Counters {
             in_flight: self.unsettled().count() as u64,
@@ -351,7 +352,7 @@ impl Flow {
         }
     }
 
-    /// The sender's link is over: what its driver has, nobody gets.
+    /// The sender's link has ended: messages that its driver keeps are lost.
     pub(super) fn sender_over(&mut self) {
         for entry in &mut self.entries {
             if matches!(entry.stage, Stage::Queued | Stage::Kept(_)) {
@@ -360,7 +361,7 @@ impl Flow {
         }
     }
 
-    /// The sender's process is gone, and nobody asks for fates any more.
+    /// The sender's process has died, so no fate is reported any more.
     pub(super) fn sender_dead(&mut self) {
         self.sender_over();
         for entry in &mut self.entries {
@@ -368,7 +369,7 @@ impl Flow {
         }
     }
 
-    /// The reader's link is over: what is there can be taken, nothing more comes.
+    /// The reader's link has ended: ready messages can be taken, and no more arrive.
     pub(super) fn reader_over(&mut self) {
         for entry in &mut self.entries {
             if matches!(entry.stage, Stage::OnTheWire(_) | Stage::Back(..)) {
@@ -377,7 +378,7 @@ impl Flow {
         }
     }
 
-    /// The reader's process is gone.
+    /// The reader's process has died.
     pub(super) fn reader_dead(&mut self) {
         for entry in &mut self.entries {
             if !matches!(
@@ -389,7 +390,7 @@ impl Flow {
         }
     }
 
-    /// Forgets what both sides are done with.
+    /// Removes the messages that matter to neither end.
     pub(super) fn forget(&mut self) {
         let over = |place| matches!(place, Stage::Gone | Stage::Named(_));
         self.entries

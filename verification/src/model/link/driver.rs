@@ -20,7 +20,7 @@ use super::{
 const CLOSE: u8 = 9;
 
 impl World {
-    /// Feeds an end's machine, and does all that it says.
+    /// Feeds an end's machine, and carries out all its outputs.
     pub(super) fn feed(
         &mut self,
         scope: &LinkScope,
@@ -31,7 +31,7 @@ impl World {
         self.drain(scope, at, None)
     }
 
-    /// A call of the application was answered with this.
+    /// Checks the result of a call of the application.
     pub(super) fn called(
         &mut self,
         scope: &LinkScope,
@@ -77,7 +77,7 @@ impl World {
         self.drain(scope, at, parcel.descriptor)
     }
 
-    /// The machine of an end has taken a message in.
+    /// The machine of an end has accepted a message.
     fn accepted(&mut self, scope: &LinkScope, at: usize, came: (u64, u64)) -> Result<(), Failure> {
         let limits = FlowLimits::new(scope, 1 - at);
         self.flows[1 - at].accepted(came, &limits)?;
@@ -99,7 +99,7 @@ impl World {
         }
     }
 
-    /// Does all that a machine says. `came` is the descriptor of the datagram just handled.
+    /// Carries out all outputs of a machine. `came` is the descriptor of the datagram just handled.
     pub(super) fn drain(
         &mut self,
         scope: &LinkScope,
@@ -124,7 +124,7 @@ impl World {
         }
     }
 
-    /// The one place where outputs are matched.
+    /// Carries out one output; this is the only place that matches outputs.
     fn observe(
         &mut self,
         scope: &LinkScope,
@@ -203,7 +203,7 @@ impl World {
         Ok(())
     }
 
-    /// A packet leaves its machine.
+    /// Sends a packet that its machine handed out, or keeps it.
     fn transmit(&mut self, scope: &LinkScope, at: usize, packet: Packet) -> Result<(), Failure> {
         let parcel = self.parcel(scope, at, &packet)?;
         let released = parcel.with_frame(|frame| match frame {
@@ -227,7 +227,7 @@ impl World {
         self.put(scope, at, parcel)
     }
 
-    /// The socket takes packets again.
+    /// The socket accepts packets again.
     pub(super) fn flush(&mut self, scope: &LinkScope, at: usize) -> Result<(), Failure> {
         if let Some(packet) = self.end(at).kept.take() {
             self.handle(at, Input::Writable)?;
@@ -237,7 +237,7 @@ impl World {
         self.drain(scope, at, None)
     }
 
-    /// A packet with its descriptor, which its sender must still have.
+    /// Returns a packet with its descriptor, which its sender must still have.
     fn parcel(&self, scope: &LinkScope, at: usize, packet: &Packet) -> Result<Parcel, Failure> {
         let descriptor = match packet.attachment {
             None => None,
@@ -260,7 +260,7 @@ impl World {
         })
     }
 
-    /// A packet is on its way.
+    /// Puts a packet in flight.
     //= SM2-OPN-005, SM2-OPN-007 model
     fn put(&mut self, scope: &LinkScope, at: usize, parcel: Parcel) -> Result<(), Failure> {
         let last = self.wires[at].queue.back();
@@ -310,7 +310,7 @@ impl World {
         fail(Property::SlotsComeBack, what)
     }
 
-    /// A link is over for one end, whose driver closes the socket.
+    /// A link has ended for one end, so its driver closes the socket.
     //= SM2-OPN-005, SM2-OPN-006, SM2-OPN-007, SM2-TRN-006 model
     fn hang_up(&mut self, scope: &LinkScope, at: usize, reason: Reason) -> Result<(), Failure> {
         let other = &self.ends[1 - at];
@@ -350,7 +350,8 @@ impl World {
         Ok(())
     }
 
-    /// Closes the socket of an end. Sent frames can still be read; frames that it has not read are lost.
+    /// Closes the socket of an end. Sent frames can still be read; frames that the end has not read
+    /// are lost.
     pub(super) fn close_socket(&mut self, scope: &LinkScope, at: usize) {
         self.wires[at].closed = true;
         self.wires[1 - at].queue.clear();

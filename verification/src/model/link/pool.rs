@@ -1,4 +1,4 @@
-//! The memory that an end sends from, and what its readers find there.
+//! The memory that an end sends from, as its readers see it.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use sm2_proto::link::SegmentInfo;
 
 use super::LinkScope;
 
-/// One slot. A segment that was retired comes back under its number, in another form.
+/// One slot. A retired segment's number is reused with another stride.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) struct Slot {
     pub(super) segment: u32,
@@ -17,9 +17,9 @@ pub(super) struct Slot {
 /// The content of a slot. A slot without an entry is free, and may have any content.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Cell {
-    /// The message of this id, which is not settled.
+    /// A message with this id that is not settled.
     InUse(u64),
-    /// The same, for ever: the link ended with it.
+    /// A message with this id, for ever: the link ended while it was not settled.
     Abandoned(u64),
 }
 
@@ -57,7 +57,7 @@ impl Pool {
         }
     }
 
-    /// The slot may be written again, and is.
+    /// Frees the slot, and overwrites it.
     pub(super) fn give_back(&mut self, slot: Slot) {
         self.cells.remove(&slot);
     }
@@ -69,18 +69,18 @@ impl Pool {
         }
     }
 
-    /// Whether no message that is not settled has a slot.
+    /// True if no slot holds a message that is not settled.
     pub(super) fn all_back(&self) -> bool {
         let in_use = |cell: &Cell| matches!(cell, Cell::InUse(_));
         !self.cells.values().any(in_use)
     }
 
-    /// Whether the segment can be given up.
+    /// True if the segment can be retired.
     pub(super) fn is_idle(&self, segment: u32) -> bool {
         !self.cells.keys().any(|slot| slot.segment == segment)
     }
 
-    /// The segment's number stands for another one from now on.
+    /// From now on the segment's number stands for a new segment.
     pub(super) fn retire(&mut self, segment: u32) {
         *self.generations.entry(segment).or_default() += 1;
     }
@@ -100,7 +100,7 @@ impl Pool {
 }
 
 impl Slot {
-    /// The slot of a mapped segment that begins at `offset`, if one does.
+    /// Returns the slot of a mapped segment that begins at `offset`, if there is one.
     pub(super) fn at(info: &SegmentInfo, offset: u64) -> Option<Self> {
         let slot = u32::try_from(offset / info.stride).ok()?;
         let generation = (0..8).find(|it| stride(*it) == info.stride)?;
@@ -113,7 +113,7 @@ impl Slot {
     }
 }
 
-/// Segments of one number differ in this.
+/// Segments that reuse a number differ in their stride.
 const fn stride(generation: u8) -> u64 {
     4096 << generation
 }

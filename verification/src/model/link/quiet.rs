@@ -38,7 +38,7 @@ impl World {
         Ok(true)
     }
 
-    /// The machine counts what the plain lists have.
+    /// The counters of the machine agree with the plain lists.
     //= SM2-QOS-004 model
     fn check_books(&self, scope: &LinkScope, at: usize, end: &End) -> Result<(), Failure> {
         let (link, flow) = (&end.link, &self.flows[at]);
@@ -72,7 +72,7 @@ impl World {
         Ok(())
     }
 
-    /// An application that holds all it may gets nothing more.
+    /// An application that holds `max_borrowed` messages gets no more.
     //= SM2-MSG-005 model
     fn check_limit(&self, scope: &LinkScope, at: usize, end: &End) -> Result<(), Failure> {
         let flow = &self.flows[1 - at];
@@ -115,7 +115,7 @@ impl World {
         fail(Property::LinkComesToRest, what)
     }
 
-    /// Replies of a server that have not left its machine count as calls.
+    /// The number of replies that have not left the server's machine, which count as calls.
     fn replies_that_wait(&self, at: usize) -> usize {
         match at {
             1 => self.flows[1].queued().count(),

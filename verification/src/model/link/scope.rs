@@ -5,16 +5,16 @@ use sm2_proto::{
     link::{Config, Role},
 };
 
-/// How often each thing may happen.
+/// How often each event may happen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Budget {
     /// End 0 publishes, or calls.
     pub messages: u8,
     /// A reliable publisher's deadline passes while it waits.
     pub skips: u8,
-    /// The caller cancels a call, perhaps one that is over or cancelled.
+    /// The caller cancels a call, which may have ended or been cancelled before.
     pub cancels: u8,
-    /// An end gives up a segment.
+    /// An end retires a segment.
     pub retires: u8,
     /// A program closes its end.
     pub closes: u8,
@@ -29,11 +29,11 @@ pub enum Form {
     Inline,
     /// In a slot.
     Pooled,
-    /// In a file of its own.
+    /// In a separate file.
     Sealed,
 }
 
-/// A fault on purpose, which the search must find. It happens whenever it can.
+/// A deliberate fault, which the search must find. It happens whenever it is possible.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Fault {
     /// OPEN never arrives.
@@ -56,9 +56,9 @@ pub enum Fault {
     ReleaseLost,
     /// RELEASE arrives twice.
     ReleaseTwice,
-    /// RELEASE arrives when a message was read, not when it was given back.
+    /// RELEASE arrives when a message was read, before it was released.
     ReleaseEarly,
-    /// RELEASE says discarded for consumed, and the reverse.
+    /// RELEASE states discarded for consumed, and the reverse.
     OtherFate,
     /// REPLY never arrives.
     ReplyLost,
@@ -68,7 +68,7 @@ pub enum Fault {
     CancelTwice,
     /// Frames that were sent before the end of the stream are lost.
     EndOvertakes,
-    /// A driver sends the packet that it kept after its link is over.
+    /// A driver sends the packet that it kept, although its link has ended.
     KeptAfterEnd,
     /// A slot is written again although the link ended with its message.
     AbandonedReused,
@@ -81,29 +81,29 @@ pub enum Fault {
 pub struct LinkScope {
     /// The name.
     pub name: &'static str,
-    /// Whether it is a link of a service: a caller and a server.
+    /// True for a link of a service: a caller and a server.
     pub service: bool,
-    /// Whether nothing may be displaced.
+    /// True if no message may be displaced.
     pub reliable: bool,
-    /// Whether pooled messages are illegal.
+    /// True if pooled messages are illegal.
     pub sealed: bool,
-    /// How many messages each end keeps.
+    /// The depth of each end.
     pub depth: [u16; 2],
-    /// How many messages each application may hold.
+    /// The number of messages that each application may hold.
     pub max_borrowed: [u16; 2],
-    /// Each message may have any of these.
+    /// The forms that messages may have.
     pub forms: &'static [Form],
-    /// How many segments each end has, and how many slots each of them.
+    /// The number of segments of each end, and of slots in each segment.
     pub segments: u32,
     /// See `segments`.
     pub slots: u32,
-    /// How many packets a socket holds that the other end has not read.
+    /// The number of unread packets that a socket holds.
     pub socket: usize,
     /// The limits of the numbers of events.
     pub budget: Budget,
-    /// Whether the search begins where both ends are open.
+    /// True if the search starts with both ends open.
     pub settled: bool,
-    /// Whether it takes seconds.
+    /// True if the search takes only seconds.
     pub quick: bool,
     /// The fault, if any.
     pub fault: Option<Fault>,
@@ -303,7 +303,7 @@ impl LinkScope {
         ]
     }
 
-    /// The scope of that name.
+    /// The scope with this name.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         Self::all().into_iter().find(|it| it.name == name)

@@ -1,4 +1,4 @@
-//! Frames on their way, with what descriptors come along, and what can happen to them.
+//! Frames in flight with their descriptors, and the faults that can affect them.
 
 use std::{collections::VecDeque, rc::Rc};
 
@@ -16,7 +16,7 @@ use super::Fault;
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Wire {
     pub(super) queue: VecDeque<Parcel>,
-    /// Whether its writer is gone, so that the stream ends behind the queue.
+    /// True if the writer has closed, so that the stream ends after the queue.
     pub(super) closed: bool,
 }
 
@@ -48,7 +48,7 @@ impl Parcel {
         })
     }
 
-    /// Gives the frame to `see`.
+    /// Passes the frame to `see`.
     pub(super) fn with_frame<T>(&self, see: impl FnOnce(Frame<'_>) -> T) -> Option<T> {
         let facts = self.facts();
         let datagram = Datagram {
@@ -58,7 +58,7 @@ impl Parcel {
         Frame::decode(&datagram).ok().map(see)
     }
 
-    /// RELEASE of one message that was consumed.
+    /// RELEASE of one consumed message.
     pub(super) fn release(sequence: u64) -> Self {
         let frame = Frame::Release {
             given: Given::Consumed,
@@ -98,7 +98,7 @@ pub(super) const fn message(frame: &Frame<'_>) -> Option<(u64, u64)> {
     }
 }
 
-/// The parcels that arrive for one that was sent: the same one, unless there is a fault.
+/// Queues the parcels that arrive for a sent one: the same parcel, unless there is a fault.
 pub(super) fn carry(parcel: Parcel, fault: Option<Fault>, queue: &mut VecDeque<Parcel>) {
     let Some(fault) = fault else {
         return queue.push_back(parcel);
@@ -124,7 +124,7 @@ fn is_data(parcel: &Parcel) -> bool {
     parcel.with_frame(data) == Some(true)
 }
 
-/// The frame that arrives in place of a frame; `None` if the fault does not affect it.
+/// Returns the parcels that arrive in place of a frame, or `None` if the fault does not affect it.
 fn tamper(parcel: &Parcel, frame: Frame<'_>, fault: Fault) -> Option<Vec<Parcel>> {
     let twice = || vec![parcel.clone(), parcel.clone()];
     match (fault, frame) {

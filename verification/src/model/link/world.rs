@@ -1,4 +1,4 @@
-//! One moment of a link: two processes, and what is on its way between them.
+//! One moment of a link: two processes, and the frames between them.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -21,21 +21,21 @@ use super::{
 /// A link has no timer: time stands still.
 pub(super) const NOW: Instant = Instant(1);
 
-/// How far a process is.
+/// The life cycle of a process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Life {
-    /// Its socket is on its way to it.
+    /// Its socket has not arrived.
     Unborn,
     Alive,
     Dead,
 }
 
-/// Where the payload of a message is that an application holds.
+/// The location of a held message's payload.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Source {
-    /// There is none.
+    /// There is no payload.
     Nothing,
-    /// Here: the content itself.
+    /// A copy: the content itself.
     Copy(u64),
     /// In the memory of the other end.
     Slot(Slot),
@@ -46,17 +46,17 @@ pub(super) enum Source {
 pub(super) struct End {
     pub(super) link: Link,
     pub(super) life: Life,
-    /// Whether both OPEN were exchanged.
+    /// True if both OPEN frames were exchanged.
     pub(super) opened: bool,
-    /// Whether its program has closed it.
+    /// True if its program has closed it.
     pub(super) closed: bool,
-    /// Why it is over: its socket is closed then.
+    /// The reason of its end. Its socket is closed then.
     pub(super) over: Option<link::End>,
-    /// The packet that the socket did not take.
+    /// The packet that the full socket refused.
     pub(super) kept: Option<Packet>,
     /// The memory that it sends from.
     pub(super) pool: Pool,
-    /// The segments of the other end.
+    /// The mapped segments of the other end.
     pub(super) mapped: BTreeMap<u32, SegmentInfo>,
     /// The content of sealed files of messages that were not taken yet.
     pub(super) files: BTreeMap<u64, u64>,
@@ -64,11 +64,11 @@ pub(super) struct End {
     pub(super) held: BTreeMap<u64, Source>,
     /// The last publication, or the last call.
     pub(super) last: u64,
-    /// Caller: calls that have not ended. Server: requests that came and have no reply.
+    /// Caller: calls that have not ended. Server: received requests without a reply.
     pub(super) calls: BTreeSet<u64>,
-    /// Server: those of them that the application has taken.
+    /// Server: the calls among them that the application has taken.
     pub(super) taken: BTreeSet<u64>,
-    /// Caller: calls that it cancelled. Server: calls of which it was told so.
+    /// Caller: calls that it cancelled. Server: calls that it knows to be cancelled.
     pub(super) cancelled: BTreeSet<u64>,
 }
 
@@ -103,19 +103,19 @@ impl End {
         }
     }
 
-    /// Whether it has its socket.
+    /// True if the end has its socket.
     pub(super) fn is_connected(&self) -> bool {
         self.life == Life::Alive && self.over.is_none()
     }
 
-    /// Whether what is sent to it is lost.
+    /// True if frames sent to the end are lost.
     pub(super) fn is_gone(&self) -> bool {
         self.life == Life::Dead || self.over.is_some()
     }
 }
 
 impl World {
-    /// Both processes before they have begun.
+    /// Both processes, before they have started.
     pub(super) fn new(scope: &LinkScope) -> Self {
         Self {
             ends: [0, 1].map(|at| Rc::new(End::new(scope, at))),
@@ -129,7 +129,7 @@ impl World {
         Rc::make_mut(&mut self.ends[at])
     }
 
-    /// All that can happen now.
+    /// All possible actions.
     #[must_use]
     pub fn actions(&self, scope: &LinkScope) -> Vec<Action> {
         let mut actions = Vec::new();
@@ -195,7 +195,7 @@ impl World {
         }
     }
 
-    /// Whether an end's socket takes no more.
+    /// True if an end's socket accepts no more packets.
     pub(super) fn is_full(&self, scope: &LinkScope, at: usize) -> bool {
         !self.ends[1 - at].is_gone() && self.wires[at].queue.len() >= scope.socket
     }
@@ -233,7 +233,7 @@ impl World {
         Ok(next)
     }
 
-    /// Forgets what no longer matters, as drivers do.
+    /// Forgets state that no longer matters, as drivers do.
     fn clean_up(&mut self) {
         for at in [0, 1] {
             self.flows[at].forget();
