@@ -2,5 +2,5 @@
 
 import logging
 
-# Before angr is imported: it warns of parts that it does not find and that nobody needs here.
+# Set before angr is imported, which warns of missing parts that are not needed here.
 logging.disable(logging.CRITICAL)

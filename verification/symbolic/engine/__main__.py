@@ -14,7 +14,7 @@ FAULT_SECONDS = 60
 
 
 def options() -> argparse.Namespace:
-    """The command line."""
+    """Parses the command line."""
     parser = argparse.ArgumentParser(prog="verification/symbolic/run", description=__doc__)
     parser.add_argument("--target", type=Path, required=True, help=argparse.SUPPRESS)
     parser.add_argument("--quick", action="store_true", help="only those that take seconds")
@@ -31,7 +31,7 @@ def options() -> argparse.Namespace:
 
 
 def main() -> int:
-    """The exit status."""
+    """Returns the exit status."""
     asked, root = options(), HERE.parent.parent
     if asked.self_check:
         return 0 if faults.check(root, asked.target, FAULT_SECONDS) else 1
@@ -51,7 +51,7 @@ def main() -> int:
 
 
 def chosen(plan: sources.Plan, asked: argparse.Namespace) -> tuple[dict[str, int], list[str]]:
-    """The harnesses that are asked for with the CPU seconds of each; names that are of none."""
+    """Returns the requested harnesses with their CPU seconds, and the names that match none."""
     limits = plan.quick if asked.quick else plan.quick | plan.full
     if not asked.harness:
         return limits, []
@@ -65,7 +65,7 @@ def chosen(plan: sources.Plan, asked: argparse.Namespace) -> tuple[dict[str, int
 
 
 def explored(library: Library, root: Path, limits: dict[str, int], any_time: int | None) -> bool:
-    """Whether all of these hold."""
+    """Runs the harnesses. Returns True if all of them hold."""
     counts, good = sources.covers(root), bool(limits)
     for harness, cpu_seconds in limits.items():
         if harness not in library.harnesses:

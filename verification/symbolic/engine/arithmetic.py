@@ -21,7 +21,7 @@ def unsigned_product(
     _flags_before: BV,
     platform: str | None = None,
 ) -> BV | tuple[BV, ...]:
-    """The flags after MUL of two values of so many bits."""
+    """Returns the flags after MUL of two values of this many bits."""
     product = left[bits - 1 : 0].zero_extend(bits) * right[bits - 1 : 0].zero_extend(bits)
     low, high = product[bits - 1 : 0], product[2 * bits - 1 : bits]
     carry = claripy.If(high != 0, claripy.BVV(1, 1), claripy.BVV(0, 1))

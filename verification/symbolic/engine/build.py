@@ -19,7 +19,7 @@ def cargo(target: Path, *arguments: str, root: Path) -> None:
 
 
 def build(root: Path, target: Path) -> Path:
-    """The library of the sources in `root`; Cargo writes to `target`."""
+    """Builds the library of the sources in `root`; Cargo writes to `target`."""
     manifest = str(HERE / "kani" / "Cargo.toml")
     cargo(target, "build", "-q", "--release", "--locked", "--manifest-path", manifest, root=HERE)
     release = target / "release"

@@ -1,4 +1,4 @@
-"""Explores each harness in a process of its own, which ends when its time is up."""
+"""Explores each harness in a separate process, which ends when its time is up."""
 
 import multiprocessing
 import resource
@@ -26,7 +26,7 @@ def explore(
     try:
         seen = receiver.recv()
     except EOFError:
-        # Killed within one question to the solver: nothing is known of this harness.
+        # Killed within one query to the solver, so there is no result for this harness.
         seen = Exploration(left=1, errors=["no time or no memory was left"])
         seen.seconds = float(cpu_seconds)
     child.join()
@@ -40,7 +40,7 @@ def work(
     first_panic: bool,
     sender: Connection,
 ) -> None:
-    """The child's whole life."""
+    """Runs in the child from start to end."""
     resource.setrlimit(resource.RLIMIT_CPU, (cpu_seconds + 5, cpu_seconds + 5))
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
     seen = library.explore(harness, cpu_seconds, first_panic)

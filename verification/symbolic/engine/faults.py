@@ -1,4 +1,4 @@
-"""Faults made on purpose, in a copy of the sources: each has to be found."""
+"""Makes deliberate faults in a copy of the sources: each must be found."""
 
 import shutil
 import tomllib
@@ -10,13 +10,13 @@ from .build import HERE, build
 from .machine import Exploration, Library
 from .verdict import complaints
 
-# What Cargo does not need of the tree.
+# Files that Cargo does not need.
 NOT_COPIED = shutil.ignore_patterns("target", ".git", "corpus", "artifacts")
 
 
 @dataclass
 class Fault:
-    """A text that stands once in a file, what to put there, and how it has to be found."""
+    """A text that occurs once in a file, its replacement, and how the fault must be found."""
 
     name: str
     file: str
@@ -26,7 +26,7 @@ class Fault:
     said: str
 
     def make(self, copy: Path) -> None:
-        """Breaks a copy of the sources."""
+        """Makes the fault in a copy of the sources."""
         file = copy / self.file
         sound = file.read_text()
         if sound.count(self.text) != 1:
@@ -35,7 +35,7 @@ class Fault:
 
 
 def faults() -> list[Fault]:
-    """The faults of `faults.toml`."""
+    """Reads the faults of `faults.toml`."""
     return [Fault(**it) for it in tomllib.loads((HERE / "faults.toml").read_text())["fault"]]
 
 
@@ -51,7 +51,7 @@ def check(root: Path, target: Path, cpu_seconds: int) -> bool:
     counts, found = sources.covers(copy), []
     for fault in made:
         seen = child.explore(library, fault.harness, cpu_seconds, first_panic=True)
-        # A counterexample has to hold on the processor too.
+        # A counterexample must also fail on the processor.
         said = [] if seen.disagreements else complaints(seen, counts[fault.harness])
         found.append(tell(fault.name, fault.said, said, seen))
     sound = Library(build(root, target), firsts, mended=False)
@@ -68,7 +68,7 @@ def finds_wrong_arithmetic(library: Library, counts: dict[str, int], cpu_seconds
 
 
 def tell(name: str, expected: str, said: list[str], seen: Exploration) -> bool:
-    """Prints what was said, and whether it is what was expected."""
+    """Prints the result, and whether it is the expected one."""
     found = any(expected in complaint for complaint in said)
     print(f"{'found ' if found else 'MISSED'}  {name} ({seen.seconds:.1f} s CPU)", flush=True)
     for complaint in said:

@@ -16,9 +16,9 @@ from . import arithmetic
 from .memory import IMPORTS, Unknown
 from .replay import Entry, Model
 
-# Where a harness returns to: no code is there.
+# The return address of a harness, which has no code.
 RETURNED = 0xDEAD0000
-# How many addresses a symbolic one may stand for; more is an error, not a guess.
+# The greatest number of addresses that a symbolic address may have. More is an error, not a guess.
 ADDRESSES_MAX = 256
 
 
@@ -31,24 +31,24 @@ class Exploration:
     panics: list[Model] = field(default_factory=list)
     models: list[Model] = field(default_factory=list)
     errors: list[str] = field(default_factory=list)
-    # Paths on which the processor does something else.
+    # Paths on which the processor behaves differently.
     disagreements: list[str] = field(default_factory=list)
     unconstrained: int = 0
     left: int = 0
-    # Each cover that was met, and whether it can hold.
+    # Each cover that was reached, and whether it can hold.
     covers: dict[str, bool] = field(default_factory=dict)
-    # How often a value was asked for, on all paths.
+    # The number of requested values, on all paths.
     values: int = 0
-    # How many values the first one was, if it was not any.
+    # The number of possible first values, if they are limited.
     firsts: int = 0
     seconds: float = 0.0
 
 
 class Hook(angr.SimProcedure):
-    """A hook that notes what happens."""
+    """A hook that records what happens."""
 
     def text(self, at: BV, length: BV) -> str:
-        """A string of the library."""
+        """Reads a string of the library."""
         start, size = self.state.solver.eval_one(at), self.state.solver.eval_one(length)
         if size == 0:
             return ""
@@ -56,12 +56,12 @@ class Hook(angr.SimProcedure):
 
     @property
     def seen(self) -> Exploration:
-        """Where to note it."""
+        """The exploration that records the events."""
         return self.state.globals["seen"]
 
 
 class Any(Hook):
-    """Gives a value that nothing is known of."""
+    """Returns an unconstrained value."""
 
     def run(self, bits: BV) -> BV:
         width = self.state.solver.eval_one(bits[31:0])
@@ -74,7 +74,7 @@ class Any(Hook):
 
 
 class Assume(Hook):
-    """Goes on with those values for which the condition holds."""
+    """Continues only with values for which the condition holds."""
 
     def run(self, condition: BV) -> None:
         holds = condition[7:0] != 0
@@ -84,7 +84,7 @@ class Assume(Hook):
 
 
 class Cover(Hook):
-    """Notes whether the condition can hold."""
+    """Records whether the condition can hold."""
 
     def run(self, condition: BV, text: BV, length: BV) -> None:
         name, covers = self.text(text, length), self.seen.covers
@@ -106,11 +106,11 @@ class Fail(Hook):
 
 
 def model(state: angr.SimState, place: str = "") -> Model:
-    """Values with which the harness goes the way of this path."""
+    """Returns values with which the harness takes this path."""
     values, covers = state.globals["values"], state.globals["covers"]
     bits = [claripy.If(holds, claripy.BVV(1, 1), claripy.BVV(0, 1)) for holds in covers]
     parts = [*values, *bits]
-    # One question to the solver, so that all answers belong together.
+    # One query to the solver, so that all answers are consistent.
     together = state.solver.eval(claripy.Concat(*parts)) if parts else 0
     found = []
     for part in reversed(parts):
@@ -184,14 +184,14 @@ class Library:
         return seen
 
     def entry(self, harness: str) -> Entry:
-        """Where the processor finds it."""
+        """Returns the location of a harness, for runs on the processor."""
         binary = self.project.loader.main_object
         replay = self.project.loader.find_symbol("sm2_symbolic_replay")
         base = binary.mapped_base
         return Entry(self.path, replay.rebased_addr - base, self.harnesses[harness] - base)
 
     def begin(self, harness: str, seen: Exploration, first: int | None) -> angr.SimState:
-        """The state in which a harness is called: all that is not yet written is unknown."""
+        """Returns the state in which a harness is called: unwritten memory is unknown."""
         state = self.project.factory.call_state(
             self.harnesses[harness],
             ret_addr=RETURNED,

@@ -13,11 +13,11 @@ SYMBOLIC_LENGTH_MAX = 4096
 
 
 class Unexplored(angr.errors.SimError):
-    """The path leads to what this engine does not explore."""
+    """The path leads to an operation that this engine does not explore."""
 
 
 def longest(state: angr.SimState, length: BV) -> int:
-    """The greatest value of a length."""
+    """Returns the greatest value of a length."""
     if state.solver.single_valued(length):
         return state.solver.eval(length)
     most = state.solver.max(length)
@@ -27,12 +27,12 @@ def longest(state: angr.SimState, length: BV) -> int:
 
 
 def byte(value: BV, index: int) -> BV:
-    """The byte that comes at `index` in memory."""
+    """Returns the byte at `index` in memory."""
     return value.get_byte(index)
 
 
 def store(state: angr.SimState, to: BV, value: BV, length: BV) -> None:
-    """Writes the first `length` bytes of `value`, whose length is the greatest."""
+    """Writes the first `length` bytes of `value`, which is as long as the greatest length."""
     most = value.length // 8
     if not state.solver.single_valued(length):
         before = state.memory.load(to, most)
@@ -86,7 +86,7 @@ class Compare(angr.SimProcedure):
 
 
 class Unknown(angr.SimProcedure):
-    """An import that nobody described."""
+    """An import without a model."""
 
     def run(self) -> None:
         raise Unexplored(f"a call of {self.display_name}")

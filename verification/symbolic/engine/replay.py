@@ -29,18 +29,18 @@ class Answers(ctypes.Structure):
 
 @dataclass
 class Model:
-    """A path, by the values that its harness is given, and what happens on it."""
+    """A path, given by the values that its harness gets, and what happens on it."""
 
     values: list[int]
-    # Of each cover that is passed, whether it holds.
+    # For each cover that is passed: whether it holds.
     covers: list[bool]
-    # Where it panics; empty where it returns.
+    # The place of its panic; empty if it returns.
     place: str = ""
 
 
 @dataclass
 class Entry:
-    """Where a harness is in the file of a library, by an address that the loader tells."""
+    """The location of a harness in the file of a library."""
 
     library: Path
     replay: int
@@ -48,7 +48,7 @@ class Entry:
 
 
 def disagreements(entry: Entry, models: list[Model]) -> list[str]:
-    """What the processor does otherwise."""
+    """Returns how the processor behaves differently."""
     found = []
     while models:
         done = 0
@@ -63,7 +63,7 @@ def disagreements(entry: Entry, models: list[Model]) -> list[str]:
 
 
 def outcomes(entry: Entry, models: list[Model]) -> Iterator[Model]:
-    """What comes of these, up to the first that panics."""
+    """Returns the results of these paths, up to the first that panics."""
     receiver, sender = fork.Pipe(duplex=False)
     child = fork.Process(target=run, args=(entry, models, sender))
     child.start()
@@ -76,7 +76,7 @@ def outcomes(entry: Entry, models: list[Model]) -> Iterator[Model]:
 
 
 def run(entry: Entry, models: list[Model], sender: Connection) -> None:
-    """The child's whole life: a panic ends it."""
+    """Runs in the child, which ends with a panic."""
     replay = ctypes.CDLL(str(entry.library)).sm2_symbolic_replay
     base = ctypes.cast(replay, ctypes.c_void_p).value - entry.replay
     harness = HARNESS(base + entry.harness)

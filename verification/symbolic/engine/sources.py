@@ -1,4 +1,4 @@
-"""What the sources and `harnesses.toml` say of each harness."""
+"""Reads the sources and `harnesses.toml`: the harnesses, and how each is explored."""
 
 import re
 import tomllib
@@ -12,7 +12,7 @@ COVERS = re.compile(r"(\w+):\s*(\d+)")
 
 
 def covers(root: Path) -> dict[str, int]:
-    """How many covers each harness has, by `kani::explored!` at the end of its file."""
+    """Returns the number of covers of each harness, from `kani::explored!` at the end of its file."""
     sources = root / CRATE / "src"
     found: dict[str, int] = {}
     for file in sorted(sources.rglob("*.rs")):
@@ -25,20 +25,20 @@ def covers(root: Path) -> dict[str, int]:
 
 @dataclass
 class Plan:
-    """Which harnesses are explored, for how many CPU seconds, and which are not, and why."""
+    """The harnesses that are explored, with their CPU seconds, and the reason for each that is not."""
 
     quick: dict[str, int]
     full: dict[str, int]
     left_out: dict[str, str]
-    # Of some, which powers of two the first value is, or one less: from, and up to.
+    # For some harnesses: the range of powers of two (each also less one) of the first value.
     around: dict[str, list[int]]
 
     def firsts(self) -> dict[str, list[int]]:
-        """The values, for each of these harnesses, that the first one takes."""
+        """Returns the first values of each of these harnesses."""
         return {name: near(*powers) for name, powers in self.around.items()}
 
     def complaints(self, there: set[str]) -> list[str]:
-        """What keeps the plan from being about exactly these harnesses."""
+        """Returns the differences between the plan and the harnesses of the sources."""
         lists = [*self.quick, *self.full, *self.left_out]
         return [
             *(f"{name} is not in harnesses.toml" for name in sorted(there - set(lists))),
@@ -49,11 +49,11 @@ class Plan:
 
 
 def near(least: int, most: int) -> list[int]:
-    """These powers of two, and the number before each."""
+    """Returns these powers of two, and the number before each."""
     powers = [1 << power for power in range(least, most + 1)]
     return sorted({value for power in powers for value in (power - 1, power)})
 
 
 def plan() -> Plan:
-    """The plan of `harnesses.toml`."""
+    """Reads the plan of `harnesses.toml`."""
     return Plan(**tomllib.loads((HERE / "harnesses.toml").read_text()))

@@ -1,4 +1,4 @@
-"""What a run of a harness shows, and where that is written."""
+"""The verdict on a run of a harness, and the file of results."""
 
 import os
 from pathlib import Path
@@ -7,13 +7,13 @@ from .machine import Exploration
 
 
 def covered(seen: Exploration) -> str:
-    """How far it went, in the words of `PROPERTIES.md`."""
+    """Describes the coverage in the words of `PROPERTIES.md`."""
     counted = f"Symbolic, {len(seen.models)} paths, {seen.rejected} rejected"
     return f"{counted}; first value one of {seen.firsts}" if seen.firsts else counted
 
 
 def complaints(seen: Exploration, covers: int) -> list[str]:
-    """What keeps a run from showing that a harness holds."""
+    """Returns the reasons why a run does not show that a harness holds."""
     held = sum(seen.covers.values())
     checks = [
         (bool(seen.panics), f"{len(seen.panics)} paths panic"),
