@@ -1,8 +1,8 @@
-"""Mends what angr 9.2.213 computes wrongly.
+"""Corrects a computation of angr 9.2.213.
 
 The overflow flag of an unsigned multiplication comes from the upper half of the product.
-angr takes the lower half for the whole, so that no multiplication ever overflows.
-`replay.py` looks for more of this kind: it runs each path on the processor.
+angr treats the lower half as the whole product, so that no multiplication ever overflows.
+`replay.py` searches for similar faults: it runs each path on the processor.
 """
 
 import angr

@@ -129,9 +129,9 @@ HOOKS: dict[str, type[Hook]] = {
 
 
 class Library:
-    """A library with harnesses in it.
+    """A library that contains harnesses.
 
-    Those in `firsts` are explored with each of these values instead of any first one.
+    The harnesses in `firsts` are explored with each of the listed values as the first value.
     """
 
     def __init__(self, path: Path, firsts: dict[str, list[int]], mended: bool = True) -> None:
@@ -156,9 +156,9 @@ class Library:
         self.harnesses = {names[address]: address for address in addresses}
 
     def explore(self, harness: str, cpu_seconds: float, first_panic: bool = False) -> Exploration:
-        """Goes along all paths of a harness, or as many as the CPU time allows.
+        """Explores all paths of a harness, or as many as the CPU time allows.
 
-        With `first_panic` it stops there: that is enough to show a fault.
+        With `first_panic` it stops at the first panic, which is enough to show a fault.
         """
         seen, started = Exploration(), time.process_time()
         firsts = self.firsts.get(harness, [])

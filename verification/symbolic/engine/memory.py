@@ -1,7 +1,7 @@
-"""What the library imports: functions on memory, exact for any length that a path allows.
+"""The imports of the library: functions on memory, exact for any length that a path allows.
 
-angr's own procedures pick one length where several are possible. These build one
-expression for all of them, or give up.
+angr's own procedures choose one length where several are possible. These functions build one
+expression for all lengths, or report an error.
 """
 
 import angr

@@ -1,7 +1,7 @@
 """Runs each explored path again on the processor, with one of its models.
 
-angr's idea of an instruction may be wrong. Here the same library is loaded and called:
-what was predicted has to come true, down to each cover.
+angr's model of an instruction may be wrong. This module loads and calls the same library.
+The outcome must be the predicted one, including each cover.
 """
 
 import ctypes
