@@ -19,7 +19,7 @@ use crate::{
 
 pub(crate) struct Pair {
     ends: [Driver; 2],
-    /// What is in each slot, by the end that writes: the id of the message.
+    /// The id of the message in each slot, by the end that writes.
     memory: [BTreeMap<(u32, u32), u64>; 2],
     broken_off: bool,
 }
@@ -83,7 +83,7 @@ impl Pair {
         }
     }
 
-    // What the applications do.
+    // Actions of the applications.
 
     fn send(&mut self, end: usize, form: u8, pick: usize) {
         let link = &self.ends[end].link;
