@@ -13,8 +13,8 @@ use super::{
 };
 use crate::{Code, Instant, Machine, Violation, machine::debug_assert_drained};
 
-/// One end of one link. The [module's documentation](self) gives the order in which its methods are
-/// called.
+/// One end of one link. The [documentation of the module](crate::link) gives the order in which its
+/// methods are called.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Link {
     pub(super) config: Config,
