@@ -45,8 +45,8 @@ impl Manager {
 
     /// Checks whether an interface can be granted, and finds the interfaces to link it with.
     //= SM2-IFC-005, SM2-IFC-006, SM2-RES-008
-    fn admit(&self, id: NodeId, contract: &Contract) -> Result<Matches, Refusal> {
-        let Some(session) = self.sessions.get(&id) else {
+    fn admit(&self, node: NodeId, contract: &Contract) -> Result<Matches, Refusal> {
+        let Some(session) = self.sessions.get(&node) else {
             return Ok(Matches::default());
         };
         let Some(record) = session.node() else {
@@ -64,7 +64,7 @@ impl Manager {
             return Ok(Matches::default());
         }
         let matches = channel.matches(contract);
-        self.admit_links(id, matches.filter(|other| self.may_link(other.node)))
+        self.admit_links(node, matches.filter(|other| self.may_link(other.node)))
     }
 
     /// Whether a session may be linked: not before it has claimed all its links.
@@ -78,16 +78,16 @@ impl Manager {
     //= SM2-MAT-002
     fn admit_links(
         &self,
-        id: NodeId,
+        node: NodeId,
         matches: impl Iterator<Item = EntityId>,
     ) -> Result<Matches, Refusal> {
         let limit = self.policy.links_per_session();
-        let mut ours = self.link_ends(id);
+        let mut ours = self.link_ends(node);
         // The interfaces of a session stand together in this order, so one other count is enough.
-        let mut theirs = (id, 0);
+        let mut theirs = (node, 0);
         let mut admitted = Matches::default();
         for other in matches {
-            if other.node == id {
+            if other.node == node {
                 // Both ends of the link belong to this session.
                 ours += 1;
             } else {
@@ -107,8 +107,8 @@ impl Manager {
         Ok(admitted)
     }
 
-    fn node(&self, id: NodeId) -> Option<&NodeRecord> {
-        self.sessions.get(&id).and_then(Session::node)
+    fn node(&self, node: NodeId) -> Option<&NodeRecord> {
+        self.sessions.get(&node).and_then(Session::node)
     }
 
     fn link_ends(&self, node: NodeId) -> usize {

@@ -8,19 +8,19 @@ impl Manager {
     /// Whether the Manager holds back LINKs until a session's socket has taken all that was sent to
     /// it. The driver reports that with [`Input::Drained`](super::Input::Drained).
     #[must_use]
-    pub fn awaits_room(&self, session: NodeId) -> bool {
+    pub fn awaits_room(&self, node: NodeId) -> bool {
         self.sessions
-            .get(&session)
+            .get(&node)
             .and_then(Session::node)
             .is_some_and(|it| self.is_full(it))
     }
 
     //= SM2-LNK-007
-    pub(super) fn drained(&mut self, session: NodeId) {
-        let record = self.sessions.get_mut(&session).and_then(Session::node_mut);
+    pub(super) fn drained(&mut self, node: NodeId) {
+        let record = self.sessions.get_mut(&node).and_then(Session::node_mut);
         if let Some(record) = record {
             record.links_in_flight = 0;
-            self.pending_links.has_room(session);
+            self.pending_links.has_room(node);
         }
     }
 
@@ -49,11 +49,11 @@ impl Manager {
     /// Does one part of the deferred work: the pending links of one session, which its quota of
     /// links bounds, and `pairs_per_turn` pairs of one session that settles.
     pub(super) fn run_deferred(&mut self) {
-        if let Some(session) = self.pending_links.next_ready() {
-            self.announce_pending(session);
+        if let Some(node) = self.pending_links.next_ready() {
+            self.announce_pending(node);
         }
-        if let Some(session) = self.settling.next() {
-            self.settle(session);
+        if let Some(node) = self.settling.next() {
+            self.settle(node);
         }
     }
 
@@ -64,10 +64,10 @@ impl Manager {
 
     /// Announces the pending links of a session, as far as both ends have room.
     //= SM2-LNK-007
-    fn announce_pending(&mut self, session: NodeId) {
+    fn announce_pending(&mut self, node: NodeId) {
         let mut after = LinkId::FIRST;
-        while !self.awaits_room(session)
-            && let Some(link) = self.pending_links.next_of(session, after)
+        while !self.awaits_room(node)
+            && let Some(link) = self.pending_links.next_of(node, after)
         {
             after = link;
             if let Some((pair, agreed)) = self.links.made_as(link)
@@ -122,12 +122,12 @@ impl Manager {
         let settling = self.sessions.iter().filter(|(_, it)| it.is_settling());
         self.pending_links.iter().all(sound)
             && self.pending_links.ready().all(is_there)
-            && settling.map(|(&id, _)| id).eq(self.settling.iter())
+            && settling.map(|(&node, _)| node).eq(self.settling.iter())
     }
 
     /// A session is over: it waits for no turn. Its links end one by one.
-    pub(super) fn forget_deferred(&mut self, session: NodeId) {
-        self.pending_links.forget_session(session);
-        self.settling.remove(session);
+    pub(super) fn forget_deferred(&mut self, node: NodeId) {
+        self.pending_links.forget_session(node);
+        self.settling.remove(node);
     }
 }

@@ -36,7 +36,7 @@ impl Manager {
     }
 
     //= SM2-CNT-002
-    pub(super) fn inspect(&mut self, session: NodeId, of: NodeId) {
+    pub(super) fn inspect(&mut self, node: NodeId, of: NodeId) {
         let kept = self
             .sessions
             .get(&of)
@@ -44,10 +44,13 @@ impl Manager {
             .is_some_and(|it| it.has_counters);
         if kept {
             let frame = encode_to_node(&ToNode::Inspected { node: of });
-            self.outputs
-                .push_back(Output::SendCounters { session, frame, of });
+            self.outputs.push_back(Output::SendCounters {
+                session: node,
+                frame,
+                of,
+            });
         } else {
-            self.send(session, &ToNode::NotInspected { node: of });
+            self.send(node, &ToNode::NotInspected { node: of });
         }
     }
 }

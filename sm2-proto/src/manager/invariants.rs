@@ -66,7 +66,7 @@ impl Manager {
                 "each welcomed session has one name, and each name one",
             ),
             (
-                not_ready.map(|(id, _)| id).eq(self.greeting.keys()),
+                not_ready.map(|(node, _)| node).eq(self.greeting.keys()),
                 "each session that is not ready has a deadline, and no other one",
             ),
             (

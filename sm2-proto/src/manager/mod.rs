@@ -82,7 +82,7 @@ use crate::{
 pub struct Manager {
     policy: Policy,
     log: Log,
-    last_session: NodeId,
+    last_node: NodeId,
     sessions: BTreeMap<NodeId, Session>,
     names: BTreeSet<Name>,
     users: Users,
@@ -114,7 +114,7 @@ impl Manager {
         Self {
             policy,
             log: Log::new(policy.changes_remembered),
-            last_session: NodeId(0),
+            last_node: NodeId(0),
             sessions: BTreeMap::new(),
             names: BTreeSet::new(),
             users: Users::new(),
@@ -165,7 +165,7 @@ impl Machine for Manager {
             debug_assert_drained(&self.outputs);
         }
         if let Input::Connected { session, .. } = input
-            && session <= self.last_session
+            && session <= self.last_node
         {
             return Err(Misuse::SessionNumber(session).into());
         }
@@ -211,12 +211,12 @@ impl Machine for Manager {
 
 impl Manager {
     //= SM2-SES-007
-    fn connect(&mut self, now: Instant, id: NodeId, who: Credentials) {
-        self.last_session = id;
-        self.sessions.insert(id, Session::new(who));
-        self.greeting.insert(id, now.after(self.policy.greeting));
+    fn connect(&mut self, now: Instant, node: NodeId, who: Credentials) {
+        self.last_node = node;
+        self.sessions.insert(node, Session::new(who));
+        self.greeting.insert(node, now.after(self.policy.greeting));
         if !self.users.connect(who.uid, &self.policy) {
-            self.end_session(id, Cause::Farewell(Farewell::Resources));
+            self.end_session(node, Cause::Farewell(Farewell::Resources));
         }
     }
 
@@ -225,22 +225,22 @@ impl Manager {
         while let Some(first) = self.greeting.first_entry()
             && *first.get() <= now
         {
-            let (id, _) = first.remove_entry();
-            self.end_session(id, Cause::Farewell(Farewell::GreetingTimeout));
+            let (node, _) = first.remove_entry();
+            self.end_session(node, Cause::Farewell(Farewell::GreetingTimeout));
         }
     }
 
-    fn receive(&mut self, now: Instant, id: NodeId, datagram: &Datagram<'_>) {
-        let Some(session) = self.sessions.get(&id) else {
+    fn receive(&mut self, now: Instant, node: NodeId, datagram: &Datagram<'_>) {
+        let Some(session) = self.sessions.get(&node) else {
             return;
         };
         let phase = session.phase();
         let file = datagram.fds.first();
         let step = decode_to_manager(datagram)
             .and_then(|frame| legal(phase, Request::of(&frame)).map(|()| frame))
-            .and_then(|frame| self.step(now, id, frame, file));
+            .and_then(|frame| self.step(now, node, frame, file));
         if let Err(violation) = step {
-            self.end_session(id, Cause::Violation(violation));
+            self.end_session(node, Cause::Violation(violation));
         }
     }
 
@@ -298,7 +298,7 @@ impl Manager {
     //= SM2-SES-002, SM2-SES-003, SM2-VER-001
     fn hello(
         &mut self,
-        id: NodeId,
+        node: NodeId,
         [min, max]: [u16; 2],
         name: Name,
         resuming: bool,
@@ -306,7 +306,7 @@ impl Manager {
         if min == 0 || min > max {
             return Err(violation!(BadVersionRange, "SM2-SES-002"));
         }
-        let Some(session) = self.sessions.get_mut(&id) else {
+        let Some(session) = self.sessions.get_mut(&node) else {
             return Ok(());
         };
         let uid = session.credentials().uid;
@@ -327,61 +327,58 @@ impl Manager {
                 session.welcome(name.clone(), resuming)?;
                 //= SM2-SES-004
                 if !resuming {
-                    self.greeting.remove(&id);
+                    self.greeting.remove(&node);
                 }
                 self.users.greet(uid);
                 self.names.insert(name);
-                self.node_changed(id);
+                self.node_changed(node);
                 ToNode::Welcome {
                     version: VERSION,
                     epoch: self.links.epoch(),
-                    node: id,
+                    node,
                 }
             }
         };
-        self.send(id, &answer);
+        self.send(node, &answer);
         Ok(())
     }
 
     //= SM2-SES-005, SM2-SES-006
-    fn end_session(&mut self, id: NodeId, cause: Cause) {
-        let Some(session) = self.sessions.remove(&id) else {
+    fn end_session(&mut self, node: NodeId, cause: Cause) {
+        let Some(session) = self.sessions.remove(&node) else {
             return;
         };
-        self.greeting.remove(&id);
+        self.greeting.remove(&node);
         if let Some(until) = session.claims_until() {
-            self.claims.forget(until, id);
+            self.claims.forget(until, node);
         }
         match session {
             Session::Greeting(credentials) => self.users.leave(credentials.uid, false, 0),
-            Session::Resuming { node, .. } | Session::Ready { node, .. } => {
-                self.end_node(id, node);
+            Session::Resuming { node: record, .. } | Session::Ready { node: record, .. } => {
+                self.end_node(node, record);
             }
         }
-        self.forget_deferred(id);
+        self.forget_deferred(node);
         let goodbye = cause
             .code()
             .map(|code| encode_to_node(&ToNode::Goodbye { code }));
         self.outputs.push_back(Output::HangUp {
-            session: id,
+            session: node,
             goodbye,
             cause,
         });
     }
 
     /// Removes a welcomed node and all that it registered.
-    fn end_node(&mut self, id: NodeId, mut record: NodeRecord) {
+    fn end_node(&mut self, node: NodeId, mut record: NodeRecord) {
         self.names.remove(record.name());
-        self.node_changed(id);
+        self.node_changed(node);
         self.users
             .leave(record.credentials().uid, true, record.interfaces());
         for data in record.schemas() {
             self.schemas.remove(data);
         }
-        let entity = |interface| EntityId {
-            node: id,
-            interface,
-        };
+        let entity = |interface| EntityId { node, interface };
         for interface in record.refused() {
             let entity = entity(interface);
             self.changed(Key::Member { entity });
@@ -402,8 +399,8 @@ impl Manager {
             self.forget_link(link, pair);
         }
         let sessions: Vec<NodeId> = self.sessions.keys().copied().collect();
-        for id in sessions {
-            self.end_session(id, Cause::Farewell(Farewell::ShuttingDown));
+        for node in sessions {
+            self.end_session(node, Cause::Farewell(Farewell::ShuttingDown));
         }
     }
 
@@ -412,21 +409,21 @@ impl Manager {
     fn dismiss_standbys(&mut self) {
         let sessions = self.sessions.iter();
         let standbys = sessions.filter(|(_, session)| session.is_standby());
-        let standbys: Vec<NodeId> = standbys.map(|(&id, _)| id).collect();
-        for id in standbys {
-            self.end_session(id, Cause::Farewell(Farewell::ShuttingDown));
+        let standbys: Vec<NodeId> = standbys.map(|(&node, _)| node).collect();
+        for node in standbys {
+            self.end_session(node, Cause::Farewell(Farewell::ShuttingDown));
         }
     }
 
-    fn node_changed(&mut self, id: NodeId) {
-        let entity = EntityId::node(id);
+    fn node_changed(&mut self, node: NodeId) {
+        let entity = EntityId::node(node);
         self.changed(Key::Member { entity });
     }
 
-    fn send(&mut self, session: NodeId, frame: &ToNode) {
-        if self.sessions.contains_key(&session) {
+    fn send(&mut self, node: NodeId, frame: &ToNode) {
+        if self.sessions.contains_key(&node) {
             self.outputs.push_back(Output::Send {
-                session,
+                session: node,
                 frame: encode_to_node(frame),
             });
         }

@@ -11,7 +11,7 @@ use crate::{
 
 impl Manager {
     //= SM2-IFC-007
-    pub(super) fn answer_query(&mut self, session: NodeId, after: Option<Key>) {
+    pub(super) fn answer_query(&mut self, node: NodeId, after: Option<Key>) {
         let mut room = PAGE_BYTES;
         let mut items = Vec::new();
         let mut next = None;
@@ -25,7 +25,7 @@ impl Manager {
         }
         let revision = self.log.revision();
         self.send(
-            session,
+            node,
             &ToNode::Page {
                 revision,
                 items,
@@ -41,7 +41,7 @@ impl Manager {
             Key::Member { entity } => {
                 let session = self.sessions.get(&entity.node)?;
                 if entity == EntityId::node(entity.node) {
-                    node(entity.node, session)
+                    node_item(entity.node, session)
                 } else {
                     session.node()?.member(entity)
                 }
@@ -100,10 +100,14 @@ impl Manager {
     /// The nodes, interfaces and refusals after an id.
     fn members(&self, after: EntityId) -> impl Iterator<Item = Item> {
         let rest = self.sessions.range(after.node..);
-        rest.flat_map(move |(&id, session)| {
-            let within = id == after.node;
-            let itself = if within { None } else { node(id, session) };
-            let after = if within { after } else { EntityId::node(id) };
+        rest.flat_map(move |(&node, session)| {
+            let within = node == after.node;
+            let itself = if within {
+                None
+            } else {
+                node_item(node, session)
+            };
+            let after = if within { after } else { EntityId::node(node) };
             let record = session.node().into_iter();
             itself
                 .into_iter()
@@ -118,7 +122,7 @@ impl Manager {
 }
 
 /// A session as an item, once it is welcomed.
-fn node(node: NodeId, session: &Session) -> Option<Item> {
+fn node_item(node: NodeId, session: &Session) -> Option<Item> {
     Some(Item::Node {
         node,
         name: session.node()?.name().clone(),

@@ -157,19 +157,23 @@ impl Session {
     }
 
     /// The next interface to be linked, and after which counterpart. `None` once all are linked.
-    pub(super) fn unsettled(&mut self, id: NodeId) -> Option<(EntityId, EntityId)> {
-        let Self::Ready { node, settling, .. } = self else {
+    pub(super) fn unsettled(&mut self, node: NodeId) -> Option<(EntityId, EntityId)> {
+        let Self::Ready {
+            node: record,
+            settling,
+            ..
+        } = self
+        else {
             return None;
         };
         let Settling { next, last, .. } = settling.as_ref()?;
-        let following = node.interface_from(next.0).filter(|it| it <= last);
+        let following = record.interface_from(next.0).filter(|it| it <= last);
         let Some(interface) = following else {
             *settling = None;
             return None;
         };
         let has_begun = next.0 == interface;
         let after = if has_begun { next.1 } else { EntityId::FIRST };
-        let node = id;
         Some((EntityId { node, interface }, after))
     }
 

@@ -21,15 +21,15 @@ impl Manager {
     }
 
     //= SM2-WCH-001
-    pub(super) fn watch(&mut self, session: NodeId, after: u64) -> Result<(), Violation> {
-        if self.watchers.contains(&session) {
+    pub(super) fn watch(&mut self, node: NodeId, after: u64) -> Result<(), Violation> {
+        if self.watchers.contains(&node) {
             return Err(violation!(WatchTwice, "SM2-WCH-001"));
         }
         if after == self.log.revision() {
-            self.watchers.insert(session);
+            self.watchers.insert(node);
         } else {
             let changes = self.changes(after);
-            self.send(session, &changes);
+            self.send(node, &changes);
         }
         Ok(())
     }
@@ -43,8 +43,8 @@ impl Manager {
             return;
         }
         let changes = self.changes(before);
-        for session in mem::take(&mut self.watchers) {
-            self.send(session, &changes);
+        for node in mem::take(&mut self.watchers) {
+            self.send(node, &changes);
         }
     }
 
