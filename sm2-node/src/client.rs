@@ -22,8 +22,9 @@ use crate::{CallError, DeclareError, Message, StoreError, Wait};
 
 /// Sends requests of type `Q` to the servers of a service, and gets replies of type `R`.
 ///
-/// A call goes to one server: the one with the fewest pending calls of this client. Among equals, the server
-/// that has been linked for the longest time is chosen (SM2-SRV-001). When a server ends, its calls fail at
+/// A call goes to one server: the one with the fewest pending calls and unreleased replies of this client,
+/// counted together. Among equals, the server that has been linked for the longest time is chosen
+/// (SM2-SRV-006). When a server ends, its calls fail at
 /// once (SM2-SRV-005). They are not repeated elsewhere, because the server may have executed them.
 ///
 /// The client's [descriptor](std::os::fd::AsFd) is readable when a [`Call::try_wait`] may have a result: call

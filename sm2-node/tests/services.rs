@@ -35,17 +35,27 @@ fn client(node: &Node, servers: usize) -> Client<[u8], [u8]> {
     client
 }
 
+/// Calls the client and its servers, all of one thread, in turn until their links are open.
+fn open_links<Q: Message + ?Sized, R: Message + ?Sized>(
+    client: &Client<Q, R>,
+    servers: &[Server<Q, R>],
+) {
+    let step = Duration::from_millis(1);
+    while client
+        .wait_for_servers_timeout(servers.len(), step)
+        .is_err()
+    {
+        for server in servers {
+            assert!(server.try_recv().unwrap().is_none(), "no call was made");
+        }
+    }
+}
+
 /// Returns a linked client and server of one thread: each is called in turn until the link is open.
 fn pair<Q: Message + ?Sized, R: Message + ?Sized>(domain: &Domain) -> (Server<Q, R>, Client<Q, R>) {
     let server = domain.node("server").server::<Q, R>("service").unwrap();
     let client = domain.node("client").client::<Q, R>("service").unwrap();
-    while client
-        .wait_for_servers_timeout(1, Duration::from_millis(1))
-        .is_err()
-    {
-        let _ = server.wait_for_clients_timeout(1, Duration::from_millis(1));
-    }
-    server.wait_for_clients_timeout(1, SOON).unwrap();
+    open_links(&client, std::slice::from_ref(&server));
     (server, client)
 }
 
@@ -88,7 +98,39 @@ fn many_calls_at_once_are_answered_each_by_its_own_reply() {
     assert_eq!(server.join().unwrap(), 64);
 }
 
-//= SM2-SRV-001 test
+//= SM2-SRV-006 test
+#[test]
+fn a_server_whose_replies_are_held_is_not_chosen_while_another_has_room() {
+    let domain = Domain::new();
+    let servers = ["one", "two"].map(|name| {
+        let node = domain.node(name);
+        node.server::<[u8], str>("service").unwrap()
+    });
+    let node = domain.node("client");
+    let client = node.client_builder::<[u8], str>("service");
+    let client = client.max_borrowed(2).declare().unwrap();
+    open_links(&client, &servers);
+    let send = |id| client.send_timeout(&[id], SOON).unwrap();
+    let served = |server: usize, id| {
+        let request = servers[server].recv().unwrap();
+        assert_eq!(request[0], id);
+        request
+    };
+    let calls = [send(0), send(1)];
+    served(0, 0).reply("zero").unwrap();
+    let _pending = served(1, 1);
+    let [first, _] = calls;
+    let _held = first.wait().unwrap();
+    // Both servers have one: a reply that is held, and a call. The next call goes to the older one.
+    let second = send(2);
+    served(0, 2).reply("two").unwrap();
+    let _held_too = second.wait().unwrap();
+    // The first server has no call, but two replies are held, which is the limit.
+    let _third = send(3);
+    served(1, 3).reply("three").unwrap();
+}
+
+//= SM2-SRV-006 test
 #[test]
 fn a_call_goes_to_the_server_with_the_fewest_calls_and_to_the_oldest_among_equals() {
     let domain = Domain::new();
@@ -101,14 +143,7 @@ fn a_call_goes_to_the_server_with_the_fewest_calls_and_to_the_oldest_among_equal
         .client::<[u8], str>("service")
         .unwrap();
     assert_eq!(client.matched(), 3);
-    while client
-        .wait_for_servers_timeout(3, Duration::from_millis(1))
-        .is_err()
-    {
-        for server in &servers {
-            let _ = server.try_recv().unwrap();
-        }
-    }
+    open_links(&client, &servers);
     let calls: Vec<_> = (0..6)
         .map(|id| client.send_timeout(&[id], SOON).unwrap())
         .collect();

@@ -95,16 +95,19 @@ impl Calls {
 
 impl Interface {
     /// Chooses the server for the next call.
-    //= SM2-SRV-001
+    //= SM2-SRV-006
     pub(crate) fn choose_server(&self) -> Choice {
         let is_meant = |link: &&LinkDriver| link.is_open() && (self.servers)(&link.peer.name);
         let open = || self.links().filter(is_meant);
-        // Among links with equally few calls, this is the oldest: links are ordered by age.
-        let least = open().min_by_key(|link| link.calls());
+        // The choice and the limit use the same sum: otherwise a server whose replies are held would be
+        // chosen and found full, while another one is free. Among links with equal sums, this is the oldest:
+        // links are ordered by age.
+        let load = |link: &LinkDriver| link.calls() + link.held();
+        let least = open().min_by_key(|link| load(link));
         match least {
             None if self.is_opening() => Choice::Opening,
             None => Choice::NoServer,
-            Some(link) if link.calls() + link.held() >= link.max_borrowed() => Choice::TooMany {
+            Some(link) if load(link) >= link.max_borrowed() => Choice::TooMany {
                 limit: link.max_borrowed(),
             },
             Some(link) => Choice::Link {
