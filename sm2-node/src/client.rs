@@ -67,7 +67,8 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
 
     /// Sends a request without a deadline. The returned [`Call`] waits for its reply.
     ///
-    /// Waits only while the link to the first server is being opened.
+    /// Returns at once, except while the link to the first server is being opened: then it waits for that
+    /// link.
     ///
     /// # Errors
     ///
@@ -79,7 +80,8 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
     /// Sends a request with a deadline of `timeout` from now. The server learns the deadline, and
     /// [`Call::wait`] ends then.
     ///
-    /// Waits only while the link to the first server is being opened, for at most `timeout`.
+    /// Returns at once, except while the link to the first server is being opened: then it waits for that
+    /// link, for at most `timeout`.
     ///
     /// # Errors
     ///

@@ -29,17 +29,26 @@
 //! # }
 //! ```
 //!
-//! A service, and a call of it:
+//! The server of a service:
+//!
+//! ```no_run
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let node = sm2_node::Node::new("adder")?;
+//! let server = node.server::<[f64], f64>("sum")?;
+//! loop {
+//!     let request = server.recv()?;
+//!     let sum = request.iter().sum();
+//!     request.reply(&sum)?;
+//! }
+//! # }
+//! ```
+//!
+//! A client, in another program:
 //!
 //! ```no_run
 //! # use std::time::Duration;
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! # let node = sm2_node::Node::new("adder")?;
-//! let server = node.server::<[f64], f64>("sum")?;
-//! let request = server.recv()?;
-//! let sum = request.iter().sum();
-//! request.reply(&sum)?;
-//!
+//! let node = sm2_node::Node::new("calculator")?;
 //! let client = node.client::<[f64], f64>("sum")?;
 //! let sum = client.call_timeout(&[1.0, 2.0], Duration::from_secs(1))?;
 //! # Ok(())
@@ -113,10 +122,10 @@
 //! make it wait: its time limit is a property of the publisher.
 //!
 //! *Builders.* `node.publisher("topic")` declares with the defaults. `node.publisher_builder("topic")`
-//! returns a builder, which [`declare`](PublisherBuilder::declare) consumes. A setter has the same name and
-//! type in every builder. It takes one value, booleans included (`reliable(true)`), so that a value from a
-//! configuration can be passed on directly. A setter of a time limit takes a `Duration`, and its name ends in
-//! `_timeout`. A setter without a value selects an alternative (`any_type()`). Counts are counts of messages,
+//! returns a builder, which [`declare`](PublisherBuilder::declare) consumes. An option has the same name and
+//! type in every builder. Its setter takes one value, also if it is a boolean (`reliable(true)`), so that a
+//! value from a configuration can be passed on. Only `any_type()` and `any_types()` take none. The
+//! setter of a time limit takes a `Duration`, and its name ends in `_timeout`. Counts are counts of messages,
 //! lengths are in bytes.
 //!
 //! *Names.* Publishers and subscribers belong to a topic, servers and clients to a service. Methods that do

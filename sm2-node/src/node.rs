@@ -46,13 +46,14 @@ impl Node {
         &self.shared.name
     }
 
-    /// Whether a Manager knows all interfaces of this node, as far as the node knows.
+    /// Returns whether the node has a session with a Manager, and that Manager has granted all interfaces of
+    /// the node.
     #[must_use]
     pub fn is_connected(&self) -> bool {
         self.shared.driven().is_connected()
     }
 
-    /// Waits until a Manager knows all interfaces of this node, without a time limit.
+    /// Waits until [`is_connected`](Self::is_connected), without a time limit.
     ///
     /// # Errors
     ///
@@ -61,7 +62,7 @@ impl Node {
         self.wait_connected_until(None)
     }
 
-    /// Waits until a Manager knows all interfaces of this node, for at most `timeout`.
+    /// Waits until [`is_connected`](Self::is_connected), for at most `timeout`.
     ///
     /// # Errors
     ///
@@ -211,8 +212,8 @@ impl Node {
         Ok(())
     }
 
-    /// Waits until the node has something to do, without a time limit, and then drives it as
-    /// [`spin_some`](Self::spin_some) does. The node's [descriptor](AsFd) is readable at that moment.
+    /// Waits, without a time limit, until a socket or a timer of the node is ready, and then drives the node
+    /// as [`spin_some`](Self::spin_some) does. The node's [descriptor](AsFd) is readable at that moment.
     ///
     /// # Errors
     ///

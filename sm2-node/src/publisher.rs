@@ -34,8 +34,8 @@ pub use self::builder::PublisherBuilder;
 /// The publisher's descriptor ([`AsFd`](std::os::fd::AsFd)) is readable when a reliable subscriber may have
 /// room again, or when another event happened on its links.
 ///
-/// Dropping the publisher withdraws it. Subscribers can still receive what was sent. Messages that were still
-/// waiting for a subscriber are lost: call [`flush`](Self::flush) first to send them.
+/// Dropping the publisher withdraws it. Subscribers can still take the messages that were sent to them. A
+/// message that still waits in the publisher is lost: call [`flush`](Self::flush) first to send it.
 #[derive(Debug)]
 pub struct Publisher<T: Message + ?Sized> {
     pub(crate) core: UntypedPublisher,
@@ -67,8 +67,8 @@ impl<T: Message + ?Sized> Publisher<T> {
         self.core.publish_bytes(bytes)
     }
 
-    /// Waits, without a time limit, until every reliable subscriber has released all messages, and every
-    /// other subscriber was sent as many as its window admits.
+    /// Waits, without a time limit, until no message waits in the publisher. A reliable subscriber has then
+    /// released every message, and any other subscriber was sent every message that keep-last left.
     ///
     /// # Errors
     ///

@@ -76,7 +76,7 @@ pub enum ConnectError {
 #[non_exhaustive]
 pub enum DeclareError {
     /// The name of the topic or service is not legal (SM2-NAM-001).
-    #[error("{kind} name {name:?}: {reason}")]
+    #[error("{} name {name:?}: {reason}", named(*kind))]
     Name {
         /// The kind of interface.
         kind: Kind,
@@ -271,6 +271,14 @@ pub enum WaitError {
     /// Polling the node's descriptors failed.
     #[error("cannot wait for links: {0}")]
     Io(#[source] io::Error),
+}
+
+/// What the name of an interface of this kind is the name of.
+const fn named(kind: Kind) -> &'static str {
+    match kind {
+        Kind::Publisher | Kind::Subscriber => "topic",
+        Kind::Server | Kind::Client => "service",
+    }
 }
 
 /// A hint for interfaces of this kind: those of a topic may also differ in QoS.

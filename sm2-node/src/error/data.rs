@@ -51,10 +51,10 @@ pub enum PublishError {
     /// Some reliable links missed the message. Only
     /// [`Published::complete`](crate::Published::complete) returns this error.
     #[error(
-        "{} had no room before the deadline, and {} received the message: \
-         raise the deadline, or their depth",
+        "{} had no room within publish_timeout, so {} got the message: \
+         raise publish_timeout, or the depth of the reliable subscribers",
         Counted::new(*missed as u64, "reliable subscriber"),
-        Counted::new(*links as u64, "subscriber")
+        Counted::new(*links as u64, "other subscriber")
     )]
     DeadlineExceeded {
         /// The number of links that have the message.
@@ -74,7 +74,7 @@ pub enum RecvError {
     /// The program holds `max_borrowed` samples of this link (SM2-MSG-005), and no other link has
     /// a message.
     #[error(
-        "this program holds {} of node {publisher}, which is max_borrowed: \
+        "this subscriber holds {} of node {publisher}, and max_borrowed allows no more: \
          drop some, or raise max_borrowed",
         Counted::new(u64::from(*held), "sample")
     )]
@@ -146,8 +146,8 @@ pub enum CallError {
     },
     /// Each server has as many calls in flight and replies held as the client allows.
     #[error(
-        "{limit} calls and replies of {service} are held for each server: \
-         wait for some, or raise max_borrowed"
+        "each server of {service} already has {limit} calls in flight or replies held, which is \
+         max_borrowed: wait for replies and drop them, or raise max_borrowed"
     )]
     TooManyCalls {
         /// The service.
