@@ -15,7 +15,10 @@ use sm2_io::quic::Congestion;
 use sm2_lossy_link::{HEADERS_BYTES, Profile};
 use sm2_proto::{
     Instant, Name, TypeId,
-    gateway::{OfferId, Subject, session},
+    gateway::{
+        OfferId, Subject,
+        session::{self, ControlCommand},
+    },
 };
 use world::World;
 
@@ -127,7 +130,10 @@ fn run(link: &Profile, congestion: Congestion) -> [Log; 3] {
                     }
                 }
                 (1, Event::Session(session::Event::Offered { offer, .. })) => {
-                    world.command(1, Command::Want { offer, depth: 1 });
+                    world.command(
+                        1,
+                        Command::Control(ControlCommand::Want { offer, depth: 1 }),
+                    );
                 }
                 (1, Event::Message { offer, message }) => {
                     let is_counted = world.now.since(begin) > SETTLING;

@@ -18,7 +18,7 @@ use sm2_proto::{
         Action, AskId, Direction, GatewayId, Hop, OfferId, Pattern, PeerFarewell, Rule, Rules,
         Subject, SubjectKind, Verdict,
         schedule::SendQos,
-        session::{self, Initiator},
+        session::{self, ControlCommand, Initiator},
     },
 };
 
@@ -235,10 +235,10 @@ fn questions_have_answers() {
             [
                 Output::Peer {
                     command:
-                        Command::Answer {
+                        Command::Control(ControlCommand::Answer {
                             ask: AskId(1),
                             verdict,
-                        },
+                        }),
                     ..
                 },
             ] => *verdict,
@@ -363,7 +363,7 @@ fn other_rules_withdraw_before_anything_else_is_said() {
             it,
             Output::Peer {
                 connection: ConnectionId(2),
-                command: Command::Unoffer { offer: OfferId(1) }
+                command: Command::Control(ControlCommand::Unoffer { offer: OfferId(1) })
             }
         )
     });
@@ -372,7 +372,7 @@ fn other_rules_withdraw_before_anything_else_is_said() {
             it,
             Output::Peer {
                 connection: ConnectionId(1),
-                command: Command::Unwant { offer: OfferId(4) }
+                command: Command::Control(ControlCommand::Unwant { offer: OfferId(4) })
             }
         )
     });

@@ -15,7 +15,10 @@ use sm2_io::quic::Congestion;
 use sm2_lossy_link::Profile;
 use sm2_proto::{
     Name, TypeId,
-    gateway::{OfferId, Outcome, Subject, SubjectKind, session},
+    gateway::{
+        OfferId, Outcome, Subject, SubjectKind,
+        session::{self, ControlCommand},
+    },
     limits::OFFERS_MAX,
 };
 use world::World;
@@ -92,17 +95,17 @@ fn an_offer_that_there_was_no_room_for_is_made_later() {
     // This offer is withdrawn while it waits, so it is never sent.
     world.command(
         0,
-        Command::Unoffer {
+        Command::Control(ControlCommand::Unoffer {
             offer: OfferId(max + 2),
-        },
+        }),
     );
     assert!(offered(&mut world).is_empty());
     for gone in [7, 9] {
         world.command(
             0,
-            Command::Unoffer {
+            Command::Control(ControlCommand::Unoffer {
                 offer: OfferId(gone),
-            },
+            }),
         );
     }
     assert_eq!(offered(&mut world), [max + 1, max + 3]);
@@ -111,9 +114,9 @@ fn an_offer_that_there_was_no_room_for_is_made_later() {
     for gone in [1, max + 1] {
         world.command(
             0,
-            Command::Unoffer {
+            Command::Control(ControlCommand::Unoffer {
                 offer: OfferId(gone),
-            },
+            }),
         );
     }
     assert_eq!(offered(&mut world), [max + 4, max + 5]);
@@ -124,10 +127,10 @@ fn what_waits_of_an_offer_that_goes_counts_as_withdrawn_of_its_name() {
     let mut world = world();
     offer(&mut world, 1);
     events(&mut world);
-    let want = Command::Want {
+    let want = Command::Control(ControlCommand::Want {
         offer: OfferId(1),
         depth: 1,
-    };
+    });
     world.command(1, want);
     events(&mut world);
     for sequence in 1..=4 {
@@ -139,7 +142,10 @@ fn what_waits_of_an_offer_that_goes_counts_as_withdrawn_of_its_name() {
         };
         world.command(0, Command::Message { offer, message });
     }
-    world.command(0, Command::Unoffer { offer: OfferId(1) });
+    world.command(
+        0,
+        Command::Control(ControlCommand::Unoffer { offer: OfferId(1) }),
+    );
     let expected = Counts {
         offered: 4,
         superseded: 2,
@@ -155,7 +161,7 @@ fn deeply_wanted(world: &mut World) {
     offer(world, 1);
     events(world);
     let (offer, depth) = (OfferId(1), 1_024);
-    world.command(1, Command::Want { offer, depth });
+    world.command(1, Command::Control(ControlCommand::Want { offer, depth }));
     events(world);
 }
 
@@ -204,7 +210,7 @@ fn requests_for_a_peer_take_no_more_memory_than_they_may() {
     world.command(0, command);
     events(&mut world);
     let (offer, depth) = (OfferId(1), 1);
-    world.command(1, Command::Want { offer, depth });
+    world.command(1, Command::Control(ControlCommand::Want { offer, depth }));
     events(&mut world);
     let payload = Bytes::from(vec![0; 50 << 20]);
     for call in 1..=3 {

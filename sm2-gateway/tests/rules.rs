@@ -18,7 +18,7 @@ use sm2_proto::{
     Instant, Machine, Name, TypeId,
     gateway::{
         Action, Direction, GatewayId, Hop, OfferId, Subject, SubjectKind,
-        session::{self, Initiator},
+        session::{self, ControlCommand, Initiator},
     },
 };
 
@@ -138,7 +138,7 @@ fn carried(config: &Config, seen: &Seen) -> Carried {
                 }
                 Output::Peer {
                     connection,
-                    command: Command::Want { offer, .. },
+                    command: Command::Control(ControlCommand::Want { offer, .. }),
                 } => drop(carried.wanted.insert(offers[&(connection, offer)].clone())),
                 Output::Local(LocalCommand::Show {
                     subject, origin, ..

@@ -13,7 +13,7 @@ use sm2_proto::{
         discovery::{self, Discovery},
         router::{self, Router},
         schedule::{self, QueuedMessage, Schedule, SendQos},
-        session::{self, Command, PeerEvent, Session},
+        session::{self, Command, ControlCommand, PeerEvent, Session},
     },
     link::{self, Link, wire},
     manager::{self, Credentials, Manager, Policy},
@@ -194,7 +194,7 @@ fn an_ended_session_of_a_gateway_answers_with_its_first_reason() {
         let inputs = [
             session::Input::Event(PeerEvent::Control(&[1])),
             session::Input::Event(PeerEvent::Closed(None)),
-            session::Input::Command(Command::Unoffer { offer }),
+            session::Input::Command(Command::Control(ControlCommand::Unoffer { offer })),
             session::Input::Close(Code(8)),
             session::Input::Tick,
         ];

@@ -19,8 +19,8 @@ use sm2_proto::{
         AskId, Carried, Frame, GatewayId, Header, Hop, OfferId, PeerFarewell, PeerViolation,
         PeerViolationKind, StreamToken, Subject, SubjectKind, Verdict,
         session::{
-            Candidate, Carrier, Command, End, Event, Initiator, Input, Misuse, Output, PeerEvent,
-            Session, older_stays,
+            Candidate, Carrier, Command, ControlCommand, End, Event, Initiator, Input, Misuse,
+            Output, PeerEvent, Session, older_stays,
         },
     },
     limits::QUESTIONS_MAX,
@@ -324,16 +324,16 @@ fn questions() {
         assert_eq!(bench.frame(&ask(AskId(number))), [asked]);
     }
     let verdict = Verdict::Denied;
-    let wrong = Input::Command(Command::Answer {
+    let wrong = Input::Command(Command::Control(ControlCommand::Answer {
         ask: AskId(1),
         verdict,
-    });
+    }));
     assert_eq!(bench.misuse(wrong), Misuse::NotAsked);
     for number in [4, 1, 4] {
-        let outputs = bench.input(Input::Command(Command::Answer {
+        let outputs = bench.input(Input::Command(Command::Control(ControlCommand::Answer {
             ask: AskId(number),
             verdict,
-        }));
+        })));
         assert_eq!(outputs, [transmit(&answer(AskId(number), verdict))]);
     }
     for number in 0..QUESTIONS_MAX as u64 {
@@ -346,18 +346,18 @@ fn questions() {
     let mut bench = Bench::open();
     for number in 0..QUESTIONS_MAX as u64 {
         let name = name("a");
-        let asked = bench.input(Input::Command(Command::Ask {
+        let asked = bench.input(Input::Command(Command::Control(ControlCommand::Ask {
             ask: AskId(number),
             kind,
             name,
-        }));
+        })));
         assert_eq!(asked, [transmit(&ask(AskId(number)))]);
     }
-    let one_more = Input::Command(Command::Ask {
+    let one_more = Input::Command(Command::Control(ControlCommand::Ask {
         ask: AskId(9),
         kind,
         name: name("a"),
-    });
+    }));
     assert_eq!(bench.misuse(one_more), Misuse::TooManyQuestions);
     let answered = Output::Event(Event::Answered {
         ask: AskId(0),

@@ -19,7 +19,7 @@ use sm2_proto::{
     gateway::{
         Beacon, Frame, FrameReader, GatewayId, Header, Hop, OfferId, PeerFarewell,
         PeerViolationKind, StreamToken, Subject,
-        session::{Carrier, Command, End, Input, Output, PeerEvent, Session},
+        session::{Carrier, Command, ControlCommand, End, Input, Output, PeerEvent, Session},
     },
 };
 
@@ -280,11 +280,21 @@ fn said(bytes: &[u8]) -> Input<'static> {
             subject,
             path,
         }),
-        Frame::Unoffer { offer } => Input::Command(Command::Unoffer { offer }),
-        Frame::Want { offer, depth } => Input::Command(Command::Want { offer, depth }),
-        Frame::Unwant { offer } => Input::Command(Command::Unwant { offer }),
-        Frame::Ask { ask, kind, name } => Input::Command(Command::Ask { ask, kind, name }),
-        Frame::Answer { ask, verdict } => Input::Command(Command::Answer { ask, verdict }),
+        Frame::Unoffer { offer } => {
+            Input::Command(Command::Control(ControlCommand::Unoffer { offer }))
+        }
+        Frame::Want { offer, depth } => {
+            Input::Command(Command::Control(ControlCommand::Want { offer, depth }))
+        }
+        Frame::Unwant { offer } => {
+            Input::Command(Command::Control(ControlCommand::Unwant { offer }))
+        }
+        Frame::Ask { ask, kind, name } => {
+            Input::Command(Command::Control(ControlCommand::Ask { ask, kind, name }))
+        }
+        Frame::Answer { ask, verdict } => {
+            Input::Command(Command::Control(ControlCommand::Answer { ask, verdict }))
+        }
         other => panic!("{other:?} follows from what came"),
     }
 }

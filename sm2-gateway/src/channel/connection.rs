@@ -145,7 +145,10 @@ impl PeerHandle {
 #[cfg(test)]
 mod tests {
     use bytes::Bytes;
-    use sm2_proto::{Instant, gateway::OfferId};
+    use sm2_proto::{
+        Instant,
+        gateway::{OfferId, session::ControlCommand},
+    };
 
     use super::*;
     use crate::message::Message;
@@ -175,7 +178,9 @@ mod tests {
         // Commands that must not be lost find room. When the connection ends, its commands are dropped.
         assert!(
             handle
-                .command(Command::Unoffer { offer: OfferId(1) })
+                .command(Command::Control(ControlCommand::Unoffer {
+                    offer: OfferId(1)
+                }))
                 .is_none()
         );
         drop(inbox);

@@ -25,7 +25,7 @@ use sm2_proto::{
     gateway::{
         Direction, GatewayId, Hop, OfferId, PeerFarewell, Subject, SubjectKind, Verdict,
         router::{self, Router, Source},
-        session::{self, Candidate, Initiator, older_stays},
+        session::{self, Candidate, ControlCommand, Initiator, older_stays},
     },
 };
 
@@ -191,6 +191,10 @@ impl Hub {
         }
     }
 
+    fn control(&mut self, peer: GatewayId, command: ControlCommand) {
+        self.tell(peer, Command::Control(command));
+    }
+
     /// Handles an event of a connection.
     fn peer(&mut self, now: Instant, connection: ConnectionId, initiator: Initiator, event: Event) {
         if let Event::Session(session::Event::Greeted { peer, epoch, name }) = event {
@@ -264,7 +268,7 @@ impl Hub {
             }
             session::Event::Asked { ask, kind, name } => {
                 let verdict = self.verdict(peer, kind, &name);
-                self.tell(peer, Command::Answer { ask, verdict });
+                self.control(peer, ControlCommand::Answer { ask, verdict });
             }
         }
     }
@@ -397,7 +401,7 @@ impl Hub {
                     it.tally.close(Whose::Ours(offer));
                     it.offered.remove(&offer);
                 }
-                self.tell(peer, Command::Unoffer { offer });
+                self.control(peer, ControlCommand::Unoffer { offer });
             }
             router::Output::Want { peer, offer, depth } => {
                 let offers = self.peers.get(&peer).map(|it| &it.offers);
@@ -406,17 +410,9 @@ impl Hub {
                     let key = (subject.clone(), origin.gateway);
                     self.routes.insert(key, (peer, offer));
                 }
-                self.tell(peer, Command::Want { offer, depth });
+                self.control(peer, ControlCommand::Want { offer, depth });
             }
-            router::Output::Unwant { peer, offer } => {
-                let mut routes = self.routes.iter();
-                let route = routes.find(|(_, route)| **route == (peer, offer));
-                if let Some((subject, origin)) = route.map(|(key, _)| key.clone()) {
-                    self.unused(&subject, origin);
-                    self.routes.remove(&(subject, origin));
-                }
-                self.tell(peer, Command::Unwant { offer });
-            }
+            router::Output::Unwant { peer, offer } => self.unwant(peer, offer),
             router::Output::Show {
                 subject,
                 origin,
@@ -438,6 +434,16 @@ impl Hub {
                 self.outputs.push_back(Output::Local(command));
             }
         }
+    }
+
+    fn unwant(&mut self, peer: GatewayId, offer: OfferId) {
+        let mut routes = self.routes.iter();
+        let route = routes.find(|(_, route)| **route == (peer, offer));
+        if let Some((subject, origin)) = route.map(|(key, _)| key.clone()) {
+            self.unused(&subject, origin);
+            self.routes.remove(&(subject, origin));
+        }
+        self.control(peer, ControlCommand::Unwant { offer });
     }
 
     fn show(&mut self, now: Instant, subject: Subject, origin: GatewayId, peer: GatewayId) {

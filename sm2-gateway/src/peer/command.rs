@@ -2,8 +2,8 @@
 
 use bytes::Bytes;
 use sm2_proto::{
-    Code, Instant, Name,
-    gateway::{AskId, Hop, OfferId, Outcome, Subject, SubjectKind, Verdict, schedule::SendQos},
+    Code, Instant,
+    gateway::{Hop, OfferId, Outcome, Subject, schedule::SendQos, session::ControlCommand},
 };
 
 use super::id::{CallId, PeerCall};
@@ -27,46 +27,15 @@ pub enum Command {
         /// How the messages of a topic are sent.
         qos: SendQos,
     },
-    /// Withdraws an offer.
-    Unoffer {
-        /// The number of the offer.
-        offer: OfferId,
-    },
+    /// Passes a command on to the session. An ASK is answered with
+    /// [`session::Event::Answered`](sm2_proto::gateway::session::Event::Answered).
+    Control(ControlCommand),
     /// Changes how the messages of an offered topic are sent.
     Change {
         /// The number of the offer.
         offer: OfferId,
         /// How messages are sent from now on.
         qos: SendQos,
-    },
-    /// Wants an offer of the peer.
-    Want {
-        /// The number of the offer.
-        offer: OfferId,
-        /// The greatest number of messages that the peer queues for this side.
-        depth: u16,
-    },
-    /// No longer wants an offer of the peer.
-    Unwant {
-        /// The number of the offer.
-        offer: OfferId,
-    },
-    /// Asks whether the peer offers a topic or service to this side. The answer is
-    /// [`session::Event::Answered`](sm2_proto::gateway::session::Event::Answered).
-    Ask {
-        /// The number of the question.
-        ask: AskId,
-        /// The kind of the name.
-        kind: SubjectKind,
-        /// The name of the topic or service.
-        name: Name,
-    },
-    /// Answers the oldest question of the peer.
-    Answer {
-        /// The number of the question.
-        ask: AskId,
-        /// The answer.
-        verdict: Verdict,
     },
     /// Sends a message, if the peer wants its topic.
     Message {

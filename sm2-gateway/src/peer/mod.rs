@@ -35,7 +35,7 @@ use sm2_proto::{
     Code, Instant, Machine, MisuseError, Name,
     gateway::{
         GatewayId, Header, Outcome, PeerFarewell, PeerViolation, StreamEnd, SubjectKind,
-        session::{self, Carrier, End, Initiator, PeerEvent, Session},
+        session::{self, Carrier, ControlCommand, End, Initiator, PeerEvent, Session},
     },
 };
 
@@ -268,22 +268,8 @@ impl Peer {
                 let it = Offer { subject, path, qos };
                 self.offer(now, offer, it);
             }
-            Command::Unoffer { offer } => self.withdraw(now, offer),
+            Command::Control(command) => self.control_command(now, command),
             Command::Change { offer, qos } => self.change(now, offer, qos),
-            Command::Want { offer, depth } => {
-                self.session_command(now, session::Command::Want { offer, depth });
-            }
-            Command::Unwant { offer } => {
-                self.session_command(now, session::Command::Unwant { offer });
-            }
-            Command::Ask { ask, kind, name } => {
-                if !self.session_command(now, session::Command::Ask { ask, kind, name }) {
-                    self.events.push_back(Event::NotAsked { ask });
-                }
-            }
-            Command::Answer { ask, verdict } => {
-                self.session_command(now, session::Command::Answer { ask, verdict });
-            }
             Command::Message { offer, message } => {
                 let (topics, mut outlet) = self.topics(now);
                 topics.publish(&mut outlet, offer, message);
@@ -303,6 +289,20 @@ impl Peer {
             Command::Close(code) => {
                 self.session_takes(now, session::Input::Close(code));
             }
+        }
+    }
+
+    fn control_command(&mut self, now: Now, command: ControlCommand) {
+        if let ControlCommand::Unoffer { offer } = command {
+            return self.withdraw(now, offer);
+        }
+        let asked = match command {
+            ControlCommand::Ask { ask, .. } => Some(ask),
+            _ => None,
+        };
+        let taken = self.session_command(now, session::Command::Control(command));
+        if let Some(ask) = asked.filter(|_| !taken) {
+            self.events.push_back(Event::NotAsked { ask });
         }
     }
 

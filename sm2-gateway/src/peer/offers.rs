@@ -53,7 +53,8 @@ impl Peer {
         if self.waiting_offers.0.remove(&offer).is_some() {
             return;
         }
-        self.session_command(now, session::Command::Unoffer { offer });
+        let command = session::ControlCommand::Unoffer { offer };
+        self.session_command(now, session::Command::Control(command));
         let (topics, mut outlet) = self.topics(now);
         // Before the offer is closed, so that its dropped messages count under its name.
         topics.remove(&mut outlet, offer);

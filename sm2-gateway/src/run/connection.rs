@@ -5,7 +5,10 @@ use std::{collections::BTreeMap, net::SocketAddr, sync::Arc, time::Duration};
 use quinn_proto::{Connection, ConnectionHandle, EndpointEvent};
 use sm2_proto::{
     Instant, Machine,
-    gateway::{AskId, GatewayId, Verdict, session},
+    gateway::{
+        AskId, GatewayId, Verdict,
+        session::{self, ControlCommand},
+    },
 };
 use tokio::sync::oneshot;
 
@@ -130,7 +133,7 @@ impl Task {
                 self.last_ask.0 += 1;
                 let ask = self.last_ask;
                 self.pending_asks.insert(ask, answer);
-                let command = Command::Ask { ask, kind, name };
+                let command = Command::Control(ControlCommand::Ask { ask, kind, name });
                 self.handle(Input::Command(command)).await;
             }
         }

@@ -24,7 +24,9 @@ use core::time::Duration;
 use self::offers::{OwnOffers, PeerOffers};
 pub use self::{
     duplicates::{Candidate, Initiator, older_stays},
-    input::{Carrier, Command, End, Error, Event, Input, Misuse, Output, PeerEvent},
+    input::{
+        Carrier, Command, ControlCommand, End, Error, Event, Input, Misuse, Output, PeerEvent,
+    },
 };
 use super::{
     AskId, Carried, Frame, FrameReader, GatewayId, Header, Hop, OfferId, PeerFarewell,
@@ -139,37 +141,10 @@ impl Session {
                 subject,
                 path,
             } => self.offer(offer, subject, path)?,
-            Command::Unoffer { offer } => {
-                self.own_offers.withdraw(offer)?;
-                Frame::Unoffer { offer }
-            }
-            Command::Want { offer, depth } => {
-                if !self.peer_offers.want(offer, depth)? {
-                    return Ok(());
-                }
-                Frame::Want { offer, depth }
-            }
-            Command::Unwant { offer } => {
-                if !self.peer_offers.unwant(offer)? {
-                    return Ok(());
-                }
-                self.fail_calls(|it| it == offer);
-                Frame::Unwant { offer }
-            }
-            Command::Ask { ask, kind, name } => {
-                if self.asked.len() >= QUESTIONS_MAX {
-                    return Err(Misuse::TooManyQuestions);
-                }
-                self.asked.push_back(ask);
-                Frame::Ask { ask, kind, name }
-            }
-            Command::Answer { ask, verdict } => {
-                if self.unanswered.front() != Some(&ask) {
-                    return Err(Misuse::NotAsked);
-                }
-                self.unanswered.pop_front();
-                Frame::Answer { ask, verdict }
-            }
+            Command::Control(command) => match self.control(command)? {
+                Some(frame) => frame,
+                None => return Ok(()),
+            },
             Command::Call { stream, offer } => {
                 if self.calls.contains_key(&stream) {
                     return Err(Misuse::StreamInUse);
@@ -185,6 +160,43 @@ impl Session {
         };
         self.outputs.push_back(Output::Transmit(frame.to_bytes()));
         Ok(())
+    }
+
+    /// The frame that the command leads to; `None` if the frame has to wait, or is not needed.
+    fn control(&mut self, command: ControlCommand) -> Result<Option<Frame>, Misuse> {
+        Ok(Some(match command {
+            ControlCommand::Unoffer { offer } => {
+                self.own_offers.withdraw(offer)?;
+                Frame::Unoffer { offer }
+            }
+            ControlCommand::Want { offer, depth } => {
+                if !self.peer_offers.want(offer, depth)? {
+                    return Ok(None);
+                }
+                Frame::Want { offer, depth }
+            }
+            ControlCommand::Unwant { offer } => {
+                if !self.peer_offers.unwant(offer)? {
+                    return Ok(None);
+                }
+                self.fail_calls(|it| it == offer);
+                Frame::Unwant { offer }
+            }
+            ControlCommand::Ask { ask, kind, name } => {
+                if self.asked.len() >= QUESTIONS_MAX {
+                    return Err(Misuse::TooManyQuestions);
+                }
+                self.asked.push_back(ask);
+                Frame::Ask { ask, kind, name }
+            }
+            ControlCommand::Answer { ask, verdict } => {
+                if self.unanswered.front() != Some(&ask) {
+                    return Err(Misuse::NotAsked);
+                }
+                self.unanswered.pop_front();
+                Frame::Answer { ask, verdict }
+            }
+        }))
     }
 
     //= SM2-GWO-001, SM2-GWO-003

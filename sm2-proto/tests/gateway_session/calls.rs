@@ -4,7 +4,7 @@ use sm2_proto::{
     Code,
     gateway::{
         Carried, Frame, Header, OfferId, Outcome, PeerViolationKind, StreamToken,
-        session::{Carrier, Command, End, Input, Misuse, Output, PeerEvent},
+        session::{Carrier, Command, ControlCommand, End, Input, Misuse, Output, PeerEvent},
     },
     violation,
 };
@@ -36,7 +36,9 @@ fn calls_of_the_peer() {
         let refused = ended(violation!(PeerViolationKind::UnknownOffer, "SM2-GWS-001"));
         assert_eq!(bench.stream(REQUEST, OfferId(offer)), refused, "{offer}");
     }
-    bench.input(Input::Command(Command::Unoffer { offer: ONE }));
+    bench.input(Input::Command(Command::Control(ControlCommand::Unoffer {
+        offer: ONE,
+    })));
     assert_eq!(bench.stream(REQUEST, ONE), unreachable, "withdrawn");
     bench.frame(&Frame::Unoffered { offer: ONE });
     assert_eq!(bench.stream(REQUEST, ONE), unreachable, "gone");
@@ -54,7 +56,7 @@ fn failed(stream: StreamToken) -> Output {
 
 /// A session with two calls of the peer's service, offer 1; offer 2 is a topic.
 fn with_two_calls() -> Bench {
-    let want = |offer| Input::Command(Command::Want { offer, depth: 1 });
+    let want = |offer| Input::Command(Command::Control(ControlCommand::Want { offer, depth: 1 }));
     let mut bench = Bench::open();
     bench.offered(ONE, service());
     bench.offered(OfferId(2), topic());
@@ -95,7 +97,10 @@ fn calls_to_the_peer() {
     assert_eq!(outputs.len(), 2, "of another offer");
     let outputs = bench.frame(&Frame::Unoffer { offer: ONE });
     assert_eq!(outputs[0], failed(EIGHT));
-    let outputs = with_two_calls().input(Input::Command(Command::Unwant { offer: ONE }));
+    let outputs =
+        with_two_calls().input(Input::Command(Command::Control(ControlCommand::Unwant {
+            offer: ONE,
+        })));
     assert_eq!(outputs[..2], [failed(SEVEN), failed(EIGHT)]);
     let code = Some(Code(3));
     let outputs = with_two_calls().input(Input::Event(PeerEvent::Closed(code)));
@@ -125,10 +130,10 @@ fn datagrams_carry_messages_alone() {
             offer: ONE,
             depth: 1,
         });
-        bench.input(Input::Command(Command::Want {
+        bench.input(Input::Command(Command::Control(ControlCommand::Want {
             offer: ONE,
             depth: 1,
-        }));
+        })));
         let header = Header {
             carried,
             offer: ONE,

@@ -6,7 +6,7 @@ use sm2_proto::{
     Instant, Machine, TypeId,
     gateway::{
         Carried, GatewayId, Header, Hop, StreamToken, Subject,
-        session::{Carrier, Command, Input, Output, PeerEvent, Session},
+        session::{Carrier, Command, ControlCommand, Input, Output, PeerEvent, Session},
     },
 };
 
@@ -126,9 +126,11 @@ fn the_example_of_spec() {
         reliable: false,
         latched: 0,
     };
-    let want = || Command::Want {
-        offer: ONE,
-        depth: 4,
+    let want = || {
+        Command::Control(ControlCommand::Want {
+            offer: ONE,
+            depth: 4,
+        })
     };
     let mut exchange = Exchange::new();
     let offer = Command::Offer {
@@ -139,8 +141,8 @@ fn the_example_of_spec() {
     exchange.command(A, offer);
     exchange.command(B, want());
     exchange.message();
-    exchange.command(B, Command::Unwant { offer: ONE });
+    exchange.command(B, Command::Control(ControlCommand::Unwant { offer: ONE }));
     exchange.command(B, want());
-    exchange.command(A, Command::Unoffer { offer: ONE });
+    exchange.command(A, Command::Control(ControlCommand::Unoffer { offer: ONE }));
     assert_eq!(exchange.sent, example());
 }

@@ -3,7 +3,7 @@
 use sm2_proto::{
     gateway::{
         Hop, OfferId,
-        session::{Command, Input, Misuse},
+        session::{Command, ControlCommand, Input, Misuse},
     },
     limits::OFFERS_MAX,
 };
@@ -30,7 +30,7 @@ fn misuses() -> Vec<(Command, Misuse)> {
         subject: topic(),
         path: vec![hop(1)],
     };
-    let want = |offer, depth| Command::Want { offer, depth };
+    let want = |offer, depth| Command::Control(ControlCommand::Want { offer, depth });
     let old = Hop { epoch: 1, ..hop(1) };
     let long = (3..11).map(hop).chain([hop(1)]).collect();
     let through_the_peer = vec![hop(2), hop(1)];
@@ -42,11 +42,17 @@ fn misuses() -> Vec<(Command, Misuse)> {
         (offered(through_the_peer), Misuse::WrongPath),
         (offered(twice), Misuse::WrongPath),
         (offered(long), Misuse::WrongPath),
-        (Command::Unoffer { offer: ONE }, Misuse::WrongOffer),
+        (
+            Command::Control(ControlCommand::Unoffer { offer: ONE }),
+            Misuse::WrongOffer,
+        ),
         (want(OfferId(2), 1), Misuse::WrongOffer),
         (want(ONE, 0), Misuse::WrongDepth),
         (want(ONE, 1_025), Misuse::WrongDepth),
-        (Command::Unwant { offer: ONE }, Misuse::WrongOffer),
+        (
+            Command::Control(ControlCommand::Unwant { offer: ONE }),
+            Misuse::WrongOffer,
+        ),
     ]
 }
 
@@ -62,14 +68,18 @@ fn what_a_driver_may_not_do() {
         let input = Input::Command(command.clone());
         assert_eq!(bench.misuse(input), expected, "{command:?}");
     }
-    let unoffer = || Input::Command(Command::Unoffer { offer: OfferId(2) });
+    let unoffer = || {
+        Input::Command(Command::Control(ControlCommand::Unoffer {
+            offer: OfferId(2),
+        }))
+    };
     bench.input(unoffer());
     assert_eq!(bench.misuse(unoffer()), Misuse::WrongOffer);
     let want = || {
-        Input::Command(Command::Want {
+        Input::Command(Command::Control(ControlCommand::Want {
             offer: ONE,
             depth: 1,
-        })
+        }))
     };
     bench.input(want());
     assert_eq!(bench.misuse(want()), Misuse::WrongOffer);

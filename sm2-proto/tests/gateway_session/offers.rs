@@ -3,7 +3,7 @@
 use sm2_proto::{
     gateway::{
         Frame, Hop, OfferId, PeerViolationKind,
-        session::{Carrier, Command, Event, Input, Misuse, Output},
+        session::{Carrier, Command, ControlCommand, Event, Input, Misuse, Output},
     },
     limits::OFFERS_MAX,
     violation,
@@ -56,7 +56,10 @@ fn what_the_peer_says_of_our_offers() {
                 bench.frame(&want);
             }
             if ["withdrawing", "gone"].contains(&state) {
-                let outputs = bench.input(Input::Command(Command::Unoffer { offer: ONE }));
+                let outputs =
+                    bench.input(Input::Command(Command::Control(ControlCommand::Unoffer {
+                        offer: ONE,
+                    })));
                 assert_eq!(outputs, [transmit(&Frame::Unoffer { offer: ONE })]);
             }
             if state == "gone" {
@@ -100,14 +103,17 @@ fn what_the_peer_says_of_its_offers() {
                     offer: ONE,
                     depth: 2,
                 };
-                let outputs = bench.input(Input::Command(Command::Want {
+                let outputs = bench.input(Input::Command(Command::Control(ControlCommand::Want {
                     offer: ONE,
                     depth: 2,
-                }));
+                })));
                 assert_eq!(outputs, [transmit(&frame)]);
             }
             if ["unwanting", "known again"].contains(&state) {
-                let outputs = bench.input(Input::Command(Command::Unwant { offer: ONE }));
+                let outputs =
+                    bench.input(Input::Command(Command::Control(ControlCommand::Unwant {
+                        offer: ONE,
+                    })));
                 assert_eq!(outputs, [transmit(&Frame::Unwant { offer: ONE })]);
             }
             match state {
@@ -135,18 +141,18 @@ fn what_the_peer_says_of_its_offers() {
     // A message of a service is a violation.
     let mut bench = Bench::open();
     bench.offered(ONE, service());
-    bench.input(Input::Command(Command::Want {
+    bench.input(Input::Command(Command::Control(ControlCommand::Want {
         offer: ONE,
         depth: 1,
-    }));
+    })));
     assert_eq!(bench.stream(MESSAGE, ONE), not_wanted());
 }
 
 //= SM2-GWO-002 test
 #[test]
 fn wanted_again_before_its_end_is_confirmed() {
-    let want = |depth| Input::Command(Command::Want { offer: ONE, depth });
-    let unwant = || Input::Command(Command::Unwant { offer: ONE });
+    let want = |depth| Input::Command(Command::Control(ControlCommand::Want { offer: ONE, depth }));
+    let unwant = || Input::Command(Command::Control(ControlCommand::Unwant { offer: ONE }));
     let unwanted = Frame::Unwanted { offer: ONE };
     let mut bench = Bench::open();
     bench.offered(ONE, topic());

@@ -7,7 +7,7 @@ use sm2_proto::{
     Instant, Machine,
     gateway::{
         Carried, Header, OfferId, Outcome, StreamToken, SubjectKind,
-        session::{Carrier, Command, Event, Input, Output, PeerEvent, Session},
+        session::{Carrier, Command, ControlCommand, Event, Input, Output, PeerEvent, Session},
     },
 };
 
@@ -196,7 +196,10 @@ impl Pair {
             }
             1 => {
                 if let Some(offer) = some(self.offers[side].keys().copied().collect()) {
-                    assert!(self.input(side, Input::Command(Command::Unoffer { offer })));
+                    assert!(self.input(
+                        side,
+                        Input::Command(Command::Control(ControlCommand::Unoffer { offer }))
+                    ));
                     self.offers[side].remove(&offer);
                     self.wanted[side].remove(&offer);
                 }
@@ -206,13 +209,19 @@ impl Pair {
                 if let Some(offer) =
                     some(self.known[side].keys().filter(is_free).copied().collect())
                 {
-                    assert!(self.input(side, Input::Command(Command::Want { offer, depth: 1 })));
+                    assert!(self.input(
+                        side,
+                        Input::Command(Command::Control(ControlCommand::Want { offer, depth: 1 }))
+                    ));
                     self.wanting[side].insert(offer);
                 }
             }
             3 => {
                 if let Some(offer) = some(self.wanting[side].iter().copied().collect()) {
-                    assert!(self.input(side, Input::Command(Command::Unwant { offer })));
+                    assert!(self.input(
+                        side,
+                        Input::Command(Command::Control(ControlCommand::Unwant { offer }))
+                    ));
                     self.wanting[side].remove(&offer);
                 }
             }

@@ -10,7 +10,7 @@ use alloc::{
 use super::super::{
     AskId, Carried, Frame, GatewayId, Header, Hop, OfferId, PeerFarewell, PeerViolation,
     PeerViolationKind, StreamToken, Subject, SubjectKind,
-    session::{Carrier, Command, End, Event, Output},
+    session::{Carrier, Command, ControlCommand, End, Event, Output},
 };
 
 /// Everything that both sides have sent and that still has an effect.
@@ -283,27 +283,7 @@ impl Oracle {
                 subject,
                 path,
             } => self.asks_offer(offer, subject, path)?,
-            Command::Unoffer { offer } => {
-                if !self.offered.contains_key(&offer) || !self.withdrawn.insert(offer) {
-                    return None;
-                }
-                self.wanted.remove(&offer);
-                Frame::Unoffer { offer }
-            }
-            Command::Want { offer, depth } => return self.asks_want(offer, depth),
-            Command::Unwant { offer } => return self.asks_unwant(offer),
-            Command::Ask { ask, kind, name } => {
-                if self.asked.len() == 64 {
-                    return None;
-                }
-                self.asked.push_back(ask);
-                Frame::Ask { ask, kind, name }
-            }
-            Command::Answer { ask, verdict } => {
-                self.owed.front().filter(|it| **it == ask)?;
-                self.owed.pop_front();
-                Frame::Answer { ask, verdict }
-            }
+            Command::Control(command) => return self.asks_control(command),
             Command::Call { stream, offer } => {
                 let is_service = self.known.get(&offer) == Some(&SubjectKind::Service);
                 let is_wanted = self.said.get(&offer) == Some(&true);
@@ -314,6 +294,33 @@ impl Oracle {
                 });
             }
             Command::Forget { stream } => return self.calls.remove(&stream).map(|_| vec![]),
+        };
+        Some(vec![transmit(&frame)])
+    }
+
+    fn asks_control(&mut self, command: ControlCommand) -> Option<Vec<Output>> {
+        let frame = match command {
+            ControlCommand::Unoffer { offer } => {
+                if !self.offered.contains_key(&offer) || !self.withdrawn.insert(offer) {
+                    return None;
+                }
+                self.wanted.remove(&offer);
+                Frame::Unoffer { offer }
+            }
+            ControlCommand::Want { offer, depth } => return self.asks_want(offer, depth),
+            ControlCommand::Unwant { offer } => return self.asks_unwant(offer),
+            ControlCommand::Ask { ask, kind, name } => {
+                if self.asked.len() == 64 {
+                    return None;
+                }
+                self.asked.push_back(ask);
+                Frame::Ask { ask, kind, name }
+            }
+            ControlCommand::Answer { ask, verdict } => {
+                self.owed.front().filter(|it| **it == ask)?;
+                self.owed.pop_front();
+                Frame::Answer { ask, verdict }
+            }
         };
         Some(vec![transmit(&frame)])
     }

@@ -14,7 +14,9 @@ use super::{
     super::{
         AskId, Carried, Frame, FrameReader, GatewayId, Header, Hop, OfferId, Outcome, PeerFarewell,
         StreamToken, Subject, SubjectKind, Verdict,
-        session::{Carrier, Command, End, Error, Input, Output, PeerEvent, Session},
+        session::{
+            Carrier, Command, ControlCommand, End, Error, Input, Output, PeerEvent, Session,
+        },
     },
     oracle::Oracle,
 };
@@ -161,29 +163,11 @@ impl World<'_> {
     fn wish(&mut self) -> Option<Command> {
         let script = &mut self.script;
         Some(match script.byte()? % 9 {
+            choice @ 1..=6 => Command::Control(self.control_wish(choice)?),
             0 => Command::Offer {
                 offer: OfferId(script.near(self.oracle.last_offered.0.saturating_add(1))?),
                 subject: subject(script)?,
                 path: path(script, &[3, 1])?,
-            },
-            1 => Command::Unoffer {
-                offer: key(script, &self.oracle.offered)?,
-            },
-            2 | 3 => Command::Want {
-                offer: key(script, &self.oracle.known)?,
-                depth: script.near(4)? as u16,
-            },
-            4 => Command::Unwant {
-                offer: key(script, &self.oracle.wishes)?,
-            },
-            5 => Command::Ask {
-                ask: AskId(script.number()?),
-                kind: kind(script)?,
-                name: script.name()?,
-            },
-            6 => Command::Answer {
-                ask: AskId(script.near(self.oracle.owed.front().map_or(1, |it| it.0))?),
-                verdict: verdict(script)?,
             },
             7 => Command::Call {
                 stream: StreamToken(script.number()?),
@@ -191,6 +175,31 @@ impl World<'_> {
             },
             _ => Command::Forget {
                 stream: key(script, &self.oracle.calls)?,
+            },
+        })
+    }
+
+    fn control_wish(&mut self, choice: u8) -> Option<ControlCommand> {
+        let script = &mut self.script;
+        Some(match choice {
+            1 => ControlCommand::Unoffer {
+                offer: key(script, &self.oracle.offered)?,
+            },
+            2 | 3 => ControlCommand::Want {
+                offer: key(script, &self.oracle.known)?,
+                depth: script.near(4)? as u16,
+            },
+            4 => ControlCommand::Unwant {
+                offer: key(script, &self.oracle.wishes)?,
+            },
+            5 => ControlCommand::Ask {
+                ask: AskId(script.number()?),
+                kind: kind(script)?,
+                name: script.name()?,
+            },
+            _ => ControlCommand::Answer {
+                ask: AskId(script.near(self.oracle.owed.front().map_or(1, |it| it.0))?),
+                verdict: verdict(script)?,
             },
         })
     }
@@ -379,11 +388,9 @@ impl World<'_> {
             Input::Event(PeerEvent::Control(&[1])),
             Input::Event(PeerEvent::Closed(None)),
             Input::Close(code),
-            Input::Command(Command::Unoffer { offer: OfferId(1) }),
-            Input::Command(Command::Want {
+            Input::Command(Command::Control(ControlCommand::Unoffer {
                 offer: OfferId(1),
-                depth: 1,
-            }),
+            })),
             Input::Command(Command::Forget {
                 stream: StreamToken(1),
             }),

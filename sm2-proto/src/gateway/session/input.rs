@@ -63,6 +63,26 @@ pub enum Command {
         /// The gateways from the origin to this one.
         path: Vec<Hop>,
     },
+    /// A command that is about the control stream alone.
+    Control(ControlCommand),
+    /// Registers a call before its request is written.
+    Call {
+        /// The stream of the call.
+        stream: StreamToken,
+        /// The offer of the service.
+        offer: OfferId,
+    },
+    /// Forgets a call. The driver resets its stream and feeds nothing of it from now on.
+    Forget {
+        /// The stream of the call.
+        stream: StreamToken,
+    },
+}
+
+/// A command that is about the control stream alone. An owner that holds more than the session does,
+/// such as streams, passes it on unchanged.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ControlCommand {
     /// Withdraws an offer.
     Unoffer {
         /// The number of the offer.
@@ -96,18 +116,6 @@ pub enum Command {
         ask: AskId,
         /// The answer.
         verdict: Verdict,
-    },
-    /// Registers a call before its request is written.
-    Call {
-        /// The stream of the call.
-        stream: StreamToken,
-        /// The offer of the service.
-        offer: OfferId,
-    },
-    /// Forgets a call. The driver resets its stream and feeds nothing of it from now on.
-    Forget {
-        /// The stream of the call.
-        stream: StreamToken,
     },
 }
 
