@@ -7,7 +7,7 @@ use std::ops::Deref;
 use std::sync::Arc;
 use std::time::Duration;
 
-use sm2_proto::control::Peer;
+use sm2_proto::control::LinkPeer;
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
@@ -295,7 +295,7 @@ pub struct Reply<R: Message + ?Sized> {
     /// Before the receipt, so that it is dropped first: the view may refer to the slot that the receipt
     /// releases.
     view: R::View,
-    peer: Arc<Peer>,
+    peer: Arc<LinkPeer>,
     _receipt: Receipt,
 }
 

@@ -8,11 +8,11 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use sm2_io::CounterView;
-pub use sm2_proto::control::{Change, Item, Key, Limits, Peer, UnlinkedReason};
+pub use sm2_proto::control::{Change, Item, Key, Limits, LinkPeer, UnlinkedReason};
 use sm2_proto::domain::{Ask, Mirror, nearest, why};
 pub use sm2_proto::domain::{Domain, Finding, Near, Verdict};
 pub use sm2_proto::{
-    Contract, Demand, EntityId, InterfaceId, Kind, LinkId, NodeId, Offer, ServiceQos,
+    Contract, DemandedQos, EntityId, InterfaceId, Kind, LinkId, NodeId, OfferedQos, ServiceQos,
 };
 use sm2_proto::{Instant, TypeId};
 

@@ -4,7 +4,7 @@ use std::fmt;
 use std::ops::Deref;
 use std::sync::Arc;
 
-use sm2_proto::control::Peer;
+use sm2_proto::control::LinkPeer;
 use sm2_proto::{Contract, Instant, Name, TypeId};
 
 use crate::handle::receive::{Receipt, Received};
@@ -23,7 +23,7 @@ pub struct Sample<T: Message + ?Sized> {
     sequence: u64,
     time: Instant,
     lost: u64,
-    peer: Arc<Peer>,
+    peer: Arc<LinkPeer>,
     _receipt: Receipt,
 }
 

@@ -7,7 +7,7 @@ use std::ops::Deref;
 use std::sync::Arc;
 use std::time::Duration;
 
-use sm2_proto::control::Peer;
+use sm2_proto::control::LinkPeer;
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
@@ -209,7 +209,7 @@ impl<Q: Message + ?Sized + fmt::Debug, R: Message + ?Sized> fmt::Debug for Reque
 struct Pending {
     handle: Arc<Handle>,
     call: CallId,
-    client: Arc<Peer>,
+    client: Arc<LinkPeer>,
     answered: bool,
 }
 

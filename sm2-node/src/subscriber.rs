@@ -4,7 +4,7 @@ use std::marker::PhantomData;
 use std::sync::Arc;
 use std::time::Duration;
 
-use sm2_proto::{Contract, Demand, Kind, TypeId};
+use sm2_proto::{Contract, DemandedQos, Kind, TypeId};
 
 use crate::driver::{Interface, Shared, Until};
 use crate::handle::Handle;
@@ -175,7 +175,7 @@ pub struct SubscriberBuilder<T: Message + ?Sized> {
     declaration: Declaration,
     /// `None` accepts every type.
     data: Option<TypeId>,
-    demand: Demand,
+    demand: DemandedQos,
     receives: PhantomData<fn(&T)>,
 }
 
@@ -184,7 +184,7 @@ impl<T: Message + ?Sized> SubscriberBuilder<T> {
         Self {
             declaration: Declaration::new(shared, topic),
             data: Some(T::type_id()),
-            demand: Demand {
+            demand: DemandedQos {
                 depth: 8,
                 reliable: false,
                 max_borrowed: 4,

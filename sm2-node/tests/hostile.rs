@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use common::{Domain, SOON, pattern};
 use sm2_io::{Listener, RecvError, SeqPacket, wait_readable};
 use sm2_node::diagnostics::End;
-use sm2_node::domain::{Demand, LinkId, Offer};
+use sm2_node::domain::{DemandedQos, LinkId, OfferedQos};
 use sm2_node::{DeclareError, Message, Name, Publisher, Subscriber};
 use sm2_proto::node::{Input, Node, Output};
 use sm2_proto::{Contract, Datagram, Machine, ViolationKind, violation};
@@ -199,7 +199,7 @@ fn a_subscriber_that_breaks_the_protocol_loses_its_link_alone() {
     let contract = Contract::Subscriber {
         topic: topic(),
         data: None,
-        demand: Demand {
+        demand: DemandedQos {
             depth: 2,
             reliable: false,
             max_borrowed: 1,
@@ -242,7 +242,7 @@ fn raw_publisher(domain: &Domain) -> (Raw, Subscriber<[u8]>) {
     let contract = Contract::Publisher {
         topic: topic(),
         data: <[u8]>::type_id(),
-        offer: Offer {
+        offer: OfferedQos {
             depth: 1,
             reliable: false,
             latched: 0,

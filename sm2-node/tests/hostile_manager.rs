@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use common::{SOON, until};
 use sm2_io::{Listener, RecvError, SeqPacket, wait_readable};
-use sm2_node::domain::{Contract, Demand, InterfaceId, LinkId, NodeId, Peer};
+use sm2_node::domain::{Contract, DemandedQos, InterfaceId, LinkId, LinkPeer, NodeId};
 use sm2_node::{ConnectError, Name, Node, Publisher};
 use sm2_proto::control::{ToManager, ToNode, decode_to_manager, encode_to_node};
 use sm2_proto::{Datagram, Farewell, FdFacts, LinkKey, Refusal, Seals, violation};
@@ -190,7 +190,7 @@ fn declared(matches: u32) -> ToNode {
 }
 
 fn link() -> ToNode {
-    let demand = Demand {
+    let demand = DemandedQos {
         depth: 8,
         reliable: false,
         max_borrowed: 4,
@@ -203,7 +203,7 @@ fn link() -> ToNode {
         version: 1,
         reliable: false,
         sealed: false,
-        peer: Peer {
+        peer: LinkPeer {
             node: NodeId(9),
             name: Name::new("peer").unwrap(),
             interface: InterfaceId(1),

@@ -14,8 +14,8 @@ use std::collections::VecDeque;
 use std::fmt::{self, Debug, Display, Formatter};
 
 use sm2_proto::{
-    Contract, Datagram, Demand, Farewell, FdFacts, Instant, InterfaceId, Machine, Name, NodeId,
-    Offer, TypeId, Violation,
+    Contract, Datagram, DemandedQos, Farewell, FdFacts, Instant, InterfaceId, Machine, Name,
+    NodeId, OfferedQos, TypeId, Violation,
     control::{decode_to_manager, decode_to_node},
     link::{
         self, Body, Config, Link, NoMemory, OutboundMessage, Payload, Role, Status, wire::Frame,
@@ -106,7 +106,7 @@ impl World {
         let publisher = Contract::Publisher {
             topic: name("scan"),
             data: data.clone(),
-            offer: Offer {
+            offer: OfferedQos {
                 depth: 8,
                 reliable: false,
                 latched: 0,
@@ -116,7 +116,7 @@ impl World {
         let subscriber = Contract::Subscriber {
             topic: name("scan"),
             data: Some(data),
-            demand: Demand {
+            demand: DemandedQos {
                 depth: 8,
                 reliable: false,
                 max_borrowed: 2,

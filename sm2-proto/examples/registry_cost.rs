@@ -8,8 +8,8 @@
 use std::time::{Duration, Instant as Clock};
 
 use sm2_proto::{
-    Code, Contract, Datagram, Demand, Instant, InterfaceId, LinkId, Machine, Name, NodeId, Offer,
-    TypeId,
+    Code, Contract, Datagram, DemandedQos, Instant, InterfaceId, LinkId, Machine, Name, NodeId,
+    OfferedQos, TypeId,
     control::{ToManager, encode_to_manager},
     manager::{Credentials, Input, Manager, Output, Policy},
 };
@@ -85,7 +85,7 @@ impl Domain {
             );
         }
         for at in 0..interfaces {
-            let offer = Offer {
+            let offer = OfferedQos {
                 depth: 8,
                 reliable: true,
                 latched: 0,
@@ -109,7 +109,7 @@ impl Domain {
     fn declare_and_withdraw(&mut self, repetition: u64) -> Duration {
         let at = repetition * 7_919 % self.interfaces;
         let interface = InterfaceId(repetition + 1);
-        let demand = Demand {
+        let demand = DemandedQos {
             depth: 8,
             reliable: true,
             max_borrowed: 2,

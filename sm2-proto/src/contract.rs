@@ -24,7 +24,7 @@ impl fmt::Display for TypeId {
 
 /// The QoS that a publisher offers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub struct Offer {
+pub struct OfferedQos {
     /// The number of messages that a link's sender keeps while the window does not admit them.
     pub depth: u16,
     /// Whether the publisher can wait for slow subscribers.
@@ -37,7 +37,7 @@ pub struct Offer {
 
 /// The QoS that a subscriber demands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub struct Demand {
+pub struct DemandedQos {
     /// The number of messages that are kept for the application.
     pub depth: u16,
     /// Whether no message may be displaced.
@@ -69,7 +69,7 @@ pub enum Contract {
         /// The type of its messages.
         data: TypeId,
         /// The QoS that the publisher offers.
-        offer: Offer,
+        offer: OfferedQos,
     },
     /// Receives the messages of a topic.
     Subscriber {
@@ -78,7 +78,7 @@ pub enum Contract {
         /// The type of its messages; `None` takes every type.
         data: Option<TypeId>,
         /// The QoS that the subscriber demands.
-        demand: Demand,
+        demand: DemandedQos,
     },
     /// Answers the calls of a service.
     Server {

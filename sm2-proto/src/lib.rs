@@ -78,7 +78,7 @@ mod time;
 pub use backoff::Backoff;
 pub use clause::Clause;
 pub use code::{Code, Farewell, ViolationKind};
-pub use contract::{Contract, Demand, Kind, Offer, QosError, ServiceQos, TypeId};
+pub use contract::{Contract, DemandedQos, Kind, OfferedQos, QosError, ServiceQos, TypeId};
 pub use datagram::Datagram;
 pub use fd::{FdFacts, Seals};
 pub use ids::{EntityId, InterfaceId, LinkId, LinkKey, NodeId};

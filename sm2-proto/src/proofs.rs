@@ -6,8 +6,8 @@
 use core::time::Duration;
 
 use crate::{
-    Code, Contract, Datagram, Demand, Farewell, FdFacts, Instant, Name, Offer, Seals, ServiceQos,
-    TypeId, ViolationKind,
+    Code, Contract, Datagram, DemandedQos, Farewell, FdFacts, Instant, Name, OfferedQos, Seals,
+    ServiceQos, TypeId, ViolationKind,
     counters::{
         ENTRY_BYTES, ENTRY_FIELDS, Entry, MAX_ENTRIES, MAX_FILE_BYTES, RECENT, Summary, entries_in,
         field, recent_index,
@@ -42,7 +42,7 @@ pub(crate) fn subscriber() -> Contract {
     Contract::Subscriber {
         topic: name(true),
         data: None,
-        demand: Demand {
+        demand: DemandedQos {
             depth: 1,
             reliable: false,
             max_borrowed: 1,
@@ -63,7 +63,7 @@ fn contract(depth: u16, max_borrowed: u16) -> Contract {
         (true, true) => Contract::Publisher {
             topic: called,
             data: type_id(kani::any()),
-            offer: Offer {
+            offer: OfferedQos {
                 depth,
                 reliable,
                 latched: max_borrowed,
@@ -73,7 +73,7 @@ fn contract(depth: u16, max_borrowed: u16) -> Contract {
         (true, false) => Contract::Subscriber {
             topic: called,
             data: kani::any::<Option<bool>>().map(type_id),
-            demand: Demand {
+            demand: DemandedQos {
                 depth,
                 reliable,
                 max_borrowed,

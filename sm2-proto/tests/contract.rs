@@ -6,7 +6,7 @@ use std::{
 };
 
 use sm2_proto::{
-    Code, Contract, Datagram, Demand, Error, Instant, LinkId, Machine, Name, NodeId, TypeId,
+    Code, Contract, Datagram, DemandedQos, Error, Instant, LinkId, Machine, Name, NodeId, TypeId,
     VERSION,
     gateway::{
         Action, GatewayId, Hop, OfferId, Pattern, Rule, Rules, Subject,
@@ -90,7 +90,7 @@ fn link() -> Link {
     let contract = Contract::Subscriber {
         topic: Name::new("scan").unwrap(),
         data: None,
-        demand: Demand {
+        demand: DemandedQos {
             depth: 1,
             reliable: false,
             max_borrowed: 1,

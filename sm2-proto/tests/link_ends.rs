@@ -4,7 +4,8 @@ mod link_support;
 
 use link_support::*;
 use sm2_proto::{
-    Code, Contract, Datagram, Demand, Farewell, LinkId, Name, Offer, ServiceQos, TypeId,
+    Code, Contract, Datagram, DemandedQos, Farewell, LinkId, Machine, Name, OfferedQos, ServiceQos,
+    TypeId,
     limits::QOS_MAX,
     link::{
         Config, End, Error, Fate, Input, Link, Misuse, NoMemory, Output, Role,
@@ -190,13 +191,13 @@ fn a_link_is_what_the_contract_says() {
         name: name("bytes"),
         hash: 0,
     };
-    let offer = Offer {
+    let offer = OfferedQos {
         depth: 7,
         reliable: true,
         latched: 3,
         sealed: false,
     };
-    let demand = Demand {
+    let demand = DemandedQos {
         depth: 8,
         reliable: true,
         max_borrowed: 4,

@@ -4,7 +4,7 @@ mod link_support;
 
 use link_support::*;
 use sm2_proto::{
-    FdFacts,
+    FdFacts, Machine,
     limits::INLINE_MAX,
     link::{
         Config, Delivery, Error, Input, Link, Misuse, NoDelivery, NoMemory, Output, Payload, Role,

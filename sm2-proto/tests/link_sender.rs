@@ -5,7 +5,7 @@ mod link_support;
 use bytes::Bytes;
 use link_support::*;
 use sm2_proto::{
-    Instant,
+    Instant, Machine,
     limits::{INLINE_MAX, MESSAGE_MAX},
     link::{
         Attachment, Body, Config, Counters, Error, Fate, Input, Link, Misuse, NoMemory,

@@ -4,6 +4,7 @@ mod link_support;
 
 use link_support::*;
 use sm2_proto::{
+    Machine,
     limits::CALLS_MAX,
     link::{
         Config, End, Error, Fate, Input, Link, Misuse, NoMemory, OutboundMessage, Output, Role,

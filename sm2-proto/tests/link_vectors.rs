@@ -22,7 +22,7 @@ use std::collections::BTreeSet;
 use link_support::{NOW, drain, message, offer, sent};
 use serde_json::{Map, Value, json};
 use sm2_proto::{
-    Code, Datagram, FdFacts, LinkId, Seals, ViolationKind,
+    Code, Datagram, FdFacts, LinkId, Machine, Seals, ViolationKind,
     link::{
         Config, End, Error, FrameKind, Input, Link, Role, SegmentInfo, Status,
         wire::{Form, Frame, Given, MessageFrame},

@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 
 use link_support::*;
 use sm2_proto::{
-    Code, Datagram, FdFacts, Seals, Violation, ViolationKind,
+    Code, Datagram, FdFacts, Machine, Seals, Violation, ViolationKind,
     limits::RING_SEGMENTS_MAX,
     link::{
         Config, End, Error, Input, Link, Output, Role, SegmentInfo, Status,

@@ -4,7 +4,7 @@ mod support;
 
 use sm2_proto::{
     Code, Contract, InterfaceId,
-    control::{Peer, ToNode},
+    control::{LinkPeer, ToNode},
     manager::{Cause, Input, Policy},
     violation,
 };
@@ -134,7 +134,7 @@ fn a_link_names_each_side_to_the_other() {
         version: 1,
         reliable: false,
         sealed: false,
-        peer: Peer {
+        peer: LinkPeer {
             node,
             name: name(text),
             interface: InterfaceId(peer),

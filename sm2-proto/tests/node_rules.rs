@@ -7,7 +7,7 @@ mod support;
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
     Code, Contract, Datagram, InterfaceId, Machine, NodeId, Refusal,
-    control::{Peer, ToManager, ToNode},
+    control::{LinkPeer, ToManager, ToNode},
     limits::LINKS_MAX,
     node::{End, Error, Input, Misuse, Node, Output},
     violation,
@@ -147,7 +147,7 @@ fn declares_are_answered_in_their_order() {
 //= SM2-LNK-005, SM2-VER-002 test
 #[test]
 fn a_link_that_cannot_be() {
-    let altered = |alter: &dyn Fn(&mut u16, &mut bool, &mut Peer)| {
+    let altered = |alter: &dyn Fn(&mut u16, &mut bool, &mut LinkPeer)| {
         let mut frame = link(1, 2);
         if let ToNode::Link {
             version,

@@ -12,7 +12,7 @@ use bytes::Bytes;
 use calls::{CALLER, Calls, Outcome, SERVER, segment};
 use link_support::{NOW, opened, with_ring};
 use sm2_proto::{
-    Datagram, FdFacts, Instant,
+    Datagram, FdFacts, Instant, Machine,
     limits::CALLS_MAX,
     link::{
         At, Body, Config, Counters, Error, FrameKind, Input, LaneKind, Misuse, OutboundMessage,

@@ -12,10 +12,10 @@ use calls::{CALLER, Calls, Outcome, SERVER, segment};
 use link_support::{NOW, RING, accept, drain, open_to, opened, with_ring};
 use ring_support::{Memory, word};
 use sm2_proto::{
-    Datagram, Instant, Violation,
+    Datagram, Instant, Machine, Violation,
     limits::CALLS_MAX,
     link::{
-        At, Body, End, Error, Fate, Input, Lent, Link, NoDelivery, OutboundMessage, Output,
+        At, Body, End, Error, Fate, Input, LentRing, Link, NoDelivery, OutboundMessage, Output,
         RingMemory, Role, Status, Wake, wire::Frame,
     },
     violation,
@@ -74,8 +74,8 @@ fn cancels_that_no_caller_sends() {
     assert_eq!(cancel(&mut never, 2), Ok(()));
     never.take(SERVER);
     let words = &never.world.rings[SERVER];
-    let head = |_, _, _| Some(head(3, 0, 0));
-    let taken = never.server.link.take(&Lent::new(words, head));
+    let head = |_| Some(head(3, 0, 0));
+    let taken = never.server.link.take(&LentRing::new(words, head));
     let end = End::Violation(violation!(UnknownCall, "SM2-RNG-012"));
     assert_eq!(taken, Err(NoDelivery::Ended(end)));
 }
@@ -117,15 +117,12 @@ fn requests_that_a_server_refuses() {
         pair.take(SERVER);
         let words = &pair.world.rings[SERVER];
         words.write(At::Forward(0), bits);
-        let taken = pair
-            .server
-            .link
-            .take(&Lent::new(words, |_, _, _| Some(head)));
+        let taken = pair.server.link.take(&LentRing::new(words, |_| Some(head)));
         let end = End::Violation(expected);
         assert_eq!(taken, Err(NoDelivery::Ended(end)), "{bits:x} {head:?}");
         assert_eq!(pair.server.link.calls(), 0);
         assert_eq!(
-            pair.server.link.take(&Lent::new(words, |_, _, _| None)),
+            pair.server.link.take(&LentRing::new(words, |_| None)),
             Ok(None)
         );
     }
@@ -134,10 +131,7 @@ fn requests_that_a_server_refuses() {
     pair.take(SERVER);
     let words = &pair.world.rings[SERVER];
     words.write(At::Forward(0), next);
-    let taken = pair
-        .server
-        .link
-        .take(&Lent::new(words, |_, _, _| Some(good)));
+    let taken = pair.server.link.take(&LentRing::new(words, |_| Some(good)));
     assert_eq!(taken.unwrap().unwrap().id, 2);
 }
 
@@ -241,10 +235,7 @@ fn replies_that_a_caller_refuses() {
         pair.harvest(CALLER);
         let words = &pair.world.rings[CALLER];
         words.write(At::Forward(1), word(0, 2, 1));
-        let taken = pair
-            .caller
-            .link
-            .take(&Lent::new(words, |_, _, _| Some(head)));
+        let taken = pair.caller.link.take(&LentRing::new(words, |_| Some(head)));
         pair.caller.drain(&pair.world);
         let Some(expected) = expected else {
             assert!(taken.unwrap().is_some());
@@ -275,7 +266,7 @@ fn a_caller_without_measure() {
         let taken = pair
             .server
             .link
-            .take(&Lent::new(words, |_, _, _| Some(head(id, 0, 0))));
+            .take(&LentRing::new(words, |_| Some(head(id, 0, 0))));
         if id > CALLS_MAX as u64 {
             let end = End::Violation(violation!(CallLimit, "SM2-SRV-002"));
             assert_eq!(taken, Err(NoDelivery::Ended(end)));
@@ -304,12 +295,12 @@ fn nothing_is_taken_before_the_other_ring_is_there() {
     words.write(At::Forward(1), word(0, 0, 1));
     assert!(!link.is_ready(&words));
     assert_eq!(
-        link.take(&Lent::new(&words, |_, _, _| Some(head(1, 0, 0)))),
+        link.take(&LentRing::new(&words, |_| Some(head(1, 0, 0)))),
         Ok(None)
     );
     accept(&mut link, &RING);
     assert!(link.is_ready(&words));
-    let taken = link.take(&Lent::new(&words, |_, _, _| Some(head(1, 0, 0))));
+    let taken = link.take(&LentRing::new(&words, |_| Some(head(1, 0, 0))));
     assert_eq!(taken.unwrap().unwrap().id, 1);
 }
 

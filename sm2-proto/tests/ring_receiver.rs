@@ -8,10 +8,10 @@ use std::cell::Cell;
 use link_support::{NOW, pooled};
 use ring_support::{Memory, RECEIVER, Rig, SENDER, head, segment, word};
 use sm2_proto::{
-    Farewell, Instant, ViolationKind,
+    Farewell, Instant, Machine, ViolationKind,
     link::{
-        At, Delivery, EMPTY, End, Error, FrameKind, Input, Lent, Misuse, NoDelivery, Output,
-        Payload, RingMemory, SegmentInfo, Status, TooManyBorrowed, wire::Frame,
+        At, Delivery, EMPTY, End, Error, FrameKind, Input, LentRing, Misuse, NoDelivery, Output,
+        Payload, RingMemory, SegmentInfo, SlotRange, Status, TooManyBorrowed, wire::Frame,
     },
     violation,
 };
@@ -44,16 +44,20 @@ fn a_delivery_says_what_the_head_says() {
     let _ = rig.send(5, 2).unwrap();
     let _ = rig.release(1).unwrap();
     let calls = Cell::new(0);
-    let copy = |segment, offset, len| {
-        assert_eq!((segment, offset, len), (0, 2 * 4096, 4096));
+    let second = SlotRange {
+        segment: 0,
+        offset: 2 * 4096,
+        stride: 4096,
+    };
+    let copy = |slot| {
+        assert_eq!(slot, second);
         calls.set(calls.get() + 1);
         Some(head(5).to_bytes())
     };
-    let taken = rig.ends[RECEIVER].take(&Lent::new(&rig.words, copy));
+    let taken = rig.ends[RECEIVER].take(&LentRing::new(&rig.words, copy));
     assert!(taken.unwrap().is_some() && calls.get() == 1);
     // If there is nothing to take, no head is copied.
-    let taken =
-        rig.ends[RECEIVER].take(&Lent::new(&rig.words, |_, _, _| panic!("nothing is there")));
+    let taken = rig.ends[RECEIVER].take(&LentRing::new(&rig.words, |_| panic!("nothing is there")));
     assert_eq!(taken, Ok(None));
 }
 
@@ -65,7 +69,12 @@ fn a_peek_says_where_the_next_message_is_and_changes_nothing() {
     assert_eq!(peek(&rig), None);
     let _ = rig.send(1, 3).unwrap();
     let before = rig.words.forward();
-    assert_eq!(peek(&rig), Some((0, 3 * 4096, 4096)));
+    let place = SlotRange {
+        segment: 0,
+        offset: 3 * 4096,
+        stride: 4096,
+    };
+    assert_eq!(peek(&rig), Some(place));
     assert_eq!(rig.words.forward(), before);
     assert_eq!(rig.taken().id, 1);
     assert_eq!(peek(&rig), None);
@@ -205,12 +214,12 @@ fn a_word_that_was_displaced_is_not_taken() {
         at: 2,
         then: &went_on,
     };
-    let copy = |_, offset, _| {
-        assert_eq!(offset, 2 * 4096, "the second is the oldest now");
+    let copy = |slot: SlotRange| {
+        assert_eq!(slot.offset, 2 * 4096, "the second is the oldest now");
         Some(head(2).to_bytes())
     };
     let delivery = rig.ends[RECEIVER]
-        .take(&Lent::new(&words, copy))
+        .take(&LentRing::new(&words, copy))
         .unwrap()
         .unwrap();
     assert_eq!((delivery.sequence, delivery.lost), (2, 1));

@@ -6,7 +6,7 @@ mod ring_support;
 use link_support::{NOW, ring_file};
 use ring_support::{RECEIVER, Rig, SENDER, segment, word};
 use sm2_proto::{
-    Farewell, Instant,
+    Farewell, Instant, Machine,
     limits::MESSAGE_MAX,
     link::{
         At, Body, EMPTY, End, Error, Fate, FrameKind, Input, Misuse, OutboundMessage, Output,

@@ -6,10 +6,10 @@ mod ring_support;
 use link_support::{NOW, RING, accept, drain, message, opened, reliable, sent, with_ring};
 use ring_support::{RECEIVER, Rig, SENDER, ring_config, segment, word};
 use sm2_proto::{
-    Instant,
+    Instant, Machine,
     limits::{RING_SEGMENTS_MAX, SLOT_HEAD},
     link::{
-        At, Attachment, Body, Config, Error, FrameKind, Input, LaneKind, Lent, Link, Misuse,
+        At, Attachment, Body, Config, Error, FrameKind, Input, LaneKind, LentRing, Link, Misuse,
         NoDelivery, NoMemory, NotAWord, OutboundMessage, Output, RingLayout, Role, SegmentInfo,
         SlotHead, Status, Wake, Word, doorbell,
         wire::{Carrier, Frame},
@@ -259,7 +259,7 @@ fn the_calls_are_the_same_on_both_lanes() {
     let socket = [Role::Sender, Role::Receiver].map(|role| opened(reliable(role)));
     for [mut sender, mut receiver] in [ring, socket] {
         let wrong = Err(Error::Misuse(Misuse::WrongRole));
-        let taken = sender.take(&Lent::new(&rig.words, |_, _, _| None));
+        let taken = sender.take(&LentRing::new(&rig.words, |_| None));
         assert_eq!(taken, Err(NoDelivery::Misuse(Misuse::WrongRole)));
         assert_eq!(sender.release(&rig.words, 1), wrong);
         let sent = receiver.send(&rig.words, message(1), |_, _| {});

@@ -9,7 +9,7 @@ use std::{
 use sm2_io::{Listener, RecvError, SendError, SeqPacket, wait_readable};
 use sm2_proto::{
     Code, Datagram, FdFacts, LinkId, Violation, ViolationKind,
-    control::{Item, Peer, ToNode, decode_to_node},
+    control::{Item, LinkPeer, ToNode, decode_to_node},
     limits::DATAGRAM_MAX,
 };
 
@@ -169,7 +169,7 @@ pub struct RawLink {
     /// True if pooled payloads are forbidden.
     pub sealed: bool,
     /// The other side.
-    pub peer: Peer,
+    pub peer: LinkPeer,
     /// This node's end.
     pub end: RawPeer,
 }

@@ -12,7 +12,7 @@ use proptest::{
         Config, FileFailurePersistence, RngAlgorithm, TestCaseError, TestError, TestRng, TestRunner,
     },
 };
-use sm2_proto::{Contract, Demand, Name, Offer, ServiceQos, TypeId};
+use sm2_proto::{Contract, DemandedQos, Name, OfferedQos, ServiceQos, TypeId};
 use sm2_verification::model::{
     Failure, Property,
     domain::{Action, Budget, Fault, Scope, World},
@@ -48,7 +48,7 @@ fn contract() -> impl Strategy<Value = Contract> {
             Contract::Publisher {
                 topic: name(topic),
                 data: data("T"),
-                offer: Offer {
+                offer: OfferedQos {
                     depth: 1,
                     reliable,
                     latched: 0,
@@ -61,7 +61,7 @@ fn contract() -> impl Strategy<Value = Contract> {
             Contract::Subscriber {
                 topic: name(topic),
                 data: typed.then(|| data("T")),
-                demand: Demand {
+                demand: DemandedQos {
                     depth: 1,
                     reliable,
                     max_borrowed: 1,

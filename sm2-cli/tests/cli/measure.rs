@@ -6,7 +6,7 @@ use nix::sys::signal::Signal;
 use serde_json::{Value, json};
 use sm2_io::SeqPacket;
 use sm2_proto::{
-    Contract, InterfaceId, Offer, TypeId,
+    Contract, InterfaceId, OfferedQos, TypeId,
     control::{ToManager, encode_to_manager},
 };
 
@@ -232,7 +232,7 @@ fn silent_publisher(domain: &Domain, name: &str, topic: &str) -> SeqPacket {
         name: "bytes".parse().unwrap(),
         hash: 0,
     };
-    let offer = Offer {
+    let offer = OfferedQos {
         depth: 1,
         reliable: false,
         latched: 0,

@@ -4,7 +4,7 @@ use std::io;
 use std::sync::Arc;
 
 use sm2_io::{Epoll, Event, Interest, SeqPacket};
-use sm2_proto::control::Peer;
+use sm2_proto::control::LinkPeer;
 use sm2_proto::link::Config;
 use sm2_proto::node::{self, End, Input, Output};
 use sm2_proto::{Contract, Farewell, InterfaceId, LinkId, NodeId, Refusal, TypeId};
@@ -167,7 +167,7 @@ impl Inner {
         &mut self,
         id: InterfaceId,
         (link, version, reliable, sealed): (LinkId, u16, bool, bool),
-        peer: Peer,
+        peer: LinkPeer,
         came: &mut Incoming,
         epoll: &Epoll,
     ) {

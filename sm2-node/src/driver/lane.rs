@@ -10,10 +10,10 @@ use std::sync::Arc;
 
 use sm2_io::{Epoll, InspectedFd, PooledMapping, Ring};
 use sm2_proto::link::{
-    self, Delivery, Error, Input, LinkMemory, Misuse, NoDelivery, RingLayout, Role, Status,
-    TooManyBorrowed, Wake, doorbell,
+    self, Delivery, Error, Input, LinkMemory, Misuse, NoDelivery, RingLayout, Role, SlotRange,
+    Status, TooManyBorrowed, Wake, doorbell,
 };
-use sm2_proto::{Farewell, limits::SLOT_HEAD};
+use sm2_proto::{Farewell, Machine, limits::SLOT_HEAD};
 
 use super::link::{LinkDriver, Tools};
 use super::message_key::MessageKey;
@@ -44,9 +44,9 @@ impl LinkMemory for Mapped {
     }
 
     #[inline]
-    fn slot_head(&self, segment: u32, offset: u64, stride: u64) -> Option<[u8; SLOT_HEAD]> {
-        let segment = self.segments.get(&segment)?;
-        segment.copy::<SLOT_HEAD>(offset + stride - SLOT_HEAD as u64)
+    fn slot_head(&self, slot: SlotRange) -> Option<[u8; SLOT_HEAD]> {
+        let segment = self.segments.get(&slot.segment)?;
+        segment.copy::<SLOT_HEAD>(slot.head_offset())
     }
 }
 
@@ -245,11 +245,11 @@ impl LinkDriver {
     /// the sender's core. The prefetch overlaps their transfer with the atomic operation.
     #[inline]
     fn prefetch_next(&self) {
-        if let Some((segment, offset, stride)) = self.machine.peek(&self.mapped)
-            && let Some(mapping) = self.mapped.segments.get(&segment)
+        if let Some(slot) = self.machine.peek(&self.mapped)
+            && let Some(mapping) = self.mapped.segments.get(&slot.segment)
         {
-            mapping.prefetch(offset + stride - SLOT_HEAD as u64);
-            mapping.prefetch(offset);
+            mapping.prefetch(slot.head_offset());
+            mapping.prefetch(slot.offset);
         }
     }
 

@@ -11,9 +11,9 @@ use std::sync::Arc;
 
 use sm2_io::memfd::SealedFile;
 use sm2_io::{CounterEntry, Epoll, Event, RecvError, Ring, SeqPacket};
-use sm2_proto::control::Peer;
+use sm2_proto::control::LinkPeer;
 use sm2_proto::link::{self, Counters, Delivery, End, Input, Link, Packet, Role, TooManyBorrowed};
-use sm2_proto::{Code, Datagram, Farewell, Instant, LinkId};
+use sm2_proto::{Code, Datagram, Farewell, Instant, LinkId, Machine};
 
 use super::BURST;
 use super::counters::Counting;
@@ -32,7 +32,7 @@ const LAST_WORDS: usize = 8_192;
 #[derive(Debug)]
 pub(crate) struct LinkDriver {
     pub(crate) id: LinkId,
-    pub(crate) peer: Arc<Peer>,
+    pub(crate) peer: Arc<LinkPeer>,
     token: LinkToken,
     pub(super) socket: Option<SeqPacket>,
     pub(super) machine: Link,
@@ -85,7 +85,7 @@ pub(crate) struct Tools<'a> {
 impl LinkDriver {
     pub(super) fn new(
         token: LinkToken,
-        peer: Arc<Peer>,
+        peer: Arc<LinkPeer>,
         socket: SeqPacket,
         mut config: link::Config,
         entry: Option<CounterEntry>,

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use sm2_proto::LinkId;
-use sm2_proto::control::Peer;
+use sm2_proto::control::LinkPeer;
 use sm2_proto::link::{Counters, Delivery, End, LaneKind};
 
 use super::interface::Interface;
@@ -15,7 +15,7 @@ pub struct LinkStatus {
     /// The id of the link.
     pub id: LinkId,
     /// The interface at the other end: node, name, contract.
-    pub peer: Arc<Peer>,
+    pub peer: Arc<LinkPeer>,
     /// Whether both sides have opened the link.
     pub open: bool,
     /// Whether no message on the link may be displaced.

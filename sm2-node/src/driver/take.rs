@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use sm2_io::CounterEntry;
-use sm2_proto::control::Peer;
+use sm2_proto::control::LinkPeer;
 use sm2_proto::link::{Delivery, Input, TooManyBorrowed};
 use sm2_proto::{Farewell, Instant};
 
@@ -16,7 +16,7 @@ use crate::payload::Source;
 #[derive(Debug)]
 pub(crate) struct Taken {
     pub(crate) token: LinkToken,
-    pub(crate) peer: Arc<Peer>,
+    pub(crate) peer: Arc<LinkPeer>,
     pub(crate) delivery: Delivery,
     pub(crate) source: Source,
 }
@@ -25,7 +25,7 @@ pub(crate) struct Taken {
 #[derive(Debug)]
 pub(crate) struct Full {
     pub(crate) error: TooManyBorrowed,
-    pub(crate) peer: Arc<Peer>,
+    pub(crate) peer: Arc<LinkPeer>,
 }
 
 impl Interface {

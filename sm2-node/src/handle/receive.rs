@@ -4,7 +4,7 @@ use std::io;
 use std::sync::{Arc, Weak};
 
 use sm2_proto::InterfaceId;
-use sm2_proto::control::Peer;
+use sm2_proto::control::LinkPeer;
 use sm2_proto::link::Delivery;
 
 use super::Handle;
@@ -86,7 +86,7 @@ impl Handle {
 /// A message that the program holds.
 #[derive(Debug)]
 pub(crate) struct Received {
-    pub(crate) peer: Arc<Peer>,
+    pub(crate) peer: Arc<LinkPeer>,
     pub(crate) delivery: Delivery,
     pub(crate) bytes: MessageBytes,
     /// Last, because it releases the message: all other fields are dropped before.
@@ -95,7 +95,7 @@ pub(crate) struct Received {
 
 /// A message that cannot be mapped, because this machine is out of memory.
 pub(super) struct Unreadable {
-    peer: Arc<Peer>,
+    peer: Arc<LinkPeer>,
     source: io::Error,
 }
 

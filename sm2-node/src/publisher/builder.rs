@@ -4,7 +4,7 @@ use std::marker::PhantomData;
 use std::sync::Arc;
 use std::time::Duration;
 
-use sm2_proto::{Contract, Kind, Name, Offer, TypeId};
+use sm2_proto::{Contract, Kind, Name, OfferedQos, TypeId};
 
 use super::Publisher;
 use super::untyped::UntypedPublisher;
@@ -22,7 +22,7 @@ const PUBLISH_TIMEOUT_DEFAULT: Duration = Duration::from_millis(100);
 pub struct PublisherBuilder<T: Message + ?Sized> {
     declaration: Declaration,
     data: Option<TypeId>,
-    offer: Offer,
+    offer: OfferedQos,
     publish_timeout: Duration,
     memory: Memory,
     sends: PhantomData<fn(&T)>,
@@ -43,7 +43,7 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
         Self {
             declaration: Declaration::new(shared, topic),
             data: None,
-            offer: Offer {
+            offer: OfferedQos {
                 depth: 8,
                 reliable: false,
                 latched: 0,
@@ -197,7 +197,7 @@ impl PublisherBuilder<[u8]> {
 
 impl Memory {
     /// Reserves the memory that the options ask for.
-    fn reserve(&self, topic: &Name, offer: &Offer) -> Result<Option<Reserved>, DeclareError> {
+    fn reserve(&self, topic: &Name, offer: &OfferedQos) -> Result<Option<Reserved>, DeclareError> {
         let name = || topic.clone();
         let Some(max_len) = self.max_len else {
             return match (self.slots, self.how) {

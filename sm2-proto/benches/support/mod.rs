@@ -9,11 +9,11 @@ use std::sync::atomic::{AtomicU64, Ordering, fence};
 
 use sm2_proto::{
     Datagram, FdFacts, Instant, InterfaceId, LinkId, LinkKey, Machine, NodeId,
-    control::{Peer, ToManager, ToNode, encode_to_manager, encode_to_node},
+    control::{LinkPeer, ToManager, ToNode, encode_to_manager, encode_to_node},
     limits::SLOT_HEAD,
     link::{
-        At, Body, Delivery, Lent, Link, OutboundMessage, RingLayout, RingMemory, SegmentInfo,
-        Status, Wake,
+        At, Body, Delivery, LentRing, Link, OutboundMessage, RingLayout, RingMemory, SegmentInfo,
+        SlotRange, Status, Wake,
         wire::{Carrier, Form, Frame, MessageFrame},
     },
     manager::{Input, Output},
@@ -152,8 +152,8 @@ impl RingPair {
         let heads = &self.heads;
         let taken = self
             .receiver
-            .take(&Lent::new(&self.words, |_, offset, stride| {
-                Some(heads[(offset / stride) as usize])
+            .take(&LentRing::new(&self.words, |slot: SlotRange| {
+                Some(heads[(slot.offset / slot.stride) as usize])
             }));
         taken.expect("the sender keeps to SPEC").expect("a message")
     }
@@ -222,7 +222,7 @@ pub(crate) fn link() -> Vec<u8> {
         version: 1,
         reliable: false,
         sealed: false,
-        peer: Peer {
+        peer: LinkPeer {
             node: NodeId(2),
             name: name("planner"),
             interface: InterfaceId(1),

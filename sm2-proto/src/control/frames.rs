@@ -141,7 +141,7 @@ pub enum ToNode {
         /// Whether every message is inline or sealed.
         sealed: bool,
         /// The interface on the other side.
-        peer: Peer,
+        peer: LinkPeer,
     },
     /// The Manager ends a link.
     Unlink {
@@ -201,7 +201,7 @@ pub enum ToNode {
 
 /// The interface on the other side of a link.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub struct Peer {
+pub struct LinkPeer {
     /// The node.
     pub node: NodeId,
     /// The name of the node.

@@ -3,8 +3,8 @@
 use alloc::{string::String, vec::Vec};
 
 use crate::{
-    Code, Contract, Demand, EntityId, InterfaceId, LinkId, Name, NodeId, Offer, Quota, Refusal,
-    ServiceQos, TypeId,
+    Code, Contract, DemandedQos, EntityId, InterfaceId, LinkId, Name, NodeId, OfferedQos, Quota,
+    Refusal, ServiceQos, TypeId,
     control::{Change, Item, Key, Limits, UnlinkedReason},
     schema::Schema,
 };
@@ -138,13 +138,13 @@ impl<'a> Script<'a> {
             max_borrowed,
             sealed,
         };
-        let demand = Demand {
+        let demand = DemandedQos {
             depth,
             reliable,
             max_borrowed,
             sealed,
         };
-        let offer = Offer {
+        let offer = OfferedQos {
             depth,
             reliable,
             latched: 0,

@@ -12,7 +12,7 @@ use alloc::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use super::{
     Misuse, SegmentInfo,
-    segments::{Geometry, Slot},
+    segments::{Geometry, SegmentFrame, Slot},
 };
 use crate::limits::SEGMENTS_MAX;
 
@@ -41,12 +41,6 @@ struct Segment {
     unreleased: usize,
     /// The position of its ATTACH frame among all ATTACH frames, if the segment is attached.
     attached: Option<u64>,
-}
-
-/// A frame that has to be sent before a message.
-pub(super) enum Step {
-    Detach(u32),
-    Attach(SegmentInfo),
 }
 
 impl Attachments {
@@ -91,7 +85,7 @@ impl Attachments {
     /// Returns the frame that has to be sent before a message in this segment; `None` if the
     /// message can be sent now. The caller sends the returned frame.
     //= SM2-SEG-004, SM2-SEG-005
-    pub(super) fn prepare(&mut self, id: u32) -> Option<Step> {
+    pub(super) fn prepare(&mut self, id: u32) -> Option<SegmentFrame> {
         let segment = self.segments.get_mut(&id)?;
         if segment.attached.is_some() {
             return None;
@@ -99,7 +93,7 @@ impl Attachments {
         if self.attached >= SEGMENTS_MAX {
             let (_, oldest) = self.idle.pop_first()?;
             self.detach(oldest);
-            return Some(Step::Detach(oldest));
+            return Some(SegmentFrame::Detach(oldest));
         }
         segment.attached = Some(self.order);
         let geometry = segment.geometry;
@@ -111,7 +105,7 @@ impl Attachments {
         self.idle.insert(self.order, id);
         self.attached += 1;
         self.order += 1;
-        Some(Step::Attach(info))
+        Some(SegmentFrame::Attach(info))
     }
 
     /// Records that the message in this slot was sent.

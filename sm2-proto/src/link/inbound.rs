@@ -63,12 +63,12 @@ struct Ready {
 
 /// A message that SPEC section 8 allows now. Only [`Inbound::check`] constructs it, and only
 /// [`Inbound::accept`] consumes it.
-pub(super) struct Admitted {
+pub(super) struct CheckedMessage {
     ready: Ready,
     carrier: Carrier,
 }
 
-impl Admitted {
+impl CheckedMessage {
     /// Whether the descriptor of the datagram belongs to the message.
     pub(super) const fn is_sealed(&self) -> bool {
         matches!(self.ready.delivery.payload, Payload::Sealed)
@@ -133,7 +133,7 @@ impl Inbound {
         &self,
         message: &MessageFrame<'_>,
         fds: &[FdFacts],
-    ) -> Result<Admitted, Violation> {
+    ) -> Result<CheckedMessage, Violation> {
         self.check_flow(message)?;
         let (payload, slot) = self.check_form(message)?;
         if !is_legal_len(message.len) {
@@ -162,7 +162,7 @@ impl Inbound {
             len,
             payload,
         };
-        Ok(Admitted {
+        Ok(CheckedMessage {
             ready: Ready { delivery, slot },
             carrier,
         })
@@ -228,8 +228,8 @@ impl Inbound {
 
     /// Accepts a message. Returns the sequence number of the message that it displaced, if any.
     //= SM2-QOS-001, SM2-QOS-002
-    pub(super) fn accept(&mut self, admitted: Admitted) -> Option<u64> {
-        let Admitted { ready, carrier } = admitted;
+    pub(super) fn accept(&mut self, checked: CheckedMessage) -> Option<u64> {
+        let CheckedMessage { ready, carrier } = checked;
         self.sequence = ready.delivery.sequence;
         if carrier == Carrier::Data {
             self.last_id = Some(ready.delivery.id);

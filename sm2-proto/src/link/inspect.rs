@@ -9,7 +9,7 @@ impl Link {
     #[inline]
     pub fn has_output(&self) -> bool {
         match &self.lane {
-            Lane::Ring(ring) if self.greeted => {
+            Lane::Ring(ring) if self.open_sent => {
                 !self.events.is_empty() || ring.has_packets() || self.placed.has_cancels()
             }
             _ => true,
@@ -28,7 +28,7 @@ impl Link {
     #[must_use]
     #[inline]
     pub fn end(&self) -> Option<End> {
-        self.state.err()
+        self.state.err().map(|it| it.end)
     }
 
     /// The configuration of this end.

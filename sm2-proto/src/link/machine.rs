@@ -6,7 +6,7 @@ use super::{
     Config, End, Error, Fate, Input, Misuse, Output, Packet, Role, SegmentInfo,
     calls::{Placed, Served},
     lane::Lane,
-    outbound::Sent,
+    outbound::OutboundFrame,
     phase::Phase,
     segments::Geometry,
     wire::{Frame, LANE_RING, LANE_SOCKET, Open},
@@ -18,20 +18,25 @@ use crate::{Code, Instant, Machine, Violation, machine::debug_assert_drained};
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Link {
     pub(super) config: Config,
-    /// The phase, or the reason why the link is over.
-    pub(super) state: Result<Phase, End>,
+    pub(super) state: Result<Phase, Over>,
     /// Whether `poll` has returned our OPEN.
-    pub(super) greeted: bool,
+    pub(super) open_sent: bool,
     /// Whether the driver keeps a packet that the socket did not accept.
     pub(super) blocked: bool,
-    /// The code of a CLOSE that `poll` has to return.
-    pub(super) farewell: Option<Code>,
     /// All outputs except [`Output::Transmit`], which is built when it is polled.
     pub(super) events: VecDeque<Output>,
     /// The lane of its messages, with the state of that lane.
     pub(super) lane: Lane,
     pub(super) placed: Placed,
     pub(super) served: Served,
+}
+
+/// The state of a link that is over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Over {
+    pub(super) end: End,
+    /// The code of a CLOSE that `poll` has to return.
+    pub(super) close: Option<Code>,
 }
 
 impl Link {
@@ -45,32 +50,13 @@ impl Link {
         Self {
             config,
             state: Ok(Phase::Opening),
-            greeted: false,
+            open_sent: false,
             blocked: false,
-            farewell: None,
             events: VecDeque::new(),
             lane: Lane::new(&config),
             placed: Placed::default(),
             served: Served::default(),
         }
-    }
-
-    /// Feeds an input. `now` is not used in version 1.
-    ///
-    /// # Errors
-    /// [`Error::Misuse`]: the input is not legal now, and nothing has changed. [`Error::Ended`]:
-    /// the link is over, perhaps by a violation in this very input. In this case the outputs carry
-    /// the consequences.
-    pub fn handle(&mut self, _now: Instant, input: Input<'_>) -> Result<(), Error> {
-        let result = match self.state {
-            Ok(phase) => self.handle_live(phase, input),
-            Err(end) => {
-                self.handle_ended(&input);
-                Err(Error::Ended(end))
-            }
-        };
-        self.invariants();
-        result
     }
 
     fn handle_live(&mut self, phase: Phase, input: Input<'_>) -> Result<(), Error> {
@@ -90,7 +76,7 @@ impl Link {
             Input::PassOver => self.pass_over()?,
             Input::SegmentMissing => {
                 self.on_segment_missing();
-                if let Err(end) = self.state {
+                if let Some(end) = self.end() {
                     return Err(Error::Ended(end));
                 }
             }
@@ -104,10 +90,15 @@ impl Link {
         Ok(())
     }
 
-    fn handle_ended(&mut self, input: &Input<'_>) {
+    fn handle_ended(&mut self, over: Over, input: &Input<'_>) {
         match input {
             Input::SegmentMissing => self.on_segment_missing(),
-            Input::Blocked => self.farewell = None,
+            Input::Blocked => {
+                self.state = Err(Over {
+                    close: None,
+                    ..over
+                });
+            }
             _ => {}
         }
     }
@@ -121,9 +112,7 @@ impl Link {
             Lane::Undecided => Err(Misuse::NotOpen),
             Lane::Socket(socket) => socket.outbound.skip(),
             Lane::Ring(ring) => {
-                ring.sender_mut()
-                    .ok_or(Misuse::NotOpen)?
-                    .skip(Fate::Deadline);
+                ring.sender_mut().ok_or(Misuse::NotOpen)?.skip();
                 Ok(())
             }
         }
@@ -138,8 +127,7 @@ impl Link {
             Lane::Undecided => return Err(Misuse::NotOpen),
             Lane::Socket(socket) => socket.outbound.pass_over(),
             Lane::Ring(ring) => {
-                let sender = ring.sender_mut().ok_or(Misuse::NotOpen)?;
-                sender.skip(Fate::Overwritten);
+                ring.sender_mut().ok_or(Misuse::NotOpen)?.pass_over();
             }
         }
         Ok(())
@@ -189,13 +177,13 @@ impl Link {
     /// Ends the link. No other function does so.
     //= SM2-OPN-005, SM2-OPN-006, SM2-OPN-007, SM2-SRV-005
     pub(super) fn finish(&mut self, end: End) {
-        self.state = Err(end);
         let code = match end {
             End::Local(code) => Some(code),
             End::Violation(violation) => Some(violation.code()),
             End::Peer(_) | End::Eof => None,
         };
-        self.farewell = code.filter(|_| !self.blocked);
+        let close = code.filter(|_| !self.blocked);
+        self.state = Err(Over { end, close });
         let Self { lane, events, .. } = self;
         lane.end(matches!(end, End::Violation(_)), |key| {
             events.push_back(Output::Settled {
@@ -208,15 +196,10 @@ impl Link {
         self.events.push_back(Output::Ended(end));
     }
 
-    /// Returns the next output. The driver calls it until it returns `None`.
-    pub fn poll(&mut self) -> Option<Output> {
-        let output = self.next_output();
-        self.invariants();
-        output
-    }
-
     fn next_output(&mut self) -> Option<Output> {
-        if let Some(code) = self.farewell.take() {
+        if let Err(over) = &mut self.state
+            && let Some(code) = over.close.take()
+        {
             return Some(Output::Transmit(Packet::bare(Frame::Close(code).head())));
         }
         if let Some(event) = self.events.pop_front() {
@@ -232,8 +215,8 @@ impl Link {
     /// frames that ask for something.
     //= SM2-OPN-001
     fn transmit(&mut self) -> Option<Packet> {
-        if !self.greeted {
-            self.greeted = true;
+        if !self.open_sent {
+            self.open_sent = true;
             return Some(Packet::bare(self.open().head()));
         }
         let packet = match &mut self.lane {
@@ -250,7 +233,7 @@ impl Link {
         let Lane::Socket(socket) = &mut self.lane else {
             return None;
         };
-        let Sent { packet, id } = socket.outbound.poll()?;
+        let OutboundFrame { packet, id } = socket.outbound.poll()?;
         match (self.config.role, id) {
             (Role::Caller, Some(call)) => self.placed.sent(call),
             (Role::Server, Some(call)) => self.served.sent(call),
@@ -271,13 +254,6 @@ impl Link {
         })
     }
 
-    /// The latest time at which to call [`Link::handle`]: always `None`, since a link has no timer
-    /// in version 1.
-    #[must_use]
-    pub const fn deadline(&self) -> Option<Instant> {
-        None
-    }
-
     /// Checks the invariants, which hold after each call. Free in release builds.
     #[inline]
     pub(super) fn invariants(&self) {
@@ -286,7 +262,6 @@ impl Link {
             self.placed.invariants();
             self.served.invariants();
             let is_over = self.state.is_err();
-            debug_assert!(is_over || self.farewell.is_none());
             debug_assert!(!is_over || self.in_flight() == 0);
             debug_assert!(!is_over || self.calls() == 0 || self.may_bring_replies());
             let is_undecided = matches!(self.lane, Lane::Undecided);
@@ -304,15 +279,28 @@ impl Machine for Link {
     type End = End;
     type Misuse = Misuse;
 
-    fn handle(&mut self, now: Instant, input: Input<'_>) -> Result<(), Error> {
-        Self::handle(self, now, input)
+    /// `now` is not used in version 1. After [`Error::Ended`], the outputs carry the consequences of
+    /// the end.
+    fn handle(&mut self, _now: Instant, input: Input<'_>) -> Result<(), Error> {
+        let result = match self.state {
+            Ok(phase) => self.handle_live(phase, input),
+            Err(over) => {
+                self.handle_ended(over, &input);
+                Err(Error::Ended(over.end))
+            }
+        };
+        self.invariants();
+        result
     }
 
     fn poll(&mut self) -> Option<Output> {
-        Self::poll(self)
+        let output = self.next_output();
+        self.invariants();
+        output
     }
 
+    /// Always `None`: a link has no timer in version 1.
     fn deadline(&self) -> Option<Instant> {
-        Self::deadline(self)
+        None
     }
 }

@@ -2,7 +2,7 @@
 
 use core::convert::Infallible;
 
-use super::{At, RingMemory};
+use super::{At, RingMemory, SlotRange};
 use crate::limits::SLOT_HEAD;
 
 /// The mapped memory of one link. The socket lane does not touch it, so [`NoMemory`] suffices
@@ -17,9 +17,8 @@ pub trait LinkMemory {
     /// The ring that this end takes messages from, if it is mapped.
     fn incoming(&self) -> Option<&Self::Ring>;
 
-    /// Copies the last 64 bytes of the slot at `offset` in this segment. The slot is `stride` bytes
-    /// long. `None` if the segment is not mapped.
-    fn slot_head(&self, segment: u32, offset: u64, stride: u64) -> Option<[u8; SLOT_HEAD]>;
+    /// Copies the last 64 bytes of this slot. `None` if the segment is not mapped.
+    fn slot_head(&self, slot: SlotRange) -> Option<[u8; SLOT_HEAD]>;
 }
 
 /// One ring that serves both directions, without segments. A link can send through it and give
@@ -37,19 +36,19 @@ impl<R: RingMemory> LinkMemory for R {
         Some(self)
     }
 
-    fn slot_head(&self, _: u32, _: u64, _: u64) -> Option<[u8; SLOT_HEAD]> {
+    fn slot_head(&self, _: SlotRange) -> Option<[u8; SLOT_HEAD]> {
         None
     }
 }
 
 /// One ring that serves both directions, and a function that copies the heads of slots.
 #[derive(Clone, Copy, Debug)]
-pub struct Lent<'a, R, F> {
+pub struct LentRing<'a, R, F> {
     ring: &'a R,
     head: F,
 }
 
-impl<'a, R, F> Lent<'a, R, F> {
+impl<'a, R, F> LentRing<'a, R, F> {
     /// Lends this ring. `head` implements [`LinkMemory::slot_head`].
     #[inline]
     pub const fn new(ring: &'a R, head: F) -> Self {
@@ -57,10 +56,10 @@ impl<'a, R, F> Lent<'a, R, F> {
     }
 }
 
-impl<R, F> LinkMemory for Lent<'_, R, F>
+impl<R, F> LinkMemory for LentRing<'_, R, F>
 where
     R: RingMemory,
-    F: Fn(u32, u64, u64) -> Option<[u8; SLOT_HEAD]>,
+    F: Fn(SlotRange) -> Option<[u8; SLOT_HEAD]>,
 {
     type Ring = R;
 
@@ -75,8 +74,8 @@ where
     }
 
     #[inline]
-    fn slot_head(&self, segment: u32, offset: u64, stride: u64) -> Option<[u8; SLOT_HEAD]> {
-        (self.head)(segment, offset, stride)
+    fn slot_head(&self, slot: SlotRange) -> Option<[u8; SLOT_HEAD]> {
+        (self.head)(slot)
     }
 }
 
@@ -99,7 +98,7 @@ impl LinkMemory for NoMemory {
         None
     }
 
-    fn slot_head(&self, _: u32, _: u64, _: u64) -> Option<[u8; SLOT_HEAD]> {
+    fn slot_head(&self, _: SlotRange) -> Option<[u8; SLOT_HEAD]> {
         None
     }
 }

@@ -5,7 +5,7 @@ mod ring;
 
 use super::{
     At, Delivery, Error, Fate, Link, LinkMemory, Misuse, NoDelivery, OutboundMessage, Output,
-    RingMemory, Role, Wake, lane::Lane, socket_lane::SocketLane,
+    RingMemory, Role, SlotRange, Wake, lane::Lane, machine::Over, socket_lane::SocketLane,
 };
 
 impl Link {
@@ -24,7 +24,7 @@ impl Link {
         message: OutboundMessage,
         mut settled: impl FnMut(u64, Fate),
     ) -> Result<Wake, Error> {
-        if let Err(end) = self.state {
+        if let Some(end) = self.end() {
             return Err(Error::Ended(end));
         }
         let result = match &self.lane {
@@ -79,7 +79,7 @@ impl Link {
         memory: &impl LinkMemory,
         mut settled: impl FnMut(u64, Fate),
     ) -> Result<Wake, Error> {
-        if let Err(end) = self.state {
+        if let Some(end) = self.end() {
             return Err(Error::Ended(end));
         }
         match &self.lane {
@@ -128,18 +128,21 @@ impl Link {
         }
     }
 
-    /// Where the next message of a ring seems to be: the segment, the offset of the slot, and the
-    /// length of the slot in bytes. A driver uses this for prefetching. Only the bounds of the slot
-    /// were checked.
+    /// Where the next message of a ring seems to be. A driver uses this for prefetching. Only the
+    /// bounds of the slot were checked.
     #[inline]
-    pub fn peek(&self, memory: &impl LinkMemory) -> Option<(u32, u64, u64)> {
+    pub fn peek(&self, memory: &impl LinkMemory) -> Option<SlotRange> {
         let Lane::Ring(ring) = &self.lane else {
             return None;
         };
         let word = ring.incoming.as_ref()?.peek(memory.incoming()?)?;
-        let geometry = ring.segments.geometry(word.segment.into())?;
-        let offset = geometry.offset(word.slot.into())?;
-        Some((word.segment.into(), offset, geometry.stride()))
+        let segment = u32::from(word.segment);
+        let geometry = ring.segments.geometry(segment)?;
+        Some(SlotRange {
+            segment,
+            offset: geometry.offset(word.slot.into())?,
+            stride: geometry.stride(),
+        })
     }
 
     /// Whether [`take`](Self::take) may return a message.
@@ -181,13 +184,13 @@ impl Link {
             Lane::Ring(_) => return self.release_to_ring(memory, sequence),
             Lane::Undecided => match self.state {
                 Ok(_) => Err(Misuse::NotOpen.into()),
-                Err(end) => Err(Error::Ended(end)),
+                Err(Over { end, .. }) => Err(Error::Ended(end)),
             },
             Lane::Socket(socket) => match self.state {
                 Ok(_) if !self.config.role.receives() => Err(Misuse::WrongRole.into()),
                 Ok(_) if socket.inbound.release(sequence) => Ok(Wake::NotNeeded),
                 Ok(_) => Err(Misuse::NotBorrowed.into()),
-                Err(end) => {
+                Err(Over { end, .. }) => {
                     socket.inbound.forget(sequence);
                     Err(Error::Ended(end))
                 }

@@ -89,11 +89,11 @@ pub use self::{
     frame_kind::{Carrier, FrameKind},
     lane::LaneKind,
     machine::Link,
-    memory::{Lent, LinkMemory, NoMemory, NoRing},
+    memory::{LentRing, LinkMemory, NoMemory, NoRing},
     packet::{Attachment, Head, Packet},
     ring::{At, EMPTY, NotAWord, RingLayout, RingMemory, SlotHead, Wake, Word, doorbell},
     role::Role,
-    segments::SegmentInfo,
+    segments::{SegmentInfo, SlotRange},
     status::Status,
     types::{
         Body, Counters, Delivery, End, Error, Fate, Input, Misuse, NoDelivery, OutboundMessage,

@@ -15,8 +15,8 @@ use bytes::Bytes;
 use super::{
     Attachment, Body, Carrier, Config, Counters, Fate, Misuse, OutboundMessage, Packet, Role,
     SegmentInfo, Status,
-    attachments::{Attachments, Step},
-    segments::{Slot, is_legal_len},
+    attachments::Attachments,
+    segments::{SegmentFrame, Slot, is_legal_len},
     wire::{Form, Frame, Given, MessageFrame},
 };
 use crate::{
@@ -64,7 +64,7 @@ pub(super) struct Released {
 }
 
 /// A frame that [`Outbound::poll`] sends.
-pub(super) struct Sent {
+pub(super) struct OutboundFrame {
     pub(super) packet: Packet,
     /// The id of the message, if the packet carries a message.
     pub(super) id: Option<u64>,
@@ -246,15 +246,17 @@ impl Outbound {
     }
 
     /// Returns the next frame to send: DETACH, ATTACH or a message.
-    pub(super) fn poll(&mut self) -> Option<Sent> {
+    pub(super) fn poll(&mut self) -> Option<OutboundFrame> {
         if let Some(segment) = self.attachments.poll_retired() {
-            return Some(Sent::bare(&Frame::Detach { segment }));
+            return Some(OutboundFrame::bare(&Frame::Detach { segment }));
         }
         let message = self.admitted.front()?;
         if let Body::Pooled { segment, .. } = &message.body {
             match self.attachments.prepare(segment.id) {
-                Some(Step::Detach(segment)) => return Some(Sent::bare(&Frame::Detach { segment })),
-                Some(Step::Attach(segment)) => return Some(Sent::attach(segment)),
+                Some(SegmentFrame::Detach(segment)) => {
+                    return Some(OutboundFrame::bare(&Frame::Detach { segment }));
+                }
+                Some(SegmentFrame::Attach(segment)) => return Some(OutboundFrame::attach(segment)),
                 None => {}
             }
         }
@@ -262,7 +264,7 @@ impl Outbound {
     }
 
     //= SM2-MSG-001
-    fn send_admitted(&mut self) -> Option<Sent> {
+    fn send_admitted(&mut self) -> Option<OutboundFrame> {
         let sequence = self.sequence.checked_add(1)?;
         let message = self.admitted.pop_front()?;
         self.sequence = sequence;
@@ -278,7 +280,7 @@ impl Outbound {
                 slot,
             },
         );
-        Some(Sent {
+        Some(OutboundFrame {
             id: Some(message.id),
             packet: packet(self.carrier, sequence, message),
         })
@@ -344,7 +346,7 @@ impl Outbound {
     }
 }
 
-impl Sent {
+impl OutboundFrame {
     fn bare(frame: &Frame<'_>) -> Self {
         Self {
             packet: Packet::bare(frame.head()),

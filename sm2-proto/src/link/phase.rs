@@ -16,9 +16,9 @@ pub(super) enum Phase {
     Open,
 }
 
-/// Whether a frame of this kind is legal now. `ring` says whether the link uses the ring lane.
+/// Checks whether a frame of this kind is legal now. `ring` says whether the link uses the ring lane.
 //= SM2-OPN-001, SM2-WIR-002, SM2-RNG-001
-pub(super) const fn admit(
+pub(super) const fn check_kind(
     phase: Phase,
     role: Role,
     ring: bool,

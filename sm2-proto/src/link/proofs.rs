@@ -5,12 +5,12 @@ use super::{
     Role, Status, Wake,
     inbound::Inbound,
     lane,
-    phase::{Phase, admit},
+    phase::{Phase, check_kind},
     segments::{Geometry, Verified},
     wire::{Form, Frame, MessageFrame, Open},
 };
 use crate::{
-    Code, Datagram, FdFacts, Instant, LinkId, Seals, VERSION,
+    Code, Datagram, FdFacts, Instant, LinkId, Machine, Seals, VERSION,
     limits::{MESSAGE_HEAD, SEGMENT_BYTES_MAX, SLOTS_MAX, WINDOW_MAX},
     proofs::{below, one_of},
 };
@@ -76,7 +76,7 @@ fn link_phase_table() {
     };
     let received = received[role as usize];
     let other_lane = *lane == if ring { Lane::Socket } else { Lane::Ring };
-    let verdict = admit(phase, role, ring, kind);
+    let verdict = check_kind(phase, role, ring, kind);
     let expected = match kind {
         FrameKind::Close => Ok(()),
         FrameKind::Open if opening => Ok(()),
@@ -305,9 +305,9 @@ fn receiver_keeps_to_its_window() {
                 let full = unreleased == config.window();
                 kani::cover!(full, "the window is full");
                 match inbound.check(&frame, &[]) {
-                    Ok(admitted) => {
+                    Ok(checked) => {
                         assert!(!full);
-                        let displaced = inbound.accept(admitted);
+                        let displaced = inbound.accept(checked);
                         assert!(displaced.is_none() || !config.reliable);
                         kani::cover!(displaced.is_some(), "displaced");
                         (came, unreleased) = (came + 1, unreleased + 1);
@@ -407,7 +407,7 @@ fn an_ended_link_is_silent() {
             socket.outbound.open(1);
         }
     }
-    (link.greeted, link.blocked) = kani::any();
+    (link.open_sent, link.blocked) = kani::any();
     let close = Frame::Close(Code(3)).head();
     let message = OutboundMessage {
         key: 1,

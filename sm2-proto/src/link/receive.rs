@@ -11,7 +11,7 @@ use super::{
 };
 use crate::{Datagram, FdFacts, Violation, limits::WINDOW_MAX};
 
-/// A frame of the other lane. Defensive: [`phase::admit`] has already refused such a frame.
+/// A frame of the other lane. Defensive: [`phase::check_kind`] has already refused such a frame.
 const WRONG_LANE: Violation = violation!(WrongLane, "SM2-RNG-001");
 
 impl Link {
@@ -23,7 +23,7 @@ impl Link {
     ) -> Result<(), Violation> {
         let frame = Frame::decode(datagram)?;
         let is_ring = matches!(self.lane, Lane::Ring(_));
-        phase::admit(phase, self.config.role, is_ring, frame.kind())?;
+        phase::check_kind(phase, self.config.role, is_ring, frame.kind())?;
         frame.check_length()?;
         match frame {
             Frame::Open(open) => self.on_open(&open),
@@ -113,7 +113,7 @@ impl Link {
         let Lane::Socket(SocketLane { inbound, .. }) = &mut self.lane else {
             return Err(WRONG_LANE);
         };
-        let admitted = inbound.check(message, fds)?;
+        let checked = inbound.check(message, fds)?;
         match message.carrier {
             Carrier::Data => {}
             Carrier::Request => {
@@ -126,12 +126,12 @@ impl Link {
                 self.placed.replied(message.id);
             }
         }
-        if admitted.is_sealed() {
+        if checked.is_sealed() {
             self.events.push_back(Output::Keep {
-                sequence: admitted.sequence(),
+                sequence: checked.sequence(),
             });
         }
-        if let Some(sequence) = inbound.accept(admitted) {
+        if let Some(sequence) = inbound.accept(checked) {
             self.events.push_back(Output::Discard { sequence });
         }
         Ok(())

@@ -6,7 +6,7 @@
 use super::RingLayout;
 use crate::{
     Clause, FdFacts, Seals, Violation, ViolationKind, clause,
-    limits::{MESSAGE_MAX, SEGMENT_BYTES_MAX, SEGMENTS_MAX, SLOTS_MAX, STRIDE_UNIT},
+    limits::{MESSAGE_MAX, SEGMENT_BYTES_MAX, SEGMENTS_MAX, SLOT_HEAD, SLOTS_MAX, STRIDE_UNIT},
 };
 
 /// The facts about a descriptor that is a regular file with the seals that its use requires.
@@ -118,8 +118,8 @@ impl Geometry {
         self.stride * self.slots as u64
     }
 
-    /// The offset of a slot, which lies entirely within the segment. `None` if there is no such
-    /// slot.
+    /// The offset of a slot in bytes. The slot lies entirely within the segment. `None` if there is
+    /// no such slot.
     //= SM2-PAY-002
     #[inline]
     pub(super) const fn offset(self, slot: u32) -> Option<u64> {
@@ -175,4 +175,31 @@ pub struct SegmentInfo {
     pub stride: u64,
     /// The number of slots, 1 to 65,536.
     pub slots: u32,
+}
+
+/// A frame about a segment, which a sending end sends over the socket.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum SegmentFrame {
+    Attach(SegmentInfo),
+    Detach(u32),
+}
+
+/// Where a slot is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct SlotRange {
+    /// The number of the segment.
+    pub segment: u32,
+    /// The offset of the slot in the segment, in bytes.
+    pub offset: u64,
+    /// The size of the slot, in bytes.
+    pub stride: u64,
+}
+
+impl SlotRange {
+    /// Where the [head](super::SlotHead) of the slot is in the segment, in bytes.
+    #[must_use]
+    #[inline]
+    pub const fn head_offset(self) -> u64 {
+        self.offset + self.stride - SLOT_HEAD as u64
+    }
 }

@@ -13,7 +13,7 @@ use super::{
 use crate::{
     Contract, EntityId, InterfaceId, LinkId, LinkKey, LinkQos, NodeId, Quota, Refusal, VERSION,
     Violation,
-    control::{Key, Peer, ToNode, UnlinkedReason, encode_to_node},
+    control::{Key, LinkPeer, ToNode, UnlinkedReason, encode_to_node},
     match_contracts,
 };
 
@@ -284,7 +284,7 @@ impl Manager {
         let (Some(ours), Some(theirs)) = (self.peer(one), self.peer(other)) else {
             return;
         };
-        let frame = |interface: InterfaceId, peer: Peer| {
+        let frame = |interface: InterfaceId, peer: LinkPeer| {
             encode_to_node(&ToNode::Link {
                 interface,
                 link,
@@ -340,9 +340,9 @@ impl Manager {
     }
 
     /// An interface as LINK describes it to the other side.
-    fn peer(&self, EntityId { node, interface }: EntityId) -> Option<Peer> {
+    fn peer(&self, EntityId { node, interface }: EntityId) -> Option<LinkPeer> {
         let record = self.node(node)?;
-        Some(Peer {
+        Some(LinkPeer {
             node,
             name: record.name().clone(),
             interface,

@@ -4,7 +4,7 @@ use alloc::{string::String, vec::Vec};
 
 use crate::{
     Code, Datagram, InterfaceId, LinkId, Name, NodeId, QosError, Refusal, TypeId, Violation,
-    control::{Change, Item, Key, Peer},
+    control::{Change, Item, Key, LinkPeer},
 };
 
 /// An input of a node. `Datagram` requires that the outputs of the input before are drained,
@@ -119,7 +119,7 @@ pub enum Output {
         /// Whether every message is inline or sealed.
         sealed: bool,
         /// The interface on the other side.
-        peer: Peer,
+        peer: LinkPeer,
     },
     /// The Manager ended this link, now or with an earlier session: end its machine with this code.
     Unlink {

@@ -9,7 +9,7 @@ use alloc::{collections::BTreeSet, vec::Vec};
 use super::{End, Error, Input, Node, Output};
 use crate::{
     Datagram, FdFacts, Instant, InterfaceId, LinkId, LinkKey, Machine, Name,
-    control::{Peer, ToManager, ToNode, decode_to_manager, decode_to_node, encode_to_node},
+    control::{LinkPeer, ToManager, ToNode, decode_to_manager, decode_to_node, encode_to_node},
     fuzz::script::Script,
     manager::{Phase, Request, legal},
 };
@@ -322,7 +322,7 @@ impl Fuzz<'_> {
             version: u16::from(choice < 250),
             reliable: choice & 1 != 0,
             sealed: choice & 2 != 0,
-            peer: Peer {
+            peer: LinkPeer {
                 node: script.node()?,
                 name: script.name()?,
                 interface: script.interface()?,

@@ -7,7 +7,7 @@ use alloc::collections::BTreeMap;
 
 use super::Misuse;
 use crate::{
-    Contract, LinkId, LinkKey, LinkQos, VERSION, Violation, control::Peer, limits::LINKS_MAX,
+    Contract, LinkId, LinkKey, LinkQos, VERSION, Violation, control::LinkPeer, limits::LINKS_MAX,
     match_contracts,
 };
 
@@ -214,7 +214,12 @@ impl Interface {
     /// LINK has come. Returns whether the link is to be used: a LINK that crossed WITHDRAW is
     /// legal, but has no effect.
     //= SM2-LNK-005, SM2-IFC-004
-    pub(super) fn link(&mut self, id: LinkId, link: Link, peer: &Peer) -> Result<bool, Violation> {
+    pub(super) fn link(
+        &mut self,
+        id: LinkId,
+        link: Link,
+        peer: &LinkPeer,
+    ) -> Result<bool, Violation> {
         if !self.is_declared() {
             return Err(violation!(UnknownInterface, "SM2-LNK-005"));
         }

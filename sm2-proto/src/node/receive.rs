@@ -10,7 +10,7 @@ use super::{
 };
 use crate::{
     Code, Datagram, InterfaceId, LinkId, LinkQos, Refusal, Violation,
-    control::{Peer, ToManager, ToNode, decode_to_node},
+    control::{LinkPeer, ToManager, ToNode, decode_to_node},
 };
 
 impl Node {
@@ -30,12 +30,12 @@ impl Node {
     fn step(&mut self, frame: ToNode) -> Result<(), Violation> {
         match self.phase {
             Phase::Away(..) | Phase::Ended(_) => Ok(()),
-            Phase::Greeting(_) | Phase::Refused(_) => self.greeting(frame),
-            Phase::Resuming(_) | Phase::Ready(_) => self.welcomed(frame),
+            Phase::Greeting(_) | Phase::Refused(_) => self.answer_to_hello(frame),
+            Phase::Resuming(_) | Phase::Ready(_) => self.frame_of_session(frame),
         }
     }
 
-    fn greeting(&mut self, frame: ToNode) -> Result<(), Violation> {
+    fn answer_to_hello(&mut self, frame: ToNode) -> Result<(), Violation> {
         match (&self.phase, frame) {
             (_, ToNode::Goodbye { code }) => self.go_away(End::Peer(code)),
             (
@@ -58,7 +58,7 @@ impl Node {
         Ok(())
     }
 
-    fn welcomed(&mut self, frame: ToNode) -> Result<(), Violation> {
+    fn frame_of_session(&mut self, frame: ToNode) -> Result<(), Violation> {
         let session = self.phase.session_mut();
         let session = session.ok_or(violation!(ExpectedWelcome, "SM2-NOD-001"))?;
         match frame {
@@ -169,7 +169,7 @@ impl Node {
         interface: InterfaceId,
         link: LinkId,
         ours: Link,
-        peer: Peer,
+        peer: LinkPeer,
     ) -> Result<(), Violation> {
         // The Manager links no interface of this node before CLAIMED.
         let asked = match &mut self.phase {

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use sm2_proto::{
-    Datagram, FdFacts,
+    Datagram, FdFacts, Machine,
     link::{
         Attachment, Delivery, Fate, Input, Link, Output, Packet, Payload, SegmentInfo,
         wire::{Form, Frame},

@@ -2,7 +2,7 @@
 #![allow(dead_code, reason = "each test binary uses its part")]
 
 use sm2_proto::{
-    Datagram, FdFacts, Instant, LinkId, Seals, Violation,
+    Datagram, FdFacts, Instant, LinkId, Machine, Seals, Violation,
     link::{
         Body, Config, End, Error, Fate, Input, Link, NoMemory, OutboundMessage, Output, Packet,
         RingLayout, Role, SegmentInfo, Status, Wake,

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use bytes::Bytes;
 use sm2_proto::{
-    Datagram, Farewell,
+    Datagram, Farewell, Machine,
     link::{
         Body, Config, Counters, Delivery, End, Error, Fate, Input, Link, NoMemory, OutboundMessage,
         Payload, Role, SegmentInfo, Status,

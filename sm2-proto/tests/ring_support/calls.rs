@@ -10,12 +10,12 @@ use std::{
 };
 
 use sm2_proto::{
-    Datagram, Instant,
+    Datagram, Instant, Machine,
     limits::SLOT_HEAD,
     link::{
-        Body, Config, Delivery, EMPTY, End, Error, Fate, Input, LaneKind, Lent, Link, NoDelivery,
-        OutboundMessage, Output, Packet, Payload, RingMemory, Role, SlotHead, Status, Wake,
-        doorbell,
+        Body, Config, Delivery, EMPTY, End, Error, Fate, Input, LaneKind, LentRing, Link,
+        NoDelivery, OutboundMessage, Output, Packet, Payload, RingMemory, Role, SlotHead,
+        SlotRange, Status, Wake, doorbell,
     },
 };
 
@@ -264,8 +264,8 @@ impl Side {
     /// Takes a message. Returns true if it is in a segment whose ATTACH was not read yet.
     pub(crate) fn take(&mut self, words: &impl RingMemory, world: &World) -> bool {
         let from = 1 - self.end;
-        let copy = |segment, offset, _| world.copy(from, segment, offset);
-        let taken = self.link.take(&Lent::new(words, copy));
+        let copy = |slot: SlotRange| world.copy(from, slot.segment, slot.offset);
+        let taken = self.link.take(&LentRing::new(words, copy));
         match taken {
             Ok(Some(delivery)) => {
                 self.took(world, delivery);

@@ -9,12 +9,12 @@ use std::{
 };
 
 use sm2_proto::{
-    FdFacts, Instant,
+    FdFacts, Instant, Machine,
     limits::SLOT_HEAD,
     link::{
-        Attachment, Body, Delivery, Error, Fate, Input, LaneKind, Lent, Link, Misuse, NoDelivery,
-        OutboundMessage, Output, Packet, Payload, RingMemory, SegmentInfo, Status, Wake, Word,
-        doorbell,
+        Attachment, Body, Delivery, Error, Fate, Input, LaneKind, LentRing, Link, Misuse,
+        NoDelivery, OutboundMessage, Output, Packet, Payload, RingMemory, SegmentInfo, SlotRange,
+        Status, Wake, Word, doorbell,
     },
 };
 
@@ -319,11 +319,12 @@ impl Receiving {
             return false;
         }
         let limit = usize::from(self.at.link.config().max_borrowed);
-        let copy = |segment, offset: u64, stride: u64| {
-            let slot = u32::try_from(offset / stride).unwrap();
-            shared.heads.borrow().get(&(segment, slot)).copied()
+        let copy = |slot: SlotRange| {
+            let index = u32::try_from(slot.offset / slot.stride).unwrap();
+            let heads = shared.heads.borrow();
+            heads.get(&(slot.segment, index)).copied()
         };
-        match self.at.link.take(&Lent::new(words, copy)) {
+        match self.at.link.take(&LentRing::new(words, copy)) {
             Ok(Some(delivery)) => {
                 assert!(self.held.len() < limit);
                 let before = self.taken.last().copied();

@@ -7,12 +7,12 @@ use std::{
 };
 
 use sm2_proto::{
-    Datagram, FdFacts, Instant,
+    Datagram, FdFacts, Instant, Machine,
     limits::SLOT_HEAD,
     link::{
-        At, Attachment, Body, Config, Delivery, EMPTY, Error, Fate, FrameKind, Input, Lent, Link,
-        NoDelivery, OutboundMessage, Output, RingLayout, RingMemory, Role, SegmentInfo, SlotHead,
-        Status, Wake, Word, wire::Frame,
+        At, Attachment, Body, Config, Delivery, EMPTY, Error, Fate, FrameKind, Input, LentRing,
+        Link, NoDelivery, OutboundMessage, Output, RingLayout, RingMemory, Role, SegmentInfo,
+        SlotHead, SlotRange, Status, Wake, Word, wire::Frame,
     },
 };
 
@@ -271,9 +271,10 @@ impl Rig {
 
     pub(crate) fn take(&mut self) -> Result<Option<Delivery>, NoDelivery> {
         let heads = &self.heads;
-        let taken = self.ends[RECEIVER].take(&Lent::new(&self.words, |segment, offset, stride| {
-            let slot = u32::try_from(offset / stride).unwrap();
-            Some(*heads.get(&(segment, slot)).expect("a slot with a head"))
+        let taken = self.ends[RECEIVER].take(&LentRing::new(&self.words, |slot: SlotRange| {
+            let index = u32::try_from(slot.offset / slot.stride).unwrap();
+            let head = heads.get(&(slot.segment, index));
+            Some(*head.expect("a slot with a head"))
         }));
         self.drain(RECEIVER);
         taken

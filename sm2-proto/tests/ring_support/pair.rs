@@ -3,8 +3,8 @@
 use std::cell::RefCell;
 
 use sm2_proto::{
-    Datagram, Farewell,
-    link::{EMPTY, Error, Input, Lent, Link, Misuse, RingLayout, Role},
+    Datagram, Farewell, Machine,
+    link::{EMPTY, Error, Input, LentRing, Link, Misuse, RingLayout, Role},
 };
 
 use crate::{
@@ -299,8 +299,8 @@ impl Pair {
         if end == 0 {
             self.sending.die(&mut link, &dying, &self.shared);
         } else {
-            let copy = |_, _, _| Some(head(1 << 60).to_bytes());
-            let _ = link.take(&Lent::new(&dying, copy));
+            let copy = |_| Some(head(1 << 60).to_bytes());
+            let _ = link.take(&LentRing::new(&dying, copy));
             self.receiving.is_dead = true;
         }
         drop(dying);

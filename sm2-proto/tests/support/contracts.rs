@@ -1,7 +1,7 @@
 //! Short constructors of names and contracts.
 #![allow(dead_code, reason = "each test uses a part")]
 
-use sm2_proto::{Contract, Demand, Name, Offer, ServiceQos, TypeId};
+use sm2_proto::{Contract, DemandedQos, Name, OfferedQos, ServiceQos, TypeId};
 
 pub(crate) fn name(text: &str) -> Name {
     Name::new(text).expect("the test wrote a legal name")
@@ -22,7 +22,7 @@ pub(crate) fn publisher_with(topic: &str, data: &TypeId, reliable: bool, sealed:
     Contract::Publisher {
         topic: name(topic),
         data: data.clone(),
-        offer: Offer {
+        offer: OfferedQos {
             depth: 4,
             reliable,
             latched: 0,
@@ -49,7 +49,7 @@ pub(crate) fn subscriber_with(
     Contract::Subscriber {
         topic: name(topic),
         data: data.cloned(),
-        demand: Demand {
+        demand: DemandedQos {
             depth: 4,
             reliable,
             max_borrowed: 2,

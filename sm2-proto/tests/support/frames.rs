@@ -8,9 +8,9 @@ use proptest::{
     strategy::{BoxedStrategy, Union},
 };
 use sm2_proto::{
-    Code, Contract, Demand, EntityId, InterfaceId, LinkId, LinkKey, Name, NodeId, Offer, Quota,
-    Refusal, ServiceQos, TypeId,
-    control::{Change, Item, Key, Limits, Peer, ToManager, ToNode, UnlinkedReason},
+    Code, Contract, DemandedQos, EntityId, InterfaceId, LinkId, LinkKey, Name, NodeId, OfferedQos,
+    Quota, Refusal, ServiceQos, TypeId,
+    control::{Change, Item, Key, Limits, LinkPeer, ToManager, ToNode, UnlinkedReason},
 };
 
 /// Numbers of every length in a frame.
@@ -97,7 +97,7 @@ pub(crate) fn contracts() -> impl Strategy<Value = Contract> {
             Contract::Publisher {
                 topic,
                 data,
-                offer: Offer {
+                offer: OfferedQos {
                     depth,
                     reliable,
                     latched,
@@ -109,7 +109,7 @@ pub(crate) fn contracts() -> impl Strategy<Value = Contract> {
             Contract::Subscriber {
                 topic,
                 data,
-                demand: Demand {
+                demand: DemandedQos {
                     depth,
                     reliable,
                     max_borrowed,
@@ -337,7 +337,7 @@ pub(crate) fn to_node() -> Union<BoxedStrategy<ToNode>> {
 
 fn link_frame() -> impl Strategy<Value = ToNode> {
     let peer = (nodes(), names(), interfaces(), contracts()).prop_map(
-        |(node, name, interface, contract)| Peer {
+        |(node, name, interface, contract)| LinkPeer {
             node,
             name,
             interface,

@@ -4,7 +4,7 @@
 use sm2_proto::{
     Code, Contract, Datagram, FdFacts, Instant, InterfaceId, LinkId, LinkKey, Machine, NodeId,
     Refusal, TypeId, Violation,
-    control::{Peer, ToManager, ToNode, decode_to_manager, encode_to_node},
+    control::{LinkPeer, ToManager, ToNode, decode_to_manager, encode_to_node},
     node::{End, Error, Input, Node, Output},
     schema::Schema,
 };
@@ -80,7 +80,7 @@ pub(crate) fn link(interface: u64, serial: u64) -> ToNode {
         version: 1,
         reliable: false,
         sealed: false,
-        peer: Peer {
+        peer: LinkPeer {
             node: NodeId(9),
             name: name("planner"),
             interface: InterfaceId(1),

@@ -1,4 +1,6 @@
-use sm2_proto::{Contract, Demand, EntityId, InterfaceId, NodeId, Offer, TypeId, control::Item};
+use sm2_proto::{
+    Contract, DemandedQos, EntityId, InterfaceId, NodeId, OfferedQos, TypeId, control::Item,
+};
 
 use super::*;
 
@@ -28,7 +30,7 @@ fn domain() -> Domain {
             name: name("bytes"),
             hash: 0,
         },
-        offer: Offer {
+        offer: OfferedQos {
             depth: 1,
             reliable: false,
             latched: 0,
@@ -38,7 +40,7 @@ fn domain() -> Domain {
     let subscriber = Contract::Subscriber {
         topic: name("scan"),
         data: None,
-        demand: Demand {
+        demand: DemandedQos {
             depth: 1,
             reliable: false,
             max_borrowed: 1,

@@ -7,8 +7,8 @@ use std::os::fd::AsFd;
 use std::sync::Arc;
 
 use sm2_io::{Epoll, InspectedFd, Interest, PooledMapping, SendError};
-use sm2_proto::Farewell;
 use sm2_proto::link::{self, End, Input, Output, Packet};
+use sm2_proto::{Farewell, Machine};
 
 use super::LinkDriver;
 use crate::driver::datagram::Incoming;

@@ -4,7 +4,7 @@
 //! changes the model as SPEC section 8.3 prescribes, and the model and the `Attachments` must then
 //! be equal.
 
-use super::{Attachments, Misuse, Segment, SegmentInfo, Step};
+use super::{Attachments, Misuse, Segment, SegmentFrame, SegmentInfo};
 use crate::{
     limits::SEGMENTS_MAX,
     link::segments::{Geometry, Slot},
@@ -139,7 +139,7 @@ fn attachments_step() {
             let step = books.prepare(segment as u32);
             match (model.attached[segment], step) {
                 (Some(_), None) => {}
-                (None, Some(Step::Attach(found))) => {
+                (None, Some(SegmentFrame::Attach(found))) => {
                     assert!(found == info(segment));
                     model.attached[segment] = Some(model.order);
                     model.order += 1;
@@ -230,7 +230,7 @@ fn no_more_segments_than_the_limit() {
         books.queue(&info(segment), 0);
         assert!(matches!(
             books.prepare(segment as u32),
-            Some(Step::Attach(_))
+            Some(SegmentFrame::Attach(_))
         ));
         books.sent(at(segment, 0));
     }
@@ -244,10 +244,13 @@ fn no_more_segments_than_the_limit() {
     assert_eq!(books.check(&next, 0), Ok(()));
     books.queue(&next, 0);
     match books.prepare(next.id) {
-        Some(Step::Detach(found)) => assert!(found as usize == idle),
+        Some(SegmentFrame::Detach(found)) => assert!(found as usize == idle),
         _ => panic!("one has to go"),
     }
-    assert!(matches!(books.prepare(next.id), Some(Step::Attach(_))));
+    assert!(matches!(
+        books.prepare(next.id),
+        Some(SegmentFrame::Attach(_))
+    ));
     assert!(books.prepare(next.id).is_none());
     books.invariants();
     kani::cover!(idle == SEGMENTS_MAX - 1, "the last one is idle");

@@ -17,8 +17,8 @@ use crate::{
     fuzz::Script,
     limits::SLOT_HEAD,
     link::{
-        At, Body, Config, Delivery, Error, Fate, Input, Lent, Misuse, NoDelivery, OutboundMessage,
-        Payload, RingLayout, Role, SegmentInfo, SlotHead, Status,
+        At, Body, Config, Delivery, Error, Fate, Input, LentRing, Misuse, NoDelivery,
+        OutboundMessage, Payload, RingLayout, Role, SegmentInfo, SlotHead, SlotRange, Status,
         wire::{Frame, Open},
     },
 };
@@ -366,12 +366,12 @@ impl<'a> Ring<'a> {
         let before = self.world.link.clone();
         let next = self.next_head();
         let copies = Cell::new(0);
-        let head = |_, offset: u64, stride: u64| {
+        let head = |slot: SlotRange| {
             copies.set(copies.get() + 1);
-            assert!(stride == 4_096 && offset < 4_096 * u64::from(SLOTS));
+            assert!(slot.stride == 4_096 && slot.offset < 4_096 * u64::from(SLOTS));
             Some(next)
         };
-        let result = self.world.link.take(&Lent::new(&self.incoming, head));
+        let result = self.world.link.take(&LentRing::new(&self.incoming, head));
         assert!(copies.get() <= 1, "the head is copied once");
         self.incoming.check_accesses(6 * self.incoming.depth());
         let limit = usize::from(self.world.link.config().max_borrowed);

@@ -13,7 +13,7 @@ use super::{
     },
     LINK, NOW,
 };
-use crate::{Datagram, FdFacts, fuzz::Script};
+use crate::{Datagram, FdFacts, Machine, fuzz::Script};
 
 /// One machine, and the state of its driver and its peer.
 pub(super) struct World {

@@ -226,10 +226,10 @@ fn a_message_is_admitted_exactly() {
     );
     kani::cover!(expected.is_ok() && form == Form::Sealed, "a sealed message");
     match verdict {
-        Ok(admitted) => {
+        Ok(checked) => {
             assert_eq!(expected, Ok(()));
             let ready = books.ready.len();
-            let displaced = books.accept(admitted);
+            let displaced = books.accept(checked);
             assert_eq!(books.sequence, last + 1);
             assert_eq!(displaced.is_some(), books.displaces && ready == 1);
             assert_eq!(

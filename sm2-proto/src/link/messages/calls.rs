@@ -4,7 +4,7 @@
 use super::super::{
     At, Delivery, Error, Fate, Link, Misuse, Output, RingMemory, Role, Wake,
     lane::Lane,
-    ring::{RingMessage, Unsent, Waiting},
+    ring::{RingMessage, RingSendError, Waiting},
 };
 use crate::{Violation, clause};
 
@@ -97,19 +97,19 @@ impl Link {
             let (id, segment) = (message.id, message.segment);
             match sender.send(words, message, settled) {
                 Ok(wanted) => wake = wake.or(wanted),
-                Err(Unsent::Violation(violation)) => {
+                Err(RingSendError::Violation(violation)) => {
                     // The end of the link settles this message with all others of the sender.
                     waiting.pop();
                     return Err(violation);
                 }
-                Err(Unsent::Misuse(Misuse::NotAttached)) => {
+                Err(RingSendError::Misuse(Misuse::NotAttached)) => {
                     // If the number is still in use, DETACHED will free it, and this end tries
                     // again.
                     let _ = sender.attach(&segment);
                     break;
                 }
                 Err(why) => {
-                    waiting.is_full = why == Unsent::Misuse(Misuse::NoRoom);
+                    waiting.is_full = why == RingSendError::Misuse(Misuse::NoRoom);
                     break;
                 }
             }

@@ -4,7 +4,8 @@ use super::super::{
     At, Delivery, End, Error, Fate, Link, LinkMemory, Misuse, NoDelivery, OutboundMessage,
     RingMemory, Wake,
     lane::Lane,
-    ring::{NotTaken, RingMessage, Unsent, wake_parked},
+    machine::Over,
+    ring::{NotTaken, RingMessage, RingSendError, wake_parked},
 };
 use crate::{Farewell, Violation};
 
@@ -30,9 +31,9 @@ impl Link {
         }
         match sender.send(words, message, settled) {
             Ok(wake) => Ok(wake),
-            Err(Unsent::Misuse(misuse)) => Err(misuse.into()),
-            Err(Unsent::Violation(violation)) => Err(self.violated(violation)),
-            Err(Unsent::Stopped) => {
+            Err(RingSendError::Misuse(misuse)) => Err(misuse.into()),
+            Err(RingSendError::Violation(violation)) => Err(self.violated(violation)),
+            Err(RingSendError::Stopped) => {
                 let end = End::Local(Farewell::Stalled.code());
                 self.finish(end);
                 Err(Error::Ended(end))
@@ -78,7 +79,7 @@ impl Link {
         let taken = receiver.take(
             words,
             |segment| segments.geometry(segment),
-            |segment, offset, stride| memory.slot_head(segment, offset, stride),
+            |slot| memory.slot_head(slot),
         );
         let judged = taken.and_then(|taken| {
             self.note_call(taken.as_ref())?;
@@ -110,7 +111,7 @@ impl Link {
         let result = match (self.state, released) {
             // The word is put even after the end: the sender may not know of the end, and still
             // counts its unreleased messages.
-            (Err(end), _) => Err(Error::Ended(end)),
+            (Err(Over { end, .. }), _) => Err(Error::Ended(end)),
             (Ok(_), Err(misuse)) => Err(misuse.into()),
             (Ok(_), Ok(None)) => Err(Misuse::NotBorrowed.into()),
             (Ok(_), Ok(Some(Ok(wake)))) => Ok(wake),
@@ -151,7 +152,7 @@ impl Link {
                 let _ = self.violated(violation);
                 NoDelivery::Ended(End::Violation(violation))
             }
-            Err(end) => {
+            Err(Over { end, .. }) => {
                 self.end_ring();
                 NoDelivery::Ended(end)
             }

@@ -2,11 +2,13 @@
 
 use super::{
     super::{
-        Attachment, Config, Counters, Fate, Packet, frame_kind::Carrier, segments::Verified,
+        Attachment, Config, Counters, Packet,
+        frame_kind::Carrier,
+        segments::{SegmentFrame, Verified},
         wire::Frame,
     },
     At, RingLayout, RingReceiver, RingSegments, RingSender,
-    message::{RingMessage, Step},
+    message::RingMessage,
     waiting::Waiting,
 };
 use crate::{FdFacts, Violation};
@@ -112,11 +114,11 @@ impl RingLane {
             return Some(Packet::bare(Frame::Detached { segment }.head()));
         }
         Some(match self.sender_mut()?.poll()? {
-            Step::Attach(info) => Packet {
+            SegmentFrame::Attach(info) => Packet {
                 attachment: Some(Attachment::Segment(info.id)),
                 ..Packet::bare(Frame::Attach(info).head())
             },
-            Step::Detach(segment) => Packet::bare(Frame::Detach { segment }.head()),
+            SegmentFrame::Detach(segment) => Packet::bare(Frame::Detach { segment }.head()),
         })
     }
 
@@ -134,7 +136,7 @@ impl RingLane {
         if let Some(Outgoing::Here(sender)) = &mut self.outgoing {
             sender.end(&mut each);
             self.waiting.end(|key| {
-                sender.skip(Fate::Closed);
+                sender.count_closed();
                 each(key);
             });
         }

@@ -1,6 +1,6 @@
 //! Inputs and outputs of the sender's side of a ring.
 
-use super::super::{Body, Misuse, OutboundMessage, segments::SegmentInfo};
+use super::super::{Body, Misuse, OutboundMessage, SegmentInfo};
 use crate::Violation;
 
 /// A message to send, as the ring lane stores it. Its payload and its [head](super::SlotHead) are
@@ -37,29 +37,25 @@ impl RingMessage {
     }
 }
 
-/// A frame about segments that the sender has to send over the socket.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(in crate::link) enum Step {
-    Attach(SegmentInfo),
-    Detach(u32),
-}
-
-/// The reason why a message was not sent.
+/// The reason why [`RingSender::send`](super::RingSender::send) failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::link) enum Unsent {
+pub(in crate::link) enum RingSendError {
+    /// Nothing was sent, and nothing has changed.
     Misuse(Misuse),
+    /// The receiver violated SPEC. The message is recorded, and the end of the link settles it.
     Violation(Violation),
-    /// The receiver has stopped (SM2-RNG-011).
+    /// The message is in the ring, but the receiver has stopped (SM2-RNG-011). The end of the link
+    /// settles the message.
     Stopped,
 }
 
-impl From<Misuse> for Unsent {
+impl From<Misuse> for RingSendError {
     fn from(misuse: Misuse) -> Self {
         Self::Misuse(misuse)
     }
 }
 
-impl From<Violation> for Unsent {
+impl From<Violation> for RingSendError {
     fn from(violation: Violation) -> Self {
         Self::Violation(violation)
     }

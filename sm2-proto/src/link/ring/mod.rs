@@ -22,7 +22,7 @@ mod word;
 
 pub(super) use self::{
     lane::RingLane,
-    message::{RingMessage, Unsent},
+    message::{RingMessage, RingSendError},
     receiver::{NotTaken, RingReceiver},
     segments::RingSegments,
     sender::RingSender,

@@ -5,13 +5,13 @@ use alloc::vec::Vec;
 use core::cell::{Cell, RefCell};
 
 use super::{
-    At, EMPTY, NotAWord, NotTaken, RingLayout, RingMemory, RingMessage, RingReceiver, RingSender,
-    SlotHead, Unsent, Wake, Word,
+    At, EMPTY, NotAWord, NotTaken, RingLayout, RingMemory, RingMessage, RingReceiver,
+    RingSendError, RingSender, SlotHead, Wake, Word,
 };
 use crate::{
     Instant,
     limits::SLOT_HEAD,
-    link::{Carrier, Fate, Misuse, Payload, SegmentInfo, Status, segments::Geometry},
+    link::{Carrier, Fate, Misuse, Payload, SegmentInfo, SlotRange, Status, segments::Geometry},
     proofs::{below, one_of},
 };
 
@@ -222,7 +222,7 @@ fn the_last_two_are_there() {
                         sent += 1;
                     }
                     Err(why) => {
-                        assert!(reliable && why == Unsent::Misuse(Misuse::NoRoom));
+                        assert!(reliable && why == RingSendError::Misuse(Misuse::NoRoom));
                         let fates = fates.borrow();
                         let unsettled = (1..=sent as usize).filter(|it| fates[*it].is_none());
                         assert!(sent - taken == 2 || unsettled.count() == 4);
@@ -231,9 +231,9 @@ fn the_last_two_are_there() {
             }
             1 => {
                 let geometry = Geometry::new(SEGMENT.stride, SEGMENT.slots);
-                let head = |_, offset: u64, _| {
+                let head = |slot: SlotRange| {
                     let head = SlotHead {
-                        id: offset / 4_096,
+                        id: slot.offset / 4_096,
                         time: Instant(0),
                         len: 0,
                         status: Status::Ok,

@@ -7,7 +7,9 @@ mod proofs;
 
 use self::borrowed::Borrowed;
 use super::{
-    super::{Delivery, Payload, TooManyBorrowed, frame_kind::Carrier, segments::Geometry},
+    super::{
+        Delivery, Payload, SlotRange, TooManyBorrowed, frame_kind::Carrier, segments::Geometry,
+    },
     At, EMPTY, RingLayout, RingMemory, SlotHead, Wake, Word, wake_parked,
 };
 use crate::{
@@ -111,15 +113,14 @@ impl RingReceiver {
         words.count()
     }
 
-    /// Takes the next message for the application. `head` copies the last bytes of a slot, given
-    /// the segment, the offset of the slot and the length of the slot.
+    /// Takes the next message for the application. `head` copies the last bytes of a slot.
     //= SM2-RNG-007, SM2-MSG-005, SM2-PAY-006
     #[inline]
     pub(in crate::link) fn take(
         &mut self,
         words: &impl RingMemory,
         geometry: impl Fn(u32) -> Option<Geometry>,
-        head: impl FnOnce(u32, u64, u64) -> Option<[u8; SLOT_HEAD]>,
+        head: impl FnOnce(SlotRange) -> Option<[u8; SLOT_HEAD]>,
     ) -> Result<Option<Delivery>, NotTaken> {
         if self.left == Some(0) {
             return Ok(None);
@@ -148,8 +149,12 @@ impl RingReceiver {
             let offset = (geometry.offset(u32::from(word.slot)))
                 .ok_or(violation!(BadSlot, "SM2-RNG-007"))?;
             if words.take(at, bits) {
-                let head = head(segment, offset, geometry.stride());
-                return self.taken(word, geometry, offset, head).map(Some);
+                let slot = SlotRange {
+                    segment,
+                    offset,
+                    stride: geometry.stride(),
+                };
+                return self.taken(word, slot, head(slot)).map(Some);
             }
         }
         Ok(None)
@@ -183,8 +188,7 @@ impl RingReceiver {
     fn taken(
         &mut self,
         word: Word,
-        geometry: Geometry,
-        offset: u64,
+        slot: SlotRange,
         head: Option<[u8; SLOT_HEAD]>,
     ) -> Result<Delivery, NotTaken> {
         let sequence = self.next;
@@ -199,7 +203,7 @@ impl RingReceiver {
         if self.carrier != Carrier::Reply && head.id <= last_id.unwrap_or(0) {
             return Err(violation!(BadId, "SM2-RNG-004").into());
         }
-        if head.len > MESSAGE_MAX || head.len > geometry.stride() - SLOT_HEAD as u64 {
+        if head.len > MESSAGE_MAX || head.len > slot.stride - SLOT_HEAD as u64 {
             return Err(violation!(BadLength, "SM2-RNG-004").into());
         }
         let lost = match (self.carrier, last_id) {
@@ -221,8 +225,8 @@ impl RingReceiver {
             lost,
             len: head.len,
             payload: Payload::Pooled {
-                segment: u32::from(word.segment),
-                offset,
+                segment: slot.segment,
+                offset: slot.offset,
             },
         })
     }

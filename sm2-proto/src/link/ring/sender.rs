@@ -6,9 +6,13 @@ mod proofs;
 use alloc::{collections::VecDeque, vec, vec::Vec};
 
 use super::{
-    super::{Counters, Fate, Misuse, SegmentInfo, frame_kind::Carrier, segments::Geometry},
+    super::{
+        Counters, Fate, Misuse, SegmentInfo,
+        frame_kind::Carrier,
+        segments::{Geometry, SegmentFrame},
+    },
     At, EMPTY, RingLayout, RingMemory, Wake, Word,
-    message::{RingMessage, Step, Unsent},
+    message::{RingMessage, RingSendError},
     wake_parked,
 };
 use crate::{
@@ -36,7 +40,7 @@ pub(in crate::link) struct RingSender {
     /// How many segment numbers are in use.
     attached: usize,
     /// The frames that have to be sent over the socket, the oldest first.
-    steps: VecDeque<Step>,
+    steps: VecDeque<SegmentFrame>,
     last_id: Option<u64>,
     /// How many messages were displaced since the receiver last took one.
     displaced: u32,
@@ -52,7 +56,7 @@ struct Segment {
     state: State,
     unreleased: u32,
     /// The unsettled message in each slot.
-    slots: Vec<Option<Sent>>,
+    slots: Vec<Option<Unsettled>>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -67,7 +71,7 @@ enum State {
 
 /// A message that is not settled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-struct Sent {
+struct Unsettled {
     key: u64,
     sequence: u64,
 }
@@ -126,7 +130,7 @@ impl RingSender {
                 slots: vec![None; info.slots as usize],
             });
             self.attached += 1;
-            self.steps.push_back(Step::Attach(*info));
+            self.steps.push_back(SegmentFrame::Attach(*info));
         }
         Ok(())
     }
@@ -159,14 +163,14 @@ impl RingSender {
         if let Some(segment) = self.segment_mut(id) {
             segment.state = State::Detaching;
             segment.slots = Vec::new();
-            self.steps.push_back(Step::Detach(id));
+            self.steps.push_back(SegmentFrame::Detach(id));
         }
     }
 
     /// Handles DETACHED.
     //= SM2-RNG-010
     pub(in crate::link) fn detached(&mut self, id: u32) -> Result<(), Violation> {
-        let is_announced = !self.steps.contains(&Step::Detach(id));
+        let is_announced = !self.steps.contains(&SegmentFrame::Detach(id));
         match self.segments.get_mut(id as usize) {
             Some(place)
                 if is_announced
@@ -193,9 +197,9 @@ impl RingSender {
     }
 
     /// Returns the next frame that has to be sent over the socket. The caller sends it.
-    pub(in crate::link) fn poll(&mut self) -> Option<Step> {
+    pub(in crate::link) fn poll(&mut self) -> Option<SegmentFrame> {
         let step = self.steps.pop_front()?;
-        if let Step::Attach(info) = step
+        if let SegmentFrame::Attach(info) = step
             && let Some(segment) = self.segment_mut(info.id)
             && segment.state == State::Attaching
         {
@@ -217,7 +221,7 @@ impl RingSender {
         words: &impl RingMemory,
         message: &RingMessage,
         settled: &mut impl FnMut(u64, Fate),
-    ) -> Result<Wake, Unsent> {
+    ) -> Result<Wake, RingSendError> {
         let sequence = self.sequence + 1;
         let word = self.check(message, sequence)?;
         if !self.displaces && !self.has_room(words) {
@@ -230,7 +234,7 @@ impl RingSender {
         room?;
         self.put(words, at, word.to_bits(), settled)?;
         if self.displaced >= RING_DISPLACED_MAX {
-            return Err(Unsent::Stopped);
+            return Err(RingSendError::Stopped);
         }
         Ok(wake_parked(words, At::ReceiverParked))
     }
@@ -265,7 +269,7 @@ impl RingSender {
         if let Some(segment) = self.segment_mut(message.segment.id) {
             segment.unreleased += 1;
             if let Some(slot) = segment.slots.get_mut(message.slot as usize) {
-                *slot = Some(Sent {
+                *slot = Some(Unsettled {
                     key: message.key,
                     sequence,
                 });
@@ -371,7 +375,7 @@ impl RingSender {
         let segment = self.segment_mut(u32::from(word.segment))?;
         let slot = segment.slots.get_mut(usize::from(word.slot))?;
         match *slot {
-            Some(Sent { key, sequence }) if sequence as u32 == word.sequence => {
+            Some(Unsettled { key, sequence }) if sequence as u32 == word.sequence => {
                 *slot = None;
                 segment.unreleased -= 1;
                 self.unreleased -= 1;
@@ -381,17 +385,25 @@ impl RingSender {
         }
     }
 
-    /// Counts a message that is not sent on this link, because the link had no room or is over.
-    pub(in crate::link) fn skip(&mut self, fate: Fate) {
+    /// Counts a message whose deadline passed while the application waited for room.
+    //= SM2-QOS-002
+    pub(in crate::link) const fn skip(&mut self) {
         self.counters.offered += 1;
-        match fate {
-            Fate::Deadline => {
-                self.counters.deadline += 1;
-                self.stalled = true;
-            }
-            Fate::Closed => self.counters.closed += 1,
-            _ => self.counters.overwritten += 1,
-        }
+        self.counters.deadline += 1;
+        self.stalled = true;
+    }
+
+    /// Counts a publication that is not sent on this link.
+    pub(in crate::link) const fn pass_over(&mut self) {
+        self.counters.offered += 1;
+        self.counters.overwritten += 1;
+    }
+
+    /// Counts a queued message that is not sent, because the link is over.
+    //= SM2-OPN-007
+    pub(super) const fn count_closed(&mut self) {
+        self.counters.offered += 1;
+        self.counters.closed += 1;
     }
 
     /// Ends the sender's side with the link. Passes the keys of all messages that were not settled

@@ -5,7 +5,7 @@ use alloc::sync::Arc;
 
 use super::{Channels, Contract, EntityId, Kind, Name, TypeId};
 use crate::{
-    Demand, InterfaceId, NodeId, Offer, Refusal, ServiceQos,
+    DemandedQos, InterfaceId, NodeId, OfferedQos, Refusal, ServiceQos,
     proofs::{below, one_of},
 };
 
@@ -30,7 +30,7 @@ fn contract(kind: Kind, on: &str, hash: Option<u64>) -> Contract {
         Kind::Publisher => Contract::Publisher {
             topic: name(on),
             data: data(hash.unwrap_or(1)),
-            offer: Offer {
+            offer: OfferedQos {
                 depth: 1,
                 reliable: false,
                 latched: 0,
@@ -40,7 +40,7 @@ fn contract(kind: Kind, on: &str, hash: Option<u64>) -> Contract {
         Kind::Subscriber => Contract::Subscriber {
             topic: name(on),
             data: hash.map(data),
-            demand: Demand {
+            demand: DemandedQos {
                 depth: 1,
                 reliable: false,
                 max_borrowed: 1,

@@ -4,8 +4,9 @@ use alloc::collections::BTreeMap;
 
 use super::{Answer, Answered, Interface, Link, Misuse, Standing, State, Withdrawal};
 use crate::{
-    Contract, Demand, InterfaceId, LinkId, LinkKey, LinkQos, Name, NodeId, Offer, TypeId, VERSION,
-    control::Peer,
+    Contract, DemandedQos, InterfaceId, LinkId, LinkKey, LinkQos, Name, NodeId, OfferedQos, TypeId,
+    VERSION,
+    control::LinkPeer,
     proofs::{below, one_of},
 };
 
@@ -72,7 +73,7 @@ fn publisher(reliable: bool, sealed: bool) -> Contract {
     Contract::Publisher {
         topic: topic(),
         data: data(),
-        offer: Offer {
+        offer: OfferedQos {
             depth: 1,
             reliable,
             latched: 0,
@@ -81,15 +82,15 @@ fn publisher(reliable: bool, sealed: bool) -> Contract {
     }
 }
 
-fn subscriber(topic: Name, reliable: bool, sealed: bool) -> Peer {
-    Peer {
+fn subscriber(topic: Name, reliable: bool, sealed: bool) -> LinkPeer {
+    LinkPeer {
         node: NodeId(1),
         name: data().name,
         interface: InterfaceId(1),
         contract: Contract::Subscriber {
             topic,
             data: None,
-            demand: Demand {
+            demand: DemandedQos {
                 depth: 1,
                 reliable,
                 max_borrowed: 1,

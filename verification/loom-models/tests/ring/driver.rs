@@ -6,11 +6,11 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use sm2_proto::link::{
-    Attachment, Body, Config, Delivery, End, Error, Fate, Input, LaneKind, Lent, Link, Misuse,
-    NoDelivery, OutboundMessage, Output, Payload, RingLayout, RingMemory, Role, SlotHead, Status,
-    Wake, doorbell,
+    Attachment, Body, Config, Delivery, End, Error, Fate, Input, LaneKind, LentRing, Link, Misuse,
+    NoDelivery, OutboundMessage, Output, Payload, RingLayout, RingMemory, Role, SlotHead,
+    SlotRange, Status, Wake, doorbell,
 };
-use sm2_proto::{Datagram, Farewell, FdFacts, Instant, LinkId, Seals, limits::SLOT_HEAD};
+use sm2_proto::{Datagram, Farewell, FdFacts, Instant, LinkId, Machine, Seals, limits::SLOT_HEAD};
 
 use crate::memory::Memory;
 use crate::socket::{Read, Socket};
@@ -347,10 +347,10 @@ impl<W: Mortal> Driver<W> {
             return None;
         }
         let slots = &self.memory.slots;
-        let head = |_, offset: u64, stride: u64| -> Option<[u8; SLOT_HEAD]> {
-            slots.get((offset / stride) as usize)?.head()
+        let head = |slot: SlotRange| -> Option<[u8; SLOT_HEAD]> {
+            slots.get((slot.offset / slot.stride) as usize)?.head()
         };
-        let taken = self.link.take(&Lent::new(&self.words, head));
+        let taken = self.link.take(&LentRing::new(&self.words, head));
         if self.words.is_dead() {
             return None;
         }

@@ -1,6 +1,6 @@
 //! The bounds of a search: the nodes, and the events that may happen.
 
-use sm2_proto::{Contract, Demand, Name, Offer, ServiceQos, TypeId};
+use sm2_proto::{Contract, DemandedQos, Name, OfferedQos, ServiceQos, TypeId};
 
 /// How often each event may happen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -282,7 +282,7 @@ fn publisher(topic: &str) -> Contract {
     Contract::Publisher {
         topic: name(topic),
         data: data("T"),
-        offer: Offer {
+        offer: OfferedQos {
             depth: 1,
             reliable: true,
             latched: 0,
@@ -295,7 +295,7 @@ fn subscriber(topic: &str) -> Contract {
     Contract::Subscriber {
         topic: name(topic),
         data: None,
-        demand: Demand {
+        demand: DemandedQos {
             depth: 1,
             reliable: false,
             max_borrowed: 1,

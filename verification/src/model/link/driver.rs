@@ -1,7 +1,7 @@
 //! The drivers: they feed their machines, and carry out the outputs.
 
 use sm2_proto::{
-    Datagram,
+    Datagram, Machine,
     link::{
         Attachment, End as Reason, Error, Fate, Input, Output, Packet, SegmentInfo, wire::Frame,
     },

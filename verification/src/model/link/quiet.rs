@@ -1,7 +1,7 @@
 //! The properties that hold in every moment, and those that hold when no action is left.
 
 use sm2_proto::{
-    Datagram, Farewell,
+    Datagram, Farewell, Machine,
     link::{Error, Input, Link, NoMemory, Role},
 };
 

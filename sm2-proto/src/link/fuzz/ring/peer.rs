@@ -3,7 +3,7 @@
 
 use super::{super::NOW, Ring, SLOTS, segment};
 use crate::{
-    Datagram, FdFacts, Seals,
+    Datagram, FdFacts, Machine, Seals,
     fuzz::Script,
     link::{At, Delivery, EMPTY, Input, Payload, Word, wire::Frame},
 };

@@ -95,7 +95,7 @@ fn numbers_end() {
     };
     let mut head = [0; 64];
     head[0] = 1;
-    let taken = receiver.take(&words, |_| Geometry::new(4_096, 1), |_, _, _| Some(head));
+    let taken = receiver.take(&words, |_| Geometry::new(4_096, 1), |_| Some(head));
     assert!(receiver.next >= next);
     kani::cover!(
         taken == Err(NotTaken::Violation(violation!(BadWord, "SM2-RNG-007"))),
@@ -187,8 +187,8 @@ fn a_look_at_any_words() {
     let taken = receiver.take(
         &words,
         |_| Geometry::new(4_096, 2),
-        |_, offset, stride| {
-            assert!(offset + stride <= 8_192);
+        |slot| {
+            assert!(slot.offset + slot.stride <= 8_192);
             copies.set(copies.get() + 1);
             Some(head.to_bytes())
         },

@@ -5,7 +5,7 @@ use core::cell::Cell;
 
 use super::{
     At, Carrier, EMPTY, Fate, Misuse, RING_DISPLACED_MAX, RingLayout, RingMemory, RingMessage,
-    RingSender, SegmentInfo, Unsent, Wake, Word,
+    RingSendError, RingSender, SegmentInfo, Wake, Word,
 };
 use crate::proofs::{below, one_of};
 
@@ -145,7 +145,7 @@ fn a_message_to_any_words() {
     let is_double = |at: usize| settled[at + 1..].iter().any(|it| it.0 == settled[at].0);
     assert!(!(0..settled.len()).any(is_double), "settled once");
     let books = sender.counters();
-    let refused = matches!(result, Err(Unsent::Misuse(Misuse::NoRoom)));
+    let refused = matches!(result, Err(RingSendError::Misuse(Misuse::NoRoom)));
     assert_eq!(books.offered, sent + u64::from(!refused));
     assert_eq!(books.in_flight, books.offered - settled.len() as u64);
     assert!(!refused || reliable && settled.is_empty() && words.accesses.get() <= 1);
@@ -162,11 +162,15 @@ fn a_message_to_any_words() {
         "displaced, and one came back"
     );
     kani::cover!(
-        result == Err(Unsent::Violation(violation!(WindowExceeded, "SM2-RNG-006"))),
+        result
+            == Err(RingSendError::Violation(violation!(
+                WindowExceeded,
+                "SM2-RNG-006"
+            ))),
         "full"
     );
     kani::cover!(
-        result == Err(Unsent::Violation(violation!(BadWord, "SM2-RNG-005"))),
+        result == Err(RingSendError::Violation(violation!(BadWord, "SM2-RNG-005"))),
         "wrong"
     );
 }
@@ -232,7 +236,7 @@ fn a_stopped_receiver_is_given_up() {
     for number in sent + 1..sent + 4 {
         let result = sender.send(&words, &message(number), &mut settle);
         count += 1;
-        stopped = result == Err(Unsent::Stopped);
+        stopped = result == Err(RingSendError::Stopped);
         assert_eq!(stopped, count == RING_DISPLACED_MAX);
         assert!(stopped || result == Ok(Wake::NotNeeded));
         if stopped {
@@ -260,7 +264,7 @@ fn one_taken_begins_the_count_anew() {
         words.right(At::Forward(1)).set(EMPTY);
     }
     let result = sender.send(&words, &message(3), &mut |_, _| {});
-    assert_eq!(result == Err(Unsent::Stopped), !taken);
+    assert_eq!(result == Err(RingSendError::Stopped), !taken);
     assert_eq!(sender.displaced == 0, taken);
     kani::cover!(taken, "taken");
     kani::cover!(!taken, "not taken");
