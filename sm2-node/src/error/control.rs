@@ -273,7 +273,7 @@ pub enum WaitError {
     Io(#[source] io::Error),
 }
 
-/// What the name of an interface of this kind is the name of.
+/// The noun for the name of such an interface: publishers and subscribers are declared with a topic.
 const fn named(kind: Kind) -> &'static str {
     match kind {
         Kind::Publisher | Kind::Subscriber => "topic",
