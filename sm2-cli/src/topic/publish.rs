@@ -1,6 +1,7 @@
 //! `sm2 topic pub`: publishes files, standard input or a value.
 
 mod arguments;
+mod pace;
 mod payload;
 mod summary;
 
@@ -8,10 +9,11 @@ use std::{os::fd::BorrowedFd, time::Duration};
 
 use sm2_io::clock;
 use sm2_node::{Publisher, WaitError};
-use sm2_proto::{Instant, Kind};
+use sm2_proto::Kind;
 
 pub(crate) use self::arguments::Arguments;
 use self::{
+    pace::Pace,
     payload::Payload,
     summary::{Summary, Tally},
 };
@@ -115,20 +117,6 @@ struct Feed<'a> {
     room: Room,
 }
 
-/// The schedule of messages: a fixed rate from the first message on.
-#[derive(Clone, Copy, Debug)]
-struct Pace {
-    start: Instant,
-    hz: f64,
-}
-
-impl Pace {
-    fn due(self, message: u64) -> Instant {
-        let after = Duration::try_from_secs_f64(message as f64 / self.hz);
-        self.start.after(after.unwrap_or(Duration::MAX))
-    }
-}
-
 impl Feed<'_> {
     /// Waits for subscribers. Returns false if a signal came first.
     fn wait_for_subscribers(&self) -> Result<bool, CliError> {
@@ -200,9 +188,8 @@ impl Feed<'_> {
     /// Waits until the next message is due and has room. Returns false if a signal comes.
     fn wait_for_turn(&mut self) -> Result<bool, CliError> {
         if let Some(hz) = self.arguments.rate {
-            let start = clock::now();
-            let pace = *self.pace.get_or_insert(Pace { start, hz });
-            if self.session.pause(pace.due(self.tally.messages))? {
+            let pace = self.pace.get_or_insert_with(|| Pace::new(hz));
+            if self.session.pause(pace.next(clock::now()))? {
                 return Ok(false);
             }
         }
