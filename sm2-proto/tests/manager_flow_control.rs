@@ -12,14 +12,14 @@ use sm2_proto::{
     violation,
 };
 use support::{
-    bench::{Bench, EPOCH, Event, UNLIMITED, resuming, seen_by, unlinked, withdraw},
+    bench::{Bench, EPOCH, Event, UNLIMITED, resuming, seen_by, unlink, unlinked, withdraw},
     contracts::{client, data, scan, server, subscriber},
 };
 
 const AHEAD: usize = 4;
 const POLICY: Policy = Policy {
     links_in_flight: AHEAD,
-    pairs_per_turn: 16,
+    work_per_turn: 2_048,
     ..UNLIMITED
 };
 
@@ -252,10 +252,11 @@ fn matches_counts_only_what_follows_at_once() {
 fn one_claimed_is_settled_in_parts() {
     const SUBSCRIBERS: u64 = 200;
     const PUBLISHERS: u64 = 100;
-    const PAIRS_PER_TURN: usize = 256;
+    const WORK_PER_TURN: usize = 256;
+    const LINKS: u64 = 300;
     let policy = Policy {
         interfaces_per_session: 1_024,
-        pairs_per_turn: PAIRS_PER_TURN,
+        work_per_turn: WORK_PER_TURN,
         links_per_session: 300,
         ..POLICY
     };
@@ -285,13 +286,15 @@ fn one_claimed_is_settled_in_parts() {
         ticks += 1;
     }
     let pairs = SUBSCRIBERS * PUBLISHERS * 2;
-    let per_turn = u64::try_from(PAIRS_PER_TURN).expect("few");
+    let per_turn = u64::try_from(WORK_PER_TURN).expect("few");
+    // A comparison costs 1, a link 64, and a pair that the quota does not allow 4.
+    let work = 5 * pairs + 64 * LINKS;
     assert!(
         ticks >= pairs / per_turn - 1,
         "{ticks} turns for {pairs} pairs"
     );
     assert!(
-        ticks <= pairs / per_turn + SUBSCRIBERS,
+        ticks <= work / per_turn + SUBSCRIBERS,
         "{ticks} turns for {pairs} pairs"
     );
     assert_eq!(others, ticks);
@@ -299,13 +302,14 @@ fn one_claimed_is_settled_in_parts() {
     rest(&mut bench, &[a, other, b]);
 }
 
-/// While a session is settled, its interfaces are like any other's.
+/// While a session is settled, its interfaces are like any other's. One pair is compared for each
+/// input.
 //= SM2-RES-007, SM2-LNK-004, SM2-MAT-002 test
 #[test]
 fn what_happens_while_a_session_is_settled() {
     let policy = Policy {
         links_in_flight: 100,
-        pairs_per_turn: 1,
+        work_per_turn: 1,
         ..UNLIMITED
     };
     let mut bench = Bench::new(policy);
@@ -315,17 +319,23 @@ fn what_happens_while_a_session_is_settled() {
     for interface in 1..=3 {
         bench.declared(b, interface, &subscriber("scan", None));
     }
-    let first = links(&bench.send(b, &ToManager::Claimed));
-    assert_eq!(first.len(), 1, "one pair was looked at");
-    // A new publisher is linked with all three at once. One of these links ends, and is not made
-    // again.
-    let new = bench.declared(a, 4, &scan());
-    assert_eq!(new.len(), 3);
-    bench.unlinked(a, 4, new[2]);
-    // The second subscriber and one publisher go.
-    bench.withdraw(b, 2);
-    bench.withdraw(a, 2);
-    let mut rest = Vec::new();
+    let mut rest = bench.send(b, &ToManager::Claimed);
+    assert_eq!(rest.len(), 1, "one pair was looked at");
+    // A new publisher is linked with the first subscriber. This link ends, and is not made again.
+    let new = bench.declare(a, 4, &scan());
+    let (declared, new) = new.split_first().expect("an answer");
+    assert!(matches!(
+        declared,
+        Event::Sent(_, ToNode::Declared { matches: 1, .. })
+    ));
+    rest.extend_from_slice(new);
+    // The Manager first links the new publisher with the other subscribers.
+    let mut events = bench.unlinked(a, 4, links(new)[0]);
+    let ended = events.split_off(2);
+    assert_eq!(seen_by(&ended, b), [unlink(1, links(new)[0], 5)]);
+    rest.extend(events);
+    // One publisher goes.
+    assert_eq!(bench.withdraw(a, 2).len(), 1, "WITHDRAWN");
     while bench.manager.deadline() == Some(bench.now) {
         let some = bench.input(Input::Tick);
         assert!(some.len() <= 1, "{some:?}");
@@ -336,7 +346,7 @@ fn what_happens_while_a_session_is_settled() {
         let Event::Linked(
             _,
             [
-                (_, ToNode::Link { interface: one, .. }),
+                (first, ToNode::Link { interface: one, .. }),
                 (
                     _,
                     ToNode::Link {
@@ -348,10 +358,15 @@ fn what_happens_while_a_session_is_settled() {
         else {
             panic!("{event:?} is no link");
         };
-        *pairs.entry((*one, *other)).or_default() += 1;
+        let pair = if *first == b {
+            (*one, *other)
+        } else {
+            (*other, *one)
+        };
+        *pairs.entry(pair).or_default() += 1;
     }
-    let expected = [(1, 3), (3, 1), (3, 3)].map(|(b, a)| (InterfaceId(b), InterfaceId(a)));
-    let expected: BTreeSet<_> = expected.into_iter().collect();
+    let each = |b| [1, 3, 4].map(|a| (InterfaceId(b), InterfaceId(a)));
+    let expected: BTreeSet<_> = [1, 2, 3].into_iter().flat_map(each).collect();
     assert_eq!(pairs.keys().copied().collect::<BTreeSet<_>>(), expected);
     assert!(pairs.values().all(|&times| times == 1));
 }
@@ -362,7 +377,7 @@ fn what_happens_while_a_session_is_settled() {
 fn sessions_are_settled_in_turns() {
     let policy = Policy {
         links_in_flight: 1_000,
-        pairs_per_turn: 10,
+        work_per_turn: 10 * 65,
         ..UNLIMITED
     };
     let mut bench = Bench::new(policy);

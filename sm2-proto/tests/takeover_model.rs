@@ -76,9 +76,9 @@ fn step() -> impl Strategy<Value = Step> {
 /// The limit of LINKs in flight: almost all links wait, or hardly any.
 fn policy() -> impl Strategy<Value = Policy> {
     let few = || prop_oneof![2 => Just(1_usize), 1 => Just(2), 1 => Just(256)];
-    (few(), few()).prop_map(|(links_in_flight, pairs_per_turn)| Policy {
+    (few(), few()).prop_map(|(links_in_flight, work_per_turn)| Policy {
         links_in_flight,
-        pairs_per_turn,
+        work_per_turn,
         ..Policy::default()
     })
 }

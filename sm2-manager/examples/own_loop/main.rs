@@ -16,6 +16,7 @@
 //! | number the connections, pass their credentials and their datagrams | `accept`, `receive` |
 //! | carry out all outputs after each input | `step`, and only there |
 //! | call the machine with `Tick` at its deadline | `turn` |
+//! | leave the next frames of a busy session in its socket | `may_read` |
 //! | report that a socket accepted everything, if the machine waits for that | `feed` |
 //! | queue frames that a socket does not accept; give up a node that does not read | `node.rs`, `note` |
 //! | continue during a shortage of descriptors | `short`, `LinkFailed` |
@@ -142,7 +143,7 @@ impl Broker {
         // the kernel's buffer bounds how much that is.
         let gone = |flags: PollFlags| flags.intersects(PollFlags::POLLHUP | PollFlags::POLLERR);
         for &(session, _) in ready.iter().filter(|(_, flags)| gone(*flags)) {
-            while self.receive(session) {}
+            while self.may_read(session) && self.receive(session) {}
         }
         for &(session, flags) in ready.iter().filter(|(_, flags)| !gone(*flags)) {
             if flags.contains(PollFlags::POLLOUT) {
@@ -150,7 +151,7 @@ impl Broker {
                 self.note(session, sent);
             }
             if flags.contains(PollFlags::POLLIN) {
-                (0..TURN).all(|_| self.receive(session));
+                (0..TURN).all(|_| self.may_read(session) && self.receive(session));
             }
         }
         if knocking {
@@ -190,6 +191,12 @@ impl Broker {
             session,
             credentials,
         });
+    }
+
+    /// Whether the machine has finished the work of the session's last frame. Until then the next frames stay
+    /// in the socket (SM2-SES-009).
+    fn may_read(&self, session: NodeId) -> bool {
+        !self.machine.is_busy(session)
     }
 
     /// Passes one datagram to the machine. Returns whether there may be another one.

@@ -2,6 +2,7 @@
 
 mod door;
 mod sessions;
+mod shares;
 mod shortage;
 
 use std::{
@@ -21,7 +22,10 @@ use sm2_proto::{
 };
 use tracing::{debug, info, warn};
 
-use self::door::{Door, Found, LISTENER};
+use self::{
+    door::{Door, Found, LISTENER},
+    shares::Shares,
+};
 use crate::{
     HandOver, Options, Outcome, RunError, StartError, Stopper, connection::Connection,
     handles::Handles,
@@ -33,6 +37,8 @@ const HAND_OVER: u64 = u64::MAX - 2;
 
 /// How many connections are accepted, or datagrams read from one node, before other sockets are served.
 const TURN: usize = 32;
+/// How long sockets are served before the loop looks for new events. One datagram may exceed it.
+const ROUND: Duration = Duration::from_micros(500);
 
 /// The broker of a domain. It claims the socket when created and serves in [`run`](Manager::run).
 #[derive(Debug)]
@@ -42,6 +48,7 @@ pub struct Manager {
     epoll: Epoll,
     handles: Handles,
     connections: HashMap<NodeId, Connection>,
+    shares: Shares,
     last_session: u64,
     /// Nodes that turned out not to read their sockets while outputs were carried out.
     given_up: VecDeque<NodeId>,
@@ -105,6 +112,7 @@ impl Manager {
             epoll,
             handles: handles.clone(),
             connections: HashMap::new(),
+            shares: Shares::default(),
             last_session: 0,
             given_up: VecDeque::new(),
             drained: BTreeSet::new(),
@@ -144,24 +152,21 @@ impl Manager {
         let mut events = Events::with_capacity(256);
         loop {
             self.epoll.wait(&mut events, self.timeout())?;
-            // Hang-ups come first: they free names for the nodes that connect (SM2-SES-003), even if both
-            // happened since the last iteration.
-            //= SM2-SES-003
-            let (gone, here): (Vec<Event>, Vec<Event>) =
-                events.iter().partition(|event| event.hangup);
+            let mut ready: Vec<Event> = events.iter().collect();
             let mut stopping = false;
-            for event in gone.into_iter().chain(here) {
-                match event.token {
-                    STOP => stopping = true,
-                    HAND_OVER => {
-                        self.handles.hand_over.drain();
-                        self.door.offer(&self.epoll);
-                    }
-                    LISTENER if self.door.is_open() => self.accept(),
-                    LISTENER => {}
-                    token => self.serve(NodeId(token), event),
+            ready.retain(|event| match event.token {
+                STOP => {
+                    stopping = true;
+                    false
                 }
-            }
+                HAND_OVER => {
+                    self.handles.hand_over.drain();
+                    self.door.offer(&self.epoll);
+                    false
+                }
+                _ => true,
+            });
+            self.serve_all(ready);
             if stopping {
                 self.feed(Input::Shutdown);
                 info!("stopped");
@@ -191,12 +196,40 @@ impl Manager {
         Some(due.since(clock::now()))
     }
 
-    fn accept(&mut self) {
+    /// Serves sockets until the round is over. The next call of `epoll_wait` reports the others again.
+    //= SM2-SES-009, SM2-SES-003
+    fn serve_all(&mut self, mut ready: Vec<Event>) {
+        // Hang-ups come before other events of the same share: they free names for the nodes that connect.
+        ready.sort_by_key(|it| (self.shares.start_tag(it.token), !it.hangup));
+        let mut before = clock::now();
+        let until = before.after(ROUND);
+        for event in ready {
+            match event.token {
+                LISTENER if self.door.is_open() => self.accept(until),
+                LISTENER => continue,
+                token => self.serve(NodeId(token), event, until),
+            }
+            let now = clock::now();
+            self.shares.charge(event.token, now.since(before));
+            if event.token != LISTENER && !self.connections.contains_key(&NodeId(event.token)) {
+                self.shares.forget(event.token);
+            }
+            if now >= until {
+                return;
+            }
+            before = now;
+        }
+    }
+
+    fn accept(&mut self, until: Instant) {
         for _ in 0..TURN {
+            if clock::now() >= until {
+                return;
+            }
             match self.let_in() {
                 Ok(Some((socket, place))) => self.connect(socket, place),
                 Ok(None) => return,
-                Err(error) if self.make_descriptors(&error) => self.feed(Input::Tick),
+                Err(error) if self.make_descriptors(&error) => self.report_sockets(),
                 Err(error) => {
                     warn!(%error, "cannot accept a connection: raise the limit of open files (RLIMIT_NOFILE)");
                     return self.door.pause(&self.epoll);
@@ -225,6 +258,11 @@ impl Manager {
     /// closed.
     fn feed_with(&mut self, input: Input<'_>, fds: ReceivedFds) {
         self.step(input, fds);
+        self.report_sockets();
+    }
+
+    /// Tells the machine which nodes do not read their sockets, and which sockets have room again.
+    fn report_sockets(&mut self) {
         while let Some(session) = self.given_up.pop_front() {
             self.step(Input::Stalled { session }, ReceivedFds::default());
         }

@@ -6,9 +6,9 @@ use std::{
     sync::Arc,
 };
 
-use sm2_io::{Event, Interest, RecvError, SeqPacket, memfd};
+use sm2_io::{Event, Interest, RecvError, SeqPacket, clock, memfd};
 use sm2_proto::{
-    Datagram, Farewell, NodeId,
+    Datagram, Farewell, Instant, NodeId,
     manager::{Cause, Credentials, Input},
 };
 use tracing::{debug, warn};
@@ -49,15 +49,20 @@ impl Manager {
         });
     }
 
-    pub(super) fn serve(&mut self, session: NodeId, event: Event) {
+    /// Serves a session until the round is over. The frames of a busy session stay in its socket.
+    //= SM2-SES-009
+    pub(super) fn serve(&mut self, session: NodeId, event: Event, until: Instant) {
         if event.writable {
             self.make_room(session);
-            self.feed(Input::Tick);
+            self.report_sockets();
         }
         // A closed connection is read to its end. The kernel's buffer bounds how much that is.
         let turns = if event.hangup { usize::MAX } else { TURN };
         for _ in 0..turns {
-            if !event.readable || !self.receive(session) {
+            if !event.readable || self.machine.is_busy(session) || !self.receive(session) {
+                return;
+            }
+            if clock::now() >= until {
                 return;
             }
         }

@@ -4,7 +4,7 @@ use std::{io, time::Duration};
 
 use nix::libc;
 use sm2_io::{SeqPacket, clock};
-use sm2_proto::{NodeId, manager::Input};
+use sm2_proto::NodeId;
 
 use super::Manager;
 
@@ -60,7 +60,7 @@ impl Manager {
         for session in waiting {
             self.make_room(session);
         }
-        self.feed(Input::Tick);
+        self.report_sockets();
     }
 
     /// Handles too many descriptors in flight. The kernel counts all of them for this process, whichever node

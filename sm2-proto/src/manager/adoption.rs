@@ -1,10 +1,9 @@
 //! Adopts links of earlier Managers. Nodes that come back claim their links, and this Manager
 //! adopts a link once both ends have claimed it (SPEC section 11).
 
-use alloc::vec::Vec;
-
 use super::{
     Cause, Manager,
+    budget::Budget,
     claims::Claim,
     links::{Agreed, Pair},
     session::Session,
@@ -98,24 +97,18 @@ impl Manager {
         }
         self.greeting.remove(&node);
         self.node_changed(node);
-        self.settle(node);
+        self.work(node, &mut Budget::new(&self.policy));
     }
 
-    /// Gives up the claims whose counterparts did not come in time.
+    /// Marks the sessions whose claims have waited long enough. Their next parts of
+    /// [`work`](Self::work) give the claims up.
     //= SM2-RES-006
     pub(super) fn expire_claims(&mut self, now: Instant) {
         while let Some(node) = self.claims.pop_expired(now) {
-            let Some(session) = self.sessions.get_mut(&node) else {
-                continue;
-            };
-            session.claims_expired();
-            let half = session
-                .node()
-                .map(|it| it.half_claims().collect::<Vec<_>>());
-            for (interface, link) in half.unwrap_or_default() {
-                let entity = EntityId { node, interface };
-                self.give_up_claim(entity, link);
-                self.send_unlink(entity, link, Farewell::PeerGone.code());
+            if let Some(session) = self.sessions.get_mut(&node) {
+                session.claims_expired();
+                self.expired.insert(node);
+                self.jobs.insert(node);
             }
         }
     }
@@ -135,16 +128,19 @@ impl Manager {
         code: Code,
     ) {
         let record = self.sessions.get_mut(&node).and_then(Session::node_mut);
-        if let Some(record) = record {
-            record.begin_unlink(interface, link);
-            self.send(
-                node,
-                &ToNode::Unlink {
-                    interface,
-                    link,
-                    code,
-                },
-            );
+        let is_live = record.is_some_and(|it| it.begin_unlink(interface, link));
+        if !is_live {
+            // The interface is gone, and its links are being ended.
+            let entity = EntityId { node, interface };
+            return self.ending_links.forget(entity, link);
         }
+        self.send(
+            node,
+            &ToNode::Unlink {
+                interface,
+                link,
+                code,
+            },
+        );
     }
 }

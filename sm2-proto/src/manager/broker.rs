@@ -4,6 +4,8 @@ use alloc::{sync::Arc, vec::Vec};
 
 use super::{
     Manager, Output,
+    budget::{Budget, LINK, MARK, PAIR},
+    channel::Channel,
     links::{Agreed, Pair},
     node_record::NodeRecord,
     phase::Phase,
@@ -17,14 +19,6 @@ use crate::{
     match_contracts,
 };
 
-/// The counterparts of an interface that is granted.
-#[derive(Default)]
-struct Matches {
-    linked: Vec<EntityId>,
-    /// The counterparts whose sessions have used up their quota of links.
-    full: Vec<EntityId>,
-}
-
 impl Manager {
     pub(super) fn declare(
         &mut self,
@@ -36,35 +30,34 @@ impl Manager {
             return Ok(());
         };
         record.number(entity.interface)?;
-        match self.admit(entity.node, &contract) {
-            Ok(matches) => self.admitted(entity, contract, &matches),
+        match self.check_interface(entity.node, &contract) {
+            Ok(()) => self.grant(entity, contract),
             Err(reason) => self.refuse(entity, contract, reason),
         }
         Ok(())
     }
 
-    /// Checks whether an interface can be granted, and finds the interfaces to link it with.
+    /// Checks whether an interface can be granted.
     //= SM2-IFC-005, SM2-IFC-006, SM2-RES-008
-    fn admit(&self, node: NodeId, contract: &Contract) -> Result<Matches, Refusal> {
+    fn check_interface(&self, node: NodeId, contract: &Contract) -> Result<(), Refusal> {
         let Some(session) = self.sessions.get(&node) else {
-            return Ok(Matches::default());
+            return Ok(());
         };
         let Some(record) = session.node() else {
-            return Ok(Matches::default());
+            return Ok(());
         };
         record.refuse_interface(&self.policy)?;
         self.users
             .refuse_interface(record.credentials().uid, &self.policy)?;
         let Some(channel) = self.channels.get(contract) else {
-            return Ok(Matches::default());
+            return Ok(());
         };
         channel.refuse_types(contract)?;
         //= SM2-RES-002
         if session.phase() == Phase::Resuming {
-            return Ok(Matches::default());
+            return Ok(());
         }
-        let matches = channel.matches(contract);
-        self.admit_links(node, matches.filter(|other| self.may_link(other.node)))
+        self.check_links(record.link_ends(), node, contract, channel)
     }
 
     /// Whether a session may be linked: not before it has claimed all its links.
@@ -74,19 +67,27 @@ impl Manager {
         phase == Some(Phase::Ready)
     }
 
-    /// Applies the quotas of links to matches in ascending order.
+    /// Checks whether a session that has `ours` ends of links may have those of a new interface.
     //= SM2-MAT-002
-    fn admit_links(
+    fn check_links(
         &self,
+        mut ours: usize,
         node: NodeId,
-        matches: impl Iterator<Item = EntityId>,
-    ) -> Result<Matches, Refusal> {
+        contract: &Contract,
+        channel: &Channel,
+    ) -> Result<(), Refusal> {
         let limit = self.policy.links_per_session();
-        let mut ours = self.link_ends(node);
+        // If the quota has room for a link with each counterpart, none has to be compared. A link
+        // within the session has two ends there.
+        if ours + 2 * channel.counterpart_count(contract.kind()) <= limit {
+            return Ok(());
+        }
         // The interfaces of a session stand together in this order, so one other count is enough.
         let mut theirs = (node, 0);
-        let mut admitted = Matches::default();
-        for other in matches {
+        for other in channel.matches(contract) {
+            if !self.may_link(other.node) {
+                continue;
+            }
             if other.node == node {
                 // Both ends of the link belong to this session.
                 ours += 1;
@@ -95,16 +96,14 @@ impl Manager {
                     theirs = (other.node, self.link_ends(other.node));
                 }
                 if theirs.1 >= limit {
-                    admitted.full.push(other);
                     continue;
                 }
                 theirs.1 += 1;
             }
             ours += 1;
             within(limit, ours, Quota::LinksPerSession)?;
-            admitted.linked.push(other);
         }
-        Ok(admitted)
+        Ok(())
     }
 
     fn node(&self, node: NodeId) -> Option<&NodeRecord> {
@@ -115,8 +114,10 @@ impl Manager {
         self.node(node).map_or(0, NodeRecord::link_ends)
     }
 
-    //= SM2-IFC-002, SM2-LNK-007
-    fn admitted(&mut self, entity: EntityId, contract: Contract, matches: &Matches) {
+    /// Grants an interface, answers, and links it as far as the budget of one part allows. Later
+    /// parts link it with its other matches.
+    //= SM2-IFC-002, SM2-LNK-007, SM2-SES-009
+    fn grant(&mut self, entity: EntityId, contract: Contract) {
         let record = self.sessions.get_mut(&entity.node);
         let Some(record) = record.and_then(Session::node_mut) else {
             return;
@@ -125,7 +126,7 @@ impl Manager {
         self.users.declare(record.credentials().uid);
         let contract = Arc::new(contract);
         self.channels.insert(entity, &contract);
-        record.declare(entity.interface, Arc::clone(&contract));
+        record.declare(entity.interface, contract);
         for interface in superseded {
             self.member_changed(EntityId {
                 interface,
@@ -133,28 +134,24 @@ impl Manager {
             });
         }
         self.member_changed(entity);
-        for &other in &matches.full {
-            let pair = Pair::new(entity, &contract, other);
-            self.mark_unlinked(pair, self.quota(other.node));
-        }
-        let answer_at = self.outputs.len();
-        // DECLARED counts only the LINKs that go out now. A link that waits may end before its
-        // LINKs are sent.
-        let mut announced = 0;
-        for &other in &matches.linked {
-            announced += usize::from(self.link(entity, other));
-        }
-        let declared = ToNode::Declared {
-            interface: entity.interface,
-            matches: count(announced),
+        let mut budget = Budget::new(&self.policy);
+        //= SM2-RES-002
+        let (links, more) = if self.may_link(entity.node) {
+            self.link_missing(entity, EntityId::FIRST, &mut budget)
+        } else {
+            (Vec::new(), None)
         };
-        self.outputs.insert(
-            answer_at,
-            Output::Send {
-                session: entity.node,
-                frame: encode_to_node(&declared),
-            },
-        );
+        // DECLARED comes first. It counts only the LINKs that follow at once: a link that waits may
+        // end before its LINKs are sent.
+        let (interface, matches) = (entity.interface, count(links.len()));
+        self.send(entity.node, &ToNode::Declared { interface, matches });
+        self.outputs.extend(links);
+        if let Some(after) = more
+            && let Some(session) = self.sessions.get_mut(&entity.node)
+        {
+            session.settle(entity.interface, after);
+            self.jobs.insert(entity.node);
+        }
     }
 
     //= SM2-WCH-004
@@ -186,54 +183,56 @@ impl Manager {
     }
 
     /// Links an interface with each match that it has no link with, as far as the quotas of both
-    /// sides allow. Pairs that ended their link are left out. Checks at most `left` counterparts
-    /// after an id, and returns how many of `left` are spent.
-    //= SM2-RES-007, SM2-LNK-004
+    /// sides allow. Pairs that ended their link are left out. Starts with the counterpart after
+    /// `after`, and stops when the budget is spent. Returns the LINKs that are to be sent at once,
+    /// and the last counterpart if some may be left.
+    //= SM2-RES-007, SM2-LNK-004, SM2-SES-009
     pub(super) fn link_missing(
         &mut self,
-        (entity, after): (EntityId, EntityId),
-        left: usize,
-    ) -> usize {
-        let Some(session) = self.sessions.get(&entity.node) else {
-            return left;
+        entity: EntityId,
+        after: EntityId,
+        budget: &mut Budget,
+    ) -> (Vec<Output>, Option<EntityId>) {
+        // An interface without counterparts costs something, too.
+        budget.spend(PAIR);
+        let session = self.sessions.get(&entity.node);
+        let contract = session
+            .and_then(Session::node)
+            .and_then(|it| it.contract(entity.interface))
+            .map(Arc::clone);
+        let (Some(session), Some(contract)) = (session, contract) else {
+            return (Vec::new(), None);
         };
-        let contract = session.node().and_then(|it| it.contract(entity.interface));
-        let contract = contract.map(Arc::clone);
-        let Some(contract) = contract else {
-            return left;
-        };
-        let mut checked = 0;
-        let mut last = None;
+        let mut more = None;
         let mut missing = Vec::new();
         if let Some(channel) = self.channels.get(&contract) {
-            for (other, matches) in channel.counterparts(&contract, after).take(left) {
-                checked += 1;
-                last = Some(other);
+            for (other, matches) in channel.counterparts(&contract, after) {
+                budget.spend(PAIR);
                 let pair = Pair::new(entity, &contract, other);
                 if matches
                     && self.may_link(other.node)
                     && !self.links.joins(pair)
                     && !session.has_ended(pair)
                 {
+                    let is_full = self.full(pair).is_some();
+                    budget.spend(if is_full { MARK } else { LINK });
                     missing.push(other);
+                }
+                if budget.is_spent() {
+                    more = Some(other);
+                    break;
                 }
             }
         }
-        if let Some(session) = self.sessions.get_mut(&entity.node) {
-            let more = last.filter(|_| checked == left);
-            session.settled(entity.interface, more);
-        }
+        let mut links = Vec::new();
         for other in missing {
             let pair = Pair::new(entity, &contract, other);
             match self.full(pair) {
                 Some(node) => self.mark_unlinked(pair, self.quota(node)),
-                None => {
-                    self.link(entity, other);
-                }
+                None => links.extend(self.link(entity, other)),
             }
         }
-        // An interface without counterparts costs something, too.
-        checked.max(1)
+        (links, more)
     }
 
     /// A node of this pair whose quota has no room for one more link.
@@ -244,15 +243,13 @@ impl Manager {
         nodes.find(|&node| self.link_ends(node) + ends(node) > limit)
     }
 
-    /// Makes a link between a pair. Returns whether its LINKs go out at once.
+    /// Makes a link between a pair. Returns its LINKs unless they have to wait.
     //= SM2-LNK-001, SM2-LNK-002, SM2-MAT-002, SM2-MAT-003, SM2-VER-002
-    fn link(&mut self, one: EntityId, other: EntityId) -> bool {
+    fn link(&mut self, one: EntityId, other: EntityId) -> Option<Output> {
         let (Some((us, ours)), Some((them, theirs))) = (self.end(one), self.end(other)) else {
-            return false;
+            return None;
         };
-        let Ok(qos) = match_contracts(ours, theirs) else {
-            return false;
-        };
+        let qos = match_contracts(ours, theirs).ok()?;
         let pair = Pair::new(one, ours, other);
         let agreed = Agreed {
             version: VERSION,
@@ -267,23 +264,20 @@ impl Manager {
         self.record(link, pair, agreed, usize::from(!waits));
         if waits {
             self.pending_links.insert(pair, link);
-        } else {
-            self.announce((link, key), [one, other], agreed);
+            return None;
         }
-        !waits
+        self.announcement((link, key), [one, other], agreed)
     }
 
-    /// Sends the two LINKs of a live link.
+    /// The two LINKs of a live link.
     //= SM2-LNK-001, SM2-LNK-002, SM2-LNK-007
-    pub(super) fn announce(
-        &mut self,
+    pub(super) fn announcement(
+        &self,
         (link, key): (LinkId, LinkKey),
         [one, other]: [EntityId; 2],
         agreed: Agreed,
-    ) {
-        let (Some(ours), Some(theirs)) = (self.peer(one), self.peer(other)) else {
-            return;
-        };
+    ) -> Option<Output> {
+        let (ours, theirs) = (self.peer(one)?, self.peer(other)?);
         let frame = |interface: InterfaceId, peer: LinkPeer| {
             encode_to_node(&ToNode::Link {
                 interface,
@@ -299,7 +293,7 @@ impl Manager {
             (one.node, frame(one.interface, theirs)),
             (other.node, frame(other.interface, ours)),
         ];
-        self.outputs.push_back(Output::Link { link, ends });
+        Some(Output::Link { link, ends })
     }
 
     /// Records a link that was made or adopted. `frames` LINKs of it are sent to each end at once.

@@ -150,6 +150,11 @@ impl Channel {
         rest.map(|(&end, theirs)| (end, match_contracts(contract, theirs).is_ok()))
     }
 
+    /// The number of interfaces on the other side of an interface of this kind.
+    pub(super) fn counterpart_count(&self, kind: Kind) -> usize {
+        self.side(kind.counterpart()).len()
+    }
+
     const fn side(&self, kind: Kind) -> &BTreeMap<EntityId, Arc<Contract>> {
         match kind {
             Kind::Publisher | Kind::Server => &self.offering,

@@ -3,6 +3,7 @@
 
 use super::{
     Manager,
+    budget::Budget,
     links::Pair,
     node_record::{Farewells, Remains},
     session::Session,
@@ -26,6 +27,7 @@ impl Manager {
         self.forget_link(link, pair);
         for entity in pair.entities() {
             self.remove_link(entity, link);
+            self.ending_links.forget(entity, link);
         }
         self.not_sent(pair);
         self.mark_unlinked(pair, UnlinkedReason::Descriptors);
@@ -48,13 +50,15 @@ impl Manager {
             .ok_or(violation!(UnknownInterface, "SM2-IFC-003"))?;
         self.users.withdraw(uid, 1);
         self.end_interface(entity, remains, Farewell::Done);
+        self.work(entity.node, &mut Budget::new(&self.policy));
         let interface = entity.interface;
         self.send(entity.node, &ToNode::Withdrawn { interface });
         Ok(())
     }
 
-    /// Removes an interface that its session has given up from all other tables.
-    //= SM2-IFC-003, SM2-SES-006
+    /// Removes an interface that its session has given up from the channels. Its links end with
+    /// [`work`](Self::work).
+    //= SM2-IFC-003, SM2-SES-006, SM2-SES-009
     pub(super) fn end_interface(
         &mut self,
         entity: EntityId,
@@ -62,11 +66,8 @@ impl Manager {
         cause: Farewell,
     ) {
         self.channels.remove(entity, &contract);
-        for (link, pair) in links {
-            self.end_link(link, pair, entity, cause.code());
-        }
-        self.forget_unlinked(entity);
         self.member_changed(entity);
+        self.ending_links.insert(entity, cause, links);
     }
 
     /// UNLINKED: a node says farewell to its end of a link.
@@ -119,7 +120,13 @@ impl Manager {
     /// One end of a link is gone. The other end gets UNLINK if the link was live at both ends and
     /// its LINKs were sent.
     //= SM2-LNK-007
-    fn end_link(&mut self, link: LinkId, pair: Option<Pair>, gone: EntityId, code: Code) {
+    pub(super) fn end_link(
+        &mut self,
+        link: LinkId,
+        pair: Option<Pair>,
+        gone: EntityId,
+        code: Code,
+    ) {
         match pair {
             None => self.give_up_claim(gone, link),
             Some(pair) => {
@@ -136,12 +143,14 @@ impl Manager {
         }
     }
 
-    /// Remembers why a matching pair is not linked, as far as the quota allows.
+    /// Remembers why a matching pair is not linked, as far as the quota allows. An interface that
+    /// is gone has no match.
     //= SM2-WCH-004
     pub(super) fn mark_unlinked(&mut self, pair: Pair, reason: UnlinkedReason) {
-        if self
-            .unlinked_pairs
-            .insert(pair, reason, self.policy.unlinked_per_session)
+        if self.is_there(pair)
+            && self
+                .unlinked_pairs
+                .insert(pair, reason, self.policy.unlinked_per_session)
         {
             self.changed(key(pair));
         }
@@ -151,14 +160,6 @@ impl Manager {
     pub(super) fn mark_linked(&mut self, pair: Pair) {
         if self.unlinked_pairs.remove(pair) {
             self.changed(key(pair));
-        }
-    }
-
-    /// Forgets all unlinked pairs of an interface that is gone.
-    //= SM2-WCH-004
-    pub(super) fn forget_unlinked(&mut self, entity: EntityId) {
-        for pair in self.unlinked_pairs.of(entity) {
-            self.mark_linked(pair);
         }
     }
 }

@@ -1,7 +1,13 @@
 //! Flow control for LINK frames: a node is sent no more than a limit beyond what its socket has
-//! taken (SM2-LNK-007). Work that takes long is done in parts, in turn with all other sessions.
+//! taken (SM2-LNK-007).
 
-use super::{Manager, links::Pair, node_record::NodeRecord, session::Session};
+use super::{
+    Manager,
+    budget::{Budget, LINK, PAIR},
+    links::Pair,
+    node_record::NodeRecord,
+    session::Session,
+};
 use crate::{EntityId, LinkId, NodeId};
 
 impl Manager {
@@ -46,33 +52,24 @@ impl Manager {
         self.is_full(record) || self.pending_links.is_ready(node)
     }
 
-    /// Does one part of the deferred work: the pending links of one session, which its quota of
-    /// links bounds, and `pairs_per_turn` pairs of one session that settles.
-    pub(super) fn run_deferred(&mut self) {
-        if let Some(node) = self.pending_links.next_ready() {
-            self.announce_pending(node);
-        }
-        if let Some(node) = self.settling.next() {
-            self.settle(node);
-        }
-    }
-
-    /// Whether deferred work can be done now.
-    pub(super) fn has_deferred(&self) -> bool {
-        self.pending_links.has_ready() || !self.settling.is_empty()
-    }
-
-    /// Announces the pending links of a session, as far as both ends have room.
-    //= SM2-LNK-007
-    fn announce_pending(&mut self, node: NodeId) {
-        let mut after = LinkId::FIRST;
+    /// Announces the pending links of a session after this one, as far as both ends have room and
+    /// the budget of one part allows.
+    //= SM2-LNK-007, SM2-SES-009
+    pub(super) fn announce_pending(&mut self, node: NodeId, mut after: LinkId) {
+        let mut budget = Budget::new(&self.policy);
         while !self.awaits_room(node)
             && let Some(link) = self.pending_links.next_of(node, after)
         {
+            if budget.is_spent() {
+                return self.pending_links.go_on(node, after);
+            }
             after = link;
+            budget.spend(PAIR);
             if let Some((pair, agreed)) = self.links.made_as(link)
+                && self.is_there(pair)
                 && !pair.nodes().any(|it| self.awaits_room(it))
             {
+                budget.spend(LINK);
                 self.pending_links.remove(pair, link);
                 for EntityId { node, .. } in pair.entities() {
                     let record = self.sessions.get_mut(&node).and_then(Session::node_mut);
@@ -81,31 +78,20 @@ impl Manager {
                     }
                 }
                 let key = self.links.key(link);
-                self.announce((link, key), pair.entities(), agreed);
+                let links = self.announcement((link, key), pair.entities(), agreed);
+                self.outputs.extend(links);
             }
         }
     }
 
-    /// Checks `pairs_per_turn` pairs of a session after its CLAIMED, and links those that match
-    /// and have no link. The session waits for its next turn if pairs are left.
-    //= SM2-RES-007
-    pub(super) fn settle(&mut self, node: NodeId) {
-        let mut left = self.policy.pairs_per_turn.max(1);
-        while let Some(entity) = self.unsettled(node) {
-            if left == 0 {
-                self.settling.insert(node);
-                return;
-            }
-            left -= self.link_missing(entity, left);
-        }
+    /// Whether both interfaces of a pair are there. Links of an interface that is gone may still
+    /// have to be ended.
+    pub(super) fn is_there(&self, pair: Pair) -> bool {
+        let is_there = |it| self.user_and_contract(it).is_some();
+        pair.entities().into_iter().all(is_there)
     }
 
-    fn unsettled(&mut self, node: NodeId) -> Option<(EntityId, EntityId)> {
-        self.sessions.get_mut(&node)?.unsettled(node)
-    }
-
-    /// Whether every pending link waits for room or a turn at one of its ends, and every session
-    /// that settles waits for its turn.
+    /// Whether every pending link waits for room or a turn at one of its ends, or to be ended.
     pub(super) fn flow_control_agrees(&self) -> bool {
         let waits = |it: NodeId| self.awaits_room(it) || self.pending_links.is_ready(it);
         let sound = |(node, link): (NodeId, LinkId)| {
@@ -115,19 +101,10 @@ impl Manager {
                 let mut all = pair.nodes();
                 nodes.any(|it| it == node)
                     && all.all(|it| self.pending_links.contains(it, link))
-                    && pair.nodes().any(waits)
+                    && (pair.nodes().any(waits) || !self.is_there(pair))
             })
         };
         let is_there = |it: NodeId| self.sessions.contains_key(&it);
-        let settling = self.sessions.iter().filter(|(_, it)| it.is_settling());
-        self.pending_links.iter().all(sound)
-            && self.pending_links.ready().all(is_there)
-            && settling.map(|(&node, _)| node).eq(self.settling.iter())
-    }
-
-    /// A session is over: it waits for no turn. Its links end one by one.
-    pub(super) fn forget_deferred(&mut self, node: NodeId) {
-        self.pending_links.forget_session(node);
-        self.settling.remove(node);
+        self.pending_links.iter().all(sound) && self.pending_links.ready().all(is_there)
     }
 }

@@ -29,7 +29,7 @@ const POLICY: Policy = Policy {
     unlinked_per_session: 3,
     changes_remembered: 20,
     links_in_flight: 256,
-    pairs_per_turn: 256,
+    work_per_turn: 256,
     seal_all: false,
     waive_user_boundary: false,
 };

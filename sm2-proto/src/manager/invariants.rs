@@ -1,7 +1,7 @@
 //! The invariants between the tables of a Manager. Debug builds check them after each input.
 
 use super::{Manager, links::Pair, node_record::NodeRecord, phase::Phase, session::Session};
-use crate::match_contracts;
+use crate::{EntityId, LinkId, match_contracts};
 
 /// A larger domain is checked only once in [`SPACING`] revisions, because the cost of a check grows
 /// with the domain.
@@ -27,7 +27,7 @@ impl Manager {
                     && self
                         .unlinked_pairs
                         .iter()
-                        .all(|it| self.is_match(it) && !self.links.joins(it)),
+                        .all(|it| self.is_sound(it) && !self.links.joins(it)),
                 "unlinked pairs match, are not linked, and are within their quota",
             ),
             (
@@ -37,7 +37,11 @@ impl Manager {
             ),
             (
                 self.flow_control_agrees(),
-                "links wait for their LINKs, and sessions to be linked, only as long as they have to",
+                "links wait for their LINKs only as long as they have to",
+            ),
+            (
+                self.jobs_agree(),
+                "busy sessions wait for their turn, and no others",
             ),
             (
                 self.watchers
@@ -95,25 +99,23 @@ impl Manager {
 
     fn links_agree(&self) -> Result<(), &'static str> {
         let ends = || self.each_node().flat_map(NodeRecord::live_ends);
-        let claims = ends().filter(|(_, _, pair)| pair.is_none()).count();
+        let ending = || self.ending_links.pairs();
+        let claims = ends().filter(|(_, _, pair)| pair.is_none()).count()
+            + ending().filter(Option::is_none).count();
+        let count = ends().count() + ending().count();
         let made = self.links.iter().all(|(link, pair)| {
-            let has = |entity: crate::EntityId| {
-                let record = self.sessions.get(&entity.node).and_then(Session::node);
-                record.and_then(|it| it.live_link(entity.interface, link)) == Some(Some(pair))
-            };
-            pair.entities().into_iter().all(has) && self.is_match(pair)
+            let has = |it: EntityId| self.end_of(it, link) == Some(Some(pair));
+            pair.entities().into_iter().all(has) && self.is_sound(pair)
         });
-        let claimed = self.claims.iter().all(|(link, entity)| {
-            let record = self.sessions.get(&entity.node).and_then(Session::node);
-            record.and_then(|it| it.live_link(entity.interface, link)) == Some(None)
-        });
+        let claimed = |(link, it)| self.end_of(it, link) == Some(None);
+        let claimed = self.claims.iter().all(claimed);
         rules(&[
             (
                 self.each_node().all(NodeRecord::counts_its_ends),
                 "each session knows how many ends of links it has",
             ),
             (
-                self.links.agree() && made && ends().count() == 2 * self.links.len() + claims,
+                self.links.agree() && made && count == 2 * self.links.len() + claims,
                 "links join matching pairs, each once, and both ends know",
             ),
             (
@@ -121,6 +123,19 @@ impl Manager {
                 "each claim without a counterpart is a live end of its session",
             ),
         ])
+    }
+
+    /// The pair of a live end, or of one whose interface is gone.
+    fn end_of(&self, entity: EntityId, link: LinkId) -> Option<Option<Pair>> {
+        let record = self.sessions.get(&entity.node).and_then(Session::node);
+        let live = record.and_then(|it| it.live_link(entity.interface, link));
+        live.or_else(|| self.ending_links.link(entity, link))
+    }
+
+    /// Whether a pair matches, or one of its interfaces is gone and will be forgotten.
+    fn is_sound(&self, pair: Pair) -> bool {
+        let gone = |it: EntityId| self.ending_links.has_interface(it);
+        self.is_match(pair) || pair.entities().into_iter().any(gone)
     }
 
     fn is_match(&self, pair: Pair) -> bool {

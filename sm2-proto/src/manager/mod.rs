@@ -3,25 +3,28 @@
 //! | to do | call |
 //! | --- | --- |
 //! | feed, drain, deadline | [`Machine`]; at the deadline, feed [`Input::Tick`] |
-//! | inspect | [`Manager::revision`], [`Manager::sessions`], [`Manager::links`], [`Manager::awaits_room`] |
+//! | inspect | [`Manager::revision`], [`Manager::sessions`], [`Manager::links`] |
+//! | ask before reading and writing | [`Manager::is_busy`], [`Manager::awaits_room`] |
 //!
 //! One machine serves all sessions. The driver numbers the connections that it accepts, makes the
 //! socket pairs that [`Output::Link`] asks for, and closes the connections that [`Output::HangUp`]
 //! names. A violation ends the session of the node that committed it, and nothing else.
 //!
-//! Each input costs O(log n) in the size of the domain, plus the counterparts or links that it
-//! affects. Longer work is done in parts: the deadline is then in the past, and each
-//! [`Input::Tick`] does one part. LINKs wait for nodes that do not read their sockets
-//! ([`Manager::awaits_room`]).
+//! Each input does a bounded amount of work ([`Policy::work_per_turn`]). Longer work is done in
+//! parts: the deadline is then in the past, each [`Input::Tick`] does one part, and the further
+//! frames of the session wait in its socket ([`Manager::is_busy`]). LINKs wait for nodes that do not
+//! read their sockets ([`Manager::awaits_room`]).
 //!
 //! The example `own_loop` of `sm2-manager` is a complete driver in a loop of its own, with all its
 //! duties.
 
 mod adoption;
 mod broker;
+mod budget;
 mod channel;
 mod claims;
 mod describe;
+mod ending_links;
 mod endings;
 mod event;
 mod flow_control;
@@ -44,6 +47,7 @@ mod session;
 mod unlinked;
 mod users;
 mod watch;
+mod work;
 
 use alloc::{
     collections::{BTreeMap, BTreeSet, VecDeque},
@@ -52,8 +56,10 @@ use alloc::{
 use core::convert::Infallible;
 
 use self::{
+    budget::Budget,
     channel::Channels,
     claims::{Claim, Claims},
+    ending_links::EndingLinks,
     links::{Agreed, Links},
     log::Log,
     node_record::NodeRecord,
@@ -97,8 +103,11 @@ pub struct Manager {
     /// order in which they came, so the first deadline is the earliest.
     greeting: BTreeMap<NodeId, Instant>,
     pending_links: PendingLinks,
-    /// The sessions that have sent CLAIMED and are not linked with all their matches yet.
-    settling: RoundRobin,
+    /// The sessions whose claims have waited long enough and are being given up.
+    expired: BTreeSet<NodeId>,
+    ending_links: EndingLinks,
+    /// The sessions that are busy, in turns. Some of them are over.
+    jobs: RoundRobin,
     /// The time since which deferred work can be done.
     due: Option<Instant>,
     outputs: VecDeque<Output>,
@@ -126,7 +135,9 @@ impl Manager {
             watchers: BTreeSet::new(),
             greeting: BTreeMap::new(),
             pending_links: PendingLinks::new(),
-            settling: RoundRobin::new(),
+            expired: BTreeSet::new(),
+            ending_links: EndingLinks::new(),
+            jobs: RoundRobin::new(),
             due: None,
             outputs: VecDeque::new(),
         }
@@ -231,6 +242,10 @@ impl Manager {
     }
 
     fn receive(&mut self, now: Instant, node: NodeId, datagram: &Datagram<'_>) {
+        if !self.sessions.contains_key(&node) {
+            return;
+        }
+        self.finish(node);
         let Some(session) = self.sessions.get(&node) else {
             return;
         };
@@ -358,7 +373,9 @@ impl Manager {
                 self.end_node(node, record);
             }
         }
-        self.forget_deferred(node);
+        self.pending_links.forget_session(node);
+        self.expired.remove(&node);
+        self.work(node, &mut Budget::new(&self.policy));
         let goodbye = cause
             .code()
             .map(|code| encode_to_node(&ToNode::Goodbye { code }));
@@ -402,6 +419,7 @@ impl Manager {
         for node in sessions {
             self.end_session(node, Cause::Farewell(Farewell::ShuttingDown));
         }
+        self.finish_all();
     }
 
     /// Says goodbye to all standbys, which wait for the end of this Manager.

@@ -268,13 +268,12 @@ impl NodeRecord {
         }
     }
 
-    /// Notes that UNLINK is sent for a live link.
-    pub(super) fn begin_unlink(&mut self, interface: InterfaceId, link: LinkId) {
-        if let Some(interface) = self.interfaces.get_mut(&interface)
-            && interface.live.remove(&link).is_some()
-        {
-            interface.unlinking.insert(link);
-        }
+    /// Notes that UNLINK is sent for a live link. Returns whether the interface has the link.
+    pub(super) fn begin_unlink(&mut self, interface: InterfaceId, link: LinkId) -> bool {
+        let Some(interface) = self.interfaces.get_mut(&interface) else {
+            return false;
+        };
+        interface.live.remove(&link).is_some() && interface.unlinking.insert(link)
     }
 
     /// Notes that UNLINKED has come: this end is never named again.

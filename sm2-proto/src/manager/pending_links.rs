@@ -1,6 +1,6 @@
 //! The links whose LINK frames wait until both nodes have read the frames before (SM2-LNK-007).
 
-use alloc::collections::BTreeSet;
+use alloc::collections::{BTreeMap, BTreeSet};
 use core::ops::Bound;
 
 use super::{links::Pair, round_robin::RoundRobin};
@@ -14,6 +14,8 @@ pub(super) struct PendingLinks {
     links: BTreeSet<(NodeId, LinkId)>,
     /// The sessions that have room and pending links.
     ready: RoundRobin,
+    /// The sessions that wait for their next turn, and the last link that was looked at.
+    seen: BTreeMap<NodeId, LinkId>,
 }
 
 impl PendingLinks {
@@ -21,6 +23,7 @@ impl PendingLinks {
         Self {
             links: BTreeSet::new(),
             ready: RoundRobin::new(),
+            seen: BTreeMap::new(),
         }
     }
 
@@ -47,8 +50,10 @@ impl PendingLinks {
         (owner == node).then_some(link)
     }
 
-    /// The session has room: if links are pending for it, it waits for its turn.
+    /// The session has room: if links are pending for it, it waits for its turn. All of them are
+    /// looked at again.
     pub(super) fn has_room(&mut self, node: NodeId) {
+        self.seen.remove(&node);
         if self.next_of(node, LinkId::FIRST).is_some() {
             self.ready.insert(node);
         }
@@ -64,14 +69,23 @@ impl PendingLinks {
         !self.ready.is_empty()
     }
 
-    /// The session whose turn it is.
-    pub(super) fn next_ready(&mut self) -> Option<NodeId> {
-        self.ready.next()
+    /// The session whose turn it is, and the link after which to begin.
+    pub(super) fn next_ready(&mut self) -> Option<(NodeId, LinkId)> {
+        let node = self.ready.next()?;
+        let after = self.seen.remove(&node).unwrap_or(LinkId::FIRST);
+        Some((node, after))
+    }
+
+    /// The session waits for its next turn, which begins after this link.
+    pub(super) fn go_on(&mut self, node: NodeId, after: LinkId) {
+        self.ready.insert(node);
+        self.seen.insert(node, after);
     }
 
     /// A session is over: it waits for no turn.
     pub(super) fn forget_session(&mut self, node: NodeId) {
         self.ready.remove(node);
+        self.seen.remove(&node);
     }
 
     /// Every node with a pending link, and the link.

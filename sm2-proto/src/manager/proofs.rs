@@ -175,7 +175,7 @@ fn bring(manager: &mut Manager, session: NodeId, phase: Phase, text: &str) {
 fn session_numbers_are_fresh() {
     let mut manager = Manager::new(7, 1, Policy::default());
     let (last, next): (u64, u64) = kani::any();
-    manager.last_session = NodeId(last);
+    manager.last_node = NodeId(last);
     let before = manager.clone();
     let session = NodeId(next);
     let credentials = user(1);
@@ -186,7 +186,7 @@ fn session_numbers_are_fresh() {
     let verdict = manager.handle(NOW, connected.clone());
     if next > last {
         assert_eq!(verdict, Ok(()));
-        assert!(manager.last_session == session && manager.sessions.contains_key(&session));
+        assert!(manager.last_node == session && manager.sessions.contains_key(&session));
         let again = manager.handle(NOW, connected);
         assert_eq!(
             again,

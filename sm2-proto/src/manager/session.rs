@@ -43,12 +43,13 @@ pub(super) struct Resumption {
     ended: BTreeSet<Pair>,
 }
 
-/// The interfaces that are still to be linked after CLAIMED (SM2-RES-007).
+/// The interfaces that are still to be linked after CLAIMED (SM2-RES-007), or after a DECLARE with
+/// many matches (SM2-SES-009).
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Settling {
     /// The next interface, and the counterpart after which to go on.
     next: (InterfaceId, EntityId),
-    /// The last interface that existed at CLAIMED.
+    /// The last interface that is to be linked.
     last: InterfaceId,
     /// Pairs that are not linked again.
     ended: BTreeSet<Pair>,
@@ -175,6 +176,17 @@ impl Session {
         let has_begun = next.0 == interface;
         let after = if has_begun { next.1 } else { EntityId::FIRST };
         Some((EntityId { node, interface }, after))
+    }
+
+    /// A new interface is linked with its counterparts up to this one. The others are left.
+    pub(super) fn settle(&mut self, interface: InterfaceId, up_to: EntityId) {
+        if let Self::Ready { settling, .. } = self {
+            *settling = Some(Settling {
+                next: (interface, up_to),
+                last: interface,
+                ended: BTreeSet::new(),
+            });
+        }
     }
 
     /// Notes that the interface is linked with its counterparts up to this one, or with all of

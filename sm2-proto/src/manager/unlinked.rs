@@ -3,10 +3,7 @@
 #[cfg(any(kani, test))]
 mod proofs;
 
-use alloc::{
-    collections::{BTreeMap, BTreeSet},
-    vec::Vec,
-};
+use alloc::collections::{BTreeMap, BTreeSet};
 use core::ops::Bound;
 
 use super::links::Pair;
@@ -63,16 +60,20 @@ impl UnlinkedPairs {
         true
     }
 
+    /// The first pair of an interface.
+    pub(super) fn first_of(&self, entity: EntityId) -> Option<Pair> {
+        self.of(entity).next()
+    }
+
     /// All pairs of an interface.
-    pub(super) fn of(&self, entity: EntityId) -> Vec<Pair> {
+    fn of(&self, entity: EntityId) -> impl Iterator<Item = Pair> {
         let offering = self.reasons.range(pair(entity, EntityId::FIRST)..);
         let offering = offering.map(|(&pair, _)| pair);
         let demanding = self.by_demanding.range((entity, EntityId::FIRST)..);
         let demanding = demanding.map(|&(demanding, offering)| pair(offering, demanding));
         offering
-            .take_while(|pair| pair.offering == entity)
-            .chain(demanding.take_while(|pair| pair.demanding == entity))
-            .collect()
+            .take_while(move |pair| pair.offering == entity)
+            .chain(demanding.take_while(move |pair| pair.demanding == entity))
     }
 
     pub(super) fn item(&self, pair: Pair) -> Option<Item> {

@@ -29,7 +29,7 @@ pub(crate) const UNLIMITED: Policy = Policy {
     unlinked_per_session: usize::MAX,
     changes_remembered: usize::MAX,
     links_in_flight: usize::MAX,
-    pairs_per_turn: usize::MAX,
+    work_per_turn: usize::MAX,
     seal_all: false,
     waive_user_boundary: false,
 };

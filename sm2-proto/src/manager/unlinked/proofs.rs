@@ -1,5 +1,7 @@
 //! Harnesses for the unlinked pairs: one step from any state of four pairs.
 
+use alloc::vec::Vec;
+
 use super::{EntityId, NodeId, Pair, UnlinkedPairs, UnlinkedReason, pair};
 use crate::{
     Code, InterfaceId,
@@ -77,7 +79,7 @@ fn unlinked_pairs_keep_their_quota() {
         }
         _ => {
             let of = one_of(&[entity(1), entity(2), entity(3)]);
-            let found = books.of(of);
+            let found: Vec<_> = books.of(of).collect();
             for (it, is) in PAIRS.into_iter().zip(there) {
                 let is = is && (it.offering == of || it.demanding == of);
                 assert_eq!(found.contains(&it), is);

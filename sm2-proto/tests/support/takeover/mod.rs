@@ -306,11 +306,18 @@ impl World {
         if self.manager_reads_closed(at) {
             return true;
         }
-        let Some(connection) = &mut self.programs[at].connection else {
+        let Some(connection) = &self.programs[at].connection else {
             return false;
         };
         let session = connection.session;
-        let Some(bytes) = connection.up.pop_front() else {
+        if connection.up.is_empty() {
+            return false;
+        }
+        if self.is_busy(session) {
+            return self.go_on();
+        }
+        let connection = self.programs[at].connection.as_mut();
+        let Some(bytes) = connection.and_then(|it| it.up.pop_front()) else {
             return false;
         };
         self.feed_manager(manager::Input::Datagram {
@@ -320,12 +327,21 @@ impl World {
         true
     }
 
+    /// Whether the Manager leaves the frames of a session unread (SM2-SES-009).
+    fn is_busy(&self, session: NodeId) -> bool {
+        self.manager.as_ref().is_some_and(|it| it.is_busy(session))
+    }
+
     fn manager_reads_closed(&mut self, at: usize) -> bool {
-        let Some(connection) = self.programs[at].closed.front_mut() else {
+        let Some(connection) = self.programs[at].closed.front() else {
             return false;
         };
         let session = connection.session;
-        if let Some(bytes) = connection.up.pop_front() {
+        if self.is_busy(session) {
+            return self.go_on();
+        }
+        let connection = self.programs[at].closed.front_mut();
+        if let Some(bytes) = connection.and_then(|it| it.up.pop_front()) {
             self.feed_manager(manager::Input::Datagram {
                 session,
                 datagram: Datagram::new(&bytes),

@@ -32,9 +32,12 @@ impl World {
             Action::Notices(at, interface, link) => next.notice(scope, at, interface, link),
             Action::ManagerBegins => next.begin(scope),
             Action::TimePasses => {
-                let deadline = next.manager.as_ref().and_then(|it| it.machine().deadline());
-                next.now = deadline.unwrap_or(next.now);
-                next.feed_manager(scope, manager::Input::Tick, usize::MAX);
+                let deadline = |it: &Self| it.manager.as_ref()?.machine().deadline();
+                next.now = deadline(&next).unwrap_or(next.now);
+                // A tick gives up the claims of one session. All of them come before other inputs.
+                while deadline(&next).is_some_and(|it| it <= next.now) {
+                    next.feed_manager(scope, manager::Input::Tick, usize::MAX);
+                }
             }
             Action::Declares(at) => {
                 next.declare(scope, at);

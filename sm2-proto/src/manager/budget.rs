@@ -1,0 +1,35 @@
+//! The cost of work, counted in units.
+
+use super::policy::Policy;
+
+/// The cost of comparing two contracts, which is the unit.
+pub(super) const PAIR: usize = 1;
+/// The cost of noting or forgetting why a pair is not linked.
+pub(super) const MARK: usize = 4;
+/// The cost of ending a link or claim, with its UNLINK.
+pub(super) const UNLINK: usize = 16;
+/// The cost of making or announcing a link, with its socket pair and its two LINKs.
+pub(super) const LINK: usize = 64;
+
+/// The work that may still be done in this part.
+#[derive(Debug)]
+pub(super) struct Budget(usize);
+
+impl Budget {
+    pub(super) const fn new(policy: &Policy) -> Self {
+        Self(policy.work_per_turn)
+    }
+
+    pub(super) const fn unlimited() -> Self {
+        Self(usize::MAX)
+    }
+
+    /// Notes that work is done. The last piece of work may exceed the budget.
+    pub(super) const fn spend(&mut self, cost: usize) {
+        self.0 = self.0.saturating_sub(cost);
+    }
+
+    pub(super) const fn is_spent(&self) -> bool {
+        self.0 == 0
+    }
+}

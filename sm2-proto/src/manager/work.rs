@@ -1,0 +1,137 @@
+//! Work in parts, so that no input occupies the Manager for long (SM2-SES-009).
+//!
+//! | work | begins with | where the next part begins |
+//! | --- | --- | --- |
+//! | to link an interface, or those of a resumption | DECLARE, CLAIMED | `Settling` of the session |
+//! | to end links | WITHDRAW, the end of a session | `EndingLinks` |
+//! | to give up claims | their deadline | `Manager::expired`, and the claims that are left |
+//! | to announce links | room in a socket | `PendingLinks` |
+//!
+//! A session with unfinished work is *busy*. Its further frames wait in its socket, so a session has
+//! at most one unfinished frame. Sessions with unfinished work take turns; see
+//! [`RoundRobin`](super::round_robin::RoundRobin).
+
+use super::{
+    Manager,
+    budget::{Budget, MARK, PAIR, UNLINK},
+    session::Session,
+};
+use crate::{EntityId, Farewell, NodeId};
+
+impl Manager {
+    /// Whether the work of a session's last frame is unfinished. The driver leaves the session's
+    /// further frames in its socket, and feeds [`Input::Tick`](super::Input::Tick) at the deadline
+    /// until the work is done. A frame that is fed regardless first finishes the work, however much
+    /// it is.
+    //= SM2-SES-009
+    #[must_use]
+    pub fn is_busy(&self, node: NodeId) -> bool {
+        let is_settling = self.sessions.get(&node).is_some_and(Session::is_settling);
+        is_settling || self.expired.contains(&node) || self.ending_links.has(node)
+    }
+
+    /// Does one part of the deferred work: of one session with pending links that has room, and of
+    /// one that is busy.
+    pub(super) fn run_deferred(&mut self) {
+        if let Some((node, after)) = self.pending_links.next_ready() {
+            self.announce_pending(node, after);
+        }
+        if let Some(node) = self.jobs.next() {
+            self.work(node, &mut Budget::new(&self.policy));
+        }
+    }
+
+    /// Whether deferred work can be done now.
+    pub(super) fn has_deferred(&self) -> bool {
+        self.pending_links.has_ready() || !self.jobs.is_empty()
+    }
+
+    /// Finishes the work of the session's last frame.
+    pub(super) fn finish(&mut self, node: NodeId) {
+        while self.is_busy(node) {
+            self.work(node, &mut Budget::unlimited());
+        }
+    }
+
+    /// Finishes the work of all sessions.
+    pub(super) fn finish_all(&mut self) {
+        while let Some(node) = self.jobs.next() {
+            self.finish(node);
+        }
+    }
+
+    /// Goes on with the unfinished work of a session. The session waits for its next turn if some
+    /// is left.
+    //= SM2-SES-009
+    pub(super) fn work(&mut self, node: NodeId, budget: &mut Budget) {
+        self.end_links(node, budget);
+        self.give_up_expired(node, budget);
+        self.settle(node, budget);
+        if self.is_busy(node) {
+            self.jobs.insert(node);
+        } else {
+            self.jobs.remove(node);
+        }
+    }
+
+    /// Ends links of interfaces that are gone, and forgets why others were not linked.
+    fn end_links(&mut self, node: NodeId, budget: &mut Budget) {
+        while !budget.is_spent()
+            && let Some((entity, cause)) = self.ending_links.first_of(node)
+        {
+            if let Some((link, pair)) = self.ending_links.pop(entity) {
+                budget.spend(UNLINK);
+                self.end_link(link, pair, entity, cause.code());
+            } else if let Some(pair) = self.unlinked_pairs.first_of(entity) {
+                budget.spend(MARK);
+                self.mark_linked(pair);
+            } else {
+                budget.spend(PAIR);
+                self.ending_links.remove(entity);
+            }
+        }
+    }
+
+    /// Gives up claims whose counterparts did not come in time.
+    //= SM2-RES-006
+    fn give_up_expired(&mut self, node: NodeId, budget: &mut Budget) {
+        while !budget.is_spent() && self.expired.contains(&node) {
+            let record = self.sessions.get(&node).and_then(Session::node);
+            let Some((interface, link)) = record.and_then(|it| it.half_claims().next()) else {
+                self.expired.remove(&node);
+                return;
+            };
+            budget.spend(UNLINK);
+            let entity = EntityId { node, interface };
+            self.give_up_claim(entity, link);
+            self.send_unlink(entity, link, Farewell::PeerGone.code());
+        }
+    }
+
+    /// Links the interfaces of a session with their matches.
+    //= SM2-RES-007, SM2-MAT-002
+    fn settle(&mut self, node: NodeId, budget: &mut Budget) {
+        while !budget.is_spent()
+            && let Some((entity, after)) = self.unsettled(node)
+        {
+            let (links, more) = self.link_missing(entity, after, budget);
+            if let Some(session) = self.sessions.get_mut(&node) {
+                session.settled(entity.interface, more);
+            }
+            self.outputs.extend(links);
+        }
+    }
+
+    fn unsettled(&mut self, node: NodeId) -> Option<(EntityId, EntityId)> {
+        self.sessions.get_mut(&node)?.unsettled(node)
+    }
+
+    /// Whether exactly the busy sessions wait for their turn.
+    pub(super) fn jobs_agree(&self) -> bool {
+        let settling = self.sessions.iter().filter(|(_, it)| it.is_settling());
+        let settling = settling.map(|(&node, _)| node);
+        let expired = self.expired.iter().copied();
+        let mut busy = settling.chain(expired).chain(self.ending_links.nodes());
+        self.jobs.iter().all(|it| self.is_busy(it)) && busy.all(|it| self.jobs.contains(it))
+    }
+}
