@@ -103,11 +103,10 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
         bytes: &[u8],
         deadline: Option<Instant>,
     ) -> Result<Option<Call<R>>, CallError> {
-        let mut inner = self.handle.shared.driven();
-        let choice = match inner.interfaces.get(&self.handle.id) {
-            Some(interface) => interface.choose_server(),
-            None => Choice::NoServer,
-        };
+        let Handle { shared, id, .. } = &*self.handle;
+        let mut inner = shared.driven();
+        let choice = inner.choose_server(*id, &shared.epoll);
+        let choice = choice.unwrap_or(Choice::NoServer);
         if matches!(choice, Choice::Opening) {
             self.handle.silence(&mut inner);
         }
@@ -156,7 +155,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
     fn server(&self, deadline: Option<Instant>) -> Result<Needs, CallError> {
         let Handle { shared, id, .. } = &*self.handle;
         let found = shared.wait(Topic::Interface(*id), deadline, |inner| {
-            match inner.interfaces.get(id)?.choose_server() {
+            match inner.choose_server(*id, &shared.epoll)? {
                 Choice::Opening => None,
                 choice => Some(choice),
             }

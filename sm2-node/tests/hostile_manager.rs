@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use common::{SOON, until};
 use sm2_io::{Listener, RecvError, SeqPacket, wait_readable};
 use sm2_node::domain::{Contract, DemandedQos, InterfaceId, LinkId, LinkPeer, NodeId};
-use sm2_node::{ConnectError, Name, Node, Publisher};
+use sm2_node::{CallError, ConnectError, Name, Node, Publisher};
 use sm2_proto::control::{ToManager, ToNode, decode_to_manager, encode_to_node};
 use sm2_proto::{Datagram, Farewell, FdFacts, LinkKey, Refusal, Seals, violation};
 
@@ -441,4 +441,40 @@ fn a_node_that_was_never_welcomed_tries_again_only_if_its_manager_went() {
         assert!(matches!(error, ConnectError::Ended(_)), "{error}");
         assert!(error.to_string().contains(told), "{error}");
     }
+}
+
+/// A Manager that has no descriptors for a link announces the link in DECLARED and never sends it. A call then
+/// has no server.
+//= SM2-IFC-002 test
+#[test]
+fn a_call_does_not_wait_for_a_link_that_was_announced_and_never_comes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("test.sock");
+    let manager = Manager {
+        listener: Listener::bind(&path, 4).unwrap(),
+        node: None,
+        _folder: folder,
+    };
+    let (result, called) = std::sync::mpsc::channel();
+    std::thread::spawn(move || {
+        let node = Node::builder("node").socket(path).connect().unwrap();
+        let client = node.client::<u8, u8>("service").unwrap();
+        let _ = result.send(client.call(&1).map(drop));
+    });
+    let session = manager.accept();
+    assert!(matches!(manager.read(&session), ToManager::Hello { .. }));
+    welcome(&session, 1);
+    assert!(matches!(manager.read(&session), ToManager::Declare { .. }));
+    send(&session, &declared(1));
+    // The answer to a request that follows DECLARE comes after the LINKs that DECLARED announced.
+    let request = manager.read(&session);
+    assert!(matches!(request, ToManager::Query { .. }), "{request:?}");
+    let page = ToNode::Page {
+        revision: 1,
+        items: Vec::new(),
+        next: None,
+    };
+    send(&session, &page);
+    let result = called.recv_timeout(SOON).expect("the call ends");
+    assert!(matches!(result, Err(CallError::NoServer { .. })));
 }

@@ -6,9 +6,11 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use bytes::Bytes;
-use sm2_proto::Instant;
+use sm2_io::Epoll;
 use sm2_proto::link::{Input, Role, Status};
+use sm2_proto::{Instant, InterfaceId};
 
+use super::Inner;
 use super::interface::Interface;
 use super::link::{LinkDriver, Tools};
 use super::outbox::{Forms, Label, Needs, Outbox};
@@ -90,6 +92,20 @@ impl Calls {
             }
             _ => false,
         }
+    }
+}
+
+impl Inner {
+    /// Chooses the server for the next call of a client. While a link to the first server is
+    /// announced and has not come, also asks the Manager for a PAGE, with which
+    /// [`is_opening`](Interface::is_opening) ends: the link may never come.
+    pub(crate) fn choose_server(&mut self, client: InterfaceId, epoll: &Epoll) -> Option<Choice> {
+        let interface = self.interfaces.get(&client)?;
+        let choice = interface.choose_server();
+        if choice == Choice::Opening && interface.links_due > 0 {
+            self.expect_page(epoll);
+        }
+        Some(choice)
     }
 }
 

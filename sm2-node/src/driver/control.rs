@@ -72,7 +72,10 @@ impl Inner {
                     revision,
                     items,
                     next,
-                } => self.page_came(revision, items, next),
+                } => {
+                    self.forget_due_links();
+                    self.page_came(revision, items, next);
+                }
                 Output::Changes {
                     revision,
                     changes,
@@ -124,9 +127,7 @@ impl Inner {
     fn ended(&mut self, end: End, epoll: &Epoll) {
         self.session.hang_up(end, epoll);
         self.questions.forget();
-        for interface in self.interfaces.values_mut() {
-            interface.links_due = 0;
-        }
+        self.forget_due_links();
         self.come_back(end);
         self.sleepers.wake(Topic::Session);
     }
@@ -144,6 +145,17 @@ impl Inner {
             None => self.session.tell(Input::Withdraw { interface: id }),
         }
         self.sleepers.wake(Topic::Interface(id));
+    }
+
+    /// Forgets the LINKs that were announced and have not come: they never come. Called at the end
+    /// of a session, and with each PAGE. The Manager answers requests in order, so a PAGE after
+    /// DECLARED also comes after the announced LINKs. For the missing ones the Manager had no
+    /// descriptors.
+    //= SM2-IFC-002
+    fn forget_due_links(&mut self) {
+        for interface in self.interfaces.values_mut() {
+            interface.links_due = 0;
+        }
     }
 
     fn refused(&mut self, id: InterfaceId, reason: Refusal) {

@@ -15,7 +15,7 @@ use std::os::fd::OwnedFd;
 use sm2_io::Epoll;
 use sm2_proto::control::{Change, Item, Key};
 use sm2_proto::node::Input;
-use sm2_proto::{Instant, NodeId, TypeId};
+use sm2_proto::{EntityId, Instant, InterfaceId, NodeId, TypeId};
 
 use super::datagram::Incoming;
 use super::{Inner, Shared, Topic};
@@ -56,6 +56,18 @@ pub(crate) struct Page {
 
 /// How many changes are kept for a follower that does not fetch them.
 const CHANGES: usize = 4_096;
+
+/// The greatest key. The page after it is empty.
+const LAST: Key = {
+    let entity = EntityId {
+        node: NodeId(u64::MAX),
+        interface: InterfaceId(u64::MAX),
+    };
+    Key::Unlinked {
+        offering: entity,
+        demanding: entity,
+    }
+};
 
 /// Identifies a question or a follower.
 pub(crate) type Ticket = u64;
@@ -126,6 +138,18 @@ impl Questions {
             answered.filter(|(ticket, _)| answers.contains_key(ticket)),
             next,
         )
+    }
+
+    /// Asks for a page unless one is expected. No thread waits for the answer. Returns the input
+    /// that sends the question.
+    fn expect_page(&mut self) -> Option<Input<'static>> {
+        let question = Question::Page(LAST);
+        if !self.queues[Self::kind(&question)].is_empty() {
+            return None;
+        }
+        let (ticket, input) = self.ask(question);
+        self.answers.remove(&ticket);
+        input
     }
 
     fn follow(&mut self, epoch: u64, revision: u64) -> Ticket {
@@ -263,6 +287,16 @@ impl Inner {
             self.drain_session(Incoming::default(), epoll);
         }
         ticket
+    }
+
+    /// Makes sure that the Manager sends a PAGE after the frames that are on their way now.
+    pub(super) fn expect_page(&mut self, epoll: &Epoll) {
+        if self.session.is_ready()
+            && let Some(input) = self.questions.expect_page()
+        {
+            self.session.tell(input);
+            self.drain_session(Incoming::default(), epoll);
+        }
     }
 
     /// The changes that a follower has collected once it has reached this revision. Requests them
