@@ -10,7 +10,7 @@ use std::os::fd::OwnedFd;
 use std::sync::Arc;
 
 use sm2_io::memfd::SealedFile;
-use sm2_io::{CounterEntry, Epoll, Event, RecvError, Ring, SeqPacket};
+use sm2_io::{CounterEntry, Epoll, Event, RecvError, Ring, SegmentFd, SeqPacket};
 use sm2_proto::control::LinkPeer;
 use sm2_proto::link::{self, Counters, Delivery, End, Input, Link, Packet, Role, TooManyBorrowed};
 use sm2_proto::{Code, Datagram, Farewell, Instant, LinkId, Machine};
@@ -43,7 +43,7 @@ pub(crate) struct LinkDriver {
     /// The file of the incoming ring, until RING was sent to the other side.
     pub(super) ring_file: Option<OwnedFd>,
     /// The packet that the socket did not accept.
-    unsent: Option<Packet>,
+    unsent: Option<Unsent>,
     /// The files of sealed messages that were not taken yet, by sequence number.
     kept: HashMap<u64, SealedFile>,
     /// Messages of the latched store that have not been sent on this link yet.
@@ -67,6 +67,15 @@ pub(crate) struct LinkDriver {
     pub(super) cancelled: BTreeSet<u64>,
     /// The code with which this side has to end the link.
     failing: Option<Code>,
+}
+
+/// A packet that the socket did not accept.
+#[derive(Debug)]
+struct Unsent {
+    packet: Packet,
+    /// The descriptor of an ATTACH. The outbox may close the segment before the socket accepts the
+    /// packet.
+    segment: Option<SegmentFd>,
 }
 
 /// The parts of the node that the methods of a link use.

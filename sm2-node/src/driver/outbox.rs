@@ -392,17 +392,18 @@ impl Outbox {
         })
     }
 
-    /// The descriptor that is sent with a packet.
-    pub(super) fn descriptor(&self, attachment: link::Attachment) -> Option<BorrowedFd<'_>> {
+    /// The segment that is sent with an ATTACH.
+    pub(super) fn segment(&self, attachment: link::Attachment) -> Option<SegmentFd> {
         match attachment {
-            link::Attachment::Segment(id) => Some(self.segments.get(&id)?.as_fd()),
-            // The link itself stores the descriptor of its ring.
-            link::Attachment::Ring => None,
-            link::Attachment::Message(key) => {
-                let message = self.messages.get(MessageKey::from_raw(key))?;
-                Some(message.forms.sealed.as_ref()?.as_fd())
-            }
+            link::Attachment::Segment(id) => self.segments.get(&id).cloned(),
+            link::Attachment::Ring | link::Attachment::Message(_) => None,
         }
+    }
+
+    /// The file of a sealed message.
+    pub(super) fn sealed_file(&self, key: MessageKey) -> Option<BorrowedFd<'_>> {
+        let forms = &self.messages.get(key)?.forms;
+        Some(forms.sealed.as_ref()?.as_fd())
     }
 
     /// The size of all segments together, in bytes.

@@ -7,10 +7,10 @@ use std::os::fd::AsFd;
 use std::sync::Arc;
 
 use sm2_io::{Epoll, InspectedFd, Interest, PooledMapping, SendError};
-use sm2_proto::link::{self, End, Input, Output, Packet};
+use sm2_proto::link::{Attachment, End, Input, Output};
 use sm2_proto::{Farewell, Machine};
 
-use super::LinkDriver;
+use super::{LinkDriver, Unsent};
 use crate::driver::datagram::Incoming;
 use crate::driver::message_key::MessageKey;
 use crate::driver::outbox::Outbox;
@@ -21,7 +21,10 @@ impl LinkDriver {
         loop {
             while let Some(output) = self.machine.poll() {
                 match output {
-                    Output::Transmit(packet) => self.transmit(packet, epoll, outbox),
+                    Output::Transmit(packet) => {
+                        let segment = packet.attachment.and_then(|it| outbox.segment(it));
+                        self.transmit(Unsent { packet, segment }, epoll, outbox);
+                    }
                     // The machine asks for a ring before `Opened`, so a ring that is left is not needed.
                     Output::Opened => self.prepared = None,
                     Output::MakeRing(_) => self.use_prepared_ring(),
@@ -61,18 +64,18 @@ impl LinkDriver {
         }
     }
 
-    fn transmit(&mut self, packet: Packet, epoll: &Epoll, outbox: &Outbox) {
-        match self.offer(&packet, outbox) {
+    fn transmit(&mut self, unsent: Unsent, epoll: &Epoll, outbox: &Outbox) {
+        match self.offer(&unsent, outbox) {
             // The other side has closed the socket. The datagrams that it sent before are read
             // first, and then the end of the stream (SM2-TRN-006).
             Ok(()) | Err(SendError::Closed) => {
-                if packet.attachment == Some(link::Attachment::Ring) {
+                if unsent.packet.attachment == Some(Attachment::Ring) {
                     self.ring_file = None;
                 }
             }
             Err(SendError::WouldBlock) => {
                 let _ = self.machine.handle(sm2_io::clock::now(), Input::Blocked);
-                self.unsent = Some(packet);
+                self.unsent = Some(unsent);
                 self.watch(Interest::BOTH, epoll);
             }
             //= SM2-TRN-010
@@ -85,28 +88,29 @@ impl LinkDriver {
         }
     }
 
-    fn offer(&self, packet: &Packet, outbox: &Outbox) -> Result<(), SendError> {
+    fn offer(&self, unsent: &Unsent, outbox: &Outbox) -> Result<(), SendError> {
+        let Unsent { packet, segment } = unsent;
         let socket = self.socket.as_ref().ok_or(SendError::Closed)?;
         let parts = [IoSlice::new(&packet.head), IoSlice::new(&packet.payload)];
         let parts = &parts[..if packet.payload.is_empty() { 1 } else { 2 }];
-        let Some(attachment) = packet.attachment else {
-            return socket.send(parts, &[]);
+        let fd = match packet.attachment {
+            None => return socket.send(parts, &[]),
+            Some(Attachment::Segment(_)) => segment.as_ref().map(AsFd::as_fd),
+            Some(Attachment::Message(key)) => outbox.sealed_file(MessageKey::from_raw(key)),
+            Some(Attachment::Ring) => self.ring_file.as_ref().map(AsFd::as_fd),
         };
-        let ring = self.ring_file.as_ref().map(AsFd::as_fd);
-        let Some(fd) = outbox.descriptor(attachment).or(ring) else {
-            return Err(SendError::Io(io::ErrorKind::NotFound.into()));
-        };
-        socket.send(parts, &[fd])
+        let fd = fd.ok_or_else(|| io::Error::from(io::ErrorKind::NotFound));
+        socket.send(parts, &[fd.map_err(SendError::Io)?])
     }
 
     /// Sends the packet that was kept, because the socket is writable again.
     pub(super) fn flush(&mut self, epoll: &Epoll, outbox: &mut Outbox) {
-        let Some(packet) = self.unsent.take() else {
+        let Some(unsent) = self.unsent.take() else {
             return;
         };
         let _ = self.machine.handle(sm2_io::clock::now(), Input::Writable);
         self.watch(Interest::READABLE, epoll);
-        self.transmit(packet, epoll, outbox);
+        self.transmit(unsent, epoll, outbox);
         self.drain(Incoming::default(), epoll, outbox);
     }
 
