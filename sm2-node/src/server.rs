@@ -218,7 +218,8 @@ impl Pending {
         let call = self.call;
         let needs = {
             let mut inner = self.handle.shared.lock();
-            inner.drive_for_reply(&self.handle, call.token);
+            let Handle { shared, id, .. } = &*self.handle;
+            inner.drive_for_link(*id, call.token, &shared.epoll);
             let interface = inner.interfaces.get(&self.handle.id);
             let link = interface.and_then(|it| it.link(call.token));
             link.filter(|it| it.is_open()).map(|it| it.needs())

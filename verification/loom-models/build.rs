@@ -148,76 +148,106 @@ const KERNEL: &[(&str, &str)] = &[
 fn main() {
     variants(
         "counters",
-        "sm2-io/src/counters/seqlock.rs",
+        &["sm2-io/src/counters/seqlock.rs"],
         &[],
         SEQLOCK,
         &[],
     );
-    variants("sleepers", "sm2-node/src/driver/wait.rs", KERNEL, WAIT, &[]);
-    let atomic = "sm2-io/src/ring/atomic.rs";
-    variants("ring", atomic, &[], RING, RING_TOGETHER);
+    let waiting = ["sleepers", "wait", "bell"].map(|it| format!("sm2-node/src/driver/{it}.rs"));
+    let waiting = waiting.each_ref().map(String::as_str);
+    variants("sleepers", &waiting, KERNEL, WAIT, &[]);
+    let atomic = ["sm2-io/src/ring/atomic.rs"];
+    variants("ring", &atomic, &[], RING, RING_TOGETHER);
 }
 
-/// Writes `$OUT_DIR/<test>.rs`. For the shipped source and for each change, it has a module with
-/// that source and with `tests/<test>/scenarios.rs`, which tests it.
+/// A shipped source: the name of its module, and its text.
+#[derive(Clone)]
+struct Source {
+    module: String,
+    text: String,
+}
+
+/// Writes `$OUT_DIR/<test>.rs`. For the shipped sources and for each change, it has a module with
+/// these sources and with `tests/<test>/scenarios.rs`, which tests them.
 fn variants(
     test: &str,
-    source: &str,
+    paths: &[&str],
     renamed: &[(&str, &str)],
     changes: &[Change],
     together: &[Together],
 ) {
     let here = PathBuf::from(env::var_os("CARGO_MANIFEST_DIR").expect("set by Cargo"));
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("set by Cargo"));
-    let path = here.join("../..").join(source);
-    println!("cargo::rerun-if-changed={}", path.display());
-    let mut shipped = fs::read_to_string(&path).expect("the source is there");
+    let mut shipped: Vec<Source> = Vec::new();
+    for path in paths {
+        let path = here.join("../..").join(path);
+        println!("cargo::rerun-if-changed={}", path.display());
+        let stem = path.file_stem().and_then(|it| it.to_str()).expect("a name");
+        shipped.push(Source {
+            module: stem.to_owned(),
+            text: fs::read_to_string(&path).expect("the source is there"),
+        });
+    }
     for (from, to) in renamed {
         assert!(
-            shipped.contains(from),
-            "{source} has no `{from}`: mend build.rs"
+            shipped.iter().any(|it| it.text.contains(from)),
+            "{test}: no source has `{from}`: mend build.rs"
         );
-        shipped = shipped.replace(from, to);
+        for source in &mut shipped {
+            source.text = source.text.replace(from, to);
+        }
     }
     let scenarios = here.join("tests").join(test).join("scenarios.rs");
-    let stem = path.file_stem().and_then(|it| it.to_str()).expect("a name");
     let mut modules = String::new();
-    let mut add = |name: &str, text: &str| {
-        let file = out.join(format!("{test}_{name}.rs"));
-        fs::write(&file, text).expect("OUT_DIR is writable");
-        module(&mut modules, name, stem, &file, &scenarios);
+    let mut add = |name: &str, sources: &[Source]| {
+        let mut files = Vec::new();
+        for Source { module, text } in sources {
+            let file = out.join(format!("{test}_{name}_{module}.rs"));
+            fs::write(&file, text).expect("OUT_DIR is writable");
+            files.push((module.as_str(), file));
+        }
+        write_module(&mut modules, name, &files, &scenarios);
     };
     add("shipped", &shipped);
-    let changed = |name: &str, text: &str, from: &str, to: &str| {
-        let count = text.matches(from).count();
-        assert_eq!(
-            count, 1,
-            "{source}, {name}: not once: `{from}`; mend build.rs"
-        );
-        text.replace(from, to)
-    };
-    for (name, from, to) in changes {
-        add(name, &changed(name, &shipped, from, to));
+    for change in changes {
+        let mut sources = shipped.clone();
+        make(&mut sources, test, change);
+        add(change.0, &sources);
     }
     for (name, changes) in together {
-        let mut text = shipped.clone();
+        let mut sources = shipped.clone();
         for (from, to) in *changes {
-            text = changed(name, &text, from, to);
+            make(&mut sources, test, &(name, from, to));
         }
-        add(name, &text);
+        add(name, &sources);
     }
     fs::write(out.join(format!("{test}.rs")), modules).expect("OUT_DIR is writable");
 }
 
-fn module(modules: &mut String, name: &str, stem: &str, file: &Path, scenarios: &Path) {
-    // A test does not use every item of the source, and a faulty variant uses even fewer.
+/// Makes a change in the only place of all sources that has its text.
+fn make(sources: &mut [Source], test: &str, &(name, from, to): &Change) {
+    let count: usize = sources.iter().map(|it| it.text.matches(from).count()).sum();
+    assert_eq!(
+        count, 1,
+        "{test}, {name}: not once: `{from}`; mend build.rs"
+    );
+    for source in sources {
+        source.text = source.text.replace(from, to);
+    }
+}
+
+fn write_module(modules: &mut String, name: &str, files: &[(&str, PathBuf)], scenarios: &Path) {
+    // A test does not use every item of the sources, and a faulty variant uses even fewer.
+    let mut text = format!("#[allow(dead_code, unused)]\nmod {name} {{\n");
+    for (module, file) in files {
+        writeln!(text, "#[path = {file:?}]\nmod {module};").expect("a string takes all");
+    }
     write!(
-        modules,
-        "#[allow(dead_code, unused)]\nmod {name} {{\n\
-         #[path = {file:?}]\nmod {stem};\n\
-         #[path = {scenarios:?}]\npub(crate) mod scenarios;\n\
+        text,
+        "#[path = {scenarios:?}]\npub(crate) mod scenarios;\n\
          use scenarios::*;\n\
          }}\n"
     )
     .expect("a string takes all");
+    modules.push_str(&text);
 }

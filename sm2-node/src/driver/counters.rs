@@ -6,10 +6,7 @@ use std::os::fd::{AsFd, OwnedFd};
 
 use sm2_io::counters::Update;
 use sm2_io::{CounterEntry, CounterPage};
-use sm2_proto::link::Role;
-use sm2_proto::{Instant, InterfaceId, LinkId};
-
-use super::link::LinkDriver;
+use sm2_proto::{InterfaceId, LinkId};
 
 /// The file of the node's counters. If there is none, the node works without counters.
 #[derive(Debug, Default)]
@@ -74,35 +71,6 @@ impl Counting {
     ) {
         if let Some(mut update) = self.update(entry) {
             change(&mut update);
-        }
-    }
-}
-
-impl LinkDriver {
-    /// Counts a message that was sent.
-    pub(super) fn note_sent(&mut self, time: Instant, len: u64, counting: &mut Counting) {
-        let at = match self.role() {
-            // A server's entry counts requests, not replies.
-            Role::Server => return self.note_fates(counting),
-            // A request carries its deadline, not the time at which it was sent.
-            Role::Caller => sm2_io::clock::now(),
-            Role::Sender | Role::Receiver => time,
-        };
-        self.noted = self.counters();
-        if let Some(mut entry) = counting.update(self.entry.as_ref()) {
-            entry.published(at, len);
-            entry.fates(&self.noted);
-        }
-    }
-
-    /// Writes the outcomes of messages to the entry, if they have changed.
-    pub(super) fn note_fates(&mut self, counting: &mut Counting) {
-        let counters = self.counters();
-        if counters != self.noted {
-            self.noted = counters;
-            if let Some(mut entry) = counting.update(self.entry.as_ref()) {
-                entry.fates(&counters);
-            }
         }
     }
 }

@@ -1,23 +1,32 @@
 //! One declared interface: its links, its outgoing messages, and its calls.
 
+mod calls;
+mod client;
+mod links;
+mod publish;
+mod reports;
+mod server;
+mod settle;
+mod take;
+mod taken;
+
 use std::collections::VecDeque;
 
 use sm2_io::{CounterEntry, Event};
 use sm2_proto::link::{Counters, Input};
 use sm2_proto::{Code, Contract, Farewell, LinkId, Name, Refusal};
 
-use super::calls::Calls;
-use super::link::{LinkDriver, Tools};
-use super::links::Links;
-use super::message_key::MessageKey;
-use super::outbox::Outbox;
+use self::calls::Calls;
+pub(crate) use self::calls::{CallId, Outcome};
+pub(crate) use self::client::Choice;
+use self::links::Links;
+pub(crate) use self::publish::Offered;
+pub(crate) use self::taken::{Full, Taken};
+use super::link::LinkDriver;
+use super::outbox::{MessageKey, Outbox};
 use super::status::LinkStatus;
 use super::token::LinkToken;
-
-/// How many ended links are listed one by one; older ones are only added to the sums.
-const HISTORY: usize = 64;
-/// How many ended links may still hold messages that the application has not taken.
-const ENDED_WITH_MESSAGES: usize = 64;
+use super::tools::Tools;
 
 #[derive(Debug)]
 pub(crate) struct Interface {
@@ -146,24 +155,6 @@ impl Interface {
         tools.counting.free(self.entry.take());
     }
 
-    /// Settles the messages that the other sides have released on the ring lane.
-    pub(crate) fn harvest(&mut self, tools: &mut Tools<'_>) {
-        if matches!(self.contract, Contract::Subscriber { .. }) {
-            return;
-        }
-        let mut is_over = false;
-        for link in self.links.iter_mut() {
-            link.harvest(tools, &mut self.outbox);
-            is_over |= link.end().is_some() && !link.buried;
-        }
-        // A fault in its ring has ended the link, so the Manager has to be told.
-        if is_over {
-            self.bury_ended(tools);
-        }
-        // The last message of a segment may have come back.
-        self.detach_segments(tools);
-    }
-
     /// Whether there may be a message to take.
     pub(super) fn is_ready(&self) -> bool {
         self.links.iter().any(LinkDriver::is_ready)
@@ -178,103 +169,6 @@ impl Interface {
 
     pub(super) fn tokens(&self) -> impl Iterator<Item = LinkToken> {
         self.links.iter().map(LinkDriver::token)
-    }
-
-    /// Does the work that follows from a change of a link: replays latched messages, hands out
-    /// replies, retires segments, and removes the link if it has ended. Every caller that feeds a
-    /// link calls this function.
-    pub(super) fn settle_link(&mut self, token: LinkToken, tools: &mut Tools<'_>) {
-        self.replay(token, tools);
-        let Some(link) = self.links.get_mut(token) else {
-            return;
-        };
-        self.calls.collect(token, link, tools, &mut self.outbox);
-        link.send_waiting(tools, &mut self.outbox);
-        link.note_fates(tools.counting);
-        if link.end().is_some() && !link.buried {
-            self.bury(token, tools);
-        }
-        self.detach_segments(tools);
-        if self
-            .links
-            .get(token)
-            .is_some_and(|it| it.buried && !it.is_ready())
-        {
-            self.links.remove(token);
-            self.gone.push(token);
-        }
-    }
-
-    /// Settles the links that ended during a send.
-    pub(super) fn bury_ended(&mut self, tools: &mut Tools<'_>) {
-        // Allocates only if a link has ended.
-        let mut tokens = Vec::new();
-        for link in self.links.iter() {
-            if link.end().is_some() && !link.buried {
-                tokens.push(link.token());
-            }
-        }
-        for token in tokens {
-            self.settle_link(token, tools);
-        }
-        self.detach_segments(tools);
-    }
-
-    /// Records the end of a link: queues it for the Manager, and keeps its counters.
-    fn bury(&mut self, token: LinkToken, tools: &mut Tools<'_>) {
-        let Some(link) = self.links.get_mut(token) else {
-            return;
-        };
-        link.buried = true;
-        tools.counting.free(link.entry.take());
-        for key in link.backlog.drain(..) {
-            self.outbox.release(key);
-        }
-        if let Some(code) = link.farewell() {
-            self.farewells.push((link.id, code));
-        }
-        let status = LinkStatus::of(link);
-        status.add_to(&mut self.ended_sum);
-        if self.ended.len() == HISTORY {
-            self.ended.pop_front();
-        }
-        self.ended.push_back(status);
-        self.drop_oldest_messages(tools);
-    }
-
-    /// Drops the messages of the oldest ended links, so that an application that takes no messages
-    /// does not collect those of all past publishers.
-    fn drop_oldest_messages(&mut self, tools: &mut Tools<'_>) {
-        let buried = self.links.iter().filter(|link| link.buried).count();
-        let mut surplus = buried.saturating_sub(ENDED_WITH_MESSAGES);
-        let (mut lost, gone) = (0, &mut self.gone);
-        self.links.retain(|link| {
-            let drop = link.buried && surplus > 0;
-            if drop {
-                surplus -= 1;
-                lost += link.ready() as u64;
-                gone.push(link.token());
-            }
-            !drop
-        });
-        if lost > 0 {
-            self.lose(lost, tools);
-        }
-    }
-
-    /// Counts messages that came and that the application will not get.
-    pub(super) fn lose(&mut self, messages: u64, tools: &mut Tools<'_>) {
-        self.lost += messages;
-        (tools.counting).note(self.entry.as_ref(), |entry| entry.lost(messages));
-    }
-
-    /// Tells all links which segments are not used any more.
-    pub(crate) fn detach_segments(&mut self, tools: &mut Tools<'_>) {
-        while let Some(segment) = self.outbox.over.pop() {
-            for link in self.links.iter_mut().filter(|link| link.end().is_none()) {
-                link.feed(Input::Retire { segment }, tools.epoll, &mut self.outbox);
-            }
-        }
     }
 
     /// Changes one link, if it exists, and does the work that follows from the change.

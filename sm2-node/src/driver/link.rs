@@ -3,45 +3,42 @@
 //! No function in this module waits. If the socket is full, the driver keeps one packet and stops
 //! the machine from transmitting. A failure ends only the link in which it occurs.
 
+mod counting;
+mod mapped;
 mod outputs;
+mod receive;
+mod send;
+mod take;
+mod wake;
 
 use std::collections::{BTreeSet, HashMap, VecDeque};
 use std::os::fd::OwnedFd;
 use std::sync::Arc;
 
 use sm2_io::memfd::SealedFile;
-use sm2_io::{CounterEntry, Epoll, Event, RecvError, Ring, SegmentFd, SeqPacket};
+use sm2_io::{CounterEntry, Ring, SegmentFd, SeqPacket};
 use sm2_proto::control::LinkPeer;
-use sm2_proto::link::{self, Counters, Delivery, End, Input, Link, Packet, Role, TooManyBorrowed};
-use sm2_proto::{Code, Datagram, Farewell, Instant, LinkId, Machine};
+use sm2_proto::link::{self, Counters, End, Link, Packet, Role};
+use sm2_proto::{Code, Farewell, LinkId};
 
-use super::BURST;
-use super::counters::Counting;
-use super::datagram::{Incoming, receive};
-use super::lane::{Mapped, prepare_ring};
-use super::message_key::MessageKey;
-use super::outbox::{Needs, Outbox};
-use super::status::Received;
+use self::mapped::{Mapped, prepare_ring};
+use super::outbox::{MessageKey, Needs};
+use super::status::{LinkStatus, Received};
 use super::token::LinkToken;
-use crate::payload::Source;
-
-/// How many datagrams are read at most from a link whose other side is gone. This exceeds the
-/// number of messages in a full window, each with the ATTACH of its segment.
-const LAST_WORDS: usize = 8_192;
 
 #[derive(Debug)]
 pub(crate) struct LinkDriver {
     pub(crate) id: LinkId,
     pub(crate) peer: Arc<LinkPeer>,
     token: LinkToken,
-    pub(super) socket: Option<SeqPacket>,
-    pub(super) machine: Link,
+    socket: Option<SeqPacket>,
+    machine: Link,
     /// The rings and segments that both sides map.
-    pub(super) mapped: Mapped,
+    mapped: Mapped,
     /// The ring for messages to this side and its file, until both ends have agreed on a lane.
-    pub(super) prepared: Option<(Ring, OwnedFd)>,
+    prepared: Option<(Ring, OwnedFd)>,
     /// The file of the incoming ring, until RING was sent to the other side.
-    pub(super) ring_file: Option<OwnedFd>,
+    ring_file: Option<OwnedFd>,
     /// The packet that the socket did not accept.
     unsent: Option<Unsent>,
     /// The files of sealed messages that were not taken yet, by sequence number.
@@ -54,11 +51,11 @@ pub(crate) struct LinkDriver {
     pub(super) buried: bool,
     /// How many messages the application holds.
     held: usize,
-    pub(super) received: Received,
+    received: Received,
     /// The entry of its counters, until the link is buried.
     pub(super) entry: Option<CounterEntry>,
     /// The values in the entry.
-    pub(super) noted: Counters,
+    noted: Counters,
     /// Caller: the number of the last call.
     pub(super) last_call: u64,
     /// Caller: calls that failed with the link and were not reported yet.
@@ -76,19 +73,6 @@ struct Unsent {
     /// The descriptor of an ATTACH. The outbox may close the segment before the socket accepts the
     /// packet.
     segment: Option<SegmentFd>,
-}
-
-/// The parts of the node that the methods of a link use.
-pub(crate) struct Tools<'a> {
-    pub(crate) epoll: &'a Epoll,
-    pub(crate) buffer: &'a mut [u8],
-    pub(crate) counting: &'a mut Counting,
-    /// The time at which the call began, for calls that wait, take or publish. Stale in
-    /// all other calls.
-    pub(crate) now: Instant,
-    /// Whether a socket of the interface was read during this call, so that sleepers have to be
-    /// woken.
-    pub(crate) stirred: bool,
 }
 
 impl LinkDriver {
@@ -209,146 +193,6 @@ impl LinkDriver {
         self.machine.is_ready(&self.mapped)
     }
 
-    /// Sends the first packet.
-    pub(super) fn start(&mut self, epoll: &Epoll, outbox: &mut Outbox) {
-        self.drain(Incoming::default(), epoll, outbox);
-    }
-
-    /// Handles an event of the socket, which is readable, writable, or both.
-    pub(super) fn on_event(&mut self, event: Event, tools: &mut Tools<'_>, outbox: &mut Outbox) {
-        if event.writable {
-            self.flush(tools.epoll, outbox);
-        }
-        if event.readable {
-            self.receive(BURST, tools, outbox);
-        }
-    }
-
-    /// Reads all datagrams that the socket has, up to the number that a peer that obeys SPEC can
-    /// have sent.
-    pub(super) fn receive_all(&mut self, tools: &mut Tools<'_>, outbox: &mut Outbox) {
-        self.receive(LAST_WORDS, tools, outbox);
-    }
-
-    /// Reads at most `most` datagrams.
-    fn receive(&mut self, most: usize, tools: &mut Tools<'_>, outbox: &mut Outbox) {
-        for _ in 0..most {
-            let Some(socket) = &self.socket else { return };
-            match receive(socket, tools.buffer) {
-                Ok(incoming) => {
-                    let bytes = &tools.buffer[..incoming.len];
-                    self.datagram(bytes, incoming, tools.epoll, outbox);
-                }
-                Err(RecvError::WouldBlock) => return,
-                //= SM2-TRN-006
-                // `Closed` comes after all queued datagrams.
-                Err(RecvError::Closed) => return self.feed(Input::Eof, tools.epoll, outbox),
-                Err(RecvError::Io(error)) => {
-                    tracing::warn!(link = %self.id, peer = %self.peer.name, %error, "link failed");
-                    return self.feed(Input::Eof, tools.epoll, outbox);
-                }
-            }
-        }
-    }
-
-    fn datagram(&mut self, bytes: &[u8], came: Incoming, epoll: &Epoll, outbox: &mut Outbox) {
-        let datagram = Datagram {
-            bytes,
-            fds: &came.facts,
-            data_truncated: came.data_truncated,
-            control_truncated: came.control_truncated,
-        };
-        // If the datagram is a violation, the outputs report it.
-        let _ = self
-            .machine
-            .handle(sm2_io::clock::now(), Input::Datagram(datagram));
-        self.drain(came, epoll, outbox);
-    }
-
-    /// Feeds an input to the machine and carries out the outputs.
-    pub(super) fn feed(&mut self, input: Input<'_>, epoll: &Epoll, outbox: &mut Outbox) {
-        let result = self.machine.handle(sm2_io::clock::now(), input);
-        debug_assert!(
-            !matches!(result, Err(link::Error::Misuse(_))),
-            "{result:?} on {}",
-            self.id
-        );
-        self.drain(Incoming::default(), epoll, outbox);
-    }
-
-    /// Drops a message for this link alone, because its reliable deadline expired while this link
-    /// had no room.
-    //= SM2-QOS-002
-    pub(super) fn skip(&mut self, tools: &mut Tools<'_>, outbox: &mut Outbox) {
-        debug_assert!(
-            !self.has_room_for_backlog(),
-            "what is latched fills all room"
-        );
-        if !self.has_room_for_backlog() && self.is_open() {
-            self.feed(Input::Skip, tools.epoll, outbox);
-            self.note_fates(tools.counting);
-        }
-    }
-
-    /// Handles UNLINK: the Manager says that the other side is gone. Messages that the other side
-    /// sent before still count.
-    //= SM2-TRN-006, SM2-LNK-006
-    pub(super) fn unlink(&mut self, code: Code, tools: &mut Tools<'_>, outbox: &mut Outbox) {
-        self.receive_all(tools, outbox);
-        if self.end().is_none() {
-            self.feed(Input::Close(code), tools.epoll, outbox);
-        }
-    }
-
-    /// Carries out the outputs of the machine when no datagram was fed.
-    pub(super) fn drain_idle(&mut self, epoll: &Epoll, outbox: &mut Outbox) {
-        self.drain(Incoming::default(), epoll, outbox);
-    }
-
-    /// Takes the next message for the application. Returns it with the memory of its payload.
-    #[inline]
-    pub(super) fn take(
-        &mut self,
-        tools: &mut Tools<'_>,
-        outbox: &mut Outbox,
-    ) -> Result<Option<(Delivery, Source)>, TooManyBorrowed> {
-        let Some(delivery) = self.take_next(tools, outbox)? else {
-            return Ok(None);
-        };
-        let source = self.source(&delivery);
-        self.held += 1;
-        self.received.add(&delivery);
-        if self.end().is_some() {
-            self.forget_unused();
-        }
-        Ok(Some((delivery, source)))
-    }
-
-    #[inline]
-    fn source(&mut self, delivery: &Delivery) -> Source {
-        let found = match &delivery.payload {
-            link::Payload::Inline(bytes) => Some(Source::Inline(bytes.clone())),
-            link::Payload::Pooled { segment, offset } => {
-                self.mapped.segments.get(segment).map(|it| Source::Pooled {
-                    segment: Arc::clone(it),
-                    offset: *offset,
-                    len: delivery.len,
-                })
-            }
-            link::Payload::Sealed => self.kept.remove(&delivery.sequence).map(|file| {
-                let len = delivery.len;
-                Source::Sealed { file, len }
-            }),
-        };
-        debug_assert!(found.is_some(), "{delivery:?}");
-        found.unwrap_or(Source::Missing)
-    }
-
-    /// Counts a message that the application gave back.
-    pub(super) const fn note_released(&mut self) {
-        self.held = self.held.saturating_sub(1);
-    }
-
     /// The code that is reported to the Manager; `None` while the link is not over.
     pub(super) fn farewell(&self) -> Option<Code> {
         Some(match self.end()? {
@@ -356,5 +200,20 @@ impl LinkDriver {
             End::Eof => Farewell::PeerGone.code(),
             End::Violation(violation) => violation.code(),
         })
+    }
+
+    /// The state of the link for a program.
+    pub(super) fn status(&self) -> LinkStatus {
+        LinkStatus {
+            id: self.id,
+            peer: Arc::clone(&self.peer),
+            open: self.is_open(),
+            reliable: self.is_reliable(),
+            sealed: self.is_sealed(),
+            ring: self.machine.lane() == link::LaneKind::Ring,
+            counters: self.counters(),
+            received: self.received,
+            end: self.end(),
+        }
     }
 }

@@ -9,17 +9,17 @@
 //! for every follower at revision `a` or later (SM2-WCH-002). Therefore one WATCH serves all
 //! [`Follower`]s.
 
+mod answers;
+mod ask;
+
 use std::collections::{HashMap, VecDeque};
 use std::os::fd::OwnedFd;
 
-use sm2_io::Epoll;
 use sm2_proto::control::{Change, Item, Key};
 use sm2_proto::node::Input;
-use sm2_proto::{EntityId, Instant, InterfaceId, NodeId, TypeId};
+use sm2_proto::{EntityId, InterfaceId, NodeId, TypeId};
 
-use super::datagram::Incoming;
-use super::{Inner, Shared, Topic};
-use crate::error::QueryError;
+use super::limits::CHANGES;
 
 /// A question that is answered exactly once.
 #[derive(Clone, Debug)]
@@ -53,9 +53,6 @@ pub(crate) struct Page {
     /// On the first page: the follower of the changes after this page.
     pub(crate) follower: Option<Ticket>,
 }
-
-/// How many changes are kept for a follower that does not fetch them.
-const CHANGES: usize = 4_096;
 
 /// The greatest key. The page after it is empty.
 const LAST: Key = {
@@ -229,192 +226,5 @@ impl Question {
             Self::Inspect(node) => Input::Inspect { node: *node },
             Self::Describe(data) => Input::Describe { data: data.clone() },
         }
-    }
-}
-
-/// Answers of the Manager. These functions feed the session; their caller drains it.
-impl Inner {
-    pub(super) fn page_came(&mut self, revision: u64, items: Vec<Item>, next: Option<Key>) {
-        let epoch = self.session.epoch().unwrap_or_default();
-        self.answer_came(0, |questions, question| {
-            let first = matches!(question, Question::FirstPage);
-            Answer::Page(Page {
-                epoch,
-                revision,
-                items,
-                next,
-                follower: first.then(|| questions.follow(epoch, revision)),
-            })
-        });
-    }
-
-    pub(super) fn counters_came(&mut self, file: Option<OwnedFd>) {
-        self.answer_came(1, |_, _| Answer::Counters(file));
-    }
-
-    pub(super) fn schema_came(&mut self, text: Option<String>) {
-        self.answer_came(2, |_, _| Answer::Schema(text));
-    }
-
-    pub(super) fn changes_came(&mut self, revision: u64, changes: Option<&[Change]>, more: bool) {
-        self.questions.changes(revision, changes, more);
-        self.sleepers.wake(Topic::Session);
-    }
-
-    fn answer_came(
-        &mut self,
-        kind: usize,
-        answer: impl FnOnce(&mut Questions, Question) -> Answer,
-    ) {
-        let (answered, next) = self.questions.answered(kind);
-        if let Some((ticket, question)) = answered {
-            let answer = answer(&mut self.questions, question);
-            self.questions.answers.insert(ticket, Some(answer));
-        }
-        if let Some(input) = next {
-            self.session.tell(input);
-        }
-        self.sleepers.wake(Topic::Session);
-    }
-}
-
-/// Questions of threads.
-impl Inner {
-    fn ask(&mut self, question: Question, epoll: &Epoll) -> Ticket {
-        let (ticket, input) = self.questions.ask(question);
-        if let Some(input) = input {
-            self.session.tell(input);
-            self.drain_session(Incoming::default(), epoll);
-        }
-        ticket
-    }
-
-    /// Makes sure that the Manager sends a PAGE after the frames that are on their way now.
-    pub(super) fn expect_page(&mut self, epoll: &Epoll) {
-        if self.session.is_ready()
-            && let Some(input) = self.questions.expect_page()
-        {
-            self.session.tell(input);
-            self.drain_session(Incoming::default(), epoll);
-        }
-    }
-
-    /// The changes that a follower has collected once it has reached this revision. Requests them
-    /// if necessary.
-    fn followed(
-        &mut self,
-        ticket: Ticket,
-        revision: u64,
-        epoll: &Epoll,
-    ) -> Option<Result<Followed, Lost>> {
-        let Some(follower) = self.questions.followers.get_mut(&ticket) else {
-            return Some(Err(Lost));
-        };
-        if !follower.lost && follower.revision >= revision && !follower.more {
-            return Some(Ok(Followed {
-                revision: follower.revision,
-                changes: std::mem::take(&mut follower.changes),
-            }));
-        }
-        let after = follower.revision;
-        follower.lost |= self.session.epoch() != Some(follower.epoch);
-        match self.questions.watching {
-            _ if follower.lost => return Some(Err(Lost)),
-            // Another follower waits for changes after a later revision, which may never come.
-            Some(later) if later > after => return Some(Err(Lost)),
-            Some(_) => {}
-            None => {
-                self.questions.watching = Some(after);
-                self.session.tell(Input::Watch { after });
-                self.drain_session(Incoming::default(), epoll);
-            }
-        }
-        None
-    }
-}
-
-impl Shared {
-    /// Asks a question unless `asked` says that it was asked, and waits for the answer. The
-    /// question is sent as soon as a Manager is connected. `None` if the session ended before the
-    /// answer came. At the end of the wait, `asked` remains: the caller calls again with it, or
-    /// [abandons](Self::abandon) it.
-    pub(crate) fn ask_once(
-        &self,
-        question: &Question,
-        asked: &mut Option<Ticket>,
-        until: Option<Instant>,
-    ) -> Result<Option<Answer>, QueryError> {
-        let answer = self.wait(Topic::Session, until, |inner| {
-            if asked.is_none() && inner.session.is_ready() {
-                *asked = Some(inner.ask(question.clone(), &self.epoll));
-            }
-            let ticket = (*asked)?;
-            match inner.questions.answers.get(&ticket) {
-                Some(None) => None,
-                Some(Some(_)) | None => {
-                    *asked = None;
-                    Some(inner.questions.answers.remove(&ticket).flatten())
-                }
-            }
-        });
-        answer
-            .map_err(QueryError::Io)?
-            .ok_or_else(|| self.too_late())
-    }
-
-    /// Asks until a Manager answers, each new Manager again.
-    pub(crate) fn ask(
-        &self,
-        question: &Question,
-        until: Option<Instant>,
-    ) -> Result<Answer, QueryError> {
-        let mut asked = None;
-        loop {
-            match self.ask_once(question, &mut asked, until) {
-                Ok(Some(answer)) => return Ok(answer),
-                Ok(None) => {}
-                Err(error) => {
-                    self.abandon(asked);
-                    return Err(error);
-                }
-            }
-        }
-    }
-
-    /// Drops a question for whose answer no thread waits any more.
-    pub(crate) fn abandon(&self, asked: Option<Ticket>) {
-        if let Some(ticket) = asked {
-            self.lock().questions.abandon(ticket);
-        }
-    }
-
-    /// The error for an answer that did not come in time.
-    pub(crate) fn too_late(&self) -> QueryError {
-        self.lock()
-            .away()
-            .map_or(QueryError::TimedOut, QueryError::ManagerGone)
-    }
-
-    /// Follows the changes after this revision. The caller must [unfollow](Self::unfollow) the
-    /// result.
-    pub(crate) fn follow(&self, epoch: u64, revision: u64) -> Ticket {
-        self.lock().questions.follow(epoch, revision)
-    }
-
-    pub(crate) fn unfollow(&self, follower: Ticket) {
-        self.lock().questions.followers.remove(&follower);
-    }
-
-    /// Waits until a follower has all changes up to at least this revision. `None` if `until` has
-    /// passed.
-    pub(crate) fn wait_followed(
-        &self,
-        follower: Ticket,
-        revision: u64,
-        until: Option<Instant>,
-    ) -> std::io::Result<Option<Result<Followed, Lost>>> {
-        self.wait(Topic::Session, until, |inner| {
-            inner.followed(follower, revision, &self.epoll)
-        })
     }
 }

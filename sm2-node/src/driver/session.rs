@@ -1,5 +1,10 @@
 //! The node's session with its Manager: the socket and the machine.
 
+mod outputs;
+mod reconnect;
+mod requests;
+mod retry;
+
 use std::collections::VecDeque;
 use std::io::IoSlice;
 use std::os::fd::{AsFd, OwnedFd};
@@ -10,8 +15,11 @@ use sm2_proto::{
     Code, Contract, Datagram, Farewell, InterfaceId, LinkId, Machine, Name, NodeId, Refusal,
 };
 
-use super::SESSION;
 use super::datagram::{Incoming, receive};
+use super::token::SESSION;
+
+pub(super) use self::retry::Reconnect;
+pub(crate) use self::retry::may_return;
 
 #[derive(Debug)]
 pub(super) struct Session {

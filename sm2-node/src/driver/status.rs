@@ -4,10 +4,7 @@ use std::sync::Arc;
 
 use sm2_proto::LinkId;
 use sm2_proto::control::LinkPeer;
-use sm2_proto::link::{Counters, Delivery, End, LaneKind};
-
-use super::interface::Interface;
-use super::link::LinkDriver;
+use sm2_proto::link::{Counters, Delivery, End};
 
 /// The status of one link of an interface, current or past.
 #[derive(Clone, Debug)]
@@ -51,28 +48,8 @@ impl Received {
     }
 }
 
-impl LinkStatus {
-    pub(super) fn of(link: &LinkDriver) -> Self {
-        Self {
-            id: link.id,
-            peer: Arc::clone(&link.peer),
-            open: link.is_open(),
-            reliable: link.is_reliable(),
-            sealed: link.is_sealed(),
-            ring: link.machine.lane() == LaneKind::Ring,
-            counters: link.counters(),
-            received: link.received,
-            end: link.end(),
-        }
-    }
-
-    pub(super) fn add_to(&self, sum: &mut Counters) {
-        add(sum, &self.counters);
-    }
-}
-
 /// Adds `more` to `sum`.
-fn add(sum: &mut Counters, more: &Counters) {
+pub(super) fn add_counters(sum: &mut Counters, more: &Counters) {
     sum.offered += more.offered;
     sum.delivered += more.delivered;
     sum.overwritten += more.overwritten;
@@ -80,24 +57,4 @@ fn add(sum: &mut Counters, more: &Counters) {
     sum.deadline += more.deadline;
     sum.closed += more.closed;
     sum.in_flight += more.in_flight;
-}
-
-impl Interface {
-    // ---- accounts ----
-
-    /// The statuses of all links, ended links first.
-    pub(crate) fn statuses(&self) -> Vec<LinkStatus> {
-        let live = self.links().filter(|link| !link.buried).map(LinkStatus::of);
-        self.ended.iter().cloned().chain(live).collect()
-    }
-
-    /// The sum over all links of the interface, current and past.
-    //= SM2-QOS-004
-    pub(crate) fn counters(&self) -> Counters {
-        let mut sum = self.ended_sum;
-        for link in self.links().filter(|link| !link.buried) {
-            add(&mut sum, &link.counters());
-        }
-        sum
-    }
 }

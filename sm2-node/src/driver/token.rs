@@ -16,3 +16,8 @@ impl LinkToken {
         Self(self.0 + 1)
     }
 }
+
+/// The token of the session's socket.
+pub(super) const SESSION: u64 = LinkToken::FIRST.0;
+/// The token of the timer of the next attempt to connect.
+pub(super) const TIMER: u64 = LinkToken::LAST.0;

@@ -1,36 +1,18 @@
-//! Threads that wait, and how one thread wakes another for which it received something.
-//!
-//! A node has no thread of its own: each thread that calls the node drives all of its sockets.
-//! While one thread sleeps until its message comes, another thread may read that message from the
-//! socket. A sleeping thread therefore waits for two descriptors: the node's epoll set
-//! (level-triggered), and a waker of its own. A thread that drives the node signals the waker when
-//! an event concerns the topic that the sleeper has named. A sleeper registers its topic under the
-//! node's lock, after it has looked and found nothing, so it misses no event.
-//!
-//! A descriptor that a program polls in its own loop ([`Bell`]) is a sleeper that stays registered.
+//! Waiting without the node's lock.
 
 use std::io;
-use std::os::fd::{AsFd, BorrowedFd};
-use std::sync::Arc;
+use std::os::fd::AsFd;
 use std::time::Duration;
 
-use sm2_io::{Epoll, Interest, Waker, wait_readable};
-use sm2_proto::{Instant, InterfaceId};
+use sm2_io::wait_readable;
+use sm2_proto::Instant;
 
+use super::sleepers::Topic;
 use super::{Inner, Shared};
 use crate::Wait;
 
 /// How many pauses of the processor a spinning thread makes between two uses of the lock.
 const PAUSES: u32 = 4;
-
-/// The events for which a sleeper waits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Topic {
-    /// All events of this interface and its links, and the end of the session.
-    Interface(InterfaceId),
-    /// The session with the Manager.
-    Session,
-}
 
 /// The end of a wait.
 #[derive(Clone, Copy, Debug)]
@@ -66,71 +48,6 @@ impl From<Option<Instant>> for Until {
 impl From<Option<Duration>> for Until {
     fn from(timeout: Option<Duration>) -> Self {
         timeout.map_or(Self::Forever, Self::In)
-    }
-}
-
-/// All registered sleepers.
-#[derive(Debug)]
-pub(super) struct Sleepers {
-    all: Vec<Sleeper>,
-    /// Wakers that no sleeper uses now.
-    spare: Vec<Arc<Waker>>,
-}
-
-#[derive(Debug)]
-struct Sleeper {
-    topic: Topic,
-    waker: Arc<Waker>,
-    woken: bool,
-}
-
-impl Sleepers {
-    /// Creates an empty list, and a waker for the first sleeper.
-    pub(super) fn new() -> io::Result<Self> {
-        Ok(Self {
-            all: Vec::new(),
-            spare: vec![Arc::new(Waker::new()?)],
-        })
-    }
-
-    /// Wakes the sleepers of this topic. [`Topic::Session`] wakes all.
-    pub(super) fn wake(&mut self, topic: Topic) {
-        for sleeper in &mut self.all {
-            if !sleeper.woken && (sleeper.topic == topic || topic == Topic::Session) {
-                sleeper.woken = true;
-                sleeper.waker.wake();
-            }
-        }
-    }
-
-    fn enter(&mut self, topic: Topic) -> io::Result<Arc<Waker>> {
-        let waker = match self.spare.pop() {
-            Some(waker) => waker,
-            None => Arc::new(Waker::new()?),
-        };
-        self.all.push(Sleeper {
-            topic,
-            waker: Arc::clone(&waker),
-            woken: false,
-        });
-        Ok(waker)
-    }
-
-    fn leave(&mut self, waker: &Arc<Waker>) {
-        self.calm(waker);
-        self.all.retain(|it| !Arc::ptr_eq(&it.waker, waker));
-        self.spare.push(Arc::clone(waker));
-    }
-
-    /// Notes that the sleeper has seen all events until now. Returns whether it was woken for one.
-    fn calm(&mut self, waker: &Arc<Waker>) -> bool {
-        let sleeper = self.all.iter_mut().find(|it| Arc::ptr_eq(&it.waker, waker));
-        let Some(sleeper) = sleeper.filter(|it| it.woken) else {
-            return false;
-        };
-        sleeper.woken = false;
-        sleeper.waker.drain();
-        true
     }
 }
 
@@ -255,48 +172,5 @@ impl Inner {
             }),
             Topic::Session => false,
         }
-    }
-}
-
-/// A descriptor that becomes readable when an interface may have an event: an epoll set that
-/// contains the node's epoll set and a waker.
-#[derive(Debug)]
-pub(crate) struct Bell {
-    set: Epoll,
-    waker: Arc<Waker>,
-}
-
-impl Bell {
-    /// Creates a bell that is already signalled, because there may already be something to take.
-    pub(crate) fn new(shared: &Shared, interface: InterfaceId) -> io::Result<Self> {
-        let set = Epoll::new()?;
-        set.add(&shared.epoll, 0, Interest::READABLE)?;
-        let mut inner = shared.lock();
-        let topic = Topic::Interface(interface);
-        let waker = inner.sleepers.enter(topic)?;
-        let bell = Self { set, waker };
-        if let Err(error) = bell.set.add(&*bell.waker, 1, Interest::READABLE) {
-            inner.sleepers.leave(&bell.waker);
-            return Err(error);
-        }
-        inner.sleepers.wake(topic);
-        Ok(bell)
-    }
-
-    /// Resets the bell, so that it becomes readable at the next event. Returns whether it was
-    /// signalled.
-    pub(crate) fn silence(&self, inner: &mut Inner) -> bool {
-        inner.sleepers.calm(&self.waker)
-    }
-
-    /// Removes the bell, because the program does not poll it any more.
-    pub(crate) fn remove(&self, inner: &mut Inner) {
-        inner.sleepers.leave(&self.waker);
-    }
-}
-
-impl AsFd for Bell {
-    fn as_fd(&self) -> BorrowedFd<'_> {
-        self.set.as_fd()
     }
 }

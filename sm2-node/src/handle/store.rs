@@ -4,12 +4,11 @@ use std::borrow::Cow;
 
 use bytes::Bytes;
 use sm2_io::Preallocated;
-use sm2_proto::Instant;
 use sm2_proto::limits::MESSAGE_MAX;
 
 use super::Handle;
 use crate::StoreError;
-use crate::driver::{Forms, Interface, Needs, NoSlot, Tools};
+use crate::driver::{Forms, Needs, NoSlot};
 use crate::pool::Lease;
 
 impl Handle {
@@ -68,14 +67,6 @@ impl Handle {
         // Without the node's lock, because the first use of a slot takes long.
         lease.memory.warm(len);
         Ok(lease)
-    }
-}
-
-impl Interface {
-    /// Frees memory that was unused for long. Cheap enough to call with every message.
-    pub(crate) fn rest(&mut self, now: Instant, tools: &mut Tools<'_>) {
-        self.outbox.rest(now);
-        self.detach_segments(tools);
     }
 }
 

@@ -1,7 +1,8 @@
 //! Threads that wait at a node. If one thread receives a message for another, it wakes that thread.
 //!
-//! The code is `sm2-node/src/driver/wait.rs`; `kernel` models the system calls that it makes. A
-//! lost wake-up leaves a thread asleep for ever, which loom reports as a deadlock.
+//! The code is `sleepers.rs`, `wait.rs` and `bell.rs` of `sm2-node/src/driver/`; `kernel` models the
+//! system calls that it makes. A lost wake-up leaves a thread asleep for ever, which loom reports as
+//! a deadlock.
 
 // Each variant has the same scenarios.
 #![allow(clippy::duplicate_mod)]

@@ -6,14 +6,13 @@ use std::io::{self, IoSlice};
 use std::os::fd::AsFd;
 use std::sync::Arc;
 
-use sm2_io::{Epoll, InspectedFd, Interest, PooledMapping, SendError};
-use sm2_proto::link::{Attachment, End, Input, Output};
+use sm2_io::{Epoll, InspectedFd, Interest, PooledMapping, Ring, SendError};
+use sm2_proto::link::{Attachment, End, Input, Output, RingLayout};
 use sm2_proto::{Farewell, Machine};
 
 use super::{LinkDriver, Unsent};
 use crate::driver::datagram::Incoming;
-use crate::driver::message_key::MessageKey;
-use crate::driver::outbox::Outbox;
+use crate::driver::outbox::{MessageKey, Outbox};
 
 impl LinkDriver {
     /// Carries out all outputs of the machine. Only this function matches them.
@@ -119,6 +118,18 @@ impl LinkDriver {
             && let Err(error) = epoll.modify(socket, self.token.0, interest)
         {
             self.fail(Farewell::Resources, &error);
+        }
+    }
+
+    /// Maps the ring that the other side created.
+    fn map_ring(&mut self, layout: RingLayout, fd: Option<InspectedFd>) {
+        let mapped = fd
+            .ok_or_else(|| io::Error::from(io::ErrorKind::NotFound))
+            .and_then(|fd| fd.into_ring().map_err(io::Error::other))
+            .and_then(|file| Ring::map(&file, layout));
+        match mapped {
+            Ok(ring) => self.mapped.outgoing = Some(ring),
+            Err(error) => self.fail(Farewell::Resources, &error),
         }
     }
 

@@ -1,7 +1,7 @@
 //! The stored messages of an outbox, by their keys.
 
-use super::StoredMessage;
-use crate::driver::message_key::MessageKey;
+use super::message::StoredMessage;
+use super::message_key::MessageKey;
 
 /// Messages, each under its key.
 ///

@@ -9,12 +9,13 @@ use sm2_proto::{Instant, InterfaceId};
 
 use crate::kernel::{AsFd, Epoll, Interest, Socket, wait_readable};
 
-use super::wait::{Bell, Sleepers, Topic};
+use super::bell::Bell;
+use super::sleepers::{Sleepers, Topic};
 
 const ONE: InterfaceId = InterfaceId(1);
 const OTHER: InterfaceId = InterfaceId(2);
 
-/// Models `sm2-node/src/driver/mod.rs`, as far as waiting is concerned.
+/// Models `sm2-node/src/driver/shared.rs` and `inner.rs`, as far as waiting is concerned.
 pub(crate) struct Shared {
     pub(crate) epoll: Epoll,
     socket: Arc<Socket>,

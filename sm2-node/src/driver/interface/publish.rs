@@ -5,16 +5,12 @@ use std::borrow::Cow;
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant};
 
-use super::interface::Interface;
-use super::link::Tools;
-use super::message_key::MessageKey;
-use super::outbox::{Forms, Label, Needs};
-use super::token::LinkToken;
+use super::Interface;
+use crate::driver::limits::COPY_UNDER_LOCK_MAX;
+use crate::driver::outbox::{Forms, Label, MessageKey, Needs};
+use crate::driver::token::LinkToken;
+use crate::driver::tools::Tools;
 use crate::published::Published;
-
-/// Messages of up to this length are copied under the node's lock, because taking the lock a second
-/// time would take longer than the copy.
-const COPY_UNDER_LOCK_MAX: usize = 16 << 10;
 
 /// A publication that was not sent to all links yet.
 #[derive(Debug, Default)]
@@ -177,6 +173,12 @@ impl Interface {
             !room
         });
         offered.waiting.is_empty()
+    }
+
+    /// Frees memory that was unused for long. Cheap enough to call with every message.
+    pub(crate) fn rest(&mut self, now: Instant, tools: &mut Tools<'_>) {
+        self.outbox.rest(now);
+        self.detach_segments(tools);
     }
 
     /// Frees the memory of a message that is not sent.

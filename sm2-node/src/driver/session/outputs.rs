@@ -1,4 +1,4 @@
-//! Carries out the outputs of the node's machine, and feeds it the requests of handles.
+//! Carries out the outputs of the node's machine.
 
 use std::io;
 use std::sync::Arc;
@@ -6,16 +6,18 @@ use std::sync::Arc;
 use sm2_io::{Epoll, Event, Interest, SeqPacket};
 use sm2_proto::control::LinkPeer;
 use sm2_proto::link::Config;
-use sm2_proto::node::{self, End, Input, Output};
-use sm2_proto::{Contract, Farewell, InterfaceId, LinkId, NodeId, Refusal, TypeId};
+use sm2_proto::node::{End, Input, Output};
+use sm2_proto::{Farewell, InterfaceId, LinkId, Refusal};
 
-use super::datagram::Incoming;
-use super::interface::{Interface, State};
-use super::link::LinkDriver;
-use super::{BURST, Inner, Topic};
+use crate::driver::datagram::Incoming;
+use crate::driver::inner::Inner;
+use crate::driver::interface::State;
+use crate::driver::limits::BURST;
+use crate::driver::link::LinkDriver;
+use crate::driver::sleepers::Topic;
 
 impl Inner {
-    pub(super) fn on_session_event(&mut self, event: Event, epoll: &Epoll) {
+    pub(in crate::driver) fn on_session_event(&mut self, event: Event, epoll: &Epoll) {
         if event.writable {
             self.session.flush(epoll);
         }
@@ -30,7 +32,7 @@ impl Inner {
     }
 
     /// Carries out all outputs of the session's machine. Only this function matches them.
-    pub(super) fn drain_session(&mut self, mut came: Incoming, epoll: &Epoll) {
+    pub(in crate::driver) fn drain_session(&mut self, mut came: Incoming, epoll: &Epoll) {
         while let Some(output) = self.session.poll() {
             match output {
                 Output::Transmit(frame) => self.session.send(frame, None, epoll),
@@ -216,79 +218,5 @@ impl Inner {
             }
         }
         self.sleepers.wake(Topic::Interface(id));
-    }
-
-    // ---- requests of handles ----
-
-    /// The reason why no Manager knows all interfaces of this node, if there is one.
-    pub(crate) const fn away(&self) -> Option<End> {
-        self.session.away
-    }
-
-    /// The reason why the last greeting was refused, if it was.
-    pub(crate) const fn greeting_refusal(&self) -> Option<&Refusal> {
-        self.session.refused.as_ref()
-    }
-
-    /// Whether this node is connected to a Manager that knows all its interfaces and links.
-    pub(crate) const fn is_connected(&self) -> bool {
-        self.session.is_ready()
-    }
-
-    pub(crate) const fn node_id(&self) -> Option<NodeId> {
-        self.session.id()
-    }
-
-    pub(crate) const fn epoch(&self) -> Option<u64> {
-        self.session.epoch()
-    }
-
-    /// Whether the connected Manager has granted this interface.
-    pub(crate) fn is_registered(&self, id: InterfaceId) -> bool {
-        let interface = self.interfaces.get(&id);
-        self.is_connected() && interface.is_some_and(Interface::is_granted)
-    }
-
-    /// Declares an interface. DECLARE is sent as soon as a Manager is connected.
-    pub(crate) fn declare(
-        &mut self,
-        contract: Contract,
-        pool_limit_bytes: u64,
-        epoll: &Epoll,
-    ) -> Result<InterfaceId, node::Error> {
-        let id = self.session.declare(contract.clone())?;
-        if self.counting.start() {
-            self.session.tell(Input::Counters);
-        }
-        let entry = self.counting.allocate(id, None);
-        let interface = Interface::new(contract, pool_limit_bytes, entry);
-        self.interfaces.insert(id, interface);
-        self.drain_session(Incoming::default(), epoll);
-        Ok(id)
-    }
-
-    /// Registers the schema text of a type with this Manager and all later ones. The text must have
-    /// the type's hash.
-    //= SM2-SCH-001
-    pub(crate) fn register_schema(&mut self, data: TypeId, text: String, epoll: &Epoll) {
-        if self.schemas.get(&data) == Some(&text) {
-            return;
-        }
-        self.schemas.insert(data.clone(), text.clone());
-        self.session.tell(Input::Schema { data, text });
-        self.drain_session(Incoming::default(), epoll);
-    }
-
-    /// Closes the links of an interface and withdraws the interface.
-    pub(crate) fn withdraw(&mut self, id: InterfaceId, epoll: &Epoll) {
-        self.with(id, epoll, |interface, tools| interface.close(tools));
-        if let Some(interface) = self.interfaces.remove(&id) {
-            for token in interface.tokens() {
-                self.routes.remove(&token);
-            }
-        }
-        self.session.tell(Input::Withdraw { interface: id });
-        self.drain_session(Incoming::default(), epoll);
-        self.sleepers.wake(Topic::Session);
     }
 }

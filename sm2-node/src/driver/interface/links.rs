@@ -1,47 +1,47 @@
 //! The links of one interface.
 
-use super::link::LinkDriver;
-use super::token::LinkToken;
+use crate::driver::link::LinkDriver;
+use crate::driver::token::LinkToken;
 
 /// Links in ascending order of their tokens, the oldest first.
 ///
 /// Each message visits all links several times, and usually there is one link. A vector makes these
 /// visits fast. Its slower removal happens once for each link.
 #[derive(Debug, Default)]
-pub(super) struct Links(Vec<LinkDriver>);
+pub(in crate::driver) struct Links(Vec<LinkDriver>);
 
 impl Links {
     /// Adds a link with a token greater than all others.
-    pub(super) fn push(&mut self, link: LinkDriver) {
+    pub(in crate::driver) fn push(&mut self, link: LinkDriver) {
         debug_assert!((self.0.last()).is_none_or(|last| last.token() < link.token()));
         self.0.push(link);
     }
 
-    pub(super) fn get(&self, token: LinkToken) -> Option<&LinkDriver> {
+    pub(in crate::driver) fn get(&self, token: LinkToken) -> Option<&LinkDriver> {
         self.0.get(self.place(token)?)
     }
 
-    pub(super) fn get_mut(&mut self, token: LinkToken) -> Option<&mut LinkDriver> {
+    pub(in crate::driver) fn get_mut(&mut self, token: LinkToken) -> Option<&mut LinkDriver> {
         let place = self.place(token)?;
         self.0.get_mut(place)
     }
 
-    pub(super) fn remove(&mut self, token: LinkToken) {
+    pub(in crate::driver) fn remove(&mut self, token: LinkToken) {
         if let Some(place) = self.place(token) {
             self.0.remove(place);
         }
     }
 
     /// Keeps the links for which `keep` returns `true`.
-    pub(super) fn retain(&mut self, keep: impl FnMut(&LinkDriver) -> bool) {
+    pub(in crate::driver) fn retain(&mut self, keep: impl FnMut(&LinkDriver) -> bool) {
         self.0.retain(keep);
     }
 
-    pub(super) fn iter(&self) -> impl Iterator<Item = &LinkDriver> {
+    pub(in crate::driver) fn iter(&self) -> impl Iterator<Item = &LinkDriver> {
         self.0.iter()
     }
 
-    pub(super) fn iter_mut(&mut self) -> impl Iterator<Item = &mut LinkDriver> {
+    pub(in crate::driver) fn iter_mut(&mut self) -> impl Iterator<Item = &mut LinkDriver> {
         self.0.iter_mut()
     }
 
@@ -49,7 +49,7 @@ impl Links {
     /// order, and then the others up to and including `start`. `visited` is the link that this turn
     /// visited last, if any.
     #[inline]
-    pub(super) fn next_ready(
+    pub(in crate::driver) fn next_ready(
         &mut self,
         start: LinkToken,
         visited: Option<LinkToken>,

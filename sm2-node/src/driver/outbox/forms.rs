@@ -1,22 +1,91 @@
-//! Messages for the ring lane, which are always in a slot with their head at the slot's end.
+//! The message in the form in which a link sends it.
+//!
+//! Messages for the ring lane are always in a slot, with their head at the slot's end.
 
 use std::fs::File;
 use std::io;
+use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::fs::FileExt;
 
-use sm2_io::Slot;
-use sm2_proto::limits::SLOT_HEAD;
-use sm2_proto::link::{Body, OutboundMessage, SlotHead, Status};
+use sm2_io::memfd;
+use sm2_proto::link::{Body, OutboundMessage, Placement, Status};
 
-use super::{Label, NoForm, NoSlot, Outbox, info};
-use crate::driver::message_key::MessageKey;
-use crate::pool::Lease;
+use super::Outbox;
+use super::message::{Forms, info, write_head};
+use super::message_key::MessageKey;
+use super::reservation::NoSlot;
+
+/// The reason why a message cannot be put into the form that a link needs.
+#[derive(Debug, thiserror::Error)]
+pub(in crate::driver) enum NoForm {
+    /// There is no slot for the message at this moment.
+    #[error("no slot: {0}")]
+    Slot(io::Error),
+    /// The bytes of the message cannot be copied, or no file can be created for them.
+    #[error(transparent)]
+    Memory(#[from] io::Error),
+}
 
 impl Outbox {
+    /// The message in the form in which a link with this placement sends it. Creates that form if
+    /// no other link needed it before.
+    ///
+    /// # Errors
+    /// [`NoForm`]: the message cannot be put into that form.
+    pub(in crate::driver) fn message(
+        &mut self,
+        key: MessageKey,
+        status: Status,
+        placement: Placement,
+    ) -> Result<OutboundMessage, NoForm> {
+        match placement {
+            Placement::Slot => self.message_in_slot(key, status),
+            Placement::InlineOrSlot => Ok(self.message_or_file(key, status, false)?),
+            Placement::InlineOrSealed => Ok(self.message_or_file(key, status, true)?),
+        }
+    }
+
+    fn message_or_file(
+        &mut self,
+        key: MessageKey,
+        status: Status,
+        link_sealed: bool,
+    ) -> io::Result<OutboundMessage> {
+        let message = (self.messages.get_mut(key)).ok_or(io::ErrorKind::NotFound)?;
+        let Forms {
+            inline,
+            pooled,
+            sealed,
+        } = &mut message.forms;
+        let body = match (inline, pooled) {
+            (Some(bytes), _) => Body::Inline(bytes.clone()),
+            (None, Some(lease)) if !link_sealed => Body::Pooled {
+                segment: info(lease),
+                slot: lease.slot,
+            },
+            // A sealed message is legal on every link.
+            (None, _) if sealed.is_some() => Body::Sealed,
+            (None, Some(lease)) => {
+                let len = usize::try_from(message.len).map_err(|_| io::ErrorKind::InvalidInput)?;
+                *sealed = Some(memfd::sealed_from_bytes(lease.memory.bytes(len))?);
+                Body::Sealed
+            }
+            (None, None) => return Err(io::ErrorKind::NotFound.into()),
+        };
+        Ok(OutboundMessage {
+            key: key.to_raw(),
+            id: message.id,
+            time: message.time,
+            status,
+            len: message.len,
+            body,
+        })
+    }
+
     /// The message for a link that accepts only slots. The message is copied to a slot if no such
     /// link existed when the message was published. Only replies have a status other than ok, and a
     /// reply goes to one link only, so the head in the slot can be rewritten.
-    pub(super) fn message_in_slot(
+    fn message_in_slot(
         &mut self,
         key: MessageKey,
         status: Status,
@@ -87,20 +156,10 @@ impl Outbox {
             (None, None) => Err(io::ErrorKind::NotFound.into()),
         }
     }
-}
 
-/// Writes the head that receivers of the ring lane read.
-//= SM2-RNG-004
-pub(super) fn write_head(lease: &mut Lease<Slot>, label: Label, status: Status) {
-    let Label { id, time, len } = label;
-    let slot = lease.memory.len_bytes();
-    if let Some(place) = lease.memory.bytes_mut(slot).last_chunk_mut::<SLOT_HEAD>() {
-        *place = SlotHead {
-            id,
-            time,
-            len,
-            status,
-        }
-        .to_bytes();
+    /// The file of a sealed message.
+    pub(in crate::driver) fn sealed_file(&self, key: MessageKey) -> Option<BorrowedFd<'_>> {
+        let forms = &self.messages.get(key)?.forms;
+        Some(forms.sealed.as_ref()?.as_fd())
     }
 }

@@ -10,12 +10,12 @@ pub(crate) struct MessageKey {
 
 impl MessageKey {
     /// Encodes the key for the machine of a link.
-    pub(super) const fn to_raw(self) -> u64 {
+    pub(in crate::driver) const fn to_raw(self) -> u64 {
         (self.generation as u64) << 32 | self.index as u64
     }
 
     /// Decodes a key that [`to_raw`](Self::to_raw) encoded.
-    pub(super) const fn from_raw(raw: u64) -> Self {
+    pub(in crate::driver) const fn from_raw(raw: u64) -> Self {
         Self {
             generation: (raw >> 32) as u32,
             index: raw as u32,

@@ -1,32 +1,15 @@
-//! Receiving the messages of all links, in turn.
+//! Taking the messages of all links, in turn, and giving them back.
 
 use std::sync::Arc;
 
 use sm2_io::CounterEntry;
-use sm2_proto::control::LinkPeer;
-use sm2_proto::link::{Delivery, Input, TooManyBorrowed};
+use sm2_proto::link::{Delivery, Input, Role};
 use sm2_proto::{Farewell, Instant};
 
-use super::interface::Interface;
-use super::link::Tools;
-use super::token::LinkToken;
-use crate::payload::Source;
-
-/// A message that the application holds.
-#[derive(Debug)]
-pub(crate) struct Taken {
-    pub(crate) token: LinkToken,
-    pub(crate) peer: Arc<LinkPeer>,
-    pub(crate) delivery: Delivery,
-    pub(crate) source: Source,
-}
-
-/// A message is ready, but the application holds as many messages of this peer as it may.
-#[derive(Debug)]
-pub(crate) struct Full {
-    pub(crate) error: TooManyBorrowed,
-    pub(crate) peer: Arc<LinkPeer>,
-}
+use super::Interface;
+use super::taken::{Full, Taken};
+use crate::driver::token::LinkToken;
+use crate::driver::tools::Tools;
 
 impl Interface {
     /// Takes the next message of any link, in turn.
@@ -124,6 +107,19 @@ impl Interface {
             visited = Some(token);
         }
         full.map_or(Ok(None), Err)
+    }
+
+    /// Gives a message back for the application.
+    //= SM2-MSG-005
+    pub(crate) fn give_back(&mut self, token: LinkToken, sequence: u64, tools: &mut Tools<'_>) {
+        let Some(link) = self.links.get_mut(token) else {
+            return;
+        };
+        link.release(sequence, tools.epoll, &mut self.outbox);
+        // On a receiver's link that is not over, a release has no further consequences.
+        if link.role() != Role::Receiver || link.end().is_some() {
+            self.settle_link(token, tools);
+        }
     }
 
     /// Handles a message that was taken and cannot be mapped, because this machine is out of

@@ -1,0 +1,112 @@
+//! Driving a node: reading and writing the sockets that are ready, and changing an interface.
+
+use std::time::Duration;
+
+use sm2_io::Epoll;
+use sm2_proto::{Instant, InterfaceId};
+
+use super::datagram::Incoming;
+use super::inner::Inner;
+use super::interface::Interface;
+use super::limits::SOCKETS_WAIT_NS;
+use super::sleepers::Topic;
+use super::token::{LinkToken, SESSION, TIMER};
+use super::tools::Tools;
+
+impl Inner {
+    /// Drives the node if its last drive was some time ago. This avoids a system call for each
+    /// message of a ring. Returns whether the node was driven.
+    pub(crate) fn drive_if_due(&mut self, now: Instant, epoll: &Epoll) -> bool {
+        self.now = now;
+        let due = now.0.saturating_sub(self.driven.0) >= SOCKETS_WAIT_NS;
+        if due {
+            self.driven = now;
+            self.drive(epoll);
+        }
+        due
+    }
+
+    /// Reads from readable sockets and writes to writable ones. Does a bounded amount of work and
+    /// does not wait.
+    pub(crate) fn drive(&mut self, epoll: &Epoll) {
+        if let Err(error) = epoll.wait(&mut self.events, Some(Duration::ZERO)) {
+            tracing::error!(%error, "cannot ask for events");
+            return;
+        }
+        self.ready.extend(self.events.iter());
+        while let Some(event) = self.ready.pop() {
+            if event.token == SESSION {
+                self.on_session_event(event, epoll);
+                continue;
+            }
+            if event.token == TIMER {
+                self.on_timer(epoll);
+                continue;
+            }
+            let token = LinkToken(event.token);
+            if let Some(&interface) = self.routes.get(&token) {
+                self.with(interface, epoll, |interface, tools| {
+                    interface.on_event(token, event, tools);
+                });
+                self.sleepers.wake(Topic::Interface(interface));
+            }
+        }
+    }
+
+    /// Drives the node before it sends on a link. On the ring lane, drives it only if the last
+    /// drive was some time ago.
+    pub(crate) fn drive_for_link(&mut self, id: InterfaceId, token: LinkToken, epoll: &Epoll) {
+        let link = self.interfaces.get(&id).and_then(|it| it.link(token));
+        let is_call_free = link.is_some_and(|it| !it.is_woken_by_socket());
+        if !self.drive_if_due(sm2_io::clock::now(), epoll) && !is_call_free {
+            self.drive(epoll);
+        }
+    }
+
+    /// Harvests the messages that came back to an interface, changes the interface, and tells the
+    /// Manager which of its links have ended.
+    pub(crate) fn with<R>(
+        &mut self,
+        id: InterfaceId,
+        epoll: &Epoll,
+        change: impl FnOnce(&mut Interface, &mut Tools<'_>) -> R,
+    ) -> Option<R> {
+        self.with_as_is(id, epoll, |interface, tools| {
+            interface.harvest(tools);
+            change(interface, tools)
+        })
+    }
+
+    /// The same as [`with`](Self::with), but without harvesting.
+    pub(crate) fn with_as_is<R>(
+        &mut self,
+        id: InterfaceId,
+        epoll: &Epoll,
+        change: impl FnOnce(&mut Interface, &mut Tools<'_>) -> R,
+    ) -> Option<R> {
+        let interface = self.interfaces.get_mut(&id)?;
+        let mut tools = Tools {
+            epoll,
+            buffer: &mut self.buffer,
+            counting: &mut self.counting,
+            now: self.now,
+            stirred: false,
+        };
+        let result = change(interface, &mut tools);
+        if tools.stirred {
+            self.sleepers.wake(Topic::Interface(id));
+        }
+        for token in interface.gone.drain(..) {
+            self.routes.remove(&token);
+        }
+        if !interface.farewells.is_empty() {
+            for (link, code) in std::mem::take(&mut interface.farewells) {
+                self.session.unlinked(id, link, code);
+            }
+            // A thread that spins waits for the end of all links.
+            self.sleepers.wake(Topic::Session);
+            self.drain_session(Incoming::default(), epoll);
+        }
+        Some(result)
+    }
+}

@@ -1,0 +1,74 @@
+//! The state of a node that changes.
+
+use std::collections::{BTreeMap, HashMap};
+use std::io;
+use std::path::PathBuf;
+
+use sm2_io::{Epoll, Event, Events, Scratch, SeqPacket};
+use sm2_proto::limits::DATAGRAM_MAX;
+use sm2_proto::{Instant, InterfaceId, Name, TypeId};
+
+use super::counters::Counting;
+use super::interface::Interface;
+use super::limits::SOCKETS;
+use super::questions::Questions;
+use super::session::{Reconnect, Session};
+use super::sleepers::Sleepers;
+use super::token::LinkToken;
+
+/// The state of a node that changes, under the lock.
+#[derive(Debug)]
+pub(crate) struct Inner {
+    pub(super) name: Name,
+    /// Whether links offer the ring lane.
+    pub(super) ring_lane: bool,
+    pub(super) session: Session,
+    pub(super) reconnect: Reconnect,
+    pub(super) questions: Questions,
+    pub(super) counting: Counting,
+    /// The schema texts that this node registers with each Manager, by type.
+    pub(super) schemas: BTreeMap<TypeId, String>,
+    pub(crate) interfaces: BTreeMap<InterfaceId, Interface>,
+    /// The interface that each link belongs to.
+    pub(super) routes: HashMap<LinkToken, InterfaceId>,
+    /// The token of the newest link.
+    pub(super) last_token: LinkToken,
+    pub(super) buffer: Scratch,
+    pub(super) events: Events,
+    pub(super) ready: Vec<Event>,
+    pub(super) sleepers: Sleepers,
+    /// The time of the last drive.
+    pub(super) driven: Instant,
+    /// The time at which the current API call began.
+    pub(super) now: Instant,
+}
+
+impl Inner {
+    /// Creates the state of a node whose Manager is at the other end of `socket`.
+    pub(super) fn new(
+        socket: SeqPacket,
+        path: PathBuf,
+        name: Name,
+        ring_lane: bool,
+        epoll: &Epoll,
+    ) -> io::Result<Self> {
+        Ok(Self {
+            name: name.clone(),
+            ring_lane,
+            session: Session::new(socket, name),
+            reconnect: Reconnect::new(path, epoll)?,
+            questions: Questions::default(),
+            counting: Counting::default(),
+            schemas: BTreeMap::new(),
+            interfaces: BTreeMap::new(),
+            routes: HashMap::new(),
+            last_token: LinkToken::FIRST,
+            buffer: Scratch::new(DATAGRAM_MAX)?,
+            events: Events::with_capacity(SOCKETS),
+            ready: Vec::with_capacity(SOCKETS),
+            sleepers: Sleepers::new()?,
+            driven: Instant(0),
+            now: Instant(0),
+        })
+    }
+}

@@ -1,0 +1,77 @@
+//! The calls of a client whose outcome the program has not seen.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use sm2_proto::link::Role;
+
+use super::taken::Taken;
+use crate::driver::link::LinkDriver;
+use crate::driver::outbox::Outbox;
+use crate::driver::token::LinkToken;
+use crate::driver::tools::Tools;
+
+/// The calls of a client whose outcome the program has not seen.
+#[derive(Debug, Default)]
+pub(crate) struct Calls {
+    pub(super) open: HashMap<CallId, Option<Outcome>>,
+}
+
+/// Identifies a call by its link and its number on that link.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct CallId {
+    pub(crate) token: LinkToken,
+    pub(crate) id: u64,
+}
+
+/// The outcome of a call.
+#[derive(Debug)]
+pub(crate) enum Outcome {
+    Reply(Taken),
+    ServerGone,
+}
+
+impl Calls {
+    /// Takes all replies from a caller's link, and notes the calls that failed with the link.
+    pub(super) fn collect(
+        &mut self,
+        token: LinkToken,
+        link: &mut LinkDriver,
+        tools: &mut Tools<'_>,
+        outbox: &mut Outbox,
+    ) {
+        if link.role() != Role::Caller {
+            return;
+        }
+        // `take` cannot fail because too many messages are held: a client makes no more calls than
+        // it may hold replies.
+        while let Ok(Some((delivery, source))) = link.take(tools, outbox) {
+            let (id, sequence) = (delivery.id, delivery.sequence);
+            let reply = Taken {
+                token,
+                peer: Arc::clone(&link.peer),
+                delivery,
+                source,
+            };
+            if !self.finish(CallId { token, id }, Outcome::Reply(reply)) {
+                // No thread waits for this reply any more.
+                link.release(sequence, tools.epoll, outbox);
+            }
+        }
+        //= SM2-SRV-005
+        for id in link.failed.drain(..) {
+            self.finish(CallId { token, id }, Outcome::ServerGone);
+        }
+    }
+
+    /// Records the outcome of a call. Returns whether a thread still waits for it.
+    pub(super) fn finish(&mut self, call: CallId, outcome: Outcome) -> bool {
+        match self.open.get_mut(&call) {
+            Some(open @ None) => {
+                *open = Some(outcome);
+                true
+            }
+            _ => false,
+        }
+    }
+}

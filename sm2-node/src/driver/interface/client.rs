@@ -1,0 +1,128 @@
+//! The calls of a client.
+
+use sm2_io::Epoll;
+use sm2_proto::link::{Input, Status};
+use sm2_proto::{Instant, InterfaceId};
+
+use super::Interface;
+use super::calls::{CallId, Outcome};
+use crate::driver::inner::Inner;
+use crate::driver::link::LinkDriver;
+use crate::driver::outbox::{Forms, Label, Needs};
+use crate::driver::token::LinkToken;
+use crate::driver::tools::Tools;
+
+/// The server for the next call.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Choice {
+    /// The call goes to the server of this link, which needs these forms.
+    Link { token: LinkToken, needs: Needs },
+    /// A server exists, but no link to a server is open yet.
+    Opening,
+    /// There is no server.
+    NoServer,
+    /// The program holds as many calls and replies of each server as it may.
+    TooMany { limit: usize },
+}
+
+impl Inner {
+    /// Chooses the server for the next call of a client. While a link to the first server is
+    /// announced and has not come, also asks the Manager for a PAGE, with which
+    /// [`is_opening`](Interface::is_opening) ends: the link may never come.
+    pub(crate) fn choose_server(&mut self, client: InterfaceId, epoll: &Epoll) -> Option<Choice> {
+        let interface = self.interfaces.get(&client)?;
+        let choice = interface.choose_server();
+        if choice == Choice::Opening && interface.links_due > 0 {
+            self.expect_page(epoll);
+        }
+        Some(choice)
+    }
+}
+
+impl Interface {
+    /// Chooses the server for the next call.
+    //= SM2-SRV-006
+    pub(crate) fn choose_server(&self) -> Choice {
+        let is_meant = |link: &&LinkDriver| link.is_open() && (self.servers)(&link.peer.name);
+        let open = || self.links().filter(is_meant);
+        // The choice and the limit use the same sum: otherwise a server whose replies are held would be
+        // chosen and found full, while another one is free. Among links with equal sums, this is the oldest:
+        // links are ordered by age.
+        let load = |link: &LinkDriver| link.calls() + link.held();
+        let least = open().min_by_key(|link| load(link));
+        match least {
+            None if self.is_opening() => Choice::Opening,
+            None => Choice::NoServer,
+            Some(link) if load(link) >= link.max_borrowed() => Choice::TooMany {
+                limit: link.max_borrowed(),
+            },
+            Some(link) => Choice::Link {
+                token: link.token(),
+                needs: link.needs(),
+            },
+        }
+    }
+
+    /// Makes a call on this link.
+    pub(crate) fn call(
+        &mut self,
+        token: LinkToken,
+        forms: Forms,
+        len: u64,
+        deadline: Option<Instant>,
+        tools: &mut Tools<'_>,
+    ) -> CallId {
+        let id = self.link(token).map_or(0, |link| link.last_call) + 1;
+        let call = CallId { token, id };
+        self.calls.open.insert(call, None);
+        let label = Label {
+            id,
+            // Zero means no deadline.
+            time: deadline.unwrap_or_default(),
+            len,
+        };
+        let key = self.outbox.store(forms, label);
+        let sent = self.with_link(token, tools, |link, outbox, tools| {
+            link.last_call = id;
+            link.send(key, Status::Ok, tools, outbox);
+        });
+        let now = sm2_io::clock::now();
+        (tools.counting).note(self.entry.as_ref(), |entry| entry.published(now, len));
+        self.outbox.release(key);
+        // If the link ended before the machine accepted the call, no output reports the call.
+        let over = self.link(token).is_none_or(|link| link.end().is_some());
+        if sent.is_none() || over {
+            self.calls.finish(call, Outcome::ServerGone);
+        }
+        call
+    }
+
+    /// Returns the outcome of a call once the call is over, and removes the call.
+    pub(crate) fn outcome(&mut self, call: CallId, tools: &mut Tools<'_>) -> Option<Outcome> {
+        if self.link(call.token).is_some_and(LinkDriver::is_ready) {
+            self.settle_link(call.token, tools);
+        }
+        let outcome = self.calls.open.get_mut(&call)?.take()?;
+        self.calls.open.remove(&call);
+        Some(outcome)
+    }
+
+    /// Called when the program no longer wants the reply.
+    pub(crate) fn cancel(&mut self, call: CallId, tools: &mut Tools<'_>) {
+        let CallId { token, id } = call;
+        if self.calls.open.get(&call).is_some_and(Option::is_none) {
+            self.with_link(token, tools, |link, outbox, tools| {
+                link.feed(Input::Cancel { call: id }, tools.epoll, outbox);
+            });
+        }
+    }
+
+    /// Removes a call for which no thread waits any more. Gives its reply back if the reply has
+    /// come, or when it comes.
+    pub(crate) fn forget(&mut self, call: CallId, tools: &mut Tools<'_>) {
+        self.cancel(call, tools);
+        if let Some(Some(Outcome::Reply(taken))) = self.calls.open.remove(&call) {
+            self.give_back(taken.token, taken.delivery.sequence, tools);
+        }
+    }
+}

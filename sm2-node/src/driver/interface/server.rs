@@ -1,0 +1,95 @@
+//! The requests and replies of a server.
+
+use bytes::Bytes;
+use sm2_proto::link::Status;
+
+use super::Interface;
+use super::calls::CallId;
+use super::taken::{Full, Taken};
+use crate::driver::outbox::{Forms, Label};
+use crate::driver::tools::Tools;
+
+impl Interface {
+    /// Takes the next request that is neither cancelled nor late. Answers cancelled and late
+    /// requests with a reply that has no payload.
+    pub(crate) fn take_request(&mut self, tools: &mut Tools<'_>) -> Result<Option<Taken>, Full> {
+        while let Some(taken) = self.next(tools)? {
+            let (token, id) = (taken.token, taken.delivery.id);
+            let deadline = taken.delivery.time;
+            let cancelled = self.is_cancelled(CallId { token, id });
+            let late = deadline.0 != 0 && deadline <= sm2_io::clock::now();
+            //= SM2-SRV-003
+            let status = match (cancelled, late) {
+                (true, _) => Status::Cancelled,
+                (false, true) => Status::DeadlinePassed,
+                (false, false) => {
+                    // A request carries its deadline, not the time at which it was sent.
+                    let now = sm2_io::clock::now();
+                    self.note_taken(std::slice::from_ref(&taken), |_| now, tools);
+                    return Ok(Some(taken));
+                }
+            };
+            self.reply_bare(CallId { token, id }, status, tools);
+            self.give_back(token, taken.delivery.sequence, tools);
+        }
+        Ok(None)
+    }
+
+    /// Whether the client no longer wants the reply, or is gone.
+    pub(crate) fn is_cancelled(&self, call: CallId) -> bool {
+        match self.link(call.token) {
+            Some(link) => link.end().is_some() || link.cancelled.contains(&call.id),
+            None => true,
+        }
+    }
+
+    /// Sends a reply without a payload.
+    pub(crate) fn reply_bare(&mut self, call: CallId, status: Status, tools: &mut Tools<'_>) {
+        let forms = Forms {
+            inline: Some(Bytes::new()),
+            ..Forms::default()
+        };
+        self.reply(call, forms, 0, status, tools);
+    }
+
+    /// Sends a reply that says that the call failed.
+    pub(crate) fn reply_failed(
+        &mut self,
+        call: CallId,
+        reason: &'static str,
+        tools: &mut Tools<'_>,
+    ) {
+        let forms = Forms {
+            inline: Some(Bytes::from_static(reason.as_bytes())),
+            ..Forms::default()
+        };
+        self.reply(call, forms, reason.len() as u64, Status::Failed, tools);
+    }
+
+    /// Sends a reply. Returns whether the client's link was still open.
+    pub(crate) fn reply(
+        &mut self,
+        call: CallId,
+        forms: Forms,
+        len: u64,
+        status: Status,
+        tools: &mut Tools<'_>,
+    ) -> bool {
+        let label = Label {
+            id: call.id,
+            time: sm2_io::clock::now(),
+            len,
+        };
+        let key = self.outbox.store(forms, label);
+        let sent = self.with_link(call.token, tools, |link, outbox, tools| {
+            link.cancelled.remove(&call.id);
+            let open = link.is_open();
+            if open {
+                link.send(key, status, tools, outbox);
+            }
+            open
+        });
+        self.outbox.release(key);
+        sent == Some(true)
+    }
+}

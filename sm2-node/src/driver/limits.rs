@@ -1,0 +1,27 @@
+//! How much work one call does, and how much is kept.
+
+/// How many datagrams are read from one socket in one drive, so that no peer keeps a node busy.
+pub(super) const BURST: usize = 32;
+
+/// How many sockets are read or written in one drive.
+pub(super) const SOCKETS: usize = 64;
+
+/// On the ring lane: how long a call that does not need the sockets may leave them unread.
+pub(super) const SOCKETS_WAIT_NS: u64 = 100_000;
+
+/// How many datagrams are read at most from a link whose other side is gone. This exceeds the
+/// number of messages in a full window, each with the ATTACH of its segment.
+pub(super) const LAST_WORDS: usize = 8_192;
+
+/// How many ended links are listed one by one; older ones are only added to the sums.
+pub(super) const HISTORY: usize = 64;
+
+/// How many ended links may still hold messages that the application has not taken.
+pub(super) const ENDED_WITH_MESSAGES: usize = 64;
+
+/// How many changes are kept for a follower that does not fetch them.
+pub(super) const CHANGES: usize = 4_096;
+
+/// Messages of up to this length are copied under the node's lock, because taking the lock a second
+/// time would take longer than the copy.
+pub(super) const COPY_UNDER_LOCK_MAX: usize = 16 << 10;

@@ -1,0 +1,113 @@
+//! Reading the socket of a link, and feeding its machine.
+
+use sm2_io::{Epoll, Event, RecvError};
+use sm2_proto::link::{self, Input};
+use sm2_proto::{Code, Datagram, Machine};
+
+use super::LinkDriver;
+use crate::driver::datagram::{Incoming, receive};
+use crate::driver::limits::{BURST, LAST_WORDS};
+use crate::driver::outbox::Outbox;
+use crate::driver::tools::Tools;
+
+impl LinkDriver {
+    /// Sends the first packet.
+    pub(in crate::driver) fn start(&mut self, epoll: &Epoll, outbox: &mut Outbox) {
+        self.drain(Incoming::default(), epoll, outbox);
+    }
+
+    /// Handles an event of the socket, which is readable, writable, or both.
+    pub(in crate::driver) fn on_event(
+        &mut self,
+        event: Event,
+        tools: &mut Tools<'_>,
+        outbox: &mut Outbox,
+    ) {
+        if event.writable {
+            self.flush(tools.epoll, outbox);
+        }
+        if event.readable {
+            self.receive(BURST, tools, outbox);
+        }
+    }
+
+    /// Reads all datagrams that the socket has, up to the number that a peer that obeys SPEC can
+    /// have sent.
+    pub(in crate::driver) fn receive_all(&mut self, tools: &mut Tools<'_>, outbox: &mut Outbox) {
+        self.receive(LAST_WORDS, tools, outbox);
+    }
+
+    /// Reads at most `most` datagrams.
+    fn receive(&mut self, most: usize, tools: &mut Tools<'_>, outbox: &mut Outbox) {
+        for _ in 0..most {
+            let Some(socket) = &self.socket else { return };
+            match receive(socket, tools.buffer) {
+                Ok(incoming) => {
+                    let bytes = &tools.buffer[..incoming.len];
+                    self.datagram(bytes, incoming, tools.epoll, outbox);
+                }
+                Err(RecvError::WouldBlock) => return,
+                //= SM2-TRN-006
+                // `Closed` comes after all queued datagrams.
+                Err(RecvError::Closed) => return self.feed(Input::Eof, tools.epoll, outbox),
+                Err(RecvError::Io(error)) => {
+                    tracing::warn!(link = %self.id, peer = %self.peer.name, %error, "link failed");
+                    return self.feed(Input::Eof, tools.epoll, outbox);
+                }
+            }
+        }
+    }
+
+    fn datagram(&mut self, bytes: &[u8], came: Incoming, epoll: &Epoll, outbox: &mut Outbox) {
+        let datagram = Datagram {
+            bytes,
+            fds: &came.facts,
+            data_truncated: came.data_truncated,
+            control_truncated: came.control_truncated,
+        };
+        // If the datagram is a violation, the outputs report it.
+        let _ = self
+            .machine
+            .handle(sm2_io::clock::now(), Input::Datagram(datagram));
+        self.drain(came, epoll, outbox);
+    }
+
+    /// Feeds an input to the machine and carries out the outputs.
+    pub(in crate::driver) fn feed(&mut self, input: Input<'_>, epoll: &Epoll, outbox: &mut Outbox) {
+        let result = self.machine.handle(sm2_io::clock::now(), input);
+        debug_assert!(
+            !matches!(result, Err(link::Error::Misuse(_))),
+            "{result:?} on {}",
+            self.id
+        );
+        self.drain(Incoming::default(), epoll, outbox);
+    }
+
+    /// Handles UNLINK: the Manager says that the other side is gone. Messages that the other side
+    /// sent before still count.
+    //= SM2-TRN-006, SM2-LNK-006
+    pub(in crate::driver) fn unlink(
+        &mut self,
+        code: Code,
+        tools: &mut Tools<'_>,
+        outbox: &mut Outbox,
+    ) {
+        self.receive_all(tools, outbox);
+        if self.end().is_none() {
+            self.feed(Input::Close(code), tools.epoll, outbox);
+        }
+    }
+
+    /// Carries out the outputs of the machine when no datagram was fed.
+    pub(in crate::driver) fn drain_idle(&mut self, epoll: &Epoll, outbox: &mut Outbox) {
+        self.drain(Incoming::default(), epoll, outbox);
+    }
+
+    /// Drains the machine if it may have outputs.
+    #[inline]
+    pub(in crate::driver) fn drain_if_due(&mut self, epoll: &Epoll, outbox: &mut Outbox) {
+        if self.machine.has_output() {
+            self.drain_idle(epoll, outbox);
+        }
+    }
+}

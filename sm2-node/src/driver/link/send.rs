@@ -1,0 +1,137 @@
+//! Sending the messages of a link, on whichever lane its machine has agreed on.
+
+use sm2_proto::Farewell;
+use sm2_proto::link::{Body, Error, Input, Misuse, Role, Status, Wake};
+
+use super::LinkDriver;
+use crate::driver::outbox::{MessageKey, NoForm, Outbox};
+use crate::driver::tools::Tools;
+
+impl LinkDriver {
+    /// Sends a message that the outbox holds. If there is no slot or no room for a publication at
+    /// this moment, the publication is not sent on this link. If memory for a message is missing
+    /// for another reason, the link ends, because it would miss a message that other links get.
+    pub(in crate::driver) fn send(
+        &mut self,
+        key: MessageKey,
+        status: Status,
+        tools: &mut Tools<'_>,
+        outbox: &mut Outbox,
+    ) {
+        for is_last in [false, true] {
+            if self.machine.end().is_some() {
+                return;
+            }
+            let message = match outbox.message(key, status, self.machine.placement()) {
+                Ok(message) => message,
+                Err(error) => return self.without_form(&error, tools, outbox),
+            };
+            let segment = match &message.body {
+                Body::Pooled { segment, .. } => Some(*segment),
+                Body::Inline(_) | Body::Sealed => None,
+            };
+            // The call itself may settle the message, so the link holds it before the call.
+            outbox.hold(key);
+            let settled = |key, fate| outbox.settle(MessageKey::from_raw(key), fate);
+            let misuse = match self.machine.send(&self.mapped, message, settled) {
+                Ok(wake) => return self.note_and_finish(key, wake, tools, outbox),
+                // The outputs settle the message with all others.
+                Err(Error::Ended(_)) => return self.drain_idle(tools.epoll, outbox),
+                Err(Error::Misuse(misuse)) => misuse,
+            };
+            outbox.release(key);
+            match (misuse, segment) {
+                (Misuse::NotAttached, Some(segment)) if !is_last => {
+                    self.feed(Input::Attach(segment), tools.epoll, outbox);
+                }
+                _ => return self.without_room(misuse, tools, outbox),
+            }
+        }
+    }
+
+    /// Completes the sending of a message that the machine has accepted.
+    fn note_and_finish(
+        &mut self,
+        key: MessageKey,
+        wake: Wake,
+        tools: &mut Tools<'_>,
+        outbox: &mut Outbox,
+    ) {
+        self.wake(wake);
+        self.drain_if_due(tools.epoll, outbox);
+        if self.machine.is_due() {
+            self.harvest(tools, outbox);
+        }
+        if let Some(label) = outbox.label(key) {
+            self.note_sent(label.time, label.len, tools.counting);
+        }
+    }
+
+    /// Handles a message that cannot be put into the form that this link needs.
+    fn without_form(&mut self, error: &NoForm, tools: &mut Tools<'_>, outbox: &mut Outbox) {
+        let peer = &self.peer.name;
+        if matches!(error, NoForm::Slot(_)) && self.role() == Role::Sender {
+            tracing::warn!(link = %self.id, %peer, %error, "no slot for a message");
+            return self.pass_over(tools, outbox);
+        }
+        tracing::warn!(link = %self.id, %peer, %error, "no memory for a message");
+        let code = Farewell::Resources.code();
+        self.feed(Input::Close(code), tools.epoll, outbox);
+    }
+
+    fn without_room(&mut self, misuse: Misuse, tools: &mut Tools<'_>, outbox: &mut Outbox) {
+        debug_assert!(
+            matches!(
+                misuse,
+                Misuse::NoRoom | Misuse::NotAttached | Misuse::SegmentBusy
+            ),
+            "{misuse} on {}",
+            self.id
+        );
+        if self.role() == Role::Sender {
+            self.pass_over(tools, outbox);
+        }
+    }
+
+    fn pass_over(&mut self, tools: &mut Tools<'_>, outbox: &mut Outbox) {
+        self.feed(Input::PassOver, tools.epoll, outbox);
+        self.note_fates(tools.counting);
+    }
+
+    /// Drops a message for this link alone, because its reliable deadline expired while this link
+    /// had no room.
+    //= SM2-QOS-002
+    pub(in crate::driver) fn skip(&mut self, tools: &mut Tools<'_>, outbox: &mut Outbox) {
+        debug_assert!(
+            !self.has_room_for_backlog(),
+            "what is latched fills all room"
+        );
+        if !self.has_room_for_backlog() && self.is_open() {
+            self.feed(Input::Skip, tools.epoll, outbox);
+            self.note_fates(tools.counting);
+        }
+    }
+
+    /// Settles the messages that the receiver gave back, and sends queued messages into the new
+    /// room.
+    pub(in crate::driver) fn harvest(&mut self, tools: &mut Tools<'_>, outbox: &mut Outbox) {
+        while self.machine.end().is_none() {
+            let settled = |key, fate| outbox.settle(MessageKey::from_raw(key), fate);
+            let harvested = self.machine.harvest(&self.mapped, settled);
+            self.wake(harvested.unwrap_or_default());
+            self.drain_if_due(tools.epoll, outbox);
+            if !self.machine.is_due() {
+                break;
+            }
+        }
+        self.note_fates(tools.counting);
+    }
+
+    /// Sends queued messages after a change that may let them through: a freed segment number, a
+    /// writable socket, or room.
+    pub(in crate::driver) fn send_waiting(&mut self, tools: &mut Tools<'_>, outbox: &mut Outbox) {
+        if self.machine.is_waiting() {
+            self.harvest(tools, outbox);
+        }
+    }
+}

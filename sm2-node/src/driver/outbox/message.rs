@@ -1,0 +1,70 @@
+//! The bytes of one message, and the fields of its header.
+
+use std::os::fd::OwnedFd;
+
+use bytes::Bytes;
+use sm2_io::Slot;
+use sm2_proto::Instant;
+use sm2_proto::limits::SLOT_HEAD;
+use sm2_proto::link::{SegmentInfo, SlotHead, Status};
+
+use crate::pool::Lease;
+
+/// The bytes of one message, in one form or more.
+#[derive(Debug, Default)]
+pub(crate) struct Forms {
+    pub(crate) inline: Option<Bytes>,
+    pub(crate) pooled: Option<Lease<Slot>>,
+    pub(crate) sealed: Option<OwnedFd>,
+}
+
+impl Forms {
+    /// Whether there is no message, because no link needs it.
+    pub(crate) const fn is_empty(&self) -> bool {
+        self.inline.is_none() && self.pooled.is_none() && self.sealed.is_none()
+    }
+}
+
+/// The fields of a message's header.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Label {
+    pub(crate) id: u64,
+    pub(crate) time: Instant,
+    pub(crate) len: u64,
+}
+
+#[derive(Debug)]
+pub(super) struct StoredMessage {
+    pub(super) forms: Forms,
+    pub(super) len: u64,
+    pub(super) id: u64,
+    pub(super) time: Instant,
+    pub(super) holders: u32,
+    /// Whether a link ended with the message.
+    pub(super) orphaned: bool,
+}
+
+/// Writes the head that receivers of the ring lane read.
+//= SM2-RNG-004
+pub(super) fn write_head(lease: &mut Lease<Slot>, label: Label, status: Status) {
+    let Label { id, time, len } = label;
+    let slot = lease.memory.len_bytes();
+    if let Some(place) = lease.memory.bytes_mut(slot).last_chunk_mut::<SLOT_HEAD>() {
+        *place = SlotHead {
+            id,
+            time,
+            len,
+            status,
+        }
+        .to_bytes();
+    }
+}
+
+/// The segment of a slot, as messages refer to it.
+pub(super) const fn info<M>(lease: &Lease<M>) -> SegmentInfo {
+    SegmentInfo {
+        id: lease.segment.id,
+        stride: lease.segment.stride,
+        slots: lease.segment.slots,
+    }
+}

@@ -1,0 +1,89 @@
+//! The threads that wait at a node, and how one thread wakes another for which it received
+//! something.
+//!
+//! A node has no thread of its own: each thread that calls the node drives all of its sockets.
+//! While one thread sleeps until its message comes, another thread may read that message from the
+//! socket. A sleeping thread therefore waits for two descriptors: the node's epoll set
+//! (level-triggered), and a waker of its own. A thread that drives the node signals the waker when
+//! an event concerns the topic that the sleeper has named. A sleeper registers its topic under the
+//! node's lock, after it has looked and found nothing, so it misses no event.
+
+use std::io;
+use std::sync::Arc;
+
+use sm2_io::Waker;
+use sm2_proto::InterfaceId;
+
+/// The events for which a sleeper waits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Topic {
+    /// All events of this interface and its links, and the end of the session.
+    Interface(InterfaceId),
+    /// The session with the Manager.
+    Session,
+}
+
+/// All registered sleepers.
+#[derive(Debug)]
+pub(super) struct Sleepers {
+    all: Vec<Sleeper>,
+    /// Wakers that no sleeper uses now.
+    spare: Vec<Arc<Waker>>,
+}
+
+#[derive(Debug)]
+struct Sleeper {
+    topic: Topic,
+    waker: Arc<Waker>,
+    woken: bool,
+}
+
+impl Sleepers {
+    /// Creates an empty list, and a waker for the first sleeper.
+    pub(super) fn new() -> io::Result<Self> {
+        Ok(Self {
+            all: Vec::new(),
+            spare: vec![Arc::new(Waker::new()?)],
+        })
+    }
+
+    /// Wakes the sleepers of this topic. [`Topic::Session`] wakes all.
+    pub(super) fn wake(&mut self, topic: Topic) {
+        for sleeper in &mut self.all {
+            if !sleeper.woken && (sleeper.topic == topic || topic == Topic::Session) {
+                sleeper.woken = true;
+                sleeper.waker.wake();
+            }
+        }
+    }
+
+    pub(super) fn enter(&mut self, topic: Topic) -> io::Result<Arc<Waker>> {
+        let waker = match self.spare.pop() {
+            Some(waker) => waker,
+            None => Arc::new(Waker::new()?),
+        };
+        self.all.push(Sleeper {
+            topic,
+            waker: Arc::clone(&waker),
+            woken: false,
+        });
+        Ok(waker)
+    }
+
+    pub(super) fn leave(&mut self, waker: &Arc<Waker>) {
+        self.calm(waker);
+        self.all.retain(|it| !Arc::ptr_eq(&it.waker, waker));
+        self.spare.push(Arc::clone(waker));
+    }
+
+    /// Notes that the sleeper has seen all events until now. Returns whether it was woken for one.
+    pub(super) fn calm(&mut self, waker: &Arc<Waker>) -> bool {
+        let sleeper = self.all.iter_mut().find(|it| Arc::ptr_eq(&it.waker, waker));
+        let Some(sleeper) = sleeper.filter(|it| it.woken) else {
+            return false;
+        };
+        sleeper.woken = false;
+        sleeper.waker.drain();
+        true
+    }
+}
