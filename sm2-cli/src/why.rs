@@ -303,7 +303,7 @@ fn print(around: &Around, out: &mut Output) -> Result<(), CliError> {
             }
         }
         if it.near.is_empty() && it.linked_with.is_empty() {
-            out.line("  No interface in this domain comes near it.")?;
+            out.line("  This domain has no counterpart with this name or a similar one.")?;
         }
     }
     print_stopped(&around.stopped, out)

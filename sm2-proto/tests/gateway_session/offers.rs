@@ -129,6 +129,12 @@ fn what_the_peer_says_of_its_offers() {
             assert_eq!(outputs, expected, "{state}: {index}");
         }
     }
+}
+
+//= SM2-GWM-001 test
+#[test]
+fn messages_that_were_not_wanted() {
+    let not_wanted = || ended(violation!(PeerViolationKind::NotWanted, "SM2-GWM-001"));
     for offer in [0, 2] {
         let mut bench = Bench::open();
         bench.offered(ONE, topic());
