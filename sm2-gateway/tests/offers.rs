@@ -141,6 +141,8 @@ fn what_waits_of_an_offer_that_goes_counts_as_withdrawn_of_its_name() {
             payload: Bytes::from(vec![0; 4 << 20]),
         };
         world.command(0, Command::Message { offer, message });
+        // The first message starts here. It is too long to leave before the others come.
+        world.step(world.now);
     }
     world.command(
         0,

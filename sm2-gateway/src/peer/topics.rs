@@ -3,12 +3,12 @@
 use std::collections::BTreeMap;
 
 use bytes::Bytes;
-use quinn_proto::{Dir, SendDatagramError};
+use quinn_proto::{Dir, SendDatagramError, StreamId};
 use sm2_proto::{
     Instant, Machine,
     gateway::{
         HEADER_LEN, OfferId, StreamEnd,
-        schedule::{DropCause, Input, Output, QueuedMessage, Schedule, SendQos},
+        schedule::{DropCause, Input, Next, Output, QueuedMessage, Schedule, SendQos},
     },
 };
 
@@ -32,6 +32,8 @@ pub(super) struct Topics {
     schedule: Schedule<Message>,
     offers: BTreeMap<OfferId, Offer>,
     in_flight: BTreeMap<OfferId, InFlight>,
+    /// An open stream for the next message that starts.
+    stream: Option<StreamId>,
     /// The number of long messages that were started.
     long_started: i32,
 }
@@ -64,6 +66,7 @@ impl Topics {
             schedule: Schedule::new(max_bytes),
             offers: BTreeMap::new(),
             in_flight: BTreeMap::new(),
+            stream: None,
             long_started: 0,
         }
     }
@@ -140,23 +143,45 @@ impl Topics {
 
     /// True if there is nothing to write.
     pub(super) fn is_idle(&self) -> bool {
-        self.in_flight.is_empty()
+        self.schedule.order().next().is_none()
     }
 
     /// Writes messages in the order of the scheduler, as far as there is `room`.
     pub(super) fn write(&mut self, outlet: &mut Outlet<'_>, room: &mut Room) {
-        while let Some(offer) = self.write_first(outlet, room) {
-            self.schedule(outlet, Input::Sent { offer });
+        while let Some(input) = self.write_first(outlet, room) {
+            self.schedule(outlet, input);
         }
     }
 
-    /// Writes messages until one of them is complete or refused; returns its offer.
-    fn write_first(&mut self, outlet: &mut Outlet<'_>, room: &mut Room) -> Option<OfferId> {
-        for offer in self.schedule.order() {
+    /// Writes messages until one of them can start, or is complete or refused. Returns the scheduler's
+    /// input.
+    fn write_first(&mut self, outlet: &mut Outlet<'_>, room: &mut Room) -> Option<Input<Message>> {
+        for next in self.schedule.order() {
+            let offer = match next {
+                Next::Continue { offer } => offer,
+                Next::Start { offer } => {
+                    let len_bytes = self.schedule.next(offer)?.message.payload.len();
+                    if room.left(len_bytes) == 0 {
+                        return None;
+                    }
+                    let streams = outlet.connection.streams();
+                    self.stream = self.stream.or_else(|| { streams }.open(Dir::Uni));
+                    // The peer may allow no more streams at present.
+                    if self.stream.is_none() {
+                        continue;
+                    }
+                    return Some(Input::Start { offer });
+                }
+            };
             let Some(in_flight) = self.in_flight.get_mut(&offer) else {
                 continue;
             };
-            match in_flight.write(offer, outlet, room, &mut self.long_started) {
+            match in_flight.write(
+                offer,
+                outlet,
+                room,
+                (&mut self.stream, &mut self.long_started),
+            ) {
                 // The peer takes no more bytes of this message, but perhaps of another.
                 Written::Part => continue,
                 Written::NoRoom => return None,
@@ -166,7 +191,7 @@ impl Topics {
                 }
             }
             self.in_flight.remove(&offer);
-            return Some(offer);
+            return Some(Input::Sent { offer });
         }
         None
     }
@@ -225,7 +250,7 @@ impl InFlight {
         offer: OfferId,
         outlet: &mut Outlet<'_>,
         room: &mut Room,
-        long_started: &mut i32,
+        (stream, long_started): (&mut Option<StreamId>, &mut i32),
     ) -> Written {
         if let Self::NotBegun {
             message,
@@ -239,7 +264,7 @@ impl InFlight {
                 return written;
             }
         }
-        self.open_stream(offer, outlet, long_started);
+        self.begin(offer, outlet, stream, long_started);
         let Self::Writing(outgoing) = self else {
             // The peer allows no more streams at present.
             return Written::Part;
@@ -251,12 +276,19 @@ impl InFlight {
         written
     }
 
-    /// Opens a stream for a message that has none, if the peer allows one.
-    fn open_stream(&mut self, offer: OfferId, outlet: &mut Outlet<'_>, long_started: &mut i32) {
+    /// Takes the open stream for a message that has none.
+    fn begin(
+        &mut self,
+        offer: OfferId,
+        outlet: &mut Outlet<'_>,
+        stream: &mut Option<StreamId>,
+        long_started: &mut i32,
+    ) {
         let Self::NotBegun { message, .. } = self else {
             return;
         };
-        let Some(stream) = outlet.connection.streams().open(Dir::Uni) else {
+        let open = || outlet.connection.streams().open(Dir::Uni);
+        let Some(stream) = stream.take().or_else(open) else {
             return;
         };
         let priority = match message.payload.len() {

@@ -1,154 +1,54 @@
 //! The scheduler of one connection: which message of which topic goes to the peer next.
 //!
-//! [`Schedule`] is a [`Machine`]. Its driver writes the bytes of the messages in flight to the
-//! network, in the [`order`](Schedule::order) that they have at that time, and feeds
-//! [`Input::Sent`] when all bytes of a message have left.
+//! [`Schedule`] is a [`Machine`]. Whenever its driver can write bytes to the network, it follows the
+//! [`order`](Schedule::order) of that time: it writes bytes of a message in flight, or feeds
+//! [`Input::Start`] for a message that is ready. It feeds [`Input::Sent`] when all bytes of a message
+//! have left.
 //!
-//! Each topic has at most one message in flight and a queue of the newest messages behind it, so
-//! that the next message is chosen as late as possible.
+//! Each topic has at most one message in flight and a queue of the newest messages behind it. A
+//! message starts when its first byte can be written, so that the next message is chosen as late as
+//! possible.
 //!
-//! Topics share the connection by weighted fair queueing of whole messages. The *finish tag* of a
-//! message is the virtual time at which its topic would have sent it, if all topics with messages
-//! sent their shares byte by byte. The message with the smallest finish tag goes first. A short
-//! message of a quiet topic therefore overtakes a long message in flight, and a topic that has
-//! used more than its share waits for the others.
+//! Topics share the connection by weighted fair queueing of whole messages. The *start tag* of a
+//! message is the virtual time at which its topic began to wait. Its *finish tag* is the virtual time at
+//! which the topic would have sent it, if all topics with messages sent their shares byte by byte. The
+//! message with the smallest finish tag goes first. A short message of a quiet topic therefore
+//! overtakes a long message in flight, and a topic that has used more than its share waits for the
+//! others.
+//!
+//! # Bound of the wait
+//!
+//! A topic of weight `w` begins to wait at virtual time `v`, for a message of at most `len` bytes. Until
+//! this message is sent, every other topic, of weight `u`, sends at most one message and `len * u / w`
+//! bytes (SM2-GWM-009). Proof:
+//!
+//! 1. The finish tag of the message is at most `v + len / w`, and stays so: neither later publications
+//!    nor drops change a start tag. Only the start of a message ends it.
+//! 2. As long as the message waits or is in flight, bytes are written only of messages with finish tags
+//!    of at most `v + len / w`.
+//! 3. The other topic may have one message with a start tag before `v`. Each message after that one gets
+//!    its start tag when the previous one was sent. The virtual time was at least `v` then, and at least
+//!    the finish tag of the previous message.
+//! 4. The finish tags of these messages therefore grow from `v` by `bytes / u` for each of them. They
+//!    have at most `len * u / w` bytes together, since none exceeds `v + len / w`.
 //!
 //! All messages together have a memory budget. Above it, the topic with the most queued bytes loses
 //! its oldest queued messages.
 
-use alloc::collections::{BTreeMap, BTreeSet, VecDeque};
-use core::{
-    convert::Infallible,
-    num::{NonZeroU32, NonZeroU64},
-    time::Duration,
-};
+mod input;
+mod qos;
 
+use alloc::collections::{BTreeMap, BTreeSet, VecDeque};
+use core::convert::Infallible;
+
+pub use self::{
+    input::{DropCause, Input, Misuse, Next, Output, QueuedMessage},
+    qos::{PRIORITY_MAX, SendQos},
+};
 use super::OfferId;
 use crate::{
     Instant, Machine, MisuseError, limits::MESSAGES_IN_FLIGHT_MAX, machine::debug_assert_drained,
 };
-
-/// The greatest [`SendQos::priority`].
-pub const PRIORITY_MAX: u8 = 7;
-
-const NANOS_PER_S: u64 = 1_000_000_000;
-
-/// How the messages of one topic are sent to a peer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct SendQos {
-    /// How many messages are queued at most, besides the one in flight; 0 counts as 1.
-    pub depth: u16,
-    /// The weight of the topic: each step, up to [`PRIORITY_MAX`], doubles its share.
-    pub priority: u8,
-    /// The greatest rate of messages.
-    pub messages_per_s: Option<NonZeroU32>,
-    /// The greatest rate of bytes, averaged over messages.
-    pub bytes_per_s: Option<NonZeroU64>,
-    /// The greatest age, since publication, of a message that starts.
-    pub max_age: Option<Duration>,
-}
-
-/// A message in the queue of its topic.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct QueuedMessage<M> {
-    /// The driver's message. The scheduler only hands it back.
-    pub message: M,
-    /// Its length on the network, with its header.
-    pub len_bytes: u64,
-    /// The time of its publication.
-    pub published: Instant,
-}
-
-/// An input of a [`Schedule`].
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Input<M> {
-    /// The peer wants a topic.
-    Open {
-        /// The offer of the topic.
-        offer: OfferId,
-        /// How its messages are sent.
-        qos: SendQos,
-    },
-    /// The QoS of a topic has changed.
-    Change {
-        /// The offer of the topic.
-        offer: OfferId,
-        /// How its messages are sent from now on.
-        qos: SendQos,
-    },
-    /// The peer no longer wants a topic, or may no longer have it.
-    Close {
-        /// The offer of the topic.
-        offer: OfferId,
-    },
-    /// A message was published.
-    Enqueue {
-        /// The offer of its topic.
-        offer: OfferId,
-        /// The message.
-        message: QueuedMessage<M>,
-    },
-    /// Every byte of the message in flight has left at least once, or the peer has refused it.
-    Sent {
-        /// The offer of its topic.
-        offer: OfferId,
-    },
-    /// Time has passed.
-    Tick,
-}
-
-/// An output of a [`Schedule`].
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub enum Output<M> {
-    /// The message is in flight: send it in the [order](Schedule::order).
-    Start {
-        /// The offer of its topic.
-        offer: OfferId,
-        /// The message.
-        message: M,
-    },
-    /// The message, which was not started, is not sent.
-    Drop {
-        /// The offer of its topic.
-        offer: OfferId,
-        /// The message.
-        message: M,
-        /// The reason.
-        cause: DropCause,
-    },
-    /// Abandon the message in flight: reset its stream.
-    Reset {
-        /// The offer of its topic.
-        offer: OfferId,
-    },
-}
-
-/// Why a message was dropped before it was started.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum DropCause {
-    /// Newer messages took its place in the queue.
-    Superseded,
-    /// Newer messages, perhaps of other topics, took its place in the memory budget.
-    Displaced,
-    /// It exceeded [`SendQos::max_age`].
-    Expired,
-    /// Its topic was closed.
-    Withdrawn,
-}
-
-/// An input that is not legal now; nothing has changed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum Misuse {
-    /// The topic of this offer is open already.
-    #[error("the topic of this offer is open already")]
-    Open,
-    /// The topic of this offer is not open.
-    #[error("the topic of this offer is not open")]
-    NotOpen,
-    /// The topic of this offer has no message in flight.
-    #[error("the topic of this offer has no message in flight")]
-    NotSending,
-}
 
 /// The scheduler of one connection. `M` is the driver's type of messages.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -156,10 +56,10 @@ pub struct Schedule<M> {
     topics: BTreeMap<OfferId, TopicQueue<M>>,
     /// The topics with a message in flight, by its finish tag.
     in_flight: BTreeSet<(u64, OfferId)>,
-    /// The topics whose next message waits until fewer messages are in flight, by its finish tag.
+    /// The topics whose next message may start, by its finish tag.
     ready: BTreeSet<(u64, OfferId)>,
-    /// The topics that have used up their rate, by the time at which they may send again.
-    rate_limited: BTreeSet<(Instant, OfferId)>,
+    /// The topics whose next message expires, or may start, at this time.
+    timers: BTreeSet<(Instant, OfferId)>,
     /// The virtual time: the greatest finish tag of a message that was sent.
     finish_tag: u64,
     /// The limit of `held_bytes`.
@@ -179,8 +79,13 @@ struct TopicQueue<M> {
     waiting_bytes: u128,
     /// The message in flight.
     in_flight: Option<InFlight>,
+    /// The virtual time since which the topic waits to start a message. A message that is dropped
+    /// keeps its place for the next one.
+    start_tag: Option<u64>,
     /// The finish tag of the next message, if the topic is in [`Schedule::ready`].
     ready: Option<u64>,
+    /// The time of the topic in [`Schedule::timers`].
+    timer: Option<Instant>,
     /// The time at which the rate allows the next message.
     free_at: Instant,
 }
@@ -202,7 +107,7 @@ impl<M> Schedule<M> {
             topics: BTreeMap::new(),
             in_flight: BTreeSet::new(),
             ready: BTreeSet::new(),
-            rate_limited: BTreeSet::new(),
+            timers: BTreeSet::new(),
             finish_tag: 0,
             outputs: VecDeque::new(),
         }
@@ -233,14 +138,13 @@ impl<M> Machine for Schedule<M> {
                 self.enqueue(now, offer, message)?;
                 self.displace(now);
             }
+            Input::Start { offer } => self.start(now, offer)?,
             Input::Sent { offer } => self.sent(now, offer)?,
             Input::Tick => {}
         }
-        while let Some(&(at, offer)) = self.rate_limited.first().filter(|(at, _)| *at <= now) {
-            self.rate_limited.remove(&(at, offer));
+        while let Some(&(_, offer)) = self.timers.first().filter(|(at, _)| *at <= now) {
             self.refresh(now, offer);
         }
-        self.fill(now);
         self.invariants();
         Ok(())
     }
@@ -249,16 +153,33 @@ impl<M> Machine for Schedule<M> {
         self.outputs.pop_front()
     }
 
-    /// The time at which a rate limit allows the next message.
+    /// The time at which a rate limit allows the next message, or a message expires.
     fn deadline(&self) -> Option<Instant> {
-        self.rate_limited.first().map(|(at, _)| *at)
+        self.timers.first().map(|(at, _)| *at)
     }
 }
 
 impl<M> Schedule<M> {
-    /// The offers that have a message in flight, in the order in which their bytes are sent now.
-    pub fn order(&self) -> impl Iterator<Item = OfferId> {
-        self.in_flight.iter().map(|(_, offer)| *offer)
+    /// The messages that the driver can write now. It writes the first one, and others only if the peer takes no
+    /// bytes of those before.
+    pub fn order(&self) -> impl Iterator<Item = Next> {
+        let may_start = MESSAGES_IN_FLIGHT_MAX.saturating_sub(self.in_flight.len());
+        let mut in_flight = self.in_flight.iter().peekable();
+        let mut ready = self.ready.iter().take(may_start).peekable();
+        core::iter::from_fn(move || match (in_flight.peek(), ready.peek()) {
+            (Some(first), Some(next)) if next < first => {
+                ready.next().map(|it| Next::Start { offer: it.1 })
+            }
+            (Some(_), _) => in_flight.next().map(|it| Next::Continue { offer: it.1 }),
+            (None, _) => ready.next().map(|it| Next::Start { offer: it.1 }),
+        })
+    }
+
+    /// The message that [`Input::Start`] would start, unless it expires before.
+    #[must_use]
+    pub fn next(&self, offer: OfferId) -> Option<&QueuedMessage<M>> {
+        let topic = self.topics.get(&offer);
+        topic.filter(|it| it.ready.is_some())?.waiting.front()
     }
 
     /// True if the topic of this offer is open.
@@ -280,7 +201,9 @@ impl<M> Schedule<M> {
             waiting: VecDeque::new(),
             waiting_bytes: 0,
             in_flight: None,
+            start_tag: None,
             ready: None,
+            timer: None,
             free_at: Instant(0),
         };
         self.topics.insert(offer, topic);
@@ -291,15 +214,16 @@ impl<M> Schedule<M> {
         let topic = self.topic(offer)?;
         topic.qos = qos;
         // Messages sent under the old limits do not count against the new ones.
-        let free_at = core::mem::replace(&mut topic.free_at, Instant(0));
-        self.rate_limited.remove(&(free_at, offer));
+        topic.free_at = Instant(0);
         self.refresh(now, offer);
         Ok(())
     }
 
     fn close(&mut self, offer: OfferId) -> Result<(), Misuse> {
         let topic = self.topics.remove(&offer).ok_or(Misuse::NotOpen)?;
-        self.rate_limited.remove(&(topic.free_at, offer));
+        if let Some(at) = topic.timer {
+            self.timers.remove(&(at, offer));
+        }
         if let Some(finish_tag) = topic.ready {
             self.ready.remove(&(finish_tag, offer));
         }
@@ -383,39 +307,53 @@ impl<M> Schedule<M> {
         if let Some(finish_tag) = topic.ready.take() {
             self.ready.remove(&(finish_tag, offer));
         }
-        let Some(next) = topic.waiting.front().filter(|_| topic.in_flight.is_none()) else {
+        if let Some(at) = topic.timer.take() {
+            self.timers.remove(&(at, offer));
+        }
+        let Some(next) = topic.waiting.front() else {
             return;
         };
-        if topic.free_at > now {
-            self.rate_limited.insert((topic.free_at, offer));
-            return;
+        let mut timer = topic.qos.expires_at(next.published);
+        if topic.in_flight.is_none() && topic.free_at > now {
+            timer = timer.into_iter().chain([topic.free_at]).min();
+        } else if topic.in_flight.is_none() {
+            //= SM2-GWM-009
+            let start_tag = *topic.start_tag.get_or_insert(self.finish_tag);
+            let finish_tag = start_tag.saturating_add(topic.qos.virtual_len(next.len_bytes));
+            topic.ready = Some(finish_tag);
+            self.ready.insert((finish_tag, offer));
         }
-        let finish_tag = (self.finish_tag).saturating_add(topic.qos.virtual_len(next.len_bytes));
-        topic.ready = Some(finish_tag);
-        self.ready.insert((finish_tag, offer));
+        topic.timer = timer;
+        self.timers.extend(timer.map(|at| (at, offer)));
     }
 
-    /// Starts ready messages while the limit of messages in flight allows.
-    fn fill(&mut self, now: Instant) {
-        while self.in_flight.len() < MESSAGES_IN_FLIGHT_MAX
-            && let Some((finish_tag, offer)) = self.ready.pop_first()
-        {
-            let Some(topic) = self.topics.get_mut(&offer) else {
-                continue;
-            };
-            topic.ready = None;
-            let Some(next) = topic.pop() else {
-                continue;
-            };
+    /// Starts the next message of a topic. Messages that are too old by now are dropped instead.
+    //= SM2-GWM-010
+    fn start(&mut self, now: Instant, offer: OfferId) -> Result<(), Misuse> {
+        let is_full = self.in_flight.len() >= MESSAGES_IN_FLIGHT_MAX;
+        if self.topic(offer)?.ready.is_none() || is_full {
+            return Err(Misuse::NotReady);
+        }
+        self.refresh(now, offer);
+        let topic = self.topic(offer)?;
+        let Some(finish_tag) = topic.ready.take() else {
+            return Ok(());
+        };
+        if let Some(next) = topic.pop() {
+            let len_bytes = next.len_bytes;
+            topic.start_tag = None;
             topic.in_flight = Some(InFlight {
                 finish_tag,
-                len_bytes: next.len_bytes,
+                len_bytes,
             });
-            topic.free_at = now.after(topic.qos.interval(next.len_bytes));
-            self.in_flight.insert((finish_tag, offer));
+            topic.free_at = now.after(topic.qos.interval(len_bytes));
             let message = next.message;
             self.outputs.push_back(Output::Start { offer, message });
+            self.in_flight.insert((finish_tag, offer));
         }
+        self.ready.remove(&(finish_tag, offer));
+        self.refresh(now, offer);
+        Ok(())
     }
 
     /// Checks what holds between any two calls.
@@ -430,8 +368,13 @@ impl<M> Schedule<M> {
         let in_flight = self.topics.values().filter(|it| it.in_flight.is_some());
         debug_assert_eq!(in_flight.count(), self.in_flight.len());
         debug_assert!(self.in_flight.len() <= MESSAGES_IN_FLIGHT_MAX);
-        let is_full = self.in_flight.len() == MESSAGES_IN_FLIGHT_MAX;
-        debug_assert!(self.ready.is_empty() || is_full);
+        let is_ready = |(finish_tag, offer): &(u64, OfferId)| {
+            let topic = self.topics.get(offer);
+            topic.is_some_and(|it| it.ready == Some(*finish_tag) && it.in_flight.is_none())
+        };
+        debug_assert!(self.ready.iter().all(is_ready));
+        let timers = self.topics.values().filter(|it| it.timer.is_some());
+        debug_assert_eq!(timers.count(), self.timers.len());
         let is_bounded = |it: &TopicQueue<M>| it.waiting.len() <= it.qos.depth();
         debug_assert!(self.topics.values().all(is_bounded));
         let has_sum = |it: &TopicQueue<M>| {
@@ -460,34 +403,5 @@ impl<M> TopicQueue<M> {
         let oldest = self.waiting.pop_front()?;
         self.waiting_bytes -= u128::from(oldest.len_bytes);
         Some(oldest)
-    }
-}
-
-impl SendQos {
-    fn depth(&self) -> usize {
-        usize::from(self.depth.max(1))
-    }
-
-    /// By how much a message advances the virtual time of its topic: its length divided by the
-    /// weight of the topic, in units of the greatest weight.
-    fn virtual_len(&self, len_bytes: u64) -> u64 {
-        let steps_below_max = PRIORITY_MAX - self.priority.min(PRIORITY_MAX);
-        len_bytes.max(1).saturating_mul(1 << steps_below_max)
-    }
-
-    /// How long the rate limits make a topic wait after a message.
-    fn interval(&self, len_bytes: u64) -> Duration {
-        let by_messages = self
-            .messages_per_s
-            .map_or(0, |it| NANOS_PER_S / u64::from(it.get()));
-        let by_bytes = self.bytes_per_s.map_or(0, |it| {
-            let nanos = u128::from(len_bytes) * u128::from(NANOS_PER_S) / u128::from(it.get());
-            u64::try_from(nanos).unwrap_or(u64::MAX)
-        });
-        Duration::from_nanos(by_messages.max(by_bytes))
-    }
-
-    fn is_expired(&self, published: Instant, now: Instant) -> bool {
-        (self.max_age).is_some_and(|it| now.since(published) > it)
     }
 }

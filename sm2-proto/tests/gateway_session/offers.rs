@@ -56,10 +56,7 @@ fn what_the_peer_says_of_our_offers() {
                 bench.frame(&want);
             }
             if ["withdrawing", "gone"].contains(&state) {
-                let outputs =
-                    bench.input(Input::Command(Command::Control(ControlCommand::Unoffer {
-                        offer: ONE,
-                    })));
+                let outputs = bench.input(control(ControlCommand::Unoffer { offer: ONE }));
                 assert_eq!(outputs, [transmit(&Frame::Unoffer { offer: ONE })]);
             }
             if state == "gone" {
@@ -70,6 +67,10 @@ fn what_the_peer_says_of_our_offers() {
     }
     let mut bench = Bench::open();
     assert_eq!(bench.frame(&want), unknown(), "never offered");
+}
+
+const fn control(command: ControlCommand) -> Input<'static> {
+    Input::Command(Command::Control(command))
 }
 
 /// The table of the side to which an offer is made (SPEC section 14.3), and messages of the offer.
@@ -103,17 +104,14 @@ fn what_the_peer_says_of_its_offers() {
                     offer: ONE,
                     depth: 2,
                 };
-                let outputs = bench.input(Input::Command(Command::Control(ControlCommand::Want {
+                let outputs = bench.input(control(ControlCommand::Want {
                     offer: ONE,
                     depth: 2,
-                })));
+                }));
                 assert_eq!(outputs, [transmit(&frame)]);
             }
             if ["unwanting", "known again"].contains(&state) {
-                let outputs =
-                    bench.input(Input::Command(Command::Control(ControlCommand::Unwant {
-                        offer: ONE,
-                    })));
+                let outputs = bench.input(control(ControlCommand::Unwant { offer: ONE }));
                 assert_eq!(outputs, [transmit(&Frame::Unwant { offer: ONE })]);
             }
             match state {
@@ -147,18 +145,18 @@ fn messages_that_were_not_wanted() {
     // A message of a service is a violation.
     let mut bench = Bench::open();
     bench.offered(ONE, service());
-    bench.input(Input::Command(Command::Control(ControlCommand::Want {
+    bench.input(control(ControlCommand::Want {
         offer: ONE,
         depth: 1,
-    })));
+    }));
     assert_eq!(bench.stream(MESSAGE, ONE), not_wanted());
 }
 
 //= SM2-GWO-002 test
 #[test]
 fn wanted_again_before_its_end_is_confirmed() {
-    let want = |depth| Input::Command(Command::Control(ControlCommand::Want { offer: ONE, depth }));
-    let unwant = || Input::Command(Command::Control(ControlCommand::Unwant { offer: ONE }));
+    let want = |depth| control(ControlCommand::Want { offer: ONE, depth });
+    let unwant = || control(ControlCommand::Unwant { offer: ONE });
     let unwanted = Frame::Unwanted { offer: ONE };
     let mut bench = Bench::open();
     bench.offered(ONE, topic());
