@@ -18,7 +18,7 @@ pub(crate) struct Domain {
     /// The domain to talk to [default: $SM2_DOMAIN, else `default`]
     #[arg(long, value_name = "NAME")]
     pub(crate) domain: Option<String>,
-    /// The socket of the Manager [default: $SM2_SOCKET, else the domain's]
+    /// The socket of the Manager [default: $SM2_SOCKET unless --domain is given, else the domain's]
     #[arg(long, value_name = "PATH", conflicts_with = "domain")]
     pub(crate) socket: Option<PathBuf>,
     /// The timeout for answers of the Manager, such as 500ms

@@ -74,7 +74,7 @@ pub(crate) enum CliError {
         node: String,
     },
     /// A name stands for several interfaces.
-    #[error("{text} may be {candidates}: name one of them as NODE:TOPIC")]
+    #[error("{text} may be {candidates}: name one of them as NODE:NAME")]
     Ambiguous {
         /// The name that was given.
         text: String,

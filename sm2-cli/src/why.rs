@@ -26,7 +26,7 @@ use crate::{
 #[derive(Args, Debug)]
 #[command(after_help = HELP)]
 pub(crate) struct Arguments {
-    /// An interface: NODE:TOPIC, or a topic, service or node alone if it is unambiguous
+    /// An interface: NODE:NAME of a topic or service, or one name alone if it is unambiguous
     #[arg(value_name = "A", value_parser = Selector::parse)]
     one: Selector,
     /// The other interface [default: the nearest counterparts of A]

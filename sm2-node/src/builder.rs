@@ -59,7 +59,7 @@ impl NodeBuilder {
         }
     }
 
-    /// Sets the domain (SM2-TRN-002). The environment is ignored.
+    /// Sets the domain (SM2-TRN-002). `SM2_SOCKET` and `SM2_DOMAIN` are ignored.
     pub fn domain(mut self, domain: &str) -> Self {
         self.domain = Some(domain.to_owned());
         self

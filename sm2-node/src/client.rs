@@ -258,7 +258,7 @@ impl<R: Message + ?Sized> Call<R> {
             None => Ok(None),
             Some(Outcome::Reply(taken)) => match self.handle.open(taken) {
                 Ok(received) => Reply::new(service, received).map(Some),
-                Err(source) => Err(CallError::Io { service, source }),
+                Err(source) => Err(CallError::Map { service, source }),
             },
             Some(Outcome::ServerGone) => Err(CallError::ServerGone { service }),
         }

@@ -2,7 +2,7 @@
 //!
 //! A *node* is a program's session with the Manager of a *domain*. It publishes and subscribes to *topics*,
 //! and serves and calls *services*. The Manager links the interfaces of nodes; messages go from node to node
-//! through shared memory and never pass the Manager.
+//! through shared memory and never through the Manager.
 //!
 //! A publisher:
 //!
@@ -58,8 +58,8 @@
 //! # What can be sent
 //!
 //! Bytes, text, numbers, plain old data that is read in place, and every type that serde can encode: see
-//! [`Message`]. Two programs can only communicate if they use the same type. The first one to declare another
-//! type gets a [`DeclareError::TypeMismatch`] that names both.
+//! [`Message`]. Two programs can only communicate if they use the same type. A program that declares a topic
+//! with another type gets a [`DeclareError::TypeMismatch`], which names both types.
 //!
 //! # How it runs
 //!
@@ -71,7 +71,7 @@
 //! # In your own event loop
 //!
 //! A node fits into every loop that can wait until a descriptor is readable. Each of these types implements
-//! `AsFd`, and each descriptor stands for its whole node:
+//! `AsFd`. The descriptor of an interface also becomes readable when its node has something to do:
 //!
 //! | for a | watch | when readable, call |
 //! | --- | --- | --- |
@@ -88,8 +88,10 @@
 //!   io_uring), register the descriptor again after each iteration.
 //! - No timer is needed: the node's own timers make the same descriptors readable. The only exception is the
 //!   deadline of a call without a reply, which [`Call::try_wait`] reports.
-//! - Only [`Publisher::publish`] can wait: for reliable subscribers, and for at most the
+//! - [`Publisher::publish`] waits for reliable subscribers, for at most the
 //!   [`PublisherBuilder::publish_timeout`]. A loop that must not wait sets `Duration::ZERO`.
+//! - [`Client::send`] waits while the link to the first server is being opened, and `declare` waits for the
+//!   Manager. A loop calls both at its start.
 //!
 //! The examples `loop_epoll`, `loop_mio` and `loop_io_uring` are complete programs.
 //!
@@ -124,7 +126,7 @@
 //! *Builders.* `node.publisher("topic")` declares with the defaults. `node.publisher_builder("topic")`
 //! returns a builder, which [`declare`](PublisherBuilder::declare) consumes. An option has the same name and
 //! type in every builder. Its setter takes one value, also if it is a boolean (`reliable(true)`), so that a
-//! value from a configuration can be passed on. Only `any_type()` and `any_types()` take none. The
+//! value from a configuration can be passed on; setters of types take as many as there are types. The
 //! setter of a time limit takes a `Duration`, and its name ends in `_timeout`. Counts are counts of messages,
 //! lengths are in bytes.
 //!
@@ -140,7 +142,7 @@
 //! | --- | --- | --- |
 //! | inline | up to `inline_max` bytes, on the socket lane | a copy for each receiver |
 //! | pooled | longer ones, and all by a ring | one copy into a slot that all receivers read; none for a [`Loan`] |
-//! | sealed | longer ones, if publisher, subscriber or policy require it | new, immutable memory for each message |
+//! | sealed | longer ones, if either side or the Manager (`--seal-all`) requires it, or the users differ | new, immutable memory for each message |
 //!
 //! | lane | which links | cost |
 //! | --- | --- | --- |

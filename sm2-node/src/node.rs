@@ -16,12 +16,12 @@ use crate::{
 
 /// A node of a domain, with a unique name.
 ///
-/// Clones are handles of the same node. The session lives as long as any handle of the node, or any of its
+/// Clones are handles of the same node. The node exists as long as any handle of it, or any of its
 /// publishers, subscribers, servers or clients. All handles can be used from several threads at the same
 /// time: while one call waits, others continue.
 ///
 /// There is no hidden thread: every call drives the node, which reads and writes all of its sockets as far as
-/// possible without waiting. A program that rarely calls the node must call [`spin`](Self::spin) in between:
+/// possible without waiting. A program that rarely calls the node must call [`spin_for`](Self::spin_for) in between:
 /// for example, a publisher serves a new subscriber only when it is called.
 ///
 /// # When the Manager ends
@@ -46,8 +46,8 @@ impl Node {
         &self.shared.name
     }
 
-    /// Returns whether the node has a session with a Manager, and that Manager has granted all interfaces of
-    /// the node.
+    /// Returns whether the node has a session with a Manager, and that Manager has answered all earlier
+    /// declarations of the node.
     #[must_use]
     pub fn is_connected(&self) -> bool {
         self.shared.driven().is_connected()

@@ -22,9 +22,9 @@ pub use self::builder::PublisherBuilder;
 
 /// Sends messages of type `T` to all subscribers of a topic.
 ///
-/// Each message is stored once, for any number of subscribers. A subscriber that is slow, stopped or dead
-/// does not affect the others: messages that it does not take are handled and counted by its own link
-/// ([`links`](Self::links)).
+/// Each message is stored once, for any number of subscribers. A best-effort subscriber that is slow, stopped
+/// or dead does not affect the others: its own link drops the messages that it does not take, and counts them
+/// ([`links`](Self::links)). A reliable one can delay [`publish`](Self::publish).
 ///
 /// - *keep-last*, the default: up to `depth` messages wait for each subscriber; one more displaces the oldest
 ///   (SM2-QOS-001).

@@ -26,8 +26,8 @@ const DROPPED: &str = "the server dropped the request without an answer";
 /// Receives requests of type `Q` and replies with messages of type `R`.
 ///
 /// Several servers may serve one service; each call goes to one of them. Requests are taken from each client
-/// in turn. A request that is cancelled, or whose deadline passes, before it is taken is answered without
-/// reaching the program (SM2-SRV-003).
+/// in turn. If a request is cancelled or expires before the program takes it, the library answers it
+/// (SM2-SRV-003).
 ///
 /// The server's [descriptor](std::os::fd::AsFd) is readable when [`try_recv`](Self::try_recv) may have a
 /// request. Dropping the server withdraws it, once all taken requests are answered.

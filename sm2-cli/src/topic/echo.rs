@@ -34,7 +34,7 @@ pub(crate) struct Arguments {
     /// Exit after this number of messages
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     count: Option<u64>,
-    /// Receive every message: the publisher waits for this subscriber, if it is reliable
+    /// Receive every message of reliable publishers; other publishers do not match
     #[arg(long)]
     reliable: bool,
     /// Print each message as one line of JSON

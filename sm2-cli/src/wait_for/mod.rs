@@ -38,7 +38,8 @@ const HELP: &str = "\
 Format:
   topic:NAME CONDITION...    conditions: publishers, subscribers, links
   service:NAME CONDITION...  conditions: servers, clients, links
-  node:NAME CONDITION...     conditions: up, gone, publishers, subscribers, servers, clients, links
+  node:NAME [CONDITION...]   conditions: up (the default), gone, publishers, subscribers, servers,
+                             clients, links
 A condition is `up`, `gone`, or a count with one of == != >= <= > < and a number; = means ==. All
 counts of a topic, service or node that does not exist are 0. The wait continues while no Manager
 runs.

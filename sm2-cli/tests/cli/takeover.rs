@@ -92,7 +92,7 @@ fn a_manager_that_does_not_answer_is_told_in_time() {
     let list = domain.run(&["topic", "list", "--connect-timeout", "100ms"]);
     let doctor = domain.run(&["doctor", "--connect-timeout", "100ms"]);
     domain.signal_manager(Signal::SIGCONT);
-    list.failed(1, &["did not answer in time", "is it stopped?"]);
+    list.failed(1, &["did not answer in time", "sm2 doctor"]);
     assert_eq!(doctor.code(), 1, "{doctor:?}");
     assert!(doctor.stdout().contains("does not answer"), "{doctor:?}");
 }

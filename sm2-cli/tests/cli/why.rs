@@ -123,7 +123,7 @@ fn names_that_say_too_little_or_nothing_are_told() {
     let (_first, first) = listener(&domain, "scan", 1);
     let (_second, second) = listener(&domain, "scan", 2);
     let both = domain.run(&["why", "scan", "scan"]);
-    both.failed(1, &["may be", &first, &second, "NODE:TOPIC"]);
+    both.failed(1, &["may be", &first, &second, "NODE:NAME"]);
     let unknown = domain.run(&["why", "sacn"]);
     unknown.failed(1, &["no topic, service or node sacn", "did you mean scan?"]);
     let unknown = domain.run(&["why", &format!("{first}:image"), "scan"]);

@@ -50,12 +50,15 @@ pub enum ConnectError {
     #[error("the Manager refused a session: {0}")]
     Refused(Refusal),
     /// The session ended before the Manager granted it.
-    #[error("the session with the Manager ended before it was granted: {0}")]
+    #[error(
+        "the Manager ended the session before it accepted this node ({0}): see the Manager's log, then \
+         connect again"
+    )]
     Ended(End),
     /// The Manager did not answer within the node's timeout.
     #[error(
-        "the Manager at {path:?} did not answer in time: is it stopped? \
-         If it is only slow, raise the node's timeout"
+        "the Manager at {path:?} did not answer in time: check it with 'sm2 doctor'; if it is only \
+         slow, raise the node's manager_timeout"
     )]
     TimedOut {
         /// The socket's path.
@@ -205,7 +208,10 @@ pub enum DeclareError {
         reason: Refusal,
     },
     /// The Manager is connected, but did not answer within the node's timeout.
-    #[error("{name} was not declared: the Manager did not answer in time; is it stopped?")]
+    #[error(
+        "{name} was not declared: the Manager did not answer in time; check it with 'sm2 doctor', \
+         or raise the node's manager_timeout"
+    )]
     TimedOut {
         /// The topic or service.
         name: Name,
@@ -213,8 +219,8 @@ pub enum DeclareError {
     /// The Manager is gone, and no other one took over within the node's timeout. Open links
     /// stay, and the node keeps looking for a Manager.
     #[error(
-        "{name} was not declared: the Manager is gone ({end}) and no other one took over in time; \
-         start one with 'sm2 manager', or raise the node's timeout"
+        "{name} was not declared: the last session ended ({end}), and no Manager has accepted this \
+         node since; start one with 'sm2 manager', or see this node's log for a refusal"
     )]
     ManagerGone {
         /// The topic or service.
@@ -233,7 +239,8 @@ pub enum DeclareError {
 pub enum WaitError {
     /// The timeout expired with fewer links than wanted.
     #[error(
-        "timed out with {found} of {wanted} {kind}s linked: are they running, in this domain{}?",
+        "timed out with {found} of {wanted} {kind}s linked: are they running, in this domain{}? \
+         'sm2 why' explains missing links",
         matching(*kind)
     )]
     TimedOut {
@@ -246,8 +253,9 @@ pub enum WaitError {
     },
     /// The timeout expired while no Manager was connected that could have made links.
     #[error(
-        "timed out with {found} of {wanted} {kind}s linked, and the Manager is gone ({end}): \
-         start one with 'sm2 manager'"
+        "timed out with {found} of {wanted} {kind}s linked; the last session ended ({end}), and no \
+         Manager has accepted this node since: start one with 'sm2 manager', or see this node's log \
+         for a refusal"
     )]
     ManagerGone {
         /// The kind of interface on the other side.
@@ -261,7 +269,8 @@ pub enum WaitError {
     },
     /// The timeout expired before the node had a session with a Manager.
     #[error(
-        "timed out without a Manager{}: start one with 'sm2 manager'",
+        "timed out before a Manager accepted this node{}: start one with 'sm2 manager', or see this \
+         node's log for a refusal",
         end.map(|end| format!(" ({end})")).unwrap_or_default()
     )]
     NoManager {
@@ -295,12 +304,15 @@ const fn matching(kind: Kind) -> &'static str {
 pub enum QueryError {
     /// The Manager is gone, and no other one took over in time.
     #[error(
-        "the Manager is gone ({0}) and no other one took over in time: \
-         start one with 'sm2 manager'"
+        "the last session ended ({0}), and no Manager has accepted this node since: \
+         start one with 'sm2 manager', or see this node's log for a refusal"
     )]
     ManagerGone(End),
     /// The Manager did not answer in time, or the domain changed faster than it could be read.
-    #[error("the Manager did not answer in time: is it stopped?")]
+    #[error(
+        "the Manager did not answer in time: check it with 'sm2 doctor', or raise \
+         the node's manager_timeout"
+    )]
     TimedOut,
     /// The Manager's answer describes a domain that breaks the specification.
     #[error(transparent)]

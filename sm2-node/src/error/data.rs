@@ -26,8 +26,8 @@ pub enum StoreError {
     },
     /// Every slot that the pool may have holds a message that is still in use.
     #[error(
-        "no slot for {len} bytes: all {limit_bytes} bytes of this pool are in use; raise \
-         pool_limit or slots, or have receivers drop their samples sooner"
+        "no slot for {len} bytes: the reserved slots and pool_limit ({limit_bytes} bytes) leave no \
+         room; raise pool_limit or slots, or have receivers drop their samples sooner"
     )]
     PoolFull {
         /// The length of the message, in bytes.
@@ -36,7 +36,10 @@ pub enum StoreError {
         limit_bytes: u64,
     },
     /// The operating system has no shared memory for the message.
-    #[error("cannot allocate shared memory for a message: {0}")]
+    #[error(
+        "cannot allocate shared memory for a message ({0}): free memory, or raise the limit of open \
+         files (ulimit -n)"
+    )]
     Io(#[from] io::Error),
 }
 
@@ -51,10 +54,10 @@ pub enum PublishError {
     /// Some reliable links missed the message. Only
     /// [`Published::complete`](crate::Published::complete) returns this error.
     #[error(
-        "{} had no room within publish_timeout, so {} got the message: \
+        "{} had no room and missed the message, {} got it: \
          raise publish_timeout, or the depth of the reliable subscribers",
         Counted::new(*missed as u64, "reliable subscriber"),
-        Counted::new(*links as u64, "other subscriber")
+        Counted::new(*links as u64, "subscriber")
     )]
     DeadlineExceeded {
         /// The number of links that have the message.
@@ -74,9 +77,9 @@ pub enum RecvError {
     /// The program holds `max_borrowed` samples of this link (SM2-MSG-005), and no other link has
     /// a message.
     #[error(
-        "this subscriber holds {} of node {publisher}, and max_borrowed allows no more: \
+        "this program holds {} of node {publisher}, as many as max_borrowed allows: \
          drop some, or raise max_borrowed",
-        Counted::new(u64::from(*held), "sample")
+        Counted::new(u64::from(*held), "message")
     )]
     TooManyBorrowed {
         /// The number of samples held.
@@ -165,6 +168,14 @@ pub enum CallError {
         service: Name,
         /// The error in the payload.
         reason: PayloadError,
+    },
+    /// The memory of the reply could not be mapped.
+    #[error("the reply of {service} could not be mapped ({source}): is there memory left?")]
+    Map {
+        /// The service.
+        service: Name,
+        /// The error of the operating system.
+        source: io::Error,
     },
     /// Waiting for the server failed.
     #[error("cannot wait for the reply of {service}: {source}")]

@@ -73,7 +73,7 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
     ///
     /// For a reliable subscriber, no message displaces another one. If such a subscriber has no room, the
     /// publisher waits for at most the [`publish_timeout`](Self::publish_timeout), and then skips this
-    /// subscriber (SM2-QOS-002). Other subscribers are not affected.
+    /// subscriber (SM2-QOS-002). Subscribers that have room get the message before the publisher waits.
     pub const fn reliable(mut self, reliable: bool) -> Self {
         self.offer.reliable = reliable;
         self
@@ -97,9 +97,10 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
         offer,
         "Seals every message: no process, not even this one, can change it after it is sent.
 
-Costs new memory for each message. A subscriber, and the domain's policy, can require it as well.
-While messages follow each other closely, the publisher prepares the memory of the next one after
-each: one file of about its length. It goes back to the system after [`keep_idle`](Self::keep_idle)."
+A message longer than [`inline_max`](Self::inline_max) gets a new memory file; a shorter one is copied into the
+datagram. A subscriber, and the Manager (`--seal-all`), can require it as well. While messages follow each
+other closely, `publish` also prepares one file of similar length for the next message. It goes back to the
+system after [`keep_idle`](Self::keep_idle)."
     );
     inline_max_setter!("Messages");
 

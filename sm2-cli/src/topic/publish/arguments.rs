@@ -71,8 +71,8 @@ struct Parts {
 }
 
 const HELP: &str = "\
-With --reliable on both sides no message is lost: the publisher waits up to 10 s for a subscriber that
-takes no messages. Otherwise a slow subscriber loses messages; standard error has their number.
+With --reliable on both sides, a message is lost only if its subscriber takes no message for 10 s.
+Otherwise a slow subscriber loses messages; standard error has their number.
 
 pub continues while the Manager is replaced, and reports that on standard error.
 
