@@ -78,9 +78,9 @@ pub enum SendError {
     /// The peer has closed the connection, or will never read again.
     #[error("the peer has closed the connection")]
     Closed,
-    /// Too many descriptors of this user are in flight, because a receiver does not read them. The
-    /// sender is not at fault: disconnect that receiver.
-    #[error("too many descriptors in flight: the receiver does not read")]
+    /// Too many descriptors of this user are in flight, because some receiver does not read them. It
+    /// may be another one than the addressed one (SM2-TRN-010).
+    #[error("too many descriptors in flight: some receiver does not read them")]
     TooManyInFlight,
     /// The datagram is larger than the socket's send buffer can ever hold, or
     /// has more than 1024 parts.

@@ -2,9 +2,8 @@
 //! files, mappings, epoll, the socket of a domain, QUIC.
 //!
 //! Each adapter wraps one service of the kernel, and turns the kernel's answers into types. The
-//! crate decides no policy and knows no protocol: the machines of [`sm2_proto`] decide what a
-//! datagram means, whether a descriptor may be mapped, and what to do with a slow peer. The callers
-//! are the drivers in `sm2-node`, `sm2-manager` and `sm2-gateway`. Linux only.
+//! crate knows no frames: the machines of [`sm2_proto`] decide what a datagram means, and what to do
+//! with a slow peer. [`memfd::verify`] checks each descriptor before it is mapped. The callers are the drivers in `sm2-node`, `sm2-manager` and `sm2-gateway`. Linux only.
 //!
 //! | module | content |
 //! | --- | --- |
@@ -31,8 +30,8 @@
 //!
 //! # Where `unsafe` is
 //!
-//! All `unsafe` code of SM2 is in this crate, except for one constructor in `sm2-node`
-//! (`src/pooled.rs`). Every block says what makes it sound.
+//! All `unsafe` code of SM2 is in this crate, except for that around `PooledBytes` in `sm2-node`
+//! (`src/pooled.rs`, `src/payload.rs`, `src/handle/receive.rs`). Every block says what makes it sound.
 //!
 //! - `socket`, `listener`: `sendmsg`, `recvmsg`, `ioctl(SIOCOUTQ)`, and owning the descriptors that
 //!   `recvmsg` and `accept4` return. (Control messages are built and parsed in safe code.)

@@ -1,8 +1,8 @@
 //! SM2's protocols as pure state machines, and the frames that they speak.
 //!
 //! Nothing here does I/O, reads a clock, holds a descriptor or needs std. A driver feeds inputs and
-//! carries out outputs; the drivers of this project are `sm2-manager` and `sm2-node`. SPEC.md alone
-//! defines the protocols: comments that begin with `//=` cite its clauses.
+//! carries out outputs; the drivers of this project are in `sm2-manager`, `sm2-node` and `sm2-gateway`.
+//! SPEC.md alone defines the protocols: comments that begin with `//=` cite its clauses.
 //!
 //! | machine | one for |
 //! | --- | --- |
@@ -22,7 +22,7 @@
 //!
 //! 1. `handle(now, input)` takes one input. Time is a value, [`Instant`].
 //! 2. `poll()` returns the next output. The driver carries out each output until there is none.
-//! 3. `deadline()` is the time of the next call if nothing happens earlier.
+//! 3. `deadline()` is the time at which the driver feeds a tick if nothing happens earlier.
 //!
 //! A received descriptor stays with the driver. The machine sees the kernel's [`FdFacts`] about it,
 //! and the driver keeps the descriptor only if an output asks for it. A machine that has ended
@@ -31,8 +31,8 @@
 //! # Three kinds of wrong
 //!
 //! A [`Violation`] is a mistake of the peer: it broke SPEC, and its session or link ends. A
-//! *misuse* is a mistake of the caller: nothing was sent and nothing has changed. I/O errors belong
-//! to the driver and do not appear here. A [`Refusal`] is none of these: the request was legal, and
+//! *misuse* is a mistake of the driver: nothing was sent and nothing has changed. The driver handles
+//! I/O errors; where the protocol has to react, an input reports the error. A [`Refusal`] is none of these: the request was legal, and
 //! the session goes on.
 //!
 //! # Peers are not trusted

@@ -244,7 +244,7 @@ pub type Error = crate::Error<End, Misuse>;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, thiserror::Error)]
 pub enum Misuse {
     /// This role, or this kind of link, does not support the call or input.
-    #[error("an end with this role does not do that")]
+    #[error("the role or QoS of this end does not allow that")]
     WrongRole,
     /// `len` is not the length of the inline payload.
     #[error("len differs from the length of the inline payload")]
@@ -259,7 +259,7 @@ pub enum Misuse {
     NotSealed,
     /// The segment's stride or slots are out of range.
     #[error(
-        "a segment's stride is a multiple of 4,096, its slots are 1 to 65,536, its size is at most 2^41"
+        "a segment's stride is a multiple of 64, its slots are 1 to 65,536, its size is at most 2^41 bytes"
     )]
     BadSegment,
     /// A segment with this number is in use with another stride or another number of slots.
@@ -274,8 +274,10 @@ pub enum Misuse {
     /// Unsettled messages of this link already use 256 other segments.
     #[error("unsettled messages of this link use 256 other segments: wait until some are settled")]
     SegmentLimit,
-    /// The segment holds messages of this link that are not settled.
-    #[error("the segment holds messages of this link that are not settled")]
+    /// The segment holds messages of this link that are not settled, or its DETACHED has not come.
+    #[error(
+        "the segment holds unsettled messages of this link, or is being detached: try again later"
+    )]
     SegmentBusy,
     /// The id is 0, or not greater than the previous id.
     #[error("ids begin at 1 and grow with every message of a link")]
