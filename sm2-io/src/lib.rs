@@ -3,7 +3,8 @@
 //!
 //! Each adapter wraps one service of the kernel, and turns the kernel's answers into types. The
 //! crate knows no frames: the machines of [`sm2_proto`] decide what a datagram means, and what to do
-//! with a slow peer. [`memfd::verify`] checks each descriptor before it is mapped. The callers are the drivers in `sm2-node`, `sm2-manager` and `sm2-gateway`. Linux only.
+//! with a slow peer. [`memfd::verify`] checks each descriptor before it is mapped. The
+//! callers are the drivers in `sm2-node`, `sm2-manager` and `sm2-gateway`. Linux only.
 //!
 //! | module | content |
 //! | --- | --- |

@@ -142,7 +142,10 @@
 //! | --- | --- | --- |
 //! | inline | up to `inline_max` bytes, on the socket lane | a copy for each receiver |
 //! | pooled | longer ones, and all by a ring | one copy into a slot that all receivers read; none for a [`Loan`] |
-//! | sealed | longer ones, if either side or the Manager (`--seal-all`) requires it, or the users differ | new, immutable memory for each message |
+//! | sealed | longer ones, on sealed links | new, immutable memory for each message |
+//!
+//! A link is sealed if either side or the Manager (`--seal-all`) requires it, or if its two nodes belong to
+//! different users.
 //!
 //! | lane | which links | cost |
 //! | --- | --- | --- |

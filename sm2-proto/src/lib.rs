@@ -32,8 +32,8 @@
 //!
 //! A [`Violation`] is a mistake of the peer: it broke SPEC, and its session or link ends. A
 //! *misuse* is a mistake of the driver: nothing was sent and nothing has changed. The driver handles
-//! I/O errors; where the protocol has to react, an input reports the error. A [`Refusal`] is none of these: the request was legal, and
-//! the session goes on.
+//! I/O errors; where the protocol has to react, an input reports the error. A [`Refusal`]
+//! is none of these: the request was legal, and the session goes on.
 //!
 //! # Peers are not trusted
 //!

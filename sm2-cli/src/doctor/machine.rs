@@ -11,8 +11,8 @@ use sm2_proto::Seals;
 
 use super::check::Check;
 
-/// The oldest kernel that SM2 runs on: Linux 5.1 added `F_SEAL_FUTURE_WRITE`. What later kernels added is
-/// replaced where it is missing (`epoll_pwait2`, Linux 5.11).
+/// The oldest kernel that SM2 runs on: Linux 5.1 added `F_SEAL_FUTURE_WRITE`. A call that
+/// later kernels added has a replacement (`epoll_pwait2`, Linux 5.11).
 const KERNEL: (u32, u32) = (5, 1);
 
 /// The default of Linux: one datagram of 64 KiB, and the overhead of the kernel.
