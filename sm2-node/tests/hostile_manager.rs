@@ -11,7 +11,7 @@ use common::{SOON, until};
 use sm2_io::{Listener, RecvError, SeqPacket, wait_readable};
 use sm2_node::domain::{Contract, DemandedQos, InterfaceId, LinkId, LinkPeer, NodeId};
 use sm2_node::{CallError, ConnectError, Name, Node, Publisher};
-use sm2_proto::control::{ToManager, ToNode, decode_to_manager, encode_to_node};
+use sm2_proto::control::{Changes, Page, ToManager, ToNode, decode_to_manager, encode_to_node};
 use sm2_proto::{Datagram, Farewell, FdFacts, LinkKey, Refusal, Seals, violation};
 
 /// A Manager that the test controls. It runs on the thread of the node, which is called while the Manager
@@ -118,7 +118,7 @@ impl Manager {
                 ..Datagram::new(&buffer[..received.len])
             };
             match decode_to_manager(&datagram).unwrap() {
-                ToManager::Counters | ToManager::Schema { .. } => {}
+                ToManager::Counters | ToManager::Schema(_) => {}
                 frame => return Some(frame),
             }
         }
@@ -280,11 +280,11 @@ fn a_manager_that_breaks_the_protocol_while_a_node_comes_back_is_left() {
         // An answer to a query that the node never sent.
         (
             Some(4),
-            ToNode::Changes {
+            ToNode::Changes(Changes {
                 revision: 1,
                 changes: None,
                 more: false,
-            },
+            }),
             violation!(UnexpectedChanges, "SM2-WCH-001"),
         ),
     ];
@@ -469,11 +469,11 @@ fn a_call_does_not_wait_for_a_link_that_was_announced_and_never_comes() {
     // The answer to a request that follows DECLARE comes after the LINKs that DECLARED announced.
     let request = manager.read(&session);
     assert!(matches!(request, ToManager::Query { .. }), "{request:?}");
-    let page = ToNode::Page {
+    let page = ToNode::Page(Page {
         revision: 1,
         items: Vec::new(),
         next: None,
-    };
+    });
     send(&session, &page);
     let result = called.recv_timeout(SOON).expect("the call ends");
     assert!(matches!(result, Err(CallError::NoServer { .. })));

@@ -304,7 +304,10 @@ fn a_message_as_json_has_the_names_that_serde_writes() {
     let json = String::from_utf8(bytes.clone()).unwrap();
     assert_eq!(
         json,
-        r#"{"frameId":"map","seq":18446744073709551615,"metres":0.30000000000000004,"modes":["stand-by",{"go_on":{"SPEED":1}},{"follow-it":{"MaxSpeed":2}}]}"#
+        concat!(
+            r#"{"frameId":"map","seq":18446744073709551615,"metres":0.30000000000000004,"#,
+            r#""modes":["stand-by",{"go_on":{"SPEED":1}},{"follow-it":{"MaxSpeed":2}}]}"#
+        )
     );
     assert_eq!(*Renamed::view(Payload::from(bytes)).unwrap(), value);
 }

@@ -14,8 +14,8 @@ use std::collections::VecDeque;
 use std::fmt::{self, Debug, Display, Formatter};
 
 use sm2_proto::{
-    Contract, Datagram, DemandedQos, Farewell, FdFacts, Instant, InterfaceId, Machine, Name,
-    NodeId, OfferedQos, TypeId, Violation,
+    Contract, Datagram, DemandedQos, Farewell, FdFacts, Instant, InterfaceId, LinkQos, Machine,
+    Name, NodeId, OfferedQos, TypeId, Violation,
     control::{decode_to_manager, decode_to_node},
     link::{
         self, Body, Config, Link, NoMemory, OutboundMessage, Payload, Role, Status, wire::Frame,
@@ -236,12 +236,9 @@ impl World {
                     self.send(at, message(2));
                 }
                 node::Output::Linked {
-                    link,
-                    version,
-                    reliable,
-                    sealed,
-                    ..
+                    link, version, qos, ..
                 } => {
+                    let LinkQos { reliable, sealed } = qos;
                     let config = Config::new(&program.contract, link, version, reliable, sealed);
                     program.link = Some(Link::new(config));
                     self.drain_link(at);
@@ -257,8 +254,8 @@ impl World {
                 | node::Output::Resumed
                 | node::Output::Ended(_) => {}
                 // Answers to requests that no node here sends.
-                node::Output::Page { .. }
-                | node::Output::Changes { .. }
+                node::Output::Page(_)
+                | node::Output::Changes(_)
                 | node::Output::TransmitCounters(_)
                 | node::Output::Inspected { .. }
                 | node::Output::NotInspected { .. }

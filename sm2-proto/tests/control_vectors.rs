@@ -18,7 +18,8 @@ use serde_json::{Map, Value};
 use sm2_proto::{
     Code, Datagram, FdFacts, Instant, Machine, NodeId, Seals, Violation, ViolationKind,
     control::{
-        ToManager, ToNode, decode_to_manager, decode_to_node, encode_to_manager, encode_to_node,
+        SchemaText, ToManager, ToNode, decode_to_manager, decode_to_node, encode_to_manager,
+        encode_to_node,
     },
     manager::{Cause, Credentials, Input, Manager, Output, Policy},
     node::{self, End, Node},
@@ -311,7 +312,9 @@ fn act(node: &mut Node, bytes: &[u8]) {
         ToManager::Watch { after } => node::Input::Watch { after },
         ToManager::Counters => node::Input::Counters,
         ToManager::Inspect { node } => node::Input::Inspect { node },
-        ToManager::Schema { data, text } => node::Input::Schema { data, text },
+        ToManager::Schema(SchemaText { data, text }) => {
+            node::Input::Schema(SchemaText { data, text })
+        }
         ToManager::Describe { data } => node::Input::Describe { data },
         other => panic!("{other:?} follows from a resumption"),
     };

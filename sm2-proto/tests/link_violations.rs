@@ -2,13 +2,14 @@
 //! it, and a check that the link has ended for good.
 
 mod link_support;
+#[path = "link_violations/ring.rs"]
+mod ring;
 
 use std::collections::BTreeSet;
 
 use link_support::*;
 use sm2_proto::{
     Code, Datagram, FdFacts, Machine, Seals, Violation, ViolationKind,
-    limits::RING_SEGMENTS_MAX,
     link::{
         Config, End, Error, Input, Link, Output, Role, SegmentInfo, Status,
         wire::{Carrier, Form, Frame, Given, MessageFrame, Open},
@@ -41,7 +42,9 @@ fn rows() -> Vec<Row> {
         flow_rows(),
         segment_rows(),
         service_rows(),
-        ring_rows(),
+        ring::lane_rows(),
+        ring::file_rows(),
+        ring::detached_rows(),
     ]
     .concat()
 }
@@ -291,92 +294,6 @@ fn segment_rows() -> Vec<Row> {
             violation!(SegmentBusy, "SM2-SEG-005"),
             busy,
             &Frame::Detach { segment: 5 },
-        ),
-    ]
-}
-
-fn ring_rows() -> Vec<Row> {
-    let sender = || opened(with_ring(Role::Sender));
-    let receiver = || opened(with_ring(Role::Receiver));
-    let with = |violation, change: &dyn Fn(&mut FdFacts)| {
-        let mut facts = ring_file(4096);
-        change(&mut facts);
-        Row {
-            violation,
-            link: sender(),
-            bytes: RING.to_vec(),
-            fds: vec![facts],
-        }
-    };
-    let ring = |depth, window| Frame::Ring { depth, window };
-    let mut second = sender();
-    accept(&mut second, &RING);
-    let mut attached = second.clone();
-    attached.handle(NOW, Input::Attach(SEGMENT)).unwrap();
-    drain(&mut attached);
-    let release = Frame::Release {
-        given: Given::Consumed,
-        count: 0,
-        rest: &[],
-    };
-    let detached = Frame::Detached {
-        segment: SEGMENT.id,
-    };
-    let beyond = Frame::Attach(SegmentInfo {
-        id: RING_SEGMENTS_MAX,
-        ..SEGMENT
-    });
-    vec![
-        row(
-            violation!(WrongLane, "SM2-RNG-001"),
-            receiver(),
-            &data(1, 1),
-        ),
-        row(violation!(WrongLane, "SM2-RNG-001"), sender(), &release),
-        row(violation!(WrongLane, "SM2-RNG-001"), self::sender(), &RING),
-        row(
-            violation!(WrongLane, "SM2-RNG-001"),
-            self::receiver(),
-            &Frame::Doorbell,
-        ),
-        row(
-            violation!(WrongLane, "SM2-RNG-001"),
-            self::sender(),
-            &detached,
-        ),
-        row(violation!(BadSegment, "SM2-RNG-003"), receiver(), &beyond),
-        row(violation!(BadRing, "SM2-RNG-002"), sender(), &ring(0, 3)),
-        row(violation!(BadRing, "SM2-RNG-002"), sender(), &ring(1025, 3)),
-        row(violation!(BadRing, "SM2-RNG-002"), sender(), &ring(3, 3)),
-        row(violation!(BadRing, "SM2-RNG-002"), sender(), &ring(2, 4)),
-        row(violation!(BadRing, "SM2-RNG-002"), second, &RING),
-        with(violation!(NotAMemfd, "SM2-RNG-002"), &|it| {
-            it.regular = false
-        }),
-        with(violation!(SealsMissing, "SM2-RNG-002"), &|it| {
-            it.seals = Seals(0x3)
-        }),
-        with(violation!(BadRing, "SM2-RNG-002"), &|it| {
-            it.seals = Seals(0xf)
-        }),
-        with(violation!(BadRing, "SM2-RNG-002"), &|it| {
-            it.seals = Seals(0x17)
-        }),
-        with(violation!(BadRing, "SM2-RNG-002"), &|it| {
-            it.size_bytes = 4095
-        }),
-        with(violation!(BadRing, "SM2-RNG-002"), &|it| {
-            it.size_bytes = 8192
-        }),
-        row(
-            violation!(UnknownSegment, "SM2-RNG-010"),
-            sender(),
-            &detached,
-        ),
-        row(
-            violation!(UnknownSegment, "SM2-RNG-010"),
-            attached,
-            &detached,
         ),
     ]
 }

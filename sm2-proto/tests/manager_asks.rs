@@ -5,7 +5,7 @@ mod support;
 
 use sm2_proto::{
     Datagram, FdFacts, NodeId, Seals, TypeId, Violation,
-    control::{ToManager, ToNode, encode_to_manager},
+    control::{SchemaText, ToManager, ToNode, encode_to_manager},
     limits::SCHEMA_TEXT_MAX,
     manager::{Cause, Input, Policy},
     schema::Schema,
@@ -136,7 +136,7 @@ fn typed(text: &str, name_text: &str) -> TypeId {
 
 fn register(bench: &mut Bench, node: NodeId, data: &TypeId, text: &str) -> Vec<Event> {
     let (data, text) = (data.clone(), text.to_owned());
-    bench.send(node, &ToManager::Schema { data, text })
+    bench.send(node, &ToManager::Schema(SchemaText { data, text }))
 }
 
 /// The Manager's answers about types.

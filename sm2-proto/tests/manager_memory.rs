@@ -4,7 +4,7 @@ mod support;
 
 use sm2_proto::{
     Code, Contract, EntityId, InterfaceId, NodeId, Quota, Refusal,
-    control::{Item, Key, ToManager, ToNode, UnlinkedReason},
+    control::{Changes, Item, Key, Page, ToManager, ToNode, UnlinkedReason},
     manager::{Input, Policy},
 };
 use support::{
@@ -18,7 +18,7 @@ fn items(bench: &Bench, asks: NodeId) -> Vec<Item> {
     let mut after = None;
     loop {
         let events = aside.send(asks, &ToManager::Query { after });
-        let [Event::Sent(_, ToNode::Page { items, next, .. })] = &events[..] else {
+        let [Event::Sent(_, ToNode::Page(Page { items, next, .. }))] = &events[..] else {
             panic!("{events:?}");
         };
         all.extend(items.iter().cloned());
@@ -133,10 +133,10 @@ fn what_is_granted_supersedes_what_was_refused() {
     let [
         Event::Sent(
             _,
-            ToNode::Changes {
+            ToNode::Changes(Changes {
                 changes: Some(changes),
                 ..
-            },
+            }),
         ),
     ] = &events[..]
     else {

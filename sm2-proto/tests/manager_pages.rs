@@ -4,7 +4,7 @@ mod support;
 
 use sm2_proto::{
     Code, Contract, EntityId, InterfaceId, LinkId, NodeId, Refusal,
-    control::{Item, Key, Limits, ToManager, ToNode, UnlinkedReason, encode_to_node},
+    control::{Item, Key, Limits, Page, ToManager, ToNode, UnlinkedReason, encode_to_node},
     limits::{DATAGRAM_MAX, PAGE_BYTES},
     manager::Policy,
 };
@@ -13,12 +13,6 @@ use support::{
     contracts::{data, name, publisher, server, subscriber},
 };
 
-struct Page {
-    revision: u64,
-    items: Vec<Item>,
-    next: Option<Key>,
-}
-
 fn query(bench: &mut Bench, node: NodeId, after: Option<Key>) -> Page {
     let events = bench.send(node, &ToManager::Query { after });
     let [Event::Sent(to, page)] = &events[..] else {
@@ -26,19 +20,10 @@ fn query(bench: &mut Bench, node: NodeId, after: Option<Key>) -> Page {
     };
     assert_eq!(*to, node);
     assert!(encode_to_node(page).len() <= DATAGRAM_MAX);
-    let ToNode::Page {
-        revision,
-        items,
-        next,
-    } = page.clone()
-    else {
+    let ToNode::Page(page) = page.clone() else {
         panic!("{page:?} is no page");
     };
-    Page {
-        revision,
-        items,
-        next,
-    }
+    page
 }
 
 const NODES: u64 = 5;

@@ -5,7 +5,7 @@ mod support;
 
 use sm2_proto::{
     Code, Farewell, InterfaceId, LinkId, Machine, NodeId,
-    control::{Item, ToManager, ToNode},
+    control::{Item, Page, ToManager, ToNode},
     manager::{Cause, Input, Policy},
 };
 use support::{
@@ -64,7 +64,7 @@ fn linked(bench: &mut Bench) -> (NodeId, Vec<NodeId>) {
 fn items(bench: &mut Bench, node: NodeId) -> Vec<Item> {
     let events = bench.send(node, &ToManager::Query { after: None });
     match &events[..] {
-        [Event::Sent(_, ToNode::Page { items, .. })] => items.clone(),
+        [Event::Sent(_, ToNode::Page(Page { items, .. }))] => items.clone(),
         other => panic!("{other:?}"),
     }
 }

@@ -5,7 +5,7 @@ mod support;
 
 use sm2_proto::{
     Code, Contract, Datagram, FdFacts, InterfaceId, LinkId, NodeId, Seals, TypeId, Violation,
-    control::{ToManager, ToNode, encode_to_manager},
+    control::{SchemaText, ToManager, ToNode, encode_to_manager},
     manager::{Cause, PHASES, Phase, Policy, REQUESTS, Request, legal},
     schema::Schema,
     violation,
@@ -147,13 +147,13 @@ fn frame(request: Request, link: Option<LinkId>) -> ToManager {
         Request::Watch => ToManager::Watch { after: 0 },
         Request::Counters => ToManager::Counters,
         Request::Inspect => ToManager::Inspect { node: NodeId(1) },
-        Request::Schema => ToManager::Schema {
+        Request::Schema => ToManager::Schema(SchemaText {
             data: TypeId {
                 name: name("Byte"),
                 hash: Schema::parse(BYTE).expect("a schema").hash(),
             },
             text: BYTE.to_owned(),
-        },
+        }),
         Request::Describe => ToManager::Describe { data: data("Scan") },
     }
 }
@@ -242,10 +242,10 @@ fn breaches(link: LinkId) -> Vec<(Violation, Vec<u8>, usize)> {
         ),
         (
             violation!(BadSchema, "SM2-SCH-001"),
-            ToManager::Schema {
+            ToManager::Schema(SchemaText {
                 data: data("Scan"),
                 text: BYTE.to_owned(),
-            },
+            }),
         ),
     ];
     let mut breaches: Vec<_> = frames

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
     Code, Contract, EntityId, InterfaceId, LinkId, NodeId,
-    control::{Change, Item, Key, ToManager, ToNode, encode_to_node},
+    control::{Change, Changes, Item, Key, Page, ToManager, ToNode, encode_to_node},
     limits::DATAGRAM_MAX,
     manager::{Cause, Input, Policy},
     violation,
@@ -18,14 +18,6 @@ use support::{
     contracts::{data, publisher, scan, server, subscriber},
 };
 
-/// One CHANGES.
-#[derive(Clone, Debug, PartialEq)]
-struct Changes {
-    revision: u64,
-    changes: Option<Vec<Change>>,
-    more: bool,
-}
-
 fn watch(after: u64) -> ToManager {
     ToManager::Watch { after }
 }
@@ -34,15 +26,7 @@ fn changes(frames: Vec<ToNode>) -> Vec<Changes> {
     let read = |frame: ToNode| {
         assert!(encode_to_node(&frame).len() <= DATAGRAM_MAX);
         match frame {
-            ToNode::Changes {
-                revision,
-                changes,
-                more,
-            } => Changes {
-                revision,
-                changes,
-                more,
-            },
+            ToNode::Changes(changes) => changes,
             other => panic!("{other:?}"),
         }
     };
@@ -255,11 +239,11 @@ fn changes_that_do_not_fit() {
         }
         // One more change would not have fitted.
         let (changes, revision) = (answer.changes, answer.revision);
-        let bytes = encode_to_node(&ToNode::Changes {
+        let bytes = encode_to_node(&ToNode::Changes(Changes {
             revision,
             changes,
             more: true,
-        });
+        }));
         assert!(bytes.len() > DATAGRAM_MAX - 700, "{} bytes", bytes.len());
         assert_eq!(revision - start, all.len() as u64, "{before}");
     }
@@ -295,11 +279,11 @@ impl Reader {
             let [
                 Event::Sent(
                     _,
-                    ToNode::Page {
+                    ToNode::Page(Page {
                         revision,
                         items,
                         next,
-                    },
+                    }),
                 ),
             ] = &events[..]
             else {

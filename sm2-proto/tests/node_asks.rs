@@ -4,7 +4,7 @@ mod support;
 
 use sm2_proto::{
     Machine, NodeId, TypeId,
-    control::{ToManager, ToNode},
+    control::{Changes, SchemaText, ToManager, ToNode},
     node::{Input, Misuse, Output},
     violation,
 };
@@ -23,7 +23,7 @@ fn one_page_for_each_query() {
     for _ in 0..2 {
         assert!(matches!(
             receive(&mut node, &page()).as_deref(),
-            Ok([Output::Page { .. }])
+            Ok([Output::Page(_)])
         ));
     }
     assert_eq!(
@@ -40,7 +40,7 @@ fn one_answer_for_each_watch() {
     assert_eq!(again, Err(Misuse::WatchTwice.into()));
     assert!(matches!(
         receive(&mut node, &changes()).as_deref(),
-        Ok([Output::Changes { revision: 2, .. }])
+        Ok([Output::Changes(Changes { revision: 2, .. })])
     ));
     let unasked = violation(&mut node.clone(), &changes());
     assert_eq!(unasked, violation!(UnexpectedChanges, "SM2-WCH-001"));
@@ -125,14 +125,16 @@ fn a_schema_has_the_hash_of_its_type() {
     let unasked = violation(&mut node.clone(), &frame(&point, None));
     assert_eq!(unasked, violation!(UnexpectedSchema, "SM2-SCH-002"));
     // The texts that the node registers are checked as well.
-    let schema = |data: &TypeId, text: &str| Input::Schema {
-        data: data.clone(),
-        text: text.to_owned(),
+    let schema = |data: &TypeId, text: &str| {
+        Input::Schema(SchemaText {
+            data: data.clone(),
+            text: text.to_owned(),
+        })
     };
     for wrong in [schema(&other, &text), schema(&point, "x")] {
         assert_eq!(node.handle(NOW, wrong), Err(Misuse::Schema.into()));
     }
     node.handle(NOW, schema(&point, &text)).expect("its hash");
-    let registered = ToManager::Schema { data: point, text };
+    let registered = ToManager::Schema(SchemaText { data: point, text });
     assert_eq!(sent(&drain(&mut node)), [registered]);
 }

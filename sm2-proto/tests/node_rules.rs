@@ -7,7 +7,7 @@ mod support;
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
     Code, Contract, Datagram, InterfaceId, Machine, NodeId, Refusal,
-    control::{LinkPeer, ToManager, ToNode},
+    control::{LinkPeer, SchemaText, ToManager, ToNode},
     limits::LINKS_MAX,
     node::{End, Error, Input, Misuse, Node, Output},
     violation,
@@ -322,10 +322,10 @@ fn misuse_changes_nothing() {
         Input::Watch { after: 0 },
         Input::Counters,
         Input::Inspect { node: NodeId(1) },
-        Input::Schema {
+        Input::Schema(SchemaText {
             data: data.clone(),
             text,
-        },
+        }),
         Input::Describe { data },
         Input::Withdraw {
             interface: InterfaceId(1),

@@ -137,53 +137,10 @@ impl Run {
             }
             Op::Harvest { end } => self.pair.harvest(end),
             Op::Cancel { pick } => caller.cancel(world, pick),
-            Op::CallWhile { at, steps, within } => {
-                let between = Between::new(requests, at, |words| {
-                    for _ in 0..steps {
-                        server.read(world, false);
-                        server.take(words, world);
-                        server.reply(replies, world, 0, within);
-                        server.release(words, world, 0);
-                    }
-                    false
-                });
-                caller.call(&between, world, within);
-            }
-            Op::TakeWhile { at, steps, within } => {
-                let between = Between::new(requests, at, |words| {
-                    for pick in 0..steps {
-                        caller.call(words, world, within);
-                        caller.cancel(world, pick.into());
-                    }
-                    false
-                });
-                server.take(&between, world);
-            }
-            Op::HarvestWhile { end, at, steps } => {
-                let (this, other) = match end {
-                    CALLER => (caller, server),
-                    _ => (server, caller),
-                };
-                let between = Between::new(&world.rings[1 - end], at, |words| {
-                    for _ in 0..steps {
-                        other.take(words, world);
-                        other.release(words, world, 0);
-                    }
-                    false
-                });
-                this.harvest(&between, world);
-            }
-            Op::ReplyWhile { at, steps, within } => {
-                let between = Between::new(replies, at, |words| {
-                    for pick in 0..steps {
-                        caller.take(words, world);
-                        caller.release(words, world, 0);
-                        caller.cancel(world, pick.into());
-                    }
-                    false
-                });
-                server.reply(&between, world, 0, within);
-            }
+            Op::CallWhile { at, steps, within } => self.call_while(at, steps, within),
+            Op::TakeWhile { at, steps, within } => self.take_while(at, steps, within),
+            Op::HarvestWhile { end, at, steps } => self.harvest_while(end, at, steps),
+            Op::ReplyWhile { at, steps, within } => self.reply_while(at, steps, within),
             Op::Retire { end, segment } => {
                 let (side, world) = self.pair.side(end);
                 side.retire(world, segment);
@@ -200,6 +157,84 @@ impl Run {
                 side.close(world, if eof { Input::Eof } else { close });
             }
         }
+    }
+
+    /// The caller makes a call, and the server works in the middle of it.
+    fn call_while(&mut self, at: u32, steps: u8, within: u32) {
+        let Calls {
+            world,
+            caller,
+            server,
+        } = &mut self.pair;
+        let (requests, replies) = (&world.rings[SERVER], &world.rings[CALLER]);
+        let between = Between::new(requests, at, |words| {
+            for _ in 0..steps {
+                server.read(world, false);
+                server.take(words, world);
+                server.reply(replies, world, 0, within);
+                server.release(words, world, 0);
+            }
+            false
+        });
+        caller.call(&between, world, within);
+    }
+
+    /// The server takes a request, and the caller works in the middle of it.
+    fn take_while(&mut self, at: u32, steps: u8, within: u32) {
+        let Calls {
+            world,
+            caller,
+            server,
+        } = &mut self.pair;
+        let requests = &world.rings[SERVER];
+        let between = Between::new(requests, at, |words| {
+            for pick in 0..steps {
+                caller.call(words, world, within);
+                caller.cancel(world, pick.into());
+            }
+            false
+        });
+        server.take(&between, world);
+    }
+
+    /// One end harvests, and the other end works in the middle of it.
+    fn harvest_while(&mut self, end: usize, at: u32, steps: u8) {
+        let Calls {
+            world,
+            caller,
+            server,
+        } = &mut self.pair;
+        let (this, other) = match end {
+            CALLER => (caller, server),
+            _ => (server, caller),
+        };
+        let between = Between::new(&world.rings[1 - end], at, |words| {
+            for _ in 0..steps {
+                other.take(words, world);
+                other.release(words, world, 0);
+            }
+            false
+        });
+        this.harvest(&between, world);
+    }
+
+    /// The server replies, and the caller works in the middle of it.
+    fn reply_while(&mut self, at: u32, steps: u8, within: u32) {
+        let Calls {
+            world,
+            caller,
+            server,
+        } = &mut self.pair;
+        let replies = &world.rings[CALLER];
+        let between = Between::new(replies, at, |words| {
+            for pick in 0..steps {
+                caller.take(words, world);
+                caller.release(words, world, 0);
+                caller.cancel(world, pick.into());
+            }
+            false
+        });
+        server.reply(&between, world, 0, within);
     }
 
     /// Puts an end to sleep if it has nothing to do.

@@ -9,7 +9,7 @@ use std::{
 use sm2_io::{Listener, RecvError, SendError, SeqPacket, wait_readable};
 use sm2_proto::{
     Code, Datagram, FdFacts, LinkId, Violation, ViolationKind,
-    control::{Item, LinkPeer, ToNode, decode_to_node},
+    control::{Item, LinkPeer, Page, ToNode, decode_to_node},
     limits::DATAGRAM_MAX,
 };
 
@@ -217,7 +217,7 @@ impl RawNode {
     #[track_caller]
     pub fn revision(&self) -> u64 {
         match self.next() {
-            ToNode::Page { revision, .. } => revision,
+            ToNode::Page(Page { revision, .. }) => revision,
             other => panic!("PAGE expected: {other:?}"),
         }
     }
@@ -308,7 +308,7 @@ impl RawNode {
     pub fn query(&self) -> Vec<Item> {
         self.send(control::query());
         match self.next() {
-            ToNode::Page { items, .. } => items,
+            ToNode::Page(Page { items, .. }) => items,
             other => panic!("PAGE expected: {other:?}"),
         }
     }
@@ -320,7 +320,7 @@ impl RawNode {
         let mut query = control::query();
         loop {
             self.send(query);
-            let ToNode::Page { items, next, .. } = self.next() else {
+            let ToNode::Page(Page { items, next, .. }) = self.next() else {
                 panic!("PAGE expected");
             };
             all.extend(items);

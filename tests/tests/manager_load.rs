@@ -15,7 +15,7 @@ use nix::unistd::{Uid, geteuid};
 use sm2_io::{SendError, SeqPacket};
 use sm2_proto::{
     Farewell, ViolationKind,
-    control::{Item, ToNode},
+    control::{Item, Page, ToNode},
     manager::Policy,
 };
 use sm2_tests::{
@@ -228,7 +228,7 @@ fn names_now(node: &RawNode) -> Vec<String> {
     loop {
         match node.next() {
             ToNode::Unlink { .. } | ToNode::Declared { .. } => {}
-            ToNode::Page { items, .. } => {
+            ToNode::Page(Page { items, .. }) => {
                 let names = items.into_iter().filter_map(|item| match item {
                     Item::Node { name, .. } => Some(name.as_str().to_owned()),
                     _ => None,

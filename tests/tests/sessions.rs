@@ -48,7 +48,7 @@ fn frames_may_follow_hello_without_waiting_for_welcome() {
     node.send(control::query());
     assert!(matches!(node.next(), ToNode::Welcome { .. }));
     assert!(matches!(node.next(), ToNode::Declared { matches: 0, .. }));
-    assert!(matches!(node.next(), ToNode::Page { .. }));
+    assert!(matches!(node.next(), ToNode::Page(_)));
     // After a refused HELLO, the same frame arrives before WELCOME.
     let second = manager.connect();
     second.send(control::hello("arm/left"));

@@ -239,5 +239,5 @@ fn a_new_policy_holds_from_the_first_frame() {
     node.send(control::claimed());
     node.send(control::query());
     let answer = node.next();
-    assert!(matches!(answer, ToNode::Page { .. }), "{answer:?}");
+    assert!(matches!(answer, ToNode::Page(_)), "{answer:?}");
 }

@@ -123,8 +123,8 @@ impl Session {
                 | Output::Linked { .. }
                 | Output::Unlink { .. }
                 | Output::Withdrawn { .. }
-                | Output::Page { .. }
-                | Output::Changes { .. }
+                | Output::Page(_)
+                | Output::Changes(_)
                 | Output::Inspected { .. }
                 | Output::NotInspected { .. }
                 | Output::Described { .. }

@@ -19,7 +19,7 @@ use nix::{
 use sm2_io::{RecvError, SeqPacket, clock, wait_readable};
 use sm2_proto::{
     Datagram, Machine, Name, Refusal,
-    control::Item,
+    control::{Item, Page},
     limits::DATAGRAM_MAX,
     node::{End, Input, Node, Output},
 };
@@ -344,7 +344,7 @@ impl Client {
                 }
                 Output::Welcomed { .. } => self.welcomed = true,
                 Output::HelloRefused(reason) => self.refused = Some(reason),
-                Output::Page { items, .. } => self.page = Some(items),
+                Output::Page(Page { items, .. }) => self.page = Some(items),
                 _ => {}
             }
         }

@@ -6,7 +6,7 @@ use core::cell::Cell;
 use postcard::{Deserializer, Error, de_flavors::Flavor};
 use serde::{Serialize, de::DeserializeOwned};
 
-use super::{Change, Item, ToManager, ToNode};
+use super::{Change, Changes, Item, Page, SchemaText, ToManager, ToNode};
 use crate::{Contract, Datagram, Violation, limits::SCHEMA_TEXT_MAX};
 
 /// The bytes of a frame to the Manager.
@@ -27,7 +27,7 @@ pub fn decode_to_manager(datagram: &Datagram<'_>) -> Result<ToManager, Violation
     let frame: ToManager = decode(datagram.bytes, ToManager::COUNT)?;
     match &frame {
         ToManager::Declare { contract, .. } => check_contract(contract)?,
-        ToManager::Schema { text, .. } => check_schema(text)?,
+        ToManager::Schema(SchemaText { text, .. }) => check_schema(text)?,
         _ => {}
     }
     datagram.check_fds(frame.fds())?;
@@ -40,11 +40,11 @@ pub fn decode_to_node(datagram: &Datagram<'_>) -> Result<ToNode, Violation> {
     let frame: ToNode = decode(datagram.bytes, ToNode::COUNT)?;
     match &frame {
         ToNode::Link { peer, .. } => check_contract(&peer.contract)?,
-        ToNode::Page { items, .. } => items.iter().try_for_each(check_item)?,
-        ToNode::Changes {
+        ToNode::Page(Page { items, .. }) => items.iter().try_for_each(check_item)?,
+        ToNode::Changes(Changes {
             changes: Some(changes),
             ..
-        } => changes.iter().try_for_each(|change| match change {
+        }) => changes.iter().try_for_each(|change| match change {
             Change::Set { item } => check_item(item),
             Change::Removed { .. } => Ok(()),
         })?,

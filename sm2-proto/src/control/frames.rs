@@ -82,12 +82,7 @@ pub enum ToManager {
         node: NodeId,
     },
     /// The node registers the text of a type.
-    Schema {
-        /// The type.
-        data: TypeId,
-        /// The text of the type (SPEC Annex A).
-        text: String,
-    },
+    Schema(SchemaText),
     /// The node asks for the text of a type.
     Describe {
         /// The type.
@@ -158,28 +153,14 @@ pub enum ToNode {
         interface: InterfaceId,
     },
     /// A page of the domain's state.
-    Page {
-        /// The revision of the page.
-        revision: u64,
-        /// The items, in ascending order of their keys.
-        items: Vec<Item>,
-        /// The key after which the next page starts, if more items follow.
-        next: Option<Key>,
-    },
+    Page(Page),
     /// The Manager ends the session.
     Goodbye {
         /// The reason.
         code: Code,
     },
     /// The domain has changed.
-    Changes {
-        /// The revision after these changes.
-        revision: u64,
-        /// The changes; `None` if the Manager has forgotten some of them.
-        changes: Option<Vec<Change>>,
-        /// Whether more changes are there already.
-        more: bool,
-    },
+    Changes(Changes),
     /// The counters of a node. The descriptor of their file comes along.
     Inspected {
         /// The node.
@@ -197,6 +178,37 @@ pub enum ToNode {
         /// The text of the type (SPEC Annex A).
         text: Option<String>,
     },
+}
+
+/// The text of a type.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct SchemaText {
+    /// The type.
+    pub data: TypeId,
+    /// The text of the type (SPEC Annex A), which has the type's hash.
+    pub text: String,
+}
+
+/// A page of the domain's state.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Page {
+    /// The revision of the page.
+    pub revision: u64,
+    /// The items, in ascending order of their keys.
+    pub items: Vec<Item>,
+    /// The key after which the next page starts, if more items follow.
+    pub next: Option<Key>,
+}
+
+/// Changes of the domain since a revision.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Changes {
+    /// The revision after these changes.
+    pub revision: u64,
+    /// The changes; `None` if the Manager has forgotten some of them.
+    pub changes: Option<Vec<Change>>,
+    /// Whether more changes are there already.
+    pub more: bool,
 }
 
 /// The interface on the other side of a link.

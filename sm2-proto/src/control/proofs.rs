@@ -4,6 +4,7 @@
 //! cover short frames, one change of a whole frame, and the fields of frames of fixed shape. All
 //! other frames are fuzzed and compared with a naive decoder.
 
+use crate::control::SchemaText;
 use alloc::{string::String, vec::Vec};
 
 use super::{
@@ -121,10 +122,10 @@ fn any_frame() -> ToManager {
         6 => ToManager::Claimed,
         7 => ToManager::Watch { after: interface.0 },
         8 => ToManager::Counters,
-        9 => ToManager::Schema {
+        9 => ToManager::Schema(SchemaText {
             data: data(),
             text: String::new(),
-        },
+        }),
         _ => ToManager::Describe { data: data() },
     }
 }
@@ -194,7 +195,7 @@ fn schema_texts_have_their_length() {
     let is_legal = len <= 32_768;
     let verdict = if kani::any() {
         let data = data();
-        let frame = encode_to_manager(&ToManager::Schema { data, text });
+        let frame = encode_to_manager(&ToManager::Schema(SchemaText { data, text }));
         decode_to_manager(&Datagram::new(&frame)).map(drop)
     } else {
         let (data, text) = (data(), Some(text));

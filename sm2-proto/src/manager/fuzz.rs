@@ -11,7 +11,7 @@ use super::{Credentials, Input, Manager, Output, Policy};
 use crate::{
     Code, Contract, Datagram, EntityId, FdFacts, Instant, InterfaceId, LinkId, LinkKey, Machine,
     NodeId, Seals,
-    control::{Key, ToManager, decode_to_node, encode_to_manager},
+    control::{Key, SchemaText, ToManager, decode_to_node, encode_to_manager},
     fuzz::script::{Script, key_of},
 };
 
@@ -210,7 +210,7 @@ impl<'a> Fuzz<'a> {
             9 => ToManager::Inspect { node: self.node()? },
             10 => {
                 let (data, text) = self.script.schema()?;
-                ToManager::Schema { data, text }
+                ToManager::Schema(SchemaText { data, text })
             }
             _ => ToManager::Describe {
                 data: self.script.schema()?.0,

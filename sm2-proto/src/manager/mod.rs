@@ -79,7 +79,7 @@ pub use self::{
 use crate::{
     Datagram, EntityId, Farewell, FdFacts, Instant, LinkQos, Machine, MisuseError, Name, NodeId,
     Refusal, VERSION, Violation,
-    control::{Key, ToManager, ToNode, decode_to_manager, encode_to_node},
+    control::{Key, SchemaText, ToManager, ToNode, decode_to_manager, encode_to_node},
     machine::debug_assert_drained,
 };
 
@@ -304,7 +304,7 @@ impl Manager {
             ToManager::Watch { after } => self.watch(node, after)?,
             ToManager::Counters => self.keep_counters(node, file)?,
             ToManager::Inspect { node: of } => self.inspect(node, of),
-            ToManager::Schema { data, text } => self.register(node, data, text)?,
+            ToManager::Schema(SchemaText { data, text }) => self.register(node, data, text)?,
             ToManager::Describe { data } => self.describe(node, data),
         }
         Ok(())

@@ -5,7 +5,7 @@ use alloc::vec::Vec;
 use super::{Manager, links::Pair, phase::Phase, session::Session};
 use crate::{
     EntityId, LinkId, NodeId,
-    control::{Item, Key, ToNode},
+    control::{Item, Key, Page, ToNode},
     limits::PAGE_BYTES,
 };
 
@@ -26,11 +26,11 @@ impl Manager {
         let revision = self.log.revision();
         self.send(
             node,
-            &ToNode::Page {
+            &ToNode::Page(Page {
                 revision,
                 items,
                 next,
-            },
+            }),
         );
     }
 

@@ -78,7 +78,7 @@ impl Request {
             ToManager::Watch { .. } => Self::Watch,
             ToManager::Counters => Self::Counters,
             ToManager::Inspect { .. } => Self::Inspect,
-            ToManager::Schema { .. } => Self::Schema,
+            ToManager::Schema(_) => Self::Schema,
             ToManager::Describe { .. } => Self::Describe,
         }
     }

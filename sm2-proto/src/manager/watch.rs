@@ -6,7 +6,7 @@ use core::mem;
 use super::Manager;
 use crate::{
     NodeId, Violation,
-    control::{Change, Key, ToNode},
+    control::{Change, Changes, Key, ToNode},
     limits::DATAGRAM_MAX,
 };
 
@@ -54,11 +54,11 @@ impl Manager {
         let mut seen = BTreeSet::new();
         let mut changes = Vec::new();
         let Some(changed) = self.log.since(after) else {
-            return ToNode::Changes {
+            return ToNode::Changes(Changes {
                 revision: self.log.revision(),
                 changes: None,
                 more: false,
-            };
+            });
         };
         for (revision, key) in changed {
             if !seen.insert(key) {
@@ -69,20 +69,20 @@ impl Manager {
                 None => Change::Removed { key },
             };
             let Some(left) = room.checked_sub(size_bytes(&change)) else {
-                return ToNode::Changes {
+                return ToNode::Changes(Changes {
                     revision: revision - 1,
                     changes: Some(changes),
                     more: true,
-                };
+                });
             };
             room = left;
             changes.push(change);
         }
-        ToNode::Changes {
+        ToNode::Changes(Changes {
             revision: self.log.revision(),
             changes: Some(changes),
             more: false,
-        }
+        })
     }
 }
 

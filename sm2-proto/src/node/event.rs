@@ -3,8 +3,9 @@
 use alloc::{string::String, vec::Vec};
 
 use crate::{
-    Code, Datagram, InterfaceId, LinkId, Name, NodeId, QosError, Refusal, TypeId, Violation,
-    control::{Change, Item, Key, LinkPeer},
+    Code, Datagram, InterfaceId, LinkId, LinkQos, Name, NodeId, QosError, Refusal, TypeId,
+    Violation,
+    control::{Changes, Key, LinkPeer, Page, SchemaText},
 };
 
 /// An input of a node. `Datagram` requires that the outputs of the input before are drained,
@@ -52,12 +53,7 @@ pub enum Input<'a> {
         node: NodeId,
     },
     /// Register the text of a type.
-    Schema {
-        /// The type.
-        data: TypeId,
-        /// The text of the type (SPEC Annex A), which has the type's hash.
-        text: String,
-    },
+    Schema(SchemaText),
     /// Ask for the text of a type.
     Describe {
         /// The type.
@@ -114,10 +110,8 @@ pub enum Output {
         link: LinkId,
         /// The protocol version of the link.
         version: u16,
-        /// Whether no message may be displaced.
-        reliable: bool,
-        /// Whether every message is inline or sealed.
-        sealed: bool,
+        /// The QoS of the link.
+        qos: LinkQos,
         /// The interface on the other side.
         peer: LinkPeer,
     },
@@ -136,23 +130,9 @@ pub enum Output {
         interface: InterfaceId,
     },
     /// A page of the domain's state.
-    Page {
-        /// The revision of the page.
-        revision: u64,
-        /// The items, in ascending order of their keys.
-        items: Vec<Item>,
-        /// The key after which the next page starts, if more items follow.
-        next: Option<Key>,
-    },
+    Page(Page),
     /// The domain has changed: the answer to [`Input::Watch`].
-    Changes {
-        /// The revision after these changes.
-        revision: u64,
-        /// The changes; `None` if the Manager has forgotten some of them.
-        changes: Option<Vec<Change>>,
-        /// Whether more changes are there already.
-        more: bool,
-    },
+    Changes(Changes),
     /// The counters of a node. Their file is the descriptor of the datagram just handled.
     Inspected {
         /// The node.

@@ -9,7 +9,10 @@ use alloc::{collections::BTreeSet, vec::Vec};
 use super::{End, Error, Input, Node, Output};
 use crate::{
     Datagram, FdFacts, Instant, InterfaceId, LinkId, LinkKey, Machine, Name,
-    control::{LinkPeer, ToManager, ToNode, decode_to_manager, decode_to_node, encode_to_node},
+    control::{
+        Changes, LinkPeer, Page, SchemaText, ToManager, ToNode, decode_to_manager, decode_to_node,
+        encode_to_node,
+    },
     fuzz::script::Script,
     manager::{Phase, Request, legal},
 };
@@ -118,7 +121,7 @@ impl Session {
             ToNode::Withdrawn { interface } => {
                 assert!(self.dropping.remove(&interface), "{interface} stays");
             }
-            ToNode::Changes { .. } => self.watching = false,
+            ToNode::Changes(_) => self.watching = false,
             _ => {}
         }
     }
@@ -242,7 +245,7 @@ impl Fuzz<'_> {
             },
             6 => {
                 let (data, text) = script.schema()?;
-                Input::Schema { data, text }
+                Input::Schema(SchemaText { data, text })
             }
             7 => Input::Describe {
                 data: script.schema()?.0,
@@ -283,19 +286,19 @@ impl Fuzz<'_> {
             10 => ToNode::Withdrawn {
                 interface: script.interface()?,
             },
-            11 => ToNode::Page {
+            11 => ToNode::Page(Page {
                 revision: script.number()?,
                 items: script.items()?,
                 next: None,
-            },
+            }),
             12 => ToNode::Goodbye {
                 code: script.code()?,
             },
-            13 => ToNode::Changes {
+            13 => ToNode::Changes(Changes {
                 revision: script.number()?,
                 changes: Some(script.changes()?),
                 more: false,
-            },
+            }),
             14 => match script.byte()? % 2 {
                 0 => ToNode::Inspected {
                     node: script.node()?,

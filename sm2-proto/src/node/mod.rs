@@ -59,7 +59,7 @@ use self::{
 };
 use crate::{
     Code, Contract, Instant, InterfaceId, LinkId, Machine, Name, NodeId,
-    control::{ToManager, encode_to_manager},
+    control::{SchemaText, ToManager, encode_to_manager},
     machine::debug_assert_drained,
 };
 
@@ -202,12 +202,12 @@ impl Machine for Node {
                 self.session()?.requests.inspect(node);
                 self.send(&ToManager::Inspect { node });
             }
-            Input::Schema { data, text } => {
+            Input::Schema(SchemaText { data, text }) => {
                 self.session()?;
                 if !is_text_of(&text, &data) {
                     return Err(Misuse::Schema.into());
                 }
-                self.send(&ToManager::Schema { data, text });
+                self.send(&ToManager::Schema(SchemaText { data, text }));
             }
             Input::Describe { data } => {
                 self.session()?.requests.describe(data.clone());

@@ -87,29 +87,13 @@ impl Node {
                 code,
             } => self.unlink(interface, link, code)?,
             ToNode::Withdrawn { interface } => self.withdrawn(interface)?,
-            ToNode::Page {
-                revision,
-                items,
-                next,
-            } => {
+            ToNode::Page(page) => {
                 session.requests.page()?;
-                self.emit(Output::Page {
-                    revision,
-                    items,
-                    next,
-                });
+                self.emit(Output::Page(page));
             }
-            ToNode::Changes {
-                revision,
-                changes,
-                more,
-            } => {
+            ToNode::Changes(changes) => {
                 session.requests.changes()?;
-                self.emit(Output::Changes {
-                    revision,
-                    changes,
-                    more,
-                });
+                self.emit(Output::Changes(changes));
             }
             ToNode::Inspected { node } => {
                 session.requests.inspected(node)?;
@@ -179,13 +163,11 @@ impl Node {
         let asked = asked.ok_or(violation!(UnknownInterface, "SM2-LNK-005"))?;
         if asked.link(link, ours, &peer)? {
             let Link { version, qos, .. } = ours;
-            let LinkQos { reliable, sealed } = qos;
             self.emit(Output::Linked {
                 interface,
                 link,
                 version,
-                reliable,
-                sealed,
+                qos,
                 peer,
             });
         }

@@ -3,7 +3,7 @@
 
 use sm2_proto::{
     Contract, EntityId, InterfaceId, LinkId, NodeId, Violation,
-    control::{Item, ToManager, ToNode},
+    control::{Item, Page, ToManager, ToNode},
     manager::{Cause, Policy},
 };
 
@@ -69,7 +69,7 @@ pub(crate) fn items(bench: &Bench, asks: NodeId) -> Vec<Item> {
     let mut aside = bench.clone();
     let events = aside.send(asks, &ToManager::Query { after: None });
     match &events[..] {
-        [Event::Sent(_, ToNode::Page { items, .. })] => items.clone(),
+        [Event::Sent(_, ToNode::Page(Page { items, .. }))] => items.clone(),
         other => panic!("{other:?}"),
     }
 }

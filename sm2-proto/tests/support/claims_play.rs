@@ -4,7 +4,7 @@ use std::{collections::BTreeSet, time::Duration};
 
 use sm2_proto::{
     Contract, EntityId, InterfaceId, LinkId, NodeId,
-    control::{Item, Key, ToManager, ToNode},
+    control::{Item, Key, Page, ToManager, ToNode},
     manager::{Input, Policy},
 };
 
@@ -277,9 +277,9 @@ fn relations(bench: &Bench, asks: NodeId) -> Vec<Item> {
     let [
         Event::Sent(
             _,
-            ToNode::Page {
+            ToNode::Page(Page {
                 items, next: None, ..
-            },
+            }),
         ),
     ] = &events[..]
     else {

@@ -10,7 +10,10 @@ use proptest::{
 use sm2_proto::{
     Code, Contract, DemandedQos, EntityId, InterfaceId, LinkId, LinkKey, Name, NodeId, OfferedQos,
     Quota, Refusal, ServiceQos, TypeId,
-    control::{Change, Item, Key, Limits, LinkPeer, ToManager, ToNode, UnlinkedReason},
+    control::{
+        Change, Changes, Item, Key, Limits, LinkPeer, Page, SchemaText, ToManager, ToNode,
+        UnlinkedReason,
+    },
 };
 
 /// Numbers of every length in a frame.
@@ -273,7 +276,7 @@ pub(crate) fn to_manager() -> Union<BoxedStrategy<ToManager>> {
         Just(ToManager::Counters).boxed(),
         nodes().prop_map(|node| ToManager::Inspect { node }).boxed(),
         (types(), texts())
-            .prop_map(|(data, text)| ToManager::Schema { data, text })
+            .prop_map(|(data, text)| ToManager::Schema(SchemaText { data, text }))
             .boxed(),
         types()
             .prop_map(|data| ToManager::Describe { data })
@@ -311,18 +314,22 @@ pub(crate) fn to_node() -> Union<BoxedStrategy<ToNode>> {
             .prop_map(|interface| ToNode::Withdrawn { interface })
             .boxed(),
         (number(), vec(items(), 0..6), option::of(keys()))
-            .prop_map(|(revision, items, next)| ToNode::Page {
-                revision,
-                items,
-                next,
+            .prop_map(|(revision, items, next)| {
+                ToNode::Page(Page {
+                    revision,
+                    items,
+                    next,
+                })
             })
             .boxed(),
         codes().prop_map(|code| ToNode::Goodbye { code }).boxed(),
         (number(), option::of(vec(changes(), 0..6)), any::<bool>())
-            .prop_map(|(revision, changes, more)| ToNode::Changes {
-                revision,
-                changes,
-                more,
+            .prop_map(|(revision, changes, more)| {
+                ToNode::Changes(Changes {
+                    revision,
+                    changes,
+                    more,
+                })
             })
             .boxed(),
         nodes().prop_map(|node| ToNode::Inspected { node }).boxed(),

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use sm2_proto::{
     Datagram, Instant, Machine, NodeId,
-    control::{Change, Item, Key, Limits, ToManager, ToNode, encode_to_manager},
+    control::{Change, Changes, Item, Key, Limits, Page, ToManager, ToNode, encode_to_manager},
     manager::{Input, Manager},
 };
 
@@ -49,11 +49,11 @@ impl Onlooker {
     fn watch(&mut self, manager: &Manager, session: NodeId) {
         let after = self.revision;
         let answer = ask(manager, session, &ToManager::Watch { after });
-        let ToNode::Changes {
+        let ToNode::Changes(Changes {
             revision,
             changes: Some(changes),
             more: false,
-        } = answer
+        }) = answer
         else {
             panic!("{answer:?} are no changes");
         };
@@ -73,9 +73,9 @@ fn list(manager: &Manager, session: NodeId) -> Vec<Item> {
     let mut after = None;
     loop {
         let answer = ask(manager, session, &ToManager::Query { after });
-        let ToNode::Page {
+        let ToNode::Page(Page {
             items: more, next, ..
-        } = answer
+        }) = answer
         else {
             panic!("{answer:?} is no page");
         };

@@ -4,7 +4,7 @@
 use sm2_proto::{
     Code, Contract, Datagram, FdFacts, Instant, InterfaceId, LinkId, LinkKey, Machine, NodeId,
     Refusal, TypeId, Violation,
-    control::{LinkPeer, ToManager, ToNode, decode_to_manager, encode_to_node},
+    control::{Changes, LinkPeer, Page, ToManager, ToNode, decode_to_manager, encode_to_node},
     node::{End, Error, Input, Node, Output},
     schema::Schema,
 };
@@ -103,19 +103,19 @@ pub(crate) fn withdrawn(interface: u64) -> ToNode {
 }
 
 pub(crate) fn page() -> ToNode {
-    ToNode::Page {
+    ToNode::Page(Page {
         revision: 1,
         items: Vec::new(),
         next: None,
-    }
+    })
 }
 
 pub(crate) fn changes() -> ToNode {
-    ToNode::Changes {
+    ToNode::Changes(Changes {
         revision: 2,
         changes: Some(Vec::new()),
         more: false,
-    }
+    })
 }
 
 /// A type, and the text that has its hash.

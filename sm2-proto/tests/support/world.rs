@@ -281,11 +281,11 @@ impl World {
                 node::Output::Linked {
                     interface,
                     link,
-                    reliable,
-                    sealed,
+                    qos,
                     peer,
                     ..
                 } => {
+                    let (reliable, sealed) = (qos.reliable, qos.sealed);
                     let qos = LinkQos { reliable, sealed };
                     let link = (interface, link);
                     let other = ((peer.node, peer.interface), qos);
@@ -305,7 +305,7 @@ impl World {
                 node::Output::Welcomed { .. }
                 | node::Output::DeclareRefused { .. }
                 | node::Output::Withdrawn { .. }
-                | node::Output::Page { .. } => {}
+                | node::Output::Page(_) => {}
                 other => panic!("nobody asked for {other:?}"),
             }
         }

@@ -4,7 +4,7 @@ use std::io;
 use std::sync::Arc;
 
 use sm2_io::{Epoll, Event, Interest, SeqPacket};
-use sm2_proto::control::LinkPeer;
+use sm2_proto::control::{Changes, LinkPeer, Page, SchemaText};
 use sm2_proto::link::Config;
 use sm2_proto::node::{End, Input, Output};
 use sm2_proto::{Farewell, InterfaceId, LinkId, Refusal};
@@ -52,11 +52,10 @@ impl Inner {
                     interface,
                     link,
                     version,
-                    reliable,
-                    sealed,
+                    qos,
                     peer,
                 } => {
-                    let terms = (link, version, reliable, sealed);
+                    let terms = (link, version, qos.reliable, qos.sealed);
                     self.linked(interface, terms, peer, &mut came, epoll);
                 }
                 Output::Unlink {
@@ -70,19 +69,19 @@ impl Inner {
                     self.sleepers.wake(Topic::Interface(interface));
                 }
                 Output::Withdrawn { .. } => {}
-                Output::Page {
+                Output::Page(Page {
                     revision,
                     items,
                     next,
-                } => {
+                }) => {
                     self.forget_due_links();
                     self.page_came(revision, items, next);
                 }
-                Output::Changes {
+                Output::Changes(Changes {
                     revision,
                     changes,
                     more,
-                } => self.changes_came(revision, changes.as_deref(), more),
+                }) => self.changes_came(revision, changes.as_deref(), more),
                 Output::Inspected { .. } => self.counters_came(came.take_fd()),
                 Output::NotInspected { .. } => self.counters_came(None),
                 Output::Described { text, .. } => self.schema_came(text),
@@ -105,7 +104,7 @@ impl Inner {
         }
         for (data, text) in &self.schemas {
             let (data, text) = (data.clone(), text.clone());
-            self.session.tell(Input::Schema { data, text });
+            self.session.tell(Input::Schema(SchemaText { data, text }));
         }
         if !resuming {
             self.connected();

@@ -1,6 +1,7 @@
 //! The requests of handles to the session, and what they ask about it.
 
 use sm2_io::Epoll;
+use sm2_proto::control::SchemaText;
 use sm2_proto::node::{self, End, Input};
 use sm2_proto::{Contract, InterfaceId, NodeId, Refusal, TypeId};
 
@@ -65,7 +66,7 @@ impl Inner {
             return;
         }
         self.schemas.insert(data.clone(), text.clone());
-        self.session.tell(Input::Schema { data, text });
+        self.session.tell(Input::Schema(SchemaText { data, text }));
         self.drain_session(Incoming::default(), epoll);
     }
 

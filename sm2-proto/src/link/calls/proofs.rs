@@ -45,35 +45,7 @@ fn a_call_is_answered_once() {
     let id = at as u64 + 1;
     let call = calls.get(at).copied().flatten();
     match below(5) {
-        0 => {
-            let status = one_of(&Status::ALL);
-            let len = u64::from(kani::any::<bool>());
-            let sent = call.is_some_and(|(call, _)| call.sent);
-            let empty = matches!(status, Status::Cancelled | Status::DeadlinePassed);
-            let expected = if !sent {
-                Err(violation!(UnknownCall, "SM2-SRV-003"))
-            } else if empty && len > 0 {
-                Err(violation!(BadLength, "SM2-SRV-003"))
-            } else {
-                Ok(())
-            };
-            assert_eq!(books.check_reply(id, status, len), expected);
-            kani::cover!(
-                expected == Err(violation!(BadLength, "SM2-SRV-003")),
-                "a reply that must be empty"
-            );
-            if expected.is_ok() {
-                books.replied(id);
-                calls[at] = None;
-                let again = books.check_reply(id, status, len);
-                assert_eq!(
-                    again,
-                    Err(violation!(UnknownCall, "SM2-SRV-003")),
-                    "answered once"
-                );
-                kani::cover!(true, "answered");
-            }
-        }
+        0 => reply_comes(&mut books, &mut calls, at),
         1 => {
             kani::assume(call.is_some_and(|(call, _)| !call.sent));
             books.sent(id);
@@ -117,6 +89,39 @@ fn a_call_is_answered_once() {
     assert_eq!(books.len(), calls.iter().flatten().count());
 }
 
+/// A reply comes to the call at this index, or to a call that was not made.
+fn reply_comes(books: &mut Placed, calls: &mut [Option<(Call, bool)>; 3], at: usize) {
+    let id = at as u64 + 1;
+    let call = calls.get(at).copied().flatten();
+    let status = one_of(&Status::ALL);
+    let len = u64::from(kani::any::<bool>());
+    let sent = call.is_some_and(|(call, _)| call.sent);
+    let empty = matches!(status, Status::Cancelled | Status::DeadlinePassed);
+    let expected = if !sent {
+        Err(violation!(UnknownCall, "SM2-SRV-003"))
+    } else if empty && len > 0 {
+        Err(violation!(BadLength, "SM2-SRV-003"))
+    } else {
+        Ok(())
+    };
+    assert_eq!(books.check_reply(id, status, len), expected);
+    kani::cover!(
+        expected == Err(violation!(BadLength, "SM2-SRV-003")),
+        "a reply that must be empty"
+    );
+    if expected.is_ok() {
+        books.replied(id);
+        calls[at] = None;
+        let again = books.check_reply(id, status, len);
+        assert_eq!(
+            again,
+            Err(violation!(UnknownCall, "SM2-SRV-003")),
+            "answered once"
+        );
+        kani::cover!(true, "answered");
+    }
+}
+
 /// The state of a call at its server. `None`: its REPLY was released, or its REQUEST never came.
 fn any_got() -> Option<Got> {
     let reply = one_of(&[Reply::Owed, Reply::Queued, Reply::Sent]);
@@ -152,24 +157,7 @@ fn a_call_is_replied_to_once() {
     let got = calls[at];
     let owed = got.is_some_and(|got| got.reply == Reply::Owed);
     match below(5) {
-        0 => {
-            let expected = if at < 3 {
-                Err(violation!(BadId, "SM2-SRV-002"))
-            } else {
-                Ok(())
-            };
-            assert_eq!(books.check_request(id), expected);
-            if expected.is_ok() {
-                books.requested(id);
-                let (reply, cancelled) = (Reply::Owed, false);
-                calls[at] = Some(Got { reply, cancelled });
-                assert_eq!(
-                    books.check_request(id),
-                    Err(violation!(BadId, "SM2-SRV-002")),
-                    "numbers grow"
-                );
-            }
-        }
+        0 => request_comes(&mut books, &mut calls, at),
         1 => {
             let expected = match got {
                 None => Err(violation!(UnknownCall, "SM2-SRV-004")),
@@ -217,6 +205,27 @@ fn a_call_is_replied_to_once() {
     }
     assert!(books == served(calls));
     assert_eq!(books.len(), books.open);
+}
+
+/// A request comes with the number of the call at this index.
+fn request_comes(books: &mut Served, calls: &mut [Option<Got>; 4], at: usize) {
+    let id = at as u64 + 1;
+    let expected = if at < 3 {
+        Err(violation!(BadId, "SM2-SRV-002"))
+    } else {
+        Ok(())
+    };
+    assert_eq!(books.check_request(id), expected);
+    if expected.is_ok() {
+        books.requested(id);
+        let (reply, cancelled) = (Reply::Owed, false);
+        calls[at] = Some(Got { reply, cancelled });
+        assert_eq!(
+            books.check_request(id),
+            Err(violation!(BadId, "SM2-SRV-002")),
+            "numbers grow"
+        );
+    }
 }
 
 /// CALL-CANCEL: on the ring lane, CANCEL may come before its request and after its reply. CANCEL is

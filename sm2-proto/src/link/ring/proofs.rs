@@ -2,7 +2,7 @@
 //! SPEC.
 
 use alloc::vec::Vec;
-use core::cell::{Cell, RefCell};
+use core::cell::Cell;
 
 use super::{
     At, EMPTY, NotAWord, NotTaken, RingLayout, RingMemory, RingMessage, RingReceiver,
@@ -185,6 +185,126 @@ const SEGMENT: SegmentInfo = SegmentInfo {
     slots: 8,
 };
 
+/// Two ends that obey SPEC, and the messages between them. Each slot holds the message with the
+/// number of the slot.
+struct Ends {
+    reliable: bool,
+    memory: Memory,
+    sender: RingSender,
+    receiver: RingReceiver,
+    /// How each message was settled, by number.
+    fates: [Option<Fate>; 8],
+    sent: u64,
+    taken: u64,
+    held: Vec<u64>,
+}
+
+impl Ends {
+    fn new(reliable: bool) -> Self {
+        let layout = RingLayout::new(2, 4).expect("a legal layout");
+        let mut sender = RingSender::new(layout, Carrier::Data, reliable);
+        assert_eq!(sender.attach(&SEGMENT), Ok(()));
+        while sender.poll().is_some() {}
+        Self {
+            reliable,
+            memory: Memory::default(),
+            sender,
+            receiver: RingReceiver::new(layout, Carrier::Data, reliable, 2),
+            fates: [None; 8],
+            sent: 0,
+            taken: 0,
+            held: Vec::new(),
+        }
+    }
+
+    /// The oldest message that was not taken and not displaced.
+    fn oldest(&self) -> u64 {
+        (self.taken + 1).max(self.sent.saturating_sub(1))
+    }
+
+    fn send(&mut self) {
+        let number = self.sent + 1;
+        let message = RingMessage {
+            key: number,
+            id: number,
+            len: 0,
+            segment: SEGMENT,
+            slot: number as u32,
+        };
+        let mut settled = |key, fate| settle(&mut self.fates, key, fate);
+        match self.sender.send(&self.memory, &message, &mut settled) {
+            Ok(wake) => {
+                assert_eq!(wake, Wake::NotNeeded);
+                self.sent = number;
+            }
+            Err(why) => {
+                assert!(self.reliable && why == RingSendError::Misuse(Misuse::NoRoom));
+                let sent = &self.fates[1..number as usize];
+                let unsettled = sent.iter().filter(|it| it.is_none());
+                assert!(self.sent - self.taken == 2 || unsettled.count() == 4);
+            }
+        }
+    }
+
+    fn take(&mut self) {
+        let geometry = Geometry::new(SEGMENT.stride, SEGMENT.slots);
+        let head = |slot: SlotRange| {
+            let head = SlotHead {
+                id: slot.offset / 4_096,
+                time: Instant(0),
+                len: 0,
+                status: Status::Ok,
+            };
+            Some(head.to_bytes())
+        };
+        let oldest = self.oldest();
+        match self.receiver.take(&self.memory, |_| geometry, head) {
+            Ok(Some(delivery)) => {
+                assert_eq!((delivery.sequence, delivery.id), (oldest, oldest));
+                assert_eq!(delivery.lost, oldest - self.taken - 1);
+                assert!(matches!(
+                    delivery.payload,
+                    Payload::Pooled { segment: 3, .. }
+                ));
+                self.taken = oldest;
+                self.held.push(oldest);
+            }
+            Ok(None) => assert_eq!(self.taken, self.sent),
+            Err(why) => {
+                assert!(matches!(why, NotTaken::TooManyBorrowed(_)) && self.held.len() == 2);
+            }
+        }
+    }
+
+    fn release(&mut self) {
+        if let Some(sequence) = self.held.pop() {
+            let released = self.receiver.release(&self.memory, sequence);
+            assert_eq!(released, Some(Ok(Wake::NotNeeded)));
+        }
+    }
+
+    fn harvest(&mut self) {
+        let mut settled = |key, fate| settle(&mut self.fates, key, fate);
+        assert_eq!(self.sender.harvest(&self.memory, &mut settled), Ok(()));
+    }
+
+    fn check(&self) {
+        self.sender.invariants();
+        self.receiver.invariants();
+        for number in 1..self.oldest() {
+            let fate = self.fates[number as usize];
+            let may_be_discarded = !self.reliable && !self.held.contains(&number);
+            assert!(fate != Some(Fate::Discarded) || may_be_discarded);
+        }
+    }
+}
+
+/// Records how a message was settled.
+fn settle(fates: &mut [Option<Fate>; 8], key: u64, fate: Fate) {
+    let before = fates[key as usize].replace(fate);
+    assert_eq!(before, None, "settled once");
+}
+
 /// RNG-FIFO: seven steps of two ends that obey SPEC. Messages are taken in the order in which they
 /// were sent. On a reliable link, all messages are taken. Otherwise the last two stay in the ring,
 /// and a message is discarded exactly if it was not taken and is not in the ring.
@@ -192,90 +312,18 @@ const SEGMENT: SegmentInfo = SegmentInfo {
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(10))]
 fn the_last_two_are_there() {
-    let reliable = kani::any();
-    let layout = RingLayout::new(2, 4).expect("a legal layout");
-    let memory = Memory::default();
-    let mut sender = RingSender::new(layout, Carrier::Data, reliable);
-    let mut receiver = RingReceiver::new(layout, Carrier::Data, reliable, 2);
-    assert_eq!(sender.attach(&SEGMENT), Ok(()));
-    while sender.poll().is_some() {}
-    let fates = RefCell::new([None; 8]);
-    let mut settled = |key: u64, fate| {
-        let before = fates.borrow_mut()[key as usize].replace(fate);
-        assert_eq!(before, None, "settled once");
-    };
-    // Each slot holds the message with the slot's number.
-    let (mut sent, mut taken, mut held) = (0_u64, 0, Vec::new());
+    let mut ends = Ends::new(kani::any());
     for _ in 0..7 {
         match below(4) {
-            0 => {
-                let message = RingMessage {
-                    key: sent + 1,
-                    id: sent + 1,
-                    len: 0,
-                    segment: SEGMENT,
-                    slot: sent as u32 + 1,
-                };
-                match sender.send(&memory, &message, &mut settled) {
-                    Ok(wake) => {
-                        assert_eq!(wake, Wake::NotNeeded);
-                        sent += 1;
-                    }
-                    Err(why) => {
-                        assert!(reliable && why == RingSendError::Misuse(Misuse::NoRoom));
-                        let fates = fates.borrow();
-                        let unsettled = (1..=sent as usize).filter(|it| fates[*it].is_none());
-                        assert!(sent - taken == 2 || unsettled.count() == 4);
-                    }
-                }
-            }
-            1 => {
-                let geometry = Geometry::new(SEGMENT.stride, SEGMENT.slots);
-                let head = |slot: SlotRange| {
-                    let head = SlotHead {
-                        id: slot.offset / 4_096,
-                        time: Instant(0),
-                        len: 0,
-                        status: Status::Ok,
-                    };
-                    Some(head.to_bytes())
-                };
-                let oldest = (taken + 1).max(sent.saturating_sub(1));
-                match receiver.take(&memory, |_| geometry, head) {
-                    Ok(Some(delivery)) => {
-                        assert_eq!((delivery.sequence, delivery.id), (oldest, oldest));
-                        assert_eq!(delivery.lost, oldest - taken - 1);
-                        assert!(matches!(
-                            delivery.payload,
-                            Payload::Pooled { segment: 3, .. }
-                        ));
-                        taken = oldest;
-                        held.push(oldest);
-                    }
-                    Ok(None) => assert_eq!(taken, sent),
-                    Err(why) => {
-                        assert!(matches!(why, NotTaken::TooManyBorrowed(_)) && held.len() == 2);
-                    }
-                }
-            }
-            2 => {
-                if let Some(sequence) = held.pop() {
-                    let released = receiver.release(&memory, sequence);
-                    assert_eq!(released, Some(Ok(Wake::NotNeeded)));
-                }
-            }
-            _ => assert_eq!(sender.harvest(&memory, &mut settled), Ok(())),
+            0 => ends.send(),
+            1 => ends.take(),
+            2 => ends.release(),
+            _ => ends.harvest(),
         }
-        sender.invariants();
-        receiver.invariants();
-        let oldest = (taken + 1).max(sent.saturating_sub(1));
-        for number in 1..oldest {
-            let fate = fates.borrow()[number as usize];
-            assert!(fate != Some(Fate::Discarded) || !reliable && !held.contains(&number));
-        }
+        ends.check();
     }
-    kani::cover!(fates.borrow().contains(&Some(Fate::Discarded)), "displaced");
-    kani::cover!(reliable && taken == 3, "three reliable ones");
+    kani::cover!(ends.fates.contains(&Some(Fate::Discarded)), "displaced");
+    kani::cover!(ends.reliable && ends.taken == 3, "three reliable ones");
 }
 
 #[cfg(test)]

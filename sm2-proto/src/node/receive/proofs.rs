@@ -5,7 +5,7 @@ use alloc::{string::String, vec::Vec};
 use super::{End, Interface, Node, Output, Phase};
 use crate::{
     Code, InterfaceId, LinkId, Name, NodeId, Quota, Refusal, TypeId, VERSION,
-    control::ToNode,
+    control::{Changes, Page, ToNode},
     node::{
         interface::proofs::{any_interface, expected_link, fits, is_declaring, is_unheard},
         phase::{Interfaces, Session},
@@ -114,17 +114,17 @@ fn any_frame(interface: InterfaceId) -> ToNode {
             code,
         },
         5 => ToNode::Withdrawn { interface },
-        6 => ToNode::Page {
+        6 => ToNode::Page(Page {
             revision: 1,
             items: Vec::new(),
             next: None,
-        },
+        }),
         7 => ToNode::Goodbye { code },
-        8 => ToNode::Changes {
+        8 => ToNode::Changes(Changes {
             revision: 1,
             changes: None,
             more: false,
-        },
+        }),
         9 => ToNode::Inspected { node: NodeId(9) },
         10 => ToNode::NotInspected { node: NodeId(8) },
         _ => ToNode::Described {
@@ -176,8 +176,8 @@ fn session_table() {
             Some(false) => Ok(()),
             _ => Err(violation!(UnknownInterface, "SM2-IFC-003")),
         },
-        (_, ToNode::Page { .. }) if !asked => Err(violation!(UnexpectedPage, "SM2-IFC-007")),
-        (_, ToNode::Changes { .. }) if !asked => Err(violation!(UnexpectedChanges, "SM2-WCH-001")),
+        (_, ToNode::Page(_)) if !asked => Err(violation!(UnexpectedPage, "SM2-IFC-007")),
+        (_, ToNode::Changes(_)) if !asked => Err(violation!(UnexpectedChanges, "SM2-WCH-001")),
         (_, ToNode::Inspected { .. }) if !asked => {
             Err(violation!(UnexpectedCounters, "SM2-CNT-002"))
         }

@@ -1,5 +1,6 @@
 //! How nodes read their sockets, and how their drivers carry out the outputs.
 
+use sm2_proto::control::{Changes, Page};
 use sm2_proto::{
     Datagram, FdFacts, InterfaceId, LinkId, Machine,
     node::{self, End},
@@ -76,16 +77,16 @@ impl World {
                     assert!(self.pairs[&link].doomed, "{link} ended for nothing: {code}");
                     self.close_end(at, interface, link);
                 }
-                node::Output::Page {
+                node::Output::Page(Page {
                     revision,
                     items,
                     next,
-                } => drop(program.mirror.page(revision, items, next).expect("sense")),
-                node::Output::Changes {
+                }) => drop(program.mirror.page(revision, items, next).expect("sense")),
+                node::Output::Changes(Changes {
                     revision,
                     changes,
                     more,
-                } => {
+                }) => {
                     let taken = program.mirror.changes(revision, changes, more);
                     taken.expect("sense");
                 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use sm2_proto::{
     Contract, Datagram, EntityId, LinkId, Machine,
-    control::{Item, UnlinkedReason},
+    control::{Item, Page, UnlinkedReason},
     domain::{Ask, Domain, Mirror},
     manager::{self, Manager},
     node::{self, Node},
@@ -220,11 +220,11 @@ impl World {
                 node.handle(self.now, datagram).map_err(|_| unread())?;
             }
             while let Some(output) = node.poll() {
-                let node::Output::Page {
+                let node::Output::Page(Page {
                     revision,
                     mut items,
                     next,
-                } = output
+                }) = output
                 else {
                     return Err(unread());
                 };
