@@ -49,6 +49,7 @@ impl Peer {
             }
         }
         let waiting: usize = self.control_out.iter().map(Bytes::len).sum();
+        //= SM2-GWF-003
         if waiting > CONTROL_WAITING_MAX {
             self.session_takes(now, session::Input::Close(PeerFarewell::Stalled.code()));
         }

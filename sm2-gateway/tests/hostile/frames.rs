@@ -1,9 +1,9 @@
 //! Illegal handshakes and control frames.
 
-use quinn_proto::{ConnectionError, TransportConfig};
+use quinn_proto::{ConnectionError, TransportConfig, VarInt};
 use sm2_io::quic::{ALPN, SecretKey};
 use sm2_proto::{
-    Code, Name,
+    Code, Name, TypeId,
     gateway::{AskId, Frame, GatewayId, OfferId, PeerFarewell, PeerViolationKind, Verdict},
 };
 
@@ -166,5 +166,42 @@ fn what_is_offered_again_is_wanted_again() {
             frames.any(|it| matches!(it, Frame::Want { offer, .. } if *offer == OfferId(number)))
         });
     }
+    bench.stop();
+}
+
+/// 3,000 offers with names and types of 250 bytes do not fit into 1 MiB.
+//= SM2-GWF-003 test
+#[test]
+fn a_peer_that_does_not_read_the_control_stream_is_closed() {
+    let mut bench = Bench::new();
+    let mut transport = TransportConfig::default();
+    transport.stream_receive_window(VarInt::from_u32(1_000));
+    let mut client = bench.dial_with(transport);
+    client.frame(&hello(EPOCH));
+    client.until("HELLO", |it| !it.frames.is_empty());
+    client.is_deaf = true;
+    let data = TypeId {
+        name: Name::new(&"t".repeat(250)).unwrap(),
+        hash: 1,
+    };
+    let mut publishers = Vec::new();
+    for number in 0..3_000 {
+        if number % 1_000 == 0 {
+            publishers.push((bench.near.node(&format!("talker-{number}")), Vec::new()));
+        }
+        let (node, of_node) = publishers.last_mut().unwrap();
+        let topic = format!("{}{number:04}", "n".repeat(246));
+        let builder = node.publisher_builder::<[u8]>(&topic);
+        of_node.push(builder.type_id(data.clone()).declare().unwrap());
+        // The client acknowledges packets, so that the connection does not time out.
+        if number % 20 == 0 {
+            client.turn();
+        }
+    }
+    assert_eq!(
+        client.closed("stalled"),
+        u64::from(PeerFarewell::Stalled.code().0)
+    );
+    bench.is_undisturbed();
     bench.stop();
 }
