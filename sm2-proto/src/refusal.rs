@@ -53,6 +53,10 @@ pub enum Quota {
     InterfacesPerUser,
     /// Links of one session.
     LinksPerSession,
+    /// Ready sessions of one process.
+    SessionsPerProcess,
+    /// Interfaces of all sessions of one process.
+    InterfacesPerProcess,
 }
 
 impl core::fmt::Display for Quota {
@@ -62,6 +66,8 @@ impl core::fmt::Display for Quota {
             Self::InterfacesPerSession => "interfaces per session",
             Self::InterfacesPerUser => "interfaces per user",
             Self::LinksPerSession => "links per session",
+            Self::SessionsPerProcess => "sessions per process",
+            Self::InterfacesPerProcess => "interfaces per process",
         })
     }
 }

@@ -281,7 +281,7 @@ fn unknown_numbers() {
         (TO_MANAGER, &[1, 1, 4][..]),            // a contract
         (TO_MANAGER, &[4, 2]),                   // an optional value
         (TO_NODE, &[1, 5]),                      // a refusal
-        (TO_NODE, &[1, 4, 4, 0]),                // a quota
+        (TO_NODE, &[1, 4, 6, 0]),                // a quota
         (TO_NODE, &[7, 0, 1, 7]),                // an item
         (TO_NODE, &[4, 1, 1, 1, 1, 1, 2, 0]),    // a boolean
         (TO_MANAGER, &[4, 1, 5]),                // a key

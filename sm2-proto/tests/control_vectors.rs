@@ -375,6 +375,8 @@ fn every_frame_variant_and_control_violation_has_a_vector() {
         "interfaces-per-session",
         "interfaces-per-user",
         "links-per-session",
+        "sessions-per-process",
+        "interfaces-per-process",
         "domain",
         "node",
         "interface",

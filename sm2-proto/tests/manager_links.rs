@@ -3,7 +3,7 @@
 mod support;
 
 use sm2_proto::{
-    Code, Contract, InterfaceId,
+    Code, Contract, InterfaceId, Machine,
     control::{LinkPeer, ToNode},
     manager::{Cause, Input, Policy},
     violation,
@@ -221,4 +221,55 @@ fn a_link_without_descriptors_never_was() {
         let link = sm2_proto::LinkId { epoch, serial: 9 };
         assert_eq!(strange.input(Input::LinkFailed { link }), []);
     }
+}
+
+/// After a shortage of descriptors, the Manager makes the missing links by itself.
+//= SM2-LNK-008 test
+#[test]
+fn a_link_without_descriptors_is_made_later() {
+    const MILLI: u64 = 1_000_000;
+    let mut bench = Bench::new(UNLIMITED);
+    let (a, b) = (bench.node(1, "a"), bench.node(1, "b"));
+    bench.declared(a, 1, &scan());
+    bench.declared(a, 2, &scan());
+    let mut links = bench.declared(b, 1, &subscriber("scan", None));
+    let mut delays = Vec::new();
+    for _ in 0..9 {
+        assert_eq!(links.len(), 2, "each attempt asks for both");
+        for link in links {
+            assert_eq!(bench.input(Input::LinkFailed { link }), []);
+        }
+        assert_eq!(bench.manager.links(), 0);
+        // Before the deadline nothing is tried.
+        assert_eq!(bench.input(Input::Tick), []);
+        let at = bench.manager.deadline().expect("another attempt");
+        delays.push((at.0 - bench.now.0) / MILLI);
+        bench.now = at;
+        links = made(&bench.input(Input::Tick));
+    }
+    assert_eq!(delays, [10, 20, 40, 80, 160, 320, 640, 1_000, 1_000]);
+    assert_eq!(bench.manager.links(), 2, "the last attempt has not failed");
+    assert_eq!(bench.manager.deadline(), None);
+    // Attempts were possible for 1 s: the next failure is a first one.
+    bench.now.0 += 1_000 * MILLI;
+    let link = bench.declared(b, 2, &subscriber("scan", None))[0];
+    bench.input(Input::LinkFailed { link });
+    let at = bench.manager.deadline().expect("another attempt");
+    assert_eq!(at.0 - bench.now.0, 10 * MILLI);
+    // A pair of an interface that is gone is not tried again.
+    bench.withdraw(b, 2);
+    assert_eq!(bench.manager.deadline(), None);
+    // Nor is a pair whose interface goes with its session.
+    let link = bench.declared(b, 3, &subscriber("scan", None))[0];
+    bench.input(Input::LinkFailed { link });
+    bench.close(a);
+    assert_eq!(bench.manager.deadline(), None);
+}
+
+fn made(events: &[Event]) -> Vec<sm2_proto::LinkId> {
+    let link = |event: &Event| match event {
+        Event::Linked(link, _) => Some(*link),
+        _ => None,
+    };
+    events.iter().filter_map(link).collect()
 }

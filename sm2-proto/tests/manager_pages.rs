@@ -40,6 +40,8 @@ fn domain() -> (Bench, Vec<Item>) {
     let mut bench = Bench::new(Policy::default());
     let limits = Limits {
         sessions_per_user: 1_024,
+        sessions_per_process: 512,
+        interfaces_per_process: 8_192,
         interfaces_per_session: 1_024,
         interfaces_per_user: 16_384,
         links_per_session: 8_192,

@@ -13,12 +13,13 @@ use support::{
     contracts::{scan, subscriber},
 };
 
-/// Two links are made in one part, or eight of them end.
+/// Two links are made in one part, or eight of them end. The first part of a DECLARE makes eight.
 const POLICY: Policy = Policy {
     work_per_turn: 128,
     ..UNLIMITED
 };
 const LINKS_PER_PART: usize = 2;
+const LINKS_AT_ONCE: usize = 8;
 const ENDS_PER_PART: usize = 8;
 const PEERS: u64 = 50;
 
@@ -76,7 +77,7 @@ fn a_declare_with_many_matches_is_cut() {
     let peers = peers(&mut bench);
     let node = bench.node(1, "many");
     let first = bench.declared(node, 1, &subscriber("scan", None));
-    assert_eq!(first.len(), LINKS_PER_PART, "DECLARED counts one part");
+    assert_eq!(first.len(), LINKS_AT_ONCE, "DECLARED counts one part");
     assert!(bench.manager.is_busy(node));
     // Others are served in between: one is new, one ends its link, and one goes.
     let late = bench.node(1, "late");
@@ -88,7 +89,7 @@ fn a_declare_with_many_matches_is_cut() {
     let rest = finish(&mut bench, LINKS_PER_PART);
     assert!(!bench.manager.is_busy(node));
     // Neither the pair that ended its link nor the one that is linked already is linked again.
-    assert_eq!(links(&rest).len(), peers.len() - LINKS_PER_PART - 1);
+    assert_eq!(links(&rest).len(), peers.len() - LINKS_AT_ONCE - 1);
     assert_eq!(bench.manager.links(), peers.len() - 1);
 }
 
@@ -102,7 +103,7 @@ fn frames_are_handled_in_their_order() {
     bench.declare(node, 1, &subscriber("scan", None));
     assert!(bench.manager.is_busy(node));
     let events = bench.withdraw(node, 1);
-    assert_eq!(links(&events).len(), peers.len() - LINKS_PER_PART);
+    assert_eq!(links(&events).len(), peers.len() - LINKS_AT_ONCE);
     let withdrawn = ToNode::Withdrawn {
         interface: InterfaceId(1),
     };
@@ -163,7 +164,7 @@ fn the_end_of_a_session_with_many_links_is_cut() {
     let again = bench.node(1, "many");
     assert_eq!(
         bench.declared(again, 1, &subscriber("scan", None)).len(),
-        LINKS_PER_PART
+        LINKS_AT_ONCE
     );
     let rest = finish(&mut bench, ENDS_PER_PART);
     let unlinks = |it: &&Event| matches!(it, Event::Sent(_, ToNode::Unlink { .. }));
@@ -246,7 +247,7 @@ fn busy_sessions_take_turns() {
     for node in both {
         bench.declare(node, 1, &subscriber("scan", None));
     }
-    let mut told = [LINKS_PER_PART; 2];
+    let mut told = [LINKS_AT_ONCE; 2];
     while bench.manager.deadline() == Some(bench.now) {
         let part = bench.input(Input::Tick);
         for (count, node) in told.iter_mut().zip(both) {

@@ -118,6 +118,69 @@ fn sessions_per_user() {
     assert_eq!(refusal(&bench.hello(d, "d")), Some(&reason));
 }
 
+/// One process cannot use up the quotas of its user.
+//= SM2-SES-010, SM2-IFC-006 test
+#[test]
+fn a_process_has_a_share_of_the_quotas_of_its_user() {
+    const HOSTILE: i32 = 7;
+    let mut bench = Bench::new(Policy {
+        greetings_per_user: 3,
+        greetings_per_process: 2,
+        sessions_per_user: 3,
+        sessions_per_process: 2,
+        interfaces_per_user: 3,
+        interfaces_per_process: 2,
+        ..UNLIMITED
+    });
+    let (one, _) = bench.try_connect_from(1, HOSTILE);
+    let (two, _) = bench.try_connect_from(1, HOSTILE);
+    let (three, events) = bench.try_connect_from(1, HOSTILE);
+    let resources = Farewell::Resources;
+    let hung_up = Event::HungUp(three, Some(resources.code()), Cause::Farewell(resources));
+    assert_eq!(events, [hung_up]);
+    // Another process of the user has room, and so has the same number of another user.
+    let honest = bench.node(1, "honest");
+    let (stranger, events) = bench.try_connect_from(2, HOSTILE);
+    assert_eq!(events, []);
+    bench.hello(stranger, "stranger");
+    for (node, name) in [(one, "one"), (two, "two")] {
+        assert_eq!(refusal(&bench.hello(node, name)), None);
+    }
+    let (four, _) = bench.try_connect_from(1, HOSTILE);
+    let reason = quota(Quota::SessionsPerProcess, 2);
+    assert_eq!(refusal(&bench.hello(four, "four")), Some(&reason));
+    bench.declared(one, 1, &scan());
+    bench.declared(two, 1, &scan());
+    let reason = quota(Quota::InterfacesPerProcess, 2);
+    assert_eq!(refusal(&bench.declare(two, 2, &scan())), Some(&reason));
+    bench.declared(honest, 1, &scan());
+    bench.declared(stranger, 1, &scan());
+    // A process can use again the part of its share that it has given back.
+    bench.withdraw(one, 1);
+    bench.declared(two, 3, &scan());
+    bench.close(one);
+    assert_eq!(refusal(&bench.hello(four, "four")), None);
+}
+
+/// Processes that the kernel does not tell apart share the quotas of their user only.
+//= SM2-SES-010 test
+#[test]
+fn processes_without_a_number_have_no_share() {
+    let mut bench = Bench::new(Policy {
+        greetings_per_process: 1,
+        sessions_per_process: 1,
+        interfaces_per_process: 1,
+        ..UNLIMITED
+    });
+    for name in ["a", "b", "c"] {
+        let (node, events) = bench.try_connect_from(1, 0);
+        assert_eq!(events, []);
+        assert_eq!(refusal(&bench.hello(node, name)), None);
+        bench.declared(node, 1, &scan());
+        bench.declared(node, 2, &scan());
+    }
+}
+
 //= SM2-IFC-006 test
 #[test]
 fn interfaces_per_session() {

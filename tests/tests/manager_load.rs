@@ -14,7 +14,7 @@ use std::{
 use nix::unistd::{Uid, geteuid};
 use sm2_io::{SendError, SeqPacket};
 use sm2_proto::{
-    Farewell, ViolationKind,
+    Farewell, Quota, Refusal, ViolationKind,
     control::{Item, Page, ToNode},
     manager::Policy,
 };
@@ -22,6 +22,7 @@ use sm2_tests::{
     control::{self, Qos},
     domain::TempDomain,
     eventually, memory,
+    process::{Process, actor},
     raw::RawNode,
 };
 
@@ -46,8 +47,9 @@ fn whoever_does_not_greet_is_ended_and_a_silent_node_is_not() {
     baseline.restored(manager.pid());
 }
 
-/// Twice the limit of connections that do not greet. The surplus is refused with a reason,
-/// connected nodes are served, and after the flood an honest node can connect.
+/// Eight times as many connections that do not greet as one process may have. The surplus is refused with a
+/// reason, connected nodes are served, and other processes can connect.
+//= SM2-SES-010 sys
 #[test]
 fn a_flood_of_connections_ends_at_the_limit() {
     let domain = TempDomain::new();
@@ -55,8 +57,9 @@ fn a_flood_of_connections_ends_at_the_limit() {
     let honest = manager.node("honest");
     honest.nodes();
     let baseline = manager.census();
-    let flood: Vec<RawNode> = (0..512).map(|_| manager.connect()).collect();
-    let (within, beyond) = flood.split_at(256);
+    let limit = Policy::default().greetings_per_process;
+    let flood: Vec<RawNode> = (0..8 * limit).map(|_| manager.connect()).collect();
+    let (within, beyond) = flood.split_at(limit);
     for node in beyond {
         assert_eq!(node.ended(), Some(Farewell::Resources.code()));
     }
@@ -64,6 +67,14 @@ fn a_flood_of_connections_ends_at_the_limit() {
     assert_eq!(honest.nodes(), ["honest"], "served during the flood");
     let late = manager.connect();
     assert_eq!(late.ended(), Some(Farewell::Resources.code()));
+    // The log has a few lines for all of them.
+    let lines = manager.log().matches("hung up").count();
+    assert!(lines <= 32, "{lines} lines");
+    // Another process is not affected.
+    let other = another_process(&domain, "other");
+    assert_eq!(honest.nodes(), ["honest", "other"]);
+    drop(other);
+    eventually("the other node's end", || honest.nodes() == ["honest"]);
     // A connection that greets makes room for another one.
     within[0].greet("within");
     manager.node("honest-too").close();
@@ -71,6 +82,36 @@ fn a_flood_of_connections_ends_at_the_limit() {
     eventually("the end of the flood", || honest.nodes() == ["honest"]);
     manager.node("honest-again").close();
     baseline.restored(manager.pid());
+}
+
+/// A process that opens all sessions that it may have, and stays silent.
+//= SM2-SES-010 sys
+#[test]
+fn a_process_with_all_its_sessions_locks_nobody_out() {
+    let domain = TempDomain::new();
+    let manager = domain.manager_with(&["--max-sessions", "8", "--max-process-sessions", "5"]);
+    let silent: Vec<RawNode> = (0..5).map(|it| manager.node(&format!("n{it}"))).collect();
+    let refused = manager.connect();
+    refused.send(control::hello("n5"));
+    let reason = Refusal::Quota {
+        quota: Quota::SessionsPerProcess,
+        limit: 5,
+    };
+    assert_eq!(refused.next(), ToNode::HelloRefused { reason });
+    let _others: Vec<Process> = ["a", "b", "c"]
+        .map(|it| another_process(&domain, it))
+        .into();
+    assert_eq!(silent[0].nodes().len(), 8);
+}
+
+/// A node in a process of its own.
+fn another_process(domain: &TempDomain, name: &str) -> Process {
+    let mut command = actor("connect");
+    command.arg("--socket").arg(domain.socket());
+    command.args(["--name", name]);
+    let process = Process::start(command);
+    assert_eq!(process.expect_line(), "welcome");
+    process
 }
 
 //= SM2-TRN-005 sys
@@ -340,6 +381,7 @@ fn sockets_that_carry_sockets_leave_nothing_behind() {
 
 /// A Manager without a free descriptor for a new connection serves its present ones, and accepts the
 /// new one when a descriptor is free.
+//= SM2-LNK-008 sys
 #[test]
 fn a_manager_that_runs_out_of_descriptors_recovers() {
     let domain = TempDomain::new();
@@ -350,12 +392,14 @@ fn a_manager_that_runs_out_of_descriptors_recovers() {
     let many: Vec<RawNode> = (0..60).map(|_| manager.connect()).collect();
     manager.log_says("cannot accept a connection");
     assert_eq!(honest.nodes(), ["honest"]);
-    // A link needs two descriptors for a moment. Without them the pair is not linked.
+    // A link needs two descriptors for a moment. Without them the pair is not linked for now.
     assert_eq!(honest.declare(1, &control::publisher("t", Qos::PLAIN)), 0);
     assert_eq!(honest.declare(2, &control::subscriber("t", Qos::PLAIN)), 1);
     // The answer to a query comes after any LINK would have.
     assert_eq!(honest.nodes(), ["honest"], "no LINK without a socket");
     drop(many);
+    // The Manager tries again by itself.
+    assert_eq!(honest.linked().id, honest.linked().id);
     eventually("a connection to be served", || honest.nodes() == ["honest"]);
     let late = manager.node("late");
     assert_eq!(late.declare(1, &control::subscriber("t", Qos::PLAIN)), 1);

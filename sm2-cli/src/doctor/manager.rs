@@ -145,7 +145,7 @@ fn usage(mirror: &Mirror) -> Check {
         false => Check::warn(
             CHECK,
             found.join(", "),
-            "close some, or raise them (`sm2 manager --max-sessions`, `--max-interfaces`, `--max-links`)",
+            "close some, or raise them (`sm2 manager --max-sessions`, `--max-interfaces`, `--max-links`, …)",
         ),
     }
 }

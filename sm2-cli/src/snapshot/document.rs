@@ -254,6 +254,12 @@ pub(crate) fn quotas(view: &View<'_>) -> Vec<Quota> {
             limits.interfaces_per_user,
         );
     }
+    for ((_, pid), usage) in view.domain.processes() {
+        let of = format!("process {pid}");
+        let (sessions, interfaces) = (usage.sessions, usage.interfaces);
+        add(&of, "sessions", sessions, limits.sessions_per_process);
+        add(&of, "interfaces", interfaces, limits.interfaces_per_process);
+    }
     for (node, usage) in view.domain.sessions() {
         if (usage.interfaces, usage.links) == (0, 0) {
             continue;

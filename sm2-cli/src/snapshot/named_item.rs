@@ -41,6 +41,8 @@ pub(super) struct Limits {
     pub(super) interfaces_per_session: u32,
     pub(super) interfaces_per_user: u32,
     pub(super) links_per_session: u32,
+    pub(super) sessions_per_process: u32,
+    pub(super) interfaces_per_process: u32,
     pub(super) seal_all: bool,
     pub(super) waive_user_boundary: bool,
 }
@@ -142,6 +144,8 @@ impl From<&sm2_proto::control::Limits> for Limits {
             interfaces_per_session: of.interfaces_per_session,
             interfaces_per_user: of.interfaces_per_user,
             links_per_session: of.links_per_session,
+            sessions_per_process: of.sessions_per_process,
+            interfaces_per_process: of.interfaces_per_process,
             seal_all: of.seal_all,
             waive_user_boundary: of.waive_user_boundary,
         }
@@ -175,9 +179,11 @@ impl fmt::Display for NamedItem {
         match self {
             Self::Domain(limits) => write!(
                 f,
-                "domain: {} and {} per user, {} and {} per node",
+                "domain: {} and {} per user, {} and {} per process, {} and {} per node",
                 Counted::new(limits.sessions_per_user.into(), "session"),
                 Counted::new(limits.interfaces_per_user.into(), "interface"),
+                Counted::new(limits.sessions_per_process.into(), "session"),
+                Counted::new(limits.interfaces_per_process.into(), "interface"),
                 Counted::new(limits.interfaces_per_session.into(), "interface"),
                 Counted::new(limits.links_per_session.into(), "link")
             ),

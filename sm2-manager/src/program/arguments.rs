@@ -34,6 +34,12 @@ pub struct Arguments {
     /// Maximum number of sessions per user
     #[arg(long, value_name = "N", value_parser = positive, default_value_t = Policy::default().sessions_per_user)]
     pub max_sessions: usize,
+    /// Maximum number of sessions per process
+    #[arg(long, value_name = "N", value_parser = positive, default_value_t = Policy::default().sessions_per_process)]
+    pub max_process_sessions: usize,
+    /// Maximum number of interfaces per process
+    #[arg(long, value_name = "N", default_value_t = Policy::default().interfaces_per_process)]
+    pub max_process_interfaces: usize,
     /// Maximum number of interfaces per node
     #[arg(long, value_name = "N", default_value_t = Policy::default().interfaces_per_session)]
     pub max_interfaces: usize,
@@ -50,6 +56,8 @@ impl Arguments {
         let policy = Policy {
             greeting: Duration::from_secs(self.greeting_timeout),
             sessions_per_user: self.max_sessions,
+            sessions_per_process: self.max_process_sessions,
+            interfaces_per_process: self.max_process_interfaces,
             interfaces_per_session: self.max_interfaces,
             links_per_session: self.max_links,
             seal_all: self.seal_all,

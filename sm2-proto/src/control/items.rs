@@ -86,6 +86,10 @@ pub struct Limits {
     pub interfaces_per_user: u32,
     /// Ends of links of one session.
     pub links_per_session: u32,
+    /// Welcomed sessions of one process.
+    pub sessions_per_process: u32,
+    /// Interfaces of all sessions of one process.
+    pub interfaces_per_process: u32,
     /// Whether every link of the domain is sealed.
     pub seal_all: bool,
     /// Whether links between different users may be unsealed.

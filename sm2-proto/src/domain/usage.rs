@@ -14,6 +14,15 @@ pub struct UserUsage {
     pub interfaces: u32,
 }
 
+/// The usage of a process of a user.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct ProcessUsage {
+    /// Sessions, of `Limits::sessions_per_process`.
+    pub sessions: u32,
+    /// Interfaces of all these sessions, of `Limits::interfaces_per_process`.
+    pub interfaces: u32,
+}
+
 /// The usage of a session.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct SessionUsage {
@@ -35,6 +44,19 @@ impl Domain {
             usage.interfaces += sessions.get(&node.node).map_or(0, |it| it.interfaces);
         }
         users
+    }
+
+    /// The usage of each process that has a share of its own, by user and process.
+    #[must_use]
+    pub fn processes(&self) -> BTreeMap<(u32, i32), ProcessUsage> {
+        let mut processes: BTreeMap<_, ProcessUsage> = BTreeMap::new();
+        let sessions = self.sessions();
+        for node in self.nodes().filter(|it| it.pid > 0) {
+            let usage = processes.entry((node.uid, node.pid)).or_default();
+            usage.sessions += 1;
+            usage.interfaces += sessions.get(&node.node).map_or(0, |it| it.interfaces);
+        }
+        processes
     }
 
     /// The usage of each session.

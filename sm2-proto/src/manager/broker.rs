@@ -48,7 +48,7 @@ impl Manager {
         };
         record.refuse_interface(&self.policy)?;
         self.users
-            .refuse_interface(record.credentials().uid, &self.policy)?;
+            .refuse_interface(record.credentials(), &self.policy)?;
         let Some(channel) = self.channels.get(contract) else {
             return Ok(());
         };
@@ -123,7 +123,7 @@ impl Manager {
             return;
         };
         let superseded = record.supersede(&contract);
-        self.users.declare(record.credentials().uid);
+        self.users.declare(record.credentials());
         let contract = Arc::new(contract);
         self.channels.insert(entity, &contract);
         record.declare(entity.interface, contract);
@@ -134,7 +134,7 @@ impl Manager {
             });
         }
         self.member_changed(entity);
-        let mut budget = Budget::new(&self.policy);
+        let mut budget = Budget::of_declare(&self.policy);
         //= SM2-RES-002
         let (links, more) = if self.may_link(entity.node) {
             self.link_missing(entity, EntityId::FIRST, &mut budget)
@@ -235,6 +235,25 @@ impl Manager {
         (links, more)
     }
 
+    /// Links pairs again that could not be linked for want of descriptors.
+    //= SM2-LNK-008, SM2-SES-009
+    pub(super) fn link_again(&mut self) {
+        let mut budget = Budget::new(&self.policy);
+        while !budget.is_spent()
+            && let Some(pair) = self.shortage.pop()
+        {
+            budget.spend(LINK);
+            match self.full(pair) {
+                _ if self.links.joins(pair) || !self.is_there(pair) => {}
+                Some(node) => self.mark_unlinked(pair, self.quota(node)),
+                None => {
+                    let links = self.link(pair.offering, pair.demanding);
+                    self.outputs.extend(links);
+                }
+            }
+        }
+    }
+
     /// A node of this pair whose quota has no room for one more link.
     fn full(&self, pair: Pair) -> Option<NodeId> {
         let limit = self.policy.links_per_session();
@@ -307,6 +326,7 @@ impl Manager {
             }
         }
         self.mark_linked(pair);
+        self.shortage.remove(pair);
         let offering = pair.offering;
         self.changed(Key::Link { link, offering });
     }

@@ -20,6 +20,12 @@ impl Budget {
         Self(policy.work_per_turn)
     }
 
+    /// The budget of the first part of a DECLARE. It is four times as large, because DECLARED counts
+    /// the links of this part: a publisher waits for them before its first message.
+    pub(super) const fn of_declare(policy: &Policy) -> Self {
+        Self(policy.work_per_turn.saturating_mul(4))
+    }
+
     pub(super) const fn unlimited() -> Self {
         Self(usize::MAX)
     }

@@ -9,14 +9,14 @@ use super::{
     session::Session,
 };
 use crate::{
-    Code, EntityId, Farewell, LinkId, Violation,
+    Code, EntityId, Farewell, Instant, LinkId, Violation,
     control::{Key, ToNode, UnlinkedReason},
 };
 
 impl Manager {
-    /// The driver could not make a link, so neither end hears of it.
-    //= SM2-IFC-002
-    pub(super) fn link_failed(&mut self, link: LinkId) {
+    /// The driver could not make a link, so neither end hears of it. The pair is linked again later.
+    //= SM2-IFC-002, SM2-LNK-008
+    pub(super) fn link_failed(&mut self, now: Instant, link: LinkId) {
         let Some(pair) = self.links.made(link) else {
             return;
         };
@@ -31,6 +31,9 @@ impl Manager {
         }
         self.not_sent(pair);
         self.mark_unlinked(pair, UnlinkedReason::Descriptors);
+        if self.is_there(pair) {
+            self.shortage.failed(pair, now);
+        }
     }
 
     /// Removes an end of a link that its session was never told of.
@@ -44,11 +47,11 @@ impl Manager {
     //= SM2-IFC-003
     pub(super) fn withdraw(&mut self, entity: EntityId) -> Result<(), Violation> {
         let record = self.sessions.get_mut(&entity.node);
-        let (uid, remains) = record
+        let (who, remains) = record
             .and_then(Session::node_mut)
-            .and_then(|it| Some((it.credentials().uid, it.withdraw(entity.interface)?)))
+            .and_then(|it| Some((it.credentials(), it.withdraw(entity.interface)?)))
             .ok_or(violation!(UnknownInterface, "SM2-IFC-003"))?;
-        self.users.withdraw(uid, 1);
+        self.users.withdraw(who, 1);
         self.end_interface(entity, remains, Farewell::Done);
         self.work(entity.node, &mut Budget::new(&self.policy));
         let interface = entity.interface;

@@ -44,6 +44,7 @@ pub enum Input<'a> {
         session: NodeId,
     },
     /// The driver could not make the socket pair of a link. Neither end has been told of the link.
+    /// The Manager tries again at a deadline, with another link.
     LinkFailed {
         /// The link.
         link: LinkId,

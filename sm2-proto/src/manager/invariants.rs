@@ -40,6 +40,12 @@ impl Manager {
                 "links wait for their LINKs only as long as they have to",
             ),
             (
+                self.shortage
+                    .pairs()
+                    .all(|it| self.is_sound(it) && !self.links.joins(it)),
+                "pairs that are to be linked again match, and have no link",
+            ),
+            (
                 self.jobs_agree(),
                 "busy sessions wait for their turn, and no others",
             ),

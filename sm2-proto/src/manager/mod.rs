@@ -44,6 +44,7 @@ mod proofs;
 mod round_robin;
 mod schemas;
 mod session;
+mod shortage;
 mod unlinked;
 mod users;
 mod watch;
@@ -67,6 +68,7 @@ use self::{
     round_robin::RoundRobin,
     schemas::Schemas,
     session::Session,
+    shortage::Shortage,
     unlinked::UnlinkedPairs,
     users::Users,
 };
@@ -108,6 +110,7 @@ pub struct Manager {
     ending_links: EndingLinks,
     /// The sessions that are busy, in turns. Some of them are over.
     jobs: RoundRobin,
+    shortage: Shortage,
     /// The time since which deferred work can be done.
     due: Option<Instant>,
     outputs: VecDeque<Output>,
@@ -138,6 +141,7 @@ impl Manager {
             expired: BTreeSet::new(),
             ending_links: EndingLinks::new(),
             jobs: RoundRobin::new(),
+            shortage: Shortage::new(),
             due: None,
             outputs: VecDeque::new(),
         }
@@ -153,6 +157,12 @@ impl Manager {
     #[must_use]
     pub fn sessions(&self) -> usize {
         self.sessions.len()
+    }
+
+    /// Whether the HELLO of a session was granted.
+    #[must_use]
+    pub fn is_welcomed(&self, node: NodeId) -> bool {
+        self.sessions.get(&node).and_then(Session::node).is_some()
     }
 
     /// The number of links that are live at both ends.
@@ -183,6 +193,7 @@ impl Machine for Manager {
         let before = self.log.revision();
         self.expire_greetings(now);
         self.expire_claims(now);
+        self.shortage.expire(now);
         match input {
             Input::Connected {
                 session,
@@ -193,14 +204,14 @@ impl Machine for Manager {
             Input::Stalled { session } => {
                 self.end_session(session, Cause::Farewell(Farewell::Stalled));
             }
-            Input::LinkFailed { link } => self.link_failed(link),
+            Input::LinkFailed { link } => self.link_failed(now, link),
             Input::Drained { session } => self.drained(session),
-            Input::Tick => self.run_deferred(),
+            Input::Tick => self.run_deferred(now),
             Input::DismissStandbys => self.dismiss_standbys(),
             Input::Shutdown => self.shut_down(),
         }
         self.wake_watchers(before);
-        self.due = self.has_deferred().then_some(now);
+        self.due = self.has_deferred(now).then_some(now);
         debug_assert_eq!(self.invariants(), Ok(()));
         Ok(())
     }
@@ -213,10 +224,9 @@ impl Machine for Manager {
     /// inputs that have come, because a tick does only a part of the work.
     fn deadline(&self) -> Option<Instant> {
         let greeting = self.greeting.first_key_value().map(|(_, &it)| it);
-        [greeting, self.claims.deadline(), self.due]
-            .into_iter()
-            .flatten()
-            .min()
+        let retry = self.shortage.deadline();
+        let all = [greeting, self.claims.deadline(), retry, self.due];
+        all.into_iter().flatten().min()
     }
 }
 
@@ -226,7 +236,7 @@ impl Manager {
         self.last_node = node;
         self.sessions.insert(node, Session::new(who));
         self.greeting.insert(node, now.after(self.policy.greeting));
-        if !self.users.connect(who.uid, &self.policy) {
+        if !self.users.connect(who, &self.policy) {
             self.end_session(node, Cause::Farewell(Farewell::Resources));
         }
     }
@@ -324,7 +334,7 @@ impl Manager {
         let Some(session) = self.sessions.get_mut(&node) else {
             return Ok(());
         };
-        let uid = session.credentials().uid;
+        let who = session.credentials();
         let versions = min..=max;
         let granted = if !versions.contains(&VERSION) {
             Err(Refusal::Version {
@@ -334,7 +344,7 @@ impl Manager {
         } else if self.names.contains(&name) {
             Err(Refusal::NameTaken)
         } else {
-            self.users.refuse_session(uid, &self.policy)
+            self.users.refuse_session(who, &self.policy)
         };
         let answer = match granted {
             Err(reason) => ToNode::HelloRefused { reason },
@@ -344,7 +354,7 @@ impl Manager {
                 if !resuming {
                     self.greeting.remove(&node);
                 }
-                self.users.greet(uid);
+                self.users.greet(who);
                 self.names.insert(name);
                 self.node_changed(node);
                 ToNode::Welcome {
@@ -368,7 +378,7 @@ impl Manager {
             self.claims.forget(until, node);
         }
         match session {
-            Session::Greeting(credentials) => self.users.leave(credentials.uid, false, 0),
+            Session::Greeting(credentials) => self.users.leave(credentials, false, 0),
             Session::Resuming { node: record, .. } | Session::Ready { node: record, .. } => {
                 self.end_node(node, record);
             }
@@ -391,7 +401,7 @@ impl Manager {
         self.names.remove(record.name());
         self.node_changed(node);
         self.users
-            .leave(record.credentials().uid, true, record.interfaces());
+            .leave(record.credentials(), true, record.interfaces());
         for data in record.schemas() {
             self.schemas.remove(data);
         }

@@ -14,12 +14,18 @@ pub struct Policy {
     pub recovery: Duration,
     /// Connections of one user that are not welcomed yet.
     pub greetings_per_user: usize,
+    /// Connections of one process that are not welcomed yet.
+    pub greetings_per_process: usize,
     /// Welcomed sessions of one user.
     pub sessions_per_user: usize,
+    /// Welcomed sessions of one process.
+    pub sessions_per_process: usize,
     /// Interfaces of one session.
     pub interfaces_per_session: usize,
     /// Interfaces of all sessions of one user.
     pub interfaces_per_user: usize,
+    /// Interfaces of all sessions of one process.
+    pub interfaces_per_process: usize,
     /// Ends of links of one session; at most [`LINKS_MAX`] count.
     pub links_per_session: usize,
     /// Schema texts of one session, with the names of their types, in bytes.
@@ -33,7 +39,8 @@ pub struct Policy {
     /// LINKs that a session is sent before its socket has taken all of them; 0 counts as 1.
     pub links_in_flight: usize,
     /// The work that is done for one input before other sessions are served, in units of about
-    /// 0.1 µs: a link that is made costs 64, one that ends 16, and a comparison of two interfaces 1.
+    /// 0.3 µs: a link that is made costs 64, one that ends 16, and a comparison of two interfaces 1.
+    /// The first part of a DECLARE may cost four times as much.
     pub work_per_turn: usize,
     /// Whether every link of the domain is sealed.
     pub seal_all: bool,
@@ -47,16 +54,19 @@ impl Default for Policy {
             greeting: Duration::from_secs(2),
             recovery: Duration::from_secs(5),
             greetings_per_user: 256,
+            greetings_per_process: 64,
             sessions_per_user: 1_024,
+            sessions_per_process: 512,
             interfaces_per_session: 1_024,
             interfaces_per_user: 16_384,
+            interfaces_per_process: 8_192,
             links_per_session: 8_192,
             schema_bytes_per_session: 262_144,
             refusals_per_session: 16,
             unlinked_per_session: 256,
             changes_remembered: 4_096,
             links_in_flight: 256,
-            work_per_turn: 2_048,
+            work_per_turn: 512,
             seal_all: false,
             waive_user_boundary: false,
         }
@@ -90,6 +100,8 @@ impl Policy {
             interfaces_per_session: count(self.interfaces_per_session),
             interfaces_per_user: count(self.interfaces_per_user),
             links_per_session: count(self.links_per_session()),
+            sessions_per_process: count(self.sessions_per_process),
+            interfaces_per_process: count(self.interfaces_per_process),
             seal_all: self.seal_all,
             waive_user_boundary: self.waive_user_boundary,
         }

@@ -73,6 +73,15 @@ fn users_apart_are_sealed() {
     kani::cover!(!sealed && !same_user, "waived");
 }
 
+/// A user whose processes have no numbers.
+const fn user(uid: u32) -> Credentials {
+    Credentials {
+        uid,
+        gid: 0,
+        pid: 0,
+    }
+}
+
 /// Connections of two users come, are welcomed, declare and leave.
 //= SM2-IFC-006 kani
 #[cfg_attr(kani, kani::proof)]
@@ -93,21 +102,24 @@ fn charges_end_at_zero() {
         match kani::any_where(|step: &Option<bool>| step.is_some() || *welcomed > 0) {
             Some(true) => {
                 *greeting += 1;
-                assert_eq!(users.connect(uid, &policy), *greeting <= 1);
+                assert_eq!(users.connect(user(uid), &policy), *greeting <= 1);
             }
             Some(false) => {
                 kani::assume(*greeting > 0);
                 (*greeting, *welcomed) = (*greeting - 1, *welcomed + 1);
-                users.greet(uid);
+                users.greet(user(uid));
             }
             None => {
                 *interfaces += 1;
-                users.declare(uid);
+                users.declare(user(uid));
             }
         }
-        assert_eq!(users.refuse_session(uid, &policy).is_ok(), *welcomed < 2);
         assert_eq!(
-            users.refuse_interface(uid, &policy).is_ok(),
+            users.refuse_session(user(uid), &policy).is_ok(),
+            *welcomed < 2
+        );
+        assert_eq!(
+            users.refuse_interface(user(uid), &policy).is_ok(),
             *interfaces < 1
         );
     }
@@ -118,10 +130,10 @@ fn charges_end_at_zero() {
     );
     for (uid, [greeting, welcomed, mut interfaces]) in (0..).zip(held) {
         for _ in 0..greeting {
-            users.leave(uid, false, 0);
+            users.leave(user(uid), false, 0);
         }
         for _ in 0..welcomed {
-            users.leave(uid, true, interfaces);
+            users.leave(user(uid), true, interfaces);
             interfaces = 0;
         }
     }
@@ -135,14 +147,6 @@ const OURS: NodeId = NodeId(3);
 
 /// A session that the harness must not affect.
 const OTHER: NodeId = NodeId(4);
-
-const fn user(uid: u32) -> Credentials {
-    Credentials {
-        uid,
-        gid: 1,
-        pid: 1,
-    }
-}
 
 fn name(text: &str) -> Name {
     Name::new(text).expect("a legal name")

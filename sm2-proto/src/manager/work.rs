@@ -6,6 +6,7 @@
 //! | to end links | WITHDRAW, the end of a session | `EndingLinks` |
 //! | to give up claims | their deadline | `Manager::expired`, and the claims that are left |
 //! | to announce links | room in a socket | `PendingLinks` |
+//! | to make links again | the deadline after a shortage of descriptors | `Shortage` |
 //!
 //! A session with unfinished work is *busy*. Its further frames wait in its socket, so a session has
 //! at most one unfinished frame. Sessions with unfinished work take turns; see
@@ -16,7 +17,7 @@ use super::{
     budget::{Budget, MARK, PAIR, UNLINK},
     session::Session,
 };
-use crate::{EntityId, Farewell, NodeId};
+use crate::{EntityId, Farewell, Instant, NodeId};
 
 impl Manager {
     /// Whether the work of a session's last frame is unfinished. The driver leaves the session's
@@ -30,9 +31,12 @@ impl Manager {
         is_settling || self.expired.contains(&node) || self.ending_links.has(node)
     }
 
-    /// Does one part of the deferred work: of one session with pending links that has room, and of
-    /// one that is busy.
-    pub(super) fn run_deferred(&mut self) {
+    /// Does one part of the deferred work: of the links that could not be made, of one session with
+    /// pending links that has room, and of one that is busy.
+    pub(super) fn run_deferred(&mut self, now: Instant) {
+        if self.shortage.is_due(now) {
+            self.link_again();
+        }
         if let Some((node, after)) = self.pending_links.next_ready() {
             self.announce_pending(node, after);
         }
@@ -42,8 +46,8 @@ impl Manager {
     }
 
     /// Whether deferred work can be done now.
-    pub(super) fn has_deferred(&self) -> bool {
-        self.pending_links.has_ready() || !self.jobs.is_empty()
+    pub(super) fn has_deferred(&self, now: Instant) -> bool {
+        self.pending_links.has_ready() || !self.jobs.is_empty() || self.shortage.is_due(now)
     }
 
     /// Finishes the work of the session's last frame.
@@ -85,6 +89,9 @@ impl Manager {
             } else if let Some(pair) = self.unlinked_pairs.first_of(entity) {
                 budget.spend(MARK);
                 self.mark_linked(pair);
+            } else if let Some(pair) = self.shortage.first_of(entity) {
+                budget.spend(MARK);
+                self.shortage.remove(pair);
             } else {
                 budget.spend(PAIR);
                 self.ending_links.remove(entity);

@@ -20,7 +20,10 @@ pub(crate) const UNLIMITED: Policy = Policy {
     greeting: Duration::from_secs(2),
     recovery: Duration::from_secs(5),
     greetings_per_user: usize::MAX,
+    greetings_per_process: usize::MAX,
     sessions_per_user: usize::MAX,
+    sessions_per_process: usize::MAX,
+    interfaces_per_process: usize::MAX,
     interfaces_per_session: usize::MAX,
     interfaces_per_user: usize::MAX,
     links_per_session: usize::MAX,
@@ -73,14 +76,17 @@ impl Bench {
             .collect()
     }
 
+    /// A connection of a process of its own.
     pub(crate) fn try_connect(&mut self, uid: u32) -> (NodeId, Vec<Event>) {
+        let pid = 101 + i32::try_from(self.connections).expect("a test has few connections");
+        self.try_connect_from(uid, pid)
+    }
+
+    pub(crate) fn try_connect_from(&mut self, uid: u32, pid: i32) -> (NodeId, Vec<Event>) {
         self.connections += 1;
         let session = NodeId(self.connections);
-        let credentials = Credentials {
-            uid,
-            gid: uid,
-            pid: 100 + i32::try_from(self.connections).expect("a test has few connections"),
-        };
+        let gid = uid;
+        let credentials = Credentials { uid, gid, pid };
         let connected = Input::Connected {
             session,
             credentials,

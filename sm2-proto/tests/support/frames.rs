@@ -144,6 +144,8 @@ fn refusals() -> impl Strategy<Value = Refusal> + Clone {
         Just(Quota::InterfacesPerSession),
         Just(Quota::InterfacesPerUser),
         Just(Quota::LinksPerSession),
+        Just(Quota::SessionsPerProcess),
+        Just(Quota::InterfacesPerProcess),
     ];
     prop_oneof![
         Just(Refusal::NameTaken),
@@ -155,11 +157,13 @@ fn refusals() -> impl Strategy<Value = Refusal> + Clone {
 }
 
 fn limits() -> impl Strategy<Value = Limits> {
-    (any::<[u32; 4]>(), any::<[bool; 2]>()).prop_map(|(numbers, flags)| Limits {
+    (any::<[u32; 6]>(), any::<[bool; 2]>()).prop_map(|(numbers, flags)| Limits {
         sessions_per_user: numbers[0],
         interfaces_per_session: numbers[1],
         interfaces_per_user: numbers[2],
         links_per_session: numbers[3],
+        sessions_per_process: numbers[4],
+        interfaces_per_process: numbers[5],
         seal_all: flags[0],
         waive_user_boundary: flags[1],
     })

@@ -354,6 +354,8 @@ impl Reader<'_> {
             1 => "InterfacesPerSession",
             2 => "InterfacesPerUser",
             3 => "LinksPerSession",
+            4 => "SessionsPerProcess",
+            5 => "InterfacesPerProcess",
             _ => return Err("malformed"),
         })
     }
@@ -365,6 +367,8 @@ impl Reader<'_> {
                 "interfaces_per_session": self.u32()?,
                 "interfaces_per_user": self.u32()?,
                 "links_per_session": self.u32()?,
+                "sessions_per_process": self.u32()?,
+                "interfaces_per_process": self.u32()?,
                 "seal_all": self.bool()?,
                 "waive_user_boundary": self.bool()?,
             }}}),

@@ -23,6 +23,8 @@ const NOW: Instant = Instant(1);
 /// The default policy (SPEC section 2).
 const LIMITS: Limits = Limits {
     sessions_per_user: 1_024,
+    sessions_per_process: 512,
+    interfaces_per_process: 8_192,
     interfaces_per_session: 1_024,
     interfaces_per_user: 16_384,
     links_per_session: 8_192,

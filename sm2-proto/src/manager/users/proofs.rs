@@ -1,7 +1,16 @@
 //! Harnesses for the usage of users: one step from any usage.
 
-use super::{super::policy::count, Policy, Quota, Refusal, Usage, Users};
+use super::{super::policy::count, Credentials, Owner, Policy, Quota, Refusal, Usage, Users};
 use crate::proofs::{below, one_of};
+
+/// A user whose processes have no numbers.
+const fn user(uid: u32) -> Credentials {
+    Credentials {
+        uid,
+        gid: 0,
+        pid: 0,
+    }
+}
 
 /// MGR-CHARGES: each step changes the counts that it is about, and those of no other user. A user
 /// without any usage has no entry. The counts decide refusals.
@@ -23,9 +32,9 @@ fn a_step_changes_its_own_charge() {
         ..Usage::default()
     };
     let mut users = Users::new();
-    users.0.insert(2, bystander);
+    users.0.insert(Owner::User(2), bystander);
     if usage != Usage::default() {
-        users.0.insert(1, usage);
+        users.0.insert(Owner::User(1), usage);
     }
     let limit: usize = kani::any();
     let policy = Policy {
@@ -37,17 +46,17 @@ fn a_step_changes_its_own_charge() {
     match below(5) {
         0 => {
             usage.greeting += 1;
-            assert_eq!(users.connect(1, &policy), usage.greeting <= limit);
+            assert_eq!(users.connect(user(1), &policy), usage.greeting <= limit);
         }
         1 => {
             // A connection that is welcomed was greeting before.
             kani::assume(greeting > 0);
             (usage.greeting, usage.welcomed) = (greeting - 1, welcomed + 1);
-            users.greet(1);
+            users.greet(user(1));
         }
         2 => {
             usage.interfaces += 1;
-            users.declare(1);
+            users.declare(user(1));
         }
         3 => {
             let was_welcomed = kani::any();
@@ -61,17 +70,17 @@ fn a_step_changes_its_own_charge() {
             kani::assume(*left > 0);
             *left -= 1;
             usage.interfaces -= owned;
-            users.leave(1, was_welcomed, owned);
+            users.leave(user(1), was_welcomed, owned);
             kani::cover!(usage == Usage::default(), "the last one left");
         }
         _ => {
             kani::assume(interfaces > 0);
             usage.interfaces -= 1;
-            users.withdraw(1, 1);
+            users.withdraw(user(1), 1);
         }
     }
-    assert!(users.0.get(&2) == Some(&bystander));
-    let charged = users.0.get(&1).copied();
+    assert!(users.0.get(&Owner::User(2)) == Some(&bystander));
+    let charged = users.0.get(&Owner::User(1)).copied();
     assert!(charged == (usage != Usage::default()).then_some(usage));
     assert_refusals(&users, usage, &policy);
 }
@@ -88,14 +97,14 @@ fn assert_refusals(users: &Users, usage: Usage, policy: &Policy) {
     } else {
         refused(Quota::SessionsPerUser)
     };
-    assert_eq!(users.refuse_session(1, policy), session);
+    assert_eq!(users.refuse_session(user(1), policy), session);
     let has_room = usage.interfaces < limit;
     let interface = if has_room {
         Ok(())
     } else {
         refused(Quota::InterfacesPerUser)
     };
-    assert_eq!(users.refuse_interface(1, policy), interface);
+    assert_eq!(users.refuse_interface(user(1), policy), interface);
     kani::cover!(!has_room && limit > 0, "used up");
 }
 

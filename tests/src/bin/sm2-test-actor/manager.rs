@@ -23,6 +23,9 @@ pub(crate) fn run(options: &Options) -> ExitCode {
         seal_all: options.get_or("--seal-all", false),
         waive_user_boundary: options.get_or("--waive-user-boundary", false),
         max_sessions: options.get_or("--max-sessions", policy.sessions_per_user),
+        max_process_sessions: options.get_or("--max-process-sessions", policy.sessions_per_process),
+        max_process_interfaces: options
+            .get_or("--max-process-interfaces", policy.interfaces_per_process),
         max_interfaces: options.get_or("--max-interfaces", policy.interfaces_per_session),
         max_links: options.get_or("--max-links", policy.links_per_session),
         greeting_timeout: options.get_or("--greeting-timeout", 2),

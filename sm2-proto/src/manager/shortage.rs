@@ -1,0 +1,85 @@
+//! A shortage of descriptors: the driver could not make the socket pair of a link (SM2-LNK-008).
+
+use core::time::Duration;
+
+use super::{links::Pair, unlinked::UnlinkedPairs};
+use crate::{EntityId, Instant, control::UnlinkedReason};
+
+/// The delay after the first failure.
+const FIRST: Duration = Duration::from_millis(10);
+/// The longest delay.
+const LONGEST: Duration = Duration::from_secs(1);
+
+/// The pairs whose links could not be made, and the time of the next attempt.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Shortage {
+    pairs: UnlinkedPairs,
+    attempt: Option<Attempt>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+struct Attempt {
+    at: Instant,
+    /// The delay before the attempt.
+    delay: Duration,
+}
+
+impl Shortage {
+    pub(super) const fn new() -> Self {
+        Self {
+            pairs: UnlinkedPairs::new(),
+            attempt: None,
+        }
+    }
+
+    /// Notes that a link could not be made. Failures of one attempt count once. Each attempt that
+    /// fails doubles the delay.
+    //= SM2-LNK-008
+    pub(super) fn failed(&mut self, pair: Pair, now: Instant) {
+        self.pairs
+            .insert(pair, UnlinkedReason::Descriptors, usize::MAX);
+        let delay = match self.attempt {
+            Some(next) if now < next.at => return,
+            Some(last) => LONGEST.min(last.delay.saturating_mul(2)),
+            None => FIRST,
+        };
+        let at = now.after(delay);
+        self.attempt = Some(Attempt { at, delay });
+    }
+
+    /// The time of the next attempt.
+    pub(super) fn deadline(&self) -> Option<Instant> {
+        let attempt = self.attempt.filter(|_| self.pairs.iter().next().is_some());
+        attempt.map(|it| it.at)
+    }
+
+    /// Whether the next attempt may be made now.
+    pub(super) fn is_due(&self, now: Instant) -> bool {
+        self.deadline().is_some_and(|at| at <= now)
+    }
+
+    /// Takes out a pair for the next attempt.
+    pub(super) fn pop(&mut self) -> Option<Pair> {
+        let pair = self.pairs.iter().next()?;
+        self.pairs.remove(pair);
+        Some(pair)
+    }
+
+    /// Forgets the last delay once attempts were possible for as long, and none has failed.
+    pub(super) fn expire(&mut self, now: Instant) {
+        self.attempt = self.attempt.filter(|it| now < it.at.after(it.delay));
+    }
+
+    /// The first pair of an interface.
+    pub(super) fn first_of(&self, entity: EntityId) -> Option<Pair> {
+        self.pairs.first_of(entity)
+    }
+
+    pub(super) fn remove(&mut self, pair: Pair) {
+        self.pairs.remove(pair);
+    }
+
+    pub(super) fn pairs(&self) -> impl Iterator<Item = Pair> {
+        self.pairs.iter()
+    }
+}
