@@ -1,6 +1,7 @@
 //! The loop that connects sockets with the Manager machine.
 
 mod door;
+mod log_limit;
 mod sessions;
 mod shares;
 mod shortage;
@@ -8,13 +9,15 @@ mod shortage;
 use std::{
     collections::{BTreeSet, HashMap, VecDeque},
     io,
-    os::fd::OwnedFd,
+    os::fd::{AsFd, OwnedFd},
     path::Path,
     sync::Arc,
+    thread,
     time::Duration,
 };
 
-use sm2_io::{DomainSocket, Epoll, Event, Events, Interest, ReceivedFds, clock};
+use nix::libc;
+use sm2_io::{DomainSocket, Epoll, Event, Events, Interest, ReceivedFds, clock, wait_readable};
 use sm2_proto::{
     Instant, Machine, NodeId,
     limits::DATAGRAM_MAX,
@@ -24,6 +27,7 @@ use tracing::{debug, info, warn};
 
 use self::{
     door::{Door, Found, LISTENER},
+    log_limit::{LeftOut, LogLimit, Warning},
     shares::Shares,
 };
 use crate::{
@@ -37,8 +41,13 @@ const HAND_OVER: u64 = u64::MAX - 2;
 
 /// How many connections are accepted, or datagrams read from one node, before other sockets are served.
 const TURN: usize = 32;
+/// How long the last frames of a closed connection are handled before other sockets are served. Its name is
+/// free when all are handled.
+const LAST_ROUND: Duration = Duration::from_millis(3);
+/// The shortest and the longest pause after an error of waiting for events.
+const WAIT_DELAYS: [Duration; 2] = [Duration::from_millis(1), Duration::from_secs(1)];
 /// How long sockets are served before the loop looks for new events. One datagram may exceed it.
-const ROUND: Duration = Duration::from_micros(500);
+const ROUND: Duration = Duration::from_micros(200);
 
 /// The broker of a domain. It claims the socket when created and serves in [`run`](Manager::run).
 #[derive(Debug)]
@@ -49,6 +58,9 @@ pub struct Manager {
     handles: Handles,
     connections: HashMap<NodeId, Connection>,
     shares: Shares,
+    log: LogLimit,
+    /// The delay after the last error of waiting for events.
+    wait_delay: Duration,
     last_session: u64,
     /// Nodes that turned out not to read their sockets while outputs were carried out.
     given_up: VecDeque<NodeId>,
@@ -113,6 +125,8 @@ impl Manager {
             handles: handles.clone(),
             connections: HashMap::new(),
             shares: Shares::default(),
+            log: LogLimit::default(),
+            wait_delay: Duration::ZERO,
             last_session: 0,
             given_up: VecDeque::new(),
             drained: BTreeSet::new(),
@@ -146,14 +160,17 @@ impl Manager {
     ///
     /// # Errors
     ///
-    /// [`RunError`] if waiting for events fails; all connections are closed then.
+    /// [`RunError`] if the epoll set cannot be used at all; all connections are closed then. After any other
+    /// error of waiting for events, this function tries again.
     pub fn run(mut self) -> Result<Outcome, RunError> {
         info!(path = %self.path().display(), "serving");
         let mut events = Events::with_capacity(256);
         loop {
-            self.epoll.wait(&mut events, self.timeout())?;
+            let result = self.epoll.wait(&mut events, self.timeout());
+            self.waited(result)?;
             let mut ready: Vec<Event> = events.iter().collect();
-            let mut stopping = false;
+            // Without events, the stopper is asked directly.
+            let mut stopping = !self.wait_delay.is_zero() && self.handles.is_stopped()?;
             ready.retain(|event| match event.token {
                 STOP => {
                     stopping = true;
@@ -173,6 +190,7 @@ impl Manager {
                 return Ok(Outcome::Stopped);
             }
             self.feed(Input::Tick);
+            self.sum_up_warnings();
             self.door.resume(&self.epoll);
             self.resume_sending();
             match self.door.look(&self.epoll) {
@@ -186,27 +204,75 @@ impl Manager {
         }
     }
 
+    /// Handles the result of waiting for events. After an error that may pass, pauses for 1 ms, then for twice
+    /// the time before, up to 1 s.
+    fn waited(&mut self, result: io::Result<()>) -> io::Result<()> {
+        let Err(error) = result else {
+            self.wait_delay = Duration::ZERO;
+            return Ok(());
+        };
+        let useless = [libc::EBADF, libc::EFAULT, libc::EINVAL].map(Some);
+        if useless.contains(&error.raw_os_error()) {
+            return Err(error);
+        }
+        if self.log.may_write(Warning::NotWaited, clock::now()) {
+            warn!(%error, "cannot wait for events: trying again");
+        }
+        self.wait_delay = (2 * self.wait_delay).clamp(WAIT_DELAYS[0], WAIT_DELAYS[1]);
+        if wait_readable(&[self.handles.stop.as_fd()], Some(self.wait_delay)).is_err() {
+            thread::sleep(self.wait_delay);
+        }
+        Ok(())
+    }
+
+    /// Writes how many warnings were left out of the log.
+    fn sum_up_warnings(&mut self) {
+        for LeftOut {
+            warning,
+            count,
+            seconds,
+        } in self.log.end_periods(clock::now())
+        {
+            warn!("{warning}: {count} more of these in the last {seconds} s");
+        }
+    }
+
     fn timeout(&self) -> Option<Duration> {
         let due = [
             self.machine.deadline(),
             self.door.deadline(),
+            self.log.deadline(),
             self.send_again,
         ];
         let due = due.into_iter().flatten().min()?;
         Some(due.since(clock::now()))
     }
 
+    /// Serves a round of the connections that have closed, and a round of the others. Nodes that are not
+    /// welcomed wait until each closed connection had its turn: the closed ones free names (SM2-SES-003).
+    //= SM2-SES-003
+    fn serve_all(&mut self, ready: Vec<Event>) {
+        let (gone, mut here): (Vec<Event>, Vec<Event>) =
+            ready.into_iter().partition(|event| event.hangup);
+        if !self.serve_round(gone) {
+            here.retain(|event| self.machine.is_welcomed(NodeId(event.token)));
+        }
+        self.serve_round(here);
+    }
+
     /// Serves sockets until the round is over. The next call of `epoll_wait` reports the others again.
-    //= SM2-SES-009, SM2-SES-003
-    fn serve_all(&mut self, mut ready: Vec<Event>) {
-        // Hang-ups come before other events of the same share: they free names for the nodes that connect.
-        ready.sort_by_key(|it| (self.shares.start_tag(it.token), !it.hangup));
+    /// Returns whether all of them had their turn.
+    //= SM2-SES-009
+    fn serve_round(&mut self, mut ready: Vec<Event>) -> bool {
+        ready.sort_by_key(|it| self.shares.start_tag(it.token));
+        let mut left = ready.len();
         let mut before = clock::now();
         let until = before.after(ROUND);
         for event in ready {
             match event.token {
                 LISTENER if self.door.is_open() => self.accept(until),
-                LISTENER => continue,
+                LISTENER => {}
+                token if event.hangup => self.serve(NodeId(token), event, before.after(LAST_ROUND)),
                 token => self.serve(NodeId(token), event, until),
             }
             let now = clock::now();
@@ -214,11 +280,13 @@ impl Manager {
             if event.token != LISTENER && !self.connections.contains_key(&NodeId(event.token)) {
                 self.shares.forget(event.token);
             }
+            left -= 1;
             if now >= until {
-                return;
+                break;
             }
             before = now;
         }
+        left == 0
     }
 
     fn accept(&mut self, until: Instant) {
@@ -231,7 +299,9 @@ impl Manager {
                 Ok(None) => return,
                 Err(error) if self.make_descriptors(&error) => self.report_sockets(),
                 Err(error) => {
-                    warn!(%error, "cannot accept a connection: raise the limit of open files (RLIMIT_NOFILE)");
+                    if self.log.may_write(Warning::NotAccepted, clock::now()) {
+                        warn!(%error, "cannot accept a connection: raise the limit of open files (RLIMIT_NOFILE)");
+                    }
                     return self.door.pause(&self.epoll);
                 }
             }
@@ -292,7 +362,9 @@ impl Manager {
                         self.send(b, to_b, Some(Arc::new(other.into())));
                     }
                     Err(error) => {
-                        warn!(%link, %error, "no socket pair for a link: raise the limit of open files");
+                        if self.log.may_write(Warning::NotLinked, clock::now()) {
+                            warn!(%link, %error, "no socket pair for a link: raise the limit of open files");
+                        }
                         // This loop also drains the resulting outputs.
                         let failed = Input::LinkFailed { link };
                         let _ = self.machine.handle(clock::now(), failed);
@@ -326,4 +398,28 @@ fn random() -> io::Result<(u64, u128)> {
     getrandom::fill(bytes.as_flattened_mut())?;
     let [epoch, low, high] = bytes.map(u64::from_ne_bytes);
     Ok((epoch, u128::from(high) << 64 | u128::from(low)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Errors of epoll are not expected, so they are handed over directly.
+    #[test]
+    fn an_error_of_waiting_that_may_pass_ends_no_manager() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("domain.sock");
+        let mut manager = Manager::bind(&path, Options::default()).expect("a Manager");
+        let error = |errno| Err(io::Error::from_raw_os_error(errno));
+        let mut delays = Vec::new();
+        for errno in [libc::ENOMEM, libc::EAGAIN, libc::ENOSPC] {
+            manager.waited(error(errno)).expect("it tries again");
+            delays.push(manager.wait_delay);
+        }
+        assert_eq!(delays, [1, 2, 4].map(Duration::from_millis));
+        manager.waited(Ok(())).expect("events");
+        assert_eq!(manager.wait_delay, Duration::ZERO);
+        let broken = manager.waited(error(libc::EBADF));
+        assert!(broken.is_err(), "there is nothing to wait for");
+    }
 }

@@ -8,12 +8,12 @@ use std::{
 
 use sm2_io::{Event, Interest, RecvError, SeqPacket, clock, memfd};
 use sm2_proto::{
-    Datagram, Farewell, Instant, NodeId,
+    Code, Datagram, Farewell, Instant, NodeId,
     manager::{Cause, Credentials, Input},
 };
 use tracing::{debug, warn};
 
-use super::{Manager, TURN};
+use super::{Manager, TURN, log_limit::Warning};
 use crate::connection::{Connection, Lost, Sent};
 
 impl Manager {
@@ -33,7 +33,12 @@ impl Manager {
         let peer = watched.and_then(|()| socket.peer_credentials());
         let peer = match peer {
             Ok(peer) => peer,
-            Err(error) => return warn!(%error, "cannot serve a connection"),
+            Err(error) => {
+                if self.log.may_write(Warning::NotServed, clock::now()) {
+                    warn!(%error, "cannot serve a connection");
+                }
+                return;
+            }
         };
         debug!(%session, uid = peer.uid, pid = peer.pid, "connected");
         self.connections
@@ -102,7 +107,9 @@ impl Manager {
                 false
             }
             Err(RecvError::Io(error)) => {
-                warn!(%session, %error, "cannot read from a node");
+                if self.log.may_write(Warning::NotRead, clock::now()) {
+                    warn!(%session, %error, "cannot read from a node");
+                }
                 self.feed(Input::Closed { session });
                 false
             }
@@ -173,15 +180,24 @@ impl Manager {
         self.sent(session, sent);
     }
 
+    /// Whether the log has room for the end of another session with this code.
+    fn may_warn(&mut self, code: Code) -> bool {
+        let now = clock::now();
+        self.log.may_write(Warning::HungUp(code), now)
+    }
+
     /// Ends a session. Every session ends here.
     pub(super) fn hang_up(&mut self, session: NodeId, goodbye: Option<Vec<u8>>, cause: Cause) {
         match cause {
-            Cause::Violation(violation) => {
+            Cause::Violation(violation) if self.may_warn(violation.code()) => {
                 let (violation, clause) = (violation.kind(), violation.clause());
                 warn!(%session, %violation, %clause, "hung up: the node broke the protocol");
             }
             Cause::Farewell(Farewell::ShuttingDown) => debug!(%session, "said goodbye"),
-            Cause::Farewell(why) => warn!(%session, %why, clause = %why.clause(), "hung up"),
+            Cause::Farewell(why) if self.may_warn(why.code()) => {
+                warn!(%session, %why, clause = %why.clause(), "hung up");
+            }
+            Cause::Violation(_) | Cause::Farewell(_) => {}
             Cause::Goodbye(code) => debug!(%session, %code, "the node said goodbye"),
             Cause::Gone => debug!(%session, "the node is gone"),
         }
