@@ -78,9 +78,9 @@ codes! {
         Done = 0, "done", "SM2-COD-001";
         GreetingTimeout = 1, "greeting-timeout", "SM2-SES-004";
         Stalled = 2, "stalled", "SM2-TRN-009";
-        ShuttingDown = 3, "shutting-down", "SM2-COD-001";
+        ShuttingDown = 3, "shutting-down", "SM2-SES-008";
         Resources = 4, "resources", "SM2-COD-001";
-        PeerGone = 5, "peer-gone", "SM2-LNK-004";
+        PeerGone = 5, "peer-gone", "SM2-LNK-006";
         NotAdopted = 6, "not-adopted", "SM2-RES-005";
     }
 }
