@@ -13,11 +13,18 @@ use crate::Instant;
 /// 2. Call [`poll`](Self::poll) and carry out each output until it returns `None`.
 /// 3. Ask [`deadline`](Self::deadline) and sleep until then, or until something happens.
 ///
-/// All outputs of an input are drained before the next input is fed; a debug assertion in each
-/// machine checks this. Some inputs may come while outputs wait: those that report that the output
-/// just polled could not be carried out, such as
-/// [`manager::Input::LinkFailed`](crate::manager::Input::LinkFailed), and commands that a driver
-/// gives while it carries out an output. The documentation of each input enum names them.
+/// The driver drains all outputs before it feeds the next input, with these exceptions:
+///
+/// | machine | inputs that are legal while outputs wait |
+/// | --- | --- |
+/// | `manager::Manager` | `LinkFailed` |
+/// | `node::Node`, `link::Link` | all but `Datagram`, because outputs refer to the datagram just handled |
+/// | `gateway::router::Router` | `Taken` |
+/// | `gateway::discovery::Discovery` | `Failed` |
+/// | `gateway::session::Session`, `gateway::schedule::Schedule` | none |
+///
+/// A debug assertion in `handle` checks this. The exceptions report that the output just polled
+/// could not be carried out, or are commands that a driver gives while it carries out an output.
 pub trait Machine {
     /// Events from outside, and the commands of the machine's owner.
     type Input<'a>;
@@ -34,7 +41,8 @@ pub trait Machine {
     /// # Errors
     /// [`Error::Misuse`]: this input is not legal now, and nothing has changed.
     /// [`Error::Ended`]: the machine has ended, perhaps because of this very input. It answers
-    /// every later input with the same reason.
+    /// every later input with the same reason. For a node, this is the end of a session, and the
+    /// input that begins the next session is taken.
     fn handle(
         &mut self,
         now: Instant,
@@ -63,8 +71,8 @@ pub enum Error<E, M> {
 /// The error of a machine that never ends.
 pub type MisuseError<M> = Error<Infallible, M>;
 
-/// Checks in debug builds that the driver has drained the outputs of the input before. Each
-/// machine calls this at the start of [`Machine::handle`].
+/// Checks in debug builds that the driver has drained the outputs of the inputs before. Each
+/// machine calls this in [`Machine::handle`], before each input that requires it: see [`Machine`].
 #[track_caller]
 pub(crate) fn debug_assert_drained<Output>(outputs: &VecDeque<Output>) {
     debug_assert!(

@@ -270,17 +270,19 @@ impl Link {
     }
 }
 
-/// All outputs must be drained before [`Input::Datagram`] is fed. A debug assertion checks this,
-/// because [`Output::Attach`], [`Output::Ring`] and [`Output::Keep`] refer to the descriptor of the
-/// datagram just handled. All other inputs may be fed while outputs are pending.
+/// All outputs must be drained before [`Input::Datagram`] is fed, because [`Output::Attach`],
+/// [`Output::Ring`] and [`Output::Keep`] refer to the descriptor of the datagram just handled. A
+/// debug assertion checks this for all outputs but [`Output::Transmit`], which is built when it is
+/// polled. All other inputs may be fed while outputs are pending.
 impl Machine for Link {
     type Input<'a> = Input<'a>;
     type Output = Output;
     type End = End;
     type Misuse = Misuse;
 
-    /// `now` is not used in version 1. After [`Error::Ended`], the outputs carry the consequences of
-    /// the end.
+    /// `now` is not used in version 1. [`Error::Ended`]: the link was over before, or a violation in
+    /// this very input has ended it; the outputs carry the consequences. All other ends are no error
+    /// of the input that brings them: only [`Output::Ended`] reports them.
     fn handle(&mut self, _now: Instant, input: Input<'_>) -> Result<(), Error> {
         let result = match self.state {
             Ok(phase) => self.handle_live(phase, input),

@@ -11,10 +11,10 @@
 //! The machine does no I/O, reads no clock and sees no descriptor. Its driver owns the socket, the
 //! mappings and the payloads. One place in the driver matches [`Output`].
 //!
-//! * The driver feeds a datagram and drains the outputs before it feeds the next datagram.
-//!   [`Output::Attach`], [`Output::Ring`] and [`Output::Keep`] refer to the descriptor of *the
-//!   datagram just handled*. The driver closes a descriptor that no output asks for. A debug
-//!   assertion checks the order.
+//! * The driver drains all outputs before it feeds a datagram, since [`Output::Attach`],
+//!   [`Output::Ring`] and [`Output::Keep`] refer to the descriptor of *the datagram just handled*. A
+//!   debug assertion checks this. All other inputs are legal while outputs wait. The driver closes a
+//!   descriptor that no output asks for.
 //! * If the socket does not accept a packet, the driver keeps that packet and feeds
 //!   [`Input::Blocked`]. Until [`Input::Writable`], all other messages stay in the machine, where
 //!   keep-last can still displace them.
@@ -23,8 +23,9 @@
 //! * The first reason to end stays: every later input returns [`Error::Ended`] with that reason.
 //!   Before [`Output::Ended`], all messages are settled, and a CLOSE is transmitted if one is due
 //!   and the socket is not blocked. After the end, the application can still take the messages that
-//!   were ready. It still has to release a taken message to stay within `max_borrowed`, but no
-//!   RELEASE is sent.
+//!   were ready; on the ring lane not after a violation (SM2-RNG-011). It still has to release a
+//!   taken message to stay within `max_borrowed`. On the socket lane no RELEASE is sent for it; on
+//!   the ring lane its word is still put, as the sender may not know of the end.
 //! * A sender must not write again to slots whose messages were settled as [`Fate::Closed`]
 //!   (SM2-OPN-008).
 //!
@@ -48,10 +49,11 @@
 //! | when the application gives one back | [`Link::release`] |
 //! | before it sleeps | [`Link::park`], and looks again |
 //!
-//! The driver of a caller or server uses both tables, with one difference: [`Link::send`] accepts
-//! every message and attaches segments by itself. The driver drains after `send` and after each
-//! other change. While [`Link::is_due`] returns `true`, the driver calls [`Link::harvest`], which
-//! sends queued messages, and drains again.
+//! The driver of a caller or server uses both tables, with one difference: on an open link,
+//! [`Link::send`] queues a message for which there is no room yet, and attaches segments by itself.
+//! It never returns [`Misuse::NoRoom`] or [`Misuse::NotAttached`]; the limit of calls bounds the
+//! queue. The driver drains after `send` and after each other change. While [`Link::is_due`] returns
+//! `true`, the driver calls [`Link::harvest`], which sends queued messages, and drains again.
 //!
 //! When a call returns [`Wake::Needed`], the driver sends [`doorbell`] over the socket.
 //!

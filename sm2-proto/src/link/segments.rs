@@ -171,7 +171,7 @@ pub(super) struct Slot {
 pub struct SegmentInfo {
     /// Its number on the link.
     pub id: u32,
-    /// The size of a slot in bytes: a multiple of 4,096, not zero.
+    /// The size of a slot in bytes: a multiple of 64, not zero.
     pub stride: u64,
     /// The number of slots, 1 to 65,536.
     pub slots: u32,

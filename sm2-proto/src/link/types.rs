@@ -161,7 +161,7 @@ pub struct Delivery {
     pub status: Status,
     /// The number of publications that the application misses between the message that it took
     /// before and this one. For the first message, the count starts at the first publication that
-    /// reached this link. Always zero on links of services.
+    /// was sent on this link. Always zero on links of services.
     pub lost: u64,
     /// The length of the payload, in bytes.
     pub len: u64,

@@ -19,9 +19,10 @@
 //! 3. [`Output::Ended`]: close the connection. The machine is *away*. Links stay, and
 //!    [`Input::Unlinked`], [`Input::Withdraw`] and [`Node::declare`] stay legal.
 //! 4. Connect again, when and as often as SM2-RES-001 allows, and feed [`Input::Reconnected`]. The
-//!    machine greets, declares its live interfaces again, and claims its open links.
-//!    [`Output::HelloRefused`] does not end the machine: greet again, or close the connection and
-//!    feed [`Input::Reconnected`] with the next one.
+//!    machine greets. After WELCOME it declares its granted interfaces again, and claims the open
+//!    links of those that are granted once more. [`Output::HelloRefused`] does not end the machine:
+//!    feed [`Input::Greet`], or close the connection and feed [`Input::Reconnected`] once the next
+//!    one is there.
 //! 5. [`Output::Resumed`]: the new Manager knows all interfaces and links of the node.
 //!
 //! | state | what is legal there | leads to |
@@ -35,8 +36,8 @@
 //!
 //! [`Input::Close`] is legal in every state but the last, and leads there. Each [`Input::Withdraw`]
 //! that is taken is answered with one [`Output::Withdrawn`], at the latest at the end of the
-//! session; only [`Input::Close`] drops that answer. All other requests without an answer are
-//! forgotten with the session.
+//! session; only [`Input::Close`] drops that answer. A declaration without an answer is sent again
+//! in the next session. All other requests without an answer are forgotten with the session.
 
 mod event;
 #[cfg(feature = "fuzzing")]
@@ -85,7 +86,7 @@ impl Node {
         node
     }
 
-    /// The number of this node while it has a session.
+    /// The number of this node in its session; `None` before WELCOME and after the session.
     #[must_use]
     pub const fn id(&self) -> Option<NodeId> {
         match self.phase.session() {
@@ -94,7 +95,7 @@ impl Node {
         }
     }
 
-    /// The Manager's incarnation while there is a session.
+    /// The epoch of the session's Manager (SM2-SES-007); `None` before WELCOME and after the session.
     #[must_use]
     pub const fn epoch(&self) -> Option<u64> {
         match self.phase.session() {
