@@ -41,7 +41,8 @@ pub enum Event {
         /// The request.
         payload: Bytes,
     },
-    /// The peer no longer wants the reply to a call.
+    /// The peer no longer wants the reply to a call. This can also concern a call whose request has
+    /// not arrived completely, for which no [`Event::Request`] came.
     Cancelled {
         /// The call.
         call: PeerCall,
@@ -52,10 +53,12 @@ pub enum Event {
         call: CallId,
         /// The outcome of the call.
         outcome: Outcome,
-        /// The reply, or the reason of the failure.
+        /// The reply, or the reason if the server says that the call failed; empty for every other
+        /// outcome.
         payload: Bytes,
     },
-    /// The connection has ended. This is the last event.
+    /// The connection has ended, and all calls of this side are over. Only commands that are given
+    /// after this have events: [`Event::NotAsked`], and [`Event::Reply`] as *unreachable*.
     Ended(Reason),
 }
 
