@@ -221,6 +221,7 @@ fn a_call_without_a_server_fails_at_once() {
     assert!(start.elapsed() < SOON / 2);
 }
 
+//= SM2-SRV-002, SM2-SRV-003 test
 #[test]
 fn a_deadline_ends_the_call_on_both_sides() {
     let domain = Domain::new();
