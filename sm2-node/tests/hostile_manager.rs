@@ -478,3 +478,21 @@ fn a_call_does_not_wait_for_a_link_that_was_announced_and_never_comes() {
     let result = called.recv_timeout(SOON).expect("the call ends");
     assert!(matches!(result, Err(CallError::NoServer { .. })));
 }
+
+//= SM2-LNK-004, SM2-LNK-006 test
+#[test]
+fn unlinked_tells_how_the_link_ended() {
+    let (close, open) = ([9, 0, 42, 0, 0, 0, 0, 0], open());
+    let violation = sm2_proto::ViolationKind::UnexpectedOpen.code().0;
+    let ends: [(&[u8], u16); 3] = [(&close, 42), (&[], 5), (&open, violation)];
+    for (last, expected) in ends {
+        let (manager, _publisher, ours) = Manager::with_linked_node();
+        let session = manager.adopt(2);
+        // An empty frame is not sent: the stream only ends.
+        let _ = ours.send(&[IoSlice::new(last)], &[]);
+        drop(ours);
+        let frame = manager.read(&session);
+        let code = |it: &_| matches!(it, ToManager::Unlinked { code, .. } if code.0 == expected);
+        assert!(code(&frame), "{frame:?}");
+    }
+}
