@@ -62,6 +62,7 @@ use crate::{
 };
 
 /// A stream on which nothing arrives for this long is refused.
+//= SM2-GWM-011
 const STUCK_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// A connection with a peer.
