@@ -3,8 +3,8 @@
 use super::{Config, Counters, End, LaneKind, Link, Placement, lane::Lane, phase::Phase};
 
 impl Link {
-    /// Whether [`Link::poll`] may return an output. If this is `false`, `poll` returns `None`. On
-    /// the ring lane there is usually nothing to drain after a message.
+    /// Whether [`poll`](crate::Machine::poll) may return an output. If this is `false`, `poll` returns
+    /// `None`. On the ring lane there is usually nothing to drain after a message.
     #[must_use]
     #[inline]
     pub fn has_output(&self) -> bool {

@@ -2,10 +2,10 @@
 //!
 //! | to do | call |
 //! | --- | --- |
-//! | feed | [`Link::handle`] with each datagram, each command of the application, each change of the socket |
-//! | drain | [`Link::poll`] until it returns `None`, after every feed |
+//! | feed | [`handle`](crate::Machine::handle) with each datagram, command of the application, change of the socket |
+//! | drain | [`poll`](crate::Machine::poll) until it returns `None`, after every feed |
 //! | messages | [`Link::send`], [`Link::take`], [`Link::release`], [`Link::has_room`], the same on both lanes |
-//! | deadline | [`Link::deadline`]: a link has no timer in version 1 |
+//! | deadline | [`deadline`](crate::Machine::deadline): a link has no timer in version 1 |
 //! | inspect | [`Link::is_open`], [`Link::end`], [`Link::counters`], [`Link::placement`], … |
 //!
 //! The machine does no I/O, reads no clock and sees no descriptor. Its driver owns the socket, the

@@ -237,7 +237,7 @@ pub enum End {
     Violation(Violation),
 }
 
-/// The reason why [`Link::handle`](super::Link::handle) did not do what its input asked for.
+/// The reason why [`Machine::handle`](crate::Machine::handle) did not do what its input asked for.
 pub type Error = crate::Error<End, Misuse>;
 
 /// The ways in which the code that uses the machine can break its contract.
