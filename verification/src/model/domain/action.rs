@@ -17,6 +17,8 @@ pub enum Action {
     Notices(u8, InterfaceId, LinkId),
     /// Another Manager starts.
     ManagerBegins,
+    /// The Manager does the next part of work that it has cut.
+    ManagerWorks,
     /// No action is possible before the Manager's next deadline, so time advances to it.
     TimePasses,
     /// A program declares its first interface that is not declared.
@@ -49,6 +51,7 @@ impl Action {
                 | Self::Connects(_)
                 | Self::Notices(..)
                 | Self::ManagerBegins
+                | Self::ManagerWorks
                 | Self::TimePasses
         )
     }
@@ -64,6 +67,7 @@ impl fmt::Display for Action {
                 write!(f, "node {at} sees the end of {link} at {interface}")
             }
             Self::ManagerBegins => write!(f, "another Manager begins"),
+            Self::ManagerWorks => write!(f, "the Manager goes on with its work"),
             Self::TimePasses => write!(f, "time passes until the Manager's deadline"),
             Self::Declares(at) => write!(f, "node {at} declares"),
             Self::Withdraws(at, interface) => write!(f, "node {at} withdraws {interface}"),

@@ -8,7 +8,7 @@ use sm2_proto::{
 
 use super::{
     Action, Scope,
-    world::{Socket, World, end_of},
+    world::{Connection, Socket, World, end_of},
 };
 
 impl World {
@@ -29,13 +29,22 @@ impl World {
     /// The actions that happen sooner or later without a choice.
     pub(super) fn progress(&self) -> Vec<Action> {
         let mut actions = Vec::new();
-        let alive = self.manager.is_some();
+        let manager = self.manager.as_ref().map(|it| it.machine());
+        let alive = manager.is_some();
         if !alive {
             actions.push(Action::ManagerBegins);
         }
+        let deadline = manager.and_then(Manager::deadline);
+        if deadline.is_some_and(|it| it <= self.now) {
+            actions.push(Action::ManagerWorks);
+        }
         for (at, program) in (0_u8..).zip(&self.programs) {
             let open = program.connection.as_ref();
-            if alive && (!program.closed.is_empty() || open.is_some_and(|it| !it.up.is_empty())) {
+            let unread = open.filter(|it| !it.up.is_empty());
+            let unread = program.closed.front().or(unread);
+            //= SM2-SES-009 model
+            let may_read = |it: &Connection| manager.is_some_and(|of| !of.is_busy(it.session));
+            if unread.is_some_and(may_read) {
                 actions.push(Action::ManagerReads(at));
             }
             if open.is_some_and(|it| !it.down.is_empty()) {
@@ -53,8 +62,6 @@ impl World {
                 }
             }
         }
-        let manager = self.manager.as_ref();
-        let deadline = manager.and_then(|it| it.machine().deadline());
         if actions.is_empty() && deadline.is_some() {
             actions.push(Action::TimePasses);
         }

@@ -1,6 +1,6 @@
 //! The bounds of a search: the nodes, and the events that may happen.
 
-use sm2_proto::{Contract, DemandedQos, Name, OfferedQos, ServiceQos, TypeId};
+use sm2_proto::{Contract, DemandedQos, Name, OfferedQos, ServiceQos, TypeId, manager::Policy};
 
 /// How often each event may happen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -70,6 +70,8 @@ pub struct Scope {
     /// True if moments that differ only in names count as one, and actions whose time makes no
     /// difference go first.
     pub reduced: bool,
+    /// The work that the Manager does before it serves others. One unit cuts it after each link.
+    pub work_per_turn: usize,
     /// The fault, if any.
     pub fault: Option<Fault>,
 }
@@ -79,7 +81,7 @@ const LIDAR: &str = "lidar";
 const CAMERA: &str = "camera";
 
 /// Scopes that take longer than a few seconds in an optimised build.
-const SLOW: [&str; 2] = ["crash-3x2", "crash-4x1"];
+const SLOW: [&str; 3] = ["parts-3x1", "crash-3x2", "crash-4x1"];
 
 impl Scope {
     /// All scopes, quick ones first.
@@ -100,6 +102,7 @@ impl Scope {
             eager: true,
             settled: true,
             reduced: true,
+            work_per_turn: Policy::default().work_per_turn,
             fault: None,
         }
     }
@@ -168,7 +171,7 @@ impl Scope {
         ]
     }
 
-    /// Nodes that stall, Managers that shut down, and the two largest searches.
+    /// Nodes that stall, Managers that shut down, work in parts, and the two largest searches.
     fn with_stalls() -> Vec<Self> {
         vec![
             Self::new(
@@ -207,6 +210,20 @@ impl Scope {
                     ..Budget::default()
                 },
             ),
+            // The order of parts is not among the orders that the reductions consider.
+            Self {
+                reduced: false,
+                work_per_turn: 1,
+                ..Self::new(
+                    "parts-3x1",
+                    fan(3, &[LIDAR]),
+                    Budget {
+                        withdrawals: 1,
+                        node_crashes: 1,
+                        ..Budget::default()
+                    },
+                )
+            },
             Self::new("crash-3x2", fan(3, &[LIDAR, CAMERA]), crashes(1, 1)),
             Self::new("crash-4x1", fan(4, &[LIDAR]), crashes(1, 1)),
         ]

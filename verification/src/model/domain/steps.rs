@@ -31,6 +31,7 @@ impl World {
             Action::Connects(at) => next.connect(scope, at),
             Action::Notices(at, interface, link) => next.notice(scope, at, interface, link),
             Action::ManagerBegins => next.begin(scope),
+            Action::ManagerWorks => next.feed_manager(scope, manager::Input::Tick, usize::MAX),
             Action::TimePasses => {
                 let deadline = |it: &Self| it.manager.as_ref()?.machine().deadline();
                 next.now = deadline(&next).unwrap_or(next.now);
@@ -83,6 +84,7 @@ impl World {
         // No node requests changes here; pages are requested.
         let policy = Policy {
             changes_remembered: 0,
+            work_per_turn: scope.work_per_turn,
             ..Policy::default()
         };
         let epoch = self.epoch_number();
