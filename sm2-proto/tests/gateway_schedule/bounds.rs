@@ -64,10 +64,10 @@ fn each_of_200_topics_is_served_within_its_share() {
     let (mut left, mut served) = (BTreeMap::new(), vec![0; 200]);
     for packet in 0..12_000 {
         if packet % 100 == 0 {
-            for offer in 0..200 {
+            for (offer, since) in since.iter_mut().enumerate() {
                 let len = longest(offer) - packet % 900;
                 bench.publish(offer as u64, len, len);
-                since[offer].get_or_insert_with(|| carried.clone());
+                since.get_or_insert_with(|| carried.clone());
             }
         }
         let Some(next) = bench.schedule.order().next() else {
