@@ -110,6 +110,8 @@ fn scope(walk: &Walk, fault: Option<Fault>) -> Scope {
         eager: false,
         settled: false,
         reduced: false,
+        // Every second walk has a Manager that cuts its work after each link.
+        work_per_turn: [1, 512][walk.choices.len() % 2],
         fault,
     }
 }
