@@ -86,7 +86,7 @@ fn every_kind_form_and_violation_has_a_vector() {
     let links = ViolationKind::ALL
         .iter()
         .filter(|it| (16..=20).contains(&it.code().0) || it.code().0 >= 64)
-        // `BadWord` concerns words of a ring, which are in no frame.
+        // `BadWord` concerns words of a ring, which are in no frame: see `ring_vectors.rs`.
         .filter(|it| **it != ViolationKind::BadWord);
     let violations = links.map(|it| it.name().to_owned()).collect();
     let text = |value: &Value| value.as_str().unwrap().to_owned();

@@ -6,7 +6,7 @@ mod ring_support;
 use link_support::{NOW, ring_file};
 use ring_support::{RECEIVER, Rig, SENDER, segment, word};
 use sm2_proto::{
-    Farewell, Instant, Machine,
+    Datagram, Farewell, Instant, Machine,
     limits::MESSAGE_MAX,
     link::{
         At, Body, EMPTY, End, Error, Fate, FrameKind, Input, Misuse, OutboundMessage, Output,
@@ -376,6 +376,51 @@ fn the_end_settles_all() {
     assert_eq!(rig.send(4, 4), Err(end));
     assert_eq!(rig.harvest(), Err(end));
     assert!(!rig.room());
+}
+
+/// Messages that come back before CLOSE or the end of the stream count as delivered, although no
+/// one harvested them before.
+//= SM2-QOS-004, SM2-RNG-011 test
+#[test]
+fn messages_that_came_back_before_the_end_are_delivered() {
+    for input in [Some(Farewell::Done.code()), None] {
+        let mut rig = Rig::open(false, 4, 2);
+        for id in 1..=3 {
+            let _ = rig.send(id, id as u32).unwrap();
+        }
+        for sequence in 1..=2 {
+            assert_eq!(rig.taken().sequence, sequence);
+            let _ = rig.release(sequence).unwrap();
+        }
+        assert_eq!(rig.settle_returned(), Ok(()));
+        match input {
+            Some(code) => {
+                let close = Frame::Close(code).to_vec();
+                let close = Datagram::new(&close);
+                rig.input(SENDER, Input::Datagram(close)).unwrap();
+            }
+            None => rig.input(SENDER, Input::Eof).unwrap(),
+        }
+        let returned = [10, 20].map(|key| (key, Fate::Delivered));
+        let settled = rig.settled();
+        assert_eq!(settled[..2], returned);
+        assert_eq!(settled[2..], [(30, Fate::Closed)]);
+        let counters = rig.ends[SENDER].counters();
+        assert_eq!((counters.delivered, counters.closed), (2, 1));
+        assert!(matches!(rig.settle_returned(), Err(Error::Ended(_))));
+    }
+}
+
+/// A word that is no message of the link is a violation, also just before the end.
+//= SM2-RNG-008 test
+#[test]
+fn a_false_word_just_before_the_end_is_a_violation() {
+    let mut rig = Rig::open(false, 4, 2);
+    let _ = rig.send(1, 1).unwrap();
+    rig.words.write(At::Back(0), word(0, 9, 9));
+    let end = End::Violation(violation!(BadWord, "SM2-RNG-008"));
+    assert_eq!(rig.settle_returned(), Err(Error::Ended(end)));
+    assert_eq!(rig.settled(), [(10, Fate::Closed)]);
 }
 
 /// A new ring must be all zeros. Any other word is a violation by the other end.

@@ -91,6 +91,38 @@ impl Link {
         }
     }
 
+    /// Settles the messages that the receiver gave back, and sends nothing. On the ring lane, a
+    /// driver calls this after it has read a datagram or the end of the stream, and before it feeds
+    /// that to the machine: the input may end the link, and messages that came back before the end
+    /// count as delivered.
+    ///
+    /// # Errors
+    /// [`Error::Misuse`]: the ring was not lent. [`Error::Ended`]: the link is over, perhaps by a
+    /// violation that this call found.
+    //= SM2-RNG-011, SM2-QOS-004
+    pub fn settle_returned(
+        &mut self,
+        memory: &impl LinkMemory,
+        mut settled: impl FnMut(u64, Fate),
+    ) -> Result<(), Error> {
+        if let Some(end) = self.end() {
+            return Err(Error::Ended(end));
+        }
+        match &mut self.lane {
+            Lane::Undecided | Lane::Socket(_) => Ok(()),
+            Lane::Ring(ring) => {
+                let Some(sender) = ring.sender_mut() else {
+                    return Ok(());
+                };
+                let words = memory.outgoing().ok_or(Misuse::NotLent)?;
+                let harvested = sender.harvest(words, &mut settled);
+                let result = harvested.map_err(|violation| self.violated(violation));
+                self.invariants();
+                result
+            }
+        }
+    }
+
     /// Whether one more message could be sent without displacing another message and without being
     /// refused for lack of room or for too many calls.
     #[inline]

@@ -65,6 +65,18 @@ impl Memory {
         self.accesses.set(self.accesses.get() + 1);
     }
 
+    /// The words that are not 0, by offset.
+    pub(crate) fn image(&self) -> BTreeMap<u64, u64> {
+        let words = self.words.borrow();
+        let words = words.iter().filter(|(_, bits)| **bits != EMPTY);
+        words.map(|(offset, bits)| (*offset, *bits)).collect()
+    }
+
+    /// Writes all words: those that `image` does not name are 0.
+    pub(crate) fn set_image(&self, image: &BTreeMap<u64, u64>) {
+        self.words.replace(image.clone());
+    }
+
     /// The forward words, by index.
     pub(crate) fn forward(&self) -> Vec<u64> {
         let indices = 0..u32::from(self.layout.depth());
@@ -267,6 +279,14 @@ impl Rig {
             self.ends[SENDER].harvest(&self.words, |key, fate| settled.push((key, fate)));
         self.drain(SENDER);
         harvested
+    }
+
+    pub(crate) fn settle_returned(&mut self) -> Result<(), Error> {
+        let settled = &mut self.settled;
+        let result =
+            self.ends[SENDER].settle_returned(&self.words, |key, fate| settled.push((key, fate)));
+        self.drain(SENDER);
+        result
     }
 
     pub(crate) fn take(&mut self) -> Result<Option<Delivery>, NoDelivery> {

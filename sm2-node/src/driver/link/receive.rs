@@ -43,15 +43,20 @@ impl LinkDriver {
             let Some(socket) = &self.socket else { return };
             match receive(socket, tools.buffer) {
                 Ok(incoming) => {
+                    self.settle_returned(tools, outbox);
                     let bytes = &tools.buffer[..incoming.len];
                     self.datagram(bytes, incoming, tools.epoll, outbox);
                 }
                 Err(RecvError::WouldBlock) => return,
                 //= SM2-TRN-006
                 // `Closed` comes after all queued datagrams.
-                Err(RecvError::Closed) => return self.feed(Input::Eof, tools.epoll, outbox),
+                Err(RecvError::Closed) => {
+                    self.settle_returned(tools, outbox);
+                    return self.feed(Input::Eof, tools.epoll, outbox);
+                }
                 Err(RecvError::Io(error)) => {
                     tracing::warn!(link = %self.id, peer = %self.peer.name, %error, "link failed");
+                    self.settle_returned(tools, outbox);
                     return self.feed(Input::Eof, tools.epoll, outbox);
                 }
             }
@@ -94,6 +99,7 @@ impl LinkDriver {
     ) {
         self.receive_all(tools, outbox);
         if self.end().is_none() {
+            self.settle_returned(tools, outbox);
             self.feed(Input::Close(code), tools.epoll, outbox);
         }
     }

@@ -127,6 +127,19 @@ impl LinkDriver {
         self.note_fates(tools.counting);
     }
 
+    /// Settles the messages that came back before the link may end, and sends nothing.
+    //= SM2-RNG-011
+    pub(super) fn settle_returned(&mut self, tools: &mut Tools<'_>, outbox: &mut Outbox) {
+        if self.machine.is_woken_by_socket() || self.machine.end().is_some() {
+            return;
+        }
+        let settled = |key, fate| outbox.settle(MessageKey::from_raw(key), fate);
+        // If the call finds a violation, the outputs report it.
+        let _ = self.machine.settle_returned(&self.mapped, settled);
+        self.drain_if_due(tools.epoll, outbox);
+        self.note_fates(tools.counting);
+    }
+
     /// Sends queued messages after a change that may let them through: a freed segment number, a
     /// writable socket, or room.
     pub(in crate::driver) fn send_waiting(&mut self, tools: &mut Tools<'_>, outbox: &mut Outbox) {
