@@ -173,7 +173,28 @@ impl Config {
     /// # Errors
     /// See [`ConfigError`].
     pub fn parse(path: &Path, text: &str) -> Result<Self, ConfigError> {
-        let at = Source { path, text };
+        Self::parse_source(&Source {
+            path,
+            text,
+            unknown_peers: UnknownPeers::Refused,
+        })
+    }
+
+    /// As [`parse`](Self::parse), but rules may name peers that the file does not have yet. Such a
+    /// name has no effect.
+    ///
+    /// # Errors
+    /// See [`ConfigError`].
+    pub(crate) fn parse_without_peers(path: &Path, text: &str) -> Result<Self, ConfigError> {
+        Self::parse_source(&Source {
+            path,
+            text,
+            unknown_peers: UnknownPeers::Ignored,
+        })
+    }
+
+    fn parse_source(at: &Source<'_>) -> Result<Self, ConfigError> {
+        let Source { path, text, .. } = *at;
         let file: File = toml::from_str(text).map_err(|error| {
             let span = error.span().unwrap_or(0..0);
             ConfigError::Toml {
@@ -305,6 +326,14 @@ impl Config {
 struct Source<'a> {
     path: &'a Path,
     text: &'a str,
+    unknown_peers: UnknownPeers,
+}
+
+/// The treatment of rules that name a peer that the file does not have.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum UnknownPeers {
+    Refused,
+    Ignored,
 }
 
 impl Source<'_> {
@@ -376,15 +405,18 @@ impl Source<'_> {
             let id = Name::new(text.get_ref())
                 .ok()
                 .and_then(|it| ids.get(&it).copied());
-            id.ok_or_else(|| {
-                let error = ValueError::UnknownPeer {
-                    text: text.get_ref().clone(),
-                };
-                self.error(&text.span(), error)
-            })
+            if id.is_none() && self.unknown_peers == UnknownPeers::Refused {
+                let text_of_rule = text.get_ref().clone();
+                let error = ValueError::UnknownPeer { text: text_of_rule };
+                return Err(self.error(&text.span(), error));
+            }
+            Ok(id)
         };
         let peers = table.peers.as_ref();
-        let peers = peers.map(|it| it.iter().map(known).collect::<Result<Vec<_>, _>>());
+        let peers = peers.map(|it| {
+            let ids = it.iter().map(known).collect::<Result<Vec<_>, _>>();
+            ids.map(|it| it.into_iter().flatten().collect())
+        });
         let priority = match &table.priority {
             Some(it) if *it.get_ref() > PRIORITY_MAX => {
                 return Err(self.error(&it.span(), ValueError::Priority));

@@ -187,6 +187,31 @@ fn snapshots_show_gateways(near: &Side) {
 }
 
 #[test]
+fn trust_adds_a_peer_that_a_rule_names_already() {
+    let (near, far) = (Side::new("near", port()), Side::new("far", 0));
+    let file = near.domain.path("gateway.toml");
+    let mut text = fs::read_to_string(&file).unwrap();
+    text += "[[rule]]\naction = \"deny\"\nnames = \"**\"\npeers = [\"far\", \"later\"]\n";
+    fs::write(&file, &text).unwrap();
+    let unknown = near.gateway("run", &[]).finish();
+    assert!(
+        unknown.stderr().contains("has the name `far`"),
+        "{unknown:?}"
+    );
+    let trusted = near.gateway("trust", &["far", &far.id]).finish();
+    assert_eq!(trusted.code(), 0, "{trusted:?}");
+    let unknown = near.gateway("run", &[]).finish();
+    assert!(
+        unknown.stderr().contains("has the name `later`"),
+        "{unknown:?}"
+    );
+    // Every other check stays.
+    fs::write(&file, text.replace("\"deny\"", "\"refuse\"")).unwrap();
+    let wrong = near.gateway("trust", &["far", &far.id]).finish();
+    assert!(wrong.stderr().contains("refuse"), "{wrong:?}");
+}
+
+#[test]
 fn explain_names_the_rule() {
     let (near, far) = (Side::new("near", 0), Side::new("far", 0));
     near.gateway("trust", &["far", &far.id]).finish();

@@ -22,7 +22,7 @@ const TIMEOUT: Duration = Duration::from_secs(3);
 #[derive(Args, Debug)]
 pub struct Arguments {
     /// The name of a topic or a service
-    #[arg(value_parser = Name::new)]
+    #[arg(value_parser = Name::typed)]
     name: Name,
     /// The peer, by its name or its id
     #[arg(long, value_name = "PEER")]

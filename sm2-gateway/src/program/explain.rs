@@ -15,7 +15,7 @@ use crate::Config;
 #[derive(Args, Debug)]
 pub struct Arguments {
     /// The name of a topic or a service
-    #[arg(value_parser = Name::new)]
+    #[arg(value_parser = Name::typed)]
     name: Name,
     /// The configuration
     #[arg(long, value_name = "FILE")]

@@ -28,14 +28,15 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), ProgramError> {
     let path = &arguments.config;
     let read = fs::read_to_string(path);
     let text = read.map_err(ProgramError::system(format!("read {}", path.display())))?;
-    Config::parse(path, &text)?;
+    // A rule may name the peer before the file has it, or another peer that is added later.
+    Config::parse_without_peers(path, &text)?;
     let peer = entry(arguments);
     // Inserts before the first rule, since rules refer to peers above them.
     let at = text.find("[[rule]]").unwrap_or(text.len());
     let (before, after) = text.split_at(at);
     let gap = if before.ends_with('\n') { "" } else { "\n" };
     let new = format!("{before}{gap}{peer}{after}");
-    Config::parse(path, &new)?;
+    Config::parse_without_peers(path, &new)?;
     replace(path, &new)
 }
 
