@@ -82,8 +82,6 @@ pub enum LocalCommand {
     Subscribe {
         /// The topic or service.
         subject: Subject,
-        /// The greatest depth that a peer wants.
-        depth: u16,
     },
     /// Ends a subscription, or a client.
     Unsubscribe {

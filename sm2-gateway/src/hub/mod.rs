@@ -424,8 +424,9 @@ impl Hub {
                 let command = LocalCommand::Hide { subject, origin };
                 self.outputs.push_back(Output::Local(command));
             }
-            router::Output::Subscribe { subject, depth } => {
-                let command = LocalCommand::Subscribe { subject, depth };
+            // The domain's side takes each message, whatever depth the peers want.
+            router::Output::Subscribe { subject, .. } => {
+                let command = LocalCommand::Subscribe { subject };
                 self.outputs.push_back(Output::Local(command));
             }
             router::Output::Unsubscribe { subject } => {
@@ -437,11 +438,13 @@ impl Hub {
     }
 
     fn unwant(&mut self, peer: GatewayId, offer: OfferId) {
-        let mut routes = self.routes.iter();
-        let route = routes.find(|(_, route)| **route == (peer, offer));
-        if let Some((subject, origin)) = route.map(|(key, _)| key.clone()) {
-            self.unused(&subject, origin);
-            self.routes.remove(&(subject, origin));
+        let offers = self.peers.get(&peer).map(|it| &it.offers);
+        if let Some((subject, origin)) = offers.and_then(|it| it.get(&offer)).cloned() {
+            let key = (subject, origin.gateway);
+            if self.routes.get(&key) == Some(&(peer, offer)) {
+                self.unused(&key.0, key.1);
+                self.routes.remove(&key);
+            }
         }
         self.control(peer, ControlCommand::Unwant { offer });
     }

@@ -112,7 +112,7 @@ impl Local {
     /// the gateway continues without that interface.
     pub(crate) fn handle(&mut self, command: LocalCommand) {
         match command {
-            LocalCommand::Subscribe { subject, .. } => self.subscribe(subject),
+            LocalCommand::Subscribe { subject } => self.subscribe(subject),
             LocalCommand::Unsubscribe { subject } => {
                 self.topics.remove(&subject);
                 self.clients.remove(&subject);

@@ -1,6 +1,7 @@
 //! The events of a connection.
 
 use bytes::Bytes;
+use quinn_proto::ConnectionError;
 use sm2_proto::{
     Code, Instant,
     gateway::{
@@ -78,10 +79,21 @@ impl Event {
 pub enum Reason {
     /// The session has ended.
     #[error("{}", end_text(.0))]
-    Session(End),
+    Session(#[source] End),
     /// The handshake failed: the peer was not reached, or its key is not the expected one.
     #[error("no connection: {0}")]
-    Handshake(String),
+    Handshake(#[source] HandshakeError),
+}
+
+/// Why a handshake failed.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum HandshakeError {
+    /// QUIC gave up the connection.
+    #[error(transparent)]
+    Quic(#[from] ConnectionError),
+    /// The peer showed no key. TLS refuses such a peer before.
+    #[error("the peer showed no key")]
+    NoKey,
 }
 
 fn end_text(end: &End) -> String {

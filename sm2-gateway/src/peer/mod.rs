@@ -50,7 +50,7 @@ use self::{
 };
 pub use self::{
     command::Command,
-    event::{Event, Reason},
+    event::{Event, HandshakeError, Reason},
     id::{CallId, ConnectionId, Me, PeerCall},
     limits::{Limits, Usage},
     machine::{Input, Output},
@@ -74,7 +74,6 @@ pub struct Peer {
     me: Me,
     /// The greatest known epoch of each peer.
     least_epochs: BTreeMap<GatewayId, u64>,
-    peer: Option<GatewayId>,
     /// Present once the handshake is complete.
     session: Option<Session>,
     control: Option<StreamId>,
@@ -148,7 +147,6 @@ impl Peer {
             limits,
             me,
             least_epochs,
-            peer: None,
             session: None,
             control: None,
             control_out: VecDeque::new(),
@@ -378,9 +376,8 @@ impl Peer {
     fn greet(&mut self, now: Now) {
         let Some(peer) = peer_of(&self.connection) else {
             // A handshake without a key fails, so this is not reached.
-            return self.over(now, Reason::Handshake("the peer showed no key".to_owned()));
+            return self.over(now, Reason::Handshake(HandshakeError::NoKey));
         };
-        self.peer = Some(peer);
         let least = self.least_epochs.get(&peer).copied().unwrap_or(0);
         let Me { hop, name } = self.me.clone();
         self.session = Some(Session::new(now.at, hop, name, peer, least));
@@ -401,7 +398,7 @@ impl Peer {
         if self.session.is_some() {
             self.session_event(now, PeerEvent::Closed(code));
         } else {
-            self.over(now, Reason::Handshake(reason.to_string()));
+            self.over(now, Reason::Handshake(reason.clone().into()));
         }
     }
 

@@ -85,7 +85,7 @@ impl Domain {
         ledger: &mut Ledger,
     ) -> Vec<LocalEvent> {
         match command {
-            LocalCommand::Subscribe { subject, .. } => {
+            LocalCommand::Subscribe { subject } => {
                 self.subscribed.insert(subject);
             }
             LocalCommand::Unsubscribe { subject } => {
