@@ -2,6 +2,8 @@
 
 #[path = "hub/calls.rs"]
 mod calls;
+#[path = "hub/epochs.rs"]
+mod epochs;
 #[path = "hub/latched.rs"]
 mod latched;
 

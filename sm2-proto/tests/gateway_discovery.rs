@@ -93,6 +93,30 @@ fn dial(peer: GatewayId, last: u16) -> Vec<Output> {
     vec![Output::Dial { peer, address }]
 }
 
+//= SM2-GWC-005 test
+#[test]
+fn a_stale_attempt_is_repeated_soon() {
+    let mut bench = Bench::new();
+    bench.trust(PEER, &[1]);
+    for _ in 0..20 {
+        bench.next();
+        bench.input(Input::Failed { peer: PEER });
+    }
+    for ends in [Input::Failed { peer: PEER }, Input::Lost { peer: PEER }] {
+        assert_eq!(bench.next().1, dial(PEER, 1));
+        if ends == (Input::Lost { peer: PEER }) {
+            bench.connected(7);
+        }
+        bench.input(Input::Stale { peer: PEER });
+        bench.input(ends);
+        assert!(bench.discovery.deadline() <= Some(Instant(bench.now.0 + S)));
+    }
+    // Another failure waits as before.
+    bench.next();
+    bench.input(Input::Failed { peer: PEER });
+    assert!(bench.discovery.deadline() > Some(Instant(bench.now.0 + 2 * S)));
+}
+
 //= SM2-GWD-004 test
 #[test]
 fn addresses_in_turn_with_longer_and_longer_waits() {

@@ -16,7 +16,11 @@ pub(crate) enum NetworkEvent {
         event: quinn_proto::EndpointEvent,
     },
     /// An attempt to connect failed.
-    Failed { peer: GatewayId },
+    Failed {
+        peer: GatewayId,
+        /// True if the peer closed the connection as `stale`.
+        is_stale: bool,
+    },
     /// The lookup of a host name of a peer has completed.
     Resolved {
         peer: GatewayId,

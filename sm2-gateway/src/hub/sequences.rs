@@ -46,7 +46,9 @@ impl Sequences {
         let seen = self.seen.entry((subject.clone(), origin.gateway));
         let last = seen.or_default();
         let epoch = origin.epoch;
-        if (epoch, sequence) <= (last.epoch, last.sequence) {
+        // Another epoch belongs to another process, which numbers its messages from 1. Its epoch is
+        // smaller if the clock was set back.
+        if epoch == last.epoch && sequence <= last.sequence {
             return None;
         }
         let skipped = match last.is_followed && epoch == last.epoch {

@@ -96,6 +96,15 @@ pub enum HandshakeError {
     NoKey,
 }
 
+impl Reason {
+    /// True if the peer has a connection with another process of this gateway, of a greater epoch.
+    #[must_use]
+    pub fn is_stale(&self) -> bool {
+        let stale = End::Closed(Some(PeerFarewell::Stale.code()));
+        *self == Self::Session(stale)
+    }
+}
+
 fn end_text(end: &End) -> String {
     match end {
         End::Violation(violation) => format!("closed: the peer broke the protocol: {violation}"),

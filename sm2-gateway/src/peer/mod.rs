@@ -72,7 +72,7 @@ pub struct Peer {
     clock: Clock,
     limits: Limits,
     me: Me,
-    /// The greatest known epoch of each peer.
+    /// The epoch of each peer with an open connection.
     least_epochs: BTreeMap<GatewayId, u64>,
     /// Present once the handshake is complete.
     session: Option<Session>,

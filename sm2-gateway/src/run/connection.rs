@@ -145,7 +145,9 @@ impl Task {
         tracing::info!(address = %self.peer.address(), "{reason}");
         self.ended_at = Some(sm2_io::clock::now());
         if let Some(peer) = self.dialled {
-            self.shared.network.send(NetworkEvent::Failed { peer });
+            let is_stale = reason.is_stale();
+            let failed = NetworkEvent::Failed { peer, is_stale };
+            self.shared.network.send(failed);
         }
     }
 

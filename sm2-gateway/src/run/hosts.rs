@@ -38,7 +38,10 @@ impl Hosts {
         let host = self.names.get(&peer).and_then(|it| it.get(host));
         let Some(host) = host.cloned() else {
             // A reload has removed the name.
-            network.send(NetworkEvent::Failed { peer });
+            network.send(NetworkEvent::Failed {
+                peer,
+                is_stale: false,
+            });
             return;
         };
         tokio::spawn(async move {

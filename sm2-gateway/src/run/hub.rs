@@ -207,6 +207,8 @@ impl Task {
                 }
                 Output::Lost { peer } => {
                     tracing::info!(name = self.names.get(&peer).map(Name::as_str), id = %peer, "peer disconnected");
+                    //= SM2-GWC-005
+                    lock(&self.shared.epochs).remove(&peer);
                     self.shared.network.send(NetworkEvent::Lost { peer });
                 }
             }

@@ -128,7 +128,12 @@ impl Network {
                     task.endpoint_event(event);
                 }
             }
-            NetworkEvent::Failed { peer } => self.feed(Input::Failed { peer }),
+            NetworkEvent::Failed { peer, is_stale } => {
+                if is_stale {
+                    self.feed(Input::Stale { peer });
+                }
+                self.feed(Input::Failed { peer });
+            }
             NetworkEvent::Resolved {
                 peer,
                 host,

@@ -24,7 +24,7 @@ pub(super) struct Shared {
     pub(super) socket: Socket,
     pub(super) hub: HubHandle,
     pub(super) network: NetworkHandle,
-    /// The greatest known epoch of each peer: an older process is stale.
+    /// The epoch of each peer with an open connection: a process with a smaller one is stale.
     pub(super) epochs: Mutex<BTreeMap<GatewayId, u64>>,
     /// The changes that the shadow configuration would make, if there is one.
     pub(super) shadow: Mutex<Option<Vec<ShadowReport>>>,

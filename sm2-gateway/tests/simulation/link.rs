@@ -129,6 +129,9 @@ impl Node {
                 let text = reason.to_string();
                 world.ledger.trace.add(now, self.index, &text);
                 if let Some(peer) = dialled {
+                    if reason.is_stale() {
+                        self.discover(now, discovery::Input::Stale { peer }, world);
+                    }
                     self.discover(now, discovery::Input::Failed { peer }, world);
                 }
             }

@@ -318,6 +318,7 @@ impl Node {
                 self.discover(now, input, world);
             }
             Output::Lost { peer } => {
+                self.epochs.remove(&peer);
                 let input = discovery::Input::Lost { peer };
                 self.discover(now, input, world);
             }

@@ -11,7 +11,7 @@ use crate::{
     network::{Conditions, Datagram, MS},
     node::{Node, World},
     rules::RuleSet,
-    script::{Place, Simulation},
+    script::{EPOCH, Place, Simulation},
 };
 
 impl Simulation {
@@ -151,7 +151,7 @@ impl Simulation {
         let mut bytes = self.random.bytes().repeat(1 + self.random.index(40));
         if is_beacon {
             let gateway = *self.random.one_of(&self.world.ledger.ids);
-            let epoch = self.random.below(self.epoch + 3);
+            let epoch = self.random.below(2 * EPOCH);
             let port = 7633;
             let beacon = Beacon {
                 port,

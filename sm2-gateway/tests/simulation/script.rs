@@ -18,6 +18,8 @@ use crate::{
     rules::{RuleSet, subjects},
 };
 
+/// The epoch of a process whose clock is right, less the number of processes before.
+pub(crate) const EPOCH: u64 = 1 << 32;
 /// Events occur only at multiples of this time.
 const TICK: u64 = MS / 10;
 /// The bytes before the 32 bytes of an Ed25519 private key in PKCS#8 (RFC 8410).
@@ -151,8 +153,18 @@ impl Simulation {
         nodes
     }
 
-    fn node(&mut self, index: usize, rules: RuleSet, nodes: Nodes) -> Node {
+    /// The epoch of a new process. The clock of each third one was set back.
+    //= SM2-GWC-005 test
+    const fn next_epoch(&mut self) -> u64 {
         self.epoch += 1;
+        match self.epoch % 3 {
+            0 => EPOCH - self.epoch,
+            _ => EPOCH + self.epoch,
+        }
+    }
+
+    fn node(&mut self, index: usize, rules: RuleSet, nodes: Nodes) -> Node {
+        let epoch = self.next_epoch();
         let known = self.known[index].iter().map(|&peer| Known {
             index: peer,
             is_addressed: self.addressed.contains(&(index, peer)),
@@ -160,7 +172,7 @@ impl Simulation {
         let start = Start {
             index,
             key: self.keys[index].clone(),
-            epoch: self.epoch,
+            epoch,
             known: known.collect(),
             rules,
             nodes,

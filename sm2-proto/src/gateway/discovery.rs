@@ -17,6 +17,8 @@ use crate::{
 
 /// The longest wait before an attempt to connect.
 const WAIT_MAX: Duration = Duration::from_secs(5);
+/// The longest wait after a peer has closed a connection as `stale`.
+const STALE_WAIT_MAX: Duration = Duration::from_secs(1);
 /// The longest time between two own beacons, and the length of a [`BeaconWindow`].
 const BEACON_PERIOD: Duration = Duration::from_secs(1);
 
@@ -59,6 +61,12 @@ pub enum Input<'a> {
     },
     /// The attempt to connect to a peer failed.
     Failed {
+        /// The id of the peer.
+        peer: GatewayId,
+    },
+    /// A peer has closed a connection as `stale`: it still has one with an earlier process of this
+    /// gateway. [`Input::Failed`] or [`Input::Lost`] follows.
+    Stale {
         /// The id of the peer.
         peer: GatewayId,
     },
@@ -118,6 +126,8 @@ struct Peer {
     /// The addresses that beacons named, the newest first.
     announced: [Option<SocketAddr>; 2],
     backoff: Backoff,
+    /// True if the peer has closed the last connection as `stale`.
+    is_stale: bool,
     /// The index of the next location to try.
     next: usize,
     state: State,
@@ -196,6 +206,11 @@ impl Discovery {
             }
             Input::Lost { peer } => self.lost(now, peer),
             Input::Failed { peer } => self.failed(now, peer),
+            Input::Stale { peer } => {
+                if let Some(it) = self.peers.get_mut(&peer) {
+                    it.is_stale = true;
+                }
+            }
             Input::Tick => {}
         }
     }
@@ -207,6 +222,7 @@ impl Discovery {
             hosts: 0,
             announced: [None; 2],
             backoff: Backoff::new(seed, WAIT_MAX),
+            is_stale: false,
             next: 0,
             state: State::Unknown,
         });
@@ -300,7 +316,12 @@ impl Discovery {
         };
         let has_location = it.locations().next().is_some();
         let state = if has_location {
-            let until = now.after(it.backoff.wait());
+            //= SM2-GWC-005
+            let most = match core::mem::take(&mut it.is_stale) {
+                true => STALE_WAIT_MAX,
+                false => WAIT_MAX,
+            };
+            let until = now.after(it.backoff.wait().min(most));
             State::Waiting { until }
         } else {
             State::Unknown

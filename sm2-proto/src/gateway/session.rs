@@ -44,7 +44,7 @@ const GREETING_TIMEOUT: Duration = Duration::from_secs(2);
 pub struct Session {
     me: Hop,
     peer: GatewayId,
-    /// The greatest epoch of the peer that was ever seen.
+    /// The epoch of the peer in another connection that is open, or 0.
     least_epoch: u64,
     state: Result<Phase, End>,
     reader: FrameReader,
@@ -67,8 +67,8 @@ enum Phase {
 
 impl Session {
     /// A session on a connection whose handshake has just proven that the other side is `peer`.
-    /// `least_epoch` is the greatest epoch of this peer that was ever seen; a HELLO with a smaller one
-    /// is refused.
+    /// `least_epoch` is the epoch of this peer in another connection that is open, or 0. A HELLO with a
+    /// smaller one is refused.
     #[must_use]
     pub fn new(now: Instant, me: Hop, name: Name, peer: GatewayId, least_epoch: u64) -> Self {
         let hello = Frame::Hello {
