@@ -35,6 +35,7 @@ pub mod peer;
 #[cfg(feature = "program")]
 pub mod program;
 pub mod report;
+mod retry;
 mod run;
 pub mod shadow;
 mod tally;

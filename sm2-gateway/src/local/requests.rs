@@ -21,6 +21,7 @@ use super::{calls::too_long, error::LocalError};
 use crate::{
     channel::hub::{HubEvent, HubHandle},
     hub::{LocalEvent, RequestId},
+    retry::until_ok,
 };
 
 /// Interval of the checks for cancelled requests and free request slots.
@@ -71,16 +72,28 @@ pub(super) struct Forward {
 pub(super) async fn serve(server: AsyncServer<[u8], [u8]>, forward: Forward) {
     let subject = &forward.subject;
     loop {
-        match server.recv().await {
-            Ok(request) if request.len() as u64 > forward.max_len_bytes => {
-                let reason = too_long("request", forward.max_len_bytes);
-                // Fails only if the caller has gone.
-                let _ = request.fail(&reason);
+        let server = &server;
+        let receive = || async move {
+            loop {
+                match server.recv().await {
+                    // `max_borrowed` requests are in flight: retries until one has its reply.
+                    Err(RecvError::TooManyBorrowed { .. }) => {
+                        tokio::time::sleep(POLL_INTERVAL).await
+                    }
+                    received => break received,
+                }
             }
-            Ok(request) => drop(tokio::spawn(forward.clone().request(request))),
-            // `max_borrowed` requests are in flight: retries until one has its reply.
-            Err(RecvError::TooManyBorrowed { .. }) => tokio::time::sleep(POLL_INTERVAL).await,
-            Err(error) => tracing::warn!(name = %subject.name(), %error, "cannot take a request"),
+        };
+        let report = |error: &RecvError| {
+            tracing::warn!(name = %subject.name(), %error, "cannot take a request");
+        };
+        let request = until_ok(receive, report).await;
+        if request.len() as u64 > forward.max_len_bytes {
+            let reason = too_long("request", forward.max_len_bytes);
+            // Fails only if the caller has gone.
+            let _ = request.fail(&reason);
+        } else {
+            drop(tokio::spawn(forward.clone().request(request)));
         }
     }
 }

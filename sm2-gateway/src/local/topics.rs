@@ -15,6 +15,7 @@ use crate::{
     channel::hub::{HubEvent, HubHandle},
     hub::{LATCHED_MAX, LocalEvent},
     names::is_remote,
+    retry::until_ok,
 };
 
 /// Messages up to this size are copied, which frees their slots at once.
@@ -87,18 +88,22 @@ async fn take(
 ) {
     let borrowed = Arc::new(());
     loop {
-        let sample = match subscriber.recv().await {
-            Ok(sample) => sample,
-            // All `MAX_BORROWED` samples are in flight; resumes with newer ones.
-            Err(RecvError::TooManyBorrowed { .. }) => {
-                tokio::time::sleep(Duration::from_millis(1)).await;
-                continue;
-            }
-            Err(error) => {
-                tracing::warn!(name = %subject.name(), %error, "cannot take a message");
-                continue;
+        let subscriber = &subscriber;
+        let receive = || async move {
+            loop {
+                match subscriber.recv().await {
+                    // All `MAX_BORROWED` samples are in flight; resumes with newer ones.
+                    Err(RecvError::TooManyBorrowed { .. }) => {
+                        tokio::time::sleep(Duration::from_millis(1)).await;
+                    }
+                    received => break received,
+                }
             }
         };
+        let report = |error: &RecvError| {
+            tracing::warn!(name = %subject.name(), %error, "cannot take a message");
+        };
+        let sample = until_ok(receive, report).await;
         if is_remote(sample.publisher()) {
             continue;
         }

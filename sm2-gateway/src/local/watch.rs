@@ -20,6 +20,7 @@ use crate::{
     channel::hub::{HubEvent, HubHandle},
     hub::LocalEvent,
     names::is_of_gateway,
+    retry,
 };
 
 /// Interval at which the thread checks that the hub still runs.
@@ -72,13 +73,14 @@ pub(super) fn start(node: &Node, remote: RemoteTopics, hub: HubHandle) -> io::Re
     let mut watch = node.watch();
     let follow = move || {
         let mut state = DomainState::default();
+        let mut pauses = retry::pauses();
         while !hub.is_closed() {
             match watch.wait_timeout(STOP_CHECK_INTERVAL) {
                 Ok(changes) if changes.is_empty() => thread::sleep(RETRY_DELAY),
-                Ok(_) => {}
+                Ok(_) => pauses = retry::pauses(),
                 Err(error) => {
                     tracing::warn!(%error, "cannot follow the domain; retries");
-                    thread::sleep(RETRY_DELAY);
+                    thread::sleep(pauses.wait());
                     continue;
                 }
             }

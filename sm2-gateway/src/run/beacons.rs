@@ -10,6 +10,8 @@ use sm2_proto::gateway::Beacon;
 use socket2::{Domain, Protocol, Type};
 use tokio::net::UdpSocket;
 
+use crate::retry;
+
 /// The multicast group of beacons.
 //= SM2-GWD-005
 const GROUP: Ipv6Addr = Ipv6Addr::new(0xff12, 0, 0, 0, 0, 0, 0x534d, 0x3247);
@@ -83,12 +85,14 @@ impl Beacons {
         let Some(it) = beacons else {
             return std::future::pending().await;
         };
+        let mut pauses = retry::pauses();
         loop {
             match it.socket.recv_from(buffer).await {
                 Ok((len, from)) => return (from, len),
-                // A deferred error of a datagram sent before.
+                // Most errors are deferred ones of a datagram sent before.
                 Err(error) => tracing::debug!(%error, "cannot receive a beacon"),
             }
+            tokio::time::sleep(pauses.wait()).await;
         }
     }
 }

@@ -5,7 +5,7 @@ use std::{
     time::Duration,
 };
 
-use sm2_node::{Server, asynchronous::IntoAsync};
+use sm2_node::{RecvError, Server, asynchronous::IntoAsync};
 use sm2_proto::{
     Name,
     gateway::{Direction, GatewayId},
@@ -25,6 +25,7 @@ use crate::{
     report::{
         DenialReport, PeerReport, Report, ShadowReport, SubjectReport, kind_name, subject_label,
     },
+    retry::until_ok,
 };
 
 /// Timeout of the connections' part of a report.
@@ -128,13 +129,8 @@ pub(super) fn serve(local: &Local, gateway: &Name, hub: HubHandle) -> Result<(),
     let server = server.into_async()?;
     tokio::spawn(async move {
         loop {
-            let request = match server.recv().await {
-                Ok(request) => request,
-                Err(error) => {
-                    tracing::warn!(%error, "cannot take a status request");
-                    continue;
-                }
-            };
+            let report = |error: &RecvError| tracing::warn!(%error, "cannot take a status request");
+            let request = until_ok(|| server.recv(), report).await;
             let hub = hub.clone();
             // A task for each request, so that a slow peer delays no other request.
             tokio::spawn(async move {
