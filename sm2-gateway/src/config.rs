@@ -106,6 +106,7 @@ enum CongestionWord {
 struct LimitsTable {
     message_bytes: Option<u64>,
     memory_bytes: Option<u64>,
+    gateway_bytes: Option<u64>,
 }
 
 #[derive(Deserialize)]
@@ -256,6 +257,7 @@ impl Config {
             limits: Limits {
                 message_bytes: file.limits.message_bytes.unwrap_or(default.message_bytes),
                 memory_bytes: file.limits.memory_bytes.unwrap_or(default.memory_bytes),
+                gateway_bytes: file.limits.gateway_bytes.unwrap_or(default.gateway_bytes),
             },
             peers,
             policy,

@@ -189,6 +189,12 @@ fn messages_for_a_peer_take_no_more_memory_than_they_may() {
         ..Counts::default()
     };
     assert_eq!(world.counts(0).0, expected);
+    // Other peers need their parts of the gateway's memory: 64 MiB are left for this one.
+    let others = [(); 7].map(|()| world.budgets[0].join());
+    assert_eq!(others[0].part_bytes(), 4 * payload.len() as u64);
+    world.command(0, Command::Forget { call: CallId(1) });
+    let superseded = world.counts(0).0.superseded;
+    assert_eq!(superseded, 17, "the three newest stay");
 }
 
 #[test]

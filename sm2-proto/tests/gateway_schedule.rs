@@ -179,6 +179,9 @@ fn above_the_memory_budget_the_largest_queue_loses_its_oldest_message() {
         "what was closed takes no room"
     );
     assert_eq!(bench.publish(2, 9, 100), displaced(2, 5));
+    let limit = |max_bytes| Input::Limit { max_bytes };
+    assert_eq!(bench.input(limit(900)), []);
+    assert_eq!(bench.input(limit(899)), displaced(2, 6));
 }
 
 #[test]

@@ -15,7 +15,8 @@ use super::{
 use crate::{clock::Now, tally::Whose};
 
 /// The reason of a call whose reply finds no room.
-const NO_ROOM: &str = "the replies for this peer exceed `memory_bytes` of the gateway";
+const NO_ROOM: &str =
+    "the replies for this peer exceed `memory_bytes`, or its part of `gateway_bytes`";
 
 impl Peer {
     //= SM2-GWS-001
@@ -95,7 +96,8 @@ impl Peer {
 
     /// True if a request or a reply of this length fits in the memory budget.
     fn has_room_for(&self, len_bytes: usize) -> bool {
-        self.calls.writing_bytes() + len_bytes as u64 <= self.limits.memory_bytes
+        let max_bytes = self.memory_bytes_beside(self.incoming.held_bytes());
+        self.calls.writing_bytes() + len_bytes as u64 <= max_bytes
     }
 
     fn send_call(&mut self, id: StreamId, offer: Whose, header: &Header, payload: Bytes) {

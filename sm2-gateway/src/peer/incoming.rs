@@ -121,6 +121,11 @@ impl Incoming {
         self.streams.len()
     }
 
+    /// The bytes that have arrived of payloads that are not complete.
+    pub(super) const fn held_bytes(&self) -> u64 {
+        self.held_bytes
+    }
+
     /// The stream that has been silent for the longest time, and since when.
     pub(super) fn slowest(&self) -> Option<(StreamId, Instant)> {
         let moved = self.streams.iter().map(|(id, it)| (*id, it.moved));
@@ -143,6 +148,7 @@ mod tests {
     const LIMITS: Limits = Limits {
         message_bytes: 100,
         memory_bytes: 150,
+        gateway_bytes: 150,
     };
 
     fn id(number: u64) -> StreamId {

@@ -8,6 +8,8 @@ pub struct Limits {
     /// The greatest sum of the lengths of payloads that have not arrived completely; of messages for
     /// the peer; and of requests and replies for the peer.
     pub memory_bytes: u64,
+    /// The greatest sum of all these bytes of all peers. Each connected peer has an equal part.
+    pub gateway_bytes: u64,
 }
 
 impl Default for Limits {
@@ -15,6 +17,7 @@ impl Default for Limits {
         Self {
             message_bytes: 64 << 20,
             memory_bytes: 128 << 20,
+            gateway_bytes: 512 << 20,
         }
     }
 }

@@ -5,8 +5,10 @@
 //! `sm2_proto::gateway` decide what is legal; this module maps them to QUIC streams.
 
 mod ahead;
+mod budget;
 mod calls;
 mod command;
+mod commands;
 mod event;
 mod id;
 mod incoming;
@@ -35,7 +37,7 @@ use sm2_proto::{
     Code, Instant, Machine, MisuseError, Name,
     gateway::{
         GatewayId, Header, Outcome, PeerFarewell, PeerViolation, StreamEnd, SubjectKind,
-        session::{self, Carrier, ControlCommand, End, Initiator, PeerEvent, Session},
+        session::{self, Carrier, End, Initiator, PeerEvent, Session},
     },
 };
 
@@ -46,9 +48,10 @@ use self::{
     outlet::Outlet,
     stream::{quic_code, stream_id},
     topics::Topics,
-    waiting_offers::{Offer, WaitingOffers},
+    waiting_offers::WaitingOffers,
 };
 pub use self::{
+    budget::{Budget, Member},
     command::Command,
     event::{Event, HandshakeError, Reason},
     id::{CallId, ConnectionId, Me, PeerCall},
@@ -71,6 +74,9 @@ pub struct Peer {
     connection: Connection,
     clock: Clock,
     limits: Limits,
+    budget: Budget,
+    /// The part of the budget, once the peer is known.
+    member: Option<Member>,
     me: Me,
     /// The epoch of each peer with an open connection.
     least_epochs: BTreeMap<GatewayId, u64>,
@@ -145,6 +151,8 @@ impl Peer {
             connection,
             clock,
             limits,
+            budget: Budget::new(limits.gateway_bytes),
+            member: None,
             me,
             least_epochs,
             session: None,
@@ -162,6 +170,20 @@ impl Peer {
         };
         peer.refresh_deadline();
         peer
+    }
+
+    /// Shares the memory of the gateway with the other connections of `budget`.
+    #[must_use]
+    pub fn with_budget(mut self, budget: Budget) -> Self {
+        self.budget = budget;
+        self
+    }
+
+    /// The memory that this peer may use now, beside `used_bytes` for other purposes.
+    fn memory_bytes_beside(&self, used_bytes: u64) -> u64 {
+        let part = self.member.as_ref().map_or(u64::MAX, Member::part_bytes);
+        part.saturating_sub(used_bytes)
+            .min(self.limits.memory_bytes)
     }
 
     /// The side that opened the connection.
@@ -256,55 +278,6 @@ impl Peer {
         topics.tick(&mut outlet);
     }
 
-    fn command(&mut self, now: Now, command: Command) {
-        match command {
-            Command::Offer {
-                offer,
-                subject,
-                path,
-                qos,
-            } => {
-                let it = Offer { subject, path, qos };
-                self.offer(now, offer, it);
-            }
-            Command::Control(command) => self.control_command(now, command),
-            Command::Change { offer, qos } => self.change(now, offer, qos),
-            Command::Message { offer, message } => {
-                let (topics, mut outlet) = self.topics(now);
-                topics.publish(&mut outlet, offer, message);
-            }
-            Command::Call {
-                call,
-                offer,
-                deadline,
-                payload,
-            } => self.call(now, call, offer, deadline, payload),
-            Command::Forget { call } => self.forget(now, call),
-            Command::Reply {
-                call,
-                outcome,
-                payload,
-            } => self.reply(call, outcome, payload),
-            Command::Close(code) => {
-                self.session_takes(now, session::Input::Close(code));
-            }
-        }
-    }
-
-    fn control_command(&mut self, now: Now, command: ControlCommand) {
-        if let ControlCommand::Unoffer { offer } = command {
-            return self.withdraw(now, offer);
-        }
-        let asked = match command {
-            ControlCommand::Ask { ask, .. } => Some(ask),
-            _ => None,
-        };
-        let taken = self.session_command(now, session::Command::Control(command));
-        if let Some(ask) = asked.filter(|_| !taken) {
-            self.events.push_back(Event::NotAsked { ask });
-        }
-    }
-
     /// The topics, and what their messages are written to and counted in.
     fn topics(&mut self, now: Now) -> (&mut Topics, Outlet<'_>) {
         let outlet = Outlet {
@@ -350,6 +323,10 @@ impl Peer {
         if !self.is_over {
             self.write_control(now);
         }
+        let used_bytes = self.incoming.held_bytes() + self.calls.writing_bytes();
+        let max_bytes = self.memory_bytes_beside(used_bytes);
+        let (topics, mut outlet) = self.topics(now);
+        topics.limit(&mut outlet, max_bytes);
     }
 
     fn on_quic(&mut self, now: Now, event: quinn_proto::Event) {
@@ -378,6 +355,7 @@ impl Peer {
             // A handshake without a key fails, so this is not reached.
             return self.over(now, Reason::Handshake(HandshakeError::NoKey));
         };
+        self.member = Some(self.budget.join());
         let least = self.least_epochs.get(&peer).copied().unwrap_or(0);
         let Me { hop, name } = self.me.clone();
         self.session = Some(Session::new(now.at, hop, name, peer, least));
@@ -474,6 +452,7 @@ impl Peer {
             return;
         }
         self.is_over = true;
+        self.member = None;
         let code = match &reason {
             Reason::Session(End::Violation(violation)) => Some(violation.code()),
             Reason::Session(End::Local(code)) => Some(*code),

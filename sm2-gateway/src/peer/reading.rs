@@ -14,7 +14,7 @@ use sm2_proto::{
 };
 
 use super::{
-    Event, Message, Peer, PeerCall,
+    Event, Limits, Message, Peer, PeerCall,
     incoming::Progress,
     stream::{quic_code, token},
 };
@@ -66,7 +66,12 @@ impl Peer {
             self.session_event(now, PeerEvent::Control(bytes));
             return;
         }
-        match self.incoming.push(id, bytes, now.at, &self.limits) {
+        let memory_bytes = self.memory_bytes_beside(self.calls.writing_bytes());
+        let limits = Limits {
+            memory_bytes,
+            ..self.limits
+        };
+        match self.incoming.push(id, bytes, now.at, &limits) {
             Ok(Progress::More) => {}
             Ok(Progress::Header(header)) => self.header(now, id, header),
             Ok(Progress::TooMuch) => self.refuse(now, id, PeerFarewell::Resources.code()),

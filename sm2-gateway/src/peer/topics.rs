@@ -112,6 +112,13 @@ impl Topics {
         self.schedule(outlet, Input::Close { offer });
     }
 
+    /// Changes how much memory the messages may occupy. Newer messages displace the oldest.
+    pub(super) fn limit(&mut self, outlet: &mut Outlet<'_>, max_bytes: u64) {
+        if self.schedule.max_bytes() != max_bytes {
+            self.schedule(outlet, Input::Limit { max_bytes });
+        }
+    }
+
     pub(super) fn tick(&mut self, outlet: &mut Outlet<'_>) {
         self.schedule(outlet, Input::Tick);
     }

@@ -59,7 +59,8 @@ impl Task {
             shared.me.clone(),
             epochs,
             shared.limits,
-        );
+        )
+        .with_budget(shared.budget.clone());
         Self {
             shared,
             handle,

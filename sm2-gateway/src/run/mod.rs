@@ -47,7 +47,7 @@ use crate::{
     hub::Hub,
     keys::{self, KeyFileError},
     local::{Local, LocalError},
-    peer::Me,
+    peer::{Budget, Me},
     report::Report,
 };
 
@@ -138,6 +138,7 @@ impl Gateway {
                 name: config.name.clone(),
             },
             limits: config.limits,
+            budget: Budget::new(config.limits.gateway_bytes),
             socket,
             hub: hub.clone(),
             network: network.clone(),

@@ -11,7 +11,7 @@ use sm2_proto::gateway::GatewayId;
 use crate::{
     channel::{hub::HubHandle, network::NetworkHandle},
     clock::Clock,
-    peer::{Limits, Me},
+    peer::{Budget, Limits, Me},
     report::ShadowReport,
 };
 
@@ -21,6 +21,8 @@ pub(super) struct Shared {
     pub(super) clock: Clock,
     pub(super) me: Me,
     pub(super) limits: Limits,
+    /// The memory of all connections.
+    pub(super) budget: Budget,
     pub(super) socket: Socket,
     pub(super) hub: HubHandle,
     pub(super) network: NetworkHandle,

@@ -7,7 +7,7 @@ use quinn_proto::ConnectionHandle;
 use sm2_gateway::{
     Counts,
     clock::{Clock, Now},
-    peer::{Command, Event, Input, Limits, Me, Output, Peer},
+    peer::{Budget, Command, Event, Input, Limits, Me, Output, Peer},
 };
 use sm2_io::quic::{Arrival, Congestion, Endpoint, SecretKey, Trusted};
 use sm2_lossy_link::{Lane, Profile};
@@ -34,6 +34,8 @@ pub(crate) struct World {
     clock: Clock,
     loss_permille: u32,
     sides: [Side; 2],
+    /// The memory of the gateway at each side.
+    pub(crate) budgets: [Budget; 2],
     /// Each event with the index of its side.
     events: Vec<(usize, Event)>,
 }
@@ -67,6 +69,7 @@ impl World {
             clock,
             loss_permille: link.loss_permille,
             sides,
+            budgets: [(); 2].map(|()| Budget::new(Limits::default().gateway_bytes)),
             events: Vec::new(),
         };
         let (quic, address) = (world.moment().quic, world.sides[1].address);
@@ -95,6 +98,7 @@ impl World {
     fn open(&mut self, at: usize, handle: ConnectionHandle, connection: quinn_proto::Connection) {
         let (clock, me) = (self.clock, self.sides[at].me.clone());
         let peer = Peer::new(connection, clock, me, BTreeMap::new(), Limits::default());
+        let peer = peer.with_budget(self.budgets[at].clone());
         self.sides[at].peer = Some((handle, peer));
     }
 

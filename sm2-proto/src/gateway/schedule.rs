@@ -138,6 +138,10 @@ impl<M> Machine for Schedule<M> {
                 self.enqueue(now, offer, message)?;
                 self.displace(now);
             }
+            Input::Limit { max_bytes } => {
+                self.max_bytes = max_bytes;
+                self.displace(now);
+            }
             Input::Start { offer } => self.start(now, offer)?,
             Input::Sent { offer } => self.sent(now, offer)?,
             Input::Tick => {}
@@ -180,6 +184,12 @@ impl<M> Schedule<M> {
     pub fn next(&self, offer: OfferId) -> Option<&QueuedMessage<M>> {
         let topic = self.topics.get(&offer);
         topic.filter(|it| it.ready.is_some())?.waiting.front()
+    }
+
+    /// The memory that the messages may occupy.
+    #[must_use]
+    pub const fn max_bytes(&self) -> u64 {
+        self.max_bytes
     }
 
     /// True if the topic of this offer is open.

@@ -43,6 +43,11 @@ pub enum Input<M> {
         /// The message.
         message: QueuedMessage<M>,
     },
+    /// The memory that the messages may occupy has changed.
+    Limit {
+        /// The new limit.
+        max_bytes: u64,
+    },
     /// The first byte of the next message of a topic can be written. Legal for a [`Next::Start`] of the
     /// [order](super::Schedule::order). If the message is too old by now, it is dropped.
     Start {
