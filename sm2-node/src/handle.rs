@@ -116,6 +116,7 @@ impl Handle {
 
     /// Returns what `look` finds. If it finds nothing, silences the descriptor (if there is one) and looks
     /// once more, because a message may have arrived meanwhile.
+    #[inline]
     pub(crate) fn look<T>(
         &self,
         inner: &mut Inner,

@@ -289,7 +289,7 @@ impl<M> Pool<M> {
     /// The youngest segments of a class are freed first. As long as one is in use, older ones are kept,
     /// because they may have to replace it.
     pub(crate) fn sweep(&mut self, now: Instant) -> Vec<u32> {
-        if now.since(self.swept) < self.idle {
+        if !self.is_sweep_due(now) {
             return Vec::new();
         }
         self.swept = now;
@@ -303,6 +303,12 @@ impl<M> Pool<M> {
             segment.touched = false;
         }
         idle
+    }
+
+    /// Whether the idle time has passed since the last sweep.
+    #[inline]
+    pub(crate) fn is_sweep_due(&self, now: Instant) -> bool {
+        now.since(self.swept) >= self.idle
     }
 
     /// The total size of all segments.

@@ -146,10 +146,11 @@ impl PooledMapping {
     #[inline]
     pub fn prefetch(&self, start: u64) {
         #[cfg(target_arch = "x86_64")]
-        if let Some(line) = self.range(start, 1) {
+        {
             use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-            // SAFETY: a prefetch reads and changes nothing, and cannot fault.
-            unsafe { _mm_prefetch::<_MM_HINT_T0>(line.cast().as_ptr()) };
+            let line = self.region.as_ptr().wrapping_add(start as usize);
+            // SAFETY: a prefetch reads and changes nothing, and cannot fault, wherever `line` is.
+            unsafe { _mm_prefetch::<_MM_HINT_T0>(line.cast()) };
         }
     }
 

@@ -65,6 +65,7 @@ impl Inner {
 
     /// Harvests the messages that came back to an interface, changes the interface, and tells the
     /// Manager which of its links have ended.
+    #[inline]
     pub(crate) fn with<R>(
         &mut self,
         id: InterfaceId,
@@ -78,6 +79,7 @@ impl Inner {
     }
 
     /// The same as [`with`](Self::with), but without harvesting.
+    #[inline]
     pub(crate) fn with_as_is<R>(
         &mut self,
         id: InterfaceId,
@@ -96,7 +98,7 @@ impl Inner {
         if tools.stirred {
             self.sleepers.wake(Topic::Interface(id));
         }
-        for token in interface.gone.drain(..) {
+        while let Some(token) = interface.gone.pop() {
             self.routes.remove(&token);
         }
         if !interface.farewells.is_empty() {

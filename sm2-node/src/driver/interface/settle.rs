@@ -12,10 +12,14 @@ use crate::driver::tools::Tools;
 
 impl Interface {
     /// Settles the messages that the other sides have released on the ring lane.
+    #[inline]
     pub(crate) fn harvest(&mut self, tools: &mut Tools<'_>) {
-        if matches!(self.contract, Contract::Subscriber { .. }) {
-            return;
+        if !matches!(self.contract, Contract::Subscriber { .. }) {
+            self.harvest_links(tools);
         }
+    }
+
+    fn harvest_links(&mut self, tools: &mut Tools<'_>) {
         let mut is_over = false;
         for link in self.links.iter_mut() {
             link.harvest(tools, &mut self.outbox);

@@ -59,15 +59,21 @@ impl Interface {
             tools.counting.note(entry, |entry| {
                 for Taken { delivery, .. } in taken {
                     entry.taken(now, published(delivery), delivery.len);
-                    entry.lost(delivery.lost);
+                    if delivery.lost > 0 {
+                        entry.lost(delivery.lost);
+                    }
                 }
             });
         };
-        for taken in all.chunk_by(|one, next| one.token == next.token) {
-            let link = taken.first().and_then(|it| self.links.get(it.token));
-            note(link.and_then(|it| it.entry.as_ref()), taken);
-        }
         note(self.entry.as_ref(), all);
+        let mut left = all;
+        while let [first, rest @ ..] = left {
+            let count = 1 + rest.iter().take_while(|it| it.token == first.token).count();
+            let (taken, others) = left.split_at(count);
+            let link = self.links.get(first.token);
+            note(link.and_then(|it| it.entry.as_ref()), taken);
+            left = others;
+        }
     }
 
     /// Takes the next message of any link, in turn, without counting it as taken by the

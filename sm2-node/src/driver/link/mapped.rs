@@ -1,7 +1,6 @@
 //! The memory of a link that both sides map. The driver lends this memory to the machine for each
 //! call.
 
-use std::collections::BTreeMap;
 use std::os::fd::OwnedFd;
 use std::sync::Arc;
 
@@ -17,7 +16,43 @@ pub(super) struct Mapped {
     /// The ring that this side sends through.
     pub(super) outgoing: Option<Ring>,
     /// The segments of the other side.
-    pub(super) segments: BTreeMap<u32, Arc<PooledMapping>>,
+    pub(super) segments: Segments,
+}
+
+/// Mapped segments, ordered by number. Each message looks its segment up several times, and usually
+/// there is one, which is found faster here than in a tree.
+#[derive(Debug, Default)]
+pub(super) struct Segments(Vec<(u32, Arc<PooledMapping>)>);
+
+impl Segments {
+    #[inline]
+    pub(super) fn get(&self, segment: u32) -> Option<&Arc<PooledMapping>> {
+        match self.0.as_slice() {
+            [(only, mapping)] if *only == segment => Some(mapping),
+            all => Some(&all.get(self.place(segment).ok()?)?.1),
+        }
+    }
+
+    pub(super) fn insert(&mut self, segment: u32, mapping: Arc<PooledMapping>) {
+        match self.place(segment) {
+            Ok(place) => self.0[place].1 = mapping,
+            Err(place) => self.0.insert(place, (segment, mapping)),
+        }
+    }
+
+    pub(super) fn remove(&mut self, segment: u32) {
+        if let Ok(place) = self.place(segment) {
+            self.0.remove(place);
+        }
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.0.clear();
+    }
+
+    fn place(&self, segment: u32) -> Result<usize, usize> {
+        self.0.binary_search_by_key(&segment, |it| it.0)
+    }
 }
 
 impl LinkMemory for Mapped {
@@ -35,7 +70,7 @@ impl LinkMemory for Mapped {
 
     #[inline]
     fn slot_head(&self, slot: SlotRange) -> Option<[u8; SLOT_HEAD]> {
-        let segment = self.segments.get(&slot.segment)?;
+        let segment = self.segments.get(slot.segment)?;
         segment.copy::<SLOT_HEAD>(slot.head_offset())
     }
 }

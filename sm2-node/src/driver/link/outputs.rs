@@ -34,7 +34,7 @@ impl LinkDriver {
                         slots,
                     } => self.attach(segment, stride * u64::from(slots), came.take_file()),
                     Output::Detach { segment } => {
-                        self.mapped.segments.remove(&segment);
+                        self.mapped.segments.remove(segment);
                     }
                     Output::Keep { sequence } => {
                         if let Some(fd) = came.take_file() {

@@ -30,11 +30,15 @@ impl LinkDriver {
                 Body::Pooled { segment, .. } => Some(*segment),
                 Body::Inline(_) | Body::Sealed => None,
             };
+            let (time, len) = (message.time, message.len);
             // The call itself may settle the message, so the link holds it before the call.
             outbox.hold(key);
             let settled = |key, fate| outbox.settle(MessageKey::from_raw(key), fate);
             let misuse = match self.machine.send(&self.mapped, message, settled) {
-                Ok(wake) => return self.note_and_finish(key, wake, tools, outbox),
+                Ok(wake) => {
+                    self.finish_sending(wake, tools, outbox);
+                    return self.note_sent(time, len, tools.counting);
+                }
                 // The outputs settle the message with all others.
                 Err(Error::Ended(_)) => return self.drain_idle(tools.epoll, outbox),
                 Err(Error::Misuse(misuse)) => misuse,
@@ -50,20 +54,11 @@ impl LinkDriver {
     }
 
     /// Completes the sending of a message that the machine has accepted.
-    fn note_and_finish(
-        &mut self,
-        key: MessageKey,
-        wake: Wake,
-        tools: &mut Tools<'_>,
-        outbox: &mut Outbox,
-    ) {
+    fn finish_sending(&mut self, wake: Wake, tools: &mut Tools<'_>, outbox: &mut Outbox) {
         self.wake(wake);
         self.drain_if_due(tools.epoll, outbox);
         if self.machine.is_due() {
             self.harvest(tools, outbox);
-        }
-        if let Some(label) = outbox.label(key) {
-            self.note_sent(label.time, label.len, tools.counting);
         }
     }
 

@@ -79,7 +79,7 @@ impl LinkDriver {
     #[inline]
     fn prefetch_next(&self) {
         if let Some(slot) = self.machine.peek(&self.mapped)
-            && let Some(mapping) = self.mapped.segments.get(&slot.segment)
+            && let Some(mapping) = self.mapped.segments.get(slot.segment)
         {
             mapping.prefetch(slot.head_offset());
             mapping.prefetch(slot.offset);
@@ -91,7 +91,7 @@ impl LinkDriver {
         let found = match &delivery.payload {
             Payload::Inline(bytes) => Some(Source::Inline(bytes.clone())),
             Payload::Pooled { segment, offset } => {
-                self.mapped.segments.get(segment).map(|it| Source::Pooled {
+                self.mapped.segments.get(*segment).map(|it| Source::Pooled {
                     segment: Arc::clone(it),
                     offset: *offset,
                     len: delivery.len,

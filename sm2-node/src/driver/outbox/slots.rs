@@ -74,9 +74,12 @@ impl Outbox {
 
     /// Returns segments to the system that were not used for long. This is cheap enough to be
     /// called for every message.
+    #[inline]
     pub(crate) fn rest(&mut self, now: Instant) {
-        let idle = self.pool.sweep(now);
-        self.close(idle);
+        if self.pool.is_sweep_due(now) {
+            let idle = self.pool.sweep(now);
+            self.close(idle);
+        }
     }
 
     /// Takes back a slot that was never sent.

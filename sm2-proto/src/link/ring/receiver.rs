@@ -234,6 +234,7 @@ impl RingReceiver {
     /// Called when the application gives a message back. `None` if the application does not hold
     /// the message; otherwise whether the sender has to be woken.
     //= SM2-RNG-008, SM2-MSG-004
+    #[inline]
     pub(in crate::link) fn release(
         &mut self,
         words: &impl RingMemory,

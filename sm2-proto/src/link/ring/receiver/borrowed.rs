@@ -56,8 +56,14 @@ impl Borrowed {
             first if *first == sequence => 0,
             _ => self.sequences.binary_search(&sequence).ok()?,
         };
-        self.sequences.remove(index);
-        let place = self.places.remove(index);
+        // The last one is removed without moving others: usually there is one.
+        let place = if index + 1 == self.sequences.len() {
+            self.sequences.pop();
+            self.places.pop()?
+        } else {
+            self.sequences.remove(index);
+            self.places.remove(index)
+        };
         Some(Word {
             segment: (place >> 16) as u16,
             slot: place as u16,
