@@ -8,7 +8,7 @@ use std::time::Duration;
 use sm2_io::{SeqPacket, socket_path};
 use sm2_proto::{Instant, Name, Refusal};
 
-use crate::driver::{Shared, Topic, may_return};
+use crate::driver::{EventSource, Shared, may_return};
 use crate::{ConnectError, Node};
 
 /// How long to retry a socket that no process listens on: its Manager has just ended, and another one may be
@@ -134,7 +134,7 @@ impl NodeBuilder {
         )
         .map_err(failed)?;
         let until = sm2_io::clock::now().after(self.manager_timeout);
-        let answer = shared.wait(Topic::Session, Some(until), |inner| {
+        let answer = shared.wait(EventSource::Session, Some(until), |inner| {
             if let Some(reason) = inner.greeting_refusal() {
                 return Some(Err(match reason {
                     Refusal::NameTaken => ConnectError::NameTaken { name: name.clone() },

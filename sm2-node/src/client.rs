@@ -11,7 +11,7 @@ use sm2_proto::control::LinkPeer;
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
-use crate::driver::{CallId, Choice, Needs, Outcome, Shared, Topic};
+use crate::driver::{CallId, Choice, EventSource, Needs, Outcome, Shared};
 use crate::handle::declaration::{
     Declaration, inline_max_setter, schema_of, sealed_setter, wait_setter,
 };
@@ -104,7 +104,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
         deadline: Option<Instant>,
     ) -> Result<Option<Call<R>>, CallError> {
         let Handle { shared, id, .. } = &*self.handle;
-        let mut inner = shared.driven();
+        let mut inner = shared.lock_driven();
         let choice = inner.choose_server(*id, &shared.epoll);
         let choice = choice.unwrap_or(Choice::NoServer);
         if matches!(choice, Choice::Opening) {
@@ -132,7 +132,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
         // Chooses the server again, because other calls may have been sent meanwhile.
         let call = self
             .handle
-            .with_idle(|interface, tools| match interface.choose_server() {
+            .with_undriven(|interface, tools| match interface.choose_server() {
                 Choice::Link { token, .. } => {
                     Ok(interface.call(token, forms, len, deadline, tools))
                 }
@@ -154,7 +154,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
     /// needs.
     fn server(&self, deadline: Option<Instant>) -> Result<Needs, CallError> {
         let Handle { shared, id, .. } = &*self.handle;
-        let found = shared.wait(Topic::Interface(*id), deadline, |inner| {
+        let found = shared.wait(EventSource::Interface(*id), deadline, |inner| {
             match inner.choose_server(*id, &shared.epoll)? {
                 Choice::Opening => None,
                 choice => Some(choice),
@@ -243,7 +243,7 @@ impl<R: Message + ?Sized> Call<R> {
     fn look(&mut self, way: Wait, until: Option<Instant>) -> Result<Option<Reply<R>>, CallError> {
         let Handle { shared, id, .. } = &*self.handle;
         let call = self.call;
-        let outcome = shared.wait_as(way, Topic::Interface(*id), until.into(), |inner| {
+        let outcome = shared.wait_as(way, EventSource::Interface(*id), until.into(), |inner| {
             self.handle.look(inner, |inner| {
                 let outcome = inner.with(*id, &shared.epoll, |interface, tools| {
                     interface.outcome(call, tools)
@@ -414,7 +414,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ClientBuilder<Q, R> {
         };
         let schemas = [schema_of::<Q>(), schema_of::<R>()];
         let handle = self.declaration.declare(contract, u64::MAX, schemas)?;
-        handle.with_idle(|interface, _| interface.servers = self.servers);
+        handle.with_undriven(|interface, _| interface.servers = self.servers);
         Ok(Client {
             handle: Arc::new(handle),
             calls: PhantomData,

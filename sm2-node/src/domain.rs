@@ -100,7 +100,9 @@ impl Node {
     pub fn register_schema(&self, data: TypeId, text: &str) -> Result<(), SchemaError> {
         check_schema(&data, text)?;
         let (shared, text) = (&self.shared, text.to_owned());
-        shared.driven().register_schema(data, text, &shared.epoll);
+        shared
+            .lock_driven()
+            .register_schema(data, text, &shared.epoll);
         Ok(())
     }
 }

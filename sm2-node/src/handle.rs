@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use sm2_proto::{Instant, InterfaceId, Name};
 
-use crate::driver::{Bell, Inner, Interface, LinkStatus, Reserved, Shared, Tools, Topic};
+use crate::driver::{Bell, EventSource, Inner, Interface, LinkStatus, Reserved, Shared, Tools};
 use crate::{Wait, WaitError};
 
 /// A declared interface. Dropping it withdraws the interface.
@@ -41,7 +41,7 @@ impl Handle {
     pub(crate) fn keep(&mut self, idle: Duration, reserved: Option<Reserved>) {
         let bytes = reserved.as_ref().map_or(0, Reserved::bytes);
         self.pool_limit_bytes = self.pool_limit_bytes.saturating_add(bytes);
-        self.with_idle(|interface, _| {
+        self.with_undriven(|interface, _| {
             interface.outbox.keep_idle(idle);
             if let Some(reserved) = reserved {
                 interface.outbox.adopt(reserved);
@@ -51,7 +51,7 @@ impl Handle {
 
     /// Whether the current Manager has granted the interface.
     pub(crate) fn is_registered(&self) -> bool {
-        self.shared.driven().is_registered(self.id)
+        self.shared.lock_driven().is_registered(self.id)
     }
 
     pub(crate) const fn matched(&self) -> usize {
@@ -72,11 +72,12 @@ impl Handle {
     }
 
     /// Changes the interface, without driving the node.
-    pub(crate) fn with_idle<R>(
+    pub(crate) fn with_undriven<R>(
         &self,
         change: impl FnOnce(&mut Interface, &mut Tools<'_>) -> R,
     ) -> R {
-        (self.shared.with_idle(self.id, change)).expect("the interface lives as long as its handle")
+        (self.shared.with_undriven(self.id, change))
+            .expect("the interface lives as long as its handle")
     }
 
     pub(crate) fn links(&self) -> Vec<LinkStatus> {
@@ -90,15 +91,15 @@ impl Handle {
         timeout: Option<Duration>,
     ) -> Result<(), WaitError> {
         let mut found = 0;
-        let topic = Topic::Interface(self.id);
-        let waited = self.shared.wait(topic, until(timeout), |inner| {
+        let source = EventSource::Interface(self.id);
+        let waited = self.shared.wait(source, until(timeout), |inner| {
             found = inner.interfaces.get(&self.id)?.open_links();
             (found >= wanted).then_some(())
         });
         if waited.map_err(WaitError::Io)?.is_some() {
             return Ok(());
         }
-        let kind = self.with_idle(|interface, _| interface.contract.kind().counterpart());
+        let kind = self.with_undriven(|interface, _| interface.contract.kind().counterpart());
         Err(match self.shared.lock().away() {
             Some(end) => WaitError::ManagerGone {
                 kind,
@@ -137,7 +138,7 @@ impl Handle {
             #[cfg(feature = "tokio")]
             self.silenced.notify_waiters();
         }
-        inner.park(Topic::Interface(self.id))
+        inner.park(EventSource::Interface(self.id))
     }
 
     /// The descriptor that a program can poll: see [`Bell`].
@@ -158,7 +159,7 @@ impl Handle {
 
 impl Drop for Handle {
     fn drop(&mut self) {
-        let mut inner = self.shared.driven();
+        let mut inner = self.shared.lock_driven();
         if let Some(Some(bell)) = self.bell.get() {
             bell.remove(&mut inner);
         }

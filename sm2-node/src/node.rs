@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use sm2_proto::{Instant, Name, NodeId};
 
-use crate::driver::{Shared, Topic};
+use crate::driver::{EventSource, Shared};
 use crate::handle::until;
 use crate::{
     Client, ClientBuilder, DeclareError, Message, Publisher, PublisherBuilder, Server,
@@ -50,7 +50,7 @@ impl Node {
     /// declarations of the node.
     #[must_use]
     pub fn is_connected(&self) -> bool {
-        self.shared.driven().is_connected()
+        self.shared.lock_driven().is_connected()
     }
 
     /// Waits until [`is_connected`](Self::is_connected), without a time limit.
@@ -72,9 +72,11 @@ impl Node {
     }
 
     fn wait_connected_until(&self, timeout: Option<Duration>) -> Result<(), WaitError> {
-        let connected = self.shared.wait(Topic::Session, until(timeout), |inner| {
-            inner.is_connected().then_some(())
-        });
+        let connected = self
+            .shared
+            .wait(EventSource::Session, until(timeout), |inner| {
+                inner.is_connected().then_some(())
+            });
         match connected.map_err(WaitError::Io)? {
             Some(()) => Ok(()),
             None => Err(WaitError::NoManager {
@@ -87,14 +89,14 @@ impl Node {
     /// (SM2-SES-007).
     #[must_use]
     pub fn epoch(&self) -> Option<u64> {
-        self.shared.driven().epoch()
+        self.shared.lock_driven().epoch()
     }
 
     /// Returns the number of this node at the current Manager; `None` while there is no Manager. Each Manager
     /// assigns new numbers.
     #[must_use]
     pub fn id(&self) -> Option<NodeId> {
-        self.shared.driven().node_id()
+        self.shared.lock_driven().node_id()
     }
 
     /// Declares a publisher with the default quality of service: keep-last, 8 messages for each subscriber.
@@ -208,7 +210,7 @@ impl Node {
     ///
     /// As [`spin`](Self::spin).
     pub fn spin_some(&self) -> io::Result<()> {
-        drop(self.shared.driven());
+        drop(self.shared.lock_driven());
         Ok(())
     }
 
@@ -241,7 +243,9 @@ impl Node {
 
     fn spin_until(&self, until: Option<Instant>) -> io::Result<()> {
         let nothing = |_: &mut _| None::<()>;
-        self.shared.wait(Topic::Session, until, nothing).map(drop)
+        self.shared
+            .wait(EventSource::Session, until, nothing)
+            .map(drop)
     }
 }
 

@@ -236,7 +236,7 @@ impl Pending {
         let forms = self.handle.store(bytes, needs)?;
         let sent = self
             .handle
-            .with_idle(|interface, tools| interface.reply(call, forms, len, status, tools));
+            .with_undriven(|interface, tools| interface.reply(call, forms, len, status, tools));
         let result = if sent { Ok(()) } else { Err(gone()) };
         self.answered = true;
         result

@@ -46,8 +46,8 @@ const WAIT: &[Change] = &[
     ("no_wake", "sleeper.waker.wake();", ""),
     (
         "entered_late",
-        "            let waker = inner.sleepers.enter(topic)?;\n            drop(inner);\n",
-        "            drop(inner);\n            let waker = self.lock().sleepers.enter(topic)?;\n",
+        "            let waker = inner.sleepers.enter(source)?;\n            drop(inner);\n",
+        "            drop(inner);\n            let waker = self.lock().sleepers.enter(source)?;\n",
     ),
     (
         "no_sockets",
@@ -56,19 +56,19 @@ const WAIT: &[Change] = &[
     ),
     (
         "own_topic_only",
-        "(sleeper.topic == topic || topic == Topic::Session)",
-        "sleeper.topic == topic",
+        "(sleeper.source == source || source == EventSource::Session)",
+        "sleeper.source == source",
     ),
     ("woken_for_ever", "sleeper.woken = false;", ""),
-    ("not_parked", "if inner.park(topic)\n", "if false\n"),
+    ("not_parked", "if inner.park(source)\n", "if false\n"),
     (
         "no_look_after_parking",
-        "if inner.park(topic)\n",
-        "if !inner.park(topic)\n",
+        "if inner.park(source)\n",
+        "if !inner.park(source)\n",
     ),
     (
         "bell_not_rung",
-        "        inner.sleepers.wake(topic);\n        Ok(bell)",
+        "        inner.sleepers.wake(source);\n        Ok(bell)",
         "        Ok(bell)",
     ),
 ];

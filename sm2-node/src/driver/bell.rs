@@ -7,7 +7,7 @@ use std::sync::Arc;
 use sm2_io::{Epoll, Interest, Waker};
 use sm2_proto::InterfaceId;
 
-use super::sleepers::Topic;
+use super::sleepers::EventSource;
 use super::{Inner, Shared};
 
 /// A descriptor that becomes readable when an interface may have an event: an epoll set that
@@ -24,14 +24,14 @@ impl Bell {
         let set = Epoll::new()?;
         set.add(&shared.epoll, 0, Interest::READABLE)?;
         let mut inner = shared.lock();
-        let topic = Topic::Interface(interface);
-        let waker = inner.sleepers.enter(topic)?;
+        let source = EventSource::Interface(interface);
+        let waker = inner.sleepers.enter(source)?;
         let bell = Self { set, waker };
         if let Err(error) = bell.set.add(&*bell.waker, 1, Interest::READABLE) {
             inner.sleepers.leave(&bell.waker);
             return Err(error);
         }
-        inner.sleepers.wake(topic);
+        inner.sleepers.wake(source);
         Ok(bell)
     }
 

@@ -9,7 +9,7 @@ use super::datagram::Incoming;
 use super::inner::Inner;
 use super::interface::Interface;
 use super::limits::SOCKETS_WAIT_NS;
-use super::sleepers::Topic;
+use super::sleepers::EventSource;
 use super::token::{LinkToken, SESSION, TIMER};
 use super::tools::Tools;
 
@@ -18,9 +18,9 @@ impl Inner {
     /// message of a ring. Returns whether the node was driven.
     pub(crate) fn drive_if_due(&mut self, now: Instant, epoll: &Epoll) -> bool {
         self.now = now;
-        let due = now.0.saturating_sub(self.driven.0) >= SOCKETS_WAIT_NS;
+        let due = now.0.saturating_sub(self.last_drive.0) >= SOCKETS_WAIT_NS;
         if due {
-            self.driven = now;
+            self.last_drive = now;
             self.drive(epoll);
         }
         due
@@ -48,7 +48,7 @@ impl Inner {
                 self.with(interface, epoll, |interface, tools| {
                     interface.on_event(token, event, tools);
                 });
-                self.sleepers.wake(Topic::Interface(interface));
+                self.sleepers.wake(EventSource::Interface(interface));
             }
         }
     }
@@ -72,7 +72,7 @@ impl Inner {
         epoll: &Epoll,
         change: impl FnOnce(&mut Interface, &mut Tools<'_>) -> R,
     ) -> Option<R> {
-        self.with_as_is(id, epoll, |interface, tools| {
+        self.with_unharvested(id, epoll, |interface, tools| {
             interface.harvest(tools);
             change(interface, tools)
         })
@@ -80,7 +80,7 @@ impl Inner {
 
     /// The same as [`with`](Self::with), but without harvesting.
     #[inline]
-    pub(crate) fn with_as_is<R>(
+    pub(crate) fn with_unharvested<R>(
         &mut self,
         id: InterfaceId,
         epoll: &Epoll,
@@ -96,17 +96,17 @@ impl Inner {
         };
         let result = change(interface, &mut tools);
         if tools.stirred {
-            self.sleepers.wake(Topic::Interface(id));
+            self.sleepers.wake(EventSource::Interface(id));
         }
         while let Some(token) = interface.gone.pop() {
             self.routes.remove(&token);
         }
-        if !interface.farewells.is_empty() {
-            for (link, code) in std::mem::take(&mut interface.farewells) {
+        if !interface.unreported_ends.is_empty() {
+            for (link, code) in std::mem::take(&mut interface.unreported_ends) {
                 self.session.unlinked(id, link, code);
             }
             // A thread that spins waits for the end of all links.
-            self.sleepers.wake(Topic::Session);
+            self.sleepers.wake(EventSource::Session);
             self.drain_session(Incoming::default(), epoll);
         }
         Some(result)

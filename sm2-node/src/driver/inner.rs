@@ -38,7 +38,7 @@ pub(crate) struct Inner {
     pub(super) ready: Vec<Event>,
     pub(super) sleepers: Sleepers,
     /// The time of the last drive.
-    pub(super) driven: Instant,
+    pub(super) last_drive: Instant,
     /// The time at which the current API call began.
     pub(super) now: Instant,
 }
@@ -67,7 +67,7 @@ impl Inner {
             events: Events::with_capacity(SOCKETS),
             ready: Vec::with_capacity(SOCKETS),
             sleepers: Sleepers::new()?,
-            driven: Instant(0),
+            last_drive: Instant(0),
             now: Instant(0),
         })
     }

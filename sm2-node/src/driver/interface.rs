@@ -55,7 +55,7 @@ pub(crate) struct Interface {
     pub(super) ended: VecDeque<LinkStatus>,
     pub(super) ended_sum: Counters,
     /// Ended links that the Manager has to be told about.
-    pub(super) farewells: Vec<(LinkId, Code)>,
+    pub(super) unreported_ends: Vec<(LinkId, Code)>,
     /// Tokens of links that were removed.
     pub(super) gone: Vec<LinkToken>,
 }
@@ -90,7 +90,7 @@ impl Interface {
             lost: 0,
             ended: VecDeque::new(),
             ended_sum: Counters::default(),
-            farewells: Vec::new(),
+            unreported_ends: Vec::new(),
             gone: Vec::new(),
         }
     }
@@ -148,8 +148,8 @@ impl Interface {
     /// Closes all links. Messages that their sockets have accepted still reach the other sides.
     pub(super) fn close(&mut self, tools: &mut Tools<'_>) {
         for link in self.links.iter_mut() {
-            let farewell = Input::Close(Farewell::Done.code());
-            link.feed(farewell, tools.epoll, &mut self.outbox);
+            let close = Input::Close(Farewell::Done.code());
+            link.feed(close, tools.epoll, &mut self.outbox);
             tools.counting.free(link.entry.take());
         }
         tools.counting.free(self.entry.take());

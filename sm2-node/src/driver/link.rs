@@ -45,8 +45,8 @@ pub(crate) struct LinkDriver {
     kept: HashMap<u64, SealedFile>,
     /// Messages of the latched store that have not been sent on this link yet.
     pub(super) backlog: VecDeque<MessageKey>,
-    /// Whether the interface knows that the link is open.
-    pub(super) greeted: bool,
+    /// Whether the latched messages were put into the backlog, once the link was open.
+    pub(super) is_backlog_filled: bool,
     /// Whether the interface knows that the link is over.
     pub(super) buried: bool,
     /// How many messages the application holds.
@@ -96,7 +96,7 @@ impl LinkDriver {
             unsent: None,
             kept: HashMap::new(),
             backlog: VecDeque::new(),
-            greeted: false,
+            is_backlog_filled: false,
             buried: false,
             held: 0,
             received: Received::default(),
@@ -194,7 +194,7 @@ impl LinkDriver {
     }
 
     /// The code that is reported to the Manager; `None` while the link is not over.
-    pub(super) fn farewell(&self) -> Option<Code> {
+    pub(super) fn end_code(&self) -> Option<Code> {
         Some(match self.end()? {
             End::Local(code) | End::Peer(code) => code,
             End::Eof => Farewell::PeerGone.code(),

@@ -43,7 +43,7 @@ pub(crate) use self::outbox::{Forms, Label, Needs, NoSlot, Reservation, Reserved
 pub(crate) use self::questions::{Answer, Followed, Lost, Question, Ticket};
 pub(crate) use self::session::may_return;
 pub(crate) use self::shared::Shared;
-pub(crate) use self::sleepers::Topic;
+pub(crate) use self::sleepers::EventSource;
 pub use self::status::{LinkStatus, Received};
 pub(crate) use self::token::LinkToken;
 pub(crate) use self::tools::Tools;

@@ -85,15 +85,20 @@ impl Outbox {
 
     /// Removes a holder that did not send the message.
     pub(crate) fn release(&mut self, key: MessageKey) {
-        self.settle(key, Fate::Delivered);
+        self.remove_holder(key, false);
     }
 
     /// Removes a holder of a message: a link has settled the message.
     pub(super) fn settle(&mut self, key: MessageKey, fate: Fate) {
+        self.remove_holder(key, fate == Fate::Closed);
+    }
+
+    /// Removes a holder, and frees the memory of a message without holders.
+    fn remove_holder(&mut self, key: MessageKey, is_orphaned: bool) {
         let Some(message) = self.messages.get_mut(key) else {
             return;
         };
-        message.orphaned |= fate == Fate::Closed;
+        message.orphaned |= is_orphaned;
         message.holders -= 1;
         if message.holders > 0 {
             return;

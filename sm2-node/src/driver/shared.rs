@@ -12,7 +12,7 @@ use sm2_proto::{Farewell, InterfaceId, Name};
 use super::datagram::Incoming;
 use super::inner::Inner;
 use super::interface::Interface;
-use super::sleepers::Topic;
+use super::sleepers::EventSource;
 use super::token::SESSION;
 use super::tools::Tools;
 
@@ -68,7 +68,7 @@ impl Shared {
     }
 
     /// Locks the node and drives it.
-    pub(crate) fn driven(&self) -> MutexGuard<'_, Inner> {
+    pub(crate) fn lock_driven(&self) -> MutexGuard<'_, Inner> {
         let mut inner = self.lock();
         inner.drive(&self.epoll);
         inner
@@ -81,7 +81,7 @@ impl Shared {
         interface: InterfaceId,
         change: impl FnOnce(&mut Interface, &mut Tools<'_>) -> R,
     ) -> Option<R> {
-        self.driven().with(interface, &self.epoll, change)
+        self.lock_driven().with(interface, &self.epoll, change)
     }
 
     /// The same as [`with`](Self::with), but while all links of the interface have rings, the node
@@ -94,14 +94,14 @@ impl Shared {
         let now = sm2_io::clock::now();
         let mut inner = self.lock();
         let driven = inner.drive_if_due(now, &self.epoll);
-        if !driven && !inner.has_rings_only(Topic::Interface(interface)) {
+        if !driven && !inner.has_rings_only(EventSource::Interface(interface)) {
             inner.drive(&self.epoll);
         }
         inner.with(interface, &self.epoll, change)
     }
 
     /// The same as [`with`](Self::with), but without driving the node.
-    pub(crate) fn with_idle<R>(
+    pub(crate) fn with_undriven<R>(
         &self,
         interface: InterfaceId,
         change: impl FnOnce(&mut Interface, &mut Tools<'_>) -> R,

@@ -5,7 +5,7 @@
 //! While one thread sleeps until its message comes, another thread may read that message from the
 //! socket. A sleeping thread therefore waits for two descriptors: the node's epoll set
 //! (level-triggered), and a waker of its own. A thread that drives the node signals the waker when
-//! an event concerns the topic that the sleeper has named. A sleeper registers its topic under the
+//! an event concerns the source that the sleeper has named. A sleeper registers its source under the
 //! node's lock, after it has looked and found nothing, so it misses no event.
 
 use std::io;
@@ -16,7 +16,7 @@ use sm2_proto::InterfaceId;
 
 /// The events for which a sleeper waits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Topic {
+pub(crate) enum EventSource {
     /// All events of this interface and its links, and the end of the session.
     Interface(InterfaceId),
     /// The session with the Manager.
@@ -33,7 +33,7 @@ pub(super) struct Sleepers {
 
 #[derive(Debug)]
 struct Sleeper {
-    topic: Topic,
+    source: EventSource,
     waker: Arc<Waker>,
     woken: bool,
 }
@@ -47,23 +47,23 @@ impl Sleepers {
         })
     }
 
-    /// Wakes the sleepers of this topic. [`Topic::Session`] wakes all.
-    pub(super) fn wake(&mut self, topic: Topic) {
+    /// Wakes the sleepers of this source. [`EventSource::Session`] wakes all.
+    pub(super) fn wake(&mut self, source: EventSource) {
         for sleeper in &mut self.all {
-            if !sleeper.woken && (sleeper.topic == topic || topic == Topic::Session) {
+            if !sleeper.woken && (sleeper.source == source || source == EventSource::Session) {
                 sleeper.woken = true;
                 sleeper.waker.wake();
             }
         }
     }
 
-    pub(super) fn enter(&mut self, topic: Topic) -> io::Result<Arc<Waker>> {
+    pub(super) fn enter(&mut self, source: EventSource) -> io::Result<Arc<Waker>> {
         let waker = match self.spare.pop() {
             Some(waker) => waker,
             None => Arc::new(Waker::new()?),
         };
         self.all.push(Sleeper {
-            topic,
+            source,
             waker: Arc::clone(&waker),
             woken: false,
         });

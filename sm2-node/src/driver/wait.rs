@@ -7,7 +7,7 @@ use std::time::Duration;
 use sm2_io::wait_readable;
 use sm2_proto::Instant;
 
-use super::sleepers::Topic;
+use super::sleepers::EventSource;
 use super::{Inner, Shared};
 use crate::Wait;
 
@@ -61,11 +61,11 @@ impl Shared {
     /// Errors of `eventfd(2)` and `ppoll(2)`: too many descriptors, or no memory.
     pub(crate) fn wait<T>(
         &self,
-        topic: Topic,
+        source: EventSource,
         until: Option<Instant>,
         look: impl FnMut(&mut Inner) -> Option<T>,
     ) -> io::Result<Option<T>> {
-        self.wait_as(Wait::Park, topic, until.into(), look)
+        self.wait_as(Wait::Park, source, until.into(), look)
     }
 
     /// The same as [`wait`](Self::wait), with a choice of how to wait: sleep at once, or spin
@@ -77,7 +77,7 @@ impl Shared {
     pub(crate) fn wait_as<T>(
         &self,
         way: Wait,
-        topic: Topic,
+        source: EventSource,
         until: Until,
         mut look: impl FnMut(&mut Inner) -> Option<T>,
     ) -> io::Result<Option<T>> {
@@ -94,7 +94,7 @@ impl Shared {
             if let Some(found) = look(&mut inner) {
                 return Ok(Some(found));
             }
-            if now < spin_until.min(until.unwrap_or(spin_until)) && inner.has_rings_only(topic) {
+            if now < spin_until.min(until.unwrap_or(spin_until)) && inner.has_rings_only(source) {
                 drop(inner);
                 // Threads that wait for the lock can take it during the pauses.
                 for _ in 0..PAUSES {
@@ -118,12 +118,12 @@ impl Shared {
                 continue;
             }
             //= SM2-RNG-009
-            if inner.park(topic)
+            if inner.park(source)
                 && let Some(found) = look(&mut inner)
             {
                 return Ok(Some(found));
             }
-            let waker = inner.sleepers.enter(topic)?;
+            let waker = inner.sleepers.enter(source)?;
             drop(inner);
             let fds = [self.epoll.as_fd(), waker.as_fd()];
             let waited = wait_readable(&fds, until.map(|until| until.since(now)));
@@ -135,17 +135,17 @@ impl Shared {
 }
 
 impl Inner {
-    /// Prepares for a sleep until this topic has an event. Returns whether the caller has to look
+    /// Prepares for a sleep until this source has an event. Returns whether the caller has to look
     /// once more before it sleeps.
-    pub(crate) fn park(&mut self, topic: Topic) -> bool {
-        match topic {
-            Topic::Interface(id) => {
+    pub(crate) fn park(&mut self, source: EventSource) -> bool {
+        match source {
+            EventSource::Interface(id) => {
                 if let Some(interface) = self.interfaces.get_mut(&id) {
                     interface.park();
                 }
                 true
             }
-            Topic::Session => false,
+            EventSource::Session => false,
         }
     }
 
@@ -160,17 +160,17 @@ impl Inner {
         ready
     }
 
-    /// Whether all messages of this topic come through rings, so that the sockets need to be read
+    /// Whether all messages of this source come through rings, so that the sockets need to be read
     /// only from time to time.
-    pub(super) fn has_rings_only(&self, topic: Topic) -> bool {
-        match topic {
-            Topic::Interface(id) => self.interfaces.get(&id).is_some_and(|interface| {
+    pub(super) fn has_rings_only(&self, source: EventSource) -> bool {
+        match source {
+            EventSource::Interface(id) => self.interfaces.get(&id).is_some_and(|interface| {
                 interface.open_links() > 0
                     && interface
                         .links()
                         .all(|it| !it.is_woken_by_socket() || !it.is_open())
             }),
-            Topic::Session => false,
+            EventSource::Session => false,
         }
     }
 }

@@ -7,7 +7,7 @@ use sm2_proto::node;
 use sm2_proto::{Contract, Refusal, TypeId};
 
 use super::{Handle, until};
-use crate::driver::{Inner, Shared, State, Topic};
+use crate::driver::{EventSource, Inner, Shared, State};
 use crate::schema::check_schema;
 use crate::{DeclareError, Wait};
 
@@ -22,7 +22,7 @@ impl Handle {
     ) -> Result<Self, DeclareError> {
         contract.check_qos()?;
         let name = contract.name().clone();
-        let mut inner = shared.driven();
+        let mut inner = shared.lock_driven();
         for (data, text) in schemas {
             register_schema(&mut inner, data, text, &shared.epoll);
         }
@@ -46,7 +46,7 @@ impl Handle {
             silenced: Arc::default(),
         };
         let until = until(Some(shared.manager_timeout));
-        let answer = shared.wait(Topic::Interface(id), until, |inner| {
+        let answer = shared.wait(EventSource::Interface(id), until, |inner| {
             match &inner.interfaces.get(&id)?.state {
                 State::Declaring => None,
                 state => Some(state.clone()),

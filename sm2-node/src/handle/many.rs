@@ -3,7 +3,7 @@
 use super::Handle;
 use super::receive::{Receipt, Received};
 use crate::driver::LinkToken;
-use crate::driver::{Inner, Taken, Topic, Until};
+use crate::driver::{EventSource, Inner, Taken, Until};
 use crate::{RecvError, Wait};
 
 impl Handle {
@@ -19,8 +19,8 @@ impl Handle {
         if most == 0 {
             return Ok(all);
         }
-        let topic = Topic::Interface(self.id);
-        let found = self.shared.wait_as(way, topic, until, |inner| {
+        let source = EventSource::Interface(self.id);
+        let found = self.shared.wait_as(way, source, until, |inner| {
             self.look(inner, |inner| self.take_ready(inner, &mut all, most))
         });
         found.map_err(RecvError::Io)?.transpose()?;
@@ -80,7 +80,7 @@ struct Lent<'a> {
 impl Drop for Lent<'_> {
     //= SM2-MSG-005
     fn drop(&mut self) {
-        self.handle.with_idle(|interface, tools| {
+        self.handle.with_undriven(|interface, tools| {
             for &(token, sequence) in &self.places {
                 interface.give_back(token, sequence, tools);
             }

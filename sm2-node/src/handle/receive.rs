@@ -10,7 +10,7 @@ use sm2_proto::link::Delivery;
 use super::Handle;
 use crate::RecvError;
 use crate::driver::LinkToken;
-use crate::driver::{Full, Interface, Shared, Taken, Tools, Topic, Until};
+use crate::driver::{EventSource, Full, Interface, Shared, Taken, Tools, Until};
 use crate::payload::MessageBytes;
 
 impl Handle {
@@ -22,8 +22,8 @@ impl Handle {
         take: impl Fn(&mut Interface, &mut Tools<'_>) -> Result<Option<Taken>, Full>,
     ) -> Result<Option<Received>, RecvError> {
         let epoll = &self.shared.epoll;
-        let topic = Topic::Interface(self.id);
-        let found = self.shared.wait_as(self.wait, topic, until, |inner| {
+        let source = EventSource::Interface(self.id);
+        let found = self.shared.wait_as(self.wait, source, until, |inner| {
             self.look(inner, |inner| {
                 let taken = inner.with(self.id, epoll, &take)?;
                 taken.map_err(RecvError::from).transpose()
@@ -67,7 +67,7 @@ impl Handle {
                 receipt,
             }),
             Err(source) => {
-                self.with_idle(|interface, tools| interface.unreadable(token, tools));
+                self.with_undriven(|interface, tools| interface.unreadable(token, tools));
                 Err(Unreadable { peer, source })
             }
         }
@@ -129,7 +129,7 @@ impl Drop for Receipt {
     //= SM2-MSG-005
     fn drop(&mut self) {
         if let Some(shared) = self.shared.upgrade() {
-            shared.with_idle(self.interface, |interface, tools| {
+            shared.with_undriven(self.interface, |interface, tools| {
                 interface.give_back(self.token, self.sequence, tools);
             });
         }

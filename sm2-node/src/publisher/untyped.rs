@@ -9,7 +9,7 @@ use std::time::Duration;
 use sm2_io::Preallocated;
 use sm2_proto::Instant;
 
-use crate::driver::{Forms, Label, Offered, Topic};
+use crate::driver::{EventSource, Forms, Label, Offered};
 use crate::handle::{Handle, until};
 use crate::published::Published;
 use crate::spare::{self, Fill, SpareMemory};
@@ -46,7 +46,7 @@ impl UntypedPublisher {
 
     pub(super) fn flush(&self, timeout: Option<Duration>) -> Result<bool, WaitError> {
         let Handle { shared, id, .. } = &self.handle;
-        let flushed = shared.wait(Topic::Interface(*id), until(timeout), |inner| {
+        let flushed = shared.wait(EventSource::Interface(*id), until(timeout), |inner| {
             let flushed = inner.with(*id, &shared.epoll, |interface, _| {
                 interface.links().all(|link| link.is_flushed())
             });
@@ -100,7 +100,7 @@ impl UntypedPublisher {
             time: now,
             len,
         };
-        let publication = self.handle.with_idle(|interface, tools| {
+        let publication = self.handle.with_undriven(|interface, tools| {
             let offered = interface.publish(forms, label, tools);
             interface.rest(now, tools);
             if offered.waiting.is_empty() {
@@ -128,7 +128,7 @@ impl UntypedPublisher {
             }
             let is_done = self
                 .handle
-                .with_idle(|interface, tools| interface.publish_more(offered, tools));
+                .with_undriven(|interface, tools| interface.publish_more(offered, tools));
             if is_done {
                 return true;
             }
@@ -148,7 +148,7 @@ impl UntypedPublisher {
         let Handle { shared, id, .. } = &self.handle;
         let mut waited = Ok(None);
         if !self.spin_for_room(&mut offered) {
-            waited = shared.wait(Topic::Interface(*id), Some(deadline), |inner| {
+            waited = shared.wait(EventSource::Interface(*id), Some(deadline), |inner| {
                 let is_done = inner.with(*id, &shared.epoll, |interface, tools| {
                     interface.publish_more(&mut offered, tools)
                 });
@@ -165,7 +165,7 @@ impl UntypedPublisher {
     #[cfg(feature = "tokio")]
     pub(crate) fn send_more(&self, offered: &mut Offered) -> bool {
         let Handle { shared, id, .. } = &self.handle;
-        let done = self.handle.look(&mut shared.driven(), |inner| {
+        let done = self.handle.look(&mut shared.lock_driven(), |inner| {
             let is_done = inner.with(*id, &shared.epoll, |interface, tools| {
                 interface.publish_more(offered, tools)
             });
@@ -178,7 +178,7 @@ impl UntypedPublisher {
     pub(crate) fn finish(&self, offered: Offered) -> Published {
         let published = self
             .handle
-            .with_idle(|interface, tools| interface.finish(offered, tools));
+            .with_undriven(|interface, tools| interface.finish(offered, tools));
         self.refill_spare();
         published
     }

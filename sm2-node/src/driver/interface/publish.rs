@@ -230,8 +230,8 @@ impl Interface {
         let Some(link) = self.links.get_mut(token).filter(|link| link.is_open()) else {
             return;
         };
-        if !link.greeted {
-            link.greeted = true;
+        if !link.is_backlog_filled {
+            link.is_backlog_filled = true;
             for &key in &self.latched {
                 self.outbox.hold(key);
                 link.backlog.push_back(key);

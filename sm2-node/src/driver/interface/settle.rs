@@ -83,8 +83,8 @@ impl Interface {
         for key in link.backlog.drain(..) {
             self.outbox.release(key);
         }
-        if let Some(code) = link.farewell() {
-            self.farewells.push((link.id, code));
+        if let Some(code) = link.end_code() {
+            self.unreported_ends.push((link.id, code));
         }
         let status = link.status();
         add_counters(&mut self.ended_sum, &status.counters);

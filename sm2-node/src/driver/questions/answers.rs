@@ -6,7 +6,7 @@ use sm2_proto::control::{Change, Item, Key};
 
 use super::{Answer, Page, Question, Questions};
 use crate::driver::inner::Inner;
-use crate::driver::sleepers::Topic;
+use crate::driver::sleepers::EventSource;
 
 impl Inner {
     pub(in crate::driver) fn page_came(
@@ -43,7 +43,7 @@ impl Inner {
         more: bool,
     ) {
         self.questions.changes(revision, changes, more);
-        self.sleepers.wake(Topic::Session);
+        self.sleepers.wake(EventSource::Session);
     }
 
     fn answer_came(
@@ -59,6 +59,6 @@ impl Inner {
         if let Some(input) = next {
             self.session.tell(input);
         }
-        self.sleepers.wake(Topic::Session);
+        self.sleepers.wake(EventSource::Session);
     }
 }

@@ -8,7 +8,7 @@ use super::{Answer, Followed, Lost, Question, Ticket};
 use crate::driver::datagram::Incoming;
 use crate::driver::inner::Inner;
 use crate::driver::shared::Shared;
-use crate::driver::sleepers::Topic;
+use crate::driver::sleepers::EventSource;
 use crate::error::QueryError;
 
 impl Inner {
@@ -76,7 +76,7 @@ impl Shared {
         asked: &mut Option<Ticket>,
         until: Option<Instant>,
     ) -> Result<Option<Answer>, QueryError> {
-        let answer = self.wait(Topic::Session, until, |inner| {
+        let answer = self.wait(EventSource::Session, until, |inner| {
             if asked.is_none() && inner.session.is_ready() {
                 *asked = Some(inner.ask(question.clone(), &self.epoll));
             }
@@ -145,7 +145,7 @@ impl Shared {
         revision: u64,
         until: Option<Instant>,
     ) -> std::io::Result<Option<Result<Followed, Lost>>> {
-        self.wait(Topic::Session, until, |inner| {
+        self.wait(EventSource::Session, until, |inner| {
             inner.followed(follower, revision, &self.epoll)
         })
     }

@@ -14,7 +14,7 @@ use crate::driver::inner::Inner;
 use crate::driver::interface::State;
 use crate::driver::limits::BURST;
 use crate::driver::link::LinkDriver;
-use crate::driver::sleepers::Topic;
+use crate::driver::sleepers::EventSource;
 
 impl Inner {
     pub(in crate::driver) fn on_session_event(&mut self, event: Event, epoll: &Epoll) {
@@ -66,7 +66,7 @@ impl Inner {
                     self.with(interface, epoll, |interface, tools| {
                         interface.unlink(link, code, tools);
                     });
-                    self.sleepers.wake(Topic::Interface(interface));
+                    self.sleepers.wake(EventSource::Interface(interface));
                 }
                 Output::Withdrawn { .. } => {}
                 Output::Page(Page {
@@ -120,7 +120,7 @@ impl Inner {
     fn connected(&mut self) {
         self.session.away = None;
         self.reconnect.done();
-        self.sleepers.wake(Topic::Session);
+        self.sleepers.wake(EventSource::Session);
     }
 
     //= SM2-NOD-003
@@ -130,7 +130,7 @@ impl Inner {
         self.questions.forget();
         self.forget_due_links();
         self.come_back(end);
-        self.sleepers.wake(Topic::Session);
+        self.sleepers.wake(EventSource::Session);
     }
 
     fn answered(&mut self, id: InterfaceId, state: State) {
@@ -145,7 +145,7 @@ impl Inner {
             // interface does not exist any more.
             None => self.session.tell(Input::Withdraw { interface: id }),
         }
-        self.sleepers.wake(Topic::Interface(id));
+        self.sleepers.wake(EventSource::Interface(id));
     }
 
     /// Forgets the LINKs that were announced and have not come: they never come. Called at the end
@@ -216,6 +216,6 @@ impl Inner {
                 self.session.unlinked(id, link, code);
             }
         }
-        self.sleepers.wake(Topic::Interface(id));
+        self.sleepers.wake(EventSource::Interface(id));
     }
 }

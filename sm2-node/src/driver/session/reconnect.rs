@@ -12,7 +12,7 @@ use sm2_proto::node::{End, Input};
 use super::retry::Cause;
 use crate::driver::datagram::Incoming;
 use crate::driver::inner::Inner;
-use crate::driver::sleepers::Topic;
+use crate::driver::sleepers::EventSource;
 use crate::driver::token::SESSION;
 
 impl Inner {
@@ -51,7 +51,7 @@ impl Inner {
                 self.reconnect.plan();
             }
         }
-        self.sleepers.wake(Topic::Session);
+        self.sleepers.wake(EventSource::Session);
     }
 
     /// Handles a refused greeting, which counts as a failed attempt.
@@ -62,6 +62,6 @@ impl Inner {
         }
         self.session.refused = Some(reason);
         self.session.tell(Input::Eof);
-        self.sleepers.wake(Topic::Session);
+        self.sleepers.wake(EventSource::Session);
     }
 }

@@ -8,7 +8,7 @@ use sm2_proto::{Contract, InterfaceId, NodeId, Refusal, TypeId};
 use crate::driver::datagram::Incoming;
 use crate::driver::inner::Inner;
 use crate::driver::interface::Interface;
-use crate::driver::sleepers::Topic;
+use crate::driver::sleepers::EventSource;
 
 impl Inner {
     /// The reason why no Manager knows all interfaces of this node, if there is one.
@@ -80,6 +80,6 @@ impl Inner {
         }
         self.session.tell(Input::Withdraw { interface: id });
         self.drain_session(Incoming::default(), epoll);
-        self.sleepers.wake(Topic::Session);
+        self.sleepers.wake(EventSource::Session);
     }
 }

@@ -10,7 +10,7 @@ use sm2_proto::{Instant, InterfaceId};
 use crate::kernel::{AsFd, Epoll, Interest, Socket, wait_readable};
 
 use super::bell::Bell;
-use super::sleepers::{Sleepers, Topic};
+use super::sleepers::{Sleepers, EventSource};
 
 const ONE: InterfaceId = InterfaceId(1);
 const OTHER: InterfaceId = InterfaceId(2);
@@ -125,21 +125,21 @@ impl Shared {
         self.inner.lock().unwrap()
     }
 
-    pub(crate) fn driven(&self) -> MutexGuard<'_, Inner> {
+    pub(crate) fn lock_driven(&self) -> MutexGuard<'_, Inner> {
         let mut inner = self.lock();
         inner.drive(&self.epoll);
         inner
     }
 
     fn take(&self, interface: InterfaceId) {
-        let found = self.wait(Topic::Interface(interface), None, |inner| {
+        let found = self.wait(EventSource::Interface(interface), None, |inner| {
             inner.take(interface)
         });
         assert_eq!(found.unwrap(), Some(()));
     }
 
     fn take_by_ring(&self) -> u64 {
-        let found = self.wait(Topic::Interface(ONE), None, |inner| {
+        let found = self.wait(EventSource::Interface(ONE), None, |inner| {
             let interface = inner.interfaces.get_mut(&ONE);
             interface.and_then(|it| it.take(u64::MAX))
         });
@@ -156,7 +156,7 @@ impl Inner {
     pub(super) fn drive(&mut self, _: &Epoll) {
         while let Some(interface) = self.socket.receive() {
             self.messages.push(interface);
-            self.sleepers.wake(Topic::Interface(interface));
+            self.sleepers.wake(EventSource::Interface(interface));
         }
     }
 
@@ -193,13 +193,13 @@ pub(crate) fn session() {
     let one = {
         let node = Arc::clone(&node);
         thread::spawn(move || {
-            let ended = node.wait(Topic::Interface(ONE), None, |it| it.ended.then_some(()));
+            let ended = node.wait(EventSource::Interface(ONE), None, |it| it.ended.then_some(()));
             assert_eq!(ended.unwrap(), Some(()));
         })
     };
     let mut inner = node.lock();
     inner.ended = true;
-    inner.sleepers.wake(Topic::Session);
+    inner.sleepers.wake(EventSource::Session);
     drop(inner);
     one.join().unwrap();
 }
@@ -215,7 +215,7 @@ pub(crate) fn bell() {
             let mut missing = 2;
             while missing > 0 {
                 assert!(wait_readable(&[bell.as_fd()], None).unwrap());
-                let mut inner = node.driven();
+                let mut inner = node.lock_driven();
                 match inner.take(ONE) {
                     Some(()) => missing -= 1,
                     None => {
