@@ -63,9 +63,10 @@
 //!
 //! # How it runs
 //!
-//! The library is synchronous and has no hidden threads. Every call of any handle first *drives* the node: it
-//! reads and writes all of the node's sockets, as far as that is possible without waiting. Calls that wait
-//! keep driving the node meanwhile. A call waits for a particular peer only if its purpose is to do so.
+//! The library is synchronous and has no hidden threads. A call of a handle first *drives* the node: without
+//! waiting, it reads and writes the sockets that are ready, up to 64 of them and up to 32 datagrams of each. While
+//! all links of a publisher, subscriber or service use rings, its calls drive the node every 100 µs only. Calls
+//! that wait keep driving the node meanwhile. A call waits for a particular peer only if its purpose is to do so.
 //! [`Node::spin`] is for programs that have nothing else to call.
 //!
 //! # In your own event loop

@@ -14,7 +14,9 @@ macro_rules! interface_methods {
                 &self.handle().name
             }
 
-            #[doc = concat!("How many ", $counterparts, " matched when this interface was declared (SM2-IFC-002).")]
+            #[doc = concat!("How many ", $counterparts, " the Manager linked at once when it granted this interface")]
+            /// (SM2-IFC-002). Further links may have waited, and a link without descriptors is counted although it
+            /// never comes.
             #[must_use]
             pub fn matched(&self) -> usize {
                 self.handle().matched()
