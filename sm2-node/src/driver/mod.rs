@@ -39,7 +39,7 @@ mod wait;
 pub(crate) use self::bell::Bell;
 pub(crate) use self::inner::Inner;
 pub(crate) use self::interface::{CallId, Choice, Full, Interface, Offered, Outcome, State, Taken};
-pub(crate) use self::outbox::{Forms, Label, Needs, NoSlot, Reservation, Reserved};
+pub(crate) use self::outbox::{Forms, Needs, NoSlot, Reservation, Reserved};
 pub(crate) use self::questions::{Answer, Followed, Lost, Question, Ticket};
 pub(crate) use self::session::may_return;
 pub(crate) use self::shared::Shared;

@@ -9,7 +9,7 @@ use std::time::Duration;
 use sm2_io::Preallocated;
 use sm2_proto::Instant;
 
-use crate::driver::{EventSource, Forms, Label, Offered};
+use crate::driver::{EventSource, Forms, Offered};
 use crate::handle::{Handle, until};
 use crate::published::Published;
 use crate::spare::{self, Fill, SpareMemory};
@@ -95,13 +95,8 @@ impl UntypedPublisher {
 
     fn offer(&self, forms: Forms, len: u64) -> Publication {
         let now = sm2_io::clock::now();
-        let label = Label {
-            id: 0,
-            time: now,
-            len,
-        };
         let publication = self.handle.with_undriven(|interface, tools| {
-            let offered = interface.publish(forms, label, tools);
+            let offered = interface.publish(forms, now, len, tools);
             interface.rest(now, tools);
             if offered.waiting.is_empty() {
                 return Publication::Done(interface.finish(offered, tools));

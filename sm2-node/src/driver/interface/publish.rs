@@ -81,7 +81,7 @@ impl Interface {
             pooled: Some(lease),
             ..Forms::default()
         };
-        let offered = self.publish(forms, Label { id: 0, time, len }, tools);
+        let offered = self.publish(forms, time, len, tools);
         self.rest(time, tools);
         Some(self.finish(offered, tools))
     }
@@ -113,19 +113,19 @@ impl Interface {
     pub(crate) fn publish(
         &mut self,
         forms: Forms,
-        mut label: Label,
+        time: Instant,
+        len: u64,
         tools: &mut Tools<'_>,
     ) -> Offered {
         self.published += 1;
-        label.id = self.published;
-        let (time, len) = (label.time, label.len);
         if let Some(mut entry) = tools.counting.update(self.entry.as_ref()) {
             entry.published(time, len);
         }
         if forms.is_empty() {
             return Offered::default();
         }
-        let key = self.outbox.store(forms, label);
+        let id = self.published;
+        let key = self.outbox.store(forms, Label { id, time, len });
         self.latch(key);
         let mut offered = Offered {
             key: Some(key),
