@@ -23,9 +23,13 @@ fn datagrams_until_full() -> usize {
 fn a_segment_that_is_freed_while_its_attach_waits_does_not_end_the_link() {
     for first in [1, 2] {
         let domain = Domain::new();
-        let builder = domain.node("talker").publisher_builder::<[u8]>("topic");
+        let builder = domain
+            .node_on(true, "talker")
+            .publisher_builder::<[u8]>("topic");
         let publisher = builder.keep_idle(Duration::ZERO).declare().unwrap();
-        let subscriber = domain.node("listener").subscriber_builder::<[u8]>("topic");
+        let subscriber = domain
+            .node_on(true, "listener")
+            .subscriber_builder::<[u8]>("topic");
         let subscriber = subscriber.depth(1).declare().unwrap();
         meet(&publisher, &[&subscriber]);
         // Fills the socket with pairs of ATTACH and DETACH, after one datagram or two.
