@@ -95,7 +95,7 @@ pub enum ValueError {
         source: PatternError,
     },
     /// A rule names a peer that no `[[peer]]` before it has.
-    #[error("no [[peer]] before this rule has the name `{text}`: add it with `sm2 gateway trust`")]
+    #[error("no [[peer]] of this file has the name `{text}`: add it with `sm2 gateway trust`")]
     UnknownPeer {
         /// The text.
         text: String,

@@ -1,8 +1,8 @@
 //! The hub of a gateway: connects the domain with the peers, and the peers with each other.
 //!
 //! [`Hub`] knows the routes (`sm2_proto::gateway::router`), the connection of each peer, the last
-//! message of each topic, and the callers that wait for replies. It is a [`Machine`]: its driver, the
-//! task in `run`, does all I/O.
+//! sequence number of each topic, the newest messages of latched topics, and the callers that wait for
+//! replies. It is a [`Machine`]: its driver, the task in `run`, does all I/O.
 
 mod calls;
 mod domain;
@@ -47,7 +47,7 @@ use crate::{
     tally::{Tally, Whose},
 };
 
-/// The hub of a gateway.
+/// Connects the domain of a gateway with its peers, and the peers with each other.
 #[derive(Debug)]
 pub struct Hub {
     me: Hop,
@@ -85,7 +85,8 @@ impl Machine for Hub {
     type Output = Output;
     /// A hub never ends.
     type End = Infallible;
-    /// Every input is legal at any time.
+    /// Every input is legal once the outputs of the input before are drained; [`Input::NoRoom`] may come
+    /// earlier.
     type Misuse = Infallible;
 
     fn handle(&mut self, now: Instant, input: Input) -> Result<(), MisuseError<Infallible>> {
@@ -151,7 +152,7 @@ impl Hub {
         self.calls.len()
     }
 
-    /// The number of topics and origins whose last message is remembered.
+    /// The number of topics and origins whose last sequence number is remembered.
     #[must_use]
     pub fn remembered(&self) -> usize {
         self.sequences.remembered()

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use sm2_proto::gateway::{GatewayId, Hop, Subject};
 
-/// The least number of topics and origins whose last message is remembered.
+/// The least number of topics and origins whose last sequence number is remembered.
 const SEEN_LEAST: usize = 16_384;
 
 /// The number of the last message of each topic.
@@ -27,7 +27,7 @@ struct Seen {
 }
 
 impl Sequences {
-    /// The number of topics and origins whose last message is remembered.
+    /// The number of topics and origins whose last sequence number is remembered.
     pub(super) fn remembered(&self) -> usize {
         self.seen.len()
     }

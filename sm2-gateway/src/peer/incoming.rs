@@ -127,7 +127,7 @@ impl Incoming {
     }
 
     /// The stream that has been silent for the longest time, and since when.
-    pub(super) fn slowest(&self) -> Option<(StreamId, Instant)> {
+    pub(super) fn longest_silent(&self) -> Option<(StreamId, Instant)> {
         let moved = self.streams.iter().map(|(id, it)| (*id, it.moved));
         moved.min_by_key(|(_, moved)| *moved)
     }
@@ -219,7 +219,7 @@ mod tests {
         assert_eq!(third, Ok(Progress::TooMuch));
         incoming.forget(id(3));
         assert_eq!(incoming.held_bytes, 140);
-        assert_eq!(incoming.slowest(), Some((id(1), Instant(1))));
+        assert_eq!(incoming.longest_silent(), Some((id(1), Instant(1))));
         let more = incoming.push(id(2), &[7; 11], Instant(9), &LIMITS);
         assert_eq!(more, Ok(Progress::TooMuch));
     }

@@ -78,7 +78,7 @@ pub struct Peer {
     /// The part of the budget, once the peer is known.
     member: Option<Member>,
     me: Me,
-    /// The epoch of each peer with an open connection.
+    /// The least epoch that the HELLO of each peer may have: that of its open connection.
     least_epochs: BTreeMap<GatewayId, u64>,
     /// Present once the handshake is complete.
     session: Option<Session>,
@@ -102,7 +102,7 @@ impl Machine for Peer {
     /// A connection that has ended still takes inputs: it answers datagrams until
     /// [`is_drained`](Self::is_drained).
     type End = Infallible;
-    /// Every input is legal at any time.
+    /// Every input is legal once the outputs of the input before are drained.
     type Misuse = Infallible;
 
     fn handle(&mut self, now: Instant, input: Input) -> Result<(), MisuseError<Infallible>> {
@@ -130,7 +130,7 @@ impl Machine for Peer {
 
     fn deadline(&self) -> Option<Instant> {
         let session = self.session.as_ref().and_then(Session::deadline);
-        let stuck = self.incoming.slowest();
+        let stuck = self.incoming.longest_silent();
         let stuck = stuck.map(|(_, since)| since.after(STUCK_TIMEOUT));
         let deadlines = [self.quic_deadline, session, stuck, self.topics.deadline()];
         deadlines.into_iter().flatten().min()
@@ -230,7 +230,7 @@ impl Peer {
         self.connection.remote_address()
     }
 
-    /// True if the connection is closed and the endpoint has released it.
+    /// True if the connection is drained: it is closed, and need not answer datagrams any more.
     #[must_use]
     pub fn is_drained(&self) -> bool {
         self.connection.is_drained()
@@ -269,7 +269,7 @@ impl Peer {
         }
         // A session that has ended, or does not exist yet, has no timers.
         self.session_takes(now, session::Input::Tick);
-        while let Some((id, since)) = self.incoming.slowest()
+        while let Some((id, since)) = self.incoming.longest_silent()
             && now.at.since(since) >= STUCK_TIMEOUT
         {
             self.refuse(now, id, StreamEnd::Expired.code());

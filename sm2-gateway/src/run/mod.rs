@@ -57,10 +57,10 @@ const CLOSE_DELAY: Duration = Duration::from_millis(500);
 /// Why a gateway did not start or stopped by itself.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
-    /// The key file.
+    /// The key file cannot be read, or is no key file.
     #[error(transparent)]
     Key(#[from] KeyFileError),
-    /// The domain.
+    /// The gateway cannot join its domain.
     #[error(transparent)]
     Local(#[from] LocalError),
     /// The address is in use, or does not belong to this machine.
@@ -73,14 +73,14 @@ pub enum RunError {
         /// The path of the configuration.
         config: String,
     },
-    /// Beacons.
+    /// The sockets for beacons cannot be opened.
     #[error(transparent)]
     Beacons(#[from] BeaconsError),
     /// TLS refuses the key.
     #[error("TLS refuses the key: {0}")]
     Tls(#[from] TlsError),
-    /// The UDP socket failed.
-    #[error("the UDP socket failed: {0}")]
+    /// The UDP socket failed, or a task of the gateway has ended.
+    #[error("the network task of the gateway ended: {0}")]
     Network(io::Error),
 }
 
@@ -186,7 +186,8 @@ impl Gateway {
         self.id
     }
 
-    /// Replaces rules and peers by those of `config`. Other keys of `config` have no effect.
+    /// Replaces the rules, with their limits, and the peers by those of `config`. Other settings of
+    /// `config` have no effect.
     //= SM2-GWR-004
     pub async fn reload(&self, config: &Config) {
         self.trusted.set(config.peers.iter().map(|it| it.id));
@@ -220,7 +221,7 @@ impl Gateway {
         let ended = self.ended.wait_for(Option::is_some).await;
         let error = ended.ok().and_then(|it| it.clone());
         let error = error.map_or_else(
-            || io::Error::other("a task of the gateway ended"),
+            || io::Error::other("another task of the gateway has ended"),
             |it| io::Error::new(it.kind(), it.to_string()),
         );
         RunError::Network(error)

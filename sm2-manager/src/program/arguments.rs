@@ -46,7 +46,7 @@ pub struct Arguments {
     /// Maximum number of link ends per node
     #[arg(long, value_name = "N", default_value_t = Policy::default().links_per_session)]
     pub max_links: usize,
-    /// Seconds that a connection has to greet, and a returning node to claim its links
+    /// Seconds within which a connection has to greet, and a returning node also to claim its links
     #[arg(long, value_name = "SECONDS", default_value_t = 2, value_parser = clap::value_parser!(u64).range(1..))]
     pub greeting_timeout: u64,
 }
