@@ -30,7 +30,7 @@ impl Inner {
     /// does not wait.
     pub(crate) fn drive(&mut self, epoll: &Epoll) {
         if let Err(error) = epoll.wait(&mut self.events, Some(Duration::ZERO)) {
-            tracing::error!(%error, "cannot ask for events");
+            tracing::error!(%error, "epoll_wait failed: this node cannot read its sockets");
             return;
         }
         self.ready.extend(self.events.iter());

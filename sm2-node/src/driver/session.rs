@@ -170,16 +170,16 @@ impl Session {
             End::Violation(violation) => tracing::warn!(
                 violation = %violation.kind(),
                 clause = %violation.clause(),
-                "the Manager broke the protocol; the session is over, links go on"
+                "the Manager broke the protocol: the session has ended, links stay open"
             ),
             // The refusal was already logged, and each refused attempt ends like this.
             _ if self.refused.is_some() => {}
             End::Peer(code)
                 if ![Farewell::Done.code(), Farewell::ShuttingDown.code()].contains(&code) =>
             {
-                tracing::warn!(%code, "the Manager hung up; links go on");
+                tracing::warn!(%code, "the Manager closed the session; links stay open");
             }
-            End::Peer(_) | End::Eof => tracing::info!("the Manager is gone; links go on"),
+            End::Peer(_) | End::Eof => tracing::info!("the Manager is gone; links stay open"),
             End::Local(_) => {}
         }
         self.away = Some(end);

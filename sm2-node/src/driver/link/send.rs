@@ -66,10 +66,10 @@ impl LinkDriver {
     fn without_form(&mut self, error: &NoForm, tools: &mut Tools<'_>, outbox: &mut Outbox) {
         let peer = &self.peer.name;
         if matches!(error, NoForm::Slot(_)) && self.role() == Role::Sender {
-            tracing::warn!(link = %self.id, %peer, %error, "no slot for a message");
+            tracing::warn!(link = %self.id, %peer, %error, "no slot for a message: this link misses it");
             return self.pass_over(tools, outbox);
         }
-        tracing::warn!(link = %self.id, %peer, %error, "no memory for a message");
+        tracing::warn!(link = %self.id, %peer, %error, "no memory for a message: this link is closed");
         let code = Farewell::Resources.code();
         self.feed(Input::Close(code), tools.epoll, outbox);
     }

@@ -57,7 +57,7 @@ impl Outbox {
     /// them. Messages need new slots in any case, so a failure to prepare them is only logged.
     fn make_up_for_lost(&self, segment: &mut Segment) {
         if let Err(NoSlot::Io(error) | NoSlot::Lock(error)) = self.reservation.apply(segment) {
-            tracing::warn!(%error, "memory that makes up for lost slots is neither present nor locked");
+            tracing::warn!(%error, "cannot prefault or lock the memory that replaces lost slots");
         }
     }
 

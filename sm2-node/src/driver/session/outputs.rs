@@ -167,7 +167,7 @@ impl Inner {
                     kind = %interface.contract.kind(),
                     name = %interface.contract.name(),
                     %reason,
-                    "the new Manager does not take it; its links go on, and it gets no new ones"
+                    "the new Manager refused this interface: its links stay open, but it gets no new ones"
                 );
                 interface.refused_again = Some(reason);
             }

@@ -45,7 +45,7 @@ impl Inner {
                 if self.reconnect.fails(Cause::Connect(error.kind())) {
                     tracing::warn!(
                         path = ?self.reconnect.path, %error,
-                        "no Manager; links go on, and this node goes on trying"
+                        "no Manager: links stay open, and this node tries again"
                     );
                 }
                 self.reconnect.plan();
@@ -58,7 +58,7 @@ impl Inner {
     //= SM2-RES-001
     pub(in crate::driver) fn greeting_refused(&mut self, reason: Refusal) {
         if self.session.was_welcomed() && self.reconnect.fails(Cause::Refused(reason.clone())) {
-            tracing::warn!(%reason, "the new Manager does not take this node; links go on, and it goes on trying");
+            tracing::warn!(%reason, "the new Manager refused this node: its links stay open, and it tries again");
         }
         self.session.refused = Some(reason);
         self.session.tell(Input::Eof);

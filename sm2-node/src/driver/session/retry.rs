@@ -55,7 +55,7 @@ impl Reconnect {
         }
         let at = now.after(self.backoff.wait());
         if let Err(error) = self.timer.set(Some(at)) {
-            tracing::error!(%error, "cannot set the timer: this node will not come back");
+            tracing::error!(%error, "cannot set the reconnect timer: restart this program to reach a Manager");
         }
     }
 
