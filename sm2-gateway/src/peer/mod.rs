@@ -18,6 +18,7 @@ mod offers;
 mod open_calls;
 mod outgoing;
 mod outlet;
+mod phase;
 mod reading;
 mod stream;
 mod topics;
@@ -31,7 +32,7 @@ use std::{
 };
 
 use bytes::Bytes;
-use quinn_proto::{Connection, ConnectionError, Dir, Side, StreamEvent, StreamId, Transmit};
+use quinn_proto::{Connection, ConnectionError, Dir, Side, StreamEvent, Transmit};
 use sm2_io::quic::peer_of;
 use sm2_proto::{
     Code, Instant, Machine, MisuseError, Name,
@@ -46,6 +47,7 @@ use self::{
     incoming::Incoming,
     open_calls::OpenCalls,
     outlet::Outlet,
+    phase::{Open, Phase},
     stream::{quic_code, stream_id},
     topics::Topics,
     waiting_offers::WaitingOffers,
@@ -75,15 +77,10 @@ pub struct Peer {
     clock: Clock,
     limits: Limits,
     budget: Budget,
-    /// The part of the budget, once the peer is known.
-    member: Option<Member>,
     me: Me,
     /// The least epoch that the HELLO of each peer may have: that of its open connection.
     least_epochs: BTreeMap<GatewayId, u64>,
-    /// Present once the handshake is complete.
-    session: Option<Session>,
-    control: Option<StreamId>,
-    control_out: VecDeque<Bytes>,
+    phase: Phase,
     incoming: Incoming,
     waiting_offers: WaitingOffers,
     topics: Topics,
@@ -93,7 +90,6 @@ pub struct Peer {
     /// The time of QUIC's next timer.
     quic_deadline: Option<Instant>,
     events: VecDeque<Event>,
-    is_over: bool,
 }
 
 impl Machine for Peer {
@@ -129,7 +125,7 @@ impl Machine for Peer {
     }
 
     fn deadline(&self) -> Option<Instant> {
-        let session = self.session.as_ref().and_then(Session::deadline);
+        let session = self.phase.open().and_then(|it| it.session.deadline());
         let stuck = self.incoming.longest_silent();
         let stuck = stuck.map(|(_, since)| since.after(STUCK_TIMEOUT));
         let deadlines = [self.quic_deadline, session, stuck, self.topics.deadline()];
@@ -152,12 +148,9 @@ impl Peer {
             clock,
             limits,
             budget: Budget::new(limits.gateway_bytes),
-            member: None,
             me,
             least_epochs,
-            session: None,
-            control: None,
-            control_out: VecDeque::new(),
+            phase: Phase::Handshake,
             incoming: Incoming::default(),
             waiting_offers: WaitingOffers::default(),
             topics: Topics::new(limits.memory_bytes),
@@ -166,7 +159,6 @@ impl Peer {
             tally: Tally::default(),
             quic_deadline: None,
             events: VecDeque::new(),
-            is_over: false,
         };
         peer.refresh_deadline();
         peer
@@ -181,7 +173,10 @@ impl Peer {
 
     /// The memory that this peer may use now, beside `used_bytes` for other purposes.
     fn memory_bytes_beside(&self, used_bytes: u64) -> u64 {
-        let part = self.member.as_ref().map_or(u64::MAX, Member::part_bytes);
+        let part = self
+            .phase
+            .open()
+            .map_or(u64::MAX, |it| it.member.part_bytes());
         part.saturating_sub(used_bytes)
             .min(self.limits.memory_bytes)
     }
@@ -294,14 +289,14 @@ impl Peer {
     }
 
     /// Feeds the session and carries out its outputs. `datagram` is the message of the datagram that
-    /// the input reports. None if there is no session yet.
+    /// the input reports. None if there is no session, or none any more.
     fn feed_session(
         &mut self,
         now: Now,
         input: session::Input<'_>,
         datagram: Option<(Header, Bytes)>,
     ) -> Option<Result<(), session::Error>> {
-        let taken = self.session.as_mut()?.handle(now.at, input);
+        let taken = self.phase.open_mut()?.session.handle(now.at, input);
         self.drain_session(now, datagram);
         Some(taken)
     }
@@ -320,9 +315,7 @@ impl Peer {
             self.on_quic(now, event);
         }
         self.make_offers(now);
-        if !self.is_over {
-            self.write_control(now);
-        }
+        self.write_control(now);
         let used_bytes = self.incoming.held_bytes() + self.calls.writing_bytes();
         let max_bytes = self.memory_bytes_beside(used_bytes);
         let (topics, mut outlet) = self.topics(now);
@@ -355,13 +348,18 @@ impl Peer {
             // A handshake without a key fails, so this is not reached.
             return self.over(now, Reason::Handshake(HandshakeError::NoKey));
         };
-        self.member = Some(self.budget.join());
         let least = self.least_epochs.get(&peer).copied().unwrap_or(0);
         let Me { hop, name } = self.me.clone();
-        self.session = Some(Session::new(now.at, hop, name, peer, least));
-        if self.initiator() == Initiator::ThisGateway {
-            self.control = self.connection.streams().open(Dir::Bi);
-        }
+        let control = match self.initiator() {
+            Initiator::ThisGateway => self.connection.streams().open(Dir::Bi),
+            Initiator::Peer => None,
+        };
+        self.phase = Phase::Session(Box::new(Open {
+            session: Session::new(now.at, hop, name, peer, least),
+            control,
+            control_out: VecDeque::new(),
+            member: self.budget.join(),
+        }));
         // The HELLO of this side.
         self.drain_session(now, None);
     }
@@ -373,10 +371,12 @@ impl Peer {
             }
             _ => None,
         };
-        if self.session.is_some() {
-            self.session_event(now, PeerEvent::Closed(code));
-        } else {
-            self.over(now, Reason::Handshake(reason.clone().into()));
+        match self.phase {
+            Phase::Handshake => self.over(now, Reason::Handshake(reason.clone().into())),
+            Phase::Session(_) => {
+                self.session_event(now, PeerEvent::Closed(code));
+            }
+            Phase::Over => {}
         }
     }
 
@@ -387,9 +387,11 @@ impl Peer {
     /// Carries out the outputs of the session. `datagram` is the message that the session was asked
     /// about.
     fn drain_session(&mut self, now: Now, mut datagram: Option<(Header, Bytes)>) {
-        while let Some(output) = self.session.as_mut().and_then(Session::poll) {
+        while let Some(open) = self.phase.open_mut()
+            && let Some(output) = open.session.poll()
+        {
             match output {
-                session::Output::Transmit(bytes) => self.control_out.push_back(bytes.into()),
+                session::Output::Transmit(bytes) => open.control_out.push_back(bytes.into()),
                 session::Output::Event(event) => self.session_said(now, event),
                 session::Output::Take {
                     carrier: Carrier::Datagram,
@@ -448,11 +450,10 @@ impl Peer {
     /// Ends the connection and tells the peer.
     //= SM2-GWE-001
     fn over(&mut self, now: Now, reason: Reason) {
-        if self.is_over {
+        if self.phase.is_over() {
             return;
         }
-        self.is_over = true;
-        self.member = None;
+        self.phase = Phase::Over;
         let code = match &reason {
             Reason::Session(End::Violation(violation)) => Some(violation.code()),
             Reason::Session(End::Local(code)) => Some(*code),

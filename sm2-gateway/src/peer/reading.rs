@@ -34,8 +34,11 @@ impl Peer {
     /// The peer has opened streams.
     pub(super) fn accept(&mut self, now: Now, dir: Dir) {
         while let Some(id) = self.connection.streams().accept(dir) {
-            if dir == Dir::Bi && self.control.is_none() && self.initiator() == Initiator::Peer {
-                self.control = Some(id);
+            if dir == Dir::Bi
+                && self.initiator() == Initiator::Peer
+                && let Some(open) = self.phase.open_mut()
+            {
+                open.control.get_or_insert(id);
             }
             self.read(now, id);
         }
@@ -43,7 +46,7 @@ impl Peer {
 
     /// Reads what has arrived on a stream.
     pub(super) fn read(&mut self, now: Now, id: StreamId) {
-        while !self.is_over {
+        while !self.phase.is_over() {
             let mut stream = self.connection.recv_stream(id);
             let mut chunks = match stream.read(true) {
                 Ok(chunks) => chunks,
@@ -62,7 +65,7 @@ impl Peer {
     }
 
     pub(super) fn bytes(&mut self, now: Now, id: StreamId, bytes: &[u8]) {
-        if self.control == Some(id) {
+        if self.phase.is_control(id) {
             self.session_event(now, PeerEvent::Control(bytes));
             return;
         }
@@ -100,7 +103,7 @@ impl Peer {
 
     /// A stream has ended regularly.
     pub(super) fn ended(&mut self, now: Now, id: StreamId) {
-        if self.control == Some(id) {
+        if self.phase.is_control(id) {
             //= SM2-GWF-001
             self.session_event(now, PeerEvent::Closed(None));
             return;
@@ -158,7 +161,7 @@ impl Peer {
 
     /// The peer has reset a stream, so its message, request or reply never arrives.
     pub(super) fn was_reset(&mut self, now: Now, id: StreamId) {
-        if self.control == Some(id) {
+        if self.phase.is_control(id) {
             return self.ended(now, id);
         }
         self.incoming.forget(id);
@@ -169,7 +172,7 @@ impl Peer {
 
     /// The peer has stopped a stream of this side.
     pub(super) fn stopped(&mut self, now: Now, id: StreamId, code: VarInt) {
-        if self.control == Some(id) {
+        if self.phase.is_control(id) {
             return self.ended(now, id);
         }
         self.end_sending(id, code);
