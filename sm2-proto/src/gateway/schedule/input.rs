@@ -14,7 +14,7 @@ pub struct QueuedMessage<M> {
     pub published: Instant,
 }
 
-/// An input of a [`Schedule`].
+/// An input of a [`Schedule`](super::Schedule).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Input<M> {
     /// The peer wants a topic.
@@ -63,7 +63,7 @@ pub enum Input<M> {
     Tick,
 }
 
-/// An output of a [`Schedule`].
+/// An output of a [`Schedule`](super::Schedule).
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Output<M> {
     /// The message is in flight: send it in the [order](super::Schedule::order).
