@@ -108,7 +108,7 @@ fn links_go_on_without_a_manager_and_are_known_to_the_next_one() {
 }
 
 #[test]
-fn who_comes_after_the_change_is_linked_with_who_was_there_before() {
+fn new_interfaces_are_linked_with_those_from_before_the_change() {
     let mut domain = Domain::new();
     let mut stream = Stream::new(&domain);
     let latched = stream.talker.publisher_builder::<str>("map").latched(1);

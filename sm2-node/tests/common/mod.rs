@@ -82,12 +82,16 @@ pub(crate) fn away(nodes: &[&Node]) {
     until(|| nodes.iter().all(|node| !node.is_connected()));
 }
 
-/// Waits until each of these nodes is connected again. The nodes belong to one thread, so each must be
-/// called.
+/// Waits until each of these nodes is connected again, and the Manager has their claims: before that, it
+/// makes no link with them. The nodes belong to one thread, so each must be called.
 pub(crate) fn back(nodes: &[&Node]) {
     until(|| {
         // Calls every node, because the call drives it.
         nodes.iter().filter(|node| !node.is_connected()).count() == 0
+    });
+    until(|| {
+        let domain = nodes[0].snapshot().unwrap();
+        domain.nodes().all(|node| !node.resuming)
     });
 }
 
