@@ -100,7 +100,7 @@ codes! {
         ExpectedHello = 32, "expected-hello";
         UnexpectedHello = 33, "unexpected-hello";
         BadVersionRange = 34, "bad-version-range";
-        InterfaceNumber = 35, "interface-id";
+        BadInterfaceId = 35, "interface-id";
         UnknownInterface = 36, "unknown-interface";
         UnknownLink = 37, "unknown-link";
         UnexpectedClaim = 38, "unexpected-claim";
@@ -111,7 +111,7 @@ codes! {
         ExpectedWelcome = 48, "expected-welcome";
         UnexpectedWelcome = 49, "unexpected-welcome";
         BadVersion = 50, "bad-version";
-        LinkNumber = 51, "link-id";
+        BadLinkId = 51, "link-id";
         BadLink = 52, "bad-link";
         UnexpectedPage = 53, "unexpected-page";
         UnexpectedChanges = 54, "unexpected-changes";
@@ -135,7 +135,7 @@ codes! {
         NotAMemfd = 79, "not-a-memfd";
         SealsMissing = 80, "seals-missing";
         BadSize = 81, "bad-size";
-        SegmentNumber = 82, "segment-id";
+        BadSegmentId = 82, "segment-id";
         BadSegment = 83, "bad-segment";
         SegmentLimit = 84, "segment-limit";
         SegmentBusy = 85, "segment-busy";

@@ -267,11 +267,7 @@ fn segment_rows() -> Vec<Row> {
                 ..facts
             },
         ),
-        row(
-            violation!(SegmentNumber, "SM2-SEG-003"),
-            attached(),
-            &attach,
-        ),
+        row(violation!(BadSegmentId, "SM2-SEG-003"), attached(), &attach),
         row(
             violation!(BadSegment, "SM2-SEG-003"),
             receiver(),

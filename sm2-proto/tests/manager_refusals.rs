@@ -197,7 +197,7 @@ fn interfaces_per_session() {
     // The number of a refused interface is spent all the same.
     let mut spent = bench.clone();
     let events = spent.declare(node, 3, &scan());
-    let cause = Cause::Violation(violation!(InterfaceNumber, "SM2-IFC-001"));
+    let cause = Cause::Violation(violation!(BadInterfaceId, "SM2-IFC-001"));
     assert_eq!(events, [Event::HungUp(node, Some(Code(35)), cause)]);
     bench.declared(node, 4, &scan());
     assert_eq!(refusal(&bench.declare(node, 5, &scan())), Some(&reason));

@@ -223,9 +223,9 @@ fn breaches(link: LinkId) -> Vec<(Violation, Vec<u8>, usize)> {
     };
     let frames = [
         (violation!(UnexpectedHello, "SM2-SES-001"), hello("x")),
-        (violation!(InterfaceNumber, "SM2-IFC-001"), declare(0)),
-        (violation!(InterfaceNumber, "SM2-IFC-001"), declare(6)),
-        (violation!(InterfaceNumber, "SM2-IFC-001"), declare(7)),
+        (violation!(BadInterfaceId, "SM2-IFC-001"), declare(0)),
+        (violation!(BadInterfaceId, "SM2-IFC-001"), declare(6)),
+        (violation!(BadInterfaceId, "SM2-IFC-001"), declare(7)),
         (violation!(UnknownInterface, "SM2-IFC-003"), withdraw(0)),
         (violation!(UnknownInterface, "SM2-IFC-003"), withdraw(8)),
         (

@@ -289,7 +289,7 @@ fn a_claimed_link_is_a_link_like_any_other() {
     let mut node = interface_in("claimed");
     assert_eq!(
         violation(&mut node, &link(1, 1)),
-        violation!(LinkNumber, "SM2-LNK-005")
+        violation!(BadLinkId, "SM2-LNK-005")
     );
 }
 

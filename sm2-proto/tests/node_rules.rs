@@ -176,7 +176,7 @@ fn a_link_that_cannot_be() {
     }
     assert_eq!(
         violation(&mut ready(), &link(1, 1)),
-        violation!(LinkNumber, "SM2-LNK-005")
+        violation!(BadLinkId, "SM2-LNK-005")
     );
     // The id is checked before the contents of the link.
     let mut both = frames[0].clone();
@@ -185,7 +185,7 @@ fn a_link_that_cannot_be() {
     }
     assert_eq!(
         violation(&mut ready(), &both),
-        violation!(LinkNumber, "SM2-LNK-005")
+        violation!(BadLinkId, "SM2-LNK-005")
     );
 }
 

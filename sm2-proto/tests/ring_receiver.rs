@@ -298,7 +298,7 @@ fn segments_that_are_leaving_count() {
     let violation = |violation| Err(Error::Ended(End::Violation(violation)));
     let limit = violation(violation!(SegmentLimit, "SM2-SEG-004"));
     assert_eq!(attach(&mut full(), 256), limit);
-    let number = violation(violation!(SegmentNumber, "SM2-SEG-003"));
+    let number = violation(violation!(BadSegmentId, "SM2-SEG-003"));
     assert_eq!(attach(&mut full(), 7), number);
     let mut rig = full();
     rig.input(RECEIVER, Input::Writable).unwrap();

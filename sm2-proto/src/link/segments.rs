@@ -142,7 +142,7 @@ pub(super) fn check_attach(
 ) -> Result<Geometry, Violation> {
     let verified = Verified::pooled(fds.first().ok_or(violation!(FdCount, "SM2-TRN-005"))?)?;
     if is_taken {
-        return Err(violation!(SegmentNumber, "SM2-SEG-003"));
+        return Err(violation!(BadSegmentId, "SM2-SEG-003"));
     }
     let geometry =
         Geometry::new(info.stride, info.slots).ok_or(violation!(BadSegment, "SM2-SEG-003"))?;

@@ -98,7 +98,7 @@ impl NodeRecord {
     //= SM2-IFC-001
     pub(super) fn number(&mut self, interface: InterfaceId) -> Result<(), Violation> {
         if interface <= self.last_interface {
-            return Err(violation!(InterfaceNumber, "SM2-IFC-001"));
+            return Err(violation!(BadInterfaceId, "SM2-IFC-001"));
         }
         self.last_interface = interface;
         Ok(())

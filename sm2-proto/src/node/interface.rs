@@ -224,7 +224,7 @@ impl Interface {
             return Err(violation!(UnknownInterface, "SM2-LNK-005"));
         }
         if self.links.contains_key(&id) {
-            return Err(violation!(LinkNumber, "SM2-LNK-005"));
+            return Err(violation!(BadLinkId, "SM2-LNK-005"));
         }
         let asked = match_contracts(&self.contract, &peer.contract)
             .map_err(|_| violation!(BadLink, "SM2-LNK-005"))?;

@@ -5,9 +5,8 @@ use std::os::fd::{AsFd, OwnedFd};
 use sm2_proto::{
     LinkId,
     ViolationKind::{
-        BadName, BadVersionRange, ControlTruncated, ExpectedHello, FdCount, FrameTooLong,
-        InterfaceNumber, NotCanonical, TrailingBytes, UnexpectedHello, UnknownInterface,
-        UnknownLink,
+        BadInterfaceId, BadName, BadVersionRange, ControlTruncated, ExpectedHello, FdCount,
+        FrameTooLong, NotCanonical, TrailingBytes, UnexpectedHello, UnknownInterface, UnknownLink,
     },
 };
 
@@ -115,7 +114,7 @@ fn greeting() -> Rows {
 }
 
 fn numbers() -> Rows {
-    let rule = Rule::new(InterfaceNumber, "SM2-IFC-001")
+    let rule = Rule::new(BadInterfaceId, "SM2-IFC-001")
         .row("interface 0", |node| {
             node.ready();
             node.send(control::declare(0, &contract()));

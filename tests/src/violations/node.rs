@@ -9,8 +9,8 @@ use sm2_io::SeqPacket;
 use sm2_proto::{
     LinkId,
     ViolationKind::{
-        BadLink, BadName, BadQos, BadSchema, BadVersion, ControlTruncated, ExpectedWelcome,
-        FdCount, FrameTooLong, LinkNumber, Malformed, NotCanonical, TrailingBytes,
+        BadLink, BadLinkId, BadName, BadQos, BadSchema, BadVersion, ControlTruncated,
+        ExpectedWelcome, FdCount, FrameTooLong, Malformed, NotCanonical, TrailingBytes,
         UnexpectedChanges, UnexpectedCounters, UnexpectedPage, UnexpectedSchema, UnexpectedWelcome,
         UnknownFrame, UnknownInterface, UnknownLink,
     },
@@ -340,7 +340,7 @@ fn links() -> Rows {
             assert_eq!(answer[..2], [3, SUBSCRIBER as u8], "UNLINKED");
             stage.send(unlink(SUBSCRIBER, other, 0));
         });
-    let twice = Rule::new(LinkNumber, "SM2-LNK-005").row("LINK twice", |stage| {
+    let twice = Rule::new(BadLinkId, "SM2-LNK-005").row("LINK twice", |stage| {
         stage.linked();
         stage.send_link(&link());
     });

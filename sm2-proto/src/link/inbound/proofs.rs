@@ -306,7 +306,7 @@ fn segments_come_and_go() {
             assert_eq!(ring.geometry(id).is_some(), expected.is_ok() || id == 3);
             kani::cover!(expected.is_ok(), "attached on the ring lane");
             kani::cover!(
-                expected == Err(violation!(SegmentNumber, "SM2-SEG-003")) && id == 2,
+                expected == Err(violation!(BadSegmentId, "SM2-SEG-003")) && id == 2,
                 "its number is not free yet"
             );
         }
@@ -356,7 +356,7 @@ impl Attach {
         } else if self.file.seals != Seals::POOLED {
             Err(violation!(SealsMissing, "SM2-SEG-001"))
         } else if is_taken {
-            Err(violation!(SegmentNumber, "SM2-SEG-003"))
+            Err(violation!(BadSegmentId, "SM2-SEG-003"))
         } else if self.info.stride != STRIDE || self.info.slots == 0 {
             Err(violation!(BadSegment, "SM2-SEG-003"))
         } else if self.file.size_bytes != 2 * STRIDE {

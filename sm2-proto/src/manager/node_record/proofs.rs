@@ -40,7 +40,7 @@ fn interface_numbers_grow() {
     let expected = if grows {
         Ok(())
     } else {
-        Err(violation!(InterfaceNumber, "SM2-IFC-001"))
+        Err(violation!(BadInterfaceId, "SM2-IFC-001"))
     };
     assert_eq!(verdict, expected);
     let latest = if grows { wanted } else { last };
@@ -49,7 +49,7 @@ fn interface_numbers_grow() {
     let again = record.number(InterfaceId(wanted));
     assert_eq!(
         again,
-        Err(violation!(InterfaceNumber, "SM2-IFC-001")),
+        Err(violation!(BadInterfaceId, "SM2-IFC-001")),
         "never used twice"
     );
     kani::cover!(wanted == u64::MAX && grows, "the last number");

@@ -217,7 +217,7 @@ fn interface_table() {
             let expected = if at == Row::Unheard || at == Row::Declaring {
                 Err(violation!(UnknownInterface, "SM2-LNK-005"))
             } else if standing.is_some() {
-                Err(violation!(LinkNumber, "SM2-LNK-005"))
+                Err(violation!(BadLinkId, "SM2-LNK-005"))
             } else {
                 Ok(at == Row::Live)
             };

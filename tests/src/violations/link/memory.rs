@@ -17,8 +17,8 @@ use sm2_io::SeqPacket;
 use sm2_proto::{
     Seals,
     ViolationKind::{
-        BadLength, BadSegment, BadSize, BadSlot, NotAMemfd, NotSealed, SealsMissing, SegmentBusy,
-        SegmentLimit, SegmentNumber, SlotBusy, UnknownSegment,
+        BadLength, BadSegment, BadSegmentId, BadSize, BadSlot, NotAMemfd, NotSealed, SealsMissing,
+        SegmentBusy, SegmentLimit, SlotBusy, UnknownSegment,
     },
 };
 
@@ -198,7 +198,7 @@ fn geometries() -> Rows {
 }
 
 fn segments() -> Rows {
-    let number = Rule::new(SegmentNumber, "SM2-SEG-003").fresh(
+    let number = Rule::new(BadSegmentId, "SM2-SEG-003").fresh(
         Subscriber,
         "ATTACH of a number in use",
         |stage| {
