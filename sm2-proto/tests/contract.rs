@@ -283,8 +283,13 @@ fn a_schedule_is_drained_before_the_next_input() {
         schedule.handle(NOW, schedule::Input::Open { offer, qos }),
         Ok(())
     );
-    let enqueue = schedule::Input::Enqueue { offer, message };
-    assert_eq!(schedule.handle(NOW, enqueue), Ok(()));
+    // The second message displaces the first, which is an output.
+    for _ in 0..2 {
+        assert_eq!(drain(&mut schedule), 0);
+        let message = message.clone();
+        let enqueue = schedule::Input::Enqueue { offer, message };
+        assert_eq!(schedule.handle(NOW, enqueue), Ok(()));
+    }
     assert_eq!(schedule.deadline(), None);
     outputs_are_drained_first(&mut schedule, schedule::Input::Tick);
 }
