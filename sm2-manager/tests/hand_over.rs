@@ -173,6 +173,27 @@ fn a_standby_of_a_program_hands_over_and_stands_by_again() {
     }
 }
 
+/// The connection of the standby may still wait to be accepted when the hand-over begins.
+//= SM2-RES-010 sys
+#[test]
+fn a_standby_takes_part_as_soon_as_it_has_connected() {
+    for _ in 0..8 {
+        let domain = TestDomain::new();
+        let active = Background::start(&domain.socket(), Options::default()).unwrap();
+        let epoch = domain.client("before").epoch();
+        let start = || Background::start_or_stand_by(&domain.socket(), Options::default());
+        let standby = start().unwrap();
+        active.hand_over().start();
+        let mut count = 0;
+        common::eventually("the standby to serve", || {
+            count += 1;
+            domain.client(&format!("after/{count}")).epoch() != epoch
+        });
+        active.stop().unwrap();
+        standby.stop().unwrap();
+    }
+}
+
 #[test]
 fn the_manager_of_another_user_is_not_replaced() {
     if !geteuid().is_root() {

@@ -47,7 +47,6 @@ struct Offer {
     hand_over: HandOver,
     since: Instant,
     look_at: Instant,
-    standbys_told: bool,
 }
 
 /// The result of checking for a successor.
@@ -146,7 +145,6 @@ impl Door {
                     hand_over: endpoint.hand_over(),
                     since: now,
                     look_at: now.after(LOOK),
-                    standbys_told: false,
                 }));
                 self.watch(epoll, Interest::NONE);
             }
@@ -191,8 +189,8 @@ impl Door {
                     offer.look_at = now.after(LOOK_LATE);
                 }
             }
-        } else if !offer.standbys_told && now >= offer.since.after(PRECEDENCE) {
-            offer.standbys_told = true;
+        } else if now >= offer.since.after(PRECEDENCE) {
+            // Each time, because a standby may have greeted since the last time.
             found = Found::Unclaimed;
         }
         self.claim = Some(Claim::Offered(offer));

@@ -178,6 +178,8 @@ impl Manager {
                 }
                 HAND_OVER => {
                     self.handles.hand_over.drain();
+                    // A standby among the pending connections is a possible successor.
+                    self.accept_pending();
                     self.door.offer(&self.epoll);
                     false
                 }
@@ -312,11 +314,15 @@ impl Manager {
     /// so that they get the goodbye too.
     //= SM2-RES-010, SM2-SES-008
     fn leave(&mut self) {
+        self.accept_pending();
+        self.feed(Input::Shutdown);
+        info!("handed over");
+    }
+
+    fn accept_pending(&mut self) {
         while let Ok(Some((socket, place))) = self.let_in() {
             self.connect(socket, place);
         }
-        self.feed(Input::Shutdown);
-        info!("handed over");
     }
 
     /// Passes an input to the machine. All inputs go through here.
