@@ -286,7 +286,6 @@ fn a_schedule_is_drained_before_the_next_input() {
     // The second message displaces the first, which is an output.
     for _ in 0..2 {
         assert_eq!(drain(&mut schedule), 0);
-        let message = message.clone();
         let enqueue = schedule::Input::Enqueue { offer, message };
         assert_eq!(schedule.handle(NOW, enqueue), Ok(()));
     }
