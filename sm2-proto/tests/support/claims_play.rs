@@ -3,7 +3,7 @@
 use std::{collections::BTreeSet, time::Duration};
 
 use sm2_proto::{
-    Contract, EntityId, InterfaceId, LinkId, NodeId,
+    Contract, EntityId, InterfaceId, LinkId, Machine, NodeId,
     control::{Item, Key, Page, ToManager, ToNode},
     manager::{Input, Policy},
 };
@@ -230,7 +230,12 @@ impl Play {
         let now = self.bench.now;
         self.bench.now = now.after(Duration::from_millis(ms));
         self.oracle.wait(ms);
-        self.bench.input(Input::Tick)
+        let mut events = self.bench.input(Input::Tick);
+        // Each Tick does the work of one session (SM2-SES-009).
+        while (self.bench.manager.deadline()).is_some_and(|it| it <= self.bench.now) {
+            events.extend(self.bench.input(Input::Tick));
+        }
+        events
     }
 }
 
