@@ -186,6 +186,7 @@ impl Config {
     ///
     /// # Errors
     /// See [`ConfigError`].
+    #[cfg(feature = "program")]
     pub(crate) fn parse_without_peers(path: &Path, text: &str) -> Result<Self, ConfigError> {
         Self::parse_source(&Source {
             path,
@@ -335,6 +336,7 @@ struct Source<'a> {
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum UnknownPeers {
     Refused,
+    #[cfg(feature = "program")]
     Ignored,
 }
 
