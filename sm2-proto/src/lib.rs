@@ -68,6 +68,7 @@ pub mod manager;
 mod matching;
 mod name;
 pub mod node;
+pub mod policy;
 #[cfg(any(kani, test))]
 mod proofs;
 mod refusal;

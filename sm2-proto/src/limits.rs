@@ -56,6 +56,12 @@ pub const RING_DISPLACED_MAX: u32 = 1 << 31;
 pub const SLOT_HEAD: usize = 64;
 /// The size of items at which the Manager ends a PAGE, in bytes.
 pub const PAGE_BYTES: usize = 32_768;
+/// The most rules, bindings and exclusive entries of an access policy.
+pub const POLICY_TABLES_MAX: usize = 1_024;
+/// The most patterns, users and groups of an access policy.
+pub const POLICY_TERMS_MAX: usize = 8_192;
+/// The longest policy file, in bytes.
+pub const POLICY_FILE_MAX: u64 = 1 << 20;
 
 const _: () = assert!(SLOT_HEAD as u64 <= STRIDE_UNIT);
 const _: () = assert!(MESSAGE_HEAD + INLINE_MAX <= DATAGRAM_MAX);
