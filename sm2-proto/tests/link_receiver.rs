@@ -43,7 +43,7 @@ fn the_application_takes_the_oldest_and_holds_no_more_than_it_may() {
     for id in 1..=3 {
         accept(&mut link, &data(id, id));
     }
-    assert_eq!((take(&mut link).sequence, link.ready(&NoMemory)), (1, 2));
+    assert_eq!((take(&mut link).sequence, link.untaken(&NoMemory)), (1, 2));
     assert_eq!(
         link.take(&NoMemory),
         Err(NoDelivery::TooManyBorrowed(TooManyBorrowed {
@@ -74,7 +74,7 @@ fn one_more_than_depth_displaces_the_oldest() {
     let outputs = accept(&mut link, &data(3, 3));
     assert_eq!(outputs[0], Output::Discard { sequence: 1 });
     assert_eq!(sent(&outputs)[0].to_vec(), discarded(&[1]));
-    assert_eq!((take(&mut link).sequence, link.ready(&NoMemory)), (2, 1));
+    assert_eq!((take(&mut link).sequence, link.untaken(&NoMemory)), (2, 1));
 }
 
 //= SM2-QOS-002, SM2-MSG-003 test
@@ -84,7 +84,7 @@ fn reliable_displaces_nothing_and_ends_at_the_window() {
     for id in 1..=3 {
         assert_eq!(accept(&mut link, &data(id, id)), []);
     }
-    assert_eq!(link.ready(&NoMemory), 3);
+    assert_eq!(link.untaken(&NoMemory), 3);
     assert_eq!(
         reject(&mut link, &data(4, 4)),
         violation!(WindowExceeded, "SM2-MSG-003")

@@ -121,7 +121,7 @@ fn calls_and_replies_that_wait_for_room() {
     }
     pair.pump();
     pair.harvest(CALLER);
-    assert!(pair.caller.link.is_waiting());
+    assert!(pair.caller.link.has_queued());
     assert_eq!(pair.world.rings[SERVER].read(At::SenderParked), 1);
     let counters = pair.caller.link.counters();
     assert_eq!((counters.offered, counters.in_flight), (5, 5));
@@ -134,7 +134,7 @@ fn calls_and_replies_that_wait_for_room() {
     assert_eq!(kinds(&pair, SERVER), [FrameKind::Doorbell]);
     assert_eq!(pair.world.rings[SERVER].read(At::SenderParked), 0);
     pair.harvest(CALLER);
-    assert!(pair.caller.link.is_waiting());
+    assert!(pair.caller.link.has_queued());
     for _ in 0..5 {
         pair.harvest(CALLER);
         pair.take(SERVER);
@@ -143,13 +143,13 @@ fn calls_and_replies_that_wait_for_room() {
     }
     assert_eq!(pair.server.taken, [1, 3, 5, 7, 9]);
     // The ring has three places for replies.
-    assert!(!pair.caller.link.is_waiting() && pair.server.link.is_waiting());
+    assert!(!pair.caller.link.has_queued() && pair.server.link.has_queued());
     for _ in 0..6 {
         pair.take(CALLER);
         pair.release(CALLER);
         pair.harvest(SERVER);
     }
-    assert!(!pair.server.link.is_waiting());
+    assert!(!pair.server.link.has_queued());
     assert!(
         pair.caller
             .calls

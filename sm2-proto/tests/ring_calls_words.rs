@@ -202,7 +202,7 @@ fn calls_that_waited_are_closed_by_the_end() {
     for _ in 0..4 {
         pair.call();
     }
-    assert!(pair.caller.link.is_waiting());
+    assert!(pair.caller.link.has_queued());
     let eof = pair.caller.link.handle(NOW, Input::Eof);
     assert_eq!(eof, Ok(()));
     let counters = pair.caller.link.counters();
@@ -293,13 +293,13 @@ fn nothing_is_taken_before_the_other_ring_is_there() {
     let words = ring_support::Memory::new(config.ring_layout().unwrap());
     accept(&mut link, &Frame::Attach(segment(0)));
     words.write(At::Forward(1), word(0, 0, 1));
-    assert!(!link.is_ready(&words));
+    assert!(!link.may_take(&words));
     assert_eq!(
         link.take(&LentRing::new(&words, |_| Some(head(1, 0, 0)))),
         Ok(None)
     );
     accept(&mut link, &RING);
-    assert!(link.is_ready(&words));
+    assert!(link.may_take(&words));
     let taken = link.take(&LentRing::new(&words, |_| Some(head(1, 0, 0))));
     assert_eq!(taken.unwrap().unwrap().id, 1);
 }

@@ -20,12 +20,12 @@ use sm2_proto::{
 #[test]
 fn a_delivery_says_what_the_head_says() {
     let mut rig = Rig::open(false, 2, 1);
-    assert!(!rig.ends[RECEIVER].is_ready(&rig.words));
-    assert_eq!(rig.ends[RECEIVER].ready(&rig.words), 0);
+    assert!(!rig.ends[RECEIVER].may_take(&rig.words));
+    assert_eq!(rig.ends[RECEIVER].untaken(&rig.words), 0);
     assert_eq!(rig.take(), Ok(None));
     let _ = rig.send(4, 3).unwrap();
-    assert!(rig.ends[RECEIVER].is_ready(&rig.words));
-    assert_eq!(rig.ends[RECEIVER].ready(&rig.words), 1);
+    assert!(rig.ends[RECEIVER].may_take(&rig.words));
+    assert_eq!(rig.ends[RECEIVER].untaken(&rig.words), 1);
     let expected = Delivery {
         sequence: 1,
         id: 4,
@@ -330,7 +330,7 @@ fn what_is_left_can_be_taken() {
             }
         }
         assert!(rig.ends[RECEIVER].end().is_some());
-        assert!(rig.ends[RECEIVER].is_ready(&rig.words));
+        assert!(rig.ends[RECEIVER].may_take(&rig.words));
         assert_eq!(rig.taken().id, 4);
         assert!(matches!(rig.take(), Err(NoDelivery::TooManyBorrowed(_))));
         let end = Error::Ended(rig.ends[RECEIVER].end().unwrap());
@@ -338,7 +338,7 @@ fn what_is_left_can_be_taken() {
         // The sender may not know of the end yet, so it must see the messages given back.
         assert_eq!(rig.words.back()[0], word(0, 3, 3));
         assert_eq!(rig.taken().id, 5);
-        assert!(!rig.ends[RECEIVER].is_ready(&rig.words));
+        assert!(!rig.ends[RECEIVER].may_take(&rig.words));
     }
 }
 
@@ -357,8 +357,8 @@ fn depth_messages_at_most_are_left() {
             let _ = rig.release(sequence);
         } else {
             assert_eq!(delivery, Ok(None));
-            assert!(!rig.ends[RECEIVER].is_ready(&rig.words));
-            assert_eq!(rig.ends[RECEIVER].ready(&rig.words), 0);
+            assert!(!rig.ends[RECEIVER].may_take(&rig.words));
+            assert_eq!(rig.ends[RECEIVER].untaken(&rig.words), 0);
         }
         let _ = rig.send(id, id as u32).unwrap();
     }
@@ -388,10 +388,10 @@ fn a_sender_that_died_while_it_made_room() {
         let _ = rig.send(id, id as u32).unwrap();
     }
     rig.words.write(At::Forward(1), EMPTY);
-    assert!(!rig.ends[RECEIVER].is_ready(&rig.words));
+    assert!(!rig.ends[RECEIVER].may_take(&rig.words));
     assert_eq!(rig.take(), Ok(None), "the sender may still be at it");
     rig.input(RECEIVER, Input::Eof).unwrap();
-    assert!(rig.ends[RECEIVER].is_ready(&rig.words));
+    assert!(rig.ends[RECEIVER].may_take(&rig.words));
     for (sequence, lost) in [(2, 1), (3, 0)] {
         let delivery = rig.taken();
         assert_eq!((delivery.sequence, delivery.lost), (sequence, lost));

@@ -270,7 +270,7 @@ fn the_calls_are_the_same_on_both_lanes() {
         assert_eq!(sender.handle(NOW, Input::Attach(segment(0))), Ok(()));
         let harvested = receiver.harvest(&rig.words, |_, _| {});
         assert_eq!(harvested, Ok(Wake::NotNeeded));
-        assert!(!receiver.has_room(&rig.words) && !sender.is_ready(&rig.words));
+        assert!(!receiver.has_room(&rig.words) && !sender.may_take(&rig.words));
         assert_eq!(sender.handle(NOW, Input::PassOver), Ok(()));
         let counters = sender.counters();
         assert_eq!((counters.offered, counters.overwritten), (1, 1));

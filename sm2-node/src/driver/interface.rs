@@ -156,8 +156,8 @@ impl Interface {
     }
 
     /// Whether there may be a message to take.
-    pub(super) fn is_ready(&self) -> bool {
-        self.links.iter().any(LinkDriver::is_ready)
+    pub(super) fn may_take(&self) -> bool {
+        self.links.iter().any(LinkDriver::may_take)
     }
 
     /// Prepares the links for a thread that is about to sleep until the interface has an event.

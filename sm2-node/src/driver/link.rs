@@ -184,13 +184,13 @@ impl LinkDriver {
     }
 
     /// An upper bound for the messages that the application has not taken. They outlive the link.
-    pub(crate) fn ready(&self) -> usize {
-        self.machine.ready(&self.mapped)
+    pub(crate) fn untaken(&self) -> usize {
+        self.machine.untaken(&self.mapped)
     }
 
     /// Whether there may be a message to take.
-    pub(super) fn is_ready(&self) -> bool {
-        self.machine.is_ready(&self.mapped)
+    pub(super) fn may_take(&self) -> bool {
+        self.machine.may_take(&self.mapped)
     }
 
     /// The code that is reported to the Manager; `None` while the link is not over.

@@ -149,15 +149,15 @@ impl Inner {
         }
     }
 
-    /// Prepares for a sleep until this node has any event. Returns whether a ring already has a
+    /// Prepares for a sleep until this node has any event. Returns whether a ring may already have a
     /// message.
     pub(crate) fn park_all(&mut self) -> bool {
-        let mut ready = false;
+        let mut may_take = false;
         for interface in self.interfaces.values_mut() {
             interface.park();
-            ready |= interface.is_ready();
+            may_take |= interface.may_take();
         }
-        ready
+        may_take
     }
 
     /// Whether all messages of this source come through rings, so that the sockets need to be read

@@ -311,13 +311,13 @@ impl World {
                 assert!(self.held.insert(delivery.sequence));
                 assert!(self.held.len() <= limit);
             }
-            Ok(None) => assert_eq!(self.link.ready(&NoMemory), 0),
+            Ok(None) => assert_eq!(self.link.untaken(&NoMemory), 0),
             Err(NoDelivery::Misuse(_)) => {
                 let receives = self.link.config().role.receives();
                 // This driver lends no ring.
                 assert!(!receives || self.link.lane() == LaneKind::Ring);
             }
-            Err(_) => assert!(self.held.len() == limit && self.link.ready(&NoMemory) > 0),
+            Err(_) => assert!(self.held.len() == limit && self.link.untaken(&NoMemory) > 0),
         }
         self.drain();
     }

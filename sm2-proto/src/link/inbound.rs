@@ -332,7 +332,7 @@ impl Inbound {
 
     /// The number of messages that the application has not taken.
     #[inline]
-    pub(super) fn ready(&self) -> usize {
+    pub(super) fn untaken(&self) -> usize {
         self.ready.len()
     }
 

@@ -58,7 +58,7 @@ impl Link {
     }
 
     /// Whether each message of the other end makes the socket readable. If not, the socket becomes
-    /// readable only after [`Link::park`], and the driver finds messages by [`Link::is_ready`].
+    /// readable only after [`Link::park`], and the driver finds messages by [`Link::may_take`].
     #[must_use]
     #[inline]
     pub const fn is_woken_by_socket(&self) -> bool {
@@ -105,7 +105,7 @@ impl Link {
     /// Whether messages of a caller or server are queued until there is room, or until a segment is
     /// attached.
     #[must_use]
-    pub fn is_waiting(&self) -> bool {
-        matches!(&self.lane, Lane::Ring(ring) if ring.is_waiting())
+    pub fn has_queued(&self) -> bool {
+        matches!(&self.lane, Lane::Ring(ring) if ring.has_queued())
     }
 }

@@ -179,12 +179,12 @@ impl Link {
 
     /// Whether [`take`](Self::take) may return a message.
     #[inline]
-    pub fn is_ready(&self, memory: &impl LinkMemory) -> bool {
+    pub fn may_take(&self, memory: &impl LinkMemory) -> bool {
         match &self.lane {
             Lane::Undecided => false,
-            Lane::Socket(socket) => socket.inbound.ready() > 0,
+            Lane::Socket(socket) => socket.inbound.untaken() > 0,
             Lane::Ring(ring) => match (&ring.incoming, memory.incoming()) {
-                (Some(receiver), Some(words)) => !ring.is_awaited() && receiver.ready(words),
+                (Some(receiver), Some(words)) => !ring.is_awaited() && receiver.may_take(words),
                 _ => false,
             },
         }
@@ -192,12 +192,12 @@ impl Link {
 
     /// An upper bound for the number of messages that wait for [`take`](Self::take).
     #[inline]
-    pub fn ready(&self, memory: &impl LinkMemory) -> usize {
+    pub fn untaken(&self, memory: &impl LinkMemory) -> usize {
         match &self.lane {
             Lane::Undecided => 0,
-            Lane::Socket(socket) => socket.inbound.ready(),
+            Lane::Socket(socket) => socket.inbound.untaken(),
             Lane::Ring(ring) => match (&ring.incoming, memory.incoming()) {
-                (Some(receiver), Some(words)) => receiver.waiting(words),
+                (Some(receiver), Some(words)) => receiver.untaken(words),
                 _ => 0,
             },
         }

@@ -322,7 +322,7 @@ fn receiver_keeps_to_its_window() {
                     assert!(held.is_none(), "one at a time");
                     held = Some(delivery.sequence);
                 }
-                Ok(None) => assert_eq!(inbound.ready(), 0),
+                Ok(None) => assert_eq!(inbound.untaken(), 0),
                 Err(_) => assert!(held.is_some()),
             },
             (false, true) => {

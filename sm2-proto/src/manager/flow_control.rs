@@ -49,7 +49,7 @@ impl Manager {
     /// of the session are pending and about to be announced.
     //= SM2-LNK-007
     pub(super) fn must_wait(&self, node: NodeId, record: &NodeRecord) -> bool {
-        self.is_full(record) || self.pending_links.is_ready(node)
+        self.is_full(record) || self.pending_links.is_announceable(node)
     }
 
     /// Announces the pending links of a session after this one, as far as both ends have room and
@@ -93,7 +93,7 @@ impl Manager {
 
     /// Whether every pending link waits for room or a turn at one of its ends, or to be ended.
     pub(super) fn flow_control_agrees(&self) -> bool {
-        let waits = |it: NodeId| self.awaits_room(it) || self.pending_links.is_ready(it);
+        let waits = |it: NodeId| self.awaits_room(it) || self.pending_links.is_announceable(it);
         let sound = |(node, link): (NodeId, LinkId)| {
             let pair = self.links.made(link);
             pair.is_some_and(|pair| {
@@ -105,6 +105,6 @@ impl Manager {
             })
         };
         let is_there = |it: NodeId| self.sessions.contains_key(&it);
-        self.pending_links.iter().all(sound) && self.pending_links.ready().all(is_there)
+        self.pending_links.iter().all(sound) && self.pending_links.announceable().all(is_there)
     }
 }

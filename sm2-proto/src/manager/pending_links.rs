@@ -13,7 +13,7 @@ pub(super) struct PendingLinks {
     /// so the oldest comes first.
     links: BTreeSet<(NodeId, LinkId)>,
     /// The sessions that have room and pending links.
-    ready: RoundRobin,
+    announceable: RoundRobin,
     /// The sessions that wait for their next turn, and the last link that was looked at.
     seen: BTreeMap<NodeId, LinkId>,
 }
@@ -22,7 +22,7 @@ impl PendingLinks {
     pub(super) const fn new() -> Self {
         Self {
             links: BTreeSet::new(),
-            ready: RoundRobin::new(),
+            announceable: RoundRobin::new(),
             seen: BTreeMap::new(),
         }
     }
@@ -55,36 +55,36 @@ impl PendingLinks {
     pub(super) fn has_room(&mut self, node: NodeId) {
         self.seen.remove(&node);
         if self.next_of(node, LinkId::FIRST).is_some() {
-            self.ready.insert(node);
+            self.announceable.insert(node);
         }
     }
 
     /// Whether a session has room and waits for its turn.
-    pub(super) fn is_ready(&self, node: NodeId) -> bool {
-        self.ready.contains(node)
+    pub(super) fn is_announceable(&self, node: NodeId) -> bool {
+        self.announceable.contains(node)
     }
 
     /// Whether any session waits for its turn.
-    pub(super) fn has_ready(&self) -> bool {
-        !self.ready.is_empty()
+    pub(super) fn has_announceable(&self) -> bool {
+        !self.announceable.is_empty()
     }
 
     /// The session whose turn it is, and the link after which to begin.
-    pub(super) fn next_ready(&mut self) -> Option<(NodeId, LinkId)> {
-        let node = self.ready.next()?;
+    pub(super) fn next_announceable(&mut self) -> Option<(NodeId, LinkId)> {
+        let node = self.announceable.next()?;
         let after = self.seen.remove(&node).unwrap_or(LinkId::FIRST);
         Some((node, after))
     }
 
     /// The session waits for its next turn, which begins after this link.
     pub(super) fn go_on(&mut self, node: NodeId, after: LinkId) {
-        self.ready.insert(node);
+        self.announceable.insert(node);
         self.seen.insert(node, after);
     }
 
     /// A session is over: it waits for no turn.
     pub(super) fn forget_session(&mut self, node: NodeId) {
-        self.ready.remove(node);
+        self.announceable.remove(node);
         self.seen.remove(&node);
     }
 
@@ -94,7 +94,7 @@ impl PendingLinks {
     }
 
     /// The sessions that wait for their turn, in ascending order.
-    pub(super) fn ready(&self) -> impl Iterator<Item = NodeId> {
-        self.ready.iter()
+    pub(super) fn announceable(&self) -> impl Iterator<Item = NodeId> {
+        self.announceable.iter()
     }
 }

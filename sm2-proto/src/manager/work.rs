@@ -37,7 +37,7 @@ impl Manager {
         if self.shortage.is_due(now) {
             self.link_again();
         }
-        if let Some((node, after)) = self.pending_links.next_ready() {
+        if let Some((node, after)) = self.pending_links.next_announceable() {
             self.announce_pending(node, after);
         }
         if let Some(node) = self.jobs.next() {
@@ -47,7 +47,7 @@ impl Manager {
 
     /// Whether deferred work can be done now.
     pub(super) fn has_deferred(&self, now: Instant) -> bool {
-        self.pending_links.has_ready() || !self.jobs.is_empty() || self.shortage.is_due(now)
+        self.pending_links.has_announceable() || !self.jobs.is_empty() || self.shortage.is_due(now)
     }
 
     /// Finishes the work of the session's last frame.

@@ -231,8 +231,8 @@ impl Pair {
         let limit = usize::from(at.link.config().max_borrowed);
         match at.link.take(&NoMemory) {
             Ok(Some(delivery)) => self.took(end, delivery),
-            Ok(None) => assert_eq!(at.link.ready(&NoMemory), 0),
-            Err(_) => assert!(at.held.len() == limit && at.link.ready(&NoMemory) > 0),
+            Ok(None) => assert_eq!(at.link.untaken(&NoMemory), 0),
+            Err(_) => assert!(at.held.len() == limit && at.link.untaken(&NoMemory) > 0),
         }
         self.drain(end);
     }
@@ -431,7 +431,7 @@ impl Pair {
     pub(crate) fn check_settled(&self) {
         for (this, other) in [(0, 1), (1, 0)].map(|(a, b)| (&self.ends[a], &self.ends[b])) {
             assert!(this.sent.iter().all(|it| it.fate.is_some()));
-            assert_eq!((this.link.ready(&NoMemory), this.held.len()), (0, 0));
+            assert_eq!((this.link.untaken(&NoMemory), this.held.len()), (0, 0));
             if self.broken_off {
                 assert!(this.ended && (!self.is_caller(this) || this.calls_are_answered()));
                 continue;

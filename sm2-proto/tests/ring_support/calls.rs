@@ -402,7 +402,7 @@ impl Side {
         let before = probe.1.forward();
         let _ = probe.0.harvest(&probe.1, |_, _| {});
         let put = (before.iter().zip(probe.1.forward())).any(|(a, b)| *a == EMPTY && b != EMPTY);
-        put || self.link.is_ready(incoming)
+        put || self.link.may_take(incoming)
     }
 
     pub(crate) fn in_flight(&self) -> usize {

@@ -282,7 +282,7 @@ impl Pair {
                 let is_back = words.back().iter().any(|it| *it != EMPTY);
                 !is_back && !self.sending.at.link.has_room(words)
             }
-            _ => !self.receiving.at.link.is_ready(words),
+            _ => !self.receiving.at.link.may_take(words),
         }
     }
 

@@ -99,7 +99,7 @@ impl Interface {
 
     /// Returns the outcome of a call once the call is over, and removes the call.
     pub(crate) fn outcome(&mut self, call: CallId, tools: &mut Tools<'_>) -> Option<Outcome> {
-        if self.link(call.token).is_some_and(LinkDriver::is_ready) {
+        if self.link(call.token).is_some_and(LinkDriver::may_take) {
             self.settle_link(call.token, tools);
         }
         let outcome = self.calls.open.get_mut(&call)?.take()?;

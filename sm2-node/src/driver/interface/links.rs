@@ -59,7 +59,7 @@ impl Links {
         let first = self.0.partition_point(|link| link.token() <= start);
         let (up_to_start, after) = self.0.split_at_mut(first);
         let mut turn = after.iter_mut().chain(up_to_start);
-        turn.find(|link| place(link.token()) >= least && link.is_ready())
+        turn.find(|link| place(link.token()) >= least && link.may_take())
     }
 
     fn place(&self, token: LinkToken) -> Option<usize> {

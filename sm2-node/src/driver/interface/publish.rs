@@ -69,7 +69,7 @@ impl Interface {
         tools: &mut Tools<'_>,
     ) -> Option<Published> {
         let len = bytes.len() as u64;
-        let mut lease = match self.outbox.ready(len) {
+        let mut lease = match self.outbox.lease_free(len) {
             Some(lease) => lease,
             None => {
                 self.harvest(tools);

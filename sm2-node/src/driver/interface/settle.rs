@@ -42,7 +42,7 @@ impl Interface {
             return;
         };
         self.calls.collect(token, link, tools, &mut self.outbox);
-        link.send_waiting(tools, &mut self.outbox);
+        link.send_queued(tools, &mut self.outbox);
         link.note_fates(tools.counting);
         if link.end().is_some() && !link.buried {
             self.bury(token, tools);
@@ -51,7 +51,7 @@ impl Interface {
         if self
             .links
             .get(token)
-            .is_some_and(|it| it.buried && !it.is_ready())
+            .is_some_and(|it| it.buried && !it.may_take())
         {
             self.links.remove(token);
             self.gone.push(token);
@@ -105,7 +105,7 @@ impl Interface {
             let drop = link.buried && surplus > 0;
             if drop {
                 surplus -= 1;
-                lost += link.ready() as u64;
+                lost += link.untaken() as u64;
                 gone.push(link.token());
             }
             !drop

@@ -206,7 +206,7 @@ impl LinkDriver {
     pub(super) fn forget_unused(&mut self) {
         // The calls of a link that is over still get the replies that are left in their ring, or
         // fail.
-        if !self.is_ready() && self.calls() == 0 {
+        if !self.may_take() && self.calls() == 0 {
             self.mapped.segments.clear();
             self.kept.clear();
             self.mapped.incoming = None;

@@ -137,8 +137,8 @@ impl LinkDriver {
 
     /// Sends queued messages after a change that may let them through: a freed segment number, a
     /// writable socket, or room.
-    pub(in crate::driver) fn send_waiting(&mut self, tools: &mut Tools<'_>, outbox: &mut Outbox) {
-        if self.machine.is_waiting() {
+    pub(in crate::driver) fn send_queued(&mut self, tools: &mut Tools<'_>, outbox: &mut Outbox) {
+        if self.machine.has_queued() {
             self.harvest(tools, outbox);
         }
     }

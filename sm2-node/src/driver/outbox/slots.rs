@@ -36,7 +36,7 @@ impl Outbox {
 
     /// Leases a slot for `len` bytes.
     pub(crate) fn lease(&mut self, len: u64) -> Result<Lease<Slot>, NoSlot> {
-        if let Some(lease) = self.ready(len) {
+        if let Some(lease) = self.lease_free(len) {
             return Ok(lease);
         }
         let plan = self.pool.plan(len).or_else(|Full| {
@@ -68,7 +68,7 @@ impl Outbox {
     }
 
     /// Leases a slot that is free now; `None` if none is.
-    pub(crate) fn ready(&mut self, len: u64) -> Option<Lease<Slot>> {
+    pub(crate) fn lease_free(&mut self, len: u64) -> Option<Lease<Slot>> {
         self.pool.take(len)
     }
 

@@ -168,7 +168,7 @@ impl<'a> Ring<'a> {
             5 | 6 => self.release(script)?,
             7..=9 => self.peer_puts(script)?,
             10 => self.peer_segments(script)?,
-            11 => self.look(),
+            11 => self.check_queries(),
             12 => {
                 let words = [&self.incoming, &self.outgoing][usize::from(is_outgoing)];
                 let at = match script.byte()? % 4 {
@@ -431,14 +431,14 @@ impl<'a> Ring<'a> {
     }
 
     /// Calls the methods that change nothing.
-    fn look(&self) {
+    fn check_queries(&self) {
         let link = &self.world.link;
         link.has_room(&self.outgoing);
         self.outgoing.check_accesses(1);
         let depth = self.incoming.depth();
-        link.is_ready(&self.incoming);
+        link.may_take(&self.incoming);
         self.incoming.check_accesses(2 * depth + 1);
-        assert!(link.ready(&self.incoming) as u64 <= depth);
+        assert!(link.untaken(&self.incoming) as u64 <= depth);
         self.incoming.check_accesses(depth);
         let _ = link.made_room(&self.incoming);
         self.incoming.check_accesses(2);

@@ -167,7 +167,7 @@ fn a_message_is_admitted_exactly() {
             assert_eq!(books.sequence, last + 1);
             assert_eq!(displaced.is_some(), books.displaces && ready == 1);
             assert_eq!(
-                books.ready(),
+                books.untaken(),
                 if displaced.is_some() { 1 } else { ready + 1 }
             );
             if let Form::Pooled { slot, .. } = form {
@@ -195,7 +195,7 @@ fn each_message_is_released_once() {
                 assert!(oldest(Stage::Borrowed).is_none(), "one at a time");
                 let at = oldest(Stage::Ready).expect("one is ready");
                 assert_eq!(delivery.sequence, state.first + at as u64);
-                assert_eq!(books.ready(), ready - 1);
+                assert_eq!(books.untaken(), ready - 1);
                 assert!(books.borrowed.contains_key(&delivery.sequence));
                 // No earlier message was taken here, so all earlier ones were lost.
                 assert_eq!(delivery.lost, at as u64);

@@ -4,7 +4,7 @@
 use super::super::{
     At, Delivery, Error, Fate, Link, Misuse, Output, RingMemory, Role, Wake,
     lane::Lane,
-    ring::{RingMessage, RingSendError, Waiting},
+    ring::{RingMessage, RingSendError, SendQueue},
 };
 use crate::{Violation, clause};
 
@@ -27,9 +27,9 @@ impl Link {
             _ => self.placed.place(message.id),
         }
         if let Lane::Ring(ring) = &mut self.lane {
-            ring.waiting.push(*message);
+            ring.queue.push(*message);
         }
-        self.send_waiting(words, settled)
+        self.send_queued(words, settled)
             .map_err(|violation| self.violated(violation))
     }
 
@@ -50,21 +50,21 @@ impl Link {
                 }
             }
         }
-        Waiting::check(message)
+        SendQueue::check(message)
     }
 
     /// Sends queued messages while there is room. If some remain for lack of room, this end parks,
     /// so that the other end wakes it, and then tries once more.
     //= SM2-RNG-009
-    pub(super) fn send_waiting(
+    pub(super) fn send_queued(
         &mut self,
         words: &impl RingMemory,
         settled: &mut impl FnMut(u64, Fate),
     ) -> Result<Wake, Violation> {
-        let first = self.put_waiting(words, settled)?;
+        let first = self.put_queued(words, settled)?;
         // If a segment is missing or the socket is blocked, the socket wakes this end, so it need
         // not park.
-        if !matches!(&self.lane, Lane::Ring(ring) if ring.waiting.is_full) {
+        if !matches!(&self.lane, Lane::Ring(ring) if ring.queue.is_full) {
             return Ok(first);
         }
         words.swap(At::SenderParked, 1);
@@ -76,11 +76,11 @@ impl Link {
         {
             sender.harvest(words, settled)?;
         }
-        let second = self.put_waiting(words, settled)?;
+        let second = self.put_queued(words, settled)?;
         Ok(first.or(second))
     }
 
-    fn put_waiting(
+    fn put_queued(
         &mut self,
         words: &impl RingMemory,
         settled: &mut impl FnMut(u64, Fate),
@@ -89,17 +89,17 @@ impl Link {
         let Lane::Ring(ring) = &mut self.lane else {
             return Ok(wake);
         };
-        let Some((sender, waiting)) = ring.sender_and_waiting().filter(|_| !self.blocked) else {
+        let Some((sender, queue)) = ring.sender_and_queue().filter(|_| !self.blocked) else {
             return Ok(wake);
         };
-        waiting.is_full = false;
-        while let Some(message) = waiting.front() {
+        queue.is_full = false;
+        while let Some(message) = queue.front() {
             let (id, segment) = (message.id, message.segment);
             match sender.send(words, message, settled) {
                 Ok(wanted) => wake = wake.or(wanted),
                 Err(RingSendError::Violation(violation)) => {
                     // The end of the link settles this message with all others of the sender.
-                    waiting.pop();
+                    queue.pop();
                     return Err(violation);
                 }
                 Err(RingSendError::Misuse(Misuse::NotAttached)) => {
@@ -109,11 +109,11 @@ impl Link {
                     break;
                 }
                 Err(why) => {
-                    waiting.is_full = why == RingSendError::Misuse(Misuse::NoRoom);
+                    queue.is_full = why == RingSendError::Misuse(Misuse::NoRoom);
                     break;
                 }
             }
-            waiting.pop();
+            queue.pop();
             match self.config.role {
                 Role::Server => {
                     // On the ring lane, no frame tells when the caller stops naming the call.

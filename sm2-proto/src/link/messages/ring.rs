@@ -52,7 +52,7 @@ impl Link {
         };
         let harvested = (ring.sender_mut()).map_or(Ok(()), |it| it.harvest(words, settled));
         let result = harvested
-            .and_then(|()| self.send_waiting(words, settled))
+            .and_then(|()| self.send_queued(words, settled))
             .map_err(|violation| self.violated(violation));
         self.invariants();
         result

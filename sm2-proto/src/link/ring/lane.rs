@@ -9,7 +9,7 @@ use super::{
     },
     At, RingLayout, RingReceiver, RingSegments, RingSender,
     message::RingMessage,
-    waiting::Waiting,
+    send_queue::SendQueue,
 };
 use crate::{FdFacts, Violation};
 
@@ -23,7 +23,7 @@ pub(in crate::link) struct RingLane {
     /// The segments of the other end.
     pub(in crate::link) segments: RingSegments,
     /// Caller or server: messages that are queued until the outgoing ring has room.
-    pub(in crate::link) waiting: Waiting,
+    pub(in crate::link) queue: SendQueue,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -49,7 +49,7 @@ impl RingLane {
             announces: incoming.is_some(),
             incoming,
             segments: RingSegments::default(),
-            waiting: Waiting::default(),
+            queue: SendQueue::default(),
         }
     }
 
@@ -135,7 +135,7 @@ impl RingLane {
     pub(in crate::link) fn end(&mut self, by_violation: bool, mut each: impl FnMut(u64)) {
         if let Some(Outgoing::Here(sender)) = &mut self.outgoing {
             sender.end(&mut each);
-            self.waiting.end(|key| {
+            self.queue.end(|key| {
                 sender.count_closed();
                 each(key);
             });
@@ -178,11 +178,11 @@ impl RingLane {
     }
 
     /// The sender's side of the outgoing ring and the messages that are queued for it.
-    pub(in crate::link) const fn sender_and_waiting(
+    pub(in crate::link) const fn sender_and_queue(
         &mut self,
-    ) -> Option<(&mut RingSender, &mut Waiting)> {
+    ) -> Option<(&mut RingSender, &mut SendQueue)> {
         match &mut self.outgoing {
-            Some(Outgoing::Here(sender)) => Some((sender, &mut self.waiting)),
+            Some(Outgoing::Here(sender)) => Some((sender, &mut self.queue)),
             _ => None,
         }
     }
@@ -190,17 +190,17 @@ impl RingLane {
     /// Counts of the messages by outcome, including queued messages.
     #[inline]
     pub(in crate::link) fn counters(&self) -> Counters {
-        let waiting = self.waiting.len() as u64;
+        let queued = self.queue.len() as u64;
         let sent = self.sender().map(RingSender::counters).unwrap_or_default();
         Counters {
-            offered: sent.offered + waiting,
-            in_flight: sent.in_flight + waiting,
+            offered: sent.offered + queued,
+            in_flight: sent.in_flight + queued,
             ..sent
         }
     }
 
     pub(in crate::link) fn in_flight(&self) -> usize {
-        self.sender().map_or(0, RingSender::in_flight) + self.waiting.len()
+        self.sender().map_or(0, RingSender::in_flight) + self.queue.len()
     }
 
     #[inline]
@@ -214,16 +214,16 @@ impl RingLane {
             let sender = self.sender();
             sender.is_some_and(|sender| sender.is_attached(&it.segment))
         };
-        !self.waiting.is_full && self.waiting.front().is_some_and(is_attached)
+        !self.queue.is_full && self.queue.front().is_some_and(is_attached)
     }
 
-    pub(in crate::link) fn is_waiting(&self) -> bool {
-        self.waiting.len() > 0
+    pub(in crate::link) fn has_queued(&self) -> bool {
+        self.queue.len() > 0
     }
 
     /// The id of the last message that a caller or server queued.
     pub(in crate::link) const fn last_id(&self) -> Option<u64> {
-        self.waiting.last_id()
+        self.queue.last_id()
     }
 
     /// How many messages the incoming ring can hold.
@@ -240,7 +240,7 @@ impl RingLane {
         if let Some(receiver) = &self.incoming {
             receiver.invariants();
         }
-        self.waiting.invariants();
+        self.queue.invariants();
     }
 }
 

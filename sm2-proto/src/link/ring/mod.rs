@@ -15,8 +15,8 @@ mod message;
 mod proofs;
 mod receiver;
 mod segments;
+mod send_queue;
 mod sender;
-mod waiting;
 mod wake;
 mod word;
 
@@ -25,8 +25,8 @@ pub(super) use self::{
     message::{RingMessage, RingSendError},
     receiver::{NotTaken, RingReceiver},
     segments::RingSegments,
+    send_queue::SendQueue,
     sender::RingSender,
-    waiting::Waiting,
     wake::wake_parked,
 };
 pub use self::{

@@ -76,7 +76,7 @@ impl RingReceiver {
     }
 
     /// Whether there is a message, or an invalid word.
-    pub(in crate::link) fn ready(&self, words: &impl RingMemory) -> bool {
+    pub(in crate::link) fn may_take(&self, words: &impl RingMemory) -> bool {
         self.left != Some(0) && words.load(self.layout.forward(self.oldest(words))) != EMPTY
     }
 
@@ -104,7 +104,7 @@ impl RingReceiver {
     }
 
     /// How many words are not empty.
-    pub(in crate::link) fn waiting(&self, words: &impl RingMemory) -> usize {
+    pub(in crate::link) fn untaken(&self, words: &impl RingMemory) -> usize {
         if self.left == Some(0) {
             return 0;
         }

@@ -62,7 +62,7 @@ impl Interface {
         }
     }
 
-    pub(super) fn is_ready(&self) -> bool {
+    pub(super) fn may_take(&self) -> bool {
         self.ring.word.load(Ordering::Acquire) != 0
     }
 

@@ -57,10 +57,10 @@ impl World {
             return fail(Property::MessagesInOrder, what);
         }
         let ready = self.flows[1 - at].ready();
-        if link.ready(&NoMemory) != ready {
+        if link.untaken(&NoMemory) != ready {
             let what = format!(
                 "at end {at} {} are ready, not {ready}",
-                link.ready(&NoMemory)
+                link.untaken(&NoMemory)
             );
             return fail(Property::MessagesInOrder, what);
         }

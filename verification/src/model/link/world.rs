@@ -238,7 +238,7 @@ impl World {
         for at in [0, 1] {
             self.flows[at].forget();
             let end = &self.ends[at];
-            if end.over.is_some() && end.link.ready(&NoMemory) == 0 {
+            if end.over.is_some() && end.link.untaken(&NoMemory) == 0 {
                 let end = self.end(at);
                 end.mapped.clear();
                 end.files.clear();

@@ -13,7 +13,7 @@ use crate::{
 
 /// A queue of messages for a ring, the oldest first.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
-pub(in crate::link) struct Waiting {
+pub(in crate::link) struct SendQueue {
     messages: VecDeque<RingMessage>,
     /// The id of the last message that was queued.
     last_id: Option<u64>,
@@ -21,7 +21,7 @@ pub(in crate::link) struct Waiting {
     pub(in crate::link) is_full: bool,
 }
 
-impl Waiting {
+impl SendQueue {
     /// Checks the properties of a message that do not change until it is sent.
     //= SM2-RNG-003, SM2-PAY-008
     pub(in crate::link) fn check(message: &RingMessage) -> Result<(), Misuse> {
