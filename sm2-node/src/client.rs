@@ -207,7 +207,7 @@ impl<R: Message + ?Sized> Call<R> {
     ///
     /// See [`CallError`].
     pub fn wait(mut self) -> Result<Reply<R>, CallError> {
-        match self.look(self.handle.wait, self.deadline)? {
+        match self.reply_until(self.handle.wait, self.deadline)? {
             Some(reply) => Ok(reply),
             None => Err(CallError::DeadlineExceeded {
                 service: self.handle.name.clone(),
@@ -221,7 +221,7 @@ impl<R: Message + ?Sized> Call<R> {
     ///
     /// See [`CallError`].
     pub fn try_wait(&mut self) -> Result<Option<Reply<R>>, CallError> {
-        let reply = self.look(Wait::Park, Some(Instant(0)))?;
+        let reply = self.reply_until(Wait::Park, Some(Instant(0)))?;
         let late = self.deadline.is_some_and(|it| it <= sm2_io::clock::now());
         if reply.is_none() && !self.done && late {
             self.forget();
@@ -237,15 +237,19 @@ impl<R: Message + ?Sized> Call<R> {
     pub fn cancel(&self) {
         let call = self.call;
         self.handle
-            .with(|interface, tools| interface.cancel(call, tools));
+            .with_driven(|interface, tools| interface.cancel(call, tools));
     }
 
-    fn look(&mut self, way: Wait, until: Option<Instant>) -> Result<Option<Reply<R>>, CallError> {
+    fn reply_until(
+        &mut self,
+        way: Wait,
+        until: Option<Instant>,
+    ) -> Result<Option<Reply<R>>, CallError> {
         let Handle { shared, id, .. } = &*self.handle;
         let call = self.call;
         let outcome = shared.wait_as(way, EventSource::Interface(*id), until.into(), |inner| {
-            self.handle.look(inner, |inner| {
-                let outcome = inner.with(*id, &shared.epoll, |interface, tools| {
+            self.handle.find_or_silence(inner, |inner| {
+                let outcome = inner.with_interface(*id, &shared.epoll, |interface, tools| {
                     interface.outcome(call, tools)
                 });
                 outcome.flatten()
@@ -269,7 +273,7 @@ impl<R: Message + ?Sized> Call<R> {
             self.done = true;
             let call = self.call;
             self.handle
-                .with(|interface, tools| interface.forget(call, tools));
+                .with_driven(|interface, tools| interface.forget(call, tools));
         }
     }
 }

@@ -59,16 +59,21 @@ impl Handle {
     }
 
     /// Drives the node and changes the interface.
-    pub(crate) fn with<R>(&self, change: impl FnOnce(&mut Interface, &mut Tools<'_>) -> R) -> R {
-        (self.shared.with(self.id, change)).expect("the interface lives as long as its handle")
-    }
-
-    /// As [`with`](Self::with), but if all links have rings, drives the node only when it is due.
-    pub(crate) fn with_due<R>(
+    pub(crate) fn with_driven<R>(
         &self,
         change: impl FnOnce(&mut Interface, &mut Tools<'_>) -> R,
     ) -> R {
-        (self.shared.with_due(self.id, change)).expect("the interface lives as long as its handle")
+        (self.shared.with_driven(self.id, change))
+            .expect("the interface lives as long as its handle")
+    }
+
+    /// As [`with_driven`](Self::with_driven), but if all links have rings, drives the node only when it is due.
+    pub(crate) fn with_driven_if_due<R>(
+        &self,
+        change: impl FnOnce(&mut Interface, &mut Tools<'_>) -> R,
+    ) -> R {
+        (self.shared.with_driven_if_due(self.id, change))
+            .expect("the interface lives as long as its handle")
     }
 
     /// Changes the interface, without driving the node.
@@ -81,7 +86,7 @@ impl Handle {
     }
 
     pub(crate) fn links(&self) -> Vec<LinkStatus> {
-        self.with(|interface, _| interface.statuses())
+        self.with_driven(|interface, _| interface.statuses())
     }
 
     /// Waits until `wanted` links are open.
@@ -115,16 +120,16 @@ impl Handle {
         })
     }
 
-    /// Returns what `look` finds. If it finds nothing, silences the descriptor (if there is one) and looks
+    /// Returns what `find` finds. If it finds nothing, silences the descriptor (if there is one) and looks
     /// once more, because a message may have arrived meanwhile.
     #[inline]
-    pub(crate) fn look<T>(
+    pub(crate) fn find_or_silence<T>(
         &self,
         inner: &mut Inner,
-        mut look: impl FnMut(&mut Inner) -> Option<T>,
+        mut find: impl FnMut(&mut Inner) -> Option<T>,
     ) -> Option<T> {
-        look(inner).or_else(|| match self.silence(inner) {
-            true => look(inner),
+        find(inner).or_else(|| match self.silence(inner) {
+            true => find(inner),
             false => None,
         })
     }

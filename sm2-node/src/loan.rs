@@ -40,7 +40,7 @@ impl<'p, T: Plain + ?Sized> Loan<'p, T> {
     pub(crate) fn new(publisher: &'p UntypedPublisher, len: usize) -> Result<Self, StoreError> {
         let (needs, sealed) = publisher
             .handle
-            .with_due(|interface, _| (interface.needs(), interface.contract.sealed()));
+            .with_driven_if_due(|interface, _| (interface.needs(), interface.contract.sealed()));
         let all_sealed = needs.sealed || (needs.nobody() && sealed);
         let memory =
             if needs.slot || (len > publisher.handle.inline_max && (needs.pooled || !all_sealed)) {
@@ -73,7 +73,7 @@ impl<'p, T: Plain + ?Sized> Loan<'p, T> {
         let needs = self
             .publisher
             .handle
-            .with_due(|interface, _| interface.needs());
+            .with_driven_if_due(|interface, _| interface.needs());
         let mut forms = Forms::default();
         match memory {
             Memory::Heap(buffer) => forms.inline = Some(Bytes::from_owner(buffer)),

@@ -89,13 +89,15 @@ impl<T: Message + ?Sized> Publisher<T> {
     /// Returns the fates of all messages, summed over all current and past links: `offered = delivered +
     /// overwritten + discarded + deadline + closed + in_flight` (SM2-QOS-004).
     pub fn counters(&self) -> Counters {
-        self.core.handle.with(|interface, _| interface.counters())
+        self.core
+            .handle
+            .with_driven(|interface, _| interface.counters())
     }
 
     /// Returns the size of the shared memory for its messages, in bytes. Pages that were never written occupy
     /// no memory.
     pub fn pool_bytes(&self) -> u64 {
-        (self.core.handle).with(|interface, _| interface.outbox.pool_bytes())
+        (self.core.handle).with_driven(|interface, _| interface.outbox.pool_bytes())
     }
 }
 

@@ -171,7 +171,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Request<Q, R> {
         late || self
             .pending
             .handle
-            .with(|interface, _| interface.is_cancelled(call))
+            .with_driven(|interface, _| interface.is_cancelled(call))
     }
 
     /// Returns the deadline, after which the reply is no longer wanted, in nanoseconds of the host's
@@ -253,7 +253,7 @@ impl Drop for Pending {
             return;
         }
         let call = self.call;
-        self.handle.with(|interface, tools| {
+        self.handle.with_driven(|interface, tools| {
             if interface.is_cancelled(call) {
                 interface.reply_bare(call, Status::Cancelled, tools);
             } else {

@@ -164,7 +164,7 @@ impl<T: Message + ?Sized> Subscriber<T> {
     /// Returns how many messages were lost, of all publishers together. A loss counts once the next message
     /// of its publisher is taken.
     pub fn lost(&self) -> u64 {
-        self.handle.with(|interface, _| interface.lost)
+        self.handle.with_driven(|interface, _| interface.lost)
     }
 }
 

@@ -45,7 +45,7 @@ impl Inner {
             }
             let token = LinkToken(event.token);
             if let Some(&interface) = self.routes.get(&token) {
-                self.with(interface, epoll, |interface, tools| {
+                self.with_interface(interface, epoll, |interface, tools| {
                     interface.on_event(token, event, tools);
                 });
                 self.sleepers.wake(EventSource::Interface(interface));
@@ -66,21 +66,21 @@ impl Inner {
     /// Harvests the messages that came back to an interface, changes the interface, and tells the
     /// Manager which of its links have ended.
     #[inline]
-    pub(crate) fn with<R>(
+    pub(crate) fn with_interface<R>(
         &mut self,
         id: InterfaceId,
         epoll: &Epoll,
         change: impl FnOnce(&mut Interface, &mut Tools<'_>) -> R,
     ) -> Option<R> {
-        self.with_unharvested(id, epoll, |interface, tools| {
+        self.with_interface_unharvested(id, epoll, |interface, tools| {
             interface.harvest(tools);
             change(interface, tools)
         })
     }
 
-    /// The same as [`with`](Self::with), but without harvesting.
+    /// The same as [`with_interface`](Self::with_interface), but without harvesting.
     #[inline]
-    pub(crate) fn with_unharvested<R>(
+    pub(crate) fn with_interface_unharvested<R>(
         &mut self,
         id: InterfaceId,
         epoll: &Epoll,

@@ -76,17 +76,18 @@ impl Shared {
 
     /// Drives the node and changes one of its interfaces. `None` if the interface does not exist
     /// any more.
-    pub(crate) fn with<R>(
+    pub(crate) fn with_driven<R>(
         &self,
         interface: InterfaceId,
         change: impl FnOnce(&mut Interface, &mut Tools<'_>) -> R,
     ) -> Option<R> {
-        self.lock_driven().with(interface, &self.epoll, change)
+        self.lock_driven()
+            .with_interface(interface, &self.epoll, change)
     }
 
-    /// The same as [`with`](Self::with), but while all links of the interface have rings, the node
+    /// The same as [`with_driven`](Self::with_driven), but while all links of the interface have rings, the node
     /// is driven only if its last drive was some time ago.
-    pub(crate) fn with_due<R>(
+    pub(crate) fn with_driven_if_due<R>(
         &self,
         interface: InterfaceId,
         change: impl FnOnce(&mut Interface, &mut Tools<'_>) -> R,
@@ -97,16 +98,16 @@ impl Shared {
         if !driven && !inner.has_rings_only(EventSource::Interface(interface)) {
             inner.drive(&self.epoll);
         }
-        inner.with(interface, &self.epoll, change)
+        inner.with_interface(interface, &self.epoll, change)
     }
 
-    /// The same as [`with`](Self::with), but without driving the node.
+    /// The same as [`with_driven`](Self::with_driven), but without driving the node.
     pub(crate) fn with_undriven<R>(
         &self,
         interface: InterfaceId,
         change: impl FnOnce(&mut Interface, &mut Tools<'_>) -> R,
     ) -> Option<R> {
-        self.lock().with(interface, &self.epoll, change)
+        self.lock().with_interface(interface, &self.epoll, change)
     }
 }
 

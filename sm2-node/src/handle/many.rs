@@ -21,7 +21,7 @@ impl Handle {
         }
         let source = EventSource::Interface(self.id);
         let found = self.shared.wait_as(way, source, until, |inner| {
-            self.look(inner, |inner| self.take_ready(inner, &mut all, most))
+            self.find_or_silence(inner, |inner| self.take_ready(inner, &mut all, most))
         });
         found.map_err(RecvError::Io)?.transpose()?;
         Ok(all)
@@ -34,7 +34,7 @@ impl Handle {
         all: &mut Vec<Taken>,
         most: usize,
     ) -> Option<Result<(), RecvError>> {
-        let taken = inner.with(self.id, &self.shared.epoll, |interface, tools| {
+        let taken = inner.with_interface(self.id, &self.shared.epoll, |interface, tools| {
             interface.take_many(all, most, tools)
         })?;
         match taken {

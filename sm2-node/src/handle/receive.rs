@@ -24,8 +24,8 @@ impl Handle {
         let epoll = &self.shared.epoll;
         let source = EventSource::Interface(self.id);
         let found = self.shared.wait_as(self.wait, source, until, |inner| {
-            self.look(inner, |inner| {
-                let taken = inner.with(self.id, epoll, &take)?;
+            self.find_or_silence(inner, |inner| {
+                let taken = inner.with_interface(self.id, epoll, &take)?;
                 taken.map_err(RecvError::from).transpose()
             })
         });

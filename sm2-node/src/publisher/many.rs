@@ -79,7 +79,7 @@ impl UntypedPublisher {
         let now = sm2_io::clock::now();
         let mut inner = shared.lock();
         let is_driven = inner.drive_if_due(now, &shared.epoll);
-        let published = inner.with_unharvested(*id, &shared.epoll, |interface, tools| {
+        let published = inner.with_interface_unharvested(*id, &shared.epoll, |interface, tools| {
             // Without driving, the publisher reads released slots only when it needs one: a receiver that
             // keeps up writes to the same memory all the time.
             if is_driven {

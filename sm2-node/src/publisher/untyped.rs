@@ -47,7 +47,7 @@ impl UntypedPublisher {
     pub(super) fn flush(&self, timeout: Option<Duration>) -> Result<bool, WaitError> {
         let Handle { shared, id, .. } = &self.handle;
         let flushed = shared.wait(EventSource::Interface(*id), until(timeout), |inner| {
-            let flushed = inner.with(*id, &shared.epoll, |interface, _| {
+            let flushed = inner.with_interface(*id, &shared.epoll, |interface, _| {
                 interface.links().all(|link| link.is_flushed())
             });
             (flushed == Some(true)).then_some(())
@@ -67,7 +67,9 @@ impl UntypedPublisher {
 
     /// Sends a message to all links that have room now.
     pub(crate) fn start(&self, bytes: Cow<'_, [u8]>) -> Result<Publication, PublishError> {
-        let needs = self.handle.with_due(|interface, _| interface.needs());
+        let needs = self
+            .handle
+            .with_driven_if_due(|interface, _| interface.needs());
         let len = bytes.len() as u64;
         let spare = |len| self.take_spare(len, Fill::Copy);
         let forms = (self.handle).store_with(bytes, needs, spare)?;
@@ -144,7 +146,7 @@ impl UntypedPublisher {
         let mut waited = Ok(None);
         if !self.spin_for_room(&mut offered) {
             waited = shared.wait(EventSource::Interface(*id), Some(deadline), |inner| {
-                let is_done = inner.with(*id, &shared.epoll, |interface, tools| {
+                let is_done = inner.with_interface(*id, &shared.epoll, |interface, tools| {
                     interface.publish_more(&mut offered, tools)
                 });
                 (is_done == Some(true)).then_some(())
@@ -160,12 +162,14 @@ impl UntypedPublisher {
     #[cfg(feature = "tokio")]
     pub(crate) fn send_more(&self, offered: &mut Offered) -> bool {
         let Handle { shared, id, .. } = &self.handle;
-        let done = self.handle.look(&mut shared.lock_driven(), |inner| {
-            let is_done = inner.with(*id, &shared.epoll, |interface, tools| {
-                interface.publish_more(offered, tools)
+        let done = self
+            .handle
+            .find_or_silence(&mut shared.lock_driven(), |inner| {
+                let is_done = inner.with_interface(*id, &shared.epoll, |interface, tools| {
+                    interface.publish_more(offered, tools)
+                });
+                (is_done == Some(true)).then_some(())
             });
-            (is_done == Some(true)).then_some(())
-        });
         done.is_some()
     }
 

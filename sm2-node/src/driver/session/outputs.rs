@@ -63,7 +63,7 @@ impl Inner {
                     link,
                     code,
                 } => {
-                    self.with(interface, epoll, |interface, tools| {
+                    self.with_interface(interface, epoll, |interface, tools| {
                         interface.unlink(link, code, tools);
                     });
                     self.sleepers.wake(EventSource::Interface(interface));
@@ -206,7 +206,7 @@ impl Inner {
                 let driver = LinkDriver::new(token, Arc::new(peer), socket, config, entry);
                 self.last_token = token;
                 self.routes.insert(token, id);
-                self.with(id, epoll, |interface, tools| {
+                self.with_interface(id, epoll, |interface, tools| {
                     interface.add_link(driver, tools);
                 });
             }
