@@ -8,7 +8,7 @@ use std::time::Duration;
 use sm2_io::{SeqPacket, socket_path};
 use sm2_proto::{Instant, Name, Refusal};
 
-use crate::driver::{EventSource, Shared, may_return};
+use crate::driver::{EventSource, SharedNode, may_return};
 use crate::{ConnectError, Node};
 
 /// How long to retry a socket that no process listens on: its Manager has just ended, and another one may be
@@ -125,7 +125,7 @@ impl NodeBuilder {
             path: path.clone(),
             source,
         };
-        let shared = Shared::new(
+        let shared = SharedNode::new(
             socket,
             path.clone(),
             name.clone(),

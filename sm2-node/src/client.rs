@@ -11,7 +11,7 @@ use sm2_proto::control::LinkPeer;
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
-use crate::driver::{CallId, Choice, EventSource, Needs, Outcome, Shared};
+use crate::driver::{CallId, Choice, EventSource, Needs, Outcome, SharedNode};
 use crate::handle::declaration::{
     Declaration, inline_max_setter, schema_of, sealed_setter, wait_setter,
 };
@@ -130,17 +130,17 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
         let len = bytes.len() as u64;
         let forms = self.handle.store(bytes, needs)?;
         // Chooses the server again, because other calls may have been sent meanwhile.
-        let call = self
-            .handle
-            .with_undriven(|interface, tools| match interface.choose_server() {
-                Choice::Link { token, .. } => {
-                    Ok(interface.call(token, forms, len, deadline, tools))
-                }
-                other => {
-                    interface.drop_forms(forms, tools);
-                    Err(other)
-                }
-            });
+        let call =
+            self.handle
+                .with_undriven(|interface, context| match interface.choose_server() {
+                    Choice::Link { token, .. } => {
+                        Ok(interface.call(token, forms, len, deadline, context))
+                    }
+                    other => {
+                        interface.drop_forms(forms, context);
+                        Err(other)
+                    }
+                });
         Ok(Call {
             call: call.map_err(|choice| self.no_server(choice))?,
             handle: Arc::clone(&self.handle),
@@ -237,7 +237,7 @@ impl<R: Message + ?Sized> Call<R> {
     pub fn cancel(&self) {
         let call = self.call;
         self.handle
-            .with_driven(|interface, tools| interface.cancel(call, tools));
+            .with_driven(|interface, context| interface.cancel(call, context));
     }
 
     fn reply_until(
@@ -249,8 +249,8 @@ impl<R: Message + ?Sized> Call<R> {
         let call = self.call;
         let outcome = shared.wait_as(way, EventSource::Interface(*id), until.into(), |inner| {
             self.handle.find_or_silence(inner, |inner| {
-                let outcome = inner.with_interface(*id, &shared.epoll, |interface, tools| {
-                    interface.outcome(call, tools)
+                let outcome = inner.with_interface(*id, &shared.epoll, |interface, context| {
+                    interface.outcome(call, context)
                 });
                 outcome.flatten()
             })
@@ -273,7 +273,7 @@ impl<R: Message + ?Sized> Call<R> {
             self.done = true;
             let call = self.call;
             self.handle
-                .with_driven(|interface, tools| interface.forget(call, tools));
+                .with_driven(|interface, context| interface.forget(call, context));
         }
     }
 }
@@ -372,7 +372,7 @@ pub struct ClientBuilder<Q: Message + ?Sized, R: Message + ?Sized> {
 }
 
 impl<Q: Message + ?Sized, R: Message + ?Sized> ClientBuilder<Q, R> {
-    pub(crate) fn new(shared: &Arc<Shared>, service: &str) -> Self {
+    pub(crate) fn new(shared: &Arc<SharedNode>, service: &str) -> Self {
         Self {
             declaration: Declaration::new(shared, service),
             types: Some((Q::type_id(), R::type_id())),

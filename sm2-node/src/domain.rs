@@ -16,7 +16,7 @@ pub use sm2_proto::{
 };
 use sm2_proto::{Instant, TypeId};
 
-use crate::driver::{Answer, Followed, Lost, Question, Shared, Ticket};
+use crate::driver::{Answer, Followed, Lost, Question, SharedNode, Ticket};
 pub use crate::error::QueryError;
 use crate::handle::{Handle, until};
 use crate::node::Node;
@@ -204,7 +204,7 @@ impl fmt::Debug for Watch {
 
 /// A mirror of the domain, and the queries that keep it up to date.
 struct Reader {
-    shared: Arc<Shared>,
+    shared: Arc<SharedNode>,
     mirror: Mirror,
     /// The epoch of the Manager that the mirror shows.
     epoch: u64,
@@ -225,7 +225,7 @@ impl Drop for Reader {
 }
 
 impl Reader {
-    fn new(shared: &Arc<Shared>) -> Self {
+    fn new(shared: &Arc<SharedNode>) -> Self {
         Self {
             shared: Arc::clone(shared),
             mirror: Mirror::new(),

@@ -13,13 +13,15 @@ use std::time::Duration;
 
 use sm2_proto::{Instant, InterfaceId, Name};
 
-use crate::driver::{Bell, EventSource, Inner, Interface, LinkStatus, Reserved, Shared, Tools};
+use crate::driver::{
+    Bell, Context, EventSource, Inner, Interface, LinkStatus, Reserved, SharedNode,
+};
 use crate::{Wait, WaitError};
 
 /// A declared interface. Dropping it withdraws the interface.
 #[derive(Debug)]
 pub(crate) struct Handle {
-    pub(crate) shared: Arc<Shared>,
+    pub(crate) shared: Arc<SharedNode>,
     pub(crate) id: InterfaceId,
     pub(crate) name: Name,
     matched: usize,
@@ -61,7 +63,7 @@ impl Handle {
     /// Drives the node and changes the interface.
     pub(crate) fn with_driven<R>(
         &self,
-        change: impl FnOnce(&mut Interface, &mut Tools<'_>) -> R,
+        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
     ) -> R {
         (self.shared.with_driven(self.id, change))
             .expect("the interface lives as long as its handle")
@@ -70,7 +72,7 @@ impl Handle {
     /// As [`with_driven`](Self::with_driven), but if all links have rings, drives the node only when it is due.
     pub(crate) fn with_driven_if_due<R>(
         &self,
-        change: impl FnOnce(&mut Interface, &mut Tools<'_>) -> R,
+        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
     ) -> R {
         (self.shared.with_driven_if_due(self.id, change))
             .expect("the interface lives as long as its handle")
@@ -79,7 +81,7 @@ impl Handle {
     /// Changes the interface, without driving the node.
     pub(crate) fn with_undriven<R>(
         &self,
-        change: impl FnOnce(&mut Interface, &mut Tools<'_>) -> R,
+        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
     ) -> R {
         (self.shared.with_undriven(self.id, change))
             .expect("the interface lives as long as its handle")

@@ -142,7 +142,7 @@ impl<T: Plain + ?Sized> Drop for Loan<'_, T> {
                 ..Forms::default()
             };
             (self.publisher.handle)
-                .with_undriven(|interface, tools| interface.drop_forms(forms, tools));
+                .with_undriven(|interface, context| interface.drop_forms(forms, context));
         }
     }
 }

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use sm2_proto::{Instant, Name, NodeId};
 
-use crate::driver::{EventSource, Shared};
+use crate::driver::{EventSource, SharedNode};
 use crate::handle::until;
 use crate::{
     Client, ClientBuilder, DeclareError, Message, Publisher, PublisherBuilder, Server,
@@ -36,7 +36,7 @@ use crate::{
 /// The node is locked while it logs to `tracing`: a `tracing` subscriber must not call the node.
 #[derive(Clone, Debug)]
 pub struct Node {
-    pub(crate) shared: Arc<Shared>,
+    pub(crate) shared: Arc<SharedNode>,
 }
 
 impl Node {

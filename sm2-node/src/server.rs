@@ -11,7 +11,7 @@ use sm2_proto::control::LinkPeer;
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
-use crate::driver::{CallId, Interface, Shared, Until};
+use crate::driver::{CallId, Interface, SharedNode, Until};
 use crate::handle::Handle;
 use crate::handle::declaration::{
     Declaration, inline_max_setter, schema_of, sealed_setter, wait_setter,
@@ -236,7 +236,7 @@ impl Pending {
         let forms = self.handle.store(bytes, needs)?;
         let sent = self
             .handle
-            .with_undriven(|interface, tools| interface.reply(call, forms, len, status, tools));
+            .with_undriven(|interface, context| interface.reply(call, forms, len, status, context));
         let result = if sent { Ok(()) } else { Err(gone()) };
         self.answered = true;
         result
@@ -253,11 +253,11 @@ impl Drop for Pending {
             return;
         }
         let call = self.call;
-        self.handle.with_driven(|interface, tools| {
+        self.handle.with_driven(|interface, context| {
             if interface.is_cancelled(call) {
-                interface.reply_bare(call, Status::Cancelled, tools);
+                interface.reply_bare(call, Status::Cancelled, context);
             } else {
-                interface.reply_failed(call, DROPPED, tools);
+                interface.reply_failed(call, DROPPED, context);
             }
         });
     }
@@ -275,7 +275,7 @@ pub struct ServerBuilder<Q: Message + ?Sized, R: Message + ?Sized> {
 }
 
 impl<Q: Message + ?Sized, R: Message + ?Sized> ServerBuilder<Q, R> {
-    pub(crate) fn new(shared: &Arc<Shared>, service: &str) -> Self {
+    pub(crate) fn new(shared: &Arc<SharedNode>, service: &str) -> Self {
         Self {
             declaration: Declaration::new(shared, service),
             types: None,

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use sm2_proto::{Contract, DemandedQos, Kind, TypeId};
 
-use crate::driver::{Interface, Shared, Until};
+use crate::driver::{Interface, SharedNode, Until};
 use crate::handle::Handle;
 use crate::handle::declaration::{Declaration, schema_of, sealed_setter, wait_setter};
 use crate::handle::methods::interface_methods;
@@ -180,7 +180,7 @@ pub struct SubscriberBuilder<T: Message + ?Sized> {
 }
 
 impl<T: Message + ?Sized> SubscriberBuilder<T> {
-    pub(crate) fn new(shared: &Arc<Shared>, topic: &str) -> Self {
+    pub(crate) fn new(shared: &Arc<SharedNode>, topic: &str) -> Self {
         Self {
             declaration: Declaration::new(shared, topic),
             data: Some(T::type_id()),

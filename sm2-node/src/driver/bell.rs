@@ -8,7 +8,7 @@ use sm2_io::{Epoll, Interest, Waker};
 use sm2_proto::InterfaceId;
 
 use super::sleepers::EventSource;
-use super::{Inner, Shared};
+use super::{Inner, SharedNode};
 
 /// A descriptor that becomes readable when an interface may have an event: an epoll set that
 /// contains the node's epoll set and a waker.
@@ -20,7 +20,7 @@ pub(crate) struct Bell {
 
 impl Bell {
     /// Creates a bell that is already signalled, because there may already be something to take.
-    pub(crate) fn new(shared: &Shared, interface: InterfaceId) -> io::Result<Self> {
+    pub(crate) fn new(shared: &SharedNode, interface: InterfaceId) -> io::Result<Self> {
         let set = Epoll::new()?;
         set.add(&shared.epoll, 0, Interest::READABLE)?;
         let mut inner = shared.lock();

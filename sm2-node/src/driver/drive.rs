@@ -5,13 +5,13 @@ use std::time::Duration;
 use sm2_io::Epoll;
 use sm2_proto::{Instant, InterfaceId};
 
+use super::context::Context;
 use super::datagram::Incoming;
 use super::inner::Inner;
 use super::interface::Interface;
 use super::limits::SOCKETS_WAIT_NS;
 use super::sleepers::EventSource;
 use super::token::{LinkToken, SESSION, TIMER};
-use super::tools::Tools;
 
 impl Inner {
     /// Drives the node if its last drive was some time ago. This avoids a system call for each
@@ -45,8 +45,8 @@ impl Inner {
             }
             let token = LinkToken(event.token);
             if let Some(&interface) = self.routes.get(&token) {
-                self.with_interface(interface, epoll, |interface, tools| {
-                    interface.on_event(token, event, tools);
+                self.with_interface(interface, epoll, |interface, context| {
+                    interface.on_event(token, event, context);
                 });
                 self.sleepers.wake(EventSource::Interface(interface));
             }
@@ -70,11 +70,11 @@ impl Inner {
         &mut self,
         id: InterfaceId,
         epoll: &Epoll,
-        change: impl FnOnce(&mut Interface, &mut Tools<'_>) -> R,
+        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
     ) -> Option<R> {
-        self.with_interface_unharvested(id, epoll, |interface, tools| {
-            interface.harvest(tools);
-            change(interface, tools)
+        self.with_interface_unharvested(id, epoll, |interface, context| {
+            interface.harvest(context);
+            change(interface, context)
         })
     }
 
@@ -84,18 +84,18 @@ impl Inner {
         &mut self,
         id: InterfaceId,
         epoll: &Epoll,
-        change: impl FnOnce(&mut Interface, &mut Tools<'_>) -> R,
+        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
     ) -> Option<R> {
         let interface = self.interfaces.get_mut(&id)?;
-        let mut tools = Tools {
+        let mut context = Context {
             epoll,
             buffer: &mut self.buffer,
             counting: &mut self.counting,
             now: self.now,
             stirred: false,
         };
-        let result = change(interface, &mut tools);
-        if tools.stirred {
+        let result = change(interface, &mut context);
+        if context.stirred {
             self.sleepers.wake(EventSource::Interface(id));
         }
         while let Some(token) = interface.gone.pop() {

@@ -22,11 +22,11 @@ pub(crate) use self::client::Choice;
 use self::links::Links;
 pub(crate) use self::publish::Offered;
 pub(crate) use self::taken::{Full, Taken};
+use super::context::Context;
 use super::link::LinkDriver;
 use super::outbox::{MessageKey, Outbox};
 use super::status::LinkStatus;
 use super::token::LinkToken;
-use super::tools::Tools;
 
 #[derive(Debug)]
 pub(crate) struct Interface {
@@ -122,37 +122,37 @@ impl Interface {
         self.links().filter(|link| link.is_open()).count()
     }
 
-    pub(super) fn add_link(&mut self, link: LinkDriver, tools: &mut Tools<'_>) {
+    pub(super) fn add_link(&mut self, link: LinkDriver, context: &mut Context<'_>) {
         let token = link.token();
         self.links.push(link);
-        self.with_link(token, tools, |link, outbox, tools| {
-            link.start(tools.epoll, outbox)
+        self.with_link(token, context, |link, outbox, context| {
+            link.start(context.epoll, outbox)
         });
     }
 
-    pub(super) fn on_event(&mut self, token: LinkToken, event: Event, tools: &mut Tools<'_>) {
-        self.with_link(token, tools, |link, outbox, tools| {
-            link.on_event(event, tools, outbox)
+    pub(super) fn on_event(&mut self, token: LinkToken, event: Event, context: &mut Context<'_>) {
+        self.with_link(token, context, |link, outbox, context| {
+            link.on_event(event, context, outbox)
         });
     }
 
-    pub(super) fn unlink(&mut self, id: LinkId, code: Code, tools: &mut Tools<'_>) {
+    pub(super) fn unlink(&mut self, id: LinkId, code: Code, context: &mut Context<'_>) {
         let found = self.links.iter().find(|link| link.id == id && !link.buried);
         if let Some(token) = found.map(LinkDriver::token) {
-            self.with_link(token, tools, |link, outbox, tools| {
-                link.unlink(code, tools, outbox)
+            self.with_link(token, context, |link, outbox, context| {
+                link.unlink(code, context, outbox)
             });
         }
     }
 
     /// Closes all links. Messages that their sockets have accepted still reach the other sides.
-    pub(super) fn close(&mut self, tools: &mut Tools<'_>) {
+    pub(super) fn close(&mut self, context: &mut Context<'_>) {
         for link in self.links.iter_mut() {
             let close = Input::Close(Farewell::Done.code());
-            link.feed(close, tools.epoll, &mut self.outbox);
-            tools.counting.free(link.entry.take());
+            link.feed(close, context.epoll, &mut self.outbox);
+            context.counting.free(link.entry.take());
         }
-        tools.counting.free(self.entry.take());
+        context.counting.free(self.entry.take());
     }
 
     /// Whether there may be a message to take.
@@ -175,12 +175,12 @@ impl Interface {
     pub(super) fn with_link<R>(
         &mut self,
         token: LinkToken,
-        tools: &mut Tools<'_>,
-        change: impl FnOnce(&mut LinkDriver, &mut Outbox, &mut Tools<'_>) -> R,
+        context: &mut Context<'_>,
+        change: impl FnOnce(&mut LinkDriver, &mut Outbox, &mut Context<'_>) -> R,
     ) -> Option<R> {
         let link = self.links.get_mut(token)?;
-        let result = change(link, &mut self.outbox, tools);
-        self.settle_link(token, tools);
+        let result = change(link, &mut self.outbox, context);
+        self.settle_link(token, context);
         Some(result)
     }
 }

@@ -2,8 +2,9 @@
 //!
 //! | file or folder | content |
 //! | --- | --- |
-//! | `shared` | [`Shared`]: the state that all handles of a node share, and its lock |
+//! | `shared_node` | [`SharedNode`]: the state that all handles of a node share, and its lock |
 //! | `inner` | [`Inner`]: the state under the lock |
+//! | `context` | the parts of `Inner` that a call lends to an interface and its links |
 //! | `drive` | [`Inner::drive`] reads and writes the sockets that are ready: most calls begin with it |
 //! | `session` | the connection with the Manager, requests of handles, and the way back to a Manager |
 //! | `questions` | queries of the program to the Manager, and the answers |
@@ -14,11 +15,12 @@
 //! | `wait`, `sleepers`, `bell` | threads that wait without the lock, and descriptors to poll |
 //! | `limits` | how much work one call does, and how much is kept |
 //!
-//! Dependencies point one way: `shared`, then `inner` and the files that extend it (`drive`,
+//! Dependencies point one way: `shared_node`, then `inner` and the files that extend it (`drive`,
 //! `session`, `questions`), then `interface`, `link`, `outbox`. Only `session/outputs.rs` and
 //! `link/outputs.rs` match the outputs of the machines of `sm2-proto`.
 
 mod bell;
+mod context;
 mod counters;
 mod datagram;
 mod drive;
@@ -29,22 +31,21 @@ mod link;
 mod outbox;
 mod questions;
 mod session;
-mod shared;
+mod shared_node;
 mod sleepers;
 mod status;
 mod token;
-mod tools;
 mod wait;
 
 pub(crate) use self::bell::Bell;
+pub(crate) use self::context::Context;
 pub(crate) use self::inner::Inner;
 pub(crate) use self::interface::{CallId, Choice, Full, Interface, Offered, Outcome, State, Taken};
 pub(crate) use self::outbox::{Forms, Needs, NoSlot, Reservation, Reserved};
 pub(crate) use self::questions::{Answer, Followed, Lost, Question, Ticket};
 pub(crate) use self::session::may_return;
-pub(crate) use self::shared::Shared;
+pub(crate) use self::shared_node::SharedNode;
 pub(crate) use self::sleepers::EventSource;
 pub use self::status::{LinkStatus, Received};
 pub(crate) use self::token::LinkToken;
-pub(crate) use self::tools::Tools;
 pub(crate) use self::wait::Until;

@@ -8,7 +8,7 @@ use sm2_io::wait_readable;
 use sm2_proto::Instant;
 
 use super::sleepers::EventSource;
-use super::{Inner, Shared};
+use super::{Inner, SharedNode};
 use crate::Wait;
 
 /// How many pauses of the processor a spinning thread makes between two uses of the lock.
@@ -51,7 +51,7 @@ impl From<Option<Duration>> for Until {
     }
 }
 
-impl Shared {
+impl SharedNode {
     /// Drives the node until `look` finds something or `until` has passed. Without `until`, waits
     /// as long as it takes. `look` is called at least once, under the lock. The lock is not held
     /// while the thread sleeps.

@@ -6,7 +6,7 @@ use sm2_proto::limits::INLINE_MAX;
 use sm2_proto::{Contract, Kind, Name, TypeId};
 
 use super::Handle;
-use crate::driver::Shared;
+use crate::driver::SharedNode;
 use crate::{DeclareError, Message, Wait};
 
 /// Payloads of up to this length are sent inside the datagram, unless a builder changes it.
@@ -15,7 +15,7 @@ const INLINE_DEFAULT: usize = 4_096;
 /// An interface that a builder will declare.
 #[derive(Debug)]
 pub(crate) struct Declaration {
-    shared: Arc<Shared>,
+    shared: Arc<SharedNode>,
     /// The name as the program wrote it.
     name: String,
     pub(crate) inline_max: usize,
@@ -23,7 +23,7 @@ pub(crate) struct Declaration {
 }
 
 impl Declaration {
-    pub(crate) fn new(shared: &Arc<Shared>, name: &str) -> Self {
+    pub(crate) fn new(shared: &Arc<SharedNode>, name: &str) -> Self {
         Self {
             shared: Arc::clone(shared),
             name: name.to_owned(),

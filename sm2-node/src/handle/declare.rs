@@ -7,7 +7,7 @@ use sm2_proto::node;
 use sm2_proto::{Contract, Refusal, TypeId};
 
 use super::{Handle, until};
-use crate::driver::{EventSource, Inner, Shared, State};
+use crate::driver::{EventSource, Inner, SharedNode, State};
 use crate::schema::check_schema;
 use crate::{DeclareError, Wait};
 
@@ -15,7 +15,7 @@ impl Handle {
     /// Declares an interface, and waits for the Manager's answer. The schema texts of its types are
     /// registered, for types that have one.
     pub(crate) fn declare(
-        shared: &Arc<Shared>,
+        shared: &Arc<SharedNode>,
         contract: Contract,
         pool_limit_bytes: u64,
         schemas: impl IntoIterator<Item = (TypeId, Option<String>)>,

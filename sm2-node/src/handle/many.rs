@@ -34,8 +34,8 @@ impl Handle {
         all: &mut Vec<Taken>,
         most: usize,
     ) -> Option<Result<(), RecvError>> {
-        let taken = inner.with_interface(self.id, &self.shared.epoll, |interface, tools| {
-            interface.take_many(all, most, tools)
+        let taken = inner.with_interface(self.id, &self.shared.epoll, |interface, context| {
+            interface.take_many(all, most, context)
         })?;
         match taken {
             _ if !all.is_empty() => Some(Ok(())),
@@ -80,9 +80,9 @@ struct Lent<'a> {
 impl Drop for Lent<'_> {
     //= SM2-MSG-005
     fn drop(&mut self) {
-        self.handle.with_undriven(|interface, tools| {
+        self.handle.with_undriven(|interface, context| {
             for &(token, sequence) in &self.places {
-                interface.give_back(token, sequence, tools);
+                interface.give_back(token, sequence, context);
             }
         });
     }

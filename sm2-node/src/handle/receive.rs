@@ -10,7 +10,7 @@ use sm2_proto::link::Delivery;
 use super::Handle;
 use crate::RecvError;
 use crate::driver::LinkToken;
-use crate::driver::{EventSource, Full, Interface, Shared, Taken, Tools, Until};
+use crate::driver::{Context, EventSource, Full, Interface, SharedNode, Taken, Until};
 use crate::payload::MessageBytes;
 
 impl Handle {
@@ -19,7 +19,7 @@ impl Handle {
     pub(crate) fn receive(
         &self,
         until: Until,
-        take: impl Fn(&mut Interface, &mut Tools<'_>) -> Result<Option<Taken>, Full>,
+        take: impl Fn(&mut Interface, &mut Context<'_>) -> Result<Option<Taken>, Full>,
     ) -> Result<Option<Received>, RecvError> {
         let epoll = &self.shared.epoll;
         let source = EventSource::Interface(self.id);
@@ -67,7 +67,7 @@ impl Handle {
                 receipt,
             }),
             Err(source) => {
-                self.with_undriven(|interface, tools| interface.unreadable(token, tools));
+                self.with_undriven(|interface, context| interface.unreadable(token, context));
                 Err(Unreadable { peer, source })
             }
         }
@@ -102,7 +102,7 @@ pub(super) struct Unreadable {
 /// Releases a message when dropped. Keeps neither the node nor its interface alive.
 #[derive(Debug)]
 pub(crate) struct Receipt {
-    shared: Weak<Shared>,
+    shared: Weak<SharedNode>,
     interface: InterfaceId,
     token: LinkToken,
     sequence: u64,
@@ -129,8 +129,8 @@ impl Drop for Receipt {
     //= SM2-MSG-005
     fn drop(&mut self) {
         if let Some(shared) = self.shared.upgrade() {
-            shared.with_undriven(self.interface, |interface, tools| {
-                interface.give_back(self.token, self.sequence, tools);
+            shared.with_undriven(self.interface, |interface, context| {
+                interface.give_back(self.token, self.sequence, context);
             });
         }
     }

@@ -52,9 +52,9 @@ impl Handle {
     pub(crate) fn lease(&self, len: usize) -> Result<Lease<sm2_io::Slot>, StoreError> {
         check_len(len as u64)?;
         let now = sm2_io::clock::now();
-        let lease = self.with_undriven(|interface, tools| {
+        let lease = self.with_undriven(|interface, context| {
             let lease = interface.outbox.lease(len as u64);
-            interface.rest(now, tools);
+            interface.rest(now, context);
             lease
         });
         let mut lease = lease.map_err(|error| match error {

@@ -8,7 +8,7 @@ use sm2_proto::{Contract, Kind, Name, OfferedQos, TypeId};
 
 use super::Publisher;
 use super::untyped::UntypedPublisher;
-use crate::driver::{NoSlot, Reservation, Reserved, Shared};
+use crate::driver::{NoSlot, Reservation, Reserved, SharedNode};
 use crate::handle::declaration::{Declaration, inline_max_setter, schema_of, sealed_setter};
 use crate::pool::IDLE_DEFAULT;
 use crate::{DeclareError, Message};
@@ -39,7 +39,7 @@ struct Memory {
 }
 
 impl<T: Message + ?Sized> PublisherBuilder<T> {
-    pub(crate) fn new(shared: &Arc<Shared>, topic: &str) -> Self {
+    pub(crate) fn new(shared: &Arc<SharedNode>, topic: &str) -> Self {
         Self {
             declaration: Declaration::new(shared, topic),
             data: None,

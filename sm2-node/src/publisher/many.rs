@@ -79,14 +79,15 @@ impl UntypedPublisher {
         let now = sm2_io::clock::now();
         let mut inner = shared.lock();
         let is_driven = inner.drive_if_due(now, &shared.epoll);
-        let published = inner.with_interface_unharvested(*id, &shared.epoll, |interface, tools| {
-            // Without driving, the publisher reads released slots only when it needs one: a receiver that
-            // keeps up writes to the same memory all the time.
-            if is_driven {
-                interface.harvest(tools);
-            }
-            interface.publish_to_rings(messages, now, tools, sum)
-        });
+        let published =
+            inner.with_interface_unharvested(*id, &shared.epoll, |interface, context| {
+                // Without driving, the publisher reads released slots only when it needs one: a receiver that
+                // keeps up writes to the same memory all the time.
+                if is_driven {
+                    interface.harvest(context);
+                }
+                interface.publish_to_rings(messages, now, context, sum)
+            });
         published.unwrap_or(0)
     }
 }

@@ -97,11 +97,11 @@ impl UntypedPublisher {
 
     fn offer(&self, forms: Forms, len: u64) -> Publication {
         let now = sm2_io::clock::now();
-        let publication = self.handle.with_undriven(|interface, tools| {
-            let offered = interface.publish(forms, now, len, tools);
-            interface.rest(now, tools);
+        let publication = self.handle.with_undriven(|interface, context| {
+            let offered = interface.publish(forms, now, len, context);
+            interface.rest(now, context);
             if offered.waiting.is_empty() {
-                return Publication::Done(interface.finish(offered, tools));
+                return Publication::Done(interface.finish(offered, context));
             }
             Publication::Waiting {
                 offered,
@@ -125,7 +125,7 @@ impl UntypedPublisher {
             }
             let is_done = self
                 .handle
-                .with_undriven(|interface, tools| interface.publish_more(offered, tools));
+                .with_undriven(|interface, context| interface.publish_more(offered, context));
             if is_done {
                 return true;
             }
@@ -146,8 +146,8 @@ impl UntypedPublisher {
         let mut waited = Ok(None);
         if !self.spin_for_room(&mut offered) {
             waited = shared.wait(EventSource::Interface(*id), Some(deadline), |inner| {
-                let is_done = inner.with_interface(*id, &shared.epoll, |interface, tools| {
-                    interface.publish_more(&mut offered, tools)
+                let is_done = inner.with_interface(*id, &shared.epoll, |interface, context| {
+                    interface.publish_more(&mut offered, context)
                 });
                 (is_done == Some(true)).then_some(())
             });
@@ -165,8 +165,8 @@ impl UntypedPublisher {
         let done = self
             .handle
             .find_or_silence(&mut shared.lock_driven(), |inner| {
-                let is_done = inner.with_interface(*id, &shared.epoll, |interface, tools| {
-                    interface.publish_more(offered, tools)
+                let is_done = inner.with_interface(*id, &shared.epoll, |interface, context| {
+                    interface.publish_more(offered, context)
                 });
                 (is_done == Some(true)).then_some(())
             });
@@ -177,7 +177,7 @@ impl UntypedPublisher {
     pub(crate) fn finish(&self, offered: Offered) -> Published {
         let published = self
             .handle
-            .with_undriven(|interface, tools| interface.finish(offered, tools));
+            .with_undriven(|interface, context| interface.finish(offered, context));
         self.refill_spare();
         published
     }

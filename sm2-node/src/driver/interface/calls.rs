@@ -6,10 +6,10 @@ use std::sync::Arc;
 use sm2_proto::link::Role;
 
 use super::taken::Taken;
+use crate::driver::context::Context;
 use crate::driver::link::LinkDriver;
 use crate::driver::outbox::Outbox;
 use crate::driver::token::LinkToken;
-use crate::driver::tools::Tools;
 
 /// The calls of a client whose outcome the program has not seen.
 #[derive(Debug, Default)]
@@ -37,7 +37,7 @@ impl Calls {
         &mut self,
         token: LinkToken,
         link: &mut LinkDriver,
-        tools: &mut Tools<'_>,
+        context: &mut Context<'_>,
         outbox: &mut Outbox,
     ) {
         if link.role() != Role::Caller {
@@ -45,7 +45,7 @@ impl Calls {
         }
         // `take` cannot fail because too many messages are held: a client makes no more calls than
         // it may hold replies.
-        while let Ok(Some((delivery, source))) = link.take(tools, outbox) {
+        while let Ok(Some((delivery, source))) = link.take(context, outbox) {
             let (id, sequence) = (delivery.id, delivery.sequence);
             let reply = Taken {
                 token,
@@ -55,7 +55,7 @@ impl Calls {
             };
             if !self.finish(CallId { token, id }, Outcome::Reply(reply)) {
                 // No thread waits for this reply any more.
-                link.release(sequence, tools.epoll, outbox);
+                link.release(sequence, context.epoll, outbox);
             }
         }
         //= SM2-SRV-005

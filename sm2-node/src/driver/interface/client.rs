@@ -6,11 +6,11 @@ use sm2_proto::{Instant, InterfaceId};
 
 use super::Interface;
 use super::calls::{CallId, Outcome};
+use crate::driver::context::Context;
 use crate::driver::inner::Inner;
 use crate::driver::link::LinkDriver;
 use crate::driver::outbox::{Forms, Label, Needs};
 use crate::driver::token::LinkToken;
-use crate::driver::tools::Tools;
 
 /// The server for the next call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,7 +70,7 @@ impl Interface {
         forms: Forms,
         len: u64,
         deadline: Option<Instant>,
-        tools: &mut Tools<'_>,
+        context: &mut Context<'_>,
     ) -> CallId {
         let id = self.link(token).map_or(0, |link| link.last_call) + 1;
         let call = CallId { token, id };
@@ -82,12 +82,12 @@ impl Interface {
             len,
         };
         let key = self.outbox.store(forms, label);
-        let sent = self.with_link(token, tools, |link, outbox, tools| {
+        let sent = self.with_link(token, context, |link, outbox, context| {
             link.last_call = id;
-            link.send(key, Status::Ok, tools, outbox);
+            link.send(key, Status::Ok, context, outbox);
         });
         let now = sm2_io::clock::now();
-        (tools.counting).note(self.entry.as_ref(), |entry| entry.published(now, len));
+        (context.counting).note(self.entry.as_ref(), |entry| entry.published(now, len));
         self.outbox.release(key);
         // If the link ended before the machine accepted the call, no output reports the call.
         let over = self.link(token).is_none_or(|link| link.end().is_some());
@@ -98,9 +98,9 @@ impl Interface {
     }
 
     /// Returns the outcome of a call once the call is over, and removes the call.
-    pub(crate) fn outcome(&mut self, call: CallId, tools: &mut Tools<'_>) -> Option<Outcome> {
+    pub(crate) fn outcome(&mut self, call: CallId, context: &mut Context<'_>) -> Option<Outcome> {
         if self.link(call.token).is_some_and(LinkDriver::may_take) {
-            self.settle_link(call.token, tools);
+            self.settle_link(call.token, context);
         }
         let outcome = self.calls.open.get_mut(&call)?.take()?;
         self.calls.open.remove(&call);
@@ -108,21 +108,21 @@ impl Interface {
     }
 
     /// Called when the program no longer wants the reply.
-    pub(crate) fn cancel(&mut self, call: CallId, tools: &mut Tools<'_>) {
+    pub(crate) fn cancel(&mut self, call: CallId, context: &mut Context<'_>) {
         let CallId { token, id } = call;
         if self.calls.open.get(&call).is_some_and(Option::is_none) {
-            self.with_link(token, tools, |link, outbox, tools| {
-                link.feed(Input::Cancel { call: id }, tools.epoll, outbox);
+            self.with_link(token, context, |link, outbox, context| {
+                link.feed(Input::Cancel { call: id }, context.epoll, outbox);
             });
         }
     }
 
     /// Removes a call for which no thread waits any more. Gives its reply back if the reply has
     /// come, or when it comes.
-    pub(crate) fn forget(&mut self, call: CallId, tools: &mut Tools<'_>) {
-        self.cancel(call, tools);
+    pub(crate) fn forget(&mut self, call: CallId, context: &mut Context<'_>) {
+        self.cancel(call, context);
         if let Some(Some(Outcome::Reply(taken))) = self.calls.open.remove(&call) {
-            self.give_back(taken.token, taken.delivery.sequence, tools);
+            self.give_back(taken.token, taken.delivery.sequence, context);
         }
     }
 }

@@ -6,10 +6,10 @@ use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant};
 
 use super::Interface;
+use crate::driver::context::Context;
 use crate::driver::limits::COPY_UNDER_LOCK_MAX;
 use crate::driver::outbox::{Forms, Label, MessageKey, Needs};
 use crate::driver::token::LinkToken;
-use crate::driver::tools::Tools;
 use crate::published::Published;
 
 /// A publication that was not sent to all links yet.
@@ -44,7 +44,7 @@ impl Interface {
         &mut self,
         messages: &[Cow<'_, [u8]>],
         time: Instant,
-        tools: &mut Tools<'_>,
+        context: &mut Context<'_>,
         sum: &mut Published,
     ) -> usize {
         let mut count = 0;
@@ -52,7 +52,7 @@ impl Interface {
             if bytes.len() > COPY_UNDER_LOCK_MAX || !self.has_room_in_rings() {
                 break;
             }
-            let Some(published) = self.publish_to_slot(bytes, time, tools) else {
+            let Some(published) = self.publish_to_slot(bytes, time, context) else {
                 break;
             };
             sum.add(published);
@@ -66,13 +66,13 @@ impl Interface {
         &mut self,
         bytes: &[u8],
         time: Instant,
-        tools: &mut Tools<'_>,
+        context: &mut Context<'_>,
     ) -> Option<Published> {
         let len = bytes.len() as u64;
         let mut lease = match self.outbox.lease_free(len) {
             Some(lease) => lease,
             None => {
-                self.harvest(tools);
+                self.harvest(context);
                 self.outbox.lease(len).ok()?
             }
         };
@@ -81,9 +81,9 @@ impl Interface {
             pooled: Some(lease),
             ..Forms::default()
         };
-        let offered = self.publish(forms, time, len, tools);
-        self.rest(time, tools);
-        Some(self.finish(offered, tools))
+        let offered = self.publish(forms, time, len, context);
+        self.rest(time, context);
+        Some(self.finish(offered, context))
     }
 
     /// Whether links are open, all of them on the ring lane, and all reliable ones with room.
@@ -115,10 +115,10 @@ impl Interface {
         forms: Forms,
         time: Instant,
         len: u64,
-        tools: &mut Tools<'_>,
+        context: &mut Context<'_>,
     ) -> Offered {
         self.published += 1;
-        if let Some(mut entry) = tools.counting.update(self.entry.as_ref()) {
+        if let Some(mut entry) = context.counting.update(self.entry.as_ref()) {
             entry.published(time, len);
         }
         if forms.is_empty() {
@@ -141,22 +141,26 @@ impl Interface {
             // Links with room get the message first. Of the others, a link whose deadline has expired
             // before (`is_stalled`) is skipped at once.
             if !link.is_reliable() || link.has_room() {
-                link.send(key, Status::Ok, tools, &mut self.outbox);
+                link.send(key, Status::Ok, context, &mut self.outbox);
                 offered.links += usize::from(link.is_open());
             } else if link.is_stalled() {
-                link.skip(tools, &mut self.outbox);
+                link.skip(context, &mut self.outbox);
                 offered.missed += 1;
             } else {
                 offered.waiting.push(link.token());
             }
         }
-        self.detach_segments(tools);
+        self.detach_segments(context);
         offered
     }
 
     /// Sends the message to the links that have room now. Returns whether no link is left to wait
     /// for.
-    pub(crate) fn publish_more(&mut self, offered: &mut Offered, tools: &mut Tools<'_>) -> bool {
+    pub(crate) fn publish_more(
+        &mut self,
+        offered: &mut Offered,
+        context: &mut Context<'_>,
+    ) -> bool {
         let Some(key) = offered.key else {
             return true;
         };
@@ -167,7 +171,7 @@ impl Interface {
             };
             let room = link.has_room();
             if room {
-                link.send(key, Status::Ok, tools, &mut self.outbox);
+                link.send(key, Status::Ok, context, &mut self.outbox);
                 *links += usize::from(link.is_open());
             }
             !room
@@ -176,26 +180,26 @@ impl Interface {
     }
 
     /// Frees memory that was unused for long. Cheap enough to call with every message.
-    pub(crate) fn rest(&mut self, now: Instant, tools: &mut Tools<'_>) {
+    pub(crate) fn rest(&mut self, now: Instant, context: &mut Context<'_>) {
         self.outbox.rest(now);
-        self.detach_segments(tools);
+        self.detach_segments(context);
     }
 
     /// Frees the memory of a message that is not sent.
-    pub(crate) fn drop_forms(&mut self, forms: Forms, tools: &mut Tools<'_>) {
+    pub(crate) fn drop_forms(&mut self, forms: Forms, context: &mut Context<'_>) {
         if let Some(lease) = forms.pooled {
             self.outbox.unlease(lease);
-            self.detach_segments(tools);
+            self.detach_segments(context);
         }
     }
 
     /// Ends a publication: links that still have no room miss this message.
-    pub(crate) fn finish(&mut self, mut offered: Offered, tools: &mut Tools<'_>) -> Published {
+    pub(crate) fn finish(&mut self, mut offered: Offered, context: &mut Context<'_>) -> Published {
         if !offered.waiting.is_empty() {
-            self.publish_more(&mut offered, tools);
+            self.publish_more(&mut offered, context);
             for token in offered.waiting.drain(..) {
                 if let Some(link) = self.links.get_mut(token) {
-                    link.skip(tools, &mut self.outbox);
+                    link.skip(context, &mut self.outbox);
                     offered.missed += 1;
                 }
             }
@@ -203,7 +207,7 @@ impl Interface {
         if let Some(key) = offered.key {
             self.outbox.release(key);
         }
-        self.bury_ended(tools);
+        self.bury_ended(context);
         Published {
             links: offered.links,
             missed: offered.missed,
@@ -226,7 +230,7 @@ impl Interface {
     /// Sends the latched messages on a link that has just opened, before all other messages. On a
     /// reliable link, sends as many at a time as the link has room for.
     //= SM2-QOS-003
-    pub(super) fn replay(&mut self, token: LinkToken, tools: &mut Tools<'_>) {
+    pub(super) fn replay(&mut self, token: LinkToken, context: &mut Context<'_>) {
         let Some(link) = self.links.get_mut(token).filter(|link| link.is_open()) else {
             return;
         };
@@ -242,13 +246,13 @@ impl Interface {
                 // On the ring lane, only DOORBELL tells of new room, so the link parks and then
                 // looks once more.
                 link.park();
-                link.harvest(tools, &mut self.outbox);
+                link.harvest(context, &mut self.outbox);
                 if !link.has_room_for_backlog() {
                     break;
                 }
             }
             link.backlog.pop_front();
-            link.send(key, Status::Ok, tools, &mut self.outbox);
+            link.send(key, Status::Ok, context, &mut self.outbox);
             self.outbox.release(key);
         }
     }

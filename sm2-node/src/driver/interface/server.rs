@@ -6,14 +6,17 @@ use sm2_proto::link::Status;
 use super::Interface;
 use super::calls::CallId;
 use super::taken::{Full, Taken};
+use crate::driver::context::Context;
 use crate::driver::outbox::{Forms, Label};
-use crate::driver::tools::Tools;
 
 impl Interface {
     /// Takes the next request that is neither cancelled nor late. Answers cancelled and late
     /// requests with a reply that has no payload.
-    pub(crate) fn take_request(&mut self, tools: &mut Tools<'_>) -> Result<Option<Taken>, Full> {
-        while let Some(taken) = self.next(tools)? {
+    pub(crate) fn take_request(
+        &mut self,
+        context: &mut Context<'_>,
+    ) -> Result<Option<Taken>, Full> {
+        while let Some(taken) = self.next(context)? {
             let (token, id) = (taken.token, taken.delivery.id);
             let deadline = taken.delivery.time;
             let cancelled = self.is_cancelled(CallId { token, id });
@@ -25,12 +28,12 @@ impl Interface {
                 (false, false) => {
                     // A request carries its deadline, not the time at which it was sent.
                     let now = sm2_io::clock::now();
-                    self.note_taken(std::slice::from_ref(&taken), |_| now, tools);
+                    self.note_taken(std::slice::from_ref(&taken), |_| now, context);
                     return Ok(Some(taken));
                 }
             };
-            self.reply_bare(CallId { token, id }, status, tools);
-            self.give_back(token, taken.delivery.sequence, tools);
+            self.reply_bare(CallId { token, id }, status, context);
+            self.give_back(token, taken.delivery.sequence, context);
         }
         Ok(None)
     }
@@ -44,12 +47,12 @@ impl Interface {
     }
 
     /// Sends a reply without a payload.
-    pub(crate) fn reply_bare(&mut self, call: CallId, status: Status, tools: &mut Tools<'_>) {
+    pub(crate) fn reply_bare(&mut self, call: CallId, status: Status, context: &mut Context<'_>) {
         let forms = Forms {
             inline: Some(Bytes::new()),
             ..Forms::default()
         };
-        self.reply(call, forms, 0, status, tools);
+        self.reply(call, forms, 0, status, context);
     }
 
     /// Sends a reply that says that the call failed.
@@ -57,13 +60,13 @@ impl Interface {
         &mut self,
         call: CallId,
         reason: &'static str,
-        tools: &mut Tools<'_>,
+        context: &mut Context<'_>,
     ) {
         let forms = Forms {
             inline: Some(Bytes::from_static(reason.as_bytes())),
             ..Forms::default()
         };
-        self.reply(call, forms, reason.len() as u64, Status::Failed, tools);
+        self.reply(call, forms, reason.len() as u64, Status::Failed, context);
     }
 
     /// Sends a reply. Returns whether the client's link was still open.
@@ -73,7 +76,7 @@ impl Interface {
         forms: Forms,
         len: u64,
         status: Status,
-        tools: &mut Tools<'_>,
+        context: &mut Context<'_>,
     ) -> bool {
         let label = Label {
             id: call.id,
@@ -81,11 +84,11 @@ impl Interface {
             len,
         };
         let key = self.outbox.store(forms, label);
-        let sent = self.with_link(call.token, tools, |link, outbox, tools| {
+        let sent = self.with_link(call.token, context, |link, outbox, context| {
             link.cancelled.remove(&call.id);
             let open = link.is_open();
             if open {
-                link.send(key, status, tools, outbox);
+                link.send(key, status, context, outbox);
             }
             open
         });

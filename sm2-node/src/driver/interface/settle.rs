@@ -5,49 +5,49 @@ use sm2_proto::Contract;
 use sm2_proto::link::Input;
 
 use super::Interface;
+use crate::driver::context::Context;
 use crate::driver::limits::{ENDED_WITH_MESSAGES, HISTORY};
 use crate::driver::status::add_counters;
 use crate::driver::token::LinkToken;
-use crate::driver::tools::Tools;
 
 impl Interface {
     /// Settles the messages that the other sides have released on the ring lane.
     #[inline]
-    pub(crate) fn harvest(&mut self, tools: &mut Tools<'_>) {
+    pub(crate) fn harvest(&mut self, context: &mut Context<'_>) {
         if !matches!(self.contract, Contract::Subscriber { .. }) {
-            self.harvest_links(tools);
+            self.harvest_links(context);
         }
     }
 
-    fn harvest_links(&mut self, tools: &mut Tools<'_>) {
+    fn harvest_links(&mut self, context: &mut Context<'_>) {
         let mut is_over = false;
         for link in self.links.iter_mut() {
-            link.harvest(tools, &mut self.outbox);
+            link.harvest(context, &mut self.outbox);
             is_over |= link.end().is_some() && !link.buried;
         }
         // A fault in its ring has ended the link, so the Manager has to be told.
         if is_over {
-            self.bury_ended(tools);
+            self.bury_ended(context);
         }
         // The last message of a segment may have come back.
-        self.detach_segments(tools);
+        self.detach_segments(context);
     }
 
     /// Does the work that follows from a change of a link: replays latched messages, hands out
     /// replies, retires segments, and removes the link if it has ended. Every caller that feeds a
     /// link calls this function.
-    pub(super) fn settle_link(&mut self, token: LinkToken, tools: &mut Tools<'_>) {
-        self.replay(token, tools);
+    pub(super) fn settle_link(&mut self, token: LinkToken, context: &mut Context<'_>) {
+        self.replay(token, context);
         let Some(link) = self.links.get_mut(token) else {
             return;
         };
-        self.calls.collect(token, link, tools, &mut self.outbox);
-        link.send_queued(tools, &mut self.outbox);
-        link.note_fates(tools.counting);
+        self.calls.collect(token, link, context, &mut self.outbox);
+        link.send_queued(context, &mut self.outbox);
+        link.note_fates(context.counting);
         if link.end().is_some() && !link.buried {
-            self.bury(token, tools);
+            self.bury(token, context);
         }
-        self.detach_segments(tools);
+        self.detach_segments(context);
         if self
             .links
             .get(token)
@@ -59,7 +59,7 @@ impl Interface {
     }
 
     /// Settles the links that ended during a send.
-    pub(super) fn bury_ended(&mut self, tools: &mut Tools<'_>) {
+    pub(super) fn bury_ended(&mut self, context: &mut Context<'_>) {
         // Allocates only if a link has ended.
         let mut tokens = Vec::new();
         for link in self.links.iter() {
@@ -68,18 +68,18 @@ impl Interface {
             }
         }
         for token in tokens {
-            self.settle_link(token, tools);
+            self.settle_link(token, context);
         }
-        self.detach_segments(tools);
+        self.detach_segments(context);
     }
 
     /// Records the end of a link: queues it for the Manager, and keeps its counters.
-    fn bury(&mut self, token: LinkToken, tools: &mut Tools<'_>) {
+    fn bury(&mut self, token: LinkToken, context: &mut Context<'_>) {
         let Some(link) = self.links.get_mut(token) else {
             return;
         };
         link.buried = true;
-        tools.counting.free(link.entry.take());
+        context.counting.free(link.entry.take());
         for key in link.backlog.drain(..) {
             self.outbox.release(key);
         }
@@ -92,12 +92,12 @@ impl Interface {
             self.ended.pop_front();
         }
         self.ended.push_back(status);
-        self.drop_oldest_messages(tools);
+        self.drop_oldest_messages(context);
     }
 
     /// Drops the messages of the oldest ended links, so that an application that takes no messages
     /// does not collect those of all past publishers.
-    fn drop_oldest_messages(&mut self, tools: &mut Tools<'_>) {
+    fn drop_oldest_messages(&mut self, context: &mut Context<'_>) {
         let buried = self.links.iter().filter(|link| link.buried).count();
         let mut surplus = buried.saturating_sub(ENDED_WITH_MESSAGES);
         let (mut lost, gone) = (0, &mut self.gone);
@@ -111,21 +111,21 @@ impl Interface {
             !drop
         });
         if lost > 0 {
-            self.lose(lost, tools);
+            self.lose(lost, context);
         }
     }
 
     /// Counts messages that came and that the application will not get.
-    pub(super) fn lose(&mut self, messages: u64, tools: &mut Tools<'_>) {
+    pub(super) fn lose(&mut self, messages: u64, context: &mut Context<'_>) {
         self.lost += messages;
-        (tools.counting).note(self.entry.as_ref(), |entry| entry.lost(messages));
+        (context.counting).note(self.entry.as_ref(), |entry| entry.lost(messages));
     }
 
     /// Tells all links which segments are not used any more.
-    pub(crate) fn detach_segments(&mut self, tools: &mut Tools<'_>) {
+    pub(crate) fn detach_segments(&mut self, context: &mut Context<'_>) {
         while let Some(segment) = self.outbox.over.pop() {
             for link in self.links.iter_mut().filter(|link| link.end().is_none()) {
-                link.feed(Input::Retire { segment }, tools.epoll, &mut self.outbox);
+                link.feed(Input::Retire { segment }, context.epoll, &mut self.outbox);
             }
         }
     }

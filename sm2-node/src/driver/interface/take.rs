@@ -8,15 +8,15 @@ use sm2_proto::{Farewell, Instant};
 
 use super::Interface;
 use super::taken::{Full, Taken};
+use crate::driver::context::Context;
 use crate::driver::token::LinkToken;
-use crate::driver::tools::Tools;
 
 impl Interface {
     /// Takes the next message of any link, in turn.
     #[inline]
-    pub(crate) fn take(&mut self, tools: &mut Tools<'_>) -> Result<Option<Taken>, Full> {
-        let taken = self.next(tools)?;
-        self.note_taken(taken.as_slice(), |it| it.time, tools);
+    pub(crate) fn take(&mut self, context: &mut Context<'_>) -> Result<Option<Taken>, Full> {
+        let taken = self.next(context)?;
+        self.note_taken(taken.as_slice(), |it| it.time, context);
         Ok(taken)
     }
 
@@ -25,12 +25,12 @@ impl Interface {
         &mut self,
         all: &mut Vec<Taken>,
         most: usize,
-        tools: &mut Tools<'_>,
+        context: &mut Context<'_>,
     ) -> Result<(), Full> {
         let before = all.len();
         let mut full = Ok(());
         while all.len() < most {
-            match self.next(tools) {
+            match self.next(context) {
                 Ok(Some(taken)) => all.push(taken),
                 Ok(None) => break,
                 Err(error) => {
@@ -39,7 +39,7 @@ impl Interface {
                 }
             }
         }
-        self.note_taken(&all[before..], |it| it.time, tools);
+        self.note_taken(&all[before..], |it| it.time, context);
         full
     }
 
@@ -49,14 +49,14 @@ impl Interface {
         &self,
         all: &[Taken],
         published: impl Fn(&Delivery) -> Instant,
-        tools: &mut Tools<'_>,
+        context: &mut Context<'_>,
     ) {
         if all.is_empty() {
             return;
         }
-        let now = tools.now;
+        let now = context.now;
         let mut note = |entry: Option<&CounterEntry>, taken: &[Taken]| {
-            tools.counting.note(entry, |entry| {
+            context.counting.note(entry, |entry| {
                 for Taken { delivery, .. } in taken {
                     entry.taken(now, published(delivery), delivery.len);
                     if delivery.lost > 0 {
@@ -79,12 +79,12 @@ impl Interface {
     /// Takes the next message of any link, in turn, without counting it as taken by the
     /// application.
     #[inline]
-    pub(super) fn next(&mut self, tools: &mut Tools<'_>) -> Result<Option<Taken>, Full> {
+    pub(super) fn next(&mut self, context: &mut Context<'_>) -> Result<Option<Taken>, Full> {
         let start = self.last_taken;
         let (mut visited, mut full) = (None, None);
         while let Some(link) = self.links.next_ready(start, visited) {
             let token = link.token();
-            match link.take(tools, &mut self.outbox) {
+            match link.take(context, &mut self.outbox) {
                 Ok(Some((delivery, source))) => {
                     let taken = Taken {
                         token,
@@ -94,14 +94,14 @@ impl Interface {
                     };
                     // The link may be over, and this may have been its last message.
                     if link.end().is_some() {
-                        self.settle_link(token, tools);
+                        self.settle_link(token, context);
                     }
                     self.last_taken = token;
                     self.lost += taken.delivery.lost;
                     return Ok(Some(taken));
                 }
                 // There was no message after all, or the content of the ring ended the link.
-                Ok(None) => self.settle_link(token, tools),
+                Ok(None) => self.settle_link(token, context),
                 Err(error) => {
                     let peer = Arc::clone(&link.peer);
                     full = Some(Full { error, peer });
@@ -117,24 +117,24 @@ impl Interface {
 
     /// Gives a message back for the application.
     //= SM2-MSG-005
-    pub(crate) fn give_back(&mut self, token: LinkToken, sequence: u64, tools: &mut Tools<'_>) {
+    pub(crate) fn give_back(&mut self, token: LinkToken, sequence: u64, context: &mut Context<'_>) {
         let Some(link) = self.links.get_mut(token) else {
             return;
         };
-        link.release(sequence, tools.epoll, &mut self.outbox);
+        link.release(sequence, context.epoll, &mut self.outbox);
         // On a receiver's link that is not over, a release has no further consequences.
         if link.role() != Role::Receiver || link.end().is_some() {
-            self.settle_link(token, tools);
+            self.settle_link(token, context);
         }
     }
 
     /// Handles a message that was taken and cannot be mapped, because this machine is out of
     /// memory. Closes its link.
-    pub(crate) fn unreadable(&mut self, token: LinkToken, tools: &mut Tools<'_>) {
-        self.lose(1, tools);
-        self.with_link(token, tools, |link, outbox, tools| {
+    pub(crate) fn unreadable(&mut self, token: LinkToken, context: &mut Context<'_>) {
+        self.lose(1, context);
+        self.with_link(token, context, |link, outbox, context| {
             let code = Farewell::Resources.code();
-            link.feed(Input::Close(code), tools.epoll, outbox);
+            link.feed(Input::Close(code), context.epoll, outbox);
         });
     }
 }

@@ -5,10 +5,10 @@ use sm2_proto::link::{self, Input};
 use sm2_proto::{Code, Datagram, Machine};
 
 use super::LinkDriver;
+use crate::driver::context::Context;
 use crate::driver::datagram::{Incoming, receive};
 use crate::driver::limits::{BURST, LAST_WORDS};
 use crate::driver::outbox::Outbox;
-use crate::driver::tools::Tools;
 
 impl LinkDriver {
     /// Sends the first packet.
@@ -20,44 +20,48 @@ impl LinkDriver {
     pub(in crate::driver) fn on_event(
         &mut self,
         event: Event,
-        tools: &mut Tools<'_>,
+        context: &mut Context<'_>,
         outbox: &mut Outbox,
     ) {
         if event.writable {
-            self.flush(tools.epoll, outbox);
+            self.flush(context.epoll, outbox);
         }
         if event.readable {
-            self.receive(BURST, tools, outbox);
+            self.receive(BURST, context, outbox);
         }
     }
 
     /// Reads all datagrams that the socket has, up to the number that a peer that obeys SPEC can
     /// have sent.
-    pub(in crate::driver) fn receive_all(&mut self, tools: &mut Tools<'_>, outbox: &mut Outbox) {
-        self.receive(LAST_WORDS, tools, outbox);
+    pub(in crate::driver) fn receive_all(
+        &mut self,
+        context: &mut Context<'_>,
+        outbox: &mut Outbox,
+    ) {
+        self.receive(LAST_WORDS, context, outbox);
     }
 
     /// Reads at most `most` datagrams.
-    fn receive(&mut self, most: usize, tools: &mut Tools<'_>, outbox: &mut Outbox) {
+    fn receive(&mut self, most: usize, context: &mut Context<'_>, outbox: &mut Outbox) {
         for _ in 0..most {
             let Some(socket) = &self.socket else { return };
-            match receive(socket, tools.buffer) {
+            match receive(socket, context.buffer) {
                 Ok(incoming) => {
-                    self.settle_returned(tools, outbox);
-                    let bytes = &tools.buffer[..incoming.len];
-                    self.datagram(bytes, incoming, tools.epoll, outbox);
+                    self.settle_returned(context, outbox);
+                    let bytes = &context.buffer[..incoming.len];
+                    self.datagram(bytes, incoming, context.epoll, outbox);
                 }
                 Err(RecvError::WouldBlock) => return,
                 //= SM2-TRN-006
                 // `Closed` comes after all queued datagrams.
                 Err(RecvError::Closed) => {
-                    self.settle_returned(tools, outbox);
-                    return self.feed(Input::Eof, tools.epoll, outbox);
+                    self.settle_returned(context, outbox);
+                    return self.feed(Input::Eof, context.epoll, outbox);
                 }
                 Err(RecvError::Io(error)) => {
                     tracing::warn!(link = %self.id, peer = %self.peer.name, %error, "link failed");
-                    self.settle_returned(tools, outbox);
-                    return self.feed(Input::Eof, tools.epoll, outbox);
+                    self.settle_returned(context, outbox);
+                    return self.feed(Input::Eof, context.epoll, outbox);
                 }
             }
         }
@@ -94,13 +98,13 @@ impl LinkDriver {
     pub(in crate::driver) fn unlink(
         &mut self,
         code: Code,
-        tools: &mut Tools<'_>,
+        context: &mut Context<'_>,
         outbox: &mut Outbox,
     ) {
-        self.receive_all(tools, outbox);
+        self.receive_all(context, outbox);
         if self.end().is_none() {
-            self.settle_returned(tools, outbox);
-            self.feed(Input::Close(code), tools.epoll, outbox);
+            self.settle_returned(context, outbox);
+            self.feed(Input::Close(code), context.epoll, outbox);
         }
     }
 

@@ -4,8 +4,8 @@ use sm2_proto::Farewell;
 use sm2_proto::link::{Body, Error, Input, Misuse, Role, Status, Wake};
 
 use super::LinkDriver;
+use crate::driver::context::Context;
 use crate::driver::outbox::{MessageKey, NoForm, Outbox};
-use crate::driver::tools::Tools;
 
 impl LinkDriver {
     /// Sends a message that the outbox holds. If there is no slot or no room for a publication at
@@ -15,7 +15,7 @@ impl LinkDriver {
         &mut self,
         key: MessageKey,
         status: Status,
-        tools: &mut Tools<'_>,
+        context: &mut Context<'_>,
         outbox: &mut Outbox,
     ) {
         for is_last in [false, true] {
@@ -24,7 +24,7 @@ impl LinkDriver {
             }
             let message = match outbox.message(key, status, self.machine.placement()) {
                 Ok(message) => message,
-                Err(error) => return self.without_form(&error, tools, outbox),
+                Err(error) => return self.without_form(&error, context, outbox),
             };
             let segment = match &message.body {
                 Body::Pooled { segment, .. } => Some(*segment),
@@ -36,45 +36,45 @@ impl LinkDriver {
             let settled = |key, fate| outbox.settle(MessageKey::from_raw(key), fate);
             let misuse = match self.machine.send(&self.mapped, message, settled) {
                 Ok(wake) => {
-                    self.finish_sending(wake, tools, outbox);
-                    return self.note_sent(time, len, tools.counting);
+                    self.finish_sending(wake, context, outbox);
+                    return self.note_sent(time, len, context.counting);
                 }
                 // The outputs settle the message with all others.
-                Err(Error::Ended(_)) => return self.drain_idle(tools.epoll, outbox),
+                Err(Error::Ended(_)) => return self.drain_idle(context.epoll, outbox),
                 Err(Error::Misuse(misuse)) => misuse,
             };
             outbox.release(key);
             match (misuse, segment) {
                 (Misuse::NotAttached, Some(segment)) if !is_last => {
-                    self.feed(Input::Attach(segment), tools.epoll, outbox);
+                    self.feed(Input::Attach(segment), context.epoll, outbox);
                 }
-                _ => return self.without_room(misuse, tools, outbox),
+                _ => return self.without_room(misuse, context, outbox),
             }
         }
     }
 
     /// Completes the sending of a message that the machine has accepted.
-    fn finish_sending(&mut self, wake: Wake, tools: &mut Tools<'_>, outbox: &mut Outbox) {
+    fn finish_sending(&mut self, wake: Wake, context: &mut Context<'_>, outbox: &mut Outbox) {
         self.wake(wake);
-        self.drain_if_due(tools.epoll, outbox);
+        self.drain_if_due(context.epoll, outbox);
         if self.machine.is_due() {
-            self.harvest(tools, outbox);
+            self.harvest(context, outbox);
         }
     }
 
     /// Handles a message that cannot be put into the form that this link needs.
-    fn without_form(&mut self, error: &NoForm, tools: &mut Tools<'_>, outbox: &mut Outbox) {
+    fn without_form(&mut self, error: &NoForm, context: &mut Context<'_>, outbox: &mut Outbox) {
         let peer = &self.peer.name;
         if matches!(error, NoForm::Slot(_)) && self.role() == Role::Sender {
             tracing::warn!(link = %self.id, %peer, %error, "no slot for a message: this link misses it");
-            return self.pass_over(tools, outbox);
+            return self.pass_over(context, outbox);
         }
         tracing::warn!(link = %self.id, %peer, %error, "no memory for a message: this link is closed");
         let code = Farewell::Resources.code();
-        self.feed(Input::Close(code), tools.epoll, outbox);
+        self.feed(Input::Close(code), context.epoll, outbox);
     }
 
-    fn without_room(&mut self, misuse: Misuse, tools: &mut Tools<'_>, outbox: &mut Outbox) {
+    fn without_room(&mut self, misuse: Misuse, context: &mut Context<'_>, outbox: &mut Outbox) {
         debug_assert!(
             matches!(
                 misuse,
@@ -84,62 +84,66 @@ impl LinkDriver {
             self.id
         );
         if self.role() == Role::Sender {
-            self.pass_over(tools, outbox);
+            self.pass_over(context, outbox);
         }
     }
 
-    fn pass_over(&mut self, tools: &mut Tools<'_>, outbox: &mut Outbox) {
-        self.feed(Input::PassOver, tools.epoll, outbox);
-        self.note_fates(tools.counting);
+    fn pass_over(&mut self, context: &mut Context<'_>, outbox: &mut Outbox) {
+        self.feed(Input::PassOver, context.epoll, outbox);
+        self.note_fates(context.counting);
     }
 
     /// Drops a message for this link alone, because its reliable deadline expired while this link
     /// had no room.
     //= SM2-QOS-002
-    pub(in crate::driver) fn skip(&mut self, tools: &mut Tools<'_>, outbox: &mut Outbox) {
+    pub(in crate::driver) fn skip(&mut self, context: &mut Context<'_>, outbox: &mut Outbox) {
         debug_assert!(
             !self.has_room_for_backlog(),
             "what is latched fills all room"
         );
         if !self.has_room_for_backlog() && self.is_open() {
-            self.feed(Input::Skip, tools.epoll, outbox);
-            self.note_fates(tools.counting);
+            self.feed(Input::Skip, context.epoll, outbox);
+            self.note_fates(context.counting);
         }
     }
 
     /// Settles the messages that the receiver gave back, and sends queued messages into the new
     /// room.
-    pub(in crate::driver) fn harvest(&mut self, tools: &mut Tools<'_>, outbox: &mut Outbox) {
+    pub(in crate::driver) fn harvest(&mut self, context: &mut Context<'_>, outbox: &mut Outbox) {
         while self.machine.end().is_none() {
             let settled = |key, fate| outbox.settle(MessageKey::from_raw(key), fate);
             let harvested = self.machine.harvest(&self.mapped, settled);
             self.wake(harvested.unwrap_or_default());
-            self.drain_if_due(tools.epoll, outbox);
+            self.drain_if_due(context.epoll, outbox);
             if !self.machine.is_due() {
                 break;
             }
         }
-        self.note_fates(tools.counting);
+        self.note_fates(context.counting);
     }
 
     /// Settles the messages that came back before the link may end, and sends nothing.
     //= SM2-RNG-011
-    pub(super) fn settle_returned(&mut self, tools: &mut Tools<'_>, outbox: &mut Outbox) {
+    pub(super) fn settle_returned(&mut self, context: &mut Context<'_>, outbox: &mut Outbox) {
         if self.machine.is_woken_by_socket() || self.machine.end().is_some() {
             return;
         }
         let settled = |key, fate| outbox.settle(MessageKey::from_raw(key), fate);
         // If the call finds a violation, the outputs report it.
         let _ = self.machine.settle_returned(&self.mapped, settled);
-        self.drain_if_due(tools.epoll, outbox);
-        self.note_fates(tools.counting);
+        self.drain_if_due(context.epoll, outbox);
+        self.note_fates(context.counting);
     }
 
     /// Sends queued messages after a change that may let them through: a freed segment number, a
     /// writable socket, or room.
-    pub(in crate::driver) fn send_queued(&mut self, tools: &mut Tools<'_>, outbox: &mut Outbox) {
+    pub(in crate::driver) fn send_queued(
+        &mut self,
+        context: &mut Context<'_>,
+        outbox: &mut Outbox,
+    ) {
         if self.machine.has_queued() {
-            self.harvest(tools, outbox);
+            self.harvest(context, outbox);
         }
     }
 }

@@ -8,8 +8,8 @@ use sm2_proto::Machine;
 use sm2_proto::link::{Delivery, Error, Input, Misuse, NoDelivery, Payload, TooManyBorrowed};
 
 use super::LinkDriver;
+use crate::driver::context::Context;
 use crate::driver::outbox::Outbox;
-use crate::driver::tools::Tools;
 use crate::payload::Source;
 
 impl LinkDriver {
@@ -17,10 +17,10 @@ impl LinkDriver {
     #[inline]
     pub(in crate::driver) fn take(
         &mut self,
-        tools: &mut Tools<'_>,
+        context: &mut Context<'_>,
         outbox: &mut Outbox,
     ) -> Result<Option<(Delivery, Source)>, TooManyBorrowed> {
-        let Some(delivery) = self.take_next(tools, outbox)? else {
+        let Some(delivery) = self.take_next(context, outbox)? else {
             return Ok(None);
         };
         let source = self.source(&delivery);
@@ -36,7 +36,7 @@ impl LinkDriver {
     #[inline]
     fn take_next(
         &mut self,
-        tools: &mut Tools<'_>,
+        context: &mut Context<'_>,
         outbox: &mut Outbox,
     ) -> Result<Option<Delivery>, TooManyBorrowed> {
         for looked in [false, true] {
@@ -49,14 +49,14 @@ impl LinkDriver {
                         self.wake(self.machine.made_room(&self.mapped));
                     }
                     // There may be outputs for cancelled or failed calls.
-                    self.drain_if_due(tools.epoll, outbox);
+                    self.drain_if_due(context.epoll, outbox);
                     return Ok(taken);
                 }
                 Err(NoDelivery::TooManyBorrowed(error)) => return Err(error),
                 //= SM2-RNG-007
                 Err(NoDelivery::UnknownSegment) if !looked && self.end().is_none() => {
-                    self.receive_all(tools, outbox);
-                    tools.stirred = true;
+                    self.receive_all(context, outbox);
+                    context.stirred = true;
                     // One of these datagrams may have been a DOORBELL, and another thread may be
                     // about to sleep.
                     self.park();
@@ -69,7 +69,7 @@ impl LinkDriver {
                 Err(NoDelivery::Ended(_) | NoDelivery::Misuse(_)) => break,
             }
         }
-        self.drain_idle(tools.epoll, outbox);
+        self.drain_idle(context.epoll, outbox);
         Ok(None)
     }
 

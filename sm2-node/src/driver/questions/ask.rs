@@ -7,7 +7,7 @@ use sm2_proto::node::Input;
 use super::{Answer, Followed, Lost, Question, Ticket};
 use crate::driver::datagram::Incoming;
 use crate::driver::inner::Inner;
-use crate::driver::shared::Shared;
+use crate::driver::shared_node::SharedNode;
 use crate::driver::sleepers::EventSource;
 use crate::error::QueryError;
 
@@ -65,7 +65,7 @@ impl Inner {
     }
 }
 
-impl Shared {
+impl SharedNode {
     /// Asks a question unless `asked` says that it was asked, and waits for the answer. The
     /// question is sent as soon as a Manager is connected. `None` if the session ended before the
     /// answer came. At the end of the wait, `asked` remains: the caller calls again with it, or

@@ -63,8 +63,8 @@ impl Inner {
                     link,
                     code,
                 } => {
-                    self.with_interface(interface, epoll, |interface, tools| {
-                        interface.unlink(link, code, tools);
+                    self.with_interface(interface, epoll, |interface, context| {
+                        interface.unlink(link, code, context);
                     });
                     self.sleepers.wake(EventSource::Interface(interface));
                 }
@@ -206,8 +206,8 @@ impl Inner {
                 let driver = LinkDriver::new(token, Arc::new(peer), socket, config, entry);
                 self.last_token = token;
                 self.routes.insert(token, id);
-                self.with_interface(id, epoll, |interface, tools| {
-                    interface.add_link(driver, tools);
+                self.with_interface(id, epoll, |interface, context| {
+                    interface.add_link(driver, context);
                 });
             }
             Err(error) => {

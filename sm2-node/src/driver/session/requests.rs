@@ -72,7 +72,7 @@ impl Inner {
 
     /// Closes the links of an interface and withdraws the interface.
     pub(crate) fn withdraw(&mut self, id: InterfaceId, epoll: &Epoll) {
-        self.with_interface(id, epoll, |interface, tools| interface.close(tools));
+        self.with_interface(id, epoll, |interface, context| interface.close(context));
         if let Some(interface) = self.interfaces.remove(&id) {
             for token in interface.tokens() {
                 self.routes.remove(&token);

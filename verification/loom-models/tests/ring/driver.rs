@@ -161,7 +161,7 @@ impl<W: Mortal> Driver<W> {
         self.drain();
     }
 
-    /// Models `Shared::wait_as`.
+    /// Models `SharedNode::wait_as`.
     pub(crate) fn wait<T>(&mut self, mut look: impl FnMut(&mut Self) -> Option<T>) -> Option<T> {
         loop {
             for driven in [false, true] {

@@ -16,7 +16,7 @@ const ONE: InterfaceId = InterfaceId(1);
 const OTHER: InterfaceId = InterfaceId(2);
 
 /// Models `sm2-node/src/driver/shared.rs` and `inner.rs`, as far as waiting is concerned.
-pub(crate) struct Shared {
+pub(crate) struct SharedNode {
     pub(crate) epoll: Epoll,
     socket: Arc<Socket>,
     inner: Mutex<Inner>,
@@ -103,7 +103,7 @@ impl Ring {
     }
 }
 
-impl Shared {
+impl SharedNode {
     fn new() -> Arc<Self> {
         let (epoll, socket) = (Epoll::new().unwrap(), Arc::new(Socket::new()));
         epoll.add(&*socket, 0, Interest::READABLE).unwrap();
@@ -170,7 +170,7 @@ impl Inner {
 /// A peer sends to both interfaces, and a thread waits at each. The thread that drives the node
 /// receives for the other one as well.
 pub(crate) fn others() {
-    let node = Shared::new();
+    let node = SharedNode::new();
     let one = {
         let node = Arc::clone(&node);
         thread::spawn(move || node.take(ONE))
@@ -189,7 +189,7 @@ pub(crate) fn others() {
 
 /// A thread that waits for an interface is told of the end of the session.
 pub(crate) fn session() {
-    let node = Shared::new();
+    let node = SharedNode::new();
     let one = {
         let node = Arc::clone(&node);
         thread::spawn(move || {
@@ -207,7 +207,7 @@ pub(crate) fn session() {
 /// A program polls the descriptor of one interface, and takes a message each time. Meanwhile
 /// another thread waits at the other interface and drives the node.
 pub(crate) fn bell() {
-    let node = Shared::new();
+    let node = SharedNode::new();
     let polling = {
         let node = Arc::clone(&node);
         thread::spawn(move || {
@@ -296,8 +296,8 @@ fn shared_as(unparks: bool) {
     peer.join().unwrap();
 }
 
-fn with_ring(unparks: bool) -> (Arc<Shared>, Arc<Ring>) {
-    let (node, ring) = (Shared::new(), Arc::new(Ring::default()));
+fn with_ring(unparks: bool) -> (Arc<SharedNode>, Arc<Ring>) {
+    let (node, ring) = (SharedNode::new(), Arc::new(Ring::default()));
     let interface = Interface {
         ring: Arc::clone(&ring),
         link: Link,

@@ -9,16 +9,16 @@ use sm2_io::{Epoll, Interest, SeqPacket};
 use sm2_proto::node::Input;
 use sm2_proto::{Farewell, InterfaceId, Name};
 
+use super::context::Context;
 use super::datagram::Incoming;
 use super::inner::Inner;
 use super::interface::Interface;
 use super::sleepers::EventSource;
 use super::token::SESSION;
-use super::tools::Tools;
 
 /// The state that all handles of a node share.
 #[derive(Debug)]
-pub(crate) struct Shared {
+pub(crate) struct SharedNode {
     pub(crate) epoll: Epoll,
     pub(crate) name: Name,
     /// The timeout for an answer of the Manager.
@@ -29,7 +29,7 @@ pub(crate) struct Shared {
     embedded: Option<sm2_manager::Background>,
 }
 
-impl Shared {
+impl SharedNode {
     /// Creates a node whose Manager is at the other end of `socket`. The node finds later Managers
     /// at `path`.
     pub(crate) fn new(
@@ -79,7 +79,7 @@ impl Shared {
     pub(crate) fn with_driven<R>(
         &self,
         interface: InterfaceId,
-        change: impl FnOnce(&mut Interface, &mut Tools<'_>) -> R,
+        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
     ) -> Option<R> {
         self.lock_driven()
             .with_interface(interface, &self.epoll, change)
@@ -90,7 +90,7 @@ impl Shared {
     pub(crate) fn with_driven_if_due<R>(
         &self,
         interface: InterfaceId,
-        change: impl FnOnce(&mut Interface, &mut Tools<'_>) -> R,
+        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
     ) -> Option<R> {
         let now = sm2_io::clock::now();
         let mut inner = self.lock();
@@ -105,13 +105,13 @@ impl Shared {
     pub(crate) fn with_undriven<R>(
         &self,
         interface: InterfaceId,
-        change: impl FnOnce(&mut Interface, &mut Tools<'_>) -> R,
+        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
     ) -> Option<R> {
         self.lock().with_interface(interface, &self.epoll, change)
     }
 }
 
-impl Drop for Shared {
+impl Drop for SharedNode {
     fn drop(&mut self) {
         let inner = self.inner.get_mut().unwrap_or_else(PoisonError::into_inner);
         inner.session.tell(Input::Close(Farewell::Done.code()));

@@ -1,12 +1,12 @@
-//! The parts of a node that the methods of interfaces and links use.
+//! The parts of a node that one call lends to the methods of interfaces and links.
 
 use sm2_io::Epoll;
 use sm2_proto::Instant;
 
 use super::counters::Counting;
 
-/// The parts of the node that the methods of a link use.
-pub(crate) struct Tools<'a> {
+/// The parts of a node that one call lends to the methods of an interface and of its links.
+pub(crate) struct Context<'a> {
     pub(crate) epoll: &'a Epoll,
     pub(crate) buffer: &'a mut [u8],
     pub(crate) counting: &'a mut Counting,
