@@ -13,7 +13,7 @@ use sm2_proto::{
 use tokio::sync::oneshot;
 
 use super::{
-    shared::{Shared, lock},
+    gateway_state::{GatewayState, lock},
     timer::sleep_until,
 };
 use crate::{
@@ -32,7 +32,7 @@ const DRAIN_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// The state of a connection task.
 pub(super) struct Task {
-    shared: Arc<Shared>,
+    shared: Arc<GatewayState>,
     handle: ConnectionHandle,
     /// The connection's number, which is not used again.
     number: ConnectionId,
@@ -46,7 +46,7 @@ pub(super) struct Task {
 
 impl Task {
     pub(super) fn new(
-        shared: Arc<Shared>,
+        shared: Arc<GatewayState>,
         handle: ConnectionHandle,
         number: ConnectionId,
         dialled: Option<GatewayId>,

@@ -12,7 +12,7 @@ use sm2_proto::{
 use tokio::sync::mpsc;
 
 use super::{
-    shared::{Shared, lock},
+    gateway_state::{GatewayState, lock},
     status,
 };
 use crate::{
@@ -40,7 +40,7 @@ struct Task {
     rule_lines: Vec<usize>,
     /// Counts changes of rules and subjects.
     revision: u64,
-    shared: Arc<Shared>,
+    shared: Arc<GatewayState>,
     local: LocalHandle,
     connections: BTreeMap<ConnectionId, Connection>,
 }
@@ -53,7 +53,7 @@ struct Connection {
 pub(super) async fn run(
     hub: Hub,
     ConfigLabels { peers, rule_lines }: ConfigLabels,
-    shared: Arc<Shared>,
+    shared: Arc<GatewayState>,
     mut inbox: mpsc::Receiver<HubEvent>,
     local: LocalHandle,
 ) {

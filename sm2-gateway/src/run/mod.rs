@@ -14,12 +14,12 @@
 
 mod beacons;
 mod connection;
+mod gateway_state;
 mod hosts;
 mod hub;
 mod local;
 mod network;
 mod shadow;
-mod shared;
 mod status;
 mod timer;
 
@@ -35,7 +35,7 @@ use sm2_proto::gateway::{GatewayId, Hop};
 use tokio::sync::watch;
 
 pub use self::beacons::BeaconsError;
-use self::{beacons::Beacons, shared::Shared};
+use self::{beacons::Beacons, gateway_state::GatewayState};
 use crate::{
     channel::{
         self,
@@ -131,7 +131,7 @@ impl Gateway {
             Local::join(location, &config.name, max_len_bytes, hub.clone())
         })?;
         status::serve(&domain, &config.name, hub.clone())?;
-        let shared = Arc::new(Shared {
+        let shared = Arc::new(GatewayState {
             clock: Clock::of_the_machine(),
             me: Me {
                 hop,

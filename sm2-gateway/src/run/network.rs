@@ -14,7 +14,10 @@ use sm2_proto::{
 };
 use tokio::sync::mpsc;
 
-use super::{beacons::Beacons, connection::Task, hosts::Hosts, shared::Shared, timer::sleep_until};
+use super::{
+    beacons::Beacons, connection::Task, gateway_state::GatewayState, hosts::Hosts,
+    timer::sleep_until,
+};
 use crate::{
     Address,
     channel::{
@@ -30,7 +33,7 @@ use crate::{
 pub(super) struct Network {
     endpoint: Endpoint,
     beacons: Option<Beacons>,
-    shared: Arc<Shared>,
+    shared: Arc<GatewayState>,
     /// The address of the socket.
     local: SocketAddr,
     discovery: Discovery,
@@ -46,7 +49,7 @@ impl Network {
     pub(super) fn new(
         endpoint: Endpoint,
         beacons: Option<Beacons>,
-        shared: Arc<Shared>,
+        shared: Arc<GatewayState>,
         local: SocketAddr,
     ) -> Self {
         let hop = shared.me.hop;

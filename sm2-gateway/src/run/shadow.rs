@@ -8,7 +8,7 @@ use std::{
 
 use tokio::{sync::watch, task::block_in_place};
 
-use super::shared::{Shared, lock};
+use super::gateway_state::{GatewayState, lock};
 use crate::{
     config::Config,
     report::ShadowReport,
@@ -19,7 +19,10 @@ use crate::{
 const POLL_INTERVAL: Duration = Duration::from_millis(500);
 
 /// Compares each configuration with the current state: at once, and again when the state changes.
-pub(super) async fn run(mut configs: watch::Receiver<Option<Arc<Config>>>, shared: Arc<Shared>) {
+pub(super) async fn run(
+    mut configs: watch::Receiver<Option<Arc<Config>>>,
+    shared: Arc<GatewayState>,
+) {
     let mut revision = 0;
     let mut logged = BTreeSet::new();
     loop {

@@ -17,7 +17,7 @@ use crate::{
 
 /// State that the tasks of a gateway share.
 #[derive(Debug)]
-pub(super) struct Shared {
+pub(super) struct GatewayState {
     pub(super) clock: Clock,
     pub(super) me: Me,
     pub(super) limits: Limits,
