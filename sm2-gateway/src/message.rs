@@ -5,7 +5,7 @@ use std::time::Duration;
 use bytes::Bytes;
 use sm2_proto::{
     Instant,
-    gateway::{Carried, Header, OfferId},
+    gateway::{Header, HeaderKind, OfferId},
 };
 
 /// A message of a topic: its bytes, and the values that the gateway of its origin gave it.
@@ -14,7 +14,7 @@ pub struct Message {
     /// Its number among the messages of its topic and origin.
     pub sequence: u64,
     /// The time of its publication, on the clock of this machine.
-    pub published: Instant,
+    pub published_at: Instant,
     /// Its bytes.
     pub payload: Bytes,
 }
@@ -27,16 +27,16 @@ impl Message {
         let age_ns = u64::try_from(age.as_nanos()).unwrap_or(u64::MAX);
         Self {
             sequence,
-            published: Instant(now.0.saturating_sub(age_ns)),
+            published_at: Instant(now.0.saturating_sub(age_ns)),
             payload,
         }
     }
 
     /// The header of a message that starts now.
     pub(crate) fn header(&self, offer: OfferId, now: Instant) -> Header {
-        let age = now.since(self.published).as_nanos();
+        let age = now.since(self.published_at).as_nanos();
         Header {
-            carried: Carried::Message {
+            kind: HeaderKind::Message {
                 sequence: self.sequence,
                 age_ns: u64::try_from(age).unwrap_or(u64::MAX),
             },
@@ -58,13 +58,13 @@ mod tests {
             let message = Message::arrived(Instant(now), 7, age, Bytes::from_static(b"abc"));
             message.header(OfferId(1), Instant(later))
         };
-        let carried = |age_ns| Carried::Message {
+        let kind = |age_ns| HeaderKind::Message {
             sequence: 7,
             age_ns,
         };
         let header = age(1_000, 300, 1_500);
-        assert_eq!((header.carried, header.len), (carried(800), 3));
+        assert_eq!((header.kind, header.len), (kind(800), 3));
         // An age beyond the start of the clock.
-        assert_eq!(age(1_000, u64::MAX, 1_500).carried, carried(1_500));
+        assert_eq!(age(1_000, u64::MAX, 1_500).kind, kind(1_500));
     }
 }

@@ -153,7 +153,7 @@ fn run(link: &Profile, congestion: Congestion) -> [Log; 3] {
             let offer = topic.offer;
             let message = Message {
                 sequence: log.published.len() as u64,
-                published: world.now,
+                published_at: world.now,
                 payload: payloads[index].clone(),
             };
             log.published.push(world.now);

@@ -21,19 +21,19 @@ use bench::{Bench, EPOCH, hello, topic};
 use common::until;
 use quinn_proto::{Dir, TransportConfig, VarInt};
 use sm2_node::Message;
-use sm2_proto::gateway::{Beacon, Carried, Frame, Header, OfferId};
+use sm2_proto::gateway::{Beacon, Frame, Header, HeaderKind, OfferId};
 
 fn text() -> sm2_proto::TypeId {
     <str as Message>::type_id()
 }
 
 fn message(offer: u64, len: u64) -> Header {
-    let carried = Carried::Message {
+    let kind = HeaderKind::Message {
         sequence: 1,
         age_ns: 0,
     };
     Header {
-        carried,
+        kind,
         offer: OfferId(offer),
         len,
     }

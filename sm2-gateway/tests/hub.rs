@@ -130,7 +130,7 @@ fn offered_by(hub: &mut Hub, connection: u64, offer: u64, subject: Subject, path
 fn message(offer: u64, sequence: u64) -> Event {
     let message = Message {
         sequence,
-        published: NOW,
+        published_at: NOW,
         payload: Bytes::from_static(b"x"),
     };
     let offer = OfferId(offer);
@@ -147,7 +147,7 @@ fn gone(offer: u64) -> Event {
     Event::Session(session::Event::Gone { offer })
 }
 
-fn published(outputs: &[Output]) -> usize {
+fn publications(outputs: &[Output]) -> usize {
     let is_it = |it: &&Output| matches!(it, Output::Local(LocalCommand::Publish { .. }));
     outputs.iter().filter(is_it).count()
 }
@@ -208,7 +208,7 @@ fn what_was_known_of_a_peer_is_forgotten_with_its_connection() {
     greet(&mut hub, 1, 9, 7);
     offered(&mut hub, 1, 1, topic("scan"), &[9]);
     let said = greet(&mut hub, 2, 9, 8);
-    let hidden = |it: &Output| matches!(it, Output::Local(LocalCommand::Hide { .. }));
+    let hidden = |it: &Output| matches!(it, Output::Local(LocalCommand::WithdrawProxy { .. }));
     assert!(said.iter().any(hidden), "{said:?}");
     let lost = said.iter().any(|it| matches!(it, Output::Lost { .. }));
     assert!(lost, "{said:?}");
@@ -270,7 +270,7 @@ fn a_message_is_passed_on_as_it_came() {
     let mut hub = between();
     let came = Message {
         sequence: 17,
-        published: Instant(NOW.0 - 250_000_000),
+        published_at: Instant(NOW.0 - 250_000_000),
         payload: Bytes::from_static(b"x"),
     };
     let event = Event::Message {
@@ -307,7 +307,7 @@ fn a_message_is_passed_on_as_it_came() {
 #[test]
 fn a_message_is_taken_once() {
     let mut hub = between();
-    let mut taken = |sequence| published(&tell(&mut hub, 1, message(4, sequence)));
+    let mut taken = |sequence| publications(&tell(&mut hub, 1, message(4, sequence)));
     assert_eq!([1, 1, 3, 2, 3, 4].map(&mut taken), [1, 0, 1, 0, 0, 1]);
     // After a restart of its process, an origin numbers its messages from 1 again.
     tell(&mut hub, 1, gone(4));
@@ -317,7 +317,7 @@ fn a_message_is_taken_once() {
     }];
     offered_by(&mut hub, 1, 5, topic("scan"), path);
     tell(&mut hub, 2, wanted(2, 1));
-    assert_eq!(published(&tell(&mut hub, 1, message(5, 1))), 1);
+    assert_eq!(publications(&tell(&mut hub, 1, message(5, 1))), 1);
 }
 
 /// A peer can invent origins. The hub remembers only a bounded number of those that are no longer
@@ -332,7 +332,7 @@ fn what_was_seen_is_forgotten_in_the_end() {
         let (offer, path) = (5 + round, vec![origin, hop(9)]);
         offered_by(&mut hub, 1, offer, topic("scan"), path);
         tell(&mut hub, 2, wanted(2 + round, 1));
-        let count = published(&tell(&mut hub, 1, message(offer, 1)));
+        let count = publications(&tell(&mut hub, 1, message(offer, 1)));
         assert_eq!(count, 1, "{round}");
         tell(&mut hub, 1, gone(offer));
     }

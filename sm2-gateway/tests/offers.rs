@@ -137,7 +137,7 @@ fn what_waits_of_an_offer_that_goes_counts_as_withdrawn_of_its_name() {
         let offer = OfferId(1);
         let message = Message {
             sequence,
-            published: world.now,
+            published_at: world.now,
             payload: Bytes::from(vec![0; 4 << 20]),
         };
         world.command(0, Command::Message { offer, message });
@@ -175,7 +175,7 @@ fn messages_for_a_peer_take_no_more_memory_than_they_may() {
     for sequence in 1..=20 {
         let message = Message {
             sequence,
-            published: world.now,
+            published_at: world.now,
             payload: payload.clone(),
         };
         let offer = OfferId(1);

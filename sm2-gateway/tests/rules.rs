@@ -74,14 +74,14 @@ const ME: Hop = Hop {
 /// The offers of a hub by peer, subject and origin, and the subjects that it shows and wants, by
 /// subject and origin.
 #[derive(Debug, Default, PartialEq, Eq)]
-struct Carried {
+struct Allowed {
     offered: BTreeSet<(GatewayId, Subject, GatewayId)>,
     shown: BTreeSet<(Subject, GatewayId)>,
     wanted: BTreeSet<(Subject, GatewayId)>,
 }
 
 /// Runs a hub with these rules. Returns what it offers, shows and wants.
-fn carried(config: &Config, seen: &Seen) -> Carried {
+fn observed(config: &Config, seen: &Seen) -> Allowed {
     let mut hub = Hub::new(ME, config.policy.clone());
     let mut inputs = Vec::new();
     let mut offers = BTreeMap::new();
@@ -123,7 +123,7 @@ fn carried(config: &Config, seen: &Seen) -> Carried {
         taken: Some(1),
     });
     inputs.extend(present.chain(taken).map(Input::Local));
-    let mut carried = Carried::default();
+    let mut allowed = Allowed::default();
     for input in inputs {
         let Ok(()) = hub.handle(Instant(1), input);
         while let Some(output) = hub.poll() {
@@ -133,50 +133,50 @@ fn carried(config: &Config, seen: &Seen) -> Carried {
                     command: Command::Offer { subject, path, .. },
                 } => {
                     let peer = id(usize::try_from(connection.0).unwrap() - 1);
-                    let is_new = carried.offered.insert((peer, subject, path[0].gateway));
+                    let is_new = allowed.offered.insert((peer, subject, path[0].gateway));
                     assert!(is_new, "offered twice");
                 }
                 Output::Peer {
                     connection,
                     command: Command::Control(ControlCommand::Want { offer, .. }),
-                } => drop(carried.wanted.insert(offers[&(connection, offer)].clone())),
-                Output::Local(LocalCommand::Show {
+                } => drop(allowed.wanted.insert(offers[&(connection, offer)].clone())),
+                Output::Local(LocalCommand::DeclareProxy {
                     subject, origin, ..
-                }) => drop(carried.shown.insert((subject, origin))),
+                }) => drop(allowed.shown.insert((subject, origin))),
                 _ => {}
             }
         }
     }
-    carried
+    allowed
 }
 
 /// Returns what the hub should offer, show and want according to `explain`.
-fn explained(config: &Config, seen: &Seen) -> Carried {
+fn explained(config: &Config, seen: &Seen) -> Allowed {
     let allows = |(kind, name): &Key, direction, peer: &GatewayId| {
         config.explain(*kind, name, direction, peer).0 == Action::Allow
     };
-    let mut carried = Carried::default();
+    let mut allowed = Allowed::default();
     for to in (0..PEERS.len()).map(id) {
         for key in seen
             .local
             .iter()
             .filter(|it| allows(it, Direction::Out, &to))
         {
-            carried.offered.insert((to, subject(key), ME.gateway));
+            allowed.offered.insert((to, subject(key), ME.gateway));
         }
     }
     for (from, offers) in &seen.offers {
         for key in offers.iter().filter(|it| allows(it, Direction::In, from)) {
-            carried.shown.insert((subject(key), *from));
-            carried.wanted.insert((subject(key), *from));
+            allowed.shown.insert((subject(key), *from));
+            allowed.wanted.insert((subject(key), *from));
             for to in (0..PEERS.len()).map(id) {
                 if to != *from && allows(key, Direction::Out, &to) {
-                    carried.offered.insert((to, subject(key), *from));
+                    allowed.offered.insert((to, subject(key), *from));
                 }
             }
         }
     }
-    carried
+    allowed
 }
 
 /// Returns true if the subject passes now in this direction, according to the plain list.
@@ -241,7 +241,7 @@ proptest! {
     #[test]
     fn what_is_carried_is_what_explain_says(lines in good_lines(), seen in seen()) {
         let config = good_config(&lines);
-        prop_assert_eq!(carried(&config, &seen), explained(&config, &seen));
+        prop_assert_eq!(observed(&config, &seen), explained(&config, &seen));
     }
 
     #[test]

@@ -10,7 +10,9 @@ use sm2_gateway::{
 use sm2_io::quic::{Arrival, Congestion, Endpoint, SecretKey, Trusted};
 use sm2_proto::{
     Instant, Machine, Name, TypeId,
-    gateway::{Carried, Frame, Header, Hop, OfferId, StreamEnd, Subject, session::ControlCommand},
+    gateway::{
+        Frame, Header, HeaderKind, Hop, OfferId, StreamEnd, Subject, session::ControlCommand,
+    },
 };
 
 /// A stream on which nothing arrives for this time is stopped.
@@ -208,7 +210,7 @@ impl World {
 fn a_stream_on_which_nothing_arrives_is_stopped() {
     let mut world = World::new();
     let header = Header {
-        carried: Carried::Message {
+        kind: HeaderKind::Message {
             sequence: 1,
             age_ns: 0,
         },

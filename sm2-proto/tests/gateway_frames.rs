@@ -8,8 +8,8 @@ use frames::any_frame;
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
     gateway::{
-        AskId, Carried, Frame, FrameReader, GatewayId, HEADER_LEN, Header, Hop, OfferId, Outcome,
-        PeerViolationKind, Subject, SubjectKind, Verdict,
+        AskId, Frame, FrameReader, GatewayId, HEADER_LEN, Header, HeaderKind, Hop, OfferId,
+        Outcome, PeerViolationKind, Subject, SubjectKind, Verdict,
     },
     limits::{GATEWAY_FRAME_MAX, HOPS_MAX, MESSAGE_MAX},
     violation,
@@ -244,7 +244,7 @@ proptest! {
 
 fn message(len: u64) -> Header {
     Header {
-        carried: Carried::Message {
+        kind: HeaderKind::Message {
             sequence: 0x0102_0304_0506_0708,
             age_ns: 9,
         },
@@ -264,7 +264,7 @@ fn the_bytes_of_a_header() {
     expected[33] = 2;
     assert_eq!(message(512).to_bytes(), expected);
     let request = Header {
-        carried: Carried::Request { left_ns: 7 },
+        kind: HeaderKind::Request { left_ns: 7 },
         offer: OfferId(1),
         len: 0,
     };
@@ -280,7 +280,7 @@ fn headers_that_are_refused() {
     for (number, status) in (0..).zip(Outcome::ALL) {
         for len in [0, 1, MESSAGE_MAX, MESSAGE_MAX + 1] {
             let header = Header {
-                carried: Carried::Reply { status },
+                kind: HeaderKind::Reply { status },
                 offer: OfferId(1),
                 len,
             };

@@ -115,16 +115,16 @@ fn unoffer(peer: usize, offer: OfferId) -> Output {
     Output::Unoffer { peer, offer }
 }
 
-fn show(origin: usize, peer: usize) -> Output {
-    Output::Show {
+fn declare_proxy(origin: usize, peer: usize) -> Output {
+    Output::DeclareProxy {
         subject: topic("a"),
         origin: id(origin),
         peer: id(peer),
     }
 }
 
-fn hide(origin: usize) -> Output {
-    Output::Hide {
+fn withdraw_proxy(origin: usize) -> Output {
+    Output::WithdrawProxy {
         subject: topic("a"),
         origin: id(origin),
     }
@@ -197,7 +197,7 @@ fn one_offer_of_each_origin_is_used() {
     let expected = [
         passed_on(1, OfferId(1), &[5, 6, 2, 0]),
         passed_on(3, OfferId(1), &[5, 6, 2, 0]),
-        show(5, 2),
+        declare_proxy(5, 2),
     ];
     assert_eq!(shown, expected);
     assert_eq!(bench.taken(5, Some(4)), [want(2, OfferId(1), 4)]);
@@ -211,9 +211,9 @@ fn one_offer_of_each_origin_is_used() {
         unoffer(3, OfferId(1)),
         passed_on(2, OfferId(1), &[5, 6, 1, 0]),
         passed_on(3, OfferId(2), &[5, 6, 1, 0]),
-        hide(5),
+        withdraw_proxy(5),
         unwant(2, OfferId(1)),
-        show(5, 1),
+        declare_proxy(5, 1),
     ];
     assert_eq!(bench.offered(OfferId(2), &[5, 6, 1]), expected);
     assert_eq!(bench.taken(5, Some(1)), [want(1, OfferId(2), 1)]);
@@ -225,13 +225,13 @@ fn one_offer_of_each_origin_is_used() {
         subject: topic("a"),
         path: vec![newer, hop(6), hop(7), hop(3)],
     });
-    assert!(outputs.contains(&show(5, 3)), "{outputs:?}");
+    assert!(outputs.contains(&declare_proxy(5, 3)), "{outputs:?}");
     // When that offer ends, the route before it is used again.
     let outputs = bench.input(Input::Gone {
         peer: id(3),
         offer: OfferId(2),
     });
-    assert!(outputs.contains(&show(5, 1)), "{outputs:?}");
+    assert!(outputs.contains(&declare_proxy(5, 1)), "{outputs:?}");
     // The number of an existing offer cannot be used for another.
     assert_eq!(bench.offered(OfferId(2), &[5, 1]), []);
     assert_eq!(
@@ -245,7 +245,7 @@ fn one_offer_of_each_origin_is_used() {
     );
     // Another origin has its own route.
     let outputs = bench.offered(OfferId(9), &[8, 2]);
-    assert!(outputs.contains(&show(8, 2)) && !outputs.contains(&hide(5)));
+    assert!(outputs.contains(&declare_proxy(8, 2)) && !outputs.contains(&withdraw_proxy(5)));
 }
 
 //= SM2-GWR-003 test
@@ -265,7 +265,7 @@ fn rules_both_ways() {
         [offer(1, OfferId(1), &subject, &[0])]
     );
     assert_eq!(bench.offered(OfferId(1), &[1]), [], "not from there");
-    let expected = [offer(1, OfferId(2), &subject, &[2, 0]), show(2, 2)];
+    let expected = [offer(1, OfferId(2), &subject, &[2, 0]), declare_proxy(2, 2)];
     assert_eq!(bench.offered(OfferId(1), &[2]), expected);
     bench.wanted(1, OfferId(1), Some(1));
     assert_eq!(
@@ -280,9 +280,9 @@ fn rules_both_ways() {
     let expected = [
         unoffer(1, OfferId(1)),
         unoffer(1, OfferId(2)),
-        hide(2),
+        withdraw_proxy(2),
         unwant(2, OfferId(1)),
-        show(1, 1),
+        declare_proxy(1, 1),
         unsubscribe,
     ];
     assert_eq!(outputs, expected);
@@ -294,7 +294,7 @@ fn a_way_has_its_length() {
     let mut bench = Bench::new(open(), &[1, 2]);
     let way: Vec<usize> = (3..3 + HOPS_MAX - 1).chain([1]).collect();
     assert_eq!(way.len(), HOPS_MAX);
-    let shown = [show(3, 1)];
+    let shown = [declare_proxy(3, 1)];
     assert_eq!(
         bench.offered(OfferId(1), &way),
         shown,
@@ -312,7 +312,7 @@ fn a_peer_that_is_gone_leaves_nothing() {
     bench.taken(3, Some(1));
     bench.wanted(2, OfferId(1), Some(1));
     let outputs = bench.input(Input::Down { peer: id(1) });
-    assert_eq!(outputs, [unoffer(2, OfferId(1)), hide(3)]);
+    assert_eq!(outputs, [unoffer(2, OfferId(1)), withdraw_proxy(3)]);
     assert_eq!(
         bench.offered(OfferId(1), &[3, 1]),
         [],

@@ -16,11 +16,11 @@ mod support;
 use sm2_proto::{
     Error, Instant, Machine,
     gateway::{
-        AskId, Carried, Frame, GatewayId, Header, Hop, OfferId, PeerFarewell, PeerViolation,
+        AskId, Frame, GatewayId, Header, HeaderKind, Hop, OfferId, PeerFarewell, PeerViolation,
         PeerViolationKind, StreamToken, Subject, SubjectKind, Verdict,
         session::{
-            Candidate, Carrier, Command, ControlCommand, End, Event, Initiator, Input, Misuse,
-            Output, PeerEvent, Session, older_stays,
+            Candidate, Command, ControlCommand, End, Event, Initiator, Input, Misuse, Output,
+            PeerEvent, Session, Transport, older_stays,
         },
     },
     limits::QUESTIONS_MAX,
@@ -161,25 +161,25 @@ impl Bench {
         assert_eq!(self.frame(&frame), [expected]);
     }
 
-    fn stream(&mut self, carried: Carried, offer: OfferId) -> Vec<Output> {
+    fn stream(&mut self, kind: HeaderKind, offer: OfferId) -> Vec<Output> {
         let header = Header {
-            carried,
+            kind,
             offer,
             len: 0,
         };
         self.input(Input::Event(PeerEvent::Header {
-            carrier: Carrier::Stream(SEVEN),
+            transport: Transport::Stream(SEVEN),
             header,
         }))
     }
 }
 
-const MESSAGE: Carried = Carried::Message {
+const MESSAGE: HeaderKind = HeaderKind::Message {
     sequence: 1,
     age_ns: 0,
 };
 const SEVEN: StreamToken = StreamToken(7);
-const REQUEST: Carried = Carried::Request { left_ns: 0 };
+const REQUEST: HeaderKind = HeaderKind::Request { left_ns: 0 };
 
 fn ended(violation: PeerViolation) -> Vec<Output> {
     vec![Output::Ended(End::Violation(violation))]

@@ -19,7 +19,7 @@ use sm2_proto::{
     gateway::{
         Beacon, Frame, FrameReader, GatewayId, Header, Hop, OfferId, PeerFarewell,
         PeerViolationKind, StreamToken, Subject,
-        session::{Carrier, Command, ControlCommand, End, Input, Output, PeerEvent, Session},
+        session::{Command, ControlCommand, End, Input, Output, PeerEvent, Session, Transport},
     },
 };
 
@@ -209,7 +209,7 @@ impl Vector {
             Ok(header) => feed(
                 &mut session,
                 Input::Event(PeerEvent::Header {
-                    carrier: Carrier::Stream(StreamToken(STREAM)),
+                    transport: Transport::Stream(StreamToken(STREAM)),
                     header,
                 }),
             ),
@@ -220,10 +220,10 @@ impl Vector {
                 let stream = STREAM;
                 let expected = match self.stream.as_deref() {
                     Some("taken") => Output::Take {
-                        carrier: Carrier::Stream(StreamToken(stream)),
+                        transport: Transport::Stream(StreamToken(stream)),
                     },
                     Some("discarded") => Output::Discard {
-                        carrier: Carrier::Stream(StreamToken(stream)),
+                        transport: Transport::Stream(StreamToken(stream)),
                     },
                     Some("unreachable") => Output::Unreachable {
                         stream: StreamToken(stream),

@@ -160,7 +160,7 @@ mod tests {
             offer: OfferId(offer),
             message: Message {
                 sequence: 1,
-                published: Instant(0),
+                published_at: Instant(0),
                 payload: Bytes::new(),
             },
         };

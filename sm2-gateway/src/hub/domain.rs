@@ -36,7 +36,7 @@ pub enum LocalEvent {
         /// The topic.
         subject: Subject,
         /// The time of publication.
-        published: Instant,
+        published_at: Instant,
         /// The bytes of the message.
         payload: Bytes,
     },
@@ -89,7 +89,7 @@ pub enum LocalCommand {
         subject: Subject,
     },
     /// Declares a publisher or server that stands for remote ones.
-    Show {
+    DeclareProxy {
         /// The topic or service.
         subject: Subject,
         /// The gateway of the domain where the remote ones are.
@@ -98,7 +98,7 @@ pub enum LocalCommand {
         peer: Name,
     },
     /// Withdraws a publisher or server that stands for remote ones.
-    Hide {
+    WithdrawProxy {
         /// The topic or service.
         subject: Subject,
         /// The gateway of the domain where the remote ones are.

@@ -15,10 +15,15 @@ use crate::{
 
 impl Hub {
     /// A publisher of the domain has published a message.
-    pub(super) fn local_message(&mut self, subject: &Subject, published: Instant, payload: Bytes) {
+    pub(super) fn local_message(
+        &mut self,
+        subject: &Subject,
+        published_at: Instant,
+        payload: Bytes,
+    ) {
         let message = Message {
             sequence: self.sequences.next(subject),
-            published,
+            published_at,
             payload,
         };
         self.pass_on(subject, Source::Local, message);

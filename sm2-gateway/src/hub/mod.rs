@@ -348,9 +348,9 @@ impl Hub {
             ),
             LocalEvent::Message {
                 subject,
-                published,
+                published_at,
                 payload,
-            } => self.local_message(&subject, published, payload),
+            } => self.local_message(&subject, published_at, payload),
             LocalEvent::Refused { subject } => self.local_refused(&subject),
             LocalEvent::Request {
                 request,
@@ -414,15 +414,15 @@ impl Hub {
                 self.control(peer, ControlCommand::Want { offer, depth });
             }
             router::Output::Unwant { peer, offer } => self.unwant(peer, offer),
-            router::Output::Show {
+            router::Output::DeclareProxy {
                 subject,
                 origin,
                 peer,
-            } => self.show(now, subject, origin, peer),
-            router::Output::Hide { subject, origin } => {
+            } => self.declare_proxy(now, subject, origin, peer),
+            router::Output::WithdrawProxy { subject, origin } => {
                 self.routes.remove(&(subject.clone(), origin));
                 self.unused(&subject, origin);
-                let command = LocalCommand::Hide { subject, origin };
+                let command = LocalCommand::WithdrawProxy { subject, origin };
                 self.outputs.push_back(Output::Local(command));
             }
             // The domain's side takes each message, whatever depth the peers want.
@@ -450,11 +450,17 @@ impl Hub {
         self.control(peer, ControlCommand::Unwant { offer });
     }
 
-    fn show(&mut self, now: Instant, subject: Subject, origin: GatewayId, peer: GatewayId) {
+    fn declare_proxy(
+        &mut self,
+        now: Instant,
+        subject: Subject,
+        origin: GatewayId,
+        peer: GatewayId,
+    ) {
         let Some(it) = self.peers.get(&peer) else {
             return;
         };
-        let command = LocalCommand::Show {
+        let command = LocalCommand::DeclareProxy {
             subject: subject.clone(),
             origin,
             peer: it.name.clone(),

@@ -117,12 +117,14 @@ impl Local {
                 self.topics.remove(&subject);
                 self.clients.remove(&subject);
             }
-            LocalCommand::Show {
+            LocalCommand::DeclareProxy {
                 subject,
                 origin,
                 peer,
-            } => self.show(subject, origin, peer),
-            LocalCommand::Hide { subject, origin } => self.hide(&(subject, origin)),
+            } => self.declare_proxy(subject, origin, peer),
+            LocalCommand::WithdrawProxy { subject, origin } => {
+                self.withdraw_proxy(&(subject, origin))
+            }
             LocalCommand::Publish {
                 subject,
                 origin,
@@ -199,7 +201,7 @@ impl Local {
         Ok(client.into_async()?)
     }
 
-    fn show(&mut self, subject: Subject, origin: GatewayId, peer: Name) {
+    fn declare_proxy(&mut self, subject: Subject, origin: GatewayId, peer: Name) {
         let done = self.remote(&peer).and_then(|node| match &subject {
             Subject::Topic {
                 name,
@@ -251,7 +253,7 @@ impl Local {
         Ok(node)
     }
 
-    fn hide(&mut self, key: &(Subject, GatewayId)) {
+    fn withdraw_proxy(&mut self, key: &(Subject, GatewayId)) {
         self.remote_topics.remove(key);
         self.interfaces.remove(key);
     }

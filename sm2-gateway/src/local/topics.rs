@@ -116,7 +116,7 @@ async fn take(
             }
             continue;
         }
-        let published = sample.source_time();
+        let published_at = sample.source_time();
         let is_short = sample.len() <= COPY_MAX_BYTES;
         // One reference is this task's own.
         let has_few_left = Arc::strong_count(&borrowed) > COPY_FROM_BORROWED;
@@ -130,7 +130,7 @@ async fn take(
         };
         let event = LocalEvent::Message {
             subject: subject.clone(),
-            published,
+            published_at,
             payload,
         };
         if hub.send(HubEvent::Local(event)).await.is_err() {

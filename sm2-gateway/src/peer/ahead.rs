@@ -8,7 +8,7 @@
 //! estimate restarts at zero.
 
 use quinn_proto::{Connection, Transmit};
-use sm2_io::quic::idle_acks;
+use sm2_io::quic::app_limited_acks;
 
 /// The least amount that QUIC is given, in datagrams.
 const LEAST_DATAGRAMS: u64 = 16;
@@ -30,7 +30,7 @@ pub(super) struct Ahead {
     /// The bytes that were lost so far.
     lost_bytes: u64,
     /// How often QUIC has reported that it had nothing to send.
-    idle_acks: u64,
+    app_limited_acks: u64,
 }
 
 impl Ahead {
@@ -39,9 +39,9 @@ impl Ahead {
         let lost_bytes = connection.stats().path.lost_bytes;
         self.unsent_bytes += lost_bytes.saturating_sub(self.lost_bytes);
         self.lost_bytes = lost_bytes;
-        let idle_acks = idle_acks(connection);
-        if idle_acks != self.idle_acks {
-            self.idle_acks = idle_acks;
+        let app_limited_acks = app_limited_acks(connection);
+        if app_limited_acks != self.app_limited_acks {
+            self.app_limited_acks = app_limited_acks;
             self.unsent_bytes = 0;
         }
         let window = connection.congestion_state().window();

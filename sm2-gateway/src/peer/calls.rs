@@ -4,7 +4,7 @@ use bytes::Bytes;
 use quinn_proto::{Dir, StreamId};
 use sm2_proto::{
     Instant,
-    gateway::{Carried, Header, OfferId, Outcome, StreamEnd, session},
+    gateway::{Header, HeaderKind, OfferId, Outcome, StreamEnd, session},
 };
 
 use super::{
@@ -46,7 +46,7 @@ impl Peer {
             left_ns.max(1)
         });
         let header = Header {
-            carried: Carried::Request { left_ns },
+            kind: HeaderKind::Request { left_ns },
             offer,
             len: payload.len() as u64,
         };
@@ -87,7 +87,7 @@ impl Peer {
             false => (outcome, Bytes::new()),
         };
         let header = Header {
-            carried: Carried::Reply { status: outcome },
+            kind: HeaderKind::Reply { status: outcome },
             offer,
             len: payload.len() as u64,
         };

@@ -2,7 +2,7 @@
 
 use sm2_proto::gateway::session::{self, ControlCommand};
 
-use super::{Command, Event, Peer, waiting_offers::Offer};
+use super::{Command, Event, Peer, waiting_offers::WaitingOffer};
 use crate::clock::Now;
 
 impl Peer {
@@ -14,7 +14,7 @@ impl Peer {
                 path,
                 qos,
             } => {
-                let it = Offer { subject, path, qos };
+                let it = WaitingOffer { subject, path, qos };
                 self.offer(now, offer, it);
             }
             Command::Control(command) => self.control_command(now, command),

@@ -6,7 +6,7 @@ use bytes::Bytes;
 use quinn_proto::StreamId;
 use sm2_proto::{
     Instant,
-    gateway::{Carried, HEADER_LEN, Header, PeerViolation, PeerViolationKind},
+    gateway::{HEADER_LEN, Header, HeaderKind, PeerViolation, PeerViolationKind},
     violation,
 };
 
@@ -111,9 +111,9 @@ impl Incoming {
     /// The offer that a stream belongs to, once its header is complete.
     pub(super) fn offer(&self, id: StreamId) -> Option<Whose> {
         let header = self.streams.get(&id)?.header?;
-        Some(match header.carried {
-            Carried::Message { .. } | Carried::Reply { .. } => Whose::Theirs(header.offer),
-            Carried::Request { .. } => Whose::Ours(header.offer),
+        Some(match header.kind {
+            HeaderKind::Message { .. } | HeaderKind::Reply { .. } => Whose::Theirs(header.offer),
+            HeaderKind::Request { .. } => Whose::Ours(header.offer),
         })
     }
 
@@ -157,7 +157,7 @@ mod tests {
 
     fn stream(len: u64, payload: usize) -> Vec<u8> {
         let header = Header {
-            carried: Carried::Message {
+            kind: HeaderKind::Message {
                 sequence: 1,
                 age_ns: 0,
             },

@@ -38,7 +38,7 @@ use sm2_proto::{
     Code, Instant, Machine, MisuseError, Name,
     gateway::{
         GatewayId, Header, Outcome, PeerFarewell, PeerViolation, StreamEnd, SubjectKind,
-        session::{self, Carrier, End, Initiator, PeerEvent, Session},
+        session::{self, End, Initiator, PeerEvent, Session, Transport},
     },
 };
 
@@ -394,7 +394,7 @@ impl Peer {
                 session::Output::Transmit(bytes) => open.control_out.push_back(bytes.into()),
                 session::Output::Event(event) => self.session_said(now, event),
                 session::Output::Take {
-                    carrier: Carrier::Datagram,
+                    transport: Transport::Datagram,
                 } => {
                     if let Some((header, payload)) = datagram.take() {
                         self.datagram(now, &header, payload);
@@ -402,13 +402,13 @@ impl Peer {
                 }
                 // The bytes of a stream are collected until the stream is stopped.
                 session::Output::Take {
-                    carrier: Carrier::Stream(_),
+                    transport: Transport::Stream(_),
                 } => {}
                 session::Output::Discard {
-                    carrier: Carrier::Datagram,
+                    transport: Transport::Datagram,
                 } => datagram = None,
                 session::Output::Discard {
-                    carrier: Carrier::Stream(stream),
+                    transport: Transport::Stream(stream),
                 } => self.stop(stream_id(stream), StreamEnd::Withdrawn.code()),
                 session::Output::Unreachable { stream } => {
                     let id = stream_id(stream);

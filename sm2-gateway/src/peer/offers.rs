@@ -6,11 +6,11 @@ use sm2_proto::gateway::{
     session::{self, Error, Misuse},
 };
 
-use super::{Peer, waiting_offers::Offer};
+use super::{Peer, waiting_offers::WaitingOffer};
 use crate::{clock::Now, tally::Whose};
 
 impl Peer {
-    pub(super) fn offer(&mut self, now: Now, number: OfferId, offer: Offer) {
+    pub(super) fn offer(&mut self, now: Now, number: OfferId, offer: WaitingOffer) {
         self.waiting_offers.0.insert(number, offer);
         self.make_offers(now);
     }
@@ -28,7 +28,8 @@ impl Peer {
             if taken == Some(Err(Error::Misuse(Misuse::TooManyOffers))) {
                 return;
             }
-            let Some(Offer { subject, qos, .. }) = self.waiting_offers.0.remove(&offer) else {
+            let Some(WaitingOffer { subject, qos, .. }) = self.waiting_offers.0.remove(&offer)
+            else {
                 return;
             };
             if taken == Some(Ok(())) {

@@ -7,8 +7,8 @@ use quinn_proto::{Dir, ReadError, ReadableError, StreamId, VarInt};
 use sm2_proto::{
     Code,
     gateway::{
-        Carried, Header, OfferId, PeerFarewell, PeerViolationKind, StreamEnd,
-        session::{self, Carrier, Initiator, Input, PeerEvent},
+        Header, HeaderKind, OfferId, PeerFarewell, PeerViolationKind, StreamEnd,
+        session::{self, Initiator, Input, PeerEvent, Transport},
     },
     violation,
 };
@@ -85,20 +85,20 @@ impl Peer {
     pub(super) fn header(&mut self, now: Now, id: StreamId, header: Header) {
         let is_bidirectional = id.dir() == Dir::Bi;
         let is_ours = id.initiator() == self.connection.side();
-        let fits = match header.carried {
-            Carried::Message { .. } => !is_bidirectional,
-            Carried::Request { .. } => is_bidirectional && !is_ours,
-            Carried::Reply { .. } => is_bidirectional && is_ours,
+        let fits = match header.kind {
+            HeaderKind::Message { .. } => !is_bidirectional,
+            HeaderKind::Request { .. } => is_bidirectional && !is_ours,
+            HeaderKind::Reply { .. } => is_bidirectional && is_ours,
         };
         if !fits {
             let violation = violation!(PeerViolationKind::Malformed, "SM2-GWM-002");
             return self.violated(now, violation);
         }
-        if let Carried::Request { .. } = header.carried {
+        if let HeaderKind::Request { .. } = header.kind {
             self.calls.add_theirs(id, header.offer);
         }
-        let carrier = Carrier::Stream(token(id));
-        self.session_event(now, PeerEvent::Header { carrier, header });
+        let transport = Transport::Stream(token(id));
+        self.session_event(now, PeerEvent::Header { transport, header });
     }
 
     /// A stream has ended regularly.
@@ -109,19 +109,25 @@ impl Peer {
             return;
         }
         match self.incoming.finish(id) {
-            Ok((header, payload)) => self.carried(now, id, &header, payload),
+            Ok((header, payload)) => self.payload_complete(now, id, &header, payload),
             Err(violation) => self.violated(now, violation),
         }
     }
 
     /// The payload of a stream has arrived completely.
-    pub(super) fn carried(&mut self, now: Now, id: StreamId, header: &Header, payload: Bytes) {
+    pub(super) fn payload_complete(
+        &mut self,
+        now: Now,
+        id: StreamId,
+        header: &Header,
+        payload: Bytes,
+    ) {
         let offer = header.offer;
-        let event = match header.carried {
-            Carried::Message { sequence, age_ns } => {
+        let event = match header.kind {
+            HeaderKind::Message { sequence, age_ns } => {
                 return self.message(now, offer, sequence, age_ns, payload);
             }
-            Carried::Request { left_ns } => {
+            HeaderKind::Request { left_ns } => {
                 self.tally.count(Whose::Ours(offer), received);
                 Event::Request {
                     call: PeerCall(token(id)),
@@ -130,7 +136,7 @@ impl Peer {
                     payload,
                 }
             }
-            Carried::Reply { status } => {
+            HeaderKind::Reply { status } => {
                 let Some(call) = self.calls.remove_ours(id) else {
                     return;
                 };
@@ -147,7 +153,7 @@ impl Peer {
 
     /// The session takes the message of a datagram.
     pub(super) fn datagram(&mut self, now: Now, header: &Header, payload: Bytes) {
-        if let Carried::Message { sequence, age_ns } = header.carried {
+        if let HeaderKind::Message { sequence, age_ns } = header.kind {
             self.message(now, header.offer, sequence, age_ns, payload);
         }
     }
@@ -194,8 +200,8 @@ impl Peer {
             let payload = bytes.slice(head.len()..);
             match Header::from_bytes(head) {
                 Ok(header) if header.len == payload.len() as u64 => {
-                    let carrier = Carrier::Datagram;
-                    let event = PeerEvent::Header { carrier, header };
+                    let transport = Transport::Datagram;
+                    let event = PeerEvent::Header { transport, header };
                     self.feed_session(now, Input::Event(event), Some((header, payload)));
                 }
                 Ok(_) => {

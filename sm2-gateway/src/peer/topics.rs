@@ -30,7 +30,7 @@ const RESENT_ROUND_TRIPS: u32 = 2;
 #[derive(Debug)]
 pub(super) struct Topics {
     schedule: Schedule<Message>,
-    offers: BTreeMap<OfferId, Offer>,
+    offers: BTreeMap<OfferId, OfferedTopic>,
     in_flight: BTreeMap<OfferId, InFlight>,
     /// An open stream for the next message that starts.
     stream: Option<StreamId>,
@@ -40,7 +40,7 @@ pub(super) struct Topics {
 
 /// An offered topic.
 #[derive(Debug)]
-struct Offer {
+struct OfferedTopic {
     qos: SendQos,
     is_reliable: bool,
     /// The time of the last publication.
@@ -73,7 +73,7 @@ impl Topics {
 
     /// Adds a topic that the peer may want. The messages of a reliable one never go as datagrams.
     pub(super) fn add(&mut self, offer: OfferId, qos: SendQos, is_reliable: bool) {
-        let added = Offer {
+        let added = OfferedTopic {
             qos,
             is_reliable,
             last_published: None,
@@ -129,15 +129,15 @@ impl Topics {
 
     /// Queues a message, if the peer wants its topic.
     pub(super) fn publish(&mut self, outlet: &mut Outlet<'_>, offer: OfferId, message: Message) {
-        let published = message.published;
+        let published_at = message.published_at;
         if let Some(it) = self.offers.get_mut(&offer) {
             let resent = outlet.connection.rtt() * RESENT_ROUND_TRIPS;
-            let last = it.last_published.replace(published);
-            it.is_frequent = last.is_some_and(|last| published.since(last) < resent);
+            let last = it.last_published.replace(published_at);
+            it.is_frequent = last.is_some_and(|last| published_at.since(last) < resent);
         }
         let message = QueuedMessage {
             len_bytes: (HEADER_LEN + message.payload.len()) as u64,
-            published,
+            published: published_at,
             message,
         };
         // Counted before the scheduler's outputs, so that no message counts as dropped before it

@@ -6,11 +6,11 @@ use sm2_proto::gateway::{Hop, OfferId, Subject, schedule::SendQos};
 
 /// Offers for which the session has no room yet, by their numbers.
 #[derive(Debug, Default)]
-pub(super) struct WaitingOffers(pub(super) BTreeMap<OfferId, Offer>);
+pub(super) struct WaitingOffers(pub(super) BTreeMap<OfferId, WaitingOffer>);
 
-/// An offer of this side.
+/// An offer of this side that waits for room.
 #[derive(Debug)]
-pub(super) struct Offer {
+pub(super) struct WaitingOffer {
     pub(super) subject: Subject,
     pub(super) path: Vec<Hop>,
     pub(super) qos: SendQos,

@@ -36,7 +36,8 @@ pub(super) struct Task {
     handle: ConnectionHandle,
     /// The connection's number, which is not used again.
     number: ConnectionId,
-    dialled: Option<GatewayId>,
+    /// The peer that this side dialled; `None` if the other side dialled.
+    dialled_peer: Option<GatewayId>,
     peer: Peer,
     /// The pending questions to the peer.
     pending_asks: BTreeMap<AskId, oneshot::Sender<Verdict>>,
@@ -49,7 +50,7 @@ impl Task {
         shared: Arc<GatewayState>,
         handle: ConnectionHandle,
         number: ConnectionId,
-        dialled: Option<GatewayId>,
+        dialled_peer: Option<GatewayId>,
         connection: Connection,
     ) -> Self {
         let epochs = lock(&shared.epochs).clone();
@@ -65,7 +66,7 @@ impl Task {
             shared,
             handle,
             number,
-            dialled,
+            dialled_peer,
             peer,
             pending_asks: BTreeMap::new(),
             last_ask: AskId(0),
@@ -145,7 +146,7 @@ impl Task {
         self.pending_asks.clear();
         tracing::info!(address = %self.peer.address(), "{reason}");
         self.ended_at = Some(sm2_io::clock::now());
-        if let Some(peer) = self.dialled {
+        if let Some(peer) = self.dialled_peer {
             let is_stale = reason.is_stale();
             let failed = NetworkEvent::Failed { peer, is_stale };
             self.shared.network.send(failed);

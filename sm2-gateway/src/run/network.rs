@@ -226,7 +226,7 @@ impl Network {
     async fn open(
         &mut self,
         handle: ConnectionHandle,
-        dialled: Option<GatewayId>,
+        dialled_peer: Option<GatewayId>,
         connection: Connection,
     ) {
         self.last.0 += 1;
@@ -234,7 +234,7 @@ impl Network {
         self.connections.insert(handle, task.clone());
         let event = HubEvent::Opened {
             connection: self.last,
-            initiator: match dialled {
+            initiator: match dialled_peer {
                 Some(_) => Initiator::ThisGateway,
                 None => Initiator::Peer,
             },
@@ -242,7 +242,7 @@ impl Network {
         };
         let _ = self.shared.hub.send(event).await;
         let shared = Arc::clone(&self.shared);
-        let task = Task::new(shared, handle, self.last, dialled, connection);
+        let task = Task::new(shared, handle, self.last, dialled_peer, connection);
         tokio::spawn(task.run(inbox));
     }
 }

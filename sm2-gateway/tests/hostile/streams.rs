@@ -5,7 +5,7 @@ use std::time::Duration;
 use quinn_proto::{Dir, TransportConfig, VarInt};
 use sm2_io::quic::CALLS_MAX;
 use sm2_proto::gateway::{
-    Carried, Frame, Header, OfferId, Outcome, PeerFarewell, PeerViolationKind, Subject,
+    Frame, Header, HeaderKind, OfferId, Outcome, PeerFarewell, PeerViolationKind, Subject,
 };
 
 use crate::{
@@ -19,7 +19,7 @@ fn illegal_streams() -> [(&'static str, Dir, Vec<u8>, PeerViolationKind); 10] {
     use PeerViolationKind as V;
     let request = |offer| {
         let header = Header {
-            carried: Carried::Request { left_ns: 0 },
+            kind: HeaderKind::Request { left_ns: 0 },
             offer: OfferId(offer),
             len: 0,
         };
@@ -125,9 +125,9 @@ fn payloads_that_are_too_long_are_refused() {
     client.wait();
     let heard = (1..40).any(|sequence| {
         let age_ns = 0;
-        let carried = Carried::Message { sequence, age_ns };
+        let kind = HeaderKind::Message { sequence, age_ns };
         let header = Header {
-            carried,
+            kind,
             ..message(1, text.len() as u64)
         };
         client.send(Dir::Uni, &header, text);
@@ -224,7 +224,7 @@ fn calls_that_are_dropped_leave_room_for_others() {
     client.wait();
     let left_ns = 0;
     let request = |len| Header {
-        carried: Carried::Request { left_ns },
+        kind: HeaderKind::Request { left_ns },
         offer,
         len,
     };
@@ -245,7 +245,7 @@ fn calls_that_are_dropped_leave_room_for_others() {
     assert_eq!(*end, Some(Ok(())));
     let head = Header::from_bytes(bytes.first_chunk().unwrap()).unwrap();
     let status = Outcome::Ok;
-    assert_eq!(head.carried, Carried::Reply { status });
+    assert_eq!(head.kind, HeaderKind::Reply { status });
     assert_eq!(&bytes[40..], b"last");
     server.join().unwrap();
     bench.is_undisturbed();

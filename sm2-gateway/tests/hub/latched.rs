@@ -7,7 +7,7 @@ use sm2_gateway::{
 };
 use sm2_proto::gateway::{OfferId, Subject, session};
 
-use super::{NOW, bytes, greet, hub, local, message, name, offered, outputs, published, tell};
+use super::{NOW, bytes, greet, hub, local, message, name, offered, outputs, publications, tell};
 
 fn latched(latched: u16) -> Subject {
     Subject::Topic {
@@ -33,7 +33,7 @@ fn sent(outputs: &[Output], to: u64) -> Vec<u64> {
 fn publish(hub: &mut Hub, subject: &Subject, len_bytes: usize) -> Vec<Output> {
     let event = LocalEvent::Message {
         subject: subject.clone(),
-        published: NOW,
+        published_at: NOW,
         payload: Bytes::from(vec![0; len_bytes]),
     };
     local(hub, event)
@@ -116,7 +116,7 @@ fn what_is_latched_comes_again_when_it_is_wanted_again() {
     assert_eq!(sent(&tell(&mut hub, 2, message(1, 9)), 3), [9]);
     assert_eq!(sent(&want(&mut hub, 4), 4), [9]);
     // While the topic stays wanted, a message with the same number is not published again.
-    assert_eq!(published(&tell(&mut hub, 2, message(1, 9))), 0);
+    assert_eq!(publications(&tell(&mut hub, 2, message(1, 9))), 0);
     for connection in [3, 4] {
         tell(
             &mut hub,
@@ -126,6 +126,6 @@ fn what_is_latched_comes_again_when_it_is_wanted_again() {
     }
     assert!(sent(&want(&mut hub, 3), 3).is_empty());
     let again = tell(&mut hub, 2, message(1, 9));
-    assert_eq!((sent(&again, 3), published(&again)), (vec![9], 1));
+    assert_eq!((sent(&again, 3), publications(&again)), (vec![9], 1));
     assert!(outputs(&mut hub).is_empty());
 }

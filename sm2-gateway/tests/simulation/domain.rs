@@ -91,7 +91,7 @@ impl Domain {
             LocalCommand::Unsubscribe { subject } => {
                 assert!(self.subscribed.remove(&subject), "it was not subscribed");
             }
-            LocalCommand::Show {
+            LocalCommand::DeclareProxy {
                 subject, origin, ..
             } => {
                 let taken = self.nodes.takes.get(&subject).copied();
@@ -101,7 +101,7 @@ impl Domain {
                     return vec![taken_event(&subject, origin, taken)];
                 }
             }
-            LocalCommand::Hide { subject, origin } => {
+            LocalCommand::WithdrawProxy { subject, origin } => {
                 let was_shown = self.shown.remove(&(subject.clone(), origin));
                 assert!(was_shown, "{subject:?} was not shown");
                 if subject.kind() == SubjectKind::Topic {

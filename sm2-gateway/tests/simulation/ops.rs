@@ -75,7 +75,7 @@ impl Simulation {
         ledger.trace.add(self.now, index, &text);
         let event = LocalEvent::Message {
             subject: subject.clone(),
-            published: self.now,
+            published_at: self.now,
             payload,
         };
         node.local(self.now, vec![event]);

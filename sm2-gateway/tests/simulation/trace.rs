@@ -42,12 +42,12 @@ fn local_text(command: &LocalCommand) -> String {
         LocalCommand::Publish {
             subject, payload, ..
         } => format!("publish {} {} bytes", subject.name(), payload.len()),
-        LocalCommand::Show {
+        LocalCommand::DeclareProxy {
             subject,
             origin,
             peer,
         } => format!("show {subject:?} {} {peer}", short(&origin.to_string())),
-        LocalCommand::Hide { subject, origin } => {
+        LocalCommand::WithdrawProxy { subject, origin } => {
             format!("hide {subject:?} {}", short(&origin.to_string()))
         }
         LocalCommand::Call { call, subject, .. } => format!("serve {} {}", call.0, subject.name()),

@@ -15,7 +15,7 @@ pub use self::{
     congestion::SteadyConfig,
     endpoint::{Arrival, Endpoint, peer_of},
     key::{KeyError, SecretKey},
-    observed::idle_acks,
+    observed::app_limited_acks,
     socket::{Batch, Socket},
     tls::Trusted,
     transport::{ALPN, CALLS_MAX, Congestion, IDLE, KEEP_ALIVE},

@@ -17,7 +17,7 @@ impl<F: ControllerFactory + Send + Sync + 'static> ControllerFactory for Observe
     fn build(self: Arc<Self>, now: Instant, current_mtu: u16) -> Box<dyn Controller> {
         Box::new(Observed {
             controller: Arc::clone(&self.0).build(now, current_mtu),
-            idle_acks: 0,
+            app_limited_acks: 0,
         })
     }
 }
@@ -25,16 +25,16 @@ impl<F: ControllerFactory + Send + Sync + 'static> ControllerFactory for Observe
 /// An observed controller.
 struct Observed {
     controller: Box<dyn Controller>,
-    idle_acks: u64,
+    app_limited_acks: u64,
 }
 
 /// The number of batches of acknowledgements that arrived while the connection had no unsent data.
 #[must_use]
-pub fn idle_acks(connection: &Connection) -> u64 {
+pub fn app_limited_acks(connection: &Connection) -> u64 {
     let controller = connection.congestion_state().clone_box().into_any();
     controller
         .downcast::<Observed>()
-        .map_or(0, |it| it.idle_acks)
+        .map_or(0, |it| it.app_limited_acks)
 }
 
 impl Controller for Observed {
@@ -60,7 +60,7 @@ impl Controller for Observed {
         app_limited: bool,
         largest_packet_num_acked: Option<u64>,
     ) {
-        self.idle_acks += u64::from(app_limited);
+        self.app_limited_acks += u64::from(app_limited);
         (self.controller).on_end_acks(now, in_flight, app_limited, largest_packet_num_acked);
     }
 
@@ -89,7 +89,7 @@ impl Controller for Observed {
     fn clone_box(&self) -> Box<dyn Controller> {
         Box::new(Self {
             controller: self.controller.clone_box(),
-            idle_acks: self.idle_acks,
+            app_limited_acks: self.app_limited_acks,
         })
     }
 

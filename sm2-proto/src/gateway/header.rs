@@ -10,7 +10,7 @@ pub const HEADER_LEN: usize = 40;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Header {
     /// The type of the header.
-    pub carried: Carried,
+    pub kind: HeaderKind,
     /// The offer of the topic or service.
     pub offer: OfferId,
     /// The length of the payload in bytes.
@@ -19,7 +19,7 @@ pub struct Header {
 
 /// The type of a header, with the fields that only this type has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Carried {
+pub enum HeaderKind {
     /// A message of a topic.
     Message {
         /// The number of the message at its origin; grows with each message of the subject.
@@ -79,13 +79,13 @@ impl Header {
     /// Encodes the header.
     #[must_use]
     pub fn to_bytes(&self) -> [u8; HEADER_LEN] {
-        let (kind, second, third) = match self.carried {
-            Carried::Message { sequence, age_ns } => (1, sequence, age_ns),
-            Carried::Request { left_ns } => (2, 0, left_ns),
-            Carried::Reply { status } => (3, status as u64, 0),
+        let (number, second, third) = match self.kind {
+            HeaderKind::Message { sequence, age_ns } => (1, sequence, age_ns),
+            HeaderKind::Request { left_ns } => (2, 0, left_ns),
+            HeaderKind::Reply { status } => (3, status as u64, 0),
         };
         let mut bytes = [0; HEADER_LEN];
-        let fields = [kind, self.offer.0, second, third, self.len];
+        let fields = [number, self.offer.0, second, third, self.len];
         for (place, field) in bytes.chunks_exact_mut(8).zip(fields) {
             place.copy_from_slice(&field.to_le_bytes());
         }
@@ -102,18 +102,18 @@ impl Header {
             let bytes = core::array::from_fn(|index| bytes[8 * at + index]);
             u64::from_le_bytes(bytes)
         };
-        let [kind, offer, second, third, len] = core::array::from_fn(field);
-        let carried = match (kind, second, third) {
-            (1, sequence, age_ns) => Carried::Message { sequence, age_ns },
-            (2, 0, left_ns) => Carried::Request { left_ns },
-            (3, number, 0) => {
-                let status = Outcome::ALL.into_iter().find(|it| *it as u64 == number);
+        let [number, offer, second, third, len] = core::array::from_fn(field);
+        let kind = match (number, second, third) {
+            (1, sequence, age_ns) => HeaderKind::Message { sequence, age_ns },
+            (2, 0, left_ns) => HeaderKind::Request { left_ns },
+            (3, status, 0) => {
+                let status = Outcome::ALL.into_iter().find(|it| *it as u64 == status);
                 let status =
                     status.ok_or(violation!(PeerViolationKind::Malformed, "SM2-GWM-002"))?;
                 if len > 0 && !status.has_payload() {
                     return Err(violation!(PeerViolationKind::BadLength, "SM2-GWM-002"));
                 }
-                Carried::Reply { status }
+                HeaderKind::Reply { status }
             }
             _ => return Err(violation!(PeerViolationKind::Malformed, "SM2-GWM-002")),
         };
@@ -121,7 +121,7 @@ impl Header {
             return Err(violation!(PeerViolationKind::BadLength, "SM2-GWM-002"));
         }
         Ok(Self {
-            carried,
+            kind,
             offer: OfferId(offer),
             len,
         })

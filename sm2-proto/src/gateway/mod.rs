@@ -31,7 +31,7 @@ pub use self::{
     beacon::{BEACON_LEN, Beacon, BeaconError},
     code::{PeerFarewell, PeerViolation, PeerViolationKind, StreamEnd},
     frames::{Frame, FrameReader, Hop, Subject, Verdict},
-    header::{Carried, HEADER_LEN, Header, Outcome},
+    header::{HEADER_LEN, Header, HeaderKind, Outcome},
     id::{AskId, GatewayId, GatewayIdError, OfferId, StreamToken},
     pattern::{Pattern, PatternError},
     rules::{Action, Decision, Direction, Rule, Rules, SubjectKind},

@@ -25,11 +25,11 @@ use self::offers::{OwnOffers, PeerOffers};
 pub use self::{
     duplicates::{Candidate, Initiator, older_stays},
     input::{
-        Carrier, Command, ControlCommand, End, Error, Event, Input, Misuse, Output, PeerEvent,
+        Command, ControlCommand, End, Error, Event, Input, Misuse, Output, PeerEvent, Transport,
     },
 };
 use super::{
-    AskId, Carried, Frame, FrameReader, GatewayId, Header, Hop, OfferId, PeerFarewell,
+    AskId, Frame, FrameReader, GatewayId, Header, HeaderKind, Hop, OfferId, PeerFarewell,
     PeerViolation, PeerViolationKind, StreamToken, Subject,
 };
 use crate::{Instant, Machine, Name, limits::QUESTIONS_MAX, machine::debug_assert_drained};
@@ -110,7 +110,7 @@ impl Session {
                 self.reader.push(bytes);
                 self.read()
             }
-            PeerEvent::Header { carrier, header } => self.header(carrier, &header),
+            PeerEvent::Header { transport, header } => self.header(transport, &header),
             PeerEvent::Violation(violation) => Err(violation),
             PeerEvent::Closed(code) => {
                 self.finish(End::Closed(code));
@@ -360,29 +360,33 @@ impl Session {
 
     /// Judges the header of a message, a request or a reply: the table of SPEC, Annex B.10.
     //= SM2-GWM-001, SM2-GWM-003, SM2-GWS-001
-    fn header(&mut self, carrier: Carrier, header: &Header) -> Result<(), PeerViolation> {
+    fn header(&mut self, transport: Transport, header: &Header) -> Result<(), PeerViolation> {
         if !matches!(self.state, Ok(Phase::Open { .. })) {
             return Err(violation!(PeerViolationKind::ExpectedHello, "SM2-GWF-001"));
         }
         let offer = header.offer;
-        let output = match (header.carried, carrier) {
-            (Carried::Message { .. }, _) if self.peer_offers.admit(offer)? => {
-                Output::Take { carrier }
+        let output = match (header.kind, transport) {
+            (HeaderKind::Message { .. }, _) if self.peer_offers.admit(offer)? => {
+                Output::Take { transport }
             }
-            (Carried::Message { .. }, _) => Output::Discard { carrier },
-            (Carried::Request { .. }, Carrier::Stream(_)) if self.own_offers.admit(offer)? => {
-                Output::Take { carrier }
+            (HeaderKind::Message { .. }, _) => Output::Discard { transport },
+            (HeaderKind::Request { .. }, Transport::Stream(_))
+                if self.own_offers.admit(offer)? =>
+            {
+                Output::Take { transport }
             }
-            (Carried::Request { .. }, Carrier::Stream(stream)) => Output::Unreachable { stream },
-            (Carried::Reply { .. }, Carrier::Stream(stream)) => {
+            (HeaderKind::Request { .. }, Transport::Stream(stream)) => {
+                Output::Unreachable { stream }
+            }
+            (HeaderKind::Reply { .. }, Transport::Stream(stream)) => {
                 // The call of this stream stays open, so that `finish` fails it.
                 if self.calls.get(&stream) != Some(&offer) {
                     return Err(violation!(PeerViolationKind::UnknownCall, "SM2-GWS-002"));
                 }
                 self.calls.remove(&stream);
-                Output::Take { carrier }
+                Output::Take { transport }
             }
-            (Carried::Request { .. } | Carried::Reply { .. }, Carrier::Datagram) => {
+            (HeaderKind::Request { .. } | HeaderKind::Reply { .. }, Transport::Datagram) => {
                 return Err(violation!(PeerViolationKind::Malformed, "SM2-GWM-003"));
             }
         };

@@ -71,11 +71,11 @@ impl World {
                 Output::Unoffer { peer, offer } => (peer, Said::Unoffer(offer)),
                 Output::Want { peer, offer, depth } => (peer, Said::Want(offer, depth)),
                 Output::Unwant { peer, offer } => (peer, Said::Unwant(offer)),
-                Output::Show { origin, .. } => {
+                Output::DeclareProxy { origin, .. } => {
                     assert!(self.shown[at].insert(index(origin)));
                     continue;
                 }
-                Output::Hide { origin, .. } => {
+                Output::WithdrawProxy { origin, .. } => {
                     assert!(self.shown[at].remove(&index(origin)));
                     self.taken[at].remove(&index(origin));
                     continue;

@@ -3,15 +3,15 @@
 use sm2_proto::{
     Code,
     gateway::{
-        Carried, Frame, Header, OfferId, Outcome, PeerViolationKind, StreamToken,
-        session::{Carrier, Command, ControlCommand, End, Input, Misuse, Output, PeerEvent},
+        Frame, Header, HeaderKind, OfferId, Outcome, PeerViolationKind, StreamToken,
+        session::{Command, ControlCommand, End, Input, Misuse, Output, PeerEvent, Transport},
     },
     violation,
 };
 
 use super::{Bench, MESSAGE, ONE, REQUEST, SEVEN, ended, service, topic};
 
-const REPLY: Carried = Carried::Reply {
+const REPLY: HeaderKind = HeaderKind::Reply {
     status: Outcome::Ok,
 };
 
@@ -19,7 +19,7 @@ const REPLY: Carried = Carried::Reply {
 #[test]
 fn calls_of_the_peer() {
     let take = [Output::Take {
-        carrier: Carrier::Stream(SEVEN),
+        transport: Transport::Stream(SEVEN),
     }];
     let unreachable = [Output::Unreachable { stream: SEVEN }];
     let mut bench = Bench::open();
@@ -81,9 +81,9 @@ fn calls_to_the_peer() {
         let violation = violation!(PeerViolationKind::UnknownCall, "SM2-GWS-002");
         Output::Ended(End::Violation(violation))
     };
-    let carrier = Carrier::Stream(SEVEN);
+    let transport = Transport::Stream(SEVEN);
     let mut bench = with_two_calls();
-    assert_eq!(bench.stream(REPLY, ONE), [Output::Take { carrier }]);
+    assert_eq!(bench.stream(REPLY, ONE), [Output::Take { transport }]);
     let second_reply = bench.stream(REPLY, ONE);
     assert_eq!(second_reply, [failed(EIGHT), unknown()]);
     // A reply for another offer answers no call: both calls fail.
@@ -116,13 +116,13 @@ fn datagrams_carry_messages_alone() {
         let violation = violation!(PeerViolationKind::Malformed, "SM2-GWM-003");
         vec![Output::Ended(End::Violation(violation))]
     };
-    let carrier = Carrier::Datagram;
+    let transport = Transport::Datagram;
     let table = [
-        (MESSAGE, vec![Output::Take { carrier }]),
+        (MESSAGE, vec![Output::Take { transport }]),
         (REQUEST, malformed()),
         (REPLY, malformed()),
     ];
-    for (carried, expected) in table {
+    for (kind, expected) in table {
         let mut bench = Bench::open();
         bench.offer(ONE, service());
         bench.offered(ONE, topic());
@@ -135,11 +135,11 @@ fn datagrams_carry_messages_alone() {
             depth: 1,
         })));
         let header = Header {
-            carried,
+            kind,
             offer: ONE,
             len: 0,
         };
-        let event = PeerEvent::Header { carrier, header };
-        assert_eq!(bench.input(Input::Event(event)), expected, "{carried:?}");
+        let event = PeerEvent::Header { transport, header };
+        assert_eq!(bench.input(Input::Event(event)), expected, "{kind:?}");
     }
 }

@@ -5,8 +5,8 @@ use std::collections::VecDeque;
 use sm2_proto::{
     Instant, Machine, TypeId,
     gateway::{
-        Carried, GatewayId, Header, Hop, StreamToken, Subject,
-        session::{Carrier, Command, ControlCommand, Input, Output, PeerEvent, Session},
+        GatewayId, Header, HeaderKind, Hop, StreamToken, Subject,
+        session::{Command, ControlCommand, Input, Output, PeerEvent, Session, Transport},
     },
 };
 
@@ -97,7 +97,7 @@ impl Exchange {
     /// A message of offer 1, from A to B.
     fn message(&mut self) {
         let header = Header {
-            carried: Carried::Message {
+            kind: HeaderKind::Message {
                 sequence: 1,
                 age_ns: 1_000,
             },
@@ -105,13 +105,13 @@ impl Exchange {
             len: 5,
         };
         self.sent.push((A, header.to_bytes().to_vec()));
-        let carrier = Carrier::Stream(StreamToken(7));
-        let event = PeerEvent::Header { carrier, header };
+        let transport = Transport::Stream(StreamToken(7));
+        let event = PeerEvent::Header { transport, header };
         assert_eq!(
             self.sides[B].handle(Instant(0), Input::Event(event)),
             Ok(())
         );
-        assert_eq!(self.sides[B].poll(), Some(Output::Take { carrier }));
+        assert_eq!(self.sides[B].poll(), Some(Output::Take { transport }));
     }
 }
 

@@ -3,7 +3,7 @@
 use sm2_proto::{
     gateway::{
         Frame, Hop, OfferId, PeerViolationKind,
-        session::{Carrier, Command, ControlCommand, Event, Input, Misuse, Output},
+        session::{Command, ControlCommand, Event, Input, Misuse, Output, Transport},
     },
     limits::OFFERS_MAX,
     violation,
@@ -85,9 +85,9 @@ fn what_the_peer_says_of_its_offers() {
         let answer = Frame::Unoffered { offer: ONE };
         vec![transmit(&answer), Output::Event(Event::Gone { offer: ONE })]
     };
-    let carrier = Carrier::Stream(SEVEN);
-    let take = || vec![Output::Take { carrier }];
-    let discard = || vec![Output::Discard { carrier }];
+    let transport = Transport::Stream(SEVEN);
+    let take = || vec![Output::Take { transport }];
+    let discard = || vec![Output::Discard { transport }];
     let table: [(&str, [Vec<Output>; 3]); 5] = [
         ("known", [gone(), unknown(), not_wanted()]),
         ("wanting", [gone(), unknown(), take()]),
@@ -166,14 +166,14 @@ fn wanted_again_before_its_end_is_confirmed() {
     assert_eq!(
         bench.stream(MESSAGE, ONE),
         [Output::Discard {
-            carrier: Carrier::Stream(SEVEN)
+            transport: Transport::Stream(SEVEN)
         }]
     );
     assert_eq!(bench.input(want(3)), []);
     assert_eq!(
         bench.stream(MESSAGE, ONE),
         [Output::Take {
-            carrier: Carrier::Stream(SEVEN)
+            transport: Transport::Stream(SEVEN)
         }]
     );
     assert_eq!(bench.misuse(want(3)), Misuse::WrongOffer);
@@ -186,7 +186,7 @@ fn wanted_again_before_its_end_is_confirmed() {
     assert_eq!(
         bench.stream(MESSAGE, ONE),
         [Output::Take {
-            carrier: Carrier::Stream(SEVEN)
+            transport: Transport::Stream(SEVEN)
         }]
     );
     assert_eq!(changed.input(unwant()), []);
@@ -194,7 +194,7 @@ fn wanted_again_before_its_end_is_confirmed() {
     assert_eq!(
         changed.stream(MESSAGE, ONE),
         [Output::Discard {
-            carrier: Carrier::Stream(SEVEN)
+            transport: Transport::Stream(SEVEN)
         }]
     );
 }

@@ -6,8 +6,8 @@ use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
     Instant, Machine,
     gateway::{
-        Carried, Header, OfferId, Outcome, StreamToken, SubjectKind,
-        session::{Carrier, Command, ControlCommand, Event, Input, Output, PeerEvent, Session},
+        Header, HeaderKind, OfferId, Outcome, StreamToken, SubjectKind,
+        session::{Command, ControlCommand, Event, Input, Output, PeerEvent, Session, Transport},
     },
 };
 
@@ -94,33 +94,33 @@ impl Pair {
         }
         let pick = pick % self.streams[side].len();
         let (stream, header) = self.streams[side].remove(pick);
-        let is_reply = matches!(header.carried, Carried::Reply { .. });
+        let is_reply = matches!(header.kind, HeaderKind::Reply { .. });
         if is_reply && !self.calls[side].remove(&stream) {
             return;
         }
         let judged = self.sides[side].handle(
             Instant(0),
             Input::Event(PeerEvent::Header {
-                carrier: Carrier::Stream(stream),
+                transport: Transport::Stream(stream),
                 header,
             }),
         );
         judged.unwrap();
         let output = self.sides[side].poll().unwrap();
         let offer = header.offer;
-        match header.carried {
-            Carried::Message { .. } => {
+        match header.kind {
+            HeaderKind::Message { .. } => {
                 let expected = match self.wanting[side].contains(&offer) {
                     true => Output::Take {
-                        carrier: Carrier::Stream(stream),
+                        transport: Transport::Stream(stream),
                     },
                     false => Output::Discard {
-                        carrier: Carrier::Stream(stream),
+                        transport: Transport::Stream(stream),
                     },
                 };
                 assert_eq!(output, expected);
             }
-            Carried::Request { .. } => {
+            HeaderKind::Request { .. } => {
                 let status = match self.wanted[side].contains(&offer)
                     && self.offers[side].contains_key(&offer)
                 {
@@ -129,16 +129,16 @@ impl Pair {
                 };
                 let is_taken = output
                     == Output::Take {
-                        carrier: Carrier::Stream(stream),
+                        transport: Transport::Stream(stream),
                     };
                 assert_eq!(is_taken, status == Outcome::Ok, "{output:?}");
-                let carried = Carried::Reply { status };
-                self.streams[1 - side].push((stream, Header { carried, ..header }));
+                let kind = HeaderKind::Reply { status };
+                self.streams[1 - side].push((stream, Header { kind, ..header }));
             }
-            Carried::Reply { .. } => assert_eq!(
+            HeaderKind::Reply { .. } => assert_eq!(
                 output,
                 Output::Take {
-                    carrier: Carrier::Stream(stream)
+                    transport: Transport::Stream(stream)
                 }
             ),
         }
@@ -153,7 +153,7 @@ impl Pair {
         let service = |it: &&OfferId| self.known[side][it] == SubjectKind::Service;
         let calls: Vec<OfferId> = self.wanting[side].iter().filter(service).copied().collect();
         let stream = StreamToken(self.next);
-        let (carried, offer) = match (messages.len(), calls.len()) {
+        let (kind, offer) = match (messages.len(), calls.len()) {
             (0, 0) => return,
             (_, 0) => (MESSAGE, messages[pick % messages.len()]),
             (_, count) => {
@@ -167,7 +167,7 @@ impl Pair {
             }
         };
         let header = Header {
-            carried,
+            kind,
             offer,
             len: 0,
         };

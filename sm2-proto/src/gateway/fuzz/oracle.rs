@@ -8,9 +8,9 @@ use alloc::{
 };
 
 use super::super::{
-    AskId, Carried, Frame, GatewayId, Header, Hop, OfferId, PeerFarewell, PeerViolation,
+    AskId, Frame, GatewayId, Header, HeaderKind, Hop, OfferId, PeerFarewell, PeerViolation,
     PeerViolationKind, StreamToken, Subject, SubjectKind,
-    session::{Carrier, Command, ControlCommand, End, Event, Output},
+    session::{Command, ControlCommand, End, Event, Output, Transport},
 };
 
 /// Everything that both sides have sent and that still has an effect.
@@ -225,51 +225,51 @@ impl Oracle {
     /// The output that the header of a stream or datagram leads to.
     pub(super) fn sees(
         &mut self,
-        carrier: Carrier,
+        transport: Transport,
         header: &Header,
     ) -> Result<Output, PeerViolation> {
         let offer = header.offer;
         if self.greeted.is_none() {
             return Err(violation!(PeerViolationKind::ExpectedHello, "SM2-GWF-001"));
         }
-        let stream = match (header.carried, carrier) {
-            (_, Carrier::Stream(stream)) => stream,
+        let stream = match (header.kind, transport) {
+            (_, Transport::Stream(stream)) => stream,
             // A message in a datagram has no stream.
-            (Carried::Message { .. }, Carrier::Datagram) => StreamToken(0),
-            (Carried::Request { .. } | Carried::Reply { .. }, Carrier::Datagram) => {
+            (HeaderKind::Message { .. }, Transport::Datagram) => StreamToken(0),
+            (HeaderKind::Request { .. } | HeaderKind::Reply { .. }, Transport::Datagram) => {
                 return Err(violation!(PeerViolationKind::Malformed, "SM2-GWM-003"));
             }
         };
-        Ok(match header.carried {
-            Carried::Message { .. } => {
+        Ok(match header.kind {
+            HeaderKind::Message { .. } => {
                 let is_gone = offer <= self.last_known && !self.known.contains_key(&offer);
                 let is_topic = self.known.get(&offer) == Some(&SubjectKind::Topic);
                 if self.wishes.contains_key(&offer) && is_topic {
-                    Output::Take { carrier }
+                    Output::Take { transport }
                 } else if offer.0 > 0 && (is_gone || (is_topic && self.wished.contains(&offer))) {
-                    Output::Discard { carrier }
+                    Output::Discard { transport }
                 } else {
                     return Err(violation!(PeerViolationKind::NotWanted, "SM2-GWM-001"));
                 }
             }
-            Carried::Request { .. } => {
+            HeaderKind::Request { .. } => {
                 let is_gone = offer <= self.last_offered && !self.offered.contains_key(&offer);
                 let is_service = self.offered.get(&offer) == Some(&SubjectKind::Service);
                 if offer.0 == 0 || !(is_gone || is_service) {
                     return Err(violation!(PeerViolationKind::UnknownOffer, "SM2-GWS-001"));
                 }
                 if self.wanted.contains(&offer) {
-                    Output::Take { carrier }
+                    Output::Take { transport }
                 } else {
                     Output::Unreachable { stream }
                 }
             }
-            Carried::Reply { .. } => {
+            HeaderKind::Reply { .. } => {
                 if self.calls.get(&stream) != Some(&offer) {
                     return Err(violation!(PeerViolationKind::UnknownCall, "SM2-GWS-002"));
                 }
                 self.calls.remove(&stream);
-                Output::Take { carrier }
+                Output::Take { transport }
             }
         })
     }

@@ -12,10 +12,10 @@ use core::time::Duration;
 
 use super::{
     super::{
-        AskId, Carried, Frame, FrameReader, GatewayId, Header, Hop, OfferId, Outcome, PeerFarewell,
-        StreamToken, Subject, SubjectKind, Verdict,
+        AskId, Frame, FrameReader, GatewayId, Header, HeaderKind, Hop, OfferId, Outcome,
+        PeerFarewell, StreamToken, Subject, SubjectKind, Verdict,
         session::{
-            Carrier, Command, ControlCommand, End, Error, Input, Output, PeerEvent, Session,
+            Command, ControlCommand, End, Error, Input, Output, PeerEvent, Session, Transport,
         },
     },
     oracle::Oracle,
@@ -233,37 +233,37 @@ impl World<'_> {
             None => (StreamToken(script.number()?), OfferId(1)),
             Some(found) => found,
         };
-        let (offer, carried) = match choice % 4 {
+        let (offer, kind) = match choice % 4 {
             0 | 1 => {
                 let (sequence, age_ns) = (1, 0);
-                (offer, Carried::Message { sequence, age_ns })
+                (offer, HeaderKind::Message { sequence, age_ns })
             }
-            2 => (offer, Carried::Request { left_ns: 0 }),
+            2 => (offer, HeaderKind::Request { left_ns: 0 }),
             _ => {
                 let status = Outcome::ALL[script.below(6)?];
                 let offer = match choice {
                     0xe0.. => script.number()?,
                     _ => script.near(offer.0)?,
                 };
-                (OfferId(offer), Carried::Reply { status })
+                (OfferId(offer), HeaderKind::Reply { status })
             }
         };
         let header = Header {
-            carried,
+            kind,
             offer,
             len: 0,
         };
         // One in eight arrives in a datagram.
-        let carrier = match self.script.below(8)? {
-            0 => Carrier::Datagram,
-            _ => Carrier::Stream(stream),
+        let transport = match self.script.below(8)? {
+            0 => Transport::Datagram,
+            _ => Transport::Stream(stream),
         };
-        let expected = match self.oracle.sees(carrier, &header) {
+        let expected = match self.oracle.sees(transport, &header) {
             Ok(output) => vec![output],
             Err(violation) => self.over(End::Violation(violation)),
         };
-        let is_reply = matches!(carried, Carried::Reply { .. });
-        let event = PeerEvent::Header { carrier, header };
+        let is_reply = matches!(kind, HeaderKind::Reply { .. });
+        let event = PeerEvent::Header { transport, header };
         self.feed(Input::Event(event), &expected);
         if is_reply && self.session.end().is_none() {
             assert!(self.calls.remove(&stream), "{stream:?} waited");

@@ -7,7 +7,7 @@ use super::super::{GatewayId, Hop, OfferId, Rules, Subject};
 /// A fact that holds from now on. The router ignores inputs that name a peer without a connection,
 /// an offer that does not exist, or the number of an existing offer as a new one: the peer and the
 /// gateway may have changed their minds at the same time. [`Input::Taken`] may come while outputs
-/// wait, as the answer to [`Output::Show`].
+/// wait, as the answer to [`Output::DeclareProxy`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Input {
     /// These rules replace the previous ones.
@@ -122,7 +122,7 @@ pub enum Output {
         offer: OfferId,
     },
     /// Create a publisher or server in the own domain that stands for those of an origin.
-    Show {
+    DeclareProxy {
         /// The topic or service.
         subject: Subject,
         /// The gateway of the domain from which it comes.
@@ -131,7 +131,7 @@ pub enum Output {
         peer: GatewayId,
     },
     /// Remove the publisher or server that stands for those of an origin.
-    Hide {
+    WithdrawProxy {
         /// The topic or service.
         subject: Subject,
         /// The gateway of the domain from which it came.

@@ -24,8 +24,8 @@ pub(super) struct SubjectState {
     /// The offers to peers.
     own_offers: BTreeMap<(GatewayId, Source), OwnOffer>,
     // The outputs that are in effect.
-    /// The origins that the own domain is shown, each with the peer through which it comes.
-    shown: BTreeMap<GatewayId, GatewayId>,
+    /// The origins that have a proxy in the own domain, each with the peer through which it comes.
+    proxies: BTreeMap<GatewayId, GatewayId>,
     /// The offers of peers that this gateway wants, by origin.
     wanted_offers: BTreeMap<GatewayId, (GatewayId, OfferId)>,
     /// The depth of the subscription in the own domain, if there is one.
@@ -124,7 +124,7 @@ impl SubjectState {
         self.own_offers.insert((peer, source), our);
     }
 
-    /// Shows the routes to the own domain, and wants those for which there is demand. It ends the old
+    /// Declares proxies of the routes in the own domain, and wants those for which there is demand. It ends the old
     /// ones before it begins new ones, so that no message comes by two routes.
     pub(super) fn use_routes(
         &mut self,
@@ -132,12 +132,12 @@ impl SubjectState {
         routes: &BTreeMap<GatewayId, Route>,
         outputs: &mut VecDeque<Output>,
     ) {
-        self.shown.retain(|origin, peer| {
+        self.proxies.retain(|origin, peer| {
             let stays = routes.get(origin).is_some_and(|it| it.peer == *peer);
             if !stays {
-                // Subscribers of the domain have subscribed to the publisher that is hidden now.
+                // Subscribers of the domain have subscribed to the proxy that is withdrawn now.
                 self.local_demand.remove(origin);
-                outputs.push_back(Output::Hide {
+                outputs.push_back(Output::WithdrawProxy {
                     subject: subject.clone(),
                     origin: *origin,
                 });
@@ -159,8 +159,8 @@ impl SubjectState {
         });
         for (&origin, route) in routes {
             let peer = route.peer;
-            if self.shown.insert(origin, peer).is_none() {
-                outputs.push_back(Output::Show {
+            if self.proxies.insert(origin, peer).is_none() {
+                outputs.push_back(Output::DeclareProxy {
                     subject: subject.clone(),
                     origin,
                     peer,

@@ -26,7 +26,7 @@ pub enum Input<'a> {
 
 /// The way by which a message, a request or a reply arrives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Carrier {
+pub enum Transport {
     /// A stream of its own.
     Stream(StreamToken),
     /// A QUIC datagram. Only messages may come in datagrams.
@@ -41,7 +41,7 @@ pub enum PeerEvent<'a> {
     /// The header of a message, a request or a reply has arrived.
     Header {
         /// The stream or datagram of the header.
-        carrier: Carrier,
+        transport: Transport,
         /// The header.
         header: Header,
     },
@@ -127,12 +127,12 @@ pub enum Output {
     /// Accept the payload behind the header that was fed last.
     Take {
         /// The stream or datagram of the header.
-        carrier: Carrier,
+        transport: Transport,
     },
     /// Discard a message that this side no longer wants; stop its stream.
     Discard {
         /// The stream or datagram of the message.
-        carrier: Carrier,
+        transport: Transport,
     },
     /// Reply to a call of the peer with *unreachable*.
     Unreachable {

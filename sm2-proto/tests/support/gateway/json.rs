@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use sm2_proto::{
     TypeId,
     gateway::{
-        Beacon, BeaconError, Carried, Frame, Header, Hop, Outcome, Subject, SubjectKind, Verdict,
+        Beacon, BeaconError, Frame, Header, HeaderKind, Hop, Outcome, Subject, SubjectKind, Verdict,
     },
 };
 
@@ -90,17 +90,17 @@ fn hop(hop: &Hop) -> Value {
 
 pub(crate) fn header(header: &Header) -> Value {
     let (offer, len) = (header.offer, header.len);
-    match header.carried {
-        Carried::Message { sequence, age_ns } => json!({"message": {
+    match header.kind {
+        HeaderKind::Message { sequence, age_ns } => json!({"message": {
             "offer": offer,
             "sequence": sequence,
             "age": age_ns,
             "len": len,
         }}),
-        Carried::Request { left_ns } => {
+        HeaderKind::Request { left_ns } => {
             json!({"request": {"offer": offer, "left": left_ns, "len": len}})
         }
-        Carried::Reply { status } => json!({"reply": {
+        HeaderKind::Reply { status } => json!({"reply": {
             "offer": offer,
             "status": match status {
                 Outcome::Ok => "ok",
