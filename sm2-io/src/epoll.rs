@@ -1,14 +1,12 @@
 //! Waiting until one of many descriptors is ready.
 
 use std::io;
-use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
+use std::os::fd::{AsFd, BorrowedFd};
 use std::time::Duration;
 
 use nix::errno::Errno;
-use nix::libc;
-use nix::poll::{PollFd, PollFlags, ppoll};
-use nix::sys::epoll::{self, EpollCreateFlags, EpollEvent, EpollFlags, EpollTimeout};
-use nix::sys::time::TimeSpec;
+
+use crate::syscall::events::{self, EpollEvent, EpollFlags, EpollTimeout, PollFd, PollFlags};
 
 /// Upper bound for a timeout (34 years), which the kernel can represent.
 const LONGEST: Duration = Duration::from_secs(1 << 30);
@@ -70,7 +68,7 @@ impl Interest {
 /// its last duplicate in any process is closed: remove those that were shared.
 #[derive(Debug)]
 pub struct Epoll {
-    epoll: epoll::Epoll,
+    epoll: events::Epoll,
 }
 
 impl Epoll {
@@ -80,7 +78,7 @@ impl Epoll {
     ///
     /// Any error of `epoll_create1(2)`, such as too many descriptors or no memory.
     pub fn new() -> io::Result<Self> {
-        let epoll = epoll::Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC)?;
+        let epoll = events::epoll_create()?;
         Ok(Self { epoll })
     }
 
@@ -92,7 +90,7 @@ impl Epoll {
     /// kind (a regular file), out of memory.
     pub fn add(&self, fd: impl AsFd, token: u64, interest: Interest) -> io::Result<()> {
         let event = EpollEvent::new(interest.flags(), token);
-        Ok(self.epoll.add(fd, event)?)
+        Ok(events::epoll_add(&self.epoll, fd, event)?)
     }
 
     /// Changes the token and the interest of `fd`.
@@ -102,7 +100,7 @@ impl Epoll {
     /// `NotFound` if it is not watched.
     pub fn modify(&self, fd: impl AsFd, token: u64, interest: Interest) -> io::Result<()> {
         let mut event = EpollEvent::new(interest.flags(), token);
-        Ok(self.epoll.modify(fd, &mut event)?)
+        Ok(events::epoll_modify(&self.epoll, fd, &mut event)?)
     }
 
     /// Stops watching `fd`.
@@ -111,7 +109,7 @@ impl Epoll {
     ///
     /// `NotFound` if it is not watched.
     pub fn remove(&self, fd: impl AsFd) -> io::Result<()> {
-        Ok(self.epoll.delete(fd)?)
+        Ok(events::epoll_remove(&self.epoll, fd)?)
     }
 
     /// Waits for an event for at most `timeout` (`None`: no limit), and replaces the content of
@@ -122,66 +120,28 @@ impl Epoll {
     ///
     /// None are expected: the descriptor and the buffer are valid.
     pub fn wait(&self, events: &mut Events, timeout: Option<Duration>) -> io::Result<()> {
-        events.filled = 0;
-        let result = match self.wait_exactly(events, timeout) {
+        let Events { buffer, filled } = events;
+        *filled = 0;
+        let exact = timeout.map(|timeout| timeout.min(LONGEST));
+        let result = match events::epoll_pwait2(&self.epoll, buffer, exact) {
             // Before Linux 5.11, or filtered out by a sandbox that does not know it.
             Err(Errno::ENOSYS | Errno::EPERM) => {
-                self.epoll.wait(&mut events.buffer, whole_millis(timeout))
+                events::epoll_wait(&self.epoll, buffer, whole_millis(timeout))
             }
             result => result,
         };
         match result {
-            Ok(count) => events.filled = count,
+            Ok(count) => *filled = count,
             Err(Errno::EINTR) => {}
             Err(errno) => return Err(errno.into()),
         }
         Ok(())
-    }
-
-    /// `epoll_pwait2(2)`, whose timeout counts nanoseconds.
-    fn wait_exactly(&self, events: &mut Events, timeout: Option<Duration>) -> nix::Result<usize> {
-        let timeout = timeout.map(|timeout| KernelTimespec::from(timeout.min(LONGEST)));
-        let timeout = timeout
-            .as_ref()
-            .map_or(std::ptr::null(), std::ptr::from_ref);
-        let room = libc::c_int::try_from(events.buffer.len()).unwrap_or(libc::c_int::MAX);
-        // SAFETY: the buffer has `room` elements with the layout of `epoll_event` (`EpollEvent` is
-        // transparent), and this function borrows it exclusively; `timeout` is null or points to a
-        // live `KernelTimespec`, which has the kernel's layout; the kernel ignores a null mask.
-        let count = unsafe {
-            libc::syscall(
-                libc::SYS_epoll_pwait2,
-                self.epoll.0.as_raw_fd(),
-                events.buffer.as_mut_ptr(),
-                room,
-                timeout,
-                std::ptr::null::<libc::sigset_t>(),
-                0_usize,
-            )
-        };
-        Errno::result(count).map(|count| usize::try_from(count).unwrap_or(0))
     }
 }
 
 impl AsFd for Epoll {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.epoll.0.as_fd()
-    }
-}
-
-/// `struct __kernel_timespec`: 64 bits each, also where libc's is narrower.
-#[repr(C)]
-struct KernelTimespec {
-    seconds: i64,
-    nanoseconds: i64,
-}
-
-impl From<Duration> for KernelTimespec {
-    fn from(duration: Duration) -> Self {
-        Self {
-            seconds: i64::try_from(duration.as_secs()).unwrap_or(i64::MAX),
-            nanoseconds: i64::from(duration.subsec_nanos()),
-        }
     }
 }
 
@@ -268,19 +228,18 @@ impl From<&EpollEvent> for Event {
 ///
 /// Any error of `ppoll(2)`, such as no memory or more descriptors than `RLIMIT_NOFILE`.
 pub fn wait_readable(fds: &[BorrowedFd<'_>], timeout: Option<Duration>) -> io::Result<bool> {
-    let timeout = timeout.map(|timeout| TimeSpec::from_duration(timeout.min(LONGEST)));
+    let timeout = timeout.map(|timeout| timeout.min(LONGEST));
     let result = match fds {
-        [] => ppoll(&mut [], timeout, None),
+        [] => events::poll(&mut [], timeout),
         [first, ..] if fds.len() <= 8 => {
             let mut few: [PollFd<'_>; 8] =
                 std::array::from_fn(|index| watch(*fds.get(index).unwrap_or(first)));
-            ppoll(&mut few[..fds.len()], timeout, None)
+            events::poll(&mut few[..fds.len()], timeout)
         }
-        _ => ppoll(
-            &mut fds.iter().copied().map(watch).collect::<Vec<_>>(),
-            timeout,
-            None,
-        ),
+        _ => {
+            let mut many: Vec<_> = fds.iter().copied().map(watch).collect();
+            events::poll(&mut many, timeout)
+        }
     };
     match result {
         Ok(count) => Ok(count > 0),

@@ -18,6 +18,7 @@
 use std::sync::OnceLock;
 
 use crate::sync::{AtomicU64, Ordering};
+use crate::syscall::files;
 
 /// The size of a huge page on the supported machines.
 pub(crate) const HUGE_PAGE_BYTES: usize = 2 << 20;
@@ -40,7 +41,7 @@ static PAUSED: AtomicU64 = AtomicU64::new(0);
 pub fn huge_pages_allowed() -> bool {
     static ALLOWED: OnceLock<bool> = OnceLock::new();
     *ALLOWED.get_or_init(|| {
-        std::fs::read_to_string("/sys/kernel/mm/transparent_hugepage/shmem_enabled")
+        files::read_text("/sys/kernel/mm/transparent_hugepage/shmem_enabled")
             .is_ok_and(|setting| huge_pages_allowed_by(&setting))
     })
 }

@@ -21,6 +21,8 @@
 //! | [`timer`] | [`Timer`]: waking a loop at a given time |
 //! | [`clock`] | [`now`](clock::now) |
 //! | `quic` | QUIC between gateways (feature `quic`) |
+//! | `syscall` | the seam: all system calls of this crate |
+//! | `fault` | system calls that fail on request, for tests (feature `fault-injection`) |
 //!
 //! # Memory that other processes can change
 //!
@@ -34,11 +36,11 @@
 //! All `unsafe` code of SM2 is in this crate, except for that around `PooledBytes` in `sm2-node`
 //! (`src/pooled.rs`, `src/payload.rs`, `src/handle/receive.rs`). Every block says what makes it sound.
 //!
-//! - `socket`, `listener`: `sendmsg`, `recvmsg`, `ioctl(SIOCOUTQ)`, and owning the descriptors that
-//!   `recvmsg` and `accept4` return. (Control messages are built and parsed in safe code.)
-//! - `epoll`: `epoll_pwait2`.
+//! - `syscall`: the system calls that `nix` does not make safe, and owning the descriptor that `accept4` returns.
+//! - `socket`: the memory for `sendmsg` and `recvmsg`, and owning the descriptors that `recvmsg` returns.
+//!   (Control messages are built and parsed in safe code.)
 //! - `runtime`: registering a descriptor with tokio.
-//! - `mapping::region`: `mmap`, `munmap`, `madvise`, `mlock`, and atomic words over a mapping.
+//! - `mapping::region`: owning a range of addresses, and atomic words over it.
 //! - `mapping::read_only`: slices over sealed files, copies from pooled ones, prefetching.
 //! - `mapping::scratch`: slices over private memory.
 //! - `memfd::loan`: slices over a memfd that no other process has.
@@ -55,6 +57,8 @@ pub mod counters;
 mod datagram;
 pub mod domain_socket;
 pub mod epoll;
+#[cfg(feature = "fault-injection")]
+pub mod fault;
 mod huge;
 mod listener;
 pub mod mapping;
@@ -67,6 +71,7 @@ mod runtime;
 pub mod slots;
 pub mod socket;
 mod sync;
+mod syscall;
 pub mod timer;
 pub mod waker;
 
@@ -84,5 +89,6 @@ pub use slots::{SegmentFd, Slot};
 pub use socket::{
     Listener, PeerCredentials, Received, ReceivedFds, RecvError, SendError, SeqPacket,
 };
+pub use syscall::files::duplicate;
 pub use timer::Timer;
 pub use waker::Waker;

@@ -1,14 +1,14 @@
 //! Listening sockets.
 
 use std::io;
-use std::os::fd::{AsFd, AsRawFd, BorrowedFd, FromRawFd, OwnedFd};
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::{Path, PathBuf};
 
 use nix::errno::Errno;
 use nix::libc;
-use nix::sys::socket::{self, SockFlag, UnixAddr, sockopt};
 
-use crate::socket::{SeqPacket, address, adopt, new_socket};
+use crate::socket::{SeqPacket, address, adopt};
+use crate::syscall::sockets::{self, sockopt};
 
 /// A listening `AF_UNIX` `SOCK_SEQPACKET` socket, close-on-exec, non-blocking.
 #[derive(Debug)]
@@ -29,8 +29,8 @@ impl Listener {
     /// `InvalidInput` for a path that is empty or too long.
     pub fn bind(path: &Path, backlog: u32) -> io::Result<Self> {
         let address = address(path)?;
-        let fd = new_socket()?;
-        socket::bind(fd.as_raw_fd(), &address)?;
+        let fd = sockets::seqpacket()?;
+        sockets::bind(fd.as_fd(), &address)?;
         let listener = Self { fd };
         listener.listen(backlog)?;
         Ok(listener)
@@ -41,13 +41,13 @@ impl Listener {
     pub(crate) fn listen(&self, backlog: u32) -> io::Result<()> {
         let most = u32::try_from(libc::SOMAXCONN).unwrap_or(0);
         let backlog = i32::try_from(backlog.min(most)).unwrap_or(libc::SOMAXCONN);
-        Ok(socket::listen(&self.fd, socket::Backlog::new(backlog)?)?)
+        Ok(sockets::listen(self.fd.as_fd(), backlog)?)
     }
 
     /// The path that the socket was bound to; `None` for an abstract name.
     #[must_use]
     pub fn path(&self) -> Option<PathBuf> {
-        let address = socket::getsockname::<UnixAddr>(self.fd.as_raw_fd()).ok()?;
+        let address = sockets::unix_name(&self.fd).ok()?;
         address.path().map(Path::to_owned)
     }
 
@@ -59,7 +59,7 @@ impl Listener {
     /// it is closed then.
     pub fn from_fd(fd: OwnedFd) -> io::Result<Self> {
         let fd = adopt(fd)?;
-        if socket::getsockopt(&fd, sockopt::AcceptConn)? {
+        if sockets::get_option(&fd, sockopt::AcceptConn)? {
             Ok(Self { fd })
         } else {
             Err(io::ErrorKind::InvalidInput.into())
@@ -74,15 +74,9 @@ impl Listener {
     /// the backlog and the listener stays readable, so an event loop should stop watching the
     /// listener until it has closed a descriptor.
     pub fn accept(&self) -> io::Result<Option<SeqPacket>> {
-        let flags = SockFlag::SOCK_CLOEXEC | SockFlag::SOCK_NONBLOCK;
         loop {
-            match socket::accept4(self.fd.as_raw_fd(), flags) {
-                Ok(number) => {
-                    // SAFETY: `accept4` has just returned this number: a new, open descriptor
-                    // that nothing else owns.
-                    let fd = unsafe { OwnedFd::from_raw_fd(number) };
-                    return Ok(Some(SeqPacket::accepted(fd)));
-                }
+            match sockets::accept(self.fd.as_fd()) {
+                Ok(fd) => return Ok(Some(SeqPacket::accepted(fd))),
                 Err(Errno::EAGAIN) => return Ok(None),
                 Err(Errno::EINTR | Errno::ECONNABORTED) => {}
                 Err(errno) => return Err(errno.into()),

@@ -10,7 +10,7 @@ mod segment;
 pub mod verify;
 
 pub use self::copy::sealed_from_parts;
-pub use self::facts::facts;
+pub use self::facts::{facts, read_exact_at};
 pub use self::file::locked_bytes_max;
 pub use self::loan::SealedLoan;
 pub use self::preallocated::Preallocated;

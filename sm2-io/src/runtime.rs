@@ -5,6 +5,8 @@ use std::os::fd::{BorrowedFd, OwnedFd};
 
 use tokio::io::{Interest, unix::AsyncFd};
 
+use crate::syscall::files::duplicate;
+
 /// Registers a duplicate of `fd` with the runtime, which watches whether it is readable. The
 /// duplicate stays open for as long as it is watched.
 ///
@@ -17,7 +19,7 @@ use tokio::io::{Interest, unix::AsyncFd};
 ///
 /// Outside of a tokio runtime with I/O enabled.
 pub fn watch_readable(fd: BorrowedFd<'_>) -> io::Result<AsyncFd<OwnedFd>> {
-    let fd = fd.try_clone_to_owned()?;
+    let fd = duplicate(fd)?;
     // SAFETY: an `OwnedFd` is open and stays the same descriptor until it is dropped, which
     // the `AsyncFd` that owns it does last.
     let watched = unsafe { AsyncFd::register_with_interest(fd, Interest::READABLE) };

@@ -4,17 +4,16 @@
 //! and `sm2-manager`.
 
 use std::io::{self, IoSlice};
-use std::os::fd::{AsFd, AsRawFd, BorrowedFd, FromRawFd, OwnedFd};
+use std::os::fd::{AsFd, BorrowedFd, FromRawFd, OwnedFd};
 use std::path::Path;
 
 use nix::errno::Errno;
-use nix::fcntl::{FcntlArg, FdFlag, OFlag, fcntl};
 use nix::libc;
-use nix::sys::socket::{self, AddressFamily, SockFlag, SockType, UnixAddr, sockopt};
 
 use crate::cmsg::{ControlBuffer, ControlMessage};
 pub use crate::datagram::{Received, ReceivedFds, RecvError, SendError};
 pub use crate::listener::Listener;
+use crate::syscall::sockets::{self, UnixAddr, sockopt};
 
 /// A connected `AF_UNIX` `SOCK_SEQPACKET` socket, close-on-exec, non-blocking.
 ///
@@ -36,8 +35,8 @@ impl SeqPacket {
     /// try again later. `InvalidInput` for a path that is empty or too long for a socket address.
     pub fn connect(path: &Path) -> io::Result<Self> {
         let address = address(path)?;
-        let fd = new_socket()?;
-        socket::connect(fd.as_raw_fd(), &address)?;
+        let fd = sockets::seqpacket()?;
+        sockets::connect(fd.as_fd(), &address)?;
         Ok(Self { fd })
     }
 
@@ -47,12 +46,7 @@ impl SeqPacket {
     ///
     /// Any error of `socketpair(2)`, such as too many descriptors or no memory.
     pub fn pair() -> io::Result<(Self, Self)> {
-        let (a, b) = socket::socketpair(
-            AddressFamily::Unix,
-            SockType::SeqPacket,
-            None,
-            SockFlag::SOCK_CLOEXEC | SockFlag::SOCK_NONBLOCK,
-        )?;
+        let (a, b) = sockets::seqpacket_pair()?;
         Ok((Self { fd: a }, Self { fd: b }))
     }
 
@@ -80,7 +74,7 @@ impl SeqPacket {
     ///
     /// Any error of `getsockopt(2)`.
     pub fn peer_credentials(&self) -> io::Result<PeerCredentials> {
-        let peer = socket::getsockopt(&self.fd, sockopt::PeerCredentials)?;
+        let peer = sockets::get_option(&self.fd, sockopt::PeerCredentials)?;
         Ok(PeerCredentials {
             uid: peer.uid(),
             gid: peer.gid(),
@@ -97,7 +91,7 @@ impl SeqPacket {
     ///
     /// Any error of `setsockopt(2)`.
     pub fn set_send_buffer_bytes(&self, bytes: usize) -> io::Result<()> {
-        Ok(socket::setsockopt(&self.fd, sockopt::SndBuf, &bytes)?)
+        Ok(sockets::set_option(&self.fd, sockopt::SndBuf, &bytes)?)
     }
 
     /// The memory of sent datagrams that the peer has not read (`SIOCOUTQ`): several hundred bytes
@@ -107,11 +101,7 @@ impl SeqPacket {
     ///
     /// None is expected of a connected socket.
     pub fn unread_bytes(&self) -> io::Result<usize> {
-        let mut bytes: libc::c_int = 0;
-        // SAFETY: the request writes one `int`, and `bytes` is one that outlives the call; `self`
-        // owns the descriptor, so it is open.
-        let result = unsafe { libc::ioctl(self.fd.as_raw_fd(), libc::TIOCOUTQ, &raw mut bytes) };
-        Errno::result(result)?;
+        let bytes = sockets::unread_bytes(self.fd.as_fd())?;
         Ok(usize::try_from(bytes).unwrap_or(0))
     }
 
@@ -122,8 +112,7 @@ impl SeqPacket {
     ///
     /// `NotConnected`; none other is expected.
     pub fn shutdown(&self) -> io::Result<()> {
-        let number = self.fd.as_raw_fd();
-        Ok(socket::shutdown(number, socket::Shutdown::Both)?)
+        Ok(sockets::shutdown(self.fd.as_fd())?)
     }
 
     /// Sends the concatenation of `parts` as one datagram with `fds`.
@@ -156,9 +145,9 @@ impl SeqPacket {
             // SAFETY: `header` points to `parts.len()` iovecs (std promises that `IoSlice` has the
             // layout of `iovec`) and to `len` initialised bytes of `control`, or to no control
             // data. All of them outlive the call, and `sendmsg` only reads them.
-            let sent = unsafe { libc::sendmsg(self.fd.as_raw_fd(), &raw const header, flags) };
-            match Errno::result(sent) {
-                Ok(_) => return Ok(()),
+            let sent = unsafe { sockets::sendmsg(self.fd.as_fd(), &header, flags) };
+            match sent {
+                Ok(()) => return Ok(()),
                 Err(Errno::EINTR) => {}
                 Err(errno) => return Err(errno.into()),
             }
@@ -191,9 +180,9 @@ impl SeqPacket {
             header.msg_controllen = ControlBuffer::ROOM as _;
             // SAFETY: `header` points to `buffer` and `control` with their true sizes; this function
             // borrows both exclusively, and they outlive the call.
-            let got = unsafe { libc::recvmsg(self.fd.as_raw_fd(), &raw mut header, flags) };
-            match Errno::result(got) {
-                Ok(len) => break len.cast_unsigned(),
+            let got = unsafe { sockets::recvmsg(self.fd.as_fd(), &mut header, flags) };
+            match got {
+                Ok(len) => break len,
                 Err(Errno::EINTR) => {}
                 // The peer closed without having read all datagrams from this side. The kernel
                 // reports that once, *before* it delivers the datagrams of the peer. The next call
@@ -248,12 +237,6 @@ fn empty_header() -> libc::msghdr {
     unsafe { std::mem::zeroed() }
 }
 
-pub(crate) fn new_socket() -> io::Result<OwnedFd> {
-    let flags = SockFlag::SOCK_CLOEXEC | SockFlag::SOCK_NONBLOCK;
-    let socket = socket::socket(AddressFamily::Unix, SockType::SeqPacket, flags, None)?;
-    Ok(socket)
-}
-
 pub(crate) fn address(path: &Path) -> io::Result<UnixAddr> {
     if path.as_os_str().is_empty() {
         // An empty name would make the kernel choose an abstract one.
@@ -264,15 +247,13 @@ pub(crate) fn address(path: &Path) -> io::Result<UnixAddr> {
 
 /// Checks that `fd` is a Unix seqpacket socket, and sets the two flags.
 pub(crate) fn adopt(fd: OwnedFd) -> io::Result<OwnedFd> {
-    let seqpacket = socket::getsockopt(&fd, sockopt::SockType) == Ok(SockType::SeqPacket);
+    let seqpacket = sockets::is_seqpacket(&fd) == Ok(true);
     // `getsockname` fails here for an address of any other family.
-    let unix = socket::getsockname::<UnixAddr>(fd.as_raw_fd()).is_ok();
+    let unix = sockets::unix_name(&fd).is_ok();
     if !(seqpacket && unix) {
         return Err(io::ErrorKind::InvalidInput.into());
     }
-    fcntl(&fd, FcntlArg::F_SETFD(FdFlag::FD_CLOEXEC))?;
-    let flags = OFlag::from_bits_retain(fcntl(&fd, FcntlArg::F_GETFL)?);
-    fcntl(&fd, FcntlArg::F_SETFL(flags | OFlag::O_NONBLOCK))?;
+    sockets::set_flags(&fd)?;
     Ok(fd)
 }
 

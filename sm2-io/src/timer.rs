@@ -5,9 +5,9 @@ use std::os::fd::{AsFd, BorrowedFd};
 use std::time::Duration;
 
 use nix::errno::Errno;
-use nix::sys::time::TimeSpec;
-use nix::sys::timerfd::{ClockId, Expiration, TimerFd, TimerFlags, TimerSetTimeFlags};
 use sm2_proto::Instant;
+
+use crate::syscall::events::{self, TimerFd};
 
 /// A `timerfd` on the clock of [`now`](crate::clock::now): readable from the time that it is
 /// [set](Self::set) to, until [`drain`](Self::drain) or the next `set`.
@@ -26,8 +26,7 @@ impl Timer {
     ///
     /// Any error of `timerfd_create(2)`, such as too many descriptors or no memory.
     pub fn new() -> io::Result<Self> {
-        let flags = TimerFlags::TFD_NONBLOCK | TimerFlags::TFD_CLOEXEC;
-        let timer = TimerFd::new(ClockId::CLOCK_MONOTONIC, flags)?;
+        let timer = events::timer()?;
         Ok(Self { timer })
     }
 
@@ -38,13 +37,9 @@ impl Timer {
     ///
     /// None are expected of a timer that exists.
     pub fn set(&self, at: Option<Instant>) -> io::Result<()> {
-        let Some(Instant(at_ns)) = at else {
-            return Ok(self.timer.unset()?);
-        };
         // Zero would clear the timer.
-        let at = TimeSpec::from_duration(Duration::from_nanos(at_ns.max(1)));
-        let flags = TimerSetTimeFlags::TFD_TIMER_ABSTIME;
-        Ok(self.timer.set(Expiration::OneShot(at), flags)?)
+        let at = at.map(|Instant(at_ns)| Duration::from_nanos(at_ns.max(1)));
+        Ok(events::timer_set(&self.timer, at)?)
     }
 
     /// Makes the timer unreadable. Returns whether it was readable.

@@ -4,7 +4,8 @@ use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
 
 use nix::errno::Errno;
-use nix::sys::eventfd::{EfdFlags, EventFd};
+
+use crate::syscall::events::{self, EventFd};
 
 /// An `eventfd`: readable from the first [`wake`](Self::wake) until
 /// [`drain`](Self::drain).
@@ -22,8 +23,7 @@ impl Waker {
     ///
     /// Any error of `eventfd(2)`, such as too many descriptors or no memory.
     pub fn new() -> io::Result<Self> {
-        let flags = EfdFlags::EFD_CLOEXEC | EfdFlags::EFD_NONBLOCK;
-        let event = EventFd::from_value_and_flags(0, flags)?;
+        let event = events::eventfd()?;
         Ok(Self { event })
     }
 

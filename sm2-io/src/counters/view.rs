@@ -4,16 +4,15 @@ use std::fs::File;
 use std::hint;
 use std::io;
 use std::os::fd::OwnedFd;
-use std::os::unix::fs::FileExt;
 use std::thread;
 
 use nix::errno::Errno;
-use nix::unistd::{Whence, lseek};
 use sm2_proto::Seals;
 use sm2_proto::counters::{ENTRY_BYTES, Entry, entries_in, field, header};
 
 use crate::mapping::PooledMapping;
 use crate::memfd::{InspectedFd, VerifyError};
+use crate::syscall::files::{self, Whence};
 
 use super::{entry_words, seqlock};
 
@@ -48,7 +47,7 @@ impl CounterView {
         let mapping = PooledMapping::new(&file, size_bytes, false).map_err(failed("map"))?;
         let file = File::from(OwnedFd::from(file));
         let mut found = [0; ENTRY_BYTES as usize];
-        (file.read_exact_at(&mut found, 0)).map_err(failed("read"))?;
+        files::read_exact_at(&file, &mut found, 0).map_err(failed("read"))?;
         let expected = header(capacity).map(u64::to_le_bytes);
         if found != *expected.as_flattened() {
             return Err(CounterError::Header);
@@ -124,7 +123,7 @@ impl CounterView {
         let seek = |to: u64, whence| {
             let to = i64::try_from(to).map_err(|_| Errno::EINVAL)?;
             // All holders of this descriptor share the position, and none depends on it.
-            lseek(&self.file, to, whence).map(i64::cast_unsigned)
+            files::seek(&self.file, to, whence).map(i64::cast_unsigned)
         };
         let offset = (u64::from(index) + 1) * ENTRY_BYTES;
         let extent = seek(offset, Whence::SeekData)

@@ -1,9 +1,8 @@
 //! Binding a domain's socket.
 
-use std::fs::{self, Permissions};
 use std::io;
 use std::os::fd::OwnedFd;
-use std::os::unix::fs::{FileTypeExt, PermissionsExt};
+use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
 
 use super::error::DomainSocketError;
@@ -12,6 +11,7 @@ use super::lock::DomainLock;
 use super::owned::DomainSocket;
 use super::socket_file::{SocketFile, Whose};
 use crate::socket::Listener;
+use crate::syscall::files as fs;
 
 /// How to bind a domain's socket.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -107,7 +107,7 @@ impl DomainLock {
         // Bound under a temporary name and renamed when it is ready: no peer finds a socket that does
         // not listen yet, or whose permissions are not set yet.
         let fresh = with_suffix(path, "~");
-        match fs::remove_file(&fresh) {
+        match fs::remove(&fresh) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => {
                 return Err(failed("remove", &fresh)(error));
             }
@@ -116,7 +116,7 @@ impl DomainLock {
         let listener =
             Listener::bind(&fresh, claim.backlog).map_err(failed("bind a socket at", &fresh))?;
         let publish = || {
-            fs::set_permissions(&fresh, Permissions::from_mode(claim.mode & 0o777))?;
+            fs::set_mode(&fresh, claim.mode & 0o777)?;
             let identity = Identity::of(&fs::symlink_metadata(&fresh)?);
             fs::rename(&fresh, path)?;
             Ok(identity)
@@ -128,7 +128,7 @@ impl DomainLock {
                 lock: self,
             }),
             Err(error) => {
-                let _ = fs::remove_file(&fresh);
+                let _ = fs::remove(&fresh);
                 Err(failed("publish the socket at", path)(error))
             }
         }

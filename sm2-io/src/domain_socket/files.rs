@@ -1,12 +1,13 @@
 //! The files beside a domain's socket, and its directory.
 
 use std::ffi::OsString;
-use std::fs::{self, DirBuilder, Metadata};
+use std::fs::Metadata;
 use std::io;
-use std::os::unix::fs::{DirBuilderExt, MetadataExt};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 use super::error::DomainSocketError;
+use crate::syscall::files;
 
 /// The identity of a file, independent of its name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,7 +27,7 @@ impl Identity {
 
 /// Whether `path` names that file.
 pub(super) fn names(path: &Path, identity: Identity) -> bool {
-    fs::symlink_metadata(path).is_ok_and(|found| Identity::of(&found) == identity)
+    files::symlink_metadata(path).is_ok_and(|found| Identity::of(&found) == identity)
 }
 
 pub(super) fn directory_of(path: &Path) -> &Path {
@@ -38,20 +39,20 @@ pub(super) fn directory_of(path: &Path) -> &Path {
 
 /// Creates the directory, or checks that no other user can replace files in it.
 pub(super) fn prepare_directory(path: &Path) -> Result<(), DomainSocketError> {
-    match DirBuilder::new().mode(0o700).create(path) {
+    match files::create_directory(path, 0o700) {
         Err(error) if error.kind() != io::ErrorKind::AlreadyExists => {
             return Err(failed("create directory", path)(error));
         }
         _ => {}
     }
-    let found = fs::metadata(path).map_err(failed("look at directory", path))?;
+    let found = files::metadata(path).map_err(failed("look at directory", path))?;
     let (mode, uid) = (found.mode() & 0o7777, found.uid());
     let path = path.to_owned();
     let sticky = mode & 0o1000 != 0;
     if mode & 0o002 != 0 && !sticky {
         return Err(DomainSocketError::DirectoryWritable { path, mode });
     }
-    if uid != 0 && uid != nix::unistd::geteuid().as_raw() {
+    if uid != 0 && uid != files::user() {
         return Err(DomainSocketError::DirectoryOwner { path, uid });
     }
     Ok(())

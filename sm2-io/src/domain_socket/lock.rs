@@ -1,16 +1,14 @@
 //! The lock that makes one process the owner of a domain's socket.
 
-use std::fs::{self, File, OpenOptions};
-use std::os::unix::fs::OpenOptionsExt;
+use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use nix::errno::Errno;
-use nix::fcntl::{Flock, FlockArg};
-use nix::libc;
 
 use super::error::DomainSocketError;
 use super::files::{Identity, directory_of, failed, names, prepare_directory, with_suffix};
 use super::path::check_path;
+use crate::syscall::files::{self, Flock};
 
 /// The right to bind a domain's socket. At most one process holds it.
 #[derive(Debug)]
@@ -33,27 +31,19 @@ impl DomainLock {
         prepare_directory(directory_of(path))?;
         let lock_path = with_suffix(path, ".lock");
         loop {
-            let file = OpenOptions::new()
-                .read(true)
-                .write(true)
-                .create(true)
-                .truncate(false)
-                .mode(0o600)
-                .custom_flags(libc::O_NOFOLLOW | libc::O_CLOEXEC)
-                .open(&lock_path)
-                .map_err(failed("open", &lock_path))?;
-            let lock = match Flock::lock(file, FlockArg::LockExclusiveNonblock) {
+            let file = files::open_lock(&lock_path).map_err(failed("open", &lock_path))?;
+            let lock = match files::lock(file) {
                 Ok(lock) => lock,
-                Err((_, Errno::EWOULDBLOCK)) => {
+                Err(Errno::EWOULDBLOCK) => {
                     let path = path.to_owned();
                     return Err(DomainSocketError::Busy { path });
                 }
-                Err((_, Errno::EINTR)) => continue,
-                Err((_, errno)) => return Err(failed("lock", &lock_path)(errno.into())),
+                Err(Errno::EINTR) => continue,
+                Err(errno) => return Err(failed("lock", &lock_path)(errno.into())),
             };
             // The last holder may have removed the file between `open` and `lock`. Then this lock is on
             // an unlinked file, and another process may hold the lock on the current one.
-            let ours = lock.metadata().map_err(failed("look at", &lock_path))?;
+            let ours = files::metadata_of(&lock).map_err(failed("look at", &lock_path))?;
             if names(&lock_path, Identity::of(&ours)) {
                 return Ok(Self {
                     socket_path: path.to_owned(),
@@ -82,7 +72,7 @@ impl Drop for DomainLock {
         if self.lock.is_some() {
             // Still locked: a process that has opened this file will find, once it gets the lock, that
             // the name is gone, and try again.
-            let _ = fs::remove_file(&self.lock_path);
+            let _ = files::remove(&self.lock_path);
         }
     }
 }

@@ -1,10 +1,10 @@
 //! The socket in the file system, and which process removes it.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::files::{Identity, names};
 use super::lock::DomainLock;
+use crate::syscall::files::remove;
 
 /// A domain's socket in the file system. Dropping it removes the file if this process made it.
 #[derive(Debug)]
@@ -73,7 +73,7 @@ impl Drop for SocketFile {
         // path again. Dropping the lock removes the lock's own file in any case.
         let alone = !matches!(lock, Some(Err(_)));
         if alone && self.whose == Whose::Ours && self.is_there() {
-            let _ = fs::remove_file(&self.path);
+            let _ = remove(&self.path);
         }
     }
 }

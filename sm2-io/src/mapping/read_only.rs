@@ -5,11 +5,10 @@ use std::ops::Deref;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::ptr::NonNull;
 
-use nix::sys::mman::{MapFlags, ProtFlags};
-
 use crate::mapping::region::Region;
 use crate::memfd::verify::{PooledFile, SealedFile};
 use crate::sync::{AtomicU64, Ordering, compiler_fence};
+use crate::syscall::memory::{MapFlags, ProtFlags};
 
 /// A mapping of a file that no process can change any more. Dereferences to its bytes; unmapped
 /// when dropped.

@@ -1,20 +1,15 @@
-//! Address ranges: all calls of `mmap(2)`, `munmap(2)`, `madvise(2)` and `mlock(2)`.
+//! Address ranges: mapping, advising, locking, unmapping.
 
 use std::io;
 use std::num::NonZeroUsize;
 use std::os::fd::BorrowedFd;
 use std::ptr::NonNull;
 
-use nix::errno::Errno;
-use nix::libc::{self, c_int, c_void};
-use nix::sys::mman::{self, MapFlags, MmapAdvise, ProtFlags};
+use nix::libc::c_void;
 
 use crate::huge::{self, HUGE_LEAST_BYTES, HUGE_PAGE_BYTES, huge_pages_allowed};
 use crate::sync::AtomicU64;
-
-/// The advice that moves a range into huge pages, whatever the setting for page faults. The number
-/// is the same on all architectures.
-const MADV_COLLAPSE: c_int = 25;
+use crate::syscall::memory::{self, MapFlags, MmapAdvise, ProtFlags};
 
 /// A mapped range of addresses that this value owns; nothing is mapped if `len` is 0.
 #[derive(Debug)]
@@ -77,7 +72,7 @@ impl Region {
         let hint = whole.and_then(|_| Self::aligned_hint(size));
         // SAFETY: without MAP_FIXED the kernel chooses a range that overlaps no mapping, so no memory
         // of this process changes; the hint does not affect that.
-        let start = unsafe { mman::mmap(hint, size, prot, flags, fd, 0)? };
+        let start = unsafe { memory::map(hint, size, prot, flags, fd)? };
         Ok(Self {
             start: start.cast(),
             len,
@@ -90,7 +85,7 @@ impl Region {
         let size = NonZeroUsize::new(len).ok_or(io::ErrorKind::InvalidInput)?;
         let prot = ProtFlags::PROT_READ | ProtFlags::PROT_WRITE;
         // SAFETY: without MAP_FIXED the kernel chooses a range that overlaps no mapping.
-        let start = unsafe { mman::mmap_anonymous(None, size, prot, MapFlags::MAP_PRIVATE)? };
+        let start = unsafe { memory::map_anonymous(size, prot, MapFlags::MAP_PRIVATE)? };
         Ok(Self {
             start: start.cast(),
             len,
@@ -121,7 +116,7 @@ impl Region {
         let flags = MapFlags::MAP_PRIVATE | MapFlags::MAP_NORESERVE;
         let len = size.checked_add(HUGE_PAGE_BYTES)?;
         // SAFETY: without MAP_FIXED the kernel chooses a range that overlaps no mapping.
-        let start = unsafe { mman::mmap_anonymous(None, len, ProtFlags::PROT_NONE, flags) };
+        let start = unsafe { memory::map_anonymous(len, ProtFlags::PROT_NONE, flags) };
         let room = Self {
             start: start.ok()?.cast(),
             len: len.get(),
@@ -153,7 +148,7 @@ impl Region {
             return Ok(());
         }
         // SAFETY: `self` owns the range. Locking changes neither the bytes nor the access rights.
-        unsafe { mman::mlock(self.start.cast::<c_void>(), self.len)? };
+        unsafe { memory::lock(self.start.cast::<c_void>(), self.len)? };
         Ok(())
     }
 
@@ -164,7 +159,7 @@ impl Region {
         let start = self.start.cast::<c_void>();
         // SAFETY: `self` owns the range. The kinds of advice that callers pass (HUGEPAGE, NOHUGEPAGE,
         // DONTFORK) change neither the bytes nor the access rights of this process.
-        unsafe { mman::madvise(start, self.mapped, advice)? };
+        unsafe { memory::advise(start, self.mapped, advice)? };
         Ok(())
     }
 
@@ -178,7 +173,7 @@ impl Region {
         // pages in for writing, which changes no byte and disturbs no access of other threads.
         unsafe {
             let start = self.start.add(from).cast::<c_void>();
-            mman::madvise(start, to - from, MmapAdvise::MADV_POPULATE_WRITE)
+            memory::advise(start, to - from, MmapAdvise::MADV_POPULATE_WRITE)
         }
     }
 
@@ -206,10 +201,10 @@ impl Region {
         // SAFETY: the assertion keeps the range inside the one that `self` owns. The kernel moves the
         // bytes to other pages; all mappings see the same bytes at the same addresses.
         let result = unsafe {
-            let start = self.start.as_ptr().add(from).cast::<c_void>();
-            libc::madvise(start, to - from, MADV_COLLAPSE)
+            let start = self.start.add(from).cast::<c_void>();
+            memory::collapse(start, to - from)
         };
-        Errno::result(result).map(drop).map_err(io::Error::from)
+        result.map_err(io::Error::from)
     }
 }
 
@@ -219,7 +214,7 @@ impl Drop for Region {
             // SAFETY: `self` owns the range, and every reference into it borrows from `self` (or from
             // the value that owns `self`), so none is left. The call fails only for a range that was
             // never mapped.
-            let result = unsafe { mman::munmap(self.start.cast(), self.mapped) };
+            let result = unsafe { memory::unmap(self.start.cast(), self.mapped) };
             debug_assert_eq!(result, Ok(()));
         }
     }

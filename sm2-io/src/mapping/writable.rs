@@ -4,11 +4,11 @@ use std::io;
 use std::os::fd::BorrowedFd;
 
 use nix::errno::Errno;
-use nix::sys::mman::{MapFlags, MmapAdvise, ProtFlags};
 
 use crate::huge::{self, HUGE_LEAST_BYTES, HUGE_PAGE_BYTES, huge_pages_allowed};
 use crate::mapping::region::Region;
 use crate::sync::AtomicU64;
+use crate::syscall::memory::{MapFlags, MmapAdvise, ProtFlags};
 
 /// A writable, shared mapping. Unmapped when dropped.
 #[derive(Debug)]

@@ -2,11 +2,11 @@
 
 use std::io::{self, IoSlice};
 use std::os::fd::OwnedFd;
-use std::os::unix::fs::FileExt;
 
 use sm2_proto::Seals;
 
 use super::file::{add_seals, create};
+use crate::syscall::files;
 
 /// Creates a sealed memfd with the concatenation of `parts`, which may be empty. No process can change
 /// its bytes or its size.
@@ -23,8 +23,7 @@ pub fn sealed_from_parts(parts: &[IoSlice<'_>]) -> io::Result<OwnedFd> {
     let file = create(c"sm2-message", len)?;
     let mut offset = 0;
     for part in parts {
-        // `write_all_at` repeats short writes: the kernel writes at most 2 GiB - 4 KiB at once.
-        file.write_all_at(part, offset)?;
+        files::write_all_at(&file, part, offset)?;
         offset += part.len() as u64;
     }
     add_seals(&file, Seals::SEALED)?;

@@ -1,13 +1,12 @@
 //! The kernel's facts about a descriptor.
 
 use std::io;
-use std::os::fd::BorrowedFd;
+use std::os::fd::{AsFd, BorrowedFd};
 
 use nix::errno::Errno;
-use nix::fcntl::{FcntlArg, fcntl};
-use nix::sys::stat::{SFlag, fstat};
-use nix::sys::statfs::{TMPFS_MAGIC, fstatfs};
 use sm2_proto::{FdFacts, Seals};
+
+use crate::syscall::{files, memory};
 
 /// Asks the kernel about the type, the size and the seals of `fd`.
 ///
@@ -22,18 +21,26 @@ use sm2_proto::{FdFacts, Seals};
 ///
 /// Any error of `fstat(2)`. None is expected for a memory file.
 pub fn facts(fd: BorrowedFd<'_>) -> io::Result<FdFacts> {
-    let seals = match fcntl(fd, FcntlArg::F_GET_SEALS) {
-        Ok(bits) => Seals(bits.cast_unsigned()),
+    let seals = match memory::seals(fd) {
+        Ok(bits) => Seals(bits),
         // The kernel answers EBADF for an O_PATH descriptor.
         Err(Errno::EINVAL | Errno::EBADF) => return Ok(FdFacts::default()),
         Err(errno) => return Err(errno.into()),
     };
     // After the seals: a size is final only if SHRINK and GROW were set before it was read.
-    let stat = fstat(fd)?;
-    let kind = SFlag::from_bits_truncate(stat.st_mode) & SFlag::S_IFMT;
+    let kind = files::kind(fd)?;
     Ok(FdFacts {
-        regular: kind == SFlag::S_IFREG && fstatfs(fd)?.filesystem_type() == TMPFS_MAGIC,
-        size_bytes: u64::try_from(stat.st_size).unwrap_or(0),
+        regular: kind.regular && files::is_in_tmpfs(fd)?,
+        size_bytes: kind.size_bytes,
         seals,
     })
+}
+
+/// Reads as many bytes as `bytes` has, from `offset` of the file on.
+///
+/// # Errors
+///
+/// Any error of `pread(2)`, and `UnexpectedEof` if the file is shorter.
+pub fn read_exact_at(file: impl AsFd, bytes: &mut [u8], offset: u64) -> io::Result<()> {
+    files::read_exact_at(file, bytes, offset)
 }

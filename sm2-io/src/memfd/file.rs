@@ -5,11 +5,10 @@ use std::io;
 use std::os::fd::AsFd;
 
 use nix::errno::Errno;
-use nix::fcntl::{FallocateFlags, FcntlArg, SealFlag, fallocate, fcntl};
-use nix::libc::{self, off_t};
-use nix::sys::memfd::{MFdFlags, memfd_create};
-use nix::sys::resource::{Resource, getrlimit};
+use nix::libc::off_t;
 use sm2_proto::Seals;
+
+use crate::syscall::{files, memory};
 
 /// The limit of locked memory of this process in bytes (`RLIMIT_MEMLOCK`); `u64::MAX` without a
 /// limit. It does not bind a process with `CAP_IPC_LOCK`.
@@ -18,20 +17,13 @@ use sm2_proto::Seals;
 ///
 /// Any error of `getrlimit(2)`. None is expected.
 pub fn locked_bytes_max() -> io::Result<u64> {
-    Ok(getrlimit(Resource::RLIMIT_MEMLOCK)?.0)
+    Ok(memory::locked_bytes_max()?)
 }
 
 /// Creates a memfd of `len` zeroes that can be sealed.
 pub(crate) fn create(name: &std::ffi::CStr, len: u64) -> io::Result<File> {
-    let flags = MFdFlags::MFD_CLOEXEC | MFdFlags::MFD_ALLOW_SEALING;
-    let not_executable = MFdFlags::from_bits_retain(libc::MFD_NOEXEC_SEAL);
-    let fd = match memfd_create(name, flags | not_executable) {
-        // Before Linux 6.3.
-        Err(Errno::EINVAL) => memfd_create(name, flags),
-        result => result,
-    }?;
-    let file = File::from(fd);
-    file.set_len(len)?;
+    let file = File::from(memory::memfd(name)?);
+    files::set_len(&file, len)?;
     Ok(file)
 }
 
@@ -43,7 +35,7 @@ pub(crate) fn allocate(file: &File, len: usize) -> io::Result<()> {
     let len = off_t::try_from(len).map_err(|_| io::ErrorKind::InvalidInput)?;
     loop {
         // A signal interrupts the allocation of a large file.
-        match fallocate(file, FallocateFlags::empty(), 0, len) {
+        match memory::allocate(file, len) {
             Err(Errno::EINTR) => {}
             result => return result.map_err(io::Error::from),
         }
@@ -70,7 +62,5 @@ pub(crate) fn add_seals(file: impl AsFd, seals: Seals) -> io::Result<()> {
 
 /// Adds `seals` in one step. `ResourceBusy` means that the kernel refuses for the moment.
 pub(crate) fn try_seals(file: impl AsFd, seals: Seals) -> io::Result<()> {
-    let flags = SealFlag::from_bits_retain(seals.0.cast_signed());
-    fcntl(file.as_fd(), FcntlArg::F_ADD_SEALS(flags))?;
-    Ok(())
+    Ok(memory::add_seals(file, seals.0)?)
 }

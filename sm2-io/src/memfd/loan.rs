@@ -10,6 +10,7 @@ use super::copy::sealed_from_parts;
 use super::file::{create, try_seals};
 use crate::huge::{HUGE_LEAST_BYTES, HUGE_PAGE_BYTES, huge_pages_allowed};
 use crate::mapping::writable::MappingMut;
+use crate::syscall::files;
 
 /// A new memfd of zeroes that is mapped for writing. [`seal`](Self::seal) makes it a message; dropping
 /// it frees the memory.
@@ -145,7 +146,7 @@ impl SealedLoan {
         // The kernel refuses F_SEAL_WRITE while a writable mapping exists.
         drop(mapping);
         if surplus {
-            file.set_len(needed as u64)?;
+            files::set_len(&file, needed as u64)?;
         }
         match try_seals(&file, Seals::SEALED) {
             Ok(()) => Ok(file.into()),

@@ -3,7 +3,6 @@
 use std::fs::File;
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
-use std::os::unix::fs::FileExt;
 
 use sm2_proto::Seals;
 
@@ -11,6 +10,7 @@ use super::file::{add_seals, allocate, create};
 use super::loan::{Pages, SealedLoan};
 use crate::huge::huge_pages_allowed;
 use crate::mapping::writable::MappingMut;
+use crate::syscall::files;
 
 /// A new memfd with all its pages, for one message of up to
 /// [`capacity_bytes`](Self::capacity_bytes).
@@ -89,9 +89,9 @@ impl Preallocated {
         match self.0 {
             Form::File { file, capacity } => {
                 if bytes.len() < capacity {
-                    file.set_len(bytes.len() as u64)?;
+                    files::set_len(&file, bytes.len() as u64)?;
                 }
-                file.write_all_at(bytes, 0)?;
+                files::write_all_at(&file, bytes, 0)?;
                 add_seals(&file, Seals::SEALED)?;
                 Ok(file.into())
             }

@@ -9,6 +9,8 @@ use quinn_proto::EcnCodepoint;
 use quinn_udp::{BATCH_SIZE, RecvMeta, UdpSocketState};
 use tokio::{io::Interest, net::UdpSocket};
 
+use crate::syscall::{Call, guard};
+
 /// The size of the kernel's buffers, for times at which the gateway is busy.
 const KERNEL_BUFFER_BYTES: usize = 4 << 20;
 /// The longest datagram, or several that the kernel coalesced.
@@ -38,6 +40,7 @@ impl Socket {
     /// # Panics
     /// Outside of a tokio runtime with I/O enabled.
     pub fn bind(address: SocketAddr) -> io::Result<Self> {
+        guard(Call::UdpBind)?;
         let socket = std::net::UdpSocket::bind(address)?;
         let state = UdpSocketState::new((&socket).into())?;
         // Smaller buffers are slower, but correct.
@@ -80,6 +83,7 @@ impl Socket {
         loop {
             self.socket.writable().await?;
             let sent = self.socket.try_io(Interest::WRITABLE, || {
+                guard(Call::UdpSend)?;
                 self.state.try_send((&self.socket).into(), &transmit)
             });
             match sent {
@@ -98,6 +102,7 @@ impl Socket {
         loop {
             self.socket.readable().await?;
             let received = self.socket.try_io(Interest::READABLE, || {
+                guard(Call::UdpRecv)?;
                 let mut slots: Vec<_> = batch
                     .bytes
                     .chunks_mut(SLOT_BYTES)

@@ -133,7 +133,7 @@ impl Manager {
     }
 
     fn place(&self) -> io::Result<OwnedFd> {
-        self.handles.stop.as_fd().try_clone_to_owned()
+        sm2_io::duplicate(&*self.handles.stop)
     }
 
     pub(super) fn make_room(&mut self, session: NodeId) {

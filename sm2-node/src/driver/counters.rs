@@ -2,7 +2,7 @@
 //! the node's ends of links (SPEC section 12).
 
 use std::io;
-use std::os::fd::{AsFd, OwnedFd};
+use std::os::fd::OwnedFd;
 
 use sm2_io::counters::Update;
 use sm2_io::{CounterEntry, CounterPage};
@@ -38,7 +38,7 @@ impl Counting {
     /// The descriptor for the Manager, which passes it to tools.
     pub(super) fn descriptor(&self) -> io::Result<OwnedFd> {
         let page = self.page.as_ref().ok_or(io::ErrorKind::NotFound)?;
-        page.as_fd().try_clone_to_owned()
+        sm2_io::duplicate(page)
     }
 
     /// Allocates an entry. `None` if there is no file or the file is full; the interface or link is

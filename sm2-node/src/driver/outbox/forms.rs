@@ -2,10 +2,8 @@
 //!
 //! Messages for the ring lane are always in a slot, with their head at the slot's end.
 
-use std::fs::File;
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
-use std::os::unix::fs::FileExt;
 
 use sm2_io::memfd;
 use sm2_proto::link::{Body, OutboundMessage, Placement, Status};
@@ -152,7 +150,7 @@ impl Outbox {
                 to.copy_from_slice(bytes);
                 Ok(())
             }
-            (None, Some(file)) => File::from(file.try_clone()?).read_exact_at(to, 0),
+            (None, Some(file)) => memfd::read_exact_at(file, to, 0),
             (None, None) => Err(io::ErrorKind::NotFound.into()),
         }
     }
