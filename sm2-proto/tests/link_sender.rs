@@ -370,7 +370,7 @@ fn what_the_other_end_would_reject_is_not_sent() {
     }
 }
 
-//= SM2-PAY-004, SM2-PAY-008 test
+//= SM2-PAY-009, SM2-PAY-008 test
 #[test]
 fn a_sealed_link_sends_no_pooled_message() {
     let mut link = opened(Config {

@@ -151,11 +151,10 @@ fn flow_rows() -> Vec<Row> {
         len: 4097,
         ..pooled_frame(0)
     };
-    let mut sealed_link = opened(Config {
+    let sealed_link = opened(Config {
         sealed: true,
         ..config(Role::Receiver)
     });
-    accept(&mut sealed_link, &Frame::Attach(SEGMENT));
     vec![
         row(
             violation!(BadSequence, "SM2-MSG-001"),
@@ -199,9 +198,14 @@ fn flow_rows() -> Vec<Row> {
             &data_pooled(2, 2, 0),
         ),
         row(
-            violation!(NotSealed, "SM2-PAY-004"),
-            sealed_link,
+            violation!(NotSealed, "SM2-PAY-009"),
+            sealed_link.clone(),
             &data_pooled(1, 1, 0),
+        ),
+        row(
+            violation!(NotSealed, "SM2-PAY-009"),
+            sealed_link,
+            &Frame::Attach(SEGMENT),
         ),
     ]
 }
@@ -345,7 +349,7 @@ fn service_rows() -> Vec<Row> {
 }
 
 //= SM2-OPN-006, SM2-TRN-004, SM2-TRN-005, SM2-WIR-001 test
-//= SM2-PAY-002, SM2-PAY-004, SM2-PAY-005, SM2-MSG-003 test
+//= SM2-PAY-002, SM2-PAY-009, SM2-PAY-005, SM2-MSG-003 test
 //= SM2-SEG-001, SM2-SEG-002, SM2-SEG-003, SM2-SEG-004, SM2-SEG-005 test
 //= SM2-RNG-001, SM2-RNG-002, SM2-RNG-010 test
 #[test]

@@ -15,7 +15,7 @@ use sm2_tests::{
     actor::Actor,
     control::{self, Qos},
     domain::TempDomain,
-    link::{attach, kind, pooled, role},
+    link::{attach, role},
     memory,
     process::actor,
     raw::RawNode,
@@ -99,9 +99,9 @@ fn a_domain_may_waive_the_boundary() {
     exchange(&["--waive-user-boundary", "true"], false);
 }
 
-//= SM2-PAY-004 sys
+//= SM2-PAY-009 sys
 #[test]
-fn a_pooled_message_to_another_user_ends_the_link() {
+fn a_segment_for_another_user_ends_the_link() {
     let Some(domain) = open_domain() else {
         return;
     };
@@ -115,7 +115,6 @@ fn a_pooled_message_to_another_user_ends_the_link() {
     link.open(role::SENDER, 0);
     let segment = memory::segment(4096);
     link.end.send_fds(attach(1, 4096, 1), &[segment.as_fd()]);
-    link.end.send(pooled(kind::DATA, 1, 1, 0, 1));
     assert_eq!(link.closed(), Some(ViolationKind::NotSealed.code().0));
 }
 

@@ -28,7 +28,7 @@ use crate::{
 pub(super) struct Inbound {
     /// Whether a ready message in excess of `depth` displaces the oldest one.
     displaces: bool,
-    /// Whether pooled messages are illegal.
+    /// Whether segments and pooled messages are illegal.
     sealed: bool,
     depth: usize,
     max_borrowed: u16,
@@ -100,8 +100,9 @@ impl Inbound {
     }
 
     /// Handles ATTACH.
-    //= SM2-SEG-001, SM2-SEG-003, SM2-SEG-004
+    //= SM2-PAY-009, SM2-SEG-001, SM2-SEG-003, SM2-SEG-004
     pub(super) fn attach(&mut self, info: &SegmentInfo, fds: &[FdFacts]) -> Result<(), Violation> {
+        self.check_pooled()?;
         let is_taken = self.segments.contains_key(&info.id);
         let geometry = check_attach(info, fds, is_taken, self.segments.len())?;
         self.segments.insert(
@@ -203,9 +204,19 @@ impl Inbound {
         }
     }
 
+    /// Whether the link may have segments and pooled messages.
+    //= SM2-PAY-009
+    const fn check_pooled(&self) -> Result<(), Violation> {
+        if self.sealed {
+            return Err(violation!(NotSealed, "SM2-PAY-009"));
+        }
+        Ok(())
+    }
+
     /// Returns the offset of the payload of a pooled message.
-    //= SM2-PAY-002, SM2-PAY-004, SM2-PAY-005
+    //= SM2-PAY-002, SM2-PAY-005
     fn check_slot(&self, segment: u32, slot: u32, len: u64) -> Result<u64, Violation> {
+        self.check_pooled()?;
         let segment = self
             .segments
             .get(&segment)
@@ -216,9 +227,6 @@ impl Inbound {
             .ok_or(violation!(BadSlot, "SM2-PAY-002"))?;
         if len > segment.geometry.stride() {
             return Err(violation!(BadLength, "SM2-PAY-002"));
-        }
-        if self.sealed {
-            return Err(violation!(NotSealed, "SM2-PAY-004"));
         }
         if segment.busy.contains(&slot) {
             return Err(violation!(SlotBusy, "SM2-PAY-005"));

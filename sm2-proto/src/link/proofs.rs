@@ -191,7 +191,7 @@ fn each_reserved_byte_is_checked() {
 }
 
 /// DECODE-TOTAL and DECODE-CANONICAL for frames that carry messages.
-//= SM2-WIR-001, SM2-PAY-001, SM2-PAY-004 kani
+//= SM2-WIR-001, SM2-PAY-001, SM2-PAY-009 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(52))]
 fn message_frames_are_canonical() {

@@ -215,8 +215,8 @@ impl<'a> Frame<'a> {
                 slot: layout.u32::<8>(),
             },
             Form::SEALED => Form::Sealed,
-            //= SM2-PAY-004
-            _ => return Err(violation!(Malformed, "SM2-PAY-004")),
+            //= SM2-PAY-009
+            _ => return Err(violation!(Malformed, "SM2-PAY-009")),
         };
         Ok(Self::Message(MessageFrame {
             carrier,

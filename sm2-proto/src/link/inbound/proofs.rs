@@ -110,6 +110,9 @@ impl Arrival {
             Err(violation!(WindowExceeded, "SM2-MSG-003"))
         } else {
             match frame.form {
+                Form::Pooled { .. } if state.books.sealed => {
+                    Err(violation!(NotSealed, "SM2-PAY-009"))
+                }
                 Form::Pooled { segment: 4.., .. } => Err(violation!(UnknownSegment, "SM2-PAY-002")),
                 Form::Pooled { slot: 4.., .. } => Err(violation!(BadSlot, "SM2-PAY-002")),
                 Form::Inline if frame.len > limit => Err(violation!(BadLength, "SM2-PAY-001")),
@@ -137,7 +140,7 @@ impl Arrival {
 /// A message is admitted exactly if it obeys the rules of SPEC section 8 for flow, form, slot and
 /// file.
 //= SM2-MSG-001, SM2-MSG-002, SM2-MSG-003, SM2-PAY-001, SM2-PAY-002, SM2-PAY-005, SM2-PAY-008 kani
-//= SM2-SEG-001, SM2-SEG-002 kani
+//= SM2-PAY-009, SM2-SEG-001, SM2-SEG-002 kani
 #[cfg_attr(kani, kani::proof)]
 // Two messages; trees of at most two entries.
 #[cfg_attr(kani, kani::unwind(8))]
@@ -157,6 +160,10 @@ fn a_message_is_admitted_exactly() {
     kani::cover!(
         expected == Err(violation!(WindowExceeded, "SM2-MSG-003")),
         "its window is full"
+    );
+    kani::cover!(
+        expected == Err(violation!(NotSealed, "SM2-PAY-009")),
+        "its link is sealed"
     );
     kani::cover!(expected.is_ok() && form == Form::Sealed, "a sealed message");
     match verdict {
@@ -237,9 +244,9 @@ fn each_message_is_released_once() {
                 {
                     let sequence = state.first + at as u64;
                     assert!(named.next() == Some(&sequence.to_le_bytes()[..]));
-                    let busy = &books.segments[&3].busy;
+                    let mut segments = books.segments.values();
                     assert!(
-                        *it == stage && !busy.contains(&(at as u32)),
+                        *it == stage && segments.all(|it| !it.busy.contains(&(at as u32))),
                         "its slot is free"
                     );
                 }
@@ -274,8 +281,9 @@ fn ring_segments(attached: impl Iterator<Item = u32>, leaving: Option<u32>) -> R
     ring
 }
 
-/// A segment can be attached if its number is free, and detached if none of its slots is in use.
-//= SM2-SEG-001, SM2-SEG-003, SM2-SEG-005 kani
+/// A segment can be attached if its number is free and the link is not sealed, and detached if none
+/// of its slots is in use.
+//= SM2-PAY-009, SM2-SEG-001, SM2-SEG-003, SM2-SEG-005 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(8))]
 fn segments_come_and_go() {
@@ -286,13 +294,16 @@ fn segments_come_and_go() {
         1 => {
             let mut books = State::<2>::any().books;
             let attach = Attach::any(id);
-            assert_eq!(
-                books.attach(&attach.info, &[attach.file]),
-                attach.expected(id == 3)
-            );
+            let was_there = books.segments.contains_key(&id);
+            let expected = if books.sealed {
+                Err(violation!(NotSealed, "SM2-PAY-009"))
+            } else {
+                attach.expected(was_there)
+            };
+            assert_eq!(books.attach(&attach.info, &[attach.file]), expected);
             let is_there = books.segments.contains_key(&id);
-            assert_eq!(is_there, id == 3 || attach.expected(false).is_ok());
-            kani::cover!(is_there && id != 3, "attached");
+            assert_eq!(is_there, was_there || expected.is_ok());
+            kani::cover!(is_there && !was_there, "attached");
             books.invariants();
         }
         _ => {
@@ -317,12 +328,14 @@ fn detach_any(id: u32) {
     let mut state = State::<2>::any();
     let busy = state.pooled && state.unreleased() > 0;
     let expected = match id {
+        _ if state.books.sealed => Err(violation!(UnknownSegment, "SM2-SEG-005")),
         3 if busy => Err(violation!(SegmentBusy, "SM2-SEG-005")),
         3 => Ok(()),
         _ => Err(violation!(UnknownSegment, "SM2-SEG-005")),
     };
     assert_eq!(state.books.detach(id), expected);
-    assert_eq!(state.books.segments.contains_key(&3), expected.is_err());
+    let has_segment = !state.books.sealed && expected.is_err();
+    assert_eq!(state.books.segments.contains_key(&3), has_segment);
     kani::cover!(expected.is_ok(), "detached");
     state.books.invariants();
 }
@@ -373,7 +386,7 @@ impl Attach {
 // All 256 segments, and the next one.
 #[cfg_attr(kani, kani::unwind(258))]
 fn one_segment_too_many_is_refused() {
-    let mut state = State::<1>::any();
+    let mut state = State::<1>::of_link(false);
     let is_ring = kani::any();
     // Segments of the ring lane for which DETACHED was not sent count as well.
     let is_leaving = is_ring && kani::any();
@@ -416,7 +429,7 @@ fn one_segment_too_many_is_refused() {
 
 #[cfg(test)]
 kani::explored! {
-    a_message_is_admitted_exactly: 3,
+    a_message_is_admitted_exactly: 4,
     each_message_is_released_once: 2,
     segments_come_and_go: 4,
     one_segment_too_many_is_refused: 2,

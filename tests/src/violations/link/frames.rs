@@ -142,7 +142,7 @@ pub(super) fn precedence() -> Rows {
             "reserved, and form 3",
             reserved.bytes(),
         ),
-        Rule::new(Malformed, "SM2-PAY-004").open(
+        Rule::new(Malformed, "SM2-PAY-009").open(
             Subscriber,
             "form 3, with a descriptor",
             move |stage| {

@@ -92,7 +92,7 @@ fn values() -> Rows {
     let request = Head::nth(kind::REQUEST, 1);
     let reply = Head::nth(kind::REPLY, 1);
     all([
-        Rule::new(Malformed, "SM2-PAY-004")
+        Rule::new(Malformed, "SM2-PAY-009")
             .sent(Subscriber, "form 3", Head { form: 3, ..data }.bytes())
             .sent(
                 Server,

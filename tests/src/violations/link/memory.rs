@@ -264,14 +264,15 @@ fn slots() -> Rows {
             stage.victim.borrow_mut().tell("hold x 1");
             stage.send(pooled(kind::DATA, 2, 1, 0, 1));
         });
-    let sealed = Rule::new(NotSealed, "SM2-PAY-004").fresh(
-        SealedSubscriber,
-        "a slot on a sealed link",
-        |stage| {
+    let sealed = Rule::new(NotSealed, "SM2-PAY-009")
+        .sent(
+            SealedSubscriber,
+            "a slot on a sealed link",
+            pooled(kind::DATA, 1, 1, 0, 1),
+        )
+        .fresh(SealedSubscriber, "a segment on a sealed link", |stage| {
             stage.attached(1);
-            stage.send(pooled(kind::DATA, 1, 1, 0, 1));
-        },
-    );
+        });
     all([unknown, bad, busy, sealed])
 }
 

@@ -46,20 +46,25 @@ fn slot(at: usize, pooled: bool) -> Option<Slot> {
 }
 
 impl<const N: usize> State<N> {
-    /// The last messages, each at any stage. A pooled message is in the slot with the index of the
-    /// message.
+    /// The last messages of any link, each at any stage. A pooled message is in the slot with the
+    /// index of the message.
     pub(super) fn any() -> Self {
+        Self::of_link(kani::any())
+    }
+
+    /// The same for a link that is sealed, which has no segment, or not sealed.
+    pub(super) fn of_link(sealed: bool) -> Self {
         let config = Config {
             id: LinkId::FIRST,
             version: VERSION,
             role: Role::Receiver,
             reliable: kani::any(),
-            sealed: false,
+            sealed,
             ring: false,
             depth: 1,
             max_borrowed: 1,
         };
-        let (pooled, first): (bool, u64) = (kani::any(), one_of(&FIRST));
+        let (pooled, first): (bool, u64) = (!sealed && kani::any(), one_of(&FIRST));
         let mut books = Inbound::new(&config);
         let geometry = Geometry::new(STRIDE, 4).expect("a legal segment");
         let mut segment = Segment {
@@ -92,7 +97,9 @@ impl<const N: usize> State<N> {
             };
             segment.busy.extend(slot.map(|it| it.slot));
         }
-        books.segments.insert(3, segment);
+        if !sealed {
+            books.segments.insert(3, segment);
+        }
         books.sequence = first + (N as u64 - 1);
         books.last_id = Some(books.sequence);
         books.next_id = Some(first);
