@@ -131,6 +131,15 @@ pub fn state(pid: u32) -> Option<char> {
     rest.chars().next()
 }
 
+/// The private memory of a process that is in use, in KiB: neither files nor shared memory.
+#[must_use]
+pub fn anonymous_kib(pid: u32) -> Option<u64> {
+    let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
+    let mut lines = status.lines();
+    let line = lines.find_map(|line| line.strip_prefix("RssAnon:"))?;
+    line.split_whitespace().next()?.parse().ok()
+}
+
 fn mappings(pid: u32) -> usize {
     permissions(pid).len()
 }

@@ -6,6 +6,8 @@
 //! | [`domain`] | a folder for each test, and Managers that serve there |
 //! | [`process`] | child processes with bounded waits; none outlives its test |
 //! | [`actor`] | a child process that is a node and carries out commands |
+//! | [`options`], [`input`] | the command line and the standard input of a child process |
+//! | [`manager`] | the Manager as a child process runs it |
 //! | [`random`] | random choices that a seed reproduces |
 //! | [`census`] | descriptors and mappings of a process, from `/proc` |
 //! | [`raw`] | peers that send bytes: a node, a Manager, one end of a link |
@@ -28,8 +30,11 @@ pub mod control;
 #[cfg(doctest)]
 mod documents;
 pub mod domain;
+pub mod input;
 pub mod link;
+pub mod manager;
 pub mod memory;
+pub mod options;
 pub mod pattern;
 pub mod process;
 pub mod random;

@@ -140,6 +140,12 @@ impl Process {
         }
     }
 
+    /// The next line of its output, if it has arrived.
+    #[must_use]
+    pub fn try_line(&self) -> Option<String> {
+        self.lines.try_recv().ok()
+    }
+
     /// The next line of its output, which must arrive.
     #[track_caller]
     pub fn expect_line(&self) -> String {

@@ -3,9 +3,7 @@
 use std::{io, process::ExitCode};
 
 use sm2_io::SeqPacket;
-use sm2_tests::raw::RawNode;
-
-use crate::options::Options;
+use sm2_tests::{options::Options, raw::RawNode};
 
 pub(crate) fn run(options: &Options) -> ExitCode {
     let path: std::path::PathBuf = options.get("--socket").expect("--socket");

@@ -9,7 +9,7 @@ use std::{os::fd::AsFd, process::ExitCode, thread, time::Duration};
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
 use sm2_node::{Node, Publisher, Subscriber};
 
-use crate::{input::Input, options::Options};
+use sm2_tests::{input::Input, options::Options};
 
 const TOPICS: usize = 5;
 

@@ -20,9 +20,7 @@ use std::{
 };
 
 use sm2_node::{Node, Publisher, Sample, Subscriber};
-use sm2_tests::TIMEOUT;
-
-use crate::{input::Input, options::Options};
+use sm2_tests::{TIMEOUT, input::Input, options::Options};
 
 /// How often all nodes are driven.
 const TICK: Duration = Duration::from_millis(5);

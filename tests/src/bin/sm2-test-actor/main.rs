@@ -5,15 +5,12 @@
 mod connect;
 mod crowd;
 mod flow;
-mod input;
-mod manager;
 mod node;
-mod options;
 mod storm;
 
 use std::process::ExitCode;
 
-use options::Options;
+use sm2_tests::{manager, options::Options};
 
 fn main() -> ExitCode {
     let mut arguments = std::env::args().skip(1);

@@ -21,9 +21,7 @@ use std::{
 };
 
 use sm2_node::{CallError, Node, Sample};
-use sm2_tests::{TIMEOUT, pattern, random::Random};
-
-use crate::{input::Input, options::Options};
+use sm2_tests::{TIMEOUT, input::Input, options::Options, pattern, random::Random};
 
 /// The node whose messages must all arrive.
 const SURVIVOR: &str = "survivor-pub";

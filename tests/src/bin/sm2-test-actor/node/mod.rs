@@ -10,7 +10,7 @@ use std::{os::fd::AsFd, process::ExitCode};
 use commands::Stage;
 use sm2_node::Node;
 
-use crate::{input::Input, options::Options};
+use sm2_tests::{input::Input, options::Options};
 
 pub(crate) fn run(options: &Options) -> ExitCode {
     let name: String = options.get("--name").expect("--name");

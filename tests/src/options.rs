@@ -5,10 +5,13 @@ use std::{collections::HashMap, fmt::Debug, str::FromStr};
 use nix::sys::resource::{Resource, setrlimit};
 
 /// Options by name.
-pub(crate) struct Options(HashMap<String, String>);
+#[derive(Clone, Debug)]
+pub struct Options(HashMap<String, String>);
 
 impl Options {
-    pub(crate) fn parse(mut arguments: impl Iterator<Item = String>) -> Self {
+    /// The options of a command line: each is a name and a value.
+    #[must_use]
+    pub fn parse(mut arguments: impl Iterator<Item = String>) -> Self {
         let mut options = HashMap::new();
         while let Some(name) = arguments.next() {
             let value = arguments.next();
@@ -19,18 +22,20 @@ impl Options {
     }
 
     /// The value of an option, if it was given.
-    pub(crate) fn get<T: FromStr<Err: Debug>>(&self, name: &str) -> Option<T> {
+    #[must_use]
+    pub fn get<T: FromStr<Err: Debug>>(&self, name: &str) -> Option<T> {
         let value = self.0.get(name)?;
         Some(value.parse().unwrap_or_else(|_| panic!("{name} {value}")))
     }
 
     /// The value of an option, or the default.
-    pub(crate) fn get_or<T: FromStr<Err: Debug>>(&self, name: &str, default: T) -> T {
+    #[must_use]
+    pub fn get_or<T: FromStr<Err: Debug>>(&self, name: &str, default: T) -> T {
         self.get(name).unwrap_or(default)
     }
 
     /// With `--nofile N`, this process can have no more than N descriptors.
-    pub(crate) fn limit_files(&self) {
+    pub fn limit_files(&self) {
         if let Some(files) = self.get("--nofile") {
             setrlimit(Resource::RLIMIT_NOFILE, files, files).expect("a limit of files");
         }

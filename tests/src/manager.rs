@@ -6,7 +6,9 @@ use sm2_manager::{Policy, program};
 
 use crate::options::Options;
 
-pub(crate) fn run(options: &Options) -> ExitCode {
+/// Runs a Manager until its standard input ends.
+#[must_use]
+pub fn run(options: &Options) -> ExitCode {
     thread::spawn(|| {
         // At the end of the input the tests have ended: exit at once, without an orderly shutdown.
         let _ = io::copy(&mut io::stdin(), &mut io::sink());

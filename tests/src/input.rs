@@ -8,13 +8,16 @@ use std::{
 };
 
 /// The lines of standard input that have arrived.
-pub(crate) struct Input {
+#[derive(Debug)]
+pub struct Input {
     input: File,
     text: Vec<u8>,
 }
 
 impl Input {
-    pub(crate) fn new() -> Self {
+    /// The standard input of this process.
+    #[must_use]
+    pub fn new() -> Self {
         let input = io::stdin().as_fd().try_clone_to_owned();
         Self {
             input: input.expect("standard input").into(),
@@ -23,7 +26,11 @@ impl Input {
     }
 
     /// Returns the complete lines, or an error at the end of the input.
-    pub(crate) fn lines(&mut self) -> io::Result<Vec<String>> {
+    ///
+    /// # Errors
+    ///
+    /// `UnexpectedEof` at the end of the input, or an error of the system.
+    pub fn lines(&mut self) -> io::Result<Vec<String>> {
         let now = Some(Duration::ZERO);
         if sm2_io::wait_readable(&[self.input.as_fd()], now)? {
             let mut buffer = [0; 4096];
@@ -39,6 +46,12 @@ impl Input {
             lines.push(String::from_utf8_lossy(&line).trim().to_owned());
         }
         Ok(lines)
+    }
+}
+
+impl Default for Input {
+    fn default() -> Self {
+        Self::new()
     }
 }
 

@@ -1,0 +1,131 @@
+//! The accounts of links: each end's counts, as lines of text, and the differences between the ends.
+
+use std::collections::HashMap;
+
+use sm2_node::diagnostics::{Counters, LinkStatus};
+
+/// One end's counts of one link.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct End {
+    link: String,
+    offered: u64,
+    delivered: u64,
+    /// Lost for the other end: displaced, or not sent before a deadline.
+    dropped: u64,
+    closed: u64,
+    in_flight: u64,
+    received: u64,
+    lost: u64,
+}
+
+/// Messages of a sender for which no fate is counted, or two.
+pub(crate) const fn unbalanced(counters: &Counters) -> u64 {
+    let dropped = counters.overwritten + counters.discarded + counters.deadline + counters.closed;
+    let settled = counters.delivered + dropped + counters.in_flight;
+    counters.offered.abs_diff(settled)
+}
+
+impl End {
+    /// The counts of an open link, as words that [`parse`](Self::parse) reads.
+    pub(crate) fn text(status: &LinkStatus) -> String {
+        let LinkStatus {
+            id,
+            counters: it,
+            received,
+            ..
+        } = status;
+        format!(
+            "{:x}.{},{},{},{},{},{},{},{}",
+            id.epoch,
+            id.serial,
+            it.offered,
+            it.delivered,
+            it.overwritten + it.discarded + it.deadline,
+            it.closed,
+            it.in_flight,
+            received.messages,
+            received.lost
+        )
+    }
+
+    /// Reads the words of one end. `None` if they are damaged.
+    pub(crate) fn parse(text: &str) -> Option<Self> {
+        let (link, numbers) = text.split_once(',')?;
+        let numbers: Result<Vec<u64>, _> = numbers.split(',').map(str::parse).collect();
+        let [
+            offered,
+            delivered,
+            dropped,
+            closed,
+            in_flight,
+            received,
+            lost,
+        ] = numbers.ok()?[..]
+        else {
+            return None;
+        };
+        Some(Self {
+            link: link.to_owned(),
+            offered,
+            delivered,
+            dropped,
+            closed,
+            in_flight,
+            received,
+            lost,
+        })
+    }
+
+    /// Messages of this end that the other end does not account for, while nothing is sent.
+    const fn unaccounted(&self, other: &Self) -> u64 {
+        let settled = self.delivered + self.dropped + self.closed + self.in_flight;
+        self.offered.abs_diff(settled)
+            + self.in_flight
+            + self.delivered.abs_diff(other.received)
+            + self.dropped.abs_diff(other.lost)
+    }
+}
+
+/// The messages that the ends of all links, with the names of their processes, do not account for,
+/// and a line for each such link. The domain must be at rest.
+pub(crate) fn unaccounted(ends: &[(String, End)]) -> (u64, Vec<String>) {
+    let mut links: HashMap<&str, Vec<(&str, &End)>> = HashMap::new();
+    for (name, end) in ends {
+        links.entry(&end.link).or_default().push((name, end));
+    }
+    let mut lines = Vec::new();
+    let mut sum = 0;
+    for ends in links.values() {
+        let missing = match ends[..] {
+            [(_, one), (_, other)] => one.unaccounted(other) + other.unaccounted(one),
+            _ => 1,
+        };
+        if missing > 0 {
+            sum += missing;
+            lines.push(format!("{missing} unaccounted: {ends:?}"));
+        }
+    }
+    (sum, lines)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{End, unaccounted};
+
+    fn ends(sender: &str, receiver: &str) -> u64 {
+        let end = |name: &str, text| (name.to_owned(), End::parse(text).expect("an end"));
+        unaccounted(&[end("sender", sender), end("receiver", receiver)]).0
+    }
+
+    #[test]
+    fn every_count_matters() {
+        let receiver = "a.1,0,0,0,0,0,7,2";
+        assert_eq!(ends("a.1,9,7,2,0,0,0,0", receiver), 0);
+        assert_eq!(ends("a.1,10,7,2,0,0,0,0", receiver), 1, "offered");
+        assert_eq!(ends("a.1,10,8,2,0,0,0,0", receiver), 1, "delivered");
+        assert_eq!(ends("a.1,11,7,4,0,0,0,0", receiver), 2, "dropped");
+        assert_eq!(ends("a.1,10,7,2,0,1,0,0", receiver), 1, "in flight");
+        assert_eq!(ends("a.2,9,7,2,0,0,0,0", receiver), 2, "another link");
+        assert_eq!(End::parse("a.1,1,2"), None);
+    }
+}

@@ -1,0 +1,77 @@
+//! `cargo run --release -p sm2-tests --bin soak -- --seconds N [--json]`: a domain under load, whose
+//! processes are killed and stopped at random for N seconds.
+//!
+//! | process | load | killed |
+//! | --- | --- | --- |
+//! | witness | its payloads, counters, descriptors, mappings and memory are checked | no |
+//! | victim | the same load; a new one takes its place at once | yes |
+//! | Manager and its standby | the domain | yes |
+//!
+//! All of them are stopped (SIGSTOP) and continued at random. From time to time the domain comes to
+//! rest: the victims end, and the witnesses stop sending. Both ends of each link must then agree
+//! about every message, and each process must hold what it held at the first rest. At the end each
+//! witness withdraws its interfaces, and must hold what it held before it declared them.
+//!
+//! `SM2_TEST_SEED` sets the seed of the random choices, which is printed. Ctrl-C ends the run in
+//! order, with a report. Exit status: 0 if nothing was wrong, 1 if something was, 2 for wrong usage.
+
+mod child;
+mod director;
+mod disturbance;
+mod fleet;
+mod ledger;
+mod managers;
+mod message;
+mod report;
+mod rest;
+mod role;
+mod tally;
+
+use std::{
+    process::ExitCode,
+    sync::{Arc, atomic::AtomicBool},
+    time::Duration,
+};
+
+use signal_hook::consts::{SIGINT, SIGTERM};
+use sm2_tests::options::Options;
+
+const USAGE: &str = "usage: soak --seconds N [--json]";
+
+fn main() -> ExitCode {
+    let mut arguments = std::env::args().skip(1).peekable();
+    // The processes of the run are started from this program, with a role.
+    if let Some(role) = arguments.next_if(|it| !it.starts_with('-')) {
+        let options = Options::parse(arguments);
+        return match role.as_str() {
+            "manager" => sm2_tests::manager::run(&options),
+            role => role::run(role, &options),
+        };
+    }
+    let (mut seconds, mut json) = (None, false);
+    while let Some(argument) = arguments.next() {
+        match argument.as_str() {
+            "--seconds" => seconds = arguments.next().and_then(|it| it.parse().ok()),
+            "--json" => json = true,
+            _ => {
+                seconds = None;
+                break;
+            }
+        }
+    }
+    let Some(seconds @ 1..) = seconds else {
+        eprintln!("{USAGE}");
+        return ExitCode::from(2);
+    };
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&stop)).expect("a signal handler");
+    }
+    let report = director::run(Duration::from_secs(seconds), &stop);
+    report.print(json);
+    if report.is_clean() {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::FAILURE
+    }
+}
