@@ -58,3 +58,15 @@ fn help_says_what_can_be_done_and_how_it_ends() {
         assert!(text.contains(word), "{word} in {text}");
     }
 }
+
+/// A Manager executes no program, so it gives up the right to gain rights by one.
+#[test]
+fn a_manager_gives_up_the_right_to_gain_rights() {
+    let domain = TestDomain::new();
+    let manager = domain.manager(&[]);
+    let threads = fs::read_dir(format!("/proc/{}/task", manager.pid())).unwrap();
+    for thread in threads {
+        let status = fs::read_to_string(thread.unwrap().path().join("status")).unwrap();
+        assert!(status.contains("NoNewPrivs:\t1\n"), "{status}");
+    }
+}

@@ -63,3 +63,24 @@ fn the_units_use_options_that_exist() {
         assert!(output.status.success(), "{name}: {output:?}");
     }
 }
+
+/// The exposure of a Manager by the measure of `systemd-analyze security`, in tenths: 0 to 100.
+const EXPOSURE_MOST: &str = "4";
+
+#[test]
+fn systemd_finds_the_managers_units_hardened() {
+    let packaging = Path::new(env!("CARGO_MANIFEST_DIR")).join("../packaging/systemd");
+    for name in ["sm2-manager.service", "sm2-manager@.service"] {
+        let mut analyze = Command::new("systemd-analyze");
+        analyze.args(["security", "--no-pager", "--offline=yes"]);
+        analyze.arg(format!("--threshold={EXPOSURE_MOST}"));
+        let Ok(output) = analyze.arg(packaging.join(name)).output() else {
+            println!("skipped: systemd-analyze is not installed");
+            return;
+        };
+        let text = String::from_utf8_lossy(&output.stdout);
+        let score = text.lines().last().unwrap_or_default();
+        println!("{score}");
+        assert!(output.status.success(), "{text}");
+    }
+}

@@ -19,13 +19,17 @@ use std::{
     thread,
 };
 
-use nix::sys::resource::{Resource, getrlimit, setrlimit};
+use nix::sys::{
+    prctl::set_no_new_privs,
+    resource::{Resource, getrlimit, setrlimit},
+};
 use sd_notify::NotifyState;
 use signal_hook::{
     consts::{SIGINT, SIGTERM, SIGUSR2},
     iterator::Signals,
 };
 use sm2_io::DomainSocketError;
+use tracing::warn;
 
 pub use self::{activation::ActivationError, arguments::Arguments, replace::ReplaceError};
 use crate::{HandOver, Manager, Outcome, Role, RunError, Standby, StartError, Stopper};
@@ -175,6 +179,7 @@ fn say_role(role: Role) {
 /// As [`Manager::bind`], [`Manager::adopt`], [`Standby::start`] and [`Manager::run`].
 pub fn serve(arguments: &Arguments) -> Result<(), ProgramError> {
     raise_file_limit();
+    give_up_new_rights();
     // Before the domain is claimed: without a handler, SIGUSR2 would kill this process.
     let mut signals = Signals::new([SIGINT, SIGTERM, SIGUSR2]).map_err(ProgramError::Signals)?;
     let service = Service::start(arguments)?;
@@ -217,6 +222,14 @@ pub fn main(arguments: &Arguments) -> ExitCode {
             eprintln!("sm2 manager: {error}");
             ExitCode::FAILURE
         }
+    }
+}
+
+/// Gives up the right to gain rights by executing a program, which a Manager never does. The threads of this
+/// process inherit this.
+fn give_up_new_rights() {
+    if let Err(error) = set_no_new_privs() {
+        warn!(%error, "this process can still gain rights by executing programs");
     }
 }
 

@@ -6,6 +6,7 @@ mod connect;
 mod crowd;
 mod flow;
 mod node;
+mod probe;
 mod storm;
 
 use std::process::ExitCode;
@@ -22,6 +23,7 @@ fn main() -> ExitCode {
         "crowd" => crowd::run(&options),
         "flow" => flow::run(&options),
         "manager" => manager::run(&options),
+        "probe" => probe::run(&options),
         "storm" => storm::run(&options),
         "node" => node::run(&options),
         other => panic!("no role {other:?}"),
