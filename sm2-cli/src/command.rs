@@ -3,7 +3,7 @@
 use clap::{Parser, Subcommand};
 
 use crate::{
-    completions, demo, doctor, manual, node, service, snapshot, top, topic, wait_for, why,
+    completions, demo, doctor, manual, node, policy, service, snapshot, top, topic, wait_for, why,
 };
 
 /// Inspect, feed and run an SM2 domain from a shell.
@@ -42,6 +42,9 @@ pub(crate) enum Command {
     /// Carry topics and services to other domains and machines
     #[command(subcommand, after_help = sm2_gateway::program::examples("sm2 gateway"))]
     Gateway(sm2_gateway::program::Command),
+    /// Check access policies, and explain their decisions; needs no Manager
+    #[command(subcommand, after_help = POLICY_EXAMPLES)]
+    Policy(policy::Command),
     /// Measure large messages on this machine; needs no Manager
     Demo(demo::Arguments),
     /// Print a shell's completion script for this command
@@ -95,3 +98,11 @@ const NODE_EXAMPLES: &str = "\
 Examples:
   sm2 node list
   sm2 node info talker";
+
+const POLICY_EXAMPLES: &str = "\
+A policy file states who may publish, subscribe, serve, call, see and read counters under which names.
+The Manager of this version does not apply policies yet.
+
+Examples:
+  sm2 policy check policy.toml
+  sm2 policy explain policy.toml --node talker --action publish --name chatter";

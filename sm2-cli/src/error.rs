@@ -8,6 +8,7 @@ use std::{
 use nix::libc;
 use sm2_demo::DemoError;
 use sm2_io::DomainSocketError;
+use sm2_manager::PolicyFileError;
 use sm2_node::domain::QueryError;
 use sm2_node::schema::SchemaError;
 use sm2_node::{
@@ -154,6 +155,9 @@ pub(crate) enum CliError {
     /// The Manager does not answer a question about the domain.
     #[error(transparent)]
     Query(#[from] QueryError),
+    /// A file is no access policy.
+    #[error(transparent)]
+    Policy(#[from] PolicyFileError),
     /// A file or folder cannot be used.
     #[error("cannot {action} {}: {source}{}", path.display(), advice(source))]
     File {

@@ -34,6 +34,7 @@ mod messages;
 mod names;
 mod node;
 mod output;
+mod policy;
 #[cfg(test)]
 mod reference;
 mod sampling;
@@ -82,6 +83,7 @@ pub fn main() -> ExitCode {
         Command::Why(arguments) => why::run(&arguments),
         Command::Top(arguments) => top::run(&arguments),
         Command::Doctor(arguments) => doctor::run(&arguments),
+        Command::Policy(command) => policy::run(&command),
         Command::Completions(arguments) => completions::run(&arguments, Cli::command()),
         Command::Man(arguments) => manual::run(&arguments, Cli::command()),
         Command::Demo(arguments) => demo::run(&arguments),

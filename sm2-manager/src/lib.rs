@@ -35,6 +35,7 @@ mod connection;
 mod driver;
 mod handles;
 mod options;
+mod policy_file;
 #[cfg(feature = "program")]
 pub mod program;
 mod standby;
@@ -43,5 +44,6 @@ pub use background::Background;
 pub use driver::Manager;
 pub use handles::{HandOver, Stopper};
 pub use options::{Options, Outcome, RunError, StartError};
+pub use policy_file::{PolicyFile, PolicyFileError, PolicyWarning, ValueError};
 pub use sm2_proto::manager::Policy;
 pub use standby::{Role, Standby};

@@ -11,6 +11,7 @@ mod help;
 mod information;
 mod lists;
 mod measure;
+mod policy;
 mod services;
 mod signals;
 mod snapshot;

@@ -162,6 +162,8 @@ impl World {
         if is_word_of(example, "pub") {
             fs::write(self.path("work/frames/first.png"), "an image").unwrap();
         }
+        let policy = "default = \"allow\"\n";
+        fs::write(self.path("work/policy.toml"), policy).unwrap();
         // jq prints each report at once; without jq its input is printed.
         self.make_tool(
             "jq",

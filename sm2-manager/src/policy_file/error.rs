@@ -1,0 +1,140 @@
+//! The errors of policy files.
+
+use std::{io, path::PathBuf};
+
+use sm2_proto::{
+    Name, NameError, gateway::PatternError, limits::POLICY_FILE_MAX, policy::PolicyError,
+};
+
+/// Why a policy file was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum PolicyFileError {
+    /// The file cannot be read.
+    #[error("cannot read the policy {path:?}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// The error of the system.
+        source: io::Error,
+    },
+    /// The path names a folder, a device or another special file.
+    #[error("the policy {path:?} is not a regular file: name a TOML file")]
+    NotAFile {
+        /// The path.
+        path: PathBuf,
+    },
+    /// The file is too long.
+    #[error(
+        "the policy {path:?} is longer than {POLICY_FILE_MAX} bytes: use patterns with `*` and `**`"
+    )]
+    TooLong {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The file is not TOML, or a key is unknown, missing or of the wrong type.
+    #[error("{path}:{line}: {}", .source.message(), path = .path.display())]
+    Toml {
+        /// The file.
+        path: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// The error of the parser.
+        source: Box<toml::de::Error>,
+    },
+    /// A value is not allowed.
+    #[error("{path}:{line}: {key}: {source}", path = .path.display())]
+    Value {
+        /// The file.
+        path: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// The key of the value.
+        key: &'static str,
+        /// The error in the value.
+        source: ValueError,
+    },
+    /// The tables together are not a policy.
+    #[error("{path}:{line}: {source}", path = .path.display())]
+    Policy {
+        /// The file.
+        path: PathBuf,
+        /// The line, from 1, of the table with a name that an earlier one has; else of the last table.
+        line: usize,
+        /// The error.
+        source: PolicyError,
+    },
+}
+
+/// Why a value of a policy file was refused.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ValueError {
+    /// The value is not a name.
+    #[error("`{text}`: {source}")]
+    Name {
+        /// The text.
+        text: String,
+        /// The rule that it breaks.
+        source: NameError,
+    },
+    /// The value is not a pattern of names.
+    #[error("`{text}`: {source}")]
+    Pattern {
+        /// The text.
+        text: String,
+        /// The rule that it breaks.
+        source: PatternError,
+    },
+    /// A list has no members, so its table could never match.
+    #[error("an empty list matches nothing: name at least one, or omit the key")]
+    Empty,
+    /// The system has no such user.
+    #[error("this machine has no user `{text}`: correct the name, or write the user id")]
+    NoUser {
+        /// The name.
+        text: String,
+    },
+    /// The system has no such group.
+    #[error("this machine has no group `{text}`: correct the name, or write the group id")]
+    NoGroup {
+        /// The name.
+        text: String,
+    },
+    /// The system cannot look up a user or group.
+    #[error("cannot look up `{text}` ({source}): write the id in place of the name")]
+    Lookup {
+        /// The name.
+        text: String,
+        /// The error of the system.
+        source: io::Error,
+    },
+}
+
+/// A part of a policy that probably does not do what its author expects.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum PolicyWarning {
+    /// A rule depends on a name that any process may choose.
+    #[error(
+        "rule `{rule}` in line {line} gives rights to `{pattern}` by name alone, and every process may \
+         use that name: add `users` or `groups` to the rule, or a [[binding]] of that name"
+    )]
+    UnboundName {
+        /// The name of the rule.
+        rule: Name,
+        /// Its line.
+        line: usize,
+        /// The pattern of node names.
+        pattern: String,
+    },
+    /// An earlier rule for all subjects, actions and names decides everything.
+    #[error("rule `{rule}` in line {line} is never reached: rule `{earlier}` matches everything")]
+    NeverReached {
+        /// The name of the rule.
+        rule: Name,
+        /// Its line.
+        line: usize,
+        /// The earlier rule.
+        earlier: Name,
+    },
+}
