@@ -15,7 +15,7 @@ use super::sleepers::{Sleepers, EventSource};
 const ONE: InterfaceId = InterfaceId(1);
 const OTHER: InterfaceId = InterfaceId(2);
 
-/// Models `sm2-node/src/driver/shared.rs` and `inner.rs`, as far as waiting is concerned.
+/// Models `sm2-node/src/driver/shared_node.rs` and `inner.rs`, as far as waiting is concerned.
 pub(crate) struct SharedNode {
     pub(crate) epoll: Epoll,
     socket: Arc<Socket>,
