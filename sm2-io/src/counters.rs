@@ -167,7 +167,7 @@ pub struct Update<'a> {
     change: Change<'a, ENTRY_FIELDS>,
 }
 
-//= SM2-CNT-004
+//= SM2-CNT-006
 impl Update<'_> {
     /// Sending side: counts a message (or call) of `len_bytes` that was published `at` this time.
     #[inline]
@@ -203,6 +203,7 @@ impl Update<'_> {
         self.set(field::DISCARDED, fates.discarded);
         self.set(field::DEADLINE, fates.deadline);
         self.set(field::CLOSED, fates.closed);
+        self.set(field::POOL_LIMIT, fates.pool_limit);
         self.set(field::IN_FLIGHT, fates.in_flight);
     }
 

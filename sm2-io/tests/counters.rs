@@ -73,7 +73,7 @@ fn a_file_that_only_its_author_can_write() {
     assert_eq!(view.entries().count(), 0);
 }
 
-//= SM2-CNT-004 test
+//= SM2-CNT-006 test
 #[test]
 fn what_is_counted_is_seen() {
     let mut page = CounterPage::new().unwrap();
@@ -101,6 +101,7 @@ fn what_is_counted_is_seen() {
             discarded: 2,
             deadline: 3,
             closed: 4,
+            pool_limit: 6,
             in_flight: 5,
         };
         update.fates(&fates);
@@ -308,7 +309,7 @@ fn files_that_are_not_of_counters() {
     }
 }
 
-//= SM2-CNT-004 test
+//= SM2-CNT-006 test
 //= SM2-CNT-005 test
 #[test]
 fn entries_that_are_not_as_they_should_be() {

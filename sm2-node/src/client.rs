@@ -11,7 +11,7 @@ use sm2_proto::control::LinkPeer;
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
-use crate::driver::{CallId, Choice, EventSource, Needs, Outcome, SharedNode};
+use crate::driver::{CallId, Choice, EventSource, Needs, Outcome, PoolLimit, SharedNode};
 use crate::handle::declaration::{
     Declaration, inline_max_setter, schema_of, sealed_setter, wait_setter,
 };
@@ -417,7 +417,9 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ClientBuilder<Q, R> {
             qos: self.qos,
         };
         let schemas = [schema_of::<Q>(), schema_of::<R>()];
-        let handle = self.declaration.declare(contract, u64::MAX, schemas)?;
+        let handle = self
+            .declaration
+            .declare(contract, PoolLimit::NONE, schemas)?;
         handle.with_undriven(|interface, _| interface.servers = self.servers);
         Ok(Client {
             handle: Arc::new(handle),

@@ -25,7 +25,6 @@ pub(crate) struct Handle {
     pub(crate) id: InterfaceId,
     pub(crate) name: Name,
     matched: usize,
-    pool_limit_bytes: u64,
     /// Payloads of up to this length are sent inside the datagram.
     pub(crate) inline_max: usize,
     /// How a thread waits for a message of this interface.
@@ -40,9 +39,7 @@ pub(crate) struct Handle {
 
 impl Handle {
     /// Sets how long unused memory is kept, and adopts reserved memory.
-    pub(crate) fn keep(&mut self, idle: Duration, reserved: Option<Reserved>) {
-        let bytes = reserved.as_ref().map_or(0, Reserved::bytes);
-        self.pool_limit_bytes = self.pool_limit_bytes.saturating_add(bytes);
+    pub(crate) fn keep(&self, idle: Duration, reserved: Option<Reserved>) {
         self.with_undriven(|interface, _| {
             interface.outbox.keep_idle(idle);
             if let Some(reserved) = reserved {

@@ -209,6 +209,7 @@ pub use message::{EncodeError, Message, PayloadError};
 pub use node::Node;
 pub use payload::Payload;
 pub use plain::{InPlace, Plain};
+pub use pool::{POOL_LIMIT_BYTES, POOL_LIMIT_MESSAGES};
 pub use published::Published;
 pub use publisher::{Publisher, PublisherBuilder};
 pub use sample::Sample;

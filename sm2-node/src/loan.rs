@@ -29,7 +29,7 @@ pub struct Loan<'p, T: Plain + ?Sized> {
 }
 
 enum Memory {
-    /// The message is short enough to be sent inside the datagram.
+    /// The message is short enough to be sent inside the datagram, or subscribers hold all memory.
     Heap(AlignedBuffer),
     Slot(Lease<Slot>),
     /// A separate file, because all links are sealed.
@@ -42,14 +42,23 @@ impl<'p, T: Plain + ?Sized> Loan<'p, T> {
             .handle
             .with_driven_if_due(|interface, _| (interface.needs(), interface.contract.sealed()));
         let all_sealed = needs.sealed || (needs.nobody() && sealed);
+        let lease = || match publisher.handle.lease(len) {
+            Ok(lease) => Ok(Memory::Slot(lease)),
+            Err(error) => without_pool(publisher, error, len),
+        };
         let memory =
             if needs.slot || (len > publisher.handle.inline_max && (needs.pooled || !all_sealed)) {
-                Memory::Slot(publisher.handle.lease(len)?)
+                lease()?
             } else if len <= publisher.handle.inline_max {
                 Memory::Heap(AlignedBuffer::zeroed(len))
             } else {
-                let spare = publisher.take_spare(len, Fill::InPlace);
-                Memory::Sealed(spare::lend(spare, len)?)
+                match publisher.handle.check_file(len as u64) {
+                    Ok(()) => {
+                        let spare = publisher.take_spare(len, Fill::InPlace);
+                        Memory::Sealed(spare::lend(spare, len)?)
+                    }
+                    Err(error) => without_pool(publisher, error, len)?,
+                }
             };
         let loan = Self {
             publisher,
@@ -76,11 +85,17 @@ impl<'p, T: Plain + ?Sized> Loan<'p, T> {
             .with_driven_if_due(|interface, _| interface.needs());
         let mut forms = Forms::default();
         match memory {
+            // Subscribers may have released memory since.
+            Memory::Heap(buffer) if self.len > self.publisher.handle.inline_max => {
+                return self.publisher.publish_bytes(buffer.as_slice().into());
+            }
             Memory::Heap(buffer) => forms.inline = Some(Bytes::from_owner(buffer)),
             Memory::Slot(lease) => {
                 let bytes = lease.memory.bytes(self.len);
                 // Sealed here, without the node's lock, because sealing takes long.
-                let sealed = needs.sealed.then(|| self.publisher.seal(bytes)).transpose();
+                let is_sealed =
+                    needs.sealed && self.publisher.handle.check_file(self.len as u64).is_ok();
+                let sealed = is_sealed.then(|| self.publisher.seal(bytes)).transpose();
                 forms.pooled = Some(lease);
                 match sealed {
                     Ok(sealed) => forms.sealed = sealed,
@@ -111,6 +126,23 @@ impl<'p, T: Plain + ?Sized> Loan<'p, T> {
             Some(Memory::Sealed(loan)) => loan.as_mut_slice(),
             None => &mut [],
         }
+    }
+}
+
+/// Memory for a loan outside of the pool, if subscribers hold the pool.
+fn without_pool(
+    publisher: &UntypedPublisher,
+    error: StoreError,
+    len: usize,
+) -> Result<Memory, StoreError> {
+    let is_full = matches!(error, StoreError::PoolFull { .. });
+    match is_full
+        && publisher
+            .handle
+            .with_undriven(|interface, _| interface.is_held())
+    {
+        true => Ok(Memory::Heap(AlignedBuffer::zeroed(len))),
+        false => Err(error),
     }
 }
 

@@ -33,6 +33,14 @@ mod tests;
 /// Number of bytes at the end of each slot that are reserved for the message's head.
 pub(crate) const HEAD_BYTES: u64 = sm2_proto::limits::SLOT_HEAD as u64;
 
+/// The default of [`PublisherBuilder::pool_limit`](crate::PublisherBuilder::pool_limit), in bytes: 256 MiB.
+pub const POOL_LIMIT_BYTES: u64 = 256 << 20;
+
+/// The least number of messages that the default of
+/// [`PublisherBuilder::pool_limit`](crate::PublisherBuilder::pool_limit) allows. Half of them are as many as
+/// one subscriber with the default options may have in flight.
+pub const POOL_LIMIT_MESSAGES: u64 = 24;
+
 /// How long an idle segment is kept, unless a builder sets another time.
 pub(crate) const IDLE_DEFAULT: Duration = Duration::from_secs(5);
 
@@ -58,6 +66,10 @@ pub(crate) struct Pool<M> {
     /// The total size of all segments, reserved ones included.
     bytes: u64,
     reserved_bytes: u64,
+    /// The total size of the slots in use, and of messages outside of segments.
+    used: u64,
+    /// The size of messages outside of segments, which count against the limit.
+    outside: u64,
     /// Slots of reserved segments that are lost.
     lost: Lost,
     idle: Duration,
@@ -126,6 +138,8 @@ impl<M> Pool<M> {
             limit_bytes,
             bytes: 0,
             reserved_bytes: 0,
+            used: 0,
+            outside: 0,
             lost: Lost {
                 stride: 0,
                 slots: 0,
@@ -150,6 +164,9 @@ impl<M> Pool<M> {
             .find(|it| !it.free.is_empty())?;
         segment.touched = true;
         let lease = segment.free.pop();
+        if let Some(lease) = &lease {
+            self.used += lease.segment.stride;
+        }
         self.check_invariants();
         lease
     }
@@ -172,8 +189,7 @@ impl<M> Pool<M> {
             .filter(|it| it.geometry.stride == stride && !it.retired && !it.geometry.reserved)
             .map(|it| it.geometry.slots)
             .sum();
-        let room = (self.limit_bytes).saturating_sub(self.bytes - self.reserved_bytes);
-        let most = room.min(SEGMENT_BYTES_MAX) / stride;
+        let most = self.free_bytes().min(SEGMENT_BYTES_MAX) / stride;
         let wanted = u64::from(has.max(first_slots(stride)).min(SLOTS_MAX));
         match u32::try_from(wanted.min(most)) {
             Ok(0) | Err(_) => Err(Full),
@@ -245,6 +261,7 @@ impl<M> Pool<M> {
 
     /// Takes back a slot that no receiver reads any more. Returns the number of its segment if that is freed.
     pub(crate) fn give_back(&mut self, lease: Lease<M>) -> Option<u32> {
+        self.used -= lease.segment.stride;
         let place = self.place(lease.segment.id);
         let segment = &mut self.segments[place];
         segment.touched = true;
@@ -265,6 +282,7 @@ impl<M> Pool<M> {
             reserved,
             ..
         } = lease.segment;
+        self.used -= stride;
         let place = self.place(id);
         self.segments[place].touched = true;
         if reserved {
@@ -311,9 +329,53 @@ impl<M> Pool<M> {
         now.since(self.swept) >= self.idle
     }
 
-    /// The total size of all segments.
+    /// The total size of all segments and of messages outside of them.
     pub(crate) const fn bytes(&self) -> u64 {
-        self.bytes
+        self.bytes + self.outside
+    }
+
+    /// The memory of messages: slots in use, and messages outside of segments.
+    #[inline]
+    pub(crate) const fn used(&self) -> u64 {
+        self.used
+    }
+
+    pub(crate) const fn reserved_bytes(&self) -> u64 {
+        self.reserved_bytes
+    }
+
+    pub(crate) const fn limit_bytes(&self) -> u64 {
+        self.limit_bytes
+    }
+
+    /// Lets the pool grow to this size, unless it can already grow further.
+    pub(crate) const fn raise_limit(&mut self, bytes: u64) {
+        if bytes > self.limit_bytes {
+            self.limit_bytes = bytes;
+        }
+    }
+
+    /// Counts memory of messages outside of segments.
+    pub(crate) const fn add_outside(&mut self, bytes: u64) {
+        self.outside += bytes;
+        self.used += bytes;
+    }
+
+    /// Ends the counting of memory that [`add_outside`](Self::add_outside) counted.
+    pub(crate) const fn remove_outside(&mut self, bytes: u64) {
+        self.outside -= bytes;
+        self.used -= bytes;
+    }
+
+    /// Whether the limit leaves room for this much outside of segments.
+    pub(crate) fn has_room_outside(&self, bytes: u64) -> bool {
+        bytes <= self.free_bytes()
+    }
+
+    fn free_bytes(&self) -> u64 {
+        (self.limit_bytes)
+            .saturating_sub(self.bytes - self.reserved_bytes)
+            .saturating_sub(self.outside)
     }
 
     /// Frees unused segments for which `is_so` returns true.

@@ -11,7 +11,7 @@ use sm2_proto::control::LinkPeer;
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
-use crate::driver::{CallId, Interface, SharedNode, Until};
+use crate::driver::{CallId, Interface, PoolLimit, SharedNode, Until};
 use crate::handle::Handle;
 use crate::handle::declaration::{
     Declaration, inline_max_setter, schema_of, sealed_setter, wait_setter,
@@ -326,7 +326,9 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ServerBuilder<Q, R> {
             reply: types.1,
             qos: self.qos,
         };
-        let handle = self.declaration.declare(contract, u64::MAX, schemas)?;
+        let handle = self
+            .declaration
+            .declare(contract, PoolLimit::NONE, schemas)?;
         Ok(Server {
             handle: Arc::new(handle),
             serves: PhantomData,

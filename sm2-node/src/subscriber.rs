@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use sm2_proto::{Contract, DemandedQos, Kind, TypeId};
 
-use crate::driver::{Interface, SharedNode, Until};
+use crate::driver::{Interface, PoolLimit, SharedNode, Until};
 use crate::handle::Handle;
 use crate::handle::declaration::{Declaration, schema_of, sealed_setter, wait_setter};
 use crate::handle::methods::interface_methods;
@@ -236,7 +236,9 @@ impl<T: Message + ?Sized> SubscriberBuilder<T> {
             demand: self.demand,
         };
         Ok(Subscriber {
-            handle: self.declaration.declare(contract, 0, [schema_of::<T>()])?,
+            handle: self
+                .declaration
+                .declare(contract, PoolLimit::NONE, [schema_of::<T>()])?,
             receives: PhantomData,
         })
     }

@@ -158,10 +158,11 @@ fn a_close_that_was_not_polled_is_dropped_when_the_socket_blocks() {
 #[test]
 fn roles_have_their_inputs() {
     type Call = fn(&mut Link) -> Result<(), Error>;
-    let all: [(&str, Call); 6] = [
+    let all: [(&str, Call); 7] = [
         ("send", |link| offer(link, message(1))),
         ("skip", |link| link.handle(NOW, Input::Skip)),
         ("pass over", |link| link.handle(NOW, Input::PassOver)),
+        ("pool limit", |link| link.handle(NOW, Input::PoolLimit)),
         ("release", |link| give_back(link, 1)),
         ("cancel", |link| link.handle(NOW, Input::Cancel { call: 1 })),
         ("retire", |link| {
@@ -169,10 +170,13 @@ fn roles_have_their_inputs() {
         }),
     ];
     for (role, legal) in [
-        (Role::Sender, [true, true, true, false, false, true]),
-        (Role::Receiver, [false, false, false, true, false, false]),
-        (Role::Caller, [true, false, false, true, true, true]),
-        (Role::Server, [true, false, false, true, false, true]),
+        (Role::Sender, [true, true, true, true, false, false, true]),
+        (
+            Role::Receiver,
+            [false, false, false, false, true, false, false],
+        ),
+        (Role::Caller, [true, false, false, false, true, true, true]),
+        (Role::Server, [true, false, false, false, true, false, true]),
     ] {
         for ((name, call), legal) in all.into_iter().zip(legal) {
             let mut link = opened(reliable(role));

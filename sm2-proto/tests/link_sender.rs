@@ -112,7 +112,7 @@ fn no_more_than_the_window_is_unreleased() {
     assert_eq!(link.in_flight(), 4);
 }
 
-//= SM2-QOS-001, SM2-QOS-004 test
+//= SM2-QOS-001, SM2-QOS-005 test
 #[test]
 fn keep_last_displaces_the_oldest_that_waits() {
     let mut link = opened(config(Role::Sender));
@@ -139,6 +139,27 @@ fn keep_last_displaces_the_oldest_that_waits() {
         ..Counters::default()
     };
     assert_eq!(link.counters(), expected);
+}
+
+//= SM2-QOS-005, SM2-QOS-006 test
+#[test]
+fn a_publication_that_the_pool_limit_drops_is_counted_until_a_release() {
+    let mut link = opened(config(Role::Sender));
+    send(&mut link, message(1));
+    for _ in 0..2 {
+        link.handle(NOW, Input::PoolLimit).unwrap();
+        assert!(link.is_stalled() && link.has_room(&NoMemory));
+    }
+    release_all(&mut link, Given::Consumed, &[1]);
+    assert!(!link.is_stalled());
+    let expected = Counters {
+        offered: 3,
+        delivered: 1,
+        pool_limit: 2,
+        ..Counters::default()
+    };
+    assert_eq!(link.counters(), expected);
+    assert_eq!(link.counters().dropped(), 2);
 }
 
 //= SM2-QOS-001 test
@@ -177,7 +198,7 @@ fn a_blocked_socket_displaces_only_what_the_window_does_not_admit() {
     assert_eq!(numbers(&drain(&mut link)), [(1, 1), (2, 2), (3, 3)]);
 }
 
-//= SM2-QOS-002, SM2-QOS-004 test
+//= SM2-QOS-002, SM2-QOS-005 test
 #[test]
 fn reliable_waits_for_room_or_skips() {
     let mut link = opened(reliable(Role::Sender));

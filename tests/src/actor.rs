@@ -143,7 +143,7 @@ pub fn number(answer: &str, key: &str) -> u64 {
     value.unwrap_or_else(|| panic!("no number {key} in {answer:?}"))
 }
 
-/// The fates of the messages of one link, counted by its sender (SM2-QOS-004).
+/// The fates of the messages of one link, counted by its sender (SM2-QOS-005).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Counted {
     /// The node at the other end.
@@ -171,13 +171,22 @@ impl Counted {
             open: text.contains("open=true"),
             offered: of("offered"),
             delivered: of("delivered"),
-            dropped: of("overwritten") + of("discarded") + of("deadline") + of("closed"),
+            dropped: [
+                "overwritten",
+                "discarded",
+                "deadline",
+                "closed",
+                "pool_limit",
+            ]
+            .map(of)
+            .iter()
+            .sum(),
             in_flight: of("in_flight"),
             text: text.to_owned(),
         }
     }
 
-    /// The number of this kind alone: `overwritten`, `discarded`, `deadline`, `closed`.
+    /// The number of this kind alone: `overwritten`, `discarded`, `deadline`, `closed`, `pool_limit`.
     #[must_use]
     #[track_caller]
     pub fn of(&self, kind: &str) -> u64 {

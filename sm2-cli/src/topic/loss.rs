@@ -18,8 +18,9 @@ pub(crate) struct Arguments {
 const HELP: &str = "\
 For each link since it was made: messages OFFERED to it, DELIVERED (released by the subscriber's
 program), OVERWRITTEN (by newer ones before they were sent), DISCARDED (replaced by newer ones before
-they were received), dropped at a DEADLINE, CLOSED (lost with the link), and IN FLIGHT. OFFERED is the
-sum of all others. LOST is the number of messages that the subscriber has counted as lost.
+they were received), dropped at a DEADLINE, CLOSED (lost with the link), and IN FLIGHT. POOL LIMIT is the number of
+messages that were not sent because the subscriber held too much of the publisher's memory. OFFERED is
+the sum of all these. LOST is the number of messages that the subscriber has counted as lost.
 
 The command reads counters that every node keeps: it does not subscribe, and publishers do not notice
 it. It waits for a topic that does not exist yet; with --count, for 10 s (see --timeout).
@@ -51,6 +52,7 @@ pub(crate) struct Fates {
     discarded: u64,
     deadline: u64,
     closed: u64,
+    pool_limit: u64,
     pub(crate) in_flight: u64,
 }
 
@@ -61,6 +63,7 @@ impl Fates {
             .saturating_add(self.discarded)
             .saturating_add(self.deadline)
             .saturating_add(self.closed)
+            .saturating_add(self.pool_limit)
     }
 }
 
@@ -73,6 +76,7 @@ impl From<&Counters> for Fates {
             discarded: of.discarded,
             deadline: of.deadline,
             closed: of.closed,
+            pool_limit: of.pool_limit,
             in_flight: of.in_flight,
         }
     }
@@ -80,11 +84,11 @@ impl From<&Counters> for Fates {
 
 struct Loss;
 
-impl Measure<10> for Loss {
+impl Measure<11> for Loss {
     const ROLE: &str = "loss";
     const OF: Kind = Kind::Publisher;
     const ROWS: &str = "links";
-    const HEADINGS: [&str; 10] = [
+    const HEADINGS: [&str; 11] = [
         "PUBLISHER",
         "SUBSCRIBER",
         "OFFERED",
@@ -93,6 +97,7 @@ impl Measure<10> for Loss {
         "DISCARDED",
         "DEADLINE",
         "CLOSED",
+        "POOL LIMIT",
         "IN FLIGHT",
         "LOST",
     ];
@@ -116,7 +121,7 @@ impl Measure<10> for Loss {
             .collect()
     }
 
-    fn cells(row: &Row) -> [String; 10] {
+    fn cells(row: &Row) -> [String; 11] {
         let fates = &row.fates;
         [
             row.publisher.clone(),
@@ -127,6 +132,7 @@ impl Measure<10> for Loss {
             fates.discarded.to_string(),
             fates.deadline.to_string(),
             fates.closed.to_string(),
+            fates.pool_limit.to_string(),
             fates.in_flight.to_string(),
             cell(row.lost.map(|lost| lost as f64), 0),
         ]
@@ -135,5 +141,5 @@ impl Measure<10> for Loss {
 
 /// Runs the command.
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    measure::run::<10, Loss>(&arguments.common)
+    measure::run::<11, Loss>(&arguments.common)
 }

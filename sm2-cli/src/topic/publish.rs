@@ -8,7 +8,7 @@ mod summary;
 use std::{os::fd::BorrowedFd, time::Duration};
 
 use sm2_io::clock;
-use sm2_node::{Publisher, WaitError};
+use sm2_node::{POOL_LIMIT_BYTES, Publisher, WaitError};
 use sm2_proto::Kind;
 
 pub(crate) use self::arguments::Arguments;
@@ -27,6 +27,7 @@ use crate::{
     connect::{Session, drive},
     ended::Ended,
     error::CliError,
+    size::Size,
     wait::For,
 };
 
@@ -75,6 +76,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         false if arguments.reliable => counters.deadline + counters.in_flight,
         _ => counters.deadline,
     };
+    let links = publisher.links().into_iter().filter(|link| link.reliable);
+    let missed = missed + links.map(|link| link.counters.pool_limit).sum::<u64>();
     match session.stopped() {
         // With --loop, Ctrl-C is the regular end.
         Some(signal) if !arguments.again => Ok(Ended::Stopped(signal)),
@@ -102,7 +105,11 @@ fn declare(
         // `wait_for_room` waits instead, because a signal can end it.
         .publish_timeout(Duration::ZERO)
         .sealed(arguments.integrity == Integrity::Sealed);
-    Ok(builder.declare()?)
+    Ok(match arguments.pool_limit {
+        Some(Size(bytes)) => builder.pool_limit(bytes),
+        None => builder,
+    }
+    .declare()?)
 }
 
 /// Publishes the messages of the inputs.
@@ -182,6 +189,11 @@ impl Feed<'_> {
         self.tally.messages += 1;
         self.tally.unheard += u64::from(published.links == 0);
         self.tally.bytes += message.len() as u64;
+        let limit = self
+            .arguments
+            .pool_limit
+            .map_or(POOL_LIMIT_BYTES, |it| it.0);
+        self.room.fit(limit, message.len() as u64);
         Ok(())
     }
 

@@ -15,9 +15,11 @@ pub(super) const DEPTH: u16 = 64;
 pub(super) const TIMEOUT: Duration = Duration::from_secs(10);
 
 /// The links without room, and the number of messages that certainly have room.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(super) struct Room {
     full: HashMap<LinkId, Full>,
+    /// The number of messages that one link may have in flight.
+    most: u64,
     /// The number of messages that have room on every link.
     sure: u64,
 }
@@ -29,7 +31,27 @@ struct Full {
     since: Instant,
 }
 
+impl Default for Room {
+    fn default() -> Self {
+        Self {
+            full: HashMap::new(),
+            most: u64::from(DEPTH),
+            sure: 0,
+        }
+    }
+}
+
 impl Room {
+    /// Lowers the number of messages in flight to those that fit into a quarter of the pool, after a message
+    /// of this length. A slot is at most twice as long as its message; half of the pool is not for messages in
+    /// flight (SM2-QOS-006).
+    pub(super) fn fit(&mut self, pool_bytes: u64, message_len: u64) {
+        let fitting = (pool_bytes / 4 / message_len.max(1)).max(1);
+        if fitting < self.most {
+            (self.most, self.sure) = (fitting, 0);
+        }
+    }
+
     /// Returns true if the next message certainly has room, and counts it as published.
     pub(super) fn take(&mut self) -> bool {
         let sure = self.sure > 0;
@@ -45,9 +67,9 @@ impl Room {
         links: impl IntoIterator<Item = (LinkId, Counters)>,
     ) -> bool {
         let before = std::mem::take(&mut self.full);
-        let mut least = u64::from(DEPTH);
+        let mut least = self.most;
         for (id, counters) in links {
-            let room = u64::from(DEPTH).saturating_sub(counters.in_flight);
+            let room = self.most.saturating_sub(counters.in_flight);
             if room > 0 {
                 least = least.min(room);
                 continue;

@@ -187,6 +187,7 @@ fn loss_adds_up() {
         "discarded",
         "deadline",
         "closed",
+        "pool_limit",
         "in_flight",
     ];
     assert_eq!(

@@ -2,6 +2,7 @@
 
 mod calls;
 mod client;
+mod limit;
 mod links;
 mod publish;
 mod reports;
@@ -24,7 +25,7 @@ pub(crate) use self::publish::Offered;
 pub(crate) use self::taken::{Full, Taken};
 use super::context::Context;
 use super::link::LinkDriver;
-use super::outbox::{MessageKey, Outbox};
+use super::outbox::{MessageKey, Outbox, PoolLimit};
 use super::status::LinkStatus;
 use super::token::LinkToken;
 
@@ -71,14 +72,14 @@ pub(crate) enum State {
 impl Interface {
     pub(super) fn new(
         contract: Contract,
-        pool_limit_bytes: u64,
+        pool_limit: PoolLimit,
         entry: Option<CounterEntry>,
     ) -> Self {
         Self {
             contract,
             state: State::Declaring,
             links: Links::default(),
-            outbox: Outbox::new(pool_limit_bytes),
+            outbox: Outbox::new(pool_limit),
             latched: VecDeque::new(),
             published: 0,
             calls: Calls::default(),

@@ -8,6 +8,7 @@ mod mapped;
 mod outputs;
 mod receive;
 mod send;
+mod suspend;
 mod take;
 mod wake;
 
@@ -49,6 +50,8 @@ pub(crate) struct LinkDriver {
     pub(super) is_backlog_filled: bool,
     /// Whether the interface knows that the link is over.
     pub(super) buried: bool,
+    /// How many messages the receiver had released when the link was suspended (SM2-QOS-006).
+    suspended: Option<u64>,
     /// How many messages the application holds.
     held: usize,
     received: Received,
@@ -98,6 +101,7 @@ impl LinkDriver {
             backlog: VecDeque::new(),
             is_backlog_filled: false,
             buried: false,
+            suspended: None,
             held: 0,
             received: Received::default(),
             entry,
@@ -153,7 +157,7 @@ impl LinkDriver {
 
     /// The same as [`has_room`](Self::has_room), for messages of the backlog, which are sent first.
     pub(super) fn has_room_for_backlog(&self) -> bool {
-        self.machine.has_room(&self.mapped)
+        !self.is_suspended() && self.machine.has_room(&self.mapped)
     }
 
     /// The number of calls without a reply.

@@ -41,7 +41,7 @@ pub(crate) use self::bell::Bell;
 pub(crate) use self::context::Context;
 pub(crate) use self::inner::Inner;
 pub(crate) use self::interface::{CallId, Choice, Full, Interface, Offered, Outcome, State, Taken};
-pub(crate) use self::outbox::{Forms, Needs, NoSlot, Reservation, Reserved};
+pub(crate) use self::outbox::{Forms, Needs, NoSlot, PoolLimit, Reservation, Reserved};
 pub(crate) use self::questions::{Answer, Followed, Lost, Question, Ticket};
 pub(crate) use self::session::may_return;
 pub(crate) use self::shared_node::SharedNode;

@@ -11,10 +11,12 @@
 //! system when the last reader unmaps it.
 
 mod forms;
+mod limit;
 mod message;
 mod message_key;
 mod messages;
 mod needs;
+mod pool_limit;
 mod reservation;
 mod slots;
 
@@ -24,11 +26,13 @@ use sm2_io::{SegmentFd, Slot};
 use sm2_proto::link::{Fate, Status};
 
 pub(super) use self::forms::NoForm;
+pub(super) use self::limit::Room;
 pub(crate) use self::message::{Forms, Label};
 use self::message::{StoredMessage, write_head};
 pub(super) use self::message_key::MessageKey;
 use self::messages::Messages;
 pub(crate) use self::needs::Needs;
+pub(crate) use self::pool_limit::PoolLimit;
 pub(crate) use self::reservation::{NoSlot, Reservation, Reserved};
 use crate::pool::Pool;
 
@@ -37,6 +41,9 @@ pub(crate) struct Outbox {
     pool: Pool<Slot>,
     segments: BTreeMap<u32, SegmentFd>,
     messages: Messages,
+    limit: PoolLimit,
+    /// A message that would use more memory than this needs a decision which links are suspended.
+    check_at: u64,
     /// How the memory of reserved segments is prepared.
     reservation: Reservation,
     /// Segments that no message uses any more and that have to be detached from all links.
@@ -44,9 +51,13 @@ pub(crate) struct Outbox {
 }
 
 impl Outbox {
-    pub(super) fn new(limit_bytes: u64) -> Self {
+    pub(super) fn new(limit: PoolLimit) -> Self {
+        let bytes = limit.bytes_for(0);
         Self {
-            pool: Pool::new(limit_bytes),
+            pool: Pool::new(bytes),
+            limit,
+            // The first message decides.
+            check_at: if bytes == u64::MAX { bytes } else { 0 },
             segments: BTreeMap::new(),
             messages: Messages::default(),
             reservation: Reservation::default(),
@@ -60,14 +71,16 @@ impl Outbox {
             write_head(lease, label, Status::Ok);
         }
         let Label { id, time, len, .. } = label;
-        self.messages.insert(StoredMessage {
+        let message = StoredMessage {
             forms,
             len,
             id,
             time,
             holders: 1,
             orphaned: false,
-        })
+        };
+        self.pool.add_outside(message.bytes_outside());
+        self.messages.insert(message)
     }
 
     /// The fields of a message's header.
@@ -103,14 +116,16 @@ impl Outbox {
         if message.holders > 0 {
             return;
         }
-        let message = self.messages.remove(key);
-        if let Some(StoredMessage {
+        let Some(message) = self.messages.remove(key) else {
+            return;
+        };
+        self.pool.remove_outside(message.bytes_outside());
+        let StoredMessage {
             forms: Forms { pooled, .. },
             orphaned,
             ..
-        }) = message
-            && let Some(lease) = pooled
-        {
+        } = message;
+        if let Some(lease) = pooled {
             //= SM2-OPN-008
             let over = match orphaned {
                 true => self.pool.abandon(lease),

@@ -21,7 +21,7 @@ pub struct LinkStatus {
     pub sealed: bool,
     /// Whether messages go through a ring in shared memory instead of the socket.
     pub ring: bool,
-    /// Counts of the messages that this side sent on the link, by outcome (SM2-QOS-004).
+    /// Counts of the messages that this side sent on the link, by outcome (SM2-QOS-005).
     pub counters: Counters,
     /// Counts of the messages from the other side.
     pub received: Received,
@@ -56,5 +56,6 @@ pub(super) fn add_counters(sum: &mut Counters, more: &Counters) {
     sum.discarded += more.discarded;
     sum.deadline += more.deadline;
     sum.closed += more.closed;
+    sum.pool_limit += more.pool_limit;
     sum.in_flight += more.in_flight;
 }

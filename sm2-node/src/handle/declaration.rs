@@ -6,7 +6,7 @@ use sm2_proto::limits::INLINE_MAX;
 use sm2_proto::{Contract, Kind, Name, TypeId};
 
 use super::Handle;
-use crate::driver::SharedNode;
+use crate::driver::{PoolLimit, SharedNode};
 use crate::{DeclareError, Message, Wait};
 
 /// Payloads of up to this length are sent inside the datagram, unless a builder changes it.
@@ -54,10 +54,10 @@ impl Declaration {
     pub(crate) fn declare(
         &self,
         contract: Contract,
-        pool_limit_bytes: u64,
+        pool_limit: PoolLimit,
         schemas: impl IntoIterator<Item = (TypeId, Option<String>)>,
     ) -> Result<Handle, DeclareError> {
-        let mut handle = Handle::declare(&self.shared, contract, pool_limit_bytes, schemas)?;
+        let mut handle = Handle::declare(&self.shared, contract, pool_limit, schemas)?;
         handle.inline_max = self.inline_max;
         handle.wait = self.wait;
         Ok(handle)

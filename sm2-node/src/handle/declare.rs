@@ -7,7 +7,7 @@ use sm2_proto::node;
 use sm2_proto::{Contract, Refusal, TypeId};
 
 use super::{Handle, until};
-use crate::driver::{EventSource, Inner, SharedNode, State};
+use crate::driver::{EventSource, Inner, PoolLimit, SharedNode, State};
 use crate::schema::check_schema;
 use crate::{DeclareError, Wait};
 
@@ -17,7 +17,7 @@ impl Handle {
     pub(crate) fn declare(
         shared: &Arc<SharedNode>,
         contract: Contract,
-        pool_limit_bytes: u64,
+        pool_limit: PoolLimit,
         schemas: impl IntoIterator<Item = (TypeId, Option<String>)>,
     ) -> Result<Self, DeclareError> {
         contract.check_qos()?;
@@ -26,7 +26,7 @@ impl Handle {
         for (data, text) in schemas {
             register_schema(&mut inner, data, text, &shared.epoll);
         }
-        let declared = inner.declare(contract.clone(), pool_limit_bytes, &shared.epoll);
+        let declared = inner.declare(contract.clone(), pool_limit, &shared.epoll);
         drop(inner);
         let id = match declared {
             Ok(id) => id,
@@ -38,7 +38,6 @@ impl Handle {
             id,
             name: name.clone(),
             matched: 0,
-            pool_limit_bytes,
             inline_max: 0,
             wait: Wait::Park,
             bell: OnceLock::new(),

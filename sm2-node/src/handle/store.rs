@@ -8,7 +8,7 @@ use sm2_proto::limits::MESSAGE_MAX;
 
 use super::Handle;
 use crate::StoreError;
-use crate::driver::{Forms, Needs, NoSlot};
+use crate::driver::{Forms, Interface, Needs, NoSlot};
 use crate::pool::Lease;
 
 impl Handle {
@@ -32,6 +32,7 @@ impl Handle {
         // First the steps that can fail and need no undoing.
         if needs.sealed && !short {
             check_len(bytes.len() as u64)?;
+            self.check_file(bytes.len() as u64)?;
             forms.sealed = Some(crate::spare::seal(spare(bytes.len()), &bytes)?);
         }
         if needs.slot || (needs.pooled && !short) {
@@ -53,20 +54,38 @@ impl Handle {
         check_len(len as u64)?;
         let now = sm2_io::clock::now();
         let lease = self.with_undriven(|interface, context| {
+            interface.prepare_memory(len as u64, context);
             let lease = interface.outbox.lease(len as u64);
             interface.rest(now, context);
-            lease
+            lease.map_err(|error| match error {
+                NoSlot::Full => full(interface, len as u64),
+                NoSlot::Io(error) | NoSlot::Lock(error) => StoreError::Io(error),
+            })
         });
-        let mut lease = lease.map_err(|error| match error {
-            NoSlot::Full => StoreError::PoolFull {
-                len: len as u64,
-                limit_bytes: self.pool_limit_bytes,
-            },
-            NoSlot::Io(error) | NoSlot::Lock(error) => StoreError::Io(error),
-        })?;
+        let mut lease = lease?;
         // Without the node's lock, because the first use of a slot takes long.
         lease.memory.warm(len);
         Ok(lease)
+    }
+}
+
+impl Handle {
+    /// Checks whether a file for a sealed message of this length is within the limit.
+    pub(crate) fn check_file(&self, len: u64) -> Result<(), StoreError> {
+        self.with_undriven(|interface, context| {
+            interface.prepare_memory(len, context);
+            match interface.outbox.has_room_for_file(len) {
+                true => Ok(()),
+                false => Err(full(interface, len)),
+            }
+        })
+    }
+}
+
+fn full(interface: &Interface, len: u64) -> StoreError {
+    StoreError::PoolFull {
+        len,
+        limit_bytes: interface.outbox.pool_limit_bytes(),
     }
 }
 

@@ -8,7 +8,7 @@ use sm2_proto::{Contract, Kind, Name, OfferedQos, TypeId};
 
 use super::Publisher;
 use super::untyped::UntypedPublisher;
-use crate::driver::{NoSlot, Reservation, Reserved, SharedNode};
+use crate::driver::{NoSlot, PoolLimit, Reservation, Reserved, SharedNode};
 use crate::handle::declaration::{Declaration, inline_max_setter, schema_of, sealed_setter};
 use crate::pool::IDLE_DEFAULT;
 use crate::{DeclareError, Message};
@@ -31,7 +31,7 @@ pub struct PublisherBuilder<T: Message + ?Sized> {
 /// The options for the memory of messages.
 #[derive(Debug)]
 struct Memory {
-    limit_bytes: u64,
+    limit_bytes: Option<u64>,
     idle: Duration,
     max_len: Option<usize>,
     slots: Option<u32>,
@@ -51,7 +51,7 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
             },
             publish_timeout: PUBLISH_TIMEOUT_DEFAULT,
             memory: Memory {
-                limit_bytes: u64::MAX,
+                limit_bytes: None,
                 idle: IDLE_DEFAULT,
                 max_len: None,
                 slots: None,
@@ -105,10 +105,21 @@ system after [`keep_idle`](Self::keep_idle)."
     inline_max_setter!("Messages");
 
     /// Sets how much shared memory messages may use, in bytes, in addition to the memory that
-    /// [`max_len`](Self::max_len) reserves. No limit by default: the depth and the number of samples that
-    /// subscribers may hold already bound the need.
+    /// [`max_len`](Self::max_len) reserves: slots, and the files of sealed messages. By default
+    /// [`POOL_LIMIT_BYTES`](crate::POOL_LIMIT_BYTES), or memory for
+    /// [`POOL_LIMIT_MESSAGES`](crate::POOL_LIMIT_MESSAGES) messages of the longest length so far and
+    /// the [latched](Self::latched) ones, whichever is more.
+    ///
+    /// A subscriber that keeps its samples keeps their memory. The messages that subscribers have not released
+    /// take at most half of the memory that is left to them. When that half is reached, the subscriber with
+    /// the oldest message gets no further ones until it releases one (SM2-QOS-006): they count as
+    /// [`pool_limit`](sm2_proto::link::Counters::pool_limit). Its samples stay valid. The other half is for the
+    /// subscribers that release what they get. With a limit of 0 there is no such half, only the reserved
+    /// memory, which a subscriber can use up.
+    ///
+    /// For a reliable subscriber the publisher first waits, as it does for room.
     pub const fn pool_limit(mut self, bytes: u64) -> Self {
-        self.memory.limit_bytes = bytes;
+        self.memory.limit_bytes = Some(bytes);
         self
     }
 
@@ -162,6 +173,7 @@ system after [`keep_idle`](Self::keep_idle)."
     pub fn declare(self) -> Result<Publisher<T>, DeclareError> {
         let topic = self.declaration.checked_name(Kind::Publisher)?;
         let reserved = self.memory.reserve(&topic, &self.offer)?;
+        let latched = self.offer.latched;
         let contract = Contract::Publisher {
             topic,
             data: self.data.unwrap_or_else(T::type_id),
@@ -173,8 +185,12 @@ system after [`keep_idle`](Self::keep_idle)."
             how,
             ..
         } = self.memory;
+        let limit = match limit_bytes {
+            Some(bytes) => PoolLimit::bytes(bytes),
+            None => PoolLimit::default_with(latched),
+        };
         let schemas = [schema_of::<T>()];
-        let mut handle = self.declaration.declare(contract, limit_bytes, schemas)?;
+        let mut handle = self.declaration.declare(contract, limit, schemas)?;
         handle.keep(idle, reserved);
         // Datagrams would need memory that is not reserved.
         if how.prefault {

@@ -13,7 +13,7 @@ use crate::driver::{EventSource, Forms, Offered};
 use crate::handle::{Handle, until};
 use crate::published::Published;
 use crate::spare::{self, Fill, SpareMemory};
-use crate::{PublishError, WaitError};
+use crate::{PublishError, StoreError, WaitError};
 
 /// How long a publication spins for room before it sleeps: about as long as falling asleep and waking up
 /// takes.
@@ -55,7 +55,7 @@ impl UntypedPublisher {
         Ok(flushed.map_err(WaitError::Io)?.is_some())
     }
 
-    pub(super) fn publish_bytes(&self, bytes: Cow<'_, [u8]>) -> Result<Published, PublishError> {
+    pub(crate) fn publish_bytes(&self, bytes: Cow<'_, [u8]>) -> Result<Published, PublishError> {
         let _order = self.order.lock().unwrap_or_else(PoisonError::into_inner);
         let mut published = Published::default();
         if self.publish_to_rings(std::slice::from_ref(&bytes), &mut published) == 1 {
@@ -72,8 +72,21 @@ impl UntypedPublisher {
             .with_driven_if_due(|interface, _| interface.needs());
         let len = bytes.len() as u64;
         let spare = |len| self.take_spare(len, Fill::Copy);
-        let forms = (self.handle).store_with(bytes, needs, spare)?;
-        Ok(self.offer(forms, len))
+        match (self.handle).store_with(bytes, needs, spare) {
+            Ok(forms) => Ok(self.offer(forms, len)),
+            Err(error) => self.miss(error, len),
+        }
+    }
+
+    /// Counts a message without memory as lost on all links if subscribers hold the memory.
+    fn miss(&self, error: StoreError, len: u64) -> Result<Publication, PublishError> {
+        if !matches!(error, StoreError::PoolFull { .. }) {
+            return Err(error.into());
+        }
+        let now = sm2_io::clock::now();
+        let missed =
+            (self.handle).with_undriven(|interface, context| interface.miss(now, len, context));
+        Ok(Publication::Done(missed.ok_or(error)?))
     }
 
     /// Takes prepared memory for a sealed message of `len` bytes, if there is any.

@@ -72,8 +72,8 @@ impl Link {
         self.lane.counters()
     }
 
-    /// Whether a deadline passed ([`Input::Skip`](super::Input::Skip)) and the other end has
-    /// released nothing since. A publisher does not wait for such a link (SM2-QOS-002).
+    /// Whether a publication was not sent ([`Input::Skip`](super::Input::Skip) or
+    /// [`Input::PoolLimit`](super::Input::PoolLimit)) and the other end has released nothing since. A publisher does not wait for such a link (SM2-QOS-002).
     #[must_use]
     #[inline]
     pub fn is_stalled(&self) -> bool {
@@ -84,6 +84,20 @@ impl Link {
     #[must_use]
     pub fn in_flight(&self) -> usize {
         self.lane.in_flight()
+    }
+
+    /// Passes the key of each message of this end that is not settled to `each`, in no particular
+    /// order.
+    pub fn in_flight_keys(&self, each: impl FnMut(u64)) {
+        match &self.lane {
+            Lane::Undecided => {}
+            Lane::Socket(socket) => socket.outbound.keys().for_each(each),
+            Lane::Ring(ring) => {
+                if let Some(sender) = ring.sender() {
+                    sender.keys().for_each(each);
+                }
+            }
+        }
     }
 
     /// How many calls have no reply. A caller counts the calls that it made. It still counts them

@@ -74,6 +74,7 @@ impl Link {
             Input::Eof => self.finish(End::Eof),
             Input::Skip => self.skip()?,
             Input::PassOver => self.pass_over()?,
+            Input::PoolLimit => self.hold_back()?,
             Input::SegmentMissing => {
                 self.on_segment_missing();
                 if let Some(end) = self.end() {
@@ -128,6 +129,21 @@ impl Link {
             Lane::Socket(socket) => socket.outbound.pass_over(),
             Lane::Ring(ring) => {
                 ring.sender_mut().ok_or(Misuse::NotOpen)?.pass_over();
+            }
+        }
+        Ok(())
+    }
+
+    /// Handles [`Input::PoolLimit`]: a publication is not sent on this link.
+    fn hold_back(&mut self) -> Result<(), Misuse> {
+        if self.config.role != Role::Sender {
+            return Err(Misuse::WrongRole);
+        }
+        match &mut self.lane {
+            Lane::Undecided => return Err(Misuse::NotOpen),
+            Lane::Socket(socket) => socket.outbound.hold_back(),
+            Lane::Ring(ring) => {
+                ring.sender_mut().ok_or(Misuse::NotOpen)?.hold_back();
             }
         }
         Ok(())

@@ -99,7 +99,7 @@ impl Link {
     /// # Errors
     /// [`Error::Misuse`]: the ring was not lent. [`Error::Ended`]: the link is over, perhaps by a
     /// violation that this call found.
-    //= SM2-RNG-011, SM2-QOS-004
+    //= SM2-RNG-011, SM2-QOS-005
     pub fn settle_returned(
         &mut self,
         memory: &impl LinkMemory,

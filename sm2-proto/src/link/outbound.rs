@@ -176,6 +176,14 @@ impl Outbound {
         self.counters.overwritten += 1;
     }
 
+    /// Counts a publication that is not sent on this link because of the pool limit.
+    //= SM2-QOS-006
+    pub(super) const fn hold_back(&mut self) {
+        self.counters.offered += 1;
+        self.counters.pool_limit += 1;
+        self.stalled = true;
+    }
+
     /// Moves waiting messages to the admitted ones while the window has room.
     //= SM2-MSG-003
     fn admit(&mut self) {
@@ -217,7 +225,7 @@ impl Outbound {
         Ok(())
     }
 
-    //= SM2-QOS-004
+    //= SM2-QOS-005
     fn take_unreleased(&mut self, sequence: u64, given: Given) -> Option<Released> {
         let Unreleased { key, id, slot } = self.unreleased.remove(&sequence)?;
         self.settle(slot, true);
@@ -321,11 +329,18 @@ impl Outbound {
         self.last_id
     }
 
+    /// The keys of the messages that are not settled.
+    pub(super) fn keys(&self) -> impl Iterator<Item = u64> {
+        let sent = self.unreleased.values().map(|it| it.key);
+        let unsent = self.admitted.iter().chain(&self.waiting);
+        sent.chain(unsent.map(|it| it.key))
+    }
+
     pub(super) fn in_flight(&self) -> usize {
         self.waiting.len() + self.admitted.len() + self.unreleased.len()
     }
 
-    //= SM2-QOS-004
+    //= SM2-QOS-005
     pub(super) fn counters(&self) -> Counters {
         Counters {
             in_flight: self.in_flight() as u64,
@@ -336,8 +351,7 @@ impl Outbound {
     /// Checks the invariants, which hold after each call.
     pub(super) fn invariants(&self) {
         let it = self.counters();
-        let dropped = it.overwritten + it.discarded + it.deadline + it.closed;
-        debug_assert_eq!(it.offered, it.delivered + dropped + it.in_flight);
+        debug_assert_eq!(it.offered, it.delivered + it.dropped() + it.in_flight);
         debug_assert!(self.waiting.len() <= self.depth);
         let used = self.admitted.len() + self.unreleased.len();
         debug_assert!(used <= self.window);

@@ -18,6 +18,10 @@ pub enum Input<'a> {
     /// The driver does not send a publication on this link, because the link has no room at this
     /// moment. The publication counts as [`Fate::Overwritten`].
     PassOver,
+    /// The driver does not send a publication on this link, because unsettled messages of this link
+    /// take too much of the publisher's memory. The publication counts as [`Counters::pool_limit`],
+    /// and the link is [stalled](super::Link::is_stalled) until the other end releases a message.
+    PoolLimit,
     /// Ring lane, after [`NoDelivery::UnknownSegment`](super::NoDelivery::UnknownSegment): the
     /// socket has no further datagram that could attach the segment of the message.
     SegmentMissing,
@@ -201,10 +205,11 @@ pub enum Fate {
 }
 
 /// Counts of all messages of one link, by outcome: `offered = delivered + overwritten + discarded +
-/// deadline + closed + in_flight`.
+/// deadline + closed + pool_limit + in_flight`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Counters {
-    /// Every message that was passed to `send`, and every [`Input::Skip`] and [`Input::PassOver`].
+    /// Every message that was passed to `send`, and every [`Input::Skip`], [`Input::PassOver`] and
+    /// [`Input::PoolLimit`].
     pub offered: u64,
     /// See [`Fate::Delivered`].
     pub delivered: u64,
@@ -216,8 +221,23 @@ pub struct Counters {
     pub deadline: u64,
     /// See [`Fate::Closed`].
     pub closed: u64,
+    /// Not sent on this link because of the publisher's pool limit: see [`Input::PoolLimit`].
+    pub pool_limit: u64,
     /// Queued on this side, or sent and not yet released.
     pub in_flight: u64,
+}
+
+impl Counters {
+    /// The messages that were dropped, for any reason.
+    #[must_use]
+    #[inline]
+    pub const fn dropped(&self) -> u64 {
+        self.overwritten
+            .saturating_add(self.discarded)
+            .saturating_add(self.deadline)
+            .saturating_add(self.closed)
+            .saturating_add(self.pool_limit)
+    }
 }
 
 /// Why a link is over.

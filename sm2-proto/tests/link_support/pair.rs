@@ -389,6 +389,7 @@ impl Pair {
                 discarded: tally(Some(Fate::Discarded)),
                 deadline: at.skipped,
                 closed: tally(Some(Fate::Closed)),
+                pool_limit: 0,
                 in_flight: tally(None),
             };
             assert_eq!(at.link.counters(), expected);

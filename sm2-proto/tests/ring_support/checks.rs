@@ -22,7 +22,7 @@ impl Pair {
         }
     }
 
-    //= SM2-QOS-004 test
+    //= SM2-QOS-005 test
     fn check_counters(&self) {
         let sending = &self.sending;
         if !self.sound {
@@ -36,6 +36,7 @@ impl Pair {
             discarded: tally(Some(Fate::Discarded)),
             deadline: sending.skipped,
             closed: 0,
+            pool_limit: 0,
             in_flight: tally(None),
         };
         assert_eq!(sending.at.link.counters(), expected);

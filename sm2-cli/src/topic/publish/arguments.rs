@@ -41,6 +41,10 @@ pub(crate) struct Arguments {
     /// Reuse shared memory, or seal each message, so that nobody can change it after publishing
     #[arg(long, value_enum, default_value_t = Integrity::Pooled)]
     pub(super) integrity: Integrity,
+    /// How much shared memory the messages may use, such as 64MiB [default: 256MiB, or 24 of the longest
+    /// messages]. Half of it is kept for subscribers that release their samples
+    #[arg(long, value_name = "SIZE")]
+    pub(super) pool_limit: Option<Size>,
     /// The type of the messages [default: with --value the topic's, else bytes]. Without a hash, the topic's
     /// type of this name, else a built-in type such as text or f64-list
     #[arg(long = "type", value_name = "NAME[:HASH]", value_parser = data_type)]

@@ -45,6 +45,10 @@ impl fmt::Display for Summary {
                 "at the deadline of a subscriber without room",
             ),
             (counters.closed, "to subscribers that left"),
+            (
+                counters.pool_limit,
+                "at --pool-limit, to subscribers that hold samples",
+            ),
         ];
         write!(
             f,

@@ -49,3 +49,18 @@ fn a_link_that_was_not_full_has_all_the_time() {
     assert!(room.look(at(0), [link(1, 0, 0)]));
     assert!(!room.look(at(100), [link(1, 0, FULL)]));
 }
+
+#[test]
+fn long_messages_in_flight_fit_into_a_quarter_of_the_pool() {
+    let mut room = Room::default();
+    room.fit(1_000, 1);
+    assert!(room.look(at(0), [link(1, 0, FULL - 1)]));
+    room.fit(1_000, 100);
+    assert!(!room.take());
+    assert!(!room.look(at(0), [link(1, 0, 2)]));
+    assert!(room.look(at(0), [link(1, 0, 1)]));
+    assert_eq!([room.take(), room.take()], [true, false]);
+    // There is always room for one.
+    room.fit(1_000, 5_000);
+    assert!(room.look(at(0), [link(1, 0, 0)]));
+}

@@ -29,7 +29,9 @@ impl Interface {
     pub(crate) fn needs(&self) -> Needs {
         let mut needs = Needs::default();
         for link in self.links().filter(|link| link.is_open()) {
-            needs.add(link.needs());
+            if !link.is_suspended() || link.is_reliable() {
+                needs.add(link.needs());
+            }
         }
         if needs.nobody() && self.latches() > 0 {
             needs.add(Needs::of(self.contract.sealed()));
@@ -73,6 +75,9 @@ impl Interface {
             Some(lease) => lease,
             None => {
                 self.harvest(context);
+                if self.outbox.is_check_due(len) {
+                    self.suspend_holders(len);
+                }
                 self.outbox.lease(len).ok()?
             }
         };
@@ -117,11 +122,16 @@ impl Interface {
         len: u64,
         context: &mut Context<'_>,
     ) -> Offered {
-        self.published += 1;
-        if let Some(mut entry) = context.counting.update(self.entry.as_ref()) {
-            entry.published(time, len);
-        }
+        self.count_publication(time, len, context);
         if forms.is_empty() {
+            // Either no link is open, or all are suspended.
+            for link in self
+                .links
+                .iter_mut()
+                .filter(|it| it.is_open() && it.is_suspended())
+            {
+                link.hold_back(context, &mut self.outbox);
+            }
             return Offered::default();
         }
         let id = self.published;
@@ -137,10 +147,16 @@ impl Interface {
             if !link.is_open() {
                 continue;
             }
+            if link.is_resuming() {
+                link.resume_if_released();
+                self.outbox.recheck();
+            }
             //= SM2-QOS-002
             // Links with room get the message first. Of the others, a link whose deadline has expired
             // before (`is_stalled`) is skipped at once.
-            if !link.is_reliable() || link.has_room() {
+            if !link.is_reliable() && link.is_suspended() {
+                link.hold_back(context, &mut self.outbox);
+            } else if !link.is_reliable() || link.has_room() {
                 link.send(key, Status::Ok, context, &mut self.outbox);
                 offered.links += usize::from(link.is_open());
             } else if link.is_stalled() {
@@ -152,6 +168,13 @@ impl Interface {
         }
         self.detach_segments(context);
         offered
+    }
+
+    pub(super) fn count_publication(&mut self, time: Instant, len: u64, context: &mut Context<'_>) {
+        self.published += 1;
+        if let Some(mut entry) = context.counting.update(self.entry.as_ref()) {
+            entry.published(time, len);
+        }
     }
 
     /// Sends the message to the links that have room now. Returns whether no link is left to wait

@@ -79,6 +79,7 @@ impl Interface {
             return;
         };
         link.buried = true;
+        self.outbox.recheck();
         context.counting.free(link.entry.take());
         for key in link.backlog.drain(..) {
             self.outbox.release(key);

@@ -97,6 +97,9 @@ impl LinkDriver {
     /// had no room.
     //= SM2-QOS-002
     pub(in crate::driver) fn skip(&mut self, context: &mut Context<'_>, outbox: &mut Outbox) {
+        if self.is_suspended() && self.is_open() {
+            return self.hold_back(context, outbox);
+        }
         debug_assert!(
             !self.has_room_for_backlog(),
             "what is latched fills all room"

@@ -9,7 +9,7 @@ use sm2_io::memfd;
 use sm2_proto::link::{Body, OutboundMessage, Placement, Status};
 
 use super::Outbox;
-use super::message::{Forms, info, write_head};
+use super::message::{Forms, StoredMessage, info, write_head};
 use super::message_key::MessageKey;
 use super::reservation::NoSlot;
 
@@ -38,8 +38,8 @@ impl Outbox {
     ) -> Result<OutboundMessage, NoForm> {
         match placement {
             Placement::Slot => self.message_in_slot(key, status),
-            Placement::InlineOrSlot => Ok(self.message_or_file(key, status, false)?),
-            Placement::InlineOrSealed => Ok(self.message_or_file(key, status, true)?),
+            Placement::InlineOrSlot => self.message_or_file(key, status, false),
+            Placement::InlineOrSealed => self.message_or_file(key, status, true),
         }
     }
 
@@ -48,8 +48,13 @@ impl Outbox {
         key: MessageKey,
         status: Status,
         link_sealed: bool,
-    ) -> io::Result<OutboundMessage> {
-        let message = (self.messages.get_mut(key)).ok_or(io::ErrorKind::NotFound)?;
+    ) -> Result<OutboundMessage, NoForm> {
+        let missing = || io::Error::from(io::ErrorKind::NotFound);
+        let StoredMessage { forms, len, .. } = self.messages.get(key).ok_or_else(missing)?;
+        let needs_file = link_sealed && forms.inline.is_none() && forms.sealed.is_none();
+        let len = *len;
+        let has_room = !needs_file || self.has_room_for_file(len);
+        let message = self.messages.get_mut(key).ok_or_else(missing)?;
         let Forms {
             inline,
             pooled,
@@ -63,12 +68,17 @@ impl Outbox {
             },
             // A sealed message is legal on every link.
             (None, _) if sealed.is_some() => Body::Sealed,
+            (None, Some(_)) if !has_room => {
+                return Err(NoForm::Slot(io::ErrorKind::OutOfMemory.into()));
+            }
             (None, Some(lease)) => {
-                let len = usize::try_from(message.len).map_err(|_| io::ErrorKind::InvalidInput)?;
+                let len = usize::try_from(message.len)
+                    .map_err(|_| io::Error::from(io::ErrorKind::InvalidInput))?;
                 *sealed = Some(memfd::sealed_from_bytes(lease.memory.bytes(len))?);
+                self.pool.add_outside(message.len);
                 Body::Sealed
             }
-            (None, None) => return Err(io::ErrorKind::NotFound.into()),
+            (None, None) => return Err(missing().into()),
         };
         Ok(OutboundMessage {
             key: key.to_raw(),

@@ -58,8 +58,4 @@ impl Reserved {
             how,
         })
     }
-
-    pub(crate) const fn bytes(&self) -> u64 {
-        self.segment.len_bytes() as u64
-    }
 }

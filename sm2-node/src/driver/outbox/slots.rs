@@ -36,9 +36,10 @@ impl Outbox {
 
     /// Leases a slot for `len` bytes.
     pub(crate) fn lease(&mut self, len: u64) -> Result<Lease<Slot>, NoSlot> {
-        if let Some(lease) = self.lease_free(len) {
+        if let Some(lease) = self.pool.take(len) {
             return Ok(lease);
         }
+        self.raise_limit(len);
         let plan = self.pool.plan(len).or_else(|Full| {
             let unused = self.pool.unused();
             self.close(unused);
@@ -67,8 +68,13 @@ impl Outbox {
         self.pool.add(geometry, slots);
     }
 
-    /// Leases a slot that is free now; `None` if none is.
+    /// Leases a slot that is free now; `None` if none is, or if [`suspended
+    /// links`](Outbox::is_check_due) have to be decided first.
+    #[inline]
     pub(crate) fn lease_free(&mut self, len: u64) -> Option<Lease<Slot>> {
+        if self.is_check_due(len) {
+            return None;
+        }
         self.pool.take(len)
     }
 

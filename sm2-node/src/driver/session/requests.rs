@@ -8,6 +8,7 @@ use sm2_proto::{Contract, InterfaceId, NodeId, Refusal, TypeId};
 use crate::driver::datagram::Incoming;
 use crate::driver::inner::Inner;
 use crate::driver::interface::Interface;
+use crate::driver::outbox::PoolLimit;
 use crate::driver::sleepers::EventSource;
 
 impl Inner {
@@ -44,7 +45,7 @@ impl Inner {
     pub(crate) fn declare(
         &mut self,
         contract: Contract,
-        pool_limit_bytes: u64,
+        pool_limit: PoolLimit,
         epoll: &Epoll,
     ) -> Result<InterfaceId, node::Error> {
         let id = self.session.declare(contract.clone())?;
@@ -52,7 +53,7 @@ impl Inner {
             self.session.tell(Input::Counters);
         }
         let entry = self.counting.allocate(id, None);
-        let interface = Interface::new(contract, pool_limit_bytes, entry);
+        let interface = Interface::new(contract, pool_limit, entry);
         self.interfaces.insert(id, interface);
         self.drain_session(Incoming::default(), epoll);
         Ok(id)

@@ -325,10 +325,12 @@ impl<'a> Ring<'a> {
 
     fn segments(&mut self, script: &mut Script<'_>) -> Option<()> {
         let id = script.below(3)? as u32;
-        match script.byte()? % 4 {
+        let step = script.byte()? % 8;
+        match step % 4 {
             0 => self.world.input(Input::Attach(segment(id))),
             1 => self.world.input(Input::Retire { segment: id }),
             2 => self.world.frame(&Frame::Detached { segment: id }, &[]),
+            _ if step > 4 => self.world.input(Input::PoolLimit),
             _ => self.world.input(Input::PassOver),
         }
         Some(())

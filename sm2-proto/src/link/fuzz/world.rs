@@ -127,8 +127,7 @@ impl World {
         assert_eq!(self.end, self.link.end());
         assert_eq!(self.link.in_flight(), self.pending.len());
         let it = self.link.counters();
-        let dropped = it.overwritten + it.discarded + it.deadline + it.closed;
-        assert_eq!(it.offered, it.delivered + dropped + it.in_flight);
+        assert_eq!(it.offered, it.delivered + it.dropped() + it.in_flight);
         assert_eq!(it.in_flight, self.pending.len() as u64);
     }
 

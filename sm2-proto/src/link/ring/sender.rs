@@ -399,6 +399,14 @@ impl RingSender {
         self.counters.overwritten += 1;
     }
 
+    /// Counts a publication that is not sent on this link because of the pool limit.
+    //= SM2-QOS-006
+    pub(in crate::link) const fn hold_back(&mut self) {
+        self.counters.offered += 1;
+        self.counters.pool_limit += 1;
+        self.stalled = true;
+    }
+
     /// Counts a queued message that is not sent, because the link is over.
     //= SM2-OPN-007
     pub(super) const fn count_closed(&mut self) {
@@ -426,11 +434,18 @@ impl RingSender {
         self.stalled
     }
 
+    /// The keys of the messages that are not settled.
+    pub(in crate::link) fn keys(&self) -> impl Iterator<Item = u64> {
+        let slots = self.segments.iter().flatten().flat_map(|it| &it.slots);
+        let unsettled = slots.flatten().map(|it| it.key);
+        unsettled.take(self.unreleased as usize)
+    }
+
     pub(in crate::link) const fn in_flight(&self) -> usize {
         self.unreleased as usize
     }
 
-    //= SM2-QOS-004
+    //= SM2-QOS-005
     #[inline]
     pub(in crate::link) fn counters(&self) -> Counters {
         Counters {
@@ -454,8 +469,7 @@ impl RingSender {
     pub(in crate::link) fn invariants(&self) {
         if cfg!(debug_assertions) {
             let it = self.counters();
-            let dropped = it.overwritten + it.discarded + it.deadline + it.closed;
-            debug_assert_eq!(it.offered, it.delivered + dropped + it.in_flight);
+            debug_assert_eq!(it.offered, it.delivered + it.dropped() + it.in_flight);
             let segments = self.segments.iter().flatten();
             debug_assert_eq!(self.attached, segments.clone().count());
             let unreleased: u32 = segments.map(|it| it.unreleased).sum();

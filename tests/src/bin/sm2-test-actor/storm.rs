@@ -116,7 +116,7 @@ fn publish(node: &Node, control: &mut Control) {
         thread::sleep(PAUSE);
     }
     let counters = publisher.counters();
-    let dropped = counters.overwritten + counters.discarded + counters.deadline + counters.closed;
+    let dropped = counters.dropped();
     let sum = counters.delivered + dropped + counters.in_flight;
     assert_eq!(counters.offered, sum, "{counters:?}");
     println!("published={published} {counters:?}");

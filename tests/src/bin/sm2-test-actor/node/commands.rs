@@ -340,13 +340,14 @@ fn describe(link: &LinkStatus) -> String {
     );
     let _ = write!(
         text,
-        " offered={} delivered={} overwritten={} discarded={} deadline={} closed={} in_flight={}",
+        " offered={} delivered={} overwritten={} discarded={} deadline={} closed={} pool_limit={} in_flight={}",
         counters.offered,
         counters.delivered,
         counters.overwritten,
         counters.discarded,
         counters.deadline,
         counters.closed,
+        counters.pool_limit,
         counters.in_flight,
     );
     text

@@ -1,0 +1,51 @@
+//! Links that get no message until their receiver releases one.
+
+use sm2_proto::link::Input;
+
+use super::LinkDriver;
+use crate::driver::context::Context;
+use crate::driver::outbox::Outbox;
+
+impl LinkDriver {
+    /// Whether the link was suspended and has released nothing since.
+    #[inline]
+    pub(in crate::driver) fn is_suspended(&self) -> bool {
+        self.suspended
+            .is_some_and(|released| released == self.released())
+    }
+
+    /// Whether the link was suspended, and its receiver has released something since.
+    #[inline]
+    pub(in crate::driver) fn is_resuming(&self) -> bool {
+        self.suspended.is_some() && !self.is_suspended()
+    }
+
+    pub(in crate::driver) fn suspend(&mut self) {
+        tracing::debug!(link = %self.id, peer = %self.peer.name, "suspended at the pool limit");
+        self.suspended = Some(self.released());
+    }
+
+    /// Makes the link active again if its receiver has released something.
+    pub(in crate::driver) fn resume_if_released(&mut self) {
+        if self.is_resuming() {
+            self.suspended = None;
+        }
+    }
+
+    fn released(&self) -> u64 {
+        let counters = self.counters();
+        counters.delivered + counters.discarded
+    }
+
+    /// Counts a publication that the limit of memory keeps from this link.
+    //= SM2-QOS-006
+    pub(in crate::driver) fn hold_back(&mut self, context: &mut Context<'_>, outbox: &mut Outbox) {
+        self.feed(Input::PoolLimit, context.epoll, outbox);
+        self.note_fates(context.counting);
+    }
+
+    /// Passes the key of each message in flight to `each`.
+    pub(in crate::driver) fn in_flight_keys(&self, each: impl FnMut(u64)) {
+        self.machine.in_flight_keys(each);
+    }
+}

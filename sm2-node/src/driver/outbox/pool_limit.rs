@@ -1,0 +1,39 @@
+//! The limit that a publisher sets for the memory of its messages.
+
+use crate::pool::{POOL_LIMIT_BYTES, POOL_LIMIT_MESSAGES, stride_for};
+
+/// How much memory the messages of an interface may use, in addition to reserved memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct PoolLimit {
+    bytes: u64,
+    /// There is always memory for this many messages of the longest length so far.
+    messages: u64,
+}
+
+impl PoolLimit {
+    /// No limit, for interfaces whose messages the limit of calls bounds.
+    pub(crate) const NONE: Self = Self::bytes(u64::MAX);
+
+    /// A limit that the program set.
+    pub(crate) const fn bytes(bytes: u64) -> Self {
+        Self { bytes, messages: 0 }
+    }
+
+    /// The limit of a publisher that sets none and keeps this many messages for later subscribers.
+    pub(crate) const fn default_with(latched: u16) -> Self {
+        Self {
+            bytes: POOL_LIMIT_BYTES,
+            messages: POOL_LIMIT_MESSAGES + latched as u64,
+        }
+    }
+
+    /// The limit while messages of this length are sent.
+    pub(super) const fn bytes_for(self, len: u64) -> u64 {
+        let least = self.messages.saturating_mul(stride_for(len));
+        if least > self.bytes {
+            least
+        } else {
+            self.bytes
+        }
+    }
+}
