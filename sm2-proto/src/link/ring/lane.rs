@@ -27,6 +27,10 @@ pub(in crate::link) struct RingLane {
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "every open ring is here, and a box would cost each message a load"
+)]
 enum Outgoing {
     /// The other end's RING has not come yet. `window` is from its OPEN.
     Awaited {
