@@ -7,8 +7,8 @@ use crate::PublishError;
 pub struct Published {
     /// How many links accepted the message.
     pub links: usize,
-    /// How many reliable links had no room until the deadline, or hold too much of the pool. They miss this message, and are not waited for
-    /// again until they release a message (SM2-QOS-002, SM2-QOS-006).
+    /// How many reliable links had no room until the deadline, or hold too much of the pool. They miss this
+    /// message, and are not waited for again until they release a message (SM2-QOS-002, SM2-QOS-006).
     pub missed: usize,
 }
 

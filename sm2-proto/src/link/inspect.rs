@@ -73,7 +73,8 @@ impl Link {
     }
 
     /// Whether a publication was not sent ([`Input::Skip`](super::Input::Skip) or
-    /// [`Input::PoolLimit`](super::Input::PoolLimit)) and the other end has released nothing since. A publisher does not wait for such a link (SM2-QOS-002).
+    /// [`Input::PoolLimit`](super::Input::PoolLimit)) and the other end has released nothing since.
+    /// A publisher does not wait for such a link (SM2-QOS-002).
     #[must_use]
     #[inline]
     pub fn is_stalled(&self) -> bool {
