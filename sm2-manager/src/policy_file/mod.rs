@@ -1,6 +1,7 @@
 //! Policy files: the access rights of a domain (SPEC section 15) as TOML without unknown keys.
 
 mod error;
+mod lines;
 mod source;
 mod toml_file;
 mod warnings;
@@ -18,7 +19,7 @@ use sm2_proto::{
 };
 
 pub use self::error::{PolicyFileError, PolicyWarning, ValueError};
-use self::{source::Source, toml_file::File};
+use self::{lines::Lines, source::Source, toml_file::File};
 
 /// A policy, and the place of its parts in the file.
 #[derive(Clone, Debug)]
@@ -29,14 +30,6 @@ pub struct PolicyFile {
     pub policy: AccessPolicy,
     /// The lines of the tables, in the order of [`Tables`](sm2_proto::policy::Tables).
     lines: Lines,
-}
-
-/// The line of each table.
-#[derive(Clone, Debug, Default)]
-struct Lines {
-    rules: Vec<usize>,
-    bindings: Vec<usize>,
-    exclusive: Vec<usize>,
 }
 
 impl PolicyFile {
@@ -112,28 +105,6 @@ impl PolicyFile {
     /// The parts that probably do not do what their author expects.
     #[must_use]
     pub fn warnings(&self) -> Vec<PolicyWarning> {
-        warnings::of(self)
-    }
-}
-
-impl Lines {
-    fn all(&self) -> impl Iterator<Item = usize> {
-        let lines = self.rules.iter().chain(&self.bindings);
-        lines.chain(&self.exclusive).copied()
-    }
-
-    fn last(&self) -> usize {
-        self.all().max().unwrap_or(1)
-    }
-
-    /// The line of the second table of a name.
-    fn of_duplicate(&self, file: &File) -> Option<usize> {
-        let mut tables: Vec<_> = self.all().zip(file.names()).collect();
-        tables.sort_unstable();
-        let second = tables.iter().enumerate().find(|(index, (_, name))| {
-            let mut earlier = tables[..*index].iter();
-            earlier.any(|(_, it)| it == name)
-        });
-        second.map(|(_, (line, _))| *line)
+        warnings::of(self.policy.tables(), &self.lines.rules)
     }
 }

@@ -11,8 +11,8 @@ use sm2_proto::{
 use toml::Spanned;
 
 use super::{
-    Lines,
     error::{PolicyFileError, ValueError},
+    lines::Lines,
     toml_file::{File, Id, List, RuleTable},
 };
 

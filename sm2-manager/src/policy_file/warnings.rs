@@ -3,17 +3,16 @@
 use sm2_proto::{
     Name,
     gateway::Pattern,
-    policy::{ActionSet, Binding, Effect, Rule, RuleId},
+    policy::{ActionSet, Binding, Effect, Rule, Tables},
 };
 
-use super::{PolicyFile, error::PolicyWarning};
+use super::error::PolicyWarning;
 
-pub(super) fn of(file: &PolicyFile) -> Vec<PolicyWarning> {
-    let tables = file.policy.tables();
+/// The warnings about tables whose rules are in these lines.
+pub(super) fn of(tables: &Tables, rule_lines: &[usize]) -> Vec<PolicyWarning> {
     let mut warnings = Vec::new();
     let mut last: Option<&Rule> = None;
-    for (index, rule) in tables.rules.iter().enumerate() {
-        let line = file.rule_line(RuleId(index)).unwrap_or(0);
+    for (rule, &line) in tables.rules.iter().zip(rule_lines) {
         if let Some(earlier) = last {
             warnings.push(PolicyWarning::NeverReached {
                 rule: rule.name.clone(),

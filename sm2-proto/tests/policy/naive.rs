@@ -118,13 +118,15 @@ fn patterns(texts: &[String]) -> Vec<Pattern> {
 }
 
 fn fits(pattern: &[&str], name: &[&str]) -> bool {
-    match (pattern, name) {
-        ([], []) => true,
-        (["**", behind @ ..], _) => (0..=name.len()).any(|it| fits(behind, &name[it..])),
-        ([first, behind @ ..], [segment, rest @ ..]) => {
-            (*first == "*" || first == segment) && fits(behind, rest)
-        }
-        _ => false,
+    let Some((first, behind)) = pattern.split_first() else {
+        return name.is_empty();
+    };
+    if *first == "**" {
+        return (0..=name.len()).any(|taken| fits(behind, &name[taken..]));
+    }
+    match name.split_first() {
+        Some((segment, rest)) => (*first == "*" || first == segment) && fits(behind, rest),
+        None => false,
     }
 }
 
