@@ -146,12 +146,28 @@ fn names_of_users_and_groups_are_looked_up() {
     assert_eq!(members.groups, Some(vec![0]));
 }
 
-/// A text with a fault, and the parts of its error.
+/// A text with a fault, the start of its error, and a part of it.
+type Fault<'a> = (String, &'a str, &'a str);
+
+fn rule(more: &str) -> String {
+    format!("default = \"deny\"\n[[rule]]\neffect = \"allow\"\n{more}\n")
+}
+
+fn names(more: &str) -> String {
+    rule(&format!("names = [\"a\"]\n{more}"))
+}
+
+fn check_errors(faults: &[Fault<'_>]) {
+    for (text, start, part) in faults {
+        let error = error(text);
+        assert!(error.starts_with(start), "{text}\n{error}");
+        assert!(error.contains(part), "{text}\n{error}");
+    }
+}
+
 #[test]
-fn errors_name_the_line_and_the_key() {
-    let rule = |more: &str| format!("default = \"deny\"\n[[rule]]\neffect = \"allow\"\n{more}\n");
-    let names = |more: &str| rule(&format!("names = [\"a\"]\n{more}"));
-    let table = [
+fn errors_of_keys_name_the_line() {
+    check_errors(&[
         ("".to_owned(), "policy.toml:1: ", "missing field `default`"),
         (
             "default = \"maybe\"".to_owned(),
@@ -184,6 +200,12 @@ fn errors_name_the_line_and_the_key() {
             "policy.toml:5: ",
             "an id from 0 to 4294967295",
         ),
+    ]);
+}
+
+#[test]
+fn errors_of_values_name_the_line_and_the_key() {
+    check_errors(&[
         (
             names("actions = []"),
             "policy.toml:5: actions: ",
@@ -244,12 +266,7 @@ fn errors_name_the_line_and_the_key() {
             "policy.toml:3: topics: ",
             "segment 1",
         ),
-    ];
-    for (text, start, part) in table {
-        let error = error(&text);
-        assert!(error.starts_with(start), "{text}\n{error}");
-        assert!(error.contains(part), "{text}\n{error}");
-    }
+    ]);
 }
 
 //= SM2-ACC-006 test
