@@ -70,3 +70,16 @@ fn a_manager_gives_up_the_right_to_gain_rights() {
         assert!(status.contains("NoNewPrivs:\t1\n"), "{status}");
     }
 }
+
+#[test]
+fn a_mode_that_admits_a_group_warns_of_a_directory_that_keeps_it_out() {
+    let domain = TestDomain::new();
+    fs::set_permissions(domain.folder(), Permissions::from_mode(0o700)).unwrap();
+    for option in [&[][..], &["--standby"]] {
+        let options = [&["--socket-mode", "660"], option].concat();
+        let manager = domain.manager(&options);
+        let directory = domain.folder().display();
+        manager.says(&format!("the directory {directory} (mode 700)"));
+        manager.says(&format!("chmod g+x {directory}"));
+    }
+}

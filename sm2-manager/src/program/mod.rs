@@ -10,6 +10,7 @@ mod activation;
 mod arguments;
 #[cfg(feature = "fuzzing")]
 pub mod fuzz;
+mod reach;
 mod replace;
 
 use std::{
@@ -136,6 +137,7 @@ impl Service {
         let path = arguments.path()?;
         if arguments.standby {
             let standby = Standby::start(&path, options)?;
+            reach::warn_of_closed_directory(&path, arguments.socket_mode);
             return Ok(Self::Standby(Box::new(standby)));
         }
         let manager = if arguments.replace {
@@ -143,6 +145,8 @@ impl Service {
         } else {
             Manager::bind(&path, options)?
         };
+        // Binding creates the directory if it does not exist.
+        reach::warn_of_closed_directory(&path, arguments.socket_mode);
         Ok(Self::Manager(Box::new(manager)))
     }
 
