@@ -72,3 +72,18 @@ fn each_key_that_only_a_restart_can_take_is_named() {
     let other = with_addresses("\"robot:1\"") + rule;
     assert_eq!(old.fixed_keys(&parse(&other).unwrap()), Vec::<&str>::new());
 }
+
+/// The files of the book are loaded as they stand there.
+#[test]
+fn each_configuration_of_the_book_is_loaded() {
+    let book = include_str!("../../docs/src/gateways.md");
+    let blocks = book.split("```toml\n").skip(1);
+    let blocks: Vec<&str> = blocks.filter_map(|it| it.split("```").next()).collect();
+    assert_eq!(blocks.len(), 2, "{blocks:?}");
+    for text in blocks {
+        let config = parse(text).unwrap_or_else(|error| panic!("{error} in\n{text}"));
+        assert_eq!(config.peers.len(), 1, "{text}");
+        let misspelt = text.replacen("names", "name", 1);
+        assert!(parse(&misspelt).is_err(), "{misspelt}");
+    }
+}

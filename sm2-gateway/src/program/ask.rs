@@ -71,3 +71,26 @@ pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<bool, P
         None => Ok(is_offered),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        arguments: Arguments,
+    }
+
+    #[test]
+    fn a_name_may_begin_with_a_slash() {
+        let line = |name| Line::try_parse_from(["ask", name, "--peer", "far"]);
+        for name in ["camera/front", "/camera/front"] {
+            let arguments = line(name).unwrap().arguments;
+            assert_eq!(arguments.name.as_str(), "camera/front");
+        }
+        assert!(line("//camera").is_err());
+    }
+}

@@ -73,3 +73,45 @@ pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<bool, P
     )?;
     Ok(action == Action::Allow)
 }
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        arguments: Arguments,
+    }
+
+    #[test]
+    fn a_name_may_begin_with_a_slash() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("gateway.toml");
+        let id = "01".repeat(32);
+        let text = format!(
+            "name = \"near\"\nkey = \"key\"\n[[peer]]\nname = \"far\"\nid = \"{id}\"\naddresses = []\n\
+             [[rule]]\naction = \"allow\"\nnames = \"camera/**\"\n"
+        );
+        fs::write(&file, text).unwrap();
+        for name in ["camera/front", "/camera/front"] {
+            let config = file.to_str().unwrap();
+            let words = ["explain", name, "--config", config, "--peer", "far"];
+            let line = Line::try_parse_from(words.into_iter().chain(["--direction", "out"]));
+            let mut out = Vec::new();
+            assert!(run(&line.unwrap().arguments, &mut out).unwrap());
+            let said = String::from_utf8(out).unwrap();
+            let start = format!("camera/front: allowed by the rule at {config}:7");
+            assert!(said.starts_with(&start), "{said}");
+        }
+        for name in ["//camera", "camera/", ""] {
+            let words = ["explain", name, "--config", "gateway.toml", "--peer", "far"];
+            let line = Line::try_parse_from(words.into_iter().chain(["--direction", "out"]));
+            assert!(line.is_err(), "{name:?}");
+        }
+    }
+}
