@@ -33,7 +33,7 @@ pub enum Refusal {
         reply: TypeId,
     },
     /// A quota is used up.
-    #[error("the quota of {limit} {quota} is used up: close some, or have the operator raise it")]
+    #[error("the quota of {limit} {quota} is used up: close some{}", quota.remedy())]
     Quota {
         /// The quota.
         quota: Quota,
@@ -57,6 +57,50 @@ pub enum Quota {
     SessionsPerProcess,
     /// Interfaces of all sessions of one process.
     InterfacesPerProcess,
+}
+
+impl Quota {
+    /// Every quota.
+    pub const ALL: [Self; 6] = [
+        Self::SessionsPerUser,
+        Self::InterfacesPerSession,
+        Self::InterfacesPerUser,
+        Self::LinksPerSession,
+        Self::SessionsPerProcess,
+        Self::InterfacesPerProcess,
+    ];
+
+    /// The option of `sm2-manager` that sets the quota. `None` if only a program that embeds a Manager
+    /// can set it.
+    #[must_use]
+    pub const fn option(self) -> Option<&'static str> {
+        match self {
+            Self::SessionsPerUser => Some("--max-sessions"),
+            Self::InterfacesPerSession => Some("--max-interfaces"),
+            Self::InterfacesPerUser => None,
+            Self::LinksPerSession => Some("--max-links"),
+            Self::SessionsPerProcess => Some("--max-process-sessions"),
+            Self::InterfacesPerProcess => Some("--max-process-interfaces"),
+        }
+    }
+
+    /// How to raise the quota: the end of a sentence that names another remedy first.
+    #[must_use]
+    pub fn remedy(self) -> impl core::fmt::Display {
+        Remedy(self)
+    }
+}
+
+/// How to raise a quota.
+struct Remedy(Quota);
+
+impl core::fmt::Display for Remedy {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self.0.option() {
+            Some(option) => write!(f, ", or have the operator raise {option} of sm2-manager"),
+            None => f.write_str("; no option of sm2-manager raises it"),
+        }
+    }
 }
 
 impl core::fmt::Display for Quota {

@@ -1,7 +1,7 @@
 //! The texts of values, in errors and in the output of programs.
 
 use sm2_proto::{
-    Code, Farewell, LinkId, Name,
+    Code, Farewell, LinkId, Name, Quota, Refusal,
     link::wire::Frame,
     manager::{Manager, Policy},
 };
@@ -40,4 +40,18 @@ fn a_manager_does_not_show_its_secret() {
 fn a_farewell_is_called_as_in_the_specification() {
     assert_eq!(Farewell::PeerGone.to_string(), "peer-gone");
     assert_eq!(Farewell::ShuttingDown.to_string(), "shutting-down");
+}
+
+#[test]
+fn a_refusal_by_a_quota_names_the_option_that_raises_it() {
+    for quota in Quota::ALL {
+        let text = Refusal::Quota { quota, limit: 7 }.to_string();
+        let start = format!("the quota of 7 {quota} is used up: close some");
+        assert!(text.starts_with(&start), "{text}");
+        let told = match quota.option() {
+            Some(option) => format!("raise {option} of sm2-manager"),
+            None => "no option of sm2-manager raises it".to_owned(),
+        };
+        assert!(text.ends_with(&told), "{text}");
+    }
 }

@@ -144,13 +144,25 @@ fn a_topic_of_another_type_names_both() {
 fn a_used_up_quota_is_named() {
     let domain = Domain::with(&["--max-interfaces", "0"]);
     let echo = domain.run(&["topic", "echo", "a"]);
-    echo.failed(1, &["quota of 0 interfaces per session", "operator"]);
+    echo.failed(
+        1,
+        &[
+            "quota of 0 interfaces per session",
+            "raise --max-interfaces of sm2-manager",
+        ],
+    );
 
     let domain = Domain::with(&["--max-sessions", "1"]);
     let first = domain.start(&["topic", "echo", "a"]);
     until("the first waits", || first.stderr().contains("waiting"));
     let second = domain.run(&["node", "list"]);
-    second.failed(1, &["quota of 1 sessions per user"]);
+    second.failed(
+        1,
+        &[
+            "quota of 1 sessions per user",
+            "raise --max-sessions of sm2-manager",
+        ],
+    );
 }
 
 #[test]

@@ -101,3 +101,37 @@ fn positive(text: &str) -> Result<usize, String> {
         _ => Err("give a whole number of at least 1".into()),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+    use sm2_proto::Quota;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        arguments: Arguments,
+    }
+
+    #[test]
+    fn the_option_that_a_refusal_names_sets_its_quota() {
+        for quota in Quota::ALL {
+            let Some(option) = quota.option() else {
+                continue;
+            };
+            let line = Line::try_parse_from(["sm2-manager", option, "7"]).unwrap();
+            let policy = line.arguments.options().policy;
+            let set = match quota {
+                Quota::SessionsPerUser => policy.sessions_per_user,
+                Quota::InterfacesPerSession => policy.interfaces_per_session,
+                Quota::InterfacesPerUser => policy.interfaces_per_user,
+                Quota::LinksPerSession => policy.links_per_session,
+                Quota::SessionsPerProcess => policy.sessions_per_process,
+                Quota::InterfacesPerProcess => policy.interfaces_per_process,
+            };
+            assert_eq!(set, 7, "{option}");
+        }
+    }
+}

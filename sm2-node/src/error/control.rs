@@ -188,8 +188,8 @@ pub enum DeclareError {
     },
     /// A quota of the Manager is used up (SM2-IFC-006).
     #[error(
-        "{name} was not declared: the quota of {limit} {quota} is used up; \
-         close some, or have the operator raise it"
+        "{name} was not declared: the quota of {limit} {quota} is used up; close some{}",
+        quota.remedy()
     )]
     Quota {
         /// The topic or service.

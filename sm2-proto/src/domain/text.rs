@@ -166,7 +166,7 @@ impl Verdict {
         write!(
             f,
             " may not have more than {}.\n\
-             Close some and declare again, or have the operator raise the limit.",
+             Close some and declare again, or have the operator raise --max-links of sm2-manager.",
             Counted::new(limit.into(), "link")
         )
     }
