@@ -45,7 +45,9 @@ mod tests {
 
     #[test]
     fn users_are_kept_out_if_they_may_connect_and_not_reach() {
-        let kept = |socket, directory| kept_out(socket, directory).map(|it| it.1).collect();
+        let kept = |socket, directory| -> Vec<&str> {
+            kept_out(socket, directory).map(|it| it.1).collect()
+        };
         let none: Vec<&str> = Vec::new();
         assert_eq!(kept(0o600, 0o700), none);
         assert_eq!(
