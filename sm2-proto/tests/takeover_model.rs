@@ -114,3 +114,27 @@ proptest! {
         world.check();
     }
 }
+
+/// A node whose own interfaces match is given up while the link between them is still pending, and the
+/// Manager ends one link at a time. Both ends of that link are then gone.
+//= SM2-LNK-007, SM2-SES-009 model
+#[test]
+fn a_pending_link_ends_once_if_both_interfaces_are_gone() {
+    let mut world = World::with(Policy {
+        links_in_flight: 1,
+        work_per_turn: 1,
+        ..Policy::default()
+    });
+    world.settle();
+    let type_a = data("A");
+    let publisher = || publisher_with("image", &type_a, false, false);
+    world.declare(0, subscriber_with("image", Some(&type_a), false, false));
+    world.settle();
+    world.declare(2, publisher());
+    world.declare(0, publisher());
+    world.manager_reads(2);
+    world.manager_reads(0);
+    world.stall(0);
+    world.settle();
+    world.check();
+}

@@ -27,7 +27,6 @@ impl Manager {
         self.forget_link(link, pair);
         for entity in pair.entities() {
             self.remove_link(entity, link);
-            self.ending_links.forget(entity, link);
         }
         self.not_sent(pair);
         self.mark_unlinked(pair, UnlinkedReason::Descriptors);
@@ -36,12 +35,14 @@ impl Manager {
         }
     }
 
-    /// Removes an end of a link that its session was never told of.
+    /// Removes an end of a link that its session was never told of. Its interface may be gone, and
+    /// its links are then being ended.
     fn remove_link(&mut self, entity: EntityId, link: LinkId) {
         let record = self.sessions.get_mut(&entity.node);
         if let Some(record) = record.and_then(Session::node_mut) {
             record.remove_link(entity.interface, link);
         }
+        self.ending_links.forget(entity, link);
     }
 
     //= SM2-IFC-003
