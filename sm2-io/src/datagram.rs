@@ -14,7 +14,8 @@ pub struct Received {
     pub fds: ReceivedFds,
     /// Whether the datagram was longer than the buffer; the rest is lost.
     pub data_truncated: bool,
-    /// Whether the kernel dropped descriptors, because this process has too many open already.
+    /// Whether the kernel dropped descriptors, because this process has too many open already. There
+    /// is always room for all that a datagram can carry, so the sender is not to blame.
     pub control_truncated: bool,
 }
 

@@ -38,7 +38,7 @@ pub(crate) struct Connection {
     /// The node's counters file, once the node has handed it over.
     pub(crate) counters: Option<Arc<OwnedFd>>,
     /// A placeholder descriptor, closed before each read, so that the counters file can be received. Without
-    /// a free descriptor the kernel would discard the file, and the node would be blamed for that.
+    /// a free descriptor the kernel would discard the file, and tools would not see the node's counters.
     pub(crate) place: Option<OwnedFd>,
 }
 

@@ -109,7 +109,7 @@ fn open(manager: &Program) -> usize {
 }
 
 /// A Manager accepts no more nodes than it can receive counters files from.
-//= SM2-CNT-001, SM2-TRN-005 sys
+//= SM2-CNT-001, SM2-TRN-011 sys
 #[test]
 fn a_manager_that_is_short_of_descriptors_blames_no_node() {
     let domain = TestDomain::new();
@@ -193,7 +193,7 @@ fn counters_are_kept_with_the_session_and_shown_to_whoever_asks() {
     common::eventually("the Manager to close the file", || open(&manager) == idle);
 }
 
-//= SM2-TRN-005, SM2-CNT-001 sys
+//= SM2-TRN-011, SM2-CNT-001 sys
 #[test]
 fn every_other_descriptor_is_closed() {
     let domain = TestDomain::new();
@@ -218,10 +218,10 @@ fn every_other_descriptor_is_closed() {
             &[one.as_fd()],
             violation!(NotAMemfd, "SM2-CNT-001"),
         ),
-        (&counters, &[], violation!(FdCount, "SM2-TRN-005")),
-        (&counters, &one_too_many, violation!(FdCount, "SM2-TRN-005")),
-        (&counters, &many, violation!(FdCount, "SM2-TRN-005")),
-        (&query, &[page.as_fd()], violation!(FdCount, "SM2-TRN-005")),
+        (&counters, &[], violation!(FdCount, "SM2-TRN-011")),
+        (&counters, &one_too_many, violation!(FdCount, "SM2-TRN-011")),
+        (&counters, &many, violation!(FdCount, "SM2-TRN-011")),
+        (&query, &[page.as_fd()], violation!(FdCount, "SM2-TRN-011")),
     ] {
         let node = Raw::welcomed(&domain, "node");
         node.send(frame, fds);

@@ -479,7 +479,7 @@ fn a_call_does_not_wait_for_a_link_that_was_announced_and_never_comes() {
     assert!(matches!(result, Err(CallError::NoServer { .. })));
 }
 
-//= SM2-LNK-004, SM2-LNK-006 test
+//= SM2-LNK-009, SM2-LNK-006 test
 #[test]
 fn unlinked_tells_how_the_link_ended() {
     let (close, open) = ([9, 0, 42, 0, 0, 0, 0, 0], open());

@@ -253,8 +253,9 @@ impl World {
                 | node::Output::DeclareRefused { .. }
                 | node::Output::Resumed
                 | node::Output::Ended(_) => {}
-                // Answers to requests that no node here sends.
-                node::Output::Page(_)
+                // No datagram here loses its descriptor, and no node asks for anything.
+                node::Output::LinkLost { .. }
+                | node::Output::Page(_)
                 | node::Output::Changes(_)
                 | node::Output::TransmitCounters(_)
                 | node::Output::Inspected { .. }

@@ -90,7 +90,6 @@ codes! {
     ViolationKind {
         FrameTooLong = 16, "frame-too-long";
         FdCount = 17, "fd-count";
-        ControlTruncated = 18, "control-truncated";
         UnknownFrame = 19, "unknown-frame";
         Malformed = 20, "malformed";
         TrailingBytes = 21, "trailing-bytes";

@@ -192,7 +192,7 @@ fn codes_have_one_meaning() {
     kani::cover!(violation.is_some(), "a violation");
 }
 
-//= SM2-TRN-004, SM2-TRN-005 kani
+//= SM2-TRN-004 kani
 #[cfg_attr(kani, kani::proof)]
 fn truncated_datagrams_are_refused() {
     static BYTES: [u8; DATAGRAM_MAX + 1] = [0; DATAGRAM_MAX + 1];
@@ -203,31 +203,34 @@ fn truncated_datagrams_are_refused() {
         control_truncated,
         ..Datagram::new(&BYTES[..len])
     };
-    let whole = !data_truncated && !control_truncated && len <= DATAGRAM_MAX;
+    let whole = !data_truncated && len <= DATAGRAM_MAX;
     assert_eq!(datagram.check().is_ok(), whole);
     kani::cover!(whole && len > 1, "a whole datagram");
     kani::cover!(len > DATAGRAM_MAX && !data_truncated, "one byte too long");
 }
 
-/// A whole datagram has exactly the number of descriptors that its type names. A cut is reported
-/// before anything else.
-//= SM2-TRN-004, SM2-TRN-005 kani
+/// A datagram has exactly the number of descriptors that its type names. Only the receiver itself can
+/// have lost some.
+//= SM2-TRN-011, SM2-TRN-012 kani
 #[cfg_attr(kani, kani::proof)]
 fn descriptors_are_counted() {
     let files = [FdFacts::default(); 3];
     let (came, wanted) = (below(4), below(4));
+    let some_lost: bool = kani::any();
     let datagram = Datagram {
         fds: &files[..came],
+        control_truncated: some_lost,
         ..Datagram::new(&[1])
     };
-    let expected = if came == wanted {
-        Ok(())
-    } else {
-        Err(violation!(FdCount, "SM2-TRN-005"))
+    let expected = match (some_lost, came < wanted, came == wanted) {
+        (true, true, _) | (false, _, true) => Ok(()),
+        _ => Err(violation!(FdCount, "SM2-TRN-011")),
     };
     assert_eq!(datagram.check_fds(wanted), expected);
+    assert_eq!(datagram.has_lost_fds(wanted), some_lost && came < wanted);
     kani::cover!(came > wanted && wanted > 0, "more than wanted");
-    kani::cover!(came == wanted && came == 1, "one");
+    kani::cover!(!some_lost && came == wanted && came == 1, "one");
+    kani::cover!(some_lost && came == 1 && wanted == 2, "one of two was lost");
 }
 
 /// A deadline is never before the moment from which it counts, and exact until the end of time.
@@ -339,7 +342,7 @@ kani::explored! {
     counter_entries_are_canonical: 2,
     codes_have_one_meaning: 2,
     truncated_datagrams_are_refused: 2,
-    descriptors_are_counted: 2,
+    descriptors_are_counted: 3,
     deadlines_saturate: 2,
     seals_are_all_needed: 2,
     a_strangers_counters_can_be_read: 2,

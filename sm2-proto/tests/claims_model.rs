@@ -58,7 +58,7 @@ proptest! {
     #![proptest_config(cases(600))]
 
     //= SM2-RES-002, SM2-RES-003, SM2-RES-004, SM2-RES-005, SM2-RES-006, SM2-RES-007 test
-    //= SM2-LNK-003, SM2-LNK-004, SM2-SES-004 test
+    //= SM2-LNK-003, SM2-LNK-009, SM2-SES-004 test
     #[test]
     fn claims(seal_all in any::<bool>(), ops in vec(op(), 1..120)) {
         let mut play = Play::new(seal_all);

@@ -5,7 +5,7 @@
 //! receiver had sent itself. (The Manager's own frames follow from those it received; its epoch is
 //! 1, the session its first.) `truncated` names what the kernel cut, and `file` the kind of a
 //! descriptor that is no file of counters. The vector is either a `frame`, in SPEC's words, or a
-//! `violation`.
+//! `violation`. `answer` lists the frames that a node sends at once.
 
 #[path = "support/naive_control.rs"]
 mod naive;
@@ -41,6 +41,7 @@ struct Vector {
     truncated: Option<Truncated>,
     file: Option<File>,
     frame: Option<Value>,
+    answer: Option<Vec<String>>,
     violation: Option<String>,
 }
 
@@ -165,10 +166,11 @@ impl Vector {
             (Some(_), Err(violation)) => panic!("{}: {violation}", self.name),
             (None, _) => {}
         }
-        if self.truncated.is_none() {
+        if self.truncated != Some(Truncated::Data) {
+            let lost = self.truncated.is_some();
             let naive = match self.to {
-                Receiver::Manager => naive::to_manager(&bytes, self.fds),
-                Receiver::Node => naive::to_node(&bytes, self.fds),
+                Receiver::Manager => naive::to_manager(&bytes, self.fds, lost),
+                Receiver::Node => naive::to_node(&bytes, self.fds, lost),
             };
             let decoded = decoded.map(drop).map_err(|it| it.kind().name());
             assert_eq!(decoded, naive.map(drop), "{}", self.name);
@@ -265,7 +267,13 @@ impl Vector {
         }
         let handled = self.datagram(|datagram| node.handle(NOW, node::Input::Datagram(datagram)));
         match handled {
-            Ok(()) => None,
+            Ok(()) => {
+                if let Some(answer) = &self.answer {
+                    let answer: Vec<_> = answer.iter().map(|hex| bytes(hex)).collect();
+                    assert_eq!(transmitted(&mut node), answer, "{}", self.name);
+                }
+                None
+            }
             Err(node::Error::Ended(End::Violation(violation))) => {
                 let goodbye = transmitted(&mut node)
                     .pop()

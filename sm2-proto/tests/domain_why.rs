@@ -299,7 +299,7 @@ fn unlinked(reason: UnlinkedReason) -> Item {
     }
 }
 
-//= SM2-WCH-004, SM2-LNK-004, SM2-RES-007 test
+//= SM2-WCH-004, SM2-LNK-009, SM2-RES-007 test
 #[test]
 fn a_matching_pair_is_not_linked() {
     let said = |more: &[Item]| text(&scan(), &sub(), more);
@@ -326,6 +326,11 @@ fn a_matching_pair_is_not_linked() {
             said.contains(&format!("ended their link: {meaning}.\n")),
             "{said}"
         );
+        assert_eq!(
+            said.contains("The Manager links them again soon."),
+            code == 4
+        );
+        assert_eq!(said.contains("declared anew"), code != 4);
     }
     let quota = |node| {
         unlinked(UnlinkedReason::Quota {

@@ -4,7 +4,7 @@
 #[path = "../examples/in_memory.rs"]
 mod in_memory;
 
-//= SM2-LNK-004, SM2-NOD-003, SM2-RES-002 test
+//= SM2-LNK-009, SM2-NOD-003, SM2-RES-002 test
 #[test]
 fn messages_go_from_one_program_to_the_other_under_two_managers() {
     let mut lines = Vec::new();

@@ -10,7 +10,8 @@
 //!    calls 1, 2, 3, ….
 //! 4. It receives the datagrams of `then`.
 //! 5. It receives `hex` with the descriptors `fds`. The result is `frame`, which encodes to `hex`
-//!    again, or the `violation`.
+//!    again, or the `violation`. With `control_truncated`, the end lost further descriptors; if one
+//!    of them belongs to the frame, the end closes the link with the code `close`.
 //!
 //! A datagram with `count` arrives that many times. Each time, the little-endian number at each
 //! offset in `grows` is one greater than before.
@@ -64,7 +65,19 @@ fn every_vector() {
             assert_eq!(Value::Object(meaning(&frame)), vector["frame"], "{name}");
             assert_eq!(frame.to_vec(), bytes, "{name}");
             check_packet(&frame, &bytes);
+            check_close(&mut link, &vector);
         }
+    }
+}
+
+/// An end that lost the frame's descriptor closes the link.
+fn check_close(link: &mut Link, vector: &Value) {
+    if let Some(code) = vector.get("close").and_then(Value::as_u64) {
+        let code = Code(u16::try_from(code).unwrap());
+        assert_eq!(link.end(), Some(End::Local(code)), "{}", vector["name"]);
+        let close = Frame::Close(code).to_vec();
+        let first = sent(&drain(link)).first().map(|it| it.to_vec());
+        assert_eq!(first, Some(close), "{}", vector["name"]);
     }
 }
 

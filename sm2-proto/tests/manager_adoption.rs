@@ -310,7 +310,7 @@ fn a_pair_has_one_link() {
 }
 
 /// A link that was adopted and has ended is not made again, whichever of its ends still resumes.
-//= SM2-RES-007, SM2-LNK-004 test
+//= SM2-RES-007, SM2-LNK-009 test
 #[test]
 fn a_pair_that_ended_its_link_stays_unlinked() {
     for a_is_ready in [false, true] {

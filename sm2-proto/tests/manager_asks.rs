@@ -123,7 +123,7 @@ fn files_that_are_no_counters() {
             ..Datagram::new(&bytes)
         };
         let events = bench.clone().datagram(node, datagram);
-        assert_eq!(events, [hung_up(node, violation!(FdCount, "SM2-TRN-005"))]);
+        assert_eq!(events, [hung_up(node, violation!(FdCount, "SM2-TRN-011"))]);
     }
 }
 

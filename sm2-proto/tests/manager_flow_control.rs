@@ -304,7 +304,7 @@ fn one_claimed_is_settled_in_parts() {
 
 /// While a session is settled, its interfaces are like any other's. One pair is compared for each
 /// input.
-//= SM2-RES-007, SM2-LNK-004, SM2-MAT-002 test
+//= SM2-RES-007, SM2-LNK-009, SM2-MAT-002 test
 #[test]
 fn what_happens_while_a_session_is_settled() {
     let policy = Policy {

@@ -153,7 +153,7 @@ fn a_link_names_each_side_to_the_other() {
     assert!(again[0].serial > link.serial);
 }
 
-//= SM2-LNK-003, SM2-LNK-004 test
+//= SM2-LNK-003, SM2-LNK-009 test
 #[test]
 fn farewells() {
     let linked = || {

@@ -168,7 +168,7 @@ fn a_refusal_shows_its_quota() {
 
 /// The reason why a pair is not linked is shown from the first moment to the end of one of its
 /// interfaces.
-//= SM2-WCH-004, SM2-LNK-004, SM2-IFC-002, SM2-MAT-002 test
+//= SM2-WCH-004, SM2-LNK-009, SM2-IFC-002, SM2-MAT-002 test
 #[test]
 fn causes() {
     let limit = 1;

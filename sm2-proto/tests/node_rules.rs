@@ -213,7 +213,7 @@ fn the_manager_may_seal_without_a_demand_but_not_unseal() {
 }
 
 /// Crossing farewells: each end has exactly one in each direction.
-//= SM2-LNK-003, SM2-LNK-004 test
+//= SM2-LNK-003, SM2-LNK-009 test
 #[test]
 fn one_farewell_each() {
     let over = |node: &mut Node| {

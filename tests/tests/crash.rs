@@ -104,7 +104,7 @@ impl Survivors {
 
 /// A publisher and a client whose peers die continue at once. Otherwise their waits would end in
 /// errors that the actor does not expect.
-//= SM2-SES-003, SM2-SES-006, SM2-OPN-007, SM2-SRV-005, SM2-LNK-004 sys
+//= SM2-SES-003, SM2-SES-006, SM2-OPN-007, SM2-SRV-005, SM2-LNK-009 sys
 //= SM2-TRN-006, SM2-QOS-002, SM2-SRV-006 sys
 #[test]
 fn processes_killed_at_random_moments_leave_the_others_alone() {

@@ -114,7 +114,7 @@ fn another_process(domain: &TempDomain, name: &str) -> Process {
     process
 }
 
-//= SM2-TRN-005 sys
+//= SM2-TRN-011 sys
 #[test]
 fn a_flood_of_descriptors_leaves_none_behind() {
     let domain = TempDomain::new();
@@ -230,7 +230,7 @@ fn links_of_a_node_that_does_not_read_wait_and_nobody_else_does() {
 
 /// The frames that are queued for a node that does not read can exceed the Manager's descriptors. Then
 /// only this node is disconnected.
-//= SM2-TRN-009, SM2-SES-006, SM2-LNK-004 sys
+//= SM2-TRN-009, SM2-SES-006, SM2-LNK-009 sys
 #[test]
 fn a_node_that_does_not_take_its_links_does_not_use_up_the_descriptors() {
     let _alone = IN_FLIGHT.lock().unwrap_or_else(PoisonError::into_inner);
@@ -352,7 +352,7 @@ fn a_flood_of_legal_frames_keeps_nobody_from_being_served() {
 
 /// Sockets sent over sockets, including one sent over itself. The kernel has to collect the cycle,
 /// and the Manager closes the descriptors.
-//= SM2-TRN-005 sys
+//= SM2-TRN-011 sys
 #[test]
 fn sockets_that_carry_sockets_leave_nothing_behind() {
     let domain = TempDomain::new();

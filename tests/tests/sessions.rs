@@ -234,7 +234,7 @@ fn a_links_number_is_never_used_again() {
 }
 
 /// Both sides of a link close it, one after the other and at the same time.
-//= SM2-LNK-003, SM2-LNK-004 sys
+//= SM2-LNK-003, SM2-LNK-009 sys
 #[test]
 fn each_end_of_a_link_has_one_farewell_in_each_direction() {
     let domain = TempDomain::new();

@@ -88,6 +88,12 @@ impl Manager {
         }
         let go_on = match received {
             Ok(received) => {
+                //= SM2-TRN-012
+                if received.control_truncated
+                    && self.log.may_write(Warning::NotReceived, clock::now())
+                {
+                    warn!(%session, "no free descriptor for a node's file: raise the limit of open files (ulimit -n)");
+                }
                 // The machine needs the facts for its decision. For a descriptor that is no memory file the
                 // kernel gives none, and the machine refuses it.
                 let facts = |fd: &OwnedFd| memfd::facts(fd.as_fd()).unwrap_or_default();

@@ -121,6 +121,7 @@ impl Session {
                 | Output::Declared { .. }
                 | Output::DeclareRefused { .. }
                 | Output::Linked { .. }
+                | Output::LinkLost { .. }
                 | Output::Unlink { .. }
                 | Output::Withdrawn { .. }
                 | Output::Page(_)

@@ -11,6 +11,7 @@ use sm2_proto::{Instant, InterfaceId, Name, TypeId};
 use super::counters::Counting;
 use super::interface::Interface;
 use super::limits::SOCKETS;
+use super::links_lost::LinksLost;
 use super::questions::Questions;
 use super::session::{Reconnect, Session};
 use super::sleepers::Sleepers;
@@ -31,6 +32,7 @@ pub(crate) struct Inner {
     pub(crate) interfaces: BTreeMap<InterfaceId, Interface>,
     /// The interface that each link belongs to.
     pub(super) routes: HashMap<LinkToken, InterfaceId>,
+    pub(super) links_lost: LinksLost,
     /// The token of the newest link.
     pub(super) last_token: LinkToken,
     pub(super) buffer: Scratch,
@@ -62,6 +64,7 @@ impl Inner {
             schemas: BTreeMap::new(),
             interfaces: BTreeMap::new(),
             routes: HashMap::new(),
+            links_lost: LinksLost::default(),
             last_token: LinkToken::FIRST,
             buffer: Scratch::new(DATAGRAM_MAX)?,
             events: Events::with_capacity(SOCKETS),

@@ -229,7 +229,7 @@ impl ToManager {
     pub(super) const COUNT: u32 = 13;
 
     /// The number of descriptors that the frame carries.
-    pub(super) const fn fds(&self) -> usize {
+    pub(crate) const fn fds(&self) -> usize {
         match self {
             Self::Counters => 1,
             _ => 0,
@@ -242,7 +242,7 @@ impl ToNode {
     pub(super) const COUNT: u32 = 13;
 
     /// The number of descriptors that the frame carries.
-    pub(super) const fn fds(&self) -> usize {
+    pub(crate) const fn fds(&self) -> usize {
         match self {
             Self::Link { .. } | Self::Inspected { .. } => 1,
             _ => 0,

@@ -156,7 +156,13 @@ impl Verdict {
             Some(farewell) => f.write_str(meaning(farewell))?,
             None => write!(f, "{code}")?,
         }
-        f.write_str(".\nThey are not linked again until one of them is declared anew.")
+        f.write_str(match Farewell::from_code(code) {
+            Some(Farewell::Resources) => {
+                ".\nThe Manager links them again soon. If that does not last, raise the limit of open \
+                 files (ulimit -n) of both programs."
+            }
+            _ => ".\nThey are not linked again until one of them is declared anew.",
+        })
     }
 
     fn write_quota(&self, f: &mut fmt::Formatter<'_>, node: NodeId, limit: u32) -> fmt::Result {

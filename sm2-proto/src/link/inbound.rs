@@ -142,7 +142,7 @@ impl Inbound {
         }
         if message.form == Form::Sealed {
             let verified =
-                Verified::sealed(fds.first().ok_or(violation!(FdCount, "SM2-TRN-005"))?)?;
+                Verified::sealed(fds.first().ok_or(violation!(FdCount, "SM2-TRN-011"))?)?;
             verified.check_message(message.len)?;
         }
         let MessageFrame {

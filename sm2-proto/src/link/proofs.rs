@@ -128,7 +128,7 @@ const RESERVED: [(u8, usize, &[usize]); 9] = [
 ];
 
 /// DECODE-TOTAL and DECODE-CANONICAL for frames of fixed length.
-//= SM2-WIR-001, SM2-TRN-005 kani
+//= SM2-WIR-001, SM2-TRN-011 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(34))]
 fn fixed_frames_are_canonical() {
@@ -159,7 +159,7 @@ fn fixed_frames_are_canonical() {
 
 /// Sets one byte of a frame of zeros: checks which bytes are reserved, and which values are
 /// illegal.
-//= SM2-WIR-001, SM2-TRN-005, SM2-MSG-004 kani
+//= SM2-WIR-001, SM2-TRN-011, SM2-MSG-004 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(34))]
 fn each_reserved_byte_is_checked() {
@@ -181,7 +181,7 @@ fn each_reserved_byte_is_checked() {
     } else if unknown_fate {
         Err(violation!(Malformed, "SM2-MSG-004"))
     } else if (fds == 1) != takes_file {
-        Err(violation!(FdCount, "SM2-TRN-005"))
+        Err(violation!(FdCount, "SM2-TRN-011"))
     } else {
         Ok(())
     };

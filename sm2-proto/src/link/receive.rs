@@ -9,7 +9,7 @@ use super::{
     socket_lane::SocketLane,
     wire::{Frame, Given, LANE_RING, LANE_SOCKET, MessageFrame, Open},
 };
-use crate::{Datagram, FdFacts, Violation, limits::WINDOW_MAX};
+use crate::{Datagram, Farewell, FdFacts, Violation, limits::WINDOW_MAX};
 
 /// A frame of the other lane. Defensive: [`phase::check_kind`] has already refused such a frame.
 const WRONG_LANE: Violation = violation!(WrongLane, "SM2-RNG-001");
@@ -24,6 +24,11 @@ impl Link {
         let frame = Frame::decode(datagram)?;
         let is_ring = matches!(self.lane, Lane::Ring(_));
         phase::check_kind(phase, self.config.role, is_ring, frame.kind())?;
+        //= SM2-TRN-012
+        if datagram.has_lost_fds(frame.fds()) {
+            self.finish(End::Local(Farewell::Resources.code()));
+            return Ok(());
+        }
         frame.check_length()?;
         match frame {
             Frame::Open(open) => self.on_open(&open),

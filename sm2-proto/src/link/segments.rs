@@ -140,7 +140,7 @@ pub(super) fn check_attach(
     is_taken: bool,
     count: usize,
 ) -> Result<Geometry, Violation> {
-    let verified = Verified::pooled(fds.first().ok_or(violation!(FdCount, "SM2-TRN-005"))?)?;
+    let verified = Verified::pooled(fds.first().ok_or(violation!(FdCount, "SM2-TRN-011"))?)?;
     if is_taken {
         return Err(violation!(BadSegmentId, "SM2-SEG-003"));
     }

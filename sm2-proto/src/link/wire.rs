@@ -162,7 +162,7 @@ impl<'a> Frame<'a> {
                 FrameKind::Doorbell => Self::doorbell(Layout::exactly(bytes)?)?,
                 FrameKind::Detached => Self::detached(Layout::exactly(bytes)?)?,
             };
-        //= SM2-TRN-005
+        //= SM2-TRN-011
         datagram.check_fds(frame.fds())?;
         Ok(frame)
     }

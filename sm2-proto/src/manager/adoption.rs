@@ -5,6 +5,7 @@ use super::{
     Cause, Manager,
     budget::Budget,
     claims::Claim,
+    endings::is_shortage,
     links::{Agreed, Pair},
     session::Session,
 };
@@ -127,8 +128,14 @@ impl Manager {
         link: LinkId,
         code: Code,
     ) {
+        // UNLINKED repeats the code of UNLINK, so only after another code it tells of a shortage.
+        let record = self.sessions.get(&node).and_then(Session::node);
+        let pair = record
+            .and_then(|it| it.live_link(interface, link))
+            .flatten();
+        let pair = pair.filter(|&it| !is_shortage(code) && self.is_there(it));
         let record = self.sessions.get_mut(&node).and_then(Session::node_mut);
-        let is_live = record.is_some_and(|it| it.begin_unlink(interface, link));
+        let is_live = record.is_some_and(|it| it.begin_unlink(interface, link, pair));
         if !is_live {
             // The interface is gone, and its links are being ended.
             let entity = EntityId { node, interface };

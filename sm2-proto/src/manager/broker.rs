@@ -62,7 +62,7 @@ impl Manager {
 
     /// Whether a session may be linked: not before it has claimed all its links.
     //= SM2-RES-002, SM2-RES-007
-    fn may_link(&self, node: NodeId) -> bool {
+    pub(super) fn may_link(&self, node: NodeId) -> bool {
         let phase = self.sessions.get(&node).map(Session::phase);
         phase == Some(Phase::Ready)
     }
@@ -186,7 +186,7 @@ impl Manager {
     /// sides allow. Pairs that ended their link are left out. Starts with the counterpart after
     /// `after`, and stops when the budget is spent. Returns the LINKs that are to be sent at once,
     /// and the last counterpart if some may be left.
-    //= SM2-RES-007, SM2-LNK-004, SM2-SES-009
+    //= SM2-RES-007, SM2-LNK-009, SM2-SES-009
     pub(super) fn link_missing(
         &mut self,
         entity: EntityId,
@@ -235,8 +235,8 @@ impl Manager {
         (links, more)
     }
 
-    /// Links pairs again that could not be linked for want of descriptors.
-    //= SM2-LNK-008, SM2-SES-009
+    /// Links pairs again that could not be linked for want of descriptors or memory.
+    //= SM2-LNK-008, SM2-LNK-009, SM2-SES-009
     pub(super) fn link_again(&mut self) {
         let mut budget = Budget::new(&self.policy);
         while !budget.is_spent()

@@ -75,9 +75,10 @@ impl Manager {
     }
 
     /// UNLINKED: a node says farewell to its end of a link.
-    //= SM2-LNK-003, SM2-LNK-004, SM2-RES-006
+    //= SM2-LNK-003, SM2-LNK-009, SM2-RES-006
     pub(super) fn unlinked(
         &mut self,
+        now: Instant,
         entity: EntityId,
         link: LinkId,
         code: Code,
@@ -91,7 +92,11 @@ impl Manager {
             return Err(violation!(UnknownLink, "SM2-LNK-003"));
         }
         match record.farewell(interface, link)? {
-            Farewells::Both => {}
+            Farewells::Second(pair) => {
+                if let Some(pair) = pair.filter(|_| is_shortage(code)) {
+                    self.ended(now, pair, code);
+                }
+            }
             Farewells::First(pair) => {
                 self.send(
                     node,
@@ -103,20 +108,29 @@ impl Manager {
                 );
                 self.end_link(link, pair, entity, code);
                 if let Some(pair) = pair {
-                    self.ended(pair, code);
+                    self.ended(now, pair, code);
                 }
             }
         }
         Ok(())
     }
 
-    /// A pair that ended its link is not linked again.
-    //= SM2-LNK-004, SM2-WCH-004
-    fn ended(&mut self, pair: Pair, code: Code) {
-        for entity in pair.entities() {
-            if let Some(session) = self.sessions.get_mut(&entity.node) {
-                session.ended(pair);
+    /// A side of a pair ended their link. Only a lack of descriptors or memory is a reason to link
+    /// the pair again.
+    //= SM2-LNK-009, SM2-WCH-004
+    fn ended(&mut self, now: Instant, pair: Pair, code: Code) {
+        if !self.is_there(pair) || self.links.joins(pair) {
+            return;
+        }
+        let again = is_shortage(code);
+        for node in pair.nodes() {
+            if let Some(session) = self.sessions.get_mut(&node) {
+                session.ended(pair, again);
             }
+        }
+        // The interfaces of a session that resumes are linked with all their matches after CLAIMED.
+        if again && pair.nodes().all(|node| self.may_link(node)) {
+            self.shortage.failed(pair, now);
         }
         self.mark_unlinked(pair, UnlinkedReason::Ended { code });
     }
@@ -166,6 +180,11 @@ impl Manager {
             self.changed(key(pair));
         }
     }
+}
+
+/// Whether a node ended a link for lack of descriptors or memory.
+pub(super) fn is_shortage(code: Code) -> bool {
+    code == Farewell::Resources.code()
 }
 
 const fn key(pair: Pair) -> Key {

@@ -260,6 +260,7 @@ impl Manager {
             return;
         };
         let phase = session.phase();
+        // `None` for COUNTERS: this process had no free descriptor for the file.
         let file = datagram.fds.first();
         let step = decode_to_manager(datagram)
             .and_then(|frame| legal(phase, Request::of(&frame)).map(|()| frame))
@@ -295,7 +296,7 @@ impl Manager {
                 interface,
                 link,
                 code,
-            } => self.unlinked(at(interface), link, code)?,
+            } => self.unlinked(now, at(interface), link, code)?,
             ToManager::Query { after } => self.answer_query(node, after),
             ToManager::Goodbye { code } => self.end_session(node, Cause::Goodbye(code)),
             ToManager::Claim {

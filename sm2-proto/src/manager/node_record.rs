@@ -43,8 +43,9 @@ struct Interface {
     /// The links of which neither side has said farewell, and their pairs. A link has no pair as
     /// long as the other end has not claimed it.
     live: BTreeMap<LinkId, Option<Pair>>,
-    /// The links for which UNLINK was sent and UNLINKED has not come.
-    unlinking: BTreeSet<LinkId>,
+    /// The links for which UNLINK was sent and UNLINKED has not come. With their pairs, if UNLINKED
+    /// can still be the reason to link the pair again.
+    unlinking: BTreeMap<LinkId, Option<Pair>>,
 }
 
 /// The remains of an interface: its contract and its live links.
@@ -55,8 +56,9 @@ pub(super) type Remains = (Arc<Contract>, BTreeMap<LinkId, Option<Pair>>);
 pub(super) enum Farewells {
     /// None: the node is first and has to be answered. The link joined this pair.
     First(Option<Pair>),
-    /// The Manager's UNLINK: now both are said.
-    Both,
+    /// The Manager's UNLINK: now both are said. The pair is there if this UNLINKED can be the reason
+    /// to link it again.
+    Second(Option<Pair>),
 }
 
 impl NodeRecord {
@@ -158,7 +160,7 @@ impl NodeRecord {
             Interface {
                 contract,
                 live: BTreeMap::new(),
-                unlinking: BTreeSet::new(),
+                unlinking: BTreeMap::new(),
             },
         );
     }
@@ -238,7 +240,7 @@ impl NodeRecord {
     /// Whether the interface has this link, at any stage; `None` without such an interface.
     pub(super) fn has_link(&self, interface: InterfaceId, link: LinkId) -> Option<bool> {
         let interface = self.interfaces.get(&interface)?;
-        Some(interface.live.contains_key(&link) || interface.unlinking.contains(&link))
+        Some(interface.live.contains_key(&link) || interface.unlinking.contains_key(&link))
     }
 
     /// The interface has claimed a link.
@@ -268,12 +270,19 @@ impl NodeRecord {
         }
     }
 
-    /// Notes that UNLINK is sent for a live link. Returns whether the interface has the link.
-    pub(super) fn begin_unlink(&mut self, interface: InterfaceId, link: LinkId) -> bool {
+    /// Notes that UNLINK is sent for a live link. Returns whether the interface has the link. `pair`
+    /// is that of the link if UNLINKED can still be the reason to link the pair again.
+    //= SM2-LNK-009
+    pub(super) fn begin_unlink(
+        &mut self,
+        interface: InterfaceId,
+        link: LinkId,
+        pair: Option<Pair>,
+    ) -> bool {
         let Some(interface) = self.interfaces.get_mut(&interface) else {
             return false;
         };
-        interface.live.remove(&link).is_some() && interface.unlinking.insert(link)
+        interface.live.remove(&link).is_some() && interface.unlinking.insert(link, pair).is_none()
     }
 
     /// Notes that UNLINKED has come: this end is never named again.
@@ -287,8 +296,8 @@ impl NodeRecord {
         let interface = interface.ok_or(violation!(UnknownInterface, "SM2-LNK-003"))?;
         let farewells = if let Some(pair) = interface.live.remove(&link) {
             Farewells::First(pair)
-        } else if interface.unlinking.remove(&link) {
-            Farewells::Both
+        } else if let Some(pair) = interface.unlinking.remove(&link) {
+            Farewells::Second(pair)
         } else {
             return Err(violation!(UnknownLink, "SM2-LNK-003"));
         };

@@ -214,9 +214,10 @@ impl Session {
         }
     }
 
-    /// Notes that a link has ended before the session was settled.
-    //= SM2-RES-007
-    pub(super) fn ended(&mut self, pair: Pair) {
+    /// Notes that a link has ended before the session was settled, and whether its pair is to be
+    /// linked again.
+    //= SM2-RES-007, SM2-LNK-009
+    pub(super) fn ended(&mut self, pair: Pair, again: bool) {
         match self {
             Self::Resuming {
                 resumption: Resumption { ended, .. },
@@ -226,7 +227,11 @@ impl Session {
                 settling: Some(Settling { ended, .. }),
                 ..
             } => {
-                ended.insert(pair);
+                if again {
+                    ended.remove(&pair);
+                } else {
+                    ended.insert(pair);
+                }
             }
             Self::Greeting(_) | Self::Ready { settling: None, .. } => {}
         }

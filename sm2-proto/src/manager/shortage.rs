@@ -1,4 +1,5 @@
-//! A shortage of descriptors: the driver could not make the socket pair of a link (SM2-LNK-008).
+//! A shortage of descriptors or memory: the driver could not make the socket pair of a link
+//! (SM2-LNK-008), or a node could not use its end (SM2-LNK-009).
 
 use core::time::Duration;
 
@@ -10,7 +11,7 @@ const FIRST: Duration = Duration::from_millis(10);
 /// The longest delay.
 const LONGEST: Duration = Duration::from_secs(1);
 
-/// The pairs whose links could not be made, and the time of the next attempt.
+/// The pairs whose links could not be made or kept, and the time of the next attempt.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Shortage {
     pairs: UnlinkedPairs,
@@ -32,9 +33,9 @@ impl Shortage {
         }
     }
 
-    /// Notes that a link could not be made. Failures of one attempt count once. Each attempt that
+    /// Notes that a link could not be made or kept. Failures of one attempt count once. Each attempt that
     /// fails doubles the delay.
-    //= SM2-LNK-008
+    //= SM2-LNK-008, SM2-LNK-009
     pub(super) fn failed(&mut self, pair: Pair, now: Instant) {
         self.pairs
             .insert(pair, UnlinkedReason::Descriptors, usize::MAX);

@@ -115,6 +115,16 @@ pub enum Output {
         /// The interface on the other side.
         peer: LinkPeer,
     },
+    /// A link was made, but this process had no free descriptor for its socket. The machine has ended
+    /// the link (`resources`), and the Manager will make another one.
+    LinkLost {
+        /// The interface of the link.
+        interface: InterfaceId,
+        /// The link.
+        link: LinkId,
+        /// The interface on the other side.
+        peer: LinkPeer,
+    },
     /// The Manager ended this link, now or with an earlier session: end its machine with this code.
     Unlink {
         /// The interface of the link.
@@ -138,7 +148,8 @@ pub enum Output {
         /// The node.
         node: NodeId,
     },
-    /// A node has no counters, or does not exist.
+    /// A node has no counters or does not exist, or this process had no free descriptor for their
+    /// file.
     NotInspected {
         /// The node.
         node: NodeId,

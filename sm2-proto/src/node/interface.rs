@@ -259,7 +259,7 @@ impl Interface {
 
     /// The machine of a link has ended. Returns whether UNLINKED has to go out. It must not if the
     /// Manager said farewell first or does not know the link, nor after WITHDRAW.
-    //= SM2-LNK-004, SM2-IFC-004
+    //= SM2-LNK-009, SM2-IFC-004
     pub(super) fn close_link(&mut self, link: LinkId) -> bool {
         match self.links.get_mut(&link) {
             Some((standing @ Standing::Known, _)) if self.state == State::Live => {

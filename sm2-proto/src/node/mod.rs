@@ -277,7 +277,7 @@ impl Node {
         Ok(())
     }
 
-    //= SM2-LNK-004
+    //= SM2-LNK-009
     fn unlinked(&mut self, interface: InterfaceId, link: LinkId, code: Code) -> Result<(), Error> {
         if let Phase::Ended(end) = self.phase {
             return Err(Error::Ended(end));

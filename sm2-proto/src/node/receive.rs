@@ -9,14 +9,17 @@ use super::{
     phase::Phase,
 };
 use crate::{
-    Code, Datagram, InterfaceId, LinkId, LinkQos, Refusal, Violation,
+    Code, Datagram, Farewell, InterfaceId, LinkId, LinkQos, Refusal, Violation,
     control::{LinkPeer, ToManager, ToNode, decode_to_node},
 };
 
 impl Node {
     //= SM2-NOD-001
     pub(super) fn receive(&mut self, datagram: &Datagram<'_>) -> Result<(), End> {
-        let step = decode_to_node(datagram).and_then(|frame| self.step(frame));
+        let step = decode_to_node(datagram).and_then(|frame| {
+            let has_fds = !datagram.has_lost_fds(frame.fds());
+            self.step(frame, has_fds)
+        });
         step.map_err(|violation| {
             let code = violation.code();
             self.send(&ToManager::Goodbye { code });
@@ -26,12 +29,13 @@ impl Node {
         })
     }
 
-    /// Handles one frame in the phase of the session: the table of SPEC section 4.2.
-    fn step(&mut self, frame: ToNode) -> Result<(), Violation> {
+    /// Handles one frame in the phase of the session: the table of SPEC section 4.2. `has_fds` is
+    /// false if this process lost the frame's descriptor.
+    fn step(&mut self, frame: ToNode, has_fds: bool) -> Result<(), Violation> {
         match self.phase {
             Phase::Away(..) | Phase::Ended(_) => Ok(()),
             Phase::Greeting(_) | Phase::Refused(_) => self.answer_to_hello(frame),
-            Phase::Resuming(_) | Phase::Ready(_) => self.frame_of_session(frame),
+            Phase::Resuming(_) | Phase::Ready(_) => self.frame_of_session(frame, has_fds),
         }
     }
 
@@ -58,7 +62,7 @@ impl Node {
         Ok(())
     }
 
-    fn frame_of_session(&mut self, frame: ToNode) -> Result<(), Violation> {
+    fn frame_of_session(&mut self, frame: ToNode, has_fds: bool) -> Result<(), Violation> {
         let session = self.phase.session_mut();
         let session = session.ok_or(violation!(ExpectedWelcome, "SM2-NOD-001"))?;
         match frame {
@@ -79,7 +83,7 @@ impl Node {
             } => {
                 let qos = LinkQos { reliable, sealed };
                 let ours = Link { key, version, qos };
-                self.link(interface, link, ours, peer)?;
+                self.link(interface, link, (ours, has_fds), peer)?;
             }
             ToNode::Unlink {
                 interface,
@@ -97,7 +101,11 @@ impl Node {
             }
             ToNode::Inspected { node } => {
                 session.requests.inspected(node)?;
-                self.emit(Output::Inspected { node });
+                //= SM2-TRN-012
+                self.emit(match has_fds {
+                    true => Output::Inspected { node },
+                    false => Output::NotInspected { node },
+                });
             }
             ToNode::NotInspected { node } => {
                 session.requests.inspected(node)?;
@@ -147,12 +155,12 @@ impl Node {
         Ok(())
     }
 
-    //= SM2-RES-002, SM2-FRM-004
+    //= SM2-RES-002, SM2-FRM-004, SM2-TRN-012
     fn link(
         &mut self,
         interface: InterfaceId,
         link: LinkId,
-        ours: Link,
+        (ours, has_socket): (Link, bool),
         peer: LinkPeer,
     ) -> Result<(), Violation> {
         // The Manager links no interface of this node before CLAIMED.
@@ -161,16 +169,32 @@ impl Node {
             _ => None,
         };
         let asked = asked.ok_or(violation!(UnknownInterface, "SM2-LNK-005"))?;
-        if asked.link(link, ours, &peer)? {
-            let Link { version, qos, .. } = ours;
-            self.emit(Output::Linked {
+        if !asked.link(link, ours, &peer)? {
+            return Ok(());
+        }
+        if !has_socket {
+            asked.close_link(link);
+            let code = Farewell::Resources.code();
+            self.send(&ToManager::Unlinked {
                 interface,
                 link,
-                version,
-                qos,
+                code,
+            });
+            self.emit(Output::LinkLost {
+                interface,
+                link,
                 peer,
             });
+            return Ok(());
         }
+        let Link { version, qos, .. } = ours;
+        self.emit(Output::Linked {
+            interface,
+            link,
+            version,
+            qos,
+            peer,
+        });
         Ok(())
     }
 

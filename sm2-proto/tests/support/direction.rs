@@ -21,7 +21,7 @@ pub(crate) type Decoded = Result<(Value, Vec<u8>), Violation>;
 /// One of the two directions, so that each property is written once.
 pub(crate) struct Direction {
     pub(crate) decode: fn(&Datagram<'_>) -> Decoded,
-    pub(crate) naive: fn(&[u8], usize) -> Result<Value, &'static str>,
+    pub(crate) naive: fn(&[u8], usize, bool) -> Result<Value, &'static str>,
     pub(crate) fds: fn(&[u8]) -> usize,
 }
 
@@ -55,14 +55,24 @@ pub(crate) fn datagram(bytes: &[u8], fds: usize) -> Datagram<'_> {
 }
 
 impl Direction {
-    /// Both decoders agree, and an accepted frame has only this encoding.
+    /// Both decoders agree, and an accepted frame has only this encoding. With and without the loss
+    /// of further descriptors.
     pub(crate) fn agrees(&self, bytes: &[u8], fds: usize) -> Result<(), TestCaseError> {
-        let decoded = (self.decode)(&datagram(bytes, fds));
+        self.agrees_with(bytes, fds, false)?;
+        self.agrees_with(bytes, fds, true)
+    }
+
+    fn agrees_with(&self, bytes: &[u8], fds: usize, some_lost: bool) -> Result<(), TestCaseError> {
+        let datagram = Datagram {
+            control_truncated: some_lost,
+            ..datagram(bytes, fds)
+        };
+        let decoded = (self.decode)(&datagram);
         if let Ok((_, again)) = &decoded {
             prop_assert_eq!(again, bytes);
         }
         let decoded = decoded.map(|(meaning, _)| meaning);
-        let naive = (self.naive)(bytes, fds);
+        let naive = (self.naive)(bytes, fds, some_lost);
         prop_assert_eq!(decoded.map_err(|it| it.kind().name()), naive);
         Ok(())
     }
@@ -71,7 +81,7 @@ impl Direction {
         let fds = (self.fds)(bytes);
         let violation = (self.decode)(&datagram(bytes, fds)).err();
         assert_eq!(
-            (self.naive)(bytes, fds).err(),
+            (self.naive)(bytes, fds, false).err(),
             violation.map(|it| it.kind().name())
         );
         violation

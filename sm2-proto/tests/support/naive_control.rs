@@ -5,8 +5,8 @@ use serde_json::{Value, json};
 
 type Read<T> = Result<T, &'static str>;
 
-pub(crate) fn to_manager(bytes: &[u8], fds: usize) -> Read<Value> {
-    frame(bytes, fds, |reader, number| {
+pub(crate) fn to_manager(bytes: &[u8], fds: usize, some_lost: bool) -> Read<Value> {
+    frame(bytes, (fds, some_lost), |reader, number| {
         let meaning = match number {
             0 => json!({"Hello": {
                 "min_version": reader.u16()?,
@@ -46,8 +46,8 @@ pub(crate) fn to_manager(bytes: &[u8], fds: usize) -> Read<Value> {
     })
 }
 
-pub(crate) fn to_node(bytes: &[u8], fds: usize) -> Read<Value> {
-    frame(bytes, fds, |reader, number| {
+pub(crate) fn to_node(bytes: &[u8], fds: usize, some_lost: bool) -> Read<Value> {
+    frame(bytes, (fds, some_lost), |reader, number| {
         let meaning = match number {
             0 => json!({"Welcome": {
                 "version": reader.u16()?,
@@ -116,11 +116,11 @@ pub(crate) fn to_node(bytes: &[u8], fds: usize) -> Read<Value> {
     })
 }
 
-/// `body` reads a frame of a known number. `fds` is the number of descriptors that belong to the
-/// frame.
+/// `body` reads a frame of a known number. `fds` is the number of descriptors that came with the
+/// frame; `some_lost`: the receiver had no room for further ones.
 fn frame(
     bytes: &[u8],
-    fds: usize,
+    (fds, some_lost): (usize, bool),
     body: impl Fn(&mut Reader<'_>, u32) -> Read<Option<(Value, usize)>>,
 ) -> Read<Value> {
     if bytes.len() > 65_536 {
@@ -146,7 +146,12 @@ fn frame(
     if reader.bad_schema {
         return Err("bad-schema");
     }
-    if fds != fds_expected {
+    let as_expected = if some_lost {
+        fds < fds_expected
+    } else {
+        fds == fds_expected
+    };
+    if !as_expected {
         return Err("fd-count");
     }
     Ok(meaning)

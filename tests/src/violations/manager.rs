@@ -5,8 +5,8 @@ use std::os::fd::{AsFd, OwnedFd};
 use sm2_proto::{
     LinkId,
     ViolationKind::{
-        BadInterfaceId, BadName, BadVersionRange, ControlTruncated, ExpectedHello, FdCount,
-        FrameTooLong, NotCanonical, TrailingBytes, UnexpectedHello, UnknownInterface, UnknownLink,
+        BadInterfaceId, BadName, BadVersionRange, ExpectedHello, FdCount, FrameTooLong,
+        NotCanonical, TrailingBytes, UnexpectedHello, UnknownInterface, UnknownLink,
     },
 };
 
@@ -37,11 +37,9 @@ pub fn rows() -> Rows {
 #[must_use]
 pub fn starved_rows() -> Rows {
     let what = "more descriptors than the Manager can take";
-    all([
-        Rule::new(ControlTruncated, "SM2-TRN-005").row(what, |node| {
-            node.send_nulls(control::hello("offender"), 200)
-        }),
-    ])
+    all([Rule::new(FdCount, "SM2-TRN-011").row(what, |node| {
+        node.send_nulls(control::hello("offender"), 200)
+    })])
 }
 
 impl RawNode {
@@ -202,7 +200,7 @@ pub fn precedence() -> Rows {
         Rule::new(NotCanonical, "SM2-FRM-002").row("too long a number, and a descriptor", |node| {
             node.send_nulls([5, 0x80, 0], 1)
         }),
-        Rule::new(FdCount, "SM2-TRN-005").row("a descriptor, before HELLO", |node| {
+        Rule::new(FdCount, "SM2-TRN-011").row("a descriptor, before HELLO", |node| {
             node.send_nulls(control::query(), 1)
         }),
         Rule::new(ExpectedHello, "SM2-SES-001")

@@ -9,10 +9,10 @@ use sm2_io::SeqPacket;
 use sm2_proto::{
     LinkId,
     ViolationKind::{
-        BadLink, BadLinkId, BadName, BadQos, BadSchema, BadVersion, ControlTruncated,
-        ExpectedWelcome, FdCount, FrameTooLong, Malformed, NotCanonical, TrailingBytes,
-        UnexpectedChanges, UnexpectedCounters, UnexpectedPage, UnexpectedSchema, UnexpectedWelcome,
-        UnknownFrame, UnknownInterface, UnknownLink,
+        BadLink, BadLinkId, BadName, BadQos, BadSchema, BadVersion, ExpectedWelcome, FdCount,
+        FrameTooLong, Malformed, NotCanonical, TrailingBytes, UnexpectedChanges,
+        UnexpectedCounters, UnexpectedPage, UnexpectedSchema, UnexpectedWelcome, UnknownFrame,
+        UnknownInterface, UnknownLink,
     },
 };
 
@@ -190,19 +190,17 @@ pub fn rows() -> Rows {
 #[must_use]
 pub fn starved_rows() -> Rows {
     let what = "LINK with more descriptors than the node can take";
-    all([
-        Rule::new(ControlTruncated, "SM2-TRN-005").row(what, |stage| {
-            stage.live("");
-            let nulls: Vec<_> = (0..200).map(|_| memory::null()).collect();
-            let fds: Vec<_> = nulls.iter().map(AsFd::as_fd).collect();
-            stage.session.send_fds(link().bytes(), &fds);
-        }),
-    ])
+    all([Rule::new(FdCount, "SM2-TRN-011").row(what, |stage| {
+        stage.live("");
+        let nulls: Vec<_> = (0..200).map(|_| memory::null()).collect();
+        let fds: Vec<_> = nulls.iter().map(AsFd::as_fd).collect();
+        stage.session.send_fds(link().bytes(), &fds);
+    })])
 }
 
 fn transport() -> Rows {
     let long = Rule::new(FrameTooLong, "SM2-TRN-004").linked("65,537 bytes", [0; 65_537]);
-    let count = Rule::new(FdCount, "SM2-TRN-005")
+    let count = Rule::new(FdCount, "SM2-TRN-011")
         .row("WELCOME with a descriptor", |stage| {
             let null = memory::null();
             stage.session.send_fds(welcome(1, 9, 1), &[null.as_fd()]);

@@ -19,7 +19,7 @@ pub enum Property {
     /// a take-over (SM2-NOD-003, SM2-RES-004).
     LinksSurvive,
     /// `CLI-LINKS`: a node claims no link that its driver does not have, and ends none
-    /// (SM2-RES-002, SM2-LNK-004).
+    /// (SM2-RES-002, SM2-LNK-009).
     KnowsItsLinks,
     /// `CLI-CONVERGE`: once all is quiet, both sides have exactly the links that matching requires,
     /// and quiet is always reached (SM2-MAT-002, SM2-RES-002, SM2-RES-007).

@@ -74,6 +74,11 @@ impl LinkDriver {
             data_truncated: came.data_truncated,
             control_truncated: came.control_truncated,
         };
+        //= SM2-TRN-012
+        if came.control_truncated {
+            let (link, peer) = (self.id, &self.peer.name);
+            tracing::warn!(%link, %peer, "no free descriptor for a frame: raise the limit of open files (ulimit -n)");
+        }
         // If the datagram is a violation, the outputs report it.
         let _ = self
             .machine

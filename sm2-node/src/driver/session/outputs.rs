@@ -58,6 +58,11 @@ impl Inner {
                     let terms = (link, version, qos.reliable, qos.sealed);
                     self.linked(interface, terms, peer, &mut came, epoll);
                 }
+                Output::LinkLost {
+                    interface,
+                    link,
+                    peer,
+                } => self.link_lost(interface, link, &peer),
                 Output::Unlink {
                     interface,
                     link,
@@ -173,6 +178,23 @@ impl Inner {
             }
             _ => self.answered(id, State::Refused(reason)),
         }
+    }
+
+    /// Counts a LINK whose socket was lost. The machine has told the Manager.
+    //= SM2-TRN-012
+    fn link_lost(&mut self, id: InterfaceId, link: LinkId, peer: &LinkPeer) {
+        if let Some(count) = self.links_lost.note(sm2_io::clock::now()) {
+            tracing::warn!(
+                %link,
+                peer = %peer.name,
+                count,
+                "no free descriptor for a link: raise the limit of open files (ulimit -n); the Manager tries again"
+            );
+        }
+        if let Some(interface) = self.interfaces.get_mut(&id) {
+            interface.links_due = interface.links_due.saturating_sub(1);
+        }
+        self.sleepers.wake(EventSource::Interface(id));
     }
 
     /// Adds a link whose socket came with LINK.

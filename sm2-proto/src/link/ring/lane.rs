@@ -71,7 +71,7 @@ impl RingLane {
         window: u32,
         fds: &[FdFacts],
     ) -> Result<RingLayout, Violation> {
-        let facts = fds.first().ok_or(violation!(FdCount, "SM2-TRN-005"))?;
+        let facts = fds.first().ok_or(violation!(FdCount, "SM2-TRN-011"))?;
         let layout = RingLayout::new(depth, window);
         Verified::ring(facts, layout)?;
         match (&mut self.outgoing, layout) {

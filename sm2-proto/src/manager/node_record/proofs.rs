@@ -1,9 +1,6 @@
 //! Harnesses for the record of one node: one step from any state of its tables.
 
-use alloc::{
-    collections::{BTreeMap, BTreeSet},
-    sync::Arc,
-};
+use alloc::{collections::BTreeMap, sync::Arc};
 
 use super::{Farewells, Interface, NodeRecord};
 use crate::{
@@ -63,10 +60,19 @@ enum Stage {
     /// Claimed, without a counterpart.
     Half,
     Joined,
+    /// UNLINK was sent, and UNLINKED is only its answer.
     Unlinking,
+    /// As `Unlinking`, but UNLINKED may tell of a shortage.
+    Crossing,
 }
 
-const STAGES: [Stage; 4] = [Stage::Gone, Stage::Half, Stage::Joined, Stage::Unlinking];
+const STAGES: [Stage; 5] = [
+    Stage::Gone,
+    Stage::Half,
+    Stage::Joined,
+    Stage::Unlinking,
+    Stage::Crossing,
+];
 
 const LINKS: [LinkId; 2] = [
     LinkId {
@@ -89,14 +95,15 @@ fn books(stages: [Stage; 2]) -> NodeRecord {
     let mut interface = Interface {
         contract: Arc::new(subscriber()),
         live: BTreeMap::new(),
-        unlinking: BTreeSet::new(),
+        unlinking: BTreeMap::new(),
     };
     for (link, stage) in LINKS.into_iter().zip(stages) {
         match stage {
             Stage::Gone => continue,
             Stage::Half => drop(interface.live.insert(link, None)),
             Stage::Joined => drop(interface.live.insert(link, Some(PAIR))),
-            Stage::Unlinking => drop(interface.unlinking.insert(link)),
+            Stage::Unlinking => drop(interface.unlinking.insert(link, None)),
+            Stage::Crossing => drop(interface.unlinking.insert(link, Some(PAIR))),
         }
         record.link_ends += 1;
     }
@@ -105,7 +112,7 @@ fn books(stages: [Stage; 2]) -> NodeRecord {
 }
 
 /// Each end of a link has one farewell in each direction, and counts until both are said.
-//= SM2-LNK-003, SM2-RES-006, SM2-IFC-003 kani
+//= SM2-LNK-003, SM2-LNK-009, SM2-RES-006, SM2-IFC-003 kani
 #[cfg_attr(kani, kani::proof)]
 // Two links of one interface.
 #[cfg_attr(kani, kani::unwind(5))]
@@ -123,7 +130,8 @@ fn farewells_of_a_links_end() {
                 Stage::Gone => Err(violation!(UnknownLink, "SM2-LNK-003")),
                 Stage::Half => Ok(Farewells::First(None)),
                 Stage::Joined => Ok(Farewells::First(Some(PAIR))),
-                Stage::Unlinking => Ok(Farewells::Both),
+                Stage::Unlinking => Ok(Farewells::Second(None)),
+                Stage::Crossing => Ok(Farewells::Second(Some(PAIR))),
             };
             assert_eq!(verdict, expected);
             let again = record.farewell(OURS, link);
@@ -135,11 +143,19 @@ fn farewells_of_a_links_end() {
             let other = record.farewell(InterfaceId(5), link);
             assert_eq!(other, Err(violation!(UnknownInterface, "SM2-LNK-003")));
             stages[0] = Stage::Gone;
-            kani::cover!(expected == Ok(Farewells::Both), "both are said");
+            kani::cover!(
+                expected == Ok(Farewells::Second(Some(PAIR))),
+                "both are said"
+            );
         }
         1 => {
-            record.begin_unlink(OURS, link);
-            stages[0] = if live { Stage::Unlinking } else { stage };
+            let pair = one_of(&[None, Some(PAIR)]);
+            assert_eq!(record.begin_unlink(OURS, link, pair), live);
+            stages[0] = match (live, pair) {
+                (true, Some(_)) => Stage::Crossing,
+                (true, None) => Stage::Unlinking,
+                (false, _) => stage,
+            };
         }
         2 => {
             // Only a link that was just made, and of which the node was not told, is taken back.
@@ -148,7 +164,7 @@ fn farewells_of_a_links_end() {
         }
         3 => {
             // A number that was told to the node is not used again.
-            kani::assume(stage != Stage::Unlinking);
+            kani::assume(!matches!(stage, Stage::Unlinking | Stage::Crossing));
             record.link(OURS, link, PAIR);
             stages[0] = Stage::Joined;
             kani::cover!(stage == Stage::Half, "adopted");
@@ -156,8 +172,7 @@ fn farewells_of_a_links_end() {
         4 => {
             let has = record.has_link(OURS, link);
             assert_eq!(has, Some(stage != Stage::Gone));
-            let other = record.has_link(InterfaceId(5), link);
-            assert_eq!(other, None);
+            assert_eq!(record.has_link(InterfaceId(5), link), None);
         }
         _ => {
             let (_, remains) = record.withdraw(OURS).expect("it is there");

@@ -248,7 +248,7 @@ fn interface_table() {
 
 /// UNLINKED goes out once in a session for each end, whichever side is first, and never after
 /// WITHDRAW.
-//= SM2-LNK-003, SM2-LNK-004, SM2-IFC-004 kani
+//= SM2-LNK-003, SM2-LNK-009, SM2-IFC-004 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(4))]
 fn one_farewell_of_each_end() {

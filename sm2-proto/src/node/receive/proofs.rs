@@ -186,7 +186,8 @@ fn session_table() {
         (_, ToNode::Described { text: Some(_), .. }) => Err(violation!(BadSchema, "SM2-SCH-002")),
         _ => Ok(()),
     };
-    assert_eq!(node.step(frame), expected);
+    let has_fds = kani::any();
+    assert_eq!(node.step(frame, has_fds), expected);
     let is_over = matches!(before.phase, Phase::Away(..) | Phase::Ended(_));
     if expected.is_err() || is_over {
         assert!(node == before, "a violation has no other effect");
@@ -232,7 +233,7 @@ fn claims_wait_for_all_answers() {
             reason: Refusal::NameTaken,
         }
     };
-    assert_eq!(node.step(answer), Ok(()));
+    assert_eq!(node.step(answer, true), Ok(()));
     assert_eq!(node.is_ready(), !more);
     let resumed = node.outputs.iter().filter(|it| **it == Output::Resumed);
     assert_eq!(resumed.count(), usize::from(!more));

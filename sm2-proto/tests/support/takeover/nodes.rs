@@ -87,8 +87,7 @@ impl World {
                     changes,
                     more,
                 }) => {
-                    let taken = program.mirror.changes(revision, changes, more);
-                    taken.expect("sense");
+                    (program.mirror.changes(revision, changes, more)).expect("sense");
                 }
                 node::Output::Withdrawn { interface } => {
                     assert!(!program.interfaces.contains_key(&interface));
@@ -96,6 +95,7 @@ impl World {
                 node::Output::Ended(end) => self.session_ended(at, end),
                 node::Output::Resumed => {}
                 other @ (node::Output::HelloRefused(_)
+                | node::Output::LinkLost { .. }
                 | node::Output::TransmitCounters(_)
                 | node::Output::Inspected { .. }
                 | node::Output::NotInspected { .. }

@@ -3,8 +3,8 @@
 use std::os::fd::AsFd;
 
 use sm2_proto::ViolationKind::{
-    BadLength, ControlTruncated, ExpectedOpen, FdCount, FrameTooLong, Malformed, ReservedNotZero,
-    UnknownFrame, WrongRole,
+    BadLength, ExpectedOpen, FdCount, FrameTooLong, Malformed, ReservedNotZero, UnknownFrame,
+    WrongRole,
 };
 
 use super::stage::{
@@ -56,7 +56,7 @@ fn transport() -> Rows {
         ("CLOSE with one", 1, close(0)),
     ];
     let mut count =
-        Rule::new(FdCount, "SM2-TRN-005").fresh(Subscriber, "OPEN with a descriptor", |stage| {
+        Rule::new(FdCount, "SM2-TRN-011").fresh(Subscriber, "OPEN with a descriptor", |stage| {
             stage.send_nulls(stage.greeting().bytes(), 1);
         });
     for (what, fds, bytes) in with_fds {
@@ -78,7 +78,7 @@ fn transport() -> Rows {
 pub(super) fn starved() -> Rows {
     let what = "more descriptors than the node can take";
     all([
-        Rule::new(ControlTruncated, "SM2-TRN-005").open(Subscriber, what, |stage| {
+        Rule::new(FdCount, "SM2-TRN-011").open(Subscriber, what, |stage| {
             stage.send_nulls(sealed(kind::DATA, 1, 1), 200)
         }),
     ])
@@ -149,7 +149,7 @@ pub(super) fn precedence() -> Rows {
                 stage.send_nulls(other_form.bytes(), 1);
             },
         ),
-        Rule::new(FdCount, "SM2-TRN-005").fresh(
+        Rule::new(FdCount, "SM2-TRN-011").fresh(
             Subscriber,
             "a descriptor, before OPEN",
             move |stage| {

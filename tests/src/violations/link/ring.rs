@@ -148,7 +148,7 @@ fn layouts() -> Rows {
             let _sender = stage.sender(1);
             stage.send([kind::DOORBELL]);
         });
-    let count = Rule::new(FdCount, "SM2-TRN-005")
+    let count = Rule::new(FdCount, "SM2-TRN-011")
         .fresh(Publisher, "RING without a descriptor", move |stage| {
             offer(stage, ring(DEPTH, WINDOW), 0);
         })
