@@ -121,7 +121,7 @@ fn what_was_received_outlives_its_publisher() {
 //= SM2-PAY-005 sys
 #[test]
 fn what_is_held_is_not_written_anew_when_its_link_ends() {
-    for cause in ["dropped", "expelled"] {
+    for cause in ["dropped", "short"] {
         let domain = TempDomain::new();
         let _manager = domain.manager();
         let mut talker = Actor::start(&domain.socket(), "talker");
@@ -138,11 +138,10 @@ fn what_is_held_is_not_written_anew_when_its_link_ends() {
         if cause == "dropped" {
             holder.tell("withdraw t");
         } else {
-            // The node cannot accept the link for lack of a descriptor, so its session ends.
+            // The node cannot accept a further segment for lack of a descriptor, so the link ends.
             holder.tell("eat");
-            let mut late = Actor::start(&domain.socket(), "late");
-            late.tell("pub t t reliable_ms=60000");
-            late.tell("wait t 1");
+            talker.tell("publish t 1 1000000");
+            other.tell("take t 1");
         }
         eventually("the end of the link", || {
             !talker.counted_with("t", "holder").open
