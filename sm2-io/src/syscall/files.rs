@@ -73,7 +73,7 @@ pub(crate) fn read_exact_at(file: impl AsFd, mut bytes: &mut [u8], mut at: u64) 
     Ok(())
 }
 
-pub(crate) fn seek(file: &File, at: libc::off_t, whence: Whence) -> nix::Result<libc::off_t> {
+pub(crate) fn seek(file: impl AsFd, at: libc::off_t, whence: Whence) -> nix::Result<libc::off_t> {
     guard(Call::Seek)?;
     lseek(file, at, whence)
 }
