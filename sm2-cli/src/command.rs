@@ -101,7 +101,7 @@ Examples:
 
 const POLICY_EXAMPLES: &str = "\
 A policy file states who may publish, subscribe, serve, call, see and read counters under which names.
-The Manager of this version does not apply policies yet.
+`sm2 manager --policy FILE` applies one to a domain; without a policy everything is allowed.
 
 Examples:
   sm2 policy check policy.toml

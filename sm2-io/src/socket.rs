@@ -82,6 +82,25 @@ impl SeqPacket {
         })
     }
 
+    /// The further groups of that process (`SO_PEERGROUPS`), beside the group of its credentials.
+    ///
+    /// # Errors
+    ///
+    /// Any error of `getsockopt(2)`; Linux before 4.13 does not know the option.
+    pub fn peer_groups(&self) -> io::Result<Vec<u32>> {
+        let mut gids: Vec<libc::gid_t> = vec![0; 32];
+        loop {
+            match sockets::peer_groups(self.fd.as_fd(), &mut gids)? {
+                (count, true) => {
+                    gids.truncate(count);
+                    return Ok(gids);
+                }
+                // The kernel states how many there are.
+                (count, false) => gids.resize(count, 0),
+            }
+        }
+    }
+
     /// Asks for `bytes` of send buffer for datagrams that the peer has not read (`SO_SNDBUF`).
     ///
     /// The kernel doubles the number for its own bookkeeping, and caps it

@@ -271,6 +271,37 @@ fn a_listener_accepts_who_connects_and_knows_who_it_is() {
     );
 }
 
+/// The further groups that the kernel states for the process at the other end of a pair.
+fn groups_of_a_pair() -> Vec<u32> {
+    let (one, _other) = SeqPacket::pair().unwrap();
+    let mut gids = one.peer_groups().unwrap();
+    gids.sort_unstable();
+    gids
+}
+
+#[test]
+fn the_groups_of_the_peer_are_all_told() {
+    let own = nix::unistd::getgroups().unwrap();
+    let mut own: Vec<u32> = own.iter().map(|it| it.as_raw()).collect();
+    own.sort_unstable();
+    assert_eq!(groups_of_a_pair(), own);
+    if !nix::unistd::geteuid().is_root() {
+        return;
+    }
+    // More groups than the first buffer holds. The system call itself changes the groups of one thread.
+    for count in [0, 1, 32, 33, 5_000] {
+        let gids: Vec<u32> = (100_000..100_000 + count).collect();
+        let told = std::thread::spawn(move || {
+            // SAFETY: the list is readable for its length, and outlives the call.
+            let set =
+                unsafe { nix::libc::syscall(nix::libc::SYS_setgroups, gids.len(), gids.as_ptr()) };
+            Errno::result(set).unwrap();
+            assert_eq!(groups_of_a_pair(), gids);
+        });
+        told.join().unwrap();
+    }
+}
+
 #[test]
 fn a_full_backlog_would_block() {
     let directory = tempfile::tempdir().unwrap();

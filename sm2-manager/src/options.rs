@@ -4,10 +4,10 @@ use std::{io, path::PathBuf};
 
 use sm2_io::{BindOptions, DomainSocketError};
 
-use crate::Policy;
+use crate::{Policy, PolicyFileError};
 
 /// Options of a Manager.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Options {
     /// Quotas, and which links are sealed.
     pub policy: Policy,
@@ -16,6 +16,9 @@ pub struct Options {
     /// The socket's permission bits: a process needs write permission to connect. Has no effect on an adopted
     /// socket (socket activation).
     pub socket_mode: u32,
+    /// The access policy of the domain: the Manager makes `<path>.policy` a symbolic link to this file. `None`
+    /// uses `<path>.policy` as it is; without such a file everything is allowed.
+    pub policy_file: Option<PathBuf>,
 }
 
 impl Default for Options {
@@ -24,6 +27,7 @@ impl Default for Options {
             policy: Policy::default(),
             queue_bytes: 1 << 20,
             socket_mode: 0o600,
+            policy_file: None,
         }
     }
 }
@@ -55,6 +59,9 @@ pub enum StartError {
         /// The error of connecting.
         source: io::Error,
     },
+    /// The domain has an access policy that cannot be used. A Manager without it would allow everything.
+    #[error("{0}; the Manager does not serve without the access policy of its domain")]
+    Policy(#[from] PolicyFileError),
     /// The operating system refused a resource that every Manager needs.
     #[error("cannot {action}: {source}")]
     Io {

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::TypeId;
+use crate::{Name, TypeId};
 
 /// The Manager's reason for not granting HELLO or DECLARE.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, thiserror::Error)]
@@ -40,6 +40,34 @@ pub enum Refusal {
         /// The limit that the quota sets.
         limit: u32,
     },
+    /// The access policy of the domain denies the request.
+    #[error("{}", Denial(.rule.as_ref()))]
+    Denied {
+        /// The name of the rule or binding that denies; `None` for the default of the policy.
+        rule: Option<Name>,
+    },
+    /// The topic may have one publisher only, and there is one.
+    #[error(
+        "the topic has a publisher already, and `{rule}` of the access policy allows one only: stop that \
+         one first"
+    )]
+    Exclusive {
+        /// The name of the exclusive entry of the policy.
+        rule: Name,
+    },
+}
+
+/// The text of a denial.
+struct Denial<'a>(Option<&'a Name>);
+
+impl core::fmt::Display for Denial<'_> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self.0 {
+            Some(rule) => write!(f, "`{rule}` of the access policy denies it")?,
+            None => f.write_str("the access policy denies it, as no rule allows it")?,
+        }
+        f.write_str(": have the operator change the policy (see `sm2 policy explain`)")
+    }
 }
 
 /// The objects that a quota counts.

@@ -379,6 +379,8 @@ fn every_frame_variant_and_control_violation_has_a_vector() {
         "topic-type",
         "service-type",
         "quota",
+        "denied",
+        "exclusive",
         "sessions-per-user",
         "interfaces-per-session",
         "interfaces-per-user",

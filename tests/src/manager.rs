@@ -19,6 +19,7 @@ pub fn run(options: &Options) -> ExitCode {
     let arguments = program::Arguments {
         domain: options.get("--domain"),
         socket: options.get("--socket"),
+        policy: options.get("--policy"),
         socket_mode: u32::from_str_radix(&mode, 8).expect("octal digits"),
         standby: options.get_or("--standby", false),
         replace: options.get_or("--replace", false),

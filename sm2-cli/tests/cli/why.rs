@@ -139,3 +139,23 @@ fn names_that_say_too_little_or_nothing_are_told() {
         .run(&["why", "two words"])
         .failed(2, &["a name is segments"]);
 }
+
+#[test]
+fn a_denial_names_its_rule() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("policy.toml");
+    let policy = "default = \"allow\"\n[[rule]]\nname = \"no-scan\"\neffect = \"deny\"\n\
+                  actions = [\"subscribe\"]\nnames = [\"scan\"]\n";
+    std::fs::write(&file, policy).unwrap();
+    let domain = Domain::with(&["--policy", file.to_str().unwrap()]);
+    let (talker, listener) = (domain.node("talker"), domain.node("listener"));
+    let _publisher = talker.publisher::<[u8]>("scan").unwrap();
+    assert!(listener.subscriber::<[u8]>("scan").is_err());
+    let why = domain.run(&["why", "talker:scan", "listener:scan"]);
+    assert_eq!(why.code(), 1, "{why:?}");
+    assert!(
+        why.stdout()
+            .contains("was refused: `no-scan` of the access policy denies it"),
+        "{why:?}"
+    );
+}

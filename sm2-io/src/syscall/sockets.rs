@@ -72,6 +72,34 @@ pub(crate) fn unix_name(fd: impl AsFd) -> nix::Result<UnixAddr> {
     socket::getsockname(fd.as_fd().as_raw_fd())
 }
 
+/// `SO_PEERGROUPS`: the number of groups, and whether `gids` has room for them and holds them now.
+pub(crate) fn peer_groups(
+    fd: BorrowedFd<'_>,
+    gids: &mut [libc::gid_t],
+) -> nix::Result<(usize, bool)> {
+    guard(Call::GetSockOpt)?;
+    let room = size_of_val(gids);
+    let mut len = libc::socklen_t::try_from(room).map_err(|_| Errno::EINVAL)?;
+    // SAFETY: `gids` is writable for `len` bytes, and `len` outlives the call; `fd` is borrowed, so it is
+    // open. The kernel writes at most `len` bytes of whole group ids; each bit pattern is a valid one.
+    let result = unsafe {
+        libc::getsockopt(
+            fd.as_raw_fd(),
+            libc::SOL_SOCKET,
+            libc::SO_PEERGROUPS,
+            gids.as_mut_ptr().cast(),
+            &raw mut len,
+        )
+    };
+    let count = len as usize / size_of::<libc::gid_t>();
+    match Errno::result(result) {
+        Ok(_) => Ok((count, true)),
+        // The kernel states the length that it needs.
+        Err(Errno::ERANGE) if count > gids.len() => Ok((count, false)),
+        Err(error) => Err(error),
+    }
+}
+
 /// Ends both directions.
 pub(crate) fn shutdown(fd: BorrowedFd<'_>) -> nix::Result<()> {
     guard(Call::Shutdown)?;

@@ -32,7 +32,7 @@ use self::{
 };
 use crate::{
     HandOver, Options, Outcome, RunError, StartError, Stopper, connection::Connection,
-    handles::Handles,
+    handles::Handles, policy_file,
 };
 
 /// Tokens in the epoll set. Connections use their session number, which starts at 1.
@@ -105,12 +105,15 @@ impl Manager {
         options: &Options,
         handles: &Handles,
     ) -> Result<Self, StartError> {
+        // A Manager that cannot serve leaves the domain to others. The policy is read again under the lock.
+        policy_file::check(path, options)?;
         let endpoint: DomainSocket = options.bind_options().acquire_at(path)?;
         Self::at(Door::new(endpoint, false), options, handles)
     }
 
-    //= SM2-SES-007, SM2-LNK-002
+    //= SM2-SES-007, SM2-LNK-002, SM2-ACC-012
     fn at(door: Door, options: &Options, handles: &Handles) -> Result<Self, StartError> {
+        let access = policy_file::of_domain(door.path(), options)?;
         let epoll = Epoll::new().map_err(StartError::io("create an epoll set"))?;
         (door.add_to(&epoll))
             .and_then(|()| epoll.add(&*handles.stop, STOP, Interest::READABLE))
@@ -118,8 +121,13 @@ impl Manager {
             .map_err(StartError::io("watch the socket"))?;
         // The secret must not be guessable: with it, a process could claim the links of others.
         let (epoch, secret) = random().map_err(StartError::io("get random numbers"))?;
+        let mut machine = manager::Manager::new(epoch, secret, options.policy);
+        if let Some(access) = access {
+            info!(policy = %access.path.display(), "access rights are restricted");
+            machine = machine.with_access_policy(access.policy);
+        }
         Ok(Self {
-            machine: manager::Manager::new(epoch, secret, options.policy),
+            machine,
             door,
             epoll,
             handles: handles.clone(),

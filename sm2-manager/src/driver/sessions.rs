@@ -30,8 +30,14 @@ impl Manager {
         self.last_session += 1;
         let session = NodeId(self.last_session);
         let watched = self.epoll.add(&socket, session.0, Interest::READABLE);
-        let peer = watched.and_then(|()| socket.peer_credentials());
-        let peer = match peer {
+        let peer = watched.and_then(|()| {
+            let groups = match self.machine.has_access_policy() {
+                true => socket.peer_groups()?,
+                false => Vec::new(),
+            };
+            Ok((socket.peer_credentials()?, groups))
+        });
+        let (peer, groups) = match peer {
             Ok(peer) => peer,
             Err(error) => {
                 if self.log.may_write(Warning::NotServed, clock::now()) {
@@ -52,6 +58,8 @@ impl Manager {
             session,
             credentials,
         });
+        let gids = &groups;
+        self.feed(Input::Groups { session, gids });
     }
 
     /// Serves a session until the round is over. The frames of a busy session stay in its socket.

@@ -23,6 +23,27 @@ pub enum PolicyFileError {
         /// The path.
         path: PathBuf,
     },
+    /// Another user can change the file.
+    #[error(
+        "the policy {path:?} belongs to user {uid} and has the mode {mode:o}: let root or the Manager's user \
+         own it, and nobody else write it"
+    )]
+    NotTrusted {
+        /// The file.
+        path: PathBuf,
+        /// The owner.
+        uid: u32,
+        /// The permissions.
+        mode: u32,
+    },
+    /// The Manager cannot link the policy to its domain.
+    #[error("cannot make {path:?} a link to the policy: {source}")]
+    NotLinked {
+        /// The path of the link.
+        path: PathBuf,
+        /// The error of the system.
+        source: io::Error,
+    },
     /// The file is too long.
     #[error(
         "the policy {path:?} is longer than {POLICY_FILE_MAX} bytes: use patterns with `*` and `**`"

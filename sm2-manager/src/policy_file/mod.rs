@@ -1,5 +1,6 @@
 //! Policy files: the access rights of a domain (SPEC section 15) as TOML without unknown keys.
 
+mod domain;
 mod error;
 mod lines;
 mod source;
@@ -18,6 +19,7 @@ use sm2_proto::{
     policy::{AccessPolicy, RuleId},
 };
 
+pub(crate) use self::domain::{check, of_domain};
 pub use self::error::{PolicyFileError, PolicyWarning, ValueError};
 use self::{lines::Lines, source::Source, toml_file::File};
 

@@ -25,6 +25,11 @@ pub struct Arguments {
     /// If another Manager serves the domain, make it hand over (SIGUSR2) and take its place
     #[arg(long, conflicts_with = "standby")]
     pub replace: bool,
+    /// The access policy: who may publish, subscribe, serve, call, see and read counters. The Manager links
+    /// SOCKET.policy to it, so that every later Manager of the domain uses it [default: SOCKET.policy if it
+    /// exists, else everything is allowed]
+    #[arg(long, value_name = "FILE")]
+    pub policy: Option<PathBuf>,
     /// Seal every message of the domain
     #[arg(long)]
     pub seal_all: bool,
@@ -67,6 +72,7 @@ impl Arguments {
         Options {
             policy,
             socket_mode: self.socket_mode,
+            policy_file: self.policy.clone(),
             ..Options::default()
         }
     }

@@ -88,7 +88,7 @@ pub(super) fn take_over(path: &Path, options: Options) -> Result<Manager, Replac
     // If a standby took the lock first, that standby is asked next.
     let mut asked = None;
     loop {
-        match Manager::bind(path, options) {
+        match Manager::bind(path, options.clone()) {
             Err(StartError::DomainSocket(DomainSocketError::Busy { .. })) => {}
             result => return Ok(result?),
         }

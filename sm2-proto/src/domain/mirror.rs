@@ -114,7 +114,7 @@ impl Mirror {
     /// # Errors
     ///
     /// [`BrokenAnswer`]: the mirror has not changed.
-    //= SM2-IFC-007, SM2-WCH-003
+    //= SM2-IFC-007, SM2-WCH-003, SM2-ACC-010
     pub fn page(
         &mut self,
         revision: u64,
@@ -135,9 +135,9 @@ impl Mirror {
             }
             last = key;
         }
-        // An empty page with a next page would make the mirror ask for the same page again and
-        // again.
-        if next.is_some() && (items.is_empty() || next != last) {
+        // The next page starts behind this one, else the mirror would ask for the same page again and
+        // again. It may start behind items that this node does not see.
+        if next.is_some() && (next <= after || next < last) {
             return Err(BrokenAnswer::OutOfOrder);
         }
         if after.is_none() {

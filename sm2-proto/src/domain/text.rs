@@ -219,9 +219,14 @@ fn write_refused(
         (Refusal::TopicType { .. } | Refusal::ServiceType { .. }, None) => {
             f.write_str(".\nThe interface that stated that type is gone by now: declare again.")
         }
-        (Refusal::Quota { .. } | Refusal::NameTaken | Refusal::Version { .. }, None) => {
-            f.write_str(".")
-        }
+        (
+            Refusal::Quota { .. }
+            | Refusal::NameTaken
+            | Refusal::Version { .. }
+            | Refusal::Denied { .. }
+            | Refusal::Exclusive { .. },
+            None,
+        ) => f.write_str("."),
     }
 }
 

@@ -176,11 +176,15 @@ impl<'a> Script<'a> {
     }
 
     pub(crate) fn refusal(&mut self) -> Option<Refusal> {
-        Some(match self.byte()? % 4 {
+        Some(match self.byte()? % 6 {
             0 => Refusal::NameTaken,
             1 => Refusal::Version { min: 2, max: 3 },
             2 => Refusal::TopicType {
                 theirs: self.schema()?.0,
+            },
+            3 => Refusal::Denied { rule: None },
+            4 => Refusal::Exclusive {
+                rule: self.schema()?.0.name,
             },
             _ => Refusal::Quota {
                 quota: Quota::InterfacesPerUser,

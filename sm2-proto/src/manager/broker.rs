@@ -13,8 +13,8 @@ use super::{
     session::Session,
 };
 use crate::{
-    Contract, EntityId, InterfaceId, LinkId, LinkKey, LinkQos, NodeId, Quota, Refusal, VERSION,
-    Violation,
+    Contract, EntityId, InterfaceId, Kind, LinkId, LinkKey, LinkQos, NodeId, Quota, Refusal,
+    VERSION, Violation,
     control::{Key, LinkPeer, ToNode, UnlinkedReason, encode_to_node},
     match_contracts,
 };
@@ -46,10 +46,13 @@ impl Manager {
         let Some(record) = session.node() else {
             return Ok(());
         };
+        let channel = self.channels.get(contract);
+        let publishers = channel.map_or(0, |it| it.counterpart_count(Kind::Subscriber));
+        (self.access).refuse_interface(node, contract, publishers)?;
         record.refuse_interface(&self.policy)?;
         self.users
             .refuse_interface(record.credentials(), &self.policy)?;
-        let Some(channel) = self.channels.get(contract) else {
+        let Some(channel) = channel else {
             return Ok(());
         };
         channel.refuse_types(contract)?;

@@ -70,6 +70,7 @@ impl Manager {
         cause: Farewell,
     ) {
         self.channels.remove(entity, &contract);
+        self.access.begin_end(entity, &contract);
         self.member_changed(entity);
         self.ending_links.insert(entity, cause, links);
     }

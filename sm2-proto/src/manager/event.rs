@@ -26,6 +26,15 @@ pub enum Input<'a> {
         /// The peer's credentials.
         credentials: Credentials,
     },
+    /// The groups of a connection's process, beside that of its credentials. To be fed before its
+    /// first datagram; without it, an access policy knows the session by the group of its
+    /// credentials alone.
+    Groups {
+        /// The node's session.
+        session: NodeId,
+        /// The group ids.
+        gids: &'a [u32],
+    },
     /// A node sent a datagram.
     Datagram {
         /// The node's session.

@@ -39,14 +39,14 @@ impl Manager {
         Ok(())
     }
 
-    //= SM2-CNT-002
+    //= SM2-CNT-002, SM2-ACC-011
     pub(super) fn inspect(&mut self, node: NodeId, of: NodeId) {
         let kept = self
             .sessions
             .get(&of)
             .and_then(Session::node)
             .is_some_and(|it| it.has_counters);
-        if kept {
+        if kept && self.access.allows_inspection(node, of) {
             let frame = encode_to_node(&ToNode::Inspected { node: of });
             self.outputs.push_back(Output::SendCounters {
                 session: node,

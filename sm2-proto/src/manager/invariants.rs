@@ -1,7 +1,7 @@
 //! The invariants between the tables of a Manager. Debug builds check them after each input.
 
 use super::{Manager, links::Pair, node_record::NodeRecord, phase::Phase, session::Session};
-use crate::{EntityId, LinkId, match_contracts};
+use crate::{EntityId, LinkId, NodeId, match_contracts};
 
 /// A larger domain is checked only once in [`SPACING`] revisions, because the cost of a check grows
 /// with the domain.
@@ -66,6 +66,12 @@ impl Manager {
         self.each().filter_map(Session::node)
     }
 
+    fn welcomed(&self) -> impl Iterator<Item = NodeId> {
+        let sessions = self.sessions.iter();
+        let welcomed = sessions.filter(|(_, it)| it.node().is_some());
+        welcomed.map(|(&node, _)| node)
+    }
+
     fn sessions_agree(&self) -> Result<(), &'static str> {
         let not_ready = self.sessions.iter();
         let not_ready = not_ready.filter(|(_, it)| it.phase() != Phase::Ready);
@@ -74,6 +80,10 @@ impl Manager {
             (
                 self.each_node().count() == self.names.len(),
                 "each welcomed session has one name, and each name one",
+            ),
+            (
+                self.access.is_about(self.welcomed()),
+                "exactly the welcomed sessions are subjects of the access policy",
             ),
             (
                 not_ready.map(|(node, _)| node).eq(self.greeting.keys()),

@@ -18,6 +18,7 @@
 //! The example `own_loop` of `sm2-manager` is a complete driver in a loop of its own, with all its
 //! duties.
 
+mod access;
 mod adoption;
 mod broker;
 mod budget;
@@ -45,6 +46,7 @@ mod round_robin;
 mod schemas;
 mod session;
 mod shortage;
+mod sight;
 mod unlinked;
 mod users;
 mod watch;
@@ -57,6 +59,7 @@ use alloc::{
 use core::convert::Infallible;
 
 use self::{
+    access::Access,
     budget::Budget,
     channel::Channels,
     claims::{Claim, Claims},
@@ -89,6 +92,7 @@ use crate::{
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Manager {
     policy: Policy,
+    access: Access,
     log: Log,
     last_node: NodeId,
     sessions: BTreeMap<NodeId, Session>,
@@ -125,6 +129,7 @@ impl Manager {
     pub const fn new(epoch: u64, secret: u128, policy: Policy) -> Self {
         Self {
             policy,
+            access: Access::new(),
             log: Log::new(policy.changes_remembered),
             last_node: NodeId(0),
             sessions: BTreeMap::new(),
@@ -199,6 +204,10 @@ impl Machine for Manager {
                 session,
                 credentials,
             } => self.connect(now, session, credentials),
+            Input::Groups { session, gids } if self.sessions.contains_key(&session) => {
+                self.access.add_groups(session, gids);
+            }
+            Input::Groups { .. } => {}
             Input::Datagram { session, datagram } => self.receive(now, session, &datagram),
             Input::Closed { session } => self.end_session(session, Cause::Gone),
             Input::Stalled { session } => {
@@ -342,6 +351,8 @@ impl Manager {
                 min: VERSION,
                 max: VERSION,
             })
+        } else if let Err(reason) = self.access.refuse_name(node, who, &name) {
+            Err(reason)
         } else if self.names.contains(&name) {
             Err(Refusal::NameTaken)
         } else {
@@ -356,6 +367,7 @@ impl Manager {
                     self.greeting.remove(&node);
                 }
                 self.users.greet(who);
+                self.access.welcome(node, who, &name);
                 self.names.insert(name);
                 self.node_changed(node);
                 ToNode::Welcome {
@@ -384,6 +396,7 @@ impl Manager {
                 self.end_node(node, record);
             }
         }
+        self.access.end(node);
         self.pending_links.forget_session(node);
         self.expired.remove(&node);
         self.work(node, &mut Budget::new(&self.policy));

@@ -9,18 +9,32 @@ use crate::{
     limits::PAGE_BYTES,
 };
 
+/// How many items that the session may not see a page may pass over.
+const HIDDEN_MAX: usize = 512;
+
 impl Manager {
-    //= SM2-IFC-007
+    //= SM2-IFC-007, SM2-ACC-010
     pub(super) fn answer_query(&mut self, node: NodeId, after: Option<Key>) {
         let mut room = PAGE_BYTES;
         let mut items = Vec::new();
-        let mut next = None;
+        let (mut last, mut next) = (None, None);
+        let mut hidden = 0;
         for item in self.items(after) {
+            if !self.sees(node, &item) {
+                hidden += 1;
+                last = Some(item.key());
+                if hidden == HIDDEN_MAX {
+                    next = last;
+                    break;
+                }
+                continue;
+            }
             let Some(left) = room.checked_sub(size_bytes(&item)) else {
-                next = items.last().map(Item::key);
+                next = last;
                 break;
             };
             room = left;
+            last = Some(item.key());
             items.push(item);
         }
         let revision = self.log.revision();

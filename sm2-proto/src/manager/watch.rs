@@ -28,7 +28,7 @@ impl Manager {
         if after == self.log.revision() {
             self.watchers.insert(node);
         } else {
-            let changes = self.changes(after);
+            let changes = self.changes(node, after);
             self.send(node, &changes);
         }
         Ok(())
@@ -42,14 +42,24 @@ impl Manager {
         if self.log.revision() == before || self.watchers.is_empty() {
             return;
         }
-        let changes = self.changes(before);
-        for node in mem::take(&mut self.watchers) {
-            self.send(node, &changes);
+        let watchers = mem::take(&mut self.watchers);
+        if self.has_access_policy() {
+            for node in watchers {
+                let changes = self.changes(node, before);
+                self.send(node, &changes);
+            }
+        } else if let Some(&first) = watchers.first() {
+            // All sessions see the same.
+            let changes = self.changes(first, before);
+            for node in watchers {
+                self.send(node, &changes);
+            }
         }
     }
 
-    //= SM2-WCH-002, SM2-WCH-003
-    fn changes(&self, after: u64) -> ToNode {
+    /// The changes that a session may see.
+    //= SM2-WCH-002, SM2-WCH-003, SM2-ACC-010
+    fn changes(&self, viewer: NodeId, after: u64) -> ToNode {
         let mut room = DATAGRAM_MAX - HEAD_BYTES;
         let mut seen = BTreeSet::new();
         let mut changes = Vec::new();
@@ -65,6 +75,7 @@ impl Manager {
                 continue;
             }
             let change = match self.item(key) {
+                Some(item) if !self.sees(viewer, &item) => continue,
                 Some(item) => Change::Set { item },
                 None => Change::Removed { key },
             };

@@ -95,6 +95,7 @@ impl Manager {
             } else {
                 budget.spend(PAIR);
                 self.ending_links.remove(entity);
+                self.access.complete_end(entity);
             }
         }
     }

@@ -153,6 +153,8 @@ fn refusals() -> impl Strategy<Value = Refusal> + Clone {
         types().prop_map(|theirs| Refusal::TopicType { theirs }),
         (types(), types()).prop_map(|(request, reply)| Refusal::ServiceType { request, reply }),
         (quota, any::<u32>()).prop_map(|(quota, limit)| Refusal::Quota { quota, limit }),
+        proptest::option::of(names()).prop_map(|rule| Refusal::Denied { rule }),
+        names().prop_map(|rule| Refusal::Exclusive { rule }),
     ]
 }
 

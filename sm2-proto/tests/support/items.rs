@@ -105,6 +105,7 @@ pub(crate) fn items() -> impl Strategy<Value = Item> {
     let refusals = prop_oneof![
         Just(Refusal::NameTaken),
         Just(Refusal::TopicType { theirs: data("A") }),
+        Just(Refusal::Denied { rule: None }),
     ];
     let reasons = prop_oneof![
         Just(UnlinkedReason::Descriptors),

@@ -349,6 +349,8 @@ impl Reader<'_> {
                 "reply": self.type_id()?,
             }}),
             4 => json!({"Quota": {"quota": self.quota()?, "limit": self.u32()?}}),
+            5 => json!({"Denied": {"rule": self.option(Self::name)?}}),
+            6 => json!({"Exclusive": {"rule": self.name()?}}),
             _ => return Err("malformed"),
         })
     }
