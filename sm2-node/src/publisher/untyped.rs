@@ -28,7 +28,7 @@ pub(crate) struct UntypedPublisher {
     pub(crate) handle: Handle,
     /// Held during a publication, so that each link carries messages in order.
     pub(super) order: Mutex<()>,
-    /// See [`PublisherBuilder::publish_timeout`].
+    /// See [`publish_timeout`](crate::PublisherBuilder::publish_timeout).
     publish_timeout: Duration,
     /// Memory for the next sealed message.
     spare: Mutex<SpareMemory>,
