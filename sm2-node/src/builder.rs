@@ -9,11 +9,15 @@ use sm2_io::{SeqPacket, socket_path};
 use sm2_proto::{Instant, Name, Refusal};
 
 use crate::driver::{EventSource, SharedNode, may_return};
+use crate::quota::MappingQuota;
 use crate::{ConnectError, Node};
 
 /// How long to retry a socket that no process listens on: its Manager has just ended, and another one may be
 /// taking over.
 const SUCCESSION: Duration = Duration::from_millis(250);
+
+/// The default of [`NodeBuilder::max_mapped_bytes`]: less than a hundredth of the addresses of a process.
+const MAX_MAPPED_BYTES: u64 = 1 << 40;
 
 /// Options for connecting a node.
 #[derive(Clone, Debug)]
@@ -25,6 +29,7 @@ pub struct NodeBuilder {
     manager_timeout: Duration,
     startup_timeout: Duration,
     ring_lane: bool,
+    max_mapped_bytes: u64,
     #[cfg(feature = "embedded-manager")]
     embedded: Option<sm2_manager::Options>,
 }
@@ -54,6 +59,7 @@ impl NodeBuilder {
             manager_timeout: Duration::from_secs(5),
             startup_timeout: Duration::ZERO,
             ring_lane: std::env::var_os("SM2_RING_LANE").is_none_or(|it| it != "off"),
+            max_mapped_bytes: MAX_MAPPED_BYTES,
             #[cfg(feature = "embedded-manager")]
             embedded: None,
         }
@@ -90,6 +96,17 @@ impl NodeBuilder {
     /// each side, which tools such as `strace` can show.
     pub const fn ring_lane(mut self, offered: bool) -> Self {
         self.ring_lane = offered;
+        self
+    }
+
+    /// Sets how many bytes this node maps for other nodes, to read the messages of their segments and
+    /// sealed files: 1 TiB by default. The mappings of one node take at most as many bytes as are free, so
+    /// that there is always room for others. A link whose other side exceeds this ends with the code
+    /// `resources`; other links go on (SM2-SEG-006).
+    ///
+    /// The bound is about addresses, not memory: files may be sparse.
+    pub const fn max_mapped_bytes(mut self, bytes: u64) -> Self {
+        self.max_mapped_bytes = bytes;
         self
     }
 
@@ -131,6 +148,7 @@ impl NodeBuilder {
             name.clone(),
             self.manager_timeout,
             self.ring_lane,
+            MappingQuota::new(self.max_mapped_bytes),
         )
         .map_err(failed)?;
         let until = sm2_io::clock::now().after(self.manager_timeout);

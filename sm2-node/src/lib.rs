@@ -191,6 +191,7 @@ mod pool;
 mod pooled;
 mod published;
 mod publisher;
+mod quota;
 mod sample;
 pub mod schema;
 mod server;

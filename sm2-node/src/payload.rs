@@ -7,9 +7,9 @@ use std::sync::Arc;
 
 use bytes::Bytes;
 use sm2_io::memfd::SealedFile;
-use sm2_io::{PooledMapping, SealedMapping};
 
 use crate::pooled::PooledBytes;
+use crate::quota::{MappedFile, MappedSegment, PeerQuota};
 
 /// The bytes of one received message in memory that no process can change: private memory, or a sealed file.
 /// Dereferences to the bytes.
@@ -20,7 +20,7 @@ pub struct Payload(Storage);
 
 enum Storage {
     Inline(Bytes),
-    Sealed(SealedMapping),
+    Sealed(MappedFile),
     Copied(Vec<u8>),
 }
 
@@ -105,7 +105,7 @@ pub(crate) enum Source {
     Inline(Bytes),
     /// `len` bytes at `offset` of a segment.
     Pooled {
-        segment: Arc<PooledMapping>,
+        segment: Arc<MappedSegment>,
         offset: u64,
         len: u64,
     },
@@ -114,6 +114,7 @@ pub(crate) enum Source {
     Sealed {
         file: SealedFile,
         len: u64,
+        quota: Arc<PeerQuota>,
     },
     /// An unknown segment or file. The link's machine never delivers such a message.
     Missing,
@@ -144,8 +145,8 @@ impl Source {
                 Ok(MessageBytes::Pooled(bytes))
             }
             // Maps all pages at once: a program that takes a message will read it.
-            Self::Sealed { file, len } => {
-                let mapping = SealedMapping::new(&file, len, true)?;
+            Self::Sealed { file, len, quota } => {
+                let mapping = MappedFile::new(&file, len, &quota)?;
                 Ok(MessageBytes::Stable(Payload(Storage::Sealed(mapping))))
             }
             Self::Missing => Err(io::ErrorKind::NotFound.into()),

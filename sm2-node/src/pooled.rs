@@ -5,11 +5,11 @@ use std::fmt;
 use std::ops::Deref;
 use std::sync::Arc;
 
-use sm2_io::PooledMapping;
+use crate::quota::MappedSegment;
 
 /// The bytes of a message in a slot. Dereferences to them.
 pub struct PooledBytes {
-    segment: Arc<PooledMapping>,
+    segment: Arc<MappedSegment>,
     /// Inside the mapping, as `new` checked.
     offset: u64,
     len: u64,
@@ -23,7 +23,7 @@ impl PooledBytes {
     /// A message that was delivered on a link names these bytes, and it is not released before
     /// the result is dropped.
     #[inline]
-    pub(crate) unsafe fn new(segment: Arc<PooledMapping>, offset: u64, len: u64) -> Option<Self> {
+    pub(crate) unsafe fn new(segment: Arc<MappedSegment>, offset: u64, len: u64) -> Option<Self> {
         segment.range(offset, len)?;
         Some(Self {
             segment,

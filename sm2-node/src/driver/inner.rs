@@ -16,6 +16,7 @@ use super::questions::Questions;
 use super::session::{Reconnect, Session};
 use super::sleepers::Sleepers;
 use super::token::LinkToken;
+use crate::quota::MappingQuota;
 
 /// The state of a node that changes, under the lock.
 #[derive(Debug)]
@@ -23,6 +24,8 @@ pub(crate) struct Inner {
     pub(super) name: Name,
     /// Whether links offer the ring lane.
     pub(super) ring_lane: bool,
+    /// The bytes that may be mapped for peers.
+    pub(super) mappings: MappingQuota,
     pub(super) session: Session,
     pub(super) reconnect: Reconnect,
     pub(super) questions: Questions,
@@ -52,11 +55,13 @@ impl Inner {
         path: PathBuf,
         name: Name,
         ring_lane: bool,
+        mappings: MappingQuota,
         epoll: &Epoll,
     ) -> io::Result<Self> {
         Ok(Self {
             name: name.clone(),
             ring_lane,
+            mappings,
             session: Session::new(socket, name),
             reconnect: Reconnect::new(path, epoll)?,
             questions: Questions::default(),

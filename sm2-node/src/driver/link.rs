@@ -26,6 +26,7 @@ use self::mapped::{Mapped, prepare_ring};
 use super::outbox::{MessageKey, Needs};
 use super::status::{LinkStatus, Received};
 use super::token::LinkToken;
+use crate::quota::PeerQuota;
 
 #[derive(Debug)]
 pub(crate) struct LinkDriver {
@@ -36,6 +37,8 @@ pub(crate) struct LinkDriver {
     machine: Link,
     /// The rings and segments that both sides map.
     mapped: Mapped,
+    /// The bytes that may be mapped for the peer.
+    quota: Arc<PeerQuota>,
     /// The ring for messages to this side and its file, until both ends have agreed on a lane.
     prepared: Option<(Ring, OwnedFd)>,
     /// The file of the incoming ring, until RING was sent to the other side.
@@ -85,6 +88,7 @@ impl LinkDriver {
         socket: SeqPacket,
         mut config: link::Config,
         entry: Option<CounterEntry>,
+        quota: Arc<PeerQuota>,
     ) -> Self {
         let prepared = prepare_ring(&mut config);
         Self {
@@ -94,6 +98,7 @@ impl LinkDriver {
             socket: Some(socket),
             machine: Link::new(config),
             mapped: Mapped::default(),
+            quota,
             prepared,
             ring_file: None,
             unsent: None,

@@ -15,6 +15,7 @@ use super::inner::Inner;
 use super::interface::Interface;
 use super::sleepers::EventSource;
 use super::token::SESSION;
+use crate::quota::MappingQuota;
 
 /// The state that all handles of a node share.
 #[derive(Debug)]
@@ -38,10 +39,11 @@ impl SharedNode {
         name: Name,
         manager_timeout: Duration,
         ring_lane: bool,
+        mappings: MappingQuota,
     ) -> io::Result<Self> {
         let epoll = Epoll::new()?;
         epoll.add(&socket, SESSION, Interest::READABLE)?;
-        let mut inner = Inner::new(socket, path, name.clone(), ring_lane, &epoll)?;
+        let mut inner = Inner::new(socket, path, name.clone(), ring_lane, mappings, &epoll)?;
         inner.drain_session(Incoming::default(), &epoll);
         Ok(Self {
             epoll,

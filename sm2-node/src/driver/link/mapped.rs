@@ -4,9 +4,11 @@
 use std::os::fd::OwnedFd;
 use std::sync::Arc;
 
-use sm2_io::{PooledMapping, Ring};
+use sm2_io::Ring;
 use sm2_proto::limits::SLOT_HEAD;
 use sm2_proto::link::{self, LinkMemory, SlotRange};
+
+use crate::quota::MappedSegment;
 
 /// The memory of a link that both sides map.
 #[derive(Debug, Default)]
@@ -22,18 +24,18 @@ pub(super) struct Mapped {
 /// Mapped segments, ordered by number. Each message looks its segment up several times, and usually
 /// there is one, which is found faster here than in a tree.
 #[derive(Debug, Default)]
-pub(super) struct Segments(Vec<(u32, Arc<PooledMapping>)>);
+pub(super) struct Segments(Vec<(u32, Arc<MappedSegment>)>);
 
 impl Segments {
     #[inline]
-    pub(super) fn get(&self, segment: u32) -> Option<&Arc<PooledMapping>> {
+    pub(super) fn get(&self, segment: u32) -> Option<&Arc<MappedSegment>> {
         match self.0.as_slice() {
             [(only, mapping)] if *only == segment => Some(mapping),
             all => Some(&all.get(self.place(segment).ok()?)?.1),
         }
     }
 
-    pub(super) fn insert(&mut self, segment: u32, mapping: Arc<PooledMapping>) {
+    pub(super) fn insert(&mut self, segment: u32, mapping: Arc<MappedSegment>) {
         match self.place(segment) {
             Ok(place) => self.0[place].1 = mapping,
             Err(place) => self.0.insert(place, (segment, mapping)),

@@ -6,13 +6,14 @@ use std::io::{self, IoSlice};
 use std::os::fd::AsFd;
 use std::sync::Arc;
 
-use sm2_io::{Epoll, InspectedFd, Interest, PooledMapping, Ring, SendError};
+use sm2_io::{Epoll, InspectedFd, Interest, Ring, SendError};
 use sm2_proto::link::{Attachment, End, Input, Output, RingLayout};
 use sm2_proto::{Farewell, Machine};
 
 use super::{LinkDriver, Unsent};
 use crate::driver::datagram::Incoming;
 use crate::driver::outbox::{MessageKey, Outbox};
+use crate::quota::MappedSegment;
 
 impl LinkDriver {
     /// Carries out all outputs of the machine. Only this function matches them.
@@ -134,12 +135,12 @@ impl LinkDriver {
     }
 
     /// Maps a segment of the other side once, for all messages in it.
-    //= SM2-PAY-007
+    //= SM2-PAY-007, SM2-SEG-006
     fn attach(&mut self, segment: u32, len: u64, fd: Option<InspectedFd>) {
         let mapped = fd
             .ok_or_else(|| io::Error::from(io::ErrorKind::NotFound))
             .and_then(|fd| fd.into_pooled().map_err(io::Error::other))
-            .and_then(|file| PooledMapping::new(&file, len, false));
+            .and_then(|file| MappedSegment::new(&file, len, &self.quota));
         match mapped {
             Ok(mapping) => {
                 self.mapped.segments.insert(segment, Arc::new(mapping));

@@ -98,8 +98,8 @@ impl LinkDriver {
                 })
             }
             Payload::Sealed => self.kept.remove(&delivery.sequence).map(|file| {
-                let len = delivery.len;
-                Source::Sealed { file, len }
+                let (len, quota) = (delivery.len, Arc::clone(&self.quota));
+                Source::Sealed { file, len, quota }
             }),
         };
         debug_assert!(found.is_some(), "{delivery:?}");

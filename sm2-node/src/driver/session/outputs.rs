@@ -225,7 +225,8 @@ impl Inner {
                     ..Config::new(&interface.contract, link, version, reliable, sealed)
                 };
                 let entry = self.counting.allocate(id, Some(link));
-                let driver = LinkDriver::new(token, Arc::new(peer), socket, config, entry);
+                let quota = self.mappings.peer(link.epoch, peer.node);
+                let driver = LinkDriver::new(token, Arc::new(peer), socket, config, entry, quota);
                 self.last_token = token;
                 self.routes.insert(token, id);
                 self.with_interface(id, epoll, |interface, context| {
