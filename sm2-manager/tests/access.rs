@@ -169,6 +169,7 @@ fn a_standby_does_not_take_over_without_the_policy() {
     let standby: Program = domain.standby();
     fs::write(&file, "default = \"all\"").unwrap();
     manager.kill();
+    manager.wait();
     standby.says("cannot take over yet");
     standby.says("unknown variant `all`");
     assert!(connect_once(&domain).is_err(), "nobody serves");

@@ -22,11 +22,14 @@ fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
     name.into()
 }
 
-/// Checks that the Manager of the socket at `socket` could use the policy of its domain.
+/// Checks that the Manager of the socket at `socket` could use the policy of its domain. A folder that cannot
+/// be searched is no error here: making the socket in it fails as well, and says what to do.
 pub(crate) fn check(socket: &Path, options: &Options) -> Result<(), PolicyFileError> {
+    let beside = with_suffix(socket, ".policy");
     match &options.policy_file {
         Some(file) => load(file).map(drop),
-        None => present(&with_suffix(socket, ".policy")).map(drop),
+        None if is_present(&beside).unwrap_or(false) => load(&beside).map(drop),
+        None => Ok(()),
     }
 }
 
@@ -43,18 +46,19 @@ pub(crate) fn of_domain(
         link(&path, file).map_err(|source| PolicyFileError::NotLinked { path, source })?;
         return Ok(Some(policy));
     }
-    present(&path)
+    match is_present(&path) {
+        Ok(true) => load(&path).map(Some),
+        Ok(false) => Ok(None),
+        Err(source) => Err(PolicyFileError::Io { path, source }),
+    }
 }
 
-/// Reads a policy if there is a directory entry at `path`. A link that leads nowhere is an error.
-fn present(path: &Path) -> Result<Option<PolicyFile>, PolicyFileError> {
+/// Whether there is a directory entry at `path`. A link that leads nowhere is one.
+fn is_present(path: &Path) -> io::Result<bool> {
     match fs::symlink_metadata(path) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
-        Err(source) => Err(PolicyFileError::Io {
-            path: path.into(),
-            source,
-        }),
-        Ok(_) => load(path).map(Some),
+        Ok(_) => Ok(true),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
+        Err(error) => Err(error),
     }
 }
 
