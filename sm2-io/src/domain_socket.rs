@@ -21,5 +21,5 @@ pub use self::bind::BindOptions;
 pub use self::error::DomainSocketError;
 pub use self::limits::{MAX_DOMAIN_BYTES, MAX_PATH_BYTES};
 pub use self::lock::DomainLock;
-pub use self::owned::{DomainSocket, HandOver, NotReclaimed};
+pub use self::owned::{DomainSocket, NotReclaimed, UnlockedSocket};
 pub use self::path::{DEFAULT_DOMAIN, socket_path, socket_path_in};

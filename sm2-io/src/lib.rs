@@ -77,7 +77,8 @@ pub mod waker;
 
 pub use counters::{CounterEntry, CounterPage, CounterView};
 pub use domain_socket::{
-    BindOptions, DomainLock, DomainSocket, DomainSocketError, HandOver, NotReclaimed, socket_path,
+    BindOptions, DomainLock, DomainSocket, DomainSocketError, NotReclaimed, UnlockedSocket,
+    socket_path,
 };
 pub use epoll::{Epoll, Event, Events, Interest, wait_readable};
 pub use mapping::{PooledMapping, Scratch, SealedMapping};

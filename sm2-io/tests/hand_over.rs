@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use nix::sys::socket::{self, AddressFamily, SockFlag, SockType, UnixAddr};
 use sm2_io::{
-    BindOptions, DomainLock, DomainSocket, DomainSocketError, HandOver, Listener, SeqPacket,
+    BindOptions, DomainLock, DomainSocket, DomainSocketError, Listener, SeqPacket, UnlockedSocket,
 };
 use tempfile::TempDir;
 
@@ -37,9 +37,9 @@ fn busy<T>(result: Result<T, DomainSocketError>) -> bool {
 }
 
 /// Checks that the socket is not reclaimed. Returns the reason.
-fn refused(hand_over: HandOver) -> (HandOver, DomainSocketError) {
-    let not = *hand_over.reclaim().unwrap_err();
-    (not.hand_over, not.reason)
+fn refused(old: UnlockedSocket) -> (UnlockedSocket, DomainSocketError) {
+    let not = *old.reclaim().unwrap_err();
+    (not.socket, not.reason)
 }
 
 //= SM2-RES-010 test
@@ -251,19 +251,19 @@ impl Owners {
         if way == 0 {
             return endpoint.close();
         }
-        let mut hand_over = endpoint.hand_over();
+        let mut old = endpoint.hand_over();
         std::thread::yield_now();
         for _ in 1..way {
-            match hand_over.reclaim() {
+            match old.reclaim() {
                 Ok(endpoint) => {
                     self.enter();
                     self.reclaimed.fetch_add(1, Ordering::Relaxed);
                     // No other process may have replaced the reclaimed socket.
                     assert!(endpoint.path().exists());
                     self.now.fetch_sub(1, Ordering::SeqCst);
-                    hand_over = endpoint.hand_over();
+                    old = endpoint.hand_over();
                 }
-                Err(not) => hand_over = not.hand_over,
+                Err(not) => old = not.socket,
             }
         }
     }

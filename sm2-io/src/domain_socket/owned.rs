@@ -33,15 +33,15 @@ impl DomainSocket {
     /// stays in place and this process keeps listening.
     //= SM2-RES-010
     #[must_use = "dropping it ends listening"]
-    pub fn hand_over(self) -> HandOver {
+    pub fn hand_over(self) -> UnlockedSocket {
         let Self {
             file,
             listener,
             lock,
         } = self;
-        let hand_over = HandOver::new(file, listener);
+        let unlocked = UnlockedSocket::new(file, listener);
         lock.leave();
-        hand_over
+        unlocked
     }
 
     /// Stops listening and removes the files: the same as dropping.
@@ -57,12 +57,12 @@ impl DomainSocket {
 /// Dropping it ends listening. If no successor has come, that removes the files as for a
 /// [`DomainSocket`]; it leaves the files of a successor alone, and those that a successor is about to replace.
 #[derive(Debug)]
-pub struct HandOver {
+pub struct UnlockedSocket {
     file: SocketFile,
     listener: Listener,
 }
 
-impl HandOver {
+impl UnlockedSocket {
     /// Called before the lock is released.
     fn new(file: SocketFile, listener: Listener) -> Self {
         let file = file.unlocked();
@@ -99,7 +99,7 @@ impl HandOver {
     /// [`is_replaced`](Self::is_replaced). Others as [`DomainLock::acquire`].
     //= SM2-RES-010
     pub fn reclaim(self) -> Result<DomainSocket, Box<NotReclaimed>> {
-        let not = |hand_over, reason| Err(Box::new(NotReclaimed { hand_over, reason }));
+        let not = |socket, reason| Err(Box::new(NotReclaimed { socket, reason }));
         let lock = match DomainLock::acquire(self.path()) {
             Ok(lock) => lock,
             Err(reason) => return not(self, reason),
@@ -122,7 +122,7 @@ impl HandOver {
 #[error("cannot take the socket back: {reason}")]
 pub struct NotReclaimed {
     /// The hand-over as it was before, still listening.
-    pub hand_over: HandOver,
+    pub socket: UnlockedSocket,
     /// The reason.
     pub reason: DomainSocketError,
 }

@@ -7,7 +7,7 @@ use std::{
 };
 
 use sm2_io::{
-    DomainSocket, DomainSocketError, Epoll, HandOver, Interest, Listener, SeqPacket, clock,
+    DomainSocket, DomainSocketError, Epoll, Interest, Listener, SeqPacket, UnlockedSocket, clock,
 };
 use sm2_proto::Instant;
 use tracing::{info, warn};
@@ -44,7 +44,7 @@ enum Claim {
 
 #[derive(Debug)]
 struct Offer {
-    hand_over: HandOver,
+    socket: UnlockedSocket,
     since: Instant,
     look_at: Instant,
 }
@@ -77,7 +77,7 @@ impl Door {
     fn listener(&self) -> Option<&Listener> {
         self.claim.as_ref().map(|claim| match claim {
             Claim::Held(endpoint) => endpoint.listener(),
-            Claim::Offered(offer) => offer.hand_over.listener(),
+            Claim::Offered(offer) => offer.socket.listener(),
         })
     }
 
@@ -142,7 +142,7 @@ impl Door {
                 info!("handing over");
                 let now = clock::now();
                 self.claim = Some(Claim::Offered(Offer {
-                    hand_over: endpoint.hand_over(),
+                    socket: endpoint.hand_over(),
                     since: now,
                     look_at: now.after(LOOK),
                 }));
@@ -166,14 +166,14 @@ impl Door {
     }
 
     fn look_now(&mut self, mut offer: Offer, now: Instant, epoll: &Epoll) -> Found {
-        if offer.hand_over.is_replaced() {
+        if offer.socket.is_replaced() {
             self.claim = Some(Claim::Offered(offer));
             return Found::Successor;
         }
         let mut found = Found::Nothing;
         offer.look_at = now.after(LOOK);
         if now >= offer.since.after(SUCCESSOR_TIMEOUT) {
-            match offer.hand_over.reclaim() {
+            match offer.socket.reclaim() {
                 Ok(endpoint) => {
                     info!("no successor has taken over: serving again");
                     self.claim = Some(Claim::Held(endpoint));
@@ -185,7 +185,7 @@ impl Door {
                     if !matches!(not.reason, DomainSocketError::Busy { .. }) {
                         warn!(reason = %not.reason, "cannot take the domain back yet");
                     }
-                    offer.hand_over = not.hand_over;
+                    offer.socket = not.socket;
                     offer.look_at = now.after(LOOK_LATE);
                 }
             }
