@@ -276,7 +276,7 @@ fn a_schedule_is_drained_before_the_next_input() {
     let message = QueuedMessage {
         message: "scan",
         len_bytes: 4,
-        published: NOW,
+        published_at: NOW,
     };
     let mut schedule = Schedule::default();
     assert_eq!(

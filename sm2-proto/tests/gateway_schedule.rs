@@ -86,7 +86,7 @@ impl Bench {
         let message = QueuedMessage {
             message,
             len_bytes,
-            published: self.now,
+            published_at: self.now,
         };
         let offer = OfferId(offer);
         self.input(Input::Enqueue { offer, message })
@@ -382,7 +382,7 @@ fn misuse_changes_nothing() {
     let message = QueuedMessage {
         message: 0,
         len_bytes: 1,
-        published: Instant(0),
+        published_at: Instant(0),
     };
     let table = [
         (

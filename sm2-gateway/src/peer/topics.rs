@@ -137,7 +137,7 @@ impl Topics {
         }
         let message = QueuedMessage {
             len_bytes: (HEADER_LEN + message.payload.len()) as u64,
-            published: published_at,
+            published_at,
             message,
         };
         // Counted before the scheduler's outputs, so that no message counts as dropped before it

@@ -323,7 +323,7 @@ impl<M> Schedule<M> {
         let Some(next) = topic.waiting.front() else {
             return;
         };
-        let mut timer = topic.qos.expires_at(next.published);
+        let mut timer = topic.qos.expires_at(next.published_at);
         if topic.in_flight.is_none() && topic.free_at > now {
             timer = timer.into_iter().chain([topic.free_at]).min();
         } else if topic.in_flight.is_none() {
@@ -402,7 +402,7 @@ impl<M> TopicQueue<M> {
         let oldest = self.waiting.front()?;
         if self.waiting.len() > self.qos.depth() {
             Some(DropCause::Superseded)
-        } else if self.qos.is_expired(oldest.published, now) {
+        } else if self.qos.is_expired(oldest.published_at, now) {
             Some(DropCause::Expired)
         } else {
             None

@@ -11,7 +11,7 @@ pub struct QueuedMessage<M> {
     /// Its length on the network, with its header.
     pub len_bytes: u64,
     /// The time of its publication.
-    pub published: Instant,
+    pub published_at: Instant,
 }
 
 /// An input of a [`Schedule`](super::Schedule).

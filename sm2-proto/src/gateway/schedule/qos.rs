@@ -51,14 +51,14 @@ impl SendQos {
         Duration::from_nanos(by_messages.max(by_bytes))
     }
 
-    pub(super) fn is_expired(&self, published: Instant, now: Instant) -> bool {
-        self.expires_at(published).is_some_and(|at| at <= now)
+    pub(super) fn is_expired(&self, published_at: Instant, now: Instant) -> bool {
+        self.expires_at(published_at).is_some_and(|at| at <= now)
     }
 
     /// The first time at which a message is too old to start.
-    pub(super) fn expires_at(&self, published: Instant) -> Option<Instant> {
+    pub(super) fn expires_at(&self, published_at: Instant) -> Option<Instant> {
         let max_age_ns = u64::try_from(self.max_age?.as_nanos()).ok()?;
-        let last = published.0.checked_add(max_age_ns)?;
+        let last = published_at.0.checked_add(max_age_ns)?;
         last.checked_add(1).map(Instant)
     }
 }
