@@ -6,7 +6,7 @@ mod support;
 use sm2_proto::{
     Code, Contract, Datagram, FdFacts, InterfaceId, LinkId, NodeId, Seals, TypeId, Violation,
     control::{SchemaText, ToManager, ToNode, encode_to_manager},
-    manager::{Cause, PHASES, Phase, Policy, REQUESTS, Request, legal},
+    manager::{Cause, PHASES, Phase, Policy, TO_MANAGER_KINDS, ToManagerKind, legal},
     schema::Schema,
     violation,
 };
@@ -61,10 +61,10 @@ fn cell(outcome: Result<(), Violation>) -> String {
 #[test]
 fn every_state_and_frame() {
     let mut actual = vec![vec!["-".to_owned()]];
-    actual[0].extend(REQUESTS.map(|request| format!("{request:?}")));
+    actual[0].extend(TO_MANAGER_KINDS.map(|kind| format!("{kind:?}")));
     for phase in PHASES {
         let mut row = vec![format!("{phase:?}")];
-        row.extend(REQUESTS.map(|request| cell(legal(phase, request))));
+        row.extend(TO_MANAGER_KINDS.map(|kind| cell(legal(phase, kind))));
         actual.push(row);
     }
     assert_eq!(actual, cells(TABLE));
@@ -120,22 +120,22 @@ fn scene(phase: Phase) -> Scene {
 }
 
 /// A frame that is legal if the state allows its kind at all.
-fn frame(request: Request, link: Option<LinkId>) -> ToManager {
+fn frame(kind: ToManagerKind, link: Option<LinkId>) -> ToManager {
     let nowhere = LinkId {
         epoch: EPOCH,
         serial: 99,
     };
-    match request {
-        Request::Hello => hello("newcomer"),
-        Request::Declare => ToManager::Declare {
+    match kind {
+        ToManagerKind::Hello => hello("newcomer"),
+        ToManagerKind::Declare => ToManager::Declare {
             interface: InterfaceId(8),
             contract: contract(),
         },
-        Request::Withdraw => withdraw(7),
-        Request::Unlinked => unlinked(7, link.unwrap_or(nowhere)),
-        Request::Query => ToManager::Query { after: None },
-        Request::Goodbye => ToManager::Goodbye { code: Code(0) },
-        Request::Claim => claim(
+        ToManagerKind::Withdraw => withdraw(7),
+        ToManagerKind::Unlinked => unlinked(7, link.unwrap_or(nowhere)),
+        ToManagerKind::Query => ToManager::Query { after: None },
+        ToManagerKind::Goodbye => ToManager::Goodbye { code: Code(0) },
+        ToManagerKind::Claim => claim(
             7,
             LinkId {
                 serial: 2,
@@ -143,26 +143,26 @@ fn frame(request: Request, link: Option<LinkId>) -> ToManager {
             },
             1,
         ),
-        Request::Claimed => ToManager::Claimed,
-        Request::Watch => ToManager::Watch { after: 0 },
-        Request::Counters => ToManager::Counters,
-        Request::Inspect => ToManager::Inspect { node: NodeId(1) },
-        Request::Schema => ToManager::Schema(SchemaText {
+        ToManagerKind::Claimed => ToManager::Claimed,
+        ToManagerKind::Watch => ToManager::Watch { after: 0 },
+        ToManagerKind::Counters => ToManager::Counters,
+        ToManagerKind::Inspect => ToManager::Inspect { node: NodeId(1) },
+        ToManagerKind::Schema => ToManager::Schema(SchemaText {
             data: TypeId {
                 name: name("Byte"),
                 hash: Schema::parse(BYTE).expect("a schema").hash(),
             },
             text: BYTE.to_owned(),
         }),
-        Request::Describe => ToManager::Describe { data: data("Scan") },
+        ToManagerKind::Describe => ToManager::Describe { data: data("Scan") },
     }
 }
 
 const BYTE: &str = "plain:u8";
 
 /// Sends a frame, and the descriptor that belongs to it.
-fn send(scene: &mut Scene, request: Request) -> Vec<Event> {
-    let frame = frame(request, scene.link);
+fn send(scene: &mut Scene, kind: ToManagerKind) -> Vec<Event> {
+    let frame = frame(kind, scene.link);
     let bytes = encode_to_manager(&frame);
     let counters = [FdFacts {
         regular: true,
@@ -170,7 +170,7 @@ fn send(scene: &mut Scene, request: Request) -> Vec<Event> {
         seals: Seals::POOLED,
     }];
     let datagram = Datagram {
-        fds: &counters[..usize::from(request == Request::Counters)],
+        fds: &counters[..usize::from(kind == ToManagerKind::Counters)],
         ..Datagram::new(&bytes)
     };
     scene.bench.datagram(scene.offender, datagram)
@@ -180,28 +180,30 @@ fn send(scene: &mut Scene, request: Request) -> Vec<Event> {
 #[test]
 fn end_to_end() {
     for phase in PHASES {
-        for request in REQUESTS {
+        for kind in TO_MANAGER_KINDS {
             let mut scene = scene(phase);
-            let events = send(&mut scene, request);
+            let events = send(&mut scene, kind);
             let hang_up = events.iter().find_map(|event| match event {
                 Event::HungUp(session, code, cause) => Some((*session, *code, *cause)),
                 _ => None,
             });
-            let expected = match (legal(phase, request), request) {
+            let expected = match (legal(phase, kind), kind) {
                 (Err(violation), _) => Some((
                     scene.offender,
                     Some(violation.code()),
                     Cause::Violation(violation),
                 )),
                 // The Manager does not answer a node that has said goodbye.
-                (Ok(()), Request::Goodbye) => Some((scene.offender, None, Cause::Goodbye(Code(0)))),
+                (Ok(()), ToManagerKind::Goodbye) => {
+                    Some((scene.offender, None, Cause::Goodbye(Code(0))))
+                }
                 (Ok(()), _) => None,
             };
-            assert_eq!(hang_up, expected, "{phase:?} {request:?}: {events:?}");
+            assert_eq!(hang_up, expected, "{phase:?} {kind:?}: {events:?}");
             assert_eq!(
                 scene.bench.is_known(scene.offender),
                 expected.is_none(),
-                "{phase:?} {request:?}"
+                "{phase:?} {kind:?}"
             );
         }
     }
@@ -326,26 +328,26 @@ fn a_violation_by_the_second_frame() {
         (
             Phase::Ready,
             violation!(CountersTwice, "SM2-CNT-001"),
-            Request::Counters,
-            Request::Counters,
+            ToManagerKind::Counters,
+            ToManagerKind::Counters,
         ),
         (
             Phase::Resuming,
             violation!(CountersTwice, "SM2-CNT-001"),
-            Request::Counters,
-            Request::Counters,
+            ToManagerKind::Counters,
+            ToManagerKind::Counters,
         ),
         (
             Phase::Resuming,
             violation!(BadClaim, "SM2-RES-003"),
-            Request::Claim,
-            Request::Claim,
+            ToManagerKind::Claim,
+            ToManagerKind::Claim,
         ),
         (
             Phase::Resuming,
             violation!(UnexpectedClaim, "SM2-RES-003"),
-            Request::Claimed,
-            Request::Claim,
+            ToManagerKind::Claimed,
+            ToManagerKind::Claim,
         ),
     ] {
         let mut scene = scene(phase);
@@ -414,8 +416,8 @@ fn an_ended_session_is_not_answered() {
     let mut scene = scene(Phase::Ready);
     offend(&mut scene, &[13], 0);
     let before = scene.bench.manager.clone();
-    for request in REQUESTS {
-        assert_eq!(send(&mut scene, request), [], "{request:?}");
+    for kind in TO_MANAGER_KINDS {
+        assert_eq!(send(&mut scene, kind), [], "{kind:?}");
     }
     assert_eq!(scene.bench.close(scene.offender), []);
     assert_eq!(scene.bench.manager, before);

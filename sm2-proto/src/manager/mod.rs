@@ -77,7 +77,7 @@ use self::{
 };
 pub use self::{
     event::{Cause, Credentials, Input, Misuse, Output},
-    phase::{PHASES, Phase, REQUESTS, Request, legal},
+    phase::{PHASES, Phase, TO_MANAGER_KINDS, ToManagerKind, legal},
     policy::Policy,
     session::STANDBY_PREFIX,
 };
@@ -272,7 +272,7 @@ impl Manager {
         // `None` for COUNTERS: this process had no free descriptor for the file.
         let file = datagram.fds.first();
         let step = decode_to_manager(datagram)
-            .and_then(|frame| legal(phase, Request::of(&frame)).map(|()| frame))
+            .and_then(|frame| legal(phase, ToManagerKind::of(&frame)).map(|()| frame))
             .and_then(|frame| self.step(now, node, frame, file));
         if let Err(violation) = step {
             self.end_session(node, Cause::Violation(violation));

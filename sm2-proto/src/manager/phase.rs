@@ -1,4 +1,4 @@
-//! The phases of a session, and the requests that are legal in each (SPEC section 4.1).
+//! The phases of a session, and the frames that are legal in each (SPEC section 4.1).
 
 use crate::{Violation, control::ToManager};
 
@@ -15,7 +15,7 @@ pub enum Phase {
 
 /// The kind of a frame from a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Request {
+pub enum ToManagerKind {
     /// HELLO
     Hello,
     /// DECLARE
@@ -47,24 +47,24 @@ pub enum Request {
 /// Every phase.
 pub const PHASES: [Phase; 3] = [Phase::Greeting, Phase::Resuming, Phase::Ready];
 
-/// Every request.
-pub const REQUESTS: [Request; 13] = [
-    Request::Hello,
-    Request::Declare,
-    Request::Withdraw,
-    Request::Unlinked,
-    Request::Query,
-    Request::Goodbye,
-    Request::Claim,
-    Request::Claimed,
-    Request::Watch,
-    Request::Counters,
-    Request::Inspect,
-    Request::Schema,
-    Request::Describe,
+/// Every kind of frame from a node.
+pub const TO_MANAGER_KINDS: [ToManagerKind; 13] = [
+    ToManagerKind::Hello,
+    ToManagerKind::Declare,
+    ToManagerKind::Withdraw,
+    ToManagerKind::Unlinked,
+    ToManagerKind::Query,
+    ToManagerKind::Goodbye,
+    ToManagerKind::Claim,
+    ToManagerKind::Claimed,
+    ToManagerKind::Watch,
+    ToManagerKind::Counters,
+    ToManagerKind::Inspect,
+    ToManagerKind::Schema,
+    ToManagerKind::Describe,
 ];
 
-impl Request {
+impl ToManagerKind {
     pub(crate) const fn of(frame: &ToManager) -> Self {
         match frame {
             ToManager::Hello { .. } => Self::Hello,
@@ -84,31 +84,31 @@ impl Request {
     }
 }
 
-/// Checks whether a request is legal in a phase.
+/// Checks whether a frame of this kind is legal in a phase.
 //= SM2-SES-001, SM2-RES-003
-pub const fn legal(phase: Phase, request: Request) -> Result<(), Violation> {
-    match (phase, request) {
-        (_, Request::Goodbye) | (Phase::Greeting, Request::Hello) => Ok(()),
+pub const fn legal(phase: Phase, kind: ToManagerKind) -> Result<(), Violation> {
+    match (phase, kind) {
+        (_, ToManagerKind::Goodbye) | (Phase::Greeting, ToManagerKind::Hello) => Ok(()),
         (Phase::Greeting, _) => Err(violation!(ExpectedHello, "SM2-SES-001")),
-        (Phase::Resuming | Phase::Ready, Request::Hello) => {
+        (Phase::Resuming | Phase::Ready, ToManagerKind::Hello) => {
             Err(violation!(UnexpectedHello, "SM2-SES-001"))
         }
-        (Phase::Ready, Request::Claim | Request::Claimed) => {
+        (Phase::Ready, ToManagerKind::Claim | ToManagerKind::Claimed) => {
             Err(violation!(UnexpectedClaim, "SM2-RES-003"))
         }
         (
             Phase::Resuming | Phase::Ready,
-            Request::Declare
-            | Request::Withdraw
-            | Request::Unlinked
-            | Request::Query
-            | Request::Claim
-            | Request::Claimed
-            | Request::Watch
-            | Request::Counters
-            | Request::Inspect
-            | Request::Schema
-            | Request::Describe,
+            ToManagerKind::Declare
+            | ToManagerKind::Withdraw
+            | ToManagerKind::Unlinked
+            | ToManagerKind::Query
+            | ToManagerKind::Claim
+            | ToManagerKind::Claimed
+            | ToManagerKind::Watch
+            | ToManagerKind::Counters
+            | ToManagerKind::Inspect
+            | ToManagerKind::Schema
+            | ToManagerKind::Describe,
         ) => Ok(()),
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{
     Cause, Credentials, Input, Manager, Misuse, Output,
-    phase::{PHASES, Phase, REQUESTS, Request, legal},
+    phase::{PHASES, Phase, TO_MANAGER_KINDS, ToManagerKind, legal},
     policy::{Policy, within},
     users::Users,
 };
@@ -18,16 +18,16 @@ use crate::{
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(14))]
 fn session_phase_table() {
-    let (phase, request) = (one_of(&PHASES), one_of(&REQUESTS));
-    let claims = matches!(request, Request::Claim | Request::Claimed);
-    let verdict = legal(phase, request);
-    if request == Request::Goodbye {
+    let (phase, kind) = (one_of(&PHASES), one_of(&TO_MANAGER_KINDS));
+    let claims = matches!(kind, ToManagerKind::Claim | ToManagerKind::Claimed);
+    let verdict = legal(phase, kind);
+    if kind == ToManagerKind::Goodbye {
         assert_eq!(verdict, Ok(()), "everybody may leave");
-    } else if (phase == Phase::Greeting) == (request == Request::Hello) {
+    } else if (phase == Phase::Greeting) == (kind == ToManagerKind::Hello) {
         let refused = phase == Phase::Ready && claims;
         assert_eq!(verdict.is_err(), refused);
         kani::cover!(refused, "a claim that is too late");
-        kani::cover!(!refused, "a legal request");
+        kani::cover!(!refused, "a legal frame");
     } else if phase == Phase::Greeting {
         assert_eq!(verdict, Err(violation!(ExpectedHello, "SM2-SES-001")));
     } else {

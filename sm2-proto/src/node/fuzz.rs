@@ -14,7 +14,7 @@ use crate::{
         encode_to_node,
     },
     fuzz::script::Script,
-    manager::{Phase, Request, legal},
+    manager::{Phase, ToManagerKind, legal},
 };
 
 const NOW: Instant = Instant(0);
@@ -128,7 +128,7 @@ impl Session {
 
     /// The node sends a frame.
     fn sent(&mut self, frame: &ToManager) {
-        let allowed = legal(self.phase, Request::of(frame));
+        let allowed = legal(self.phase, ToManagerKind::of(frame));
         assert_eq!(allowed, Ok(()), "{frame:?} while {:?}", self.phase);
         match *frame {
             ToManager::Hello { resuming, .. } => {
