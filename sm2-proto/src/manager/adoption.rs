@@ -42,7 +42,7 @@ impl Manager {
         let record = record.ok_or(violation!(UnknownInterface, "SM2-RES-003"))?;
         record.claim(interface, link);
         if record.link_ends() > limit {
-            self.send_unlink(entity, link, Farewell::Resources.code());
+            self.begin_unlink(entity, link, Farewell::Resources.code());
             return Ok(());
         }
         match self.claims.meet(link, entity, claim) {
@@ -62,10 +62,10 @@ impl Manager {
     //= SM2-RES-004, SM2-RES-005
     fn adopt(&mut self, link: LinkId, ends: [EntityId; 2], agreed: Agreed) {
         match self.adoptable(ends, agreed) {
-            Some(pair) => self.record(link, pair, agreed, 0),
+            Some(pair) => self.insert_link(link, pair, agreed, 0),
             None => {
                 for end in ends {
-                    self.send_unlink(end, link, Farewell::NotAdopted.code());
+                    self.begin_unlink(end, link, Farewell::NotAdopted.code());
                 }
             }
         }
@@ -122,7 +122,7 @@ impl Manager {
     }
 
     /// Sends the Manager's UNLINK for a live end of a link.
-    pub(super) fn send_unlink(
+    pub(super) fn begin_unlink(
         &mut self,
         EntityId { node, interface }: EntityId,
         link: LinkId,
@@ -141,6 +141,12 @@ impl Manager {
             let entity = EntityId { node, interface };
             return self.ending_links.forget(entity, link);
         }
+        self.send_unlink(EntityId { node, interface }, link, code);
+    }
+
+    /// Sends UNLINK.
+    pub(super) fn send_unlink(&mut self, entity: EntityId, link: LinkId, code: Code) {
+        let EntityId { node, interface } = entity;
         self.send(
             node,
             &ToNode::Unlink {

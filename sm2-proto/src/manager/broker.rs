@@ -217,7 +217,7 @@ impl Manager {
                     && !self.links.joins(pair)
                     && !session.has_ended(pair)
                 {
-                    let is_full = self.full(pair).is_some();
+                    let is_full = self.node_without_room(pair).is_some();
                     budget.spend(if is_full { MARK } else { LINK });
                     missing.push(other);
                 }
@@ -230,7 +230,7 @@ impl Manager {
         let mut links = Vec::new();
         for other in missing {
             let pair = Pair::new(entity, &contract, other);
-            match self.full(pair) {
+            match self.node_without_room(pair) {
                 Some(node) => self.mark_unlinked(pair, self.quota(node)),
                 None => links.extend(self.link(entity, other)),
             }
@@ -246,7 +246,7 @@ impl Manager {
             && let Some(pair) = self.shortage.pop()
         {
             budget.spend(LINK);
-            match self.full(pair) {
+            match self.node_without_room(pair) {
                 _ if self.links.joins(pair) || !self.is_there(pair) => {}
                 Some(node) => self.mark_unlinked(pair, self.quota(node)),
                 None => {
@@ -258,7 +258,7 @@ impl Manager {
     }
 
     /// A node of this pair whose quota has no room for one more link.
-    fn full(&self, pair: Pair) -> Option<NodeId> {
+    fn node_without_room(&self, pair: Pair) -> Option<NodeId> {
         let limit = self.policy.links_per_session();
         let mut nodes = pair.entities().map(|it| it.node).into_iter();
         let ends = |node| pair.entities().iter().filter(|it| it.node == node).count();
@@ -283,7 +283,7 @@ impl Manager {
         };
         let waits = self.must_wait(one.node, us) || self.must_wait(other.node, them);
         let (link, key) = self.links.number();
-        self.record(link, pair, agreed, usize::from(!waits));
+        self.insert_link(link, pair, agreed, usize::from(!waits));
         if waits {
             self.pending_links.insert(pair, link);
             return None;
@@ -318,12 +318,12 @@ impl Manager {
         Some(Output::Link { link, ends })
     }
 
-    /// Records a link that was made or adopted. `frames` LINKs of it are sent to each end at once.
-    pub(super) fn record(&mut self, link: LinkId, pair: Pair, agreed: Agreed, frames: usize) {
+    /// Inserts a link that was made or adopted. `frames` LINKs of it are sent to each end at once.
+    pub(super) fn insert_link(&mut self, link: LinkId, pair: Pair, agreed: Agreed, frames: usize) {
         self.links.insert(link, pair, agreed);
         for entity in pair.entities() {
-            let record = self.sessions.get_mut(&entity.node);
-            if let Some(record) = record.and_then(Session::node_mut) {
+            let node = self.sessions.get_mut(&entity.node);
+            if let Some(record) = node.and_then(Session::node_mut) {
                 record.link(entity.interface, link, pair);
                 record.links_in_flight += frames;
             }

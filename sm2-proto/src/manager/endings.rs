@@ -99,14 +99,7 @@ impl Manager {
                 }
             }
             Farewells::First(pair) => {
-                self.send(
-                    node,
-                    &ToNode::Unlink {
-                        interface,
-                        link,
-                        code,
-                    },
-                );
+                self.send_unlink(entity, link, code);
                 self.end_link(link, pair, entity, code);
                 if let Some(pair) = pair {
                     self.ended(now, pair, code);
@@ -155,7 +148,7 @@ impl Manager {
                     if unheard_of {
                         self.remove_link(other, link);
                     } else {
-                        self.send_unlink(other, link, code);
+                        self.begin_unlink(other, link, code);
                     }
                 }
             }

@@ -112,7 +112,7 @@ impl Manager {
             budget.spend(UNLINK);
             let entity = EntityId { node, interface };
             self.give_up_claim(entity, link);
-            self.send_unlink(entity, link, Farewell::PeerGone.code());
+            self.begin_unlink(entity, link, Farewell::PeerGone.code());
         }
     }
 
