@@ -13,16 +13,15 @@ mod take;
 mod wake;
 
 use std::collections::{BTreeSet, HashMap, VecDeque};
-use std::os::fd::OwnedFd;
 use std::sync::Arc;
 
 use sm2_io::memfd::SealedFile;
-use sm2_io::{CounterEntry, Ring, SegmentFd, SeqPacket};
+use sm2_io::{CounterEntry, SegmentFd, SeqPacket};
 use sm2_proto::control::LinkPeer;
 use sm2_proto::link::{self, Counters, End, Link, Packet, Role};
 use sm2_proto::{Code, Farewell, LinkId};
 
-use self::mapped::{Mapped, prepare_ring};
+use self::mapped::{Mapped, OwnRing, prepare_ring};
 use super::outbox::{MessageKey, Needs};
 use super::status::{LinkStatus, Received};
 use super::token::LinkToken;
@@ -39,10 +38,7 @@ pub(crate) struct LinkDriver {
     mapped: Mapped,
     /// The bytes that may be mapped for the peer.
     quota: Arc<PeerQuota>,
-    /// The ring for messages to this side and its file, until both ends have agreed on a lane.
-    prepared: Option<(Ring, OwnedFd)>,
-    /// The file of the incoming ring, until RING was sent to the other side.
-    ring_file: Option<OwnedFd>,
+    own_ring: OwnRing,
     /// The packet that the socket did not accept.
     unsent: Option<Unsent>,
     /// The files of sealed messages that were not taken yet, by sequence number.
@@ -90,7 +86,7 @@ impl LinkDriver {
         entry: Option<CounterEntry>,
         quota: Arc<PeerQuota>,
     ) -> Self {
-        let prepared = prepare_ring(&mut config);
+        let own_ring = prepare_ring(&mut config);
         Self {
             id: config.id,
             peer,
@@ -99,8 +95,7 @@ impl LinkDriver {
             machine: Link::new(config),
             mapped: Mapped::default(),
             quota,
-            prepared,
-            ring_file: None,
+            own_ring,
             unsent: None,
             kept: HashMap::new(),
             backlog: VecDeque::new(),

@@ -3,6 +3,7 @@
 
 use std::fmt::Display;
 use std::io::{self, IoSlice};
+use std::mem;
 use std::os::fd::AsFd;
 use std::sync::Arc;
 
@@ -10,6 +11,7 @@ use sm2_io::{Epoll, InspectedFd, Interest, Ring, SendError};
 use sm2_proto::link::{Attachment, End, Input, Output, RingLayout};
 use sm2_proto::{Farewell, Machine};
 
+use super::mapped::OwnRing;
 use super::{LinkDriver, Unsent};
 use crate::driver::datagram::Incoming;
 use crate::driver::outbox::{MessageKey, Outbox};
@@ -26,7 +28,7 @@ impl LinkDriver {
                         self.transmit(Unsent { packet, segment }, epoll, outbox);
                     }
                     // The machine asks for a ring before `Opened`, so a ring that is left is not needed.
-                    Output::Opened => self.prepared = None,
+                    Output::Opened => self.drop_prepared_ring(),
                     Output::MakeRing(_) => self.use_prepared_ring(),
                     Output::Ring(layout) => self.map_ring(layout, came.take_file()),
                     Output::Attach {
@@ -70,7 +72,7 @@ impl LinkDriver {
             // first, and then the end of the stream (SM2-TRN-006).
             Ok(()) | Err(SendError::Closed) => {
                 if unsent.packet.attachment == Some(Attachment::Ring) {
-                    self.ring_file = None;
+                    self.own_ring = OwnRing::Settled;
                 }
             }
             Err(SendError::WouldBlock) => {
@@ -97,7 +99,7 @@ impl LinkDriver {
             None => return socket.send(parts, &[]),
             Some(Attachment::Segment(_)) => segment.as_ref().map(AsFd::as_fd),
             Some(Attachment::Message(key)) => outbox.sealed_file(MessageKey::from_raw(key)),
-            Some(Attachment::Ring) => self.ring_file.as_ref().map(AsFd::as_fd),
+            Some(Attachment::Ring) => self.own_ring.file(),
         };
         let fd = fd.ok_or_else(|| io::Error::from(io::ErrorKind::NotFound));
         socket.send(parts, &[fd.map_err(SendError::Io)?])
@@ -168,10 +170,16 @@ impl LinkDriver {
 
     /// Uses the ring that was prepared before OPEN, which has the layout that the machine asks for.
     fn use_prepared_ring(&mut self) {
-        debug_assert!(self.prepared.is_some());
-        if let Some((ring, file)) = self.prepared.take() {
+        debug_assert!(matches!(self.own_ring, OwnRing::Prepared(..)));
+        if let OwnRing::Prepared(ring, file) = mem::take(&mut self.own_ring) {
             self.mapped.incoming = Some(ring);
-            self.ring_file = Some(file);
+            self.own_ring = OwnRing::Unsent(file);
+        }
+    }
+
+    fn drop_prepared_ring(&mut self) {
+        if matches!(self.own_ring, OwnRing::Prepared(..)) {
+            self.own_ring = OwnRing::Settled;
         }
     }
 
@@ -192,7 +200,7 @@ impl LinkDriver {
         }
         self.unsent = None;
         self.failing = None;
-        self.prepared = None;
+        self.drop_prepared_ring();
         self.mapped.outgoing = None;
         if let Some(socket) = self.socket.take() {
             let _ = epoll.remove(&socket);
@@ -211,7 +219,7 @@ impl LinkDriver {
             self.mapped.segments.clear();
             self.kept.clear();
             self.mapped.incoming = None;
-            self.ring_file = None;
+            self.own_ring = OwnRing::Settled;
         }
     }
 }
