@@ -5,6 +5,7 @@ mod common;
 
 use std::io::IoSlice;
 use std::os::fd::AsFd;
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use common::{SOON, until};
@@ -29,15 +30,21 @@ const LINK: LinkId = LinkId {
 };
 
 impl Manager {
-    /// Returns a Manager with a node that has declared a publisher, and the other end of its link.
-    fn with_linked_node() -> (Self, Publisher<u8>, SeqPacket) {
+    /// Returns a Manager without a session, and the path of its socket.
+    fn listening() -> (Self, PathBuf) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("test.sock");
-        let mut manager = Self {
+        let manager = Self {
             listener: Listener::bind(&path, 4).unwrap(),
             node: None,
             _folder: folder,
         };
+        (manager, path)
+    }
+
+    /// Returns a Manager with a node that has declared a publisher, and the other end of its link.
+    fn with_linked_node() -> (Self, Publisher<u8>, SeqPacket) {
+        let (mut manager, path) = Self::listening();
         let connecting = std::thread::spawn(move || {
             let node = Node::builder("node").socket(path).connect().unwrap();
             let publisher = node.publisher::<u8>("topic").unwrap();
@@ -396,13 +403,7 @@ fn links_of_the_manager_that_is_still_there_are_not_claimed() {
 /// the node, it does not.
 #[test]
 fn a_node_that_was_never_welcomed_tries_again_only_if_its_manager_went() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("test.sock");
-    let manager = Manager {
-        listener: Listener::bind(&path, 4).unwrap(),
-        node: None,
-        _folder: folder,
-    };
+    let (manager, path) = Manager::listening();
     let connect = || {
         let builder = Node::builder("node").socket(path.clone());
         std::thread::spawn(move || builder.manager_timeout(SOON).connect())
@@ -448,13 +449,7 @@ fn a_node_that_was_never_welcomed_tries_again_only_if_its_manager_went() {
 //= SM2-IFC-002 test
 #[test]
 fn a_call_does_not_wait_for_a_link_that_was_announced_and_never_comes() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("test.sock");
-    let manager = Manager {
-        listener: Listener::bind(&path, 4).unwrap(),
-        node: None,
-        _folder: folder,
-    };
+    let (manager, path) = Manager::listening();
     let (result, called) = std::sync::mpsc::channel();
     std::thread::spawn(move || {
         let node = Node::builder("node").socket(path).connect().unwrap();

@@ -80,14 +80,7 @@ impl Outbox {
             }
             (None, None) => return Err(missing().into()),
         };
-        Ok(OutboundMessage {
-            key: key.to_raw(),
-            id: message.id,
-            time: message.time,
-            status,
-            len: message.len,
-            body,
-        })
+        Ok(message.outbound(key, status, body))
     }
 
     /// The message for a link that accepts only slots. The message is copied to a slot if no such
@@ -121,17 +114,11 @@ impl Outbox {
         }
         let message = self.messages.get(key).ok_or_else(missing)?;
         let lease = message.forms.pooled.as_ref().ok_or_else(missing)?;
-        Ok(OutboundMessage {
-            key: key.to_raw(),
-            id: message.id,
-            time: message.time,
-            status,
-            len: message.len,
-            body: Body::Pooled {
-                segment: info(lease),
-                slot: lease.slot,
-            },
-        })
+        let body = Body::Pooled {
+            segment: info(lease),
+            slot: lease.slot,
+        };
+        Ok(message.outbound(key, status, body))
     }
 
     fn copy_to_slot(&mut self, key: MessageKey) -> Result<(), NoForm> {

@@ -6,8 +6,9 @@ use bytes::Bytes;
 use sm2_io::Slot;
 use sm2_proto::Instant;
 use sm2_proto::limits::SLOT_HEAD;
-use sm2_proto::link::{SegmentInfo, SlotHead, Status};
+use sm2_proto::link::{Body, OutboundMessage, SegmentInfo, SlotHead, Status};
 
+use super::message_key::MessageKey;
 use crate::pool::Lease;
 
 /// The bytes of one message, in one form or more.
@@ -42,6 +43,20 @@ pub(super) struct StoredMessage {
     pub(super) holders: u32,
     /// Whether a link ended with the message.
     pub(super) orphaned: bool,
+}
+
+impl StoredMessage {
+    /// The message for a link, with this body.
+    pub(super) fn outbound(&self, key: MessageKey, status: Status, body: Body) -> OutboundMessage {
+        OutboundMessage {
+            key: key.to_raw(),
+            id: self.id,
+            time: self.time,
+            status,
+            len: self.len,
+            body,
+        }
+    }
 }
 
 /// Writes the head that receivers of the ring lane read.
