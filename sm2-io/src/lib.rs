@@ -68,6 +68,7 @@ pub mod quic;
 pub mod ring;
 #[cfg(feature = "tokio")]
 mod runtime;
+mod shortage;
 pub mod slots;
 pub mod socket;
 mod sync;
@@ -86,6 +87,7 @@ pub use memfd::{InspectedFd, Preallocated, SealedLoan, Segment, VerifyError};
 pub use ring::Ring;
 #[cfg(feature = "tokio")]
 pub use runtime::watch_readable;
+pub use shortage::is_shortage;
 pub use slots::{SegmentFd, Slot};
 pub use socket::{
     Listener, PeerCredentials, Received, ReceivedFds, RecvError, SendError, SeqPacket,
