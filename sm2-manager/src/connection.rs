@@ -7,7 +7,7 @@ use std::{
     sync::Arc,
 };
 
-use sm2_io::{Interest, SendError, SeqPacket};
+use sm2_io::{Interest, SendError, SeqPacket, is_shortage};
 
 /// One datagram to send: a frame and the descriptor that accompanies it.
 #[derive(Debug)]
@@ -52,6 +52,8 @@ pub(crate) enum Sent {
     /// The frame is queued until fewer descriptors of this process are in flight. The kernel counts them per
     /// sender, over all its sockets (`ETOOMANYREFS`).
     Crowded,
+    /// The frame is queued until the kernel has memory for it.
+    Short,
 }
 
 /// The smallest size that the kernel accounts for an unread datagram.
@@ -182,6 +184,8 @@ fn transmit(socket: &SeqPacket, parcel: &Parcel) -> Result<Sent, Lost> {
         Err(SendError::WouldBlock) => Ok(Sent::Full),
         //= SM2-TRN-010
         Err(SendError::TooManyInFlight) => Ok(Sent::Crowded),
+        //= SM2-TRN-013
+        Err(SendError::Io(error)) if is_shortage(&error) => Ok(Sent::Short),
         Err(SendError::Closed) => Err(Lost::Closed),
         Err(SendError::TooLong | SendError::Io(_)) => Err(Lost::Stalled),
     }

@@ -122,9 +122,16 @@ impl Door {
     /// Resumes accepting once the pause is over.
     pub(super) fn resume(&mut self, epoll: &Epoll) {
         let over = self.accept_again.is_some_and(|again| clock::now() >= again);
-        if self.is_open() && over && self.watch(epoll, Interest::READABLE) {
-            self.accept_again = None;
+        if self.is_open() && over {
+            self.watch_again(epoll);
         }
+    }
+
+    /// Watches the listening socket again; later if that fails now.
+    //= SM2-TRN-013
+    fn watch_again(&mut self, epoll: &Epoll) {
+        let is_watched = self.watch(epoll, Interest::READABLE);
+        self.accept_again = (!is_watched).then(|| clock::now().after(ACCEPT_PAUSE));
     }
 
     /// Releases the lock and stops accepting connections.
@@ -177,7 +184,7 @@ impl Door {
                 Ok(endpoint) => {
                     info!("no successor has taken over: serving again");
                     self.claim = Some(Claim::Held(endpoint));
-                    self.watch(epoll, Interest::READABLE);
+                    self.watch_again(epoll);
                     return Found::Nothing;
                 }
                 Err(not) => {

@@ -21,6 +21,8 @@ pub(super) enum Warning {
     NotServed,
     /// A socket cannot be read.
     NotRead,
+    /// There was no memory to send a frame.
+    NotSent,
     /// There was no free descriptor for one that came with a datagram.
     NotReceived,
     /// There was no socket pair for a link.
@@ -36,6 +38,7 @@ impl fmt::Display for Warning {
             Self::NotAccepted => f.write_str("cannot accept a connection"),
             Self::NotServed => f.write_str("cannot serve a connection"),
             Self::NotRead => f.write_str("cannot read from a node"),
+            Self::NotSent => f.write_str("no memory to send to a node"),
             Self::NotReceived => f.write_str("no free descriptor for a node's file"),
             Self::NotLinked => f.write_str("no socket pair for a link"),
             Self::NotWaited => f.write_str("cannot wait for events"),

@@ -8,7 +8,7 @@ mod shortage;
 
 use std::{
     collections::{BTreeSet, HashMap, VecDeque},
-    io,
+    io, mem,
     os::fd::{AsFd, OwnedFd},
     path::Path,
     sync::Arc,
@@ -46,6 +46,8 @@ const TURN: usize = 32;
 const LAST_ROUND: Duration = Duration::from_millis(3);
 /// The shortest and the longest pause after an error of waiting for events.
 const WAIT_DELAYS: [Duration; 2] = [Duration::from_millis(1), Duration::from_secs(1)];
+/// The pause after the kernel had no memory to read a socket.
+const READ_PAUSE: Duration = Duration::from_millis(1);
 /// How long sockets are served before the loop looks for new events. One datagram may exceed it.
 const ROUND: Duration = Duration::from_micros(200);
 
@@ -61,6 +63,8 @@ pub struct Manager {
     log: LogLimit,
     /// The delay after the last error of waiting for events.
     wait_delay: Duration,
+    /// Whether a socket could not be read for want of memory since the last wait.
+    is_short_of_memory: bool,
     last_session: u64,
     /// Nodes that turned out not to read their sockets while outputs were carried out.
     given_up: VecDeque<NodeId>,
@@ -135,6 +139,7 @@ impl Manager {
             shares: Shares::default(),
             log: LogLimit::default(),
             wait_delay: Duration::ZERO,
+            is_short_of_memory: false,
             last_session: 0,
             given_up: VecDeque::new(),
             drained: BTreeSet::new(),
@@ -219,6 +224,10 @@ impl Manager {
     fn waited(&mut self, result: io::Result<()>) -> io::Result<()> {
         let Err(error) = result else {
             self.wait_delay = Duration::ZERO;
+            if mem::take(&mut self.is_short_of_memory) {
+                // The sockets that could not be read are ready again at once.
+                self.pause(READ_PAUSE);
+            }
             return Ok(());
         };
         let useless = [libc::EBADF, libc::EFAULT, libc::EINVAL].map(Some);
@@ -229,10 +238,15 @@ impl Manager {
             warn!(%error, "cannot wait for events: trying again");
         }
         self.wait_delay = (2 * self.wait_delay).clamp(WAIT_DELAYS[0], WAIT_DELAYS[1]);
-        if wait_readable(&[self.handles.stop.as_fd()], Some(self.wait_delay)).is_err() {
-            thread::sleep(self.wait_delay);
-        }
+        self.pause(self.wait_delay);
         Ok(())
+    }
+
+    /// Does nothing for a while, unless the stopper ends it.
+    fn pause(&self, time: Duration) {
+        if wait_readable(&[self.handles.stop.as_fd()], Some(time)).is_err() {
+            thread::sleep(time);
+        }
     }
 
     /// Writes how many warnings were left out of the log.

@@ -6,7 +6,7 @@ use std::{
     sync::Arc,
 };
 
-use sm2_io::{Event, Interest, RecvError, SeqPacket, clock, memfd};
+use sm2_io::{Event, Interest, RecvError, SeqPacket, clock, is_shortage, memfd};
 use sm2_proto::{
     Code, Datagram, Farewell, Instant, NodeId,
     manager::{Cause, Credentials, Input},
@@ -124,7 +124,11 @@ impl Manager {
                 if self.log.may_write(Warning::NotRead, clock::now()) {
                     warn!(%session, %error, "cannot read from a node");
                 }
-                self.feed(Input::Closed { session });
+                //= SM2-TRN-013
+                match is_shortage(&error) {
+                    true => self.is_short_of_memory = true,
+                    false => self.feed(Input::Closed { session }),
+                }
                 false
             }
         };
@@ -172,6 +176,10 @@ impl Manager {
                 self.crowded();
                 Interest::READABLE
             }
+            Ok(Sent::Short) => {
+                self.send_again(session);
+                Interest::READABLE
+            }
             // A closed socket is readable, and reading reports the reason.
             Err(Lost::Closed) => return,
             Err(Lost::Stalled) => return self.given_up.push_back(session),
@@ -179,9 +187,12 @@ impl Manager {
         if let Some(connection) = self.connections.get_mut(&session)
             && connection.interest != interest
         {
-            connection.interest = interest;
-            // Cannot fail for a socket in the set.
-            let _ = self.epoll.modify(&connection.socket, session.0, interest);
+            match self.epoll.modify(&connection.socket, session.0, interest) {
+                Ok(()) => connection.interest = interest,
+                // Sending again changes the interest again.
+                //= SM2-TRN-013
+                Err(_) => self.send_again(session),
+            }
         }
     }
 

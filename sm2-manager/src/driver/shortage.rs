@@ -1,12 +1,13 @@
-//! Shortage of descriptors: the process has too many open, or too many are in flight.
+//! Shortage: of descriptors, because the process has too many open or too many are in flight, and of memory.
 
 use std::{io, time::Duration};
 
 use nix::libc;
 use sm2_io::{SeqPacket, clock};
 use sm2_proto::NodeId;
+use tracing::warn;
 
-use super::Manager;
+use super::{Manager, log_limit::Warning};
 
 /// How many descriptors may be queued for one node during a shortage. A node that is busy for a moment stays
 /// below.
@@ -14,8 +15,8 @@ const HOARD: usize = 64;
 /// How many descriptors a node may have left unread while too many are in flight. A node that is busy for a
 /// moment stays below.
 const UNREAD: usize = 32;
-/// How long sending pauses when too many descriptors are in flight.
-const CROWDED_PAUSE: Duration = Duration::from_millis(10);
+/// How long sending pauses when too many descriptors are in flight, or when memory is short.
+const SEND_PAUSE: Duration = Duration::from_millis(10);
 
 impl Manager {
     /// Creates the socket pair of a link.
@@ -49,6 +50,16 @@ impl Manager {
         true
     }
 
+    /// Pauses sending because the kernel is short of memory.
+    //= SM2-TRN-013
+    pub(super) fn send_again(&mut self, session: NodeId) {
+        let now = clock::now();
+        if self.log.may_write(Warning::NotSent, now) {
+            warn!(%session, "no memory to send to a node: trying again");
+        }
+        self.send_again = Some(now.after(SEND_PAUSE));
+    }
+
     pub(super) fn resume_sending(&mut self) {
         if self.send_again.is_none_or(|again| clock::now() < again) {
             return;
@@ -68,7 +79,7 @@ impl Manager {
     /// all others.
     //= SM2-TRN-010
     pub(super) fn crowded(&mut self) {
-        self.send_again = Some(clock::now().after(CROWDED_PAUSE));
+        self.send_again = Some(clock::now().after(SEND_PAUSE));
         let all = self.connections.iter_mut();
         let all = all.map(|(session, connection)| (connection.unread_fds(), session, connection));
         if let Some((unread, &session, deaf)) = all.max_by_key(|(unread, ..)| *unread)
