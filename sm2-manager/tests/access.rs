@@ -120,7 +120,9 @@ fn spoil(domain: &TestDomain, how: &str) {
         "broken" => drop(policy(domain, "domain.sock.policy", "default = \"all\"")),
         "gone" => symlink(domain.folder().join("nothing"), &link).unwrap(),
         _ => {
-            policy(domain, "domain.sock.policy", POLICY);
+            // The owner and mode of a file are checked before its text.
+            let text = if how == "writable" { POLICY } else { "default" };
+            policy(domain, "domain.sock.policy", text);
             fs::set_permissions(&link, Permissions::from_mode(0o666)).unwrap();
         }
     }
@@ -133,6 +135,7 @@ fn a_manager_without_its_policy_does_not_serve() {
         ("broken", "domain.sock.policy:1: unknown variant `all`"),
         ("gone", "No such file"),
         ("writable", "the mode 666"),
+        ("writable and broken", "the mode 666"),
     ] {
         let domain = TestDomain::new();
         spoil(&domain, how);

@@ -10,7 +10,7 @@ use std::{
 
 use nix::unistd::geteuid;
 
-use super::{PolicyFile, error::PolicyFileError};
+use super::{PolicyFile, error::PolicyFileError, opened::Opened};
 use crate::Options;
 
 /// Every user may write.
@@ -63,18 +63,14 @@ fn is_present(path: &Path) -> io::Result<bool> {
 }
 
 fn load(path: &Path) -> Result<PolicyFile, PolicyFileError> {
-    let file = PolicyFile::load(path)?;
-    let found = fs::metadata(path).map_err(|source| PolicyFileError::Io {
-        path: path.into(),
-        source,
-    })?;
-    let (uid, mode) = (found.uid(), found.mode() & 0o7777);
+    let file = Opened::at(path)?;
+    let (uid, mode) = (file.metadata.uid(), file.metadata.mode() & 0o7777);
     let is_ours = uid == 0 || uid == geteuid().as_raw();
     if !is_ours || mode & WRITABLE != 0 {
         let path = path.into();
         return Err(PolicyFileError::NotTrusted { path, uid, mode });
     }
-    Ok(file)
+    PolicyFile::parse(path, &file.text()?)
 }
 
 /// Makes `path` a link to `file`, in one step. A file at `path` that is no link is left alone.

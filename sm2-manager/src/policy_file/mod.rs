@@ -3,25 +3,21 @@
 mod domain;
 mod error;
 mod lines;
+mod opened;
 mod source;
 mod toml_file;
 mod warnings;
 
-use std::{
-    fs,
-    io::Read,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
 use sm2_proto::{
     Name,
-    limits::POLICY_FILE_MAX,
     policy::{AccessPolicy, RuleId},
 };
 
 pub(crate) use self::domain::{check, of_domain};
 pub use self::error::{PolicyFileError, PolicyWarning, ValueError};
-use self::{lines::Lines, source::Source, toml_file::File};
+use self::{lines::Lines, opened::Opened, source::Source, toml_file::File};
 
 /// A policy, and the place of its parts in the file.
 #[derive(Clone, Debug)]
@@ -41,22 +37,7 @@ impl PolicyFile {
     /// See [`PolicyFileError`].
     //= SM2-ACC-006
     pub fn load(path: &Path) -> Result<Self, PolicyFileError> {
-        let failed = |source| PolicyFileError::Io {
-            path: path.into(),
-            source,
-        };
-        // Opening a FIFO would wait for a writer.
-        if !fs::metadata(path).map_err(failed)?.is_file() {
-            return Err(PolicyFileError::NotAFile { path: path.into() });
-        }
-        let mut text = String::new();
-        let file = fs::File::open(path).map_err(failed)?;
-        let mut start = file.take(POLICY_FILE_MAX + 1);
-        start.read_to_string(&mut text).map_err(failed)?;
-        if text.len() as u64 > POLICY_FILE_MAX {
-            return Err(PolicyFileError::TooLong { path: path.into() });
-        }
-        Self::parse(path, &text)
+        Self::parse(path, &Opened::at(path)?.text()?)
     }
 
     /// Checks the text of a file.
