@@ -122,12 +122,8 @@ impl Manager {
     }
 
     /// Sends the Manager's UNLINK for a live end of a link.
-    pub(super) fn begin_unlink(
-        &mut self,
-        EntityId { node, interface }: EntityId,
-        link: LinkId,
-        code: Code,
-    ) {
+    pub(super) fn begin_unlink(&mut self, entity: EntityId, link: LinkId, code: Code) {
+        let EntityId { node, interface } = entity;
         // UNLINKED repeats the code of UNLINK, so only after another code it tells of a shortage.
         let record = self.sessions.get(&node).and_then(Session::node);
         let pair = record
@@ -138,10 +134,9 @@ impl Manager {
         let is_live = record.is_some_and(|it| it.begin_unlink(interface, link, pair));
         if !is_live {
             // The interface is gone, and its links are being ended.
-            let entity = EntityId { node, interface };
             return self.ending_links.forget(entity, link);
         }
-        self.send_unlink(EntityId { node, interface }, link, code);
+        self.send_unlink(entity, link, code);
     }
 
     /// Sends UNLINK.
