@@ -121,7 +121,7 @@ impl UnlockedSocket {
 #[derive(Debug, thiserror::Error)]
 #[error("cannot take the socket back: {reason}")]
 pub struct NotReclaimed {
-    /// The hand-over as it was before, still listening.
+    /// The socket as it was before, still listening.
     pub socket: UnlockedSocket,
     /// The reason.
     pub reason: DomainSocketError,
