@@ -127,6 +127,7 @@ enum Place {
 }
 
 impl<T: Plain + ?Sized> InPlace<T> {
+    #[inline]
     fn new(received: MessageBytes) -> Result<Self, PayloadError> {
         let bytes = match check::<T>(&received) {
             Err(PayloadError::Alignment { .. }) => Place::Copied(AlignedBuffer::copy_of(&received)),

@@ -65,6 +65,7 @@ impl SharedNode {
     /// Locks the node. If another thread panicked under the lock, the state is still consistent:
     /// the only user code that runs under the lock is a `tracing` subscriber, which must not call
     /// this node.
+    #[inline]
     pub(crate) fn lock(&self) -> MutexGuard<'_, Inner> {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -89,6 +90,7 @@ impl SharedNode {
 
     /// The same as [`with_driven`](Self::with_driven), but while all links of the interface have rings, the node
     /// is driven only if its last drive was some time ago.
+    #[inline]
     pub(crate) fn with_driven_if_due<R>(
         &self,
         interface: InterfaceId,
@@ -104,6 +106,7 @@ impl SharedNode {
     }
 
     /// The same as [`with_driven`](Self::with_driven), but without driving the node.
+    #[inline]
     pub(crate) fn with_undriven<R>(
         &self,
         interface: InterfaceId,

@@ -16,6 +16,7 @@ use crate::payload::MessageBytes;
 impl Handle {
     /// Waits until there is a message. `None` after the timeout. Without a Manager or without links, waits
     /// until they return.
+    #[inline]
     pub(crate) fn receive(
         &self,
         until: Until,
@@ -35,6 +36,7 @@ impl Handle {
         }
     }
 
+    #[inline]
     pub(super) fn open_for(&self, taken: Taken) -> Result<Received, RecvError> {
         let receipt = self.receipt(&taken);
         self.open_with(taken, receipt).map_err(RecvError::from)
@@ -73,6 +75,7 @@ impl Handle {
         }
     }
 
+    #[inline]
     fn receipt(&self, taken: &Taken) -> Receipt {
         Receipt {
             shared: Arc::downgrade(&self.shared),

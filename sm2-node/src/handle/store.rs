@@ -18,6 +18,7 @@ impl Handle {
     }
 
     /// As [`store`](Self::store), with prepared memory for a sealed message, if there is any.
+    #[inline]
     pub(crate) fn store_with(
         &self,
         bytes: Cow<'_, [u8]>,

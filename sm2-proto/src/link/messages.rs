@@ -18,6 +18,7 @@ impl Link {
     /// ring lane while a packet is blocked. [`Error::Ended`]: the link is over. If it was over
     /// before the call, nothing was sent. Otherwise this call ended the link, because the receiver
     /// violated SPEC or has stopped (SM2-RNG-011), and the outputs settle this message too.
+    #[inline]
     pub fn send(
         &mut self,
         memory: &impl LinkMemory,

@@ -42,6 +42,7 @@ impl Interface {
     /// Publishes short messages in order, while all open links are on the ring lane and all
     /// reliable ones have room. Returns how many messages it has published, and adds their results
     /// to `sum`.
+    #[inline]
     pub(crate) fn publish_to_rings(
         &mut self,
         messages: &[Cow<'_, [u8]>],

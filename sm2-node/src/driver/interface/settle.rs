@@ -19,6 +19,7 @@ impl Interface {
         }
     }
 
+    #[inline]
     fn harvest_links(&mut self, context: &mut Context<'_>) {
         let mut is_over = false;
         for link in self.links.iter_mut() {

@@ -28,6 +28,7 @@ impl Messages {
     }
 
     /// Stores a message and returns its key.
+    #[inline]
     pub(super) fn insert(&mut self, message: StoredMessage) -> MessageKey {
         let index = self.free.pop().unwrap_or_else(|| {
             self.entries.push(Entry {

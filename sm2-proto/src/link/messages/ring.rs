@@ -42,6 +42,7 @@ impl Link {
     }
 
     /// [`Link::harvest`] on the ring lane.
+    #[inline]
     pub(super) fn harvest_ring(
         &mut self,
         words: &impl RingMemory,
@@ -95,6 +96,7 @@ impl Link {
     }
 
     /// [`Link::release`] on the ring lane.
+    #[inline]
     pub(super) fn release_to_ring(
         &mut self,
         memory: &impl LinkMemory,
