@@ -38,7 +38,7 @@ pub struct Injector(Arc<Mutex<Plan>>);
 
 #[derive(Debug, Default)]
 struct Plan {
-    fault: Option<Fault>,
+    faults: Vec<Fault>,
     counts: BTreeMap<Call, u64>,
     hits: u64,
 }
@@ -67,10 +67,10 @@ impl Injector {
         injector
     }
 
-    /// Replaces the fault, and counts from zero again.
-    pub fn set(&self, fault: Option<Fault>) {
+    /// Replaces the faults, and counts from zero again.
+    pub fn set(&self, faults: impl IntoIterator<Item = Fault>) {
         *self.plan() = Plan {
-            fault,
+            faults: faults.into_iter().collect(),
             ..Plan::default()
         };
     }
@@ -101,12 +101,11 @@ impl Injector {
         let count = plan.counts.entry(call).or_default();
         *count += 1;
         let number = *count;
-        let fault = plan.fault.filter(|it| it.call == call)?;
-        if number < fault.nth || number - fault.nth >= fault.times {
-            return None;
-        }
+        let is_due =
+            |it: &&Fault| it.call == call && number >= it.nth && number - it.nth < it.times;
+        let errno = plan.faults.iter().find(is_due)?.errno;
         plan.hits += 1;
-        Some(fault.errno)
+        Some(errno)
     }
 }
 
@@ -184,7 +183,6 @@ impl Call {
                 libc::ENOBUFS,
                 libc::ENOMEM,
                 libc::ETOOMANYREFS,
-                libc::EPIPE,
             ],
             Self::RecvMsg => &[libc::EAGAIN, libc::EINTR, libc::ENOBUFS, libc::ENOMEM],
             Self::EpollCreate | Self::EventFd | Self::TimerCreate | Self::MemfdCreate => SHORT,
