@@ -234,10 +234,7 @@ impl Node {
     }
 
     fn spin_once_until(&self, timeout: Option<Duration>) -> io::Result<()> {
-        // A message in a ring also ends the wait, but only its subscriber can take the message.
-        if !self.shared.lock().park_all() {
-            sm2_io::wait_readable(&[self.shared.epoll.as_fd()], timeout)?;
-        }
+        self.shared.wait_once(timeout)?;
         self.spin_some()
     }
 

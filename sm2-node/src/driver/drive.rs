@@ -1,5 +1,6 @@
 //! Driving a node: reading and writing the sockets that are ready, and changing an interface.
 
+use std::fmt::Display;
 use std::time::Duration;
 
 use sm2_io::Epoll;
@@ -10,6 +11,7 @@ use super::datagram::Incoming;
 use super::inner::Inner;
 use super::interface::Interface;
 use super::limits::SOCKETS_WAIT_NS;
+use super::link::LinkDriver;
 use super::sleepers::EventSource;
 use super::token::{LinkToken, SESSION, TIMER};
 
@@ -29,14 +31,18 @@ impl Inner {
     /// Reads from readable sockets and writes to writable ones. Does a bounded amount of work and
     /// does not wait.
     pub(crate) fn drive(&mut self, epoll: &Epoll) {
+        self.short_of_memory = false;
+        self.session.watch_again(epoll);
         if let Err(error) = epoll.wait(&mut self.events, Some(Duration::ZERO)) {
-            tracing::error!(%error, "epoll_wait failed: this node cannot read its sockets");
-            return;
+            return self.not_ready(&error);
         }
         self.ready.extend(self.events.iter());
         while let Some(event) = self.ready.pop() {
             if event.token == SESSION {
                 self.on_session_event(event, epoll);
+                if self.session.is_short_of_memory() {
+                    self.not_ready(&"no memory for the session");
+                }
                 continue;
             }
             if event.token == TIMER {
@@ -45,11 +51,25 @@ impl Inner {
             }
             let token = LinkToken(event.token);
             if let Some(&interface) = self.routes.get(&token) {
-                self.with_interface(interface, epoll, |interface, context| {
+                let is_short = self.with_interface(interface, epoll, |interface, context| {
                     interface.on_event(token, event, context);
+                    let link = interface.link(token);
+                    link.is_some_and(LinkDriver::is_short_of_memory)
                 });
+                if is_short == Some(true) {
+                    self.not_ready(&"no memory for a link");
+                }
                 self.sleepers.wake(EventSource::Interface(interface));
             }
+        }
+    }
+
+    /// Notes that a socket could not be used, although it was ready.
+    //= SM2-TRN-014
+    fn not_ready(&mut self, reason: &dyn Display) {
+        self.short_of_memory = true;
+        if let Some(count) = self.shortages.note(sm2_io::clock::now()) {
+            tracing::warn!(node = %self.name, %reason, count, "cannot use a socket now: the node tries again");
         }
     }
 

@@ -10,8 +10,8 @@ use sm2_proto::{Instant, InterfaceId, Name, TypeId};
 
 use super::counters::Counting;
 use super::interface::Interface;
+use super::limited_warning::LimitedWarning;
 use super::limits::SOCKETS;
-use super::links_lost::LinksLost;
 use super::questions::Questions;
 use super::session::{Reconnect, Session};
 use super::sleepers::Sleepers;
@@ -35,7 +35,13 @@ pub(crate) struct Inner {
     pub(crate) interfaces: BTreeMap<InterfaceId, Interface>,
     /// The interface that each link belongs to.
     pub(super) routes: HashMap<LinkToken, InterfaceId>,
-    pub(super) links_lost: LinksLost,
+    /// The warnings about links whose sockets were lost.
+    pub(super) links_lost: LimitedWarning,
+    /// The warnings about a shortage of memory.
+    pub(super) shortages: LimitedWarning,
+    /// Whether a socket was ready in the last drive, but the kernel had no memory to use it. The socket is still
+    /// ready, so a thread that waits for it pauses first (SM2-TRN-014).
+    pub(super) short_of_memory: bool,
     /// The token of the newest link.
     pub(super) last_token: LinkToken,
     pub(super) buffer: Scratch,
@@ -69,7 +75,9 @@ impl Inner {
             schemas: BTreeMap::new(),
             interfaces: BTreeMap::new(),
             routes: HashMap::new(),
-            links_lost: LinksLost::default(),
+            links_lost: LimitedWarning::default(),
+            shortages: LimitedWarning::default(),
+            short_of_memory: false,
             last_token: LinkToken::FIRST,
             buffer: Scratch::new(DATAGRAM_MAX)?,
             events: Events::with_capacity(SOCKETS),

@@ -1,5 +1,7 @@
 //! How much work one call does, and how much is kept.
 
+use std::time::Duration;
+
 /// How many datagrams are read from one socket in one drive, so that no peer keeps a node busy.
 pub(super) const BURST: usize = 32;
 
@@ -8,6 +10,9 @@ pub(super) const SOCKETS: usize = 64;
 
 /// On the ring lane: how long a call that does not need the sockets may leave them unread.
 pub(super) const SOCKETS_WAIT_NS: u64 = 100_000;
+
+/// How long a waiting thread pauses before it uses a socket again for which the kernel had no memory.
+pub(super) const SHORTAGE_PAUSE: Duration = Duration::from_millis(1);
 
 /// How many datagrams are read at most from a link whose other side is gone. This exceeds the
 /// number of messages in a full window, each with the ATTACH of its segment.

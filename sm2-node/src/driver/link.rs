@@ -41,6 +41,10 @@ pub(crate) struct LinkDriver {
     own_ring: OwnRing,
     /// The packet that the socket did not accept.
     unsent: Option<Unsent>,
+    /// Whether a DOORBELL could not be sent for want of memory.
+    bell_due: bool,
+    /// Whether the kernel had no memory for the last packet, or to read the socket (SM2-TRN-014).
+    short_of_memory: bool,
     /// The files of sealed messages that were not taken yet, by sequence number.
     kept: HashMap<u64, SealedFile>,
     /// Messages of the latched store that have not been sent on this link yet.
@@ -97,6 +101,8 @@ impl LinkDriver {
             quota,
             own_ring,
             unsent: None,
+            bell_due: false,
+            short_of_memory: false,
             kept: HashMap::new(),
             backlog: VecDeque::new(),
             is_backlog_filled: false,
@@ -160,6 +166,11 @@ impl LinkDriver {
         !self.is_suspended() && self.machine.has_room(&self.mapped)
     }
 
+    /// Whether the kernel had no memory for the last packet, or to read the socket.
+    pub(super) const fn is_short_of_memory(&self) -> bool {
+        self.short_of_memory
+    }
+
     /// The number of calls without a reply.
     pub(crate) fn calls(&self) -> usize {
         self.machine.calls()
@@ -215,6 +226,7 @@ impl LinkDriver {
             reliable: self.is_reliable(),
             sealed: self.is_sealed(),
             ring: self.machine.lane() == link::LaneKind::Ring,
+            short_of_memory: self.short_of_memory,
             counters: self.counters(),
             received: self.received,
             end: self.end(),

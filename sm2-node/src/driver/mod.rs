@@ -13,7 +13,7 @@
 //! | `outbox` | the messages of an interface that are not settled, and the memory that they are in |
 //! | `counters`, `status` | what tools and programs can read about interfaces and links |
 //! | `wait`, `sleepers`, `bell` | threads that wait without the lock, and descriptors to poll |
-//! | `limits`, `links_lost` | how much work one call does, how much is kept and logged |
+//! | `limits`, `limited_warning` | how much work one call does, how much is kept and logged |
 //!
 //! Dependencies point one way: `shared_node`, then `inner` and the files that extend it (`drive`,
 //! `session`, `questions`), then `interface`, `link`, `outbox`. Only `session/outputs.rs` and
@@ -26,9 +26,9 @@ mod datagram;
 mod drive;
 mod inner;
 mod interface;
+mod limited_warning;
 mod limits;
 mod link;
-mod links_lost;
 mod outbox;
 mod questions;
 mod session;

@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 use std::io::IoSlice;
 use std::os::fd::{AsFd, OwnedFd};
 
-use sm2_io::{Epoll, Interest, RecvError, SendError, SeqPacket};
+use sm2_io::{Epoll, Interest, RecvError, SendError, SeqPacket, is_shortage};
 use sm2_proto::node::{End, Error, Input, Node, Output};
 use sm2_proto::{
     Code, Contract, Datagram, Farewell, InterfaceId, LinkId, Machine, Name, NodeId, Refusal,
@@ -30,6 +30,8 @@ pub(super) struct Session {
     unsent: VecDeque<Frame>,
     /// Whether the epoll set also watches for the socket to become writable.
     blocked: bool,
+    /// Whether the kernel had no memory for the last frame, or to read the socket (SM2-TRN-014).
+    short_of_memory: bool,
     /// The end of the last session. `None` once a Manager knows all interfaces of this node.
     pub(super) away: Option<End>,
     /// The reason why the last greeting was refused, if it was.
@@ -51,6 +53,7 @@ impl Session {
             machine: Node::new(name),
             unsent: VecDeque::new(),
             blocked: false,
+            short_of_memory: false,
             away: None,
             refused: None,
         }
@@ -61,6 +64,7 @@ impl Session {
         debug_assert!(self.socket.is_none() && self.unsent.is_empty());
         self.socket = Some(socket);
         self.blocked = false;
+        self.short_of_memory = false;
     }
 
     /// Whether any Manager has welcomed this node so far.
@@ -71,6 +75,16 @@ impl Session {
     /// Whether this node is connected to a Manager that knows all its interfaces and links.
     pub(super) const fn is_ready(&self) -> bool {
         self.machine.is_ready()
+    }
+
+    /// Whether the kernel had no memory for the last frame, or to read the socket.
+    pub(super) const fn is_short_of_memory(&self) -> bool {
+        self.short_of_memory
+    }
+
+    /// Prepares for an event of the socket, after which the session may be short of memory again.
+    pub(super) const fn begin_event(&mut self) {
+        self.short_of_memory = false;
     }
 
     pub(super) const fn id(&self) -> Option<NodeId> {
@@ -104,6 +118,12 @@ impl Session {
         let incoming = match receive(self.socket.as_ref()?, buffer) {
             Ok(incoming) => incoming,
             Err(RecvError::WouldBlock) => return None,
+            //= SM2-TRN-014
+            // The socket stays readable.
+            Err(RecvError::Io(error)) if is_shortage(&error) => {
+                self.short_of_memory = true;
+                return None;
+            }
             Err(RecvError::Closed) => {
                 self.tell(Input::Eof);
                 return Some(Incoming::default());
@@ -148,19 +168,36 @@ impl Session {
                 // and then the end of the stream (SM2-TRN-006).
                 Ok(()) | Err(SendError::Closed) => {}
                 Err(SendError::WouldBlock) => break,
+                //= SM2-TRN-014
+                Err(SendError::TooManyInFlight) => {
+                    self.short_of_memory = true;
+                    break;
+                }
+                Err(SendError::Io(error)) if is_shortage(&error) => {
+                    self.short_of_memory = true;
+                    break;
+                }
                 Err(error) => tracing::warn!(%error, "a frame for the Manager was lost"),
             }
             self.unsent.pop_front();
         }
+        self.watch_again(epoll);
+    }
+
+    /// Watches for the socket to become writable while frames are unsent. Without memory for this change, the
+    /// next drive tries again.
+    pub(super) fn watch_again(&mut self, epoll: &Epoll) {
         let blocked = !self.unsent.is_empty();
-        if blocked != self.blocked {
+        let Some(socket) = self.socket.as_ref().filter(|_| blocked != self.blocked) else {
+            return;
+        };
+        let interest = if blocked {
+            Interest::BOTH
+        } else {
+            Interest::READABLE
+        };
+        if epoll.modify(socket, SESSION, interest).is_ok() {
             self.blocked = blocked;
-            let interest = if blocked {
-                Interest::BOTH
-            } else {
-                Interest::READABLE
-            };
-            let _ = epoll.modify(socket, SESSION, interest);
         }
     }
 

@@ -21,6 +21,9 @@ pub struct LinkStatus {
     pub sealed: bool,
     /// Whether messages go through a ring in shared memory instead of the socket.
     pub ring: bool,
+    /// Whether the kernel had no memory when the node last used the link's socket. The link goes on as soon as
+    /// there is memory (SM2-TRN-014).
+    pub short_of_memory: bool,
     /// Counts of the messages that this side sent on the link, by outcome (SM2-QOS-005).
     pub counters: Counters,
     /// Counts of the messages from the other side.

@@ -2,11 +2,13 @@
 
 use std::io;
 use std::os::fd::AsFd;
+use std::thread;
 use std::time::Duration;
 
-use sm2_io::wait_readable;
+use sm2_io::{Waker, is_shortage, wait_readable};
 use sm2_proto::Instant;
 
+use super::limits::SHORTAGE_PAUSE;
 use super::sleepers::EventSource;
 use super::{Inner, SharedNode};
 use crate::Wait;
@@ -124,12 +126,56 @@ impl SharedNode {
                 return Ok(Some(found));
             }
             let waker = inner.sleepers.enter(source)?;
+            let short_of_memory = inner.short_of_memory;
             drop(inner);
-            let fds = [self.epoll.as_fd(), waker.as_fd()];
-            let waited = wait_readable(&fds, until.map(|until| until.since(now)));
+            let timeout = until.map(|until| until.since(now));
+            let waited = self.sleep(Some(&waker), short_of_memory, timeout);
             self.lock().sleepers.leave(&waker);
             waited?;
             now = sm2_io::clock::now();
+        }
+    }
+}
+
+impl SharedNode {
+    /// Waits until a socket or a timer is ready, or a ring has a message, for at most `timeout`.
+    ///
+    /// # Errors
+    ///
+    /// Errors of `ppoll(2)`.
+    pub(crate) fn wait_once(&self, timeout: Option<Duration>) -> io::Result<()> {
+        let mut inner = self.lock();
+        // A message in a ring also ends the wait, but only its subscriber can take the message.
+        if inner.park_all() {
+            return Ok(());
+        }
+        let short_of_memory = inner.short_of_memory;
+        drop(inner);
+        self.sleep(None, short_of_memory, timeout)
+    }
+
+    /// Sleeps until a socket is ready, another thread signals `waker`, or the timeout. If the kernel has no memory
+    /// for a socket that is ready, pauses instead, but not after a signal.
+    //= SM2-TRN-014
+    fn sleep(
+        &self,
+        waker: Option<&Waker>,
+        short_of_memory: bool,
+        timeout: Option<Duration>,
+    ) -> io::Result<()> {
+        let pause = timeout.map_or(SHORTAGE_PAUSE, |it| it.min(SHORTAGE_PAUSE));
+        let waker = waker.map(AsFd::as_fd);
+        let waited = match (short_of_memory, waker) {
+            (true, waker) => wait_readable(waker.as_slice(), Some(pause)),
+            (false, Some(waker)) => wait_readable(&[self.epoll.as_fd(), waker], timeout),
+            (false, None) => wait_readable(&[self.epoll.as_fd()], timeout),
+        };
+        match waited {
+            Err(error) if is_shortage(&error) => {
+                thread::sleep(pause);
+                Ok(())
+            }
+            waited => waited.map(drop),
         }
     }
 }

@@ -3,6 +3,7 @@
 use std::io;
 use std::sync::{Arc, Weak};
 
+use sm2_io::is_shortage;
 use sm2_proto::InterfaceId;
 use sm2_proto::control::LinkPeer;
 use sm2_proto::link::Delivery;
@@ -69,7 +70,9 @@ impl Handle {
                 receipt,
             }),
             Err(source) => {
-                self.with_undriven(|interface, context| interface.unreadable(token, context));
+                self.with_undriven(|interface, context| {
+                    interface.unreadable(token, is_shortage(&source), context);
+                });
                 Err(Unreadable { peer, source })
             }
         }

@@ -128,10 +128,19 @@ impl Interface {
         }
     }
 
-    /// Handles a message that was taken and cannot be mapped, because this machine is out of
-    /// memory. Closes its link.
-    pub(crate) fn unreadable(&mut self, token: LinkToken, context: &mut Context<'_>) {
+    /// Counts a message that was taken and cannot be mapped as lost. A shortage of memory costs this message
+    /// alone; any other reason ends its link.
+    //= SM2-TRN-014, SM2-SEG-006
+    pub(crate) fn unreadable(
+        &mut self,
+        token: LinkToken,
+        is_shortage: bool,
+        context: &mut Context<'_>,
+    ) {
         self.lose(1, context);
+        if is_shortage {
+            return;
+        }
         self.with_link(token, context, |link, outbox, context| {
             let code = Farewell::Resources.code();
             link.feed(Input::Close(code), context.epoll, outbox);

@@ -7,7 +7,7 @@ use std::mem;
 use std::os::fd::AsFd;
 use std::sync::Arc;
 
-use sm2_io::{Epoll, InspectedFd, Interest, Ring, SendError};
+use sm2_io::{Epoll, InspectedFd, Interest, Ring, SendError, is_shortage};
 use sm2_proto::link::{Attachment, End, Input, Output, RingLayout};
 use sm2_proto::{Farewell, Machine};
 
@@ -75,10 +75,11 @@ impl LinkDriver {
                     self.own_ring = OwnRing::Settled;
                 }
             }
-            Err(SendError::WouldBlock) => {
-                let _ = self.machine.handle(sm2_io::clock::now(), Input::Blocked);
-                self.unsent = Some(unsent);
-                self.watch(Interest::BOTH, epoll);
+            Err(SendError::WouldBlock) => self.keep_unsent(unsent, epoll),
+            //= SM2-TRN-014
+            Err(SendError::Io(error)) if is_shortage(&error) => {
+                self.short_of_memory = true;
+                self.keep_unsent(unsent, epoll);
             }
             //= SM2-TRN-010
             Err(SendError::TooManyInFlight) => {
@@ -88,6 +89,13 @@ impl LinkDriver {
                 self.fail(Farewell::Resources, &error);
             }
         }
+    }
+
+    /// Keeps a packet until the socket is writable.
+    fn keep_unsent(&mut self, unsent: Unsent, epoll: &Epoll) {
+        let _ = self.machine.handle(sm2_io::clock::now(), Input::Blocked);
+        self.unsent = Some(unsent);
+        self.watch(Interest::BOTH, epoll);
     }
 
     fn offer(&self, unsent: &Unsent, outbox: &Outbox) -> Result<(), SendError> {
@@ -105,18 +113,24 @@ impl LinkDriver {
         socket.send(parts, &[fd.map_err(SendError::Io)?])
     }
 
-    /// Sends the packet that was kept, because the socket is writable again.
+    /// Sends the packet and the DOORBELL that were kept, because the socket is writable again.
     pub(super) fn flush(&mut self, epoll: &Epoll, outbox: &mut Outbox) {
-        let Some(unsent) = self.unsent.take() else {
+        let (unsent, bell_due) = (self.unsent.take(), mem::take(&mut self.bell_due));
+        if unsent.is_none() && !bell_due {
             return;
-        };
-        let _ = self.machine.handle(sm2_io::clock::now(), Input::Writable);
+        }
         self.watch(Interest::READABLE, epoll);
-        self.transmit(unsent, epoll, outbox);
+        if bell_due {
+            self.ring_bell(epoll);
+        }
+        if let Some(unsent) = unsent {
+            let _ = self.machine.handle(sm2_io::clock::now(), Input::Writable);
+            self.transmit(unsent, epoll, outbox);
+        }
         self.drain(Incoming::default(), epoll, outbox);
     }
 
-    fn watch(&mut self, interest: Interest, epoll: &Epoll) {
+    pub(super) fn watch(&mut self, interest: Interest, epoll: &Epoll) {
         if let Some(socket) = &self.socket
             && let Err(error) = epoll.modify(socket, self.token.0, interest)
         {
@@ -199,6 +213,8 @@ impl LinkDriver {
             End::Peer(_) | End::Eof | End::Local(_) => tracing::debug!(%link, %peer, %end),
         }
         self.unsent = None;
+        self.bell_due = false;
+        self.short_of_memory = false;
         self.failing = None;
         self.drop_prepared_ring();
         self.mapped.outgoing = None;

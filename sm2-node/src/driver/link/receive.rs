@@ -1,6 +1,6 @@
 //! Reading the socket of a link, and feeding its machine.
 
-use sm2_io::{Epoll, Event, RecvError};
+use sm2_io::{Epoll, Event, RecvError, is_shortage};
 use sm2_proto::link::{self, Input};
 use sm2_proto::{Code, Datagram, Machine};
 
@@ -23,6 +23,7 @@ impl LinkDriver {
         context: &mut Context<'_>,
         outbox: &mut Outbox,
     ) {
+        self.short_of_memory = false;
         if event.writable {
             self.flush(context.epoll, outbox);
         }
@@ -57,6 +58,12 @@ impl LinkDriver {
                 Err(RecvError::Closed) => {
                     self.settle_returned(context, outbox);
                     return self.feed(Input::Eof, context.epoll, outbox);
+                }
+                //= SM2-TRN-014
+                // The socket stays readable.
+                Err(RecvError::Io(error)) if is_shortage(&error) => {
+                    self.short_of_memory = true;
+                    return;
                 }
                 Err(RecvError::Io(error)) => {
                     tracing::warn!(link = %self.id, peer = %self.peer.name, %error, "link failed");

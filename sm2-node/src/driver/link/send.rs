@@ -9,8 +9,9 @@ use crate::driver::outbox::{MessageKey, NoForm, Outbox};
 
 impl LinkDriver {
     /// Sends a message that the outbox holds. If there is no slot or no room for a publication at
-    /// this moment, the publication is not sent on this link. If memory for a message is missing
-    /// for another reason, the link ends, because it would miss a message that other links get.
+    /// this moment, the publication is not sent on this link, or waits in the backlog. If memory for
+    /// a message is missing for another reason, the link ends, because it would miss a message that
+    /// other links get.
     pub(in crate::driver) fn send(
         &mut self,
         key: MessageKey,
@@ -48,14 +49,14 @@ impl LinkDriver {
                 (Misuse::NotAttached, Some(segment)) if !is_last => {
                     self.feed(Input::Attach(segment), context.epoll, outbox);
                 }
-                _ => return self.without_room(misuse, context, outbox),
+                _ => return self.without_room(key, misuse, context, outbox),
             }
         }
     }
 
     /// Completes the sending of a message that the machine has accepted.
     fn finish_sending(&mut self, wake: Wake, context: &mut Context<'_>, outbox: &mut Outbox) {
-        self.wake(wake);
+        self.wake(wake, context.epoll);
         self.drain_if_due(context.epoll, outbox);
         if self.machine.is_due() {
             self.harvest(context, outbox);
@@ -74,7 +75,15 @@ impl LinkDriver {
         self.feed(Input::Close(code), context.epoll, outbox);
     }
 
-    fn without_room(&mut self, misuse: Misuse, context: &mut Context<'_>, outbox: &mut Outbox) {
+    /// Handles a message for which there is no room: the ATTACH of its segment waits for the socket, or the
+    /// publication is not sent on this link. A reliable link keeps the message until the ATTACH is sent.
+    fn without_room(
+        &mut self,
+        key: MessageKey,
+        misuse: Misuse,
+        context: &mut Context<'_>,
+        outbox: &mut Outbox,
+    ) {
         debug_assert!(
             matches!(
                 misuse,
@@ -83,9 +92,15 @@ impl LinkDriver {
             "{misuse} on {}",
             self.id
         );
-        if self.role() == Role::Sender {
-            self.pass_over(context, outbox);
+        if self.role() != Role::Sender {
+            return;
         }
+        //= SM2-QOS-002
+        if misuse == Misuse::NoRoom && self.unsent.is_some() && self.is_reliable() {
+            outbox.hold(key);
+            return self.backlog.push_front(key);
+        }
+        self.pass_over(context, outbox);
     }
 
     fn pass_over(&mut self, context: &mut Context<'_>, outbox: &mut Outbox) {
@@ -116,7 +131,7 @@ impl LinkDriver {
         while self.machine.end().is_none() {
             let settled = |key, fate| outbox.settle(MessageKey::from_raw(key), fate);
             let harvested = self.machine.harvest(&self.mapped, settled);
-            self.wake(harvested.unwrap_or_default());
+            self.wake(harvested.unwrap_or_default(), context.epoll);
             self.drain_if_due(context.epoll, outbox);
             if !self.machine.is_due() {
                 break;

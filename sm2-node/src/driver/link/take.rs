@@ -46,7 +46,8 @@ impl LinkDriver {
                     // The parked word is not cleared, because another thread of this subscriber may
                     // sleep.
                     if taken.is_some() {
-                        self.wake(self.machine.made_room(&self.mapped));
+                        let wake = self.machine.made_room(&self.mapped);
+                        self.wake(wake, context.epoll);
                     }
                     // There may be outputs for cancelled or failed calls.
                     self.drain_if_due(context.epoll, outbox);
@@ -61,6 +62,8 @@ impl LinkDriver {
                     // about to sleep.
                     self.park();
                 }
+                // The ATTACH may be among the datagrams that could not be read.
+                Err(NoDelivery::UnknownSegment) if self.short_of_memory => return Ok(None),
                 Err(NoDelivery::UnknownSegment) => {
                     let now = sm2_io::clock::now();
                     // This input ends the link, which the outputs report.
@@ -116,7 +119,7 @@ impl LinkDriver {
             "{sequence} on {}",
             self.id
         );
-        self.wake(released.unwrap_or_default());
+        self.wake(released.unwrap_or_default(), epoll);
         self.drain_if_due(epoll, outbox);
     }
 

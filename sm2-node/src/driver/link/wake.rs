@@ -2,6 +2,7 @@
 
 use std::io::IoSlice;
 
+use sm2_io::{Epoll, Interest, SendError, is_shortage};
 use sm2_proto::link::{Wake, doorbell};
 
 use super::LinkDriver;
@@ -24,11 +25,23 @@ impl LinkDriver {
     /// end, so the other side is awake or will wake.
     //= SM2-RNG-009
     #[inline]
-    pub(in crate::driver) fn wake(&self, wake: Wake) {
-        if wake.is_needed()
-            && let Some(socket) = &self.socket
+    pub(in crate::driver) fn wake(&mut self, wake: Wake, epoll: &Epoll) {
+        if wake.is_needed() {
+            self.ring_bell(epoll);
+        }
+    }
+
+    /// Sends a DOORBELL. Without memory for it, sends it when the socket is writable: the other side sleeps, and
+    /// nothing else wakes it.
+    //= SM2-TRN-014
+    pub(super) fn ring_bell(&mut self, epoll: &Epoll) {
+        let Some(socket) = &self.socket else { return };
+        if let Err(SendError::Io(error)) = socket.send(&[IoSlice::new(&doorbell())], &[])
+            && is_shortage(&error)
         {
-            let _ = socket.send(&[IoSlice::new(&doorbell())], &[]);
+            self.short_of_memory = true;
+            self.bell_due = true;
+            self.watch(Interest::BOTH, epoll);
         }
     }
 }

@@ -18,6 +18,7 @@ use crate::driver::sleepers::EventSource;
 
 impl Inner {
     pub(in crate::driver) fn on_session_event(&mut self, event: Event, epoll: &Epoll) {
+        self.session.begin_event();
         if event.writable {
             self.session.flush(epoll);
         }

@@ -10,7 +10,8 @@ use super::{
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Wake {
     /// Send [`doorbell`] over the socket. The driver ignores whether the socket accepts it: if the
-    /// socket is full, it is already readable at the other end.
+    /// socket is full, it is already readable at the other end. Without memory for it (`ENOMEM`), the driver
+    /// sends it later.
     Needed,
     /// The other end does not sleep, or a datagram on its socket wakes it.
     #[default]

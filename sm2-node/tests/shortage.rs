@@ -1,0 +1,274 @@
+//! Nodes whose system calls fail because the kernel is short of memory.
+
+mod common;
+
+use std::thread;
+use std::time::Duration;
+
+use common::{Domain, Endpoint, LANES, SOON, meet, next, pattern, until};
+use nix::libc;
+use sm2_io::fault::{Call, Fault, Injector};
+use sm2_node::diagnostics::LinkStatus;
+use sm2_node::{Publisher, RecvError, Subscriber};
+
+/// The next `times` calls, which fail.
+const fn fault(call: Call, errno: i32, times: u64) -> Fault {
+    Fault {
+        call,
+        nth: 1,
+        times,
+        errno,
+    }
+}
+
+fn fail(faults: &Injector, call: Call, errno: i32, times: u64) {
+    faults.set([fault(call, errno, times)]);
+}
+
+/// A linked publisher and subscriber of two nodes with the ring lane, or without it.
+fn pair(domain: &Domain, ring: bool) -> (Publisher<[u8]>, Subscriber<[u8]>) {
+    let talker = domain.node_on(ring, "talker");
+    let listener = domain.node_on(ring, "listener");
+    let publisher = talker.publisher_builder("topic").reliable(true);
+    let publisher = publisher.declare().unwrap();
+    let subscriber = listener.subscriber_builder("topic").reliable(true);
+    let subscriber = subscriber.declare().unwrap();
+    meet(&publisher, &[&subscriber]);
+    (publisher, subscriber)
+}
+
+/// The only link, which is open.
+fn link(end: &dyn Endpoint) -> LinkStatus {
+    let mut links = end.links();
+    assert!(
+        links.len() == 1 && links[0].open && links[0].end.is_none(),
+        "{links:?}"
+    );
+    links.remove(0)
+}
+
+//= SM2-TRN-014 test
+#[test]
+fn a_shortage_of_memory_ends_no_link_and_loses_no_message() {
+    let shortages = [
+        (Call::SendMsg, libc::ENOMEM, 1),
+        (Call::SendMsg, libc::ENOBUFS, 3),
+        (Call::RecvMsg, libc::ENOMEM, 1),
+        (Call::RecvMsg, libc::ENOBUFS, 3),
+        (Call::EpollWait, libc::ENOMEM, 3),
+    ];
+    for ring in LANES {
+        let domain = Domain::new();
+        let (publisher, subscriber) = pair(&domain, ring);
+        let id = link(&publisher).id;
+        let faults = Injector::counting();
+        let _installed = faults.install();
+        let mut seed = 0;
+        for (call, errno, times) in shortages {
+            // Messages in new segments, each of which needs a packet also on the ring lane.
+            for len in [30, 3_000, 300_000] {
+                seed += 1;
+                let message = pattern(len, seed);
+                fail(&faults, call, errno, times);
+                publisher.publish(&message).unwrap();
+                let case = format!("{call:?} {errno} ring {ring} length {len}");
+                until(|| {
+                    // Drives the node of the publisher.
+                    publisher.links();
+                    match subscriber.try_recv().unwrap() {
+                        Some(came) => {
+                            assert!(*came == *message, "{case}");
+                            true
+                        }
+                        None => false,
+                    }
+                });
+                if !ring {
+                    assert_eq!(faults.hits(), times, "{case}");
+                }
+                faults.set(None);
+                assert_eq!(link(&publisher).id, id, "{case}");
+                assert_eq!(link(&subscriber).id, id, "{case}");
+            }
+        }
+        assert_eq!(subscriber.lost(), 0);
+    }
+}
+
+//= SM2-TRN-014 test
+#[test]
+fn a_link_reports_its_shortage_of_memory() {
+    let domain = Domain::new();
+    let (publisher, subscriber) = pair(&domain, false);
+    let faults = Injector::counting();
+    let _installed = faults.install();
+    fail(&faults, Call::SendMsg, libc::ENOMEM, u64::MAX);
+    publisher.publish(b"held").unwrap();
+    assert!(link(&publisher).short_of_memory);
+    assert!(subscriber.try_recv().unwrap().is_none());
+    faults.set(None);
+    assert!(!link(&publisher).short_of_memory);
+    assert_eq!(*next(&subscriber), *b"held");
+}
+
+/// A thread sleeps until its ring has a message. Nothing but the DOORBELL wakes it.
+//= SM2-TRN-014, SM2-RNG-009 test
+#[test]
+fn a_doorbell_without_memory_is_sent_later() {
+    let domain = Domain::new();
+    let (publisher, subscriber) = pair(&domain, true);
+    let faults = Injector::counting();
+    let _installed = faults.install();
+    let (last, messages) = thread::scope(|scope| {
+        let sleeper = scope.spawn(|| {
+            let mut messages = 0;
+            loop {
+                let came = subscriber.recv_timeout(SOON).unwrap();
+                messages += 1;
+                match came.as_deref() {
+                    Some(b"more") => {}
+                    came => return (came.map(<[u8]>::to_vec), messages),
+                }
+            }
+        });
+        // The ATTACH of the only segment.
+        publisher.publish(b"more").unwrap();
+        let mut published = 1;
+        // From here on the socket carries nothing else. A DOORBELL is sent only while the thread sleeps.
+        until(|| {
+            fail(&faults, Call::SendMsg, libc::ENOMEM, 1);
+            published += 1;
+            let hit = publisher.publish(b"more").is_ok() && faults.hits() == 1;
+            faults.set(None);
+            hit
+        });
+        // Drives the node of the publisher, and publishes nothing.
+        until(|| publisher.links()[0].counters.delivered == published);
+        publisher.publish(b"last").unwrap();
+        let (last, messages) = sleeper.join().unwrap();
+        assert_eq!(messages, published + 1);
+        (last, messages)
+    });
+    assert_eq!(last.as_deref(), Some(&b"last"[..]));
+    assert!(messages > 1);
+}
+
+//= SM2-TRN-014 test
+#[test]
+fn a_wait_outlasts_a_shortage_of_memory() {
+    let domain = Domain::new();
+    let (publisher, subscriber) = pair(&domain, false);
+    let faults = Injector::counting();
+    let _installed = faults.install();
+    for (call, times) in [(Call::RecvMsg, 5), (Call::EpollWait, 5), (Call::Poll, 2)] {
+        fail(&faults, call, libc::ENOMEM, times);
+        let late = thread::scope(|scope| {
+            let late = scope.spawn(|| {
+                thread::sleep(Duration::from_millis(20));
+                publisher.publish(b"late").unwrap();
+            });
+            let came = subscriber.recv_timeout(SOON).unwrap();
+            late.join().unwrap();
+            came
+        });
+        assert_eq!(late.as_deref(), Some(&b"late"[..]), "{call:?}");
+        assert_eq!(faults.hits(), times, "{call:?}");
+        faults.set(None);
+    }
+}
+
+/// A thread that waits while a socket is ready and cannot be read pauses between its tries.
+//= SM2-TRN-014 test
+#[test]
+fn a_wait_does_not_spin_while_memory_is_short() {
+    let domain = Domain::new();
+    let (publisher, subscriber) = pair(&domain, false);
+    let faults = Injector::counting();
+    let _installed = faults.install();
+    for call in [Call::RecvMsg, Call::EpollWait] {
+        publisher.publish(b"unread").unwrap();
+        fail(&faults, call, libc::ENOMEM, u64::MAX);
+        let wait = Duration::from_millis(100);
+        assert!(subscriber.recv_timeout(wait).unwrap().is_none());
+        // A pause lasts a millisecond or longer, and each try drives the node at most twice.
+        let tries = faults.hits();
+        assert!((1..=210).contains(&tries), "{call:?} {tries}");
+        faults.set(None);
+        assert_eq!(*next(&subscriber), *b"unread");
+    }
+}
+
+//= SM2-TRN-014 test
+#[test]
+fn a_sealed_message_without_memory_to_map_it_is_lost_alone() {
+    let domain = Domain::new();
+    let talker = domain.node("talker");
+    let publisher = talker.publisher::<[u8]>("topic").unwrap();
+    let listener = domain.node("listener");
+    let builder = listener.subscriber_builder::<[u8]>("topic");
+    let subscriber = builder.sealed(true).declare().unwrap();
+    meet(&publisher, &[&subscriber]);
+    let id = link(&publisher).id;
+    let message = pattern(1 << 20, 1);
+    publisher.publish(&message).unwrap();
+    publisher.publish(&message).unwrap();
+    let faults = Injector::counting();
+    let installed = faults.install();
+    fail(&faults, Call::Mmap, libc::ENOMEM, u64::MAX);
+    let error = subscriber.recv_timeout(SOON).err();
+    assert!(matches!(error, Some(RecvError::Map { .. })), "{error:?}");
+    drop(installed);
+    assert_eq!(*next(&subscriber), *message);
+    assert_eq!(subscriber.lost(), 1);
+    assert_eq!(link(&publisher).id, id);
+}
+
+/// The ATTACH of a segment waits in the socket while the ring already has a message in the segment.
+//= SM2-TRN-014, SM2-RNG-007 test
+#[test]
+fn an_attach_that_cannot_be_read_is_no_fault_of_the_publisher() {
+    let domain = Domain::new();
+    let (publisher, subscriber) = pair(&domain, true);
+    let message = pattern(300_000, 1);
+    publisher.publish(&message).unwrap();
+    let faults = Injector::counting();
+    let _installed = faults.install();
+    fail(&faults, Call::RecvMsg, libc::ENOMEM, 20);
+    until(|| {
+        subscriber.try_recv().unwrap();
+        faults.hits() >= 3
+    });
+    let status = link(&subscriber);
+    assert!(status.short_of_memory && status.received.messages == 0);
+    assert_eq!(*next(&subscriber), *message);
+    link(&publisher);
+}
+
+//= SM2-TRN-014 test
+#[test]
+fn a_session_outlasts_a_shortage_of_memory() {
+    let shortages = [
+        vec![fault(Call::SendMsg, libc::ENOMEM, 3)],
+        vec![fault(Call::SendMsg, libc::ETOOMANYREFS, 2)],
+        vec![fault(Call::RecvMsg, libc::ENOBUFS, 3)],
+        vec![fault(Call::EpollWait, libc::ENOMEM, 3)],
+        vec![
+            fault(Call::SendMsg, libc::ENOMEM, 1),
+            fault(Call::EpollCtl, libc::ENOMEM, 1),
+        ],
+    ];
+    let domain = Domain::new();
+    let node = domain.node("node");
+    let id = node.id();
+    let faults = Injector::counting();
+    let _installed = faults.install();
+    for (number, shortage) in shortages.into_iter().enumerate() {
+        faults.set(shortage.clone());
+        let topic = format!("topic_{number}");
+        let publisher = node.publisher::<u32>(&topic).unwrap();
+        faults.set(None);
+        assert!(publisher.links().is_empty());
+        assert!(node.snapshot().is_ok());
+        assert_eq!(node.id(), id, "{shortage:?}: the session is another one");
+    }
+}
