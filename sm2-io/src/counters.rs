@@ -167,7 +167,7 @@ pub struct Update<'a> {
     change: Change<'a, ENTRY_FIELDS>,
 }
 
-//= SM2-CNT-006
+//= SM2-CNT-007
 impl Update<'_> {
     /// Sending side: counts a message (or call) of `len_bytes` that was published `at` this time.
     #[inline]
@@ -204,6 +204,7 @@ impl Update<'_> {
         self.set(field::DEADLINE, fates.deadline);
         self.set(field::CLOSED, fates.closed);
         self.set(field::POOL_LIMIT, fates.pool_limit);
+        self.set(field::TOO_LONG, fates.too_long);
         self.set(field::IN_FLIGHT, fates.in_flight);
     }
 

@@ -73,7 +73,7 @@ fn a_file_that_only_its_author_can_write() {
     assert_eq!(view.entries().count(), 0);
 }
 
-//= SM2-CNT-006 test
+//= SM2-CNT-007 test
 #[test]
 fn what_is_counted_is_seen() {
     let mut page = CounterPage::new().unwrap();
@@ -102,6 +102,7 @@ fn what_is_counted_is_seen() {
             deadline: 3,
             closed: 4,
             pool_limit: 6,
+            too_long: 7,
             in_flight: 5,
         };
         update.fates(&fates);
@@ -309,7 +310,7 @@ fn files_that_are_not_of_counters() {
     }
 }
 
-//= SM2-CNT-006 test
+//= SM2-CNT-007 test
 //= SM2-CNT-005 test
 #[test]
 fn entries_that_are_not_as_they_should_be() {

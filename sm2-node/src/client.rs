@@ -13,7 +13,7 @@ use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
 use crate::driver::{CallId, Choice, EventSource, Needs, Outcome, PoolLimit, SharedNode};
 use crate::handle::declaration::{
-    Declaration, inline_max_setter, schema_of, sealed_setter, wait_setter,
+    Declaration, inline_max_setter, max_len_setter, schema_of, sealed_setter, wait_setter,
 };
 use crate::handle::methods::interface_methods;
 use crate::handle::receive::{Receipt, Received};
@@ -92,7 +92,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
 
     fn send_until(&self, request: &Q, deadline: Option<Instant>) -> Result<Call<R>, CallError> {
         let bytes = request.bytes().map_err(StoreError::Encode)?;
-        let needs = self.server(deadline)?;
+        let needs = self.server(bytes.len() as u64, deadline)?;
         self.send_to(needs, bytes, deadline)
     }
 
@@ -105,7 +105,8 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
     ) -> Result<Option<Call<R>>, CallError> {
         let Handle { shared, id, .. } = &*self.handle;
         let mut inner = shared.lock_driven();
-        let choice = inner.choose_server(*id, &shared.epoll);
+        let len = bytes.len() as u64;
+        let choice = inner.choose_server(*id, len, &shared.epoll);
         let choice = choice.unwrap_or(Choice::NoServer);
         if matches!(choice, Choice::Opening) {
             self.handle.silence(&mut inner);
@@ -117,7 +118,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
                 let bytes = Cow::Borrowed(bytes);
                 self.send_to(needs, bytes, deadline).map(Some)
             }
-            other => Err(self.no_server(other)),
+            other => Err(self.no_server(other, len)),
         }
     }
 
@@ -132,7 +133,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
         // Chooses the server again, because other calls may have been sent meanwhile.
         let call =
             self.handle
-                .with_undriven(|interface, context| match interface.choose_server() {
+                .with_undriven(|interface, context| match interface.choose_server(len) {
                     Choice::Link { token, .. } => {
                         Ok(interface.call(token, forms, len, deadline, context))
                     }
@@ -142,7 +143,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
                     }
                 });
         Ok(Call {
-            call: call.map_err(|choice| self.no_server(choice))?,
+            call: call.map_err(|choice| self.no_server(choice, len))?,
             handle: Arc::clone(&self.handle),
             deadline,
             done: false,
@@ -151,27 +152,32 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
     }
 
     /// Waits until the service has a server with an open link. Returns the payload form that the server
-    /// needs.
-    fn server(&self, deadline: Option<Instant>) -> Result<Needs, CallError> {
+    /// needs for a request of this length.
+    fn server(&self, len: u64, deadline: Option<Instant>) -> Result<Needs, CallError> {
         let Handle { shared, id, .. } = &*self.handle;
         let found = shared.wait(EventSource::Interface(*id), deadline, |inner| {
-            match inner.choose_server(*id, &shared.epoll)? {
+            match inner.choose_server(*id, len, &shared.epoll)? {
                 Choice::Opening => None,
                 choice => Some(choice),
             }
         });
         match found.map_err(|error| failed(&self.handle.name, error))? {
             Some(Choice::Link { needs, .. }) => Ok(needs),
-            Some(choice) => Err(self.no_server(choice)),
+            Some(choice) => Err(self.no_server(choice, len)),
             None => Err(CallError::DeadlineExceeded {
                 service: self.handle.name.clone(),
             }),
         }
     }
 
-    fn no_server(&self, choice: Choice) -> CallError {
+    fn no_server(&self, choice: Choice, len: u64) -> CallError {
         let service = self.handle.name.clone();
         match choice {
+            Choice::TooLong { max_len } => CallError::TooLong {
+                service,
+                len,
+                max_len,
+            },
             Choice::TooMany { limit } => CallError::TooManyCalls { service, limit },
             Choice::Link { .. } | Choice::Opening | Choice::NoServer => {
                 CallError::NoServer { service }
@@ -397,6 +403,10 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ClientBuilder<Q, R> {
         "Seals every request and reply: no process can change it after it is sent."
     );
     inline_max_setter!("Requests");
+    max_len_setter!(
+        "reply",
+        "A server sends no longer one: the call fails with [`CallError::Failed`] (SM2-SRV-008)."
+    );
     wait_setter!("a reply");
 
     /// Restricts calls to servers of nodes whose names `accept` admits; all servers by default.

@@ -38,9 +38,9 @@ enum Memory {
 
 impl<'p, T: Plain + ?Sized> Loan<'p, T> {
     pub(crate) fn new(publisher: &'p UntypedPublisher, len: usize) -> Result<Self, StoreError> {
-        let (needs, sealed) = publisher
-            .handle
-            .with_driven_if_due(|interface, _| (interface.needs(), interface.contract.sealed()));
+        let (needs, sealed) = publisher.handle.with_driven_if_due(|interface, _| {
+            (interface.needs(len as u64), interface.contract.sealed())
+        });
         let all_sealed = needs.sealed || (needs.nobody() && sealed);
         let lease = || match publisher.handle.lease(len) {
             Ok(lease) => Ok(Memory::Slot(lease)),
@@ -82,7 +82,7 @@ impl<'p, T: Plain + ?Sized> Loan<'p, T> {
         let needs = self
             .publisher
             .handle
-            .with_driven_if_due(|interface, _| interface.needs());
+            .with_driven_if_due(|interface, _| interface.needs(self.len as u64));
         let mut forms = Forms::default();
         match memory {
             // Subscribers may have released memory since.

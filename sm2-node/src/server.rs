@@ -7,6 +7,7 @@ use std::ops::Deref;
 use std::sync::Arc;
 use std::time::Duration;
 
+use bytes::Bytes;
 use sm2_proto::control::LinkPeer;
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
@@ -14,7 +15,7 @@ use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 use crate::driver::{CallId, Interface, PoolLimit, SharedNode, Until};
 use crate::handle::Handle;
 use crate::handle::declaration::{
-    Declaration, inline_max_setter, schema_of, sealed_setter, wait_setter,
+    Declaration, inline_max_setter, max_len_setter, schema_of, sealed_setter, wait_setter,
 };
 use crate::handle::methods::interface_methods;
 use crate::handle::receive::{Receipt, Received};
@@ -216,23 +217,27 @@ struct Pending {
 impl Pending {
     fn reply(mut self, bytes: Cow<'_, [u8]>, status: Status) -> Result<(), ReplyError> {
         let call = self.call;
-        let needs = {
+        let link = {
             let mut inner = self.handle.shared.lock();
             let Handle { shared, id, .. } = &*self.handle;
             inner.drive_for_link(*id, call.token, &shared.epoll);
             let interface = inner.interfaces.get(&self.handle.id);
             let link = interface.and_then(|it| it.link(call.token));
-            link.filter(|it| it.is_open()).map(|it| it.needs())
+            link.filter(|it| it.is_open())
+                .map(|it| (it.needs(), it.peer_max_len()))
         };
         let gone = || ReplyError::ClientGone {
             client: self.client.name.clone(),
         };
-        let Some(needs) = needs else {
+        let Some((needs, max_len)) = link else {
             let error = gone();
             self.answered = true;
             return Err(error);
         };
         let len = bytes.len() as u64;
+        if len > max_len {
+            return Err(self.refuse(len, max_len));
+        }
         let forms = self.handle.store(bytes, needs)?;
         let sent = self
             .handle
@@ -240,6 +245,22 @@ impl Pending {
         let result = if sent { Ok(()) } else { Err(gone()) };
         self.answered = true;
         result
+    }
+
+    /// Tells the client that it does not accept a reply of this length.
+    //= SM2-SRV-008
+    fn refuse(mut self, len: u64, max_len: u64) -> ReplyError {
+        let reason = format!("the reply has {len} bytes, but the client accepts at most {max_len}");
+        let call = self.call;
+        self.handle.with_undriven(|interface, context| {
+            interface.reply_failed(call, reason.into(), context);
+        });
+        self.answered = true;
+        ReplyError::TooLong {
+            client: self.client.name.clone(),
+            len,
+            max_len,
+        }
     }
 
     fn fail(self, reason: &str) -> Result<(), ReplyError> {
@@ -257,7 +278,7 @@ impl Drop for Pending {
             if interface.is_cancelled(call) {
                 interface.reply_bare(call, Status::Cancelled, context);
             } else {
-                interface.reply_failed(call, DROPPED, context);
+                interface.reply_failed(call, Bytes::from_static(DROPPED.as_bytes()), context);
             }
         });
     }
@@ -306,6 +327,11 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ServerBuilder<Q, R> {
         "Seals every request and reply: no process can change it after it is sent."
     );
     inline_max_setter!("Replies");
+    max_len_setter!(
+        "request",
+        "A client sends no longer one: its call fails with
+[`CallError::TooLong`](crate::CallError::TooLong) (SM2-SRV-007)."
+    );
     wait_setter!("a request");
 
     /// Declares the server, and waits for the Manager's answer.

@@ -8,7 +8,9 @@ use sm2_proto::{Contract, DemandedQos, Kind, TypeId};
 
 use crate::driver::{Interface, PoolLimit, SharedNode, Until};
 use crate::handle::Handle;
-use crate::handle::declaration::{Declaration, schema_of, sealed_setter, wait_setter};
+use crate::handle::declaration::{
+    Declaration, max_len_setter, schema_of, sealed_setter, wait_setter,
+};
 use crate::handle::methods::interface_methods;
 use crate::{DeclareError, Message, RecvError, Sample, Wait};
 
@@ -218,6 +220,11 @@ impl<T: Message + ?Sized> SubscriberBuilder<T> {
         self
     }
 
+    max_len_setter!(
+        "message",
+        "A publisher sends no longer one to this subscriber, and counts it as \
+         [`too_long`](sm2_proto::link::Counters::too_long) (SM2-QOS-008)."
+    );
     wait_setter!("a message");
     sealed_setter!(
         demand,

@@ -8,12 +8,15 @@ use std::os::fd::{AsFd, BorrowedFd};
 use std::time::{Duration, Instant};
 
 use common::{Domain, SOON, pattern};
+use nix::fcntl::{FcntlArg, SealFlag, fcntl};
+use nix::sys::memfd::{MFdFlags, memfd_create};
+use sm2_io::fault::{Call, Injector};
 use sm2_io::{Listener, RecvError, SeqPacket, wait_readable};
 use sm2_node::diagnostics::End;
 use sm2_node::domain::{DemandedQos, LinkId, OfferedQos};
 use sm2_node::{DeclareError, Message, Name, Publisher, Subscriber};
 use sm2_proto::node::{Input, Node, Output};
-use sm2_proto::{Contract, Datagram, Farewell, Machine, ViolationKind, violation};
+use sm2_proto::{Contract, Datagram, Farewell, Machine, Seals, ViolationKind, violation};
 
 const SENDER: u8 = 0;
 const RECEIVER: u8 = 1;
@@ -69,7 +72,9 @@ impl Raw {
         frame.extend(window.to_le_bytes());
         frame.extend(self.id.epoch.to_le_bytes());
         frame.extend(self.id.serial.to_le_bytes());
-        frame.extend([1, 0, 0, 0, 0, 0, 0, 0]);
+        frame.extend(1_u32.to_le_bytes());
+        let max_len: u32 = if role == SENDER { 0 } else { 1 << 20 };
+        frame.extend(max_len.to_le_bytes());
         self.send(&frame, &[]);
     }
 
@@ -308,6 +313,54 @@ fn a_peer_cannot_use_up_the_addresses_of_others() {
     let code = raw.closed(|| drop(subscriber.try_recv().unwrap()));
     assert_eq!(code, Farewell::Resources.code().0);
     meet(2);
+}
+
+/// A file of zeroes without memory, with the seals of a sealed message.
+fn hole(len: u64) -> File {
+    let flags = MFdFlags::MFD_CLOEXEC | MFdFlags::MFD_ALLOW_SEALING;
+    let file = File::from(memfd_create(c"hole", flags).unwrap());
+    file.set_len(len).unwrap();
+    let seals = SealFlag::from_bits_retain(Seals::SEALED.0.cast_signed());
+    fcntl(&file, FcntlArg::F_ADD_SEALS(seals)).unwrap();
+    file
+}
+
+fn sealed(sequence: u64, len: u64) -> Vec<u8> {
+    let mut frame = vec![4, 2, 0, 0];
+    frame.extend([0; 12]);
+    for word in [sequence, sequence, 0, len] {
+        frame.extend(word.to_le_bytes());
+    }
+    frame
+}
+
+/// A subscriber with the default maximum takes a message of exactly 1 GiB, and does not map a file of 6 GiB.
+//= SM2-PAY-011 test
+#[test]
+fn a_message_that_is_too_long_is_refused_before_it_is_mapped() {
+    let domain = Domain::new();
+    let (raw, subscriber) = raw_publisher(&domain);
+    let calls = Injector::counting();
+    let _installed = calls.install();
+    let mappings = || calls.counts().get(&Call::Mmap).copied().unwrap_or(0);
+    let before = mappings();
+    let file = hole(1 << 30);
+    raw.send(&sealed(1, 1 << 30), &[file.as_fd()]);
+    let sample = subscriber.recv_timeout(SOON).unwrap().unwrap();
+    assert!(
+        sample.len() == 1 << 30 && mappings() > before,
+        "it is mapped"
+    );
+    drop(sample);
+
+    let before = mappings();
+    let file = hole(6 << 30);
+    raw.send(&sealed(2, 6 << 30), &[file.as_fd()]);
+    let code = raw.closed(|| assert!(subscriber.try_recv().unwrap().is_none()));
+    assert_eq!(code, ViolationKind::MessageTooLong.code().0);
+    assert_eq!(mappings(), before);
+    let end = End::Violation(violation!(MessageTooLong, "SM2-PAY-011"));
+    assert_eq!(subscriber.links()[0].end, Some(end));
 }
 
 //= SM2-SEG-001 test

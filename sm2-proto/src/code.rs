@@ -144,6 +144,7 @@ codes! {
         WrongLane = 89, "wrong-lane";
         BadRing = 90, "bad-ring";
         BadWord = 91, "bad-word";
+        MessageTooLong = 92, "message-too-long";
     }
 }
 

@@ -31,8 +31,8 @@ pub const MAX_ENTRIES: u32 = (MAX_FILE_BYTES / ENTRY_BYTES) as u32 - 1;
 /// The number of messages that an entry remembers one by one.
 pub const RECENT: usize = 32;
 
-/// The positions of an entry's fields (SM2-CNT-006).
-//= SM2-CNT-006
+/// The positions of an entry's fields (SM2-CNT-007).
+//= SM2-CNT-007
 #[allow(missing_docs, reason = "the fields of Entry say what they are")]
 pub mod field {
     /// 0: not in use; odd: being written; even: grows with each change (SM2-CNT-005).
@@ -56,8 +56,9 @@ pub mod field {
     pub const DELAY_SUM: usize = 16;
     pub const DELAY_MAX: usize = 17;
     pub const POOL_LIMIT: usize = 18;
+    pub const TOO_LONG: usize = 19;
     /// The first of the fields that are zero, up to [`RECENT`].
-    pub const RESERVED: usize = 19;
+    pub const RESERVED: usize = 20;
     /// The first of [`super::RECENT`] fields.
     pub const RECENT: usize = 32;
 }
@@ -94,7 +95,7 @@ pub const fn header(entries: u32) -> [u64; ENTRY_FIELDS] {
 
 /// The index of message number `message` (the first is 1) among the recent ones.
 #[must_use]
-//= SM2-CNT-006
+//= SM2-CNT-007
 pub const fn recent_index(message: u64) -> usize {
     (message.wrapping_sub(1) % RECENT as u64) as usize
 }
@@ -143,13 +144,16 @@ impl Default for Entry {
 }
 
 impl Entry {
-    /// Reads an entry. `None` if the entry is not in use, is being written, or breaks SM2-CNT-006:
+    /// Reads an entry. `None` if the entry is not in use, is being written, or breaks SM2-CNT-007:
     /// a kind that is unknown, an interface with a link, or a reserved field that is not zero.
     #[must_use]
-    //= SM2-CNT-006
+    //= SM2-CNT-007
     pub fn from_words(words: &[u64; ENTRY_FIELDS]) -> Option<Self> {
         let turn = words[field::TURN];
-        if turn == 0 || turn % 2 == 1 || words[field::RESERVED..field::RECENT] != [0; 13] {
+        if turn == 0
+            || turn % 2 == 1
+            || words[field::RESERVED..field::RECENT] != [0; field::RECENT - field::RESERVED]
+        {
             return None;
         }
         let link = LinkId {
@@ -184,6 +188,7 @@ impl Entry {
                 deadline: words[field::DEADLINE],
                 closed: words[field::CLOSED],
                 pool_limit: words[field::POOL_LIMIT],
+                too_long: words[field::TOO_LONG],
                 in_flight: words[field::IN_FLIGHT],
             },
             delay_sum_ns: words[field::DELAY_SUM],
@@ -194,7 +199,7 @@ impl Entry {
 
     /// The fields of this entry, with that [`TURN`](field::TURN).
     #[must_use]
-    //= SM2-CNT-006
+    //= SM2-CNT-007
     pub fn to_words(&self, turn: u64) -> [u64; ENTRY_FIELDS] {
         let mut words = [0; ENTRY_FIELDS];
         words[field::TURN] = turn;
@@ -217,6 +222,7 @@ impl Entry {
         words[field::CLOSED] = self.fates.closed;
         words[field::IN_FLIGHT] = self.fates.in_flight;
         words[field::POOL_LIMIT] = self.fates.pool_limit;
+        words[field::TOO_LONG] = self.fates.too_long;
         words[field::DELAY_SUM] = self.delay_sum_ns;
         words[field::DELAY_MAX] = self.delay_max_ns;
         words[field::RECENT..].copy_from_slice(&self.recent_ns);
@@ -225,7 +231,7 @@ impl Entry {
 
     /// The notes of at most [`RECENT`] last messages, the oldest first: times of publication on a
     /// sending side, delays on a receiving side.
-    //= SM2-CNT-006
+    //= SM2-CNT-007
     pub fn recent(&self) -> impl ExactSizeIterator<Item = u64> + Clone + '_ {
         let noted = self.messages.min(RECENT as u64);
         let oldest = self.messages - noted;

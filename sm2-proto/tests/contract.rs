@@ -127,6 +127,7 @@ fn a_link_is_drained_before_the_next_datagram() {
         window: 0,
         link: LINK,
         lanes: wire::LANE_SOCKET,
+        max_len: 0,
     });
     let open = open.to_vec();
     let datagram = Datagram::new(&open);

@@ -8,7 +8,7 @@ use sm2_proto::{
     TypeId,
     limits::QOS_MAX,
     link::{
-        Config, End, Error, Fate, Input, Link, Misuse, NoMemory, Output, Role,
+        Config, End, Error, Fate, Input, Link, MaxLen, Misuse, NoMemory, Output, Role,
         wire::{Frame, Given, Open},
     },
 };
@@ -32,6 +32,7 @@ fn the_first_output_is_open_with_the_terms_of_this_end() {
             window,
             link: LINK,
             lanes: 1,
+            max_len: if window == 0 { 0 } else { 1 << 30 },
         };
         assert_eq!(packet.to_vec(), Frame::Open(open).to_vec());
         assert_eq!((packet.attachment, link.poll()), (None, None));
@@ -253,6 +254,7 @@ fn a_link_is_what_the_contract_says() {
             ring: false,
             depth,
             max_borrowed,
+            max_len: MaxLen::DEFAULT,
         };
         assert_eq!(config, same);
         assert_eq!(config.window(), contract.window());

@@ -112,7 +112,7 @@ fn no_more_than_the_window_is_unreleased() {
     assert_eq!(link.in_flight(), 4);
 }
 
-//= SM2-QOS-001, SM2-QOS-005 test
+//= SM2-QOS-001, SM2-QOS-007 test
 #[test]
 fn keep_last_displaces_the_oldest_that_waits() {
     let mut link = opened(config(Role::Sender));
@@ -141,7 +141,7 @@ fn keep_last_displaces_the_oldest_that_waits() {
     assert_eq!(link.counters(), expected);
 }
 
-//= SM2-QOS-005, SM2-QOS-006 test
+//= SM2-QOS-007, SM2-QOS-006 test
 #[test]
 fn a_publication_that_the_pool_limit_drops_is_counted_until_a_release() {
     let mut link = opened(config(Role::Sender));
@@ -198,7 +198,7 @@ fn a_blocked_socket_displaces_only_what_the_window_does_not_admit() {
     assert_eq!(numbers(&drain(&mut link)), [(1, 1), (2, 2), (3, 3)]);
 }
 
-//= SM2-QOS-002, SM2-QOS-005 test
+//= SM2-QOS-002, SM2-QOS-007 test
 #[test]
 fn reliable_waits_for_room_or_skips() {
     let mut link = opened(reliable(Role::Sender));

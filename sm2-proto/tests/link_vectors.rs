@@ -1,7 +1,8 @@
 //! Replays `tests/vectors/link.json`, the golden vectors of the link frames.
 //!
 //! Each vector describes one end of a link: `role`, `link`, `version`, `reliable`, `sealed`,
-//! `depth`, `max_borrowed`, and `ring` if it offers the ring lane. Its own OPEN states `window`.
+//! `depth`, `max_borrowed`, `ring` if it offers the ring lane, and `max_len` if that is not 1 GiB,
+//! in units of 1,024 bytes. Its own OPEN states `window` and `max_len`.
 //! The steps are:
 //!
 //! 1. The end receives the datagrams of `before`.
@@ -25,7 +26,7 @@ use serde_json::{Map, Value, json};
 use sm2_proto::{
     Code, Datagram, FdFacts, LinkId, Machine, Seals, ViolationKind,
     link::{
-        Config, End, Error, FrameKind, Input, Link, Role, SegmentInfo, Status,
+        Config, End, Error, FrameKind, Input, Link, MaxLen, Role, SegmentInfo, Status,
         wire::{Form, Frame, Given, MessageFrame},
     },
 };
@@ -148,6 +149,9 @@ fn config(vector: &Value) -> Config {
         ring: vector.get("ring").is_some_and(|it| it.as_bool().unwrap()),
         depth: number("depth"),
         max_borrowed: number("max_borrowed"),
+        max_len: (vector.get("max_len")).map_or(MaxLen::DEFAULT, |it| {
+            MaxLen::from_bytes(1_024 * it.as_u64().unwrap())
+        }),
     }
 }
 
@@ -220,6 +224,7 @@ fn meaning(frame: &Frame<'_>) -> Map<String, Value> {
             "role": Role::ALL.into_iter().find(|role| *role as u8 == it.role).map(name_of),
             "version": it.version, "window": it.window,
             "epoch": it.link.epoch, "serial": it.link.serial, "lanes": it.lanes,
+            "max_len": it.max_len,
         }),
         Frame::Attach(it) => json!({ "segment": it.id, "stride": it.stride, "slots": it.slots }),
         Frame::Detach { segment } => json!({ "segment": segment }),

@@ -11,7 +11,7 @@ use link_support::*;
 use sm2_proto::{
     Code, Datagram, FdFacts, Machine, Seals, Violation, ViolationKind,
     link::{
-        Config, End, Error, Input, Link, Output, Role, SegmentInfo, Status,
+        Config, End, Error, Input, Link, MaxLen, Output, Role, SegmentInfo, Status,
         wire::{Carrier, Form, Frame, Given, MessageFrame, Open},
     },
     violation,
@@ -134,6 +134,16 @@ fn open_rows() -> Vec<Row> {
             &changed(&|it| it.lanes = 0),
         ),
         row(
+            violation!(BadOpen, "SM2-OPN-009"),
+            fresh(),
+            &changed(&|it| it.max_len = 0),
+        ),
+        row(
+            violation!(BadOpen, "SM2-OPN-009"),
+            fresh(),
+            &changed(&|it| it.max_len = (1 << 30) + 1),
+        ),
+        row(
             violation!(BadWindow, "SM2-OPN-003"),
             fresh(),
             &changed(&|it| it.window = 0),
@@ -207,7 +217,21 @@ fn flow_rows() -> Vec<Row> {
             sealed_link,
             &Frame::Attach(SEGMENT),
         ),
+        too_long_row(),
     ]
+}
+
+fn too_long_row() -> Row {
+    let link = opened(Config {
+        max_len: MaxLen::LEAST,
+        ..config(Role::Receiver)
+    });
+    let frame = Frame::Message(MessageFrame {
+        form: Form::Sealed,
+        len: 1_025,
+        ..from_peer(Carrier::Data, 1, 1)
+    });
+    row(violation!(MessageTooLong, "SM2-PAY-011"), link, &frame)
 }
 
 /// A receiver with three of three messages unreleased: the RELEASE of the displaced one waits for

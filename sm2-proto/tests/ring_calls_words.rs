@@ -195,7 +195,7 @@ fn a_server_that_writes_where_the_caller_does() {
 }
 
 /// Calls that never reached the ring fail as well.
-//= SM2-QOS-005 test
+//= SM2-QOS-007 test
 #[test]
 fn calls_that_waited_are_closed_by_the_end() {
     let mut pair = pair();

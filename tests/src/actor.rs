@@ -143,7 +143,7 @@ pub fn number(answer: &str, key: &str) -> u64 {
     value.unwrap_or_else(|| panic!("no number {key} in {answer:?}"))
 }
 
-/// The fates of the messages of one link, counted by its sender (SM2-QOS-005).
+/// The fates of the messages of one link, counted by its sender (SM2-QOS-007).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Counted {
     /// The node at the other end.
@@ -177,6 +177,7 @@ impl Counted {
                 "deadline",
                 "closed",
                 "pool_limit",
+                "too_long",
             ]
             .map(of)
             .iter()
@@ -186,7 +187,8 @@ impl Counted {
         }
     }
 
-    /// The number of this kind alone: `overwritten`, `discarded`, `deadline`, `closed`, `pool_limit`.
+    /// The number of this kind alone: `overwritten`, `discarded`, `deadline`, `closed`, `pool_limit`,
+    /// `too_long`.
     #[must_use]
     #[track_caller]
     pub fn of(&self, kind: &str) -> u64 {

@@ -66,8 +66,8 @@ pub struct Open {
     pub link: LinkId,
     /// The lanes that it offers.
     pub lanes: u32,
-    /// Zero.
-    pub reserved: u32,
+    /// The longest message that it accepts, in units of 1,024 bytes.
+    pub max_len: u32,
 }
 
 impl Open {
@@ -80,7 +80,7 @@ impl Open {
             window,
             link,
             lanes: 1,
-            reserved: 0,
+            max_len: if role == role::SENDER { 0 } else { 1 << 20 },
         }
     }
 
@@ -99,7 +99,7 @@ impl Open {
         bytes.extend(self.link.epoch.to_le_bytes());
         bytes.extend(self.link.serial.to_le_bytes());
         bytes.extend(self.lanes.to_le_bytes());
-        bytes.extend(self.reserved.to_le_bytes());
+        bytes.extend(self.max_len.to_le_bytes());
         bytes
     }
 }

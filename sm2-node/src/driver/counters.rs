@@ -58,7 +58,7 @@ impl Counting {
     }
 
     /// Begins to change an entry; the change is complete when the result is dropped.
-    //= SM2-CNT-006
+    //= SM2-CNT-007
     pub(super) fn update<'a>(&'a mut self, entry: Option<&'a CounterEntry>) -> Option<Update<'a>> {
         Some(self.page.as_mut()?.update(entry?))
     }

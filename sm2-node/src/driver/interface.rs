@@ -14,7 +14,7 @@ mod taken;
 use std::collections::VecDeque;
 
 use sm2_io::{CounterEntry, Event};
-use sm2_proto::link::{Counters, Input};
+use sm2_proto::link::{Counters, Input, MaxLen};
 use sm2_proto::{Code, Contract, Farewell, LinkId, Name, Refusal};
 
 use self::calls::Calls;
@@ -32,6 +32,8 @@ use super::token::LinkToken;
 #[derive(Debug)]
 pub(crate) struct Interface {
     pub(crate) contract: Contract,
+    /// The longest message that the interface accepts.
+    pub(super) max_len: MaxLen,
     pub(crate) state: State,
     pub(super) links: Links,
     pub(crate) outbox: Outbox,
@@ -73,10 +75,12 @@ impl Interface {
     pub(super) fn new(
         contract: Contract,
         pool_limit: PoolLimit,
+        max_len: MaxLen,
         entry: Option<CounterEntry>,
     ) -> Self {
         Self {
             contract,
+            max_len,
             state: State::Declaring,
             links: Links::default(),
             outbox: Outbox::new(pool_limit),

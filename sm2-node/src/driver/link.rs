@@ -147,6 +147,19 @@ impl LinkDriver {
         self.machine.is_stalled()
     }
 
+    /// The length of the longest message that the other side accepts, in bytes.
+    #[inline]
+    pub(crate) const fn peer_max_len(&self) -> u64 {
+        self.machine.peer_max_len()
+    }
+
+    /// Whether the other side accepts messages of this length.
+    //= SM2-QOS-008, SM2-SRV-007, SM2-SRV-008
+    #[inline]
+    pub(crate) const fn accepts(&self, len: u64) -> bool {
+        len <= self.peer_max_len()
+    }
+
     pub(super) fn role(&self) -> Role {
         self.machine.config().role
     }

@@ -24,7 +24,7 @@ pub struct LinkStatus {
     /// Whether the kernel had no memory when the node last used the link's socket. The link goes on as soon as
     /// there is memory (SM2-TRN-014).
     pub short_of_memory: bool,
-    /// Counts of the messages that this side sent on the link, by outcome (SM2-QOS-005).
+    /// Counts of the messages that this side sent on the link, by outcome (SM2-QOS-007).
     pub counters: Counters,
     /// Counts of the messages from the other side.
     pub received: Received,
@@ -60,5 +60,6 @@ pub(super) fn add_counters(sum: &mut Counters, more: &Counters) {
     sum.deadline += more.deadline;
     sum.closed += more.closed;
     sum.pool_limit += more.pool_limit;
+    sum.too_long += more.too_long;
     sum.in_flight += more.in_flight;
 }

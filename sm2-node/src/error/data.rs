@@ -65,6 +65,23 @@ pub enum PublishError {
         /// The number of links that missed it.
         missed: usize,
     },
+    /// Some reliable links missed the message, and it is longer than some subscribers accept. Only
+    /// [`Published::complete`](crate::Published::complete) returns this error.
+    #[error(
+        "{} missed the message, {} got it, and {} accept none of this length: \
+         raise max_len of these subscribers, or split the message",
+        Counted::new(*missed as u64, "reliable subscriber"),
+        Counted::new(*links as u64, "subscriber"),
+        Counted::new(*too_long as u64, "subscriber")
+    )]
+    TooLong {
+        /// The number of links that have the message.
+        links: usize,
+        /// The number of reliable links that missed it.
+        missed: usize,
+        /// The number of links whose subscriber accepts no message of this length.
+        too_long: usize,
+    },
     /// Waiting for room failed. The message went to the links that had room.
     #[error("cannot wait for room in reliable links: {0}")]
     Io(#[source] io::Error),
@@ -158,6 +175,19 @@ pub enum CallError {
         /// The limit for each server.
         limit: usize,
     },
+    /// The request is longer than every linked server accepts (SM2-SRV-007).
+    #[error(
+        "the request has {len} bytes, but no server of {service} accepts more than {max_len}: \
+         raise max_len of the server, or split the request"
+    )]
+    TooLong {
+        /// The service.
+        service: Name,
+        /// The length of the request, in bytes.
+        len: u64,
+        /// The greatest length that a linked server accepts, in bytes.
+        max_len: u64,
+    },
     /// The request was not stored.
     #[error(transparent)]
     Store(#[from] StoreError),
@@ -194,6 +224,20 @@ pub enum ReplyError {
     /// The reply was not stored. The client is told that the call failed.
     #[error(transparent)]
     Store(#[from] StoreError),
+    /// The reply is longer than the client accepts. The client is told that the call failed
+    /// (SM2-SRV-008).
+    #[error(
+        "the reply has {len} bytes, but client {client} accepts at most {max_len}: \
+         raise max_len of the client, or split the reply"
+    )]
+    TooLong {
+        /// The client's node.
+        client: Name,
+        /// The length of the reply, in bytes.
+        len: u64,
+        /// The greatest length that the client accepts, in bytes.
+        max_len: u64,
+    },
     /// The client is gone.
     #[error("the reply was not sent: client {client} is gone")]
     ClientGone {

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use sm2_proto::limits::INLINE_MAX;
+use sm2_proto::link::MaxLen;
 use sm2_proto::{Contract, Kind, Name, TypeId};
 
 use super::Handle;
@@ -19,6 +20,8 @@ pub(crate) struct Declaration {
     /// The name as the program wrote it.
     name: String,
     pub(crate) inline_max: usize,
+    /// The longest message that the interface accepts.
+    pub(crate) max_len: MaxLen,
     pub(crate) wait: Wait,
 }
 
@@ -28,6 +31,7 @@ impl Declaration {
             shared: Arc::clone(shared),
             name: name.to_owned(),
             inline_max: INLINE_DEFAULT,
+            max_len: MaxLen::DEFAULT,
             wait: Wait::Park,
         }
     }
@@ -57,7 +61,8 @@ impl Declaration {
         pool_limit: PoolLimit,
         schemas: impl IntoIterator<Item = (TypeId, Option<String>)>,
     ) -> Result<Handle, DeclareError> {
-        let mut handle = Handle::declare(&self.shared, contract, pool_limit, schemas)?;
+        let max_len = self.max_len;
+        let mut handle = Handle::declare(&self.shared, contract, pool_limit, max_len, schemas)?;
         handle.inline_max = self.inline_max;
         handle.wait = self.wait;
         Ok(handle)
@@ -93,6 +98,23 @@ macro_rules! inline_max_setter {
     };
 }
 
+/// The setter `max_len` of a builder, for the messages that its interface receives.
+macro_rules! max_len_setter {
+    ($message:literal, $beyond:literal) => {
+        #[doc = concat!("Sets the longest ", $message, " that is accepted: `bytes`, rounded up to a")]
+        /// multiple of 1,024; 1 GiB by default.
+        #[doc = $beyond]
+        ///
+        /// The default is above the longest messages of most robots (images, point clouds and maps of 10
+        /// to 500 MB). It bounds the memory and address space that one message of another process takes
+        /// here, where the protocol allows 1 TiB.
+        pub const fn max_len(mut self, bytes: u64) -> Self {
+            self.declaration.max_len = sm2_proto::link::MaxLen::from_bytes(bytes);
+            self
+        }
+    };
+}
+
 /// The setter `wait` of a builder, for the messages that its interface receives.
 macro_rules! wait_setter {
     ($message:literal) => {
@@ -105,4 +127,4 @@ macro_rules! wait_setter {
     };
 }
 
-pub(crate) use {inline_max_setter, sealed_setter, wait_setter};
+pub(crate) use {inline_max_setter, max_len_setter, sealed_setter, wait_setter};

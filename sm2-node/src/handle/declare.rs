@@ -3,6 +3,7 @@
 use std::sync::{Arc, OnceLock};
 
 use sm2_io::Epoll;
+use sm2_proto::link::MaxLen;
 use sm2_proto::node;
 use sm2_proto::{Contract, Refusal, TypeId};
 
@@ -18,6 +19,7 @@ impl Handle {
         shared: &Arc<SharedNode>,
         contract: Contract,
         pool_limit: PoolLimit,
+        max_len: MaxLen,
         schemas: impl IntoIterator<Item = (TypeId, Option<String>)>,
     ) -> Result<Self, DeclareError> {
         contract.check_qos()?;
@@ -26,7 +28,7 @@ impl Handle {
         for (data, text) in schemas {
             register_schema(&mut inner, data, text, &shared.epoll);
         }
-        let declared = inner.declare(contract.clone(), pool_limit, &shared.epoll);
+        let declared = inner.declare(contract.clone(), pool_limit, max_len, &shared.epoll);
         drop(inner);
         let id = match declared {
             Ok(id) => id,

@@ -17,7 +17,7 @@ impl<T: Message + ?Sized> Publisher<T> {
     /// one call share their time of publication in groups of at most 32.
     ///
     /// In the result, [`links`](Published::links) is that of the last message, and
-    /// [`missed`](Published::missed) is the sum over all messages.
+    /// [`missed`](Published::missed) and [`too_long`](Published::too_long) are the sums over all messages.
     ///
     /// # Errors
     ///

@@ -67,10 +67,10 @@ impl UntypedPublisher {
 
     /// Sends a message to all links that have room now.
     pub(crate) fn start(&self, bytes: Cow<'_, [u8]>) -> Result<Publication, PublishError> {
+        let len = bytes.len() as u64;
         let needs = self
             .handle
-            .with_driven_if_due(|interface, _| interface.needs());
-        let len = bytes.len() as u64;
+            .with_driven_if_due(|interface, _| interface.needs(len));
         let spare = |len| self.take_spare(len, Fill::Copy);
         match (self.handle).store_with(bytes, needs, spare) {
             Ok(forms) => Ok(self.offer(forms, len)),

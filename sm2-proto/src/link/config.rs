@@ -1,6 +1,6 @@
 //! The configuration of one end of a link.
 
-use super::{RingLayout, Role};
+use super::{MaxLen, RingLayout, Role};
 use crate::{
     Contract, LinkId,
     limits::{QOS_MAX, WINDOW_MAX},
@@ -28,11 +28,13 @@ pub struct Config {
     pub depth: u16,
     /// How many messages the application may hold at a time, 1 to 1,024. A sender does not use it.
     pub max_borrowed: u16,
+    /// The longest message that this end accepts. A sender does not use it.
+    pub max_len: MaxLen,
 }
 
 impl Config {
     /// The configuration of an interface's end of `link`, from the interface's contract. It offers
-    /// no ring lane.
+    /// no ring lane, and accepts messages of the [default](MaxLen::DEFAULT) length.
     #[must_use]
     pub const fn new(
         contract: &Contract,
@@ -58,6 +60,7 @@ impl Config {
             ring: false,
             depth,
             max_borrowed,
+            max_len: MaxLen::DEFAULT,
         }
     }
 
@@ -69,6 +72,16 @@ impl Config {
             Role::Receiver | Role::Caller | Role::Server => {
                 self.depth as u32 + self.max_borrowed as u32
             }
+        }
+    }
+
+    /// `max_len` of this end's OPEN, in units of 1,024 bytes.
+    //= SM2-OPN-009
+    pub(super) const fn max_len_units(&self) -> u32 {
+        if self.role.receives() {
+            self.max_len.units()
+        } else {
+            0
         }
     }
 

@@ -30,7 +30,7 @@ const NOW: Instant = Instant(0);
 const STRIDE: u64 = 4_096;
 
 /// Runs the steps that the bytes encode. Panics if the machine broke its contract.
-//= SM2-WIR-001, SM2-QOS-005 fuzz
+//= SM2-WIR-001, SM2-QOS-007 fuzz
 pub(crate) fn frames(data: &[u8]) {
     check_round_trip(data, &[]);
     check_round_trip(data, &[FdFacts::default()]);
@@ -101,13 +101,17 @@ impl World {
         } else {
             1 + script.below(6)? as u64
         };
+        let role = script.near(config.role.counterpart() as u64)? as u8;
+        let version = script.near(1)? as u16;
+        let window = script.near(window)? as u32;
         self.frame(
             &Frame::Open(Open {
-                role: script.near(config.role.counterpart() as u64)? as u8,
-                version: script.near(1)? as u16,
-                window: script.near(window)? as u32,
+                role,
+                version,
+                window,
                 link: LINK,
                 lanes: script.near(u64::from(lanes))? as u32,
+                max_len: window,
             }),
             &[],
         );

@@ -32,6 +32,8 @@ pub(super) struct Inbound {
     sealed: bool,
     depth: usize,
     max_borrowed: u16,
+    /// The length of the longest message that this end accepts, in bytes.
+    max_len: u64,
     window: usize,
     /// The sequence number of the last message that came.
     sequence: u64,
@@ -87,6 +89,7 @@ impl Inbound {
             sealed: config.sealed,
             depth: config.depth as usize,
             max_borrowed: config.max_borrowed,
+            max_len: config.max_len.bytes(),
             window: config.window() as usize,
             sequence: 0,
             last_id: None,
@@ -139,6 +142,10 @@ impl Inbound {
         let (payload, slot) = self.check_form(message)?;
         if !is_legal_len(message.len) {
             return Err(violation!(BadLength, "SM2-PAY-008"));
+        }
+        //= SM2-PAY-011
+        if message.len > self.max_len {
+            return Err(violation!(MessageTooLong, "SM2-PAY-011"));
         }
         if message.form == Form::Sealed {
             let verified =

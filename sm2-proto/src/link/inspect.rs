@@ -38,6 +38,14 @@ impl Link {
         &self.config
     }
 
+    /// The length of the longest message that the other end accepts, in bytes. The limit of the
+    /// protocol until its OPEN has come.
+    #[must_use]
+    #[inline]
+    pub const fn peer_max_len(&self) -> u64 {
+        self.peer_max_len
+    }
+
     /// The lane of this link, for reports. Every method works on both lanes.
     #[must_use]
     #[inline]

@@ -11,7 +11,9 @@ use super::{
     segments::Geometry,
     wire::{Frame, LANE_RING, LANE_SOCKET, Open},
 };
-use crate::{Code, Instant, Machine, Violation, machine::debug_assert_drained};
+use crate::{
+    Code, Instant, Machine, Violation, limits::MESSAGE_MAX, machine::debug_assert_drained,
+};
 
 /// One end of one link. The [documentation of the module](crate::link) gives the order in which its
 /// methods are called.
@@ -29,6 +31,8 @@ pub struct Link {
     pub(super) lane: Lane,
     pub(super) placed: Placed,
     pub(super) served: Served,
+    /// The length of the longest message that the other end accepts, in bytes.
+    pub(super) peer_max_len: u64,
 }
 
 /// The state of a link that is over.
@@ -56,6 +60,8 @@ impl Link {
             lane: Lane::new(&config),
             placed: Placed::default(),
             served: Served::default(),
+            // Its OPEN has not come.
+            peer_max_len: MESSAGE_MAX,
         }
     }
 
@@ -75,6 +81,7 @@ impl Link {
             Input::Skip => self.skip()?,
             Input::PassOver => self.pass_over()?,
             Input::PoolLimit => self.hold_back()?,
+            Input::TooLong => self.drop_too_long()?,
             Input::SegmentMissing => {
                 self.on_segment_missing();
                 if let Some(end) = self.end() {
@@ -144,6 +151,21 @@ impl Link {
             Lane::Socket(socket) => socket.outbound.hold_back(),
             Lane::Ring(ring) => {
                 ring.sender_mut().ok_or(Misuse::NotOpen)?.hold_back();
+            }
+        }
+        Ok(())
+    }
+
+    /// Handles [`Input::TooLong`]: a publication is not sent on this link.
+    fn drop_too_long(&mut self) -> Result<(), Misuse> {
+        if self.config.role != Role::Sender {
+            return Err(Misuse::WrongRole);
+        }
+        match &mut self.lane {
+            Lane::Undecided => return Err(Misuse::NotOpen),
+            Lane::Socket(socket) => socket.outbound.drop_too_long(),
+            Lane::Ring(ring) => {
+                ring.sender_mut().ok_or(Misuse::NotOpen)?.drop_too_long();
             }
         }
         Ok(())
@@ -259,7 +281,7 @@ impl Link {
     }
 
     /// Our OPEN.
-    //= SM2-OPN-002, SM2-OPN-003, SM2-OPN-004, SM2-RNG-001
+    //= SM2-OPN-002, SM2-OPN-003, SM2-OPN-004, SM2-OPN-009, SM2-RNG-001
     fn open(&self) -> Frame<'static> {
         Frame::Open(Open {
             role: self.config.role as u8,
@@ -267,6 +289,7 @@ impl Link {
             window: self.config.window(),
             link: self.config.id,
             lanes: LANE_SOCKET | if self.config.ring { LANE_RING } else { 0 },
+            max_len: self.config.max_len_units(),
         })
     }
 

@@ -7,6 +7,7 @@ use super::{
     At, Delivery, Error, Fate, Link, LinkMemory, Misuse, NoDelivery, OutboundMessage, Output,
     RingMemory, Role, SlotRange, Wake, lane::Lane, machine::Over, socket_lane::SocketLane,
 };
+use crate::limits::MESSAGE_MAX;
 
 impl Link {
     /// Sends a message: DATA, REQUEST or REPLY, depending on the role. Returns whether the other
@@ -14,7 +15,8 @@ impl Link {
     /// `settled`. The socket lane reports them by [`Output::Settled`].
     ///
     /// # Errors
-    /// [`Error::Misuse`]: nothing was sent. [`Misuse::NoRoom`] occurs on reliable links, and on the
+    /// [`Error::Misuse`]: nothing was sent. [`Misuse::NotAccepted`] occurs if the message is longer
+    /// than [`peer_max_len`](Self::peer_max_len). [`Misuse::NoRoom`] occurs on reliable links, and on the
     /// ring lane while a packet is blocked. [`Error::Ended`]: the link is over. If it was over
     /// before the call, nothing was sent. Otherwise this call ended the link, because the receiver
     /// violated SPEC or has stopped (SM2-RNG-011), and the outputs settle this message too.
@@ -30,6 +32,10 @@ impl Link {
         }
         let result = match &self.lane {
             _ if !self.config.role.sends() => Err(Misuse::WrongRole.into()),
+            //= SM2-QOS-008, SM2-SRV-007, SM2-SRV-008
+            _ if message.len > self.peer_max_len && message.len <= MESSAGE_MAX => {
+                Err(Misuse::NotAccepted.into())
+            }
             Lane::Undecided => Err(Misuse::NotOpen.into()),
             Lane::Socket(_) => match self.send_by_socket(message) {
                 Ok(()) => Ok(Wake::NotNeeded),
@@ -100,7 +106,7 @@ impl Link {
     /// # Errors
     /// [`Error::Misuse`]: the ring was not lent. [`Error::Ended`]: the link is over, perhaps by a
     /// violation that this call found.
-    //= SM2-RNG-011, SM2-QOS-005
+    //= SM2-RNG-011, SM2-QOS-007
     pub fn settle_returned(
         &mut self,
         memory: &impl LinkMemory,

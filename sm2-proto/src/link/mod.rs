@@ -39,6 +39,7 @@
 //! | --- | --- |
 //! | before it writes a message | [`Link::placement`]: where the payload has to be |
 //! | before it waits, or may choose | [`Link::has_room`] |
+//! | before it writes a message | [`Link::peer_max_len`]: for a longer one, [`Input::TooLong`] |
 //! | for each message | [`Link::send`]; if that returns [`Misuse::NotAttached`], [`Input::Attach`], and once more |
 //! | to learn what came back | [`Link::harvest`] |
 //! | before it sleeps until there is room | [`Link::park`], and looks again |
@@ -70,6 +71,7 @@ mod inbound;
 mod inspect;
 mod lane;
 mod machine;
+mod max_len;
 mod memory;
 mod messages;
 mod outbound;
@@ -91,6 +93,7 @@ pub use self::{
     frame_kind::{Carrier, FrameKind},
     lane::LaneKind,
     machine::Link,
+    max_len::MaxLen,
     memory::{LentRing, LinkMemory, NoMemory, NoRing},
     packet::{Attachment, Head, Packet},
     ring::{At, EMPTY, NotAWord, RingLayout, RingMemory, SlotHead, Wake, Word, doorbell},

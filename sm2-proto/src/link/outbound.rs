@@ -95,8 +95,28 @@ impl Outbound {
         }
     }
 
-    /// Handles OPEN with the other end's window.
-    pub(super) fn open(&mut self, window: u32) {
+    /// Handles OPEN with the other end's window and maximum length of a message. Passes each queued
+    /// message that is longer to `dropped`.
+    //= SM2-QOS-008
+    pub(super) fn open(
+        &mut self,
+        window: u32,
+        max_len: u64,
+        mut dropped: impl FnMut(&OutboundMessage),
+    ) {
+        let mut too_long = VecDeque::new();
+        // Nothing is admitted before OPEN.
+        for message in mem::take(&mut self.waiting) {
+            match message.len > max_len {
+                true => too_long.push_back(message),
+                false => self.waiting.push_back(message),
+            }
+        }
+        for message in too_long {
+            self.counters.too_long += 1;
+            self.settle(slot_of(&message.body), false);
+            dropped(&message);
+        }
         self.window = window as usize;
         self.admit();
     }
@@ -184,6 +204,14 @@ impl Outbound {
         self.stalled = true;
     }
 
+    /// Counts a publication that is not sent on this link because it is longer than the other end
+    /// accepts.
+    //= SM2-QOS-008
+    pub(super) const fn drop_too_long(&mut self) {
+        self.counters.offered += 1;
+        self.counters.too_long += 1;
+    }
+
     /// Moves waiting messages to the admitted ones while the window has room.
     //= SM2-MSG-003
     fn admit(&mut self) {
@@ -225,7 +253,7 @@ impl Outbound {
         Ok(())
     }
 
-    //= SM2-QOS-005
+    //= SM2-QOS-007
     fn take_unreleased(&mut self, sequence: u64, given: Given) -> Option<Released> {
         let Unreleased { key, id, slot } = self.unreleased.remove(&sequence)?;
         self.settle(slot, true);
@@ -340,7 +368,7 @@ impl Outbound {
         self.waiting.len() + self.admitted.len() + self.unreleased.len()
     }
 
-    //= SM2-QOS-005
+    //= SM2-QOS-007
     pub(super) fn counters(&self) -> Counters {
         Counters {
             in_flight: self.in_flight() as u64,

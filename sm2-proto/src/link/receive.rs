@@ -1,7 +1,10 @@
 //! Handling of received datagrams: the checks of SPEC section 10 in their order, and their effects.
 
+#[cfg(any(kani, test))]
+mod proofs;
+
 use super::{
-    Carrier, End, Link, Output, Role, SegmentInfo,
+    Carrier, End, Fate, Link, MaxLen, Output, Role, SegmentInfo,
     lane::Lane,
     outbound::Released,
     phase::{self, Phase},
@@ -9,7 +12,10 @@ use super::{
     socket_lane::SocketLane,
     wire::{Frame, Given, LANE_RING, LANE_SOCKET, MessageFrame, Open},
 };
-use crate::{Datagram, Farewell, FdFacts, Violation, limits::WINDOW_MAX};
+use crate::{
+    Datagram, Farewell, FdFacts, Violation,
+    limits::{MESSAGE_MAX, WINDOW_MAX},
+};
 
 /// A frame of the other lane. Defensive: [`phase::check_kind`] has already refused such a frame.
 const WRONG_LANE: Violation = violation!(WrongLane, "SM2-RNG-001");
@@ -49,7 +55,7 @@ impl Link {
         }
     }
 
-    //= SM2-OPN-002, SM2-OPN-003, SM2-OPN-004
+    //= SM2-OPN-002, SM2-OPN-003, SM2-OPN-004, SM2-OPN-009
     fn on_open(&mut self, open: &Open) -> Result<(), Violation> {
         let config = &self.config;
         let expected = (config.role.counterpart() as u8, config.version, config.id);
@@ -66,6 +72,11 @@ impl Link {
         if open.lanes & LANE_SOCKET == 0 {
             return Err(violation!(BadOpen, "SM2-OPN-004"));
         }
+        self.peer_max_len = match (config.role, MaxLen::from_units(open.max_len)) {
+            (Role::Receiver, None) if open.max_len == 0 => MESSAGE_MAX,
+            (Role::Sender | Role::Caller | Role::Server, Some(max_len)) => max_len.bytes(),
+            _ => return Err(violation!(BadOpen, "SM2-OPN-009")),
+        };
         self.state = Ok(Phase::Open);
         self.open_lane(open);
         self.events.push_back(Output::Opened);
@@ -82,10 +93,22 @@ impl Link {
             return;
         }
         if let Lane::Socket(socket) = &mut self.lane {
-            return socket.outbound.open(open.window);
+            let (placed, events) = (&mut self.placed, &mut self.events);
+            return socket
+                .outbound
+                .open(open.window, self.peer_max_len, |message| {
+                    let (key, call) = (message.key, message.id);
+                    let fate = Fate::TooLong;
+                    events.push_back(Output::Settled { key, fate });
+                    //= SM2-SRV-007
+                    if self.config.role == Role::Caller {
+                        placed.replied(call);
+                        events.push_back(Output::CallFailed { call });
+                    }
+                });
         }
         let mut socket = SocketLane::new(&self.config);
-        socket.outbound.open(open.window);
+        socket.outbound.open(open.window, self.peer_max_len, |_| {});
         self.lane = Lane::Socket(socket);
     }
 

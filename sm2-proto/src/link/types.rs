@@ -22,6 +22,9 @@ pub enum Input<'a> {
     /// take too much of the publisher's memory. The publication counts as [`Counters::pool_limit`],
     /// and the link is [stalled](super::Link::is_stalled) until the other end releases a message.
     PoolLimit,
+    /// The driver does not send a publication on this link, because the publication is longer than
+    /// [`Link::peer_max_len`](super::Link::peer_max_len). It counts as [`Counters::too_long`].
+    TooLong,
     /// Ring lane, after [`NoDelivery::UnknownSegment`](super::NoDelivery::UnknownSegment): the
     /// socket has no further datagram that could attach the segment of the message.
     SegmentMissing,
@@ -202,14 +205,17 @@ pub enum Fate {
     Deadline,
     /// Not settled when the link ended.
     Closed,
+    /// Longer than the other end accepts, which was not known when the message was queued: its OPEN
+    /// came later.
+    TooLong,
 }
 
 /// Counts of all messages of one link, by outcome: `offered = delivered + overwritten + discarded +
-/// deadline + closed + pool_limit + in_flight`.
+/// deadline + closed + pool_limit + too_long + in_flight`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Counters {
-    /// Every message that was passed to `send`, and every [`Input::Skip`], [`Input::PassOver`] and
-    /// [`Input::PoolLimit`].
+    /// Every message that was passed to `send`, and every [`Input::Skip`], [`Input::PassOver`],
+    /// [`Input::PoolLimit`] and [`Input::TooLong`].
     pub offered: u64,
     /// See [`Fate::Delivered`].
     pub delivered: u64,
@@ -223,6 +229,9 @@ pub struct Counters {
     pub closed: u64,
     /// Not sent on this link because of the publisher's pool limit: see [`Input::PoolLimit`].
     pub pool_limit: u64,
+    /// Not sent on this link because the other end does not accept messages of this length: see
+    /// [`Input::TooLong`] and [`Fate::TooLong`].
+    pub too_long: u64,
     /// Queued on this side, or sent and not yet released.
     pub in_flight: u64,
 }
@@ -237,6 +246,7 @@ impl Counters {
             .saturating_add(self.deadline)
             .saturating_add(self.closed)
             .saturating_add(self.pool_limit)
+            .saturating_add(self.too_long)
     }
 }
 
@@ -274,6 +284,9 @@ pub enum Misuse {
         "the payload is longer than its form allows: inline 61,440 bytes, pooled one slot, all 2^40"
     )]
     TooLong,
+    /// The message is longer than the other end accepts.
+    #[error("the message is longer than the other end accepts: see peer_max_len")]
+    NotAccepted,
     /// A pooled message on a sealed link.
     #[error("pooled messages are illegal on a sealed link: send it sealed or inline")]
     NotSealed,

@@ -84,6 +84,8 @@ pub struct Open {
     pub link: LinkId,
     /// The lanes that the sender offers.
     pub lanes: u32,
+    /// The maximum length of a message that the sender accepts, in units of 1,024 bytes.
+    pub max_len: u32,
 }
 
 /// Bit 0 of `lanes`: the socket lane.
@@ -168,7 +170,6 @@ impl<'a> Frame<'a> {
     }
 
     fn open(layout: Layout<OPEN>) -> Result<Self, Violation> {
-        layout.check_zero::<28, 4>()?;
         Ok(Self::Open(Open {
             role: layout.u8::<1>(),
             version: layout.u16::<2>(),
@@ -178,6 +179,7 @@ impl<'a> Frame<'a> {
                 serial: layout.u64::<16>(),
             },
             lanes: layout.u32::<24>(),
+            max_len: layout.u32::<28>(),
         }))
     }
 
@@ -351,6 +353,7 @@ impl<'a> Frame<'a> {
                 .with::<8, 8>(open.link.epoch.to_le_bytes())
                 .with::<16, 8>(open.link.serial.to_le_bytes())
                 .with::<24, 4>(open.lanes.to_le_bytes())
+                .with::<28, 4>(open.max_len.to_le_bytes())
                 .head(),
             Self::Attach(segment) => Layout::<ATTACH>::of(self.kind())
                 .with::<4, 4>(segment.id.to_le_bytes())

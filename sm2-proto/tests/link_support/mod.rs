@@ -4,8 +4,8 @@
 use sm2_proto::{
     Datagram, FdFacts, Instant, LinkId, Machine, Seals, Violation,
     link::{
-        Body, Config, End, Error, Fate, Input, Link, NoMemory, OutboundMessage, Output, Packet,
-        RingLayout, Role, SegmentInfo, Status, Wake,
+        Body, Config, End, Error, Fate, Input, Link, MaxLen, NoMemory, OutboundMessage, Output,
+        Packet, RingLayout, Role, SegmentInfo, Status, Wake,
         wire::{Carrier, Form, Frame, Given, LANE_RING, LANE_SOCKET, MessageFrame, Open},
     },
 };
@@ -32,6 +32,7 @@ pub(crate) fn config(role: Role) -> Config {
         ring: false,
         depth: 2,
         max_borrowed: 1,
+        max_len: MaxLen::GREATEST,
     }
 }
 
@@ -51,12 +52,19 @@ pub(crate) fn open_to(config: &Config) -> Frame<'static> {
 pub(crate) fn open_with(config: &Config, window: u32) -> Frame<'static> {
     let role = config.role.counterpart() as u8;
     let lanes = LANE_SOCKET | if config.ring { LANE_RING } else { 0 };
+    // A sender's OPEN has no maximum.
+    let max_len = if config.role == Role::Receiver {
+        0
+    } else {
+        1 << 30
+    };
     Frame::Open(Open {
         role,
         version: 1,
         window,
         link: LINK,
         lanes,
+        max_len,
     })
 }
 

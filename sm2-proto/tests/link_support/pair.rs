@@ -13,7 +13,7 @@ use sm2_proto::{
 
 use crate::{
     driver::{Driver, SLOTS, Sent, segment},
-    link_support::{LINK, NOW, give_back, offer},
+    link_support::{self, NOW, give_back, offer},
     ops::{Op, PairConfig},
 };
 
@@ -42,14 +42,11 @@ impl Pair {
     fn new(config: PairConfig, roles: [Role; 2]) -> Self {
         let end = |at: usize| {
             let config = Config {
-                id: LINK,
-                version: 1,
-                role: roles[at],
                 reliable: config.reliable,
                 sealed: config.sealed,
-                ring: false,
                 depth: config.depth[at],
                 max_borrowed: config.max_borrowed[at],
+                ..link_support::config(roles[at])
             };
             Driver::new(Link::new(config))
         };
@@ -390,6 +387,7 @@ impl Pair {
                 deadline: at.skipped,
                 closed: tally(Some(Fate::Closed)),
                 pool_limit: 0,
+                too_long: tally(Some(Fate::TooLong)),
                 in_flight: tally(None),
             };
             assert_eq!(at.link.counters(), expected);

@@ -22,7 +22,7 @@ impl Pair {
         }
     }
 
-    //= SM2-QOS-005 test
+    //= SM2-QOS-007 test
     fn check_counters(&self) {
         let sending = &self.sending;
         if !self.sound {
@@ -37,6 +37,7 @@ impl Pair {
             deadline: sending.skipped,
             closed: 0,
             pool_limit: 0,
+            too_long: 0,
             in_flight: tally(None),
         };
         assert_eq!(sending.at.link.counters(), expected);

@@ -156,10 +156,15 @@ pub(crate) fn ring_config(role: Role, reliable: bool, depth: u16, max_borrowed: 
 impl Rig {
     /// Both ends, before they have read any frame.
     pub(crate) fn fresh(reliable: bool, depth: u16, max_borrowed: u16) -> Self {
-        let end = |role| Link::new(ring_config(role, reliable, depth, max_borrowed));
-        let layout = RingLayout::new(depth, u32::from(depth + max_borrowed)).unwrap();
+        let config = |role| ring_config(role, reliable, depth, max_borrowed);
+        Self::with([Role::Sender, Role::Receiver].map(config))
+    }
+
+    /// A sender and a receiver with these configurations, before they have read any frame.
+    pub(crate) fn with(configs: [Config; 2]) -> Self {
+        let layout = configs[RECEIVER].ring_layout().unwrap();
         let mut rig = Self {
-            ends: [end(Role::Sender), end(Role::Receiver)],
+            ends: configs.map(Link::new),
             wires: Default::default(),
             outputs: Default::default(),
             words: Memory::new(layout),
@@ -174,12 +179,16 @@ impl Rig {
 
     /// Open ends, with a ring, and with segment 0 attached.
     pub(crate) fn open(reliable: bool, depth: u16, max_borrowed: u16) -> Self {
-        let mut rig = Self::fresh(reliable, depth, max_borrowed);
-        rig.pump();
-        rig.attach(segment(0));
-        rig.pump();
-        rig.words.take_accesses();
-        rig
+        Self::fresh(reliable, depth, max_borrowed).opened()
+    }
+
+    /// The same ends after all frames were read, with segment 0 attached.
+    pub(crate) fn opened(mut self) -> Self {
+        self.pump();
+        self.attach(segment(0));
+        self.pump();
+        self.words.take_accesses();
+        self
     }
 
     pub(crate) fn attach(&mut self, info: SegmentInfo) {

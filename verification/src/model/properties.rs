@@ -42,7 +42,7 @@ pub enum Property {
     /// (SM2-MSG-003, SM2-MSG-005).
     WithinWindow,
     /// `LNK-FATES`: each message is settled once, with its true fate, and counted accordingly
-    /// (SM2-QOS-005).
+    /// (SM2-QOS-007).
     FatesAreTrue,
     /// `RPC-ONCE`: each call ends once, with its own reply or with the link (SM2-SRV-003,
     /// SM2-SRV-004, SM2-SRV-005).

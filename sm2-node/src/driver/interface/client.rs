@@ -21,17 +21,24 @@ pub(crate) enum Choice {
     Opening,
     /// There is no server.
     NoServer,
+    /// No server accepts a request of this length; the greatest length that one accepts.
+    TooLong { max_len: u64 },
     /// The program holds as many calls and replies of each server as it may.
     TooMany { limit: usize },
 }
 
 impl Inner {
-    /// Chooses the server for the next call of a client. While a link to the first server is
-    /// announced and has not come, also asks the Manager for a PAGE, with which
+    /// Chooses the server for the next call of a client, with a request of this length. While a link to the first
+    /// server is announced and has not come, also asks the Manager for a PAGE, with which
     /// [`is_opening`](Interface::is_opening) ends: the link may never come.
-    pub(crate) fn choose_server(&mut self, client: InterfaceId, epoll: &Epoll) -> Option<Choice> {
+    pub(crate) fn choose_server(
+        &mut self,
+        client: InterfaceId,
+        len: u64,
+        epoll: &Epoll,
+    ) -> Option<Choice> {
         let interface = self.interfaces.get(&client)?;
-        let choice = interface.choose_server();
+        let choice = interface.choose_server(len);
         if choice == Choice::Opening && interface.links_due > 0 {
             self.expect_page(epoll);
         }
@@ -40,19 +47,23 @@ impl Inner {
 }
 
 impl Interface {
-    /// Chooses the server for the next call.
-    //= SM2-SRV-006
-    pub(crate) fn choose_server(&self) -> Choice {
+    /// Chooses the server for the next call, with a request of this length.
+    //= SM2-SRV-006, SM2-SRV-007
+    pub(crate) fn choose_server(&self, len: u64) -> Choice {
         let is_meant = |link: &&LinkDriver| link.is_open() && (self.servers)(&link.peer.name);
         let open = || self.links().filter(is_meant);
         // The choice and the limit use the same sum: otherwise a server whose replies are held would be
         // chosen and found full, while another one is free. Among links with equal sums, this is the oldest:
         // links are ordered by age.
         let load = |link: &LinkDriver| link.calls() + link.held();
-        let least = open().min_by_key(|link| load(link));
+        let accepting = open().filter(|link| link.accepts(len));
+        let least = accepting.min_by_key(|link| load(link));
         match least {
-            None if self.is_opening() => Choice::Opening,
-            None => Choice::NoServer,
+            None => match open().map(LinkDriver::peer_max_len).max() {
+                Some(max_len) => Choice::TooLong { max_len },
+                None if self.is_opening() => Choice::Opening,
+                None => Choice::NoServer,
+            },
             Some(link) if load(link) >= link.max_borrowed() => Choice::TooMany {
                 limit: link.max_borrowed(),
             },

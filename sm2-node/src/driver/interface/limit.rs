@@ -118,7 +118,8 @@ impl Interface {
         }
     }
 
-    /// Counts a message that finds no memory, on every open link. `None` if no link holds a message:
+    /// Counts a message that finds no memory, on every open link that accepts its length. `None` if no link
+    /// holds a message:
     /// then the publisher itself uses the memory.
     //= SM2-QOS-006
     pub(crate) fn miss(
@@ -131,12 +132,17 @@ impl Interface {
             return None;
         }
         self.count_publication(time, len, context);
-        let mut missed = 0;
+        let mut published = Published::default();
         for link in self.links.iter_mut().filter(|link| link.is_open()) {
-            link.hold_back(context, &mut self.outbox);
-            missed += usize::from(link.is_reliable());
+            if link.accepts(len) {
+                link.hold_back(context, &mut self.outbox);
+            } else {
+                link.drop_too_long(len, context, &mut self.outbox);
+                published.too_long += 1;
+            }
+            published.missed += usize::from(link.is_reliable());
         }
-        Some(Published { links: 0, missed })
+        Some(published)
     }
 
     /// Whether a link has messages in flight.

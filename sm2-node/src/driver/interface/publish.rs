@@ -8,6 +8,7 @@ use sm2_proto::{Contract, Instant};
 use super::Interface;
 use crate::driver::context::Context;
 use crate::driver::limits::COPY_UNDER_LOCK_MAX;
+use crate::driver::link::LinkDriver;
 use crate::driver::outbox::{Forms, Label, MessageKey, Needs};
 use crate::driver::token::LinkToken;
 use crate::published::Published;
@@ -19,16 +20,27 @@ pub(crate) struct Offered {
     key: Option<MessageKey>,
     links: usize,
     missed: usize,
+    /// Links whose subscriber does not accept messages of this length.
+    too_long: usize,
     /// Reliable links without room.
     pub(crate) waiting: Vec<LinkToken>,
 }
 
+impl Offered {
+    /// Counts a link whose subscriber does not accept messages of this length.
+    pub(super) fn count_too_long(&mut self, link: &LinkDriver) {
+        self.too_long += 1;
+        self.missed += usize::from(link.is_reliable());
+    }
+}
+
 impl Interface {
-    /// The forms that the open links need. If none is open and messages are latched, the needs of a
-    /// link that opens later.
-    pub(crate) fn needs(&self) -> Needs {
+    /// The forms that the open links need for a message of this length. If none needs any and
+    /// messages are latched, the needs of a link that opens later.
+    pub(crate) fn needs(&self, len: u64) -> Needs {
         let mut needs = Needs::default();
-        for link in self.links().filter(|link| link.is_open()) {
+        let open = self.links().filter(|link| link.is_open());
+        for link in open.filter(|link| link.accepts(len)) {
             if !link.is_suspended() || link.is_reliable() {
                 needs.add(link.needs());
             }
@@ -125,27 +137,22 @@ impl Interface {
     ) -> Offered {
         self.count_publication(time, len, context);
         if forms.is_empty() {
-            // Either no link is open, or all are suspended.
-            for link in self
-                .links
-                .iter_mut()
-                .filter(|it| it.is_open() && it.is_suspended())
-            {
-                link.hold_back(context, &mut self.outbox);
-            }
-            return Offered::default();
+            return self.publish_to_nobody(len, context);
         }
         let id = self.published;
         let key = self.outbox.store(forms, Label { id, time, len });
         self.latch(key);
         let mut offered = Offered {
             key: Some(key),
-            links: 0,
-            missed: 0,
-            waiting: Vec::new(),
+            ..Offered::default()
         };
         for link in self.links.iter_mut() {
             if !link.is_open() {
+                continue;
+            }
+            if !link.accepts(len) {
+                link.drop_too_long(len, context, &mut self.outbox);
+                offered.count_too_long(link);
                 continue;
             }
             if link.is_resuming() {
@@ -168,6 +175,21 @@ impl Interface {
             }
         }
         self.detach_segments(context);
+        offered
+    }
+
+    /// Counts a message without a form on the open links: each of them is suspended, or does not
+    /// accept messages of this length.
+    fn publish_to_nobody(&mut self, len: u64, context: &mut Context<'_>) -> Offered {
+        let mut offered = Offered::default();
+        for link in self.links.iter_mut().filter(|link| link.is_open()) {
+            if !link.accepts(len) {
+                link.drop_too_long(len, context, &mut self.outbox);
+                offered.count_too_long(link);
+            } else if link.is_suspended() {
+                link.hold_back(context, &mut self.outbox);
+            }
+        }
         offered
     }
 
@@ -235,6 +257,7 @@ impl Interface {
         Published {
             links: offered.links,
             missed: offered.missed,
+            too_long: offered.too_long,
         }
     }
 
@@ -266,6 +289,13 @@ impl Interface {
             }
         }
         while let Some(&key) = link.backlog.front() {
+            let len = self.outbox.label(key).map_or(0, |label| label.len);
+            if !link.accepts(len) {
+                link.backlog.pop_front();
+                link.drop_too_long(len, context, &mut self.outbox);
+                self.outbox.release(key);
+                continue;
+            }
             if link.is_reliable() && !link.has_room_for_backlog() {
                 // On the ring lane, only DOORBELL tells of new room, so the link parks and then
                 // looks once more.

@@ -56,17 +56,13 @@ impl Interface {
     }
 
     /// Sends a reply that says that the call failed.
-    pub(crate) fn reply_failed(
-        &mut self,
-        call: CallId,
-        reason: &'static str,
-        context: &mut Context<'_>,
-    ) {
+    pub(crate) fn reply_failed(&mut self, call: CallId, reason: Bytes, context: &mut Context<'_>) {
+        let len = reason.len() as u64;
         let forms = Forms {
-            inline: Some(Bytes::from_static(reason.as_bytes())),
+            inline: Some(reason),
             ..Forms::default()
         };
-        self.reply(call, forms, reason.len() as u64, Status::Failed, context);
+        self.reply(call, forms, len, Status::Failed, context);
     }
 
     /// Sends a reply. Returns whether the client's link was still open.

@@ -108,6 +108,23 @@ impl LinkDriver {
         self.note_fates(context.counting);
     }
 
+    /// Drops a message for this link alone, because the other side does not accept messages of this
+    /// length.
+    //= SM2-QOS-008
+    pub(in crate::driver) fn drop_too_long(
+        &mut self,
+        len: u64,
+        context: &mut Context<'_>,
+        outbox: &mut Outbox,
+    ) {
+        if self.counters().too_long == 0 {
+            let (link, peer, max_len) = (self.id, &self.peer.name, self.peer_max_len());
+            tracing::warn!(%link, %peer, len, max_len, "a message is longer than this peer accepts: it misses it");
+        }
+        self.feed(Input::TooLong, context.epoll, outbox);
+        self.note_fates(context.counting);
+    }
+
     /// Drops a message for this link alone, because its reliable deadline expired while this link
     /// had no room.
     //= SM2-QOS-002

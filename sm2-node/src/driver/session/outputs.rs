@@ -223,6 +223,7 @@ impl Inner {
             Ok(socket) => {
                 let config = Config {
                     ring: self.ring_lane,
+                    max_len: interface.max_len,
                     ..Config::new(&interface.contract, link, version, reliable, sealed)
                 };
                 let entry = self.counting.allocate(id, Some(link));

@@ -2,6 +2,7 @@
 
 use sm2_io::Epoll;
 use sm2_proto::control::SchemaText;
+use sm2_proto::link::MaxLen;
 use sm2_proto::node::{self, End, Input};
 use sm2_proto::{Contract, InterfaceId, NodeId, Refusal, TypeId};
 
@@ -46,6 +47,7 @@ impl Inner {
         &mut self,
         contract: Contract,
         pool_limit: PoolLimit,
+        max_len: MaxLen,
         epoll: &Epoll,
     ) -> Result<InterfaceId, node::Error> {
         let id = self.session.declare(contract.clone())?;
@@ -53,7 +55,7 @@ impl Inner {
             self.session.tell(Input::Counters);
         }
         let entry = self.counting.allocate(id, None);
-        let interface = Interface::new(contract, pool_limit, entry);
+        let interface = Interface::new(contract, pool_limit, max_len, entry);
         self.interfaces.insert(id, interface);
         self.drain_session(Incoming::default(), epoll);
         Ok(id)

@@ -17,7 +17,7 @@ use crate::{
     fuzz::Script,
     limits::SLOT_HEAD,
     link::{
-        At, Body, Config, Delivery, Error, Fate, Input, LentRing, Misuse, NoDelivery,
+        At, Body, Config, Delivery, Error, Fate, Input, LentRing, MaxLen, Misuse, NoDelivery,
         OutboundMessage, Payload, RingLayout, Role, SegmentInfo, SlotHead, SlotRange, Status,
         wire::{Frame, Open},
     },
@@ -87,6 +87,10 @@ impl<'a> Ring<'a> {
             ring: true,
             depth: 1 + u16::from(script.byte()? % 4),
             max_borrowed: 1 + u16::from(script.byte()? % 3),
+            max_len: match flags & 16 {
+                0 => MaxLen::GREATEST,
+                _ => MaxLen::LEAST,
+            },
         };
         let window = u32::from(config.depth + config.max_borrowed);
         let layout = RingLayout::new(config.depth, window)?;
@@ -127,6 +131,7 @@ impl<'a> Ring<'a> {
             window: if role.sends() { window } else { 0 },
             link: LINK,
             lanes: LANE_SOCKET | LANE_RING,
+            max_len: if role.sends() { window } else { 0 },
         });
         self.world.frame(&open, &[]);
         if role.sends() {
@@ -331,6 +336,7 @@ impl<'a> Ring<'a> {
             1 => self.world.input(Input::Retire { segment: id }),
             2 => self.world.frame(&Frame::Detached { segment: id }, &[]),
             _ if step > 4 => self.world.input(Input::PoolLimit),
+            _ if id == 0 => self.world.input(Input::TooLong),
             _ => self.world.input(Input::PassOver),
         }
         Some(())
@@ -380,6 +386,7 @@ impl<'a> Ring<'a> {
         match &result {
             Ok(Some(delivery)) => {
                 assert!(self.held.len() < limit);
+                assert!(delivery.len <= self.world.link.config().max_len.bytes());
                 let Payload::Pooled { segment, offset } = delivery.payload else {
                     panic!("it is pooled");
                 };

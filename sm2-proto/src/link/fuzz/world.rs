@@ -8,7 +8,7 @@ use alloc::{
 
 use super::{
     super::{
-        Config, Delivery, End, Error, Input, LaneKind, Link, Output, Packet, Payload, Role,
+        Config, Delivery, End, Error, Input, LaneKind, Link, MaxLen, Output, Packet, Payload, Role,
         wire::Frame,
     },
     LINK, NOW,
@@ -52,6 +52,10 @@ impl World {
             ring: flags & 16 != 0,
             depth: u16::from(script.byte()? % 4),
             max_borrowed: u16::from(script.byte()? % 4),
+            max_len: match flags & 32 {
+                0 => MaxLen::GREATEST,
+                _ => MaxLen::LEAST,
+            },
         };
         Some(Self::with(config))
     }
@@ -181,11 +185,13 @@ impl World {
         );
         assert!(self.link.end().is_none() || matches!(frame, Frame::Close(_)));
         if let Frame::Message(message) = frame {
+            assert!(message.len <= self.link.peer_max_len());
             assert!(self.sent.insert(message.sequence));
         }
     }
 
     pub(super) fn check_delivery(&self, delivery: &Delivery) {
+        assert!(delivery.len <= self.link.config().max_len.bytes());
         match &delivery.payload {
             Payload::Inline(bytes) => assert_eq!(bytes.len() as u64, delivery.len),
             Payload::Pooled { segment, offset } => {

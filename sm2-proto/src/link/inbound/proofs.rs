@@ -125,6 +125,9 @@ impl Arrival {
                 {
                     Err(violation!(SlotBusy, "SM2-PAY-005"))
                 }
+                _ if frame.len > state.books.max_len => {
+                    Err(violation!(MessageTooLong, "SM2-PAY-011"))
+                }
                 Form::Sealed if file.seals != Seals::SEALED => {
                     Err(violation!(SealsMissing, "SM2-SEG-001"))
                 }
@@ -140,7 +143,7 @@ impl Arrival {
 /// A message is admitted exactly if it obeys the rules of SPEC section 8 for flow, form, slot and
 /// file.
 //= SM2-MSG-001, SM2-MSG-002, SM2-MSG-003, SM2-PAY-001, SM2-PAY-002, SM2-PAY-005, SM2-PAY-008 kani
-//= SM2-PAY-009, SM2-SEG-001, SM2-SEG-002 kani
+//= SM2-PAY-009, SM2-PAY-011, SM2-SEG-001, SM2-SEG-002 kani
 #[cfg_attr(kani, kani::proof)]
 // Two messages; trees of at most two entries.
 #[cfg_attr(kani, kani::unwind(8))]
@@ -148,6 +151,9 @@ fn a_message_is_admitted_exactly() {
     let mut state = State::<2>::any();
     let last = state.books.sequence;
     let arrival = Arrival::any(last);
+    // The maximum is the length of the message, or less.
+    let is_short: bool = kani::any();
+    state.books.max_len = arrival.frame.len.saturating_sub(u64::from(is_short));
     let expected = arrival.expected(&state);
     let Arrival { frame, file, .. } = arrival;
     let form = frame.form;
@@ -164,6 +170,10 @@ fn a_message_is_admitted_exactly() {
     kani::cover!(
         expected == Err(violation!(NotSealed, "SM2-PAY-009")),
         "its link is sealed"
+    );
+    kani::cover!(
+        expected == Err(violation!(MessageTooLong, "SM2-PAY-011")) && file.size_bytes == 0,
+        "it is longer than this end accepts"
     );
     kani::cover!(expected.is_ok() && form == Form::Sealed, "a sealed message");
     match verdict {
@@ -429,7 +439,7 @@ fn one_segment_too_many_is_refused() {
 
 #[cfg(test)]
 kani::explored! {
-    a_message_is_admitted_exactly: 4,
+    a_message_is_admitted_exactly: 5,
     each_message_is_released_once: 2,
     segments_come_and_go: 4,
     one_segment_too_many_is_refused: 2,

@@ -11,7 +11,7 @@ use super::{
 };
 use crate::{
     Instant, LinkId, VERSION,
-    link::{FrameKind, Packet},
+    link::{FrameKind, MaxLen, Packet},
     proofs::{below, one_of},
 };
 
@@ -88,6 +88,7 @@ impl State {
             ring: false,
             depth: 2,
             max_borrowed: 1,
+            max_len: MaxLen::GREATEST,
         };
         let mut books = Outbound::new(&config);
         let last = one_of(&SEQUENCES);
@@ -143,7 +144,7 @@ impl State {
 /// DAT-REFS: RELEASE is accepted exactly if all messages that it names are outstanding, in
 /// ascending order. If it is accepted, exactly these messages are settled once and their slots are
 /// free. Otherwise nothing changes.
-//= SM2-MSG-003, SM2-MSG-004, SM2-QOS-005 kani
+//= SM2-MSG-003, SM2-MSG-004, SM2-QOS-007 kani
 #[cfg_attr(kani, kani::proof)]
 // At most seven messages; trees of at most three entries; lists of at most three numbers.
 #[cfg_attr(kani, kani::unwind(10))]
@@ -286,7 +287,7 @@ fn sent_messages_are_numbered() {
 
 /// One more message finds room, displaces the oldest waiting message, or is refused. OPEN and an
 /// expired deadline also keep the state consistent.
-//= SM2-QOS-001, SM2-QOS-002, SM2-QOS-005, SM2-OPN-003 kani
+//= SM2-QOS-001, SM2-QOS-002, SM2-QOS-007, SM2-OPN-003 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(10))]
 fn one_more_message_keeps_the_books() {
@@ -329,9 +330,18 @@ fn one_more_message_keeps_the_books() {
             // OPEN comes once, before any message was sent.
             kani::assume(state.books.window == 0);
             let window = below(4);
-            state.books.open(window as u32);
-            assert_eq!(state.books.admitted.len(), window.min(state.waiting));
-            assert_eq!(state.books.counters(), before);
+            let is_accepted = kani::any();
+            let mut dropped = 0;
+            (state.books.waiting.iter_mut()).for_each(|it| it.len = 1);
+            let max_len = if is_accepted { 1 } else { 0 };
+            state.books.open(window as u32, max_len, |_| dropped += 1);
+            let waiting = if is_accepted { state.waiting } else { 0 };
+            assert_eq!(dropped, state.waiting - waiting);
+            assert_eq!(state.books.admitted.len(), window.min(waiting));
+            let after = state.books.counters();
+            assert_eq!(after.too_long, before.too_long + dropped as u64);
+            assert_eq!(after.in_flight, before.in_flight - dropped as u64);
+            kani::cover!(dropped == 2 && state.pooled, "two slots are free again");
             kani::cover!(window == 1 && state.waiting == 2, "one of two is admitted");
         }
     }
@@ -339,7 +349,7 @@ fn one_more_message_keeps_the_books() {
 }
 
 /// The end settles each unsettled message once, the oldest first.
-//= SM2-OPN-007, SM2-QOS-005 kani
+//= SM2-OPN-007, SM2-QOS-007 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(10))]
 fn the_end_settles_all() {
@@ -365,6 +375,6 @@ kani::explored! {
     release_is_exact: 2,
     outstanding_slots_are_not_used_again: 3,
     sent_messages_are_numbered: 2,
-    one_more_message_keeps_the_books: 3,
+    one_more_message_keeps_the_books: 4,
     the_end_settles_all: 1,
 }

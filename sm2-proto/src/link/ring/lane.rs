@@ -46,7 +46,13 @@ impl RingLane {
     pub(in crate::link) fn new(config: &Config, window: u32) -> Self {
         let incoming = config.ring_layout().map(|layout| {
             let carrier = Carrier::to(config.role);
-            RingReceiver::new(layout, carrier, config.reliable, config.max_borrowed)
+            RingReceiver::new(
+                layout,
+                carrier,
+                config.reliable,
+                config.max_borrowed,
+                config.max_len,
+            )
         });
         Self {
             outgoing: (config.role.sends()).then_some(Outgoing::Awaited { window }),

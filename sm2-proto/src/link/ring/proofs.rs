@@ -11,7 +11,9 @@ use super::{
 use crate::{
     Instant,
     limits::SLOT_HEAD,
-    link::{Carrier, Fate, Misuse, Payload, SegmentInfo, SlotRange, Status, segments::Geometry},
+    link::{
+        Carrier, Fate, MaxLen, Misuse, Payload, SegmentInfo, SlotRange, Status, segments::Geometry,
+    },
     proofs::{below, one_of},
 };
 
@@ -209,7 +211,7 @@ impl Ends {
             reliable,
             memory: Memory::default(),
             sender,
-            receiver: RingReceiver::new(layout, Carrier::Data, reliable, 2),
+            receiver: RingReceiver::new(layout, Carrier::Data, reliable, 2, MaxLen::GREATEST),
             fates: [None; 8],
             sent: 0,
             taken: 0,

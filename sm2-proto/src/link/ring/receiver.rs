@@ -8,7 +8,8 @@ mod proofs;
 use self::borrowed::Borrowed;
 use super::{
     super::{
-        Delivery, Payload, SlotRange, TooManyBorrowed, frame_kind::Carrier, segments::Geometry,
+        Delivery, MaxLen, Payload, SlotRange, TooManyBorrowed, frame_kind::Carrier,
+        segments::Geometry,
     },
     At, EMPTY, RingLayout, RingMemory, SlotHead, Wake, Word, wake_parked,
 };
@@ -24,6 +25,8 @@ pub(in crate::link) struct RingReceiver {
     /// Whether the sender may displace messages that were not taken.
     displaces: bool,
     max_borrowed: u16,
+    /// The length of the longest message that this end accepts, in bytes.
+    max_len: u64,
     /// The sequence number of the expected message.
     next: u64,
     /// The id of the last message that was taken.
@@ -56,12 +59,14 @@ impl RingReceiver {
         carrier: Carrier,
         reliable: bool,
         max_borrowed: u16,
+        max_len: MaxLen,
     ) -> Self {
         Self {
             layout,
             carrier,
             displaces: !reliable,
             max_borrowed,
+            max_len: max_len.bytes(),
             next: 1,
             last_id: None,
             given: 0,
@@ -183,7 +188,7 @@ impl RingReceiver {
 
     /// Handles a word that was taken out of the ring: checks the head of its message and delivers
     /// it.
-    //= SM2-RNG-004, SM2-PAY-005, SM2-PAY-008, SM2-MSG-002, SM2-SRV-002
+    //= SM2-RNG-004, SM2-PAY-005, SM2-PAY-008, SM2-PAY-011, SM2-MSG-002, SM2-SRV-002
     #[inline]
     fn taken(
         &mut self,
@@ -203,8 +208,9 @@ impl RingReceiver {
         if self.carrier != Carrier::Reply && head.id <= last_id.unwrap_or(0) {
             return Err(violation!(BadId, "SM2-RNG-004").into());
         }
-        if head.len > MESSAGE_MAX || head.len > slot.stride - SLOT_HEAD as u64 {
-            return Err(violation!(BadLength, "SM2-RNG-004").into());
+        // `max_len` is at most `MESSAGE_MAX`.
+        if head.len > self.max_len || head.len > slot.stride - SLOT_HEAD as u64 {
+            return Err(self.illegal_len(head.len, slot).into());
         }
         let lost = match (self.carrier, last_id) {
             (Carrier::Data, Some(last)) => head.id - last - 1,
@@ -229,6 +235,17 @@ impl RingReceiver {
                 offset: slot.offset,
             },
         })
+    }
+
+    /// The violation of a message with an illegal length.
+    //= SM2-RNG-004, SM2-PAY-008, SM2-PAY-011
+    #[cold]
+    fn illegal_len(&self, len: u64, slot: SlotRange) -> Violation {
+        if len > MESSAGE_MAX || len > slot.stride - SLOT_HEAD as u64 {
+            return violation!(BadLength, "SM2-RNG-004");
+        }
+        debug_assert!(len > self.max_len);
+        violation!(MessageTooLong, "SM2-PAY-011")
     }
 
     /// Called when the application gives a message back. `None` if the application does not hold

@@ -407,6 +407,14 @@ impl RingSender {
         self.stalled = true;
     }
 
+    /// Counts a publication that is not sent on this link because it is longer than the other end
+    /// accepts.
+    //= SM2-QOS-008
+    pub(in crate::link) const fn drop_too_long(&mut self) {
+        self.counters.offered += 1;
+        self.counters.too_long += 1;
+    }
+
     /// Counts a queued message that is not sent, because the link is over.
     //= SM2-OPN-007
     pub(super) const fn count_closed(&mut self) {
@@ -445,7 +453,7 @@ impl RingSender {
         self.unreleased as usize
     }
 
-    //= SM2-QOS-005
+    //= SM2-QOS-007
     #[inline]
     pub(in crate::link) fn counters(&self) -> Counters {
         Counters {

@@ -17,18 +17,18 @@ use sm2_io::SeqPacket;
 use sm2_proto::{
     Seals,
     ViolationKind::{
-        BadLength, BadSegment, BadSegmentId, BadSize, BadSlot, NotAMemfd, NotSealed, SealsMissing,
-        SegmentBusy, SegmentLimit, SlotBusy, UnknownSegment,
+        BadLength, BadSegment, BadSegmentId, BadSize, BadSlot, MessageTooLong, NotAMemfd,
+        NotSealed, SealsMissing, SegmentBusy, SegmentLimit, SlotBusy, UnknownSegment,
     },
 };
 
 use super::stage::{
     LinkStage,
-    Real::{SealedSubscriber, Server, Subscriber},
+    Real::{BestEffort, SealedSubscriber, Server, Subscriber},
     Rows, Rule, all,
 };
 use crate::{
-    link::{Head, attach, detach, form, kind, pooled, sealed},
+    link::{Head, attach, detach, form, inline, kind, pooled, sealed},
     memory,
 };
 
@@ -159,7 +159,7 @@ fn sizes() -> Rows {
     for (file, len) in [
         (0, 1),
         (PAGE, PAGE + 1),
-        (PAGE, 1 << 40),
+        (PAGE, 1 << 30),
         ((1 << 41) + PAGE, 1),
     ] {
         let what = format!("a file of {file} bytes for {len}");
@@ -297,5 +297,27 @@ fn lengths() -> Rows {
             stage.send_fd(head.bytes(), &memory::sealed(PAGE));
         });
     }
-    all([of_slots, of_messages])
+    let mut too_long = Rule::new(MessageTooLong, "SM2-PAY-011");
+    for (real, len) in [(Subscriber, (1 << 30) + 1), (BestEffort, 1_025)] {
+        let what = format!("a sealed message of {len} bytes for {real:?}");
+        too_long = too_long.open(real, what, move |stage| {
+            let head = Head {
+                form: form::SEALED,
+                len,
+                ..Head::nth(kind::DATA, 1)
+            };
+            stage.send_fd(head.bytes(), &memory::sealed(PAGE));
+        });
+    }
+    too_long = too_long
+        .fresh(BestEffort, "1,025 bytes in a slot of a page", |stage| {
+            stage.attached(1);
+            stage.send(pooled(kind::DATA, 1, 1, 0, 1_025));
+        })
+        .sent(
+            BestEffort,
+            "1,025 inline bytes",
+            inline(kind::DATA, 1, &[0; 1_025]),
+        );
+    all([of_slots, of_messages, too_long])
 }

@@ -1,6 +1,6 @@
 //! OPEN that comes late, or twice, or has illegal fields.
 
-use sm2_proto::ViolationKind::{BadOpen, BadWindow, ExpectedOpen, ReservedNotZero, UnexpectedOpen};
+use sm2_proto::ViolationKind::{BadOpen, BadWindow, ExpectedOpen, UnexpectedOpen};
 
 use super::stage::{
     Real::{self, Client, Publisher, Server, Subscriber},
@@ -84,9 +84,17 @@ fn fields() -> Rows {
             (Client, "window 2^32 - 1 of a server", |it| it.window = !0),
         ],
     );
-    let reserved = with(
-        Rule::new(ReservedNotZero, "SM2-WIR-001"),
-        &[(Subscriber, "a reserved byte", |it| it.reserved = 1 << 24)],
+    let max_lens = with(
+        Rule::new(BadOpen, "SM2-OPN-009"),
+        &[
+            (Subscriber, "max_len 1 of a sender", |it| it.max_len = 1),
+            (Publisher, "max_len 0 of a receiver", |it| it.max_len = 0),
+            (Publisher, "max_len 2^30 + 1 of a receiver", |it| {
+                it.max_len = (1 << 30) + 1;
+            }),
+            (Server, "max_len 0 of a caller", |it| it.max_len = 0),
+            (Client, "max_len 2^32 - 1 of a server", |it| it.max_len = !0),
+        ],
     );
-    all([who, lanes, windows, reserved])
+    all([who, lanes, windows, max_lens])
 }

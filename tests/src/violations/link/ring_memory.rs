@@ -2,8 +2,8 @@
 
 use sm2_proto::{
     ViolationKind::{
-        BadId, BadLength, BadSegment, BadSlot, BadWord, ReservedNotZero, SegmentBusy, SlotBusy,
-        UnknownSegment, WindowExceeded,
+        BadId, BadLength, BadSegment, BadSlot, BadWord, MessageTooLong, ReservedNotZero,
+        SegmentBusy, SlotBusy, UnknownSegment, WindowExceeded,
     },
     link::{At, RingMemory},
 };
@@ -176,6 +176,15 @@ fn heads() -> Rows {
             sender.put(1, word(1, 0, 1));
         });
     }
+    let too_long = put(
+        Rule::new(MessageTooLong, "SM2-PAY-011"),
+        BestEffort,
+        "a head of 1,025 bytes",
+        |_, sender| {
+            sender.fill(0, b"x", head(1, 1_025));
+            sender.put(1, word(1, 0, 1));
+        },
+    );
     let mut reserved = Rule::new(ReservedNotZero, "SM2-RNG-004");
     for byte in [24, 40, 63] {
         let what = format!("a head whose byte {byte} is not zero");
@@ -186,7 +195,7 @@ fn heads() -> Rows {
             sender.put(1, word(1, 0, 1));
         });
     }
-    all([ids, lengths, reserved])
+    all([ids, lengths, too_long, reserved])
 }
 
 /// Wrong words that the sender finds at the positions where it puts its own words.

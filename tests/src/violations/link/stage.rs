@@ -23,7 +23,7 @@ pub enum Real {
     Subscriber,
     /// The same, whose links are sealed.
     SealedSubscriber,
-    /// A best-effort subscriber that takes messages only on command: window 6.
+    /// A best-effort subscriber that takes messages of up to 1,024 bytes, only on command: window 6.
     BestEffort,
     /// A publisher with depth 8.
     Publisher,
@@ -47,7 +47,7 @@ impl Real {
         match self {
             Self::Subscriber => "sub x x depth=4 borrow=2 reliable",
             Self::SealedSubscriber => "sub x x depth=4 borrow=2 reliable sealed",
-            Self::BestEffort => "sub x x depth=4 borrow=2",
+            Self::BestEffort => "sub x x depth=4 borrow=2 max_len=1024",
             Self::Publisher => "pub x x depth=8",
             Self::ReliablePublisher => "pub x x depth=8 reliable_ms=0",
             Self::Server => "server x x depth=4 borrow=2",
@@ -148,6 +148,9 @@ impl LinkStage {
     pub(super) fn expect_open(&self) {
         let (role, window) = self.real.real_role();
         let mut theirs = Open::new(role, self.link.id, window);
+        if self.real == Real::BestEffort {
+            theirs.max_len = 1;
+        }
         if self.real.offers_ring() {
             theirs = theirs.with_ring();
         }

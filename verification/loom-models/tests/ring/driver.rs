@@ -6,7 +6,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use sm2_proto::link::{
-    Attachment, Body, Config, Delivery, End, Error, Fate, Input, LaneKind, LentRing, Link, Misuse,
+    Attachment, Body, Config, Delivery, End, Error, Fate, Input, LaneKind, LentRing, Link, MaxLen, Misuse,
     NoDelivery, OutboundMessage, Output, Payload, RingLayout, RingMemory, Role, SlotHead,
     SlotRange, Status, Wake, doorbell,
 };
@@ -77,6 +77,7 @@ pub(crate) fn links(reliable: bool, max_borrowed: u16, memory: &Memory) -> [Link
         ring: true,
         depth: memory.layout.depth(),
         max_borrowed,
+        max_len: MaxLen::DEFAULT,
     };
     let mut ends = [Role::Sender, Role::Receiver].map(|role| Link::new(config(role)));
     exchange(&mut ends, memory);

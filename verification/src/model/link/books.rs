@@ -301,7 +301,7 @@ impl Flow {
     }
 
     /// Records the fate that is reported to the sender. `over` is true if the link has ended.
-    //= SM2-MSG-004, SM2-QOS-005 model
+    //= SM2-MSG-004, SM2-QOS-007 model
     pub(super) fn settled(&mut self, id: u64, fate: Fate, over: bool) -> Result<Entry, Failure> {
         let mut entries = self.entries.iter_mut();
         let found = entries.find(|it| it.id == id && it.fate.is_none());
@@ -330,7 +330,8 @@ impl Flow {
                 tally.closed += 1;
                 over
             }
-            Fate::Deadline => false,
+            // Every message of the model is shorter than any maximum.
+            Fate::Deadline | Fate::TooLong => false,
         };
         if is_true {
             return Ok(*entry);

@@ -39,7 +39,7 @@ impl World {
     }
 
     /// The counters of the machine agree with the plain lists.
-    //= SM2-QOS-005 model
+    //= SM2-QOS-007 model
     fn check_books(&self, scope: &LinkScope, at: usize, end: &End) -> Result<(), Failure> {
         let (link, flow) = (&end.link, &self.flows[at]);
         let (counted, wanted) = (link.counters(), flow.counters());

@@ -2,7 +2,7 @@
 
 use sm2_proto::{
     LinkId,
-    link::{Config, Role},
+    link::{Config, MaxLen, Role},
 };
 
 /// How often each event may happen.
@@ -326,6 +326,7 @@ impl LinkScope {
             ring: false,
             depth: self.depth[at],
             max_borrowed: self.max_borrowed[at],
+            max_len: MaxLen::DEFAULT,
         }
     }
 }

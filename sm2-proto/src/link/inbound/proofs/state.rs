@@ -6,7 +6,7 @@ use super::{
 };
 use crate::{
     Instant, LinkId, VERSION,
-    link::{Config, Payload, Role, Status},
+    link::{Config, MaxLen, Payload, Role, Status},
     proofs::one_of,
 };
 
@@ -63,6 +63,7 @@ impl<const N: usize> State<N> {
             ring: false,
             depth: 1,
             max_borrowed: 1,
+            max_len: MaxLen::GREATEST,
         };
         let (pooled, first): (bool, u64) = (!sealed && kani::any(), one_of(&FIRST));
         let mut books = Inbound::new(&config);

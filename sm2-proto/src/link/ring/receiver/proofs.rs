@@ -8,7 +8,7 @@ use super::{
 };
 use crate::{
     Instant,
-    link::{Carrier, Payload, Status, segments::Geometry},
+    link::{Carrier, MaxLen, Payload, Status, segments::Geometry},
     proofs::{below, one_of},
 };
 
@@ -19,7 +19,7 @@ fn receiver(depth: u16, reliable: bool, next: u64) -> RingReceiver {
     let layout = RingLayout::new(depth, u32::from(depth) + 2).expect("a legal layout");
     RingReceiver {
         next,
-        ..RingReceiver::new(layout, Carrier::Data, reliable, 2)
+        ..RingReceiver::new(layout, Carrier::Data, reliable, 2, MaxLen::GREATEST)
     }
 }
 

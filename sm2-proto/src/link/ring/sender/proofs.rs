@@ -124,7 +124,7 @@ const STATES: [(u64, u64); 5] = [(0, 0), (1, 1), (2, 0), (2, 1), (3, 1)];
 
 /// RNG-HOSTILE: sends one more message while the words have any values. The call makes a bounded
 /// number of accesses, each message is settled at most once, and the counters stay consistent.
-//= SM2-RNG-005, SM2-RNG-006, SM2-RNG-008, SM2-QOS-005 kani
+//= SM2-RNG-005, SM2-RNG-006, SM2-RNG-008, SM2-QOS-007 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(12))]
 fn a_message_to_any_words() {

@@ -340,7 +340,8 @@ fn describe(link: &LinkStatus) -> String {
     );
     let _ = write!(
         text,
-        " offered={} delivered={} overwritten={} discarded={} deadline={} closed={} pool_limit={} in_flight={}",
+        " offered={} delivered={} overwritten={} discarded={} deadline={} closed={} \
+         pool_limit={} too_long={} in_flight={}",
         counters.offered,
         counters.delivered,
         counters.overwritten,
@@ -348,6 +349,7 @@ fn describe(link: &LinkStatus) -> String {
         counters.deadline,
         counters.closed,
         counters.pool_limit,
+        counters.too_long,
         counters.in_flight,
     );
     text

@@ -55,12 +55,16 @@ pub(super) fn subscriber(
     topic: &str,
     words: &Words<'_>,
 ) -> Result<Subscriber<[u8]>, DeclareError> {
-    node.subscriber_builder::<[u8]>(topic)
+    let mut builder = node
+        .subscriber_builder::<[u8]>(topic)
         .depth(words.small("depth", 8))
         .max_borrowed(words.small("borrow", 4))
         .reliable(words.flag("reliable"))
-        .sealed(words.flag("sealed"))
-        .declare()
+        .sealed(words.flag("sealed"));
+    if let Some(bytes) = words.number("max_len") {
+        builder = builder.max_len(bytes);
+    }
+    builder.declare()
 }
 
 pub(super) fn server(
