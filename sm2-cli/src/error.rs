@@ -203,6 +203,16 @@ pub(crate) enum CliError {
         /// The time that was waited.
         seconds: u64,
     },
+    /// Some reliable subscribers accept no messages of this length.
+    #[error(
+        "subscribers that want every message missed {}, longer than they accept: raise their max_len, \
+         or split the messages",
+        Counted::new(*messages, "message")
+    )]
+    NotAccepted {
+        /// The number of messages, on all links together.
+        messages: u64,
+    },
     /// A message in the input is too long.
     #[error(
         "{} holds a message longer than {}: split it with --chunk",

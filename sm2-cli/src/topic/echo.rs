@@ -37,6 +37,9 @@ pub(crate) struct Arguments {
     /// Receive every message of reliable publishers; other publishers do not match
     #[arg(long)]
     reliable: bool,
+    /// The longest message to receive; publishers do not send longer ones here [default: 1GiB]
+    #[arg(long, value_name = "SIZE")]
+    max_len: Option<Size>,
     /// Print each message as one line of JSON
     #[arg(long)]
     json: bool,
@@ -70,13 +73,17 @@ const DEPTH: u16 = 64;
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let session = Session::open(&arguments.domain, "echo")?;
     let mut sink = Sink::new(arguments, &session)?;
-    let subscriber = session
+    let builder = session
         .node
         .subscriber_builder::<[u8]>(arguments.topic.as_str())
         .any_type()
         .depth(DEPTH)
-        .reliable(arguments.reliable)
-        .declare()?;
+        .reliable(arguments.reliable);
+    let subscriber = match arguments.max_len {
+        Some(Size(bytes)) => builder.max_len(bytes),
+        None => builder,
+    }
+    .declare()?;
     let mut tally = Tally::default();
     let end = echo(arguments, &session, &subscriber, &mut sink, &mut tally)?;
     sink.out.flush()?;

@@ -19,8 +19,9 @@ const HELP: &str = "\
 For each link since it was made: messages OFFERED to it, DELIVERED (released by the subscriber's
 program), OVERWRITTEN (by newer ones before they were sent), DISCARDED (replaced by newer ones before
 they were received), dropped at a DEADLINE, CLOSED (lost with the link), and IN FLIGHT. POOL LIMIT is the number of
-messages that were not sent because the subscriber held too much of the publisher's memory. OFFERED is
-the sum of all these. LOST is the number of messages that the subscriber has counted as lost.
+messages that were not sent because the subscriber held too much of the publisher's memory, TOO LONG of
+those that are longer than the subscriber accepts. OFFERED is the sum of all these. LOST is the number of
+messages that the subscriber has counted as lost.
 
 The command reads counters that every node keeps: it does not subscribe, and publishers do not notice
 it. It waits for a topic that does not exist yet; with --count, for 10 s (see --timeout).
@@ -53,6 +54,7 @@ pub(crate) struct Fates {
     deadline: u64,
     closed: u64,
     pool_limit: u64,
+    too_long: u64,
     pub(crate) in_flight: u64,
 }
 
@@ -64,6 +66,7 @@ impl Fates {
             .saturating_add(self.deadline)
             .saturating_add(self.closed)
             .saturating_add(self.pool_limit)
+            .saturating_add(self.too_long)
     }
 }
 
@@ -77,6 +80,7 @@ impl From<&Counters> for Fates {
             deadline: of.deadline,
             closed: of.closed,
             pool_limit: of.pool_limit,
+            too_long: of.too_long,
             in_flight: of.in_flight,
         }
     }
@@ -84,11 +88,11 @@ impl From<&Counters> for Fates {
 
 struct Loss;
 
-impl Measure<11> for Loss {
+impl Measure<12> for Loss {
     const ROLE: &str = "loss";
     const OF: Kind = Kind::Publisher;
     const ROWS: &str = "links";
-    const HEADINGS: [&str; 11] = [
+    const HEADINGS: [&str; 12] = [
         "PUBLISHER",
         "SUBSCRIBER",
         "OFFERED",
@@ -98,6 +102,7 @@ impl Measure<11> for Loss {
         "DEADLINE",
         "CLOSED",
         "POOL LIMIT",
+        "TOO LONG",
         "IN FLIGHT",
         "LOST",
     ];
@@ -121,7 +126,7 @@ impl Measure<11> for Loss {
             .collect()
     }
 
-    fn cells(row: &Row) -> [String; 11] {
+    fn cells(row: &Row) -> [String; 12] {
         let fates = &row.fates;
         [
             row.publisher.clone(),
@@ -133,6 +138,7 @@ impl Measure<11> for Loss {
             fates.deadline.to_string(),
             fates.closed.to_string(),
             fates.pool_limit.to_string(),
+            fates.too_long.to_string(),
             fates.in_flight.to_string(),
             cell(row.lost.map(|lost| lost as f64), 0),
         ]
@@ -141,5 +147,5 @@ impl Measure<11> for Loss {
 
 /// Runs the command.
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    measure::run::<11, Loss>(&arguments.common)
+    measure::run::<12, Loss>(&arguments.common)
 }

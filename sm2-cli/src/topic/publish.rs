@@ -76,8 +76,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         false if arguments.reliable => counters.deadline + counters.in_flight,
         _ => counters.deadline,
     };
-    let links = publisher.links().into_iter().filter(|link| link.reliable);
-    let missed = missed + links.map(|link| link.counters.pool_limit).sum::<u64>();
+    let links = publisher.links();
+    let reliable = || links.iter().filter(|link| link.reliable);
+    let missed = missed + reliable().map(|it| it.counters.pool_limit).sum::<u64>();
+    let too_long = reliable().map(|it| it.counters.too_long).sum();
     match session.stopped() {
         // With --loop, Ctrl-C is the regular end.
         Some(signal) if !arguments.again => Ok(Ended::Stopped(signal)),
@@ -86,6 +88,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
             messages: missed,
             seconds: TIMEOUT.as_secs(),
         }),
+        None if too_long > 0 => Err(CliError::NotAccepted { messages: too_long }),
         None => Ok(Ended::Done),
     }
 }
@@ -187,7 +190,8 @@ impl Feed<'_> {
         let published = self.publisher.publish(message)?;
         self.tally.links = self.tally.links.max(published.links);
         self.tally.messages += 1;
-        self.tally.unheard += u64::from(published.links == 0);
+        let is_unheard = published.links == 0 && published.too_long == 0;
+        self.tally.unheard += u64::from(is_unheard);
         self.tally.bytes += message.len() as u64;
         let limit = self
             .arguments

@@ -10,6 +10,7 @@ mod generated;
 mod help;
 mod information;
 mod lists;
+mod max_len;
 mod measure;
 mod policy;
 mod services;

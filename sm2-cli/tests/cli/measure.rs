@@ -188,6 +188,7 @@ fn loss_adds_up() {
         "deadline",
         "closed",
         "pool_limit",
+        "too_long",
         "in_flight",
     ];
     assert_eq!(

@@ -49,6 +49,7 @@ impl fmt::Display for Summary {
                 counters.pool_limit,
                 "at --pool-limit, to subscribers that hold samples",
             ),
+            (counters.too_long, "longer than their subscribers accept"),
         ];
         write!(
             f,
