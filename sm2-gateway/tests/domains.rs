@@ -12,7 +12,7 @@ use std::{
 
 use common::{ALL, Domain, SOON, report, runtime, until};
 use sm2_gateway::{Config, Gateway};
-use sm2_node::CallError;
+use sm2_node::{CallError, ReplyError};
 
 #[test]
 fn a_topic_of_one_domain_is_heard_in_another() {
@@ -65,13 +65,22 @@ fn a_message_that_is_too_long_is_refused_and_counted() {
     let server = talker.server::<str, str>("echo").unwrap();
     let serving = std::thread::spawn(move || {
         let request = server.recv_timeout(SOON).unwrap().expect("in time");
-        request.reply(&"x".repeat(2_000)).unwrap();
+        let reply = request.reply(&"x".repeat(2_000));
+        assert!(matches!(
+            reply,
+            Err(ReplyError::TooLong { max_len: 1_024, .. })
+        ));
+        let request = server.recv_timeout(SOON).unwrap().expect("in time");
+        request.reply(&"x".repeat(1_001)).unwrap();
         server
     });
     let listener = far.node("listener");
     let subscriber = listener.subscriber::<str>("map").unwrap();
     subscriber.wait_for_publishers_timeout(1, SOON).unwrap();
     publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
+    // The gateway's subscription accepts 1,024 bytes: the publisher counts longer messages itself.
+    let published = publisher.publish(&"x".repeat(1_025)).unwrap();
+    assert_eq!((published.links, published.too_long), (0, 1));
     publisher.publish(&"x".repeat(1_001)).unwrap();
     publisher.publish(&"x".repeat(1_000)).unwrap();
     let sample = subscriber.recv_timeout(SOON).unwrap().expect("in time");
@@ -84,12 +93,17 @@ fn a_message_that_is_too_long_is_refused_and_counted() {
     let client = listener.client::<str, str>("echo").unwrap();
     client.wait_for_servers_timeout(1, SOON).unwrap();
     let error = client.call_timeout("", SOON).unwrap_err();
+    let text = "the client accepts at most 1024";
+    assert!(error.to_string().contains(text), "{error}");
+    let error = client.call_timeout("", SOON).unwrap_err();
     let text = "longer than `message_bytes`";
     assert!(error.to_string().contains(text), "{error}");
     drop(serving.join().unwrap());
     let _server = listener.server::<str, str>("remote").unwrap();
     let client = talker.client::<str, str>("remote").unwrap();
     client.wait_for_servers_timeout(1, SOON).unwrap();
+    let error = client.call_timeout(&"x".repeat(1_025), SOON).unwrap_err();
+    assert!(matches!(error, CallError::TooLong { max_len: 1_024, .. }));
     let request = "x".repeat(1_001);
     let error = client.call_timeout(&request, SOON).unwrap_err();
     assert!(error.to_string().contains(text), "{error}");

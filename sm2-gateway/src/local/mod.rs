@@ -168,7 +168,8 @@ impl Local {
         let done = match &subject {
             Subject::Topic { name, data, .. } => {
                 let max_len_bytes = self.max_len_bytes;
-                let subscription = topics::declare_subscriber(&self.node, name, data);
+                let subscription =
+                    topics::declare_subscriber(&self.node, name, data, max_len_bytes);
                 subscription
                     .map(|it| topics::forward(it, subject.clone(), max_len_bytes, self.hub.clone()))
                     .map(|it| drop(self.topics.insert(subject.clone(), it)))
@@ -197,6 +198,7 @@ impl Local {
             .type_ids(request.clone(), reply.clone())
             .servers(|node| !is_remote(node))
             .max_borrowed(256)
+            .max_len(self.max_len_bytes)
             .declare()?;
         Ok(client.into_async()?)
     }
@@ -219,7 +221,8 @@ impl Local {
                 reply,
             } => {
                 let requests = Arc::clone(&self.requests);
-                let server = requests::server(&node, name, request, reply)?;
+                let types = [request, reply];
+                let server = requests::server(&node, name, types, self.max_len_bytes)?;
                 let task = requests::serve(
                     server,
                     requests::Forward {

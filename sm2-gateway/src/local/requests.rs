@@ -46,13 +46,14 @@ impl Requests {
 pub(super) fn server(
     node: &Node,
     name: &Name,
-    request: &TypeId,
-    reply: &TypeId,
+    [request, reply]: [&TypeId; 2],
+    max_len_bytes: u64,
 ) -> Result<AsyncServer<[u8], [u8]>, LocalError> {
     let server: Server<[u8], [u8]> = node
         .server_builder(name.as_str())
         .type_ids(request.clone(), reply.clone())
         .max_borrowed(256)
+        .max_len(max_len_bytes)
         .declare()?;
     Ok(server.into_async()?)
 }

@@ -58,12 +58,14 @@ pub(super) fn declare_subscriber(
     node: &Node,
     name: &Name,
     data: &TypeId,
+    max_len_bytes: u64,
 ) -> Result<AsyncSubscriber<[u8]>, LocalError> {
     let builder = node.subscriber_builder::<[u8]>(name.as_str());
     let subscriber: Subscriber<[u8]> = builder
         .type_id(data.clone())
         .depth(DEPTH_IN)
         .max_borrowed(MAX_BORROWED)
+        .max_len(max_len_bytes)
         .declare()?;
     Ok(subscriber.into_async()?)
 }
@@ -107,7 +109,8 @@ async fn take(
         if is_remote(sample.publisher()) {
             continue;
         }
-        // Checked before any byte is read: a sparse message takes memory only as it is copied.
+        // The subscription's own maximum is rounded up, so slightly longer messages come here. Checked before
+        // any byte is read: a sparse message takes memory only as it is copied.
         if sample.len() as u64 > max_len_bytes {
             let subject = subject.clone();
             let event = LocalEvent::Refused { subject };
