@@ -123,6 +123,11 @@ impl Tally {
         }
     }
 
+    /// The name under which an offer is counted.
+    pub(crate) fn key(&self, offer: Whose) -> Option<&Key> {
+        self.offers.get(&offer)
+    }
+
     pub(crate) const fn total(&self) -> Counts {
         self.total
     }

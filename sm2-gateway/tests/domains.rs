@@ -169,7 +169,7 @@ fn a_service_of_one_domain_is_called_in_another() {
     runtime.block_on(right.stop());
 }
 
-//= SM2-GWR-003, SM2-GWR-004 test
+//= SM2-GWR-003, SM2-GWR-005 test
 #[test]
 fn rules_that_change_take_effect_at_once() {
     let (near, far) = (Domain::new("near"), Domain::new("far"));

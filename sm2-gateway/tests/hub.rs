@@ -6,8 +6,8 @@ mod calls;
 mod epochs;
 #[path = "hub/latched.rs"]
 mod latched;
-
-use std::num::NonZeroU64;
+#[path = "hub/reload.rs"]
+mod reload;
 
 use bytes::Bytes;
 use sm2_gateway::{
@@ -19,7 +19,6 @@ use sm2_proto::{
     gateway::{
         Action, AskId, Direction, GatewayId, Hop, OfferId, Pattern, PeerFarewell, Rule, Rules,
         Subject, SubjectKind, Verdict,
-        schedule::SendQos,
         session::{self, ControlCommand, Initiator},
     },
 };
@@ -337,54 +336,6 @@ fn what_was_seen_is_forgotten_in_the_end() {
         tell(&mut hub, 1, gone(offer));
     }
     assert!(hub.remembered() <= 16_384 + 1, "{}", hub.remembered());
-}
-
-//= SM2-GWR-004 test
-#[test]
-fn other_rules_withdraw_before_anything_else_is_said() {
-    let mut hub = between();
-    let qos = SendQos {
-        bytes_per_s: NonZeroU64::new(1_000),
-        ..sm2_gateway::hub::DEFAULT_SEND_QOS
-    };
-    let (subject, present) = (topic("own"), true);
-    local(&mut hub, LocalEvent::Present { subject, present });
-    let deny_in = Rule {
-        direction: Some(Direction::In),
-        ..rule(Action::Deny, "scan")
-    };
-    let other = Policy {
-        rules: Rules(vec![deny_in, rule(Action::Allow, "**")]),
-        send_qos: vec![qos; 2],
-    };
-    let Ok(()) = hub.handle(NOW, Input::Policy(other));
-    let said = outputs(&mut hub);
-    let at = |is_it: fn(&Output) -> bool| said.iter().position(is_it);
-    let unoffer = at(|it| {
-        matches!(
-            it,
-            Output::Peer {
-                connection: ConnectionId(2),
-                command: Command::Control(ControlCommand::Unoffer { offer: OfferId(1) })
-            }
-        )
-    });
-    let unwant = at(|it| {
-        matches!(
-            it,
-            Output::Peer {
-                connection: ConnectionId(1),
-                command: Command::Control(ControlCommand::Unwant { offer: OfferId(4) })
-            }
-        )
-    });
-    let change = at(
-        |it| matches!(it, Output::Peer { command: Command::Change { qos, .. }, .. } if qos.bytes_per_s.is_some()),
-    );
-    assert!(unoffer.is_some() && unwant.is_some(), "{said:?}");
-    assert!(unoffer.max(unwant) < change, "{said:?}");
-    // A message of the ended offer that was in flight reaches nobody.
-    assert!(tell(&mut hub, 1, message(4, 1)).is_empty());
 }
 
 #[test]

@@ -3,7 +3,7 @@
 #[path = "age/world.rs"]
 mod world;
 
-use std::time::Duration;
+use std::{sync::Arc, time::Duration};
 
 use bytes::Bytes;
 use sm2_gateway::{
@@ -16,7 +16,7 @@ use sm2_lossy_link::Profile;
 use sm2_proto::{
     Name, TypeId,
     gateway::{
-        OfferId, Outcome, Subject, SubjectKind,
+        Action, OfferId, Outcome, Pattern, Rule, Rules, Subject, SubjectKind,
         session::{self, ControlCommand},
     },
     limits::OFFERS_MAX,
@@ -237,4 +237,105 @@ fn requests_for_a_peer_take_no_more_memory_than_they_may() {
     });
     assert_eq!(replies.collect::<Vec<_>>(), [(3, Outcome::Unreachable)]);
     assert_eq!(world.counts(1).0.lost, 1);
+}
+
+//= SM2-GWR-005 test
+#[test]
+fn what_other_rules_deny_is_not_sent_before_its_offer_is_withdrawn() {
+    let mut world = world();
+    for number in [1, 2] {
+        offer(&mut world, number);
+        events(&mut world);
+        let (offer, depth) = (OfferId(number), 4);
+        world.command(1, Command::Control(ControlCommand::Want { offer, depth }));
+        events(&mut world);
+    }
+    let send = |world: &mut World, offer, sequence, len| {
+        let message = Message {
+            sequence,
+            published_at: world.now,
+            payload: Bytes::from(vec![0; len]),
+        };
+        let offer = OfferId(offer);
+        world.command(0, Command::Message { offer, message });
+        // A message without predecessor starts here. A long one does not leave before the others come.
+        world.step(world.now);
+    };
+    let received = |world: &mut World| {
+        let events = events(world).into_iter();
+        let messages = events.filter_map(|it| match it {
+            Event::Message { offer, message } => Some((offer.0, message.sequence)),
+            _ => None,
+        });
+        messages.collect::<Vec<_>>()
+    };
+    for sequence in 1..=3 {
+        send(&mut world, 1, sequence, 4 << 20);
+    }
+    send(&mut world, 2, 1, 4 << 20);
+    let rule = |action, names| Rule {
+        action,
+        kind: None,
+        names: Pattern::new(names).unwrap(),
+        direction: None,
+        peers: None,
+    };
+    let rules = vec![rule(Action::Deny, "topic1"), rule(Action::Allow, "**")];
+    world.command(0, Command::Rules(Some(Arc::new(Rules(rules)))));
+    send(&mut world, 1, 4, 10);
+    assert_eq!(received(&mut world), [(2, 1)]);
+    let expected = Counts {
+        offered: 4,
+        withdrawn: 4,
+        ..Counts::default()
+    };
+    assert_eq!(world.counts(0).1[0].1, expected);
+    // The next rules allow the topic again, and its offer was not withdrawn in between.
+    world.command(0, Command::Rules(None));
+    send(&mut world, 1, 5, 10);
+    assert_eq!(received(&mut world), [(1, 5)]);
+}
+
+//= SM2-GWR-005 test
+#[test]
+fn a_request_that_other_rules_deny_is_abandoned() {
+    let mut world = world();
+    let bytes = TypeId {
+        name: Name::new("bytes").unwrap(),
+        hash: 0,
+    };
+    let command = Command::Offer {
+        offer: OfferId(1),
+        subject: Subject::Service {
+            name: Name::new("echo").unwrap(),
+            request: bytes.clone(),
+            reply: bytes,
+        },
+        path: vec![world.hop(0)],
+        qos: DEFAULT_SEND_QOS,
+    };
+    world.command(0, command);
+    events(&mut world);
+    let (offer, depth) = (OfferId(1), 1);
+    world.command(1, Command::Control(ControlCommand::Want { offer, depth }));
+    events(&mut world);
+    let call = Command::Call {
+        call: CallId(1),
+        offer,
+        deadline: None,
+        payload: Bytes::from(vec![0; 4 << 20]),
+    };
+    world.command(1, call);
+    world.step(world.now);
+    world.command(1, Command::Rules(Some(Arc::default())));
+    let until = world.now.after(Duration::from_secs(3));
+    let mut ends = Vec::new();
+    while world.now < until {
+        ends.extend(world.step(until).into_iter().filter_map(|it| match it {
+            (1, Event::Reply { call, outcome, .. }) => Some((call.0, outcome)),
+            (0, Event::Request { .. }) => panic!("the request has arrived"),
+            _ => None,
+        }));
+    }
+    assert_eq!(ends, [(1, Outcome::Unreachable)]);
 }

@@ -1,5 +1,7 @@
 //! Routers: the outputs of one of them, and the routes of several in any arrangement.
 
+#[path = "gateway_routes/pieces.rs"]
+mod pieces;
 mod support;
 #[path = "gateway_routes/world.rs"]
 mod world;
@@ -279,11 +281,11 @@ fn rules_both_ways() {
     };
     let expected = [
         unoffer(1, OfferId(1)),
+        unsubscribe,
+        declare_proxy(1, 1),
         unoffer(1, OfferId(2)),
         withdraw_proxy(2),
         unwant(2, OfferId(1)),
-        declare_proxy(1, 1),
-        unsubscribe,
     ];
     assert_eq!(outputs, expected);
 }

@@ -16,12 +16,13 @@ impl Hub {
     /// A client of the domain calls a remote service.
     pub(super) fn local_request(
         &mut self,
+        now: Instant,
         request: RequestId,
-        subject: &Subject,
-        origin: GatewayId,
+        (subject, origin): (&Subject, GatewayId),
         deadline: Option<Instant>,
         payload: Bytes,
     ) {
+        self.settle(now, subject, Source::Remote(origin));
         let caller = Caller::Local { request };
         self.call_remote(caller, subject, origin, deadline, payload);
     }
@@ -30,15 +31,18 @@ impl Hub {
     //= SM2-GWS-001
     pub(super) fn request(
         &mut self,
+        now: Instant,
         caller: Caller,
-        peer: GatewayId,
-        offer: OfferId,
+        (peer, offer): (GatewayId, OfferId),
         deadline: Option<Instant>,
         payload: Bytes,
     ) {
+        if let Some((subject, source)) = self.source(peer, offer) {
+            self.settle(now, &subject, source);
+        }
         match self.source(peer, offer) {
             Some((subject, Source::Local)) if subject.kind() == SubjectKind::Service => {
-                let call = self.calls.add(caller, None);
+                let call = self.calls.add(caller, subject.clone(), None);
                 self.outputs.push_back(Output::Local(LocalCommand::Call {
                     call,
                     subject,
@@ -69,7 +73,7 @@ impl Hub {
         let Some((connection, offer)) = route else {
             return self.answer(caller, Outcome::Unreachable, Bytes::new());
         };
-        let call = self.calls.add(caller, Some(connection));
+        let call = self.calls.add(caller, subject.clone(), Some(connection));
         let command = Command::Call {
             call,
             offer,
@@ -84,8 +88,12 @@ impl Hub {
 
     /// The reply to a call has arrived.
     pub(super) fn replied(&mut self, call: CallId, outcome: Outcome, payload: Bytes) {
-        if let Some(call) = self.calls.remove(call) {
-            self.answer(call.caller, outcome, payload);
+        let Some(call) = self.calls.remove(call) else {
+            return;
+        };
+        match self.may_reply(&call) {
+            true => self.answer(call.caller, outcome, payload),
+            false => self.answer(call.caller, Outcome::Unreachable, Bytes::new()),
         }
     }
 

@@ -21,6 +21,8 @@ pub enum Input {
     Local(LocalEvent),
     /// Replaces the rules.
     Policy(Policy),
+    /// Time has passed: the next part of the routes follows the rules and connections.
+    Tick,
     /// A message that the hub has put out was lost, since a queue was full. Legal while outputs
     /// wait.
     NoRoom(NoRoom),

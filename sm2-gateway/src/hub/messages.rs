@@ -17,10 +17,12 @@ impl Hub {
     /// A publisher of the domain has published a message.
     pub(super) fn local_message(
         &mut self,
+        now: Instant,
         subject: &Subject,
         published_at: Instant,
         payload: Bytes,
     ) {
+        self.settle(now, subject, Source::Local);
         let message = Message {
             sequence: self.sequences.next(subject),
             published_at,
@@ -41,14 +43,21 @@ impl Hub {
 
     /// A message of a peer has arrived.
     //= SM2-GWM-005
-    pub(super) fn message(&mut self, peer: GatewayId, offer: OfferId, message: Message) {
+    pub(super) fn message(
+        &mut self,
+        now: Instant,
+        peer: GatewayId,
+        offer: OfferId,
+        message: Message,
+    ) {
         let offers = self.peers.get(&peer).map(|it| &it.offers);
         let Some((subject, origin)) = offers.and_then(|it| it.get(&offer)).cloned() else {
             return;
         };
         // The message may have been in flight when another offer replaced its offer.
         //= SM2-GWO-004
-        //= SM2-GWR-004
+        //= SM2-GWR-005
+        self.settle(now, &subject, Source::Remote(origin.gateway));
         let key = (subject, origin.gateway);
         if self.routes.get(&key) != Some(&(peer, offer)) {
             return;

@@ -12,6 +12,8 @@ mod messages;
 mod open_calls;
 mod output;
 mod policy;
+mod reload;
+mod routes;
 mod sequences;
 mod status;
 
@@ -40,6 +42,7 @@ pub use self::{
 use self::{
     latched::Latched,
     open_calls::{Caller, OpenCalls},
+    policy::Reload,
     sequences::Sequences,
 };
 use crate::{
@@ -61,6 +64,7 @@ pub struct Hub {
     sequences: Sequences,
     latched: Latched,
     calls: OpenCalls,
+    reload: Option<Reload>,
     outputs: VecDeque<Output>,
 }
 
@@ -101,7 +105,8 @@ impl Machine for Hub {
                 event,
             } => self.peer(now, connection, initiator, event),
             Input::Local(event) => self.local(now, event),
-            Input::Policy(policy) => self.change(now, policy),
+            Input::Policy(policy) => self.reload(now, policy),
+            Input::Tick => self.tick(now),
             Input::NoRoom(what) => self.no_room(&what),
             Input::Distrust(peer) => {
                 if let Some(connection) = self.connection(&peer) {
@@ -116,9 +121,10 @@ impl Machine for Hub {
         self.outputs.pop_front()
     }
 
-    /// A hub has no timers.
+    /// The time at which other rules or a new connection came, as long as parts of the routes follow.
     fn deadline(&self) -> Option<Instant> {
-        None
+        let changes = self.reload.as_ref().map(|it| it.since);
+        self.router.deadline().or(changes)
     }
 }
 
@@ -136,6 +142,7 @@ impl Hub {
             sequences: Sequences::default(),
             latched: Latched::default(),
             calls: OpenCalls::default(),
+            reload: None,
             outputs: VecDeque::new(),
         }
     }
@@ -156,22 +163,6 @@ impl Hub {
     #[must_use]
     pub fn remembered(&self) -> usize {
         self.sequences.remembered()
-    }
-
-    fn change(&mut self, now: Instant, policy: Policy) {
-        self.policy = policy;
-        let rules = self.policy.rules.clone();
-        self.route(now, router::Input::Rules(rules));
-        for (id, peer) in &self.peers {
-            for (offer, subject) in &peer.offered {
-                let qos = self.policy.send_qos(subject, id);
-                let offer = *offer;
-                self.outputs.push_back(Output::Peer {
-                    connection: peer.connection,
-                    command: Command::Change { offer, qos },
-                });
-            }
-        }
     }
 
     fn close(&mut self, connection: ConnectionId, code: Code) {
@@ -209,7 +200,7 @@ impl Hub {
             // The connection's task handles it.
             Event::NotAsked { .. } => {}
             Event::Ended(_) => self.ended(now, connection, peer),
-            Event::Message { offer, message } => self.message(peer, offer, message),
+            Event::Message { offer, message } => self.message(now, peer, offer, message),
             Event::Request {
                 call,
                 offer,
@@ -217,7 +208,7 @@ impl Hub {
                 payload,
             } => {
                 let caller = Caller::Peer { connection, call };
-                self.request(caller, peer, offer, deadline, payload);
+                self.request(now, caller, (peer, offer), deadline, payload);
             }
             Event::Cancelled { call } => self.cancelled(connection, call),
             Event::Reply {
@@ -350,7 +341,7 @@ impl Hub {
                 subject,
                 published_at,
                 payload,
-            } => self.local_message(&subject, published_at, payload),
+            } => self.local_message(now, &subject, published_at, payload),
             LocalEvent::Refused { subject } => self.local_refused(&subject),
             LocalEvent::Request {
                 request,
@@ -358,123 +349,13 @@ impl Hub {
                 origin,
                 deadline,
                 payload,
-            } => self.local_request(request, &subject, origin, deadline, payload),
+            } => self.local_request(now, request, (&subject, origin), deadline, payload),
             LocalEvent::Dropped { request } => self.local_dropped(request),
             LocalEvent::Replied {
                 call,
                 outcome,
                 payload,
             } => self.replied(call, outcome, payload),
-        }
-    }
-
-    /// Feeds the router, and carries out its outputs.
-    fn route(&mut self, now: Instant, input: router::Input) {
-        let Ok(()) = self.router.handle(now, input);
-        while let Some(output) = self.router.poll() {
-            self.routed(now, output);
-        }
-    }
-
-    fn routed(&mut self, now: Instant, output: router::Output) {
-        match output {
-            router::Output::Offer {
-                peer,
-                offer,
-                subject,
-                path,
-            } => {
-                let qos = self.policy.send_qos(&subject, &peer);
-                if let Some(it) = self.peers.get_mut(&peer) {
-                    it.tally.open(Whose::Ours(offer), &subject);
-                    it.offered.insert(offer, subject.clone());
-                }
-                let command = Command::Offer {
-                    offer,
-                    subject,
-                    path,
-                    qos,
-                };
-                self.tell(peer, command);
-            }
-            router::Output::Unoffer { peer, offer } => {
-                if let Some(it) = self.peers.get_mut(&peer) {
-                    it.tally.close(Whose::Ours(offer));
-                    it.offered.remove(&offer);
-                }
-                self.control(peer, ControlCommand::Unoffer { offer });
-            }
-            router::Output::Want { peer, offer, depth } => {
-                let offers = self.peers.get(&peer).map(|it| &it.offers);
-                if let Some((subject, origin)) = offers.and_then(|it| it.get(&offer)) {
-                    self.sequences.wanted(subject, origin.gateway);
-                    let key = (subject.clone(), origin.gateway);
-                    self.routes.insert(key, (peer, offer));
-                }
-                self.control(peer, ControlCommand::Want { offer, depth });
-            }
-            router::Output::Unwant { peer, offer } => self.unwant(peer, offer),
-            router::Output::DeclareProxy {
-                subject,
-                origin,
-                peer,
-            } => self.declare_proxy(now, subject, origin, peer),
-            router::Output::WithdrawProxy { subject, origin } => {
-                self.routes.remove(&(subject.clone(), origin));
-                self.unused(&subject, origin);
-                let command = LocalCommand::WithdrawProxy { subject, origin };
-                self.outputs.push_back(Output::Local(command));
-            }
-            // The domain's side takes each message, whatever depth the peers want.
-            router::Output::Subscribe { subject, .. } => {
-                let command = LocalCommand::Subscribe { subject };
-                self.outputs.push_back(Output::Local(command));
-            }
-            router::Output::Unsubscribe { subject } => {
-                self.latched.forget(&subject, Source::Local);
-                let command = LocalCommand::Unsubscribe { subject };
-                self.outputs.push_back(Output::Local(command));
-            }
-        }
-    }
-
-    fn unwant(&mut self, peer: GatewayId, offer: OfferId) {
-        let offers = self.peers.get(&peer).map(|it| &it.offers);
-        if let Some((subject, origin)) = offers.and_then(|it| it.get(&offer)).cloned() {
-            let key = (subject, origin.gateway);
-            if self.routes.get(&key) == Some(&(peer, offer)) {
-                self.unused(&key.0, key.1);
-                self.routes.remove(&key);
-            }
-        }
-        self.control(peer, ControlCommand::Unwant { offer });
-    }
-
-    fn declare_proxy(
-        &mut self,
-        now: Instant,
-        subject: Subject,
-        origin: GatewayId,
-        peer: GatewayId,
-    ) {
-        let Some(it) = self.peers.get(&peer) else {
-            return;
-        };
-        let command = LocalCommand::DeclareProxy {
-            subject: subject.clone(),
-            origin,
-            peer: it.name.clone(),
-        };
-        self.outputs.push_back(Output::Local(command));
-        // A service is wanted at once, so that the first call need not wait for the route.
-        if subject.kind() == SubjectKind::Service {
-            let taken = Some(1);
-            let input = router::Input::Taken {
-                subject,
-                origin,
-                taken,
-            };
-            let Ok(()) = self.router.handle(now, input);
         }
     }
 

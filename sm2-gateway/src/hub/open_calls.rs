@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use sm2_proto::gateway::Subject;
+
 use super::domain::RequestId;
 use crate::peer::{CallId, ConnectionId, PeerCall};
 
@@ -13,9 +15,11 @@ pub(super) struct OpenCalls {
 }
 
 /// A call without a reply.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct OpenCall {
     pub(super) caller: Caller,
+    /// The service.
+    pub(super) subject: Subject,
     /// The connection that carries the request; `None` if it went to a server of the domain.
     pub(super) sent_by: Option<ConnectionId>,
 }
@@ -37,9 +41,18 @@ impl OpenCalls {
         self.open.len()
     }
 
-    pub(super) fn add(&mut self, caller: Caller, sent_by: Option<ConnectionId>) -> CallId {
+    pub(super) fn add(
+        &mut self,
+        caller: Caller,
+        subject: Subject,
+        sent_by: Option<ConnectionId>,
+    ) -> CallId {
         self.last.0 += 1;
-        let call = OpenCall { caller, sent_by };
+        let call = OpenCall {
+            caller,
+            subject,
+            sent_by,
+        };
         self.open.insert(self.last, call);
         self.last
     }
@@ -57,7 +70,7 @@ impl OpenCalls {
         self.open.retain(|call, it| {
             let is_removed = is_it(it);
             if is_removed {
-                removed.insert(*call, *it);
+                removed.insert(*call, it.clone());
             }
             !is_removed
         });

@@ -1,6 +1,9 @@
 //! Rules and the QoS that belongs to them.
 
-use sm2_proto::gateway::{Direction, GatewayId, Rules, Subject, schedule::SendQos};
+use sm2_proto::{
+    Instant,
+    gateway::{Direction, GatewayId, OfferId, Rules, Subject, schedule::SendQos},
+};
 
 /// The rules, and the QoS of each.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -9,6 +12,15 @@ pub struct Policy {
     pub rules: Rules,
     /// How messages are sent that a rule allows, by the index of the rule.
     pub send_qos: Vec<SendQos>,
+}
+
+/// Other rules that are not announced completely.
+#[derive(Debug)]
+pub(super) struct Reload {
+    /// The time at which they came.
+    pub(super) since: Instant,
+    /// The offer that has got its QoS last.
+    pub(super) after: Option<(GatewayId, OfferId)>,
 }
 
 impl Policy {

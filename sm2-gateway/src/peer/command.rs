@@ -1,9 +1,11 @@
 //! The commands that the hub gives to a connection.
 
+use std::sync::Arc;
+
 use bytes::Bytes;
 use sm2_proto::{
     Code, Instant,
-    gateway::{Hop, OfferId, Outcome, Subject, schedule::SendQos, session::ControlCommand},
+    gateway::{Hop, OfferId, Outcome, Rules, Subject, schedule::SendQos, session::ControlCommand},
 };
 
 use super::id::{CallId, PeerCall};
@@ -70,6 +72,9 @@ pub enum Command {
         /// The reply, or the reason of the failure.
         payload: Bytes,
     },
+    /// Other rules are in force. Until `None` follows, there may be offers that they deny: the connection sends
+    /// nothing of those. `None` states that they are withdrawn.
+    Rules(Option<Arc<Rules>>),
     /// Closes the connection with this code.
     Close(Code),
 }

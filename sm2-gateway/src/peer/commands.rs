@@ -1,8 +1,15 @@
 //! The commands of the hub, carried out.
 
-use sm2_proto::gateway::session::{self, ControlCommand};
+use std::sync::Arc;
 
-use super::{Command, Event, Peer, waiting_offers::WaitingOffer};
+use quinn_proto::StreamId;
+use sm2_io::quic::peer_of;
+use sm2_proto::gateway::{
+    Rules,
+    session::{self, ControlCommand},
+};
+
+use super::{Command, Event, Peer, gate::Gate, stream::token, waiting_offers::WaitingOffer};
 use crate::clock::Now;
 
 impl Peer {
@@ -35,6 +42,7 @@ impl Peer {
                 outcome,
                 payload,
             } => self.reply(call, outcome, payload),
+            Command::Rules(rules) => self.gate(now, rules),
             Command::Close(code) => {
                 self.session_takes(now, session::Input::Close(code));
             }
@@ -53,5 +61,26 @@ impl Peer {
         if let Some(ask) = asked.filter(|_| !taken) {
             self.events.push_back(Event::NotAsked { ask });
         }
+    }
+
+    /// Ends what is being sent and the rules deny. What waits is judged when it is about to start.
+    //= SM2-GWR-005
+    pub(super) fn gate(&mut self, now: Now, rules: Option<Arc<Rules>>) {
+        let gate = rules.zip(peer_of(&self.connection));
+        self.gate = gate.map(|(rules, peer)| Gate { rules, peer });
+        let Some(gate) = &self.gate else { return };
+        let denied: Vec<StreamId> = self
+            .calls
+            .requests_in_flight()
+            .filter_map(|(offer, id)| gate.denies(&self.tally, offer).then_some(id))
+            .collect();
+        for id in denied {
+            let stream = token(id);
+            self.session_command(now, session::Command::Forget { stream });
+            let call = self.abandon(id);
+            self.events.extend(call.map(Event::unreachable));
+        }
+        let (topics, mut outlet) = self.topics(now);
+        topics.reset_denied(&mut outlet);
     }
 }

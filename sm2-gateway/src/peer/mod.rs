@@ -10,6 +10,7 @@ mod calls;
 mod command;
 mod commands;
 mod event;
+mod gate;
 mod id;
 mod incoming;
 mod limits;
@@ -44,6 +45,7 @@ use sm2_proto::{
 
 use self::{
     ahead::Ahead,
+    gate::Gate,
     incoming::Incoming,
     open_calls::OpenCalls,
     outlet::Outlet,
@@ -86,6 +88,7 @@ pub struct Peer {
     topics: Topics,
     calls: OpenCalls,
     ahead: Ahead,
+    gate: Option<Gate>,
     tally: Tally,
     /// The time of QUIC's next timer.
     quic_deadline: Option<Instant>,
@@ -156,6 +159,7 @@ impl Peer {
             topics: Topics::new(limits.memory_bytes),
             calls: OpenCalls::default(),
             ahead: Ahead::default(),
+            gate: None,
             tally: Tally::default(),
             quic_deadline: None,
             events: VecDeque::new(),
@@ -279,6 +283,7 @@ impl Peer {
             now: now.at,
             connection: &mut self.connection,
             tally: &mut self.tally,
+            gate: self.gate.as_ref(),
         };
         (&mut self.topics, outlet)
     }

@@ -61,6 +61,12 @@ impl OpenCalls {
         lens.sum()
     }
 
+    /// The requests that are not written completely: their offers and streams.
+    pub(super) fn requests_in_flight(&self) -> impl Iterator<Item = (Whose, StreamId)> {
+        let requests = (self.writing.iter()).filter(|(of, _)| matches!(of, Whose::Theirs(_)));
+        requests.map(|(offer, it)| (*offer, it.stream))
+    }
+
     /// Queues a request or a reply.
     pub(super) fn send(&mut self, offer: Whose, outgoing: Outgoing) {
         self.writing.push((offer, outgoing));

@@ -156,16 +156,41 @@ impl Topics {
     /// Writes messages in the order of the scheduler, as far as there is `room`.
     pub(super) fn write(&mut self, outlet: &mut Outlet<'_>, room: &mut Room) {
         while let Some(input) = self.write_first(outlet, room) {
-            self.schedule(outlet, input);
+            match input {
+                Input::Close { offer } => self.discard(outlet, offer),
+                input => self.schedule(outlet, input),
+            }
         }
     }
 
-    /// Writes messages until one of them can start, or is complete or refused. Returns the scheduler's
-    /// input.
+    /// Ends what is being sent of topics that other rules deny.
+    //= SM2-GWR-005
+    pub(super) fn reset_denied(&mut self, outlet: &mut Outlet<'_>) {
+        let in_flight = self.in_flight.keys().copied();
+        let denied: Vec<OfferId> = in_flight.filter(|it| outlet.denies(*it)).collect();
+        for offer in denied {
+            self.discard(outlet, offer);
+        }
+    }
+
+    /// Drops all messages of a topic. It stays open, because the next rules may allow it again.
+    fn discard(&mut self, outlet: &mut Outlet<'_>, offer: OfferId) {
+        self.schedule(outlet, Input::Close { offer });
+        if let Some(qos) = self.offers.get(&offer).map(|it| it.qos) {
+            self.schedule(outlet, Input::Open { offer, qos });
+        }
+    }
+
+    /// Writes messages until one of them can start, is complete or refused, or is denied. Returns the
+    /// scheduler's input.
     fn write_first(&mut self, outlet: &mut Outlet<'_>, room: &mut Room) -> Option<Input<Message>> {
         for next in self.schedule.order() {
             let offer = match next {
                 Next::Continue { offer } => offer,
+                //= SM2-GWR-005
+                Next::Start { offer } if outlet.denies(offer) => {
+                    return Some(Input::Close { offer });
+                }
                 Next::Start { offer } => {
                     let len_bytes = self.schedule.next(offer)?.message.payload.len();
                     if room.left(len_bytes) == 0 {

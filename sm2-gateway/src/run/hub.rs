@@ -9,7 +9,7 @@ use sm2_proto::{
         session::{self, Initiator},
     },
 };
-use tokio::sync::mpsc;
+use tokio::sync::mpsc::{self, error::TryRecvError};
 
 use super::{
     gateway_state::{GatewayState, lock},
@@ -66,7 +66,20 @@ pub(super) async fn run(
         local,
         connections: BTreeMap::new(),
     };
-    while let Some(event) = inbox.recv().await {
+    loop {
+        let event = match task.hub.deadline() {
+            None => inbox.recv().await,
+            // Pieces and events take turns, so that neither waits for more than one of the other.
+            Some(_) => {
+                task.handle(Input::Tick);
+                tokio::task::yield_now().await;
+                match inbox.try_recv() {
+                    Err(TryRecvError::Empty) => continue,
+                    event => event.ok(),
+                }
+            }
+        };
+        let Some(event) = event else { return };
         task.hub_event(event);
     }
 }

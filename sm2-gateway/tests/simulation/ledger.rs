@@ -176,7 +176,7 @@ impl Ledger {
     //= SM2-GWM-005 test
     //= SM2-GWM-007 test
     //= SM2-GWR-003 test
-    //= SM2-GWR-004 test
+    //= SM2-GWR-005 test
     pub(crate) fn delivered(
         &mut self,
         node: usize,

@@ -157,6 +157,7 @@ impl Node {
         });
         let own = [
             self.discovery.deadline(),
+            self.hub.deadline(),
             self.inbox.next_at(),
             self.domain.deadline(),
         ];
@@ -241,6 +242,11 @@ impl Node {
                 is_quiet = false;
                 self.message(now, message, world);
             }
+            if self.hub.deadline().is_some_and(|it| it <= now) {
+                is_quiet = false;
+                let Ok(()) = self.hub.handle(now, Input::Tick);
+                self.hub_outputs(now, world);
+            }
             if is_quiet && self.deadline().is_none_or(|it| it > now) {
                 return;
             }
@@ -298,6 +304,10 @@ impl Node {
                 let Ok(()) = self.hub.handle(now, Input::Policy(policy));
             }
         }
+        self.hub_outputs(now, world);
+    }
+
+    fn hub_outputs(&mut self, now: Instant, world: &mut World) {
         while let Some(output) = self.hub.poll() {
             let text = crate::trace::text(&output);
             world.ledger.trace.add(now, self.index, &text);

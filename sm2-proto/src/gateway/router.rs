@@ -1,24 +1,38 @@
 //! Decides which offers a gateway makes, uses and passes on: SPEC sections 14.3 and 14.6.
 //!
-//! [`Router`] keeps the contract of [`Machine`]. It has no timer, never ends, and no input is a
-//! misuse. Each input changes one fact: the rules, a connection, or something about one subject.
-//! The router then computes anew what follows for the subject from all facts that hold now, and
-//! its outputs are the differences from what followed before. So the result does not depend on
-//! the order of the inputs.
+//! [`Router`] keeps the contract of [`Machine`]. It never ends, and no input is a misuse. Each input
+//! changes one fact: the rules, a connection, or something about one source of a subject. The router
+//! then *settles* the source: it computes anew what follows from all facts that hold now, and its
+//! outputs are the differences from what followed before. So the result does not depend on the order
+//! of the inputs.
+//!
+//! Other rules and a new connection concern all sources. The router settles them in pieces of at most
+//! [`PIECE_DECISIONS`]: the first one at once, and one at each [`Input::Tick`]. A source that is used
+//! in between is settled first, by [`Input::Use`].
 
 mod input;
-mod subject;
+mod source;
+mod walk;
 
 use alloc::{
-    collections::{BTreeMap, VecDeque},
+    collections::{BTreeMap, BTreeSet, VecDeque},
     vec::Vec,
 };
 use core::convert::Infallible;
 
 pub use self::input::{Input, Output, Source};
-use self::subject::SubjectState;
+use self::{
+    source::{Rank, Route, SourceState},
+    walk::{Key, Sources, Walk},
+};
 use super::{Direction, GatewayId, Hop, OfferId, Rules, Subject};
-use crate::{Instant, Machine, MisuseError, machine::debug_assert_drained};
+use crate::{Instant, Machine, MisuseError, limits::HOPS_MAX, machine::debug_assert_drained};
+
+/// The most decisions of the rules in one piece, apart from those for the last source of the piece.
+pub const PIECE_DECISIONS: usize = 512;
+
+/// The most offers with which debug builds check the indexes of offers.
+const CHECKED_OFFERS_MAX: usize = 256;
 
 /// The machine that computes the routes of one gateway.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -27,10 +41,13 @@ pub struct Router {
     rules: Rules,
     /// The connected peers, each with the number of the last offer to it.
     peers: BTreeMap<GatewayId, OfferId>,
-    subjects: BTreeMap<Subject, SubjectState>,
-    /// The subjects of the offers of peers, and of those to them, by the numbers of the offers.
-    peer_offers: BTreeMap<(GatewayId, OfferId), Subject>,
-    own_offers: BTreeMap<(GatewayId, OfferId), Subject>,
+    sources: Sources,
+    /// The sources of the offers of peers, with their ranks, and of those to them, by the numbers of the
+    /// offers.
+    peer_offers: BTreeMap<(GatewayId, OfferId), (Key, Rank)>,
+    own_offers: BTreeMap<(GatewayId, OfferId), Key>,
+    /// The walk over all sources, until it is over.
+    walk: Option<Walk>,
     outputs: VecDeque<Output>,
 }
 
@@ -42,64 +59,59 @@ impl Router {
             me,
             rules,
             peers: BTreeMap::new(),
-            subjects: BTreeMap::new(),
+            sources: BTreeMap::new(),
             peer_offers: BTreeMap::new(),
             own_offers: BTreeMap::new(),
+            walk: None,
             outputs: VecDeque::new(),
         }
     }
 
-    fn input(&mut self, input: Input) {
+    fn input(&mut self, now: Instant, input: Input) {
         match input {
             Input::Rules(rules) => {
                 self.rules = rules;
-                self.settle_all();
+                self.settle_all(now);
             }
             Input::Up { peer } => {
                 self.down(peer);
                 self.peers.insert(peer, OfferId(0));
-                self.settle_all();
+                self.settle_all(now);
             }
             Input::Down { peer } => self.down(peer),
             Input::Local { subject, present } => {
-                self.subject(&subject).local = present;
-                self.settle(&subject);
+                self.state(&subject, Source::Local).local = present;
+                self.settle(&subject, Source::Local);
             }
             Input::Taken {
                 subject,
                 origin,
                 taken,
             } => {
-                let state = self.subject(&subject);
-                match taken {
-                    Some(depth) => state.local_demand.insert(origin, depth),
-                    None => state.local_demand.remove(&origin),
-                };
-                self.settle(&subject);
+                let source = Source::Remote(origin);
+                self.state(&subject, source).local_demand = taken;
+                self.settle(&subject, source);
             }
             Input::Offered {
                 peer,
                 offer,
                 subject,
                 path,
-            } => {
-                let is_new = !self.peer_offers.contains_key(&(peer, offer));
-                if is_new && self.peers.contains_key(&peer) && !path.is_empty() {
-                    self.peer_offers.insert((peer, offer), subject.clone());
-                    self.subject(&subject)
-                        .peer_offers
-                        .insert((peer, offer), path);
-                    self.settle(&subject);
-                }
-            }
+            } => self.offered(peer, offer, subject, path),
             Input::Gone { peer, offer } => {
-                if let Some(subject) = self.peer_offers.remove(&(peer, offer)) {
-                    self.subject(&subject).gone((peer, offer));
-                    self.settle(&subject);
+                if let Some(((subject, source), rank)) = self.peer_offers.remove(&(peer, offer)) {
+                    self.state(&subject, source).gone(peer, rank);
+                    self.settle(&subject, source);
                 }
             }
             Input::Wanted { peer, offer, depth } => self.wanted(peer, offer, Some(depth)),
             Input::Unwanted { peer, offer } => self.wanted(peer, offer, None),
+            Input::Use { subject, source } => {
+                if self.walk.is_some() {
+                    self.settle(&subject, source);
+                }
+            }
+            Input::Tick => self.settle_piece(),
         }
     }
 
@@ -110,32 +122,48 @@ impl Router {
         subject: &Subject,
         source: Source,
     ) -> impl Iterator<Item = (GatewayId, OfferId)> {
-        let state = self.subjects.get(subject);
-        state.into_iter().flat_map(move |it| it.takers(source))
+        let state = self.sources.get(subject).and_then(|it| it.get(&source));
+        state.into_iter().flat_map(SourceState::takers)
     }
 
     /// The subjects of which the own domain has publishers or servers.
     pub fn local(&self) -> impl Iterator<Item = &Subject> {
-        let local = self.subjects.iter().filter(|(_, it)| it.local);
+        let is_local =
+            |it: &BTreeMap<Source, SourceState>| it.get(&Source::Local).is_some_and(|it| it.local);
+        let local = self.sources.iter().filter(move |(_, it)| is_local(it));
         local.map(|(subject, _)| subject)
     }
 
     /// The subject and the source of an own offer.
     #[must_use]
     pub fn source(&self, peer: GatewayId, offer: OfferId) -> Option<(&Subject, Source)> {
-        let subject = self.own_offers.get(&(peer, offer))?;
-        let source = self.subjects.get(subject)?.source(peer, offer)?;
-        Some((subject, source))
+        let (subject, source) = self.own_offers.get(&(peer, offer))?;
+        Some((subject, *source))
     }
 
-    fn subject(&mut self, subject: &Subject) -> &mut SubjectState {
-        self.subjects.entry(subject.clone()).or_default()
+    fn state(&mut self, subject: &Subject, source: Source) -> &mut SourceState {
+        let sources = self.sources.entry(subject.clone()).or_default();
+        sources.entry(source).or_default()
+    }
+
+    fn offered(&mut self, peer: GatewayId, offer: OfferId, subject: Subject, path: Vec<Hop>) {
+        let is_new = !self.peer_offers.contains_key(&(peer, offer));
+        let Some(origin) = path.first().map(|it| it.gateway) else {
+            return;
+        };
+        if is_new && self.peers.contains_key(&peer) {
+            let (source, rank) = (Source::Remote(origin), Rank::new(offer, &path));
+            self.state(&subject, source).offered(peer, rank, path);
+            let key = (subject.clone(), source);
+            self.peer_offers.insert((peer, offer), (key, rank));
+            self.settle(&subject, source);
+        }
     }
 
     fn wanted(&mut self, peer: GatewayId, offer: OfferId, depth: Option<u16>) {
-        if let Some(subject) = self.own_offers.get(&(peer, offer)).cloned() {
-            self.subject(&subject).wanted(peer, offer, depth);
-            self.settle(&subject);
+        if let Some((subject, source)) = self.own_offers.get(&(peer, offer)).cloned() {
+            self.state(&subject, source).wanted(peer, depth);
+            self.settle(&subject, source);
         }
     }
 
@@ -144,50 +172,79 @@ impl Router {
         if self.peers.remove(&peer).is_none() {
             return;
         }
-        self.peer_offers.retain(|(of, _), _| *of != peer);
-        self.own_offers.retain(|(to, _), _| *to != peer);
-        for state in self.subjects.values_mut() {
-            state.forget(peer);
+        let offers = (peer, OfferId(0))..=(peer, OfferId(u64::MAX));
+        let theirs = self.peer_offers.range(offers.clone());
+        let ours = self.own_offers.range(offers);
+        let (mut ended, mut concerned) = (Vec::new(), BTreeSet::new());
+        for (id, key) in theirs.map(|(id, (key, _))| (id, key)).chain(ours) {
+            ended.push(*id);
+            concerned.insert(key.clone());
         }
-        self.settle_all();
+        for id in &ended {
+            self.peer_offers.remove(id);
+            self.own_offers.remove(id);
+        }
+        for (subject, source) in concerned {
+            self.state(&subject, source).forget(peer);
+            self.settle(&subject, source);
+        }
     }
 
-    fn settle_all(&mut self) {
-        let all: Vec<Subject> = self.subjects.keys().cloned().collect();
-        for subject in &all {
-            self.settle(subject);
+    /// Begins to settle all sources, and settles the first piece of them.
+    fn settle_all(&mut self, now: Instant) {
+        match &mut self.walk {
+            Some(walk) => walk.start_over(),
+            None => self.walk = Some(Walk::new(now)),
+        }
+        self.settle_piece();
+    }
+
+    /// Settles the next sources of the walk.
+    //= SM2-GWR-005
+    fn settle_piece(&mut self) {
+        let mut decisions = 0;
+        while decisions < PIECE_DECISIONS {
+            let Some(walk) = &mut self.walk else { return };
+            let Some((subject, source)) = walk.next(&self.sources) else {
+                self.walk = None;
+                return;
+            };
+            decisions += self.settle(&subject, source);
         }
     }
 
-    /// Computes what follows from the facts about a subject, and outputs the differences. SPEC, Annex
-    /// B.11 has the same steps.
+    /// Computes what follows from the facts about a source, and outputs the differences. Returns the cost in
+    /// decisions of the rules. SPEC, Annex B.11 has the same steps.
     //= SM2-GWO-003, SM2-GWO-004, SM2-GWR-003
-    fn settle(&mut self, subject: &Subject) {
-        let Some(mut state) = self.subjects.remove(subject) else {
-            return;
+    fn settle(&mut self, subject: &Subject, source: Source) -> usize {
+        let (rules, outputs) = (&self.rules, &mut self.outputs);
+        let sources = self.sources.get_mut(subject);
+        let Some(state) = sources.and_then(|it| it.get_mut(&source)) else {
+            return 1;
         };
+        let decisions = state.decisions(self.peers.len());
         let (kind, name) = (subject.kind(), subject.name());
-        let allows = |direction, peer: &GatewayId| self.rules.allow(kind, name, direction, peer);
-        let routes = state.best_routes(|peer| allows(Direction::In, peer));
-        let sources = state.sources(&routes, self.me);
-        let withdrawn = state.withdraw(|peer, source, path| {
-            sources.get(&source) == Some(path) && allows(Direction::Out, peer)
-        });
+        let allows = |direction, peer: &GatewayId| rules.allow(kind, name, direction, peer);
+        let route = state.best_route(|peer| allows(Direction::In, peer));
+        let route_id = route.map(Route::id);
+        let path = match source {
+            Source::Local => state.local.then(|| Vec::from([self.me])),
+            Source::Remote(_) => route.map(|it| it.path.iter().copied().chain([self.me]).collect()),
+        };
+        let path = path.filter(|it: &Vec<Hop>| it.len() <= HOPS_MAX);
+        let withdrawn =
+            state.withdraw(|peer, of| path.as_ref() == Some(of) && allows(Direction::Out, peer));
         for (peer, offer) in withdrawn {
             self.own_offers.remove(&(peer, offer));
-            self.outputs.push_back(Output::Unoffer { peer, offer });
+            outputs.push_back(Output::Unoffer { peer, offer });
         }
-        for (&source, path) in &sources {
-            for (peer, last) in &mut self.peers {
-                let comes_from = path.iter().any(|it| it.gateway == *peer);
-                if comes_from || !allows(Direction::Out, peer) || state.is_offered(*peer, source) {
-                    continue;
-                }
-                last.0 += 1;
-                let (peer, offer) = (*peer, *last);
-                state.offer(peer, source, offer, path.clone());
-                self.own_offers.insert((peer, offer), subject.clone());
-                self.outputs.push_back(Output::Offer {
+        if let Some(path) = path {
+            let offer_to = |peer: &GatewayId| allows(Direction::Out, peer);
+            let made = state.make_offers(&path, &mut self.peers, offer_to);
+            for (peer, offer) in made {
+                let key = (subject.clone(), source);
+                self.own_offers.insert((peer, offer), key);
+                outputs.push_back(Output::Offer {
                     peer,
                     offer,
                     subject: subject.clone(),
@@ -195,18 +252,38 @@ impl Router {
                 });
             }
         }
-        state.use_routes(subject, &routes, &mut self.outputs);
-        state.subscribe(subject, &mut self.outputs);
-        if !state.is_idle() {
-            self.subjects.insert(subject.clone(), state);
+        match source {
+            Source::Local => state.subscribe(subject, outputs),
+            Source::Remote(origin) => {
+                let is_open = |it: &_| self.peer_offers.contains_key(it);
+                state.use_route((subject, origin), route_id, is_open, outputs);
+            }
+        }
+        if state.is_idle() {
+            self.remove(subject, source);
+        }
+        decisions
+    }
+
+    fn remove(&mut self, subject: &Subject, source: Source) {
+        if let Some(sources) = self.sources.get_mut(subject) {
+            sources.remove(&source);
+            if sources.is_empty() {
+                self.sources.remove(subject);
+            }
         }
     }
 
-    /// Both indexes of offers agree with the subjects.
+    /// Both indexes of offers agree with the sources. Checked only while there are few offers, because the check
+    /// visits all of them.
     fn invariants(&self) {
-        let peer_offers = self.subjects.values().map(|it| it.peer_offers.len());
+        if self.peer_offers.len() + self.own_offers.len() > CHECKED_OFFERS_MAX {
+            return;
+        }
+        let sources = || self.sources.values().flat_map(BTreeMap::values);
+        let peer_offers = sources().map(SourceState::peer_offers_len);
         debug_assert_eq!(peer_offers.sum::<usize>(), self.peer_offers.len());
-        let own_offers = self.subjects.values().map(SubjectState::own_offers_len);
+        let own_offers = sources().map(SourceState::own_offers_len);
         debug_assert_eq!(own_offers.sum::<usize>(), self.own_offers.len());
     }
 }
@@ -217,12 +294,12 @@ impl Machine for Router {
     type End = Infallible;
     type Misuse = Infallible;
 
-    /// Feeds one input. It is always legal; `now` is not used.
-    fn handle(&mut self, _now: Instant, input: Input) -> Result<(), MisuseError<Infallible>> {
+    /// Feeds one input. It is always legal.
+    fn handle(&mut self, now: Instant, input: Input) -> Result<(), MisuseError<Infallible>> {
         if !matches!(input, Input::Taken { .. }) {
             debug_assert_drained(&self.outputs);
         }
-        self.input(input);
+        self.input(now, input);
         self.invariants();
         Ok(())
     }
@@ -231,8 +308,8 @@ impl Machine for Router {
         self.outputs.pop_front()
     }
 
-    /// Always `None`: routes have no timer.
+    /// The time at which the walk over all sources began, as long as some are left.
     fn deadline(&self) -> Option<Instant> {
-        None
+        self.walk.as_ref().map(|it| it.since)
     }
 }
