@@ -306,8 +306,12 @@ impl Interface {
                 }
             }
             link.backlog.pop_front();
-            link.send(key, Status::Ok, context, &mut self.outbox);
+            link.send_from_backlog(key, context, &mut self.outbox);
             self.outbox.release(key);
+            if link.backlog.front() == Some(&key) {
+                // The socket does not accept the ATTACH of its segment.
+                break;
+            }
         }
     }
 }

@@ -19,13 +19,44 @@ impl LinkDriver {
         context: &mut Context<'_>,
         outbox: &mut Outbox,
     ) {
+        if let Err(misuse) = self.try_send(key, status, context, outbox) {
+            let keeps = self.is_reliable();
+            self.without_room(key, misuse, keeps, context, outbox);
+        }
+    }
+
+    /// The same as [`send`](Self::send) for a message of the backlog, which stays there as long as the
+    /// socket does not accept the ATTACH of its segment.
+    pub(in crate::driver) fn send_from_backlog(
+        &mut self,
+        key: MessageKey,
+        context: &mut Context<'_>,
+        outbox: &mut Outbox,
+    ) {
+        if let Err(misuse) = self.try_send(key, Status::Ok, context, outbox) {
+            self.without_room(key, misuse, true, context, outbox);
+        }
+    }
+
+    /// Sends a message, or does what a missing form asks for. An error says that the message was not sent
+    /// and not counted.
+    fn try_send(
+        &mut self,
+        key: MessageKey,
+        status: Status,
+        context: &mut Context<'_>,
+        outbox: &mut Outbox,
+    ) -> Result<(), Misuse> {
         for is_last in [false, true] {
             if self.machine.end().is_some() {
-                return;
+                break;
             }
             let message = match outbox.message(key, status, self.machine.placement()) {
                 Ok(message) => message,
-                Err(error) => return self.without_form(&error, context, outbox),
+                Err(error) => {
+                    self.without_form(&error, context, outbox);
+                    break;
+                }
             };
             let segment = match &message.body {
                 Body::Pooled { segment, .. } => Some(*segment),
@@ -38,10 +69,14 @@ impl LinkDriver {
             let misuse = match self.machine.send(&self.mapped, message, settled) {
                 Ok(wake) => {
                     self.finish_sending(wake, context, outbox);
-                    return self.note_sent(time, len, context.counting);
+                    self.note_sent(time, len, context.counting);
+                    break;
                 }
                 // The outputs settle the message with all others.
-                Err(Error::Ended(_)) => return self.drain_idle(context.epoll, outbox),
+                Err(Error::Ended(_)) => {
+                    self.drain_idle(context.epoll, outbox);
+                    break;
+                }
                 Err(Error::Misuse(misuse)) => misuse,
             };
             outbox.release(key);
@@ -49,9 +84,10 @@ impl LinkDriver {
                 (Misuse::NotAttached, Some(segment)) if !is_last => {
                     self.feed(Input::Attach(segment), context.epoll, outbox);
                 }
-                _ => return self.without_room(key, misuse, context, outbox),
+                _ => return Err(misuse),
             }
         }
+        Ok(())
     }
 
     /// Completes the sending of a message that the machine has accepted.
@@ -76,11 +112,12 @@ impl LinkDriver {
     }
 
     /// Handles a message for which there is no room: the ATTACH of its segment waits for the socket, or the
-    /// publication is not sent on this link. A reliable link keeps the message until the ATTACH is sent.
+    /// publication is not sent on this link. With `keeps`, the message waits for the ATTACH in the backlog.
     fn without_room(
         &mut self,
         key: MessageKey,
         misuse: Misuse,
+        keeps: bool,
         context: &mut Context<'_>,
         outbox: &mut Outbox,
     ) {
@@ -95,8 +132,8 @@ impl LinkDriver {
         if self.role() != Role::Sender {
             return;
         }
-        //= SM2-QOS-002
-        if misuse == Misuse::NoRoom && self.unsent.is_some() && self.is_reliable() {
+        //= SM2-QOS-002, SM2-QOS-003
+        if misuse == Misuse::NoRoom && self.unsent.is_some() && keeps {
             outbox.hold(key);
             return self.backlog.push_front(key);
         }
