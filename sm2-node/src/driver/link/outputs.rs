@@ -20,50 +20,53 @@ use crate::quota::MappedSegment;
 impl LinkDriver {
     /// Carries out all outputs of the machine. Only this function matches them.
     pub(super) fn drain(&mut self, mut came: Incoming, epoll: &Epoll, outbox: &mut Outbox) {
-        loop {
-            while let Some(output) = self.machine.poll() {
-                match output {
-                    Output::Transmit(packet) => {
-                        let segment = packet.attachment.and_then(|it| outbox.segment(it));
-                        self.transmit(Unsent { packet, segment }, epoll, outbox);
-                    }
-                    // The machine asks for a ring before `Opened`, so a ring that is left is not needed.
-                    Output::Opened => self.drop_prepared_ring(),
-                    Output::MakeRing(_) => self.use_prepared_ring(),
-                    Output::Ring(layout) => self.map_ring(layout, came.take_file()),
-                    Output::Attach {
-                        segment,
-                        stride,
-                        slots,
-                    } => self.attach(segment, stride * u64::from(slots), came.take_file()),
-                    Output::Detach { segment } => {
-                        self.mapped.segments.remove(segment);
-                    }
-                    Output::Keep { sequence } => {
-                        if let Some(fd) = came.take_file() {
-                            self.keep(sequence, fd);
-                        }
-                    }
-                    Output::Discard { sequence } => {
-                        self.kept.remove(&sequence);
-                    }
-                    Output::Settled { key, fate } => outbox.settle(MessageKey::from_raw(key), fate),
-                    Output::Cancelled { call } => {
-                        self.cancelled.insert(call);
-                    }
-                    Output::CallFailed { call } => self.failed.push(call),
-                    Output::Ended(end) => self.hang_up(end, epoll),
+        while let Some(output) = self.next_output() {
+            match output {
+                Output::Transmit(packet) => {
+                    let segment = packet.attachment.and_then(|it| outbox.segment(it));
+                    self.transmit(Unsent { packet, segment }, epoll, outbox);
                 }
-            }
-            match self.failing.take() {
-                Some(code) if self.end().is_none() => {
-                    let _ = self
-                        .machine
-                        .handle(sm2_io::clock::now(), Input::Close(code));
+                // The machine asks for a ring before `Opened`, so a ring that is left is not needed.
+                Output::Opened => self.drop_prepared_ring(),
+                Output::MakeRing(_) => self.use_prepared_ring(),
+                Output::Ring(layout) => self.map_ring(layout, came.take_file()),
+                Output::Attach {
+                    segment,
+                    stride,
+                    slots,
+                } => self.attach(segment, stride * u64::from(slots), came.take_file()),
+                Output::Detach { segment } => {
+                    self.mapped.segments.remove(segment);
                 }
-                _ => return,
+                Output::Keep { sequence } => {
+                    if let Some(fd) = came.take_file() {
+                        self.keep(sequence, fd);
+                    }
+                }
+                Output::Discard { sequence } => {
+                    self.kept.remove(&sequence);
+                }
+                Output::Settled { key, fate } => outbox.settle(MessageKey::from_raw(key), fate),
+                Output::Cancelled { call } => {
+                    self.cancelled.insert(call);
+                }
+                Output::CallFailed { call } => self.failed.push(call),
+                Output::Ended(end) => self.hang_up(end, epoll),
             }
         }
+    }
+
+    /// The next output of the machine. If an output could not be carried out, the link ends first: a
+    /// packet that follows a lost one would look like a violation.
+    fn next_output(&mut self) -> Option<Output> {
+        if let Some(code) = self.failing.take()
+            && self.end().is_none()
+        {
+            let _ = self
+                .machine
+                .handle(sm2_io::clock::now(), Input::Close(code));
+        }
+        self.machine.poll()
     }
 
     fn transmit(&mut self, unsent: Unsent, epoll: &Epoll, outbox: &Outbox) {
@@ -82,10 +85,7 @@ impl LinkDriver {
                 self.keep_unsent(unsent, epoll);
             }
             //= SM2-TRN-010
-            Err(SendError::TooManyInFlight) => {
-                self.fail(Farewell::Stalled, &SendError::TooManyInFlight)
-            }
-            Err(error @ (SendError::TooLong | SendError::Io(_))) => {
+            Err(error @ (SendError::TooManyInFlight | SendError::TooLong | SendError::Io(_))) => {
                 self.fail(Farewell::Resources, &error);
             }
         }
@@ -176,7 +176,7 @@ impl LinkDriver {
         }
     }
 
-    /// Requests the end of the link as soon as the pending outputs are drained.
+    /// Requests the end of the link before its next output.
     pub(in crate::driver) fn fail(&mut self, code: Farewell, error: &dyn Display) {
         tracing::warn!(link = %self.id, peer = %self.peer.name, %error, "link given up: {code}");
         self.failing = Some(code.code());
