@@ -107,7 +107,7 @@ fn slots(bytes: &[u8]) -> io::Result<()> {
 }
 
 fn read_all(fd: &OwnedFd, len: usize) -> io::Result<()> {
-    let file = InspectedFd::new(fd.try_clone()?).into_sealed();
+    let file = InspectedFd::new(fd.try_clone()?)?.into_sealed();
     let mapping = SealedMapping::new(&file.map_err(io::Error::other)?, len as u64, true)?;
     let (words, _) = mapping.as_chunks::<8>();
     let sum = (words.iter()).fold(0_u64, |sum, word| {

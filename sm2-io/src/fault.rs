@@ -184,7 +184,7 @@ impl Call {
                 libc::ENOMEM,
                 libc::ETOOMANYREFS,
             ],
-            Self::RecvMsg => &[libc::EAGAIN, libc::EINTR, libc::ENOBUFS, libc::ENOMEM],
+            Self::RecvMsg => &[libc::EINTR, libc::ENOBUFS, libc::ENOMEM],
             Self::EpollCreate | Self::EventFd | Self::TimerCreate | Self::MemfdCreate => SHORT,
             Self::Dup => &[libc::EMFILE],
             Self::EpollCtl => &[libc::ENOMEM, libc::ENOSPC],

@@ -128,7 +128,7 @@ mod tests {
             let mark = u8::try_from(slot.index()).unwrap() + 1;
             slot.bytes_mut(4096).fill(mark);
         }
-        let file = InspectedFd::new(owned(&fd)).into_pooled().unwrap();
+        let file = InspectedFd::new(owned(&fd)).unwrap().into_pooled().unwrap();
         let seen = PooledMapping::new(&file, 3 * 4096, false).unwrap();
         for (index, slot) in slots.iter().enumerate() {
             let mark = u8::try_from(index).unwrap() + 1;

@@ -32,7 +32,7 @@ fn seal(file: &File, seals: Seals) {
 }
 
 fn inspected(file: &File) -> InspectedFd {
-    InspectedFd::new(file.try_clone().unwrap().into())
+    InspectedFd::new(file.try_clone().unwrap().into()).unwrap()
 }
 
 fn without(seals: Seals, missing: Seals) -> Seals {
@@ -64,7 +64,7 @@ fn a_file_without_the_seals_proves_nothing() {
         assert_eq!(proof.map(drop), not_sealed(seals, Seals::RING));
     }
     let socket: OwnedFd = sm2_io::SeqPacket::pair().unwrap().0.into();
-    let proof = InspectedFd::new(socket).into_sealed().map(drop);
+    let proof = InspectedFd::new(socket).unwrap().into_sealed().map(drop);
     assert_eq!(proof, Err(VerifyError::NotAMemfd));
 }
 

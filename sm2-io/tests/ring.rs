@@ -171,7 +171,10 @@ fn a_descriptor_that_is_not_open_for_writing_is_an_error_and_no_fault() {
 #[test]
 fn what_is_no_file_is_an_error() {
     let (reader, _writer) = io::pipe().expect("a pipe");
-    let error = InspectedFd::new(reader.into()).into_ring().unwrap_err();
+    let error = InspectedFd::new(reader.into())
+        .unwrap()
+        .into_ring()
+        .unwrap_err();
     assert_eq!(error, VerifyError::NotAMemfd);
 }
 

@@ -44,7 +44,10 @@ pub fn size(depth: u16, window: u32) -> u64 {
 
 fn map(file: &OwnedFd, layout: RingLayout) -> Ring {
     let file = file.try_clone().expect("a descriptor");
-    let file = InspectedFd::new(file).into_ring().expect("a ring's file");
+    let file = InspectedFd::new(file)
+        .unwrap()
+        .into_ring()
+        .expect("a ring's file");
     Ring::map(&file, layout).expect("a mapping")
 }
 

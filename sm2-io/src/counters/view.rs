@@ -41,7 +41,8 @@ impl CounterView {
     /// See [`CounterError`]; the descriptor is closed then.
     //= SM2-CNT-003
     pub fn open(fd: OwnedFd) -> Result<Self, CounterError> {
-        let file = InspectedFd::new(fd).into_pooled()?;
+        let file = InspectedFd::new(fd).map_err(failed("inspect"))?;
+        let file = file.into_pooled()?;
         let size_bytes = file.size_bytes();
         let capacity = entries_in(size_bytes).ok_or(CounterError::Size { size_bytes })?;
         let mapping = PooledMapping::new(&file, size_bytes, false).map_err(failed("map"))?;

@@ -21,11 +21,13 @@
 //! [`PooledMapping`]: crate::PooledMapping
 //! [`Ring`]: crate::Ring
 
+use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
 use sm2_proto::{FdFacts, Seals};
 
 use super::facts::facts;
+use crate::shortage::is_shortage;
 
 /// A descriptor of unknown origin and the kernel's facts about it.
 #[derive(Debug)]
@@ -37,10 +39,20 @@ pub struct InspectedFd {
 impl InspectedFd {
     /// Asks the kernel about `fd` ([`facts`](super::facts)). A descriptor about which the kernel
     /// reports an error has no facts, and proves nothing.
-    #[must_use]
-    pub fn new(fd: OwnedFd) -> Self {
-        let facts = facts(fd.as_fd()).unwrap_or_default();
-        Self { fd, facts }
+    ///
+    /// # Errors
+    ///
+    /// The kernel has no memory for an answer ([`is_shortage`]). The descriptor is closed: it counts
+    /// as one that could not be received.
+    //= SM2-TRN-012
+    pub fn new(fd: OwnedFd) -> io::Result<Self> {
+        match facts(fd.as_fd()) {
+            Err(error) if is_shortage(&error) => Err(error),
+            facts => Ok(Self {
+                facts: facts.unwrap_or_default(),
+                fd,
+            }),
+        }
     }
 
     /// The facts, as the protocol's machines take them.

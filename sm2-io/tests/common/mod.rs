@@ -12,15 +12,15 @@ fn owned(fd: impl AsFd) -> OwnedFd {
 }
 
 pub(crate) fn sealed_file(fd: impl AsFd) -> SealedFile {
-    InspectedFd::new(owned(fd)).into_sealed().unwrap()
+    InspectedFd::new(owned(fd)).unwrap().into_sealed().unwrap()
 }
 
 pub(crate) fn pooled_file(fd: impl AsFd) -> PooledFile {
-    InspectedFd::new(owned(fd)).into_pooled().unwrap()
+    InspectedFd::new(owned(fd)).unwrap().into_pooled().unwrap()
 }
 
 pub(crate) fn ring_file(fd: impl AsFd) -> RingFile {
-    InspectedFd::new(owned(fd)).into_ring().unwrap()
+    InspectedFd::new(owned(fd)).unwrap().into_ring().unwrap()
 }
 
 pub(crate) fn map_sealed(fd: impl AsFd, len: u64, populate: bool) -> SealedMapping {

@@ -17,7 +17,7 @@ use std::{
 };
 
 use nix::libc;
-use sm2_io::{DomainSocket, Epoll, Event, Events, Interest, ReceivedFds, clock, wait_readable};
+use sm2_io::{DomainSocket, Epoll, Event, Events, InspectedFd, Interest, clock, wait_readable};
 use sm2_proto::{
     Instant, Machine, NodeId,
     limits::DATAGRAM_MAX,
@@ -349,12 +349,12 @@ impl Manager {
 
     /// Passes an input to the machine. All inputs go through here.
     fn feed(&mut self, input: Input<'_>) {
-        self.feed_with(input, ReceivedFds::default());
+        self.feed_with(input, Vec::new());
     }
 
     /// As [`feed`](Self::feed), with the descriptors that were received. Descriptors that no output keeps are
     /// closed.
-    fn feed_with(&mut self, input: Input<'_>, fds: ReceivedFds) {
+    fn feed_with(&mut self, input: Input<'_>, fds: Vec<InspectedFd>) {
         self.step(input, fds);
         self.report_sockets();
     }
@@ -362,20 +362,20 @@ impl Manager {
     /// Tells the machine which nodes do not read their sockets, and which sockets have room again.
     fn report_sockets(&mut self) {
         while let Some(session) = self.given_up.pop_front() {
-            self.step(Input::Stalled { session }, ReceivedFds::default());
+            self.step(Input::Stalled { session }, Vec::new());
         }
         //= SM2-LNK-007
         while let Some(session) = self.drained.pop_first() {
             let waiting = self.connections.get(&session).map(Connection::is_waiting);
             if waiting == Some(false) && self.machine.awaits_room(session) {
-                self.step(Input::Drained { session }, ReceivedFds::default());
+                self.step(Input::Drained { session }, Vec::new());
             }
         }
     }
 
     /// Handles one input and carries out every output. No other place matches the outputs.
-    fn step(&mut self, input: Input<'_>, fds: ReceivedFds) {
-        let mut fds = fds.into_iter();
+    fn step(&mut self, input: Input<'_>, fds: Vec<InspectedFd>) {
+        let mut fds = fds.into_iter().map(OwnedFd::from);
         if let Err(misuse) = self.machine.handle(clock::now(), input) {
             warn!(%misuse, "the driver broke the machine's contract");
         }

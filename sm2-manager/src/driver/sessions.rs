@@ -6,7 +6,7 @@ use std::{
     sync::Arc,
 };
 
-use sm2_io::{Event, Interest, RecvError, SeqPacket, clock, is_shortage, memfd};
+use sm2_io::{Event, InspectedFd, Interest, RecvError, SeqPacket, clock, is_shortage};
 use sm2_proto::{
     Code, Datagram, Farewell, Instant, NodeId,
     manager::{Cause, Credentials, Input},
@@ -96,23 +96,25 @@ impl Manager {
         }
         let go_on = match received {
             Ok(received) => {
-                //= SM2-TRN-012
-                if received.control_truncated
-                    && self.log.may_write(Warning::NotReceived, clock::now())
-                {
-                    warn!(%session, "no free descriptor for a node's file: raise the limit of open files (ulimit -n)");
-                }
                 // The machine needs the facts for its decision. For a descriptor that is no memory file the
-                // kernel gives none, and the machine refuses it.
-                let facts = |fd: &OwnedFd| memfd::facts(fd.as_fd()).unwrap_or_default();
-                let facts: Vec<_> = received.fds.iter().map(facts).collect();
+                // kernel gives none, and the machine refuses it. A descriptor for whose facts there is no
+                // memory is lost, like one for which there is no room.
+                let fds = received.fds.into_iter().map(InspectedFd::new);
+                let fds: io::Result<Vec<_>> = fds.collect();
+                let is_lost = received.control_truncated || fds.is_err();
+                let fds = fds.unwrap_or_default();
+                //= SM2-TRN-012
+                if is_lost && self.log.may_write(Warning::NotReceived, clock::now()) {
+                    warn!(%session, "no free descriptor or no memory for a node's file: raise the limit of open files (ulimit -n)");
+                }
+                let facts: Vec<_> = fds.iter().map(InspectedFd::facts).collect();
                 let datagram = Datagram {
                     bytes: &buffer[..received.len],
                     fds: &facts,
                     data_truncated: received.data_truncated,
-                    control_truncated: received.control_truncated,
+                    control_truncated: is_lost,
                 };
-                self.feed_with(Input::Datagram { session, datagram }, received.fds);
+                self.feed_with(Input::Datagram { session, datagram }, fds);
                 true
             }
             Err(RecvError::WouldBlock) => false,

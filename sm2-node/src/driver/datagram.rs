@@ -1,5 +1,6 @@
 //! Reading one datagram, and inspecting the descriptors that came with it.
 
+use std::io;
 use std::os::fd::OwnedFd;
 
 use sm2_io::{InspectedFd, RecvError, SeqPacket};
@@ -32,14 +33,17 @@ impl Incoming {
 pub(super) fn receive(socket: &SeqPacket, buffer: &mut [u8]) -> Result<Incoming, RecvError> {
     let received = socket.recv(buffer)?;
     // The kernel is asked before anything is mapped. If it does not answer for a descriptor, the
-    // descriptor has no facts, and the machine refuses it.
+    // descriptor has no facts, and the machine refuses it. A descriptor for whose facts there is no
+    // memory is lost, like one for which there is no room.
     let fds = received.fds.into_iter().map(InspectedFd::new);
-    let fds: Vec<_> = fds.collect();
+    let fds: io::Result<Vec<_>> = fds.collect();
+    let is_lost = fds.is_err();
+    let fds = fds.unwrap_or_default();
     Ok(Incoming {
         len: received.len,
         facts: fds.iter().map(InspectedFd::facts).collect(),
         data_truncated: received.data_truncated,
-        control_truncated: received.control_truncated,
+        control_truncated: received.control_truncated || is_lost,
         fds,
     })
 }
