@@ -1,0 +1,155 @@
+//! Single system calls that fail: every scenario reaches its goal after a transient error of any one call.
+//!
+//! A scenario runs once without an error, to count its calls, and then once for each call, each errno that the
+//! call can have, and each number of the call: on the thread of the nodes, and on the thread of the Manager.
+//! After each run this must hold:
+//!
+//! - every error that a program got has a type and a text, and its next try succeeded;
+//! - no end accuses another one of a violation;
+//! - each message that did not arrive is counted, at one end or the other;
+//! - the process has the descriptors and mappings that it had before.
+//!
+//! The tests run a fixed sample. `SM2_FAULTS=all` runs everything, and prints its progress:
+//! `SM2_FAULTS=all cargo nextest run -p sm2-tests --test faults --no-capture`. `SM2_FAULTS=CALL:NTH:ERRNO` runs
+//! one fault of each side.
+
+#[path = "faults/accusations.rs"]
+mod accusations;
+#[path = "faults/scenarios.rs"]
+mod scenarios;
+#[path = "faults/topic.rs"]
+mod topic;
+#[path = "faults/world.rs"]
+mod world;
+
+use std::{
+    collections::BTreeMap,
+    env,
+    panic::{self, AssertUnwindSafe},
+    process,
+    sync::{Mutex, PoisonError},
+};
+
+use sm2_io::fault::{Call, Fault};
+use sm2_tests::census::Census;
+
+use accusations::accusations;
+use world::{Side, World};
+
+/// How many runs of one side are in the sample.
+const SAMPLE: usize = 40;
+
+/// A run of a scenario with a fault of one side. Returns how often each call was made.
+fn run(
+    scenario: fn(&mut World),
+    side: Side,
+    fault: Option<Fault>,
+) -> Result<BTreeMap<Call, u64>, String> {
+    let before = Census::of(process::id());
+    let done = panic::catch_unwind(AssertUnwindSafe(|| {
+        let mut world = World::start(side, fault);
+        scenario(&mut world);
+        world.end()
+    }));
+    let accused = accusations();
+    let counts = done.map_err(|panic| {
+        let text = panic.downcast_ref::<String>().map(String::as_str);
+        text.or(panic.downcast_ref::<&str>().copied())
+            .unwrap_or("a panic")
+            .to_owned()
+    })?;
+    if !accused.is_empty() {
+        return Err(format!("accusations: {accused:?}"));
+    }
+    let mut after = Census::of(process::id());
+    let restored = sm2_tests::in_time(|| {
+        after = Census::of(process::id());
+        after == before
+    });
+    match restored {
+        true => Ok(counts),
+        false => Err(format!("left behind: {before} before, {after} after")),
+    }
+}
+
+/// All single faults of the calls that were counted.
+fn faults(counts: &BTreeMap<Call, u64>) -> Vec<Fault> {
+    let mut all = Vec::new();
+    for (&call, &count) in counts {
+        for &errno in call.errnos() {
+            all.extend((1..=count).map(|nth| Fault {
+                call,
+                nth,
+                times: 1,
+                errno,
+            }));
+        }
+    }
+    all
+}
+
+fn survives(name: &str, scenario: fn(&mut World)) {
+    // The census and the accusations are those of the process.
+    static ALONE: Mutex<()> = Mutex::new(());
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let wanted = env::var("SM2_FAULTS").ok();
+    let all = wanted.as_deref() == Some("all");
+    let only = wanted
+        .filter(|_| !all)
+        .map(|it| Fault::parse(&it).expect("all, or CALL:NTH:ERRNO"));
+    for side in [Side::Nodes, Side::Manager] {
+        let counts = run(scenario, side, None).expect("the scenario works without a fault");
+        let faults = only.map_or_else(|| faults(&counts), |it| vec![it]);
+        assert!(only.is_some() || faults.len() > 10, "{side:?}: {counts:?}");
+        let step = if all {
+            1
+        } else {
+            faults.len().div_ceil(SAMPLE)
+        };
+        let mut failed = Vec::new();
+        for (number, &fault) in faults.iter().enumerate().step_by(step) {
+            if let Err(error) = run(scenario, side, Some(fault)) {
+                failed.push(format!("{side:?} {fault:?}: {error}"));
+            }
+            if all && number % 50 == 0 {
+                eprintln!("{name} {side:?}: {number} of {} faults", faults.len());
+            }
+        }
+        assert!(
+            failed.is_empty(),
+            "{} faults of {name}:\n{}",
+            failed.len(),
+            failed.join("\n")
+        );
+    }
+}
+
+#[test]
+fn publishing_through_rings_survives_each_fault() {
+    survives("ring", scenarios::ring);
+}
+
+#[test]
+fn publishing_through_sockets_survives_each_fault() {
+    survives("socket", scenarios::socket);
+}
+
+#[test]
+fn publishing_sealed_files_survives_each_fault() {
+    survives("sealed", scenarios::sealed);
+}
+
+#[test]
+fn a_latched_message_survives_each_fault() {
+    survives("latched", scenarios::latched);
+}
+
+#[test]
+fn a_call_survives_each_fault() {
+    survives("call", scenarios::call);
+}
+
+#[test]
+fn a_change_of_the_manager_survives_each_fault() {
+    survives("change", scenarios::change);
+}

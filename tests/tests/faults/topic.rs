@@ -1,0 +1,104 @@
+//! A topic whose messages are checked and accounted for.
+
+use std::{collections::BTreeSet, time::Duration};
+
+use sm2_node::{Publisher, Subscriber, diagnostics::LinkStatus};
+use sm2_proto::link::End;
+use sm2_tests::pattern::{is_intact, message};
+
+use crate::world::{World, patient, until};
+
+/// A publisher and a subscriber of two nodes.
+pub(crate) struct Topic {
+    pub(crate) publisher: Publisher<[u8]>,
+    pub(crate) subscriber: Subscriber<[u8]>,
+    /// The messages that were sent on a link and were not taken.
+    sent: BTreeSet<u64>,
+}
+
+impl Topic {
+    pub(crate) fn new(publisher: Publisher<[u8]>, subscriber: Subscriber<[u8]>) -> Self {
+        Self {
+            publisher,
+            subscriber,
+            sent: BTreeSet::new(),
+        }
+    }
+
+    /// Waits until the two ends are linked.
+    pub(crate) fn linked(self) -> Self {
+        until("an open link", || {
+            let open = |links: &[LinkStatus]| links.iter().any(|it| it.open);
+            let (ours, theirs) = (self.publisher.links(), self.subscriber.links());
+            open(&ours) && open(&theirs)
+        });
+        self
+    }
+
+    /// Publishes a message of this length again and again until one arrives.
+    pub(crate) fn carry(&mut self, world: &mut World, len: usize) {
+        until("a message", || self.send(world, len));
+    }
+
+    /// Publishes a message. Returns whether it arrived soon.
+    pub(crate) fn send(&mut self, world: &mut World, len: usize) -> bool {
+        let serial = world.next_serial();
+        let bytes = [&serial.to_le_bytes()[..], &message(serial, len)].concat();
+        let published = patient("publish", || self.publisher.publish(&bytes));
+        if published.links > 0 {
+            self.sent.insert(serial);
+        }
+        self.takes(serial)
+    }
+
+    /// Whether this message arrives soon. Takes the messages before it, too.
+    pub(crate) fn takes(&mut self, serial: u64) -> bool {
+        for _ in 0..10 {
+            // Drives the node of the publisher.
+            self.publisher.links();
+            match self.subscriber.recv_timeout(Duration::from_millis(2)) {
+                Ok(Some(sample)) => {
+                    let (head, bytes) = sample.split_at(8);
+                    let came = u64::from_le_bytes(head.try_into().unwrap());
+                    assert!(is_intact(bytes, came), "message {came} is damaged");
+                    assert!(self.sent.remove(&came), "message {came} came twice");
+                    if came == serial {
+                        return true;
+                    }
+                }
+                Ok(None) => {}
+                Err(error) => assert!(!error.to_string().is_empty()),
+            }
+        }
+        false
+    }
+
+    pub(crate) fn note_sent(&mut self, serial: u64) {
+        self.sent.insert(serial);
+    }
+
+    /// Checks that each message that is missing was counted, and that nobody was accused.
+    pub(crate) fn adds_up(mut self) {
+        while self.takes(0) {}
+        let links = self.publisher.links();
+        let ends = links
+            .iter()
+            .chain(&self.subscriber.links())
+            .cloned()
+            .collect::<Vec<_>>();
+        for link in &ends {
+            assert!(!matches!(link.end, Some(End::Violation(_))), "{link:?}");
+        }
+        let dropped = |link: &LinkStatus| {
+            let counters = link.counters;
+            let sum = counters.overwritten + counters.discarded + counters.deadline;
+            sum + counters.closed + counters.pool_limit + counters.in_flight
+        };
+        let counted = links.iter().map(dropped).sum::<u64>() + self.subscriber.lost();
+        let missing = self.sent.len() as u64;
+        assert!(
+            missing <= counted,
+            "{missing} messages are missing, {counted} counted: {links:?}"
+        );
+    }
+}
