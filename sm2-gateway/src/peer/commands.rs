@@ -63,7 +63,8 @@ impl Peer {
         }
     }
 
-    /// Stops sending the messages and requests that the rules deny. Waiting messages are judged when they are about to start.
+    /// Stops sending the messages and requests that the rules deny. Waiting messages are judged when they
+    /// are about to start.
     //= SM2-GWR-005
     pub(super) fn gate(&mut self, now: Now, rules: Option<Arc<Rules>>) {
         let gate = rules.zip(peer_of(&self.connection));
