@@ -15,6 +15,17 @@ use crate::{
 /// 2^40 bytes in the units of `max_len`.
 const MAX_LEN_UNITS: u32 = 1 << 30;
 
+/// Each legal and illegal `window` and `max_len`, with a value of the other field that is legal for
+/// some role.
+const SIZES: [(u32, u32); 6] = [
+    (0, 0),
+    (0, 1),
+    (1, 0),
+    (1, MAX_LEN_UNITS + 1),
+    (WINDOW_MAX, MAX_LEN_UNITS),
+    (WINDOW_MAX + 1, 1),
+];
+
 /// The first OPEN opens the link exactly if each of its fields is legal. Otherwise nothing changes.
 //= SM2-OPN-002, SM2-OPN-003, SM2-OPN-004, SM2-OPN-009 kani
 #[cfg_attr(kani, kani::proof)]
@@ -24,13 +35,14 @@ fn open_is_checked() {
     let mut link = Link::new(config(role()));
     let ours = *link.config();
     let (right_link, right_version): (bool, bool) = kani::any();
+    let (window, max_len) = one_of(&SIZES);
     let open = Open {
         role: kani::any(),
         version: VERSION + u16::from(!right_version),
-        window: one_of(&[0, 1, WINDOW_MAX, WINDOW_MAX + 1, u32::MAX]),
+        window,
         link: if right_link { ours.id } else { LinkId::FIRST },
         lanes: one_of(&[0, 1, 3]),
-        max_len: one_of(&[0, 1, MAX_LEN_UNITS, MAX_LEN_UNITS + 1, u32::MAX]),
+        max_len,
     };
     // SPEC section 7: sender and receiver are counterparts, and so are caller and server.
     let theirs = [1, 0, 3, 2][ours.role as usize];
