@@ -46,13 +46,15 @@ const WAIT: &[Change] = &[
     ("no_wake", "sleeper.waker.wake();", ""),
     (
         "entered_late",
-        "            let waker = inner.sleepers.enter(source)?;\n            drop(inner);\n",
-        "            drop(inner);\n            let waker = self.lock().sleepers.enter(source)?;\n",
+        "            let waker = inner.sleepers.enter(source)?;\n            \
+         let short_of_memory = inner.short_of_memory;\n            drop(inner);\n",
+        "            let short_of_memory = inner.short_of_memory;\n            drop(inner);\n            \
+         let waker = self.lock().sleepers.enter(source)?;\n",
     ),
     (
         "no_sockets",
-        "[self.epoll.as_fd(), waker.as_fd()]",
-        "[waker.as_fd()]",
+        "[self.epoll.as_fd(), waker]",
+        "[waker]",
     ),
     (
         "own_topic_only",

@@ -105,7 +105,10 @@ impl Manager {
                 let fds = fds.unwrap_or_default();
                 //= SM2-TRN-012
                 if is_lost && self.log.may_write(Warning::NotReceived, clock::now()) {
-                    warn!(%session, "no free descriptor or no memory for a node's file: raise the limit of open files (ulimit -n)");
+                    warn!(
+                        %session,
+                        "no free descriptor or no memory for a node's file: raise the limit of open files (ulimit -n)"
+                    );
                 }
                 let facts: Vec<_> = fds.iter().map(InspectedFd::facts).collect();
                 let datagram = Datagram {

@@ -1,4 +1,4 @@
-//! What the domain does while a call fails.
+//! The work of a domain while a call fails.
 
 use std::time::Duration;
 

@@ -15,6 +15,11 @@ use super::sleepers::{Sleepers, EventSource};
 const ONE: InterfaceId = InterfaceId(1);
 const OTHER: InterfaceId = InterfaceId(2);
 
+/// As in `sm2-node/src/driver/limits.rs`.
+pub(crate) mod limits {
+    pub(crate) const SHORTAGE_PAUSE: std::time::Duration = std::time::Duration::from_millis(1);
+}
+
 /// Models `sm2-node/src/driver/shared_node.rs` and `inner.rs`, as far as waiting is concerned.
 pub(crate) struct SharedNode {
     pub(crate) epoll: Epoll,
@@ -25,6 +30,8 @@ pub(crate) struct SharedNode {
 pub(crate) struct Inner {
     pub(super) sleepers: Sleepers,
     pub(super) interfaces: BTreeMap<InterfaceId, Interface>,
+    /// Memory is never short in these models.
+    pub(super) short_of_memory: bool,
     socket: Arc<Socket>,
     messages: Vec<InterfaceId>,
     ended: bool,
@@ -110,6 +117,7 @@ impl SharedNode {
         let inner = Mutex::new(Inner {
             sleepers: Sleepers::new().unwrap(),
             interfaces: BTreeMap::new(),
+            short_of_memory: false,
             socket: Arc::clone(&socket),
             messages: Vec::new(),
             ended: false,
