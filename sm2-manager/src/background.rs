@@ -5,7 +5,9 @@ use std::{
     thread::{self, JoinHandle},
 };
 
-use crate::{HandOver, Manager, Options, Outcome, RunError, Standby, StartError, Stopper};
+use crate::{
+    HandOver, Manager, Options, Outcome, PolicyReloader, RunError, Standby, StartError, Stopper,
+};
 
 /// A Manager that runs on its own thread. Dropping this handle stops it.
 #[derive(Debug)]
@@ -13,6 +15,7 @@ pub struct Background {
     path: PathBuf,
     stopper: Stopper,
     hand_over: HandOver,
+    policy_reload: PolicyReloader,
     thread: Option<JoinHandle<Result<(), RunError>>>,
 }
 
@@ -26,8 +29,12 @@ impl Background {
     /// As for [`Manager::bind`]; also if the thread cannot be created.
     pub fn start(path: &Path, options: Options) -> Result<Self, StartError> {
         let manager = Manager::bind(path, options)?;
-        let (stopper, hand_over) = (manager.stopper(), manager.hand_over());
-        Self::spawn(path, stopper, hand_over, move || manager.run().map(drop))
+        let handles = (
+            manager.stopper(),
+            manager.hand_over(),
+            manager.policy_reload(),
+        );
+        Self::spawn(path, handles, move || manager.run().map(drop))
     }
 
     /// Ensures that a Manager serves the domain for as long as this handle lives: claims the socket at `path`
@@ -40,8 +47,12 @@ impl Background {
     /// As for [`Standby::start`]; also if the thread cannot be created.
     pub fn start_or_stand_by(path: &Path, options: Options) -> Result<Self, StartError> {
         let mut standby = Standby::start(path, options)?;
-        let (stopper, hand_over) = (standby.stopper(), standby.hand_over());
-        Self::spawn(path, stopper, hand_over, move || {
+        let handles = (
+            standby.stopper(),
+            standby.hand_over(),
+            standby.policy_reload(),
+        );
+        Self::spawn(path, handles, move || {
             while standby.run(|_| {})? == Outcome::HandedOver {}
             Ok(())
         })
@@ -49,8 +60,7 @@ impl Background {
 
     fn spawn(
         path: &Path,
-        stopper: Stopper,
-        hand_over: HandOver,
+        (stopper, hand_over, policy_reload): (Stopper, HandOver, PolicyReloader),
         run: impl FnOnce() -> Result<(), RunError> + Send + 'static,
     ) -> Result<Self, StartError> {
         let thread = thread::Builder::new().name("sm2-manager".into());
@@ -61,6 +71,7 @@ impl Background {
             path: path.to_owned(),
             stopper,
             hand_over,
+            policy_reload,
             thread: Some(thread),
         })
     }
@@ -75,6 +86,12 @@ impl Background {
     #[must_use]
     pub fn hand_over(&self) -> HandOver {
         self.hand_over.clone()
+    }
+
+    /// Returns a handle that makes this Manager read the access policy of the domain again.
+    #[must_use]
+    pub fn policy_reload(&self) -> PolicyReloader {
+        self.policy_reload.clone()
     }
 
     /// Stops the Manager and waits for its thread. A Manager that serves says goodbye to every node and

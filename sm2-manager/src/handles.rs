@@ -36,11 +36,26 @@ impl HandOver {
     }
 }
 
+/// Makes a Manager read the access policy of its domain again, from any thread (SM2-ACC-013).
+#[derive(Clone, Debug)]
+pub struct PolicyReloader(pub(crate) Arc<Waker>);
+
+impl PolicyReloader {
+    /// Asks the loop to read the policy. The log says when it is applied. If it cannot be used, the policy before
+    /// stays in force, and the log says why.
+    ///
+    /// A Manager that stands by reads the policy when it takes over.
+    pub fn start(&self) {
+        self.0.wake();
+    }
+}
+
 /// The wakers of a loop. One pair can serve several loops, one after the other.
 #[derive(Clone, Debug)]
 pub(crate) struct Handles {
     pub(crate) stop: Arc<Waker>,
     pub(crate) hand_over: Arc<Waker>,
+    pub(crate) reload: Arc<Waker>,
 }
 
 impl Handles {
@@ -53,6 +68,7 @@ impl Handles {
         Ok(Self {
             stop: Arc::new(Waker::new()?),
             hand_over: Arc::new(Waker::new()?),
+            reload: Arc::new(Waker::new()?),
         })
     }
 
@@ -62,5 +78,9 @@ impl Handles {
 
     pub(crate) fn hand_over(&self) -> HandOver {
         HandOver(Arc::clone(&self.hand_over))
+    }
+
+    pub(crate) fn policy_reload(&self) -> PolicyReloader {
+        PolicyReloader(Arc::clone(&self.reload))
     }
 }

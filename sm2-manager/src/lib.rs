@@ -42,7 +42,7 @@ mod standby;
 
 pub use background::Background;
 pub use driver::Manager;
-pub use handles::{HandOver, Stopper};
+pub use handles::{HandOver, PolicyReloader, Stopper};
 pub use options::{Options, Outcome, RunError, StartError};
 pub use policy_file::{PolicyFile, PolicyFileError, PolicyWarning, ValueError};
 pub use sm2_proto::manager::Policy;

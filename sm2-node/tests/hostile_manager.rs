@@ -348,7 +348,7 @@ fn managers_that_go_or_refuse_while_a_node_comes_back_are_followed_by_others() {
     carries(&publisher, &peer);
 }
 
-//= SM2-RES-009 test
+//= SM2-RES-011 test
 #[test]
 fn a_declaration_that_is_refused_is_renewed_in_the_next_session() {
     let (manager, publisher, peer) = Manager::with_linked_node();

@@ -82,6 +82,7 @@ codes! {
         Resources = 4, "resources", "SM2-COD-001";
         PeerGone = 5, "peer-gone", "SM2-LNK-006";
         NotAdopted = 6, "not-adopted", "SM2-RES-005";
+        Denied = 7, "denied", "SM2-ACC-014";
     }
 }
 

@@ -57,6 +57,14 @@ pub enum Refusal {
     },
 }
 
+impl Refusal {
+    /// Whether the access policy of the domain is the reason.
+    #[must_use]
+    pub const fn is_denial(&self) -> bool {
+        matches!(self, Self::Denied { .. } | Self::Exclusive { .. })
+    }
+}
+
 /// The text of a denial.
 struct Denial<'a>(Option<&'a Name>);
 

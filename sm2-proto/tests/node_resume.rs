@@ -156,7 +156,7 @@ fn a_node_with_nothing_to_resume_says_so() {
 
 /// One interface is live, one is withdrawn before its answer, one has an unanswered WITHDRAW, and
 /// one is declared and not answered. With the next Manager, each reaches the intended state.
-//= SM2-RES-002, SM2-RES-009, SM2-SES-006 test
+//= SM2-RES-002, SM2-RES-011, SM2-SES-006 test
 #[test]
 fn what_was_on_its_way_when_the_manager_ended() {
     let mut node = live(4);
@@ -385,7 +385,7 @@ fn no_question_outlives_its_session() {
 }
 
 /// The Manager dies after any part of the exchange, and the next one gets the whole exchange.
-//= SM2-RES-001, SM2-RES-002, SM2-RES-009 test
+//= SM2-RES-001, SM2-RES-002, SM2-RES-011 test
 #[test]
 fn a_manager_that_dies_in_the_middle_of_resumption() {
     let exchange = [

@@ -3,15 +3,15 @@
 mod support;
 
 use sm2_proto::{
-    Code, InterfaceId, Machine, NodeId, Refusal,
+    Code, Farewell, InterfaceId, Machine, NodeId, Refusal,
     control::{ToManager, ToNode},
     node::{End, Error, Input, Node, Output},
 };
 use support::{
     contracts::name,
     session::{
-        NOW, ask, changes, claim, come_back, declared, described, drain, interface_in, link,
-        link_id, page, ready, receive, refused, sent, unlink, welcome, withdrawn,
+        NOW, ask, changes, claim, come_back, declared, denied, described, drain, interface_in,
+        link, link_id, page, ready, receive, refused, sent, unlink, welcome, withdrawn,
     },
 };
 
@@ -49,20 +49,22 @@ const SESSION: &str = "
 
 /// *Own* names a link that the interface has, *Other* one that it does not have.
 const INTERFACE: &str = "
-    -          Declared           DeclareRefused     Link
-    declaring  live               gone               unknown-interface
-    live       unknown-interface  unknown-interface  linked
-    dropping   unknown-interface  unknown-interface  silent
-    gone       unknown-interface  unknown-interface  unknown-interface
-    renewing   claimed            kept               unknown-interface
-    doomed     withdrawing        forgotten          unknown-interface
-    dormant    unknown-interface  unknown-interface  unknown-interface
-    unclaimed  unknown-interface  unknown-interface  unknown-interface
-    claimed    unknown-interface  unknown-interface  linked
+    -          Declared           DeclareRefused     DeclareDenied      Link
+    declaring  live               gone               gone               unknown-interface
+    live       unknown-interface  unknown-interface  suspended          linked
+    suspended  live               suspended          suspended          unknown-interface
+    dropping   silent             silent             silent             silent
+    gone       unknown-interface  unknown-interface  unknown-interface  unknown-interface
+    renewing   claimed            kept               left               unknown-interface
+    doomed     withdrawing        forgotten          withdrawing        unknown-interface
+    dormant    unknown-interface  unknown-interface  unknown-interface  unknown-interface
+    unclaimed  unknown-interface  unknown-interface  left               unknown-interface
+    claimed    unknown-interface  unknown-interface  suspended          linked
 
     -          UnlinkOwn          UnlinkOther        Withdrawn
     declaring  unknown-interface  unknown-interface  unknown-interface
     live       unlinked           unknown-link       unknown-interface
+    suspended  unlinked           unknown-link       unknown-interface
     dropping   silent             unknown-link       gone
     gone       unknown-interface  unknown-interface  unknown-interface
     renewing   unknown-interface  unknown-interface  unknown-interface
@@ -175,7 +177,15 @@ fn every_state_of_the_session_and_frame() {
     }
 }
 
-//= SM2-IFC-002, SM2-IFC-003, SM2-IFC-004, SM2-FRM-004, SM2-LNK-003, SM2-LNK-005 test
+/// Whether the node still has its interface: it can withdraw it.
+fn stays(node: &Node) -> bool {
+    let interface = InterfaceId(1);
+    let withdrawn = node.clone().handle(NOW, Input::Withdraw { interface });
+    withdrawn.is_ok()
+}
+
+//= SM2-IFC-002, SM2-IFC-003, SM2-IFC-004, SM2-FRM-004, SM2-LNK-003, SM2-LNK-005, SM2-ACC-013 test
+//= SM2-RES-011 test
 #[test]
 fn every_state_of_an_interface_and_frame() {
     for (state, frame, cell) in table(INTERFACE) {
@@ -183,6 +193,7 @@ fn every_state_of_an_interface_and_frame() {
         let frame_sent = match frame {
             "Declared" => declared(1),
             "DeclareRefused" => refused(1),
+            "DeclareDenied" => denied(1),
             "Link" => link(1, 2),
             "UnlinkOwn" => unlink(1, 1),
             "UnlinkOther" => unlink(1, 7),
@@ -195,7 +206,17 @@ fn every_state_of_an_interface_and_frame() {
             Ok(outputs) => match &outputs[..] {
                 [] => "silent",
                 [Output::Declared { .. }] => "live",
+                [Output::DeclareRefused { .. }] if stays(&node) => "suspended",
                 [Output::DeclareRefused { .. } | Output::Withdrawn { .. }] => "gone",
+                // The links that no Manager has claimed end here.
+                [
+                    Output::DeclareRefused { .. },
+                    Output::Unlink { code, .. },
+                    ..,
+                ] => {
+                    assert_eq!(*code, Farewell::Denied.code());
+                    "left"
+                }
                 [Output::Linked { .. }] => "linked",
                 [Output::Transmit(_), Output::Transmit(_), Output::Resumed] => {
                     let interface = InterfaceId(1);

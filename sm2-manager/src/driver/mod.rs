@@ -1,7 +1,9 @@
 //! The loop that connects sockets with the Manager machine.
 
+mod access;
 mod door;
 mod log_limit;
+mod reload;
 mod sessions;
 mod shares;
 mod shortage;
@@ -28,16 +30,18 @@ use tracing::{debug, info, warn};
 use self::{
     door::{Door, Found, LISTENER},
     log_limit::{LeftOut, LogLimit, Warning},
+    reload::PolicyReload,
     shares::Shares,
 };
 use crate::{
-    HandOver, Options, Outcome, RunError, StartError, Stopper, connection::Connection,
-    handles::Handles, policy_file,
+    HandOver, Options, Outcome, PolicyReloader, RunError, StartError, Stopper,
+    connection::Connection, handles::Handles, policy_file,
 };
 
 /// Tokens in the epoll set. Connections use their session number, which starts at 1.
 const STOP: u64 = u64::MAX - 1;
 const HAND_OVER: u64 = u64::MAX - 2;
+const RELOAD: u64 = u64::MAX - 3;
 
 /// How many connections are accepted, or datagrams read from one node, before other sockets are served.
 const TURN: usize = 32;
@@ -71,6 +75,7 @@ pub struct Manager {
     /// Nodes whose sockets accepted everything, where the machine waits for that.
     drained: BTreeSet<NodeId>,
     send_again: Option<Instant>,
+    reload: PolicyReload,
     queue_bytes: usize,
     buffer: Vec<u8>,
 }
@@ -122,6 +127,7 @@ impl Manager {
         (door.add_to(&epoll))
             .and_then(|()| epoll.add(&*handles.stop, STOP, Interest::READABLE))
             .and_then(|()| epoll.add(&*handles.hand_over, HAND_OVER, Interest::READABLE))
+            .and_then(|()| epoll.add(&*handles.reload, RELOAD, Interest::READABLE))
             .map_err(StartError::io("watch the socket"))?;
         // The secret must not be guessable: with it, a process could claim the links of others.
         let (epoch, secret) = random().map_err(StartError::io("get random numbers"))?;
@@ -144,6 +150,7 @@ impl Manager {
             given_up: VecDeque::new(),
             drained: BTreeSet::new(),
             send_again: None,
+            reload: PolicyReload::new(options),
             queue_bytes: options.queue_bytes,
             // One byte more than the longest datagram, so that a longer one is noticed.
             buffer: vec![0; DATAGRAM_MAX + 1],
@@ -166,6 +173,12 @@ impl Manager {
     #[must_use]
     pub fn hand_over(&self) -> HandOver {
         self.handles.hand_over()
+    }
+
+    /// Returns a handle that makes [`run`](Manager::run) read the access policy of the domain again.
+    #[must_use]
+    pub fn policy_reload(&self) -> PolicyReloader {
+        self.handles.policy_reload()
     }
 
     /// Serves until a [`Stopper`] stops it, or until another Manager has taken over after
@@ -196,6 +209,11 @@ impl Manager {
                     self.door.offer(&self.epoll);
                     false
                 }
+                RELOAD => {
+                    self.handles.reload.drain();
+                    self.reload.ask();
+                    false
+                }
                 _ => true,
             });
             self.serve_all(ready);
@@ -205,6 +223,7 @@ impl Manager {
                 return Ok(Outcome::Stopped);
             }
             self.feed(Input::Tick);
+            self.reload_policy();
             self.sum_up_warnings();
             self.door.resume(&self.epoll);
             self.resume_sending();

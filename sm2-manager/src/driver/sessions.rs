@@ -31,11 +31,8 @@ impl Manager {
         let session = NodeId(self.last_session);
         let watched = self.epoll.add(&socket, session.0, Interest::READABLE);
         let peer = watched.and_then(|()| {
-            let groups = match self.machine.has_access_policy() {
-                true => socket.peer_groups()?,
-                false => Vec::new(),
-            };
-            Ok((socket.peer_credentials()?, groups))
+            // Also without a policy: the domain may get one.
+            Ok((socket.peer_credentials()?, socket.peer_groups()?))
         });
         let (peer, groups) = match peer {
             Ok(peer) => peer,

@@ -26,14 +26,16 @@ use nix::sys::{
 };
 use sd_notify::NotifyState;
 use signal_hook::{
-    consts::{SIGINT, SIGTERM, SIGUSR2},
+    consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR2},
     iterator::Signals,
 };
 use sm2_io::DomainSocketError;
 use tracing::warn;
 
 pub use self::{activation::ActivationError, arguments::Arguments, replace::ReplaceError};
-use crate::{HandOver, Manager, Outcome, Role, RunError, Standby, StartError, Stopper};
+use crate::{
+    HandOver, Manager, Outcome, PolicyReloader, Role, RunError, Standby, StartError, Stopper,
+};
 
 /// Returns the end of the help text for the command that takes [`Arguments`]. `command` is its name:
 /// `sm2-manager` or `sm2 manager`.
@@ -43,8 +45,9 @@ pub fn examples(command: &str) -> String {
         "\
 The Manager serves until Ctrl-C or SIGTERM, or until another Manager has taken over. SIGUSR2
 makes it hand over without a gap to a standby or to a Manager that starts now; if none takes
-over, it continues to serve. SM2_LOG (error, warn, info, debug) sets the log level on standard
-error.
+over, it continues to serve. SIGHUP makes it read the access policy again; the log says when the
+policy is applied, or why the one before stays in force. SM2_LOG (error, warn, info, debug) sets
+the log level on standard error.
 
 Exit status: 0 stopped or handed over, 1 could not start or continue, 2 wrong usage.
 
@@ -150,10 +153,10 @@ impl Service {
         Ok(Self::Manager(Box::new(manager)))
     }
 
-    fn handles(&self) -> (Stopper, HandOver) {
+    fn handles(&self) -> (Stopper, HandOver, PolicyReloader) {
         match self {
-            Self::Manager(manager) => (manager.stopper(), manager.hand_over()),
-            Self::Standby(standby) => (standby.stopper(), standby.hand_over()),
+            Self::Manager(it) => (it.stopper(), it.hand_over(), it.policy_reload()),
+            Self::Standby(it) => (it.stopper(), it.hand_over(), it.policy_reload()),
         }
     }
 
@@ -176,7 +179,8 @@ fn say_role(role: Role) {
     activation::tell(&[NotifyState::Ready, NotifyState::Status(status)]);
 }
 
-/// Serves until SIGINT or SIGTERM, or until another Manager has taken over after SIGUSR2.
+/// Serves until SIGINT or SIGTERM, or until another Manager has taken over after SIGUSR2. SIGHUP makes the Manager
+/// read the access policy again.
 ///
 /// # Errors
 ///
@@ -184,18 +188,21 @@ fn say_role(role: Role) {
 pub fn serve(arguments: &Arguments) -> Result<(), ProgramError> {
     raise_file_limit();
     give_up_new_rights();
-    // Before the domain is claimed: without a handler, SIGUSR2 would kill this process.
-    let mut signals = Signals::new([SIGINT, SIGTERM, SIGUSR2]).map_err(ProgramError::Signals)?;
+    // Before the domain is claimed: without handlers, SIGUSR2 and SIGHUP would kill this process.
+    let mut signals =
+        Signals::new([SIGINT, SIGTERM, SIGUSR2, SIGHUP]).map_err(ProgramError::Signals)?;
     let service = Service::start(arguments)?;
-    let (stopper, hand_over) = service.handles();
+    let (stopper, hand_over, policy_reload) = service.handles();
     let handle = signals.handle();
     let waiter = thread::spawn(move || {
         for signal in signals.forever() {
-            if signal == SIGUSR2 {
-                hand_over.start();
-            } else {
-                activation::tell(&[NotifyState::Stopping]);
-                stopper.stop();
+            match signal {
+                SIGUSR2 => hand_over.start(),
+                SIGHUP => policy_reload.start(),
+                _ => {
+                    activation::tell(&[NotifyState::Stopping]);
+                    stopper.stop();
+                }
             }
         }
     });

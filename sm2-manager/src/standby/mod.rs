@@ -13,7 +13,10 @@ use sm2_io::{DomainSocketError, SeqPacket, wait_readable};
 use tracing::{info, warn};
 
 use self::session::{Over, Session};
-use crate::{HandOver, Manager, Options, Outcome, RunError, StartError, Stopper, handles::Handles};
+use crate::{
+    HandOver, Manager, Options, Outcome, PolicyReloader, RunError, StartError, Stopper,
+    handles::Handles,
+};
 
 /// How long the domain may be locked without being served when a standby starts.
 const LOCK_TIMEOUT: Duration = Duration::from_secs(5);
@@ -110,6 +113,12 @@ impl Standby {
     #[must_use]
     pub fn hand_over(&self) -> HandOver {
         self.handles.hand_over()
+    }
+
+    /// Returns a handle that makes this process, while it serves, read the access policy again.
+    #[must_use]
+    pub fn policy_reload(&self) -> PolicyReloader {
+        self.handles.policy_reload()
     }
 
     /// Serves and stands by, in turn, until a [`Stopper`] stops it, or until another Manager has taken over

@@ -141,9 +141,14 @@ impl Interface {
         });
     }
 
+    /// Ends a link for the Manager. A denied link may have ended before.
     pub(super) fn unlink(&mut self, id: LinkId, code: Code, context: &mut Context<'_>) {
-        let found = self.links.iter().find(|link| link.id == id && !link.buried);
-        if let Some(token) = found.map(LinkDriver::token) {
+        let is_denied = code == Farewell::Denied.code();
+        let mut links = self.links.iter();
+        let found = links.find(|link| link.id == id && (is_denied || !link.buried));
+        let token = found.map(LinkDriver::token);
+        drop(links);
+        if let Some(token) = token {
             self.with_link(token, context, |link, outbox, context| {
                 link.unlink(code, context, outbox)
             });

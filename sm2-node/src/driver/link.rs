@@ -70,6 +70,8 @@ pub(crate) struct LinkDriver {
     pub(super) cancelled: BTreeSet<u64>,
     /// The code with which this side has to end the link.
     failing: Option<Code>,
+    /// Whether the access policy denies the link.
+    denied: bool,
 }
 
 /// A packet that the socket did not accept.
@@ -116,7 +118,20 @@ impl LinkDriver {
             failed: Vec::new(),
             cancelled: BTreeSet::new(),
             failing: None,
+            denied: false,
         }
+    }
+
+    /// The access policy denies the link.
+    pub(super) const fn deny(&mut self) {
+        self.denied = true;
+    }
+
+    /// Whether the access policy denies the link, as the Manager or the other side says: its messages
+    /// that were not taken are discarded.
+    //= SM2-ACC-014
+    pub(super) fn is_denied(&self) -> bool {
+        self.denied || self.end_code() == Some(Farewell::Denied.code())
     }
 
     pub(crate) const fn token(&self) -> LinkToken {

@@ -310,5 +310,6 @@ const fn meaning(farewell: Farewell) -> &'static str {
         Farewell::Resources => "it ran out of descriptors, memory or quota",
         Farewell::PeerGone => "the other end was gone without a farewell",
         Farewell::NotAdopted => "the new Manager could not take the link over",
+        Farewell::Denied => "the access policy denied it",
     }
 }

@@ -11,7 +11,7 @@ use crate::{
 /// The policy, and the subjects that it decides about.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Access {
-    /// `None`: everything is allowed, and nothing is noted.
+    /// `None`: everything is allowed.
     policy: Option<Arc<AccessPolicy>>,
     /// The further groups of connections, until they are welcomed.
     groups: BTreeMap<NodeId, Vec<u32>>,
@@ -32,13 +32,17 @@ impl Access {
         }
     }
 
-    pub(super) fn set_policy(&mut self, policy: AccessPolicy) {
-        self.policy = Some(Arc::new(policy));
+    /// Sets the policy. Returns whether it differs from the one before.
+    pub(super) fn set_policy(&mut self, policy: Option<Arc<AccessPolicy>>) -> bool {
+        let differs = self.policy != policy;
+        self.policy = policy;
+        differs
     }
 
-    /// Notes the groups of a connection beside the group of its credentials.
+    /// Notes the groups of a connection beside the group of its credentials. Also without a policy:
+    /// the domain may get one.
     pub(super) fn add_groups(&mut self, node: NodeId, gids: &[u32]) {
-        if self.policy.is_some() && !self.subjects.contains_key(&node) {
+        if !self.subjects.contains_key(&node) {
             self.groups.insert(node, gids.to_vec());
         }
     }
@@ -60,24 +64,25 @@ impl Access {
         credentials: Credentials,
         name: &Name,
     ) -> Result<(), Refusal> {
-        let Some(policy) = &self.policy else {
-            return Ok(());
-        };
-        let user = self.user(node, credentials);
-        match policy.binding_against(&user, name) {
+        match &self.policy {
             None => Ok(()),
-            Some(binding) => Err(Refusal::Denied {
-                rule: Some(binding.name.clone()),
-            }),
+            Some(policy) => refuse_binding(policy, &self.user(node, credentials), name),
+        }
+    }
+
+    /// Refuses the name of a welcomed node.
+    //= SM2-ACC-013
+    pub(super) fn refuse_welcomed(&self, node: NodeId) -> Result<(), Refusal> {
+        match (&self.policy, self.subjects.get(&node)) {
+            (Some(policy), Some(it)) => refuse_binding(policy, it.user(), it.node()),
+            _ => Ok(()),
         }
     }
 
     pub(super) fn welcome(&mut self, node: NodeId, credentials: Credentials, name: &Name) {
-        if self.policy.is_some() {
-            let user = self.user(node, credentials);
-            self.groups.remove(&node);
-            self.subjects.insert(node, Subject::new(user, name.clone()));
-        }
+        let user = self.user(node, credentials);
+        self.groups.remove(&node);
+        self.subjects.insert(node, Subject::new(user, name.clone()));
     }
 
     pub(super) fn end(&mut self, node: NodeId) {
@@ -96,6 +101,8 @@ impl Access {
         let Some(policy) = &self.policy else {
             return Ok(());
         };
+        // A reload may have denied the name of the node.
+        self.refuse_welcomed(node)?;
         let action = match contract.kind() {
             Kind::Publisher => Action::Publish,
             Kind::Subscriber => Action::Subscribe,
@@ -169,8 +176,26 @@ impl Access {
         self.policy.is_some()
     }
 
+    /// About how much one decision costs, in units of work.
+    pub(super) fn cost(&self) -> usize {
+        let tables = self.policy.as_ref().map(|it| it.tables());
+        tables.map_or(0, |it| {
+            it.rules.len() + it.bindings.len() + it.exclusive.len()
+        })
+    }
+
     /// Whether exactly these sessions, which are welcomed, are subjects.
     pub(super) fn is_about(&self, welcomed: impl Iterator<Item = NodeId>) -> bool {
-        self.policy.is_none() || self.subjects.keys().copied().eq(welcomed)
+        self.subjects.keys().copied().eq(welcomed)
+    }
+}
+
+//= SM2-ACC-004, SM2-ACC-008
+fn refuse_binding(policy: &AccessPolicy, user: &User, name: &Name) -> Result<(), Refusal> {
+    match policy.binding_against(user, name) {
+        None => Ok(()),
+        Some(binding) => Err(Refusal::Denied {
+            rule: Some(binding.name.clone()),
+        }),
     }
 }

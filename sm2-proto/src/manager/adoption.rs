@@ -41,6 +41,11 @@ impl Manager {
         let record = session.node_mut();
         let record = record.ok_or(violation!(UnknownInterface, "SM2-RES-003"))?;
         record.claim(interface, link);
+        //= SM2-ACC-014
+        if record.suspended(interface).is_some() {
+            self.begin_unlink(entity, link, Farewell::Denied.code());
+            return Ok(());
+        }
         if record.link_ends() > limit {
             self.begin_unlink(entity, link, Farewell::Resources.code());
             return Ok(());
@@ -135,6 +140,10 @@ impl Manager {
         if !is_live {
             // The interface is gone, and its links are being ended.
             return self.ending_links.forget(entity, link);
+        }
+        //= SM2-ACC-014
+        if code == Farewell::Denied.code() {
+            self.reload.ask(entity, link);
         }
         self.send_unlink(entity, link, code);
     }

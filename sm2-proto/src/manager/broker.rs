@@ -32,9 +32,27 @@ impl Manager {
         record.number(entity.interface)?;
         match self.check_interface(entity.node, &contract) {
             Ok(()) => self.grant(entity, contract),
+            Err(reason) if reason.is_denial() && !self.may_link(entity.node) => {
+                self.declare_denied(entity, contract, reason);
+            }
             Err(reason) => self.refuse(entity, contract, reason),
         }
         Ok(())
+    }
+
+    /// Keeps an interface that an earlier Manager granted and that the policy denies.
+    //= SM2-RES-011
+    fn declare_denied(&mut self, entity: EntityId, contract: Contract, reason: Refusal) {
+        if let Err(reason) = self.check_quotas(entity.node) {
+            return self.refuse(entity, contract, reason);
+        }
+        let record = self.sessions.get_mut(&entity.node);
+        let Some(record) = record.and_then(Session::node_mut) else {
+            return;
+        };
+        self.users.declare(record.credentials());
+        record.declare(entity.interface, Arc::new(contract));
+        self.suspend(entity, reason);
     }
 
     /// Checks whether an interface can be granted.
@@ -43,15 +61,10 @@ impl Manager {
         let Some(session) = self.sessions.get(&node) else {
             return Ok(());
         };
-        let Some(record) = session.node() else {
-            return Ok(());
-        };
         let channel = self.channels.get(contract);
         let publishers = channel.map_or(0, |it| it.counterpart_count(Kind::Subscriber));
         (self.access).refuse_interface(node, contract, publishers)?;
-        record.refuse_interface(&self.policy)?;
-        self.users
-            .refuse_interface(record.credentials(), &self.policy)?;
+        self.check_quotas(node)?;
         let Some(channel) = channel else {
             return Ok(());
         };
@@ -60,7 +73,17 @@ impl Manager {
         if session.phase() == Phase::Resuming {
             return Ok(());
         }
-        self.check_links(record.link_ends(), node, contract, channel)
+        self.check_links(self.link_ends(node), node, contract, channel)
+    }
+
+    //= SM2-IFC-006
+    fn check_quotas(&self, node: NodeId) -> Result<(), Refusal> {
+        let Some(record) = self.node(node) else {
+            return Ok(());
+        };
+        record.refuse_interface(&self.policy)?;
+        self.users
+            .refuse_interface(record.credentials(), &self.policy)
     }
 
     /// Whether a session may be linked: not before it has claimed all its links.
@@ -125,17 +148,11 @@ impl Manager {
         let Some(record) = record.and_then(Session::node_mut) else {
             return;
         };
-        let superseded = record.supersede(&contract);
         self.users.declare(record.credentials());
         let contract = Arc::new(contract);
         self.channels.insert(entity, &contract);
-        record.declare(entity.interface, contract);
-        for interface in superseded {
-            self.member_changed(EntityId {
-                interface,
-                ..entity
-            });
-        }
+        record.declare(entity.interface, Arc::clone(&contract));
+        self.supersede(entity.node, &contract);
         self.member_changed(entity);
         let mut budget = Budget::of_declare(&self.policy);
         //= SM2-RES-002
@@ -154,6 +171,16 @@ impl Manager {
         {
             session.settle(entity.interface, after);
             self.jobs.insert(entity.node);
+        }
+    }
+
+    /// Forgets the refusals of a session that an interface with this contract supersedes.
+    //= SM2-WCH-004
+    pub(super) fn supersede(&mut self, node: NodeId, contract: &Contract) {
+        let record = self.sessions.get_mut(&node).and_then(Session::node_mut);
+        let superseded = record.map(|it| it.supersede(contract));
+        for interface in superseded.into_iter().flatten() {
+            self.member_changed(EntityId { node, interface });
         }
     }
 
@@ -199,8 +226,9 @@ impl Manager {
         // An interface without counterparts costs something, too.
         budget.spend(PAIR);
         let session = self.sessions.get(&entity.node);
-        let contract = session
-            .and_then(Session::node)
+        let record = session.and_then(Session::node);
+        let record = record.filter(|it| it.suspended(entity.interface).is_none());
+        let contract = record
             .and_then(|it| it.contract(entity.interface))
             .map(Arc::clone);
         let (Some(session), Some(contract)) = (session, contract) else {

@@ -155,6 +155,12 @@ impl Channel {
         self.side(kind.counterpart()).len()
     }
 
+    /// Whether a publisher or server with a lower id is there.
+    pub(super) fn has_offering_before(&self, entity: EntityId) -> bool {
+        let first = self.offering.first_key_value();
+        first.is_some_and(|(&first, _)| first < entity)
+    }
+
     const fn side(&self, kind: Kind) -> &BTreeMap<EntityId, Arc<Contract>> {
         match kind {
             Kind::Publisher | Kind::Server => &self.offering,

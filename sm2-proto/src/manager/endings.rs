@@ -37,7 +37,7 @@ impl Manager {
 
     /// Removes an end of a link that its session was never told of. Its interface may be gone, and
     /// its links are then being ended.
-    fn remove_link(&mut self, entity: EntityId, link: LinkId) {
+    pub(super) fn remove_link(&mut self, entity: EntityId, link: LinkId) {
         let record = self.sessions.get_mut(&entity.node);
         if let Some(record) = record.and_then(Session::node_mut) {
             record.remove_link(entity.interface, link);
@@ -53,6 +53,7 @@ impl Manager {
             .and_then(|it| Some((it.credentials(), it.withdraw(entity.interface)?)))
             .ok_or(violation!(UnknownInterface, "SM2-IFC-003"))?;
         self.users.withdraw(who, 1);
+        self.reload.forget_interface(entity);
         self.end_interface(entity, remains, Farewell::Done);
         self.work(entity.node, &mut Budget::new(&self.policy));
         let interface = entity.interface;
@@ -92,7 +93,9 @@ impl Manager {
             // The node was not told of this link, so it can only have guessed the number.
             return Err(violation!(UnknownLink, "SM2-LNK-003"));
         }
-        match record.farewell(interface, link)? {
+        let farewells = record.farewell(interface, link)?;
+        self.reload.confirm(entity, link);
+        match farewells {
             Farewells::Second(pair) => {
                 if let Some(pair) = pair.filter(|_| is_shortage(code)) {
                     self.ended(now, pair, code);

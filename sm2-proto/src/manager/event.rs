@@ -1,8 +1,8 @@
 //! The inputs and outputs of the Manager.
 
-use alloc::vec::Vec;
+use alloc::{sync::Arc, vec::Vec};
 
-use crate::{Code, Datagram, Farewell, LinkId, NodeId, Violation};
+use crate::{Code, Datagram, Farewell, LinkId, NodeId, Violation, policy::AccessPolicy};
 
 /// The credentials of the process at the other end of a connection, as the kernel reports them.
 //= SM2-TRN-007
@@ -64,6 +64,9 @@ pub enum Input<'a> {
         /// The node's session.
         session: NodeId,
     },
+    /// The domain has another access policy; `None`: everything is allowed. The Manager applies the
+    /// policy in parts: see [`Manager::is_applying_policy`](super::Manager::is_applying_policy).
+    SetAccessPolicy(Option<Arc<AccessPolicy>>),
     /// The deadline has come.
     Tick,
     /// The Manager has released its lock so that a standby can take over. It says goodbye to all

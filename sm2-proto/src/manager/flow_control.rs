@@ -87,7 +87,7 @@ impl Manager {
     /// Whether both interfaces of a pair are there. Links of an interface that is gone may still
     /// have to be ended.
     pub(super) fn is_there(&self, pair: Pair) -> bool {
-        let is_there = |it| self.user_and_contract(it).is_some();
+        let is_there = |it| self.is_granted(it);
         pair.entities().into_iter().all(is_there)
     }
 

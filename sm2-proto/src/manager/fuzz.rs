@@ -19,6 +19,7 @@ const EPOCH: u64 = 1;
 const POLICY: Policy = Policy {
     greeting: Duration::from_secs(2),
     recovery: Duration::from_secs(3),
+    confirmation: Duration::from_secs(3),
     greetings_per_user: 3,
     greetings_per_process: usize::MAX,
     sessions_per_process: usize::MAX,

@@ -90,8 +90,8 @@ impl Manager {
                 "each session that is not ready has a deadline, and no other one",
             ),
             (
-                self.each_node().map(NodeRecord::interfaces).sum::<usize>() == self.channels.ends(),
-                "each interface stands in one channel",
+                self.each_node().map(NodeRecord::granted).sum::<usize>() == self.channels.ends(),
+                "each interface that is not suspended stands in one channel",
             ),
             (
                 self.each_node()

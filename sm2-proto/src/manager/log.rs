@@ -37,6 +37,13 @@ impl Log {
         }
     }
 
+    /// Forgets all changes, because each session may see other items from now on.
+    //= SM2-ACC-013
+    pub(super) fn forget(&mut self) {
+        self.revision += 1;
+        self.changed.clear();
+    }
+
     /// The changes after a revision, each with the revision that it led to. `None` if some of them
     /// are forgotten, or if there was no such revision.
     pub(super) fn since(&self, after: u64) -> Option<impl Iterator<Item = (u64, Key)>> {

@@ -35,6 +35,7 @@ mod inspect;
 mod invariants;
 mod links;
 mod log;
+mod new_policy;
 mod node_record;
 mod page;
 mod pending_links;
@@ -42,6 +43,7 @@ mod phase;
 mod policy;
 #[cfg(any(kani, test))]
 mod proofs;
+mod reload;
 mod round_robin;
 mod schemas;
 mod session;
@@ -68,6 +70,7 @@ use self::{
     log::Log,
     node_record::NodeRecord,
     pending_links::PendingLinks,
+    reload::Reload,
     round_robin::RoundRobin,
     schemas::Schemas,
     session::Session,
@@ -115,6 +118,7 @@ pub struct Manager {
     /// The sessions that are busy, in turns. Some of them are over.
     jobs: RoundRobin,
     shortage: Shortage,
+    reload: Reload,
     /// The time since which deferred work can be done.
     due: Option<Instant>,
     outputs: VecDeque<Output>,
@@ -147,6 +151,7 @@ impl Manager {
             ending_links: EndingLinks::new(),
             jobs: RoundRobin::new(),
             shortage: Shortage::new(),
+            reload: Reload::new(),
             due: None,
             outputs: VecDeque::new(),
         }
@@ -215,6 +220,7 @@ impl Machine for Manager {
             }
             Input::LinkFailed { link } => self.link_failed(now, link),
             Input::Drained { session } => self.drained(session),
+            Input::SetAccessPolicy(policy) => self.set_access_policy(policy),
             Input::Tick => self.run_deferred(now),
             Input::DismissStandbys => self.dismiss_standbys(),
             Input::Shutdown => self.shut_down(),
@@ -234,7 +240,14 @@ impl Machine for Manager {
     fn deadline(&self) -> Option<Instant> {
         let greeting = self.greeting.first_key_value().map(|(_, &it)| it);
         let retry = self.shortage.deadline();
-        let all = [greeting, self.claims.deadline(), retry, self.due];
+        let confirmation = self.reload.deadline();
+        let all = [
+            greeting,
+            self.claims.deadline(),
+            retry,
+            confirmation,
+            self.due,
+        ];
         all.into_iter().flatten().min()
     }
 }
@@ -397,6 +410,7 @@ impl Manager {
             }
         }
         self.access.end(node);
+        self.reload.forget_session(node);
         self.pending_links.forget_session(node);
         self.expired.remove(&node);
         self.work(node, &mut Budget::new(&self.policy));

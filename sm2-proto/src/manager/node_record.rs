@@ -40,6 +40,8 @@ pub(super) struct NodeRecord {
 struct Interface {
     /// Shared with the channel.
     contract: Arc<Contract>,
+    /// Why the access policy denies the interface, which then is on no channel.
+    suspended: Option<Refusal>,
     /// The links of which neither side has said farewell, and their pairs. A link has no pair as
     /// long as the other end has not claimed it.
     live: BTreeMap<LinkId, Option<Pair>>,
@@ -123,10 +125,34 @@ impl NodeRecord {
         Some(&self.interfaces.get(&interface)?.contract)
     }
 
+    /// Why the access policy denies an interface, if it does.
+    pub(super) fn suspended(&self, interface: InterfaceId) -> Option<&Refusal> {
+        self.interfaces.get(&interface)?.suspended.as_ref()
+    }
+
+    /// The policy denies the interface, or allows it again (`None`).
+    pub(super) fn set_suspended(&mut self, interface: InterfaceId, reason: Option<Refusal>) {
+        if let Some(interface) = self.interfaces.get_mut(&interface) {
+            interface.suspended = reason;
+        }
+    }
+
+    /// The number of interfaces that are not suspended, by a recount.
+    pub(super) fn granted(&self) -> usize {
+        let interfaces = self.interfaces.values();
+        interfaces.filter(|it| it.suspended.is_none()).count()
+    }
+
+    /// The oldest live link of an interface, and its pair.
+    pub(super) fn first_live(&self, interface: InterfaceId) -> Option<(LinkId, Option<Pair>)> {
+        let (&link, &pair) = self.interfaces.get(&interface)?.live.first_key_value()?;
+        Some((link, pair))
+    }
+
     /// An interface or refusal as an item.
     pub(super) fn member(&self, entity: EntityId) -> Option<Item> {
-        if let Some(contract) = self.contract(entity.interface) {
-            return Some(interface(entity, contract));
+        if let Some(found) = self.interfaces.get(&entity.interface) {
+            return Some(interface(entity, found));
         }
         let refused = self.refused.get(&entity.interface)?;
         Some(refusal(entity, refused))
@@ -145,7 +171,7 @@ impl NodeRecord {
             };
             if granted_is_next {
                 let (&id, it) = granted.next()?;
-                Some(interface(at(id), &it.contract))
+                Some(interface(at(id), it))
             } else {
                 let (&id, it) = refused.next()?;
                 Some(refusal(at(id), it))
@@ -159,6 +185,7 @@ impl NodeRecord {
             interface,
             Interface {
                 contract,
+                suspended: None,
                 live: BTreeMap::new(),
                 unlinking: BTreeMap::new(),
             },
@@ -323,10 +350,17 @@ impl NodeRecord {
     }
 }
 
-fn interface(entity: EntityId, contract: &Contract) -> Item {
-    Item::Interface {
-        entity,
-        contract: contract.clone(),
+/// An interface; one that the access policy denies is shown as a refusal.
+//= SM2-ACC-013
+fn interface(entity: EntityId, interface: &Interface) -> Item {
+    let contract = Contract::clone(&interface.contract);
+    match interface.suspended.clone() {
+        None => Item::Interface { entity, contract },
+        Some(reason) => Item::Refusal {
+            entity,
+            contract,
+            reason,
+        },
     }
 }
 

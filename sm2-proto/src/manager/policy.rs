@@ -12,6 +12,8 @@ pub struct Policy {
     pub greeting: Duration,
     /// The time for which a claim waits for its counterpart after CLAIMED.
     pub recovery: Duration,
+    /// The time within which nodes have to confirm the end of links that a new access policy denies.
+    pub confirmation: Duration,
     /// Connections of one user that are not welcomed yet.
     pub greetings_per_user: usize,
     /// Connections of one process that are not welcomed yet.
@@ -53,6 +55,7 @@ impl Default for Policy {
         Self {
             greeting: Duration::from_secs(2),
             recovery: Duration::from_secs(5),
+            confirmation: Duration::from_secs(5),
             greetings_per_user: 256,
             greetings_per_process: 64,
             sessions_per_user: 1_024,

@@ -1,5 +1,7 @@
 //! The items that a session may see (SM2-ACC-010).
 
+use alloc::sync::Arc;
+
 use super::{Manager, session::Session};
 use crate::{EntityId, NodeId, control::Item, policy::AccessPolicy};
 
@@ -57,19 +59,19 @@ impl Manager {
         })
     }
 
-    /// Whether a policy restricts the domain: then the driver feeds [`Input::Groups`].
-    ///
-    /// [`Input::Groups`]: super::Input::Groups
+    /// Whether a policy restricts the domain.
     #[must_use]
     pub const fn has_access_policy(&self) -> bool {
         self.access.is_restricted()
     }
 
     /// Sets the access policy of the domain. Without this call everything is allowed. To be called
-    /// before the first input.
+    /// before the first input; later, [`Input::SetAccessPolicy`] sets another one.
+    ///
+    /// [`Input::SetAccessPolicy`]: super::Input::SetAccessPolicy
     #[must_use]
     pub fn with_access_policy(mut self, policy: AccessPolicy) -> Self {
-        self.access.set_policy(policy);
+        self.access.set_policy(Some(Arc::new(policy)));
         self
     }
 }

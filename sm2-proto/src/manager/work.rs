@@ -7,6 +7,7 @@
 //! | to give up claims | their deadline | `Manager::expired`, and the claims that are left |
 //! | to announce links | room in a socket | `PendingLinks` |
 //! | to make links again | the deadline after a shortage of descriptors | `Shortage` |
+//! | to apply another access policy | its input | `Reload` |
 //!
 //! A session with unfinished work is *busy*. Its further frames wait in its socket, so a session has
 //! at most one unfinished frame. Sessions with unfinished work take turns; see
@@ -34,6 +35,9 @@ impl Manager {
     /// Does one part of the deferred work: of the links that could not be made, of one session with
     /// pending links that has room, and of one that is busy.
     pub(super) fn run_deferred(&mut self, now: Instant) {
+        if self.reload.is_due(now) {
+            self.apply_policy(now);
+        }
         if self.shortage.is_due(now) {
             self.link_again();
         }
@@ -47,7 +51,10 @@ impl Manager {
 
     /// Whether deferred work can be done now.
     pub(super) fn has_deferred(&self, now: Instant) -> bool {
-        self.pending_links.has_announceable() || !self.jobs.is_empty() || self.shortage.is_due(now)
+        self.pending_links.has_announceable()
+            || !self.jobs.is_empty()
+            || self.shortage.is_due(now)
+            || self.reload.is_due(now)
     }
 
     /// Finishes the work of the session's last frame.
@@ -86,18 +93,25 @@ impl Manager {
             if let Some((link, pair)) = self.ending_links.pop(entity) {
                 budget.spend(UNLINK);
                 self.end_link(link, pair, entity, cause.code());
-            } else if let Some(pair) = self.unlinked_pairs.first_of(entity) {
-                budget.spend(MARK);
-                self.mark_linked(pair);
-            } else if let Some(pair) = self.shortage.first_of(entity) {
-                budget.spend(MARK);
-                self.shortage.remove(pair);
-            } else {
+            } else if !self.forget_pair(entity, budget) {
                 budget.spend(PAIR);
                 self.ending_links.remove(entity);
                 self.access.complete_end(entity);
             }
         }
+    }
+
+    /// Forgets one pair of an interface that is gone or suspended. Returns whether there was one.
+    pub(super) fn forget_pair(&mut self, entity: EntityId, budget: &mut Budget) -> bool {
+        if let Some(pair) = self.unlinked_pairs.first_of(entity) {
+            self.mark_linked(pair);
+        } else if let Some(pair) = self.shortage.first_of(entity) {
+            self.shortage.remove(pair);
+        } else {
+            return false;
+        }
+        budget.spend(MARK);
+        true
     }
 
     /// Gives up claims whose counterparts did not come in time.

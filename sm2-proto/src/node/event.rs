@@ -86,16 +86,18 @@ pub enum Output {
     },
     /// The Manager has refused the greeting: greet again or close.
     HelloRefused(Refusal),
-    /// The interface is live.
+    /// The interface is live. Also if another access policy allows an interface again that the one
+    /// before denied.
     Declared {
         /// The interface.
         interface: InterfaceId,
         /// The number of interfaces that it matched.
         matches: u32,
     },
-    /// The interface was refused. An interface that was live in an earlier session keeps its links
-    /// and is declared again in the next session (SM2-RES-009). Of any other interface, the number
-    /// is spent.
+    /// The interface was refused. An interface that was live before stays: if the access policy denies
+    /// it, [`Output::Unlink`] ends its links, and [`Output::Declared`] follows once another policy
+    /// allows it (SM2-ACC-013). With any other reason it keeps its links and is declared again in the
+    /// next session (SM2-RES-011). Of any other interface, the number is spent.
     DeclareRefused {
         /// The interface.
         interface: InterfaceId,
@@ -126,6 +128,8 @@ pub enum Output {
         peer: LinkPeer,
     },
     /// The Manager ended this link, now or with an earlier session: end its machine with this code.
+    /// With `denied`, the link may have ended before, and its messages that were not taken are
+    /// discarded (SM2-ACC-014).
     Unlink {
         /// The interface of the link.
         interface: InterfaceId,

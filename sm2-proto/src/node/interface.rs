@@ -26,6 +26,8 @@ enum State {
     WithdrawalQueued,
     /// DECLARED came in this session.
     Live,
+    /// An interface that a Manager has granted, and that the access policy denies now.
+    Suspended,
     /// WITHDRAW is sent.
     Dropping,
 }
@@ -60,6 +62,15 @@ pub(super) enum Answered {
     WithdrawalQueued,
 }
 
+/// The effect of DECLARED or DECLARE_REFUSED for an interface that the Manager has answered before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Judged {
+    /// The program is told.
+    Changed,
+    /// None: the frame crossed WITHDRAW.
+    Nothing,
+}
+
 /// The effect of withdrawing an interface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Withdrawal {
@@ -76,7 +87,9 @@ pub(super) enum Withdrawal {
 pub(super) enum Answer {
     /// UNLINKED, because the Manager said farewell first.
     Unlinked,
-    /// None, because this node said farewell first or drops the interface.
+    /// None, because this node said farewell first.
+    Crossed,
+    /// None, because this node drops the interface.
     Nothing,
 }
 
@@ -104,7 +117,7 @@ impl Interface {
 
     /// The contract, if DECLARE has to be repeated in this session. The interface counts as
     /// declared from now on.
-    //= SM2-RES-002, SM2-RES-009
+    //= SM2-RES-002, SM2-RES-011
     pub(super) fn renew(&mut self) -> Option<&Contract> {
         self.step(State::Dormant, State::Renewing)
     }
@@ -129,24 +142,69 @@ impl Interface {
         Ok(answered)
     }
 
-    /// DECLARE_REFUSED has come. Only a renewed interface stays.
-    //= SM2-RES-009
-    pub(super) fn refused(&mut self) -> Result<Answered, Violation> {
-        match self.state {
-            State::Declaring => Ok(Answered::First),
-            State::WithdrawalQueued => Ok(Answered::WithdrawalQueued),
-            State::Renewing => {
-                self.state = State::Dormant;
-                Ok(Answered::Renewed)
-            }
-            _ => Err(violation!(UnknownInterface, "SM2-IFC-002")),
+    /// DECLARE_REFUSED has come. Only a renewed interface stays. `is_denial`: the access policy is the
+    /// reason, and the Manager keeps a renewed interface.
+    //= SM2-RES-011
+    pub(super) fn refused(&mut self, is_denial: bool) -> Result<Answered, Violation> {
+        let (state, answered) = match self.state {
+            State::Declaring => (State::Declaring, Answered::First),
+            State::WithdrawalQueued if is_denial => (State::Dropping, Answered::WithdrawalQueued),
+            State::WithdrawalQueued => (State::WithdrawalQueued, Answered::WithdrawalQueued),
+            State::Renewing if is_denial => (State::Suspended, Answered::Renewed),
+            State::Renewing => (State::Dormant, Answered::Renewed),
+            _ => return Err(violation!(UnknownInterface, "SM2-IFC-002")),
+        };
+        self.state = state;
+        Ok(answered)
+    }
+
+    /// Whether the Manager has answered DECLARE in this session and keeps the interface. Then
+    /// DECLARED and DECLARE_REFUSED tell of a new access policy.
+    //= SM2-ACC-013
+    pub(super) const fn is_kept(&self) -> bool {
+        matches!(self.state, State::Live | State::Suspended | State::Dropping)
+    }
+
+    /// The access policy allows a suspended interface again.
+    //= SM2-ACC-013
+    pub(super) fn allowed(&mut self) -> Result<Judged, Violation> {
+        self.judged(self.state == State::Suspended, State::Live)
+    }
+
+    /// The access policy denies the interface. One that is suspended stays so, for this reason or
+    /// another one.
+    //= SM2-ACC-013
+    pub(super) fn denied(&mut self, is_denial: bool) -> Result<Judged, Violation> {
+        let is_legal = self.state == State::Suspended || (self.state == State::Live && is_denial);
+        self.judged(is_legal, State::Suspended)
+    }
+
+    fn judged(&mut self, is_legal: bool, state: State) -> Result<Judged, Violation> {
+        if self.state == State::Dropping {
+            return Ok(Judged::Nothing);
         }
+        if !is_legal {
+            return Err(violation!(UnknownInterface, "SM2-IFC-002"));
+        }
+        self.state = state;
+        Ok(Judged::Changed)
+    }
+
+    /// Removes and returns the links that are not claimed: the Manager does not adopt those of an
+    /// interface that the access policy denies, and sends no UNLINK for them.
+    //= SM2-RES-011
+    pub(super) fn take_unclaimed(&mut self) -> impl Iterator<Item = LinkId> + use<> {
+        let links = core::mem::take(&mut self.links).into_iter();
+        let (unclaimed, rest): (BTreeMap<_, _>, _) =
+            links.partition(|(_, (standing, _))| *standing == Standing::Unclaimed);
+        self.links = rest;
+        unclaimed.into_keys()
     }
 
     /// The program withdraws the interface.
     pub(super) fn withdraw(&mut self) -> Result<Withdrawal, Misuse> {
         match self.state {
-            State::Live => {
+            State::Live | State::Suspended => {
                 self.state = State::Dropping;
                 Ok(Withdrawal::Send)
             }
@@ -174,7 +232,7 @@ impl Interface {
     pub(super) fn away(&mut self) -> bool {
         self.state = match self.state {
             State::Queued | State::Declaring => State::Queued,
-            State::Dormant | State::Renewing | State::Live => State::Dormant,
+            State::Dormant | State::Renewing | State::Live | State::Suspended => State::Dormant,
             State::WithdrawalQueued | State::Dropping => return false,
         };
         self.links
@@ -220,7 +278,7 @@ impl Interface {
         link: Link,
         peer: &LinkPeer,
     ) -> Result<bool, Violation> {
-        if !self.is_declared() {
+        if !matches!(self.state, State::Live | State::Dropping) {
             return Err(violation!(UnknownInterface, "SM2-LNK-005"));
         }
         if self.links.contains_key(&id) {
@@ -242,7 +300,7 @@ impl Interface {
     /// UNLINK has come.
     //= SM2-LNK-003, SM2-IFC-004
     pub(super) fn unlink(&mut self, link: LinkId) -> Result<Answer, Violation> {
-        if !self.is_declared() {
+        if !self.is_kept() {
             return Err(violation!(UnknownInterface, "SM2-LNK-003"));
         }
         let standing = self.links.get(&link).map(|(standing, _)| *standing);
@@ -250,7 +308,8 @@ impl Interface {
             (None | Some(Standing::Unclaimed), _) => {
                 return Err(violation!(UnknownLink, "SM2-LNK-003"));
             }
-            (Some(Standing::Known), State::Live) => Answer::Unlinked,
+            (Some(Standing::Known), State::Live | State::Suspended) => Answer::Unlinked,
+            (Some(Standing::Left), State::Live | State::Suspended) => Answer::Crossed,
             (Some(_), _) => Answer::Nothing,
         };
         self.links.remove(&link);
@@ -262,7 +321,9 @@ impl Interface {
     //= SM2-LNK-009, SM2-IFC-004
     pub(super) fn close_link(&mut self, link: LinkId) -> bool {
         match self.links.get_mut(&link) {
-            Some((standing @ Standing::Known, _)) if self.state == State::Live => {
+            Some((standing @ Standing::Known, _))
+                if matches!(self.state, State::Live | State::Suspended) =>
+            {
                 *standing = Standing::Left;
                 true
             }
@@ -272,10 +333,5 @@ impl Interface {
             }
             _ => false,
         }
-    }
-
-    /// Whether the Manager may name the interface's links.
-    const fn is_declared(&self) -> bool {
-        matches!(self.state, State::Live | State::Dropping)
     }
 }

@@ -5,7 +5,7 @@ mod proofs;
 
 use super::{
     End, Node, Output,
-    interface::{Answer, Answered, Interface, Link},
+    interface::{Answer, Answered, Interface, Judged, Link},
     phase::Phase,
 };
 use crate::{
@@ -120,6 +120,12 @@ impl Node {
     }
 
     fn declared(&mut self, interface: InterfaceId, matches: u32) -> Result<(), Violation> {
+        if let Some(ours) = self.kept(interface) {
+            if ours.allowed()? == Judged::Changed {
+                self.emit(Output::Declared { interface, matches });
+            }
+            return Ok(());
+        }
         match self.answered(interface)?.declared()? {
             Answered::First => self.emit(Output::Declared { interface, matches }),
             Answered::Renewed => {}
@@ -130,12 +136,28 @@ impl Node {
     }
 
     fn refused(&mut self, interface: InterfaceId, reason: Refusal) -> Result<(), Violation> {
-        match self.answered(interface)?.refused()? {
+        let is_denial = reason.is_denial();
+        if let Some(ours) = self.kept(interface) {
+            if ours.denied(is_denial)? == Judged::Changed {
+                self.emit(Output::DeclareRefused { interface, reason });
+                self.end_unclaimed(interface);
+            }
+            return Ok(());
+        }
+        match self.answered(interface)?.refused(is_denial)? {
             Answered::First => {
                 self.forget_interface(interface);
                 self.emit(Output::DeclareRefused { interface, reason });
             }
-            Answered::Renewed => self.emit(Output::DeclareRefused { interface, reason }),
+            Answered::Renewed => {
+                self.emit(Output::DeclareRefused { interface, reason });
+                if is_denial {
+                    self.end_unclaimed(interface);
+                }
+            }
+            Answered::WithdrawalQueued if is_denial => {
+                self.send(&ToManager::Withdraw { interface });
+            }
             Answered::WithdrawalQueued => {
                 self.forget_interface(interface);
                 self.emit(Output::Withdrawn { interface });
@@ -143,6 +165,25 @@ impl Node {
         }
         self.claim_when_answered();
         Ok(())
+    }
+
+    /// The interface, if the Manager has answered it in this session and keeps it.
+    fn kept(&mut self, interface: InterfaceId) -> Option<&mut Interface> {
+        self.interface(interface).filter(|it| it.is_kept())
+    }
+
+    /// Ends the links of a denied interface that this Manager does not know.
+    //= SM2-RES-011, SM2-ACC-014
+    fn end_unclaimed(&mut self, interface: InterfaceId) {
+        let links = self.interface(interface).map(Interface::take_unclaimed);
+        for link in links.into_iter().flatten() {
+            let code = Farewell::Denied.code();
+            self.emit(Output::Unlink {
+                interface,
+                link,
+                code,
+            });
+        }
     }
 
     //= SM2-IFC-003
@@ -207,12 +248,18 @@ impl Node {
     ) -> Result<(), Violation> {
         let ours = self.interface(interface);
         let ours = ours.ok_or(violation!(UnknownInterface, "SM2-LNK-003"))?;
-        if ours.unlink(link)? == Answer::Unlinked {
+        let answer = ours.unlink(link)?;
+        if answer == Answer::Unlinked {
             self.send(&ToManager::Unlinked {
                 interface,
                 link,
                 code,
             });
+        }
+        // Messages of a link that has ended may still wait for the program.
+        //= SM2-ACC-014
+        let is_denied = code == Farewell::Denied.code();
+        if answer == Answer::Unlinked || (answer == Answer::Crossed && is_denied) {
             self.emit(Output::Unlink {
                 interface,
                 link,

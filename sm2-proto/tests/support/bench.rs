@@ -19,6 +19,7 @@ pub(crate) const FIRST_KEY: u64 = 0xFEDA_BC3F_4DF5_1929;
 pub(crate) const UNLIMITED: Policy = Policy {
     greeting: Duration::from_secs(2),
     recovery: Duration::from_secs(5),
+    confirmation: Duration::from_secs(5),
     greetings_per_user: usize::MAX,
     greetings_per_process: usize::MAX,
     sessions_per_user: usize::MAX,

@@ -1,6 +1,7 @@
 //! Helpers that several tests share.
 #![allow(dead_code, reason = "each test uses a part")]
 
+pub(crate) mod access;
 pub(crate) mod bench;
 pub(crate) mod contracts;
 pub(crate) mod edit;

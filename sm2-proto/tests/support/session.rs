@@ -148,6 +148,13 @@ pub(crate) fn refused(interface: u64) -> ToNode {
     }
 }
 
+pub(crate) fn denied(interface: u64) -> ToNode {
+    ToNode::DeclareRefused {
+        interface: InterfaceId(interface),
+        reason: Refusal::Denied { rule: None },
+    }
+}
+
 /// Makes every request: a page, changes, the counters of node 4, and a schema.
 pub(crate) fn ask(node: &mut Node) {
     for input in [
@@ -222,7 +229,7 @@ pub(crate) fn interface_in(state: &str) -> Node {
         node.declare(contract()).expect("ready");
         receive(&mut node, &declared(2)).expect("legal");
     }
-    if !["live", "dropping", "gone"].contains(&state) {
+    if !["live", "suspended", "dropping", "gone"].contains(&state) {
         come_back(&mut node);
     }
     if ["dropping", "gone", "doomed"].contains(&state) {
@@ -231,6 +238,7 @@ pub(crate) fn interface_in(state: &str) -> Node {
     }
     match state {
         "live" | "dropping" | "renewing" | "doomed" => {}
+        "suspended" => drop(receive(&mut node, &denied(1)).expect("legal")),
         "gone" => drop(receive(&mut node, &withdrawn(1)).expect("legal")),
         "unclaimed" | "claimed" => drop(receive(&mut node, &declared(1)).expect("legal")),
         "dormant" => drop(receive(&mut node, &refused(1)).expect("legal")),

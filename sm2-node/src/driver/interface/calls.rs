@@ -43,6 +43,10 @@ impl Calls {
         if link.role() != Role::Caller {
             return;
         }
+        if link.is_denied() {
+            link.failed.clear();
+            return self.deny(token);
+        }
         // `take` cannot fail because too many messages are held: a client makes no more calls than
         // it may hold replies.
         while let Ok(Some((delivery, source))) = link.take(context, outbox) {
@@ -61,6 +65,16 @@ impl Calls {
         //= SM2-SRV-005
         for id in link.failed.drain(..) {
             self.finish(CallId { token, id }, Outcome::ServerGone);
+        }
+    }
+
+    /// The access policy denies the link: its calls fail, also those whose replies the program has not
+    /// seen.
+    //= SM2-ACC-014
+    fn deny(&mut self, token: LinkToken) {
+        let calls = self.open.iter_mut().filter(|(call, _)| call.token == token);
+        for (_, outcome) in calls {
+            *outcome = Some(Outcome::ServerGone);
         }
     }
 

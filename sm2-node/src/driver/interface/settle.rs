@@ -49,13 +49,35 @@ impl Interface {
             self.bury(token, context);
         }
         self.detach_segments(context);
-        if self
-            .links
-            .get(token)
-            .is_some_and(|it| it.buried && !it.may_take())
-        {
-            self.links.remove(token);
-            self.gone.push(token);
+        let Some(link) = self.links.get(token).filter(|it| it.buried) else {
+            return;
+        };
+        if link.is_denied() {
+            let untaken = link.untaken() as u64;
+            self.remove(token);
+            self.lose(untaken, context);
+        } else if !link.may_take() {
+            self.remove(token);
+        }
+    }
+
+    fn remove(&mut self, token: LinkToken) {
+        self.links.remove(token);
+        self.gone.push(token);
+    }
+
+    /// The access policy denies the interface: discards what links that have ended left. The Manager
+    /// ends the other links.
+    //= SM2-ACC-014
+    pub(in crate::driver) fn discard_ended(&mut self, context: &mut Context<'_>) {
+        let ended = self.links.iter_mut().filter(|it| it.buried);
+        let mut tokens = Vec::new();
+        for link in ended {
+            link.deny();
+            tokens.push(link.token());
+        }
+        for token in tokens {
+            self.settle_link(token, context);
         }
     }
 

@@ -2,7 +2,7 @@
 
 use sm2_io::{Epoll, Event, RecvError, is_shortage};
 use sm2_proto::link::{self, Input};
-use sm2_proto::{Code, Datagram, Machine};
+use sm2_proto::{Code, Datagram, Farewell, Machine};
 
 use super::LinkDriver;
 use crate::driver::context::Context;
@@ -105,14 +105,17 @@ impl LinkDriver {
     }
 
     /// Handles UNLINK: the Manager says that the other side is gone. Messages that the other side
-    /// sent before still count.
-    //= SM2-TRN-006, SM2-LNK-006
+    /// sent before still count. If the access policy denies the link, they count as lost.
+    //= SM2-TRN-006, SM2-LNK-006, SM2-ACC-014
     pub(in crate::driver) fn unlink(
         &mut self,
         code: Code,
         context: &mut Context<'_>,
         outbox: &mut Outbox,
     ) {
+        if code == Farewell::Denied.code() {
+            self.deny();
+        }
         self.receive_all(context, outbox);
         if self.end().is_none() {
             self.settle_returned(context, outbox);

@@ -11,7 +11,7 @@ use sm2_proto::{Farewell, InterfaceId, LinkId, Refusal};
 
 use crate::driver::datagram::Incoming;
 use crate::driver::inner::Inner;
-use crate::driver::interface::State;
+use crate::driver::interface::{Interface, State};
 use crate::driver::limits::BURST;
 use crate::driver::link::LinkDriver;
 use crate::driver::sleepers::EventSource;
@@ -46,9 +46,12 @@ impl Inner {
                 Output::Welcomed { resuming, .. } => self.welcomed(resuming),
                 Output::HelloRefused(reason) => self.greeting_refused(reason),
                 Output::Declared { interface, matches } => {
+                    self.allowed_again(interface);
                     self.answered(interface, State::Live { matches });
                 }
-                Output::DeclareRefused { interface, reason } => self.refused(interface, reason),
+                Output::DeclareRefused { interface, reason } => {
+                    self.refused(interface, reason, epoll);
+                }
                 Output::Linked {
                     interface,
                     link,
@@ -165,19 +168,40 @@ impl Inner {
         }
     }
 
-    fn refused(&mut self, id: InterfaceId, reason: Refusal) {
+    fn refused(&mut self, id: InterfaceId, reason: Refusal, epoll: &Epoll) {
+        let is_denial = reason.is_denial();
         match self.interfaces.get_mut(&id) {
-            //= SM2-RES-009
+            //= SM2-RES-011, SM2-ACC-013
             Some(interface) if matches!(interface.state, State::Live { .. }) => {
-                tracing::warn!(
-                    kind = %interface.contract.kind(),
-                    name = %interface.contract.name(),
-                    %reason,
-                    "the new Manager refused this interface: its links stay open, but it gets no new ones"
-                );
+                let (kind, name) = (interface.contract.kind(), interface.contract.name());
+                match is_denial {
+                    _ if interface.refused_again.is_some() => {}
+                    true => {
+                        tracing::warn!(%kind, %name, %reason, "this interface lost its rights: its links end")
+                    }
+                    false => tracing::warn!(
+                        %kind, %name, %reason,
+                        "the new Manager refused this interface: its links stay open, but it gets no new ones"
+                    ),
+                }
                 interface.refused_again = Some(reason);
             }
             _ => self.answered(id, State::Refused(reason)),
+        }
+        if is_denial {
+            self.with_interface(id, epoll, Interface::discard_ended);
+            self.sleepers.wake(EventSource::Interface(id));
+        }
+    }
+
+    /// Another access policy allows an interface that the one before denied.
+    //= SM2-ACC-013
+    fn allowed_again(&mut self, id: InterfaceId) {
+        if let Some(interface) = self.interfaces.get_mut(&id)
+            && interface.refused_again.take().is_some()
+        {
+            let (kind, name) = (interface.contract.kind(), interface.contract.name());
+            tracing::info!(%kind, %name, "this interface has its rights again");
         }
     }
 

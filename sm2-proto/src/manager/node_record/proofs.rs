@@ -94,6 +94,7 @@ fn books(stages: [Stage; 2]) -> NodeRecord {
     let mut record = record();
     let mut interface = Interface {
         contract: Arc::new(subscriber()),
+        suspended: None,
         live: BTreeMap::new(),
         unlinking: BTreeMap::new(),
     };

@@ -2,7 +2,7 @@
 
 use alloc::collections::BTreeMap;
 
-use super::{Answer, Answered, Interface, Link, Misuse, Standing, State, Withdrawal};
+use super::{Answer, Answered, Interface, Judged, Link, Misuse, Standing, State, Withdrawal};
 use crate::{
     Contract, DemandedQos, InterfaceId, LinkId, LinkKey, LinkQos, Name, NodeId, OfferedQos, TypeId,
     VERSION,
@@ -10,13 +10,14 @@ use crate::{
     proofs::{below, one_of},
 };
 
-const STATES: [State; 7] = [
+const STATES: [State; 8] = [
     State::Queued,
     State::Declaring,
     State::Dormant,
     State::Renewing,
     State::WithdrawalQueued,
     State::Live,
+    State::Suspended,
     State::Dropping,
 ];
 
@@ -27,6 +28,7 @@ enum Row {
     Unheard,
     Declaring,
     Live,
+    Suspended,
     Dropping,
 }
 
@@ -35,6 +37,7 @@ const fn row(state: State) -> Row {
         State::Queued | State::Dormant => Row::Unheard,
         State::Declaring | State::Renewing | State::WithdrawalQueued => Row::Declaring,
         State::Live => Row::Live,
+        State::Suspended => Row::Suspended,
         State::Dropping => Row::Dropping,
     }
 }
@@ -127,6 +130,8 @@ fn any_standing(state: State) -> Option<Standing> {
         State::Dormant | State::Renewing | State::WithdrawalQueued => {
             matches!(standing, None | Some(Standing::Unclaimed))
         }
+        // Links that were not claimed end with the suspension.
+        State::Suspended => standing != Some(Standing::Unclaimed),
         State::Live | State::Dropping => true,
     });
     standing
@@ -144,6 +149,19 @@ pub(in crate::node) fn is_declaring(interface: &Interface) -> bool {
     row(interface.state) == Row::Declaring
 }
 
+/// Whether DECLARED or DECLARE_REFUSED, with a denial or another reason, may tell of a new access policy.
+pub(in crate::node) fn may_be_judged(
+    interface: &Interface,
+    is_allowed: bool,
+    is_denial: bool,
+) -> bool {
+    match row(interface.state) {
+        Row::Unheard | Row::Declaring => false,
+        Row::Live => !is_allowed && is_denial,
+        Row::Suspended | Row::Dropping => true,
+    }
+}
+
 /// Whether the interface may be in this state without a session.
 pub(in crate::node) fn is_unheard(interface: &Interface) -> bool {
     row(interface.state) == Row::Unheard
@@ -155,7 +173,7 @@ pub(in crate::node) fn fits(interface: &Interface, resuming: bool) -> bool {
         State::Queued => resuming,
         State::Declaring => !resuming,
         State::Renewing | State::WithdrawalQueued => resuming,
-        State::Dormant | State::Dropping => true,
+        State::Dormant | State::Dropping | State::Suspended => true,
         // All links of earlier sessions are claimed by then.
         State::Live => {
             let mut standings = interface.links.values().map(|(standing, _)| *standing);
@@ -169,13 +187,13 @@ pub(in crate::node) fn fits(interface: &Interface, resuming: bool) -> bool {
 pub(in crate::node) fn expected_link(interface: &Interface) -> Option<bool> {
     match row(interface.state) {
         Row::Unheard | Row::Declaring => None,
-        Row::Live => Some(true),
+        Row::Live | Row::Suspended => Some(true),
         Row::Dropping => Some(false),
     }
 }
 
 /// CLI-DROPPING and the other rows: the frames that the Manager may send about an interface.
-//= SM2-IFC-002, SM2-IFC-004, SM2-LNK-003, SM2-LNK-005, SM2-RES-009 kani
+//= SM2-IFC-002, SM2-IFC-004, SM2-LNK-003, SM2-LNK-005, SM2-RES-011 kani
 #[cfg_attr(kani, kani::proof)]
 // Two links; names of one byte.
 #[cfg_attr(kani, kani::unwind(4))]
@@ -200,13 +218,15 @@ fn interface_table() {
             }
         }
         1 => {
-            let answer = it.refused();
+            let is_denial = kani::any();
+            let answer = it.refused(is_denial);
             assert_eq!(answer.is_ok(), at == Row::Declaring);
-            // An interface that was granted before stays, and is declared again in the next
-            // session.
+            // An interface that was granted before stays. It is declared again in the next session,
+            // unless the Manager keeps it.
             if answer == Ok(Answered::Renewed) {
-                assert!(before.state == State::Renewing && it.state == State::Dormant);
-                assert!(it.links == before.links);
+                assert!(before.state == State::Renewing);
+                let stays = [State::Dormant, State::Suspended][usize::from(is_denial)];
+                assert!(it.state == stays && it.links == before.links);
             }
         }
         2 => {
@@ -214,7 +234,7 @@ fn interface_table() {
         }
         3 => {
             let peer = subscriber(topic(), false, false);
-            let expected = if at == Row::Unheard || at == Row::Declaring {
+            let expected = if !matches!(at, Row::Live | Row::Dropping) {
                 Err(violation!(UnknownInterface, "SM2-LNK-005"))
             } else if standing.is_some() {
                 Err(violation!(BadLinkId, "SM2-LNK-005"))
@@ -235,8 +255,9 @@ fn interface_table() {
                 (_, None | Some(Standing::Unclaimed)) => {
                     Err(violation!(UnknownLink, "SM2-LNK-003"))
                 }
-                (Row::Live, Some(Standing::Known)) => Ok(Answer::Unlinked),
-                _ => Ok(Answer::Nothing),
+                (Row::Dropping, Some(_)) => Ok(Answer::Nothing),
+                (_, Some(Standing::Known)) => Ok(Answer::Unlinked),
+                (_, Some(Standing::Left)) => Ok(Answer::Crossed),
             };
             assert_eq!(it.unlink(LINKS[0]), expected);
             assert!(it.unlink(LINKS[0]).is_err(), "one farewell each way");
@@ -244,6 +265,33 @@ fn interface_table() {
         }
     }
     assert!(it.state == before.state || at == Row::Declaring);
+}
+
+/// A new access policy changes an interface that the Manager keeps, and no other one.
+//= SM2-ACC-013 kani
+#[cfg_attr(kani, kani::proof)]
+#[cfg_attr(kani, kani::unwind(4))]
+fn policies_judge_kept_interfaces() {
+    let mut it = any_interface();
+    let (before, at) = (it.clone(), row(it.state));
+    let is_allowed = kani::any();
+    let judged = match is_allowed {
+        true => it.allowed(),
+        false => it.denied(true),
+    };
+    let expected = match (at, is_allowed) {
+        (Row::Dropping, _) => Ok(Judged::Nothing),
+        (Row::Suspended, _) | (Row::Live, false) => Ok(Judged::Changed),
+        _ => Err(violation!(UnknownInterface, "SM2-IFC-002")),
+    };
+    assert_eq!(judged, expected);
+    if expected == Ok(Judged::Changed) {
+        let stands = [State::Suspended, State::Live][usize::from(is_allowed)];
+        assert!(it.state == stands && it.links == before.links);
+    } else {
+        assert!(it == before);
+    }
+    kani::cover!(judged == Ok(Judged::Changed) && is_allowed, "allowed again");
 }
 
 /// UNLINKED goes out once in a session for each end, whichever side is first, and never after
@@ -255,7 +303,8 @@ fn one_farewell_of_each_end() {
     let mut it = any_interface();
     let (state, link) = (it.state, LINKS[0]);
     let standing = it.links.get(&link).map(|(standing, _)| *standing);
-    let known = state == State::Live && standing == Some(Standing::Known);
+    let known =
+        matches!(state, State::Live | State::Suspended) && standing == Some(Standing::Known);
     let mut said = 0;
     for _ in 0..3 {
         let says = if kani::any() {
@@ -272,7 +321,7 @@ fn one_farewell_of_each_end() {
 
 /// The program and the session change an interface in this order: declared once, renewed once in
 /// each session, claimed once, and removed only after it was withdrawn.
-//= SM2-RES-002, SM2-RES-009, SM2-NOD-003, SM2-SES-006 kani
+//= SM2-RES-002, SM2-RES-011, SM2-NOD-003, SM2-SES-006 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(4))]
 fn interfaces_outlive_sessions() {
@@ -292,7 +341,7 @@ fn interfaces_outlive_sessions() {
         }
         2 => {
             let expected = match before.state {
-                State::Live => Ok(Withdrawal::Send),
+                State::Live | State::Suspended => Ok(Withdrawal::Send),
                 State::Renewing => Ok(Withdrawal::Wait),
                 State::Queued | State::Dormant => Ok(Withdrawal::Forget),
                 State::Declaring | State::WithdrawalQueued | State::Dropping => {
@@ -382,6 +431,7 @@ fn links_have_the_terms_that_were_asked_for() {
 #[cfg(test)]
 kani::explored! {
     interface_table: 3,
+    policies_judge_kept_interfaces: 1,
     one_farewell_of_each_end: 2,
     interfaces_outlive_sessions: 2,
     links_have_the_terms_that_were_asked_for: 1,

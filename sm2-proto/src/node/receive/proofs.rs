@@ -7,7 +7,9 @@ use crate::{
     Code, InterfaceId, LinkId, Name, NodeId, Quota, Refusal, TypeId, VERSION,
     control::{Changes, Page, ToNode},
     node::{
-        interface::proofs::{any_interface, expected_link, fits, is_declaring, is_unheard},
+        interface::proofs::{
+            any_interface, expected_link, fits, is_declaring, is_unheard, may_be_judged,
+        },
         phase::{Interfaces, Session},
     },
     proofs::{below, one_of},
@@ -103,9 +105,13 @@ fn any_frame(interface: InterfaceId) -> ToNode {
         },
         3 => ToNode::DeclareRefused {
             interface,
-            reason: Refusal::Quota {
-                quota: Quota::InterfacesPerUser,
-                limit: 1,
+            reason: if kani::any() {
+                Refusal::Denied { rule: None }
+            } else {
+                Refusal::Quota {
+                    quota: Quota::InterfacesPerUser,
+                    limit: 1,
+                }
             },
         },
         4 => ToNode::Unlink {
@@ -134,6 +140,13 @@ fn any_frame(interface: InterfaceId) -> ToNode {
     }
 }
 
+/// Whether the frame may tell that a new access policy allows or denies the interface.
+fn is_judged(interface: &Interface, frame: &ToNode) -> bool {
+    let is_allowed = matches!(frame, ToNode::Declared { .. });
+    let is_denial = matches!(frame, ToNode::DeclareRefused { reason, .. } if reason.is_denial());
+    may_be_judged(interface, is_allowed, is_denial)
+}
+
 /// CLI-PHASE: a frame has the effect that the tables of SPEC sections 4.2 and 4.3 state. A
 /// violation ends the session and has no other effect.
 //= SM2-NOD-001, SM2-NOD-002, SM2-IFC-002, SM2-IFC-007, SM2-WCH-001, SM2-CNT-002, SM2-SCH-002 kani
@@ -151,6 +164,8 @@ fn session_table() {
     let interfaces = interfaces.unwrap_or(Interfaces::new());
     let ours = interfaces.by_id.get(&named);
     let is_asked_for = ours.is_some_and(is_declaring);
+    let is_judged = ours.is_some_and(|it| is_judged(it, &frame));
+    let answers = is_asked_for || is_judged;
     let welcomes = matches!(frame, ToNode::Welcome { .. } | ToNode::HelloRefused { .. });
     let says_goodbye = matches!(frame, ToNode::Goodbye { .. });
     let expected = match (&before.phase, &frame) {
@@ -163,7 +178,7 @@ fn session_table() {
         (Phase::Greeting(_) | Phase::Refused(_), _) => {
             Err(violation!(ExpectedWelcome, "SM2-NOD-001"))
         }
-        (_, ToNode::Declared { .. } | ToNode::DeclareRefused { .. }) if is_asked_for => Ok(()),
+        (_, ToNode::Declared { .. } | ToNode::DeclareRefused { .. }) if answers => Ok(()),
         (_, ToNode::Declared { .. } | ToNode::DeclareRefused { .. }) => {
             Err(violation!(UnknownInterface, "SM2-IFC-002"))
         }
@@ -202,6 +217,7 @@ fn session_table() {
         "no such link"
     );
     kani::cover!(expected.is_ok() && is_asked_for, "answered");
+    kani::cover!(expected.is_ok() && is_judged, "judged by another policy");
     kani::cover!(
         expected.is_ok() && welcomes && node.is_ready() && !interfaces.by_id.is_empty(),
         "welcomed again, and no interface was live"
@@ -242,6 +258,6 @@ fn claims_wait_for_all_answers() {
 
 #[cfg(test)]
 kani::explored! {
-    session_table: 4,
+    session_table: 5,
     claims_wait_for_all_answers: 1,
 }

@@ -1,0 +1,154 @@
+//! Another access policy for a Manager that serves.
+
+mod common;
+
+use std::{
+    fs::{self, Permissions},
+    os::unix::fs::PermissionsExt,
+    path::Path,
+    time::Duration,
+};
+
+use common::{Program, TestDomain, eventually};
+use nix::sys::signal::Signal;
+use sm2_manager::{Background, Options};
+use sm2_node::{Node, Publisher, Subscriber};
+
+const OPEN: &str = "default = \"allow\"\n";
+const QUIET: &str = "\
+default = \"allow\"
+
+[[rule]]
+name = \"quiet\"
+effect = \"deny\"
+actions = [\"publish\"]
+names = [\"numbers\"]
+";
+
+fn write(path: &Path, text: &str) {
+    fs::write(path, text).unwrap();
+    fs::set_permissions(path, Permissions::from_mode(0o644)).unwrap();
+}
+
+struct Stream {
+    talker: Node,
+    listener: Node,
+    publisher: Publisher<u64>,
+    subscriber: Subscriber<u64>,
+}
+
+impl Stream {
+    fn new(domain: &TestDomain, sealed: bool) -> Self {
+        let connect = |name: &str| {
+            let builder = Node::builder(name).socket(domain.socket());
+            builder.manager_timeout(common::TIMEOUT).connect().unwrap()
+        };
+        let (talker, listener) = (connect("talker"), connect("listener"));
+        let publisher = talker.publisher_builder("numbers").sealed(sealed).depth(8);
+        let subscriber = listener.subscriber_builder("numbers").depth(8);
+        Self {
+            publisher: publisher.declare().unwrap(),
+            subscriber: subscriber.declare().unwrap(),
+            talker,
+            listener,
+        }
+    }
+
+    fn spin(&self) {
+        for node in [&self.talker, &self.listener] {
+            node.spin_once_timeout(Duration::from_millis(1)).unwrap();
+        }
+    }
+
+    fn links(&self) -> usize {
+        let links = self.publisher.links();
+        links.iter().filter(|it| it.open).count()
+    }
+
+    #[track_caller]
+    fn until(&self, what: &str, done: impl Fn() -> bool) {
+        eventually(what, || {
+            self.spin();
+            done()
+        });
+    }
+
+    /// Publishes messages that the subscriber does not take.
+    fn publish(&self, count: u64) {
+        self.until("linked", || self.links() == 1);
+        for number in 0..count {
+            self.publisher.publish(&number).unwrap();
+        }
+        self.spin();
+    }
+
+    fn take(&self) -> Option<u64> {
+        self.subscriber.try_recv().unwrap().map(|it| *it)
+    }
+}
+
+fn count(manager: &Program, text: &str) -> usize {
+    manager.stderr().matches(text).count()
+}
+
+/// Once the Manager says that the policy is applied, nothing comes that the policy denies.
+//= SM2-ACC-013, SM2-ACC-014, SM2-ACC-012 sys
+#[test]
+fn what_the_new_policy_denies_is_not_delivered() {
+    for sealed in [false, true] {
+        let domain = TestDomain::new();
+        let file = domain.folder().join("robot.toml");
+        write(&file, OPEN);
+        let manager = domain.manager(&["--policy", file.to_str().unwrap()]);
+        let stream = Stream::new(&domain, sealed);
+        stream.publish(1);
+        stream.until("a message", || stream.take() == Some(0));
+        stream.publish(3);
+        write(&file, QUIET);
+        manager.signal(Signal::SIGHUP);
+        let applied = "the new access policy is applied";
+        stream.until(applied, || count(&manager, applied) == 1);
+        assert_eq!(stream.take(), None, "sealed: {sealed}");
+        assert_eq!(
+            stream.subscriber.lost(),
+            3,
+            "the messages that were not taken"
+        );
+        assert!(!stream.publisher.is_registered() && stream.subscriber.is_registered());
+        stream.publisher.publish(&7).unwrap();
+        stream.spin();
+        assert_eq!(stream.take(), None);
+        // A policy that cannot be used changes nothing.
+        write(&file, "default = \"all\"");
+        manager.signal(Signal::SIGHUP);
+        manager.says("the one before stays in force");
+        manager.says("unknown variant `all`");
+        assert!(stream.talker.publisher::<u64>("numbers").is_err());
+        write(&file, OPEN);
+        manager.signal(Signal::SIGHUP);
+        stream.until(applied, || count(&manager, applied) == 2);
+        stream.until("allowed again", || stream.publisher.is_registered());
+        stream.publish(1);
+        stream.until("a message", || stream.take() == Some(0));
+    }
+}
+
+/// A domain gets its first policy while it runs, from a Manager that a program embeds, and loses it again.
+//= SM2-ACC-013 sys
+#[test]
+fn a_policy_comes_and_goes() {
+    let domain = TestDomain::new();
+    let manager = Background::start(&domain.socket(), Options::default()).unwrap();
+    let stream = Stream::new(&domain, false);
+    stream.publish(1);
+    let file = domain.folder().join("domain.sock.policy");
+    write(&file, QUIET);
+    manager.policy_reload().start();
+    stream.until("denied", || !stream.publisher.is_registered());
+    stream.until("unlinked", || stream.links() == 0);
+    fs::remove_file(&file).unwrap();
+    manager.policy_reload().start();
+    stream.until("allowed", || stream.publisher.is_registered());
+    stream.publish(1);
+    manager.stop().unwrap();
+}

@@ -1,0 +1,242 @@
+//! Another access policy for a domain that runs (SM2-ACC-013, SM2-ACC-014).
+//!
+//! | pass | on each interface, in ascending order |
+//! | --- | --- |
+//! | [`Pass::Deny`] | suspends it if the policy denies it, and ends the links of suspended ones |
+//! | [`Pass::Allow`] | ends its suspension if the policy allows it, and links it with its matches |
+//!
+//! The second pass begins when the first has seen all interfaces, so a topic with one publisher is
+//! free for another one if the policy denies the publisher that it had. The policy is applied once
+//! both passes are over and the nodes have confirmed the ends of their links.
+
+use alloc::sync::Arc;
+
+use super::{
+    Cause, Manager,
+    budget::{Budget, MARK, PAIR, UNLINK},
+    links::Pair,
+    reload::Pass,
+    session::Session,
+};
+use crate::{
+    Contract, EntityId, Farewell, Instant, InterfaceId, Kind, LinkId, NodeId, Refusal,
+    control::ToNode, policy::AccessPolicy,
+};
+
+impl Manager {
+    /// Whether the last [`Input::SetAccessPolicy`](super::Input::SetAccessPolicy) is still being
+    /// applied. When this is false, no node delivers a message of a link that the policy denies.
+    //= SM2-ACC-014
+    #[must_use]
+    pub fn is_applying_policy(&self) -> bool {
+        !self.reload.is_over()
+    }
+
+    /// Judges all that is new by the policy from now on, and the rest in parts.
+    //= SM2-ACC-013
+    pub(super) fn set_access_policy(&mut self, policy: Option<Arc<AccessPolicy>>) {
+        if self.access.set_policy(policy) {
+            self.log.forget();
+        }
+        self.reload.begin();
+    }
+
+    /// Does one part of the work: of a pass, or the end of one session.
+    //= SM2-SES-009
+    pub(super) fn apply_policy(&mut self, now: Instant) {
+        let mut budget = Budget::new(&self.policy);
+        while !budget.is_spent()
+            && let Some(pass) = self.reload.pass
+        {
+            self.reload.pass = match pass {
+                Pass::Deny(at) => Some(self.deny(at, &mut budget)),
+                Pass::Allow(at, after) => self.allow(at, after, &mut budget),
+            };
+            if self.reload.pass.is_none() {
+                self.reload.until = Some(now.after(self.policy.confirmation));
+            }
+        }
+        if self.reload.pass.is_none()
+            && let Some((node, why)) = self.reload.next_end(now)
+        {
+            self.end_session(node, Cause::Farewell(why));
+        }
+    }
+
+    /// The first welcomed node or interface from this one on.
+    fn member_from(&self, at: EntityId) -> Option<EntityId> {
+        self.sessions.range(at.node..).find_map(|(&node, session)| {
+            let record = session.node()?;
+            if at <= EntityId::node(node) {
+                return Some(EntityId::node(node));
+            }
+            let interface = record.interface_from(at.interface)?;
+            Some(EntityId { node, interface })
+        })
+    }
+
+    //= SM2-ACC-013
+    fn deny(&mut self, at: EntityId, budget: &mut Budget) -> Pass {
+        let Some(entity) = self.member_from(at) else {
+            return Pass::Allow(EntityId::FIRST, None);
+        };
+        let next = Pass::Deny(following(entity));
+        budget.spend(PAIR + self.access.cost());
+        if entity == EntityId::node(entity.node) {
+            if self.access.refuse_welcomed(entity.node).is_err() {
+                self.reload.denied.insert(entity.node);
+            }
+            return next;
+        }
+        if self.is_granted(entity)
+            && let Some(contract) = self.contract_of(entity)
+            && let Err(reason) = self.judge(entity, &contract)
+        {
+            budget.spend(MARK);
+            self.channels.remove(entity, &contract);
+            self.suspend(entity, reason);
+        }
+        if self.is_granted(entity) || self.end_suspended(entity, budget) {
+            next
+        } else {
+            Pass::Deny(entity)
+        }
+    }
+
+    /// Judges an interface. Of the publishers of an exclusive topic, the first one stays.
+    //= SM2-ACC-009, SM2-ACC-013
+    fn judge(&self, entity: EntityId, contract: &Contract) -> Result<(), Refusal> {
+        let channel = self.channels.get(contract);
+        let others = channel.map_or(0, |channel| match self.is_granted(entity) {
+            true => usize::from(channel.has_offering_before(entity)),
+            false => channel.counterpart_count(Kind::Subscriber),
+        });
+        self.access
+            .refuse_interface(entity.node, contract, others)?;
+        match channel {
+            Some(channel) if !self.is_granted(entity) => channel.refuse_types(contract),
+            _ => Ok(()),
+        }
+    }
+
+    /// Notes that an interface is suspended, and tells its node.
+    pub(super) fn suspend(&mut self, entity: EntityId, reason: Refusal) {
+        let EntityId { node, interface } = entity;
+        if let Some(record) = self.sessions.get_mut(&node).and_then(Session::node_mut) {
+            record.set_suspended(interface, Some(reason.clone()));
+        }
+        self.member_changed(entity);
+        self.send(node, &ToNode::DeclareRefused { interface, reason });
+    }
+
+    /// Ends the links of a suspended interface. Returns whether none is left.
+    //= SM2-ACC-014
+    fn end_suspended(&mut self, entity: EntityId, budget: &mut Budget) -> bool {
+        // Each part ends one at least, even if the judgement has spent the budget.
+        loop {
+            let record = self.sessions.get(&entity.node).and_then(Session::node);
+            if let Some((link, pair)) = record.and_then(|it| it.first_live(entity.interface)) {
+                budget.spend(2 * UNLINK);
+                self.deny_link(entity, link, pair);
+            } else if !self.forget_pair(entity, budget) {
+                return true;
+            }
+            if budget.is_spent() {
+                return false;
+            }
+        }
+    }
+
+    /// Ends a live link of a suspended interface at both ends.
+    //= SM2-ACC-014, SM2-LNK-007
+    fn deny_link(&mut self, entity: EntityId, link: LinkId, pair: Option<Pair>) {
+        let code = Farewell::Denied.code();
+        let unheard_of = pair.is_some_and(|pair| self.pending_links.remove(pair, link));
+        match pair {
+            None => self.give_up_claim(entity, link),
+            Some(pair) => drop(self.forget_link(link, pair)),
+        }
+        for end in pair.map_or([Some(entity), None], |it| it.entities().map(Some)) {
+            match end {
+                Some(end) if unheard_of => self.remove_link(end, link),
+                Some(end) => self.begin_unlink(end, link, code),
+                None => {}
+            }
+        }
+    }
+
+    //= SM2-ACC-013
+    fn allow(
+        &mut self,
+        at: EntityId,
+        after: Option<EntityId>,
+        budget: &mut Budget,
+    ) -> Option<Pass> {
+        let entity = self.member_from(at)?;
+        let next = Pass::Allow(following(entity), None);
+        budget.spend(PAIR);
+        let mut after = after.filter(|_| entity == at);
+        if let Some(contract) = self.contract_of(entity)
+            && !self.is_granted(entity)
+        {
+            budget.spend(self.access.cost());
+            match self.judge(entity, &contract) {
+                Ok(()) => {
+                    self.grant_again(entity, &contract);
+                    after = Some(EntityId::FIRST);
+                }
+                Err(reason) if self.suspension(entity) != Some(&reason) => {
+                    budget.spend(MARK);
+                    self.suspend(entity, reason);
+                }
+                Err(_) => {}
+            }
+        }
+        // The interfaces of a session that resumes are linked after CLAIMED.
+        let Some(after) = after.filter(|_| self.may_link(entity.node)) else {
+            return Some(next);
+        };
+        let (links, more) = self.link_missing(entity, after, budget);
+        self.outputs.extend(links);
+        Some(more.map_or(next, |after| Pass::Allow(entity, Some(after))))
+    }
+
+    /// Ends the suspension of an interface. LINKs follow later, so `matches` is 0.
+    fn grant_again(&mut self, entity: EntityId, contract: &Arc<Contract>) {
+        let EntityId { node, interface } = entity;
+        if let Some(record) = self.sessions.get_mut(&node).and_then(Session::node_mut) {
+            record.set_suspended(interface, None);
+        }
+        self.channels.insert(entity, contract);
+        self.supersede(node, contract);
+        self.member_changed(entity);
+        let matches = 0;
+        self.send(node, &ToNode::Declared { interface, matches });
+    }
+
+    fn suspension(&self, entity: EntityId) -> Option<&Refusal> {
+        let record = self.sessions.get(&entity.node).and_then(Session::node)?;
+        record.suspended(entity.interface)
+    }
+
+    fn contract_of(&self, entity: EntityId) -> Option<Arc<Contract>> {
+        let record = self.sessions.get(&entity.node).and_then(Session::node)?;
+        record.contract(entity.interface).cloned()
+    }
+
+    /// Whether there is this interface, and the policy does not deny it.
+    pub(super) fn is_granted(&self, entity: EntityId) -> bool {
+        self.user_and_contract(entity).is_some() && self.suspension(entity).is_none()
+    }
+}
+
+/// The smallest id above one.
+const fn following(EntityId { node, interface }: EntityId) -> EntityId {
+    match interface.0.checked_add(1) {
+        Some(next) => EntityId {
+            node,
+            interface: InterfaceId(next),
+        },
+        None => EntityId::node(NodeId(node.0.saturating_add(1))),
+    }
+}
