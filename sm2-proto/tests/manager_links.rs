@@ -224,6 +224,20 @@ fn a_link_without_descriptors_never_was() {
 }
 
 /// After a shortage of descriptors, the Manager makes the missing links by itself.
+/// On a busy machine the Manager's timer fires late.
+//= SM2-LNK-008 test
+#[test]
+fn an_attempt_that_comes_late_is_made() {
+    let mut bench = Bench::new(UNLIMITED);
+    let (a, b) = (bench.node(1, "a"), bench.node(1, "b"));
+    bench.declared(a, 1, &scan());
+    let link = bench.declared(b, 1, &subscriber("scan", None))[0];
+    bench.input(Input::LinkFailed { link });
+    bench.now.0 += 60_000_000_000;
+    assert_eq!(made(&bench.input(Input::Tick)).len(), 1);
+    assert_eq!(bench.manager.links(), 1);
+}
+
 //= SM2-LNK-008 test
 #[test]
 fn a_link_without_descriptors_is_made_later() {

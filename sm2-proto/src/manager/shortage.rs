@@ -66,9 +66,12 @@ impl Shortage {
         Some(pair)
     }
 
-    /// Forgets the last delay once attempts were possible for as long, and none has failed.
+    /// Forgets the last delay once attempts were possible for as long, and none has failed. An
+    /// attempt that is still to be made stays, however late it is.
     pub(super) fn expire(&mut self, now: Instant) {
-        self.attempt = self.attempt.filter(|it| now < it.at.after(it.delay));
+        if self.deadline().is_none() {
+            self.attempt = self.attempt.filter(|it| now < it.at.after(it.delay));
+        }
     }
 
     /// The first pair of an interface.
