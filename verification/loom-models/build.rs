@@ -51,11 +51,7 @@ const WAIT: &[Change] = &[
         "            let short_of_memory = inner.short_of_memory;\n            drop(inner);\n            \
          let waker = self.lock().sleepers.enter(source)?;\n",
     ),
-    (
-        "no_sockets",
-        "[self.epoll.as_fd(), waker]",
-        "[waker]",
-    ),
+    ("no_sockets", "[self.epoll.as_fd(), waker]", "[waker]"),
     (
         "own_topic_only",
         "(sleeper.source == source || source == EventSource::Session)",

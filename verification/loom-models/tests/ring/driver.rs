@@ -6,8 +6,8 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use sm2_proto::link::{
-    Attachment, Body, Config, Delivery, End, Error, Fate, Input, LaneKind, LentRing, Link, MaxLen, Misuse,
-    NoDelivery, OutboundMessage, Output, Payload, RingLayout, RingMemory, Role, SlotHead,
+    Attachment, Body, Config, Delivery, End, Error, Fate, Input, LaneKind, LentRing, Link, MaxLen,
+    Misuse, NoDelivery, OutboundMessage, Output, Payload, RingLayout, RingMemory, Role, SlotHead,
     SlotRange, Status, Wake, doorbell,
 };
 use sm2_proto::{Datagram, Farewell, FdFacts, Instant, LinkId, Machine, Seals, limits::SLOT_HEAD};
