@@ -95,9 +95,9 @@ use crate::{
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Manager {
     policy: Policy,
-    access: Access,
     log: Log,
     last_node: NodeId,
+    access: Access,
     sessions: BTreeMap<NodeId, Session>,
     names: BTreeSet<Name>,
     users: Users,
@@ -133,9 +133,9 @@ impl Manager {
     pub const fn new(epoch: u64, secret: u128, policy: Policy) -> Self {
         Self {
             policy,
-            access: Access::new(),
             log: Log::new(policy.changes_remembered),
             last_node: NodeId(0),
+            access: Access::new(),
             sessions: BTreeMap::new(),
             names: BTreeSet::new(),
             users: Users::new(),
