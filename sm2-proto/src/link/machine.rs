@@ -6,8 +6,9 @@ use super::{
     Config, End, Error, Fate, Input, Misuse, Output, Packet, Role, SegmentInfo,
     calls::{Placed, Served},
     lane::Lane,
-    outbound::OutboundFrame,
+    outbound::{Outbound, OutboundFrame},
     phase::Phase,
+    ring::RingSender,
     segments::Geometry,
     wire::{Frame, LANE_RING, LANE_SOCKET, Open},
 };
@@ -79,9 +80,13 @@ impl Link {
             }
             Input::Eof => self.finish(End::Eof),
             Input::Skip => self.skip()?,
-            Input::PassOver => self.pass_over()?,
-            Input::PoolLimit => self.hold_back()?,
-            Input::TooLong => self.drop_too_long()?,
+            Input::PassOver => self.drop_publication(Outbound::pass_over, RingSender::pass_over)?,
+            Input::PoolLimit => {
+                self.drop_publication(Outbound::hold_back, RingSender::hold_back)?
+            }
+            Input::TooLong => {
+                self.drop_publication(Outbound::drop_too_long, RingSender::drop_too_long)?
+            }
             Input::SegmentMissing => {
                 self.on_segment_missing();
                 if let Some(end) = self.end() {
@@ -126,47 +131,19 @@ impl Link {
         }
     }
 
-    /// Handles [`Input::PassOver`]: a publication is not sent on this link.
-    fn pass_over(&mut self) -> Result<(), Misuse> {
+    /// Counts a publication that is not sent on this link, by the method of its lane.
+    fn drop_publication(
+        &mut self,
+        by_socket: fn(&mut Outbound),
+        by_ring: fn(&mut RingSender),
+    ) -> Result<(), Misuse> {
         if self.config.role != Role::Sender {
             return Err(Misuse::WrongRole);
         }
         match &mut self.lane {
             Lane::Undecided => return Err(Misuse::NotOpen),
-            Lane::Socket(socket) => socket.outbound.pass_over(),
-            Lane::Ring(ring) => {
-                ring.sender_mut().ok_or(Misuse::NotOpen)?.pass_over();
-            }
-        }
-        Ok(())
-    }
-
-    /// Handles [`Input::PoolLimit`]: a publication is not sent on this link.
-    fn hold_back(&mut self) -> Result<(), Misuse> {
-        if self.config.role != Role::Sender {
-            return Err(Misuse::WrongRole);
-        }
-        match &mut self.lane {
-            Lane::Undecided => return Err(Misuse::NotOpen),
-            Lane::Socket(socket) => socket.outbound.hold_back(),
-            Lane::Ring(ring) => {
-                ring.sender_mut().ok_or(Misuse::NotOpen)?.hold_back();
-            }
-        }
-        Ok(())
-    }
-
-    /// Handles [`Input::TooLong`]: a publication is not sent on this link.
-    fn drop_too_long(&mut self) -> Result<(), Misuse> {
-        if self.config.role != Role::Sender {
-            return Err(Misuse::WrongRole);
-        }
-        match &mut self.lane {
-            Lane::Undecided => return Err(Misuse::NotOpen),
-            Lane::Socket(socket) => socket.outbound.drop_too_long(),
-            Lane::Ring(ring) => {
-                ring.sender_mut().ok_or(Misuse::NotOpen)?.drop_too_long();
-            }
+            Lane::Socket(socket) => by_socket(&mut socket.outbound),
+            Lane::Ring(ring) => by_ring(ring.sender_mut().ok_or(Misuse::NotOpen)?),
         }
         Ok(())
     }
