@@ -13,6 +13,7 @@ use sm2_proto::{
     policy::{AccessPolicy, Action, ActionSet, Binding, Effect, Exclusive, Members, Rule, Tables},
 };
 use support::{
+    access::snapshot,
     bench::{Bench, Event, UNLIMITED, seen_by},
     cases,
     contracts::{client, data, name, publisher, server, subscriber},
@@ -254,24 +255,6 @@ fn counters_need_a_right() {
         events,
         [Event::Sent(guest, ToNode::NotInspected { node: shut })]
     );
-}
-
-/// All items that a session is shown.
-fn snapshot(bench: &mut Bench, node: NodeId) -> BTreeMap<Key, Item> {
-    let mut all = BTreeMap::new();
-    let mut after = None;
-    loop {
-        let events = bench.send(node, &ToManager::Query { after });
-        let [Event::Sent(_, ToNode::Page(page))] = &events[..] else {
-            panic!("{events:?}");
-        };
-        all.extend(page.items.iter().map(|it| (it.key(), it.clone())));
-        let Some(next) = page.next else {
-            return all;
-        };
-        assert!(after < Some(next), "each page makes progress");
-        after = Some(next);
-    }
 }
 
 /// A page passes over a bounded number of items that the session does not see.

@@ -80,9 +80,10 @@ pub(crate) fn snapshot(bench: &mut Bench, node: NodeId) -> BTreeMap<Key, Item> {
             panic!("{events:?}");
         };
         all.extend(page.items.iter().map(|it| (it.key(), it.clone())));
-        after = page.next;
-        if after.is_none() {
+        let Some(next) = page.next else {
             return all;
-        }
+        };
+        assert!(after < Some(next), "each page makes progress");
+        after = Some(next);
     }
 }
