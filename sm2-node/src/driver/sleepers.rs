@@ -23,11 +23,15 @@ pub(crate) enum EventSource {
     Session,
 }
 
+/// The number of unused wakers that a node keeps, so that a thread that waits again and again makes no
+/// descriptor for it.
+const SPARES: usize = 4;
+
 /// All registered sleepers.
 #[derive(Debug)]
 pub(super) struct Sleepers {
     all: Vec<Sleeper>,
-    /// Wakers that no sleeper uses now.
+    /// Wakers that no sleeper uses now, at most [`SPARES`].
     spare: Vec<Arc<Waker>>,
 }
 
@@ -73,7 +77,9 @@ impl Sleepers {
     pub(super) fn leave(&mut self, waker: &Arc<Waker>) {
         self.calm(waker);
         self.all.retain(|it| !Arc::ptr_eq(&it.waker, waker));
-        self.spare.push(Arc::clone(waker));
+        if self.spare.len() < SPARES {
+            self.spare.push(Arc::clone(waker));
+        }
     }
 
     /// Notes that the sleeper has seen all events until now. Returns whether it was woken for one.
@@ -85,5 +91,19 @@ impl Sleepers {
         sleeper.woken = false;
         sleeper.waker.drain();
         true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{EventSource, SPARES, Sleepers};
+
+    #[test]
+    fn a_burst_of_sleepers_leaves_few_descriptors() {
+        let mut sleepers = Sleepers::new().unwrap();
+        let enter = |_| sleepers.enter(EventSource::Session).unwrap();
+        let wakers: Vec<_> = (0..SPARES + 3).map(enter).collect();
+        wakers.iter().for_each(|it| sleepers.leave(it));
+        assert_eq!((sleepers.all.len(), sleepers.spare.len()), (0, SPARES));
     }
 }
