@@ -4,8 +4,18 @@ use std::{
     fs::File,
     io::{self, Read},
     os::fd::{AsFd, BorrowedFd},
+    thread,
     time::Duration,
 };
+
+/// Ends this process at once, without an orderly shutdown, when its standard input ends: the tests have
+/// ended then.
+pub fn abort_at_end() {
+    thread::spawn(|| {
+        let _ = io::copy(&mut io::stdin(), &mut io::sink());
+        std::process::abort();
+    });
+}
 
 /// The lines of standard input that have arrived.
 #[derive(Debug)]

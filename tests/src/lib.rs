@@ -7,7 +7,7 @@
 //! | [`process`] | child processes with bounded waits; none outlives its test |
 //! | [`actor`] | a child process that is a node and carries out commands |
 //! | [`options`], [`input`] | the command line and the standard input of a child process |
-//! | [`manager`] | the Manager as a child process runs it |
+//! | [`manager`], [`gateway`] | the Manager and the gateway as child processes run them |
 //! | [`random`] | random choices that a seed reproduces |
 //! | [`census`] | descriptors and mappings of a process, from `/proc` |
 //! | [`raw`] | peers that send bytes: a node, a Manager, one end of a link |
@@ -30,6 +30,7 @@ pub mod control;
 #[cfg(doctest)]
 mod documents;
 pub mod domain;
+pub mod gateway;
 pub mod input;
 pub mod link;
 pub mod manager;

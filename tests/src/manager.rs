@@ -1,19 +1,15 @@
 //! `manager`: the Manager as the `sm2 manager` command runs it.
 
-use std::{io, process::ExitCode, thread};
+use std::process::ExitCode;
 
 use sm2_manager::{Policy, program};
 
-use crate::options::Options;
+use crate::{input::abort_at_end, options::Options};
 
 /// Runs a Manager until its standard input ends.
 #[must_use]
 pub fn run(options: &Options) -> ExitCode {
-    thread::spawn(|| {
-        // At the end of the input the tests have ended: exit at once, without an orderly shutdown.
-        let _ = io::copy(&mut io::stdin(), &mut io::sink());
-        std::process::abort();
-    });
+    abort_at_end();
     let policy = Policy::default();
     let mode: String = options.get_or("--socket-mode", "600".to_owned());
     let arguments = program::Arguments {

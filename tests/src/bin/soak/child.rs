@@ -1,6 +1,7 @@
 //! A process of the run, as the director sees it.
 
 use std::{
+    fmt,
     os::unix::process::CommandExt,
     path::Path,
     process::Command,
@@ -8,13 +9,14 @@ use std::{
     time::{Duration, Instant},
 };
 
+use nix::sys::signal::Signal;
 use sm2_tests::{
     TIMEOUT,
     census::{Census, anonymous_kib},
-    process::Process,
+    process::{Exit, Process},
 };
 
-use crate::{report::Report, tally::Tally};
+use crate::{report::Report, shortage::Shortage, tally::Tally};
 
 /// The run cannot continue. The report has the reason.
 #[derive(Debug)]
@@ -27,31 +29,69 @@ pub(crate) struct Holds {
     pub(crate) anonymous_kib: u64,
 }
 
+impl fmt::Display for Holds {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{}, {} KiB of private memory",
+            self.census, self.anonymous_kib
+        )
+    }
+}
+
 /// A process with its role, which is killed with this.
 pub(crate) struct Child {
     pub(crate) name: String,
     process: Process,
     tally: Tally,
     stopped_until: Option<Instant>,
+    shortage: Option<(Shortage, Instant)>,
+    can_lack_addresses: bool,
+}
+
+/// The roles for which addresses may run short. Other processes start threads meanwhile, and a Rust program
+/// aborts without memory for them.
+const ROLES_WITH_MAPPINGS: [&str; 5] = ["publisher", "subscriber", "late", "server", "client"];
+
+/// A command that runs this program in a role.
+pub(crate) fn command(role: &str) -> Command {
+    let program = std::env::current_exe().expect("the path of this program");
+    let mut command = Command::new(program);
+    command.arg(role);
+    for variable in ["SM2_SOCKET", "SM2_DOMAIN", "SM2_LOG", "XDG_RUNTIME_DIR"] {
+        command.env_remove(variable);
+    }
+    // The allocator returns freed memory to the system, so that memory which stays is in use.
+    for variable in ["MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_"] {
+        command.env(variable, "65536");
+    }
+    command.env("MALLOC_ARENA_MAX", "2");
+    // Ctrl-C is for the director alone. The kernel ends a stopped process of a group of its own
+    // when the director ends.
+    command.process_group(0);
+    command
 }
 
 impl Child {
     /// Starts this program in a role, with a socket and further options.
     pub(crate) fn start(socket: &Path, role: &str, name: &str, options: &[&str]) -> Self {
-        let program = std::env::current_exe().expect("the path of this program");
-        let mut command = Command::new(program);
-        command.arg(role).arg("--socket").arg(socket).args(options);
-        for variable in ["SM2_SOCKET", "SM2_DOMAIN", "SM2_LOG", "XDG_RUNTIME_DIR"] {
-            command.env_remove(variable);
+        let mut command = command(role);
+        command.arg("--socket").arg(socket).args(options);
+        Self {
+            can_lack_addresses: ROLES_WITH_MAPPINGS.contains(&role),
+            ..Self::spawn(name, command)
         }
-        // Ctrl-C is for the director alone. The kernel ends a stopped process of a group of its own
-        // when the director ends.
-        command.process_group(0);
+    }
+
+    /// Starts a [`command`].
+    pub(crate) fn spawn(name: &str, command: Command) -> Self {
         Self {
             name: name.to_owned(),
             process: Process::start(command),
             tally: Tally::default(),
             stopped_until: None,
+            shortage: None,
+            can_lack_addresses: false,
         }
     }
 
@@ -75,14 +115,19 @@ impl Child {
         }
     }
 
-    /// Reads the lines that have arrived, and returns those that answer a command. Continues the
-    /// process at the end of a stop.
+    /// Reads the lines that have arrived, and returns those that answer a command. Ends a stop and a
+    /// shortage that are over.
     pub(crate) fn look(&mut self, report: &mut Report) -> Vec<String> {
-        if self
-            .stopped_until
-            .is_some_and(|until| until <= Instant::now())
-        {
+        let now = Instant::now();
+        if self.stopped_until.is_some_and(|until| until <= now) {
             self.resume();
+        }
+        if self
+            .shortage
+            .as_ref()
+            .is_some_and(|(_, until)| *until <= now)
+        {
+            self.supply();
         }
         let mut answers = Vec::new();
         while let Some(line) = self.process.try_line() {
@@ -132,7 +177,7 @@ impl Child {
 
     /// Stops the process for a time.
     pub(crate) fn stop(&mut self, length: Duration) {
-        self.process.signal(nix::sys::signal::Signal::SIGSTOP);
+        self.process.signal(Signal::SIGSTOP);
         self.stopped_until = Some(Instant::now() + length);
     }
 
@@ -143,6 +188,46 @@ impl Child {
     pub(crate) fn resume(&mut self) {
         if self.stopped_until.take().is_some() {
             self.process.resume();
+        }
+    }
+
+    /// Begins a shortage for a time.
+    pub(crate) fn shorten(&mut self, shortage: Shortage, length: Duration) {
+        self.shortage = Some((shortage, Instant::now() + length));
+    }
+
+    pub(crate) const fn can_lack_addresses(&self) -> bool {
+        self.can_lack_addresses
+    }
+
+    pub(crate) const fn is_short(&self) -> bool {
+        self.shortage.is_some()
+    }
+
+    /// Ends the shortage.
+    pub(crate) fn supply(&mut self) {
+        // Another process may have the number of a process that has ended.
+        if let Some((shortage, _)) = self.shortage.take()
+            && !self.process.has_ended()
+        {
+            shortage.end();
+        }
+    }
+
+    /// Ends stop and shortage.
+    pub(crate) fn relieve(&mut self) {
+        self.supply();
+        self.resume();
+    }
+
+    /// Ends the process in order (SIGTERM).
+    pub(crate) fn end(&mut self, report: &mut Report) {
+        self.relieve();
+        self.process.signal(Signal::SIGTERM);
+        let exit = self.process.wait();
+        if exit != Exit::Status(0) {
+            let log = self.process.stderr();
+            report.error(&format!("{} ended with {exit:?}: {log}", self.name));
         }
     }
 }

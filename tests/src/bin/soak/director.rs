@@ -13,6 +13,8 @@ use crate::{
     child::Broken,
     disturbance::Disturbance,
     fleet::Fleet,
+    gateways::Gateways,
+    inspector::Inspector,
     managers::Managers,
     report::Report,
     rest::{self, Baseline},
@@ -23,15 +25,26 @@ const REST_LEAST: Duration = Duration::from_secs(5);
 const REST_MOST: Duration = Duration::from_secs(60);
 const TURN: Duration = Duration::from_millis(2);
 
+/// Everything that runs.
+pub(crate) struct World {
+    /// Those of the near and of the far domain.
+    pub(crate) managers: [Managers; 2],
+    pub(crate) fleet: Fleet,
+    pub(crate) gateways: Gateways,
+    pub(crate) inspector: Inspector,
+    /// How many rests there were.
+    pub(crate) rests: usize,
+}
+
 /// Runs for this long, or until `stop` is true.
 pub(crate) fn run(length: Duration, stop: &AtomicBool) -> Report {
     let mut report = Report::new();
-    let domain = TempDomain::new();
-    let stays = drive(&domain, length, stop, &mut report);
+    let domains = [TempDomain::new(), TempDomain::new()];
+    let stays = drive(&domains, length, stop, &mut report);
     if stays.is_err() {
         report.wrong("the run ended early");
     }
-    let files = domain.files();
+    let files = domains.each_ref().map(TempDomain::files).concat();
     let children = children();
     report.residue = (files.len() + children) as u64;
     if stays.is_ok() && report.residue > 0 {
@@ -41,38 +54,74 @@ pub(crate) fn run(length: Duration, stop: &AtomicBool) -> Report {
 }
 
 fn drive(
-    domain: &TempDomain,
+    domains: &[TempDomain; 2],
     length: Duration,
     stop: &AtomicBool,
     report: &mut Report,
 ) -> Result<(), Broken> {
     let start = Instant::now();
-    let socket = domain.socket();
     let mut disturbance = Disturbance::new(Random::seeded());
-    let mut managers = Managers::start(&socket, report)?;
-    let mut fleet = Fleet::start(&socket, report)?;
+    let mut world = World::start(domains, report)?;
     let mut baseline = Baseline::default();
     let every = (length / 6).clamp(REST_LEAST, REST_MOST);
     let over = || start.elapsed() >= length || stop.load(Ordering::Relaxed);
     while !over() {
-        fleet.start_victims();
+        world.fleet.start_victims();
         let rest_at = Instant::now() + every;
         while Instant::now() < rest_at && !over() {
-            disturbance.act(&mut managers, &mut fleet, report);
-            managers.look(report)?;
-            fleet.look(report)?;
+            disturbance.act(&mut world, report);
+            world.look(report)?;
             report.progress();
             thread::sleep(TURN);
         }
-        rest::rest(&mut managers, &mut fleet, &mut baseline, report)?;
+        rest::rest(&mut world, &mut baseline, report)?;
     }
     if stop.load(Ordering::Relaxed) {
         println!("stopped by a signal");
     }
-    rest::close(&mut managers, &mut fleet, report)?;
-    drop(fleet);
-    managers.end(report);
+    rest::close(&mut world, report)?;
+    world.end(report);
     Ok(())
+}
+
+impl World {
+    fn start(domains: &[TempDomain; 2], report: &mut Report) -> Result<Self, Broken> {
+        let [near, far] = domains.each_ref().map(TempDomain::socket);
+        let sockets = [&*near, &*far];
+        let managers = [
+            Managers::start(sockets[0], report)?,
+            Managers::start(sockets[1], report)?,
+        ];
+        Ok(Self {
+            managers,
+            fleet: Fleet::start(sockets, report)?,
+            gateways: Gateways::start(sockets),
+            inspector: Inspector::new(sockets),
+            rests: 0,
+        })
+    }
+
+    /// The gateway that may be killed before the next rest.
+    pub(crate) const fn mortal_gateway(&self) -> usize {
+        self.rests % 2
+    }
+
+    /// Reads what all processes say, ends stops and shortages, and finds processes that ended by themselves.
+    pub(crate) fn look(&mut self, report: &mut Report) -> Result<(), Broken> {
+        for managers in &mut self.managers {
+            managers.look(report)?;
+        }
+        self.gateways.look(report)?;
+        self.fleet.look(report)
+    }
+
+    fn end(self, report: &mut Report) {
+        drop((self.fleet, self.inspector));
+        self.gateways.end(report);
+        for managers in self.managers {
+            managers.end(report);
+        }
+    }
 }
 
 /// The number of child processes that still exist.

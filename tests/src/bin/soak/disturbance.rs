@@ -1,15 +1,21 @@
-//! Random kills, stops and take-overs.
+//! Random kills, stops, shortages and take-overs.
 
 use std::time::{Duration, Instant};
 
 use sm2_tests::random::Random;
 
-use crate::{child::Child, fleet::Fleet, managers::Managers, report::Report};
+use crate::{
+    child::Child,
+    director::World,
+    report::Report,
+    shortage::{Kind, Shortage},
+};
 
 /// The pauses between two disturbances, in milliseconds.
 const PAUSES_MS: [u64; 4] = [5, 50, 150, 400];
-/// The lengths of stops: less than 5 s, after which a Manager gives up the links of a stopped node.
-const STOPS_MS: [u64; 4] = [1, 20, 200, 1_500];
+/// The lengths of stops and shortages: less than 5 s, after which a Manager gives up the links of a stopped
+/// node.
+const LENGTHS_MS: [u64; 4] = [1, 20, 200, 1_500];
 
 /// The moment of the next disturbance.
 pub(crate) struct Disturbance {
@@ -26,43 +32,94 @@ impl Disturbance {
     }
 
     /// Disturbs one process, if it is time.
-    pub(crate) fn act(&mut self, managers: &mut Managers, fleet: &mut Fleet, report: &mut Report) {
+    pub(crate) fn act(&mut self, world: &mut World, report: &mut Report) {
         if Instant::now() < self.due {
             return;
         }
         let pause = self.random.choose(&PAUSES_MS);
         self.due = Instant::now() + Duration::from_millis(self.random.within(1..pause + 1));
         match self.random.within(0..100) {
-            0..50 => {
-                let index = self.random.within(0..fleet.victims.len() as u64);
-                fleet.kill(index as usize, report);
+            0..47 => {
+                let index = self.index(world.fleet.victims.len());
+                world.fleet.kill(index, report);
             }
-            50..60 if managers.are_settled() => match self.random.within(0..4) {
+            47..57 => self.change_manager(world, report),
+            57..58 => {
+                let index = world.mortal_gateway();
+                world.gateways.kill(index, report);
+            }
+            58..95 => {
+                let child = self.any(world);
+                self.stop(child, report);
+            }
+            _ => {
+                let child = self.any(world);
+                self.shorten(child, report);
+            }
+        }
+    }
+
+    fn change_manager(&mut self, world: &mut World, report: &mut Report) {
+        // The near domain has more of them to lose.
+        let managers = &mut world.managers[usize::from(self.random.within(0..4) == 0)];
+        if managers.are_settled() {
+            match self.random.within(0..4) {
                 0 | 1 => managers.kill_active(report),
                 2 => managers.kill_standby(report),
                 _ => managers.hand_over(),
-            },
-            50..65 => {
-                let both = [&mut managers.active, &mut managers.standby];
-                let index = self.random.within(0..2);
-                self.stop(both[index as usize], report);
-            }
-            65..82 => {
-                let index = self.random.within(0..fleet.witnesses.len() as u64);
-                self.stop(&mut fleet.witnesses[index as usize].child, report);
-            }
-            _ => {
-                let index = self.random.within(0..fleet.victims.len() as u64);
-                self.stop(&mut fleet.victims[index as usize], report);
             }
         }
+    }
+
+    /// Any process: each group of processes is as likely as its share says.
+    fn any<'a>(&mut self, world: &'a mut World) -> &'a mut Child {
+        match self.random.within(0..100) {
+            0..15 => {
+                let managers = &mut world.managers[self.index(2)];
+                match self.index(2) {
+                    0 => &mut managers.active,
+                    _ => &mut managers.standby,
+                }
+            }
+            15..25 => &mut world.gateways.both[self.index(2)].child,
+            25..65 => {
+                let index = self.index(world.fleet.witnesses.len());
+                &mut world.fleet.witnesses[index].child
+            }
+            _ => {
+                let index = self.index(world.fleet.victims.len());
+                &mut world.fleet.victims[index]
+            }
+        }
+    }
+
+    fn index(&mut self, len: usize) -> usize {
+        self.random.within(0..len as u64) as usize
     }
 
     fn stop(&mut self, child: &mut Child, report: &mut Report) {
         if !child.is_stopped() {
             report.stops += 1;
-            let most = self.random.choose(&STOPS_MS);
-            child.stop(Duration::from_millis(self.random.within(0..most + 1)));
+            child.stop(self.length());
         }
+    }
+
+    fn shorten(&mut self, child: &mut Child, report: &mut Report) {
+        let kind = match child.can_lack_addresses() && self.random.within(0..2) == 0 {
+            true => Kind::Addresses,
+            false => Kind::Descriptors,
+        };
+        if !child.is_short()
+            && let Some(shortage) = Shortage::begin(child.process().pid(), kind, &mut self.random)
+        {
+            report.faults += 1;
+            child.shorten(shortage, self.length());
+        }
+    }
+
+    /// The length of a stop or a shortage.
+    fn length(&mut self) -> Duration {
+        let most = self.random.choose(&LENGTHS_MS);
+        Duration::from_millis(self.random.within(0..most + 1))
     }
 }

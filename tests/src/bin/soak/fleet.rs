@@ -2,74 +2,88 @@
 
 use std::path::{Path, PathBuf};
 
+use sm2_lossy_link::Side::{self, Far, Near};
+
 use crate::{
     child::{Broken, Child, Holds},
     report::Report,
 };
 
-/// The options of messages of 10 MB, with few of them in memory at a time.
-const BIG: [&str; 6] = ["--least", "10000000", "--most", "10000000", "--depth", "2"];
+/// A process: its domain, name, role, topic, and further options in one text.
+type Plan = (Side, &'static str, &'static str, &'static str, &'static str);
 
-/// A process: name, role, topic, further options.
-type Plan = (
-    &'static str,
-    &'static str,
-    &'static str,
-    &'static [&'static str],
-);
+/// Messages of 10 MB, with few of them in memory at a time.
+const BIG: &str = "--least 10000000 --most 10000000 --depth 2 --rate 30";
+const FEW: &str = "--depth 2 --borrow 1";
+/// A message that takes a third of a second on the bad link.
+const IMAGE: &str = "--least 1000000 --most 1000000 --depth 2 --rate 10";
+const LATCHED: &str = "--latched 4 --rate 50";
+/// The topic of gateways that nobody subscribes to at a rest.
+const LATE: &str = "away/site";
+/// What comes through the gateways.
+const REMOTE: &str = "--remote true";
+/// All requests need segments of the same size.
+const OFFICE: &str = "--remote true --least 5000 --most 5000";
 
 const WITNESSES: &[Plan] = &[
-    ("odometry", "publisher", "small", &["--rate", "1000"]),
-    ("viewer", "subscriber", "small", &[]),
-    ("logger", "subscriber", "small", &["--reliable", "true"]),
-    ("camera", "publisher", "big", &["--rate", "30"]),
+    (Near, "odometry", "publisher", "small", "--rate 1000"),
+    (Near, "viewer", "subscriber", "small", ""),
+    (Near, "logger", "subscriber", "small", "--reliable true"),
+    (Near, "camera", "publisher", "big", BIG),
+    (Near, "vision", "subscriber", "big", FEW),
+    (Near, "map", "publisher", "latched", LATCHED),
     (
-        "vision",
-        "subscriber",
-        "big",
-        &["--depth", "2", "--borrow", "1"],
-    ),
-    (
-        "map",
-        "publisher",
-        "latched",
-        &["--latched", "4", "--rate", "50"],
-    ),
-    (
+        Near,
         "planner",
         "late",
         "latched",
-        &["--latched", "4", "--reliable", "true"],
+        "--latched 4 --reliable true",
     ),
-    ("adder", "server", "echo", &[]),
-    ("asker", "client", "echo", &[]),
-    ("visitors", "churn", "churn", &[]),
+    (Near, "adder", "server", "echo", ""),
+    (Near, "asker", "client", "echo", ""),
+    (Near, "visitors", "churn", "churn", ""),
+    (Near, "pose", "publisher", "away/pose", "--rate 200"),
+    (Near, "front", "publisher", "away/front", IMAGE),
+    (Near, "site", "publisher", LATE, LATCHED),
+    (Near, "station", "server", "away/echo", ""),
+    (Near, "driver", "subscriber", "away/order", REMOTE),
+    (Far, "operator", "publisher", "away/order", "--rate 50"),
+    (Far, "screen", "subscriber", "away/pose", REMOTE),
+    (Far, "window", "subscriber", "away/front", REMOTE),
+    (Far, "office", "client", "away/echo", OFFICE),
 ];
 
 const VICTIMS: &[Plan] = &[
-    ("victim/odometry", "publisher", "small", &["--rate", "1000"]),
+    (Near, "victim/odometry", "publisher", "small", "--rate 1000"),
     (
+        Near,
         "victim/viewer",
         "subscriber",
         "small",
-        &["--sealed", "true"],
+        "--sealed true",
     ),
     (
+        Near,
         "victim/logger",
         "subscriber",
         "small",
-        &["--reliable", "true"],
+        "--reliable true",
     ),
+    (Near, "victim/vision", "subscriber", "big", FEW),
+    (Near, "victim/planner", "late", "latched", "--latched 4"),
+    (Near, "victim/adder", "server", "echo", ""),
+    (Near, "victim/asker", "client", "echo", ""),
+    (Near, "victim/visitors", "churn", "churn", ""),
+    (Near, "victim/pose", "publisher", "away/pose", "--rate 50"),
+    (Far, "victim/screen", "subscriber", "away/pose", REMOTE),
     (
-        "victim/vision",
-        "subscriber",
-        "big",
-        &["--depth", "2", "--borrow", "1"],
+        Far,
+        "victim/surveyor",
+        "late",
+        LATE,
+        "--latched 4 --remote true",
     ),
-    ("victim/planner", "late", "latched", &["--latched", "4"]),
-    ("victim/adder", "server", "echo", &[]),
-    ("victim/asker", "client", "echo", &[]),
-    ("victim/visitors", "churn", "churn", &[]),
+    (Far, "victim/office", "client", "away/echo", OFFICE),
 ];
 
 /// A witness, and what it held before it declared its interfaces.
@@ -78,35 +92,44 @@ pub(crate) struct Witness {
     pub(crate) before: Holds,
 }
 
+impl Witness {
+    /// Whether a gateway links it also at a rest.
+    pub(crate) fn is_remote(&self) -> bool {
+        let plan = WITNESSES.iter().find(|it| it.1 == self.child.name);
+        plan.is_some_and(|it| it.3.starts_with("away/") && it.3 != LATE)
+    }
+}
+
 /// All nodes.
 pub(crate) struct Fleet {
-    socket: PathBuf,
+    /// The sockets of the near and the far domain.
+    sockets: [PathBuf; 2],
     pub(crate) witnesses: Vec<Witness>,
     pub(crate) victims: Vec<Child>,
 }
 
 impl Fleet {
     /// Starts the witnesses. There are no victims yet.
-    pub(crate) fn start(socket: &Path, report: &mut Report) -> Result<Self, Broken> {
-        let mut witnesses = Vec::new();
+    pub(crate) fn start(sockets: [&Path; 2], report: &mut Report) -> Result<Self, Broken> {
+        let mut fleet = Self {
+            sockets: sockets.map(Path::to_owned),
+            witnesses: Vec::new(),
+            victims: Vec::new(),
+        };
         for plan in WITNESSES {
-            let mut child = start(socket, plan, false);
+            let mut child = fleet.start_one(plan, false);
             child.answer("connected", report)?;
             let before = child.holds();
-            witnesses.push(Witness { child, before });
+            fleet.witnesses.push(Witness { child, before });
         }
-        for witness in &mut witnesses {
+        for witness in &mut fleet.witnesses {
             witness.child.say("go");
         }
-        Ok(Self {
-            socket: socket.to_owned(),
-            witnesses,
-            victims: Vec::new(),
-        })
+        Ok(fleet)
     }
 
     pub(crate) fn start_victims(&mut self) {
-        let victims = VICTIMS.iter().map(|plan| start(&self.socket, plan, true));
+        let victims = VICTIMS.iter().map(|plan| self.start_one(plan, true));
         self.victims = victims.collect();
     }
 
@@ -116,7 +139,7 @@ impl Fleet {
         let victim = &mut self.victims[index];
         victim.process().kill();
         victim.look(report);
-        *victim = start(&self.socket, &VICTIMS[index], true);
+        self.victims[index] = self.start_one(&VICTIMS[index], true);
     }
 
     /// Kills all victims.
@@ -137,17 +160,15 @@ impl Fleet {
         }
         Ok(())
     }
-}
 
-fn start(socket: &Path, plan: &Plan, go: bool) -> Child {
-    let &(name, role, topic, more) = plan;
-    let mut options = vec!["--name", name, "--topic", topic];
-    options.extend_from_slice(more);
-    if role == "publisher" && topic == "big" {
-        options.extend_from_slice(&BIG);
+    fn start_one(&self, plan: &Plan, go: bool) -> Child {
+        let &(side, name, role, topic, more) = plan;
+        let mut options = vec!["--name", name, "--topic", topic];
+        options.extend(more.split_whitespace());
+        if go {
+            options.extend_from_slice(&["--go", "true"]);
+        }
+        let socket = &self.sockets[usize::from(side == Far)];
+        Child::start(socket, role, name, &options)
     }
-    if go {
-        options.extend_from_slice(&["--go", "true"]);
-    }
-    Child::start(socket, role, name, &options)
 }

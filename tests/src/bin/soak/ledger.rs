@@ -1,8 +1,19 @@
-//! The accounts of links: each end's counts, as lines of text, and the differences between the ends.
+//! The accounts of links: each end's counts, as lines of text or from a counter file, and the differences
+//! between the ends.
 
 use std::collections::HashMap;
 
 use sm2_node::diagnostics::{Counters, LinkStatus};
+use sm2_proto::{Contract, LinkId, Name, counters::Entry};
+
+/// The text of the end of a service's link with a gateway, whose counter file does not tell requests from
+/// replies.
+pub(crate) const GATEWAY_SERVICE: &str = "gateway-service";
+
+/// Whether a node belongs to a gateway.
+pub(crate) fn is_of_gateway(node: &Name) -> bool {
+    sm2_gateway::is_remote(node) || node.as_str().starts_with("gateway/")
+}
 
 /// One end's counts of one link.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -20,8 +31,7 @@ pub(crate) struct End {
 
 /// Messages of a sender for which no fate is counted, or two.
 pub(crate) const fn unbalanced(counters: &Counters) -> u64 {
-    let dropped = counters.overwritten + counters.discarded + counters.deadline + counters.closed;
-    let settled = counters.delivered + dropped + counters.in_flight;
+    let settled = counters.delivered + counters.dropped() + counters.in_flight;
     counters.offered.abs_diff(settled)
 }
 
@@ -30,22 +40,51 @@ impl End {
     pub(crate) fn text(status: &LinkStatus) -> String {
         let LinkStatus {
             id,
+            peer,
             counters: it,
             received,
             ..
         } = status;
+        let is_service = matches!(
+            peer.contract,
+            Contract::Server { .. } | Contract::Client { .. }
+        );
+        if is_service && is_of_gateway(&peer.name) {
+            return GATEWAY_SERVICE.to_owned();
+        }
         format!(
-            "{:x}.{},{},{},{},{},{},{},{}",
-            id.epoch,
-            id.serial,
+            "{},{},{},{},{},{},{},{}",
+            link_text(*id),
             it.offered,
             it.delivered,
-            it.overwritten + it.discarded + it.deadline,
+            it.dropped() - it.closed,
             it.closed,
             it.in_flight,
             received.messages,
             received.lost
         )
+    }
+
+    /// The counts of the end of a topic's link in a counter file. `None` for other entries.
+    pub(crate) fn of_entry(entry: &Entry, contract: &Contract) -> Option<Self> {
+        let it = &entry.fates;
+        // A publisher's file counts the messages that it sent in the same place.
+        let received = match contract {
+            Contract::Publisher { .. } => 0,
+            Contract::Subscriber { .. } => entry.messages,
+            Contract::Server { .. } | Contract::Client { .. } => return None,
+        };
+        Some(Self {
+            link: link_text(entry.link?),
+            offered: it.offered,
+            // A node notices that a message was released when it publishes the next one.
+            delivered: it.delivered + it.in_flight,
+            dropped: it.dropped() - it.closed,
+            closed: it.closed,
+            in_flight: 0,
+            received,
+            lost: entry.lost,
+        })
     }
 
     /// Reads the words of one end. `None` if they are damaged.
@@ -84,6 +123,10 @@ impl End {
             + self.delivered.abs_diff(other.received)
             + self.dropped.abs_diff(other.lost)
     }
+}
+
+fn link_text(id: LinkId) -> String {
+    format!("{:x}.{}", id.epoch, id.serial)
 }
 
 /// The messages that the ends of all links, with the names of their processes, do not account for,

@@ -8,7 +8,7 @@ use std::{
 };
 
 use nix::sys::signal::Signal;
-use sm2_tests::{TIMEOUT, process::Exit};
+use sm2_tests::TIMEOUT;
 
 use crate::{
     child::{Broken, Child},
@@ -62,8 +62,8 @@ impl Managers {
 
     /// Makes the Manager that serves hand over to its standby.
     pub(crate) fn hand_over(&mut self) {
-        self.active.resume();
-        self.standby.resume();
+        self.active.relieve();
+        self.standby.relieve();
         self.active.process().signal(Signal::SIGUSR2);
         self.changing = now(Change::TakeOver);
     }
@@ -109,13 +109,7 @@ impl Managers {
     /// Ends both in order.
     pub(crate) fn end(self, report: &mut Report) {
         for mut manager in [self.standby, self.active] {
-            manager.resume();
-            manager.process().signal(Signal::SIGTERM);
-            let exit = manager.process().wait();
-            if exit != Exit::Status(0) {
-                let log = manager.process().stderr();
-                report.error(&format!("a Manager ended with {exit:?}: {log}"));
-            }
+            manager.end(report);
         }
     }
 }

@@ -4,6 +4,8 @@
 #[derive(Debug, Default)]
 pub(crate) struct Tally {
     pub(crate) checked: u64,
+    /// Of these: messages and replies that came through the gateways.
+    pub(crate) remote: u64,
     pub(crate) damaged: u64,
     pub(crate) unaccounted: u64,
     pub(crate) errors: u64,
@@ -32,11 +34,12 @@ impl Tally {
     pub(crate) fn print(&self) {
         let Self {
             checked,
+            remote,
             damaged,
             unaccounted,
             errors,
         } = self;
-        println!("tally {checked} {damaged} {unaccounted} {errors}");
+        println!("tally {checked} {remote} {damaged} {unaccounted} {errors}");
     }
 
     /// The tally of a line behind `tally`.
@@ -45,6 +48,7 @@ impl Tally {
         let mut next = || numbers.next()?.ok();
         Some(Self {
             checked: next()?,
+            remote: next()?,
             damaged: next()?,
             unaccounted: next()?,
             errors: next()?,

@@ -7,7 +7,7 @@ use sm2_tests::random::Random;
 
 use super::{
     subscriber::Numbers,
-    work::{Work, connect},
+    work::{Work, connect, patient},
 };
 use crate::{message, tally::Tally};
 
@@ -50,28 +50,26 @@ impl Churn {
         }
     }
 
-    fn join(&mut self, tally: &mut Tally) {
+    fn join(&mut self) {
         self.count += 1;
         let name = format!("{}/{}", self.name, self.count);
-        match Member::new(&name, &self.socket, self.random.within(1..LIFE_MS)) {
-            Ok(member) => self.members.push(member),
-            Err(reason) => tally.error(&format!("{name}: {reason}")),
-        }
+        let life_ms = self.random.within(1..LIFE_MS);
+        self.members.push(Member::new(&name, &self.socket, life_ms));
     }
 }
 
 impl Member {
-    fn new(name: &str, socket: &str, life_ms: u64) -> Result<Self, Box<dyn std::error::Error>> {
-        let node = connect(name, socket)?;
-        Ok(Self {
-            publisher: node.publisher("churn")?,
-            subscriber: node.subscriber("churn")?,
+    fn new(name: &str, socket: &str, life_ms: u64) -> Self {
+        let node = connect(name, socket);
+        Self {
+            publisher: patient("publisher", || node.publisher("churn")),
+            subscriber: patient("subscriber", || node.subscriber("churn")),
             _node: node,
             numbers: Numbers::default(),
             instance: message::new_instance(),
             number: 0,
             end: Instant::now() + Duration::from_millis(life_ms),
-        })
+        }
     }
 
     fn turn(&mut self, tally: &mut Tally) {
@@ -91,7 +89,7 @@ impl Work for Churn {
         if self.resting {
             self.members.clear();
         } else if self.members.len() < MEMBERS {
-            self.join(tally);
+            self.join();
         }
         for member in &mut self.members {
             member.turn(tally);

@@ -13,7 +13,8 @@ use super::{
 use crate::tally::Tally;
 
 pub(super) struct Late {
-    declare: Box<dyn Fn() -> Subscriber<[u8]>>,
+    node: Node,
+    options: Options,
     subscriber: Option<Subscriber<[u8]>>,
     /// The number of messages that the publisher keeps.
     latched: u64,
@@ -25,12 +26,11 @@ pub(super) struct Late {
 
 impl Late {
     pub(super) fn new(node: &Node, options: &Options) -> Self {
-        let (node, options) = (node.clone(), options.clone());
-        let latched = options.get("--latched").expect("--latched");
         Self {
-            declare: Box::new(move || subscriber(&node, &options)),
+            node: node.clone(),
+            options: options.clone(),
             subscriber: None,
-            latched,
+            latched: options.get("--latched").expect("--latched"),
             since: Instant::now(),
             got: Vec::new(),
             resting: false,
@@ -56,12 +56,12 @@ impl Work for Late {
                 std::thread::sleep(Duration::from_millis(5));
                 return;
             }
-            self.subscriber = Some((self.declare)());
+            self.subscriber = Some(subscriber(&self.node, &self.options));
             self.since = Instant::now();
         }
         let subscriber = self.subscriber.as_ref().expect("declared above");
         if let Ok(Some(sample)) = subscriber.recv_timeout(Duration::from_millis(5)) {
-            let number = Numbers::default().check(&sample, tally);
+            let number = Numbers::new(&self.options).check(&sample, tally);
             self.got.extend(number.map(|(_, number)| number));
         }
         // A node that was stopped does not find its time over before it looked for messages.

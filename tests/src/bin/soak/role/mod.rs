@@ -24,7 +24,7 @@ use std::{
 };
 
 use sm2_node::{Node, diagnostics::LinkStatus};
-use sm2_tests::{input::Input, options::Options};
+use sm2_tests::{TIMEOUT, input::Input, options::Options};
 
 use self::work::{Work, connect};
 use crate::{
@@ -40,7 +40,7 @@ pub(crate) fn run(role: &str, options: &Options) -> ExitCode {
     let mut input = Input::new();
     let name: String = options.get("--name").expect("--name");
     let socket: String = options.get("--socket").expect("--socket");
-    let node = connect(&name, &socket).expect("a session");
+    let node = connect(&name, &socket);
     println!("connected");
     if !options.get_or("--go", false) {
         while !lines(&mut input).iter().any(|it| it == "go") {
@@ -57,13 +57,15 @@ pub(crate) fn run(role: &str, options: &Options) -> ExitCode {
         other => panic!("no role {other:?}"),
     });
     let mut tally = Tally::default();
-    let (mut due, mut resting) = (Instant::now(), false);
+    let mut due = Instant::now();
+    // The moment by which everything should be settled.
+    let mut resting: Option<Instant> = None;
     loop {
         for line in lines(&mut input) {
             match (line.as_str(), &mut work) {
                 ("go" | "rest", Some(work)) => {
-                    resting = line == "rest";
-                    work.set_resting(resting);
+                    resting = (line == "rest").then(|| Instant::now() + TIMEOUT / 2);
+                    work.set_resting(resting.is_some());
                 }
                 ("links", Some(work)) => println!("links {}", ends(&work.links())),
                 ("close", work) => {
@@ -78,9 +80,16 @@ pub(crate) fn run(role: &str, options: &Options) -> ExitCode {
             continue;
         };
         work.turn(&mut tally);
-        if resting && work.is_settled() {
-            resting = false;
-            println!("resting");
+        if let Some(late) = resting {
+            if work.is_settled() {
+                resting = None;
+                println!("resting");
+            } else if late < Instant::now() {
+                resting = Some(late + TIMEOUT);
+                let unsettled = work.links().into_iter();
+                let unsettled = unsettled.filter(|it| it.end.is_none());
+                unsettled.for_each(|it| println!("wrong not settled: {it:?}"));
+            }
         }
         if due <= Instant::now() {
             due = Instant::now() + TALLY;

@@ -3,9 +3,9 @@
 use std::time::{Duration, Instant};
 
 use sm2_node::{Node, PublishError, Publisher, StoreError, diagnostics::LinkStatus};
-use sm2_tests::{TIMEOUT, options::Options, random::Random};
+use sm2_tests::{options::Options, random::Random};
 
-use super::work::{Work, random_len};
+use super::work::{Work, patient, random_len};
 use crate::{
     message::{self, HEADER_BYTES},
     tally::Tally,
@@ -37,14 +37,15 @@ impl Publishing {
         let topic: String = options.get("--topic").expect("--topic");
         let latched = options.get_or("--latched", 0);
         let rate: u32 = options.get_or("--rate", 1);
-        let publisher = node.publisher_builder::<[u8]>(&topic);
-        let publisher = publisher
-            .depth(options.get_or("--depth", 16))
-            .latched(latched)
-            .reliable(true)
-            .publish_timeout(PATIENCE)
-            .declare()
-            .expect("a publisher");
+        let publisher = patient("publisher", || {
+            let publisher = node.publisher_builder::<[u8]>(&topic);
+            publisher
+                .depth(options.get_or("--depth", 16))
+                .latched(latched)
+                .reliable(true)
+                .publish_timeout(PATIENCE)
+                .declare()
+        });
         let most = options.get_or("--most", 1_000);
         let instance = message::new_instance();
         Self {
@@ -93,9 +94,12 @@ impl Publishing {
 
 impl Work for Publishing {
     fn turn(&mut self, tally: &mut Tally) {
-        let wait = self.due.saturating_duration_since(Instant::now());
-        let wait = wait.min(Duration::from_millis(5));
-        if !wait.is_zero() || (self.resting && self.complete) {
+        let idle = Duration::from_millis(5);
+        let wait = match self.resting && self.complete {
+            true => idle,
+            false => self.due.saturating_duration_since(Instant::now()).min(idle),
+        };
+        if !wait.is_zero() {
             let driven = self.node.spin_once_timeout(wait);
             driven.expect("the node's own wait");
             return;
@@ -119,7 +123,7 @@ impl Work for Publishing {
     }
 
     fn is_settled(&mut self) -> bool {
-        self.complete && matches!(self.publisher.flush_timeout(TIMEOUT), Ok(true))
+        self.complete && matches!(self.publisher.flush_timeout(PATIENCE), Ok(true))
     }
 
     fn links(&self) -> Vec<LinkStatus> {

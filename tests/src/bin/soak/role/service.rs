@@ -2,10 +2,10 @@
 
 use std::time::Duration;
 
-use sm2_node::{Call, CallError, Client, Node, Server, diagnostics::LinkStatus};
+use sm2_node::{Call, CallError, Client, Node, RecvError, Server, diagnostics::LinkStatus};
 use sm2_tests::{TIMEOUT, options::Options, random::Random};
 
-use super::work::{Work, random_len};
+use super::work::{Work, patient, random_len};
 use crate::{
     message::{self, HEADER_BYTES},
     tally::Tally,
@@ -13,15 +13,17 @@ use crate::{
 
 /// The number of calls that a client has in flight.
 const CALLS: usize = 4;
-/// The length of the longest request: several segments of memory have slots for it.
+/// The default length of the longest request: several segments of memory have slots for it.
 const MOST: usize = 70_000;
+/// The timeout of a call of the other domain.
+const REMOTE_TIMEOUT: Duration = Duration::from_secs(10);
 
 pub(super) struct Serving(Server<[u8], [u8]>);
 
 impl Serving {
     pub(super) fn new(node: &Node, options: &Options) -> Self {
         let service: String = options.get("--topic").expect("--topic");
-        Self(node.server::<[u8], [u8]>(&service).expect("a server"))
+        Self(patient("server", || node.server(&service)))
     }
 }
 
@@ -37,7 +39,8 @@ impl Work for Serving {
                 // A client that died needs no reply.
                 let _ = request.reply(&reply);
             }
-            Ok(None) => {}
+            // A process without descriptors or memory loses a link, and its client the calls.
+            Ok(None) | Err(RecvError::Map { .. }) => {}
             Err(error) => tally.error(&error.to_string()),
         }
     }
@@ -59,6 +62,10 @@ pub(super) struct Calling {
     instance: u64,
     number: u64,
     random: Random,
+    /// The range of lengths, in bytes.
+    lengths: (usize, usize),
+    /// Whether the servers are in the other domain.
+    is_remote: bool,
     resting: bool,
 }
 
@@ -67,7 +74,12 @@ impl Calling {
         let service: String = options.get("--topic").expect("--topic");
         let instance = message::new_instance();
         Self {
-            client: node.client(&service).expect("a client"),
+            client: patient("client", || node.client(&service)),
+            lengths: (
+                options.get_or("--least", HEADER_BYTES),
+                options.get_or("--most", MOST),
+            ),
+            is_remote: options.get_or("--remote", false),
             calls: Vec::new(),
             instance,
             number: 0,
@@ -78,38 +90,48 @@ impl Calling {
 
     fn call(&mut self, tally: &mut Tally) {
         self.number += 1;
-        let len = random_len(&mut self.random, HEADER_BYTES, MOST);
+        let (least, most) = self.lengths;
+        let len = random_len(&mut self.random, least, most);
         let mut request = vec![0; len];
         message::fill(&mut request, self.instance, self.number);
-        match self.client.send_timeout(&request, TIMEOUT) {
+        let timeout = if self.is_remote {
+            REMOTE_TIMEOUT
+        } else {
+            TIMEOUT
+        };
+        match self.client.send_timeout(&request, timeout) {
             Ok(call) => self.calls.push((request, call)),
-            Err(error) => judge(&error, tally),
+            Err(error) => judge(&error, self.is_remote, tally),
         }
     }
 
     /// Takes the replies that have arrived. Each call ends once: with its reply, or with its server.
     fn take(&mut self, tally: &mut Tally) {
+        let is_remote = self.is_remote;
         self.calls
             .retain_mut(|(request, call)| match call.try_wait() {
                 Ok(None) => true,
                 Ok(Some(reply)) => {
                     tally.checked += 1;
+                    tally.remote += u64::from(is_remote);
                     if *reply != **request {
                         tally.damaged(&format!("a reply of {}", reply.server()));
                     }
                     false
                 }
                 Err(error) => {
-                    judge(&error, tally);
+                    judge(&error, is_remote, tally);
                     false
                 }
             });
     }
 }
 
-/// The death of a server, and a lack of memory or descriptors, are no faults.
-fn judge(error: &CallError, tally: &mut Tally) {
+/// The death of a server, and a lack of memory or descriptors, are no faults. A gateway that has lost its peer
+/// reports that as a failure, and the bad link may be too slow.
+fn judge(error: &CallError, is_remote: bool, tally: &mut Tally) {
     match error {
+        CallError::Failed { .. } | CallError::DeadlineExceeded { .. } if is_remote => {}
         CallError::ServerGone { .. }
         | CallError::NoServer { .. }
         | CallError::Store(_)

@@ -5,7 +5,7 @@ use std::{collections::HashMap, time::Duration};
 use sm2_node::{Node, RecvError, Sample, Subscriber, diagnostics::LinkStatus};
 use sm2_tests::options::Options;
 
-use super::work::Work;
+use super::work::{Work, patient};
 use crate::{message, tally::Tally};
 
 pub(super) struct Subscribing {
@@ -17,20 +17,22 @@ impl Subscribing {
     pub(super) fn new(node: &Node, options: &Options) -> Self {
         Self {
             subscriber: subscriber(node, options),
-            numbers: Numbers::default(),
+            numbers: Numbers::new(options),
         }
     }
 }
 
 pub(super) fn subscriber(node: &Node, options: &Options) -> Subscriber<[u8]> {
     let topic: String = options.get("--topic").expect("--topic");
-    let subscriber = node.subscriber_builder::<[u8]>(&topic);
-    let subscriber = subscriber
-        .depth(options.get_or("--depth", 16))
-        .max_borrowed(options.get_or("--borrow", 2))
-        .reliable(options.get_or("--reliable", false))
-        .sealed(options.get_or("--sealed", false));
-    subscriber.declare().expect("a subscriber")
+    patient("subscriber", || {
+        let subscriber = node.subscriber_builder::<[u8]>(&topic);
+        subscriber
+            .depth(options.get_or("--depth", 16))
+            .max_borrowed(options.get_or("--borrow", 2))
+            .reliable(options.get_or("--reliable", false))
+            .sealed(options.get_or("--sealed", false))
+            .declare()
+    })
 }
 
 impl Work for Subscribing {
@@ -56,15 +58,27 @@ impl Work for Subscribing {
     }
 }
 
-/// The last message of each publisher: its instance and its number.
+/// The number of the last message of each publisher and instance: gateways publish for several of them.
 #[derive(Default)]
-pub(super) struct Numbers(HashMap<String, (u64, u64)>);
+pub(super) struct Numbers {
+    last: HashMap<(String, u64), u64>,
+    /// Whether the messages come through gateways: these number messages anew.
+    is_remote: bool,
+}
 
 impl Numbers {
+    pub(super) fn new(options: &Options) -> Self {
+        Self {
+            last: HashMap::new(),
+            is_remote: options.get_or("--remote", false),
+        }
+    }
+
     /// Checks every byte of a message, and that it is newer than the message before. Returns its
     /// publisher's instance and its number if it is intact.
     pub(super) fn check(&mut self, sample: &Sample<[u8]>, tally: &mut Tally) -> Option<(u64, u64)> {
         tally.checked += 1;
+        tally.remote += u64::from(self.is_remote);
         let publisher = sample.publisher().as_str();
         let sequence = sample.sequence();
         let of = || format!("message {sequence} of {publisher}, {} bytes", sample.len());
@@ -72,14 +86,11 @@ impl Numbers {
             tally.damaged(&of());
             return None;
         };
-        if number != sequence {
+        if number != sequence && !self.is_remote {
             tally.damaged(&format!("{} has number {number}", of()));
         }
-        let last = self.0.insert(publisher.to_owned(), (instance, number));
-        if let Some((before, last)) = last
-            && before == instance
-            && number <= last
-        {
+        let last = self.last.insert((publisher.to_owned(), instance), number);
+        if let Some(last) = last.filter(|last| number <= *last) {
             tally.unaccounted(1, &format!("{} after number {last}", of()));
         }
         Some((instance, number))

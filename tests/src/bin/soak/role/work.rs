@@ -1,11 +1,12 @@
 //! The parts that all roles share.
 
 use std::{
+    error::Error,
     thread,
     time::{Duration, Instant},
 };
 
-use sm2_node::{ConnectError, Node, diagnostics::LinkStatus};
+use sm2_node::{Node, diagnostics::LinkStatus};
 use sm2_tests::{TIMEOUT, random::Random};
 
 use crate::tally::Tally;
@@ -26,18 +27,22 @@ pub(super) trait Work {
 }
 
 /// Connects. Managers die at any moment, and the name of a node that died may still be taken.
-pub(super) fn connect(name: &str, socket: &str) -> Result<Node, ConnectError> {
+pub(super) fn connect(name: &str, socket: &str) -> Node {
+    patient("a session", || {
+        let builder = Node::builder(name).socket(socket);
+        let builder = builder.manager_timeout(TIMEOUT);
+        builder.startup_timeout(TIMEOUT).connect()
+    })
+}
+
+/// Tries until it succeeds: this process may be short of descriptors or memory for a while.
+pub(super) fn patient<T, E: Error>(what: &str, mut attempt: impl FnMut() -> Result<T, E>) -> T {
     let start = Instant::now();
     loop {
-        let builder = Node::builder(name).socket(socket);
-        let builder = builder.manager_timeout(TIMEOUT).startup_timeout(TIMEOUT);
-        match builder.connect() {
-            Err(ConnectError::NameTaken { .. } | ConnectError::Ended(_))
-                if start.elapsed() < TIMEOUT =>
-            {
-                thread::sleep(Duration::from_millis(20));
-            }
-            result => return result,
+        match attempt() {
+            Ok(done) => return done,
+            Err(error) if start.elapsed() > TIMEOUT => panic!("no {what}: {error}"),
+            Err(_) => thread::sleep(Duration::from_millis(20)),
         }
     }
 }
