@@ -22,7 +22,7 @@ pub(crate) struct Attack {
     means: Means,
 }
 
-/// Who attacks.
+/// The means of an attack.
 enum Means {
     /// This many processes in a role of `hostile`, which then go on or, if they are stopped, are stopped when
     /// they are linked.

@@ -6,9 +6,9 @@ use sm2_tests::random::Random;
 
 use crate::{
     child::Child,
-    director::World,
     report::Report,
     shortage::{Kind, Shortage},
+    world::World,
 };
 
 /// The pauses between two disturbances, in milliseconds.

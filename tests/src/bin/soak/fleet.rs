@@ -20,7 +20,7 @@ const IMAGE: &str = "--least 1000000 --most 1000000 --depth 2 --rate 10";
 const LATCHED: &str = "--latched 4 --rate 50";
 /// The topic of gateways that nobody subscribes to at a rest.
 const LATE: &str = "away/site";
-/// What comes through the gateways.
+/// The messages come through the gateways.
 const REMOTE: &str = "--remote true";
 /// All requests need segments of the same size.
 const OFFICE: &str = "--remote true --least 5000 --most 5000";

@@ -27,7 +27,7 @@ pub(crate) struct Gateway {
     side: Side,
     config: PathBuf,
     pub(crate) child: Child,
-    /// What this process held at an earlier rest.
+    /// The resources that this process held at an earlier rest.
     pub(crate) held: Option<Holds>,
     /// When to start it again.
     restart_at: Option<Instant>,

@@ -34,6 +34,7 @@ mod rest;
 mod role;
 mod shortage;
 mod tally;
+mod world;
 
 use std::{
     process::ExitCode,

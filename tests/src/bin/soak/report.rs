@@ -88,7 +88,8 @@ impl Report {
             errors,
         } = self.tally;
         println!(
-            "{:>5} s  {checked} checked ({remote} remote), {damaged} damaged, {unaccounted} unaccounted, {errors} errors; \
+            "{:>5} s  {checked} checked ({remote} remote), {damaged} damaged, {unaccounted} unaccounted, \
+             {errors} errors; \
              {} kills, {} take-overs, {} stops, {} faults, {} rests",
             self.start.elapsed().as_secs(),
             self.kills,

@@ -9,11 +9,11 @@ use sm2_tests::{TIMEOUT, census::Census};
 
 use crate::{
     child::{Broken, Child, Holds},
-    director::World,
     fleet::Witness,
     ledger::{self, End, GATEWAY_SERVICE},
     managers::Managers,
     report::Report,
+    world::World,
 };
 
 /// How long accounts and resources may take to agree.
@@ -25,7 +25,7 @@ const PAUSE: Duration = Duration::from_millis(100);
 
 /// The kinds of descriptors of memory for messages.
 const MEMORY: [&str; 2] = ["memfd:sm2-segment", "memfd:sm2-message"];
-/// What a process may hold at a rest beyond its baseline.
+/// The resources that a process may hold at a rest beyond its baseline.
 #[derive(Clone, Copy)]
 struct Slack {
     /// Memory for messages, in segments: publishers keep segments that they needed lately, for three sizes of

@@ -11,7 +11,7 @@ const HEADROOM_BYTES: u64 = 1 << 20;
 /// With a shortage of descriptors, a process can still open fewer than this many.
 const FEW: u64 = 4;
 
-/// What a process is short of.
+/// The resource that a process is short of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     Descriptors,
