@@ -291,7 +291,7 @@ impl Vector {
 fn transmitted(node: &mut Node) -> Vec<Vec<u8>> {
     let outputs = std::iter::from_fn(|| node.poll());
     let sent = outputs.filter_map(|output| match output {
-        node::Output::Transmit(bytes) => Some(bytes),
+        node::Output::Transmit(bytes) | node::Output::TransmitCounters(bytes) => Some(bytes),
         _ => None,
     });
     sent.collect()
@@ -299,7 +299,12 @@ fn transmitted(node: &mut Node) -> Vec<Vec<u8>> {
 
 /// Makes a node send a frame.
 fn act(node: &mut Node, bytes: &[u8]) {
-    let input = match decode_to_manager(&Datagram::new(bytes)).expect("a node sends it") {
+    let has_file = matches!(bytes.first(), Some(9));
+    let datagram = Datagram {
+        fds: &[COUNTERS][..usize::from(has_file)],
+        ..Datagram::new(bytes)
+    };
+    let input = match decode_to_manager(&datagram).expect("a node sends it") {
         ToManager::Declare { contract, .. } => {
             node.declare(contract).expect("legal");
             return;
@@ -368,7 +373,7 @@ fn every_frame_variant_and_control_violation_has_a_vector() {
         }
         violations.extend(vector.violation.as_deref());
     }
-    assert_eq!(kinds.len(), 13 + 13);
+    assert_eq!(kinds.len(), 14 + 14);
     for variant in [
         "publisher",
         "subscriber",

@@ -117,6 +117,42 @@ fn counters_that_the_manager_could_not_receive_may_come_again() {
     assert_eq!(bench.datagram(node, lost(&query)), [hung_up]);
 }
 
+/// The Manager asks again for counters whose file it lost, after a second.
+//= SM2-CNT-008 test
+#[test]
+fn lost_counters_are_asked_for_again() {
+    let mut bench = Bench::new(UNLIMITED);
+    let (node, gone) = (bench.node(1, "a"), bench.node(1, "b"));
+    let frame = encode_to_manager(&ToManager::Counters);
+    let asks = Event::Sent(node, ToNode::CountersLost);
+    for _ in 0..2 {
+        assert_eq!(bench.datagram(node, lost(&frame)), []);
+        assert_eq!(bench.datagram(gone, lost(&frame)), []);
+        let at = bench.manager.deadline().expect("it asks later");
+        assert_eq!(at.0 - bench.now.0, 1_000 * MILLI);
+        assert_eq!(bench.input(Input::Tick), [], "not yet");
+        bench.now = at;
+        let asked = bench.input(Input::Tick);
+        assert_eq!(
+            asked,
+            [asks.clone(), Event::Sent(gone, ToNode::CountersLost)]
+        );
+        assert_eq!(bench.manager.deadline(), None, "once each");
+    }
+    // Nobody is asked who has gone, or whose counters have come.
+    for session in [node, gone] {
+        bench.datagram(session, lost(&frame));
+    }
+    bench.close(gone);
+    let whole = Datagram {
+        fds: &[FILE],
+        ..Datagram::new(&frame)
+    };
+    assert_eq!(bench.datagram(node, whole), [Event::CountersKept(node)]);
+    bench.now = bench.now.after(std::time::Duration::from_secs(2));
+    assert_eq!(bench.input(Input::Tick), []);
+}
+
 /// Two linked nodes.
 fn linked() -> (Bench, NodeId, NodeId, LinkId) {
     let mut bench = Bench::new(UNLIMITED);

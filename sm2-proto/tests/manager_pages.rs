@@ -60,6 +60,7 @@ fn domain() -> (Bench, Vec<Item>) {
             uid: 1000,
             pid: 100 + i32::try_from(node.0).expect("small"),
             resuming: false,
+            max_links: None,
         });
         for interface in 1..=INTERFACES {
             let contract = contract(interface);
@@ -102,6 +103,7 @@ fn others(bench: &mut Bench, items: &mut Vec<Item>) {
         uid: 1000,
         pid: 100 + i32::try_from(node.0).expect("small"),
         resuming,
+        max_links: None,
     };
     let interface = |node: NodeId, interface, contract: &Contract| Item::Interface {
         entity: at(node.0, interface),

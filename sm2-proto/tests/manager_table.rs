@@ -27,10 +27,10 @@ const TABLE: &str = "
     Resuming  ok                ok
     Ready     unexpected-claim  unexpected-claim
 
-    -         Watch           Counters        Inspect         Schema          Describe
-    Greeting  expected-hello  expected-hello  expected-hello  expected-hello  expected-hello
-    Resuming  ok              ok              ok              ok              ok
-    Ready     ok              ok              ok              ok              ok
+    -         Watch           Counters        Inspect         Schema          Describe        MaxLinks
+    Greeting  expected-hello  expected-hello  expected-hello  expected-hello  expected-hello  expected-hello
+    Resuming  ok              ok              ok              ok              ok              ok
+    Ready     ok              ok              ok              ok              ok              ok
 ";
 
 /// The tables side by side.
@@ -155,6 +155,7 @@ fn frame(kind: ToManagerKind, link: Option<LinkId>) -> ToManager {
             text: BYTE.to_owned(),
         }),
         ToManagerKind::Describe => ToManager::Describe { data: data("Scan") },
+        ToManagerKind::MaxLinks => ToManager::MaxLinks { max_links: 0 },
     }
 }
 
@@ -256,7 +257,7 @@ fn breaches(link: LinkId) -> Vec<(Violation, Vec<u8>, usize)> {
         .collect();
     breaches.extend([
         (violation!(FrameTooLong, "SM2-TRN-004"), vec![0; 65_537], 0),
-        (violation!(UnknownFrame, "SM2-FRM-001"), vec![13], 0),
+        (violation!(UnknownFrame, "SM2-FRM-001"), vec![14], 0),
         (violation!(Malformed, "SM2-FRM-001"), vec![2], 0),
         (violation!(TrailingBytes, "SM2-FRM-001"), vec![2, 7, 0], 0),
         (violation!(NotCanonical, "SM2-FRM-002"), vec![2, 0x87, 0], 0),
@@ -414,7 +415,7 @@ fn a_violation_before_the_greeting_leaves_no_trace() {
 #[test]
 fn an_ended_session_is_not_answered() {
     let mut scene = scene(Phase::Ready);
-    offend(&mut scene, &[13], 0);
+    offend(&mut scene, &[14], 0);
     let before = scene.bench.manager.clone();
     for kind in TO_MANAGER_KINDS {
         assert_eq!(send(&mut scene, kind), [], "{kind:?}");
@@ -461,7 +462,7 @@ fn what_the_kernel_truncated_is_a_violation() {
     let datagram = Datagram {
         data_truncated: true,
         control_truncated: true,
-        ..Datagram::new(&[13])
+        ..Datagram::new(&[14])
     };
     let mut scene = scene(Phase::Greeting);
     let events = scene.bench.datagram(scene.offender, datagram);

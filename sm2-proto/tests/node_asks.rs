@@ -3,14 +3,17 @@
 mod support;
 
 use sm2_proto::{
-    Machine, NodeId, TypeId,
+    Code, Machine, NodeId, TypeId,
     control::{Changes, SchemaText, ToManager, ToNode},
-    node::{Input, Misuse, Output},
+    node::{Input, Misuse, Node, Output},
     violation,
 };
 use support::{
-    contracts::data,
-    session::{NOW, changes, come_back, drain, page, ready, receive, schema, sent, violation},
+    contracts::{data, name},
+    session::{
+        LATER, NOW, changes, come_back, contract, declared, drain, page, ready, receive, schema,
+        sent, violation, welcome, welcome_in,
+    },
 };
 
 //= SM2-IFC-007 test
@@ -59,6 +62,52 @@ fn counters_go_out_once_per_session() {
     assert_eq!(twice, Err(Misuse::CountersTwice.into()));
     come_back(&mut node);
     assert_eq!(node.handle(NOW, Input::Counters), Ok(()));
+}
+
+//= SM2-CNT-008 test
+#[test]
+fn counters_that_were_lost_go_out_again() {
+    let mut node = ready();
+    let early = violation(&mut node.clone(), &ToNode::CountersLost);
+    assert_eq!(early, violation!(UnexpectedCounters, "SM2-CNT-008"));
+    node.handle(NOW, Input::Counters).expect("ready");
+    let first = drain(&mut node);
+    for _ in 0..2 {
+        assert_eq!(receive(&mut node, &ToNode::CountersLost), Ok(first.clone()));
+    }
+    come_back(&mut node);
+    let early = violation(&mut node, &ToNode::CountersLost);
+    assert_eq!(early, violation!(UnexpectedCounters, "SM2-CNT-008"));
+}
+
+/// The Manager learns it before it can make a link. The next Manager learns it as well.
+//= SM2-LNK-010 test
+#[test]
+fn every_manager_learns_how_many_links_a_node_can_have() {
+    let frame = |max_links| ToManager::MaxLinks { max_links };
+    let mut node = Node::new(name("lidar"));
+    let hello = sent(&drain(&mut node));
+    assert!(matches!(hello[..], [ToManager::Hello { .. }]), "{hello:?}");
+    node.handle(NOW, Input::MaxLinks(7)).expect("legal");
+    assert_eq!(drain(&mut node), [], "not before WELCOME");
+    let welcomed = receive(&mut node, &welcome()).expect("legal");
+    assert_eq!(sent(&welcomed), [frame(7)]);
+    node.declare(contract()).expect("ready");
+    drain(&mut node);
+    receive(&mut node, &declared(1)).expect("legal");
+    node.handle(NOW, Input::MaxLinks(9)).expect("legal");
+    assert_eq!(sent(&drain(&mut node)), [frame(9)]);
+    node.handle(NOW, Input::Eof).expect("legal");
+    node.handle(NOW, Input::MaxLinks(8)).expect("away");
+    node.handle(NOW, Input::Reconnected).expect("away");
+    drain(&mut node);
+    let back = sent(&receive(&mut node, &welcome_in(LATER)).expect("legal"));
+    assert!(
+        matches!(&back[..], [first, ToManager::Declare { .. }] if *first == frame(8)),
+        "{back:?}"
+    );
+    node.handle(NOW, Input::Close(Code(0))).expect("legal");
+    assert!(node.handle(NOW, Input::MaxLinks(1)).is_err());
 }
 
 //= SM2-CNT-002 test

@@ -36,15 +36,15 @@ const SESSION: &str = "
     resuming  unknown-link      ok                ok                ok                ok
     ended     ended             ended             ended             ended             ended
 
-    -         NotInspected      Described         Goodbye  Eof
-    greeting  expected-welcome  expected-welcome  away     away
-    refused   expected-welcome  expected-welcome  away     away
-    ready     ok                ok                away     away
-    away      away              away              away     away
-    back      expected-welcome  expected-welcome  away     away
-    denied    expected-welcome  expected-welcome  away     away
-    resuming  ok                ok                away     away
-    ended     ended             ended             ended    ended
+    -         NotInspected      Described         CountersLost      Goodbye  Eof
+    greeting  expected-welcome  expected-welcome  expected-welcome  away     away
+    refused   expected-welcome  expected-welcome  expected-welcome  away     away
+    ready     ok                ok                ok                away     away
+    away      away              away              away              away     away
+    back      expected-welcome  expected-welcome  expected-welcome  away     away
+    denied    expected-welcome  expected-welcome  expected-welcome  away     away
+    resuming  ok                ok                ok                away     away
+    ended     ended             ended             ended             ended    ended
 ";
 
 /// *Own* names a link that the interface has, *Other* one that it does not have.
@@ -156,6 +156,12 @@ fn every_state_of_the_session_and_frame() {
             "Inspected" => receive(&mut node, &ToNode::Inspected { node: NodeId(4) }),
             "NotInspected" => receive(&mut node, &ToNode::NotInspected { node: NodeId(4) }),
             "Described" => receive(&mut node, &described()),
+            "CountersLost" => {
+                // Only a node that was welcomed can have sent them.
+                let _ = node.handle(NOW, Input::Counters);
+                drain(&mut node);
+                receive(&mut node, &ToNode::CountersLost)
+            }
             "Goodbye" => receive(&mut node, &ToNode::Goodbye { code: Code(3) }),
             "Eof" => node.handle(NOW, Input::Eof).map(|()| drain(&mut node)),
             other => panic!("{other} is no frame"),

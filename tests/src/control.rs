@@ -175,6 +175,9 @@ pub fn counters() -> Vec<u8> {
     frame(9).bytes()
 }
 
+/// The number of MAX_LINKS, which nodes send at any time.
+pub const MAX_LINKS: u8 = 13;
+
 /// INSPECT.
 #[must_use]
 pub fn inspect(node: u64) -> Vec<u8> {

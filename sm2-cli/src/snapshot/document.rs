@@ -29,7 +29,7 @@ pub(super) struct Document {
     /// Includes refused interfaces.
     interfaces: Vec<Interface>,
     links: Vec<CountedLink>,
-    /// Claims, and pairs that match and are not linked.
+    /// Links that wait for room, claims, and pairs that match and are not linked.
     open: Vec<NamedItem>,
     quotas: Vec<Quota>,
     /// The names of nodes that keep no counters.
@@ -97,9 +97,9 @@ impl Document {
                 named if named.belongs_to(itself) => {}
                 NamedItem::Node(node) => document.nodes.push(node),
                 NamedItem::Interface(interface) => document.interfaces.push(interface),
-                named @ (NamedItem::Claim { .. } | NamedItem::Unlinked { .. }) => {
-                    document.open.push(named)
-                }
+                named @ (NamedItem::Waiting { .. }
+                | NamedItem::Claim { .. }
+                | NamedItem::Unlinked { .. }) => document.open.push(named),
                 NamedItem::Domain(_) | NamedItem::Link(_) => {}
             }
         }

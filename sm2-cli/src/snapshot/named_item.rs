@@ -26,6 +26,12 @@ pub(super) enum NamedItem {
         link: String,
         by: String,
     },
+    /// A link that is made as soon as both nodes have room for it.
+    Waiting {
+        link: String,
+        offering: String,
+        demanding: String,
+    },
     /// Two interfaces that match and are not linked.
     Unlinked {
         offering: String,
@@ -55,6 +61,8 @@ pub(super) struct Node {
     pub(super) pid: i32,
     /// Whether the node is still claiming the links that an earlier Manager made.
     pub(super) resuming: bool,
+    /// How many ends of links the node can have at a time, if it stated one.
+    pub(super) max_links: Option<u32>,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -80,12 +88,14 @@ impl NamedItem {
                 uid,
                 pid,
                 resuming,
+                max_links,
             } => Self::Node(Node {
                 id: node.0,
                 name: name.to_string(),
                 uid,
                 pid,
                 resuming,
+                max_links,
             }),
             Item::Interface {
                 entity,
@@ -111,6 +121,15 @@ impl NamedItem {
                 reliable,
                 sealed,
             }),
+            Item::Waiting {
+                link,
+                offering,
+                demanding,
+            } => Self::Waiting {
+                link: link_text(link),
+                offering: view.title(offering),
+                demanding: view.title(demanding),
+            },
             Item::Claim { link, entity } => Self::Claim {
                 link: link_text(link),
                 by: view.title(entity),
@@ -193,6 +212,7 @@ impl fmt::Display for NamedItem {
                 uid,
                 pid,
                 resuming,
+                max_links: _,
             }) => {
                 let state = if *resuming { ", resuming" } else { "" };
                 write!(
@@ -212,6 +232,11 @@ impl fmt::Display for NamedItem {
                 }
             }
             Self::Link(link) => write!(f, "link {link}"),
+            Self::Waiting {
+                link,
+                offering,
+                demanding,
+            } => write!(f, "waiting link {offering} -> {demanding} ({link})"),
             Self::Claim { link, by } => write!(f, "claim of link {link} by {by}"),
             Self::Unlinked {
                 offering,

@@ -88,6 +88,11 @@ pub enum ToManager {
         /// The type.
         data: TypeId,
     },
+    /// The node states how many ends of links it can have at a time (SM2-LNK-010).
+    MaxLinks {
+        /// The number. The newest one counts.
+        max_links: u32,
+    },
 }
 
 /// A frame from the Manager to a node.
@@ -178,6 +183,9 @@ pub enum ToNode {
         /// The text of the type (SPEC Annex A).
         text: Option<String>,
     },
+    /// The Manager had no free descriptor for the file that came with COUNTERS, and may have one
+    /// now: the node sends COUNTERS again.
+    CountersLost,
 }
 
 /// The text of a type.
@@ -226,7 +234,7 @@ pub struct LinkPeer {
 
 impl ToManager {
     /// The number of frame types.
-    pub(super) const COUNT: u32 = 13;
+    pub(super) const COUNT: u32 = 14;
 
     /// The number of descriptors that the frame carries.
     pub(crate) const fn fds(&self) -> usize {
@@ -239,7 +247,7 @@ impl ToManager {
 
 impl ToNode {
     /// The number of frame types.
-    pub(super) const COUNT: u32 = 13;
+    pub(super) const COUNT: u32 = 14;
 
     /// The number of descriptors that the frame carries.
     pub(crate) const fn fds(&self) -> usize {

@@ -25,6 +25,9 @@ pub enum Item {
         pid: i32,
         /// Whether the node is still claiming links of an earlier Manager.
         resuming: bool,
+        /// The number of ends of links that the node can have at a time, if it stated one
+        /// (SM2-LNK-010).
+        max_links: Option<u32>,
     },
     /// An interface.
     Interface {
@@ -72,6 +75,16 @@ pub enum Item {
         demanding: EntityId,
         /// The reason.
         reason: UnlinkedReason,
+    },
+    /// A link that neither node was told of yet, because one of them has no room for it
+    /// (SM2-LNK-007, SM2-LNK-010).
+    Waiting {
+        /// Its number.
+        link: LinkId,
+        /// The publisher or server.
+        offering: EntityId,
+        /// The subscriber or client.
+        demanding: EntityId,
     },
 }
 
@@ -179,7 +192,7 @@ impl Item {
             Self::Interface { entity, .. } | Self::Refusal { entity, .. } => {
                 Key::Member { entity: *entity }
             }
-            Self::Link { link, offering, .. } => Key::Link {
+            Self::Link { link, offering, .. } | Self::Waiting { link, offering, .. } => Key::Link {
                 link: *link,
                 offering: *offering,
             },

@@ -72,6 +72,16 @@ impl fmt::Display for Verdict {
             }
             Finding::Ended { code } => self.write_ended(f, *code),
             Finding::Quota { node, limit } => self.write_quota(f, *node, *limit),
+            Finding::NoRoom {
+                node,
+                used,
+                max_links,
+            } => self.write_no_room(f, *node, [*used, *max_links]),
+            Finding::Waiting { .. } => write!(
+                f,
+                "{one} and {other} match, but one of their nodes has not read all that the Manager sent.\n\
+                 They are linked as soon as it has. If that does not last, its program does not run."
+            ),
             Finding::Descriptors => write!(
                 f,
                 "{one} and {other} match, but the Manager had no descriptors for a link.\n\
@@ -174,6 +184,23 @@ impl Verdict {
             " may not have more than {}.\n\
              Close some and declare again, or have the operator raise --max-links of sm2-manager.",
             Counted::new(limit.into(), "link")
+        )
+    }
+
+    fn write_no_room(
+        &self,
+        f: &mut fmt::Formatter<'_>,
+        node: NodeId,
+        [used, max_links]: [u32; 2],
+    ) -> fmt::Result {
+        let Self { one, other, .. } = self;
+        write!(f, "{one} and {other} match, but node ")?;
+        self.write_nodes(f, &[node])?;
+        write!(
+            f,
+            " has no room for more links: {used} of {max_links}.\n\
+             Raise the limit of open files of its program (ulimit -n), or end some of its links. They \
+             are linked as soon as there is room."
         )
     }
 

@@ -28,7 +28,7 @@ pub struct ProcessUsage {
 pub struct SessionUsage {
     /// Interfaces, of `Limits::interfaces_per_session`.
     pub interfaces: u32,
-    /// Ends of links and claims, of `Limits::links_per_session`.
+    /// Ends of links, of waiting links and claims, of `Limits::links_per_session`.
     pub links: u32,
 }
 
@@ -77,6 +77,10 @@ impl Domain {
         for link in self.links() {
             count(&link.offering.node, |it| &mut it.links);
             count(&link.demanding.node, |it| &mut it.links);
+        }
+        for (_, offering, demanding) in self.waiting_links() {
+            count(&offering.node, |it| &mut it.links);
+            count(&demanding.node, |it| &mut it.links);
         }
         for (_, entity) in self.claims() {
             count(&entity.node, |it| &mut it.links);

@@ -106,6 +106,21 @@ pub enum Finding {
         /// The quota.
         limit: u32,
     },
+    /// They match; a node has no room for more links (SM2-LNK-010).
+    NoRoom {
+        /// The node.
+        node: NodeId,
+        /// The number of ends of links that the node has.
+        used: u32,
+        /// The number of ends of links that the node can have.
+        max_links: u32,
+    },
+    /// They match; their link is made as soon as both nodes have read what was sent to them
+    /// (SM2-LNK-007).
+    Waiting {
+        /// The link's number.
+        link: LinkId,
+    },
     /// They match; the Manager had no descriptors for a link.
     Descriptors,
     /// They match, and no rule prevents a link.
@@ -180,6 +195,8 @@ impl Verdict {
             | Finding::Resuming { .. }
             | Finding::Ended { .. }
             | Finding::Quota { .. }
+            | Finding::NoRoom { .. }
+            | Finding::Waiting { .. }
             | Finding::Descriptors
             | Finding::Due => true,
             Finding::Unknown { .. }

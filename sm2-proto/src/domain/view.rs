@@ -21,6 +21,8 @@ pub struct NodeView<'a> {
     pub pid: i32,
     /// Whether it is still claiming links of an earlier Manager.
     pub resuming: bool,
+    /// The number of ends of links that it can have at a time, if it stated one.
+    pub max_links: Option<u32>,
 }
 
 /// An interface, granted or refused.
@@ -115,6 +117,28 @@ impl Domain {
         self.items().filter_map(as_link)
     }
 
+    /// The links that no node was told of yet, because one of the two nodes has no room: the link,
+    /// the publisher or server, and the subscriber or client.
+    pub fn waiting_links(&self) -> impl Iterator<Item = (LinkId, EntityId, EntityId)> {
+        self.items().filter_map(|item| match *item {
+            Item::Waiting {
+                link,
+                offering,
+                demanding,
+            } => Some((link, offering, demanding)),
+            _ => None,
+        })
+    }
+
+    /// How many ends of links a node has that it knows: those of links, and its claims.
+    #[must_use]
+    pub fn known_ends(&self, node: NodeId) -> u32 {
+        let links = self.links().flat_map(|it| [it.offering, it.demanding]);
+        let claims = self.claims().map(|(_, entity)| entity);
+        let ends = links.chain(claims).filter(|it| it.node == node).count();
+        u32::try_from(ends).unwrap_or(u32::MAX)
+    }
+
     /// The links of one interface. A link that joins it with itself comes once.
     pub fn links_of(&self, entity: EntityId) -> impl Iterator<Item = LinkView> {
         self.links().filter(move |link| link.touches(entity))
@@ -179,12 +203,14 @@ const fn as_node(item: &Item) -> Option<NodeView<'_>> {
             uid,
             pid,
             resuming,
+            max_links,
         } => Some(NodeView {
             node: *node,
             name,
             uid: *uid,
             pid: *pid,
             resuming: *resuming,
+            max_links: *max_links,
         }),
         _ => None,
     }

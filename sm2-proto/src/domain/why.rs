@@ -46,6 +46,9 @@ fn find(domain: &Domain, one: &InterfaceView<'_>, other: &InterfaceView<'_>) -> 
     if let Some(link) = links.find(|it| it.offering == one.entity && it.demanding == other.entity) {
         return linked(domain, link, one, other);
     }
+    if let Some(waiting) = waiting(domain, one.entity, other.entity) {
+        return waiting;
+    }
     let mismatch = match_contracts(one.contract, other.contract).err();
     match mismatch {
         Some(Mismatch::Kind) => return Finding::Kinds,
@@ -72,6 +75,28 @@ fn find(domain: &Domain, one: &InterfaceView<'_>, other: &InterfaceView<'_>) -> 
         (None, Some(_)) => Finding::Reliability,
         (None, None) => obstacle(domain, one.entity, other.entity),
     }
+}
+
+/// The reason why the link of two interfaces waits, if it does.
+//= SM2-LNK-007, SM2-LNK-010
+fn waiting(domain: &Domain, offering: EntityId, demanding: EntityId) -> Option<Finding> {
+    let mut waiting = domain.waiting_links();
+    let (link, ..) = waiting.find(|&(_, one, other)| (one, other) == (offering, demanding))?;
+    let ends = if offering.node == demanding.node {
+        2
+    } else {
+        1
+    };
+    let full = [offering, demanding].into_iter().find_map(|it| {
+        let max_links = domain.node(it.node)?.max_links?;
+        let used = domain.known_ends(it.node);
+        (used.saturating_add(ends) > max_links).then_some(Finding::NoRoom {
+            node: it.node,
+            used,
+            max_links,
+        })
+    });
+    Some(full.unwrap_or(Finding::Waiting { link }))
 }
 
 /// The reason why two interfaces that match are not linked.

@@ -201,7 +201,7 @@ impl<'a> Script<'a> {
     pub(crate) fn item(&mut self) -> Option<Item> {
         let choice = self.byte()?;
         let [reliable, sealed] = [128, 64].map(|bit| choice & bit != 0);
-        Some(match choice % 7 {
+        Some(match choice % 8 {
             0 => Item::Domain {
                 limits: Limits {
                     links_per_session: u32::from(choice),
@@ -215,6 +215,7 @@ impl<'a> Script<'a> {
                 uid: u32::from(sealed),
                 pid: -1,
                 resuming: reliable,
+                max_links: sealed.then_some(u32::from(choice)),
             },
             2 => Item::Interface {
                 entity: self.entity()?,
@@ -236,6 +237,11 @@ impl<'a> Script<'a> {
             5 => Item::Claim {
                 link: self.link()?,
                 entity: self.entity()?,
+            },
+            6 => Item::Waiting {
+                link: self.link()?,
+                offering: self.entity()?,
+                demanding: self.entity()?,
             },
             _ => Item::Unlinked {
                 offering: self.entity()?,

@@ -67,7 +67,7 @@ impl Manager {
     //= SM2-RES-004, SM2-RES-005
     fn adopt(&mut self, link: LinkId, ends: [EntityId; 2], agreed: Agreed) {
         match self.adoptable(ends, agreed) {
-            Some(pair) => self.insert_link(link, pair, agreed, 0),
+            Some(pair) => self.insert_link(link, pair, agreed, false),
             None => {
                 for end in ends {
                     self.begin_unlink(end, link, Farewell::NotAdopted.code());

@@ -309,9 +309,9 @@ impl Manager {
                 ..qos
             },
         };
-        let waits = self.must_wait(one.node, us) || self.must_wait(other.node, them);
+        let waits = self.must_wait(pair);
         let (link, key) = self.links.number();
-        self.insert_link(link, pair, agreed, usize::from(!waits));
+        self.insert_link(link, pair, agreed, !waits);
         if waits {
             self.pending_links.insert(pair, link);
             return None;
@@ -346,14 +346,22 @@ impl Manager {
         Some(Output::Link { link, ends })
     }
 
-    /// Inserts a link that was made or adopted. `frames` LINKs of it are sent to each end at once.
-    pub(super) fn insert_link(&mut self, link: LinkId, pair: Pair, agreed: Agreed, frames: usize) {
+    /// Inserts a link that was made or adopted. `announced`: its LINKs are sent at once.
+    pub(super) fn insert_link(
+        &mut self,
+        link: LinkId,
+        pair: Pair,
+        agreed: Agreed,
+        announced: bool,
+    ) {
         self.links.insert(link, pair, agreed);
         for entity in pair.entities() {
             let node = self.sessions.get_mut(&entity.node);
             if let Some(record) = node.and_then(Session::node_mut) {
                 record.link(entity.interface, link, pair);
-                record.links_in_flight += frames;
+                if announced {
+                    record.announce(entity.interface);
+                }
             }
         }
         self.mark_linked(pair);

@@ -47,12 +47,17 @@ impl Manager {
 
     //= SM2-IFC-003
     pub(super) fn withdraw(&mut self, entity: EntityId) -> Result<(), Violation> {
+        let was_short = self.is_short_of_ends(entity.node);
         let record = self.sessions.get_mut(&entity.node);
         let (who, remains) = record
             .and_then(Session::node_mut)
             .and_then(|it| Some((it.credentials(), it.withdraw(entity.interface)?)))
             .ok_or(violation!(UnknownInterface, "SM2-IFC-003"))?;
         self.users.withdraw(who, 1);
+        //= SM2-LNK-010
+        if was_short {
+            self.pending_links.has_room(entity.node);
+        }
         self.reload.forget_interface(entity);
         self.end_interface(entity, remains, Farewell::Done);
         self.work(entity.node, &mut Budget::new(&self.policy));
@@ -86,6 +91,7 @@ impl Manager {
         code: Code,
     ) -> Result<(), Violation> {
         let EntityId { node, interface } = entity;
+        let was_short = self.is_short_of_ends(node);
         let record = self.sessions.get_mut(&node).and_then(Session::node_mut);
         let record = record.ok_or(violation!(UnknownInterface, "SM2-LNK-003"))?;
         if self.pending_links.contains(node, link) && record.has_link(interface, link) == Some(true)
@@ -95,6 +101,10 @@ impl Manager {
         }
         let farewells = record.farewell(interface, link)?;
         self.reload.confirm(entity, link);
+        //= SM2-LNK-010
+        if was_short {
+            self.pending_links.has_room(node);
+        }
         match farewells {
             Farewells::Second(pair) => {
                 if let Some(pair) = pair.filter(|_| is_shortage(code)) {

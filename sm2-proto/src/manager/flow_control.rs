@@ -1,5 +1,5 @@
 //! Flow control for LINK frames: a node is sent no more than a limit beyond what its socket has
-//! taken (SM2-LNK-007).
+//! taken (SM2-LNK-007), and no more than it has room for (SM2-LNK-010).
 
 use super::{
     Manager,
@@ -8,7 +8,7 @@ use super::{
     node_record::NodeRecord,
     session::Session,
 };
-use crate::{EntityId, LinkId, NodeId};
+use crate::{EntityId, LinkId, NodeId, control::Key};
 
 impl Manager {
     /// Whether the Manager holds back LINKs until a session's socket has taken all that was sent to
@@ -32,24 +32,57 @@ impl Manager {
 
     /// Takes back the two LINKs of a link: the driver did not send them.
     pub(super) fn not_sent(&mut self, pair: Pair) {
-        for EntityId { node, .. } in pair.entities() {
+        for EntityId { node, interface } in pair.entities() {
             let record = self.sessions.get_mut(&node).and_then(Session::node_mut);
             if let Some(record) = record {
-                record.links_in_flight = record.links_in_flight.saturating_sub(1);
+                record.not_announced(interface);
                 self.pending_links.has_room(node);
             }
         }
+    }
+
+    /// MAX_LINKS: links may wait for the room that the node states.
+    //= SM2-LNK-010
+    pub(super) fn set_max_links(&mut self, node: NodeId, max_links: u32) {
+        let record = self.sessions.get_mut(&node).and_then(Session::node_mut);
+        if record.is_some_and(|it| it.set_max_links(max_links)) {
+            self.node_changed(node);
+            self.pending_links.has_room(node);
+        }
+    }
+
+    /// Whether some link of this session may wait for ends of other links to end.
+    pub(super) fn is_short_of_ends(&self, node: NodeId) -> bool {
+        // A link of the session with itself has two ends there.
+        let record = self.sessions.get(&node).and_then(Session::node);
+        record.is_some_and(|it| it.lacks_room_for(2))
+    }
+
+    /// Whether one of the two sessions has no room for a link of this pair.
+    //= SM2-LNK-007, SM2-LNK-010
+    fn lacks_room(&self, pair: Pair) -> bool {
+        pair.nodes().any(|node| {
+            let ends = pair.entities().iter().filter(|it| it.node == node).count();
+            self.holds_back(node, ends)
+        })
+    }
+
+    /// Whether the Manager holds back a link with this many ends at a session.
+    fn holds_back(&self, node: NodeId, ends: usize) -> bool {
+        let record = self.sessions.get(&node).and_then(Session::node);
+        record.is_some_and(|it| self.is_full(it) || it.lacks_room_for(ends))
     }
 
     const fn is_full(&self, record: &NodeRecord) -> bool {
         record.links_in_flight >= self.policy.links_in_flight()
     }
 
-    /// Whether the LINK of a new link has to wait: the session's limit is reached, or older links
-    /// of the session are pending and about to be announced.
-    //= SM2-LNK-007
-    pub(super) fn must_wait(&self, node: NodeId, record: &NodeRecord) -> bool {
-        self.is_full(record) || self.pending_links.is_announceable(node)
+    /// Whether the LINKs of a new link have to wait: one of the two sessions has no room, or older
+    /// links of the session are pending and about to be announced.
+    //= SM2-LNK-007, SM2-LNK-010
+    pub(super) fn must_wait(&self, pair: Pair) -> bool {
+        let is_announceable = |it| self.pending_links.is_announceable(it);
+        self.lacks_room(pair) || pair.nodes().any(is_announceable)
     }
 
     /// Announces the pending links of a session after this one, as far as both ends have room and
@@ -57,7 +90,7 @@ impl Manager {
     //= SM2-LNK-007, SM2-SES-009
     pub(super) fn announce_pending(&mut self, node: NodeId, mut after: LinkId) {
         let mut budget = Budget::new(&self.policy);
-        while !self.awaits_room(node)
+        while !self.holds_back(node, 1)
             && let Some(link) = self.pending_links.next_of(node, after)
         {
             if budget.is_spent() {
@@ -67,16 +100,18 @@ impl Manager {
             budget.spend(PAIR);
             if let Some((pair, agreed)) = self.links.made_as(link)
                 && self.is_there(pair)
-                && !pair.nodes().any(|it| self.awaits_room(it))
+                && !self.lacks_room(pair)
             {
                 budget.spend(LINK);
                 self.pending_links.remove(pair, link);
-                for EntityId { node, .. } in pair.entities() {
+                for EntityId { node, interface } in pair.entities() {
                     let record = self.sessions.get_mut(&node).and_then(Session::node_mut);
                     if let Some(record) = record {
-                        record.links_in_flight += 1;
+                        record.announce(interface);
                     }
                 }
+                let offering = pair.offering;
+                self.changed(Key::Link { link, offering });
                 let key = self.links.key(link);
                 let links = self.announcement((link, key), pair.entities(), agreed);
                 self.outputs.extend(links);
@@ -93,7 +128,7 @@ impl Manager {
 
     /// Whether every pending link waits for room or a turn at one of its ends, or to be ended.
     pub(super) fn flow_control_agrees(&self) -> bool {
-        let waits = |it: NodeId| self.awaits_room(it) || self.pending_links.is_announceable(it);
+        let may_come = |it: NodeId| self.pending_links.is_announceable(it);
         let sound = |(node, link): (NodeId, LinkId)| {
             let pair = self.links.made(link);
             pair.is_some_and(|pair| {
@@ -101,7 +136,7 @@ impl Manager {
                 let mut all = pair.nodes();
                 nodes.any(|it| it == node)
                     && all.all(|it| self.pending_links.contains(it, link))
-                    && (pair.nodes().any(waits) || !self.is_there(pair))
+                    && (self.lacks_room(pair) || pair.nodes().any(may_come) || !self.is_there(pair))
             })
         };
         let is_there = |it: NodeId| self.sessions.contains_key(&it);

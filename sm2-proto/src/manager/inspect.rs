@@ -1,18 +1,24 @@
 //! COUNTERS hands the file of a node's counters to the Manager, and INSPECT asks for such a file
 //! (SM2-CNT-001, SM2-CNT-002).
 
+use core::time::Duration;
+
 use super::{Manager, Output, session::Session};
 use crate::{
-    FdFacts, NodeId, Seals, Violation,
+    FdFacts, Instant, NodeId, Seals, Violation,
     control::{ToNode, encode_to_node},
     counters::entries_in,
 };
 
+/// The time after which the Manager asks again for a file that it had no descriptor for.
+const ASK_AGAIN: Duration = Duration::from_secs(1);
+
 impl Manager {
     /// COUNTERS. Without `file`, the Manager's process had no free descriptor for it.
-    //= SM2-CNT-001, SM2-CNT-003, SM2-TRN-012
+    //= SM2-CNT-001, SM2-CNT-003, SM2-TRN-012, SM2-CNT-008
     pub(super) fn keep_counters(
         &mut self,
+        now: Instant,
         node: NodeId,
         file: Option<&FdFacts>,
     ) -> Result<(), Violation> {
@@ -24,6 +30,8 @@ impl Manager {
             return Err(violation!(CountersTwice, "SM2-CNT-001"));
         }
         let Some(file) = file else {
+            self.forget_lost_counters(node);
+            self.lost_counters.push_back((now.after(ASK_AGAIN), node));
             return Ok(());
         };
         if !file.regular {
@@ -37,6 +45,24 @@ impl Manager {
         self.outputs
             .push_back(Output::KeepCounters { session: node });
         Ok(())
+    }
+
+    /// Asks each node for its counters whose file was lost a while ago.
+    //= SM2-CNT-008
+    pub(super) fn ask_for_lost_counters(&mut self, now: Instant) {
+        while let Some(&(at, node)) = self.lost_counters.front()
+            && at <= now
+        {
+            self.lost_counters.pop_front();
+            let record = self.sessions.get(&node).and_then(Session::node);
+            if record.is_some_and(|it| !it.has_counters) {
+                self.send(node, &ToNode::CountersLost);
+            }
+        }
+    }
+
+    pub(super) fn forget_lost_counters(&mut self, node: NodeId) {
+        self.lost_counters.retain(|it| it.1 != node);
     }
 
     //= SM2-CNT-002, SM2-ACC-011

@@ -131,6 +131,15 @@ impl Manager {
                 "each session knows how many ends of links it has",
             ),
             (
+                self.sessions.iter().all(|(&node, session)| {
+                    let is_pending = |link| self.pending_links.contains(node, link);
+                    session
+                        .node()
+                        .is_none_or(|it| it.counts_known_ends(is_pending))
+                }),
+                "each session knows how many ends of links its node knows",
+            ),
+            (
                 self.links.agree() && made && count == 2 * self.links.len() + claims,
                 "links join matching pairs, each once, and both ends know",
             ),

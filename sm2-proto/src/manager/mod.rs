@@ -118,6 +118,8 @@ pub struct Manager {
     /// The sessions that are busy, in turns. Some of them are over.
     jobs: RoundRobin,
     shortage: Shortage,
+    /// The sessions whose counters were lost, and when to ask for them again.
+    lost_counters: VecDeque<(Instant, NodeId)>,
     reload: Reload,
     /// The time since which deferred work can be done.
     due: Option<Instant>,
@@ -151,6 +153,7 @@ impl Manager {
             ending_links: EndingLinks::new(),
             jobs: RoundRobin::new(),
             shortage: Shortage::new(),
+            lost_counters: VecDeque::new(),
             reload: Reload::new(),
             due: None,
             outputs: VecDeque::new(),
@@ -204,6 +207,7 @@ impl Machine for Manager {
         self.expire_greetings(now);
         self.expire_claims(now);
         self.shortage.expire(now);
+        self.ask_for_lost_counters(now);
         match input {
             Input::Connected {
                 session,
@@ -240,11 +244,13 @@ impl Machine for Manager {
     fn deadline(&self) -> Option<Instant> {
         let greeting = self.greeting.first_key_value().map(|(_, &it)| it);
         let retry = self.shortage.deadline();
+        let counters = self.lost_counters.front().map(|&(at, _)| at);
         let confirmation = self.reload.deadline();
         let all = [
             greeting,
             self.claims.deadline(),
             retry,
+            counters,
             confirmation,
             self.due,
         ];
@@ -335,10 +341,11 @@ impl Manager {
             }
             ToManager::Claimed => self.claimed(now, node),
             ToManager::Watch { after } => self.watch(node, after)?,
-            ToManager::Counters => self.keep_counters(node, file)?,
+            ToManager::Counters => self.keep_counters(now, node, file)?,
             ToManager::Inspect { node: of } => self.inspect(node, of),
             ToManager::Schema(SchemaText { data, text }) => self.register(node, data, text)?,
             ToManager::Describe { data } => self.describe(node, data),
+            ToManager::MaxLinks { max_links } => self.set_max_links(node, max_links),
         }
         Ok(())
     }
@@ -413,6 +420,7 @@ impl Manager {
         self.reload.forget_session(node);
         self.pending_links.forget_session(node);
         self.expired.remove(&node);
+        self.forget_lost_counters(node);
         self.work(node, &mut Budget::new(&self.policy));
         let goodbye = cause
             .code()

@@ -29,6 +29,10 @@ pub(super) struct NodeRecord {
     pub(super) links_in_flight: usize,
     /// The number of link ends of all interfaces together.
     link_ends: usize,
+    /// The number of these ends that the node knows: LINK named them, or the node claimed them.
+    known_ends: usize,
+    /// The number of ends of links that the node can have at a time, if it stated one.
+    max_links: Option<u32>,
     /// Whether the driver keeps the file of the node's counters.
     pub(super) has_counters: bool,
     /// The types whose texts the node registered.
@@ -48,6 +52,8 @@ struct Interface {
     /// The links for which UNLINK was sent and UNLINKED has not come. With their pairs, if UNLINKED
     /// can still be the reason to link the pair again.
     unlinking: BTreeMap<LinkId, Option<Pair>>,
+    /// The number of these links that the node knows.
+    known: usize,
 }
 
 /// The remains of an interface: its contract and its live links.
@@ -73,6 +79,8 @@ impl NodeRecord {
             refused: BTreeMap::new(),
             links_in_flight: 0,
             link_ends: 0,
+            known_ends: 0,
+            max_links: None,
             has_counters: false,
             schemas: BTreeSet::new(),
             schema_bytes: 0,
@@ -188,6 +196,7 @@ impl NodeRecord {
                 suspended: None,
                 live: BTreeMap::new(),
                 unlinking: BTreeMap::new(),
+                known: 0,
             },
         );
     }
@@ -230,12 +239,65 @@ impl NodeRecord {
     pub(super) fn withdraw(&mut self, interface: InterfaceId) -> Option<Remains> {
         let interface = self.interfaces.remove(&interface)?;
         self.link_ends -= interface.live.len() + interface.unlinking.len();
+        self.known_ends -= interface.known;
         Some((interface.contract, interface.live))
     }
 
     /// The number of link ends for which not both farewells are said.
     pub(super) const fn link_ends(&self) -> usize {
         self.link_ends
+    }
+
+    pub(super) const fn max_links(&self) -> Option<u32> {
+        self.max_links
+    }
+
+    /// MAX_LINKS has come. Returns whether it states another number than before.
+    //= SM2-LNK-010
+    pub(super) fn set_max_links(&mut self, max_links: u32) -> bool {
+        self.max_links.replace(max_links) != Some(max_links)
+    }
+
+    /// Whether the node has no room for this many ends of links beside those that it knows.
+    //= SM2-LNK-010
+    pub(super) fn lacks_room_for(&self, ends: usize) -> bool {
+        let room = |max_links| usize::try_from(max_links).unwrap_or(usize::MAX);
+        (self.max_links).is_some_and(|max_links| self.known_ends + ends > room(max_links))
+    }
+
+    /// The LINK of a link of this interface is sent.
+    //= SM2-LNK-007, SM2-LNK-010
+    pub(super) fn announce(&mut self, interface: InterfaceId) {
+        self.links_in_flight += 1;
+        self.know(interface);
+    }
+
+    /// The LINK of a link of this interface was not sent after all. The interface may be gone.
+    pub(super) fn not_announced(&mut self, interface: InterfaceId) {
+        self.links_in_flight = self.links_in_flight.saturating_sub(1);
+        if let Some(interface) = self.interfaces.get_mut(&interface) {
+            interface.known -= 1;
+            self.known_ends -= 1;
+        }
+    }
+
+    fn know(&mut self, interface: InterfaceId) {
+        if let Some(interface) = self.interfaces.get_mut(&interface) {
+            interface.known += 1;
+            self.known_ends += 1;
+        }
+    }
+
+    /// The ends of links that the node knows, of each interface: the links of all interfaces, less
+    /// those for which `is_pending`. For a recount.
+    pub(super) fn counts_known_ends(&self, is_pending: impl Fn(LinkId) -> bool) -> bool {
+        let known = |it: &Interface| {
+            let live = it.live.keys().filter(|&&link| !is_pending(link)).count();
+            live + it.unlinking.len()
+        };
+        let interfaces = || self.interfaces.values();
+        interfaces().all(|it| it.known == known(it))
+            && interfaces().map(|it| it.known).sum::<usize>() == self.known_ends
     }
 
     /// The live ends of links, and their pairs.
@@ -273,6 +335,7 @@ impl NodeRecord {
     /// The interface has claimed a link.
     pub(super) fn claim(&mut self, interface: InterfaceId, link: LinkId) {
         self.insert_link(interface, link, None);
+        self.know(interface);
     }
 
     /// The interface has a link. A claimed link is adopted by this call.
@@ -328,6 +391,8 @@ impl NodeRecord {
         } else {
             return Err(violation!(UnknownLink, "SM2-LNK-003"));
         };
+        interface.known -= 1;
+        self.known_ends -= 1;
         self.link_ends -= 1;
         Ok(farewells)
     }

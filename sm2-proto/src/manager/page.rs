@@ -60,7 +60,10 @@ impl Manager {
                     session.node()?.member(entity)
                 }
             }
-            Key::Link { link, offering } => self.links.item(link, offering),
+            Key::Link { link, offering } => {
+                let item = self.links.item(link, offering)?;
+                Some(self.as_announced(item))
+            }
             Key::Claim { link, entity } => self.claims.item(link, entity),
             Key::Unlinked {
                 offering,
@@ -101,6 +104,7 @@ impl Manager {
         };
         let members = members.into_iter().flat_map(|it| self.members(it));
         let links = links.into_iter().flat_map(|it| self.links.items(it));
+        let links = links.map(|it| self.as_announced(it));
         let claims = claims.into_iter().flat_map(|it| self.claims.items(it));
         let unlinked = self.unlinked_pairs.items(unlinked);
         let domain = domain.into_iter();
@@ -109,6 +113,24 @@ impl Manager {
             .chain(links)
             .chain(claims)
             .chain(unlinked)
+    }
+
+    /// The item of a link, which shows whether its nodes know it.
+    //= SM2-LNK-010
+    fn as_announced(&self, item: Item) -> Item {
+        match item {
+            Item::Link {
+                link,
+                offering,
+                demanding,
+                ..
+            } if self.pending_links.contains(offering.node, link) => Item::Waiting {
+                link,
+                offering,
+                demanding,
+            },
+            item => item,
+        }
     }
 
     /// The nodes, interfaces and refusals after an id.
@@ -143,6 +165,7 @@ fn node_item(node: NodeId, session: &Session) -> Option<Item> {
         uid: session.credentials().uid,
         pid: session.credentials().pid,
         resuming: session.phase() == Phase::Resuming,
+        max_links: session.node()?.max_links(),
     })
 }
 

@@ -42,13 +42,15 @@ pub enum ToManagerKind {
     Schema,
     /// DESCRIBE
     Describe,
+    /// MAX_LINKS
+    MaxLinks,
 }
 
 /// Every phase.
 pub const PHASES: [Phase; 3] = [Phase::Greeting, Phase::Resuming, Phase::Ready];
 
 /// Every kind of frame from a node.
-pub const TO_MANAGER_KINDS: [ToManagerKind; 13] = [
+pub const TO_MANAGER_KINDS: [ToManagerKind; 14] = [
     ToManagerKind::Hello,
     ToManagerKind::Declare,
     ToManagerKind::Withdraw,
@@ -62,6 +64,7 @@ pub const TO_MANAGER_KINDS: [ToManagerKind; 13] = [
     ToManagerKind::Inspect,
     ToManagerKind::Schema,
     ToManagerKind::Describe,
+    ToManagerKind::MaxLinks,
 ];
 
 impl ToManagerKind {
@@ -80,6 +83,7 @@ impl ToManagerKind {
             ToManager::Inspect { .. } => Self::Inspect,
             ToManager::Schema(_) => Self::Schema,
             ToManager::Describe { .. } => Self::Describe,
+            ToManager::MaxLinks { .. } => Self::MaxLinks,
         }
     }
 }
@@ -108,7 +112,8 @@ pub const fn legal(phase: Phase, kind: ToManagerKind) -> Result<(), Violation> {
             | ToManagerKind::Counters
             | ToManagerKind::Inspect
             | ToManagerKind::Schema
-            | ToManagerKind::Describe,
+            | ToManagerKind::Describe
+            | ToManagerKind::MaxLinks,
         ) => Ok(()),
     }
 }

@@ -34,6 +34,11 @@ impl Manager {
                 demanding,
                 ..
             }
+            | Item::Waiting {
+                offering,
+                demanding,
+                ..
+            }
             | Item::Unlinked {
                 offering,
                 demanding,

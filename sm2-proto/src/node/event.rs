@@ -52,6 +52,9 @@ pub enum Input<'a> {
         /// The node.
         node: NodeId,
     },
+    /// State how many ends of links this node can have at a time. Legal in every state but *ended*;
+    /// the machine tells each Manager (SM2-LNK-010).
+    MaxLinks(u32),
     /// Register the text of a type.
     Schema(SchemaText),
     /// Ask for the text of a type.

@@ -34,7 +34,7 @@
 //! | away | [`Node::declare`], [`Input::Withdraw`], [`Input::Unlinked`], [`Input::Reconnected`] | greeting |
 //! | ended | nothing | |
 //!
-//! [`Input::Close`] is legal in every state but the last, and leads there. Each [`Input::Withdraw`]
+//! [`Input::Close`] is legal in every state but the last, and leads there; so is [`Input::MaxLinks`]. Each [`Input::Withdraw`]
 //! that is taken is answered with one [`Output::Withdrawn`], at the latest at the end of the
 //! session; only [`Input::Close`] drops that answer. A declaration without an answer is sent again
 //! in the next session. All other requests without an answer are forgotten with the session.
@@ -68,6 +68,8 @@ use crate::{
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Node {
     name: Name,
+    /// The number of ends of links that this node can have at a time, if the driver stated one.
+    max_links: Option<u32>,
     phase: Phase,
     outputs: VecDeque<Output>,
 }
@@ -79,6 +81,7 @@ impl Node {
     pub fn new(name: Name) -> Self {
         let mut node = Self {
             name,
+            max_links: None,
             phase: Phase::Greeting(None),
             outputs: VecDeque::new(),
         };
@@ -196,13 +199,13 @@ impl Machine for Node {
             }
             Input::Counters => {
                 self.session()?.requests.counters()?;
-                let frame = encode_to_manager(&ToManager::Counters);
-                self.outputs.push_back(Output::TransmitCounters(frame));
+                self.send_counters();
             }
             Input::Inspect { node } => {
                 self.session()?.requests.inspect(node);
                 self.send(&ToManager::Inspect { node });
             }
+            Input::MaxLinks(max_links) => self.set_max_links(max_links)?,
             Input::Schema(SchemaText { data, text }) => {
                 self.session()?;
                 if !is_text_of(&text, &data) {
@@ -294,6 +297,18 @@ impl Node {
         Ok(())
     }
 
+    //= SM2-LNK-010
+    fn set_max_links(&mut self, max_links: u32) -> Result<(), Error> {
+        if let Phase::Ended(end) = self.phase {
+            return Err(Error::Ended(end));
+        }
+        self.max_links = Some(max_links);
+        if self.phase.session().is_some() {
+            self.send(&ToManager::MaxLinks { max_links });
+        }
+        Ok(())
+    }
+
     fn close(&mut self, code: Code) -> Result<(), Error> {
         match self.phase {
             Phase::Ended(end) => return Err(Error::Ended(end)),
@@ -304,6 +319,11 @@ impl Node {
         }
         self.finish(End::Local(code));
         Ok(())
+    }
+
+    fn send_counters(&mut self) {
+        let frame = encode_to_manager(&ToManager::Counters);
+        self.outputs.push_back(Output::TransmitCounters(frame));
     }
 
     fn send_all(&mut self, frames: &[ToManager]) {

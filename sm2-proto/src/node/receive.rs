@@ -115,6 +115,11 @@ impl Node {
                 session.requests.described(&data, text.as_deref())?;
                 self.emit(Output::Described { data, text });
             }
+            //= SM2-CNT-008
+            ToNode::CountersLost => {
+                session.requests.counters_lost()?;
+                self.send_counters();
+            }
         }
         Ok(())
     }

@@ -62,6 +62,15 @@ impl Requests {
         Ok(())
     }
 
+    /// Whether COUNTERS_LOST may come.
+    //= SM2-CNT-008
+    pub(super) const fn counters_lost(&self) -> Result<(), Violation> {
+        if !self.counters {
+            return Err(violation!(UnexpectedCounters, "SM2-CNT-008"));
+        }
+        Ok(())
+    }
+
     pub(super) fn inspect(&mut self, node: NodeId) {
         self.inspecting.push_back(node);
     }

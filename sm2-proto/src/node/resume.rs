@@ -45,6 +45,11 @@ impl Node {
             return Err(violation!(BadVersion, "SM2-NOD-002"));
         }
         let known = self.phase.take_known();
+        // Before the first DECLARE or CLAIM, so before this Manager makes any link.
+        //= SM2-LNK-010
+        if let Some(max_links) = self.max_links {
+            self.send(&ToManager::MaxLinks { max_links });
+        }
         self.outputs.push_back(Output::Welcomed {
             node,
             epoch,

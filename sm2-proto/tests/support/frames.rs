@@ -180,16 +180,19 @@ fn reasons() -> impl Strategy<Value = UnlinkedReason> {
 }
 
 fn items() -> impl Strategy<Value = Item> {
-    let node = (nodes(), names(), any::<u32>(), any::<i32>(), any::<bool>());
+    let process = any::<(u32, i32, bool, Option<u32>)>();
     let terms = any::<(u16, bool, bool)>();
     prop_oneof![
         limits().prop_map(|limits| Item::Domain { limits }),
-        node.prop_map(|(node, name, uid, pid, resuming)| Item::Node {
-            node,
-            name,
-            uid,
-            pid,
-            resuming,
+        (nodes(), names(), process).prop_map(|(node, name, (uid, pid, resuming, max_links))| {
+            Item::Node {
+                node,
+                name,
+                uid,
+                pid,
+                resuming,
+                max_links,
+            }
         }),
         (entities(), contracts())
             .prop_map(|(entity, contract)| Item::Interface { entity, contract }),
@@ -211,6 +214,11 @@ fn items() -> impl Strategy<Value = Item> {
             }
         ),
         (links(), entities()).prop_map(|(link, entity)| Item::Claim { link, entity }),
+        (links(), entities(), entities()).prop_map(|(link, offering, demanding)| Item::Waiting {
+            link,
+            offering,
+            demanding,
+        }),
         (entities(), entities(), reasons()).prop_map(|(offering, demanding, reason)| {
             Item::Unlinked {
                 offering,
@@ -287,6 +295,9 @@ pub(crate) fn to_manager() -> Union<BoxedStrategy<ToManager>> {
         types()
             .prop_map(|data| ToManager::Describe { data })
             .boxed(),
+        any::<u32>()
+            .prop_map(|max_links| ToManager::MaxLinks { max_links })
+            .boxed(),
     ])
 }
 
@@ -345,6 +356,7 @@ pub(crate) fn to_node() -> Union<BoxedStrategy<ToNode>> {
         (types(), option::of(texts()))
             .prop_map(|(data, text)| ToNode::Described { data, text })
             .boxed(),
+        Just(ToNode::CountersLost).boxed(),
     ])
 }
 

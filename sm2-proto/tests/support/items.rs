@@ -32,6 +32,7 @@ pub(crate) fn node(node: u64, text: &str, uid: u32, resuming: bool) -> Item {
         uid,
         pid: 7,
         resuming,
+        max_links: None,
     }
 }
 

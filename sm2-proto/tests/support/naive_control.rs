@@ -40,6 +40,7 @@ pub(crate) fn to_manager(bytes: &[u8], fds: usize, some_lost: bool) -> Read<Valu
             10 => json!({"Inspect": {"node": reader.u64()?}}),
             11 => json!({"Schema": {"data": reader.type_id()?, "text": reader.schema()?}}),
             12 => json!({"Describe": {"data": reader.type_id()?}}),
+            13 => json!({"MaxLinks": {"max_links": reader.u32()?}}),
             _ => return Ok(None),
         };
         Ok(Some((meaning, 0)))
@@ -110,6 +111,7 @@ pub(crate) fn to_node(bytes: &[u8], fds: usize, some_lost: bool) -> Read<Value> 
                 "data": reader.type_id()?,
                 "text": reader.option(Reader::schema)?,
             }}),
+            13 => json!("CountersLost"),
             _ => return Ok(None),
         };
         Ok(Some((meaning, 0)))
@@ -385,6 +387,7 @@ impl Reader<'_> {
                 "uid": self.u32()?,
                 "pid": self.i32()?,
                 "resuming": self.bool()?,
+                "max_links": self.option(Reader::u32)?,
             }}),
             2 => json!({"Interface": {
                 "entity": self.entity()?,
@@ -408,6 +411,11 @@ impl Reader<'_> {
                 "offering": self.entity()?,
                 "demanding": self.entity()?,
                 "reason": self.unlinked_reason()?,
+            }}),
+            7 => json!({"Waiting": {
+                "link": self.link_id()?,
+                "offering": self.entity()?,
+                "demanding": self.entity()?,
             }}),
             _ => return Err("malformed"),
         })

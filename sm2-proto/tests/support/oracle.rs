@@ -212,6 +212,7 @@ impl Oracle {
                 uid: session.uid,
                 pid: 0,
                 resuming: false,
+                max_links: None,
             }));
             let refused = self.refused.range((node, InterfaceId(0))..);
             let refused: Vec<_> = refused.filter(|((it, _), _)| *it == node).collect();

@@ -69,13 +69,15 @@ impl NodeStage {
         self.session.send(bytes);
     }
 
-    /// The next frame of the node, without the frame that sends its counters, which comes at any time.
+    /// The next frame of the node, without those that come at any time: its counters, and how many links it can
+    /// have.
     fn expect(&self) -> Vec<u8> {
-        let mut bytes = self.session.expect().bytes;
-        if bytes == control::counters() {
-            bytes = self.session.expect().bytes;
+        loop {
+            let bytes = self.session.expect().bytes;
+            if bytes != control::counters() && bytes[0] != control::MAX_LINKS {
+                return bytes;
+            }
         }
-        bytes
     }
 
     /// Welcomes the node.
@@ -231,7 +233,7 @@ fn encoding() -> Rows {
     qos.depth = 0;
     let depth = with(publisher("t", qos));
     all([
-        Rule::new(UnknownFrame, "SM2-FRM-001").linked("frame 13", [13]),
+        Rule::new(UnknownFrame, "SM2-FRM-001").linked("frame 14", [14]),
         Rule::new(Malformed, "SM2-FRM-001")
             .linked("DECLARED without fields", [2])
             .linked("HELLO_REFUSED for reason 5", [1, 5]),
@@ -301,6 +303,13 @@ fn interfaces() -> Rows {
             let file = memory::segment(1_024);
             stage.session.send_fds(inspected(1), &[file.as_fd()]);
         });
+    let lost = Rule::new(UnexpectedCounters, "SM2-CNT-008").row(
+        "COUNTERS_LOST without COUNTERS",
+        |stage| {
+            stage.ready();
+            stage.send([13]);
+        },
+    );
     let schemas = Rule::new(UnexpectedSchema, "SM2-SCH-002").linked(
         "DESCRIBED without a DESCRIBE",
         described(&bytes_type(), None),
@@ -318,7 +327,7 @@ fn interfaces() -> Rows {
         },
     );
     let interfaces = all([answers, withdrawals, unlinks]);
-    let asked = all([pages, watched, counters, schemas, texts]);
+    let asked = all([pages, watched, counters, lost, schemas, texts]);
     [interfaces, asked].into_iter().flatten().collect()
 }
 

@@ -23,6 +23,7 @@ fn domain() -> Domain {
         uid: 0,
         pid: 1,
         resuming: false,
+        max_links: None,
     };
     let publisher = Contract::Publisher {
         topic: name("scan"),

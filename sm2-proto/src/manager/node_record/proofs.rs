@@ -97,6 +97,7 @@ fn books(stages: [Stage; 2]) -> NodeRecord {
         suspended: None,
         live: BTreeMap::new(),
         unlinking: BTreeMap::new(),
+        known: 0,
     };
     for (link, stage) in LINKS.into_iter().zip(stages) {
         match stage {
@@ -107,6 +108,8 @@ fn books(stages: [Stage; 2]) -> NodeRecord {
             Stage::Crossing => drop(interface.unlinking.insert(link, Some(PAIR))),
         }
         record.link_ends += 1;
+        record.known_ends += 1;
+        interface.known += 1;
     }
     record.interfaces.insert(OURS, interface);
     record
@@ -120,7 +123,7 @@ fn books(stages: [Stage; 2]) -> NodeRecord {
 fn farewells_of_a_links_end() {
     let mut stages = [one_of(&STAGES), one_of(&STAGES)];
     let mut record = books(stages);
-    assert!(record.counts_its_ends());
+    assert!(record.counts_its_ends() && record.counts_known_ends(|_| false));
     let stage = stages[0];
     let live = matches!(stage, Stage::Half | Stage::Joined);
     let link = LINKS[0];
@@ -161,12 +164,18 @@ fn farewells_of_a_links_end() {
         2 => {
             // Only a link that was just made, and of which the node was not told, is taken back.
             record.remove_link(OURS, link);
+            if live {
+                record.not_announced(OURS);
+            }
             stages[0] = if live { Stage::Gone } else { stage };
         }
         3 => {
             // A number that was told to the node is not used again.
             kani::assume(!matches!(stage, Stage::Unlinking | Stage::Crossing));
             record.link(OURS, link, PAIR);
+            if stage == Stage::Gone {
+                record.know(OURS);
+            }
             stages[0] = Stage::Joined;
             kani::cover!(stage == Stage::Half, "adopted");
         }
@@ -185,7 +194,7 @@ fn farewells_of_a_links_end() {
         }
     }
     assert!(record == books(stages));
-    assert!(record.counts_its_ends());
+    assert!(record.counts_its_ends() && record.counts_known_ends(|_| false));
 }
 
 /// The refusals and texts that are remembered stay within their quotas. The oldest refusal is
