@@ -55,6 +55,7 @@ pub mod clock;
 mod cmsg;
 pub mod counters;
 mod datagram;
+mod descriptors;
 pub mod domain_socket;
 pub mod epoll;
 #[cfg(feature = "fault-injection")]
@@ -77,6 +78,7 @@ pub mod timer;
 pub mod waker;
 
 pub use counters::{CounterEntry, CounterPage, CounterView};
+pub use descriptors::free_descriptors;
 pub use domain_socket::{
     BindOptions, DomainLock, DomainSocket, DomainSocketError, NotReclaimed, UnlockedSocket,
     socket_path,

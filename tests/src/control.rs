@@ -374,7 +374,7 @@ pub mod to_node {
     #[must_use]
     pub fn node_item(name: impl AsRef<[u8]>) -> Vec<u8> {
         let node = Fields::new().int(1).int(1).text(name);
-        node.int(0).int(2).flag(false).bytes()
+        node.int(0).int(2).flag(false).flag(false).bytes()
     }
 
     /// GOODBYE of a Manager.

@@ -10,6 +10,7 @@ use nix::errno::Errno;
 pub(crate) use nix::fcntl::Flock;
 use nix::fcntl::FlockArg;
 use nix::libc;
+use nix::sys::resource::{Resource, getrlimit};
 use nix::sys::stat::{SFlag, fstat};
 use nix::sys::statfs::{TMPFS_MAGIC, fstatfs};
 use nix::sys::uio::pread;
@@ -26,6 +27,19 @@ use super::{Call, guard};
 pub fn duplicate(fd: impl AsFd) -> io::Result<OwnedFd> {
     guard(Call::Dup)?;
     fd.as_fd().try_clone_to_owned()
+}
+
+/// `RLIMIT_NOFILE` of this process.
+pub(crate) fn descriptors_max() -> nix::Result<u64> {
+    guard(Call::GetLimit)?;
+    Ok(getrlimit(Resource::RLIMIT_NOFILE)?.0)
+}
+
+/// Whether a descriptor of this process has this number. Only a number without a descriptor makes the call
+/// fail, so no test does.
+pub(crate) fn is_open(number: libc::c_int) -> bool {
+    // SAFETY: the call reads the flags of a descriptor, and changes nothing.
+    unsafe { libc::fcntl(number, libc::F_GETFD) != -1 }
 }
 
 /// Sets the size of a file.
