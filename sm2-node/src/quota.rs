@@ -2,12 +2,13 @@
 //!
 //! A sparse file costs its author nothing, whatever its size, but a mapping of the file takes
 //! addresses of this process. So the mappings of all peers together are bounded, and each peer
-//! leaves room for the others: the mappings of a peer take at most as many bytes as are free.
+//! leaves room for the others: the mappings of a peer take at most as many bytes as are free. All nodes of a
+//! process share one bound, and each has its own one as well.
 
 use std::collections::HashMap;
 use std::io;
 use std::ops::Deref;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
 
 use sm2_io::memfd::{PooledFile, SealedFile};
 use sm2_io::{PooledMapping, SealedMapping};
@@ -16,13 +17,17 @@ use sm2_proto::NodeId;
 /// A node, and the epoch of its Manager.
 type Peer = (u64, NodeId);
 
+/// The bytes that all nodes of this process map for their peers.
+static PROCESS: LazyLock<Arc<Mutex<Books>>> = LazyLock::new(Arc::default);
+
 /// The bytes that one node maps for its peers.
 #[derive(Debug)]
 pub(crate) struct MappingQuota {
-    books: Arc<Mutex<Books>>,
+    /// Those of the node, and those of its process.
+    books: [Arc<Mutex<Books>>; 2],
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Books {
     limit: u64,
     total: u64,
@@ -33,7 +38,7 @@ struct Books {
 /// The part of one peer.
 #[derive(Debug)]
 pub(crate) struct PeerQuota {
-    books: Arc<Mutex<Books>>,
+    books: [Arc<Mutex<Books>>; 2],
     peer: Peer,
 }
 
@@ -74,20 +79,29 @@ pub(crate) struct QuotaExceeded {
 }
 
 impl MappingQuota {
+    /// The part of a new node of this process. The bound of the process is the greatest one of its nodes.
     pub(crate) fn new(limit_bytes: u64) -> Self {
+        Self::within(&PROCESS, limit_bytes)
+    }
+
+    fn within(process: &Arc<Mutex<Books>>, limit_bytes: u64) -> Self {
+        let mut all = lock(process);
+        all.limit = all.limit.max(limit_bytes);
+        drop(all);
+        let own = Books {
+            limit: limit_bytes,
+            ..Books::default()
+        };
+        let own = Arc::new(Mutex::new(own));
         Self {
-            books: Arc::new(Mutex::new(Books {
-                limit: limit_bytes,
-                total: 0,
-                peers: HashMap::new(),
-            })),
+            books: [own, Arc::clone(process)],
         }
     }
 
     /// The part of the node with this number in the epoch of a Manager.
     pub(crate) fn peer(&self, epoch: u64, node: NodeId) -> Arc<PeerQuota> {
         Arc::new(PeerQuota {
-            books: Arc::clone(&self.books),
+            books: self.books.clone(),
             peer: (epoch, node),
         })
     }
@@ -95,51 +109,62 @@ impl MappingQuota {
 
 impl PeerQuota {
     /// Takes `bytes` for a mapping.
-    //= SM2-SEG-006
+    //= SM2-SEG-007
     fn reserve(self: &Arc<Self>, bytes: u64) -> Result<MappedBytes, QuotaExceeded> {
-        let mut books = self.lock();
-        let peer_bytes = books.peers.get(&self.peer).copied().unwrap_or(0);
-        let free_bytes = books.limit.saturating_sub(books.total);
+        let [own, process] = &self.books;
+        lock(own).reserve(self.peer, bytes)?;
+        if let Err(error) = lock(process).reserve(self.peer, bytes) {
+            lock(own).give_back(self.peer, bytes);
+            return Err(error);
+        }
+        Ok(MappedBytes {
+            quota: Arc::clone(self),
+            bytes,
+        })
+    }
+}
+
+impl Books {
+    fn reserve(&mut self, peer: Peer, bytes: u64) -> Result<(), QuotaExceeded> {
+        let peer_bytes = self.peers.get(&peer).copied().unwrap_or(0);
+        let free_bytes = self.limit.saturating_sub(self.total);
         let wanted = peer_bytes.saturating_add(bytes);
         if bytes > free_bytes || wanted > free_bytes - bytes {
             return Err(QuotaExceeded {
                 bytes,
                 peer_bytes,
                 free_bytes,
-                limit: books.limit,
+                limit: self.limit,
             });
         }
         if bytes > 0 {
-            books.peers.insert(self.peer, wanted);
-            books.total += bytes;
+            self.peers.insert(peer, wanted);
+            self.total += bytes;
         }
-        drop(books);
-        Ok(MappedBytes {
-            quota: Arc::clone(self),
-            bytes,
-        })
+        Ok(())
     }
 
-    fn give_back(&self, bytes: u64) {
-        let mut books = self.lock();
-        books.total -= bytes;
-        if let Some(used) = books.peers.get_mut(&self.peer) {
+    fn give_back(&mut self, peer: Peer, bytes: u64) {
+        self.total -= bytes;
+        if let Some(used) = self.peers.get_mut(&peer) {
             *used -= bytes;
             if *used == 0 {
-                books.peers.remove(&self.peer);
+                self.peers.remove(&peer);
             }
         }
     }
+}
 
-    /// The sums are consistent also after a panic of another thread: no other code runs under the lock.
-    fn lock(&self) -> MutexGuard<'_, Books> {
-        self.books.lock().unwrap_or_else(PoisonError::into_inner)
-    }
+/// The sums are consistent also after a panic of another thread: no other code runs under the lock.
+fn lock(books: &Mutex<Books>) -> MutexGuard<'_, Books> {
+    books.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Drop for MappedBytes {
     fn drop(&mut self) {
-        self.quota.give_back(self.bytes);
+        for books in &self.quota.books {
+            lock(books).give_back(self.quota.peer, self.bytes);
+        }
     }
 }
 
@@ -192,10 +217,44 @@ impl From<QuotaExceeded> for io::Error {
 mod tests {
     use super::*;
 
-    //= SM2-SEG-006 test
+    fn quota(limit_bytes: u64) -> MappingQuota {
+        MappingQuota::within(&Arc::default(), limit_bytes)
+    }
+
+    //= SM2-SEG-007 test
+    #[test]
+    fn the_nodes_of_a_process_share_one_bound() {
+        let process = Arc::default();
+        let [one, other, small] = [100, 80, 4].map(|it| MappingQuota::within(&process, it));
+        let held = one.peer(1, NodeId(1)).reserve(40).unwrap();
+        // The same peer at another node of the process, which has room itself.
+        let peer = other.peer(1, NodeId(1));
+        assert_eq!(
+            peer.reserve(20).unwrap_err(),
+            QuotaExceeded {
+                bytes: 20,
+                peer_bytes: 40,
+                free_bytes: 60,
+                limit: 100
+            }
+        );
+        let more = peer.reserve(10).unwrap();
+        let next = other.peer(1, NodeId(2));
+        assert!(next.reserve(26).is_err(), "50 are free");
+        let last = next.reserve(25).unwrap();
+        assert!(
+            small.peer(1, NodeId(3)).reserve(3).is_err(),
+            "beyond its own bound"
+        );
+        drop((held, more, last));
+        let [own, all] = [&other.books[0], &process].map(|it| lock(it).total);
+        assert_eq!((own, all), (0, 0), "also after a refusal");
+    }
+
+    //= SM2-SEG-007 test
     #[test]
     fn a_peer_takes_as_much_as_stays_free() {
-        let quota = MappingQuota::new(100);
+        let quota = quota(100);
         let (greedy, next) = (quota.peer(1, NodeId(1)), quota.peer(1, NodeId(2)));
         let held = [greedy.reserve(30).unwrap(), greedy.reserve(20).unwrap()];
         assert_eq!(
@@ -223,20 +282,20 @@ mod tests {
 
     #[test]
     fn everything_is_free_again() {
-        let quota = MappingQuota::new(10);
+        let quota = quota(10);
         let peer = quota.peer(1, NodeId(1));
         for _ in 0..3 {
             let held: Vec<_> = (0..5).map(|_| peer.reserve(1).unwrap()).collect();
             assert!(peer.reserve(1).is_err());
             drop(held);
         }
-        let books = quota.books.lock().unwrap();
+        let books = lock(&quota.books[0]);
         assert_eq!((books.total, books.peers.len()), (0, 0));
     }
 
     #[test]
     fn nothing_costs_nothing() {
-        let quota = MappingQuota::new(0);
+        let quota = quota(0);
         assert!(quota.peer(1, NodeId(1)).reserve(0).is_ok());
         assert!(quota.peer(1, NodeId(1)).reserve(1).is_err());
     }

@@ -281,7 +281,7 @@ fn pooled(segment: u32, slot: u32, sequence: u64, len: u64) -> Vec<u8> {
 
 /// A publisher that attaches sparse segments leaves room for a newcomer, and loses its link when it
 /// attaches one more than its part.
-//= SM2-SEG-006 test
+//= SM2-SEG-007 test
 #[test]
 fn a_peer_cannot_use_up_the_addresses_of_others() {
     const STRIDE: u64 = 1 << 32;

@@ -130,7 +130,7 @@ impl Interface {
 
     /// Counts a message that was taken and cannot be mapped as lost. A shortage of memory costs this message
     /// alone; any other reason ends its link.
-    //= SM2-TRN-014, SM2-SEG-006
+    //= SM2-TRN-014, SM2-SEG-007
     pub(crate) fn unreadable(
         &mut self,
         token: LinkToken,
