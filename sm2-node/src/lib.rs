@@ -178,6 +178,7 @@ mod driver;
 pub mod encoding;
 mod error;
 mod handle;
+mod link_room;
 mod loan;
 mod message;
 mod node;

@@ -93,7 +93,7 @@ impl Manager {
         }
     }
 
-    /// Returns the next frame that is neither COUNTERS nor SCHEMA.
+    /// Returns the next frame that is none of COUNTERS, SCHEMA and MAX_LINKS.
     fn read(&self, session: &SeqPacket) -> ToManager {
         self.try_read(session).expect("a frame")
     }
@@ -125,7 +125,7 @@ impl Manager {
                 ..Datagram::new(&buffer[..received.len])
             };
             match decode_to_manager(&datagram).unwrap() {
-                ToManager::Counters | ToManager::Schema(_) => {}
+                ToManager::Counters | ToManager::Schema(_) | ToManager::MaxLinks { .. } => {}
                 frame => return Some(frame),
             }
         }

@@ -1,7 +1,10 @@
 //! A process without free descriptors loses the messages and links that need one. No other process
 //! is affected.
 
-use sm2_proto::control::{Item, Page, ToNode};
+use sm2_proto::{
+    control::{Page, ToNode},
+    domain::{Domain, Finding, why},
+};
 use sm2_tests::{
     actor::{Actor, number},
     control,
@@ -87,18 +90,23 @@ fn a_publisher_without_descriptors_gets_an_error_and_recovers() {
     }
 }
 
-/// The number of a node's session.
-fn session_of(manager: &ManagerProcess, wanted: &str) -> u64 {
+/// The items of the domain, which fit into one page.
+fn domain_of(manager: &ManagerProcess) -> Domain {
     let probe = manager.node("probe");
     probe.send(control::query());
-    let ToNode::Page(Page { items, .. }) = probe.next() else {
+    let ToNode::Page(Page { items, next, .. }) = probe.next() else {
         panic!("no page");
     };
-    let number = |item: &Item| match item {
-        Item::Node { node, name, .. } if name.as_str() == wanted => Some(node.0),
-        _ => None,
-    };
-    items.iter().find_map(number).expect("it is there")
+    assert_eq!(next, None, "one page");
+    let mut domain = Domain::new();
+    domain.page(items);
+    domain
+}
+
+/// The number of a node's session.
+fn session_of(manager: &ManagerProcess, wanted: &str) -> u64 {
+    let domain = domain_of(manager);
+    domain.node_named(wanted).expect("it is there").node.0
 }
 
 /// A new link needs a descriptor. A node without a free one is not linked for now. Its session and
@@ -149,5 +157,73 @@ fn hears_again(late: &mut Actor, healthy: &mut Actor, starved: &mut Actor) {
         let drained = starved.tell("drain t");
         assert!(drained.ends_with("damaged=0"), "{drained}");
         number(&drained, "got") > 0
+    });
+}
+
+/// How many publishers a process has, and how many of them are left in the end.
+const CROWD: u32 = 60;
+const LEFT: u32 = 5;
+
+/// A process with few descriptors matches more publishers than it can be linked with. The Manager holds the
+/// other links back, says so, and makes them when there is room. No descriptor is ever lost, and the link that
+/// the process already had loses no message.
+//= SM2-LNK-010 sys
+#[test]
+fn links_beyond_the_room_of_a_process_wait() {
+    let domain = TempDomain::new();
+    let manager = domain.manager();
+    let socket = domain.socket();
+    let mut steady = Actor::start(&socket, "steady");
+    steady.tell("pub s s");
+    let mut starved = Actor::launch(&socket, "starved", &["--nofile", "64"]);
+    assert_eq!(starved.answer(), "ready");
+    starved.tell("sub s s depth=100");
+    steady.tell("wait s 1");
+    let mut crowd = Actor::start(&socket, "crowd");
+    for publisher in 0..CROWD {
+        crowd.tell(&format!("pub c{publisher} t"));
+    }
+    starved.tell("sub t t");
+    let mut sent = 0;
+    let mut hear = |starved: &mut Actor| {
+        steady.tell("publish s 10 100");
+        sent += 10;
+        let taken = starved.tell("take s 10");
+        assert!(taken.ends_with("lost=0 damaged=0"), "{taken}");
+        assert_eq!(number(&taken, "last"), sent, "{taken}");
+    };
+    eventually("all room to be used", || {
+        hear(&mut starved);
+        let domain = domain_of(&manager);
+        let node = domain.node_named("starved").expect("it is there");
+        node.max_links == Some(domain.known_ends(node.node))
+    });
+    let shown = domain_of(&manager);
+    let node = shown.node_named("starved").expect("it is there").node;
+    let used = shown.known_ends(node);
+    assert!(used > LEFT + 1 && used < CROWD, "{used} links");
+    let waiting: Vec<_> = shown.waiting_links().collect();
+    assert_eq!(waiting.len() as u32, CROWD + 1 - used);
+    for (_, offering, demanding) in waiting {
+        let no_room = Finding::NoRoom {
+            node,
+            used,
+            max_links: used,
+        };
+        assert_eq!(why(&shown, offering, demanding).finding, no_room);
+    }
+    assert!(
+        !starved.stderr().contains("no free descriptor"),
+        "{}",
+        starved.stderr()
+    );
+    // The newest publishers waited.
+    for publisher in 0..CROWD - LEFT {
+        crowd.tell(&format!("withdraw c{publisher}"));
+    }
+    eventually("the waiting links to be made", || {
+        hear(&mut starved);
+        let domain = domain_of(&manager);
+        domain.waiting_links().count() == 0 && domain.known_ends(node) == LEFT + 1
     });
 }

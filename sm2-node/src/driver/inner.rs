@@ -16,6 +16,7 @@ use super::questions::Questions;
 use super::session::{Reconnect, Session};
 use super::sleepers::Sleepers;
 use super::token::LinkToken;
+use crate::link_room::LinkRoom;
 use crate::quota::MappingQuota;
 
 /// The state of a node that changes, under the lock.
@@ -26,6 +27,8 @@ pub(crate) struct Inner {
     pub(super) ring_lane: bool,
     /// The bytes that may be mapped for peers.
     pub(super) mappings: MappingQuota,
+    /// How many links this node can have.
+    pub(super) link_room: LinkRoom,
     pub(super) session: Session,
     pub(super) reconnect: Reconnect,
     pub(super) questions: Questions,
@@ -68,6 +71,7 @@ impl Inner {
             name: name.clone(),
             ring_lane,
             mappings,
+            link_room: LinkRoom::new(),
             session: Session::new(socket, name),
             reconnect: Reconnect::new(path, epoll)?,
             questions: Questions::default(),

@@ -25,6 +25,7 @@ use self::mapped::{Mapped, OwnRing, prepare_ring};
 use super::outbox::{MessageKey, Needs};
 use super::status::{LinkStatus, Received};
 use super::token::LinkToken;
+use crate::link_room::HeldLink;
 use crate::quota::PeerQuota;
 
 #[derive(Debug)]
@@ -32,6 +33,8 @@ pub(crate) struct LinkDriver {
     pub(crate) id: LinkId,
     pub(crate) peer: Arc<LinkPeer>,
     token: LinkToken,
+    /// The room for the socket, which is given back before the socket is closed.
+    room: Option<HeldLink>,
     socket: Option<SeqPacket>,
     machine: Link,
     /// The rings and segments that both sides map.
@@ -87,7 +90,7 @@ impl LinkDriver {
     pub(super) fn new(
         token: LinkToken,
         peer: Arc<LinkPeer>,
-        socket: SeqPacket,
+        (socket, room): (SeqPacket, HeldLink),
         mut config: link::Config,
         entry: Option<CounterEntry>,
         quota: Arc<PeerQuota>,
@@ -97,6 +100,7 @@ impl LinkDriver {
             id: config.id,
             peer,
             token,
+            room: Some(room),
             socket: Some(socket),
             machine: Link::new(config),
             mapped: Mapped::default(),

@@ -1,5 +1,6 @@
 //! The node's session with its Manager: the socket and the machine.
 
+mod links;
 mod outputs;
 mod reconnect;
 mod requests;
@@ -65,6 +66,11 @@ impl Session {
         self.socket = Some(socket);
         self.blocked = false;
         self.short_of_memory = false;
+    }
+
+    /// Whether there is a connection with a Manager.
+    pub(super) const fn is_connected(&self) -> bool {
+        self.socket.is_some()
     }
 
     /// Whether any Manager has welcomed this node so far.

@@ -44,6 +44,7 @@ impl SharedNode {
         let epoll = Epoll::new()?;
         epoll.add(&socket, SESSION, Interest::READABLE)?;
         let mut inner = Inner::new(socket, path, name.clone(), ring_lane, mappings, &epoll)?;
+        inner.state_links();
         inner.drain_session(Incoming::default(), &epoll);
         Ok(Self {
             epoll,

@@ -19,5 +19,5 @@ impl LinkToken {
 
 /// The token of the session's socket.
 pub(super) const SESSION: u64 = LinkToken::FIRST.0;
-/// The token of the timer of the next attempt to connect.
+/// The token of the timer: for the next attempt to connect, or for the next look for room.
 pub(super) const TIMER: u64 = LinkToken::LAST.0;

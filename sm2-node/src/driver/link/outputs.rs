@@ -151,7 +151,7 @@ impl LinkDriver {
     }
 
     /// Maps a segment of the other side once, for all messages in it.
-    //= SM2-PAY-007, SM2-SEG-006
+    //= SM2-PAY-007, SM2-SEG-007
     fn attach(&mut self, segment: u32, len: u64, fd: Option<InspectedFd>) {
         let mapped = fd
             .ok_or_else(|| io::Error::from(io::ErrorKind::NotFound))
@@ -218,6 +218,7 @@ impl LinkDriver {
         self.failing = None;
         self.drop_prepared_ring();
         self.mapped.outgoing = None;
+        self.room = None;
         if let Some(socket) = self.socket.take() {
             let _ = epoll.remove(&socket);
             // A child process may have inherited the socket, so closing it might not tell the other

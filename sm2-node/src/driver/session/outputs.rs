@@ -115,6 +115,7 @@ impl Inner {
             let (data, text) = (data.clone(), text.clone());
             self.session.tell(Input::Schema(SchemaText { data, text }));
         }
+        self.state_links();
         if !resuming {
             self.connected();
         }
@@ -219,6 +220,7 @@ impl Inner {
         if let Some(interface) = self.interfaces.get_mut(&id) {
             interface.links_due = interface.links_due.saturating_sub(1);
         }
+        self.ran_out_of_links();
         self.sleepers.wake(EventSource::Interface(id));
     }
 
@@ -252,12 +254,14 @@ impl Inner {
                 };
                 let entry = self.counting.allocate(id, Some(link));
                 let quota = self.mappings.peer(link.epoch, peer.node);
+                let socket = (socket, self.link_room.hold());
                 let driver = LinkDriver::new(token, Arc::new(peer), socket, config, entry, quota);
                 self.last_token = token;
                 self.routes.insert(token, id);
                 self.with_interface(id, epoll, |interface, context| {
                     interface.add_link(driver, context);
                 });
+                self.state_links();
             }
             Err(error) => {
                 tracing::warn!(%link, peer = %peer.name, %error, "cannot use the link's socket");

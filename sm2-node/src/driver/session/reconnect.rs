@@ -1,7 +1,8 @@
 //! Connecting to a Manager again after a session has ended.
 //!
 //! Attempts happen when a call drives the node. A timer in the node's epoll set signals the next
-//! attempt, so it also wakes a program that polls the node's descriptor.
+//! attempt, so it also wakes a program that polls the node's descriptor. While there is a connection, the same
+//! timer tells when to look for room for links.
 
 use std::path::Path;
 
@@ -24,11 +25,15 @@ impl Inner {
         }
     }
 
-    /// Handles the timer: tries to connect.
-    //= SM2-RES-001
+    /// Handles the timer: looks for room for links, or tries to connect.
+    //= SM2-RES-001, SM2-LNK-010
     pub(in crate::driver) fn on_timer(&mut self, epoll: &Epoll) {
         if !self.reconnect.timer.drain() {
             return;
+        }
+        if self.session.is_connected() {
+            self.state_links();
+            return self.drain_session(Incoming::default(), epoll);
         }
         let path: &Path = &self.reconnect.path;
         let connected = SeqPacket::connect(path).and_then(|socket| {
