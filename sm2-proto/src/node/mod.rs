@@ -34,8 +34,9 @@
 //! | away | [`Node::declare`], [`Input::Withdraw`], [`Input::Unlinked`], [`Input::Reconnected`] | greeting |
 //! | ended | nothing | |
 //!
-//! [`Input::Close`] is legal in every state but the last, and leads there; so is [`Input::MaxLinks`]. Each [`Input::Withdraw`]
-//! that is taken is answered with one [`Output::Withdrawn`], at the latest at the end of the
+//! [`Input::MaxLinks`] is legal in every state but the last. So is [`Input::Close`], which leads
+//! there. Each [`Input::Withdraw`] that is taken is answered with one [`Output::Withdrawn`], at the
+//! latest at the end of the
 //! session; only [`Input::Close`] drops that answer. A declaration without an answer is sent again
 //! in the next session. All other requests without an answer are forgotten with the session.
 

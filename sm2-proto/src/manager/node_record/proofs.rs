@@ -115,6 +115,16 @@ fn books(stages: [Stage; 2]) -> NodeRecord {
     record
 }
 
+/// The whole interface is gone, with its links at these stages.
+fn withdraws(record: &mut NodeRecord, stages: [Stage; 2]) {
+    let (_, remains) = record.withdraw(OURS).expect("it is there");
+    let lives = |it: &&Stage| matches!(it, Stage::Half | Stage::Joined);
+    assert_eq!(remains.len(), stages.iter().filter(lives).count());
+    assert_eq!((record.link_ends(), record.known_ends), (0, 0));
+    assert_eq!(record.interfaces(), 0);
+    assert!(record.withdraw(OURS).is_none());
+}
+
 /// Each end of a link has one farewell in each direction, and counts until both are said.
 //= SM2-LNK-003, SM2-LNK-009, SM2-RES-006, SM2-IFC-003 kani
 #[cfg_attr(kani, kani::proof)]
@@ -185,11 +195,7 @@ fn farewells_of_a_links_end() {
             assert_eq!(record.has_link(InterfaceId(5), link), None);
         }
         _ => {
-            let (_, remains) = record.withdraw(OURS).expect("it is there");
-            let lives = |it: &&Stage| matches!(it, Stage::Half | Stage::Joined);
-            assert_eq!(remains.len(), stages.iter().filter(lives).count());
-            assert_eq!((record.link_ends(), record.interfaces()), (0, 0));
-            assert!(record.withdraw(OURS).is_none());
+            withdraws(&mut record, stages);
             return;
         }
     }
