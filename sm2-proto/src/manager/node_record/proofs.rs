@@ -115,6 +115,14 @@ fn books(stages: [Stage; 2]) -> NodeRecord {
     record
 }
 
+/// A link that could not be made is taken back.
+fn takes_back(record: &mut NodeRecord, link: LinkId, live: bool) {
+    record.remove_link(OURS, link);
+    if live {
+        record.not_announced(OURS);
+    }
+}
+
 /// The whole interface is gone, with its links at these stages.
 fn withdraws(record: &mut NodeRecord, stages: [Stage; 2]) {
     let (_, remains) = record.withdraw(OURS).expect("it is there");
@@ -173,10 +181,7 @@ fn farewells_of_a_links_end() {
         }
         2 => {
             // Only a link that was just made, and of which the node was not told, is taken back.
-            record.remove_link(OURS, link);
-            if live {
-                record.not_announced(OURS);
-            }
+            takes_back(&mut record, link, live);
             stages[0] = if live { Stage::Gone } else { stage };
         }
         3 => {
