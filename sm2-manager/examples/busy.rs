@@ -158,7 +158,9 @@ impl Domain {
                     }
                 }
                 Output::HangUp { cause, .. } => drop(format!("{cause:?}")),
-                Output::KeepCounters { .. } | Output::SendCounters { .. } => {}
+                Output::KeepCounters { .. }
+                | Output::SendCounters { .. }
+                | Output::ReadAccessPolicy => {}
             }
         }
         self.longest = self.longest.max(processor_time()?.saturating_sub(before));

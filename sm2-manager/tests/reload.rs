@@ -12,7 +12,10 @@ use std::{
 use common::{Program, TestDomain, eventually};
 use nix::sys::signal::Signal;
 use sm2_manager::{Background, Options};
-use sm2_node::{Node, Publisher, Subscriber};
+use sm2_node::{
+    Node, Publisher, Subscriber,
+    domain::{PolicyProblem, ReloadError},
+};
 
 const OPEN: &str = "default = \"allow\"\n";
 const QUIET: &str = "\
@@ -149,6 +152,62 @@ fn a_policy_comes_and_goes() {
     fs::remove_file(&file).unwrap();
     manager.policy_reload().start();
     stream.until("allowed", || stream.publisher.is_registered());
+    stream.publish(1);
+    manager.stop().unwrap();
+}
+
+/// A node of the Manager's user has the policy read again. The call returns when the policy is applied.
+//= SM2-ACC-015, SM2-ACC-016 sys
+#[test]
+fn a_node_has_the_policy_read_again() {
+    let domain = TestDomain::new();
+    let manager = Background::start(&domain.socket(), Options::default()).unwrap();
+    let tool = Node::builder("tool").socket(domain.socket());
+    let tool = tool.manager_timeout(common::TIMEOUT).connect().unwrap();
+    let reload = || tool.reload_policy(common::TIMEOUT);
+    assert!(matches!(reload(), Err(ReloadError::NoPolicy)));
+    let stream = Stream::new(&domain, false);
+    stream.publish(3);
+    let file = domain.folder().join("domain.sock.policy");
+    write(&file, QUIET);
+    reload().unwrap();
+    assert_eq!(stream.take(), None);
+    assert!(!stream.publisher.is_registered());
+    assert_eq!(stream.subscriber.lost(), 3);
+    write(&file, "default = \"all\"");
+    let Err(ReloadError::Unusable { problem, text }) = reload() else {
+        panic!("it is no policy");
+    };
+    assert_eq!(problem, PolicyProblem::Invalid);
+    assert!(text.contains(":1: unknown variant `all`"), "{text}");
+    fs::set_permissions(&file, Permissions::from_mode(0o666)).unwrap();
+    let refused = reload();
+    assert!(
+        matches!(
+            &refused,
+            Err(ReloadError::Unusable {
+                problem: PolicyProblem::NotTrusted,
+                ..
+            })
+        ),
+        "{refused:?}"
+    );
+    fs::remove_file(&file).unwrap();
+    fs::create_dir(&file).unwrap();
+    let refused = reload();
+    assert!(
+        matches!(
+            &refused,
+            Err(ReloadError::Unusable {
+                problem: PolicyProblem::Unreadable,
+                ..
+            })
+        ),
+        "{refused:?}"
+    );
+    assert!(!stream.publisher.is_registered(), "the policy before stays");
+    fs::remove_dir(&file).unwrap();
+    reload().unwrap();
     stream.publish(1);
     manager.stop().unwrap();
 }

@@ -8,7 +8,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use sm2_io::CounterView;
-pub use sm2_proto::control::{Change, Item, Key, Limits, LinkPeer, UnlinkedReason};
+use sm2_proto::control::ReloadOutcome;
+pub use sm2_proto::control::{Change, Item, Key, Limits, LinkPeer, PolicyProblem, UnlinkedReason};
 use sm2_proto::domain::{Ask, Mirror, nearest, why};
 pub use sm2_proto::domain::{Domain, Finding, Near, Verdict};
 pub use sm2_proto::{
@@ -17,7 +18,7 @@ pub use sm2_proto::{
 use sm2_proto::{Instant, TypeId};
 
 use crate::driver::{Answer, Followed, Lost, Question, SharedNode, Ticket};
-pub use crate::error::QueryError;
+pub use crate::error::{QueryError, ReloadError};
 use crate::handle::{Handle, until};
 use crate::node::Node;
 use crate::schema::{SchemaError, check_schema};
@@ -25,7 +26,6 @@ use crate::schema::{SchemaError, check_schema};
 /// Queries about the domain. Each call waits for the Manager for at most
 /// [`NodeBuilder::manager_timeout`](crate::NodeBuilder::manager_timeout), even if another Manager takes over
 /// meanwhile. Several threads may query at the same time; their queries are answered one after the other.
-/// one comes meanwhile. Several threads may ask at a time: each gets its turn.
 impl Node {
     /// Returns the whole domain at one revision (SM2-WCH-003). It includes everything that this node was
     /// granted before the call.
@@ -87,6 +87,28 @@ impl Node {
         {
             Answer::Schema(text) => Ok(text),
             _ => Ok(None),
+        }
+    }
+
+    /// Makes the Manager read the access policy of its domain again, and returns when the policy is applied:
+    /// no node delivers anything that it denies. Only the Manager's user and root may do this.
+    ///
+    /// Nodes have 5 s to confirm the end of links that the policy denies, so `timeout` should be longer. If
+    /// another Manager takes over meanwhile, this one is asked.
+    ///
+    /// # Errors
+    ///
+    /// See [`ReloadError`]. After an error other than [`ReloadError::Query`], the policy before is in force.
+    //= SM2-ACC-015
+    pub fn reload_policy(&self, timeout: Duration) -> Result<(), ReloadError> {
+        let deadline = until(Some(timeout));
+        match self.shared.ask(&Question::Reload, deadline)? {
+            Answer::Reloaded(ReloadOutcome::NoPolicy) => Err(ReloadError::NoPolicy),
+            Answer::Reloaded(ReloadOutcome::NotPermitted) => Err(ReloadError::NotPermitted),
+            Answer::Reloaded(ReloadOutcome::Unusable { problem, text }) => {
+                Err(ReloadError::Unusable { problem, text })
+            }
+            _ => Ok(()),
         }
     }
 

@@ -11,5 +11,5 @@
 mod control;
 mod data;
 
-pub use control::{ConnectError, DeclareError, QueryError, SchemaError, WaitError};
+pub use control::{ConnectError, DeclareError, QueryError, ReloadError, SchemaError, WaitError};
 pub use data::{CallError, PublishError, RecvError, ReplyError, StoreError};

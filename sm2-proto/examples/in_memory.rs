@@ -212,6 +212,8 @@ impl World {
                 }
                 // No node here keeps counters.
                 manager::Output::KeepCounters { .. } | manager::Output::SendCounters { .. } => {}
+                // Nor has the policy read again.
+                manager::Output::ReadAccessPolicy => {}
             }
         }
     }
@@ -260,7 +262,8 @@ impl World {
                 | node::Output::TransmitCounters(_)
                 | node::Output::Inspected { .. }
                 | node::Output::NotInspected { .. }
-                | node::Output::Described { .. } => {}
+                | node::Output::Described { .. }
+                | node::Output::Reloaded(_) => {}
             }
         }
     }

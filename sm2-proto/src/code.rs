@@ -108,6 +108,7 @@ codes! {
         WatchTwice = 40, "watch-twice";
         CountersTwice = 41, "counters-twice";
         BadSchema = 42, "bad-schema";
+        ReloadTwice = 43, "reload-twice";
         ExpectedWelcome = 48, "expected-welcome";
         UnexpectedWelcome = 49, "unexpected-welcome";
         BadVersion = 50, "bad-version";
@@ -117,6 +118,7 @@ codes! {
         UnexpectedChanges = 54, "unexpected-changes";
         UnexpectedCounters = 55, "unexpected-counters";
         UnexpectedSchema = 56, "unexpected-schema";
+        UnexpectedReloaded = 57, "unexpected-reloaded";
         ExpectedOpen = 64, "expected-open";
         UnexpectedOpen = 65, "unexpected-open";
         BadOpen = 66, "bad-open";

@@ -56,6 +56,8 @@ pub const RING_DISPLACED_MAX: u32 = 1 << 31;
 pub const SLOT_HEAD: usize = 64;
 /// The size of items at which the Manager ends a PAGE, in bytes.
 pub const PAGE_BYTES: usize = 32_768;
+/// The longest text that a Manager sends with RELOADED, in bytes.
+pub const RELOAD_TEXT_MAX: usize = 1_024;
 /// The most rules, bindings and exclusive entries of an access policy.
 pub const POLICY_TABLES_MAX: usize = 1_024;
 /// The most patterns, users and groups of an access policy.

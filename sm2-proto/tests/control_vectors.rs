@@ -187,7 +187,7 @@ impl Vector {
     }
 
     fn replay_to_manager(&self) -> Option<(Violation, Code)> {
-        let mut manager = Manager::new(1, 7, Policy::default());
+        let mut manager = Manager::new(1, 7, Policy::default()).with_owner(1000);
         let mut feed = |input: Input<'_>| {
             manager
                 .handle(NOW, input)
@@ -329,6 +329,7 @@ fn act(node: &mut Node, bytes: &[u8]) {
             node::Input::Schema(SchemaText { data, text })
         }
         ToManager::Describe { data } => node::Input::Describe { data },
+        ToManager::Reload => node::Input::Reload,
         other => panic!("{other:?} follows from a resumption"),
     };
     node.handle(NOW, input).expect("legal");
@@ -360,6 +361,46 @@ fn every_vector() {
     }
 }
 
+/// Every variant of the enumerations in frames.
+const VARIANTS: [&str; 36] = [
+    "publisher",
+    "subscriber",
+    "server",
+    "client",
+    "name-taken",
+    "version",
+    "topic-type",
+    "service-type",
+    "quota",
+    "denied",
+    "exclusive",
+    "sessions-per-user",
+    "interfaces-per-session",
+    "interfaces-per-user",
+    "links-per-session",
+    "sessions-per-process",
+    "interfaces-per-process",
+    "domain",
+    "node",
+    "interface",
+    "refusal",
+    "link",
+    "claim",
+    "unlinked",
+    "ended",
+    "descriptors",
+    "set",
+    "removed",
+    "member",
+    "applied",
+    "no-policy",
+    "not-permitted",
+    "unusable",
+    "unreadable",
+    "not-trusted",
+    "invalid",
+];
+
 #[test]
 fn every_frame_variant_and_control_violation_has_a_vector() {
     let vectors = vectors();
@@ -373,38 +414,8 @@ fn every_frame_variant_and_control_violation_has_a_vector() {
         }
         violations.extend(vector.violation.as_deref());
     }
-    assert_eq!(kinds.len(), 14 + 14);
-    for variant in [
-        "publisher",
-        "subscriber",
-        "server",
-        "client",
-        "name-taken",
-        "version",
-        "topic-type",
-        "service-type",
-        "quota",
-        "denied",
-        "exclusive",
-        "sessions-per-user",
-        "interfaces-per-session",
-        "interfaces-per-user",
-        "links-per-session",
-        "sessions-per-process",
-        "interfaces-per-process",
-        "domain",
-        "node",
-        "interface",
-        "refusal",
-        "link",
-        "claim",
-        "unlinked",
-        "ended",
-        "descriptors",
-        "set",
-        "removed",
-        "member",
-    ] {
+    assert_eq!(kinds.len(), 15 + 15);
+    for variant in VARIANTS {
         let with_fields = format!("\"{variant}\":{{");
         let without = format!(":\"{variant}\"");
         let mut frames = variants.iter();

@@ -31,6 +31,11 @@ const TABLE: &str = "
     Greeting  expected-hello  expected-hello  expected-hello  expected-hello  expected-hello  expected-hello
     Resuming  ok              ok              ok              ok              ok              ok
     Ready     ok              ok              ok              ok              ok              ok
+
+    -         Reload
+    Greeting  expected-hello
+    Resuming  ok
+    Ready     ok
 ";
 
 /// The tables side by side.
@@ -156,6 +161,7 @@ fn frame(kind: ToManagerKind, link: Option<LinkId>) -> ToManager {
         }),
         ToManagerKind::Describe => ToManager::Describe { data: data("Scan") },
         ToManagerKind::MaxLinks => ToManager::MaxLinks { max_links: 0 },
+        ToManagerKind::Reload => ToManager::Reload,
     }
 }
 
@@ -257,7 +263,7 @@ fn breaches(link: LinkId) -> Vec<(Violation, Vec<u8>, usize)> {
         .collect();
     breaches.extend([
         (violation!(FrameTooLong, "SM2-TRN-004"), vec![0; 65_537], 0),
-        (violation!(UnknownFrame, "SM2-FRM-001"), vec![14], 0),
+        (violation!(UnknownFrame, "SM2-FRM-001"), vec![15], 0),
         (violation!(Malformed, "SM2-FRM-001"), vec![2], 0),
         (violation!(TrailingBytes, "SM2-FRM-001"), vec![2, 7, 0], 0),
         (violation!(NotCanonical, "SM2-FRM-002"), vec![2, 0x87, 0], 0),
@@ -415,7 +421,7 @@ fn a_violation_before_the_greeting_leaves_no_trace() {
 #[test]
 fn an_ended_session_is_not_answered() {
     let mut scene = scene(Phase::Ready);
-    offend(&mut scene, &[14], 0);
+    offend(&mut scene, &[15], 0);
     let before = scene.bench.manager.clone();
     for kind in TO_MANAGER_KINDS {
         assert_eq!(send(&mut scene, kind), [], "{kind:?}");
@@ -462,7 +468,7 @@ fn what_the_kernel_truncated_is_a_violation() {
     let datagram = Datagram {
         data_truncated: true,
         control_truncated: true,
-        ..Datagram::new(&[14])
+        ..Datagram::new(&[15])
     };
     let mut scene = scene(Phase::Greeting);
     let events = scene.bench.datagram(scene.offender, datagram);

@@ -4,15 +4,15 @@ mod support;
 
 use sm2_proto::{
     Code, Machine, NodeId, TypeId,
-    control::{Changes, SchemaText, ToManager, ToNode},
+    control::{Changes, ReloadOutcome, SchemaText, ToManager, ToNode},
     node::{Input, Misuse, Node, Output},
     violation,
 };
 use support::{
     contracts::{data, name},
     session::{
-        LATER, NOW, changes, come_back, contract, declared, drain, page, ready, receive, schema,
-        sent, violation, welcome, welcome_in,
+        LATER, NOW, changes, come_back, contract, declared, drain, page, ready, receive, reloaded,
+        schema, sent, violation, welcome, welcome_in,
     },
 };
 
@@ -49,6 +49,20 @@ fn one_answer_for_each_watch() {
     assert_eq!(unasked, violation!(UnexpectedChanges, "SM2-WCH-001"));
     node.handle(NOW, Input::Watch { after: 9 }).expect("ready");
     assert_eq!(sent(&drain(&mut node)), [ToManager::Watch { after: 9 }]);
+}
+
+//= SM2-ACC-015 test
+#[test]
+fn one_answer_for_each_reload() {
+    let mut node = ready();
+    let again = node.handle(NOW, Input::Reload);
+    assert_eq!(again, Err(Misuse::ReloadTwice.into()));
+    let answer = Output::Reloaded(ReloadOutcome::Applied);
+    assert_eq!(receive(&mut node, &reloaded()), Ok(vec![answer]));
+    let unasked = violation(&mut node.clone(), &reloaded());
+    assert_eq!(unasked, violation!(UnexpectedReloaded, "SM2-ACC-015"));
+    node.handle(NOW, Input::Reload).expect("ready");
+    assert_eq!(sent(&drain(&mut node)), [ToManager::Reload]);
 }
 
 //= SM2-CNT-001 test

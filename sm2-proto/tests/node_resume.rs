@@ -13,8 +13,8 @@ use support::{
     contracts::{name, subscriber},
     session::{
         EPOCH, LATER, NOW, ask, changes, claim, claim_of, come_back, contract, declared, described,
-        drain, interface_in, link, link_id, page, ready, receive, refused, sent, unlink, violation,
-        welcome, welcome_in, withdrawn,
+        drain, interface_in, link, link_id, page, ready, receive, refused, reloaded, sent, unlink,
+        violation, welcome, welcome_in, withdrawn,
     },
 };
 
@@ -377,6 +377,7 @@ fn no_question_outlives_its_session() {
         (changes(), violation!(UnexpectedChanges, "SM2-WCH-001")),
         (inspected, violation!(UnexpectedCounters, "SM2-CNT-002")),
         (described(), violation!(UnexpectedSchema, "SM2-SCH-002")),
+        (reloaded(), violation!(UnexpectedReloaded, "SM2-ACC-015")),
         (declared(1), violation!(UnknownInterface, "SM2-IFC-002")),
     ] {
         assert_eq!(violation(&mut node.clone(), &frame), expected);

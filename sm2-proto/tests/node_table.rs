@@ -11,7 +11,7 @@ use support::{
     contracts::name,
     session::{
         NOW, ask, changes, claim, come_back, declared, denied, described, drain, interface_in,
-        link, link_id, page, ready, receive, refused, sent, unlink, welcome, withdrawn,
+        link, link_id, page, ready, receive, refused, reloaded, sent, unlink, welcome, withdrawn,
     },
 };
 
@@ -36,15 +36,15 @@ const SESSION: &str = "
     resuming  unknown-link      ok                ok                ok                ok
     ended     ended             ended             ended             ended             ended
 
-    -         NotInspected      Described         CountersLost      Goodbye  Eof
-    greeting  expected-welcome  expected-welcome  expected-welcome  away     away
-    refused   expected-welcome  expected-welcome  expected-welcome  away     away
-    ready     ok                ok                ok                away     away
-    away      away              away              away              away     away
-    back      expected-welcome  expected-welcome  expected-welcome  away     away
-    denied    expected-welcome  expected-welcome  expected-welcome  away     away
-    resuming  ok                ok                ok                away     away
-    ended     ended             ended             ended             ended    ended
+    -         NotInspected      Described         CountersLost      Reloaded          Goodbye  Eof
+    greeting  expected-welcome  expected-welcome  expected-welcome  expected-welcome  away     away
+    refused   expected-welcome  expected-welcome  expected-welcome  expected-welcome  away     away
+    ready     ok                ok                ok                ok                away     away
+    away      away              away              away              away              away     away
+    back      expected-welcome  expected-welcome  expected-welcome  expected-welcome  away     away
+    denied    expected-welcome  expected-welcome  expected-welcome  expected-welcome  away     away
+    resuming  ok                ok                ok                ok                away     away
+    ended     ended             ended             ended             ended             ended    ended
 ";
 
 /// *Own* names a link that the interface has, *Other* one that it does not have.
@@ -162,6 +162,7 @@ fn every_state_of_the_session_and_frame() {
                 drain(&mut node);
                 receive(&mut node, &ToNode::CountersLost)
             }
+            "Reloaded" => receive(&mut node, &reloaded()),
             "Goodbye" => receive(&mut node, &ToNode::Goodbye { code: Code(3) }),
             "Eof" => node.handle(NOW, Input::Eof).map(|()| drain(&mut node)),
             other => panic!("{other} is no frame"),

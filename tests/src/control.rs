@@ -196,6 +196,12 @@ pub fn describe(data: &[u8]) -> Vec<u8> {
     frame(12).raw(data).bytes()
 }
 
+/// RELOAD.
+#[must_use]
+pub fn reload() -> Vec<u8> {
+    frame(14).bytes()
+}
+
 /// The quality of service of a contract, whatever its kind.
 #[derive(Clone, Copy, Debug)]
 pub struct Qos {
@@ -399,6 +405,12 @@ pub mod to_node {
     #[must_use]
     pub fn not_inspected(node: u64) -> Vec<u8> {
         frame(11).int(node).bytes()
+    }
+
+    /// RELOADED: the policy is applied.
+    #[must_use]
+    pub fn reloaded() -> Vec<u8> {
+        frame(14).int(0).bytes()
     }
 
     /// DESCRIBED.

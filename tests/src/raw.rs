@@ -342,10 +342,13 @@ impl RawNode {
         names.collect()
     }
 
-    /// Reads to the end of the stream. Only GOODBYE may precede it.
+    /// Reads to the end of the stream. Only answers to RELOAD and GOODBYE may precede it.
     #[track_caller]
     pub fn ended(&self) -> Option<Code> {
-        let frame = self.peer.recv()?;
+        let mut frame = self.peer.recv()?;
+        while let Ok(ToNode::Reloaded { .. }) = decode(&frame) {
+            frame = self.peer.recv()?;
+        }
         let Ok(ToNode::Goodbye { code }) = decode(&frame) else {
             panic!("GOODBYE expected: {frame:?}");
         };

@@ -19,6 +19,7 @@
 //! | leave the next frames of a busy session in its socket | `may_read` |
 //! | report that a socket accepted everything, if the machine waits for that | `feed` |
 //! | queue frames that a socket does not accept; give up a node that does not read | `node.rs`, `note` |
+//! | answer a wish to read the access policy again | `feed` |
 //! | continue during a shortage of descriptors | `short`, `LinkFailed` |
 //!
 //! Sockets and the lock of the path come from sm2-io: nix returns descriptors from `accept4` and `recvmsg` as
@@ -33,7 +34,7 @@ use std::error::Error;
 use std::io::{self, Write};
 use std::os::fd::{AsFd, OwnedFd};
 use std::process::ExitCode;
-use std::{rc::Rc, time::Duration};
+use std::{mem, rc::Rc, time::Duration};
 
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, ppoll};
@@ -90,6 +91,8 @@ struct Broker {
     drained: Vec<NodeId>,
     /// Descriptors of the datagram that is being handled.
     came: Vec<OwnedFd>,
+    /// Whether a node asked for the access policy to be read again.
+    policy_wanted: bool,
     /// End of a pause after a shortage of descriptors. Until then, nothing is accepted or sent from a queue.
     again: Option<Instant>,
 }
@@ -108,6 +111,7 @@ impl Broker {
             stalled: Vec::new(),
             drained: Vec::new(),
             came: Vec::new(),
+            policy_wanted: false,
             again: None,
         })
     }
@@ -231,6 +235,10 @@ impl Broker {
 
     fn feed(&mut self, input: Input<'_>) {
         self.step(input);
+        if mem::take(&mut self.policy_wanted) {
+            // The domain of this loop never has one.
+            self.step(Input::SetAccessPolicy(None));
+        }
         while let Some(session) = self.stalled.pop() {
             self.step(Input::Stalled { session });
         }
@@ -273,6 +281,7 @@ impl Broker {
                     let counters = self.nodes.get(&of).and_then(|node| node.counters.clone());
                     self.send(session, frame, counters);
                 }
+                Output::ReadAccessPolicy => self.policy_wanted = true,
                 Output::HangUp {
                     session,
                     goodbye,

@@ -18,7 +18,7 @@ use std::{
     time::Duration,
 };
 
-use nix::libc;
+use nix::{libc, unistd::geteuid};
 use sm2_io::{DomainSocket, Epoll, Event, Events, InspectedFd, Interest, clock, wait_readable};
 use sm2_proto::{
     Instant, Machine, NodeId,
@@ -120,7 +120,7 @@ impl Manager {
         Self::at(Door::new(endpoint, false), options, handles)
     }
 
-    //= SM2-SES-007, SM2-LNK-002, SM2-ACC-012
+    //= SM2-SES-007, SM2-LNK-002, SM2-ACC-012, SM2-ACC-016
     fn at(door: Door, options: &Options, handles: &Handles) -> Result<Self, StartError> {
         let access = policy_file::of_domain(door.path(), options)?;
         let epoll = Epoll::new().map_err(StartError::io("create an epoll set"))?;
@@ -131,7 +131,8 @@ impl Manager {
             .map_err(StartError::io("watch the socket"))?;
         // The secret must not be guessable: with it, a process could claim the links of others.
         let (epoch, secret) = random().map_err(StartError::io("get random numbers"))?;
-        let mut machine = manager::Manager::new(epoch, secret, options.policy);
+        let machine = manager::Manager::new(epoch, secret, options.policy);
+        let mut machine = machine.with_owner(geteuid().as_raw());
         if let Some(access) = access {
             info!(policy = %access.path.display(), "access rights are restricted");
             machine = machine.with_access_policy(access.policy);
@@ -429,6 +430,8 @@ impl Manager {
                     let file = owner.and_then(|owner| owner.counters.clone());
                     self.send(session, frame, file);
                 }
+                //= SM2-ACC-015
+                Output::ReadAccessPolicy => self.reload.ask(),
                 Output::HangUp {
                     session,
                     goodbye,

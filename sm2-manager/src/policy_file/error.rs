@@ -3,7 +3,8 @@
 use std::{io, path::PathBuf};
 
 use sm2_proto::{
-    Name, NameError, gateway::PatternError, limits::POLICY_FILE_MAX, policy::PolicyError,
+    Name, NameError, control::PolicyProblem, gateway::PatternError, limits::POLICY_FILE_MAX,
+    policy::PolicyError,
 };
 
 /// Why a policy file was refused.
@@ -84,6 +85,22 @@ pub enum PolicyFileError {
         /// The error.
         source: PolicyError,
     },
+}
+
+impl PolicyFileError {
+    /// The kind of problem, as RELOADED names it.
+    //= SM2-ACC-015
+    pub(crate) const fn problem(&self) -> PolicyProblem {
+        match self {
+            Self::Io { .. } | Self::NotAFile { .. } | Self::NotLinked { .. } => {
+                PolicyProblem::Unreadable
+            }
+            Self::NotTrusted { .. } => PolicyProblem::NotTrusted,
+            Self::TooLong { .. } | Self::Toml { .. } | Self::Value { .. } | Self::Policy { .. } => {
+                PolicyProblem::Invalid
+            }
+        }
+    }
 }
 
 /// Why a value of a policy file was refused.

@@ -129,6 +129,7 @@ impl Session {
                 | Output::Inspected { .. }
                 | Output::NotInspected { .. }
                 | Output::Described { .. }
+                | Output::Reloaded(_)
                 | Output::Resumed => {}
             }
         }

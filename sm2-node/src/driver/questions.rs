@@ -15,7 +15,7 @@ mod ask;
 use std::collections::{HashMap, VecDeque};
 use std::os::fd::OwnedFd;
 
-use sm2_proto::control::{Change, Item, Key};
+use sm2_proto::control::{Change, Item, Key, ReloadOutcome};
 use sm2_proto::node::Input;
 use sm2_proto::{EntityId, InterfaceId, NodeId, TypeId};
 
@@ -32,6 +32,8 @@ pub(crate) enum Question {
     Inspect(NodeId),
     /// Asks for the schema text of a type.
     Describe(TypeId),
+    /// Asks the Manager to read its access policy again.
+    Reload,
 }
 
 /// An answer of the Manager.
@@ -41,6 +43,7 @@ pub(crate) enum Answer {
     /// The file of a node's counters.
     Counters(Option<OwnedFd>),
     Schema(Option<String>),
+    Reloaded(ReloadOutcome),
 }
 
 /// A part of the domain's state.
@@ -73,7 +76,7 @@ pub(crate) type Ticket = u64;
 pub(super) struct Questions {
     last_ticket: Ticket,
     /// The queues of questions, by kind. The first question of each queue was sent.
-    queues: [VecDeque<(Ticket, Question)>; 3],
+    queues: [VecDeque<(Ticket, Question)>; 4],
     /// The answers that threads wait for; `None` until the answer comes.
     answers: HashMap<Ticket, Option<Answer>>,
     followers: HashMap<Ticket, Follower>,
@@ -110,6 +113,7 @@ impl Questions {
             Question::FirstPage | Question::Page(_) => 0,
             Question::Inspect(_) => 1,
             Question::Describe(_) => 2,
+            Question::Reload => 3,
         }
     }
 
@@ -225,6 +229,7 @@ impl Question {
             },
             Self::Inspect(node) => Input::Inspect { node: *node },
             Self::Describe(data) => Input::Describe { data: data.clone() },
+            Self::Reload => Input::Reload,
         }
     }
 }

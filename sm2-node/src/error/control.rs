@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use sm2_io::DomainSocketError;
 use sm2_io::counters::CounterError;
+use sm2_proto::control::PolicyProblem;
 use sm2_proto::domain::BrokenAnswer;
 use sm2_proto::node::End;
 use sm2_proto::schema::ParseError;
@@ -323,6 +324,41 @@ pub enum QueryError {
     /// Polling the session failed.
     #[error("cannot wait for the Manager's answer: {0}")]
     Io(#[source] io::Error),
+}
+
+/// The Manager did not apply the access policy of its domain again.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ReloadError {
+    /// Only the Manager's user and root may ask.
+    #[error(
+        "only the Manager's user and root may have the access policy read again: run this command as \
+         one of them"
+    )]
+    NotPermitted,
+    /// The domain had no policy before, and has none now.
+    #[error(
+        "this domain has no access policy: start its Manager with --policy, or put the file beside its \
+         socket, with .policy after its name"
+    )]
+    NoPolicy,
+    /// The policy cannot be used. The one before stays in force.
+    #[error("the access policy before stays in force: {}", printable(text))]
+    Unusable {
+        /// The kind of problem.
+        problem: PolicyProblem,
+        /// The problem, in the Manager's words.
+        text: String,
+    },
+    /// The Manager did not answer.
+    #[error(transparent)]
+    Query(#[from] QueryError),
+}
+
+/// Replaces characters that would control a terminal.
+fn printable(text: &str) -> String {
+    let replaced = |it: char| if it.is_control() { ' ' } else { it };
+    text.chars().map(replaced).collect()
 }
 
 /// A schema text was not registered.

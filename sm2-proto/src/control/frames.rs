@@ -93,6 +93,8 @@ pub enum ToManager {
         /// The number. The newest one counts.
         max_links: u32,
     },
+    /// The node asks the Manager to read the access policy of its domain again.
+    Reload,
 }
 
 /// A frame from the Manager to a node.
@@ -186,6 +188,40 @@ pub enum ToNode {
     /// The Manager had no free descriptor for the file that came with COUNTERS, and may have one
     /// now: the node sends COUNTERS again.
     CountersLost,
+    /// The access policy is read again, or it is not.
+    Reloaded {
+        /// The outcome.
+        outcome: ReloadOutcome,
+    },
+}
+
+/// The outcome of a RELOAD.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum ReloadOutcome {
+    /// The policy that was read after the RELOAD, or a later one, is applied.
+    Applied,
+    /// The domain had no policy before, and has none now.
+    NoPolicy,
+    /// Neither the user of the Manager's process nor root asked.
+    NotPermitted,
+    /// The policy cannot be used. The one before stays in force.
+    Unusable {
+        /// The kind of problem.
+        problem: PolicyProblem,
+        /// The problem in words, for people.
+        text: String,
+    },
+}
+
+/// Why an access policy cannot be used (SM2-ACC-012).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum PolicyProblem {
+    /// The file cannot be read.
+    Unreadable,
+    /// Another user owns the file or may write it.
+    NotTrusted,
+    /// The file is no policy.
+    Invalid,
 }
 
 /// The text of a type.
@@ -234,7 +270,7 @@ pub struct LinkPeer {
 
 impl ToManager {
     /// The number of frame types.
-    pub(super) const COUNT: u32 = 14;
+    pub(super) const COUNT: u32 = 15;
 
     /// The number of descriptors that the frame carries.
     pub(crate) const fn fds(&self) -> usize {
@@ -247,7 +283,7 @@ impl ToManager {
 
 impl ToNode {
     /// The number of frame types.
-    pub(super) const COUNT: u32 = 14;
+    pub(super) const COUNT: u32 = 15;
 
     /// The number of descriptors that the frame carries.
     pub(crate) const fn fds(&self) -> usize {

@@ -8,5 +8,7 @@ mod proofs;
 
 pub(crate) use codec::{DecodeError, decode, encode};
 pub use codec::{decode_to_manager, decode_to_node, encode_to_manager, encode_to_node};
-pub use frames::{Changes, LinkPeer, Page, SchemaText, ToManager, ToNode};
+pub use frames::{
+    Changes, LinkPeer, Page, PolicyProblem, ReloadOutcome, SchemaText, ToManager, ToNode,
+};
 pub use items::{Change, Item, Key, Limits, UnlinkedReason};

@@ -31,18 +31,18 @@ fn datagram<'a>(bytes: &'a [u8], files: &'a [FdFacts; 2], fds: usize) -> Datagra
 #[cfg_attr(kani, kani::unwind(12))]
 fn short_frames_to_a_manager_are_canonical() {
     let bytes: [u8; 2] = kani::any();
-    let len = if bytes[0] == 9 || bytes[0] == 7 { 1 } else { 2 };
+    let len = if matches!(bytes[0], 7 | 9 | 14) { 1 } else { 2 };
     let files = [FdFacts::default(); 2];
     let fds = usize::from(bytes[0] == 9);
     let decoded = decode_to_manager(&datagram(&bytes[..len], &files, fds));
-    if bytes[0] >= 14 {
+    if bytes[0] >= 15 {
         // Also a number that continues after its first byte: all numbers are small.
         let long = bytes[0] >= 0x80 && bytes[1] == 0;
         assert!(decoded == Err(violation!(UnknownFrame, "SM2-FRM-001")) || long);
     }
     if let Ok(frame) = &decoded {
         assert!(encode_to_manager(frame) == bytes[..len]);
-        assert!(matches!(bytes[0], 2 | 4 | 5 | 7 | 8 | 9 | 10 | 13));
+        assert!(matches!(bytes[0], 2 | 4 | 5 | 7 | 8 | 9 | 10 | 13 | 14));
     }
     kani::cover!(decoded == Ok(ToManager::Counters), "COUNTERS");
     kani::cover!(matches!(decoded, Ok(ToManager::Goodbye { .. })), "GOODBYE");
@@ -61,13 +61,13 @@ fn short_frames_to_a_node_are_canonical() {
     let files = [FdFacts::default(); 2];
     let fds = usize::from(bytes[0] == 10);
     let decoded = decode_to_node(&datagram(&bytes, &files, fds));
-    if bytes[0] >= 14 {
+    if bytes[0] >= 15 {
         let long = bytes[0] >= 0x80 && bytes[1] == 0;
         assert!(decoded == Err(violation!(UnknownFrame, "SM2-FRM-001")) || long);
     }
     if let Ok(frame) = &decoded {
         assert!(encode_to_node(frame) == bytes);
-        assert!(matches!(bytes[0], 1 | 6 | 8 | 10 | 11));
+        assert!(matches!(bytes[0], 1 | 6 | 8 | 10 | 11 | 14));
     }
     kani::cover!(matches!(decoded, Ok(ToNode::Inspected { .. })), "INSPECTED");
     kani::cover!(
@@ -96,7 +96,7 @@ fn any_frame() -> ToManager {
         epoch: any_number(),
         serial: 0,
     };
-    match below(11) {
+    match below(12) {
         0 => ToManager::Hello {
             min_version: code.0,
             max_version: 1,
@@ -126,7 +126,8 @@ fn any_frame() -> ToManager {
             data: data(),
             text: String::new(),
         }),
-        _ => ToManager::Describe { data: data() },
+        10 => ToManager::Describe { data: data() },
+        _ => ToManager::Reload,
     }
 }
 

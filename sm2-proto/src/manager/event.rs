@@ -2,7 +2,10 @@
 
 use alloc::{sync::Arc, vec::Vec};
 
-use crate::{Code, Datagram, Farewell, LinkId, NodeId, Violation, policy::AccessPolicy};
+use crate::{
+    Code, Datagram, Farewell, LinkId, NodeId, Violation, control::PolicyProblem,
+    policy::AccessPolicy,
+};
 
 /// The credentials of the process at the other end of a connection, as the kernel reports them.
 //= SM2-TRN-007
@@ -67,6 +70,15 @@ pub enum Input<'a> {
     /// The domain has another access policy; `None`: everything is allowed. The Manager applies the
     /// policy in parts: see [`Manager::is_applying_policy`](super::Manager::is_applying_policy).
     SetAccessPolicy(Option<Arc<AccessPolicy>>),
+    /// The access policy cannot be read again: the answer to [`Output::ReadAccessPolicy`] beside
+    /// `SetAccessPolicy`. The policy before stays in force.
+    AccessPolicyUnusable {
+        /// The kind of problem.
+        problem: PolicyProblem,
+        /// The problem in words. Nodes are sent the first
+        /// [`RELOAD_TEXT_MAX`](crate::limits::RELOAD_TEXT_MAX) bytes.
+        text: &'a str,
+    },
     /// The deadline has come.
     Tick,
     /// The Manager has released its lock so that a standby can take over. It says goodbye to all
@@ -110,6 +122,9 @@ pub enum Output {
         /// The session whose counters are sent.
         of: NodeId,
     },
+    /// Read the access policy of the domain, and feed [`Input::SetAccessPolicy`] or
+    /// [`Input::AccessPolicyUnusable`]. One reading answers all requests before it.
+    ReadAccessPolicy,
     /// Send the goodbye, if any, as far as the socket takes it, and close the connection. The
     /// machine has forgotten the session.
     HangUp {

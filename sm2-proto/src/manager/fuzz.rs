@@ -4,15 +4,16 @@
 //! first byte of an operation holds its kind in the lower half and the connection in the upper
 //! half. The bytes after it are the operands that [`Fuzz::step`] reads.
 
-use alloc::{collections::BTreeSet, vec::Vec};
+use alloc::{collections::BTreeSet, sync::Arc, vec::Vec};
 use core::time::Duration;
 
 use super::{Credentials, Input, Manager, Output, Policy};
 use crate::{
     Code, Contract, Datagram, EntityId, FdFacts, Instant, InterfaceId, LinkId, LinkKey, Machine,
     NodeId, Seals,
-    control::{Key, SchemaText, ToManager, decode_to_node, encode_to_manager},
+    control::{Key, PolicyProblem, SchemaText, ToManager, decode_to_node, encode_to_manager},
     fuzz::script::{Script, key_of},
+    policy::{AccessPolicy, Effect, Tables},
 };
 
 const EPOCH: u64 = 1;
@@ -85,6 +86,10 @@ pub(crate) fn session(data: &[u8]) {
     for session in fuzz.open.clone() {
         fuzz.feed(Input::Closed { session });
     }
+    // A policy may still be applied.
+    while fuzz.manager.deadline().is_some_and(|at| at <= fuzz.now) {
+        fuzz.feed(Input::Tick);
+    }
     assert_eq!((fuzz.manager.sessions(), fuzz.manager.links()), (0, 0));
     assert_eq!(fuzz.manager.deadline(), None);
 }
@@ -134,6 +139,7 @@ impl<'a> Fuzz<'a> {
             }
             6 => self.shortage = self.script.byte()? % 8,
             7 => self.feed(Input::Shutdown),
+            8 => self.reload(session)?,
             9 => {
                 let file = usize::from(self.script.byte()?) % FILES.len();
                 let frame = encode_to_manager(&ToManager::Counters);
@@ -147,6 +153,39 @@ impl<'a> Fuzz<'a> {
                 let frame = encode_to_manager(&self.frame()?);
                 self.datagram(session, Datagram::new(&frame));
             }
+        }
+        Some(())
+    }
+
+    /// RELOAD, or a policy that was read. One session in four belongs to no user who may ask.
+    fn reload(&mut self, session: NodeId) -> Option<()> {
+        let choice = self.script.byte()?;
+        let tables = |default| Tables {
+            default,
+            rules: Vec::new(),
+            bindings: Vec::new(),
+            exclusive: Vec::new(),
+        };
+        let policy = |effect| AccessPolicy::new(tables(effect)).ok().map(Arc::new);
+        match choice % 5 {
+            0 | 1 => {
+                let frame = encode_to_manager(&ToManager::Reload);
+                self.datagram(session, Datagram::new(&frame));
+            }
+            2 => self.feed(Input::SetAccessPolicy(None)),
+            3 => {
+                let is_allowed = choice & 0x80 == 0;
+                let effect = if is_allowed {
+                    Effect::Allow
+                } else {
+                    Effect::Deny
+                };
+                self.feed(Input::SetAccessPolicy(policy(effect)));
+            }
+            _ => self.feed(Input::AccessPolicyUnusable {
+                problem: PolicyProblem::Invalid,
+                text: "no policy",
+            }),
         }
         Some(())
     }
@@ -268,11 +307,12 @@ impl<'a> Fuzz<'a> {
     }
 
     fn feed(&mut self, input: Input<'_>) {
-        // One answer, one hang-up, the sessions that did not greet in time, the watchers, the
-        // links, and the claims.
+        // One answer, one hang-up, the sessions that did not greet in time, the watchers, those that
+        // wait for a policy, the suspended interfaces, the links, and the claims.
         let links = self.manager.links() + POLICY.links_per_session;
         let sessions = self.manager.sessions();
-        let most = 2 + 2 * sessions + links + sessions * POLICY.links_per_session;
+        let suspended = sessions * POLICY.interfaces_per_session;
+        let most = 2 + 3 * sessions + suspended + 3 * links + sessions * POLICY.links_per_session;
         let taken = self.manager.handle(self.now, input);
         taken.expect("session numbers grow");
         let outputs: Vec<Output> = core::iter::from_fn(|| self.manager.poll()).collect();
@@ -304,6 +344,7 @@ impl<'a> Fuzz<'a> {
                 assert!(self.counting.contains(&of), "{of} keeps no counters");
                 self.send(session, &frame, 1);
             }
+            Output::ReadAccessPolicy => {}
             Output::HangUp {
                 session, goodbye, ..
             } => {

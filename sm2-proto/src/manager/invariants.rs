@@ -55,6 +55,10 @@ impl Manager {
                     .all(|it| self.sessions.contains_key(it)),
                 "whoever waits for changes is there",
             ),
+            (
+                self.reload_requests_agree(),
+                "whoever waits for a policy is welcomed",
+            ),
         ])
     }
 

@@ -44,6 +44,8 @@ mod policy;
 #[cfg(any(kani, test))]
 mod proofs;
 mod reload;
+mod reload_requests;
+mod requested_reload;
 mod round_robin;
 mod schemas;
 mod session;
@@ -71,6 +73,7 @@ use self::{
     node_record::NodeRecord,
     pending_links::PendingLinks,
     reload::Reload,
+    reload_requests::ReloadRequests,
     round_robin::RoundRobin,
     schemas::Schemas,
     session::Session,
@@ -121,6 +124,7 @@ pub struct Manager {
     /// The sessions whose counters were lost, and when to ask for them again.
     lost_counters: VecDeque<(Instant, NodeId)>,
     reload: Reload,
+    reload_requests: ReloadRequests,
     /// The time since which deferred work can be done.
     due: Option<Instant>,
     outputs: VecDeque<Output>,
@@ -155,6 +159,7 @@ impl Manager {
             shortage: Shortage::new(),
             lost_counters: VecDeque::new(),
             reload: Reload::new(),
+            reload_requests: ReloadRequests::new(),
             due: None,
             outputs: VecDeque::new(),
         }
@@ -225,10 +230,12 @@ impl Machine for Manager {
             Input::LinkFailed { link } => self.link_failed(now, link),
             Input::Drained { session } => self.drained(session),
             Input::SetAccessPolicy(policy) => self.set_access_policy(policy),
+            Input::AccessPolicyUnusable { problem, text } => self.refuse_reloads(problem, text),
             Input::Tick => self.run_deferred(now),
             Input::DismissStandbys => self.dismiss_standbys(),
             Input::Shutdown => self.shut_down(),
         }
+        self.answer_reloads();
         self.wake_watchers(before);
         self.due = self.has_deferred(now).then_some(now);
         debug_assert_eq!(self.invariants(), Ok(()));
@@ -346,6 +353,7 @@ impl Manager {
             ToManager::Schema(SchemaText { data, text }) => self.register(node, data, text)?,
             ToManager::Describe { data } => self.describe(node, data),
             ToManager::MaxLinks { max_links } => self.set_max_links(node, max_links),
+            ToManager::Reload => self.reload(node)?,
         }
         Ok(())
     }
@@ -418,6 +426,7 @@ impl Manager {
         }
         self.access.end(node);
         self.reload.forget_session(node);
+        self.reload_requests.forget(node);
         self.pending_links.forget_session(node);
         self.expired.remove(&node);
         self.forget_lost_counters(node);
@@ -477,11 +486,6 @@ impl Manager {
         for node in standbys {
             self.end_session(node, Cause::Farewell(Farewell::ShuttingDown));
         }
-    }
-
-    fn node_changed(&mut self, node: NodeId) {
-        let entity = EntityId::node(node);
-        self.changed(Key::Member { entity });
     }
 
     fn send(&mut self, node: NodeId, frame: &ToNode) {

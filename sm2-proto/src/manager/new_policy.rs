@@ -35,9 +35,11 @@ impl Manager {
     /// Judges all that is new by the policy from now on, and the rest in parts.
     //= SM2-ACC-013
     pub(super) fn set_access_policy(&mut self, policy: Option<Arc<AccessPolicy>>) {
+        let is_missing = policy.is_none() && !self.access.is_restricted();
         if self.access.set_policy(policy) {
             self.log.forget();
         }
+        self.policy_was_read(is_missing);
         self.reload.begin();
     }
 
@@ -57,10 +59,21 @@ impl Manager {
             }
         }
         if self.reload.pass.is_none()
-            && let Some((node, why)) = self.reload.next_end(now)
+            && let Some((node, why)) = self.next_end(now)
         {
             self.end_session(node, Cause::Farewell(why));
         }
+    }
+
+    fn next_end(&self, now: Instant) -> Option<(NodeId, Farewell)> {
+        let waits = |it| self.reload_requests.is_applying(it);
+        self.reload.next_end(now, waits)
+    }
+
+    /// Whether a part of the work can be done now.
+    pub(super) fn is_policy_due(&self, now: Instant) -> bool {
+        let waits = |it| self.reload_requests.is_applying(it);
+        self.reload.is_due(now, waits)
     }
 
     /// The first welcomed node or interface from this one on.

@@ -44,13 +44,15 @@ pub enum ToManagerKind {
     Describe,
     /// MAX_LINKS
     MaxLinks,
+    /// RELOAD
+    Reload,
 }
 
 /// Every phase.
 pub const PHASES: [Phase; 3] = [Phase::Greeting, Phase::Resuming, Phase::Ready];
 
 /// Every kind of frame from a node.
-pub const TO_MANAGER_KINDS: [ToManagerKind; 14] = [
+pub const TO_MANAGER_KINDS: [ToManagerKind; 15] = [
     ToManagerKind::Hello,
     ToManagerKind::Declare,
     ToManagerKind::Withdraw,
@@ -65,6 +67,7 @@ pub const TO_MANAGER_KINDS: [ToManagerKind; 14] = [
     ToManagerKind::Schema,
     ToManagerKind::Describe,
     ToManagerKind::MaxLinks,
+    ToManagerKind::Reload,
 ];
 
 impl ToManagerKind {
@@ -84,6 +87,7 @@ impl ToManagerKind {
             ToManager::Schema(_) => Self::Schema,
             ToManager::Describe { .. } => Self::Describe,
             ToManager::MaxLinks { .. } => Self::MaxLinks,
+            ToManager::Reload => Self::Reload,
         }
     }
 }
@@ -113,7 +117,8 @@ pub const fn legal(phase: Phase, kind: ToManagerKind) -> Result<(), Violation> {
             | ToManagerKind::Inspect
             | ToManagerKind::Schema
             | ToManagerKind::Describe
-            | ToManagerKind::MaxLinks,
+            | ToManagerKind::MaxLinks
+            | ToManagerKind::Reload,
         ) => Ok(()),
     }
 }

@@ -78,11 +78,15 @@ impl Reload {
     }
 
     /// The session that ends next, and why: its name is denied and its links have ended, or it has
-    /// not confirmed in time.
-    pub(super) fn next_end(&self, now: Instant) -> Option<(NodeId, Farewell)> {
+    /// not confirmed in time. A session that `waits` for the policy ends after its answer.
+    pub(super) fn next_end(
+        &self,
+        now: Instant,
+        waits: impl Fn(NodeId) -> bool,
+    ) -> Option<(NodeId, Farewell)> {
         let until = self.until?;
         let mut denied = self.denied.iter().copied();
-        if let Some(node) = denied.find(|&it| self.asked_of(it).is_none()) {
+        if let Some(node) = denied.find(|&it| !waits(it) && self.asked_of(it).is_none()) {
             return Some((node, Farewell::Denied));
         }
         let (entity, _) = self.unconfirmed.first().filter(|_| until <= now)?;
@@ -95,11 +99,17 @@ impl Reload {
     }
 
     /// Whether some work can be done now.
-    pub(super) fn is_due(&self, now: Instant) -> bool {
-        self.pass.is_some() || self.next_end(now).is_some()
+    pub(super) fn is_due(&self, now: Instant, waits: impl Fn(NodeId) -> bool) -> bool {
+        self.pass.is_some() || self.next_end(now, waits).is_some()
+    }
+
+    /// Whether the policy is applied, but for the ends of sessions that `wait` for that.
+    pub(super) fn is_confirmed(&self, waits: impl Fn(NodeId) -> bool) -> bool {
+        let mut denied = self.denied.iter();
+        self.pass.is_none() && self.unconfirmed.is_empty() && denied.all(|&it| waits(it))
     }
 
     pub(super) fn is_over(&self) -> bool {
-        self.pass.is_none() && self.unconfirmed.is_empty() && self.denied.is_empty()
+        self.is_confirmed(|_| false)
     }
 }

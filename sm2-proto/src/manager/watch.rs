@@ -5,7 +5,7 @@ use core::mem;
 
 use super::Manager;
 use crate::{
-    NodeId, Violation,
+    EntityId, NodeId, Violation,
     control::{Change, Changes, Key, ToNode},
     limits::DATAGRAM_MAX,
 };
@@ -18,6 +18,12 @@ impl Manager {
     /// Notes that an item has changed. Every change goes through this function.
     pub(super) fn changed(&mut self, key: Key) {
         self.log.push(key);
+    }
+
+    /// Notes that the item of a node has changed.
+    pub(super) fn node_changed(&mut self, node: NodeId) {
+        let entity = EntityId::node(node);
+        self.changed(Key::Member { entity });
     }
 
     //= SM2-WCH-001

@@ -35,7 +35,7 @@ impl Manager {
     /// Does one part of the deferred work: of the links that could not be made, of one session with
     /// pending links that has room, and of one that is busy.
     pub(super) fn run_deferred(&mut self, now: Instant) {
-        if self.reload.is_due(now) {
+        if self.is_policy_due(now) {
             self.apply_policy(now);
         }
         if self.shortage.is_due(now) {
@@ -54,7 +54,7 @@ impl Manager {
         self.pending_links.has_announceable()
             || !self.jobs.is_empty()
             || self.shortage.is_due(now)
-            || self.reload.is_due(now)
+            || self.is_policy_due(now)
     }
 
     /// Finishes the work of the session's last frame.

@@ -5,7 +5,7 @@ use alloc::{string::String, vec::Vec};
 use crate::{
     Code, Datagram, InterfaceId, LinkId, LinkQos, Name, NodeId, QosError, Refusal, TypeId,
     Violation,
-    control::{Changes, Key, LinkPeer, Page, SchemaText},
+    control::{Changes, Key, LinkPeer, Page, ReloadOutcome, SchemaText},
 };
 
 /// An input of a node. `Datagram` requires that the outputs of the input before are drained,
@@ -62,6 +62,8 @@ pub enum Input<'a> {
         /// The type.
         data: TypeId,
     },
+    /// Ask the Manager to read the access policy of its domain again, and to apply it.
+    Reload,
     /// There is a new connection with a Manager, after [`Output::Ended`] or
     /// [`Output::HelloRefused`]. The node greets again and brings its interfaces and links along
     /// (SM2-RES-002).
@@ -168,6 +170,8 @@ pub enum Output {
         /// The text of the type (SPEC Annex A).
         text: Option<String>,
     },
+    /// The answer to [`Input::Reload`].
+    Reloaded(ReloadOutcome),
     /// The Manager knows all interfaces and links that this node brought along.
     Resumed,
     /// The session is over: close the connection. This is always the last output of a session.
@@ -221,6 +225,9 @@ pub enum Misuse {
     /// One WATCH at a time (SM2-WCH-001).
     #[error("the changes that were asked for have not come yet: wait for them")]
     WatchTwice,
+    /// One RELOAD at a time (SM2-ACC-015).
+    #[error("the access policy is being read again already: wait for the answer")]
+    ReloadTwice,
     /// COUNTERS goes out once per session (SM2-CNT-001).
     #[error("the Manager has the counters of this session already")]
     CountersTwice,

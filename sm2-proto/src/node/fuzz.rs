@@ -10,8 +10,8 @@ use super::{End, Error, Input, Node, Output};
 use crate::{
     Datagram, FdFacts, Instant, InterfaceId, LinkId, LinkKey, Machine, Name,
     control::{
-        Changes, LinkPeer, Page, SchemaText, ToManager, ToNode, decode_to_manager, decode_to_node,
-        encode_to_node,
+        Changes, LinkPeer, Page, ReloadOutcome, SchemaText, ToManager, ToNode, decode_to_manager,
+        decode_to_node, encode_to_node,
     },
     fuzz::script::Script,
     manager::{Phase, ToManagerKind, legal},
@@ -74,6 +74,7 @@ struct Session {
     links: BTreeSet<(InterfaceId, LinkId)>,
     watching: bool,
     counting: bool,
+    reloading: bool,
 }
 
 impl Default for Session {
@@ -88,6 +89,7 @@ impl Default for Session {
             links: BTreeSet::new(),
             watching: false,
             counting: false,
+            reloading: false,
         }
     }
 }
@@ -122,6 +124,7 @@ impl Session {
                 assert!(self.dropping.remove(&interface), "{interface} stays");
             }
             ToNode::Changes(_) => self.watching = false,
+            ToNode::Reloaded { .. } => self.reloading = false,
             _ => {}
         }
     }
@@ -163,6 +166,10 @@ impl Session {
             ToManager::Counters => {
                 assert!(!self.counting, "counters once");
                 self.counting = true;
+            }
+            ToManager::Reload => {
+                assert!(!self.reloading, "one RELOAD at a time");
+                self.reloading = true;
             }
             _ => {}
         }
@@ -224,7 +231,7 @@ impl Fuzz<'_> {
 
     fn input(&mut self) -> Option<Input<'static>> {
         let script = &mut self.script;
-        Some(match script.byte()? % 11 {
+        Some(match script.byte()? % 12 {
             0 => Input::Withdraw {
                 interface: script.interface()?,
             },
@@ -252,6 +259,7 @@ impl Fuzz<'_> {
             },
             8 => Input::Greet(script.name()?),
             9 => Input::Eof,
+            10 => Input::Reload,
             _ if script.byte()? > 250 => Input::Close(script.code()?),
             _ => Input::Counters,
         })
@@ -260,7 +268,7 @@ impl Fuzz<'_> {
     /// A legal frame.
     fn frame(&mut self) -> Option<ToNode> {
         let script = &mut self.script;
-        Some(match script.byte()? % 16 {
+        Some(match script.byte()? % 17 {
             0 | 1 => ToNode::Welcome {
                 version: u16::from(script.byte()? != u8::MAX),
                 epoch: 1 + script.number()? % 2,
@@ -307,11 +315,14 @@ impl Fuzz<'_> {
                     node: script.node()?,
                 },
             },
-            _ => {
+            15 => {
                 let (data, text) = script.schema()?;
                 let text = Some(text);
                 ToNode::Described { data, text }
             }
+            _ => ToNode::Reloaded {
+                outcome: ReloadOutcome::NoPolicy,
+            },
         })
     }
 

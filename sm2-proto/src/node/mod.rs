@@ -218,6 +218,10 @@ impl Machine for Node {
                 self.session()?.requests.describe(data.clone());
                 self.send(&ToManager::Describe { data });
             }
+            Input::Reload => {
+                self.session()?.requests.reload()?;
+                self.send(&ToManager::Reload);
+            }
             Input::Close(code) => self.close(code)?,
         }
         Ok(())

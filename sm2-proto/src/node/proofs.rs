@@ -105,7 +105,7 @@ fn an_ended_node_is_silent() {
     assert!(last == Some(Output::Ended(end)));
     assert_eq!(farewells, usize::from((is_final && !was_away) || breaks));
     assert_eq!((node.end(), node.is_away()), (Some(end), !is_final));
-    let later = match below(8) {
+    let later = match below(9) {
         0 => Input::Datagram(Datagram::new(&[8, 0])),
         1 => Input::Eof,
         2 => Input::Greet(name()),
@@ -113,6 +113,7 @@ fn an_ended_node_is_silent() {
         4 => Input::Watch { after: 0 },
         5 => Input::Counters,
         6 => Input::Inspect { node: NodeId(1) },
+        7 => Input::Reload,
         _ => Input::Unlinked {
             interface: InterfaceId(1),
             link: LinkId::FIRST,

@@ -120,6 +120,10 @@ impl Node {
                 session.requests.counters_lost()?;
                 self.send_counters();
             }
+            ToNode::Reloaded { outcome } => {
+                session.requests.reloaded()?;
+                self.emit(Output::Reloaded(outcome));
+            }
         }
         Ok(())
     }

@@ -21,6 +21,8 @@ pub(super) struct Requests {
     inspecting: VecDeque<NodeId>,
     /// DESCRIBEs without their answer, oldest first.
     describing: VecDeque<TypeId>,
+    /// Whether a RELOAD waits for its RELOADED.
+    reloading: bool,
 }
 
 impl Requests {
@@ -97,6 +99,24 @@ impl Requests {
             return Err(violation!(BadSchema, "SM2-SCH-002"));
         }
         self.describing.pop_front();
+        Ok(())
+    }
+
+    //= SM2-ACC-015
+    pub(super) const fn reload(&mut self) -> Result<(), Misuse> {
+        if self.reloading {
+            return Err(Misuse::ReloadTwice);
+        }
+        self.reloading = true;
+        Ok(())
+    }
+
+    //= SM2-ACC-015
+    pub(super) const fn reloaded(&mut self) -> Result<(), Violation> {
+        if !self.reloading {
+            return Err(violation!(UnexpectedReloaded, "SM2-ACC-015"));
+        }
+        self.reloading = false;
         Ok(())
     }
 }

@@ -46,6 +46,8 @@ pub(crate) enum Event {
     CountersKept(NodeId),
     /// The receiver, and the owner of the counters.
     CountersSent(NodeId, ToNode, NodeId),
+    /// The driver has to read the access policy.
+    PolicyWanted,
     HungUp(NodeId, Option<Code>, Cause),
 }
 
@@ -258,7 +260,7 @@ pub(crate) fn seen_by(events: &[Event], node: NodeId) -> Vec<ToNode> {
         Event::Sent(to, frame) => vec![(*to, frame)],
         Event::Linked(_, ends) => ends.iter().map(|(to, frame)| (*to, frame)).collect(),
         Event::CountersSent(to, frame, _) => vec![(*to, frame)],
-        Event::CountersKept(_) | Event::HungUp(..) => Vec::new(),
+        Event::CountersKept(_) | Event::PolicyWanted | Event::HungUp(..) => Vec::new(),
     });
     let own = frames.filter(|(to, _)| *to == node);
     own.map(|(_, frame)| frame.clone()).collect()
@@ -275,6 +277,7 @@ pub(crate) fn read(output: Output) -> Event {
         Output::SendCounters { session, frame, of } => {
             Event::CountersSent(session, read_frame(&frame, 1), of)
         }
+        Output::ReadAccessPolicy => Event::PolicyWanted,
         Output::HangUp {
             session,
             goodbye,

@@ -5,14 +5,15 @@ use proptest::{
     collection::vec,
     option,
     prelude::*,
+    sample::select,
     strategy::{BoxedStrategy, Union},
 };
 use sm2_proto::{
     Code, Contract, DemandedQos, EntityId, InterfaceId, LinkId, LinkKey, Name, NodeId, OfferedQos,
     Quota, Refusal, ServiceQos, TypeId,
     control::{
-        Change, Changes, Item, Key, Limits, LinkPeer, Page, SchemaText, ToManager, ToNode,
-        UnlinkedReason,
+        Change, Changes, Item, Key, Limits, LinkPeer, Page, PolicyProblem, ReloadOutcome,
+        SchemaText, ToManager, ToNode, UnlinkedReason,
     },
 };
 
@@ -298,6 +299,7 @@ pub(crate) fn to_manager() -> Union<BoxedStrategy<ToManager>> {
         any::<u32>()
             .prop_map(|max_links| ToManager::MaxLinks { max_links })
             .boxed(),
+        Just(ToManager::Reload).boxed(),
     ])
 }
 
@@ -357,7 +359,24 @@ pub(crate) fn to_node() -> Union<BoxedStrategy<ToNode>> {
             .prop_map(|(data, text)| ToNode::Described { data, text })
             .boxed(),
         Just(ToNode::CountersLost).boxed(),
+        reload_outcomes()
+            .prop_map(|outcome| ToNode::Reloaded { outcome })
+            .boxed(),
     ])
+}
+
+fn reload_outcomes() -> impl Strategy<Value = ReloadOutcome> {
+    let problems = select(vec![
+        PolicyProblem::Unreadable,
+        PolicyProblem::NotTrusted,
+        PolicyProblem::Invalid,
+    ]);
+    prop_oneof![
+        Just(ReloadOutcome::Applied),
+        Just(ReloadOutcome::NoPolicy),
+        Just(ReloadOutcome::NotPermitted),
+        (problems, texts()).prop_map(|(problem, text)| ReloadOutcome::Unusable { problem, text }),
+    ]
 }
 
 fn link_frame() -> impl Strategy<Value = ToNode> {

@@ -41,6 +41,7 @@ pub(crate) fn to_manager(bytes: &[u8], fds: usize, some_lost: bool) -> Read<Valu
             11 => json!({"Schema": {"data": reader.type_id()?, "text": reader.schema()?}}),
             12 => json!({"Describe": {"data": reader.type_id()?}}),
             13 => json!({"MaxLinks": {"max_links": reader.u32()?}}),
+            14 => json!("Reload"),
             _ => return Ok(None),
         };
         Ok(Some((meaning, 0)))
@@ -112,6 +113,7 @@ pub(crate) fn to_node(bytes: &[u8], fds: usize, some_lost: bool) -> Read<Value> 
                 "text": reader.option(Reader::schema)?,
             }}),
             13 => json!("CountersLost"),
+            14 => json!({"Reloaded": {"outcome": reader.reload_outcome()?}}),
             _ => return Ok(None),
         };
         Ok(Some((meaning, 0)))
@@ -276,17 +278,40 @@ impl Reader<'_> {
         Ok(Value::Array(changes))
     }
 
-    /// Any text; the decoder does not check the length of a schema's text.
     fn schema(&mut self) -> Read<String> {
+        let text = self.text()?;
+        self.bad_schema |= text.len() > 32_768;
+        Ok(text)
+    }
+
+    fn text(&mut self) -> Read<String> {
         let len = self.u64()?;
         if len > self.rest.len() as u64 {
             return Err("malformed");
         }
         let (text, rest) = self.rest.split_at(len as usize);
         self.rest = rest;
-        self.bad_schema |= len > 32_768;
         // SPEC has no other name for bytes that are no text.
         String::from_utf8(text.to_vec()).map_err(|_| "bad-name")
+    }
+
+    fn reload_outcome(&mut self) -> Read<Value> {
+        Ok(match self.u32()? {
+            0 => json!("Applied"),
+            1 => json!("NoPolicy"),
+            2 => json!("NotPermitted"),
+            3 => json!({"Unusable": {"problem": self.policy_problem()?, "text": self.text()?}}),
+            _ => return Err("malformed"),
+        })
+    }
+
+    fn policy_problem(&mut self) -> Read<&'static str> {
+        Ok(match self.u32()? {
+            0 => "Unreadable",
+            1 => "NotTrusted",
+            2 => "Invalid",
+            _ => return Err("malformed"),
+        })
     }
 
     /// `depth` and `max_borrowed` are at least 1; `latched` may be 0.

@@ -4,7 +4,10 @@
 use sm2_proto::{
     Code, Contract, Datagram, FdFacts, Instant, InterfaceId, LinkId, LinkKey, Machine, NodeId,
     Refusal, TypeId, Violation,
-    control::{Changes, LinkPeer, Page, ToManager, ToNode, decode_to_manager, encode_to_node},
+    control::{
+        Changes, LinkPeer, Page, ReloadOutcome, ToManager, ToNode, decode_to_manager,
+        encode_to_node,
+    },
     node::{End, Error, Input, Node, Output},
     schema::Schema,
 };
@@ -139,6 +142,12 @@ pub(crate) fn described() -> ToNode {
     }
 }
 
+pub(crate) const fn reloaded() -> ToNode {
+    ToNode::Reloaded {
+        outcome: ReloadOutcome::Applied,
+    }
+}
+
 pub(crate) fn refused(interface: u64) -> ToNode {
     ToNode::DeclareRefused {
         interface: InterfaceId(interface),
@@ -155,13 +164,14 @@ pub(crate) fn denied(interface: u64) -> ToNode {
     }
 }
 
-/// Makes every request: a page, changes, the counters of node 4, and a schema.
+/// Makes every request: a page, changes, the counters of node 4, a schema, and the policy read again.
 pub(crate) fn ask(node: &mut Node) {
     for input in [
         Input::Query { after: None },
         Input::Watch { after: 1 },
         Input::Inspect { node: NodeId(4) },
         Input::Describe { data: schema().0 },
+        Input::Reload,
     ] {
         node.handle(NOW, input).expect("welcomed");
     }

@@ -458,6 +458,7 @@ impl World {
                 }
             }
             Output::KeepCounters { .. } | Output::SendCounters { .. } => panic!("nobody counts"),
+            Output::ReadAccessPolicy => panic!("nobody asks for it"),
             Output::HangUp {
                 session, goodbye, ..
             } => {

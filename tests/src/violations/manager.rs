@@ -89,6 +89,7 @@ fn greeting() -> Rows {
         ("WATCH", control::watch(0)),
         ("INSPECT", control::inspect(1)),
         ("DESCRIBE", control::describe(&control::bytes_type())),
+        ("RELOAD", control::reload()),
     ];
     let mut expected = Rule::new(ExpectedHello, "SM2-SES-001");
     for (frame, bytes) in early {

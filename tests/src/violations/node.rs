@@ -11,8 +11,8 @@ use sm2_proto::{
     ViolationKind::{
         BadLink, BadLinkId, BadName, BadQos, BadSchema, BadVersion, ExpectedWelcome, FdCount,
         FrameTooLong, Malformed, NotCanonical, TrailingBytes, UnexpectedChanges,
-        UnexpectedCounters, UnexpectedPage, UnexpectedSchema, UnexpectedWelcome, UnknownFrame,
-        UnknownInterface, UnknownLink,
+        UnexpectedCounters, UnexpectedPage, UnexpectedReloaded, UnexpectedSchema,
+        UnexpectedWelcome, UnknownFrame, UnknownInterface, UnknownLink,
     },
 };
 
@@ -23,7 +23,7 @@ use crate::{
         self, Qos, bytes_type, publisher, subscriber,
         to_node::{
             Link, changes, declare_refused, declared, described, goodbye, hello_refused, inspected,
-            node_item, not_inspected, page, unlink, welcome, withdrawn,
+            node_item, not_inspected, page, reloaded, unlink, welcome, withdrawn,
         },
     },
     memory,
@@ -233,7 +233,7 @@ fn encoding() -> Rows {
     qos.depth = 0;
     let depth = with(publisher("t", qos));
     all([
-        Rule::new(UnknownFrame, "SM2-FRM-001").linked("frame 14", [14]),
+        Rule::new(UnknownFrame, "SM2-FRM-001").linked("frame 15", [15]),
         Rule::new(Malformed, "SM2-FRM-001")
             .linked("DECLARED without fields", [2])
             .linked("HELLO_REFUSED for reason 5", [1, 5]),
@@ -259,6 +259,7 @@ fn greeting() -> Rows {
         .greeting("CHANGES before WELCOME", changes(1))
         .greeting("NOT_INSPECTED before WELCOME", not_inspected(1))
         .greeting("DESCRIBED before WELCOME", described(&bytes_type(), None))
+        .greeting("RELOADED before WELCOME", reloaded())
         .row("LINK before WELCOME", |stage| stage.send_link(&link()));
     let unexpected = Rule::new(UnexpectedWelcome, "SM2-NOD-001")
         .linked("WELCOME after WELCOME", welcome(1, 9, 1))
@@ -326,8 +327,10 @@ fn interfaces() -> Rows {
             stage.waiting.set(true);
         },
     );
+    let policies = Rule::new(UnexpectedReloaded, "SM2-ACC-015")
+        .linked("RELOADED without a RELOAD", reloaded());
     let interfaces = all([answers, withdrawals, unlinks]);
-    let asked = all([pages, watched, counters, lost, schemas, texts]);
+    let asked = all([pages, watched, counters, lost, schemas, texts, policies]);
     [interfaces, asked].into_iter().flatten().collect()
 }
 

@@ -4,7 +4,9 @@ use std::os::fd::{AsFd, OwnedFd};
 
 use sm2_proto::{
     Seals,
-    ViolationKind::{BadSchema, BadSize, CountersTwice, NotAMemfd, SealsMissing, WatchTwice},
+    ViolationKind::{
+        BadSchema, BadSize, CountersTwice, NotAMemfd, ReloadTwice, SealsMissing, WatchTwice,
+    },
 };
 
 use super::manager_rows::{Rows, Rule, all};
@@ -54,7 +56,12 @@ pub(super) fn rows() -> Rows {
         node.give_counters(&file);
         node.send_fds(control::counters(), &[file.as_fd()]);
     });
-    all([watch, twice])
+    let reload = Rule::new(ReloadTwice, "SM2-ACC-015").row("RELOAD twice", |node| {
+        node.ready();
+        // Some RELOAD comes before the answer to the one before.
+        while node.peer().try_send(&control::reload(), &[]).is_ok() {}
+    });
+    all([watch, twice, reload])
         .into_iter()
         .chain(files())
         .chain(schemas())

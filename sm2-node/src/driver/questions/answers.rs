@@ -2,7 +2,7 @@
 
 use std::os::fd::OwnedFd;
 
-use sm2_proto::control::{Change, Item, Key};
+use sm2_proto::control::{Change, Item, Key, ReloadOutcome};
 
 use super::{Answer, Page, Question, Questions};
 use crate::driver::inner::Inner;
@@ -34,6 +34,10 @@ impl Inner {
 
     pub(in crate::driver) fn schema_came(&mut self, text: Option<String>) {
         self.answer_came(2, |_, _| Answer::Schema(text));
+    }
+
+    pub(in crate::driver) fn reload_came(&mut self, outcome: ReloadOutcome) {
+        self.answer_came(3, |_, _| Answer::Reloaded(outcome));
     }
 
     pub(in crate::driver) fn changes_came(

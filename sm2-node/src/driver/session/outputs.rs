@@ -94,6 +94,7 @@ impl Inner {
                 Output::Inspected { .. } => self.counters_came(came.take_fd()),
                 Output::NotInspected { .. } => self.counters_came(None),
                 Output::Described { text, .. } => self.schema_came(text),
+                Output::Reloaded(outcome) => self.reload_came(outcome),
                 Output::Resumed => self.resumed(),
                 Output::Ended(end) => self.ended(end, epoll),
             }

@@ -4,8 +4,8 @@ use alloc::{string::String, vec::Vec};
 
 use super::{End, Interface, Node, Output, Phase};
 use crate::{
-    Code, InterfaceId, LinkId, Name, NodeId, Quota, Refusal, TypeId, VERSION,
-    control::{Changes, Page, ToNode},
+    Code, InterfaceId, LinkId, Name, NodeId, Quota, Refusal, TypeId, VERSION, Violation,
+    control::{Changes, Page, ReloadOutcome, ToNode},
     node::{
         interface::proofs::{
             any_interface, expected_link, fits, is_declaring, is_unheard, may_be_judged,
@@ -58,6 +58,7 @@ fn any_node() -> Node {
         assert_eq!(session.requests.watch(), Ok(()));
         session.requests.inspect(NodeId(9));
         session.requests.describe(data());
+        let _ = session.requests.reload();
     }
     node
 }
@@ -90,7 +91,7 @@ fn data() -> TypeId {
 /// Any frame but LINK, which needs a peer and is proved with the interface.
 fn any_frame(interface: InterfaceId) -> ToNode {
     let code = Code(3);
-    match below(12) {
+    match below(13) {
         0 => ToNode::Welcome {
             version: one_of(&[VERSION, VERSION + 1, 0]),
             epoch: one_of(&[70, 71]),
@@ -133,11 +134,18 @@ fn any_frame(interface: InterfaceId) -> ToNode {
         }),
         9 => ToNode::Inspected { node: NodeId(9) },
         10 => ToNode::NotInspected { node: NodeId(8) },
-        _ => ToNode::Described {
+        11 => ToNode::Described {
             data: data(),
             text: kani::any::<bool>().then(String::new),
         },
+        _ => ToNode::Reloaded {
+            outcome: ReloadOutcome::Applied,
+        },
     }
+}
+
+const fn unexpected_reloaded() -> Result<(), Violation> {
+    Err(violation!(UnexpectedReloaded, "SM2-ACC-015"))
 }
 
 /// Whether the frame may tell that a new access policy allows or denies the interface.
@@ -150,7 +158,7 @@ fn is_judged(interface: &Interface, frame: &ToNode) -> bool {
 /// CLI-PHASE: a frame has the effect that the tables of SPEC sections 4.2 and 4.3 state. A
 /// violation ends the session and has no other effect.
 //= SM2-NOD-001, SM2-NOD-002, SM2-IFC-002, SM2-IFC-007, SM2-WCH-001, SM2-CNT-002, SM2-SCH-002 kani
-//= SM2-FRM-004, SM2-LNK-003 kani
+//= SM2-FRM-004, SM2-LNK-003, SM2-ACC-015 kani
 #[cfg_attr(kani, kani::proof)]
 // One interface with two links; names of one byte, frames of at most 24.
 #[cfg_attr(kani, kani::unwind(26))]
@@ -193,12 +201,13 @@ fn session_table() {
         },
         (_, ToNode::Page(_)) if !asked => Err(violation!(UnexpectedPage, "SM2-IFC-007")),
         (_, ToNode::Changes(_)) if !asked => Err(violation!(UnexpectedChanges, "SM2-WCH-001")),
-        (_, ToNode::Inspected { .. }) if !asked => {
+        (_, ToNode::Inspected { .. }) if asked => Ok(()),
+        (_, ToNode::Inspected { .. } | ToNode::NotInspected { .. }) => {
             Err(violation!(UnexpectedCounters, "SM2-CNT-002"))
         }
-        (_, ToNode::NotInspected { .. }) => Err(violation!(UnexpectedCounters, "SM2-CNT-002")),
         (_, ToNode::Described { .. }) if !asked => Err(violation!(UnexpectedSchema, "SM2-SCH-002")),
         (_, ToNode::Described { text: Some(_), .. }) => Err(violation!(BadSchema, "SM2-SCH-002")),
+        (_, ToNode::Reloaded { .. }) if !asked => unexpected_reloaded(),
         _ => Ok(()),
     };
     let has_fds = kani::any();

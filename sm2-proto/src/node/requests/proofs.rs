@@ -5,22 +5,23 @@ use crate::proofs::{below, one_of};
 
 /// An answer is legal exactly while its request is open, in the order of the requests. Each
 /// request is answered once.
-//= SM2-IFC-007, SM2-WCH-001, SM2-CNT-001, SM2-CNT-002 kani
+//= SM2-IFC-007, SM2-WCH-001, SM2-CNT-001, SM2-CNT-002, SM2-ACC-015 kani
 #[cfg_attr(kani, kani::proof)]
 // At most two requests of a kind.
 #[cfg_attr(kani, kani::unwind(4))]
 fn answers_need_questions() {
     let queries = one_of(&[0, 1, 2, u64::MAX]);
-    let (watching, counters): (bool, bool) = kani::any();
+    let (watching, counters, reloading): (bool, bool, bool) = kani::any();
     let inspecting = one_of(&[&[][..], &[NodeId(1)], &[NodeId(1), NodeId(2)]]);
     let mut requests = Requests {
         queries,
         watching,
         counters,
+        reloading,
         inspecting: inspecting.iter().copied().collect(),
         ..Requests::default()
     };
-    match below(6) {
+    match below(7) {
         0 => {
             let expected = if queries > 0 {
                 Ok(())
@@ -62,10 +63,26 @@ fn answers_need_questions() {
             assert_eq!(requests.counters(), Err(Misuse::CountersTwice));
         }
         4 => inspected(&mut requests, inspecting),
+        5 => reload(&mut requests),
         _ => {
             requests.inspect(NodeId(3));
             assert_eq!(requests.inspecting.back(), Some(&NodeId(3)));
         }
+    }
+}
+
+/// RELOADED answers the one RELOAD.
+fn reload(requests: &mut Requests) {
+    let reloading = requests.reloading;
+    if kani::any() {
+        let twice = Err(Misuse::ReloadTwice);
+        assert_eq!(requests.reload(), if reloading { twice } else { Ok(()) });
+        assert_eq!(requests.reload(), twice);
+    } else {
+        let unexpected = Err(violation!(UnexpectedReloaded, "SM2-ACC-015"));
+        let expected = if reloading { Ok(()) } else { unexpected };
+        assert_eq!(requests.reloaded(), expected);
+        assert_eq!(requests.reloaded(), unexpected, "answered once");
     }
 }
 

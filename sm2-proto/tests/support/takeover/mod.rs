@@ -386,7 +386,8 @@ impl World {
                     }
                 }
                 other @ (manager::Output::KeepCounters { .. }
-                | manager::Output::SendCounters { .. }) => panic!("nobody counts: {other:?}"),
+                | manager::Output::SendCounters { .. }
+                | manager::Output::ReadAccessPolicy) => panic!("nobody asks: {other:?}"),
             }
         }
     }

@@ -46,8 +46,7 @@ impl World {
                     connection.up.push_back(bytes);
                 }
                 node::Output::Welcomed { .. } => {
-                    let interfaces = program.interfaces.values_mut();
-                    interfaces.for_each(|it| it.refused = false);
+                    (program.interfaces.values_mut()).for_each(|it| it.refused = false);
                 }
                 node::Output::Declared { interface, .. } => {
                     let ours = program.interfaces.get_mut(&interface).expect("declared");
@@ -99,7 +98,8 @@ impl World {
                 | node::Output::TransmitCounters(_)
                 | node::Output::Inspected { .. }
                 | node::Output::NotInspected { .. }
-                | node::Output::Described { .. }) => panic!("{other:?} was not asked for"),
+                | node::Output::Described { .. }
+                | node::Output::Reloaded(_)) => panic!("{other:?} was not asked for"),
             }
         }
         // A LINK that crossed WITHDRAW: the driver closes the descriptor.
