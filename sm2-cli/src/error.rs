@@ -9,7 +9,7 @@ use nix::libc;
 use sm2_demo::DemoError;
 use sm2_io::DomainSocketError;
 use sm2_manager::PolicyFileError;
-use sm2_node::domain::QueryError;
+use sm2_node::domain::{QueryError, ReloadError};
 use sm2_node::schema::SchemaError;
 use sm2_node::{
     CallError, ConnectError, DeclareError, PublishError, RecvError, StoreError, WaitError,
@@ -155,6 +155,9 @@ pub(crate) enum CliError {
     /// The Manager does not answer a question about the domain.
     #[error(transparent)]
     Query(#[from] QueryError),
+    /// The Manager does not apply its access policy again.
+    #[error(transparent)]
+    Reload(#[from] ReloadError),
     /// A file is no access policy.
     #[error(transparent)]
     Policy(#[from] PolicyFileError),

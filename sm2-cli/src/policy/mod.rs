@@ -1,7 +1,8 @@
-//! `sm2 policy`: checks access policies, and explains their decisions. Needs no Manager.
+//! `sm2 policy`: checks, explains and reloads access policies.
 
 mod check;
 mod explain;
+mod reload;
 
 use clap::Subcommand;
 
@@ -14,6 +15,8 @@ pub(crate) enum Command {
     Check(check::Arguments),
     /// Show which rule of a policy file decides about an action
     Explain(explain::Arguments),
+    /// Make the Manager read its policy again, and wait until the policy is applied
+    Reload(reload::Arguments),
 }
 
 /// Runs a command.
@@ -25,5 +28,6 @@ pub(crate) fn run(command: &Command) -> Result<Ended, CliError> {
     match command {
         Command::Check(arguments) => check::run(arguments),
         Command::Explain(arguments) => explain::run(arguments),
+        Command::Reload(arguments) => reload::run(arguments),
     }
 }

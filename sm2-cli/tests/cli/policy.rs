@@ -1,11 +1,11 @@
-//! `sm2 policy` needs no Manager.
+//! `sm2 policy`.
 
 use std::fs;
 
 use tempfile::TempDir;
 
 use crate::{
-    common::{Finished, Running, sm2},
+    common::{Domain, Finished, Running, sm2},
     help::help,
 };
 
@@ -162,4 +162,37 @@ fn the_user_and_its_groups_are_the_present_ones_unless_named() {
         "policy explain policy.toml {question} --user nobody-here"
     ));
     failed.failed(2, &["no such user"]);
+}
+
+#[test]
+fn reload_waits_until_the_policy_is_applied() {
+    let folder = Folder::with("default = \"allow\"\n");
+    let file = folder.0.path().join("policy.toml");
+    let domain = Domain::with(&["--policy", file.to_str().unwrap()]);
+    let node = domain.node("talker");
+    let publisher = node.publisher::<u64>("numbers").unwrap();
+    fs::write(&file, "default = \"deny\"\n").unwrap();
+    let reloaded = domain.run(&["policy", "reload"]);
+    assert_eq!(reloaded.code(), 0, "{reloaded:?}");
+    assert_eq!(reloaded.stdout(), "the access policy is applied\n");
+    node.spin_some().unwrap();
+    assert!(!publisher.is_registered());
+    fs::write(&file, "default = \"all\"\n").unwrap();
+    let unusable = domain.run(&["policy", "reload"]);
+    let words = [
+        "policy before stays in force",
+        "policy.toml:1: unknown variant `all`",
+    ];
+    unusable.failed(1, &words);
+}
+
+#[test]
+fn reload_says_why_nothing_is_applied() {
+    let domain = Domain::new();
+    let none = domain.run(&["policy", "reload"]);
+    none.failed(1, &["this domain has no access policy"]);
+    let mut other = sm2(&["policy", "reload", "--socket", "/nowhere/sm2.sock"]);
+    Running::start(&mut other)
+        .finish()
+        .failed(1, &["no Manager answers"]);
 }

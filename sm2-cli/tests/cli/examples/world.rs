@@ -88,7 +88,7 @@ impl World {
         let arm = example.contains("--domain arm");
         for domain in ["default", "arm", "base"] {
             if domain == "default" || domain == world.domain || (domain == "arm" && arm) {
-                world.serve(domain);
+                world.serve(domain, is_word_of(example, "policy"));
             }
         }
         if is_word_of(example, "gateway") {
@@ -186,8 +186,12 @@ impl World {
         command
     }
 
-    fn serve(&mut self, domain: &str) {
-        let manager = Running::start(&mut self.sm2(&["manager", "--domain", domain]));
+    fn serve(&mut self, domain: &str, has_policy: bool) {
+        let mut command = self.sm2(&["manager", "--domain", domain]);
+        if has_policy {
+            command.args(["--policy", "policy.toml"]);
+        }
+        let manager = Running::start(&mut command);
         let socket = self.socket(domain);
         until("the Manager listens", || socket.exists());
         self.daemons.push(manager);
