@@ -106,4 +106,5 @@ A policy file states who may publish, subscribe, serve, call, see and read count
 Examples:
   sm2 policy check policy.toml
   sm2 policy explain policy.toml --node talker --action publish --name chatter
+  sm2 policy learn
   sm2 policy reload";

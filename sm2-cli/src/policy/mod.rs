@@ -1,7 +1,9 @@
-//! `sm2 policy`: checks, explains and reloads access policies.
+//! `sm2 policy`: checks, explains, learns and reloads access policies.
 
 mod check;
 mod explain;
+mod learn;
+mod learned;
 mod reload;
 
 use clap::Subcommand;
@@ -15,6 +17,8 @@ pub(crate) enum Command {
     Check(check::Arguments),
     /// Show which rule of a policy file decides about an action
     Explain(explain::Arguments),
+    /// Write a policy that allows what the domain does, and nothing else
+    Learn(learn::Arguments),
     /// Make the Manager read its policy again, and wait until the policy is applied
     Reload(reload::Arguments),
 }
@@ -28,6 +32,7 @@ pub(crate) fn run(command: &Command) -> Result<Ended, CliError> {
     match command {
         Command::Check(arguments) => check::run(arguments),
         Command::Explain(arguments) => explain::run(arguments),
+        Command::Learn(arguments) => learn::run(arguments),
         Command::Reload(arguments) => reload::run(arguments),
     }
 }

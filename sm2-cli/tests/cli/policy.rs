@@ -5,7 +5,7 @@ use std::fs;
 use tempfile::TempDir;
 
 use crate::{
-    common::{Domain, Finished, Running, sm2},
+    common::{Domain, Finished, Running, sm2, talker, until},
     help::help,
 };
 
@@ -195,4 +195,111 @@ fn reload_says_why_nothing_is_applied() {
     Running::start(&mut other)
         .finish()
         .failed(1, &["no Manager answers"]);
+}
+
+/// The domain of the round trip: what it does, and a node that does something else later.
+struct Robot {
+    nodes: [sm2_node::Node; 2],
+    publisher: sm2_node::Publisher<u64>,
+    subscriber: sm2_node::Subscriber<u64>,
+    _server: sm2_node::Server<u64, u64>,
+    client: sm2_node::Client<u64, u64>,
+}
+
+impl Robot {
+    fn start(domain: &Domain) -> Self {
+        let [base, arm] = ["base", "arm/left"].map(|it| domain.node(it));
+        Self {
+            publisher: base.publisher("odometry").unwrap(),
+            subscriber: arm.subscriber("odometry").unwrap(),
+            _server: arm.server("move").unwrap(),
+            client: base.client("move").unwrap(),
+            nodes: [base, arm],
+        }
+    }
+
+    fn works(&self) {
+        let open = |links: &[sm2_node::diagnostics::LinkStatus]| links.iter().any(|it| it.open);
+        let spin = || {
+            for node in &self.nodes {
+                node.spin_some().unwrap();
+            }
+        };
+        until("all are linked", || {
+            spin();
+            open(&self.publisher.links()) && open(&self.client.links())
+        });
+        self.publisher.publish(&7).unwrap();
+        until("a message", || {
+            spin();
+            self.subscriber
+                .try_recv()
+                .unwrap()
+                .is_some_and(|it| *it == 7)
+        });
+    }
+}
+
+#[test]
+fn a_domain_works_by_the_policy_that_was_learned_from_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("learned.toml");
+    let learned = file.to_str().unwrap();
+    {
+        let domain = Domain::new();
+        let robot = Robot::start(&domain);
+        robot.works();
+        // The name of this node contains the number of its process.
+        let (_talker, _) = talker(&domain, "chatter");
+        let done = domain.run(&["policy", "learn", "--exclusive", "-o", learned]);
+        assert_eq!((done.code(), done.stdout()), (0, String::new()), "{done:?}");
+        let printed = domain.run(&["policy", "learn", "--exclusive"]).stdout();
+        assert_eq!(printed, fs::read_to_string(&file).unwrap());
+    }
+    let checked = Running::start(&mut sm2(&["policy", "check", learned])).finish();
+    let counts = format!("{learned}: 6 rules, 0 bindings, 1 exclusive table; default deny\n");
+    assert_eq!((checked.code(), checked.stdout()), (0, counts));
+    let domain = Domain::with(&["--policy", learned]);
+    let robot = Robot::start(&domain);
+    robot.works();
+    let (_talker, _) = talker(&domain, "chatter");
+    let other = domain.node("other");
+    let base = &robot.nodes[0];
+    let denied = [
+        other.publisher::<u64>("odometry").err(),
+        base.publisher::<u64>("other").err(),
+        base.subscriber::<u64>("odometry").err(),
+    ];
+    assert!(denied.iter().all(Option::is_some), "{denied:?}");
+    let exclusive = base.publisher::<u64>("odometry").unwrap_err();
+    assert!(exclusive.to_string().contains("exclusive-1"), "{exclusive}");
+}
+
+#[test]
+fn learn_watches_and_ctrl_c_ends_it() {
+    let domain = Domain::new();
+    let first = domain.node("first");
+    let one = first.publisher::<u64>("a").unwrap();
+    let watch = domain.start(&["policy", "learn", "--seconds", "600", "--exclusive"]);
+    until("the command is there", || {
+        let nodes = domain.list("node");
+        let mut nodes = nodes["nodes"].as_array().unwrap().iter();
+        nodes.any(|it| it["name"] == format!("sm2-policy-{}", watch.pid()))
+    });
+    // The command reads the domain once more at its end.
+    let other = domain.node("second");
+    let two = other.publisher::<u64>("a").unwrap();
+    let subscriber = first.subscriber::<u64>("b").unwrap();
+    watch.signal(nix::sys::signal::Signal::SIGINT);
+    let learned = watch.finish();
+    drop((one, two, subscriber));
+    assert_eq!(learned.code(), 0, "{learned:?}");
+    let text = learned.stdout();
+    for part in ["nodes = [\"second\"]", "names = [\"b\"]"] {
+        assert!(text.contains(part), "{part} is not in {text}");
+    }
+    assert!(
+        !text.contains("[[exclusive]]"),
+        "it had two publishers: {text}"
+    );
 }
