@@ -1,5 +1,7 @@
 //! Routers: the outputs of one of them, and the routes of several in any arrangement.
 
+#[path = "gateway_routes/ends.rs"]
+mod ends;
 #[path = "gateway_routes/pieces.rs"]
 mod pieces;
 mod support;

@@ -6,23 +6,25 @@
 //! outputs are the differences from what followed before. So the result does not depend on the order
 //! of the inputs.
 //!
-//! Other rules and a new connection concern all sources. The router settles them in pieces of at most
-//! [`PIECE_DECISIONS`]: the first one at once, and one at each [`Input::Tick`]. A source that is used
-//! in between is settled first, by [`Input::Use`].
+//! Other rules and a new connection concern all sources; the end of a connection concerns those of its
+//! offers. The router settles them in pieces of at most [`PIECE_DECISIONS`]: the first one at once, and
+//! one at each [`Input::Tick`]. A source that is used in between is settled first, by [`Input::Use`].
 
+mod connections;
 mod input;
 mod source;
 mod walk;
 
 use alloc::{
-    collections::{BTreeMap, BTreeSet, VecDeque},
+    collections::{BTreeMap, VecDeque},
     vec::Vec,
 };
 use core::convert::Infallible;
 
 pub use self::input::{Input, Output, Source};
 use self::{
-    source::{Rank, Route, SourceState},
+    connections::{Connection, Connections},
+    source::{Rank, Route, RouteId, SourceState},
     walk::{Key, Sources, Walk},
 };
 use super::{Direction, GatewayId, Hop, OfferId, Rules, Subject};
@@ -39,15 +41,15 @@ const CHECKED_OFFERS_MAX: usize = 256;
 pub struct Router {
     me: Hop,
     rules: Rules,
-    /// The connected peers, each with the number of the last offer to it.
-    peers: BTreeMap<GatewayId, OfferId>,
+    connections: Connections,
     sources: Sources,
-    /// The sources of the offers of peers, with their ranks, and of those to them, by the numbers of the
-    /// offers.
-    peer_offers: BTreeMap<(GatewayId, OfferId), (Key, Rank)>,
-    own_offers: BTreeMap<(GatewayId, OfferId), Key>,
+    /// The sources of the offers of peers, with their ranks, and of those to them, by connection and number.
+    peer_offers: BTreeMap<RouteId, (Key, Rank)>,
+    own_offers: BTreeMap<RouteId, Key>,
     /// The walk over all sources, until it is over.
     walk: Option<Walk>,
+    /// The time since when sources are left to settle.
+    unsettled_since: Option<Instant>,
     outputs: VecDeque<Output>,
 }
 
@@ -58,11 +60,12 @@ impl Router {
         Self {
             me,
             rules,
-            peers: BTreeMap::new(),
+            connections: Connections::default(),
             sources: BTreeMap::new(),
             peer_offers: BTreeMap::new(),
             own_offers: BTreeMap::new(),
             walk: None,
+            unsettled_since: None,
             outputs: VecDeque::new(),
         }
     }
@@ -74,11 +77,14 @@ impl Router {
                 self.settle_all(now);
             }
             Input::Up { peer } => {
-                self.down(peer);
-                self.peers.insert(peer, OfferId(0));
+                self.connections.open(peer);
                 self.settle_all(now);
             }
-            Input::Down { peer } => self.down(peer),
+            Input::Down { peer } => {
+                if self.connections.end(peer) {
+                    self.begin(now);
+                }
+            }
             Input::Local { subject, present } => {
                 self.state(&subject, Source::Local).local = present;
                 self.settle(&subject, Source::Local);
@@ -99,15 +105,15 @@ impl Router {
                 path,
             } => self.offered(peer, offer, subject, path),
             Input::Gone { peer, offer } => {
-                if let Some(((subject, source), rank)) = self.peer_offers.remove(&(peer, offer)) {
-                    self.state(&subject, source).gone(peer, rank);
-                    self.settle(&subject, source);
+                let from = self.connections.with(peer);
+                if let Some((key, _)) = from.and_then(|from| self.remove_offer(from, offer)) {
+                    self.settle(&key.0, key.1);
                 }
             }
             Input::Wanted { peer, offer, depth } => self.wanted(peer, offer, Some(depth)),
             Input::Unwanted { peer, offer } => self.wanted(peer, offer, None),
             Input::Use { subject, source } => {
-                if self.walk.is_some() {
+                if self.unsettled_since.is_some() {
                     self.settle(&subject, source);
                 }
             }
@@ -123,7 +129,10 @@ impl Router {
         source: Source,
     ) -> impl Iterator<Item = (GatewayId, OfferId)> {
         let state = self.sources.get(subject).and_then(|it| it.get(&source));
-        state.into_iter().flat_map(SourceState::takers)
+        let wanting = state
+            .into_iter()
+            .flat_map(|it| it.wanting(&self.connections));
+        wanting.map(|(peer, offer, _)| (peer, offer))
     }
 
     /// The subjects of which the own domain has publishers or servers.
@@ -137,7 +146,8 @@ impl Router {
     /// The subject and the source of an own offer.
     #[must_use]
     pub fn source(&self, peer: GatewayId, offer: OfferId) -> Option<(&Subject, Source)> {
-        let (subject, source) = self.own_offers.get(&(peer, offer))?;
+        let connection = self.connections.with(peer)?;
+        let (subject, source) = self.own_offers.get(&(connection, offer))?;
         Some((subject, *source))
     }
 
@@ -147,70 +157,88 @@ impl Router {
     }
 
     fn offered(&mut self, peer: GatewayId, offer: OfferId, subject: Subject, path: Vec<Hop>) {
-        let is_new = !self.peer_offers.contains_key(&(peer, offer));
+        let Some(from) = self.connections.with(peer) else {
+            return;
+        };
+        let is_new = !self.peer_offers.contains_key(&(from, offer));
         let Some(origin) = path.first().map(|it| it.gateway) else {
             return;
         };
-        if is_new && self.peers.contains_key(&peer) {
+        if is_new {
             let (source, rank) = (Source::Remote(origin), Rank::new(offer, &path));
-            self.state(&subject, source).offered(peer, rank, path);
+            self.state(&subject, source).offered(from, rank, path);
             let key = (subject.clone(), source);
-            self.peer_offers.insert((peer, offer), (key, rank));
+            self.peer_offers.insert((from, offer), (key, rank));
             self.settle(&subject, source);
         }
     }
 
     fn wanted(&mut self, peer: GatewayId, offer: OfferId, depth: Option<u16>) {
-        if let Some((subject, source)) = self.own_offers.get(&(peer, offer)).cloned() {
-            self.state(&subject, source).wanted(peer, depth);
+        let by = self.connections.with(peer);
+        let own_offer = by.and_then(|by| Some((by, self.own_offers.get(&(by, offer))?.clone())));
+        if let Some((by, (subject, source))) = own_offer {
+            self.state(&subject, source).wanted(by, depth);
             self.settle(&subject, source);
         }
     }
 
-    /// Ends the connection with a peer: removes all offers of and to it.
-    fn down(&mut self, peer: GatewayId) {
-        if self.peers.remove(&peer).is_none() {
-            return;
-        }
-        let offers = (peer, OfferId(0))..=(peer, OfferId(u64::MAX));
-        let theirs = self.peer_offers.range(offers.clone());
-        let ours = self.own_offers.range(offers);
-        let (mut ended, mut concerned) = (Vec::new(), BTreeSet::new());
-        for (id, key) in theirs.map(|(id, (key, _))| (id, key)).chain(ours) {
-            ended.push(*id);
-            concerned.insert(key.clone());
-        }
-        for id in &ended {
-            self.peer_offers.remove(id);
-            self.own_offers.remove(id);
-        }
-        for (subject, source) in concerned {
-            self.state(&subject, source).forget(peer);
-            self.settle(&subject, source);
-        }
+    /// Removes an offer of a peer. Returns its source, and whether the source has no other offer of the connection.
+    fn remove_offer(&mut self, from: Connection, offer: OfferId) -> Option<(Key, bool)> {
+        let (key, rank) = self.peer_offers.remove(&(from, offer))?;
+        let is_last = self.state(&key.0, key.1).gone(from, rank);
+        Some((key, is_last))
     }
 
     /// Begins to settle all sources, and settles the first piece of them.
     fn settle_all(&mut self, now: Instant) {
-        match &mut self.walk {
-            Some(walk) => walk.start_over(),
-            None => self.walk = Some(Walk::new(now)),
-        }
+        self.walk.get_or_insert_default().start_over();
+        self.begin(now);
+    }
+
+    /// Settles the first piece of the sources that are left.
+    fn begin(&mut self, now: Instant) {
+        self.unsettled_since.get_or_insert(now);
         self.settle_piece();
     }
 
-    /// Settles the next sources of the walk.
-    //= SM2-GWR-005
+    /// Settles the next sources that are left: those of connections that have ended, then those of the walk.
+    //= SM2-GWR-005, SM2-GWO-008
     fn settle_piece(&mut self) {
         let mut decisions = 0;
         while decisions < PIECE_DECISIONS {
-            let Some(walk) = &mut self.walk else { return };
-            let Some((subject, source)) = walk.next(&self.sources) else {
+            if let Some(ended) = self.connections.first_ended() {
+                decisions += self.end_next(ended);
+                continue;
+            }
+            let next = self.walk.as_mut().and_then(|it| it.next(&self.sources));
+            let Some((subject, source)) = next else {
                 self.walk = None;
+                self.unsettled_since = None;
                 return;
             };
             decisions += self.settle(&subject, source);
         }
+    }
+
+    /// Removes one offer of a connection that has ended, or the connection if no offer is left. Returns the cost in
+    /// decisions of the rules.
+    fn end_next(&mut self, ended: Connection) -> usize {
+        let offers = (ended, OfferId(0))..=(ended, OfferId(u64::MAX));
+        if let Some((&(_, offer), _)) = self.peer_offers.range(offers.clone()).next() {
+            return match self.remove_offer(ended, offer) {
+                Some(((subject, source), true)) => self.settle(&subject, source),
+                // The source is settled with the last one of its offers.
+                _ => 1,
+            };
+        }
+        let own_offer = self.own_offers.range(offers).next();
+        let Some((id, (subject, source))) = own_offer.map(|(id, key)| (*id, key.clone())) else {
+            self.connections.forget(ended);
+            return 1;
+        };
+        self.own_offers.remove(&id);
+        self.state(&subject, source).ended(ended);
+        self.settle(&subject, source)
     }
 
     /// Computes what follows from the facts about a source, and outputs the differences. Returns the cost in
@@ -222,30 +250,33 @@ impl Router {
         let Some(state) = sources.and_then(|it| it.get_mut(&source)) else {
             return 1;
         };
-        let decisions = state.decisions(self.peers.len());
+        let decisions = state.decisions(&self.connections);
         let (kind, name) = (subject.kind(), subject.name());
         let allows = |direction, peer: &GatewayId| rules.allow(kind, name, direction, peer);
-        let route = state.best_route(|peer| allows(Direction::In, peer));
+        let is_open = |it: &Connection| self.connections.is_open(it);
+        let route = state.best_route(|it| is_open(it) && allows(Direction::In, &it.peer));
         let route_id = route.map(Route::id);
         let path = match source {
             Source::Local => state.local.then(|| Vec::from([self.me])),
             Source::Remote(_) => route.map(|it| it.path.iter().copied().chain([self.me]).collect()),
         };
         let path = path.filter(|it: &Vec<Hop>| it.len() <= HOPS_MAX);
-        let withdrawn =
-            state.withdraw(|peer, of| path.as_ref() == Some(of) && allows(Direction::Out, peer));
-        for (peer, offer) in withdrawn {
-            self.own_offers.remove(&(peer, offer));
+        let withdrawn = state.withdraw(is_open, |peer, of| {
+            path.as_ref() == Some(of) && allows(Direction::Out, peer)
+        });
+        for (connection, offer) in withdrawn {
+            self.own_offers.remove(&(connection, offer));
+            let peer = connection.peer;
             outputs.push_back(Output::Unoffer { peer, offer });
         }
         if let Some(path) = path {
             let offer_to = |peer: &GatewayId| allows(Direction::Out, peer);
-            let made = state.make_offers(&path, &mut self.peers, offer_to);
-            for (peer, offer) in made {
+            let made = state.make_offers(&path, &mut self.connections, offer_to);
+            for (connection, offer) in made {
                 let key = (subject.clone(), source);
-                self.own_offers.insert((peer, offer), key);
+                self.own_offers.insert((connection, offer), key);
                 outputs.push_back(Output::Offer {
-                    peer,
+                    peer: connection.peer,
                     offer,
                     subject: subject.clone(),
                     path: path.clone(),
@@ -253,10 +284,13 @@ impl Router {
             }
         }
         match source {
-            Source::Local => state.subscribe(subject, outputs),
+            Source::Local => state.subscribe(subject, &self.connections, outputs),
             Source::Remote(origin) => {
-                let is_open = |it: &_| self.peer_offers.contains_key(it);
-                state.use_route((subject, origin), route_id, is_open, outputs);
+                let connections = &self.connections;
+                let is_offered =
+                    |it: &RouteId| connections.is_open(&it.0) && self.peer_offers.contains_key(it);
+                let subject = (subject, origin);
+                state.use_route(subject, route_id, connections, is_offered, outputs);
             }
         }
         if state.is_idle() {
@@ -308,8 +342,8 @@ impl Machine for Router {
         self.outputs.pop_front()
     }
 
-    /// The time at which the walk over all sources began, as long as some are left.
+    /// The time since when sources are left to settle.
     fn deadline(&self) -> Option<Instant> {
-        self.walk.as_ref().map(|it| it.since)
+        self.unsettled_since
     }
 }

@@ -15,13 +15,13 @@ use sm2_proto::{
 use super::{Bench, hop, id, open, path, rule, support::cases, topic};
 
 /// How many peers offer as much as a peer may.
-const PEERS: usize = 4;
+pub(crate) const PEERS: usize = 4;
 
 fn deny() -> Rules {
     Rules(vec![rule(Action::Deny, "**")])
 }
 
-fn ticks(bench: &mut Bench) -> Vec<Vec<Output>> {
+pub(crate) fn ticks(bench: &mut Bench) -> Vec<Vec<Output>> {
     let mut pieces = Vec::new();
     while bench.0.deadline().is_some() {
         pieces.push(bench.input(Input::Tick));
@@ -31,7 +31,7 @@ fn ticks(bench: &mut Bench) -> Vec<Vec<Output>> {
 
 /// Gateway 0 with 16,384 routes, all of them wanted by the other peers. If `is_one` is true, they belong to one
 /// subject, each with an origin of its own.
-fn crowd(is_one: bool) -> (Bench, Vec<(GatewayId, OfferId)>) {
+pub(crate) fn crowd(is_one: bool) -> (Bench, Vec<(GatewayId, OfferId)>) {
     let mut bench = Bench::new(open(), &[1, 2, 3, 4]);
     let mut own_offers = Vec::new();
     for number in 0..PEERS * OFFERS_MAX {
@@ -64,6 +64,11 @@ fn crowd(is_one: bool) -> (Bench, Vec<(GatewayId, OfferId)>) {
     (bench, own_offers)
 }
 
+/// Counts the outputs that `is_it` selects.
+pub(crate) fn count(pieces: &[Vec<Output>], is_it: fn(&&Output) -> bool) -> usize {
+    pieces.iter().flatten().filter(is_it).count()
+}
+
 //= SM2-GWR-005 test
 #[test]
 fn other_rules_are_applied_in_bounded_pieces() {
@@ -74,12 +79,12 @@ fn other_rules_are_applied_in_bounded_pieces() {
         // A source costs at most 1 + 1 + 3 + 4 decisions, and makes at most 3 + 2 outputs.
         let longest = pieces.iter().map(Vec::len).max();
         assert!(longest <= Some(PIECE_DECISIONS), "{longest:?}");
-        let count = |is_it: fn(&&Output) -> bool| pieces.iter().flatten().filter(is_it).count();
         let routes = PEERS * OFFERS_MAX;
-        let unoffers = count(|it| matches!(it, Output::Unoffer { .. }));
+        let unoffers = count(&pieces, |it| matches!(it, Output::Unoffer { .. }));
         assert_eq!(unoffers, own_offers.len());
-        assert_eq!(count(|it| matches!(it, Output::Unwant { .. })), routes);
-        let hidden = count(|it| matches!(it, Output::WithdrawProxy { .. }));
+        let unwants = count(&pieces, |it| matches!(it, Output::Unwant { .. }));
+        assert_eq!(unwants, routes);
+        let hidden = count(&pieces, |it| matches!(it, Output::WithdrawProxy { .. }));
         assert_eq!(hidden, routes);
         assert_eq!(bench.0.deadline(), None);
     }

@@ -9,7 +9,12 @@ use core::cmp::Reverse;
 use super::{
     super::{GatewayId, Hop, OfferId, Subject},
     Output,
+    connections::{Connection, Connections},
 };
+
+/// The facts about a source, and the outputs that are in effect. Offers of a connection that has ended stay until
+/// the router removes them one by one; nothing follows from them, so each function that judges offers asks which
+/// connections are open.
 
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct SourceState {
@@ -19,20 +24,20 @@ pub(super) struct SourceState {
     /// How many messages wait for those in the own domain that take the messages of another origin; `None` if
     /// nobody takes them.
     pub(super) local_demand: Option<u16>,
-    /// The offers of each peer, with their paths. The first one of a peer is the best.
-    peer_offers: BTreeMap<GatewayId, BTreeMap<Rank, Vec<Hop>>>,
+    /// The offers of each connection, with their paths. The first one of a connection is the best.
+    peer_offers: BTreeMap<Connection, BTreeMap<Rank, Vec<Hop>>>,
     /// The offers to peers.
-    own_offers: BTreeMap<GatewayId, OwnOffer>,
+    own_offers: BTreeMap<Connection, OwnOffer>,
     // The outputs that are in effect.
     /// The peer through which the messages come that the proxy in the own domain publishes.
     proxy: Option<GatewayId>,
     /// The offer of a peer that this gateway wants.
-    wanted_offer: Option<(GatewayId, OfferId)>,
+    wanted_offer: Option<RouteId>,
     /// The depth of the subscription in the own domain, if there is one.
     subscribed: Option<u16>,
 }
 
-/// The order of preference among the offers of one peer; the least rank is used.
+/// The order of preference among the offers of one connection; the least rank is used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) struct Rank {
     epoch: Reverse<u64>,
@@ -52,77 +57,89 @@ struct OwnOffer {
 /// The one offer of a peer that is used.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Route<'a> {
-    peer: GatewayId,
+    connection: Connection,
     offer: OfferId,
     pub(super) path: &'a Vec<Hop>,
 }
 
-/// The peer and the number of the offer of a route.
-pub(super) type RouteId = (GatewayId, OfferId);
+/// The connection and the number of the offer of a route.
+pub(super) type RouteId = (Connection, OfferId);
 
 impl SourceState {
-    /// Chooses the offer to use.
+    /// Chooses the offer to use, of connections that are open and allowed.
     //= SM2-GWO-004
     pub(super) fn best_route(
         &self,
-        may_come_from: impl Fn(&GatewayId) -> bool,
+        may_come_by: impl Fn(&Connection) -> bool,
     ) -> Option<Route<'_>> {
-        let first = |(&peer, offers): (&GatewayId, &'_ BTreeMap<Rank, Vec<Hop>>)| {
+        let first = |(&connection, offers): (&Connection, &'_ BTreeMap<Rank, Vec<Hop>>)| {
             let rank = *offers.first_key_value()?.0;
-            Some((rank.epoch, rank.path_len, peer, rank))
+            Some((rank.epoch, rank.path_len, connection, rank))
         };
-        let allowed = self
-            .peer_offers
-            .iter()
-            .filter(|(peer, _)| may_come_from(peer));
-        let (.., peer, rank) = allowed.filter_map(first).min()?;
-        let path = self.peer_offers.get(&peer)?.get(&rank)?;
+        let allowed = (self.peer_offers.iter()).filter(|(connection, _)| may_come_by(connection));
+        let (.., connection, rank) = allowed.filter_map(first).min()?;
+        let path = self.peer_offers.get(&connection)?.get(&rank)?;
         let offer = rank.offer;
-        Some(Route { peer, offer, path })
+        Some(Route {
+            connection,
+            offer,
+            path,
+        })
     }
 
     /// Adds an offer of a peer.
-    pub(super) fn offered(&mut self, peer: GatewayId, rank: Rank, path: Vec<Hop>) {
-        self.peer_offers.entry(peer).or_default().insert(rank, path);
+    pub(super) fn offered(&mut self, from: Connection, rank: Rank, path: Vec<Hop>) {
+        self.peer_offers.entry(from).or_default().insert(rank, path);
     }
 
-    /// Removes an offer that a peer has withdrawn.
-    pub(super) fn gone(&mut self, peer: GatewayId, rank: Rank) {
-        if let Some(offers) = self.peer_offers.get_mut(&peer) {
-            offers.remove(&rank);
-            if offers.is_empty() {
-                self.peer_offers.remove(&peer);
-            }
+    /// Removes an offer that a peer has withdrawn, or whose connection has ended. False if other offers of the
+    /// connection are left.
+    pub(super) fn gone(&mut self, from: Connection, rank: Rank) -> bool {
+        let Some(offers) = self.peer_offers.get_mut(&from) else {
+            return true;
+        };
+        offers.remove(&rank);
+        let is_last = offers.is_empty();
+        if is_last {
+            self.peer_offers.remove(&from);
         }
+        is_last
     }
 
-    /// Removes the own offers that are out of date and returns their numbers.
+    /// Removes the own offer on a connection that has ended.
+    pub(super) fn ended(&mut self, connection: Connection) {
+        self.own_offers.remove(&connection);
+    }
+
+    /// Removes the own offers on open connections that are out of date, and returns their numbers.
     pub(super) fn withdraw(
         &mut self,
+        is_open: impl Fn(&Connection) -> bool,
         may_stay: impl Fn(&GatewayId, &Vec<Hop>) -> bool,
-    ) -> Vec<(GatewayId, OfferId)> {
+    ) -> Vec<(Connection, OfferId)> {
         let mut withdrawn = Vec::new();
-        self.own_offers.retain(|peer, our| {
-            let stays = may_stay(peer, &our.path);
+        self.own_offers.retain(|connection, our| {
+            let stays = !is_open(connection) || may_stay(&connection.peer, &our.path);
             if !stays {
-                withdrawn.push((*peer, our.offer));
+                withdrawn.push((*connection, our.offer));
             }
             stays
         });
         withdrawn
     }
 
-    /// Makes an offer to each of the `peers` that has none and is not on the path. Returns the numbers.
+    /// Makes an offer on each open connection that has none and whose peer is not on the path. Returns the numbers.
     pub(super) fn make_offers(
         &mut self,
         path: &[Hop],
-        peers: &mut BTreeMap<GatewayId, OfferId>,
+        connections: &mut Connections,
         may_go_to: impl Fn(&GatewayId) -> bool,
-    ) -> Vec<(GatewayId, OfferId)> {
+    ) -> Vec<(Connection, OfferId)> {
         let mut made = Vec::new();
-        for (&peer, last) in peers {
+        for (connection, last) in connections.iter_mut() {
+            let peer = connection.peer;
             let comes_from = path.iter().any(|it| it.gateway == peer);
-            if comes_from || self.own_offers.contains_key(&peer) || !may_go_to(&peer) {
+            if comes_from || self.own_offers.contains_key(&connection) || !may_go_to(&peer) {
                 continue;
             }
             last.0 += 1;
@@ -131,23 +148,24 @@ impl SourceState {
                 path: path.to_vec(),
                 wanted: None,
             };
-            self.own_offers.insert(peer, our);
-            made.push((peer, *last));
+            self.own_offers.insert(connection, our);
+            made.push((connection, *last));
         }
         made
     }
 
     /// Declares the proxy of another origin in the own domain, and wants the route if there is demand. It ends the
-    /// old route before it begins the new one, so that no message comes by two routes. `is_open` tells whether the
-    /// offer of the old route still exists.
+    /// old route before it begins the new one, so that no message comes by two routes. `is_offered` tells whether
+    /// an offer of a peer exists on an open connection.
     pub(super) fn use_route(
         &mut self,
         (subject, origin): (&Subject, GatewayId),
         route: Option<RouteId>,
-        is_open: impl Fn(&RouteId) -> bool,
+        connections: &Connections,
+        is_offered: impl Fn(&RouteId) -> bool,
         outputs: &mut VecDeque<Output>,
     ) {
-        let comes_from = route.map(|(peer, _)| peer);
+        let comes_from = route.map(|(connection, _)| connection.peer);
         if self.proxy.is_some() && self.proxy != comes_from {
             self.proxy = None;
             // Subscribers of the domain have subscribed to the proxy that is withdrawn now.
@@ -157,12 +175,13 @@ impl SourceState {
                 origin,
             });
         }
-        let demand = self.demand();
+        let demand = self.demand(connections);
         let wanted = route.filter(|_| demand.is_some());
         if let Some(before) = self.wanted_offer.filter(|it| wanted != Some(*it)) {
             self.wanted_offer = None;
-            if is_open(&before) {
-                let (peer, offer) = before;
+            if is_offered(&before) {
+                let (connection, offer) = before;
+                let peer = connection.peer;
                 outputs.push_back(Output::Unwant { peer, offer });
             }
         }
@@ -174,17 +193,23 @@ impl SourceState {
                 peer,
             });
         }
-        if let Some(((peer, offer), depth)) = wanted.zip(demand)
+        if let Some(((connection, offer), depth)) = wanted.zip(demand)
             && self.wanted_offer.is_none()
         {
             self.wanted_offer = wanted;
+            let peer = connection.peer;
             outputs.push_back(Output::Want { peer, offer, depth });
         }
     }
 
     /// Subscribes in the own domain while a peer wants its messages.
-    pub(super) fn subscribe(&mut self, subject: &Subject, outputs: &mut VecDeque<Output>) {
-        let demand = self.demand().filter(|_| self.local);
+    pub(super) fn subscribe(
+        &mut self,
+        subject: &Subject,
+        connections: &Connections,
+        outputs: &mut VecDeque<Output>,
+    ) {
+        let demand = self.demand(connections).filter(|_| self.local);
         let before = core::mem::replace(&mut self.subscribed, demand);
         if before == demand {
             return;
@@ -197,26 +222,25 @@ impl SourceState {
     }
 
     /// The greatest depth that anybody wants; `None` if nobody wants the source.
-    fn demand(&self) -> Option<u16> {
-        let wanted = self.own_offers.values().filter_map(|it| it.wanted);
+    fn demand(&self, connections: &Connections) -> Option<u16> {
+        let wanted = self.wanting(connections).map(|(.., depth)| depth);
         wanted.chain(self.local_demand).max()
     }
 
-    pub(super) fn wanted(&mut self, peer: GatewayId, depth: Option<u16>) {
-        if let Some(our) = self.own_offers.get_mut(&peer) {
+    pub(super) fn wanted(&mut self, by: Connection, depth: Option<u16>) {
+        if let Some(our) = self.own_offers.get_mut(&by) {
             our.wanted = depth;
         }
     }
 
-    pub(super) fn takers(&self) -> impl Iterator<Item = (GatewayId, OfferId)> {
-        let wanted = self.own_offers.iter().filter(|(_, it)| it.wanted.is_some());
-        wanted.map(|(peer, it)| (*peer, it.offer))
-    }
-
-    /// Removes all offers of and to a peer whose connection has ended.
-    pub(super) fn forget(&mut self, peer: GatewayId) {
-        self.peer_offers.remove(&peer);
-        self.own_offers.remove(&peer);
+    /// The peers that want the source, each with the number of the offer to it and the depth.
+    pub(super) fn wanting(
+        &self,
+        connections: &Connections,
+    ) -> impl Iterator<Item = (GatewayId, OfferId, u16)> {
+        let open =
+            (self.own_offers.iter()).filter(|(connection, _)| connections.is_open(connection));
+        open.filter_map(|(connection, it)| Some((connection.peer, it.offer, it.wanted?)))
     }
 
     pub(super) fn peer_offers_len(&self) -> usize {
@@ -232,10 +256,10 @@ impl SourceState {
         *self == Self::default()
     }
 
-    /// The cost of settling the source, in decisions of the rules: one for each offer, each peer that has made one
-    /// and each of the `peers`.
-    pub(super) fn decisions(&self, peers: usize) -> usize {
-        1 + self.peer_offers.len() + self.own_offers.len() + peers
+    /// The cost of settling the source, in decisions of the rules: one for each own offer, each connection with
+    /// offers of its peer and each open connection.
+    pub(super) fn decisions(&self, connections: &Connections) -> usize {
+        1 + self.peer_offers.len() + self.own_offers.len() + connections.len()
     }
 }
 
@@ -251,6 +275,6 @@ impl Rank {
 
 impl Route<'_> {
     pub(super) const fn id(self) -> RouteId {
-        (self.peer, self.offer)
+        (self.connection, self.offer)
     }
 }

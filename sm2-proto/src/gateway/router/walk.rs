@@ -4,7 +4,6 @@ use alloc::collections::BTreeMap;
 use core::ops::Bound;
 
 use super::{super::Subject, input::Source, source::SourceState};
-use crate::Instant;
 
 /// The sources of each topic and service.
 pub(super) type Sources = BTreeMap<Subject, BTreeMap<Source, SourceState>>;
@@ -14,10 +13,8 @@ pub(super) type Key = (Subject, Source);
 
 /// A walk over all sources, in their order. A walk that starts over while it is unfinished goes on where it is, and
 /// ends there after one round: however often peers connect, each source is settled once in every round.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Walk {
-    /// The time at which the walk began.
-    pub(super) since: Instant,
     /// The source that was settled last.
     after: Option<Key>,
     /// The source that is settled last of all; `None` stands for the greatest one.
@@ -27,15 +24,6 @@ pub(super) struct Walk {
 }
 
 impl Walk {
-    pub(super) const fn new(since: Instant) -> Self {
-        Self {
-            since,
-            after: None,
-            last: None,
-            wraps: false,
-        }
-    }
-
     /// Visits each source once from now on.
     pub(super) fn start_over(&mut self) {
         self.last.clone_from(&self.after);
