@@ -38,7 +38,8 @@ pub struct Counts {
     /// refused, since a message of the domain was too long.
     pub refused: u64,
     /// Dropped because a queue of this gateway was full: the queue of the peer's connection, the queue
-    /// of the domain's side, or the requests and replies for the peer.
+    /// of the domain's side, or the requests and replies for the peer; or because the message could not
+    /// be published in the domain.
     pub lost: u64,
     /// From the peer: gaps in the numbers of the origin while the topic was wanted. This gateway cannot
     /// tell whether the missing messages were superseded, expired, overtaken or lost.
@@ -137,6 +138,11 @@ impl Tally {
         let is_of_use = |(_, it): &(&Key, &Named)| it.offers > 0 || it.counts != Counts::default();
         let names = self.names.iter().filter(is_of_use);
         names.map(|(key, it)| (key, it.counts))
+    }
+
+    /// Frees one entry of the tables. False if none is left.
+    pub(crate) fn free_entry(&mut self) -> bool {
+        self.offers.pop_first().is_some() || self.names.pop_first().is_some()
     }
 
     fn is_closed(&mut self, key: Option<Key>) {

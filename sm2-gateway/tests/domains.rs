@@ -51,6 +51,32 @@ fn a_topic_of_one_domain_is_heard_in_another() {
     runtime.block_on(async { tokio::join!(left.stop(), right.stop()) });
 }
 
+/// A declaration can fail for a while, here because another node has the name of the gateway's node.
+#[test]
+fn an_interface_that_cannot_be_declared_is_declared_later() {
+    let (near, far) = (Domain::new("near"), Domain::new("far"));
+    let stranger = far.node("remote/near");
+    let runtime = runtime();
+    let left = near.gateway(&runtime, &[(&far, None)], ALL);
+    let right = far.gateway(&runtime, &[(&near, Some(left.address()))], ALL);
+    let talker = near.node("talker");
+    let publisher = talker.publisher::<str>("chatter").unwrap();
+    let listener = far.node("listener");
+    let subscriber = listener.subscriber::<str>("chatter").unwrap();
+    until("an offer", || {
+        let peers = report(&runtime, &right).peers;
+        peers.iter().any(|it| it.offers.len() == 1)
+    });
+    assert!(subscriber.links().is_empty());
+    drop(stranger);
+    subscriber.wait_for_publishers_timeout(1, SOON).unwrap();
+    publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
+    publisher.publish("hello").unwrap();
+    let sample = subscriber.recv_timeout(SOON).unwrap().expect("in time");
+    assert_eq!(*sample, *"hello");
+    runtime.block_on(async { tokio::join!(left.stop(), right.stop()) });
+}
+
 /// A gateway never copies more than `message_bytes`, whether a node or a peer sends.
 #[test]
 fn a_message_that_is_too_long_is_refused_and_counted() {

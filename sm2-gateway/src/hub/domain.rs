@@ -46,6 +46,13 @@ pub enum LocalEvent {
         /// The topic.
         subject: Subject,
     },
+    /// A remote message could not be published.
+    Unpublished {
+        /// The topic.
+        subject: Subject,
+        /// The gateway of the domain where it was published.
+        origin: GatewayId,
+    },
     /// A client of the domain calls a remote server.
     Request {
         /// The number of the request, which the [`LocalCommand::Reply`] repeats.

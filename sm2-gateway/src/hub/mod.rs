@@ -6,11 +6,13 @@
 
 mod calls;
 mod domain;
+mod ended;
 mod input;
 mod latched;
 mod messages;
 mod open_calls;
 mod output;
+mod peer;
 mod policy;
 mod reload;
 mod routes;
@@ -40,8 +42,10 @@ pub use self::{
     status::{Denial, PeerStatus},
 };
 use self::{
+    ended::EndedPeers,
     latched::Latched,
     open_calls::{Caller, OpenCalls},
+    peer::Peer,
     policy::Reload,
     sequences::Sequences,
 };
@@ -59,6 +63,7 @@ pub struct Hub {
     /// The peer of each connection that has greeted and not ended.
     connections: BTreeMap<ConnectionId, GatewayId>,
     peers: BTreeMap<GatewayId, Peer>,
+    ended_peers: EndedPeers,
     /// The peer and offer by which each wanted remote topic or service arrives.
     routes: BTreeMap<(Subject, GatewayId), (GatewayId, OfferId)>,
     sequences: Sequences,
@@ -66,22 +71,6 @@ pub struct Hub {
     calls: OpenCalls,
     reload: Option<Reload>,
     outputs: VecDeque<Output>,
-}
-
-/// A connected peer.
-#[derive(Debug)]
-struct Peer {
-    /// The one connection that is used.
-    connection: ConnectionId,
-    initiator: Initiator,
-    epoch: u64,
-    name: Name,
-    /// The offers of the peer: the subject of each, and its origin.
-    offers: BTreeMap<OfferId, (Subject, Hop)>,
-    /// The offers to the peer.
-    offered: BTreeMap<OfferId, Subject>,
-    /// The counts that only the hub can know.
-    tally: Tally,
 }
 
 impl Machine for Hub {
@@ -121,10 +110,11 @@ impl Machine for Hub {
         self.outputs.pop_front()
     }
 
-    /// The time at which other rules or a new connection came, as long as parts of the routes follow.
+    /// The time at which other rules came, or a connection began or ended, as long as pieces of the work follow.
     fn deadline(&self) -> Option<Instant> {
         let changes = self.reload.as_ref().map(|it| it.since);
-        self.router.deadline().or(changes)
+        let deadline = self.router.deadline().or(changes);
+        deadline.or(self.ended_peers.since())
     }
 }
 
@@ -138,6 +128,7 @@ impl Hub {
             policy,
             connections: BTreeMap::new(),
             peers: BTreeMap::new(),
+            ended_peers: EndedPeers::default(),
             routes: BTreeMap::new(),
             sequences: Sequences::default(),
             latched: Latched::default(),
@@ -313,9 +304,12 @@ impl Hub {
 
     fn ended(&mut self, now: Instant, connection: ConnectionId, peer: GatewayId) {
         self.connections.remove(&connection);
-        self.peers.remove(&peer);
+        let ended = self.peers.remove(&peer);
         self.calls_ended(connection);
         self.route(now, router::Input::Down { peer });
+        if let Some(ended) = ended {
+            self.ended_peers.add(now, ended);
+        }
         self.outputs.push_back(Output::Lost { peer });
     }
 
@@ -343,6 +337,9 @@ impl Hub {
                 payload,
             } => self.local_message(now, &subject, published_at, payload),
             LocalEvent::Refused { subject } => self.local_refused(&subject),
+            LocalEvent::Unpublished { subject, origin } => {
+                self.no_room(&NoRoom::ForDomain { subject, origin });
+            }
             LocalEvent::Request {
                 request,
                 subject,

@@ -36,11 +36,12 @@ impl Hub {
         }
     }
 
-    /// Goes on with what other rules and new connections have begun.
+    /// Goes on with what other rules and the begin or end of connections have left.
     pub(super) fn tick(&mut self, now: Instant) {
         match self.router.deadline() {
             Some(_) => self.route(now, router::Input::Tick),
-            None => self.change_qos(),
+            None if self.reload.is_some() => self.change_qos(),
+            None => self.ended_peers.free(),
         }
     }
 

@@ -112,7 +112,7 @@ impl Hub {
         out.chain(into).collect()
     }
 
-    /// Counts a message for which a queue had no room.
+    /// Counts a message for which a queue had no room, or that could not be published.
     pub(super) fn no_room(&mut self, what: &NoRoom) {
         let (peer, offer) = match what {
             NoRoom::ForPeer { connection, offer } => {

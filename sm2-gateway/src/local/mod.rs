@@ -31,7 +31,7 @@ use self::{calls::Calls, requests::Requests, topics::Subscription, watch::Remote
 use crate::{
     channel::hub::HubHandle,
     domain::DomainLocation,
-    hub::LocalCommand,
+    hub::{LocalCommand, LocalEvent},
     names::{is_remote, own_node, remote_node},
 };
 
@@ -52,6 +52,8 @@ pub(crate) struct Local {
     topics: BTreeMap<Subject, Subscription>,
     clients: BTreeMap<Subject, Arc<RawClient>>,
     interfaces: BTreeMap<(Subject, GatewayId), RemoteInterface>,
+    /// The interfaces that could not be declared.
+    missing: Vec<Missing>,
     remote_topics: RemoteTopics,
     calls: Calls,
     requests: Arc<Mutex<Requests>>,
@@ -63,6 +65,31 @@ enum RemoteInterface {
     Publisher(Box<Publisher<[u8]>>),
     /// The task that serves requests.
     Server(AbortHandle),
+}
+
+/// An interface that could not be declared.
+#[derive(Debug, PartialEq, Eq)]
+enum Missing {
+    /// A subscription or a client.
+    Subscription(Subject),
+    /// A publisher or server that stands for remote ones of this peer.
+    Proxy((Subject, GatewayId), Name),
+}
+
+impl Missing {
+    const fn subject(&self) -> &Subject {
+        match self {
+            Self::Subscription(subject) | Self::Proxy((subject, _), _) => subject,
+        }
+    }
+
+    fn is_proxy(&self, key: &(Subject, GatewayId)) -> bool {
+        matches!(self, Self::Proxy(it, _) if it == key)
+    }
+}
+
+fn unpublished((subject, origin): (Subject, GatewayId)) -> LocalEvent {
+    LocalEvent::Unpublished { subject, origin }
 }
 
 impl Drop for RemoteInterface {
@@ -96,6 +123,7 @@ impl Local {
             topics: BTreeMap::new(),
             clients: BTreeMap::new(),
             interfaces: BTreeMap::new(),
+            missing: Vec::new(),
             remote_topics,
             calls: Calls::default(),
             requests: Arc::default(),
@@ -108,12 +136,14 @@ impl Local {
         &self.node
     }
 
-    /// Executes a command of the hub. If the Manager refuses an interface, the refusal is logged and
-    /// the gateway continues without that interface.
-    pub(crate) fn handle(&mut self, command: LocalCommand) {
+    /// Executes a command of the hub, and returns the event of its failure, if the hub needs to know it. An
+    /// interface that cannot be declared is logged, and declared by a later [`retry`](Self::retry).
+    pub(crate) fn handle(&mut self, command: LocalCommand) -> Option<LocalEvent> {
         match command {
-            LocalCommand::Subscribe { subject } => self.subscribe(subject),
+            LocalCommand::Subscribe { subject } => self.declare(Missing::Subscription(subject)),
             LocalCommand::Unsubscribe { subject } => {
+                let ended = Missing::Subscription(subject.clone());
+                self.missing.retain(|it| *it != ended);
                 self.topics.remove(&subject);
                 self.clients.remove(&subject);
             }
@@ -121,7 +151,7 @@ impl Local {
                 subject,
                 origin,
                 peer,
-            } => self.declare_proxy(subject, origin, peer),
+            } => self.declare(Missing::Proxy((subject, origin), peer)),
             LocalCommand::WithdrawProxy { subject, origin } => {
                 self.withdraw_proxy(&(subject, origin))
             }
@@ -129,14 +159,7 @@ impl Local {
                 subject,
                 origin,
                 payload,
-            } => {
-                if let Some(RemoteInterface::Publisher(publisher)) =
-                    self.interfaces.get(&(subject, origin))
-                    && let Err(error) = publisher.publish(&payload)
-                {
-                    tracing::warn!(%error, "cannot publish a remote message");
-                }
-            }
+            } => return self.publish(subject, origin, &payload),
             LocalCommand::Call {
                 call,
                 subject,
@@ -158,14 +181,52 @@ impl Local {
                 payload,
             } => requests::answer(&self.requests, request, outcome, payload),
         }
+        None
     }
 
-    fn subscribe(&mut self, subject: Subject) {
-        // Another depth: the subscription does not depend on it (see `topics::DEPTH_IN`).
-        if self.topics.contains_key(&subject) || self.clients.contains_key(&subject) {
-            return;
+    fn publish(&self, subject: Subject, origin: GatewayId, payload: &[u8]) -> Option<LocalEvent> {
+        let key = (subject, origin);
+        let done = match self.interfaces.get(&key) {
+            Some(RemoteInterface::Publisher(publisher)) => publisher.publish(payload).map(drop),
+            Some(RemoteInterface::Server(_)) => Ok(()),
+            None if !self.missing.iter().any(|it| it.is_proxy(&key)) => return None,
+            None => return Some(unpublished(key)),
+        };
+        let error = done.err()?;
+        tracing::warn!(%error, "cannot publish a remote message");
+        Some(unpublished(key))
+    }
+
+    /// True if interfaces are missing that could not be declared.
+    pub(crate) fn has_missing(&self) -> bool {
+        !self.missing.is_empty()
+    }
+
+    /// Tries to declare the interfaces that are missing.
+    pub(crate) fn retry(&mut self) {
+        for missing in std::mem::take(&mut self.missing) {
+            self.declare(missing);
         }
-        let done = match &subject {
+    }
+
+    fn declare(&mut self, missing: Missing) {
+        let done = match &missing {
+            Missing::Subscription(subject) => self.subscribe(subject),
+            Missing::Proxy((subject, origin), peer) => self.declare_proxy(subject, *origin, peer),
+        };
+        if let Err(error) = done {
+            let name = missing.subject().name();
+            tracing::warn!(%name, %error, "cannot declare an interface of a gateway; retries");
+            self.missing.push(missing);
+        }
+    }
+
+    fn subscribe(&mut self, subject: &Subject) -> Result<(), LocalError> {
+        // Another depth: the subscription does not depend on it (see `topics::DEPTH_IN`).
+        if self.topics.contains_key(subject) || self.clients.contains_key(subject) {
+            return Ok(());
+        }
+        match subject {
             Subject::Topic { name, data, .. } => {
                 let max_len_bytes = self.max_len_bytes;
                 let subscription =
@@ -181,9 +242,6 @@ impl Local {
             } => self.client(name, request, reply).map(|it| {
                 self.clients.insert(subject.clone(), Arc::new(it));
             }),
-        };
-        if let Err(error) = done {
-            tracing::warn!(name = %subject.name(), %error, "cannot subscribe to a topic or call a service");
         }
     }
 
@@ -203,17 +261,23 @@ impl Local {
         Ok(client.into_async()?)
     }
 
-    fn declare_proxy(&mut self, subject: Subject, origin: GatewayId, peer: Name) {
-        let done = self.remote(&peer).and_then(|node| match &subject {
+    fn declare_proxy(
+        &mut self,
+        subject: &Subject,
+        origin: GatewayId,
+        peer: &Name,
+    ) -> Result<(), LocalError> {
+        let node = self.remote(peer)?;
+        let interface = match subject {
             Subject::Topic {
                 name,
                 data,
                 reliable,
                 latched,
             } => {
-                self.remote_topics.insert(&subject, origin);
-                let publisher = topics::publisher(&node, name, data, *reliable, *latched);
-                publisher.map(|it| RemoteInterface::Publisher(Box::new(it)))
+                self.remote_topics.insert(subject, origin);
+                let publisher = topics::publisher(&node, name, data, *reliable, *latched)?;
+                RemoteInterface::Publisher(Box::new(publisher))
             }
             Subject::Service {
                 name,
@@ -233,15 +297,11 @@ impl Local {
                         hub: self.hub.clone(),
                     },
                 );
-                Ok(RemoteInterface::Server(tokio::spawn(task).abort_handle()))
+                RemoteInterface::Server(tokio::spawn(task).abort_handle())
             }
-        });
-        match done {
-            Ok(interface) => drop(self.interfaces.insert((subject, origin), interface)),
-            Err(error) => {
-                tracing::warn!(name = %subject.name(), %peer, %error, "cannot declare a remote interface");
-            }
-        }
+        };
+        self.interfaces.insert((subject.clone(), origin), interface);
+        Ok(())
     }
 
     /// The node that stands for a peer.
@@ -257,6 +317,7 @@ impl Local {
     }
 
     fn withdraw_proxy(&mut self, key: &(Subject, GatewayId)) {
+        self.missing.retain(|it| !it.is_proxy(key));
         self.remote_topics.remove(key);
         self.interfaces.remove(key);
     }

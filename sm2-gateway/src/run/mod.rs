@@ -146,7 +146,7 @@ impl Gateway {
             shadow: Mutex::default(),
         });
         let (ending, ended) = watch::channel(None);
-        tokio::spawn(local::run(domain, local_inbox));
+        tokio::spawn(local::run(domain, local_inbox, hub.clone()));
         tokio::spawn(hub::run(
             Hub::new(hop, config.policy.clone()),
             labels(config),
