@@ -3,7 +3,10 @@
 use std::{collections::BTreeMap, io, net::SocketAddr, sync::Arc};
 
 use quinn_proto::{Connection, ConnectionHandle};
-use sm2_io::quic::{Arrival, Batch, Endpoint};
+use sm2_io::{
+    is_shortage,
+    quic::{Arrival, Batch, Endpoint},
+};
 use sm2_proto::{
     Machine,
     gateway::{
@@ -27,6 +30,7 @@ use crate::{
     },
     config::PeerConfig,
     peer::ConnectionId,
+    retry,
 };
 
 /// The state of the network task.
@@ -78,14 +82,23 @@ impl Network {
         let mut batch = Batch::new();
         let mut answer = Vec::new();
         let mut beacon = vec![0; 512];
+        let mut pauses = retry::pauses();
         loop {
             self.drain_discovery().await;
             let wait = sleep_until(self.discovery.deadline());
             tokio::select! {
-                received = shared.socket.recv(&mut batch) => {
-                    received?;
-                    self.datagrams(&batch, &mut answer).await;
-                }
+                received = shared.socket.recv(&mut batch) => match received {
+                    Ok(()) => {
+                        pauses = retry::pauses();
+                        self.datagrams(&batch, &mut answer).await;
+                    }
+                    // The datagrams wait in the socket.
+                    Err(error) if is_shortage(&error) => {
+                        tracing::warn!(%error, "cannot receive datagrams; retries");
+                        tokio::time::sleep(pauses.wait()).await;
+                    }
+                    Err(error) => return Err(error),
+                },
                 event = inbox.recv() => match event {
                     Some(event) => self.event(event).await,
                     None => return Ok(()),
