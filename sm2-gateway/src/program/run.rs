@@ -5,6 +5,7 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use clap::Args;
+use nix::sys::prctl::set_no_new_privs;
 #[cfg(feature = "metrics")]
 use tokio::net::TcpListener;
 use tokio::signal::unix::{SignalKind, signal};
@@ -28,6 +29,10 @@ pub struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), ProgramError> {
+    // A gateway never executes a program. Its threads inherit this.
+    if let Err(error) = set_no_new_privs() {
+        tracing::warn!(%error, "this process can still gain rights by executing programs");
+    }
     let config = Config::load(&arguments.config)?;
     let shadow = arguments.shadow.as_deref();
     let shadow = shadow.map(Config::load).transpose()?;

@@ -23,11 +23,17 @@ impl Process {
         assert!(!self.0.wait().unwrap().success());
     }
 
+    /// The value of a line of `/proc/PID/status`.
+    pub(crate) fn status(&self, line: &str) -> String {
+        let status = fs::read_to_string(format!("/proc/{}/status", self.0.id())).unwrap();
+        let value = status.lines().find_map(|it| it.strip_prefix(line));
+        value.unwrap().trim().to_owned()
+    }
+
     /// Reads a memory line of `/proc/PID/status`, in bytes.
     pub(crate) fn memory(&self, line: &str) -> usize {
-        let status = fs::read_to_string(format!("/proc/{}/status", self.0.id())).unwrap();
-        let found = status.lines().find_map(|it| it.strip_prefix(line));
-        let kib = found.and_then(|it| it.split_whitespace().nth(1)).unwrap();
+        let kib = self.status(line);
+        let kib = kib.split_whitespace().next().unwrap();
         kib.parse::<usize>().unwrap() << 10
     }
 }

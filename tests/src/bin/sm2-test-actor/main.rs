@@ -5,6 +5,7 @@
 mod connect;
 mod crowd;
 mod flow;
+mod gateway;
 mod node;
 mod probe;
 mod storm;
@@ -22,6 +23,7 @@ fn main() -> ExitCode {
         "connect" => connect::run(&options),
         "crowd" => crowd::run(&options),
         "flow" => flow::run(&options),
+        "gateway" => gateway::run(&options),
         "manager" => manager::run(&options),
         "probe" => probe::run(&options),
         "storm" => storm::run(&options),

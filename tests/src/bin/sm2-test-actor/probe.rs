@@ -24,10 +24,11 @@ pub(crate) fn run(options: &Options) -> ExitCode {
     // The header has two lines.
     let devices = fs::read_to_string("/proc/self/net/dev").unwrap_or_default();
     println!(
-        "unix={} inet={} inet6={} write={} devices={} uid={}",
+        "unix={} inet={} inet6={} netlink={} write={} devices={} uid={}",
         make(AddressFamily::Unix),
         make(AddressFamily::Inet),
         make(AddressFamily::Inet6),
+        make(AddressFamily::Netlink),
         word(written),
         devices.lines().count().saturating_sub(2),
         geteuid()
