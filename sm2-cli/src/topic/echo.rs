@@ -85,10 +85,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     }
     .declare()?;
     let mut tally = Tally::default();
-    let end = echo(arguments, &session, &subscriber, &mut sink, &mut tally)?;
-    sink.out.flush()?;
-    stderr_line!("{tally}");
-    Ok(match end {
+    let end = echo(arguments, &session, &subscriber, &mut sink, &mut tally)
+        .and_then(|end| sink.out.flush().map(|()| end));
+    // After a failure as well, such as a full disk: it tells how much came before.
+    if !end.as_ref().is_err_and(CliError::is_broken_pipe) {
+        stderr_line!("{tally}");
+    }
+    Ok(match end? {
         // Without --count, Ctrl-C is the regular end.
         Some(signal) if arguments.count.is_some() => Ended::Stopped(signal),
         _ => Ended::Done,
@@ -110,8 +113,8 @@ fn echo(
         }
         if let Some(sample) = subscriber.try_recv()? {
             hint_at = None;
-            tally.add(&sample);
             sink.take(&sample)?;
+            tally.add(&sample);
             continue;
         }
         sink.out.flush()?;

@@ -258,12 +258,18 @@ impl Finished {
     /// Asserts that the process failed with this status, and with one line on standard error that contains all
     /// `parts`.
     pub(crate) fn failed(&self, code: i32, parts: &[&str]) {
+        self.failed_after(code, "", parts);
+    }
+
+    /// As [`failed`](Self::failed), after `before` on standard error.
+    pub(crate) fn failed_after(&self, code: i32, before: &str, parts: &[&str]) {
         let stderr = self.stderr();
         assert_eq!(self.code(), code, "{stderr}");
-        assert!(stderr.starts_with("sm2"), "{stderr}");
-        assert_eq!(stderr.lines().count(), 1, "{stderr}");
+        let error = stderr.strip_prefix(before).unwrap_or_default();
+        assert!(error.starts_with("sm2"), "{stderr}");
+        assert_eq!(error.lines().count(), 1, "{stderr}");
         for part in parts {
-            assert!(stderr.contains(part), "{part:?} is not in {stderr:?}");
+            assert!(error.contains(part), "{part:?} is not in {error:?}");
         }
     }
 }

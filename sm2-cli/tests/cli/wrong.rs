@@ -365,8 +365,9 @@ fn a_full_disk_is_told_and_keeps_what_is_whole() {
     let published = domain.run(&publish);
     assert_eq!(published.code(), 0, "{}", published.stderr());
     let echo = echo.finish();
-    echo.failed(
+    echo.failed_after(
         1,
+        "received 2 messages (50 kB), lost 0\n",
         &[
             "cannot write",
             "000002.bin",
@@ -404,8 +405,11 @@ fn a_file_too_large_to_be_written_is_told() {
         .arg(domain.path("sm2.sock"));
     let echo = Running::start(&mut limited);
     domain.run(&["topic", "pub", "a", "--from", input.to_str().unwrap()]);
-    echo.finish()
-        .failed(1, &["cannot write", "000000.bin", "File too large"]);
+    echo.finish().failed_after(
+        1,
+        "received 0 messages (0 bytes), lost 0\n",
+        &["cannot write", "000000.bin", "File too large"],
+    );
     assert!(files(&to).is_empty());
 }
 
