@@ -32,7 +32,7 @@ pub(crate) type Named = (SubjectKind, Name);
 pub(crate) struct World {
     pub(crate) now: Instant,
     clock: Clock,
-    loss_permille: u32,
+    pub(crate) loss_permille: u32,
     sides: [Side; 2],
     /// The memory of the gateway at each side.
     pub(crate) budgets: [Budget; 2],
@@ -42,6 +42,15 @@ pub(crate) struct World {
 
 impl World {
     pub(crate) fn new(link: &Profile, congestion: Congestion) -> Self {
+        Self::with_budget(
+            link,
+            congestion,
+            Budget::new(Limits::default().gateway_bytes),
+        )
+    }
+
+    /// Two sides, of which the near one has this memory.
+    pub(crate) fn with_budget(link: &Profile, congestion: Congestion, near: Budget) -> Self {
         let clock = Clock::of_the_machine();
         let now = sm2_io::clock::now();
         let keys = [(); 2].map(|()| SecretKey::generate().unwrap());
@@ -69,7 +78,7 @@ impl World {
             clock,
             loss_permille: link.loss_permille,
             sides,
-            budgets: [(); 2].map(|()| Budget::new(Limits::default().gateway_bytes)),
+            budgets: [near, Budget::new(Limits::default().gateway_bytes)],
             events: Vec::new(),
         };
         let (quic, address) = (world.moment().quic, world.sides[1].address);
