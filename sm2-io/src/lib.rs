@@ -74,6 +74,7 @@ pub mod slots;
 pub mod socket;
 mod sync;
 mod syscall;
+mod thread;
 pub mod timer;
 pub mod waker;
 
@@ -95,5 +96,6 @@ pub use socket::{
     Listener, PeerCredentials, Received, ReceivedFds, RecvError, SendError, SeqPacket,
 };
 pub use syscall::files::duplicate;
+pub use thread::spawn_without_signals;
 pub use timer::Timer;
 pub use waker::Waker;
