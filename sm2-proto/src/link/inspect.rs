@@ -125,10 +125,14 @@ impl Link {
         matches!(&self.lane, Lane::Ring(ring) if !self.blocked && ring.is_due())
     }
 
-    /// Whether messages of a caller or server are queued until there is room, or until a segment is
-    /// attached.
+    /// Whether accepted messages are queued on this side until the other side makes room. On the ring lane, only
+    /// callers and servers queue messages, and also until a segment is attached.
     #[must_use]
     pub fn has_queued(&self) -> bool {
-        matches!(&self.lane, Lane::Ring(ring) if ring.has_queued())
+        match &self.lane {
+            Lane::Undecided => false,
+            Lane::Socket(socket) => socket.outbound.has_queued(),
+            Lane::Ring(ring) => ring.has_queued(),
+        }
     }
 }

@@ -348,6 +348,11 @@ impl Outbound {
         self.waiting.len() < self.depth
     }
 
+    /// Whether messages wait for the window.
+    pub(super) fn has_queued(&self) -> bool {
+        !self.waiting.is_empty()
+    }
+
     pub(super) const fn is_stalled(&self) -> bool {
         self.stalled
     }
