@@ -8,7 +8,7 @@ use std::time::Duration;
 use sm2_io::{SeqPacket, socket_path};
 use sm2_proto::{Instant, Name, Refusal};
 
-use crate::driver::{EventSource, SharedNode, may_return};
+use crate::driver::{EventSource, Settings, SharedNode, may_return};
 use crate::quota::MappingQuota;
 use crate::{ConnectError, Node};
 
@@ -29,6 +29,7 @@ pub struct NodeBuilder {
     manager_timeout: Duration,
     startup_timeout: Duration,
     ring_lane: bool,
+    background: bool,
     max_mapped_bytes: u64,
     #[cfg(feature = "embedded-manager")]
     embedded: Option<sm2_manager::Options>,
@@ -58,7 +59,8 @@ impl NodeBuilder {
             socket: None,
             manager_timeout: Duration::from_secs(5),
             startup_timeout: Duration::ZERO,
-            ring_lane: std::env::var_os("SM2_RING_LANE").is_none_or(|it| it != "off"),
+            ring_lane: is_on("SM2_RING_LANE"),
+            background: is_on("SM2_BACKGROUND"),
             max_mapped_bytes: MAX_MAPPED_BYTES,
             #[cfg(feature = "embedded-manager")]
             embedded: None,
@@ -96,6 +98,17 @@ impl NodeBuilder {
     /// each side, which tools such as `strace` can show.
     pub const fn ring_lane(mut self, offered: bool) -> Self {
         self.ring_lane = offered;
+        self
+    }
+
+    /// Sets whether a thread of the node drives its control side: the session with the Manager, new and ended links,
+    /// and messages that wait in this process. `true` by default, unless the environment has `SM2_BACKGROUND=off`.
+    ///
+    /// The thread sleeps until one of these needs work. No message that a call of the program sends or takes wakes
+    /// it. Without the thread, every call drives the whole node, and a program that rarely calls the node must poll
+    /// the node's [descriptor](Node#impl-AsFd-for-Node) in an event loop of its own, or call [`Node::spin_for`].
+    pub const fn background(mut self, enabled: bool) -> Self {
+        self.background = enabled;
         self
     }
 
@@ -144,15 +157,14 @@ impl NodeBuilder {
             path: path.clone(),
             source,
         };
-        let shared = SharedNode::new(
-            socket,
-            path.clone(),
-            name.clone(),
-            self.manager_timeout,
-            self.ring_lane,
-            MappingQuota::new(self.max_mapped_bytes),
-        )
-        .map_err(failed)?;
+        let settings = Settings {
+            manager_timeout: self.manager_timeout,
+            ring_lane: self.ring_lane,
+            background: self.background,
+            mappings: MappingQuota::new(self.max_mapped_bytes),
+        };
+        let mut shared =
+            SharedNode::new(socket, path.clone(), name.clone(), settings).map_err(failed)?;
         let until = sm2_io::clock::now().after(self.manager_timeout);
         let answer = shared.wait(EventSource::Session, Some(until), |inner| {
             if let Some(reason) = inner.greeting_refusal() {
@@ -171,6 +183,7 @@ impl NodeBuilder {
         });
         match answer.map_err(failed)? {
             Some(Ok(())) => {
+                (shared.start_background()).map_err(ConnectError::BackgroundThread)?;
                 #[cfg(feature = "embedded-manager")]
                 let shared = shared.with_manager(embedded);
                 Ok(Node {
@@ -184,6 +197,11 @@ impl NodeBuilder {
             }),
         }
     }
+}
+
+/// Whether a variable of the environment leaves an option on.
+fn is_on(variable: &str) -> bool {
+    std::env::var_os(variable).is_none_or(|it| it != "off")
 }
 
 /// Connects. Retries for `manager_timeout` if the Manager is busy, and for `startup_timeout` if there is

@@ -106,7 +106,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
         let Handle { shared, id, .. } = &*self.handle;
         let mut inner = shared.lock_driven();
         let len = bytes.len() as u64;
-        let choice = inner.choose_server(*id, len, &shared.epoll);
+        let choice = inner.choose_server(*id, len, &shared.sets);
         let choice = choice.unwrap_or(Choice::NoServer);
         if matches!(choice, Choice::Opening) {
             self.handle.silence(&mut inner);
@@ -156,7 +156,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
     fn server(&self, len: u64, deadline: Option<Instant>) -> Result<Needs, CallError> {
         let Handle { shared, id, .. } = &*self.handle;
         let found = shared.wait(EventSource::Interface(*id), deadline, |inner| {
-            match inner.choose_server(*id, len, &shared.epoll)? {
+            match inner.choose_server(*id, len, &shared.sets)? {
                 Choice::Opening => None,
                 choice => Some(choice),
             }
@@ -255,7 +255,7 @@ impl<R: Message + ?Sized> Call<R> {
         let call = self.call;
         let outcome = shared.wait_as(way, EventSource::Interface(*id), until.into(), |inner| {
             self.handle.find_or_silence(inner, |inner| {
-                let outcome = inner.with_interface(*id, &shared.epoll, |interface, context| {
+                let outcome = inner.with_interface(*id, &shared.sets, |interface, context| {
                     interface.outcome(call, context)
                 });
                 outcome.flatten()

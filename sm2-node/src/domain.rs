@@ -124,7 +124,7 @@ impl Node {
         let (shared, text) = (&self.shared, text.to_owned());
         shared
             .lock_driven()
-            .register_schema(data, text, &shared.epoll);
+            .register_schema(data, text, &shared.sets);
         Ok(())
     }
 }

@@ -156,18 +156,21 @@ impl Handle {
         };
         match self.bell.get_or_init(make) {
             Some(bell) => bell.as_fd(),
-            None => self.shared.epoll.as_fd(),
+            None => self.shared.sets.as_fd(),
         }
     }
 }
 
 impl Drop for Handle {
     fn drop(&mut self) {
+        if self.shared.is_inherited() {
+            return;
+        }
         let mut inner = self.shared.lock_driven();
         if let Some(Some(bell)) = self.bell.get() {
             bell.remove(&mut inner);
         }
-        inner.withdraw(self.id, &self.shared.epoll);
+        inner.withdraw(self.id, &self.shared.sets);
     }
 }
 

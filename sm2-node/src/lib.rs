@@ -63,25 +63,41 @@
 //!
 //! # How it runs
 //!
-//! The library is synchronous and has no hidden threads. A call of a handle first *drives* the node: without
-//! waiting, it reads and writes the sockets that are ready, up to 64 of them and up to 32 datagrams of each. While
-//! all links of a publisher, subscriber or service use rings, its calls drive the node every 100 µs only. Calls
-//! that wait keep driving the node meanwhile. A call waits for a particular peer only if its purpose is to do so.
-//! [`Node::spin`] is for programs that have nothing else to call.
+//! The work of a node has two sides:
+//!
+//! | side | work | done by |
+//! | --- | --- | --- |
+//! | control side | the session with the Manager, new and ended links, latched messages for new subscribers, messages that wait for room | a background thread of the node |
+//! | data side | sending, taking and releasing messages | the calls of the program |
+//!
+//! The background thread sleeps until the control side has work; messages do not wake it. A publisher whose program
+//! does something else is therefore found by new subscribers, and the next Manager is found by itself. A call of the
+//! data side reads the sockets that are ready without waiting, up to 64 of them and up to 32 datagrams of each. While
+//! all links of a publisher, subscriber or service use rings, its calls read the sockets every 100 µs only. A call
+//! waits for a particular peer only if its purpose is to do so.
+//!
+//! The thread is called `sm2:` and the beginning of the node's name. All signals are blocked in it, and it inherits the
+//! scheduling policy, the priority and the affinity of the thread that connected the node. It ends with the last handle
+//! of the node. A child that was made by `fork(2)` has no such thread: it must not use the node, but may drop its copies
+//! of all handles. If the program's `tracing` subscriber panics on the thread, the thread continues.
+//!
+//! [`NodeBuilder::background`] turns the thread off. Then every call *drives* the whole node, and calls that wait keep
+//! driving it meanwhile. [`Node::spin`] is for programs that have nothing else to call.
 //!
 //! # In your own event loop
 //!
 //! A node fits into every loop that can wait until a descriptor is readable. Each of these types implements
-//! `AsFd`. The descriptor of an interface also becomes readable when its node has something to do:
+//! `AsFd`. Without a background thread, the descriptor of an interface also becomes readable when its node has
+//! something to do:
 //!
 //! | for a | watch | when readable, call |
 //! | --- | --- | --- |
 //! | [`Subscriber`] | it | [`Subscriber::try_recv`] |
 //! | [`Server`] | it | [`Server::try_recv`] |
 //! | [`Client`] | it, while calls are pending | [`Call::try_wait`] of all pending calls |
-//! | program that has none of these | the [`Node`] | [`Node::spin_some`] |
+//! | program that has none of these, without a background thread | the [`Node`] | [`Node::spin_some`] |
 //!
-//! - Each of these calls drives the whole node: no further call is needed.
+//! - No further call is needed: a background thread does the rest, or else each of these calls drives the whole node.
 //! - A descriptor stays readable until its call has returned that there is nothing more. That holds even if
 //!   another call, such as a publication, has read the message from its socket. An iteration may therefore
 //!   take one message or all.

@@ -20,9 +20,14 @@ use crate::{
 /// publishers, subscribers, servers or clients. All handles can be used from several threads at the same
 /// time: while one call waits, others continue.
 ///
-/// There is no hidden thread: every call drives the node, which reads and writes all of its sockets as far as
-/// possible without waiting. A program that rarely calls the node must call [`spin_for`](Self::spin_for) in between:
-/// for example, a publisher serves a new subscriber only when it is called.
+/// # Threads
+///
+/// A background thread of the node does the work of the control side: the session with the Manager, new and ended
+/// links, and messages that wait for room. Calls of the program send, take and release messages; they do not wake the
+/// thread. Every handle can be used from every thread of the program.
+/// [`NodeBuilder::background(false)`](crate::NodeBuilder::background) turns the thread off: every call then drives the
+/// whole node, and a program that rarely calls it must call [`spin_for`](Self::spin_for) in between.
+/// The [crate's documentation](crate#how-it-runs) describes the thread: its name, signals, priority, and `fork(2)`.
 ///
 /// # When the Manager ends
 ///
@@ -30,8 +35,8 @@ use crate::{
 /// flow (SM2-NOD-003). The node connects to the next Manager by itself and brings its interfaces, links and
 /// counters along (SM2-RES-001). Until then there are no new links. Declarations wait for the new Manager for
 /// at most [`NodeBuilder::manager_timeout`](crate::NodeBuilder::manager_timeout), and calls without a timeout
-/// continue to wait. Every call that drives the node also reconnects it; for event loops, the node's
-/// [descriptor](AsFd) becomes readable.
+/// continue to wait. Without a background thread, every call that drives the node also reconnects it; for event
+/// loops, the node's [descriptor](AsFd) becomes readable.
 ///
 /// The node is locked while it logs to `tracing`: a `tracing` subscriber must not call the node.
 #[derive(Clone, Debug)]
@@ -186,7 +191,7 @@ impl Node {
         ClientBuilder::new(&self.shared, service)
     }
 
-    /// Drives the node forever.
+    /// Waits forever, and drives the node meanwhile. With a background thread, the node needs no such call.
     ///
     /// # Errors
     ///
@@ -195,7 +200,7 @@ impl Node {
         self.spin_until(None)
     }
 
-    /// Drives the node for `duration`.
+    /// Waits for `duration`, and drives the node meanwhile. With a background thread, the node needs no such call.
     ///
     /// # Errors
     ///
@@ -246,10 +251,10 @@ impl Node {
     }
 }
 
-/// Readable when [`Node::spin_once`] would not wait. To learn about messages, poll the descriptor of the
+/// Readable when [`Node::spin_once`] would not wait: for event loops that drive a node without a background thread. To learn about messages, poll the descriptor of the
 /// subscriber, server or client instead.
 impl AsFd for Node {
     fn as_fd(&self) -> BorrowedFd<'_> {
-        self.shared.epoll.as_fd()
+        self.shared.sets.as_fd()
     }
 }

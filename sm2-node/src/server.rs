@@ -220,7 +220,7 @@ impl Pending {
         let link = {
             let mut inner = self.handle.shared.lock();
             let Handle { shared, id, .. } = &*self.handle;
-            inner.drive_for_link(*id, call.token, &shared.epoll);
+            inner.drive_for_link(*id, call.token, &shared.sets);
             let interface = inner.interfaces.get(&self.handle.id);
             let link = interface.and_then(|it| it.link(call.token));
             link.filter(|it| it.is_open())

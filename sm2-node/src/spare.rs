@@ -3,7 +3,7 @@
 //! A sealed message needs new memory. Allocating it takes as long as writing the message, or several times as
 //! long without huge pages. A publisher that sends a stream of sealed messages therefore prepares the memory
 //! of the next message after it has sent one: one file, about as long as the last message. The publisher has
-//! no thread, so its caller spends that time, but no subscriber waits for it.
+//! no thread for this, so its caller spends that time, but no subscriber waits for it.
 //!
 //! The memory is freed when the publisher is called after some time without a sealed message, and when the
 //! publisher is dropped.

@@ -354,7 +354,8 @@ fn a_receiver_without_links_waits_for_the_next_manager() {
 fn the_node_s_descriptor_wakes_who_only_waits_for_it() {
     use std::os::fd::AsFd;
     let mut domain = Domain::new();
-    let node = domain.node("node");
+    let builder = Node::builder("node").socket(domain.socket());
+    let node = builder.background(false).connect().unwrap();
     domain.stop();
     until(|| {
         sm2_io::wait_readable(&[node.as_fd()], Some(SOON)).unwrap();

@@ -5,11 +5,11 @@ mod common;
 use std::thread;
 use std::time::Duration;
 
-use common::{Domain, Endpoint, LANES, SOON, meet, next, pattern, until};
+use common::{Domain, Endpoint, LANES, SOON, meet, next, pattern, ring_lane, until};
 use nix::libc;
 use sm2_io::fault::{Call, Fault, Injector};
 use sm2_node::diagnostics::LinkStatus;
-use sm2_node::{Publisher, RecvError, Subscriber};
+use sm2_node::{Node, Publisher, RecvError, Subscriber};
 
 /// The next `times` calls, which fail.
 const fn fault(call: Call, errno: i32, times: u64) -> Fault {
@@ -25,10 +25,17 @@ fn fail(faults: &Injector, call: Call, errno: i32, times: u64) {
     faults.set([fault(call, errno, times)]);
 }
 
+/// A node that the calls of this thread drive alone: faults are injected into the calls of one thread.
+fn node(domain: &Domain, ring: bool, name: &str) -> Node {
+    let builder = Node::builder(name).socket(domain.socket());
+    let builder = builder.ring_lane(ring).background(false);
+    builder.connect().unwrap()
+}
+
 /// A linked publisher and subscriber of two nodes with the ring lane, or without it.
 fn pair(domain: &Domain, ring: bool) -> (Publisher<[u8]>, Subscriber<[u8]>) {
-    let talker = domain.node_on(ring, "talker");
-    let listener = domain.node_on(ring, "listener");
+    let talker = node(domain, ring, "talker");
+    let listener = node(domain, ring, "listener");
     let publisher = talker.publisher_builder("topic").reliable(true);
     let publisher = publisher.declare().unwrap();
     let subscriber = listener.subscriber_builder("topic").reliable(true);
@@ -202,9 +209,9 @@ fn a_wait_does_not_spin_while_memory_is_short() {
 #[test]
 fn a_sealed_message_without_memory_to_map_it_is_lost_alone() {
     let domain = Domain::new();
-    let talker = domain.node("talker");
+    let talker = node(&domain, ring_lane(), "talker");
     let publisher = talker.publisher::<[u8]>("topic").unwrap();
-    let listener = domain.node("listener");
+    let listener = node(&domain, ring_lane(), "listener");
     let builder = listener.subscriber_builder::<[u8]>("topic");
     let subscriber = builder.sealed(true).declare().unwrap();
     meet(&publisher, &[&subscriber]);
@@ -258,7 +265,7 @@ fn a_session_outlasts_a_shortage_of_memory() {
         ],
     ];
     let domain = Domain::new();
-    let node = domain.node("node");
+    let node = node(&domain, ring_lane(), "node");
     let id = node.id();
     let faults = Injector::counting();
     let _installed = faults.install();

@@ -13,11 +13,9 @@
 //! # async fn example() -> Result<(), Box<dyn std::error::Error>> {
 //! let node = Node::new("planner")?;
 //! let mut scans = node.subscriber::<[f32]>("scan")?.into_async()?;
-//! let driver = tokio::spawn(sm2_node::asynchronous::drive(node));
 //! while let Some(scan) = scans.next().await {
 //!     println!("{} ranges", scan?.len());
 //! }
-//! # driver.abort();
 //! # Ok(())
 //! # }
 //! ```
@@ -26,8 +24,8 @@
 //! node's timeout if the Manager is stuck. A program that cannot block a thread of its runtime for so long
 //! calls both in `tokio::task::spawn_blocking`.
 //!
-//! A node has no thread of its own here either: its handles drive it when they are polled. [`drive`] is for a
-//! program that may poll no handle for a while.
+//! The node's background thread does the work of the control side here, too. [`drive`] is for a node without that
+//! thread ([`NodeBuilder::background`](crate::NodeBuilder::background)) whose program may poll no handle for a while.
 
 mod client;
 mod publisher;
@@ -67,7 +65,7 @@ pub trait IntoAsync: Sized {
     fn into_async(self) -> io::Result<Self::Async>;
 }
 
-/// Drives a node for as long as the future is polled: spawn it as a task.
+/// Drives a node without a background thread for as long as the future is polled: spawn it as a task.
 ///
 /// # Errors
 ///

@@ -11,7 +11,7 @@ use super::sleepers::EventSource;
 use super::{Inner, SharedNode};
 
 /// A descriptor that becomes readable when an interface may have an event: an epoll set that
-/// contains the node's epoll set and a waker.
+/// contains the node's set for calls and a waker.
 #[derive(Debug)]
 pub(crate) struct Bell {
     set: Epoll,
@@ -22,7 +22,7 @@ impl Bell {
     /// Creates a bell that is already signalled, because there may already be something to take.
     pub(crate) fn new(shared: &SharedNode, interface: InterfaceId) -> io::Result<Self> {
         let set = Epoll::new()?;
-        set.add(&shared.epoll, 0, Interest::READABLE)?;
+        set.add(&shared.sets, 0, Interest::READABLE)?;
         let mut inner = shared.lock();
         let source = EventSource::Interface(interface);
         let waker = inner.sleepers.enter(source)?;

@@ -4,11 +4,12 @@ use std::collections::{BTreeMap, HashMap};
 use std::io;
 use std::path::PathBuf;
 
-use sm2_io::{Epoll, Event, Events, Scratch, SeqPacket};
+use sm2_io::{Event, Events, Scratch, SeqPacket};
 use sm2_proto::limits::DATAGRAM_MAX;
 use sm2_proto::{Instant, InterfaceId, Name, TypeId};
 
 use super::counters::Counting;
+use super::event_sets::EventSets;
 use super::interface::Interface;
 use super::limited_warning::LimitedWarning;
 use super::limits::SOCKETS;
@@ -65,7 +66,7 @@ impl Inner {
         name: Name,
         ring_lane: bool,
         mappings: MappingQuota,
-        epoll: &Epoll,
+        sets: &EventSets,
     ) -> io::Result<Self> {
         Ok(Self {
             name: name.clone(),
@@ -73,7 +74,7 @@ impl Inner {
             mappings,
             link_room: LinkRoom::new(),
             session: Session::new(socket, name),
-            reconnect: Reconnect::new(path, epoll)?,
+            reconnect: Reconnect::new(path, sets)?,
             questions: Questions::default(),
             counting: Counting::default(),
             schemas: BTreeMap::new(),

@@ -110,10 +110,7 @@ impl Interface {
 
     /// Whether a link is announced or being opened.
     pub(crate) fn is_opening(&self) -> bool {
-        self.links_due > 0
-            || self
-                .links()
-                .any(|link| link.end().is_none() && !link.is_open())
+        self.links_due > 0 || self.links().any(LinkDriver::is_opening)
     }
 
     /// Whether the Manager of this session has granted the interface. Meaningful once that Manager
@@ -131,7 +128,7 @@ impl Interface {
         let token = link.token();
         self.links.push(link);
         self.with_link(token, context, |link, outbox, context| {
-            link.start(context.epoll, outbox)
+            link.start(context.sets, outbox)
         });
     }
 
@@ -139,6 +136,13 @@ impl Interface {
         self.with_link(token, context, |link, outbox, context| {
             link.on_event(event, context, outbox)
         });
+    }
+
+    /// Called when the background thread has handled an event of a link.
+    pub(super) fn rest_in_background(&mut self, token: LinkToken, context: &mut Context<'_>) {
+        if let Some(link) = self.links.get_mut(token) {
+            link.rest_in_background(context.sets);
+        }
     }
 
     /// Ends a link for the Manager. A denied link may have ended before.
@@ -159,7 +163,7 @@ impl Interface {
     pub(super) fn close(&mut self, context: &mut Context<'_>) {
         for link in self.links.iter_mut() {
             let close = Input::Close(Farewell::Done.code());
-            link.feed(close, context.epoll, &mut self.outbox);
+            link.feed(close, context.sets, &mut self.outbox);
             context.counting.free(link.entry.take());
         }
         context.counting.free(self.entry.take());

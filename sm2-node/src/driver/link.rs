@@ -3,6 +3,7 @@
 //! No function in this module waits. If the socket is full, the driver keeps one packet and stops
 //! the machine from transmitting. A failure ends only the link in which it occurs.
 
+mod background;
 mod counting;
 mod mapped;
 mod outputs;
@@ -22,6 +23,7 @@ use sm2_proto::link::{self, Counters, End, Link, Packet, Role};
 use sm2_proto::{Code, Farewell, LinkId};
 
 use self::mapped::{Mapped, OwnRing, prepare_ring};
+use super::event_sets::BackgroundInterest;
 use super::outbox::{MessageKey, Needs};
 use super::status::{LinkStatus, Received};
 use super::token::LinkToken;
@@ -44,6 +46,8 @@ pub(crate) struct LinkDriver {
     own_ring: OwnRing,
     /// The packet that the socket did not accept.
     unsent: Option<Unsent>,
+    /// The events for which the background thread wakes.
+    in_background: BackgroundInterest,
     /// Whether a DOORBELL could not be sent for want of memory.
     bell_due: bool,
     /// Whether the kernel had no memory for the last packet, or to read the socket (SM2-TRN-014).
@@ -107,6 +111,7 @@ impl LinkDriver {
             quota,
             own_ring,
             unsent: None,
+            in_background: BackgroundInterest::Packets,
             bell_due: false,
             short_of_memory: false,
             kept: HashMap::new(),
@@ -144,6 +149,11 @@ impl LinkDriver {
 
     pub(crate) fn is_open(&self) -> bool {
         self.machine.is_open()
+    }
+
+    /// Whether the link is neither open nor over.
+    pub(crate) fn is_opening(&self) -> bool {
+        !self.is_open() && self.end().is_none()
     }
 
     pub(crate) fn end(&self) -> Option<End> {

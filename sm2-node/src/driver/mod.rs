@@ -6,6 +6,8 @@
 //! | `inner` | [`Inner`]: the state under the lock |
 //! | `context` | the parts of `Inner` that a call lends to an interface and its links |
 //! | `drive` | [`Inner::drive`] reads and writes the sockets that are ready: most calls begin with it |
+//! | `background` | the thread that drives the control side |
+//! | `event_sets` | which descriptors wake calls, and which wake the background thread |
 //! | `session` | the connection with the Manager, requests of handles, and the way back to a Manager |
 //! | `questions` | queries of the program to the Manager, and the answers |
 //! | `interface` | one publisher, subscriber, server or client: its links, and the work with its messages |
@@ -19,11 +21,13 @@
 //! `session`, `questions`), then `interface`, `link`, `outbox`. Only `session/outputs.rs` and
 //! `link/outputs.rs` match the outputs of the machines of `sm2-proto`.
 
+mod background;
 mod bell;
 mod context;
 mod counters;
 mod datagram;
 mod drive;
+mod event_sets;
 mod inner;
 mod interface;
 mod limited_warning;
@@ -40,12 +44,13 @@ mod wait;
 
 pub(crate) use self::bell::Bell;
 pub(crate) use self::context::Context;
+pub(crate) use self::event_sets::EventSets;
 pub(crate) use self::inner::Inner;
 pub(crate) use self::interface::{CallId, Choice, Full, Interface, Offered, Outcome, State, Taken};
 pub(crate) use self::outbox::{Forms, Needs, NoSlot, PoolLimit, Reservation, Reserved};
 pub(crate) use self::questions::{Answer, Followed, Lost, Question, Ticket};
 pub(crate) use self::session::may_return;
-pub(crate) use self::shared_node::SharedNode;
+pub(crate) use self::shared_node::{Settings, SharedNode};
 pub(crate) use self::sleepers::EventSource;
 pub use self::status::{LinkStatus, Received};
 pub(crate) use self::token::LinkToken;

@@ -10,13 +10,14 @@ use std::collections::VecDeque;
 use std::io::IoSlice;
 use std::os::fd::{AsFd, OwnedFd};
 
-use sm2_io::{Epoll, Interest, RecvError, SendError, SeqPacket, is_shortage};
+use sm2_io::{Interest, RecvError, SendError, SeqPacket, is_shortage};
 use sm2_proto::node::{End, Error, Input, Node, Output};
 use sm2_proto::{
     Code, Contract, Datagram, Farewell, InterfaceId, LinkId, Machine, Name, NodeId, Refusal,
 };
 
 use super::datagram::{Incoming, receive};
+use super::event_sets::EventSets;
 use super::token::SESSION;
 
 pub(super) use self::retry::Reconnect;
@@ -29,7 +30,7 @@ pub(super) struct Session {
     /// Frames that the socket has not accepted. Their number is bounded by the declarations and
     /// requests of this node.
     unsent: VecDeque<Frame>,
-    /// Whether the epoll set also watches for the socket to become writable.
+    /// Whether the control set also watches for the socket to become writable.
     blocked: bool,
     /// Whether the kernel had no memory for the last frame, or to read the socket (SM2-TRN-014).
     short_of_memory: bool,
@@ -60,7 +61,7 @@ impl Session {
         }
     }
 
-    /// Uses a new connection, which is already in the epoll set.
+    /// Uses a new connection, which is already in the control set.
     pub(super) fn connected(&mut self, socket: SeqPacket) {
         debug_assert!(self.socket.is_none() && self.unsent.is_empty());
         self.socket = Some(socket);
@@ -156,13 +157,13 @@ impl Session {
     }
 
     /// Queues a frame after all unsent ones and sends as many as the socket accepts.
-    pub(super) fn send(&mut self, bytes: Vec<u8>, fd: Option<OwnedFd>, epoll: &Epoll) {
+    pub(super) fn send(&mut self, bytes: Vec<u8>, fd: Option<OwnedFd>, sets: &EventSets) {
         self.unsent.push_back(Frame { bytes, fd });
-        self.flush(epoll);
+        self.flush(sets);
     }
 
     /// Sends as many unsent frames as the socket accepts.
-    pub(super) fn flush(&mut self, epoll: &Epoll) {
+    pub(super) fn flush(&mut self, sets: &EventSets) {
         let Some(socket) = &self.socket else {
             self.unsent.clear();
             return;
@@ -187,12 +188,12 @@ impl Session {
             }
             self.unsent.pop_front();
         }
-        self.watch_again(epoll);
+        self.watch_again(sets);
     }
 
     /// Watches for the socket to become writable while frames are unsent. Without memory for this change, the
     /// next drive tries again.
-    pub(super) fn watch_again(&mut self, epoll: &Epoll) {
+    pub(super) fn watch_again(&mut self, sets: &EventSets) {
         let blocked = !self.unsent.is_empty();
         let Some(socket) = self.socket.as_ref().filter(|_| blocked != self.blocked) else {
             return;
@@ -202,13 +203,23 @@ impl Session {
         } else {
             Interest::READABLE
         };
-        if epoll.modify(socket, SESSION, interest).is_ok() {
+        if sets.control.modify(socket, SESSION, interest).is_ok() {
             self.blocked = blocked;
         }
     }
 
-    /// Logs the end of the session and closes the connection.
-    pub(super) fn hang_up(&mut self, end: End, epoll: &Epoll) {
+    /// Closes the connection.
+    pub(super) fn hang_up(&mut self, end: End, sets: &EventSets) {
+        self.away = Some(end);
+        self.unsent.clear();
+        if let Some(socket) = self.socket.take() {
+            let _ = sets.control.remove(&socket);
+            let _ = socket.shutdown();
+        }
+    }
+
+    /// Logs the end of the session, as the last step: if the program's logger panics, the rest is done.
+    pub(super) fn log_end(&self, end: End) {
         match end {
             End::Violation(violation) => tracing::warn!(
                 violation = %violation.kind(),
@@ -224,12 +235,6 @@ impl Session {
             }
             End::Peer(_) | End::Eof => tracing::info!("the Manager is gone; links stay open"),
             End::Local(_) => {}
-        }
-        self.away = Some(end);
-        self.unsent.clear();
-        if let Some(socket) = self.socket.take() {
-            let _ = epoll.remove(&socket);
-            let _ = socket.shutdown();
         }
     }
 }

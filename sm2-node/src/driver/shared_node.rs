@@ -1,59 +1,103 @@
 //! The state that all handles of a node share.
 
 use std::io;
+use std::mem;
+use std::ops::Deref;
 use std::path::PathBuf;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::process;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use sm2_io::{Epoll, Interest, SeqPacket};
+use sm2_io::{Interest, SeqPacket};
 use sm2_proto::node::Input;
 use sm2_proto::{Farewell, InterfaceId, Name};
 
+use super::background::BackgroundThread;
 use super::context::Context;
 use super::datagram::Incoming;
+use super::event_sets::EventSets;
 use super::inner::Inner;
 use super::interface::Interface;
 use super::sleepers::EventSource;
 use super::token::SESSION;
 use crate::quota::MappingQuota;
 
-/// The state that all handles of a node share.
+/// A node, as its handles share it. The last handle ends the node.
 #[derive(Debug)]
 pub(crate) struct SharedNode {
-    pub(crate) epoll: Epoll,
-    pub(crate) name: Name,
-    /// The timeout for an answer of the Manager.
-    pub(crate) manager_timeout: Duration,
-    inner: Mutex<Inner>,
+    state: Arc<NodeState>,
+    /// `None` if the calls of the program drive the node.
+    background: Option<BackgroundThread>,
     /// The last field, so that the Manager is dropped after this node has closed its session.
     #[cfg(feature = "embedded-manager")]
     embedded: Option<sm2_manager::Background>,
 }
 
+/// The state of a node, which its handles share with its background thread.
+#[derive(Debug)]
+pub(crate) struct NodeState {
+    pub(crate) sets: EventSets,
+    pub(crate) name: Name,
+    /// The timeout for an answer of the Manager.
+    pub(crate) manager_timeout: Duration,
+    /// The process that connected the node.
+    process: u32,
+    inner: Mutex<Inner>,
+}
+
+/// How a node is driven, and what it offers.
+#[derive(Debug)]
+pub(crate) struct Settings {
+    /// The timeout for an answer of the Manager.
+    pub(crate) manager_timeout: Duration,
+    /// Whether links offer the ring lane.
+    pub(crate) ring_lane: bool,
+    /// Whether a thread of the node drives its control side.
+    pub(crate) background: bool,
+    /// The bytes that may be mapped for peers.
+    pub(crate) mappings: MappingQuota,
+}
+
 impl SharedNode {
-    /// Creates a node whose Manager is at the other end of `socket`. The node finds later Managers
-    /// at `path`.
+    /// Creates a node whose Manager is at the other end of `socket`. The node finds later Managers at `path`. Until
+    /// [`start_background`](Self::start_background), calls drive all of it.
     pub(crate) fn new(
         socket: SeqPacket,
         path: PathBuf,
         name: Name,
-        manager_timeout: Duration,
-        ring_lane: bool,
-        mappings: MappingQuota,
+        settings: Settings,
     ) -> io::Result<Self> {
-        let epoll = Epoll::new()?;
-        epoll.add(&socket, SESSION, Interest::READABLE)?;
-        let mut inner = Inner::new(socket, path, name.clone(), ring_lane, mappings, &epoll)?;
-        inner.state_links();
-        inner.drain_session(Incoming::default(), &epoll);
-        Ok(Self {
-            epoll,
-            name,
+        let sets = EventSets::new(settings.background)?;
+        sets.control.add(&socket, SESSION, Interest::READABLE)?;
+        let Settings {
             manager_timeout,
-            inner: Mutex::new(inner),
+            ring_lane,
+            mappings,
+            ..
+        } = settings;
+        let mut inner = Inner::new(socket, path, name.clone(), ring_lane, mappings, &sets)?;
+        inner.state_links();
+        inner.drain_session(Incoming::default(), &sets);
+        Ok(Self {
+            state: Arc::new(NodeState {
+                sets,
+                name,
+                manager_timeout,
+                process: process::id(),
+                inner: Mutex::new(inner),
+            }),
+            background: None,
             #[cfg(feature = "embedded-manager")]
             embedded: None,
         })
+    }
+
+    /// Starts the background thread, if the node is to have one.
+    pub(crate) fn start_background(&mut self) -> io::Result<()> {
+        if self.sets.has_background() {
+            self.background = Some(BackgroundThread::start(&self.state)?);
+        }
+        Ok(())
     }
 
     /// Attaches a Manager that runs in this process, active or standby.
@@ -61,6 +105,23 @@ impl SharedNode {
     pub(crate) fn with_manager(mut self, manager: Option<sm2_manager::Background>) -> Self {
         self.embedded = manager;
         self
+    }
+}
+
+impl Deref for SharedNode {
+    type Target = NodeState;
+
+    #[inline]
+    fn deref(&self) -> &NodeState {
+        &self.state
+    }
+}
+
+impl NodeState {
+    /// Whether this process is a child, made by `fork(2)`, of the process that connected the node. Such a child has
+    /// copies of the node's descriptors, but not its threads, and another thread may have held a lock.
+    pub(crate) fn is_inherited(&self) -> bool {
+        self.process != process::id()
     }
 
     /// Locks the node. If another thread panicked under the lock, the state is still consistent:
@@ -71,11 +132,16 @@ impl SharedNode {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Locks the node and drives it.
+    /// Locks the node and drives all of it.
     pub(crate) fn lock_driven(&self) -> MutexGuard<'_, Inner> {
         let mut inner = self.lock();
-        inner.drive(&self.epoll);
+        inner.drive_all(&self.sets);
         inner
+    }
+
+    /// Drives the control side. Returns whether the kernel had no memory for it.
+    pub(super) fn drive_control(&self) -> bool {
+        self.lock().drive_control(&self.sets)
     }
 
     /// Drives the node and changes one of its interfaces. `None` if the interface does not exist
@@ -86,7 +152,7 @@ impl SharedNode {
         change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
     ) -> Option<R> {
         self.lock_driven()
-            .with_interface(interface, &self.epoll, change)
+            .with_interface(interface, &self.sets, change)
     }
 
     /// The same as [`with_driven`](Self::with_driven), but while all links of the interface have rings, the node
@@ -99,11 +165,11 @@ impl SharedNode {
     ) -> Option<R> {
         let now = sm2_io::clock::now();
         let mut inner = self.lock();
-        let driven = inner.drive_if_due(now, &self.epoll);
+        let driven = inner.drive_if_due(now, &self.sets);
         if !driven && !inner.has_rings_only(EventSource::Interface(interface)) {
-            inner.drive(&self.epoll);
+            inner.drive(&self.sets);
         }
-        inner.with_interface(interface, &self.epoll, change)
+        inner.with_interface(interface, &self.sets, change)
     }
 
     /// The same as [`with_driven`](Self::with_driven), but without driving the node.
@@ -113,14 +179,23 @@ impl SharedNode {
         interface: InterfaceId,
         change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
     ) -> Option<R> {
-        self.lock().with_interface(interface, &self.epoll, change)
+        self.lock().with_interface(interface, &self.sets, change)
     }
 }
 
 impl Drop for SharedNode {
     fn drop(&mut self) {
-        let inner = self.inner.get_mut().unwrap_or_else(PoisonError::into_inner);
+        if self.is_inherited() {
+            // The threads are those of the parent: they cannot be joined here.
+            mem::forget(self.background.take());
+            #[cfg(feature = "embedded-manager")]
+            mem::forget(self.embedded.take());
+            return;
+        }
+        // The thread ends first: it must not connect to a Manager again.
+        self.background = None;
+        let mut inner = self.lock();
         inner.session.tell(Input::Close(Farewell::Done.code()));
-        inner.drain_session(Incoming::default(), &self.epoll);
+        inner.drain_session(Incoming::default(), &self.sets);
     }
 }

@@ -1,9 +1,9 @@
 //! The threads that wait at a node, and how one thread wakes another for which it received
 //! something.
 //!
-//! A node has no thread of its own: each thread that calls the node drives all of its sockets.
-//! While one thread sleeps until its message comes, another thread may read that message from the
-//! socket. A sleeping thread therefore waits for two descriptors: the node's epoll set
+//! Each thread that calls the node may read all of its links, and the background thread reads some of
+//! them. While one thread sleeps until its message comes, another thread may read that message from
+//! the socket. A sleeping thread therefore waits for two descriptors: the node's set for calls
 //! (level-triggered), and a waker of its own. A thread that drives the node signals the waker when
 //! an event concerns the source that the sleeper has named. A sleeper registers its source under the
 //! node's lock, after it has looked and found nothing, so it misses no event.

@@ -1,4 +1,4 @@
-//! The tokens that a node gives to the descriptors in its epoll set.
+//! The tokens that a node gives to the descriptors in its epoll sets.
 
 /// The token of a link's socket. Tokens increase with each link of the node and are never reused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -7,8 +7,8 @@ pub(crate) struct LinkToken(pub(super) u64);
 impl LinkToken {
     /// Less than the token of every link. The session's socket has this token.
     pub(crate) const FIRST: Self = Self(0);
-    /// Greater than the token of every link. The timer for the next attempt to connect has this
-    /// token.
+    /// Greater than the tokens of all links and of [`CONTROL`]. The timer for the next attempt to connect has
+    /// this token.
     pub(super) const LAST: Self = Self(u64::MAX);
 
     /// The token of the next link.
@@ -21,3 +21,5 @@ impl LinkToken {
 pub(super) const SESSION: u64 = LinkToken::FIRST.0;
 /// The token of the timer: for the next attempt to connect, or for the next look for room.
 pub(super) const TIMER: u64 = LinkToken::LAST.0;
+/// The token of the control set in the set for calls.
+pub(super) const CONTROL: u64 = TIMER - 1;

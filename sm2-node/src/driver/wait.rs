@@ -8,9 +8,10 @@ use std::time::Duration;
 use sm2_io::{Waker, is_shortage, wait_readable};
 use sm2_proto::Instant;
 
+use super::Inner;
 use super::limits::SHORTAGE_PAUSE;
+use super::shared_node::NodeState;
 use super::sleepers::EventSource;
-use super::{Inner, SharedNode};
 use crate::Wait;
 
 /// How many pauses of the processor a spinning thread makes between two uses of the lock.
@@ -53,7 +54,7 @@ impl From<Option<Duration>> for Until {
     }
 }
 
-impl SharedNode {
+impl NodeState {
     /// Drives the node until `look` finds something or `until` has passed. Without `until`, waits
     /// as long as it takes. `look` is called at least once, under the lock. The lock is not held
     /// while the thread sleeps.
@@ -92,7 +93,7 @@ impl SharedNode {
         };
         loop {
             let mut inner = self.lock();
-            let driven = inner.drive_if_due(now, &self.epoll);
+            let driven = inner.drive_if_due(now, &self.sets);
             if let Some(found) = look(&mut inner) {
                 return Ok(Some(found));
             }
@@ -107,7 +108,7 @@ impl SharedNode {
             }
             // No ring has brought anything, so the sockets are read.
             if !driven {
-                inner.drive(&self.epoll);
+                inner.drive(&self.sets);
                 if let Some(found) = look(&mut inner) {
                     return Ok(Some(found));
                 }
@@ -137,7 +138,7 @@ impl SharedNode {
     }
 }
 
-impl SharedNode {
+impl NodeState {
     /// Waits until a socket or a timer is ready, or a ring has a message, for at most `timeout`.
     ///
     /// # Errors
@@ -167,8 +168,8 @@ impl SharedNode {
         let waker = waker.map(AsFd::as_fd);
         let waited = match (short_of_memory, waker) {
             (true, waker) => wait_readable(waker.as_slice(), Some(pause)),
-            (false, Some(waker)) => wait_readable(&[self.epoll.as_fd(), waker], timeout),
-            (false, None) => wait_readable(&[self.epoll.as_fd()], timeout),
+            (false, Some(waker)) => wait_readable(&[self.sets.as_fd(), waker], timeout),
+            (false, None) => wait_readable(&[self.sets.as_fd()], timeout),
         };
         match waited {
             Err(error) if is_shortage(&error) => {
@@ -176,6 +177,19 @@ impl SharedNode {
                 Ok(())
             }
             waited => waited.map(drop),
+        }
+    }
+
+    /// The background thread sleeps until the control side has an event, or `stop` is signalled. If the kernel had no
+    /// memory for the last event, pauses instead.
+    //= SM2-TRN-014
+    pub(super) fn sleep_for_control(&self, stop: &Waker, short_of_memory: bool) {
+        let waited = match short_of_memory {
+            true => wait_readable(&[stop.as_fd()], Some(SHORTAGE_PAUSE)),
+            false => wait_readable(&[self.sets.control.as_fd(), stop.as_fd()], None),
+        };
+        if waited.is_err() {
+            thread::sleep(SHORTAGE_PAUSE);
         }
     }
 }
@@ -206,15 +220,15 @@ impl Inner {
         may_take
     }
 
-    /// Whether all messages of this source come through rings, so that the sockets need to be read
-    /// only from time to time.
+    /// Whether all messages of this source come through rings and no link is opening, so that the sockets need to
+    /// be read only from time to time.
     pub(super) fn has_rings_only(&self, source: EventSource) -> bool {
         match source {
             EventSource::Interface(id) => self.interfaces.get(&id).is_some_and(|interface| {
                 interface.open_links() > 0
                     && interface
                         .links()
-                        .all(|it| !it.is_woken_by_socket() || !it.is_open())
+                        .all(|it| !it.is_woken_by_socket() || it.end().is_some())
             }),
             EventSource::Session => false,
         }

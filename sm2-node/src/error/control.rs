@@ -65,6 +65,12 @@ pub enum ConnectError {
         /// The socket's path.
         path: PathBuf,
     },
+    /// The node's background thread cannot be started.
+    #[error(
+        "cannot start the node's background thread ({0}): raise the limit of threads (ulimit -u), or drive the \
+         node by your own calls (NodeBuilder::background)"
+    )]
+    BackgroundThread(#[source] io::Error),
     /// The connection to the Manager's socket failed.
     #[error("cannot connect to the Manager at {path:?}: {source}")]
     Io {

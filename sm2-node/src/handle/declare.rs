@@ -2,13 +2,12 @@
 
 use std::sync::{Arc, OnceLock};
 
-use sm2_io::Epoll;
 use sm2_proto::link::MaxLen;
 use sm2_proto::node;
 use sm2_proto::{Contract, Refusal, TypeId};
 
 use super::{Handle, until};
-use crate::driver::{EventSource, Inner, PoolLimit, SharedNode, State};
+use crate::driver::{EventSets, EventSource, Inner, PoolLimit, SharedNode, State};
 use crate::schema::check_schema;
 use crate::{DeclareError, Wait};
 
@@ -26,9 +25,9 @@ impl Handle {
         let name = contract.name().clone();
         let mut inner = shared.lock_driven();
         for (data, text) in schemas {
-            register_schema(&mut inner, data, text, &shared.epoll);
+            register_schema(&mut inner, data, text, &shared.sets);
         }
-        let declared = inner.declare(contract.clone(), pool_limit, max_len, &shared.epoll);
+        let declared = inner.declare(contract.clone(), pool_limit, max_len, &shared.sets);
         drop(inner);
         let id = match declared {
             Ok(id) => id,
@@ -117,10 +116,10 @@ fn refused_here(error: node::Error, contract: Contract) -> DeclareError {
 
 /// Registers a type's text for tools. A text that does not fit the type's hash (a manual implementation) is
 /// not registered, because the Manager would treat it as a violation.
-fn register_schema(inner: &mut Inner, data: TypeId, text: Option<String>, epoll: &Epoll) {
+fn register_schema(inner: &mut Inner, data: TypeId, text: Option<String>, sets: &EventSets) {
     let Some(text) = text else { return };
     match check_schema(&data, &text) {
-        Ok(()) => inner.register_schema(data, text, epoll),
+        Ok(()) => inner.register_schema(data, text, sets),
         Err(error) => {
             tracing::warn!(%error, "tools cannot decode this type: its schema is not registered")
         }

@@ -34,7 +34,7 @@ impl Handle {
         all: &mut Vec<Taken>,
         most: usize,
     ) -> Option<Result<(), RecvError>> {
-        let taken = inner.with_interface(self.id, &self.shared.epoll, |interface, context| {
+        let taken = inner.with_interface(self.id, &self.shared.sets, |interface, context| {
             interface.take_many(all, most, context)
         })?;
         match taken {

@@ -23,11 +23,11 @@ impl Handle {
         until: Until,
         take: impl Fn(&mut Interface, &mut Context<'_>) -> Result<Option<Taken>, Full>,
     ) -> Result<Option<Received>, RecvError> {
-        let epoll = &self.shared.epoll;
+        let sets = &self.shared.sets;
         let source = EventSource::Interface(self.id);
         let found = self.shared.wait_as(self.wait, source, until, |inner| {
             self.find_or_silence(inner, |inner| {
-                let taken = inner.with_interface(self.id, epoll, &take)?;
+                let taken = inner.with_interface(self.id, sets, &take)?;
                 taken.map_err(RecvError::from).transpose()
             })
         });

@@ -124,7 +124,7 @@ system after [`keep_idle`](Self::keep_idle)."
     }
 
     /// Sets how long unused shared memory is kept; 5 s by default. After that, the next call of the publisher
-    /// gives it back to the system (there is no thread). `Duration::MAX` keeps it for as long as the
+    /// gives it back to the system (no thread does this). `Duration::MAX` keeps it for as long as the
     /// publisher exists.
     ///
     /// Memory is given back in whole segments, and only if no subscriber holds a sample in the segment. The

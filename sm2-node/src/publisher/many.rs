@@ -78,9 +78,9 @@ impl UntypedPublisher {
         let Handle { shared, id, .. } = &self.handle;
         let now = sm2_io::clock::now();
         let mut inner = shared.lock();
-        let is_driven = inner.drive_if_due(now, &shared.epoll);
+        let is_driven = inner.drive_if_due(now, &shared.sets);
         let published =
-            inner.with_interface_unharvested(*id, &shared.epoll, |interface, context| {
+            inner.with_interface_unharvested(*id, &shared.sets, |interface, context| {
                 // Without driving, the publisher reads released slots only when it needs one: a receiver that
                 // keeps up writes to the same memory all the time.
                 if is_driven {

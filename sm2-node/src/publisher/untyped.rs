@@ -47,7 +47,7 @@ impl UntypedPublisher {
     pub(super) fn flush(&self, timeout: Option<Duration>) -> Result<bool, WaitError> {
         let Handle { shared, id, .. } = &self.handle;
         let flushed = shared.wait(EventSource::Interface(*id), until(timeout), |inner| {
-            let flushed = inner.with_interface(*id, &shared.epoll, |interface, _| {
+            let flushed = inner.with_interface(*id, &shared.sets, |interface, _| {
                 interface.links().all(|link| link.is_flushed())
             });
             (flushed == Some(true)).then_some(())
@@ -159,7 +159,7 @@ impl UntypedPublisher {
         let mut waited = Ok(None);
         if !self.spin_for_room(&mut offered) {
             waited = shared.wait(EventSource::Interface(*id), Some(deadline), |inner| {
-                let is_done = inner.with_interface(*id, &shared.epoll, |interface, context| {
+                let is_done = inner.with_interface(*id, &shared.sets, |interface, context| {
                     interface.publish_more(&mut offered, context)
                 });
                 (is_done == Some(true)).then_some(())
@@ -178,7 +178,7 @@ impl UntypedPublisher {
         let done = self
             .handle
             .find_or_silence(&mut shared.lock_driven(), |inner| {
-                let is_done = inner.with_interface(*id, &shared.epoll, |interface, context| {
+                let is_done = inner.with_interface(*id, &shared.sets, |interface, context| {
                     interface.publish_more(offered, context)
                 });
                 (is_done == Some(true)).then_some(())

@@ -1,12 +1,12 @@
 //! The calls of a client.
 
-use sm2_io::Epoll;
 use sm2_proto::link::{Input, Status};
 use sm2_proto::{Instant, InterfaceId};
 
 use super::Interface;
 use super::calls::{CallId, Outcome};
 use crate::driver::context::Context;
+use crate::driver::event_sets::EventSets;
 use crate::driver::inner::Inner;
 use crate::driver::link::LinkDriver;
 use crate::driver::outbox::{Forms, Label, Needs};
@@ -35,12 +35,12 @@ impl Inner {
         &mut self,
         client: InterfaceId,
         len: u64,
-        epoll: &Epoll,
+        sets: &EventSets,
     ) -> Option<Choice> {
         let interface = self.interfaces.get(&client)?;
         let choice = interface.choose_server(len);
         if choice == Choice::Opening && interface.links_due > 0 {
-            self.expect_page(epoll);
+            self.expect_page(sets);
         }
         Some(choice)
     }
@@ -123,7 +123,7 @@ impl Interface {
         let CallId { token, id } = call;
         if self.calls.open.get(&call).is_some_and(Option::is_none) {
             self.with_link(token, context, |link, outbox, context| {
-                link.feed(Input::Cancel { call: id }, context.epoll, outbox);
+                link.feed(Input::Cancel { call: id }, context.sets, outbox);
             });
         }
     }

@@ -104,10 +104,14 @@ impl Interface {
         Some(self.finish(offered, context))
     }
 
-    /// Whether links are open, all of them on the ring lane, and all reliable ones with room.
+    /// Whether links are open, all of them on the ring lane, and all reliable ones with room. If a link is opening,
+    /// the other side may already count as linked, so the caller reads the sockets first.
     fn has_room_in_rings(&self) -> bool {
         let mut is_any_open = false;
         for link in self.links() {
+            if link.is_opening() {
+                return false;
+            }
             if !link.is_open() {
                 continue;
             }
@@ -166,6 +170,7 @@ impl Interface {
                 link.hold_back(context, &mut self.outbox);
             } else if !link.is_reliable() || link.has_room() {
                 link.send(key, Status::Ok, context, &mut self.outbox);
+                link.watch_in_background(context.sets);
                 offered.links += usize::from(link.is_open());
             } else if link.is_stalled() {
                 link.skip(context, &mut self.outbox);

@@ -44,6 +44,7 @@ impl Interface {
         };
         self.calls.collect(token, link, context, &mut self.outbox);
         link.send_queued(context, &mut self.outbox);
+        link.watch_in_background(context.sets);
         link.note_fates(context.counting);
         if link.end().is_some() && !link.buried {
             self.bury(token, context);
@@ -149,7 +150,7 @@ impl Interface {
     pub(crate) fn detach_segments(&mut self, context: &mut Context<'_>) {
         while let Some(segment) = self.outbox.over.pop() {
             for link in self.links.iter_mut().filter(|link| link.end().is_none()) {
-                link.feed(Input::Retire { segment }, context.epoll, &mut self.outbox);
+                link.feed(Input::Retire { segment }, context.sets, &mut self.outbox);
             }
         }
     }

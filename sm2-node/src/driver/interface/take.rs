@@ -121,7 +121,7 @@ impl Interface {
         let Some(link) = self.links.get_mut(token) else {
             return;
         };
-        link.release(sequence, context.epoll, &mut self.outbox);
+        link.release(sequence, context.sets, &mut self.outbox);
         // On a receiver's link that is not over, a release has no further consequences.
         if link.role() != Role::Receiver || link.end().is_some() {
             self.settle_link(token, context);
@@ -143,7 +143,7 @@ impl Interface {
         }
         self.with_link(token, context, |link, outbox, context| {
             let code = Farewell::Resources.code();
-            link.feed(Input::Close(code), context.epoll, outbox);
+            link.feed(Input::Close(code), context.sets, outbox);
         });
     }
 }

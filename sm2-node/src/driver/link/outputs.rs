@@ -7,24 +7,25 @@ use std::mem;
 use std::os::fd::AsFd;
 use std::sync::Arc;
 
-use sm2_io::{Epoll, InspectedFd, Interest, Ring, SendError, is_shortage};
+use sm2_io::{InspectedFd, Interest, Ring, SendError, is_shortage};
 use sm2_proto::link::{Attachment, End, Input, Output, RingLayout};
 use sm2_proto::{Farewell, Machine};
 
 use super::mapped::OwnRing;
 use super::{LinkDriver, Unsent};
 use crate::driver::datagram::Incoming;
+use crate::driver::event_sets::EventSets;
 use crate::driver::outbox::{MessageKey, Outbox};
 use crate::quota::MappedSegment;
 
 impl LinkDriver {
     /// Carries out all outputs of the machine. Only this function matches them.
-    pub(super) fn drain(&mut self, mut came: Incoming, epoll: &Epoll, outbox: &mut Outbox) {
+    pub(super) fn drain(&mut self, mut came: Incoming, sets: &EventSets, outbox: &mut Outbox) {
         while let Some(output) = self.next_output() {
             match output {
                 Output::Transmit(packet) => {
                     let segment = packet.attachment.and_then(|it| outbox.segment(it));
-                    self.transmit(Unsent { packet, segment }, epoll, outbox);
+                    self.transmit(Unsent { packet, segment }, sets, outbox);
                 }
                 // The machine asks for a ring before `Opened`, so a ring that is left is not needed.
                 Output::Opened => self.drop_prepared_ring(),
@@ -51,7 +52,7 @@ impl LinkDriver {
                     self.cancelled.insert(call);
                 }
                 Output::CallFailed { call } => self.failed.push(call),
-                Output::Ended(end) => self.hang_up(end, epoll),
+                Output::Ended(end) => self.hang_up(end, sets),
             }
         }
     }
@@ -69,7 +70,7 @@ impl LinkDriver {
         self.machine.poll()
     }
 
-    fn transmit(&mut self, unsent: Unsent, epoll: &Epoll, outbox: &Outbox) {
+    fn transmit(&mut self, unsent: Unsent, sets: &EventSets, outbox: &Outbox) {
         match self.offer(&unsent, outbox) {
             // The other side has closed the socket. The datagrams that it sent before are read
             // first, and then the end of the stream (SM2-TRN-006).
@@ -78,11 +79,11 @@ impl LinkDriver {
                     self.own_ring = OwnRing::Settled;
                 }
             }
-            Err(SendError::WouldBlock) => self.keep_unsent(unsent, epoll),
+            Err(SendError::WouldBlock) => self.keep_unsent(unsent, sets),
             //= SM2-TRN-014
             Err(SendError::Io(error)) if is_shortage(&error) => {
                 self.short_of_memory = true;
-                self.keep_unsent(unsent, epoll);
+                self.keep_unsent(unsent, sets);
             }
             //= SM2-TRN-010
             Err(error @ (SendError::TooManyInFlight | SendError::TooLong | SendError::Io(_))) => {
@@ -92,10 +93,10 @@ impl LinkDriver {
     }
 
     /// Keeps a packet until the socket is writable.
-    fn keep_unsent(&mut self, unsent: Unsent, epoll: &Epoll) {
+    fn keep_unsent(&mut self, unsent: Unsent, sets: &EventSets) {
         let _ = self.machine.handle(sm2_io::clock::now(), Input::Blocked);
         self.unsent = Some(unsent);
-        self.watch(Interest::BOTH, epoll);
+        self.watch(Interest::BOTH, sets);
     }
 
     fn offer(&self, unsent: &Unsent, outbox: &Outbox) -> Result<(), SendError> {
@@ -114,28 +115,29 @@ impl LinkDriver {
     }
 
     /// Sends the packet and the DOORBELL that were kept, because the socket is writable again.
-    pub(super) fn flush(&mut self, epoll: &Epoll, outbox: &mut Outbox) {
+    pub(super) fn flush(&mut self, sets: &EventSets, outbox: &mut Outbox) {
         let (unsent, bell_due) = (self.unsent.take(), mem::take(&mut self.bell_due));
         if unsent.is_none() && !bell_due {
             return;
         }
-        self.watch(Interest::READABLE, epoll);
+        self.watch(Interest::READABLE, sets);
         if bell_due {
-            self.ring_bell(epoll);
+            self.ring_bell(sets);
         }
         if let Some(unsent) = unsent {
             let _ = self.machine.handle(sm2_io::clock::now(), Input::Writable);
-            self.transmit(unsent, epoll, outbox);
+            self.transmit(unsent, sets, outbox);
         }
-        self.drain(Incoming::default(), epoll, outbox);
+        self.drain(Incoming::default(), sets, outbox);
     }
 
-    pub(super) fn watch(&mut self, interest: Interest, epoll: &Epoll) {
+    pub(super) fn watch(&mut self, interest: Interest, sets: &EventSets) {
         if let Some(socket) = &self.socket
-            && let Err(error) = epoll.modify(socket, self.token.0, interest)
+            && let Err(error) = sets.watch_link(socket, self.token, interest)
         {
             self.fail(Farewell::Resources, &error);
         }
+        self.watch_in_background(sets);
     }
 
     /// Maps the ring that the other side created.
@@ -198,7 +200,26 @@ impl LinkDriver {
     }
 
     //= SM2-OPN-006, SM2-OPN-007
-    fn hang_up(&mut self, end: End, epoll: &Epoll) {
+    fn hang_up(&mut self, end: End, sets: &EventSets) {
+        self.unsent = None;
+        self.bell_due = false;
+        self.short_of_memory = false;
+        self.failing = None;
+        self.drop_prepared_ring();
+        self.mapped.outgoing = None;
+        self.room = None;
+        if let Some(socket) = self.socket.take() {
+            sets.remove_link(&socket);
+            // A child process may have inherited the socket, so closing it might not tell the other
+            // side.
+            let _ = socket.shutdown();
+        }
+        self.forget_unused();
+        self.log_end(end);
+    }
+
+    /// Logs the end of the link, as the last step: if the program's logger panics, the rest is done.
+    fn log_end(&self, end: End) {
         let (link, peer) = (self.id, &self.peer.name);
         match end {
             End::Violation(violation) => tracing::warn!(
@@ -212,20 +233,6 @@ impl LinkDriver {
             }
             End::Peer(_) | End::Eof | End::Local(_) => tracing::debug!(%link, %peer, %end),
         }
-        self.unsent = None;
-        self.bell_due = false;
-        self.short_of_memory = false;
-        self.failing = None;
-        self.drop_prepared_ring();
-        self.mapped.outgoing = None;
-        self.room = None;
-        if let Some(socket) = self.socket.take() {
-            let _ = epoll.remove(&socket);
-            // A child process may have inherited the socket, so closing it might not tell the other
-            // side.
-            let _ = socket.shutdown();
-        }
-        self.forget_unused();
     }
 
     /// Drops the mappings and files, unless a message that can still be taken needs them.

@@ -1,19 +1,20 @@
 //! Reading the socket of a link, and feeding its machine.
 
-use sm2_io::{Epoll, Event, RecvError, is_shortage};
+use sm2_io::{Event, RecvError, is_shortage};
 use sm2_proto::link::{self, Input};
 use sm2_proto::{Code, Datagram, Farewell, Machine};
 
 use super::LinkDriver;
 use crate::driver::context::Context;
 use crate::driver::datagram::{Incoming, receive};
+use crate::driver::event_sets::EventSets;
 use crate::driver::limits::{BURST, LAST_WORDS};
 use crate::driver::outbox::Outbox;
 
 impl LinkDriver {
     /// Sends the first packet.
-    pub(in crate::driver) fn start(&mut self, epoll: &Epoll, outbox: &mut Outbox) {
-        self.drain(Incoming::default(), epoll, outbox);
+    pub(in crate::driver) fn start(&mut self, sets: &EventSets, outbox: &mut Outbox) {
+        self.drain(Incoming::default(), sets, outbox);
     }
 
     /// Handles an event of the socket, which is readable, writable, or both.
@@ -25,7 +26,7 @@ impl LinkDriver {
     ) {
         self.short_of_memory = false;
         if event.writable {
-            self.flush(context.epoll, outbox);
+            self.flush(context.sets, outbox);
         }
         if event.readable {
             self.receive(BURST, context, outbox);
@@ -50,14 +51,14 @@ impl LinkDriver {
                 Ok(incoming) => {
                     self.settle_returned(context, outbox);
                     let bytes = &context.buffer[..incoming.len];
-                    self.datagram(bytes, incoming, context.epoll, outbox);
+                    self.datagram(bytes, incoming, context.sets, outbox);
                 }
                 Err(RecvError::WouldBlock) => return,
                 //= SM2-TRN-006
                 // `Closed` comes after all queued datagrams.
                 Err(RecvError::Closed) => {
                     self.settle_returned(context, outbox);
-                    return self.feed(Input::Eof, context.epoll, outbox);
+                    return self.feed(Input::Eof, context.sets, outbox);
                 }
                 //= SM2-TRN-014
                 // The socket stays readable.
@@ -68,13 +69,13 @@ impl LinkDriver {
                 Err(RecvError::Io(error)) => {
                     tracing::warn!(link = %self.id, peer = %self.peer.name, %error, "link failed");
                     self.settle_returned(context, outbox);
-                    return self.feed(Input::Eof, context.epoll, outbox);
+                    return self.feed(Input::Eof, context.sets, outbox);
                 }
             }
         }
     }
 
-    fn datagram(&mut self, bytes: &[u8], came: Incoming, epoll: &Epoll, outbox: &mut Outbox) {
+    fn datagram(&mut self, bytes: &[u8], came: Incoming, sets: &EventSets, outbox: &mut Outbox) {
         let datagram = Datagram {
             bytes,
             fds: &came.facts,
@@ -90,18 +91,23 @@ impl LinkDriver {
         let _ = self
             .machine
             .handle(sm2_io::clock::now(), Input::Datagram(datagram));
-        self.drain(came, epoll, outbox);
+        self.drain(came, sets, outbox);
     }
 
     /// Feeds an input to the machine and carries out the outputs.
-    pub(in crate::driver) fn feed(&mut self, input: Input<'_>, epoll: &Epoll, outbox: &mut Outbox) {
+    pub(in crate::driver) fn feed(
+        &mut self,
+        input: Input<'_>,
+        sets: &EventSets,
+        outbox: &mut Outbox,
+    ) {
         let result = self.machine.handle(sm2_io::clock::now(), input);
         debug_assert!(
             !matches!(result, Err(link::Error::Misuse(_))),
             "{result:?} on {}",
             self.id
         );
-        self.drain(Incoming::default(), epoll, outbox);
+        self.drain(Incoming::default(), sets, outbox);
     }
 
     /// Handles UNLINK: the Manager says that the other side is gone. Messages that the other side
@@ -119,20 +125,20 @@ impl LinkDriver {
         self.receive_all(context, outbox);
         if self.end().is_none() {
             self.settle_returned(context, outbox);
-            self.feed(Input::Close(code), context.epoll, outbox);
+            self.feed(Input::Close(code), context.sets, outbox);
         }
     }
 
     /// Carries out the outputs of the machine when no datagram was fed.
-    pub(in crate::driver) fn drain_idle(&mut self, epoll: &Epoll, outbox: &mut Outbox) {
-        self.drain(Incoming::default(), epoll, outbox);
+    pub(in crate::driver) fn drain_idle(&mut self, sets: &EventSets, outbox: &mut Outbox) {
+        self.drain(Incoming::default(), sets, outbox);
     }
 
     /// Drains the machine if it may have outputs.
     #[inline]
-    pub(in crate::driver) fn drain_if_due(&mut self, epoll: &Epoll, outbox: &mut Outbox) {
+    pub(in crate::driver) fn drain_if_due(&mut self, sets: &EventSets, outbox: &mut Outbox) {
         if self.machine.has_output() {
-            self.drain_idle(epoll, outbox);
+            self.drain_idle(sets, outbox);
         }
     }
 }

@@ -74,7 +74,7 @@ impl LinkDriver {
                 }
                 // The outputs settle the message with all others.
                 Err(Error::Ended(_)) => {
-                    self.drain_idle(context.epoll, outbox);
+                    self.drain_idle(context.sets, outbox);
                     break;
                 }
                 Err(Error::Misuse(misuse)) => misuse,
@@ -82,7 +82,7 @@ impl LinkDriver {
             outbox.release(key);
             match (misuse, segment) {
                 (Misuse::NotAttached, Some(segment)) if !is_last => {
-                    self.feed(Input::Attach(segment), context.epoll, outbox);
+                    self.feed(Input::Attach(segment), context.sets, outbox);
                 }
                 _ => return Err(misuse),
             }
@@ -92,8 +92,8 @@ impl LinkDriver {
 
     /// Completes the sending of a message that the machine has accepted.
     fn finish_sending(&mut self, wake: Wake, context: &mut Context<'_>, outbox: &mut Outbox) {
-        self.wake(wake, context.epoll);
-        self.drain_if_due(context.epoll, outbox);
+        self.wake(wake, context.sets);
+        self.drain_if_due(context.sets, outbox);
         if self.machine.is_due() {
             self.harvest(context, outbox);
         }
@@ -108,7 +108,7 @@ impl LinkDriver {
         }
         tracing::warn!(link = %self.id, %peer, %error, "no memory for a message: this link is closed");
         let code = Farewell::Resources.code();
-        self.feed(Input::Close(code), context.epoll, outbox);
+        self.feed(Input::Close(code), context.sets, outbox);
     }
 
     /// Handles a message for which there is no room: the ATTACH of its segment waits for the socket, or the
@@ -141,7 +141,7 @@ impl LinkDriver {
     }
 
     fn pass_over(&mut self, context: &mut Context<'_>, outbox: &mut Outbox) {
-        self.feed(Input::PassOver, context.epoll, outbox);
+        self.feed(Input::PassOver, context.sets, outbox);
         self.note_fates(context.counting);
     }
 
@@ -158,7 +158,7 @@ impl LinkDriver {
             let (link, peer, max_len) = (self.id, &self.peer.name, self.peer_max_len());
             tracing::warn!(%link, %peer, len, max_len, "a message is longer than this peer accepts: it misses it");
         }
-        self.feed(Input::TooLong, context.epoll, outbox);
+        self.feed(Input::TooLong, context.sets, outbox);
         self.note_fates(context.counting);
     }
 
@@ -174,7 +174,7 @@ impl LinkDriver {
             "what is latched fills all room"
         );
         if !self.has_room_for_backlog() && self.is_open() {
-            self.feed(Input::Skip, context.epoll, outbox);
+            self.feed(Input::Skip, context.sets, outbox);
             self.note_fates(context.counting);
         }
     }
@@ -185,8 +185,8 @@ impl LinkDriver {
         while self.machine.end().is_none() {
             let settled = |key, fate| outbox.settle(MessageKey::from_raw(key), fate);
             let harvested = self.machine.harvest(&self.mapped, settled);
-            self.wake(harvested.unwrap_or_default(), context.epoll);
-            self.drain_if_due(context.epoll, outbox);
+            self.wake(harvested.unwrap_or_default(), context.sets);
+            self.drain_if_due(context.sets, outbox);
             if !self.machine.is_due() {
                 break;
             }
@@ -203,7 +203,7 @@ impl LinkDriver {
         let settled = |key, fate| outbox.settle(MessageKey::from_raw(key), fate);
         // If the call finds a violation, the outputs report it.
         let _ = self.machine.settle_returned(&self.mapped, settled);
-        self.drain_if_due(context.epoll, outbox);
+        self.drain_if_due(context.sets, outbox);
         self.note_fates(context.counting);
     }
 

@@ -3,12 +3,12 @@
 
 use std::sync::Arc;
 
-use sm2_io::Epoll;
 use sm2_proto::Machine;
 use sm2_proto::link::{Delivery, Error, Input, Misuse, NoDelivery, Payload, TooManyBorrowed};
 
 use super::LinkDriver;
 use crate::driver::context::Context;
+use crate::driver::event_sets::EventSets;
 use crate::driver::outbox::Outbox;
 use crate::payload::Source;
 
@@ -47,10 +47,10 @@ impl LinkDriver {
                     // sleep.
                     if taken.is_some() {
                         let wake = self.machine.made_room(&self.mapped);
-                        self.wake(wake, context.epoll);
+                        self.wake(wake, context.sets);
                     }
                     // There may be outputs for cancelled or failed calls.
-                    self.drain_if_due(context.epoll, outbox);
+                    self.drain_if_due(context.sets, outbox);
                     return Ok(taken);
                 }
                 Err(NoDelivery::TooManyBorrowed(error)) => return Err(error),
@@ -72,7 +72,7 @@ impl LinkDriver {
                 Err(NoDelivery::Ended(_) | NoDelivery::Misuse(_)) => break,
             }
         }
-        self.drain_idle(context.epoll, outbox);
+        self.drain_idle(context.sets, outbox);
         Ok(None)
     }
 
@@ -111,7 +111,12 @@ impl LinkDriver {
 
     /// Gives a message back for the application.
     //= SM2-RNG-008, SM2-MSG-005
-    pub(in crate::driver) fn release(&mut self, sequence: u64, epoll: &Epoll, outbox: &mut Outbox) {
+    pub(in crate::driver) fn release(
+        &mut self,
+        sequence: u64,
+        sets: &EventSets,
+        outbox: &mut Outbox,
+    ) {
         self.note_released();
         let released = self.machine.release(&self.mapped, sequence);
         debug_assert!(
@@ -119,8 +124,8 @@ impl LinkDriver {
             "{sequence} on {}",
             self.id
         );
-        self.wake(released.unwrap_or_default(), epoll);
-        self.drain_if_due(epoll, outbox);
+        self.wake(released.unwrap_or_default(), sets);
+        self.drain_if_due(sets, outbox);
     }
 
     /// Counts a message that the application gave back.

@@ -2,10 +2,11 @@
 
 use std::io::IoSlice;
 
-use sm2_io::{Epoll, Interest, SendError, is_shortage};
+use sm2_io::{Interest, SendError, is_shortage};
 use sm2_proto::link::{Wake, doorbell};
 
 use super::LinkDriver;
+use crate::driver::event_sets::EventSets;
 
 impl LinkDriver {
     /// Whether each message makes the link's socket readable.
@@ -25,23 +26,23 @@ impl LinkDriver {
     /// end, so the other side is awake or will wake.
     //= SM2-RNG-009
     #[inline]
-    pub(in crate::driver) fn wake(&mut self, wake: Wake, epoll: &Epoll) {
+    pub(in crate::driver) fn wake(&mut self, wake: Wake, sets: &EventSets) {
         if wake.is_needed() {
-            self.ring_bell(epoll);
+            self.ring_bell(sets);
         }
     }
 
     /// Sends a DOORBELL. Without memory for it, sends it when the socket is writable: the other side sleeps, and
     /// nothing else wakes it.
     //= SM2-TRN-014
-    pub(super) fn ring_bell(&mut self, epoll: &Epoll) {
+    pub(super) fn ring_bell(&mut self, sets: &EventSets) {
         let Some(socket) = &self.socket else { return };
         if let Err(SendError::Io(error)) = socket.send(&[IoSlice::new(&doorbell())], &[])
             && is_shortage(&error)
         {
             self.short_of_memory = true;
             self.bell_due = true;
-            self.watch(Interest::BOTH, epoll);
+            self.watch(Interest::BOTH, sets);
         }
     }
 }

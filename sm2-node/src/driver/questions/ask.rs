@@ -1,33 +1,33 @@
 //! Questions of threads, and waiting for the answers.
 
-use sm2_io::Epoll;
 use sm2_proto::Instant;
 use sm2_proto::node::Input;
 
 use super::{Answer, Followed, Lost, Question, Ticket};
 use crate::driver::datagram::Incoming;
+use crate::driver::event_sets::EventSets;
 use crate::driver::inner::Inner;
 use crate::driver::shared_node::SharedNode;
 use crate::driver::sleepers::EventSource;
 use crate::error::QueryError;
 
 impl Inner {
-    fn ask(&mut self, question: Question, epoll: &Epoll) -> Ticket {
+    fn ask(&mut self, question: Question, sets: &EventSets) -> Ticket {
         let (ticket, input) = self.questions.ask(question);
         if let Some(input) = input {
             self.session.tell(input);
-            self.drain_session(Incoming::default(), epoll);
+            self.drain_session(Incoming::default(), sets);
         }
         ticket
     }
 
     /// Makes sure that the Manager sends a PAGE after the frames that are on their way now.
-    pub(in crate::driver) fn expect_page(&mut self, epoll: &Epoll) {
+    pub(in crate::driver) fn expect_page(&mut self, sets: &EventSets) {
         if self.session.is_ready()
             && let Some(input) = self.questions.expect_page()
         {
             self.session.tell(input);
-            self.drain_session(Incoming::default(), epoll);
+            self.drain_session(Incoming::default(), sets);
         }
     }
 
@@ -37,7 +37,7 @@ impl Inner {
         &mut self,
         ticket: Ticket,
         revision: u64,
-        epoll: &Epoll,
+        sets: &EventSets,
     ) -> Option<Result<Followed, Lost>> {
         let Some(follower) = self.questions.followers.get_mut(&ticket) else {
             return Some(Err(Lost));
@@ -58,7 +58,7 @@ impl Inner {
             None => {
                 self.questions.watching = Some(after);
                 self.session.tell(Input::Watch { after });
-                self.drain_session(Incoming::default(), epoll);
+                self.drain_session(Incoming::default(), sets);
             }
         }
         None
@@ -78,7 +78,7 @@ impl SharedNode {
     ) -> Result<Option<Answer>, QueryError> {
         let answer = self.wait(EventSource::Session, until, |inner| {
             if asked.is_none() && inner.session.is_ready() {
-                *asked = Some(inner.ask(question.clone(), &self.epoll));
+                *asked = Some(inner.ask(question.clone(), &self.sets));
             }
             let ticket = (*asked)?;
             match inner.questions.answers.get(&ticket) {
@@ -146,7 +146,7 @@ impl SharedNode {
         until: Option<Instant>,
     ) -> std::io::Result<Option<Result<Followed, Lost>>> {
         self.wait(EventSource::Session, until, |inner| {
-            inner.followed(follower, revision, &self.epoll)
+            inner.followed(follower, revision, &self.sets)
         })
     }
 }

@@ -3,13 +3,14 @@
 use std::io;
 use std::sync::Arc;
 
-use sm2_io::{Epoll, Event, Interest, SeqPacket};
+use sm2_io::{Event, SeqPacket};
 use sm2_proto::control::{Changes, LinkPeer, Page, SchemaText};
 use sm2_proto::link::Config;
 use sm2_proto::node::{End, Input, Output};
 use sm2_proto::{Farewell, InterfaceId, LinkId, Refusal};
 
 use crate::driver::datagram::Incoming;
+use crate::driver::event_sets::EventSets;
 use crate::driver::inner::Inner;
 use crate::driver::interface::{Interface, State};
 use crate::driver::limits::BURST;
@@ -17,28 +18,31 @@ use crate::driver::link::LinkDriver;
 use crate::driver::sleepers::EventSource;
 
 impl Inner {
-    pub(in crate::driver) fn on_session_event(&mut self, event: Event, epoll: &Epoll) {
+    pub(in crate::driver) fn on_session_event(&mut self, event: Event, sets: &EventSets) {
         self.session.begin_event();
         if event.writable {
-            self.session.flush(epoll);
+            self.session.flush(sets);
         }
         if event.readable {
             for _ in 0..BURST {
                 match self.session.receive(&mut self.buffer) {
-                    Some(incoming) => self.drain_session(incoming, epoll),
+                    Some(incoming) => self.drain_session(incoming, sets),
                     None => break,
                 }
             }
         }
+        if self.session.is_short_of_memory() {
+            self.not_ready(&"no memory for the session");
+        }
     }
 
     /// Carries out all outputs of the session's machine. Only this function matches them.
-    pub(in crate::driver) fn drain_session(&mut self, mut came: Incoming, epoll: &Epoll) {
+    pub(in crate::driver) fn drain_session(&mut self, mut came: Incoming, sets: &EventSets) {
         while let Some(output) = self.session.poll() {
             match output {
-                Output::Transmit(frame) => self.session.send(frame, None, epoll),
+                Output::Transmit(frame) => self.session.send(frame, None, sets),
                 Output::TransmitCounters(frame) => match self.counting.descriptor() {
-                    Ok(fd) => self.session.send(frame, Some(fd), epoll),
+                    Ok(fd) => self.session.send(frame, Some(fd), sets),
                     Err(error) => {
                         tracing::warn!(%error, "tools will not see this node's counters");
                     }
@@ -50,7 +54,7 @@ impl Inner {
                     self.answered(interface, State::Live { matches });
                 }
                 Output::DeclareRefused { interface, reason } => {
-                    self.refused(interface, reason, epoll);
+                    self.refused(interface, reason, sets);
                 }
                 Output::Linked {
                     interface,
@@ -60,7 +64,7 @@ impl Inner {
                     peer,
                 } => {
                     let terms = (link, version, qos.reliable, qos.sealed);
-                    self.linked(interface, terms, peer, &mut came, epoll);
+                    self.linked(interface, terms, peer, &mut came, sets);
                 }
                 Output::LinkLost {
                     interface,
@@ -72,7 +76,7 @@ impl Inner {
                     link,
                     code,
                 } => {
-                    self.with_interface(interface, epoll, |interface, context| {
+                    self.with_interface(interface, sets, |interface, context| {
                         interface.unlink(link, code, context);
                     });
                     self.sleepers.wake(EventSource::Interface(interface));
@@ -96,7 +100,7 @@ impl Inner {
                 Output::Described { text, .. } => self.schema_came(text),
                 Output::Reloaded(outcome) => self.reload_came(outcome),
                 Output::Resumed => self.resumed(),
-                Output::Ended(end) => self.ended(end, epoll),
+                Output::Ended(end) => self.ended(end, sets),
             }
         }
     }
@@ -136,12 +140,13 @@ impl Inner {
 
     //= SM2-NOD-003
     // Links stay open after the end of the session.
-    fn ended(&mut self, end: End, epoll: &Epoll) {
-        self.session.hang_up(end, epoll);
+    fn ended(&mut self, end: End, sets: &EventSets) {
+        self.session.hang_up(end, sets);
         self.questions.forget();
         self.forget_due_links();
         self.come_back(end);
         self.sleepers.wake(EventSource::Session);
+        self.session.log_end(end);
     }
 
     fn answered(&mut self, id: InterfaceId, state: State) {
@@ -170,7 +175,7 @@ impl Inner {
         }
     }
 
-    fn refused(&mut self, id: InterfaceId, reason: Refusal, epoll: &Epoll) {
+    fn refused(&mut self, id: InterfaceId, reason: Refusal, sets: &EventSets) {
         let is_denial = reason.is_denial();
         match self.interfaces.get_mut(&id) {
             //= SM2-RES-011, SM2-ACC-013
@@ -191,7 +196,7 @@ impl Inner {
             _ => self.answered(id, State::Refused(reason)),
         }
         if is_denial {
-            self.with_interface(id, epoll, Interface::discard_ended);
+            self.with_interface(id, sets, Interface::discard_ended);
             self.sleepers.wake(EventSource::Interface(id));
         }
     }
@@ -232,7 +237,7 @@ impl Inner {
         (link, version, reliable, sealed): (LinkId, u16, bool, bool),
         peer: LinkPeer,
         came: &mut Incoming,
-        epoll: &Epoll,
+        sets: &EventSets,
     ) {
         let Some(interface) = self.interfaces.get_mut(&id) else {
             return;
@@ -243,7 +248,7 @@ impl Inner {
             .ok_or_else(|| io::Error::from(io::ErrorKind::NotFound))
             .and_then(SeqPacket::from_fd)
             .and_then(|socket| {
-                epoll.add(&socket, token.0, Interest::READABLE)?;
+                sets.add_link(&socket, token)?;
                 Ok(socket)
             });
         match socket {
@@ -259,7 +264,7 @@ impl Inner {
                 let driver = LinkDriver::new(token, Arc::new(peer), socket, config, entry, quota);
                 self.last_token = token;
                 self.routes.insert(token, id);
-                self.with_interface(id, epoll, |interface, context| {
+                self.with_interface(id, sets, |interface, context| {
                     interface.add_link(driver, context);
                 });
                 self.state_links();

@@ -1,12 +1,12 @@
 //! The requests of handles to the session, and what they ask about it.
 
-use sm2_io::Epoll;
 use sm2_proto::control::SchemaText;
 use sm2_proto::link::MaxLen;
 use sm2_proto::node::{self, End, Input};
 use sm2_proto::{Contract, InterfaceId, NodeId, Refusal, TypeId};
 
 use crate::driver::datagram::Incoming;
+use crate::driver::event_sets::EventSets;
 use crate::driver::inner::Inner;
 use crate::driver::interface::Interface;
 use crate::driver::outbox::PoolLimit;
@@ -48,7 +48,7 @@ impl Inner {
         contract: Contract,
         pool_limit: PoolLimit,
         max_len: MaxLen,
-        epoll: &Epoll,
+        sets: &EventSets,
     ) -> Result<InterfaceId, node::Error> {
         let id = self.session.declare(contract.clone())?;
         if self.counting.start() {
@@ -57,32 +57,32 @@ impl Inner {
         let entry = self.counting.allocate(id, None);
         let interface = Interface::new(contract, pool_limit, max_len, entry);
         self.interfaces.insert(id, interface);
-        self.drain_session(Incoming::default(), epoll);
+        self.drain_session(Incoming::default(), sets);
         Ok(id)
     }
 
     /// Registers the schema text of a type with this Manager and all later ones. The text must have
     /// the type's hash.
     //= SM2-SCH-001
-    pub(crate) fn register_schema(&mut self, data: TypeId, text: String, epoll: &Epoll) {
+    pub(crate) fn register_schema(&mut self, data: TypeId, text: String, sets: &EventSets) {
         if self.schemas.get(&data) == Some(&text) {
             return;
         }
         self.schemas.insert(data.clone(), text.clone());
         self.session.tell(Input::Schema(SchemaText { data, text }));
-        self.drain_session(Incoming::default(), epoll);
+        self.drain_session(Incoming::default(), sets);
     }
 
     /// Closes the links of an interface and withdraws the interface.
-    pub(crate) fn withdraw(&mut self, id: InterfaceId, epoll: &Epoll) {
-        self.with_interface(id, epoll, |interface, context| interface.close(context));
+    pub(crate) fn withdraw(&mut self, id: InterfaceId, sets: &EventSets) {
+        self.with_interface(id, sets, |interface, context| interface.close(context));
         if let Some(interface) = self.interfaces.remove(&id) {
             for token in interface.tokens() {
                 self.routes.remove(&token);
             }
         }
         self.session.tell(Input::Withdraw { interface: id });
-        self.drain_session(Incoming::default(), epoll);
+        self.drain_session(Incoming::default(), sets);
         self.sleepers.wake(EventSource::Session);
     }
 }

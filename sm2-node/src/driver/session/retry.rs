@@ -6,10 +6,11 @@ use std::io;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use sm2_io::{Epoll, Interest, Timer};
+use sm2_io::{Interest, Timer};
 use sm2_proto::node::End;
 use sm2_proto::{Backoff, Code, Farewell, Instant, Refusal};
 
+use crate::driver::event_sets::EventSets;
 use crate::driver::token::TIMER;
 
 /// The longest delay between two attempts.
@@ -35,9 +36,9 @@ pub(super) enum Cause {
 }
 
 impl Reconnect {
-    pub(in crate::driver) fn new(path: PathBuf, epoll: &Epoll) -> io::Result<Self> {
+    pub(in crate::driver) fn new(path: PathBuf, sets: &EventSets) -> io::Result<Self> {
         let timer = Timer::new()?;
-        epoll.add(&timer, TIMER, Interest::READABLE)?;
+        sets.control.add(&timer, TIMER, Interest::READABLE)?;
         Ok(Self {
             path,
             timer,

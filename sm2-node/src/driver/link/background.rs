@@ -1,0 +1,46 @@
+//! The events of a link for which the background thread wakes.
+//!
+//! Calls of the program read DATA and RELEASE, so these packets do not wake the thread. It wakes while the link is
+//! opening, while messages wait in this process for packets of the other side, and at the end of the link.
+
+use super::LinkDriver;
+use crate::driver::event_sets::{BackgroundInterest, EventSets};
+
+impl LinkDriver {
+    /// The events that nothing but the background thread may be there to handle.
+    fn wanted_in_background(&self) -> BackgroundInterest {
+        if self.unsent.is_some() || self.bell_due {
+            BackgroundInterest::Room
+        } else if self.is_opening() || self.machine.has_queued() || !self.backlog.is_empty() {
+            BackgroundInterest::Packets
+        } else {
+            BackgroundInterest::End
+        }
+    }
+
+    /// Wakes the background thread for the events that it has to handle from now on. The thread itself stops waking
+    /// for packets ([`rest_in_background`](Self::rest_in_background)): a system call for each change would cost
+    /// more than a few needless wake-ups.
+    pub(in crate::driver) fn watch_in_background(&mut self, sets: &EventSets) {
+        let wanted = self.wanted_in_background();
+        if wanted != BackgroundInterest::End || self.in_background == BackgroundInterest::Room {
+            self.set_background(wanted, sets);
+        }
+    }
+
+    /// Stops waking the background thread for packets if no message waits for them.
+    pub(in crate::driver) fn rest_in_background(&mut self, sets: &EventSets) {
+        self.set_background(self.wanted_in_background(), sets);
+    }
+
+    fn set_background(&mut self, wanted: BackgroundInterest, sets: &EventSets) {
+        if wanted == self.in_background || !sets.has_background() {
+            return;
+        }
+        if let Some(socket) = &self.socket
+            && (sets.watch_link_in_background(socket, self.token, wanted)).is_ok()
+        {
+            self.in_background = wanted;
+        }
+    }
+}

@@ -1,0 +1,288 @@
+//! The background thread: what a node does while its program does something else. Every node here has the thread,
+//! whatever the environment says.
+
+mod common;
+
+use std::fs;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::Duration;
+
+use common::{Domain, LANES, SOON, next, until};
+use sm2_node::{Node, NodeBuilder};
+
+impl Domain {
+    fn builder(&self, name: &str) -> NodeBuilder {
+        Node::builder(name).socket(self.socket()).background(true)
+    }
+
+    fn busy_node(&self, ring: bool, name: &str) -> Node {
+        self.builder(name).ring_lane(ring).connect().unwrap()
+    }
+}
+
+/// The numbers of the threads of this process that have this name.
+fn threads(name: &str) -> Vec<u32> {
+    let tasks = fs::read_dir("/proc/self/task").unwrap();
+    let number = |task: fs::DirEntry| task.file_name().to_str()?.parse::<u32>().ok();
+    let numbers = tasks.filter_map(|task| number(task.unwrap()));
+    let has_name = |task: &u32| {
+        let found = fs::read_to_string(format!("/proc/self/task/{task}/comm"));
+        found.is_ok_and(|it| it.trim_end() == name)
+    };
+    numbers.filter(has_name).collect()
+}
+
+/// The value of a field in the status of a thread.
+fn status(task: u32, field: &str) -> String {
+    let status = fs::read_to_string(format!("/proc/self/task/{task}/status")).unwrap();
+    let mut lines = status.lines();
+    let line = lines.find_map(|line| line.strip_prefix(field));
+    line.unwrap().trim().to_owned()
+}
+
+/// How often a thread has slept.
+fn sleeps(task: u32) -> u64 {
+    status(task, "voluntary_ctxt_switches:").parse().unwrap()
+}
+
+/// An emergency stop: nothing calls the publisher between its declaration and its only message. Once the subscriber
+/// knows of the link, the message reaches it.
+#[test]
+fn an_idle_publisher_reaches_a_subscriber_that_joined_meanwhile() {
+    for ring in LANES {
+        let domain = Domain::new();
+        let talker = domain.busy_node(ring, "talker");
+        let publisher = talker.publisher::<str>("stop").unwrap();
+        assert_eq!(publisher.publish("nobody is there").unwrap().links, 0);
+        for _ in 0..20 {
+            let listener = domain.busy_node(ring, "listener");
+            let subscriber = listener.subscriber::<str>("stop").unwrap();
+            subscriber.wait_for_publishers_timeout(1, SOON).unwrap();
+            assert_eq!(publisher.publish("stop").unwrap().links, 1, "ring: {ring}");
+            assert_eq!(&*next(&subscriber), "stop");
+            drop((subscriber, listener));
+            until(|| publisher.links().iter().all(|link| link.end.is_some()));
+        }
+    }
+}
+
+#[test]
+fn an_idle_publisher_serves_its_latched_messages() {
+    for ring in LANES {
+        let domain = Domain::new();
+        let server = domain.busy_node(ring, "server");
+        let builder = server.publisher_builder::<[u8]>("map").latched(20);
+        let publisher = builder.reliable(true).declare().unwrap();
+        for number in 0..20 {
+            publisher.publish(&[number]).unwrap();
+        }
+        for reliable in [false, true] {
+            let name = if reliable { "careful" } else { "quick" };
+            let node = domain.busy_node(ring, name);
+            // A window of two messages: the publisher has to send the others as they are released.
+            let builder = node.subscriber_builder::<[u8]>("map").max_borrowed(1);
+            let subscriber = builder
+                .reliable(reliable)
+                .depth(if reliable { 1 } else { 20 });
+            let subscriber = subscriber.declare().unwrap();
+            for number in 0..20 {
+                assert_eq!(&*next(&subscriber), &[number], "{name}, ring: {ring}");
+            }
+        }
+    }
+}
+
+/// More messages than the window admits wait at the sender on the socket lane.
+#[test]
+fn messages_that_wait_at_the_sender_are_sent_without_a_call() {
+    let domain = Domain::new();
+    let talker = domain.busy_node(false, "talker");
+    let publisher = talker.publisher_builder::<[u8]>("topic").depth(100);
+    let publisher = publisher.declare().unwrap();
+    let listener = domain.busy_node(false, "listener");
+    let builder = listener.subscriber_builder::<[u8]>("topic").depth(4);
+    let subscriber = builder.max_borrowed(1).declare().unwrap();
+    publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
+    for number in 0..100 {
+        publisher.publish(&[number]).unwrap();
+    }
+    let mut received = Vec::new();
+    while received.last() != Some(&99) {
+        received.push(next(&subscriber)[0]);
+    }
+    let counters = publisher.counters();
+    assert_eq!(counters.offered, 100);
+    until(|| publisher.counters().in_flight == 0);
+    assert_eq!(publisher.counters().delivered, received.len() as u64);
+}
+
+//= SM2-RES-001 test
+#[test]
+fn idle_nodes_find_the_next_manager_by_themselves() {
+    let mut domain = Domain::new();
+    let talker = domain.busy_node(true, "talker");
+    let publisher = talker.publisher::<str>("topic").unwrap();
+    domain.stop();
+    domain.start();
+    let listener = domain.busy_node(true, "listener");
+    let subscriber = listener.subscriber::<str>("topic").unwrap();
+    subscriber.wait_for_publishers_timeout(1, SOON).unwrap();
+    assert_eq!(publisher.publish("back").unwrap().links, 1);
+    assert_eq!(&*next(&subscriber), "back");
+}
+
+/// The end of a link is known although nothing reads its socket.
+#[test]
+fn an_idle_subscriber_learns_that_its_publisher_is_gone() {
+    for ring in LANES {
+        let domain = Domain::new();
+        let listener = domain.busy_node(ring, "listener");
+        let subscriber = listener.subscriber::<str>("topic").unwrap();
+        let talker = domain.busy_node(ring, "talker");
+        let publisher = talker.publisher::<str>("topic").unwrap();
+        publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
+        publisher.publish("last words").unwrap();
+        drop((publisher, talker));
+        let watcher = domain.busy_node(ring, "watcher");
+        // The Manager forgets the link once the subscriber has confirmed its end.
+        until(|| watcher.snapshot().unwrap().links().next().is_none());
+        assert_eq!(&*next(&subscriber), "last words");
+    }
+}
+
+/// Calls handle the messages, so the thread sleeps through them.
+#[test]
+fn messages_do_not_wake_the_thread() {
+    for ring in LANES {
+        let domain = Domain::new();
+        let talker = domain.busy_node(ring, "quiet-talker");
+        let publisher = talker.publisher::<[u8]>("topic").unwrap();
+        let listener = domain.busy_node(ring, "quiet-hearer");
+        let subscriber = listener.subscriber::<[u8]>("topic").unwrap();
+        publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
+        subscriber.wait_for_publishers_timeout(1, SOON).unwrap();
+        until(|| threads("sm2:quiet-heare").len() == 1);
+        let tasks = [threads("sm2:quiet-talke"), threads("sm2:quiet-heare")].concat();
+        assert_eq!(tasks.len(), 2);
+        let total = || tasks.iter().map(|&task| sleeps(task)).sum::<u64>();
+        let mut before = total();
+        // Until the threads have gone to sleep.
+        until(|| std::mem::replace(&mut before, total()) == before);
+        let before = total();
+        for number in 0..1_000_u32 {
+            publisher.publish(&number.to_le_bytes()).unwrap();
+            next(&subscriber);
+        }
+        let woken = total() - before;
+        assert!(woken <= 4, "{woken} of 1,000 messages, ring: {ring}");
+    }
+}
+
+#[test]
+fn the_thread_has_a_name_blocks_signals_and_ends_with_the_node() {
+    let domain = Domain::new();
+    let node = domain.busy_node(true, "signals");
+    // The thread takes its name when it begins.
+    until(|| threads("sm2:signals").len() == 1);
+    let task = threads("sm2:signals")[0];
+    // All signals but SIGKILL and SIGSTOP, which cannot be blocked, and two that the C library keeps for itself.
+    assert_eq!(status(task, "SigBlk:"), "fffffffe7ffbfeff");
+    drop(node);
+    assert!(threads("sm2:signals").is_empty());
+    let node = domain.builder("signals").background(false).connect();
+    assert!(threads("sm2:signals").is_empty());
+    drop(node);
+}
+
+/// The program's signal mask is as before.
+#[test]
+fn connecting_does_not_change_the_mask_of_the_caller() {
+    let domain = Domain::new();
+    thread::spawn(move || {
+        let me = nix::unistd::gettid().as_raw().cast_unsigned();
+        let before = status(me, "SigBlk:");
+        let _node = domain.busy_node(true, "mask");
+        assert_eq!(status(me, "SigBlk:"), before);
+    })
+    .join()
+    .unwrap();
+}
+
+/// A child that was made by `fork(2)` drops its copy of the node. The parent's node does not notice.
+#[test]
+fn a_forked_child_does_not_end_the_node_of_its_parent() {
+    let domain = Domain::new();
+    let node = domain.busy_node(true, "parent");
+    let publisher = node.publisher::<str>("topic").unwrap();
+    let subscriber = node.subscriber::<str>("topic").unwrap();
+    publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
+    // SAFETY: the child drops its copies, which needs no lock that another thread may hold, and ends.
+    match unsafe { nix::unistd::fork() }.unwrap() {
+        nix::unistd::ForkResult::Child => {
+            drop((node, publisher, subscriber));
+            // SAFETY: ends this process without running anything else of the test program.
+            unsafe { nix::libc::_exit(0) }
+        }
+        nix::unistd::ForkResult::Parent { child } => {
+            nix::sys::wait::waitpid(child, None).unwrap();
+        }
+    }
+    assert_eq!(publisher.publish("alive").unwrap().links, 1);
+    assert_eq!(&*next(&subscriber), "alive");
+    assert!(node.is_connected());
+}
+
+/// A `tracing` subscriber that panics when it is asked to.
+struct Panicking;
+
+static PANIC: AtomicBool = AtomicBool::new(false);
+
+impl tracing::Subscriber for Panicking {
+    fn enabled(&self, _: &tracing::Metadata<'_>) -> bool {
+        true
+    }
+
+    fn new_span(&self, _: &tracing::span::Attributes<'_>) -> tracing::span::Id {
+        tracing::span::Id::from_u64(1)
+    }
+
+    fn record(&self, _: &tracing::span::Id, _: &tracing::span::Record<'_>) {}
+
+    fn record_follows_from(&self, _: &tracing::span::Id, _: &tracing::span::Id) {}
+
+    fn event(&self, _: &tracing::Event<'_>) {
+        let name = thread::current().name().map(str::to_owned);
+        if name.as_deref() == Some("sm2:unlucky") && PANIC.swap(false, Ordering::Relaxed) {
+            panic!("asked to");
+        }
+    }
+
+    fn enter(&self, _: &tracing::span::Id) {}
+
+    fn exit(&self, _: &tracing::span::Id) {}
+}
+
+/// The only code of the program that runs on the thread is its `tracing` subscriber. If it panics, the thread goes on.
+#[test]
+fn a_panic_of_the_programs_logger_does_not_end_the_thread() {
+    tracing::subscriber::set_global_default(Panicking).unwrap();
+    let mut domain = Domain::new();
+    let node = domain.busy_node(true, "unlucky");
+    PANIC.store(true, Ordering::Relaxed);
+    // The node logs that its Manager is gone.
+    domain.stop();
+    let deadline = std::time::Instant::now() + SOON;
+    while PANIC.load(Ordering::Relaxed) {
+        assert!(std::time::Instant::now() < deadline, "nothing was logged");
+        thread::sleep(Duration::from_millis(1));
+    }
+    domain.start();
+    let watcher = domain.busy_node(true, "watcher");
+    let is_known = |name: &str| {
+        let domain = watcher.snapshot().unwrap();
+        domain.nodes().any(|node| node.name.as_str() == name)
+    };
+    until(|| is_known("unlucky"));
+    drop(node);
+}
