@@ -1,15 +1,14 @@
 //! Counters in shared memory: a node writes them, and tools read them at no cost for the node.
 //!
 //! The format is SPEC section 12; the fields and the arithmetic are
-//! [`sm2_proto::counters`]. [`CounterPage`] is the one writer of a file. [`CounterView`] is a reader,
-//! usually in another process.
+//! [`sm2_proto::counters`]. [`CounterPage`] creates a file and allocates its entries. A [`CounterEntry`] is the one
+//! writer of an entry, in any thread. [`CounterView`] is a reader, usually in another process.
 //!
 //! # Consistent copies
 //!
 //! Each entry is a seqlock (`seqlock.rs`): a reader copies the words of an entry, and accepts the
 //! copy only if the entry's `turn` shows that nothing changed meanwhile. The writer never waits.
-//! Turns count for the whole file, so that an entry that is freed and used again never repeats an
-//! old turn.
+//! An entry that is freed and used again continues to count its turns, so no turn repeats.
 //!
 //! Readers do not trust the writer of the file: the seals fix its size (no fault), a reader copies
 //! each word before it interprets it, and the number of attempts is bounded.
@@ -24,6 +23,7 @@ pub use view::{CounterError, CounterView, Entries, Unreadable};
 use std::fs::File;
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
+use std::sync::Arc;
 
 use sm2_proto::counters::{
     ENTRY_FIELDS, Entry, MAX_ENTRIES, MAX_FILE_BYTES, field, header, recent_index,
@@ -37,32 +37,47 @@ use crate::sync::{AtomicU64, Ordering};
 
 use self::seqlock::Change;
 
-/// A file of counters, which only this value can write.
+/// A file of counters, which only this value and its entries can write.
 ///
 /// The file has room for [`MAX_ENTRIES`] entries, but takes memory only for entries that were used:
 /// 4 KiB for each eight of them.
 #[derive(Debug)]
 pub struct CounterPage {
-    mapping: MappingMut,
+    mapping: Arc<MappingMut>,
     file: File,
     /// Entries with this number and higher ones were never used.
     fresh: u32,
-    freed: Vec<u32>,
-    /// The turn of the last change of any entry.
-    turn: u64,
+    /// The freed entries, with the turns of their last changes.
+    freed: Vec<(u32, u64)>,
 }
 
-/// The right to one entry of a [`CounterPage`], from [`CounterPage::allocate`]. Give it
+/// The only writer of one entry of a [`CounterPage`], from [`CounterPage::allocate`]. Give it
 /// back with [`CounterPage::free`]; one that is dropped leaves its entry in use.
-#[derive(Debug, PartialEq, Eq, Hash)]
+#[derive(Debug)]
 #[must_use = "the entry stays in use until it is given to `free`"]
-pub struct CounterEntry(u32);
+pub struct CounterEntry {
+    mapping: Arc<MappingMut>,
+    index: u32,
+    /// The turn of the last change.
+    turn: u64,
+}
 
 impl CounterEntry {
     /// The entry's number, from 0, as [`CounterView::read`] takes it.
     #[must_use]
     pub const fn index(&self) -> u32 {
-        self.0
+        self.index
+    }
+
+    /// Starts a change of the entry, which ends when the result is dropped. Readers retry until
+    /// then: do nothing else in between.
+    //= SM2-CNT-005
+    #[inline]
+    pub fn update(&mut self) -> Update<'_> {
+        let words = entry_words(self.mapping.words(), self.index);
+        Update {
+            change: Change::begin(words, &mut self.turn),
+        }
     }
 }
 
@@ -84,11 +99,10 @@ impl CounterPage {
         // After mapping: the seals forbid new writable mappings.
         add_seals(&file, Seals::POOLED)?;
         Ok(Self {
-            mapping,
+            mapping: Arc::new(mapping),
             file,
             fresh: 0,
             freed: Vec::new(),
-            turn: 0,
         })
     }
 
@@ -99,21 +113,25 @@ impl CounterPage {
         interface: InterfaceId,
         link: Option<LinkId>,
     ) -> Option<CounterEntry> {
-        let index = match self.freed.pop() {
-            Some(index) => index,
+        let (index, turn) = match self.freed.pop() {
+            Some(freed) => freed,
             None if self.fresh < MAX_ENTRIES => {
                 self.fresh += 1;
-                self.fresh - 1
+                (self.fresh - 1, 0)
             }
             None => return None,
         };
-        let entry = CounterEntry(index);
+        let mut entry = CounterEntry {
+            mapping: Arc::clone(&self.mapping),
+            index,
+            turn,
+        };
         let blank = Entry {
             interface,
             link,
             ..Entry::default()
         };
-        let mut update = self.update(&entry);
+        let mut update = entry.update();
         let words = blank.to_words(0);
         for (field, value) in words.into_iter().enumerate().skip(field::TURN + 1) {
             update.set(field, value);
@@ -125,19 +143,9 @@ impl CounterPage {
     /// Frees an entry. Readers no longer see it; a later allocation may reuse it.
     //= SM2-CNT-005
     pub fn free(&mut self, entry: CounterEntry) {
-        seqlock::free(entry_words(self.mapping.words(), entry.0));
-        self.freed.push(entry.0);
-    }
-
-    /// Starts a change of an entry, which ends when the result is dropped. Readers retry until
-    /// then: do nothing else in between.
-    //= SM2-CNT-005
-    #[inline]
-    pub fn update(&mut self, entry: &CounterEntry) -> Update<'_> {
-        let words = entry_words(self.mapping.words(), entry.0);
-        Update {
-            change: Change::begin(words, &mut self.turn),
-        }
+        debug_assert!(Arc::ptr_eq(&self.mapping, &entry.mapping));
+        seqlock::free(entry_words(self.mapping.words(), entry.index));
+        self.freed.push((entry.index, entry.turn));
     }
 }
 

@@ -71,10 +71,10 @@ fn the_path_of_a_message_does_not_allocate() {
 #[test]
 fn counting_a_message_does_not_allocate() {
     let mut page = CounterPage::new().unwrap();
-    let entry = page.allocate(InterfaceId(1), None).unwrap();
+    let mut entry = page.allocate(InterfaceId(1), None).unwrap();
     let count = allocations(|| {
         for message in 1..=100 {
-            let mut update = page.update(&entry);
+            let mut update = entry.update();
             update.published(Instant(message), 10);
             update.taken(Instant(message), Instant(0), 10);
             update.lost(1);

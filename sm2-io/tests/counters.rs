@@ -77,8 +77,8 @@ fn a_file_that_only_its_author_can_write() {
 #[test]
 fn what_is_counted_is_seen() {
     let mut page = CounterPage::new().unwrap();
-    let sender = page.allocate(InterfaceId(1), Some(LINK)).unwrap();
-    let receiver = page.allocate(InterfaceId(2), None).unwrap();
+    let mut sender = page.allocate(InterfaceId(1), Some(LINK)).unwrap();
+    let mut receiver = page.allocate(InterfaceId(2), None).unwrap();
     let view = view(&page);
     let of = |id, link| Entry {
         interface: InterfaceId(id),
@@ -92,7 +92,7 @@ fn what_is_counted_is_seen() {
 
     for message in 1..=40 {
         let at = Instant(1_000 * message);
-        let mut update = page.update(&sender);
+        let mut update = sender.update();
         update.published(at, 10);
         let fates = Counters {
             offered: message,
@@ -107,7 +107,7 @@ fn what_is_counted_is_seen() {
         };
         update.fates(&fates);
         drop(update);
-        let mut update = page.update(&receiver);
+        let mut update = receiver.update();
         update.taken(at, Instant(at.0 - 100 + message), 20);
         update.lost(2);
         drop(update);
@@ -129,7 +129,7 @@ fn what_is_counted_is_seen() {
         assert_eq!(view.read(receiver.index()), Ok(Some(got.clone())));
     }
     // The publication time is later than the time of taking.
-    page.update(&receiver).taken(Instant(5), Instant(9), 0);
+    receiver.update().taken(Instant(5), Instant(9), 0);
     let seen = view.read(receiver.index()).unwrap().unwrap();
     assert_eq!(seen.delay_sum_ns, got.delay_sum_ns);
     assert_eq!(seen.recent().last(), Some(0));
@@ -161,14 +161,14 @@ fn an_entry_is_used_again_but_never_its_turns() {
     let mut all: Vec<_> = (0..MAX_ENTRIES)
         .map(|id| page.allocate(InterfaceId(u64::from(id) + 1), None).unwrap())
         .collect();
-    assert_eq!(page.allocate(InterfaceId(9), None), None);
+    assert!(page.allocate(InterfaceId(9), None).is_none());
     assert_eq!(view.entries().count(), 8_191);
     let last = view.read(MAX_ENTRIES - 1).unwrap().unwrap();
     assert_eq!(last.interface, InterfaceId(8_191));
 
-    let entry = all.swap_remove(4_000);
+    let mut entry = all.swap_remove(4_000);
     let first = turn(&page, 4_000);
-    page.update(&entry).published(Instant(5), 5);
+    entry.update().published(Instant(5), 5);
     let latest = turn(&page, 4_000);
     assert!(latest > first);
     page.free(entry);
@@ -191,8 +191,8 @@ fn an_entry_is_used_again_but_never_its_turns() {
 fn a_change_that_does_not_end_is_reported() {
     let mut page = CounterPage::new().unwrap();
     let view = view(&page);
-    let entry = page.allocate(InterfaceId(1), None).unwrap();
-    let mut update = page.update(&entry);
+    let mut entry = page.allocate(InterfaceId(1), None).unwrap();
+    let mut update = entry.update();
     update.published(Instant(1), 1);
     assert_eq!(view.read(0), Err(Unreadable::Torn));
     assert_eq!(
@@ -201,7 +201,7 @@ fn a_change_that_does_not_end_is_reported() {
     );
     std::mem::forget(update);
     // The next change repairs the entry.
-    page.update(&entry).published(Instant(2), 1);
+    entry.update().published(Instant(2), 1);
     assert_eq!(view.read(0).unwrap().unwrap().messages, 2);
 }
 
@@ -216,9 +216,9 @@ fn a_reader_never_sees_half_a_change() {
             // Two allocations use the same entry in turn: their counts must never mix.
             while !done.load(Ordering::Relaxed) {
                 for id in 1..=2 {
-                    let entry = page.allocate(InterfaceId(id), None).unwrap();
+                    let mut entry = page.allocate(InterfaceId(id), None).unwrap();
                     for message in 1..=100 {
-                        let mut update = page.update(&entry);
+                        let mut update = entry.update();
                         update.published(Instant(message * id), message);
                         update.lost(id);
                         let mut fates = Counters::default();

@@ -154,7 +154,7 @@ fn counters_are_kept_with_the_session_and_shown_to_whoever_asks() {
 
     let node = Raw::welcomed(&domain, "node");
     let mut page = CounterPage::new().unwrap();
-    let entry = page.allocate(InterfaceId(7), None).unwrap();
+    let mut entry = page.allocate(InterfaceId(7), None).unwrap();
     node.send(&ToManager::Counters, &[page.as_fd()]);
     node.inspect(node.id);
     let (ToNode::Inspected { .. }, Some(_)) = node.next() else {
@@ -166,7 +166,7 @@ fn counters_are_kept_with_the_session_and_shown_to_whoever_asks() {
         "the node's socket and its counters file"
     );
 
-    page.update(&entry).lost(3);
+    entry.update().lost(3);
     for _ in 0..3 {
         tool.inspect(node.id);
         tool.inspect(tool.id);

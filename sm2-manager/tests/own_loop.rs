@@ -367,8 +367,8 @@ fn it_keeps_counters_and_shows_them() {
 
     let mut page = CounterPage::new().unwrap();
     let interface = InterfaceId(7);
-    let entry = page.allocate(interface, None).expect("the page is empty");
-    page.update(&entry).lost(3);
+    let mut entry = page.allocate(interface, None).expect("the page is empty");
+    entry.update().lost(3);
     let frame = encode_to_manager(&ToManager::Counters);
     let parts = [IoSlice::new(&frame)];
     counted.0.send(&parts, &[page.as_fd()]).unwrap();

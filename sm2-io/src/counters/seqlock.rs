@@ -20,8 +20,8 @@ pub(super) struct Change<'a, const N: usize> {
 }
 
 impl<'a, const N: usize> Change<'a, N> {
-    /// Starts a change. `turn` is the turn of the last change of any words of the file; the change
-    /// raises it, so that it is greater than every turn before.
+    /// Starts a change. `turn` is the turn of the last change of these words; the change raises it, so
+    /// that it is greater than every turn before.
     //= SM2-CNT-005
     #[inline]
     pub(super) fn begin(words: &'a [AtomicU64; N], turn: &'a mut u64) -> Self {
