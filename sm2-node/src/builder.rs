@@ -8,7 +8,7 @@ use std::time::Duration;
 use sm2_io::{SeqPacket, socket_path};
 use sm2_proto::{Instant, Name, Refusal};
 
-use crate::driver::{EventSource, Settings, SharedNode, may_return};
+use crate::driver::{Settings, SharedNode, may_return};
 use crate::quota::MappingQuota;
 use crate::{ConnectError, Node};
 
@@ -166,19 +166,19 @@ impl NodeBuilder {
         let mut shared =
             SharedNode::new(socket, path.clone(), name.clone(), settings).map_err(failed)?;
         let until = sm2_io::clock::now().after(self.manager_timeout);
-        let answer = shared.wait(EventSource::Session, Some(until), |inner| {
-            if let Some(reason) = inner.greeting_refusal() {
+        let answer = shared.wait(Some(until), |control| {
+            if let Some(reason) = control.greeting_refusal() {
                 return Some(Err(match reason {
                     Refusal::NameTaken => ConnectError::NameTaken { name: name.clone() },
                     reason => ConnectError::Refused(reason.clone()),
                 }));
             }
-            if inner.is_connected() {
+            if control.is_connected() {
                 return Some(Ok(()));
             }
             // A Manager that is being replaced may close a new connection. The node then connects to the
             // successor.
-            let end = inner.away().filter(|end| !may_return(*end))?;
+            let end = control.away().filter(|end| !may_return(*end))?;
             Some(Err(ConnectError::Ended(end)))
         });
         match answer.map_err(failed)? {

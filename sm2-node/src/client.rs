@@ -11,7 +11,7 @@ use sm2_proto::control::LinkPeer;
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
-use crate::driver::{CallId, Choice, EventSource, Needs, Outcome, PoolLimit, SharedNode};
+use crate::driver::{CallId, Choice, Needs, Outcome, PoolLimit, SharedNode};
 use crate::handle::declaration::{
     Declaration, inline_max_setter, max_len_setter, schema_of, sealed_setter, wait_setter,
 };
@@ -103,15 +103,13 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
         bytes: &[u8],
         deadline: Option<Instant>,
     ) -> Result<Option<Call<R>>, CallError> {
-        let Handle { shared, id, .. } = &*self.handle;
-        let mut inner = shared.lock_driven();
         let len = bytes.len() as u64;
-        let choice = inner.choose_server(*id, len, &shared.sets);
-        let choice = choice.unwrap_or(Choice::NoServer);
+        let mut locked = self.handle.interface.lock_driven();
+        let choice = locked.change(|interface, _| interface.wait_for_server(len));
         if matches!(choice, Choice::Opening) {
-            self.handle.silence(&mut inner);
+            self.handle.silence(&mut locked);
         }
-        drop(inner);
+        drop(locked);
         match choice {
             Choice::Opening => Ok(None),
             Choice::Link { needs, .. } => {
@@ -154,9 +152,8 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
     /// Waits until the service has a server with an open link. Returns the payload form that the server
     /// needs for a request of this length.
     fn server(&self, len: u64, deadline: Option<Instant>) -> Result<Needs, CallError> {
-        let Handle { shared, id, .. } = &*self.handle;
-        let found = shared.wait(EventSource::Interface(*id), deadline, |inner| {
-            match inner.choose_server(*id, len, &shared.sets)? {
+        let found = (self.handle.interface).wait(deadline, |interface, _| {
+            match interface.wait_for_server(len) {
                 Choice::Opening => None,
                 choice => Some(choice),
             }
@@ -251,14 +248,10 @@ impl<R: Message + ?Sized> Call<R> {
         way: Wait,
         until: Option<Instant>,
     ) -> Result<Option<Reply<R>>, CallError> {
-        let Handle { shared, id, .. } = &*self.handle;
         let call = self.call;
-        let outcome = shared.wait_as(way, EventSource::Interface(*id), until.into(), |inner| {
-            self.handle.find_or_silence(inner, |inner| {
-                let outcome = inner.with_interface(*id, &shared.sets, |interface, context| {
-                    interface.outcome(call, context)
-                });
-                outcome.flatten()
+        let outcome = (self.handle.interface).wait_as(way, until.into(), |locked| {
+            self.handle.find_or_silence(locked, |locked| {
+                locked.change(|interface, context| interface.outcome(call, context))
             })
         });
         let outcome = outcome.map_err(|error| failed(&self.handle.name, error))?;

@@ -137,16 +137,16 @@ impl Handle {
         // Each Manager numbers nodes anew, so the number must come from the Manager that answered.
         let node = loop {
             reader.read(until)?;
-            let inner = self.shared.lock();
-            match inner.node_id() {
-                Some(node) if inner.epoch() == Some(reader.epoch) => break node,
-                _ => drop(inner),
+            let control = self.shared.lock();
+            match control.node_id() {
+                Some(node) if control.epoch() == Some(reader.epoch) => break node,
+                _ => drop(control),
             }
             reader.restart();
         };
         let entity = EntityId {
             node,
-            interface: self.id,
+            interface: self.interface.id,
         };
         Ok(nearest(reader.mirror.domain(), entity))
     }

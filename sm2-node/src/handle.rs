@@ -11,18 +11,20 @@ use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
-use sm2_proto::{Instant, InterfaceId, Name};
+use sm2_proto::{Instant, Name};
 
 use crate::driver::{
-    Bell, Context, EventSource, Inner, Interface, LinkStatus, Reserved, SharedNode,
+    Bell, Context, Interface, InterfaceDriver, LinkStatus, LockedInterface, Reserved,
+    SharedInterface, SharedNode,
 };
 use crate::{Wait, WaitError};
 
 /// A declared interface. Dropping it withdraws the interface.
 #[derive(Debug)]
 pub(crate) struct Handle {
+    pub(crate) interface: Arc<SharedInterface>,
+    /// Keeps the node alive.
     pub(crate) shared: Arc<SharedNode>,
-    pub(crate) id: InterfaceId,
     pub(crate) name: Name,
     matched: usize,
     /// Payloads of up to this length are sent inside the datagram.
@@ -50,7 +52,7 @@ impl Handle {
 
     /// Whether the current Manager has granted the interface.
     pub(crate) fn is_registered(&self) -> bool {
-        self.shared.lock_driven().is_registered(self.id)
+        self.shared.lock_driven().is_registered(self.interface.id)
     }
 
     pub(crate) const fn matched(&self) -> usize {
@@ -62,8 +64,7 @@ impl Handle {
         &self,
         change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
     ) -> R {
-        (self.shared.with_driven(self.id, change))
-            .expect("the interface lives as long as its handle")
+        self.interface.lock_driven().change(change)
     }
 
     /// As [`with_driven`](Self::with_driven), but if all links have rings, drives the node only when it is due.
@@ -71,8 +72,7 @@ impl Handle {
         &self,
         change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
     ) -> R {
-        (self.shared.with_driven_if_due(self.id, change))
-            .expect("the interface lives as long as its handle")
+        self.interface.lock_driven_if_due().change(change)
     }
 
     /// Changes the interface, without driving the node.
@@ -80,8 +80,7 @@ impl Handle {
         &self,
         change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
     ) -> R {
-        (self.shared.with_undriven(self.id, change))
-            .expect("the interface lives as long as its handle")
+        self.interface.lock().change(change)
     }
 
     pub(crate) fn links(&self) -> Vec<LinkStatus> {
@@ -95,16 +94,16 @@ impl Handle {
         timeout: Option<Duration>,
     ) -> Result<(), WaitError> {
         let mut found = 0;
-        let source = EventSource::Interface(self.id);
-        let waited = self.shared.wait(source, until(timeout), |inner| {
-            found = inner.interfaces.get(&self.id)?.open_links();
+        let waited = self.interface.wait(until(timeout), |interface, _| {
+            found = interface.open_links();
             (found >= wanted).then_some(())
         });
         if waited.map_err(WaitError::Io)?.is_some() {
             return Ok(());
         }
         let kind = self.with_undriven(|interface, _| interface.contract.kind().counterpart());
-        Err(match self.shared.lock().away() {
+        let away = self.shared.lock().away();
+        Err(match away {
             Some(end) => WaitError::ManagerGone {
                 kind,
                 found,
@@ -124,30 +123,31 @@ impl Handle {
     #[inline]
     pub(crate) fn find_or_silence<T>(
         &self,
-        inner: &mut Inner,
-        mut find: impl FnMut(&mut Inner) -> Option<T>,
+        locked: &mut LockedInterface<'_>,
+        mut find: impl FnMut(&mut LockedInterface<'_>) -> Option<T>,
     ) -> Option<T> {
-        find(inner).or_else(|| match self.silence(inner) {
-            true => find(inner),
+        find(locked).or_else(|| match self.silence(locked) {
+            true => find(locked),
             false => None,
         })
     }
 
     /// Silences the descriptor. Returns whether to look once more.
-    pub(crate) fn silence(&self, inner: &mut Inner) -> bool {
+    pub(crate) fn silence(&self, interface: &mut InterfaceDriver) -> bool {
         let Some(Some(bell)) = self.bell.get() else {
             return false;
         };
-        if bell.silence(inner) {
+        if bell.silence(interface) {
             #[cfg(feature = "tokio")]
             self.silenced.notify_waiters();
         }
-        inner.park(EventSource::Interface(self.id))
+        interface.park();
+        true
     }
 
     /// The descriptor that a program can poll: see [`Bell`].
     pub(crate) fn descriptor(&self) -> BorrowedFd<'_> {
-        let make = || match Bell::new(&self.shared, self.id) {
+        let make = || match Bell::new(&self.interface) {
             Ok(bell) => Some(bell),
             Err(error) => {
                 tracing::warn!(%error, name = %self.name, "no descriptor for the interface: using that of the node");
@@ -166,11 +166,11 @@ impl Drop for Handle {
         if self.shared.is_inherited() {
             return;
         }
-        let mut inner = self.shared.lock_driven();
         if let Some(Some(bell)) = self.bell.get() {
-            bell.remove(&mut inner);
+            bell.remove(&self.interface);
         }
-        inner.withdraw(self.id, &self.shared.sets);
+        let mut control = self.shared.lock_driven();
+        control.withdraw(self.interface.id, &self.shared.sets);
     }
 }
 

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use sm2_proto::{Instant, Name, NodeId};
 
-use crate::driver::{EventSource, SharedNode};
+use crate::driver::SharedNode;
 use crate::handle::until;
 use crate::{
     Client, ClientBuilder, DeclareError, Message, Publisher, PublisherBuilder, Server,
@@ -77,11 +77,9 @@ impl Node {
     }
 
     fn wait_connected_until(&self, timeout: Option<Duration>) -> Result<(), WaitError> {
-        let connected = self
-            .shared
-            .wait(EventSource::Session, until(timeout), |inner| {
-                inner.is_connected().then_some(())
-            });
+        let connected = (self.shared).wait(until(timeout), |control| {
+            control.is_connected().then_some(())
+        });
         match connected.map_err(WaitError::Io)? {
             Some(()) => Ok(()),
             None => Err(WaitError::NoManager {
@@ -215,7 +213,7 @@ impl Node {
     ///
     /// As [`spin`](Self::spin).
     pub fn spin_some(&self) -> io::Result<()> {
-        drop(self.shared.lock_driven());
+        self.shared.drive_all();
         Ok(())
     }
 
@@ -245,9 +243,7 @@ impl Node {
 
     fn spin_until(&self, until: Option<Instant>) -> io::Result<()> {
         let nothing = |_: &mut _| None::<()>;
-        self.shared
-            .wait(EventSource::Session, until, nothing)
-            .map(drop)
+        self.shared.wait(until, nothing).map(drop)
     }
 }
 

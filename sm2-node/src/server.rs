@@ -218,11 +218,8 @@ impl Pending {
     fn reply(mut self, bytes: Cow<'_, [u8]>, status: Status) -> Result<(), ReplyError> {
         let call = self.call;
         let link = {
-            let mut inner = self.handle.shared.lock();
-            let Handle { shared, id, .. } = &*self.handle;
-            inner.drive_for_link(*id, call.token, &shared.sets);
-            let interface = inner.interfaces.get(&self.handle.id);
-            let link = interface.and_then(|it| it.link(call.token));
+            let locked = self.handle.interface.lock_driven_for(call.token);
+            let link = locked.interface().link(call.token);
             link.filter(|it| it.is_open())
                 .map(|it| (it.needs(), it.peer_max_len()))
         };

@@ -325,6 +325,16 @@ fn hole(len: u64) -> File {
     file
 }
 
+fn inline(sequence: u64, payload: &[u8]) -> Vec<u8> {
+    let mut frame = vec![4, 0, 0, 0];
+    frame.extend([0; 12]);
+    for word in [sequence, sequence, 0, payload.len() as u64] {
+        frame.extend(word.to_le_bytes());
+    }
+    frame.extend(payload);
+    frame
+}
+
 fn sealed(sequence: u64, len: u64) -> Vec<u8> {
     let mut frame = vec![4, 2, 0, 0];
     frame.extend([0; 12]);
@@ -340,12 +350,15 @@ fn sealed(sequence: u64, len: u64) -> Vec<u8> {
 fn a_message_that_is_too_long_is_refused_before_it_is_mapped() {
     let domain = Domain::new();
     let (raw, subscriber) = raw_publisher(&domain);
+    // The first datagram that a thread reads makes it map its buffer.
+    raw.send(&inline(1, b"first"), &[]);
+    assert_eq!(*subscriber.recv_timeout(SOON).unwrap().unwrap(), *b"first");
     let calls = Injector::counting();
     let _installed = calls.install();
     let mappings = || calls.counts().get(&Call::Mmap).copied().unwrap_or(0);
     let before = mappings();
     let file = hole(1 << 30);
-    raw.send(&sealed(1, 1 << 30), &[file.as_fd()]);
+    raw.send(&sealed(2, 1 << 30), &[file.as_fd()]);
     let sample = subscriber.recv_timeout(SOON).unwrap().unwrap();
     assert!(
         sample.len() == 1 << 30 && mappings() > before,
@@ -355,7 +368,7 @@ fn a_message_that_is_too_long_is_refused_before_it_is_mapped() {
 
     let before = mappings();
     let file = hole(6 << 30);
-    raw.send(&sealed(2, 6 << 30), &[file.as_fd()]);
+    raw.send(&sealed(3, 6 << 30), &[file.as_fd()]);
     let code = raw.closed(|| assert!(subscriber.try_recv().unwrap().is_none()));
     assert_eq!(code, ViolationKind::MessageTooLong.code().0);
     assert_eq!(mappings(), before);

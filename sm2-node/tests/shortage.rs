@@ -261,7 +261,11 @@ fn a_session_outlasts_a_shortage_of_memory() {
         vec![fault(Call::EpollWait, libc::ENOMEM, 3)],
         vec![
             fault(Call::SendMsg, libc::ENOMEM, 1),
-            fault(Call::EpollCtl, libc::ENOMEM, 1),
+            // The first call adds the interface's set, and the second one watches the session.
+            Fault {
+                nth: 2,
+                ..fault(Call::EpollCtl, libc::ENOMEM, 1)
+            },
         ],
     ];
     let domain = Domain::new();

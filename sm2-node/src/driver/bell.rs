@@ -5,13 +5,11 @@ use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
 
 use sm2_io::{Epoll, Interest, Waker};
-use sm2_proto::InterfaceId;
 
-use super::sleepers::EventSource;
-use super::{Inner, SharedNode};
+use super::shared_interface::{InterfaceDriver, SharedInterface};
 
 /// A descriptor that becomes readable when an interface may have an event: an epoll set that
-/// contains the node's set for calls and a waker.
+/// contains the interface's set and a waker, and the control set if calls drive the node.
 #[derive(Debug)]
 pub(crate) struct Bell {
     set: Epoll,
@@ -20,30 +18,32 @@ pub(crate) struct Bell {
 
 impl Bell {
     /// Creates a bell that is already signalled, because there may already be something to take.
-    pub(crate) fn new(shared: &SharedNode, interface: InterfaceId) -> io::Result<Self> {
+    pub(crate) fn new(interface: &SharedInterface) -> io::Result<Self> {
         let set = Epoll::new()?;
-        set.add(&shared.sets, 0, Interest::READABLE)?;
-        let mut inner = shared.lock();
-        let source = EventSource::Interface(interface);
-        let waker = inner.sleepers.enter(source)?;
+        set.add(&interface.sets.calls, 0, Interest::READABLE)?;
+        if !interface.node.sets.has_background() {
+            set.add(&interface.node.sets.control, 0, Interest::READABLE)?;
+        }
+        let mut locked = interface.lock();
+        let waker = locked.sleepers.enter()?;
         let bell = Self { set, waker };
         if let Err(error) = bell.set.add(&*bell.waker, 1, Interest::READABLE) {
-            inner.sleepers.leave(&bell.waker);
+            locked.sleepers.leave(&bell.waker);
             return Err(error);
         }
-        inner.sleepers.wake(source);
+        locked.sleepers.wake();
         Ok(bell)
     }
 
     /// Resets the bell, so that it becomes readable at the next event. Returns whether it was
     /// signalled.
-    pub(crate) fn silence(&self, inner: &mut Inner) -> bool {
-        inner.sleepers.calm(&self.waker)
+    pub(crate) fn silence(&self, interface: &mut InterfaceDriver) -> bool {
+        interface.sleepers.calm(&self.waker)
     }
 
     /// Removes the bell, because the program does not poll it any more.
-    pub(crate) fn remove(&self, inner: &mut Inner) {
-        inner.sleepers.leave(&self.waker);
+    pub(crate) fn remove(&self, interface: &SharedInterface) {
+        interface.lock().sleepers.leave(&self.waker);
     }
 }
 

@@ -1,15 +1,12 @@
-//! The parts of a node that one call lends to the methods of interfaces and links.
+//! The parts of an interface's driver that one call lends to the methods of the interface and of its links.
 
 use sm2_proto::Instant;
 
-use super::counters::Counting;
-use super::event_sets::EventSets;
+use super::event_sets::LinkSets;
 
-/// The parts of a node that one call lends to the methods of an interface and of its links.
+/// The parts of an interface's driver that one call lends to the methods of the interface and of its links.
 pub(crate) struct Context<'a> {
-    pub(crate) sets: &'a EventSets,
-    pub(crate) buffer: &'a mut [u8],
-    pub(crate) counting: &'a mut Counting,
+    pub(crate) sets: &'a LinkSets,
     /// The time at which the call began, for calls that wait, take or publish. Stale in
     /// all other calls.
     pub(crate) now: Instant,

@@ -24,8 +24,8 @@ impl Counting {
         match CounterPage::new() {
             Ok(page) => self.page = Some(page),
             Err(error) => {
-                tracing::warn!(%error, "no memory for counters: tools will not see what this node does");
                 self.failed = true;
+                tracing::warn!(%error, "no memory for counters: tools will not see what this node does");
             }
         }
         self.page.is_some()
@@ -51,26 +51,18 @@ impl Counting {
         self.page.as_mut()?.allocate(interface, link)
     }
 
-    pub(super) fn free(&mut self, entry: Option<CounterEntry>) {
-        if let (Some(page), Some(entry)) = (&mut self.page, entry) {
+    pub(super) fn free(&mut self, entry: CounterEntry) {
+        if let Some(page) = &mut self.page {
             page.free(entry);
         }
     }
+}
 
-    /// Begins to change an entry; the change is complete when the result is dropped.
-    //= SM2-CNT-007
-    pub(super) fn update<'a>(&'a mut self, entry: Option<&'a CounterEntry>) -> Option<Update<'a>> {
-        Some(self.page.as_mut()?.update(entry?))
-    }
-
-    /// Changes an entry.
-    pub(super) fn note(
-        &mut self,
-        entry: Option<&CounterEntry>,
-        change: impl FnOnce(&mut Update<'_>),
-    ) {
-        if let Some(mut update) = self.update(entry) {
-            change(&mut update);
-        }
+/// Changes an entry, if the interface or link has one.
+//= SM2-CNT-007
+#[inline]
+pub(super) fn note(entry: Option<&mut CounterEntry>, change: impl FnOnce(&mut Update<'_>)) {
+    if let Some(entry) = entry {
+        change(&mut entry.update());
     }
 }

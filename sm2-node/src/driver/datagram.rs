@@ -1,10 +1,17 @@
 //! Reading one datagram, and inspecting the descriptors that came with it.
 
+use std::cell::Cell;
 use std::io;
 use std::os::fd::OwnedFd;
 
-use sm2_io::{InspectedFd, RecvError, SeqPacket};
+use sm2_io::{InspectedFd, RecvError, Scratch, SeqPacket};
 use sm2_proto::FdFacts;
+use sm2_proto::limits::DATAGRAM_MAX;
+
+thread_local! {
+    /// The buffer for the datagrams that this thread reads from links. Takes memory as far as it was used.
+    static BUFFER: Cell<Option<Scratch>> = const { Cell::new(None) };
+}
 
 /// A received datagram without its bytes. Dropping it closes the descriptors that were not taken.
 #[derive(Debug, Default)]
@@ -46,4 +53,21 @@ pub(super) fn receive(socket: &SeqPacket, buffer: &mut [u8]) -> Result<Incoming,
         control_truncated: received.control_truncated || is_lost,
         fds,
     })
+}
+
+/// Lends the thread's buffer for datagrams to `read`.
+///
+/// # Errors
+///
+/// Errors of `mmap(2)`, if this thread has no buffer yet.
+pub(super) fn with_buffer<R>(read: impl FnOnce(&mut [u8]) -> R) -> io::Result<R> {
+    // A handle that is dropped with other values of its thread may find the buffer gone.
+    let kept = BUFFER.try_with(Cell::take).ok().flatten();
+    let mut buffer = match kept {
+        Some(buffer) => buffer,
+        None => Scratch::new(DATAGRAM_MAX)?,
+    };
+    let result = read(&mut buffer);
+    let _ = BUFFER.try_with(|kept| kept.set(Some(buffer)));
+    Ok(result)
 }

@@ -1,29 +1,42 @@
-//! The epoll sets of a node: the descriptors that wake calls of the program, and those that wake the background
-//! thread.
+//! The epoll sets of a node and of its interfaces: the descriptors that wake the background thread, and those that
+//! wake calls of the program.
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
+use std::sync::Arc;
 
 use sm2_io::{Epoll, Interest, SeqPacket};
 
-use super::token::{CONTROL, LinkToken};
+use super::token::{LinkToken, PROGRAM};
 
 /// The epoll sets of a node.
 ///
-/// | descriptor | set `calls` | set `control`, with a background thread | without one |
+/// | descriptor | control set | set of its interface | program set |
 /// | --- | --- | --- | --- |
-/// | session, reconnect timer | through `control`, until the thread runs | readable, writable | the same |
-/// | link | readable, writable | [`BackgroundInterest`] | not in the set |
+/// | session, reconnect timer | readable, writable | | |
+/// | link | [`BackgroundInterest`] | readable, writable | |
+/// | control set, set of each interface | | | without a background thread |
+///
+/// The kernel bounds the number of paths by which an event reaches the outermost set (`EINVAL`). The control set is
+/// therefore in no set of an interface.
 #[derive(Debug)]
-pub(crate) struct EventSets {
-    /// The descriptors that calls of the program read and write.
-    pub(super) calls: Epoll,
+pub(crate) struct NodeSets {
     /// The descriptors of the control side.
     pub(super) control: Epoll,
+    /// The sets that a program polls if its calls drive the node.
+    program: Epoll,
     has_background: bool,
 }
 
-/// The events of a link for which the background thread wakes.
+/// The epoll sets of the links of one interface.
+#[derive(Debug)]
+pub(crate) struct LinkSets {
+    /// The descriptors that calls of the program read and write.
+    pub(super) calls: Epoll,
+    node: Arc<NodeSets>,
+}
+
+/// The events of a link that the control side handles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum BackgroundInterest {
     /// Only the end of the link: calls read all other packets.
@@ -44,38 +57,56 @@ impl BackgroundInterest {
     }
 }
 
-impl EventSets {
-    /// Creates the sets of a node whose calls drive it, until [`detach_control`](Self::detach_control).
+impl NodeSets {
+    /// Creates the sets of a node. Until [`detach_control`](Self::detach_control), the program set has the control
+    /// set.
     pub(super) fn new(has_background: bool) -> io::Result<Self> {
-        let (calls, control) = (Epoll::new()?, Epoll::new()?);
-        calls.add(&control, CONTROL, Interest::READABLE)?;
+        let (control, program) = (Epoll::new()?, Epoll::new()?);
+        program.add(&control, PROGRAM, Interest::READABLE)?;
         Ok(Self {
-            calls,
             control,
+            program,
             has_background,
         })
     }
 
-    /// Stops waking calls for the control side, because the background thread drives it.
+    /// Removes the control set from the program set, because the background thread drives the control side.
     pub(super) fn detach_control(&self) -> io::Result<()> {
-        self.calls.remove(&self.control)
+        self.program.remove(&self.control)
     }
 
-    /// Whether the background thread watches links.
+    /// Whether a background thread drives the control side.
     pub(super) const fn has_background(&self) -> bool {
         self.has_background
+    }
+}
+
+/// The descriptor of a node for programs whose calls drive it.
+impl AsFd for NodeSets {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.program.as_fd()
+    }
+}
+
+impl LinkSets {
+    /// Creates the set of an interface.
+    pub(crate) fn new(node: &Arc<NodeSets>) -> io::Result<Self> {
+        let calls = Epoll::new()?;
+        if !node.has_background {
+            // A program polls the program set, and nothing reads its events.
+            node.program.add(&calls, PROGRAM, Interest::READABLE)?;
+        }
+        Ok(Self {
+            calls,
+            node: Arc::clone(node),
+        })
     }
 
     /// Watches the socket of a new link.
     pub(super) fn add_link(&self, socket: &SeqPacket, token: LinkToken) -> io::Result<()> {
         self.calls.add(socket, token.0, Interest::READABLE)?;
-        if self.has_background {
-            let interest = BackgroundInterest::Packets.events();
-            self.control
-                .add(socket, token.0, interest)
-                .inspect_err(|_| self.remove_link(socket))?;
-        }
-        Ok(())
+        let interest = BackgroundInterest::Packets.events();
+        (self.node.control.add(socket, token.0, interest)).inspect_err(|_| self.remove_link(socket))
     }
 
     /// Changes the events of a link that wake calls.
@@ -88,28 +119,19 @@ impl EventSets {
         self.calls.modify(socket, token.0, interest)
     }
 
-    /// Changes the events of a link that wake the background thread.
+    /// Changes the events of a link that the control side handles.
     pub(super) fn watch_link_in_background(
         &self,
         socket: &SeqPacket,
         token: LinkToken,
         interest: BackgroundInterest,
     ) -> io::Result<()> {
-        self.control.modify(socket, token.0, interest.events())
+        (self.node.control).modify(socket, token.0, interest.events())
     }
 
     /// Stops watching the socket of a link.
     pub(super) fn remove_link(&self, socket: &SeqPacket) {
         let _ = self.calls.remove(socket);
-        if self.has_background {
-            let _ = self.control.remove(socket);
-        }
-    }
-}
-
-/// The descriptor that wakes calls of the program.
-impl AsFd for EventSets {
-    fn as_fd(&self) -> BorrowedFd<'_> {
-        self.calls.as_fd()
+        let _ = self.node.control.remove(socket);
     }
 }

@@ -57,10 +57,28 @@ pub(crate) struct Interface {
     pub(crate) lost: u64,
     pub(super) ended: VecDeque<LinkStatus>,
     pub(super) ended_sum: Counters,
+    /// Results of calls that the control side has to handle.
+    for_control: ForControl,
+}
+
+/// Results of calls that the control side has to handle, once the interface is not locked any more.
+#[derive(Debug, Default)]
+pub(super) struct ForControl {
     /// Ended links that the Manager has to be told about.
-    pub(super) unreported_ends: Vec<(LinkId, Code)>,
+    pub(super) ends: Vec<(LinkId, Code)>,
     /// Tokens of links that were removed.
     pub(super) gone: Vec<LinkToken>,
+    /// Entries of the counters that are not used any more.
+    pub(super) freed: Vec<CounterEntry>,
+    /// Whether the Manager has to be asked for a PAGE.
+    pub(super) wants_page: bool,
+}
+
+impl ForControl {
+    #[inline]
+    fn is_empty(&self) -> bool {
+        self.ends.is_empty() && self.gone.is_empty() && self.freed.is_empty() && !self.wants_page
+    }
 }
 
 /// The progress of the declaration.
@@ -95,8 +113,7 @@ impl Interface {
             lost: 0,
             ended: VecDeque::new(),
             ended_sum: Counters::default(),
-            unreported_ends: Vec::new(),
-            gone: Vec::new(),
+            for_control: ForControl::default(),
         }
     }
 
@@ -119,9 +136,43 @@ impl Interface {
         matches!(self.state, State::Live { .. }) && self.refused_again.is_none()
     }
 
+    /// Takes the results of calls that the control side has to handle, if there are any.
+    #[inline]
+    pub(super) fn take_for_control(&mut self) -> Option<ForControl> {
+        (!self.for_control.is_empty()).then(|| std::mem::take(&mut self.for_control))
+    }
+
+    /// Whether a link has ended of which the control side does not know.
+    #[inline]
+    pub(super) fn has_ended_links(&self) -> bool {
+        !self.for_control.ends.is_empty()
+    }
+
     /// The number of open links.
     pub(crate) fn open_links(&self) -> usize {
         self.links().filter(|link| link.is_open()).count()
+    }
+
+    /// One of the LINKs that DECLARED announced has come, or never comes.
+    pub(super) const fn link_came(&mut self) {
+        self.links_due = self.links_due.saturating_sub(1);
+    }
+
+    /// The Manager of this session refused the interface, although an earlier Manager or access policy had granted it.
+    //= SM2-RES-011, SM2-ACC-013
+    pub(super) fn refuse_again(&mut self, reason: Refusal) {
+        let (kind, name) = (self.contract.kind(), self.contract.name());
+        match reason.is_denial() {
+            _ if self.refused_again.is_some() => {}
+            true => {
+                tracing::warn!(%kind, %name, %reason, "this interface lost its rights: its links end");
+            }
+            false => tracing::warn!(
+                %kind, %name, %reason,
+                "the new Manager refused this interface: its links stay open, but it gets no new ones"
+            ),
+        }
+        self.refused_again = Some(reason);
     }
 
     pub(super) fn add_link(&mut self, link: LinkDriver, context: &mut Context<'_>) {
@@ -164,9 +215,9 @@ impl Interface {
         for link in self.links.iter_mut() {
             let close = Input::Close(Farewell::Done.code());
             link.feed(close, context.sets, &mut self.outbox);
-            context.counting.free(link.entry.take());
+            self.for_control.freed.extend(link.entry.take());
         }
-        context.counting.free(self.entry.take());
+        self.for_control.freed.extend(self.entry.take());
     }
 
     /// Whether there may be a message to take.

@@ -46,7 +46,7 @@ pub(crate) struct LinkDriver {
     own_ring: OwnRing,
     /// The packet that the socket did not accept.
     unsent: Option<Unsent>,
-    /// The events for which the background thread wakes.
+    /// The events that the control side handles.
     in_background: BackgroundInterest,
     /// Whether a DOORBELL could not be sent for want of memory.
     bell_due: bool,

@@ -1,34 +1,43 @@
 //! The driver of a node: its sockets, the machines behind the sockets, and the threads that wait.
 //!
+//! A node has two sides. The *control side* has the session with the Manager and looks after links that open or end; a
+//! background thread drives it. The *data side* has the interfaces, each with its own lock; the calls of the program
+//! drive them.
+//!
 //! | file or folder | content |
 //! | --- | --- |
-//! | `shared_node` | [`SharedNode`]: the state that all handles of a node share, and its lock |
-//! | `inner` | [`Inner`]: the state under the lock |
-//! | `context` | the parts of `Inner` that a call lends to an interface and its links |
-//! | `drive` | [`Inner::drive`] reads and writes the sockets that are ready: most calls begin with it |
+//! | `shared_node` | [`SharedNode`]: the node as its handles share it, and the lock of the control side |
 //! | `background` | the thread that drives the control side |
-//! | `event_sets` | which descriptors wake calls, and which wake the background thread |
+//! | `control`, `drive` | [`Control`]: the state under that lock, and the work of its pending events |
 //! | `session` | the connection with the Manager, requests of handles, and the way back to a Manager |
 //! | `questions` | queries of the program to the Manager, and the answers |
+//! | `shared_interface` | [`SharedInterface`]: an interface as its handles and samples share it, and its lock |
+//! | `context` | the parts of an interface's driver that a call lends to the interface and its links |
 //! | `interface` | one publisher, subscriber, server or client: its links, and the work with its messages |
 //! | `link` | one end of one link: its socket and machine, sending, taking, mapped memory |
 //! | `outbox` | the messages of an interface that are not settled, and the memory that they are in |
 //! | `counters`, `status` | what tools and programs can read about interfaces and links |
-//! | `wait`, `sleepers`, `bell` | threads that wait without the lock, and descriptors to poll |
+//! | `event_sets` | which descriptors wake calls, and which wake the background thread |
+//! | `wait`, `sleepers`, `bell` | threads that wait without a lock, and descriptors to poll |
 //! | `limits`, `limited_warning` | how much work one call does, how much is kept and logged |
 //!
-//! Dependencies point one way: `shared_node`, then `inner` and the files that extend it (`drive`,
-//! `session`, `questions`), then `interface`, `link`, `outbox`. Only `session/outputs.rs` and
+//! The order of locks: a thread that holds the lock of the control side may take that of an interface. A thread that
+//! holds the lock of an interface takes no other lock of the node, and none is held while a thread sleeps. A call of an
+//! interface leaves results for the control side (`interface::ForControl`), which are handled after the interface is
+//! unlocked.
+//!
+//! Dependencies point one way: `shared_node`, then `control` and the files that extend it (`drive`, `session`,
+//! `questions`), then `shared_interface`, `interface`, `link`, `outbox`. Only `session/outputs.rs` and
 //! `link/outputs.rs` match the outputs of the machines of `sm2-proto`.
 
 mod background;
 mod bell;
 mod context;
+mod control;
 mod counters;
 mod datagram;
 mod drive;
 mod event_sets;
-mod inner;
 mod interface;
 mod limited_warning;
 mod limits;
@@ -36,6 +45,7 @@ mod link;
 mod outbox;
 mod questions;
 mod session;
+mod shared_interface;
 mod shared_node;
 mod sleepers;
 mod status;
@@ -44,14 +54,14 @@ mod wait;
 
 pub(crate) use self::bell::Bell;
 pub(crate) use self::context::Context;
-pub(crate) use self::event_sets::EventSets;
-pub(crate) use self::inner::Inner;
+pub(crate) use self::control::Control;
+pub(crate) use self::event_sets::{LinkSets, NodeSets};
 pub(crate) use self::interface::{CallId, Choice, Full, Interface, Offered, Outcome, State, Taken};
 pub(crate) use self::outbox::{Forms, Needs, NoSlot, PoolLimit, Reservation, Reserved};
 pub(crate) use self::questions::{Answer, Followed, Lost, Question, Ticket};
 pub(crate) use self::session::may_return;
+pub(crate) use self::shared_interface::{InterfaceDriver, LockedInterface, SharedInterface};
 pub(crate) use self::shared_node::{Settings, SharedNode};
-pub(crate) use self::sleepers::EventSource;
 pub use self::status::{LinkStatus, Received};
 pub(crate) use self::token::LinkToken;
 pub(crate) use self::wait::Until;

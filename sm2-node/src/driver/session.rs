@@ -17,7 +17,7 @@ use sm2_proto::{
 };
 
 use super::datagram::{Incoming, receive};
-use super::event_sets::EventSets;
+use super::event_sets::NodeSets;
 use super::token::SESSION;
 
 pub(super) use self::retry::Reconnect;
@@ -157,13 +157,13 @@ impl Session {
     }
 
     /// Queues a frame after all unsent ones and sends as many as the socket accepts.
-    pub(super) fn send(&mut self, bytes: Vec<u8>, fd: Option<OwnedFd>, sets: &EventSets) {
+    pub(super) fn send(&mut self, bytes: Vec<u8>, fd: Option<OwnedFd>, sets: &NodeSets) {
         self.unsent.push_back(Frame { bytes, fd });
         self.flush(sets);
     }
 
     /// Sends as many unsent frames as the socket accepts.
-    pub(super) fn flush(&mut self, sets: &EventSets) {
+    pub(super) fn flush(&mut self, sets: &NodeSets) {
         let Some(socket) = &self.socket else {
             self.unsent.clear();
             return;
@@ -193,7 +193,7 @@ impl Session {
 
     /// Watches for the socket to become writable while frames are unsent. Without memory for this change, the
     /// next drive tries again.
-    pub(super) fn watch_again(&mut self, sets: &EventSets) {
+    pub(super) fn watch_again(&mut self, sets: &NodeSets) {
         let blocked = !self.unsent.is_empty();
         let Some(socket) = self.socket.as_ref().filter(|_| blocked != self.blocked) else {
             return;
@@ -209,7 +209,7 @@ impl Session {
     }
 
     /// Closes the connection.
-    pub(super) fn hang_up(&mut self, end: End, sets: &EventSets) {
+    pub(super) fn hang_up(&mut self, end: End, sets: &NodeSets) {
         self.away = Some(end);
         self.unsent.clear();
         if let Some(socket) = self.socket.take() {

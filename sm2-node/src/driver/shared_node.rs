@@ -10,15 +10,12 @@ use std::time::Duration;
 
 use sm2_io::{Interest, SeqPacket};
 use sm2_proto::node::Input;
-use sm2_proto::{Farewell, InterfaceId, Name};
+use sm2_proto::{Farewell, Name};
 
 use super::background::BackgroundThread;
-use super::context::Context;
+use super::control::Control;
 use super::datagram::Incoming;
-use super::event_sets::EventSets;
-use super::inner::Inner;
-use super::interface::Interface;
-use super::sleepers::EventSource;
+use super::event_sets::NodeSets;
 use super::token::SESSION;
 use crate::quota::MappingQuota;
 
@@ -36,13 +33,13 @@ pub(crate) struct SharedNode {
 /// The state of a node, which its handles share with its background thread.
 #[derive(Debug)]
 pub(crate) struct NodeState {
-    pub(crate) sets: EventSets,
+    pub(crate) sets: Arc<NodeSets>,
     pub(crate) name: Name,
     /// The timeout for an answer of the Manager.
     pub(crate) manager_timeout: Duration,
     /// The process that connected the node.
     process: u32,
-    inner: Mutex<Inner>,
+    control: Mutex<Control>,
 }
 
 /// How a node is driven, and what it offers.
@@ -67,7 +64,7 @@ impl SharedNode {
         name: Name,
         settings: Settings,
     ) -> io::Result<Self> {
-        let sets = EventSets::new(settings.background)?;
+        let sets = Arc::new(NodeSets::new(settings.background)?);
         sets.control.add(&socket, SESSION, Interest::READABLE)?;
         let Settings {
             manager_timeout,
@@ -75,21 +72,26 @@ impl SharedNode {
             mappings,
             ..
         } = settings;
-        let mut inner = Inner::new(socket, path, name.clone(), ring_lane, mappings, &sets)?;
-        inner.state_links();
-        inner.drain_session(Incoming::default(), &sets);
+        let mut control = Control::new(socket, path, name.clone(), ring_lane, mappings, &sets)?;
+        control.state_links();
+        control.drain_session(Incoming::default(), &sets);
         Ok(Self {
             state: Arc::new(NodeState {
                 sets,
                 name,
                 manager_timeout,
                 process: process::id(),
-                inner: Mutex::new(inner),
+                control: Mutex::new(control),
             }),
             background: None,
             #[cfg(feature = "embedded-manager")]
             embedded: None,
         })
+    }
+
+    /// The state that handles share with the background thread.
+    pub(crate) const fn state(&self) -> &Arc<NodeState> {
+        &self.state
     }
 
     /// Starts the background thread, if the node is to have one.
@@ -124,62 +126,30 @@ impl NodeState {
         self.process != process::id()
     }
 
-    /// Locks the node. If another thread panicked under the lock, the state is still consistent:
-    /// the only user code that runs under the lock is a `tracing` subscriber, which must not call
-    /// this node.
-    #[inline]
-    pub(crate) fn lock(&self) -> MutexGuard<'_, Inner> {
-        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    /// Locks the control side. If another thread panicked under the lock, the state is still consistent: the only user
+    /// code that runs under the lock is a `tracing` subscriber, which must not call this node.
+    pub(crate) fn lock(&self) -> MutexGuard<'_, Control> {
+        self.control.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Locks the node and drives all of it.
-    pub(crate) fn lock_driven(&self) -> MutexGuard<'_, Inner> {
-        let mut inner = self.lock();
-        inner.drive_all(&self.sets);
-        inner
+    /// Locks the control side and drives it.
+    pub(crate) fn lock_driven(&self) -> MutexGuard<'_, Control> {
+        let mut control = self.lock();
+        control.drive(&self.sets);
+        control
     }
 
     /// Drives the control side. Returns whether the kernel had no memory for it.
     pub(super) fn drive_control(&self) -> bool {
-        self.lock().drive_control(&self.sets)
+        self.lock_driven().short_of_memory
     }
 
-    /// Drives the node and changes one of its interfaces. `None` if the interface does not exist
-    /// any more.
-    pub(crate) fn with_driven<R>(
-        &self,
-        interface: InterfaceId,
-        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
-    ) -> Option<R> {
-        self.lock_driven()
-            .with_interface(interface, &self.sets, change)
-    }
-
-    /// The same as [`with_driven`](Self::with_driven), but while all links of the interface have rings, the node
-    /// is driven only if its last drive was some time ago.
+    /// Drives the control side, unless the background thread does.
     #[inline]
-    pub(crate) fn with_driven_if_due<R>(
-        &self,
-        interface: InterfaceId,
-        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
-    ) -> Option<R> {
-        let now = sm2_io::clock::now();
-        let mut inner = self.lock();
-        let driven = inner.drive_if_due(now, &self.sets);
-        if !driven && !inner.has_rings_only(EventSource::Interface(interface)) {
-            inner.drive(&self.sets);
+    pub(super) fn drive_control_by_call(&self) {
+        if !self.sets.has_background() {
+            self.drive_control();
         }
-        inner.with_interface(interface, &self.sets, change)
-    }
-
-    /// The same as [`with_driven`](Self::with_driven), but without driving the node.
-    #[inline]
-    pub(crate) fn with_undriven<R>(
-        &self,
-        interface: InterfaceId,
-        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
-    ) -> Option<R> {
-        self.lock().with_interface(interface, &self.sets, change)
     }
 }
 
@@ -194,8 +164,8 @@ impl Drop for SharedNode {
         }
         // The thread ends first: it must not connect to a Manager again.
         self.background = None;
-        let mut inner = self.lock();
-        inner.session.tell(Input::Close(Farewell::Done.code()));
-        inner.drain_session(Incoming::default(), &self.sets);
+        let mut control = self.lock();
+        control.session.tell(Input::Close(Farewell::Done.code()));
+        control.drain_session(Incoming::default(), &self.sets);
     }
 }

@@ -1,34 +1,23 @@
-//! The threads that wait at a node, and how one thread wakes another for which it received
+//! The threads that wait for one interface, or for the session, and how one thread wakes another for which it did
 //! something.
 //!
-//! Each thread that calls the node may read all of its links, and the background thread reads some of
-//! them. While one thread sleeps until its message comes, another thread may read that message from
-//! the socket. A sleeping thread therefore waits for two descriptors: the node's set for calls
-//! (level-triggered), and a waker of its own. A thread that drives the node signals the waker when
-//! an event concerns the source that the sleeper has named. A sleeper registers its source under the
-//! node's lock, after it has looked and found nothing, so it misses no event.
+//! While one thread sleeps until its message comes, another thread may read that message from the socket, or the
+//! background thread may change the state for which the first one waits. A sleeping thread therefore waits for two
+//! descriptors: an epoll set (level-triggered), and a waker of its own. A thread that changes the interface or the
+//! session signals the wakers of its sleepers. A sleeper registers under the lock, after it has looked and found
+//! nothing, so it misses no event.
 
 use std::io;
 use std::sync::Arc;
 
 use sm2_io::Waker;
-use sm2_proto::InterfaceId;
 
-/// The events for which a sleeper waits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum EventSource {
-    /// All events of this interface and its links, and the end of the session.
-    Interface(InterfaceId),
-    /// The session with the Manager.
-    Session,
-}
-
-/// The number of unused wakers that a node keeps, so that a thread that waits again and again makes no
+/// The number of unused wakers that an interface keeps, so that a thread that waits again and again makes no
 /// descriptor for it.
-const SPARES: usize = 4;
+const SPARES: usize = 2;
 
-/// All registered sleepers.
-#[derive(Debug)]
+/// The threads that wait for one interface, or for the session.
+#[derive(Debug, Default)]
 pub(super) struct Sleepers {
     all: Vec<Sleeper>,
     /// Wakers that no sleeper uses now, at most [`SPARES`].
@@ -37,37 +26,27 @@ pub(super) struct Sleepers {
 
 #[derive(Debug)]
 struct Sleeper {
-    source: EventSource,
     waker: Arc<Waker>,
     woken: bool,
 }
 
 impl Sleepers {
-    /// Creates an empty list, and a waker for the first sleeper.
-    pub(super) fn new() -> io::Result<Self> {
-        Ok(Self {
-            all: Vec::new(),
-            spare: vec![Arc::new(Waker::new()?)],
-        })
-    }
-
-    /// Wakes the sleepers of this source. [`EventSource::Session`] wakes all.
-    pub(super) fn wake(&mut self, source: EventSource) {
+    /// Wakes all sleepers.
+    pub(super) fn wake(&mut self) {
         for sleeper in &mut self.all {
-            if !sleeper.woken && (sleeper.source == source || source == EventSource::Session) {
+            if !sleeper.woken {
                 sleeper.woken = true;
                 sleeper.waker.wake();
             }
         }
     }
 
-    pub(super) fn enter(&mut self, source: EventSource) -> io::Result<Arc<Waker>> {
+    pub(super) fn enter(&mut self) -> io::Result<Arc<Waker>> {
         let waker = match self.spare.pop() {
             Some(waker) => waker,
             None => Arc::new(Waker::new()?),
         };
         self.all.push(Sleeper {
-            source,
             waker: Arc::clone(&waker),
             woken: false,
         });
@@ -96,12 +75,12 @@ impl Sleepers {
 
 #[cfg(test)]
 mod tests {
-    use super::{EventSource, SPARES, Sleepers};
+    use super::{SPARES, Sleepers};
 
     #[test]
     fn a_burst_of_sleepers_leaves_few_descriptors() {
-        let mut sleepers = Sleepers::new().unwrap();
-        let enter = |_| sleepers.enter(EventSource::Session).unwrap();
+        let mut sleepers = Sleepers::default();
+        let enter = |_| sleepers.enter().unwrap();
         let wakers: Vec<_> = (0..SPARES + 3).map(enter).collect();
         wakers.iter().for_each(|it| sleepers.leave(it));
         assert_eq!((sleepers.all.len(), sleepers.spare.len()), (0, SPARES));

@@ -7,7 +7,7 @@ pub(crate) struct LinkToken(pub(super) u64);
 impl LinkToken {
     /// Less than the token of every link. The session's socket has this token.
     pub(crate) const FIRST: Self = Self(0);
-    /// Greater than the tokens of all links and of [`CONTROL`]. The timer for the next attempt to connect has
+    /// Greater than the tokens of all links and of [`PROGRAM`]. The timer for the next attempt to connect has
     /// this token.
     pub(super) const LAST: Self = Self(u64::MAX);
 
@@ -21,5 +21,5 @@ impl LinkToken {
 pub(super) const SESSION: u64 = LinkToken::FIRST.0;
 /// The token of the timer: for the next attempt to connect, or for the next look for room.
 pub(super) const TIMER: u64 = LinkToken::LAST.0;
-/// The token of the control set in the set for calls.
-pub(super) const CONTROL: u64 = TIMER - 1;
+/// The token of the sets in the program set.
+pub(super) const PROGRAM: u64 = TIMER - 1;

@@ -1,17 +1,20 @@
-//! Waiting without the node's lock.
+//! Waiting without a lock.
 
 use std::io;
-use std::os::fd::AsFd;
+use std::os::fd::{AsFd, BorrowedFd};
+use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
 
 use sm2_io::{Waker, is_shortage, wait_readable};
 use sm2_proto::Instant;
 
-use super::Inner;
+use super::context::Context;
+use super::control::Control;
+use super::interface::Interface;
 use super::limits::SHORTAGE_PAUSE;
+use super::shared_interface::{LockedInterface, SharedInterface};
 use super::shared_node::NodeState;
-use super::sleepers::EventSource;
 use crate::Wait;
 
 /// How many pauses of the processor a spinning thread makes between two uses of the lock.
@@ -55,20 +58,95 @@ impl From<Option<Duration>> for Until {
 }
 
 impl NodeState {
-    /// Drives the node until `look` finds something or `until` has passed. Without `until`, waits
-    /// as long as it takes. `look` is called at least once, under the lock. The lock is not held
-    /// while the thread sleeps.
+    /// Drives the control side until `look` finds something or `until` has passed. Without `until`, waits as long as it
+    /// takes. `look` is called at least once, under the node's lock. The lock is not held while the thread sleeps.
     ///
     /// # Errors
     ///
     /// Errors of `eventfd(2)` and `ppoll(2)`: too many descriptors, or no memory.
     pub(crate) fn wait<T>(
         &self,
-        source: EventSource,
         until: Option<Instant>,
-        look: impl FnMut(&mut Inner) -> Option<T>,
+        mut look: impl FnMut(&mut Control) -> Option<T>,
     ) -> io::Result<Option<T>> {
-        self.wait_as(Wait::Park, source, until.into(), look)
+        loop {
+            let mut control = self.lock_driven();
+            if let Some(found) = look(&mut control) {
+                return Ok(Some(found));
+            }
+            let now = sm2_io::clock::now();
+            if until.is_some_and(|until| until <= now) {
+                return Ok(None);
+            }
+            let waker = control.sleepers.enter()?;
+            let short_of_memory = control.short_of_memory;
+            drop(control);
+            let sets = [self.sets.control.as_fd()];
+            let timeout = until.map(|until| until.since(now));
+            let waited = sleep(&sets, Some(&waker), short_of_memory, timeout);
+            self.lock().sleepers.leave(&waker);
+            waited?;
+        }
+    }
+
+    /// Waits until a descriptor of a node without a background thread is ready, or a ring has a message, for at most
+    /// `timeout`.
+    ///
+    /// # Errors
+    ///
+    /// Errors of `ppoll(2)`.
+    pub(crate) fn wait_once(&self, timeout: Option<Duration>) -> io::Result<()> {
+        let control = self.lock();
+        let mut short_of_memory = control.short_of_memory;
+        // A message in a ring also ends the wait, but only its subscriber can take the message.
+        let mut may_take = false;
+        for interface in control.interfaces.values() {
+            let (interface_may_take, is_short) = interface.park_for_program();
+            may_take |= interface_may_take;
+            short_of_memory |= is_short;
+        }
+        drop(control);
+        if may_take {
+            return Ok(());
+        }
+        sleep(&[self.sets.as_fd()], None, short_of_memory, timeout)
+    }
+
+    /// Does the work of all pending events, also those of the interfaces' links.
+    pub(crate) fn drive_all(&self) {
+        let control = self.lock_driven();
+        let interfaces: Vec<_> = control.interfaces.values().map(Arc::clone).collect();
+        drop(control);
+        for interface in interfaces {
+            interface.drive();
+        }
+    }
+
+    /// The background thread sleeps until the control side has an event, or `stop` is signalled. If the kernel had no
+    /// memory for the last event, pauses instead.
+    //= SM2-TRN-014
+    pub(super) fn sleep_for_control(&self, stop: &Waker, short_of_memory: bool) {
+        let sets = [self.sets.control.as_fd()];
+        if sleep(&sets, Some(stop), short_of_memory, None).is_err() {
+            thread::sleep(SHORTAGE_PAUSE);
+        }
+    }
+}
+
+impl SharedInterface {
+    /// Drives the interface until `look` finds something or `until` has passed. Without `until`, waits as long as it
+    /// takes. `look` is called at least once, under the interface's lock. The lock is not held while the thread sleeps.
+    ///
+    /// # Errors
+    ///
+    /// The same as those of [`NodeState::wait`].
+    pub(crate) fn wait<T>(
+        &self,
+        until: Option<Instant>,
+        look: impl FnMut(&mut Interface, &mut Context<'_>) -> Option<T>,
+    ) -> io::Result<Option<T>> {
+        let mut look = look;
+        self.wait_as(Wait::Park, until.into(), |locked| locked.change(&mut look))
     }
 
     /// The same as [`wait`](Self::wait), with a choice of how to wait: sleep at once, or spin
@@ -76,13 +154,12 @@ impl NodeState {
     ///
     /// # Errors
     ///
-    /// The same as those of [`wait`](Self::wait).
+    /// The same as those of [`NodeState::wait`].
     pub(crate) fn wait_as<T>(
         &self,
         way: Wait,
-        source: EventSource,
         until: Until,
-        mut look: impl FnMut(&mut Inner) -> Option<T>,
+        mut look: impl FnMut(&mut LockedInterface<'_>) -> Option<T>,
     ) -> io::Result<Option<T>> {
         let mut now = sm2_io::clock::now();
         let until = until.moment(now);
@@ -92,13 +169,16 @@ impl NodeState {
             Wait::Spin => Instant(u64::MAX),
         };
         loop {
-            let mut inner = self.lock();
-            let driven = inner.drive_if_due(now, &self.sets);
-            if let Some(found) = look(&mut inner) {
+            let mut locked = self.lock();
+            let driven = locked.drive_if_due(now);
+            if let Some(found) = look(&mut locked) {
                 return Ok(Some(found));
             }
-            if now < spin_until.min(until.unwrap_or(spin_until)) && inner.has_rings_only(source) {
-                drop(inner);
+            if now < spin_until.min(until.unwrap_or(spin_until)) && locked.has_rings_only() {
+                drop(locked);
+                if driven {
+                    self.node.drive_control_by_call();
+                }
                 // Threads that wait for the lock can take it during the pauses.
                 for _ in 0..PAUSES {
                     std::hint::spin_loop();
@@ -107,11 +187,16 @@ impl NodeState {
                 continue;
             }
             // No ring has brought anything, so the sockets are read.
+            if !self.node.sets.has_background() {
+                drop(locked);
+                self.node.drive_control();
+                locked = self.lock();
+            }
             if !driven {
-                inner.drive(&self.sets);
-                if let Some(found) = look(&mut inner) {
-                    return Ok(Some(found));
-                }
+                locked.drive();
+            }
+            if let Some(found) = look(&mut locked) {
+                return Ok(Some(found));
             }
             if until.is_some_and(|until| until <= now) {
                 return Ok(None);
@@ -121,116 +206,59 @@ impl NodeState {
                 continue;
             }
             //= SM2-RNG-009
-            if inner.park(source)
-                && let Some(found) = look(&mut inner)
-            {
+            locked.park();
+            if let Some(found) = look(&mut locked) {
                 return Ok(Some(found));
             }
-            let waker = inner.sleepers.enter(source)?;
-            let short_of_memory = inner.short_of_memory;
-            drop(inner);
+            let waker = locked.sleepers.enter()?;
+            let short_of_memory = locked.short_of_memory;
+            drop(locked);
             let timeout = until.map(|until| until.since(now));
-            let waited = self.sleep(Some(&waker), short_of_memory, timeout);
+            let waited = self.sleep(&waker, short_of_memory, timeout);
             self.lock().sleepers.leave(&waker);
             waited?;
             now = sm2_io::clock::now();
         }
     }
-}
 
-impl NodeState {
-    /// Waits until a socket or a timer is ready, or a ring has a message, for at most `timeout`.
-    ///
-    /// # Errors
-    ///
-    /// Errors of `ppoll(2)`.
-    pub(crate) fn wait_once(&self, timeout: Option<Duration>) -> io::Result<()> {
-        let mut inner = self.lock();
-        // A message in a ring also ends the wait, but only its subscriber can take the message.
-        if inner.park_all() {
-            return Ok(());
-        }
-        let short_of_memory = inner.short_of_memory;
-        drop(inner);
-        self.sleep(None, short_of_memory, timeout)
-    }
-
-    /// Sleeps until a socket is ready, another thread signals `waker`, or the timeout. If the kernel has no memory
-    /// for a socket that is ready, pauses instead, but not after a signal.
-    //= SM2-TRN-014
     fn sleep(
         &self,
-        waker: Option<&Waker>,
+        waker: &Waker,
         short_of_memory: bool,
         timeout: Option<Duration>,
     ) -> io::Result<()> {
-        let pause = timeout.map_or(SHORTAGE_PAUSE, |it| it.min(SHORTAGE_PAUSE));
-        let waker = waker.map(AsFd::as_fd);
-        let waited = match (short_of_memory, waker) {
-            (true, waker) => wait_readable(waker.as_slice(), Some(pause)),
-            (false, Some(waker)) => wait_readable(&[self.sets.as_fd(), waker], timeout),
-            (false, None) => wait_readable(&[self.sets.as_fd()], timeout),
+        let calls = self.sets.calls.as_fd();
+        let control = self.node.sets.control.as_fd();
+        let sets: &[BorrowedFd<'_>] = match self.node.sets.has_background() {
+            true => &[calls],
+            false => &[calls, control],
         };
-        match waited {
-            Err(error) if is_shortage(&error) => {
-                thread::sleep(pause);
-                Ok(())
-            }
-            waited => waited.map(drop),
-        }
-    }
-
-    /// The background thread sleeps until the control side has an event, or `stop` is signalled. If the kernel had no
-    /// memory for the last event, pauses instead.
-    //= SM2-TRN-014
-    pub(super) fn sleep_for_control(&self, stop: &Waker, short_of_memory: bool) {
-        let waited = match short_of_memory {
-            true => wait_readable(&[stop.as_fd()], Some(SHORTAGE_PAUSE)),
-            false => wait_readable(&[self.sets.control.as_fd(), stop.as_fd()], None),
-        };
-        if waited.is_err() {
-            thread::sleep(SHORTAGE_PAUSE);
-        }
+        sleep(sets, Some(waker), short_of_memory, timeout)
     }
 }
 
-impl Inner {
-    /// Prepares for a sleep until this source has an event. Returns whether the caller has to look
-    /// once more before it sleeps.
-    pub(crate) fn park(&mut self, source: EventSource) -> bool {
-        match source {
-            EventSource::Interface(id) => {
-                if let Some(interface) = self.interfaces.get_mut(&id) {
-                    interface.park();
-                }
-                true
-            }
-            EventSource::Session => false,
+/// Sleeps until one of `sets` has an event, another thread signals `waker`, or the timeout. If the kernel has no memory
+/// for an event, pauses instead, but not after a signal.
+//= SM2-TRN-014
+fn sleep(
+    sets: &[BorrowedFd<'_>],
+    waker: Option<&Waker>,
+    short_of_memory: bool,
+    timeout: Option<Duration>,
+) -> io::Result<()> {
+    let pause = timeout.map_or(SHORTAGE_PAUSE, |it| it.min(SHORTAGE_PAUSE));
+    let waker = waker.map(AsFd::as_fd);
+    let waited = match (short_of_memory, sets, waker) {
+        (true, _, waker) => wait_readable(waker.as_slice(), Some(pause)),
+        (false, &[set], Some(waker)) => wait_readable(&[set, waker], timeout),
+        (false, &[set, control], Some(waker)) => wait_readable(&[set, control, waker], timeout),
+        (false, sets, _) => wait_readable(sets, timeout),
+    };
+    match waited {
+        Err(error) if is_shortage(&error) => {
+            thread::sleep(pause);
+            Ok(())
         }
-    }
-
-    /// Prepares for a sleep until this node has any event. Returns whether a ring may already have a
-    /// message.
-    pub(crate) fn park_all(&mut self) -> bool {
-        let mut may_take = false;
-        for interface in self.interfaces.values_mut() {
-            interface.park();
-            may_take |= interface.may_take();
-        }
-        may_take
-    }
-
-    /// Whether all messages of this source come through rings and no link is opening, so that the sockets need to
-    /// be read only from time to time.
-    pub(super) fn has_rings_only(&self, source: EventSource) -> bool {
-        match source {
-            EventSource::Interface(id) => self.interfaces.get(&id).is_some_and(|interface| {
-                interface.open_links() > 0
-                    && interface
-                        .links()
-                        .all(|it| !it.is_woken_by_socket() || it.end().is_some())
-            }),
-            EventSource::Session => false,
-        }
+        waited => waited.map(drop),
     }
 }

@@ -7,7 +7,7 @@ use sm2_proto::node;
 use sm2_proto::{Contract, Refusal, TypeId};
 
 use super::{Handle, until};
-use crate::driver::{EventSets, EventSource, Inner, PoolLimit, SharedNode, State};
+use crate::driver::{Control, LinkSets, NodeSets, PoolLimit, SharedNode, State};
 use crate::schema::check_schema;
 use crate::{DeclareError, Wait};
 
@@ -23,20 +23,22 @@ impl Handle {
     ) -> Result<Self, DeclareError> {
         contract.check_qos()?;
         let name = contract.name().clone();
-        let mut inner = shared.lock_driven();
+        let links = LinkSets::new(&shared.sets).map_err(DeclareError::Io)?;
+        let mut control = shared.lock_driven();
         for (data, text) in schemas {
-            register_schema(&mut inner, data, text, &shared.sets);
+            register_schema(&mut control, data, text, &shared.sets);
         }
-        let declared = inner.declare(contract.clone(), pool_limit, max_len, &shared.sets);
-        drop(inner);
-        let id = match declared {
-            Ok(id) => id,
+        let declared =
+            control.declare(contract.clone(), pool_limit, max_len, links, shared.state());
+        drop(control);
+        let interface = match declared {
+            Ok(interface) => interface,
             Err(error) => return Err(refused_here(error, contract)),
         };
         // From here on, dropping the handle withdraws the interface at the Manager.
         let mut handle = Self {
+            interface,
             shared: Arc::clone(shared),
-            id,
             name: name.clone(),
             matched: 0,
             inline_max: 0,
@@ -46,10 +48,10 @@ impl Handle {
             silenced: Arc::default(),
         };
         let until = until(Some(shared.manager_timeout));
-        let answer = shared.wait(EventSource::Interface(id), until, |inner| {
-            match &inner.interfaces.get(&id)?.state {
+        let answer = shared.wait(until, |control| {
+            match control.declared(handle.interface.id)? {
                 State::Declaring => None,
-                state => Some(state.clone()),
+                state => Some(state),
             }
         });
         match answer.map_err(DeclareError::Io)? {
@@ -116,10 +118,10 @@ fn refused_here(error: node::Error, contract: Contract) -> DeclareError {
 
 /// Registers a type's text for tools. A text that does not fit the type's hash (a manual implementation) is
 /// not registered, because the Manager would treat it as a violation.
-fn register_schema(inner: &mut Inner, data: TypeId, text: Option<String>, sets: &EventSets) {
+fn register_schema(control: &mut Control, data: TypeId, text: Option<String>, sets: &NodeSets) {
     let Some(text) = text else { return };
     match check_schema(&data, &text) {
-        Ok(()) => inner.register_schema(data, text, sets),
+        Ok(()) => control.register_schema(data, text, sets),
         Err(error) => {
             tracing::warn!(%error, "tools cannot decode this type: its schema is not registered")
         }

@@ -3,7 +3,7 @@
 use super::Handle;
 use super::receive::{Receipt, Received};
 use crate::driver::LinkToken;
-use crate::driver::{EventSource, Inner, Taken, Until};
+use crate::driver::{LockedInterface, Taken, Until};
 use crate::{RecvError, Wait};
 
 impl Handle {
@@ -19,29 +19,11 @@ impl Handle {
         if most == 0 {
             return Ok(all);
         }
-        let source = EventSource::Interface(self.id);
-        let found = self.shared.wait_as(way, source, until, |inner| {
-            self.find_or_silence(inner, |inner| self.take_ready(inner, &mut all, most))
+        let found = self.interface.wait_as(way, until, |locked| {
+            self.find_or_silence(locked, |locked| take_ready(locked, &mut all, most))
         });
         found.map_err(RecvError::Io)?.transpose()?;
         Ok(all)
-    }
-
-    /// Returns `Some` if there are messages, or a reason why none can be taken.
-    fn take_ready(
-        &self,
-        inner: &mut Inner,
-        all: &mut Vec<Taken>,
-        most: usize,
-    ) -> Option<Result<(), RecvError>> {
-        let taken = inner.with_interface(self.id, &self.shared.sets, |interface, context| {
-            interface.take_many(all, most, context)
-        })?;
-        match taken {
-            _ if !all.is_empty() => Some(Ok(())),
-            Err(full) => Some(Err(full.into())),
-            Ok(()) => None,
-        }
     }
 
     /// Makes taken messages readable. Each is released separately.
@@ -67,6 +49,20 @@ impl Handle {
             let opened = self.open_with(taken, Receipt::none());
             each(opened.map_err(RecvError::from));
         }
+    }
+}
+
+/// Returns `Some` if there are messages, or a reason why none can be taken.
+fn take_ready(
+    locked: &mut LockedInterface<'_>,
+    all: &mut Vec<Taken>,
+    most: usize,
+) -> Option<Result<(), RecvError>> {
+    let taken = locked.change(|interface, context| interface.take_many(all, most, context));
+    match taken {
+        _ if !all.is_empty() => Some(Ok(())),
+        Err(full) => Some(Err(full.into())),
+        Ok(()) => None,
     }
 }
 

@@ -4,14 +4,13 @@ use std::io;
 use std::sync::{Arc, Weak};
 
 use sm2_io::is_shortage;
-use sm2_proto::InterfaceId;
 use sm2_proto::control::LinkPeer;
 use sm2_proto::link::Delivery;
 
 use super::Handle;
 use crate::RecvError;
 use crate::driver::LinkToken;
-use crate::driver::{Context, EventSource, Full, Interface, SharedNode, Taken, Until};
+use crate::driver::{Context, Full, Interface, SharedInterface, Taken, Until};
 use crate::payload::MessageBytes;
 
 impl Handle {
@@ -23,11 +22,9 @@ impl Handle {
         until: Until,
         take: impl Fn(&mut Interface, &mut Context<'_>) -> Result<Option<Taken>, Full>,
     ) -> Result<Option<Received>, RecvError> {
-        let sets = &self.shared.sets;
-        let source = EventSource::Interface(self.id);
-        let found = self.shared.wait_as(self.wait, source, until, |inner| {
-            self.find_or_silence(inner, |inner| {
-                let taken = inner.with_interface(self.id, sets, &take)?;
+        let found = self.interface.wait_as(self.wait, until, |locked| {
+            self.find_or_silence(locked, |locked| {
+                let taken = locked.change(&take);
                 taken.map_err(RecvError::from).transpose()
             })
         });
@@ -81,8 +78,7 @@ impl Handle {
     #[inline]
     fn receipt(&self, taken: &Taken) -> Receipt {
         Receipt {
-            shared: Arc::downgrade(&self.shared),
-            interface: self.id,
+            interface: Arc::downgrade(&self.interface),
             token: taken.token,
             sequence: taken.delivery.sequence,
         }
@@ -108,8 +104,7 @@ pub(super) struct Unreadable {
 /// Releases a message when dropped. Keeps neither the node nor its interface alive.
 #[derive(Debug)]
 pub(crate) struct Receipt {
-    shared: Weak<SharedNode>,
-    interface: InterfaceId,
+    interface: Weak<SharedInterface>,
     token: LinkToken,
     sequence: u64,
 }
@@ -118,8 +113,7 @@ impl Receipt {
     /// The receipt of a message that another value releases.
     pub(super) const fn none() -> Self {
         Self {
-            shared: Weak::new(),
-            interface: InterfaceId(0),
+            interface: Weak::new(),
             token: LinkToken::FIRST,
             sequence: 0,
         }
@@ -134,8 +128,8 @@ impl Receipt {
 impl Drop for Receipt {
     //= SM2-MSG-005
     fn drop(&mut self) {
-        if let Some(shared) = self.shared.upgrade() {
-            shared.with_undriven(self.interface, |interface, context| {
+        if let Some(interface) = self.interface.upgrade() {
+            interface.lock().change(|interface, context| {
                 interface.give_back(self.token, self.sequence, context);
             });
         }

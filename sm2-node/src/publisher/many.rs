@@ -5,7 +5,6 @@ use std::sync::PoisonError;
 
 use super::Publisher;
 use super::untyped::UntypedPublisher;
-use crate::handle::Handle;
 use crate::published::Published;
 use crate::{Message, PublishError, StoreError};
 
@@ -75,19 +74,16 @@ impl UntypedPublisher {
         messages: &[Cow<'_, [u8]>],
         sum: &mut Published,
     ) -> usize {
-        let Handle { shared, id, .. } = &self.handle;
         let now = sm2_io::clock::now();
-        let mut inner = shared.lock();
-        let is_driven = inner.drive_if_due(now, &shared.sets);
-        let published =
-            inner.with_interface_unharvested(*id, &shared.sets, |interface, context| {
-                // Without driving, the publisher reads released slots only when it needs one: a receiver that
-                // keeps up writes to the same memory all the time.
-                if is_driven {
-                    interface.harvest(context);
-                }
-                interface.publish_to_rings(messages, now, context, sum)
-            });
-        published.unwrap_or(0)
+        let mut locked = self.handle.interface.lock();
+        let is_driven = locked.drive_if_due(now);
+        locked.change_unharvested(|interface, context| {
+            // Without driving, the publisher reads released slots only when it needs one: a receiver that
+            // keeps up writes to the same memory all the time.
+            if is_driven {
+                interface.harvest(context);
+            }
+            interface.publish_to_rings(messages, now, context, sum)
+        })
     }
 }

@@ -9,7 +9,7 @@ use std::time::Duration;
 use sm2_io::Preallocated;
 use sm2_proto::Instant;
 
-use crate::driver::{EventSource, Forms, Offered};
+use crate::driver::{Forms, Offered};
 use crate::handle::{Handle, until};
 use crate::published::Published;
 use crate::spare::{self, Fill, SpareMemory};
@@ -45,12 +45,9 @@ impl UntypedPublisher {
     }
 
     pub(super) fn flush(&self, timeout: Option<Duration>) -> Result<bool, WaitError> {
-        let Handle { shared, id, .. } = &self.handle;
-        let flushed = shared.wait(EventSource::Interface(*id), until(timeout), |inner| {
-            let flushed = inner.with_interface(*id, &shared.sets, |interface, _| {
-                interface.links().all(|link| link.is_flushed())
-            });
-            (flushed == Some(true)).then_some(())
+        let flushed = (self.handle.interface).wait(until(timeout), |interface, _| {
+            let flushed = interface.links().all(|link| link.is_flushed());
+            flushed.then_some(())
         });
         Ok(flushed.map_err(WaitError::Io)?.is_some())
     }
@@ -155,14 +152,11 @@ impl UntypedPublisher {
             Publication::Done(published) => return Ok(published),
             Publication::Waiting { offered, deadline } => (offered, deadline),
         };
-        let Handle { shared, id, .. } = &self.handle;
         let mut waited = Ok(None);
         if !self.spin_for_room(&mut offered) {
-            waited = shared.wait(EventSource::Interface(*id), Some(deadline), |inner| {
-                let is_done = inner.with_interface(*id, &shared.sets, |interface, context| {
-                    interface.publish_more(&mut offered, context)
-                });
-                (is_done == Some(true)).then_some(())
+            waited = (self.handle.interface).wait(Some(deadline), |interface, context| {
+                let is_done = interface.publish_more(&mut offered, context);
+                is_done.then_some(())
             });
         }
         let published = self.finish(offered);
@@ -174,15 +168,12 @@ impl UntypedPublisher {
     /// left. If one is left, the descriptor is silent until the next event.
     #[cfg(feature = "tokio")]
     pub(crate) fn send_more(&self, offered: &mut Offered) -> bool {
-        let Handle { shared, id, .. } = &self.handle;
-        let done = self
-            .handle
-            .find_or_silence(&mut shared.lock_driven(), |inner| {
-                let is_done = inner.with_interface(*id, &shared.sets, |interface, context| {
-                    interface.publish_more(offered, context)
-                });
-                (is_done == Some(true)).then_some(())
-            });
+        let mut locked = self.handle.interface.lock_driven();
+        let done = self.handle.find_or_silence(&mut locked, |locked| {
+            let is_done =
+                locked.change(|interface, context| interface.publish_more(offered, context));
+            is_done.then_some(())
+        });
         done.is_some()
     }
 

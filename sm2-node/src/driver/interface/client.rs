@@ -1,13 +1,12 @@
 //! The calls of a client.
 
+use sm2_proto::Instant;
 use sm2_proto::link::{Input, Status};
-use sm2_proto::{Instant, InterfaceId};
 
 use super::Interface;
 use super::calls::{CallId, Outcome};
 use crate::driver::context::Context;
-use crate::driver::event_sets::EventSets;
-use crate::driver::inner::Inner;
+use crate::driver::counters::note;
 use crate::driver::link::LinkDriver;
 use crate::driver::outbox::{Forms, Label, Needs};
 use crate::driver::token::LinkToken;
@@ -27,26 +26,18 @@ pub(crate) enum Choice {
     TooMany { limit: usize },
 }
 
-impl Inner {
-    /// Chooses the server for the next call of a client, with a request of this length. While a link to the first
-    /// server is announced and has not come, also asks the Manager for a PAGE, with which
-    /// [`is_opening`](Interface::is_opening) ends: the link may never come.
-    pub(crate) fn choose_server(
-        &mut self,
-        client: InterfaceId,
-        len: u64,
-        sets: &EventSets,
-    ) -> Option<Choice> {
-        let interface = self.interfaces.get(&client)?;
-        let choice = interface.choose_server(len);
-        if choice == Choice::Opening && interface.links_due > 0 {
-            self.expect_page(sets);
-        }
-        Some(choice)
-    }
-}
-
 impl Interface {
+    /// Chooses the server for the next call, with a request of this length. While a link to the first server is
+    /// announced and has not come, also has the Manager asked for a PAGE, with which
+    /// [`is_opening`](Interface::is_opening) ends: the link may never come.
+    pub(crate) fn wait_for_server(&mut self, len: u64) -> Choice {
+        let choice = self.choose_server(len);
+        if choice == Choice::Opening && self.links_due > 0 {
+            self.for_control.wants_page = true;
+        }
+        choice
+    }
+
     /// Chooses the server for the next call, with a request of this length.
     //= SM2-SRV-006, SM2-SRV-007
     pub(crate) fn choose_server(&self, len: u64) -> Choice {
@@ -98,7 +89,7 @@ impl Interface {
             link.send(key, Status::Ok, context, outbox);
         });
         let now = sm2_io::clock::now();
-        (context.counting).note(self.entry.as_ref(), |entry| entry.published(now, len));
+        note(self.entry.as_mut(), |entry| entry.published(now, len));
         self.outbox.release(key);
         // If the link ended before the machine accepted the call, no output reports the call.
         let over = self.link(token).is_none_or(|link| link.end().is_some());

@@ -131,7 +131,7 @@ impl Interface {
         if !self.is_held() {
             return None;
         }
-        self.count_publication(time, len, context);
+        self.count_publication(time, len);
         let mut published = Published::default();
         for link in self.links.iter_mut().filter(|link| link.is_open()) {
             if link.accepts(len) {

@@ -7,6 +7,7 @@ use sm2_proto::{Contract, Instant};
 
 use super::Interface;
 use crate::driver::context::Context;
+use crate::driver::counters::note;
 use crate::driver::limits::COPY_UNDER_LOCK_MAX;
 use crate::driver::link::LinkDriver;
 use crate::driver::outbox::{Forms, Label, MessageKey, Needs};
@@ -139,7 +140,7 @@ impl Interface {
         len: u64,
         context: &mut Context<'_>,
     ) -> Offered {
-        self.count_publication(time, len, context);
+        self.count_publication(time, len);
         if forms.is_empty() {
             return self.publish_to_nobody(len, context);
         }
@@ -198,11 +199,9 @@ impl Interface {
         offered
     }
 
-    pub(super) fn count_publication(&mut self, time: Instant, len: u64, context: &mut Context<'_>) {
+    pub(super) fn count_publication(&mut self, time: Instant, len: u64) {
         self.published += 1;
-        if let Some(mut entry) = context.counting.update(self.entry.as_ref()) {
-            entry.published(time, len);
-        }
+        note(self.entry.as_mut(), |entry| entry.published(time, len));
     }
 
     /// Sends the message to the links that have room now. Returns whether no link is left to wait

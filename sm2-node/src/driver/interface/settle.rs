@@ -6,6 +6,7 @@ use sm2_proto::link::Input;
 
 use super::Interface;
 use crate::driver::context::Context;
+use crate::driver::counters::note;
 use crate::driver::limits::{ENDED_WITH_MESSAGES, HISTORY};
 use crate::driver::status::add_counters;
 use crate::driver::token::LinkToken;
@@ -45,9 +46,9 @@ impl Interface {
         self.calls.collect(token, link, context, &mut self.outbox);
         link.send_queued(context, &mut self.outbox);
         link.watch_in_background(context.sets);
-        link.note_fates(context.counting);
+        link.note_fates();
         if link.end().is_some() && !link.buried {
-            self.bury(token, context);
+            self.bury(token);
         }
         self.detach_segments(context);
         let Some(link) = self.links.get(token).filter(|it| it.buried) else {
@@ -56,7 +57,7 @@ impl Interface {
         if link.is_denied() {
             let untaken = link.untaken() as u64;
             self.remove(token);
-            self.lose(untaken, context);
+            self.lose(untaken);
         } else if !link.may_take() {
             self.remove(token);
         }
@@ -64,7 +65,7 @@ impl Interface {
 
     fn remove(&mut self, token: LinkToken) {
         self.links.remove(token);
-        self.gone.push(token);
+        self.for_control.gone.push(token);
     }
 
     /// The access policy denies the interface: discards what links that have ended left. The Manager
@@ -98,18 +99,18 @@ impl Interface {
     }
 
     /// Records the end of a link: queues it for the Manager, and keeps its counters.
-    fn bury(&mut self, token: LinkToken, context: &mut Context<'_>) {
+    fn bury(&mut self, token: LinkToken) {
         let Some(link) = self.links.get_mut(token) else {
             return;
         };
         link.buried = true;
         self.outbox.recheck();
-        context.counting.free(link.entry.take());
+        self.for_control.freed.extend(link.entry.take());
         for key in link.backlog.drain(..) {
             self.outbox.release(key);
         }
         if let Some(code) = link.end_code() {
-            self.unreported_ends.push((link.id, code));
+            self.for_control.ends.push((link.id, code));
         }
         let status = link.status();
         add_counters(&mut self.ended_sum, &status.counters);
@@ -117,15 +118,15 @@ impl Interface {
             self.ended.pop_front();
         }
         self.ended.push_back(status);
-        self.drop_oldest_messages(context);
+        self.drop_oldest_messages();
     }
 
     /// Drops the messages of the oldest ended links, so that an application that takes no messages
     /// does not collect those of all past publishers.
-    fn drop_oldest_messages(&mut self, context: &mut Context<'_>) {
+    fn drop_oldest_messages(&mut self) {
         let buried = self.links.iter().filter(|link| link.buried).count();
         let mut surplus = buried.saturating_sub(ENDED_WITH_MESSAGES);
-        let (mut lost, gone) = (0, &mut self.gone);
+        let (mut lost, gone) = (0, &mut self.for_control.gone);
         self.links.retain(|link| {
             let drop = link.buried && surplus > 0;
             if drop {
@@ -136,14 +137,14 @@ impl Interface {
             !drop
         });
         if lost > 0 {
-            self.lose(lost, context);
+            self.lose(lost);
         }
     }
 
     /// Counts messages that came and that the application will not get.
-    pub(super) fn lose(&mut self, messages: u64, context: &mut Context<'_>) {
+    pub(super) fn lose(&mut self, messages: u64) {
         self.lost += messages;
-        (context.counting).note(self.entry.as_ref(), |entry| entry.lost(messages));
+        note(self.entry.as_mut(), |entry| entry.lost(messages));
     }
 
     /// Tells all links which segments are not used any more.

@@ -9,6 +9,7 @@ use sm2_proto::{Farewell, Instant};
 use super::Interface;
 use super::taken::{Full, Taken};
 use crate::driver::context::Context;
+use crate::driver::counters::note;
 use crate::driver::token::LinkToken;
 
 impl Interface {
@@ -46,7 +47,7 @@ impl Interface {
     /// Counts messages that the application took and that were published at the given times.
     /// Consecutive messages of one link change the counters of this link only once.
     pub(super) fn note_taken(
-        &self,
+        &mut self,
         all: &[Taken],
         published: impl Fn(&Delivery) -> Instant,
         context: &mut Context<'_>,
@@ -55,8 +56,8 @@ impl Interface {
             return;
         }
         let now = context.now;
-        let mut note = |entry: Option<&CounterEntry>, taken: &[Taken]| {
-            context.counting.note(entry, |entry| {
+        let count = |entry: Option<&mut CounterEntry>, taken: &[Taken]| {
+            note(entry, |entry| {
                 for Taken { delivery, .. } in taken {
                     entry.taken(now, published(delivery), delivery.len);
                     if delivery.lost > 0 {
@@ -65,13 +66,13 @@ impl Interface {
                 }
             });
         };
-        note(self.entry.as_ref(), all);
+        count(self.entry.as_mut(), all);
         let mut left = all;
         while let [first, rest @ ..] = left {
-            let count = 1 + rest.iter().take_while(|it| it.token == first.token).count();
-            let (taken, others) = left.split_at(count);
-            let link = self.links.get(first.token);
-            note(link.and_then(|it| it.entry.as_ref()), taken);
+            let same = 1 + rest.iter().take_while(|it| it.token == first.token).count();
+            let (taken, others) = left.split_at(same);
+            let link = self.links.get_mut(first.token);
+            count(link.and_then(|it| it.entry.as_mut()), taken);
             left = others;
         }
     }
@@ -137,7 +138,7 @@ impl Interface {
         is_shortage: bool,
         context: &mut Context<'_>,
     ) {
-        self.lose(1, context);
+        self.lose(1);
         if is_shortage {
             return;
         }

@@ -1,10 +1,10 @@
-//! The events of a link for which the background thread wakes.
+//! The events of a link that the control side handles.
 //!
-//! Calls of the program read DATA and RELEASE, so these packets do not wake the thread. It wakes while the link is
-//! opening, while messages wait in this process for packets of the other side, and at the end of the link.
+//! Calls of the program read DATA and RELEASE, so these packets do not wake the background thread. The control side
+//! reads a link while it is opening, while messages wait in this process for packets of the other side, and at its end.
 
 use super::LinkDriver;
-use crate::driver::event_sets::{BackgroundInterest, EventSets};
+use crate::driver::event_sets::{BackgroundInterest, LinkSets};
 
 impl LinkDriver {
     /// The events that nothing but the background thread may be there to handle.
@@ -21,7 +21,7 @@ impl LinkDriver {
     /// Wakes the background thread for the events that it has to handle from now on. The thread itself stops waking
     /// for packets ([`rest_in_background`](Self::rest_in_background)): a system call for each change would cost
     /// more than a few needless wake-ups.
-    pub(in crate::driver) fn watch_in_background(&mut self, sets: &EventSets) {
+    pub(in crate::driver) fn watch_in_background(&mut self, sets: &LinkSets) {
         let wanted = self.wanted_in_background();
         if wanted != BackgroundInterest::End || self.in_background == BackgroundInterest::Room {
             self.set_background(wanted, sets);
@@ -29,12 +29,12 @@ impl LinkDriver {
     }
 
     /// Stops waking the background thread for packets if no message waits for them.
-    pub(in crate::driver) fn rest_in_background(&mut self, sets: &EventSets) {
+    pub(in crate::driver) fn rest_in_background(&mut self, sets: &LinkSets) {
         self.set_background(self.wanted_in_background(), sets);
     }
 
-    fn set_background(&mut self, wanted: BackgroundInterest, sets: &EventSets) {
-        if wanted == self.in_background || !sets.has_background() {
+    fn set_background(&mut self, wanted: BackgroundInterest, sets: &LinkSets) {
+        if wanted == self.in_background {
             return;
         }
         if let Some(socket) = &self.socket

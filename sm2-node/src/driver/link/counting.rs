@@ -4,38 +4,31 @@ use sm2_proto::Instant;
 use sm2_proto::link::Role;
 
 use super::LinkDriver;
-use crate::driver::counters::Counting;
+use crate::driver::counters::note;
 
 impl LinkDriver {
     /// Counts a message that was sent.
-    pub(in crate::driver) fn note_sent(
-        &mut self,
-        time: Instant,
-        len: u64,
-        counting: &mut Counting,
-    ) {
+    pub(in crate::driver) fn note_sent(&mut self, time: Instant, len: u64) {
         let at = match self.role() {
             // A server's entry counts requests, not replies.
-            Role::Server => return self.note_fates(counting),
+            Role::Server => return self.note_fates(),
             // A request carries its deadline, not the time at which it was sent.
             Role::Caller => sm2_io::clock::now(),
             Role::Sender | Role::Receiver => time,
         };
         self.noted = self.counters();
-        if let Some(mut entry) = counting.update(self.entry.as_ref()) {
+        note(self.entry.as_mut(), |entry| {
             entry.published(at, len);
             entry.fates(&self.noted);
-        }
+        });
     }
 
     /// Writes the outcomes of messages to the entry, if they have changed.
-    pub(in crate::driver) fn note_fates(&mut self, counting: &mut Counting) {
+    pub(in crate::driver) fn note_fates(&mut self) {
         let counters = self.counters();
         if counters != self.noted {
             self.noted = counters;
-            if let Some(mut entry) = counting.update(self.entry.as_ref()) {
-                entry.fates(&counters);
-            }
+            note(self.entry.as_mut(), |entry| entry.fates(&counters));
         }
     }
 }

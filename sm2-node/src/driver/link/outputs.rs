@@ -14,13 +14,13 @@ use sm2_proto::{Farewell, Machine};
 use super::mapped::OwnRing;
 use super::{LinkDriver, Unsent};
 use crate::driver::datagram::Incoming;
-use crate::driver::event_sets::EventSets;
+use crate::driver::event_sets::LinkSets;
 use crate::driver::outbox::{MessageKey, Outbox};
 use crate::quota::MappedSegment;
 
 impl LinkDriver {
     /// Carries out all outputs of the machine. Only this function matches them.
-    pub(super) fn drain(&mut self, mut came: Incoming, sets: &EventSets, outbox: &mut Outbox) {
+    pub(super) fn drain(&mut self, mut came: Incoming, sets: &LinkSets, outbox: &mut Outbox) {
         while let Some(output) = self.next_output() {
             match output {
                 Output::Transmit(packet) => {
@@ -70,7 +70,7 @@ impl LinkDriver {
         self.machine.poll()
     }
 
-    fn transmit(&mut self, unsent: Unsent, sets: &EventSets, outbox: &Outbox) {
+    fn transmit(&mut self, unsent: Unsent, sets: &LinkSets, outbox: &Outbox) {
         match self.offer(&unsent, outbox) {
             // The other side has closed the socket. The datagrams that it sent before are read
             // first, and then the end of the stream (SM2-TRN-006).
@@ -93,7 +93,7 @@ impl LinkDriver {
     }
 
     /// Keeps a packet until the socket is writable.
-    fn keep_unsent(&mut self, unsent: Unsent, sets: &EventSets) {
+    fn keep_unsent(&mut self, unsent: Unsent, sets: &LinkSets) {
         let _ = self.machine.handle(sm2_io::clock::now(), Input::Blocked);
         self.unsent = Some(unsent);
         self.watch(Interest::BOTH, sets);
@@ -115,7 +115,7 @@ impl LinkDriver {
     }
 
     /// Sends the packet and the DOORBELL that were kept, because the socket is writable again.
-    pub(super) fn flush(&mut self, sets: &EventSets, outbox: &mut Outbox) {
+    pub(super) fn flush(&mut self, sets: &LinkSets, outbox: &mut Outbox) {
         let (unsent, bell_due) = (self.unsent.take(), mem::take(&mut self.bell_due));
         if unsent.is_none() && !bell_due {
             return;
@@ -131,7 +131,7 @@ impl LinkDriver {
         self.drain(Incoming::default(), sets, outbox);
     }
 
-    pub(super) fn watch(&mut self, interest: Interest, sets: &EventSets) {
+    pub(super) fn watch(&mut self, interest: Interest, sets: &LinkSets) {
         if let Some(socket) = &self.socket
             && let Err(error) = sets.watch_link(socket, self.token, interest)
         {
@@ -200,7 +200,7 @@ impl LinkDriver {
     }
 
     //= SM2-OPN-006, SM2-OPN-007
-    fn hang_up(&mut self, end: End, sets: &EventSets) {
+    fn hang_up(&mut self, end: End, sets: &LinkSets) {
         self.unsent = None;
         self.bell_due = false;
         self.short_of_memory = false;

@@ -6,14 +6,14 @@ use sm2_proto::{Code, Datagram, Farewell, Machine};
 
 use super::LinkDriver;
 use crate::driver::context::Context;
-use crate::driver::datagram::{Incoming, receive};
-use crate::driver::event_sets::EventSets;
+use crate::driver::datagram::{Incoming, receive, with_buffer};
+use crate::driver::event_sets::LinkSets;
 use crate::driver::limits::{BURST, LAST_WORDS};
 use crate::driver::outbox::Outbox;
 
 impl LinkDriver {
     /// Sends the first packet.
-    pub(in crate::driver) fn start(&mut self, sets: &EventSets, outbox: &mut Outbox) {
+    pub(in crate::driver) fn start(&mut self, sets: &LinkSets, outbox: &mut Outbox) {
         self.drain(Incoming::default(), sets, outbox);
     }
 
@@ -44,13 +44,26 @@ impl LinkDriver {
     }
 
     /// Reads at most `most` datagrams.
+    //= SM2-TRN-014
     fn receive(&mut self, most: usize, context: &mut Context<'_>, outbox: &mut Outbox) {
+        if with_buffer(|buffer| self.receive_into(buffer, most, context, outbox)).is_err() {
+            self.short_of_memory = true;
+        }
+    }
+
+    fn receive_into(
+        &mut self,
+        buffer: &mut [u8],
+        most: usize,
+        context: &mut Context<'_>,
+        outbox: &mut Outbox,
+    ) {
         for _ in 0..most {
             let Some(socket) = &self.socket else { return };
-            match receive(socket, context.buffer) {
+            match receive(socket, buffer) {
                 Ok(incoming) => {
                     self.settle_returned(context, outbox);
-                    let bytes = &context.buffer[..incoming.len];
+                    let bytes = &buffer[..incoming.len];
                     self.datagram(bytes, incoming, context.sets, outbox);
                 }
                 Err(RecvError::WouldBlock) => return,
@@ -75,7 +88,7 @@ impl LinkDriver {
         }
     }
 
-    fn datagram(&mut self, bytes: &[u8], came: Incoming, sets: &EventSets, outbox: &mut Outbox) {
+    fn datagram(&mut self, bytes: &[u8], came: Incoming, sets: &LinkSets, outbox: &mut Outbox) {
         let datagram = Datagram {
             bytes,
             fds: &came.facts,
@@ -98,7 +111,7 @@ impl LinkDriver {
     pub(in crate::driver) fn feed(
         &mut self,
         input: Input<'_>,
-        sets: &EventSets,
+        sets: &LinkSets,
         outbox: &mut Outbox,
     ) {
         let result = self.machine.handle(sm2_io::clock::now(), input);
@@ -130,13 +143,13 @@ impl LinkDriver {
     }
 
     /// Carries out the outputs of the machine when no datagram was fed.
-    pub(in crate::driver) fn drain_idle(&mut self, sets: &EventSets, outbox: &mut Outbox) {
+    pub(in crate::driver) fn drain_idle(&mut self, sets: &LinkSets, outbox: &mut Outbox) {
         self.drain(Incoming::default(), sets, outbox);
     }
 
     /// Drains the machine if it may have outputs.
     #[inline]
-    pub(in crate::driver) fn drain_if_due(&mut self, sets: &EventSets, outbox: &mut Outbox) {
+    pub(in crate::driver) fn drain_if_due(&mut self, sets: &LinkSets, outbox: &mut Outbox) {
         if self.machine.has_output() {
             self.drain_idle(sets, outbox);
         }

@@ -69,7 +69,7 @@ impl LinkDriver {
             let misuse = match self.machine.send(&self.mapped, message, settled) {
                 Ok(wake) => {
                     self.finish_sending(wake, context, outbox);
-                    self.note_sent(time, len, context.counting);
+                    self.note_sent(time, len);
                     break;
                 }
                 // The outputs settle the message with all others.
@@ -142,7 +142,7 @@ impl LinkDriver {
 
     fn pass_over(&mut self, context: &mut Context<'_>, outbox: &mut Outbox) {
         self.feed(Input::PassOver, context.sets, outbox);
-        self.note_fates(context.counting);
+        self.note_fates();
     }
 
     /// Drops a message for this link alone, because the other side does not accept messages of this
@@ -159,7 +159,7 @@ impl LinkDriver {
             tracing::warn!(%link, %peer, len, max_len, "a message is longer than this peer accepts: it misses it");
         }
         self.feed(Input::TooLong, context.sets, outbox);
-        self.note_fates(context.counting);
+        self.note_fates();
     }
 
     /// Drops a message for this link alone, because its reliable deadline expired while this link
@@ -175,7 +175,7 @@ impl LinkDriver {
         );
         if !self.has_room_for_backlog() && self.is_open() {
             self.feed(Input::Skip, context.sets, outbox);
-            self.note_fates(context.counting);
+            self.note_fates();
         }
     }
 
@@ -191,7 +191,7 @@ impl LinkDriver {
                 break;
             }
         }
-        self.note_fates(context.counting);
+        self.note_fates();
     }
 
     /// Settles the messages that came back before the link may end, and sends nothing.
@@ -204,7 +204,7 @@ impl LinkDriver {
         // If the call finds a violation, the outputs report it.
         let _ = self.machine.settle_returned(&self.mapped, settled);
         self.drain_if_due(context.sets, outbox);
-        self.note_fates(context.counting);
+        self.note_fates();
     }
 
     /// Sends queued messages after a change that may let them through: a freed segment number, a

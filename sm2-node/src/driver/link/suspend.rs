@@ -41,7 +41,7 @@ impl LinkDriver {
     //= SM2-QOS-006
     pub(in crate::driver) fn hold_back(&mut self, context: &mut Context<'_>, outbox: &mut Outbox) {
         self.feed(Input::PoolLimit, context.sets, outbox);
-        self.note_fates(context.counting);
+        self.note_fates();
     }
 
     /// Passes the key of each message in flight to `each`.

@@ -8,7 +8,7 @@ use sm2_proto::link::{Delivery, Error, Input, Misuse, NoDelivery, Payload, TooMa
 
 use super::LinkDriver;
 use crate::driver::context::Context;
-use crate::driver::event_sets::EventSets;
+use crate::driver::event_sets::LinkSets;
 use crate::driver::outbox::Outbox;
 use crate::payload::Source;
 
@@ -114,7 +114,7 @@ impl LinkDriver {
     pub(in crate::driver) fn release(
         &mut self,
         sequence: u64,
-        sets: &EventSets,
+        sets: &LinkSets,
         outbox: &mut Outbox,
     ) {
         self.note_released();

@@ -6,7 +6,7 @@ use sm2_io::{Interest, SendError, is_shortage};
 use sm2_proto::link::{Wake, doorbell};
 
 use super::LinkDriver;
-use crate::driver::event_sets::EventSets;
+use crate::driver::event_sets::LinkSets;
 
 impl LinkDriver {
     /// Whether each message makes the link's socket readable.
@@ -26,7 +26,7 @@ impl LinkDriver {
     /// end, so the other side is awake or will wake.
     //= SM2-RNG-009
     #[inline]
-    pub(in crate::driver) fn wake(&mut self, wake: Wake, sets: &EventSets) {
+    pub(in crate::driver) fn wake(&mut self, wake: Wake, sets: &LinkSets) {
         if wake.is_needed() {
             self.ring_bell(sets);
         }
@@ -35,7 +35,7 @@ impl LinkDriver {
     /// Sends a DOORBELL. Without memory for it, sends it when the socket is writable: the other side sleeps, and
     /// nothing else wakes it.
     //= SM2-TRN-014
-    pub(super) fn ring_bell(&mut self, sets: &EventSets) {
+    pub(super) fn ring_bell(&mut self, sets: &LinkSets) {
         let Some(socket) = &self.socket else { return };
         if let Err(SendError::Io(error)) = socket.send(&[IoSlice::new(&doorbell())], &[])
             && is_shortage(&error)

@@ -5,10 +5,9 @@ use std::os::fd::OwnedFd;
 use sm2_proto::control::{Change, Item, Key, ReloadOutcome};
 
 use super::{Answer, Page, Question, Questions};
-use crate::driver::inner::Inner;
-use crate::driver::sleepers::EventSource;
+use crate::driver::control::Control;
 
-impl Inner {
+impl Control {
     pub(in crate::driver) fn page_came(
         &mut self,
         revision: u64,
@@ -47,7 +46,7 @@ impl Inner {
         more: bool,
     ) {
         self.questions.changes(revision, changes, more);
-        self.sleepers.wake(EventSource::Session);
+        self.sleepers.wake();
     }
 
     fn answer_came(
@@ -63,6 +62,6 @@ impl Inner {
         if let Some(input) = next {
             self.session.tell(input);
         }
-        self.sleepers.wake(EventSource::Session);
+        self.sleepers.wake();
     }
 }

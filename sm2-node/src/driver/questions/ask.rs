@@ -4,15 +4,14 @@ use sm2_proto::Instant;
 use sm2_proto::node::Input;
 
 use super::{Answer, Followed, Lost, Question, Ticket};
+use crate::driver::control::Control;
 use crate::driver::datagram::Incoming;
-use crate::driver::event_sets::EventSets;
-use crate::driver::inner::Inner;
-use crate::driver::shared_node::SharedNode;
-use crate::driver::sleepers::EventSource;
+use crate::driver::event_sets::NodeSets;
+use crate::driver::shared_node::NodeState;
 use crate::error::QueryError;
 
-impl Inner {
-    fn ask(&mut self, question: Question, sets: &EventSets) -> Ticket {
+impl Control {
+    fn ask(&mut self, question: Question, sets: &NodeSets) -> Ticket {
         let (ticket, input) = self.questions.ask(question);
         if let Some(input) = input {
             self.session.tell(input);
@@ -22,7 +21,7 @@ impl Inner {
     }
 
     /// Makes sure that the Manager sends a PAGE after the frames that are on their way now.
-    pub(in crate::driver) fn expect_page(&mut self, sets: &EventSets) {
+    pub(in crate::driver) fn expect_page(&mut self, sets: &NodeSets) {
         if self.session.is_ready()
             && let Some(input) = self.questions.expect_page()
         {
@@ -37,7 +36,7 @@ impl Inner {
         &mut self,
         ticket: Ticket,
         revision: u64,
-        sets: &EventSets,
+        sets: &NodeSets,
     ) -> Option<Result<Followed, Lost>> {
         let Some(follower) = self.questions.followers.get_mut(&ticket) else {
             return Some(Err(Lost));
@@ -65,7 +64,7 @@ impl Inner {
     }
 }
 
-impl SharedNode {
+impl NodeState {
     /// Asks a question unless `asked` says that it was asked, and waits for the answer. The
     /// question is sent as soon as a Manager is connected. `None` if the session ended before the
     /// answer came. At the end of the wait, `asked` remains: the caller calls again with it, or
@@ -76,16 +75,16 @@ impl SharedNode {
         asked: &mut Option<Ticket>,
         until: Option<Instant>,
     ) -> Result<Option<Answer>, QueryError> {
-        let answer = self.wait(EventSource::Session, until, |inner| {
-            if asked.is_none() && inner.session.is_ready() {
-                *asked = Some(inner.ask(question.clone(), &self.sets));
+        let answer = self.wait(until, |control| {
+            if asked.is_none() && control.session.is_ready() {
+                *asked = Some(control.ask(question.clone(), &self.sets));
             }
             let ticket = (*asked)?;
-            match inner.questions.answers.get(&ticket) {
+            match control.questions.answers.get(&ticket) {
                 Some(None) => None,
                 Some(Some(_)) | None => {
                     *asked = None;
-                    Some(inner.questions.answers.remove(&ticket).flatten())
+                    Some(control.questions.answers.remove(&ticket).flatten())
                 }
             }
         });
@@ -145,8 +144,8 @@ impl SharedNode {
         revision: u64,
         until: Option<Instant>,
     ) -> std::io::Result<Option<Result<Followed, Lost>>> {
-        self.wait(EventSource::Session, until, |inner| {
-            inner.followed(follower, revision, &self.sets)
+        self.wait(until, |control| {
+            control.followed(follower, revision, &self.sets)
         })
     }
 }

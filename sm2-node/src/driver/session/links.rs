@@ -4,12 +4,12 @@ use std::time::Duration;
 
 use sm2_proto::node::Input;
 
-use crate::driver::inner::Inner;
+use crate::driver::control::Control;
 
 /// The pause after which a node without room looks again: the program may have closed other descriptors.
 const LOOK_AGAIN: Duration = Duration::from_millis(100);
 
-impl Inner {
+impl Control {
     /// Tells the Manager how many links this node can have, if that has grown. A node that has no room looks
     /// again when its timer says so. The caller drains the machine.
     //= SM2-LNK-010

@@ -9,16 +9,15 @@ use sm2_proto::link::Config;
 use sm2_proto::node::{End, Input, Output};
 use sm2_proto::{Farewell, InterfaceId, LinkId, Refusal};
 
+use crate::driver::control::Control;
 use crate::driver::datagram::Incoming;
-use crate::driver::event_sets::EventSets;
-use crate::driver::inner::Inner;
+use crate::driver::event_sets::NodeSets;
 use crate::driver::interface::{Interface, State};
 use crate::driver::limits::BURST;
 use crate::driver::link::LinkDriver;
-use crate::driver::sleepers::EventSource;
 
-impl Inner {
-    pub(in crate::driver) fn on_session_event(&mut self, event: Event, sets: &EventSets) {
+impl Control {
+    pub(in crate::driver) fn on_session_event(&mut self, event: Event, sets: &NodeSets) {
         self.session.begin_event();
         if event.writable {
             self.session.flush(sets);
@@ -37,7 +36,7 @@ impl Inner {
     }
 
     /// Carries out all outputs of the session's machine. Only this function matches them.
-    pub(in crate::driver) fn drain_session(&mut self, mut came: Incoming, sets: &EventSets) {
+    pub(in crate::driver) fn drain_session(&mut self, mut came: Incoming, sets: &NodeSets) {
         while let Some(output) = self.session.poll() {
             match output {
                 Output::Transmit(frame) => self.session.send(frame, None, sets),
@@ -47,11 +46,11 @@ impl Inner {
                         tracing::warn!(%error, "tools will not see this node's counters");
                     }
                 },
-                Output::Welcomed { resuming, .. } => self.welcomed(resuming),
+                Output::Welcomed { resuming, .. } => self.welcomed(resuming, sets),
                 Output::HelloRefused(reason) => self.greeting_refused(reason),
                 Output::Declared { interface, matches } => {
-                    self.allowed_again(interface);
-                    self.answered(interface, State::Live { matches });
+                    self.allowed_again(interface, sets);
+                    self.answered(interface, State::Live { matches }, sets);
                 }
                 Output::DeclareRefused { interface, reason } => {
                     self.refused(interface, reason, sets);
@@ -70,7 +69,7 @@ impl Inner {
                     interface,
                     link,
                     peer,
-                } => self.link_lost(interface, link, &peer),
+                } => self.link_lost(interface, link, &peer, sets),
                 Output::Unlink {
                     interface,
                     link,
@@ -79,7 +78,6 @@ impl Inner {
                     self.with_interface(interface, sets, |interface, context| {
                         interface.unlink(link, code, context);
                     });
-                    self.sleepers.wake(EventSource::Interface(interface));
                 }
                 Output::Withdrawn { .. } => {}
                 Output::Page(Page {
@@ -87,7 +85,7 @@ impl Inner {
                     items,
                     next,
                 }) => {
-                    self.forget_due_links();
+                    self.forget_due_links(sets);
                     self.page_came(revision, items, next);
                 }
                 Output::Changes(Changes {
@@ -108,11 +106,9 @@ impl Inner {
     /// Handles a welcome. The first Manager knows all interfaces of this node at once, because
     /// there are none. Any other Manager knows them only when the session is
     /// [resumed](Self::resumed).
-    fn welcomed(&mut self, resuming: bool) {
+    fn welcomed(&mut self, resuming: bool, sets: &NodeSets) {
         self.session.refused = None;
-        for interface in self.interfaces.values_mut() {
-            interface.refused_again = None;
-        }
+        self.with_each_interface(sets, |interface| interface.refused_again = None);
         if self.counting.is_there() {
             self.session.tell(Input::Counters);
         }
@@ -135,33 +131,41 @@ impl Inner {
     fn connected(&mut self) {
         self.session.away = None;
         self.reconnect.done();
-        self.sleepers.wake(EventSource::Session);
+        self.sleepers.wake();
     }
 
     //= SM2-NOD-003
     // Links stay open after the end of the session.
-    fn ended(&mut self, end: End, sets: &EventSets) {
+    fn ended(&mut self, end: End, sets: &NodeSets) {
         self.session.hang_up(end, sets);
         self.questions.forget();
-        self.forget_due_links();
+        self.forget_due_links(sets);
         self.come_back(end);
-        self.sleepers.wake(EventSource::Session);
+        self.sleepers.wake();
         self.session.log_end(end);
     }
 
-    fn answered(&mut self, id: InterfaceId, state: State) {
-        match self.interfaces.get_mut(&id) {
-            Some(interface) => {
-                if let State::Live { matches } = state {
-                    interface.links_due = matches;
-                }
-                interface.state = state;
+    fn answered(&mut self, id: InterfaceId, state: State, sets: &NodeSets) {
+        self.sleepers.wake();
+        let noted = self.with_interface(id, sets, |interface, _| {
+            if let State::Live { matches } = state {
+                interface.links_due = matches;
             }
-            // The caller that declared the interface no longer waits for the answer. A refused
-            // interface does not exist any more.
-            None => self.session.tell(Input::Withdraw { interface: id }),
+            interface.state = state;
+        });
+        // The caller that declared the interface no longer waits for the answer. A refused
+        // interface does not exist any more.
+        if noted.is_none() {
+            self.session.tell(Input::Withdraw { interface: id });
         }
-        self.sleepers.wake(EventSource::Interface(id));
+    }
+
+    /// Changes all interfaces.
+    fn with_each_interface(&mut self, sets: &NodeSets, change: impl Fn(&mut Interface)) {
+        let ids: Vec<_> = self.interfaces.keys().copied().collect();
+        for id in ids {
+            self.with_interface(id, sets, |interface, _| change(interface));
+        }
     }
 
     /// Forgets the LINKs that were announced and have not come: they never come. Called at the end
@@ -169,52 +173,44 @@ impl Inner {
     /// DECLARED also comes after the announced LINKs. For the missing ones the Manager had no
     /// descriptors.
     //= SM2-IFC-002
-    fn forget_due_links(&mut self) {
-        for interface in self.interfaces.values_mut() {
-            interface.links_due = 0;
-        }
+    fn forget_due_links(&mut self, sets: &NodeSets) {
+        self.with_each_interface(sets, |interface| interface.links_due = 0);
     }
 
-    fn refused(&mut self, id: InterfaceId, reason: Refusal, sets: &EventSets) {
+    fn refused(&mut self, id: InterfaceId, reason: Refusal, sets: &NodeSets) {
         let is_denial = reason.is_denial();
-        match self.interfaces.get_mut(&id) {
-            //= SM2-RES-011, SM2-ACC-013
-            Some(interface) if matches!(interface.state, State::Live { .. }) => {
-                let (kind, name) = (interface.contract.kind(), interface.contract.name());
-                match is_denial {
-                    _ if interface.refused_again.is_some() => {}
-                    true => {
-                        tracing::warn!(%kind, %name, %reason, "this interface lost its rights: its links end")
-                    }
-                    false => tracing::warn!(
-                        %kind, %name, %reason,
-                        "the new Manager refused this interface: its links stay open, but it gets no new ones"
-                    ),
-                }
-                interface.refused_again = Some(reason);
+        let was_live = self.with_interface(id, sets, |interface, context| {
+            let was_live = matches!(interface.state, State::Live { .. });
+            if was_live {
+                interface.refuse_again(reason.clone());
             }
-            _ => self.answered(id, State::Refused(reason)),
-        }
-        if is_denial {
-            self.with_interface(id, sets, Interface::discard_ended);
-            self.sleepers.wake(EventSource::Interface(id));
+            if is_denial {
+                interface.discard_ended(context);
+            }
+            was_live
+        });
+        if was_live != Some(true) {
+            self.answered(id, State::Refused(reason), sets);
         }
     }
 
     /// Another access policy allows an interface that the one before denied.
     //= SM2-ACC-013
-    fn allowed_again(&mut self, id: InterfaceId) {
-        if let Some(interface) = self.interfaces.get_mut(&id)
-            && interface.refused_again.take().is_some()
-        {
-            let (kind, name) = (interface.contract.kind(), interface.contract.name());
-            tracing::info!(%kind, %name, "this interface has its rights again");
-        }
+    fn allowed_again(&mut self, id: InterfaceId, sets: &NodeSets) {
+        self.with_interface(id, sets, |interface, _| {
+            if interface.refused_again.take().is_some() {
+                let (kind, name) = (interface.contract.kind(), interface.contract.name());
+                tracing::info!(%kind, %name, "this interface has its rights again");
+            }
+        });
     }
 
     /// Counts a LINK whose socket was lost. The machine has told the Manager.
     //= SM2-TRN-012
-    fn link_lost(&mut self, id: InterfaceId, link: LinkId, peer: &LinkPeer) {
+    fn link_lost(&mut self, id: InterfaceId, link: LinkId, peer: &LinkPeer, sets: &NodeSets) {
+        self.with_interface(id, sets, |interface, _| {
+            interface.link_came();
+        });
         if let Some(count) = self.links_lost.note(sm2_io::clock::now()) {
             tracing::warn!(
                 %link,
@@ -223,11 +219,7 @@ impl Inner {
                 "no free descriptor for a link: raise the limit of open files (ulimit -n); the Manager tries again"
             );
         }
-        if let Some(interface) = self.interfaces.get_mut(&id) {
-            interface.links_due = interface.links_due.saturating_sub(1);
-        }
         self.ran_out_of_links();
-        self.sleepers.wake(EventSource::Interface(id));
     }
 
     /// Adds a link whose socket came with LINK.
@@ -237,44 +229,43 @@ impl Inner {
         (link, version, reliable, sealed): (LinkId, u16, bool, bool),
         peer: LinkPeer,
         came: &mut Incoming,
-        sets: &EventSets,
+        sets: &NodeSets,
     ) {
-        let Some(interface) = self.interfaces.get_mut(&id) else {
+        let Some(interface) = self.interfaces.get(&id).map(Arc::clone) else {
             return;
         };
-        interface.links_due = interface.links_due.saturating_sub(1);
         let token = self.last_token.next();
         let socket = (came.take_fd())
             .ok_or_else(|| io::Error::from(io::ErrorKind::NotFound))
             .and_then(SeqPacket::from_fd)
             .and_then(|socket| {
-                sets.add_link(&socket, token)?;
+                interface.sets.add_link(&socket, token)?;
                 Ok(socket)
             });
-        match socket {
-            Ok(socket) => {
-                let config = Config {
-                    ring: self.ring_lane,
-                    max_len: interface.max_len,
-                    ..Config::new(&interface.contract, link, version, reliable, sealed)
-                };
-                let entry = self.counting.allocate(id, Some(link));
-                let quota = self.mappings.peer(link.epoch, peer.node);
-                let socket = (socket, self.link_room.hold());
-                let driver = LinkDriver::new(token, Arc::new(peer), socket, config, entry, quota);
-                self.last_token = token;
-                self.routes.insert(token, id);
-                self.with_interface(id, sets, |interface, context| {
-                    interface.add_link(driver, context);
-                });
-                self.state_links();
-            }
+        let socket = match socket {
+            Ok(socket) => socket,
             Err(error) => {
+                self.with_interface(id, sets, |interface, _| interface.link_came());
+                self.session.unlinked(id, link, Farewell::Resources.code());
                 tracing::warn!(%link, peer = %peer.name, %error, "cannot use the link's socket");
-                let code = Farewell::Resources.code();
-                self.session.unlinked(id, link, code);
+                return;
             }
-        }
-        self.sleepers.wake(EventSource::Interface(id));
+        };
+        let entry = self.counting.allocate(id, Some(link));
+        let quota = self.mappings.peer(link.epoch, peer.node);
+        self.last_token = token;
+        self.routes.insert(token, id);
+        let (ring, socket) = (self.ring_lane, (socket, self.link_room.hold()));
+        self.with_interface(id, sets, |interface, context| {
+            interface.link_came();
+            let config = Config {
+                ring,
+                max_len: interface.max_len,
+                ..Config::new(&interface.contract, link, version, reliable, sealed)
+            };
+            let driver = LinkDriver::new(token, Arc::new(peer), socket, config, entry, quota);
+            interface.add_link(driver, context);
+        });
+        self.state_links();
     }
 }

@@ -11,13 +11,12 @@ use sm2_proto::Refusal;
 use sm2_proto::node::{End, Input};
 
 use super::retry::Cause;
+use crate::driver::control::Control;
 use crate::driver::datagram::Incoming;
-use crate::driver::event_sets::EventSets;
-use crate::driver::inner::Inner;
-use crate::driver::sleepers::EventSource;
+use crate::driver::event_sets::NodeSets;
 use crate::driver::token::SESSION;
 
-impl Inner {
+impl Control {
     /// Schedules an attempt to connect, unless this side ended the session.
     //= SM2-RES-001
     pub(in crate::driver) fn come_back(&mut self, end: End) {
@@ -28,7 +27,7 @@ impl Inner {
 
     /// Handles the timer: looks for room for links, or tries to connect.
     //= SM2-RES-001, SM2-LNK-010
-    pub(in crate::driver) fn on_timer(&mut self, sets: &EventSets) {
+    pub(in crate::driver) fn on_timer(&mut self, sets: &NodeSets) {
         if !self.reconnect.timer.drain() {
             return;
         }
@@ -41,7 +40,7 @@ impl Inner {
             sets.control.add(&socket, SESSION, Interest::READABLE)?;
             Ok(socket)
         });
-        self.sleepers.wake(EventSource::Session);
+        self.sleepers.wake();
         match connected {
             Ok(socket) => {
                 self.session.connected(socket);
@@ -65,7 +64,7 @@ impl Inner {
     pub(in crate::driver) fn greeting_refused(&mut self, reason: Refusal) {
         self.session.refused = Some(reason.clone());
         self.session.tell(Input::Eof);
-        self.sleepers.wake(EventSource::Session);
+        self.sleepers.wake();
         if self.session.was_welcomed() && self.reconnect.fails(Cause::Refused(reason.clone())) {
             tracing::warn!(%reason, "the new Manager refused this node: its links stay open, and it tries again");
         }

@@ -1,18 +1,21 @@
 //! The requests of handles to the session, and what they ask about it.
 
+use std::sync::Arc;
+
 use sm2_proto::control::SchemaText;
 use sm2_proto::link::MaxLen;
 use sm2_proto::node::{self, End, Input};
 use sm2_proto::{Contract, InterfaceId, NodeId, Refusal, TypeId};
 
+use crate::driver::control::Control;
 use crate::driver::datagram::Incoming;
-use crate::driver::event_sets::EventSets;
-use crate::driver::inner::Inner;
-use crate::driver::interface::Interface;
+use crate::driver::event_sets::{LinkSets, NodeSets};
+use crate::driver::interface::{Interface, State};
 use crate::driver::outbox::PoolLimit;
-use crate::driver::sleepers::EventSource;
+use crate::driver::shared_interface::SharedInterface;
+use crate::driver::shared_node::NodeState;
 
-impl Inner {
+impl Control {
     /// The reason why no Manager knows all interfaces of this node, if there is one.
     pub(crate) const fn away(&self) -> Option<End> {
         self.session.away
@@ -39,32 +42,40 @@ impl Inner {
     /// Whether the connected Manager has granted this interface.
     pub(crate) fn is_registered(&self, id: InterfaceId) -> bool {
         let interface = self.interfaces.get(&id);
-        self.is_connected() && interface.is_some_and(Interface::is_granted)
+        self.is_connected() && interface.is_some_and(|it| it.is_granted())
     }
 
-    /// Declares an interface. DECLARE is sent as soon as a Manager is connected.
+    /// Declares an interface of `node`, whose links will be in `links`. DECLARE is sent as soon as a Manager is
+    /// connected.
     pub(crate) fn declare(
         &mut self,
         contract: Contract,
         pool_limit: PoolLimit,
         max_len: MaxLen,
-        sets: &EventSets,
-    ) -> Result<InterfaceId, node::Error> {
+        links: LinkSets,
+        node: &Arc<NodeState>,
+    ) -> Result<Arc<SharedInterface>, node::Error> {
         let id = self.session.declare(contract.clone())?;
         if self.counting.start() {
             self.session.tell(Input::Counters);
         }
         let entry = self.counting.allocate(id, None);
         let interface = Interface::new(contract, pool_limit, max_len, entry);
-        self.interfaces.insert(id, interface);
-        self.drain_session(Incoming::default(), sets);
-        Ok(id)
+        let interface = Arc::new(SharedInterface::new(id, node, links, interface));
+        self.interfaces.insert(id, Arc::clone(&interface));
+        self.drain_session(Incoming::default(), &node.sets);
+        Ok(interface)
+    }
+
+    /// The progress of a declaration.
+    pub(crate) fn declared(&self, id: InterfaceId) -> Option<State> {
+        self.interfaces.get(&id).map(|it| it.state())
     }
 
     /// Registers the schema text of a type with this Manager and all later ones. The text must have
     /// the type's hash.
     //= SM2-SCH-001
-    pub(crate) fn register_schema(&mut self, data: TypeId, text: String, sets: &EventSets) {
+    pub(crate) fn register_schema(&mut self, data: TypeId, text: String, sets: &NodeSets) {
         if self.schemas.get(&data) == Some(&text) {
             return;
         }
@@ -74,15 +85,17 @@ impl Inner {
     }
 
     /// Closes the links of an interface and withdraws the interface.
-    pub(crate) fn withdraw(&mut self, id: InterfaceId, sets: &EventSets) {
-        self.with_interface(id, sets, |interface, context| interface.close(context));
-        if let Some(interface) = self.interfaces.remove(&id) {
-            for token in interface.tokens() {
-                self.routes.remove(&token);
-            }
+    pub(crate) fn withdraw(&mut self, id: InterfaceId, sets: &NodeSets) {
+        let tokens = self.with_interface(id, sets, |interface, context| {
+            interface.close(context);
+            interface.tokens().collect::<Vec<_>>()
+        });
+        for token in tokens.unwrap_or_default() {
+            self.routes.remove(&token);
         }
+        self.interfaces.remove(&id);
         self.session.tell(Input::Withdraw { interface: id });
         self.drain_session(Incoming::default(), sets);
-        self.sleepers.wake(EventSource::Session);
+        self.sleepers.wake();
     }
 }

@@ -10,7 +10,7 @@ use sm2_io::{Interest, Timer};
 use sm2_proto::node::End;
 use sm2_proto::{Backoff, Code, Farewell, Instant, Refusal};
 
-use crate::driver::event_sets::EventSets;
+use crate::driver::event_sets::NodeSets;
 use crate::driver::token::TIMER;
 
 /// The longest delay between two attempts.
@@ -36,7 +36,7 @@ pub(super) enum Cause {
 }
 
 impl Reconnect {
-    pub(in crate::driver) fn new(path: PathBuf, sets: &EventSets) -> io::Result<Self> {
+    pub(in crate::driver) fn new(path: PathBuf, sets: &NodeSets) -> io::Result<Self> {
         let timer = Timer::new()?;
         sets.control.add(&timer, TIMER, Interest::READABLE)?;
         Ok(Self {

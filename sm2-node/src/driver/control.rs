@@ -1,28 +1,34 @@
-//! The state of a node that changes.
+//! The state of a node's control side.
 
 use std::collections::{BTreeMap, HashMap};
 use std::io;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use sm2_io::{Event, Events, Scratch, SeqPacket};
 use sm2_proto::limits::DATAGRAM_MAX;
-use sm2_proto::{Instant, InterfaceId, Name, TypeId};
+use sm2_proto::{InterfaceId, Name, TypeId};
 
+use super::context::Context;
 use super::counters::Counting;
-use super::event_sets::EventSets;
-use super::interface::Interface;
+use super::datagram::Incoming;
+use super::event_sets::NodeSets;
+use super::interface::{ForControl, Interface};
 use super::limited_warning::LimitedWarning;
 use super::limits::SOCKETS;
 use super::questions::Questions;
 use super::session::{Reconnect, Session};
+use super::shared_interface::SharedInterface;
 use super::sleepers::Sleepers;
 use super::token::LinkToken;
 use crate::link_room::LinkRoom;
 use crate::quota::MappingQuota;
 
-/// The state of a node that changes, under the lock.
+/// The state of a node's control side, under the node's lock.
+///
+/// A thread that holds this lock may lock an interface. A thread that has locked an interface never takes this lock.
 #[derive(Debug)]
-pub(crate) struct Inner {
+pub(crate) struct Control {
     pub(super) name: Name,
     /// Whether links offer the ring lane.
     pub(super) ring_lane: bool,
@@ -36,29 +42,26 @@ pub(crate) struct Inner {
     pub(super) counting: Counting,
     /// The schema texts that this node registers with each Manager, by type.
     pub(super) schemas: BTreeMap<TypeId, String>,
-    pub(crate) interfaces: BTreeMap<InterfaceId, Interface>,
+    pub(super) interfaces: BTreeMap<InterfaceId, Arc<SharedInterface>>,
     /// The interface that each link belongs to.
     pub(super) routes: HashMap<LinkToken, InterfaceId>,
     /// The warnings about links whose sockets were lost.
     pub(super) links_lost: LimitedWarning,
     /// The warnings about a shortage of memory.
     pub(super) shortages: LimitedWarning,
-    /// Whether a socket was ready in the last drive, but the kernel had no memory to use it. The socket is still
-    /// ready, so a thread that waits for it pauses first (SM2-TRN-014).
+    /// Whether a descriptor was ready in the last drive, but the kernel had no memory to use it. The descriptor is
+    /// still ready, so a thread that waits for it pauses first (SM2-TRN-014).
     pub(super) short_of_memory: bool,
     /// The token of the newest link.
     pub(super) last_token: LinkToken,
     pub(super) buffer: Scratch,
     pub(super) events: Events,
     pub(super) ready: Vec<Event>,
+    /// The threads that wait for the session.
     pub(super) sleepers: Sleepers,
-    /// The time of the last drive.
-    pub(super) last_drive: Instant,
-    /// The time at which the current API call began.
-    pub(super) now: Instant,
 }
 
-impl Inner {
+impl Control {
     /// Creates the state of a node whose Manager is at the other end of `socket`.
     pub(super) fn new(
         socket: SeqPacket,
@@ -66,7 +69,7 @@ impl Inner {
         name: Name,
         ring_lane: bool,
         mappings: MappingQuota,
-        sets: &EventSets,
+        sets: &NodeSets,
     ) -> io::Result<Self> {
         Ok(Self {
             name: name.clone(),
@@ -87,9 +90,48 @@ impl Inner {
             buffer: Scratch::new(DATAGRAM_MAX)?,
             events: Events::with_capacity(SOCKETS),
             ready: Vec::with_capacity(SOCKETS),
-            sleepers: Sleepers::new()?,
-            last_drive: Instant(0),
-            now: Instant(0),
+            sleepers: Sleepers::default(),
         })
+    }
+
+    /// Changes an interface, wakes the threads that wait for it, and handles the results. `None` if the interface
+    /// does not exist any more.
+    pub(super) fn with_interface<R>(
+        &mut self,
+        id: InterfaceId,
+        sets: &NodeSets,
+        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
+    ) -> Option<R> {
+        let interface = Arc::clone(self.interfaces.get(&id)?);
+        let (result, for_control) = interface.change_from_control(change);
+        if let Some(for_control) = for_control {
+            self.handle(id, for_control, sets);
+        }
+        Some(result)
+    }
+
+    /// Handles the results of a call of an interface.
+    pub(super) fn handle(&mut self, id: InterfaceId, results: ForControl, sets: &NodeSets) {
+        let ForControl {
+            ends,
+            gone,
+            freed,
+            wants_page,
+        } = results;
+        for token in gone {
+            self.routes.remove(&token);
+        }
+        for entry in freed {
+            self.counting.free(entry);
+        }
+        if wants_page {
+            self.expect_page(sets);
+        }
+        if !ends.is_empty() {
+            for (link, code) in ends {
+                self.session.unlinked(id, link, code);
+            }
+            self.drain_session(Incoming::default(), sets);
+        }
     }
 }

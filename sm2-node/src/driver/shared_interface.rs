@@ -1,0 +1,343 @@
+//! One interface with its lock: the data side of a node.
+
+use std::fmt::Display;
+use std::mem;
+use std::ops::{Deref, DerefMut};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use sm2_io::{Event, Events};
+use sm2_proto::{Instant, InterfaceId, Name};
+
+use super::context::Context;
+use super::event_sets::LinkSets;
+use super::interface::{ForControl, Interface, State};
+use super::limited_warning::LimitedWarning;
+use super::limits::{SOCKETS, SOCKETS_WAIT_NS};
+use super::link::LinkDriver;
+use super::shared_node::NodeState;
+use super::sleepers::Sleepers;
+use super::token::LinkToken;
+
+/// One interface, as its handles, its samples and the control side share it.
+#[derive(Debug)]
+pub(crate) struct SharedInterface {
+    pub(crate) id: InterfaceId,
+    pub(crate) node: Arc<NodeState>,
+    pub(super) sets: LinkSets,
+    driver: Mutex<InterfaceDriver>,
+}
+
+/// An interface, and what a call needs to read and write the sockets of its links, under the interface's lock.
+#[derive(Debug)]
+pub(crate) struct InterfaceDriver {
+    interface: Interface,
+    node_name: Name,
+    /// The threads that wait for the interface, and the descriptor that its program polls.
+    pub(super) sleepers: Sleepers,
+    events: Events,
+    ready: Vec<Event>,
+    /// The time of the last drive.
+    last_drive: Instant,
+    /// The time at which the current call began.
+    now: Instant,
+    /// Whether a socket was ready in the last drive, but the kernel had no memory to use it. The socket is still
+    /// ready, so a thread that waits for it pauses first (SM2-TRN-014).
+    pub(super) short_of_memory: bool,
+    /// The warnings about a shortage of memory.
+    shortages: LimitedWarning,
+}
+
+/// The locked interface. When this value is dropped, the lock is released, and then the control side handles the
+/// results of the call.
+pub(crate) struct LockedInterface<'a> {
+    shared: &'a SharedInterface,
+    /// `None` while this value is being dropped.
+    driver: Option<MutexGuard<'a, InterfaceDriver>>,
+}
+
+impl SharedInterface {
+    pub(super) fn new(
+        id: InterfaceId,
+        node: &Arc<NodeState>,
+        sets: LinkSets,
+        interface: Interface,
+    ) -> Self {
+        Self {
+            id,
+            node: Arc::clone(node),
+            sets,
+            driver: Mutex::new(InterfaceDriver {
+                interface,
+                node_name: node.name.clone(),
+                sleepers: Sleepers::default(),
+                events: Events::with_capacity(SOCKETS),
+                ready: Vec::with_capacity(SOCKETS),
+                last_drive: Instant(0),
+                now: Instant(0),
+                short_of_memory: false,
+                shortages: LimitedWarning::default(),
+            }),
+        }
+    }
+
+    /// Locks the interface. If another thread panicked under the lock, the state is still consistent: the only user
+    /// code that runs under the lock is a `tracing` subscriber, which must not call this node.
+    #[inline]
+    pub(crate) fn lock(&self) -> LockedInterface<'_> {
+        LockedInterface {
+            shared: self,
+            driver: Some(self.lock_for_control()),
+        }
+    }
+
+    /// Drives the control side, if calls have to, and the links of the interface, and locks the interface.
+    pub(crate) fn lock_driven(&self) -> LockedInterface<'_> {
+        self.node.drive_control_by_call();
+        let mut locked = self.lock();
+        locked.drive();
+        locked
+    }
+
+    /// The same as [`lock_driven`](Self::lock_driven), but while all links have rings, drives only if the last drive
+    /// was some time ago.
+    #[inline]
+    pub(crate) fn lock_driven_if_due(&self) -> LockedInterface<'_> {
+        let now = sm2_io::clock::now();
+        let mut locked = self.lock();
+        locked.now = now;
+        if locked.is_due(now) || !locked.has_rings_only() {
+            if !self.node.sets.has_background() {
+                drop(locked);
+                self.node.drive_control();
+                locked = self.lock();
+                locked.now = now;
+            }
+            locked.last_drive = now;
+            locked.drive();
+        }
+        locked
+    }
+
+    /// Whether the Manager of this session has granted the interface. Meaningful once that Manager knows all interfaces
+    /// of the node.
+    pub(super) fn is_granted(&self) -> bool {
+        self.lock_for_control().interface.is_granted()
+    }
+
+    /// The progress of the declaration.
+    pub(super) fn state(&self) -> State {
+        self.lock_for_control().interface.state.clone()
+    }
+
+    /// Drives the links of the interface.
+    pub(super) fn drive(&self) {
+        self.lock().drive();
+    }
+
+    /// Prepares the interface for a sleep until the node has any event. Returns whether a ring may already have a
+    /// message, and whether the last drive was short of memory.
+    pub(super) fn park_for_program(&self) -> (bool, bool) {
+        let mut locked = self.lock_for_control();
+        locked.park();
+        (locked.interface.may_take(), locked.short_of_memory)
+    }
+
+    /// Locks the interface for the control side, which must not call anything that leaves results.
+    fn lock_for_control(&self) -> MutexGuard<'_, InterfaceDriver> {
+        self.driver.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Locks the interface before a call sends on a link, and drives it. If the link has rings, drives it only if the
+    /// last drive was some time ago.
+    pub(crate) fn lock_driven_for(&self, token: LinkToken) -> LockedInterface<'_> {
+        let now = sm2_io::clock::now();
+        let mut locked = self.lock();
+        let link = locked.interface.link(token);
+        let is_call_free = link.is_some_and(|it| !it.is_woken_by_socket());
+        if !locked.drive_if_due(now) && !is_call_free {
+            locked.drive();
+        }
+        locked
+    }
+
+    /// Changes the interface for the control side, which holds the node's lock and handles the results itself.
+    pub(super) fn change_from_control<R>(
+        &self,
+        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
+    ) -> (R, Option<ForControl>) {
+        let mut driver = self.lock_for_control();
+        let result = driver.change(&self.sets, change);
+        driver.sleepers.wake();
+        (result, driver.interface.take_for_control())
+    }
+}
+
+impl LockedInterface<'_> {
+    /// Drives the links if that is due: see [`InterfaceDriver::drive_if_due`].
+    #[inline]
+    pub(crate) fn drive_if_due(&mut self, now: Instant) -> bool {
+        let sets = &self.shared.sets;
+        DerefMut::deref_mut(self).drive_if_due(now, sets)
+    }
+
+    /// Drives the links.
+    pub(super) fn drive(&mut self) {
+        let sets = &self.shared.sets;
+        DerefMut::deref_mut(self).drive(sets);
+    }
+
+    /// Settles the messages that came back, and changes the interface.
+    #[inline]
+    pub(crate) fn change<R>(
+        &mut self,
+        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
+    ) -> R {
+        let sets = &self.shared.sets;
+        DerefMut::deref_mut(self).change(sets, change)
+    }
+
+    /// The same as [`change`](Self::change), but without settling first.
+    #[inline]
+    pub(crate) fn change_unharvested<R>(
+        &mut self,
+        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
+    ) -> R {
+        let sets = &self.shared.sets;
+        DerefMut::deref_mut(self).change_unharvested(sets, change)
+    }
+}
+
+impl Deref for LockedInterface<'_> {
+    type Target = InterfaceDriver;
+
+    #[inline]
+    fn deref(&self) -> &InterfaceDriver {
+        self.driver.as_ref().expect("locked until it is dropped")
+    }
+}
+
+impl DerefMut for LockedInterface<'_> {
+    #[inline]
+    fn deref_mut(&mut self) -> &mut InterfaceDriver {
+        self.driver.as_mut().expect("locked until it is dropped")
+    }
+}
+
+impl Drop for LockedInterface<'_> {
+    #[inline]
+    fn drop(&mut self) {
+        let results = (self.driver.as_mut()).and_then(|it| it.interface.take_for_control());
+        // The order of locks: the node's lock is never taken under that of an interface.
+        self.driver = None;
+        if let Some(results) = results {
+            let SharedInterface { id, node, .. } = self.shared;
+            node.lock().handle(*id, results, &node.sets);
+        }
+    }
+}
+
+impl InterfaceDriver {
+    #[inline]
+    fn change<R>(
+        &mut self,
+        sets: &LinkSets,
+        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
+    ) -> R {
+        self.change_unharvested(sets, |interface, context| {
+            interface.harvest(context);
+            change(interface, context)
+        })
+    }
+
+    #[inline]
+    fn change_unharvested<R>(
+        &mut self,
+        sets: &LinkSets,
+        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
+    ) -> R {
+        let mut context = Context {
+            sets,
+            now: self.now,
+            stirred: false,
+        };
+        let result = change(&mut self.interface, &mut context);
+        // A thread that waits, also one that spins, waits for the end of all links, too.
+        if context.stirred || self.interface.has_ended_links() {
+            self.sleepers.wake();
+        }
+        result
+    }
+
+    pub(crate) fn interface(&self) -> &Interface {
+        &self.interface
+    }
+
+    /// Prepares the interface for a sleep until it has an event.
+    pub(crate) fn park(&mut self) {
+        self.interface.park();
+    }
+
+    /// Whether a drive is due although all messages come through rings: the last one was some time ago.
+    #[inline]
+    pub(super) const fn is_due(&self, now: Instant) -> bool {
+        now.0.saturating_sub(self.last_drive.0) >= SOCKETS_WAIT_NS
+    }
+
+    /// Drives the links if that is due, to avoid a system call for each message of a ring. Returns whether they were
+    /// driven.
+    #[inline]
+    fn drive_if_due(&mut self, now: Instant, sets: &LinkSets) -> bool {
+        self.now = now;
+        let due = self.is_due(now);
+        if due {
+            self.last_drive = now;
+            self.drive(sets);
+        }
+        due
+    }
+
+    /// Reads from the readable sockets of links, and writes to the writable ones. Does a bounded amount of work and
+    /// does not wait.
+    fn drive(&mut self, sets: &LinkSets) {
+        self.short_of_memory = false;
+        if let Err(error) = sets.calls.wait(&mut self.events, Some(Duration::ZERO)) {
+            return self.not_ready(&error);
+        }
+        // Taken out, because each event changes the driver.
+        let mut ready = mem::take(&mut self.ready);
+        ready.extend(self.events.iter());
+        while let Some(event) = ready.pop() {
+            let token = LinkToken(event.token);
+            let is_short = self.change(sets, |interface, context| {
+                interface.on_event(token, event, context);
+                let link = interface.link(token);
+                link.is_some_and(LinkDriver::is_short_of_memory)
+            });
+            if is_short {
+                self.not_ready(&"no memory for a link");
+            }
+            self.sleepers.wake();
+        }
+        self.ready = ready;
+    }
+
+    /// Notes that a socket could not be used, although it was ready.
+    //= SM2-TRN-014
+    fn not_ready(&mut self, reason: &dyn Display) {
+        self.short_of_memory = true;
+        if let Some(count) = self.shortages.note(sm2_io::clock::now()) {
+            let node = &self.node_name;
+            tracing::warn!(%node, %reason, count, "cannot use a socket now: the node tries again");
+        }
+    }
+
+    /// Whether all messages come through rings and no link is opening, so that the sockets need to be read only from
+    /// time to time.
+    #[inline]
+    pub(crate) fn has_rings_only(&self) -> bool {
+        let interface = &self.interface;
+        interface.open_links() > 0
+            && (interface.links()).all(|it| !it.is_woken_by_socket() || it.end().is_some())
+    }
+}
