@@ -65,10 +65,10 @@
 //!
 //! The work of a node has two sides:
 //!
-//! | side | work | done by |
+//! | side | done by | work |
 //! | --- | --- | --- |
-//! | control side | the session with the Manager, new and ended links, latched messages for new subscribers, messages that wait for room | a background thread of the node |
-//! | data side | sending, taking and releasing messages | the calls of the program |
+//! | control | a background thread of the node | the session, links that open or end, messages that wait for room |
+//! | data | the calls of the program | sending, taking and releasing messages |
 //!
 //! The background thread sleeps until the control side has work; messages do not wake it. A publisher whose program
 //! does something else is therefore found by new subscribers, and the next Manager is found by itself. A call of the
@@ -76,10 +76,11 @@
 //! all links of a publisher, subscriber or service use rings, its calls read the sockets every 100 µs only. A call
 //! waits for a particular peer only if its purpose is to do so.
 //!
-//! The thread is called `sm2:` and the beginning of the node's name. All signals are blocked in it, and it inherits the
-//! scheduling policy, the priority and the affinity of the thread that connected the node. It ends with the last handle
-//! of the node. A child that was made by `fork(2)` has no such thread: it must not use the node, but may drop its copies
-//! of all handles. If the program's `tracing` subscriber panics on the thread, the thread continues.
+//! The thread is called `sm2:` and the beginning of the node's name. All signals are blocked in it. It inherits the
+//! scheduling policy, the priority and the affinity of the thread that connected the node. It holds the lock of an
+//! interface for a bounded amount of work, without waiting. It ends with the last handle of the node. If the program's
+//! `tracing` subscriber panics on the thread, the thread continues. A child that was made by `fork(2)` does not have
+//! the thread: it must not use the node, but it may drop its copies of all handles.
 //!
 //! [`NodeBuilder::background`] turns the thread off. Then every call *drives* the whole node, and calls that wait keep
 //! driving it meanwhile. [`Node::spin`] is for programs that have nothing else to call.

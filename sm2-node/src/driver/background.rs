@@ -1,13 +1,16 @@
 //! The thread that drives the control side of a node while its program does other things.
 
 use std::io;
+use std::os::fd::AsFd;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 
 use sm2_io::Waker;
 
-use super::shared_node::NodeState;
+use super::event_sets::NodeSets;
+use super::limits::SHORTAGE_PAUSE;
+use super::sleep::sleep;
 
 /// The kernel keeps this many bytes of a thread's name.
 const NAME_MAX: usize = 15;
@@ -25,17 +28,23 @@ pub(super) struct BackgroundThread {
 }
 
 impl BackgroundThread {
-    /// Starts the thread. From now on, calls of the program are not woken for the control side.
+    /// Starts the thread of the node with this name. `drive` does the work of all pending events of the control set,
+    /// and returns whether the kernel had no memory for it. From now on, calls of the program are not woken for the
+    /// control side.
     ///
     /// # Errors
     ///
     /// Errors of `eventfd(2)`, `epoll_ctl(2)` and `pthread_create(3)`.
-    pub(super) fn start(state: &Arc<NodeState>) -> io::Result<Self> {
+    pub(super) fn start(
+        node: &str,
+        sets: &Arc<NodeSets>,
+        drive: impl FnMut() -> bool + Send + 'static,
+    ) -> io::Result<Self> {
         let stop = Arc::new(Waker::new()?);
-        state.sets.detach_control()?;
-        let thread = sm2_io::spawn_without_signals(thread_name(state.name.as_str()), {
-            let (state, stop) = (Arc::clone(state), Arc::clone(&stop));
-            move || run(&state, &stop)
+        sets.detach_control()?;
+        let thread = sm2_io::spawn_without_signals(thread_name(node), {
+            let (sets, stop) = (Arc::clone(sets), Arc::clone(&stop));
+            move || run(&sets, &stop, drive)
         })?;
         Ok(Self {
             thread: Some(thread),
@@ -57,13 +66,17 @@ impl Drop for BackgroundThread {
     }
 }
 
-/// Drives the control side until the end of the node.
-fn run(state: &NodeState, stop: &Waker) {
+/// Drives the control side until the end of the node. If the kernel had no memory for an event, pauses before it tries
+/// again.
+//= SM2-TRN-014
+fn run(sets: &NodeSets, stop: &Waker, mut drive: impl FnMut() -> bool) {
     loop {
         // Only a `tracing` subscriber can panic here: no other code of the program runs on this thread. The node
         // stays usable, and the next event continues the work.
-        let driven = catch_unwind(AssertUnwindSafe(|| state.drive_control()));
-        state.sleep_for_control(stop, driven.unwrap_or(true));
+        let short_of_memory = catch_unwind(AssertUnwindSafe(&mut drive)).unwrap_or(true);
+        if sleep(&[sets.control.as_fd()], Some(stop), short_of_memory, None).is_err() {
+            thread::sleep(SHORTAGE_PAUSE);
+        }
         if stop.drain() {
             return;
         }

@@ -21,8 +21,8 @@ impl Bell {
     pub(crate) fn new(interface: &SharedInterface) -> io::Result<Self> {
         let set = Epoll::new()?;
         set.add(&interface.sets.calls, 0, Interest::READABLE)?;
-        if !interface.node.sets.has_background() {
-            set.add(&interface.node.sets.control, 0, Interest::READABLE)?;
+        if !interface.sets.has_background() {
+            set.add(interface.sets.control(), 0, Interest::READABLE)?;
         }
         let mut locked = interface.lock();
         let waker = locked.sleepers.enter()?;

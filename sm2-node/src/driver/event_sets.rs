@@ -102,6 +102,17 @@ impl LinkSets {
         })
     }
 
+    /// Whether a background thread drives the control side.
+    #[inline]
+    pub(super) fn has_background(&self) -> bool {
+        self.node.has_background
+    }
+
+    /// The set of the control side.
+    pub(super) fn control(&self) -> &Epoll {
+        &self.node.control
+    }
+
     /// Watches the socket of a new link.
     pub(super) fn add_link(&self, socket: &SeqPacket, token: LinkToken) -> io::Result<()> {
         self.calls.add(socket, token.0, Interest::READABLE)?;

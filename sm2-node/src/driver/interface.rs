@@ -63,7 +63,7 @@ pub(crate) struct Interface {
 
 /// Results of calls that the control side has to handle, once the interface is not locked any more.
 #[derive(Debug, Default)]
-pub(super) struct ForControl {
+pub(crate) struct ForControl {
     /// Ended links that the Manager has to be told about.
     pub(super) ends: Vec<(LinkId, Code)>,
     /// Tokens of links that were removed.

@@ -18,7 +18,7 @@
 //! | `outbox` | the messages of an interface that are not settled, and the memory that they are in |
 //! | `counters`, `status` | what tools and programs can read about interfaces and links |
 //! | `event_sets` | which descriptors wake calls, and which wake the background thread |
-//! | `wait`, `sleepers`, `bell` | threads that wait without a lock, and descriptors to poll |
+//! | `wait`, `sleep`, `sleepers`, `bell` | threads that wait without a lock, and descriptors to poll |
 //! | `limits`, `limited_warning` | how much work one call does, how much is kept and logged |
 //!
 //! The order of locks: a thread that holds the lock of the control side may take that of an interface. A thread that
@@ -47,6 +47,7 @@ mod questions;
 mod session;
 mod shared_interface;
 mod shared_node;
+mod sleep;
 mod sleepers;
 mod status;
 mod token;

@@ -1,6 +1,6 @@
 //! One interface with its lock: the data side of a node.
 
-use std::fmt::Display;
+use std::fmt::{self, Display};
 use std::mem;
 use std::ops::{Deref, DerefMut};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -15,7 +15,6 @@ use super::interface::{ForControl, Interface, State};
 use super::limited_warning::LimitedWarning;
 use super::limits::{SOCKETS, SOCKETS_WAIT_NS};
 use super::link::LinkDriver;
-use super::shared_node::NodeState;
 use super::sleepers::Sleepers;
 use super::token::LinkToken;
 
@@ -23,9 +22,18 @@ use super::token::LinkToken;
 #[derive(Debug)]
 pub(crate) struct SharedInterface {
     pub(crate) id: InterfaceId,
-    pub(crate) node: Arc<NodeState>,
     pub(super) sets: LinkSets,
+    control: Arc<dyn ControlSide>,
     driver: Mutex<InterfaceDriver>,
+}
+
+/// The control side of the node, as its interfaces use it.
+pub(crate) trait ControlSide: fmt::Debug + Send + Sync {
+    /// Does the work of all pending events of the control set.
+    fn drive(&self);
+
+    /// Handles the results of a call of an interface.
+    fn handle(&self, interface: InterfaceId, results: ForControl);
 }
 
 /// An interface, and what a call needs to read and write the sockets of its links, under the interface's lock.
@@ -59,17 +67,18 @@ pub(crate) struct LockedInterface<'a> {
 impl SharedInterface {
     pub(super) fn new(
         id: InterfaceId,
-        node: &Arc<NodeState>,
+        node: &Name,
+        control: Arc<dyn ControlSide>,
         sets: LinkSets,
         interface: Interface,
     ) -> Self {
         Self {
             id,
-            node: Arc::clone(node),
             sets,
+            control,
             driver: Mutex::new(InterfaceDriver {
                 interface,
-                node_name: node.name.clone(),
+                node_name: node.clone(),
                 sleepers: Sleepers::default(),
                 events: Events::with_capacity(SOCKETS),
                 ready: Vec::with_capacity(SOCKETS),
@@ -91,9 +100,21 @@ impl SharedInterface {
         }
     }
 
+    /// Does the work of all pending events of the control side.
+    pub(super) fn drive_control(&self) {
+        self.control.drive();
+    }
+
+    /// Drives the control side, unless the background thread does.
+    pub(super) fn drive_control_by_call(&self) {
+        if !self.sets.has_background() {
+            self.drive_control();
+        }
+    }
+
     /// Drives the control side, if calls have to, and the links of the interface, and locks the interface.
     pub(crate) fn lock_driven(&self) -> LockedInterface<'_> {
-        self.node.drive_control_by_call();
+        self.drive_control_by_call();
         let mut locked = self.lock();
         locked.drive();
         locked
@@ -107,9 +128,9 @@ impl SharedInterface {
         let mut locked = self.lock();
         locked.now = now;
         if locked.is_due(now) || !locked.has_rings_only() {
-            if !self.node.sets.has_background() {
+            if !self.sets.has_background() {
                 drop(locked);
-                self.node.drive_control();
+                self.drive_control();
                 locked = self.lock();
                 locked.now = now;
             }
@@ -231,8 +252,8 @@ impl Drop for LockedInterface<'_> {
         // The order of locks: the node's lock is never taken under that of an interface.
         self.driver = None;
         if let Some(results) = results {
-            let SharedInterface { id, node, .. } = self.shared;
-            node.lock().handle(*id, results, &node.sets);
+            let SharedInterface { id, control, .. } = self.shared;
+            control.handle(*id, results);
         }
     }
 }

@@ -10,12 +10,14 @@ use std::time::Duration;
 
 use sm2_io::{Interest, SeqPacket};
 use sm2_proto::node::Input;
-use sm2_proto::{Farewell, Name};
+use sm2_proto::{Farewell, InterfaceId, Name};
 
 use super::background::BackgroundThread;
 use super::control::Control;
 use super::datagram::Incoming;
 use super::event_sets::NodeSets;
+use super::interface::ForControl;
+use super::shared_interface::ControlSide;
 use super::token::SESSION;
 use crate::quota::MappingQuota;
 
@@ -89,15 +91,18 @@ impl SharedNode {
         })
     }
 
-    /// The state that handles share with the background thread.
-    pub(crate) const fn state(&self) -> &Arc<NodeState> {
-        &self.state
+    /// The control side, as interfaces use it.
+    pub(crate) fn control_side(&self) -> Arc<dyn ControlSide> {
+        Arc::<NodeState>::clone(&self.state)
     }
 
     /// Starts the background thread, if the node is to have one.
     pub(crate) fn start_background(&mut self) -> io::Result<()> {
         if self.sets.has_background() {
-            self.background = Some(BackgroundThread::start(&self.state)?);
+            let state = Arc::clone(&self.state);
+            let drive = move || state.drive_control();
+            let thread = BackgroundThread::start(self.name.as_str(), &self.sets, drive)?;
+            self.background = Some(thread);
         }
         Ok(())
     }
@@ -143,13 +148,15 @@ impl NodeState {
     pub(super) fn drive_control(&self) -> bool {
         self.lock_driven().short_of_memory
     }
+}
 
-    /// Drives the control side, unless the background thread does.
-    #[inline]
-    pub(super) fn drive_control_by_call(&self) {
-        if !self.sets.has_background() {
-            self.drive_control();
-        }
+impl ControlSide for NodeState {
+    fn drive(&self) {
+        self.drive_control();
+    }
+
+    fn handle(&self, interface: InterfaceId, results: ForControl) {
+        self.lock().handle(interface, results, &self.sets);
     }
 }
 

@@ -3,18 +3,17 @@
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
-use std::thread;
 use std::time::Duration;
 
-use sm2_io::{Waker, is_shortage, wait_readable};
+use sm2_io::Waker;
 use sm2_proto::Instant;
 
 use super::context::Context;
 use super::control::Control;
 use super::interface::Interface;
-use super::limits::SHORTAGE_PAUSE;
 use super::shared_interface::{LockedInterface, SharedInterface};
 use super::shared_node::NodeState;
+use super::sleep::sleep;
 use crate::Wait;
 
 /// How many pauses of the processor a spinning thread makes between two uses of the lock.
@@ -121,16 +120,6 @@ impl NodeState {
             interface.drive();
         }
     }
-
-    /// The background thread sleeps until the control side has an event, or `stop` is signalled. If the kernel had no
-    /// memory for the last event, pauses instead.
-    //= SM2-TRN-014
-    pub(super) fn sleep_for_control(&self, stop: &Waker, short_of_memory: bool) {
-        let sets = [self.sets.control.as_fd()];
-        if sleep(&sets, Some(stop), short_of_memory, None).is_err() {
-            thread::sleep(SHORTAGE_PAUSE);
-        }
-    }
 }
 
 impl SharedInterface {
@@ -177,7 +166,7 @@ impl SharedInterface {
             if now < spin_until.min(until.unwrap_or(spin_until)) && locked.has_rings_only() {
                 drop(locked);
                 if driven {
-                    self.node.drive_control_by_call();
+                    self.drive_control_by_call();
                 }
                 // Threads that wait for the lock can take it during the pauses.
                 for _ in 0..PAUSES {
@@ -187,9 +176,9 @@ impl SharedInterface {
                 continue;
             }
             // No ring has brought anything, so the sockets are read.
-            if !self.node.sets.has_background() {
+            if !self.sets.has_background() {
                 drop(locked);
-                self.node.drive_control();
+                self.drive_control();
                 locked = self.lock();
             }
             if !driven {
@@ -228,37 +217,11 @@ impl SharedInterface {
         timeout: Option<Duration>,
     ) -> io::Result<()> {
         let calls = self.sets.calls.as_fd();
-        let control = self.node.sets.control.as_fd();
-        let sets: &[BorrowedFd<'_>] = match self.node.sets.has_background() {
+        let control = self.sets.control().as_fd();
+        let sets: &[BorrowedFd<'_>] = match self.sets.has_background() {
             true => &[calls],
             false => &[calls, control],
         };
         sleep(sets, Some(waker), short_of_memory, timeout)
-    }
-}
-
-/// Sleeps until one of `sets` has an event, another thread signals `waker`, or the timeout. If the kernel has no memory
-/// for an event, pauses instead, but not after a signal.
-//= SM2-TRN-014
-fn sleep(
-    sets: &[BorrowedFd<'_>],
-    waker: Option<&Waker>,
-    short_of_memory: bool,
-    timeout: Option<Duration>,
-) -> io::Result<()> {
-    let pause = timeout.map_or(SHORTAGE_PAUSE, |it| it.min(SHORTAGE_PAUSE));
-    let waker = waker.map(AsFd::as_fd);
-    let waited = match (short_of_memory, sets, waker) {
-        (true, _, waker) => wait_readable(waker.as_slice(), Some(pause)),
-        (false, &[set], Some(waker)) => wait_readable(&[set, waker], timeout),
-        (false, &[set, control], Some(waker)) => wait_readable(&[set, control, waker], timeout),
-        (false, sets, _) => wait_readable(sets, timeout),
-    };
-    match waited {
-        Err(error) if is_shortage(&error) => {
-            thread::sleep(pause);
-            Ok(())
-        }
-        waited => waited.map(drop),
     }
 }

@@ -28,8 +28,14 @@ impl Handle {
         for (data, text) in schemas {
             register_schema(&mut control, data, text, &shared.sets);
         }
-        let declared =
-            control.declare(contract.clone(), pool_limit, max_len, links, shared.state());
+        let declared = control.declare(
+            contract.clone(),
+            pool_limit,
+            max_len,
+            links,
+            shared.control_side(),
+            &shared.sets,
+        );
         drop(control);
         let interface = match declared {
             Ok(interface) => interface,

@@ -12,8 +12,7 @@ use crate::driver::datagram::Incoming;
 use crate::driver::event_sets::{LinkSets, NodeSets};
 use crate::driver::interface::{Interface, State};
 use crate::driver::outbox::PoolLimit;
-use crate::driver::shared_interface::SharedInterface;
-use crate::driver::shared_node::NodeState;
+use crate::driver::shared_interface::{ControlSide, SharedInterface};
 
 impl Control {
     /// The reason why no Manager knows all interfaces of this node, if there is one.
@@ -45,15 +44,15 @@ impl Control {
         self.is_connected() && interface.is_some_and(|it| it.is_granted())
     }
 
-    /// Declares an interface of `node`, whose links will be in `links`. DECLARE is sent as soon as a Manager is
-    /// connected.
+    /// Declares an interface, whose links will be in `links`. DECLARE is sent as soon as a Manager is connected.
     pub(crate) fn declare(
         &mut self,
         contract: Contract,
         pool_limit: PoolLimit,
         max_len: MaxLen,
         links: LinkSets,
-        node: &Arc<NodeState>,
+        control: Arc<dyn ControlSide>,
+        sets: &NodeSets,
     ) -> Result<Arc<SharedInterface>, node::Error> {
         let id = self.session.declare(contract.clone())?;
         if self.counting.start() {
@@ -61,9 +60,11 @@ impl Control {
         }
         let entry = self.counting.allocate(id, None);
         let interface = Interface::new(contract, pool_limit, max_len, entry);
-        let interface = Arc::new(SharedInterface::new(id, node, links, interface));
+        let interface = Arc::new(SharedInterface::new(
+            id, &self.name, control, links, interface,
+        ));
         self.interfaces.insert(id, Arc::clone(&interface));
-        self.drain_session(Incoming::default(), &node.sets);
+        self.drain_session(Incoming::default(), sets);
         Ok(interface)
     }
 
