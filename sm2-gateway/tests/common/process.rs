@@ -32,7 +32,7 @@ impl Process {
 
     /// Reads a memory line of `/proc/PID/status`, in bytes.
     pub(crate) fn memory(&self, line: &str) -> usize {
-        let kib = self.status(line);
+        let kib = self.status(&format!("{line}:"));
         let kib = kib.split_whitespace().next().unwrap();
         kib.parse::<usize>().unwrap() << 10
     }
