@@ -2,7 +2,7 @@
 
 use std::{
     os::fd::{AsFd, OwnedFd},
-    path::PathBuf,
+    path::{Path, PathBuf},
     process::ExitCode,
     thread,
     time::Duration,
@@ -49,7 +49,7 @@ pub(crate) fn run(options: &Options) -> ExitCode {
 }
 
 /// HELLO with as many descriptors as a datagram can carry, on ever new connections.
-fn descriptors(socket: &PathBuf) {
+fn descriptors(socket: &Path) {
     let nulls: Vec<OwnedFd> = (0..DESCRIPTORS).map(|_| memory::null()).collect();
     let nulls: Vec<_> = nulls.iter().map(AsFd::as_fd).collect();
     println!("ready");
@@ -65,7 +65,7 @@ fn descriptors(socket: &PathBuf) {
 }
 
 /// Connections that close at once.
-fn connections(socket: &PathBuf) {
+fn connections(socket: &Path) {
     println!("ready");
     loop {
         // The backlog may be full.
@@ -76,7 +76,7 @@ fn connections(socket: &PathBuf) {
 }
 
 /// As many sessions as the Manager grants, and connections that never greet.
-fn sessions(socket: &PathBuf) {
+fn sessions(socket: &Path) {
     let mut all = Vec::new();
     for number in 0..SESSIONS {
         let node = RawNode::connect(socket);
@@ -95,7 +95,7 @@ fn sessions(socket: &PathBuf) {
 }
 
 /// Declarations that each match many subscribers, and their withdrawal.
-fn churn(socket: &PathBuf, name: &str) {
+fn churn(socket: &Path, name: &str) {
     let demanding = RawNode::welcomed(socket, &format!("{name}/demanding"));
     for interface in 1..=MATCHES {
         demanding.declare(interface, &control::subscriber("churn", Qos::PLAIN));
@@ -115,7 +115,7 @@ fn churn(socket: &PathBuf, name: &str) {
 }
 
 /// Questions whose answers nobody reads, until the Manager ends the session; then again.
-fn deaf(socket: &PathBuf, name: &str) {
+fn deaf(socket: &Path, name: &str) {
     println!("ready");
     for session in 0.. {
         let node = RawNode::welcomed(socket, &format!("{name}/{session}"));
@@ -127,7 +127,7 @@ fn deaf(socket: &PathBuf, name: &str) {
 }
 
 /// Nodes of the library that do nothing further: they hold what they get, or are stopped from outside.
-fn library(role: &str, socket: &PathBuf, name: &str) {
+fn library(role: &str, socket: &Path, name: &str) {
     let node = Node::builder(name).socket(socket).connect();
     let node = node.expect("a session");
     if role == "publisher" {

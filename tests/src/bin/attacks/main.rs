@@ -43,7 +43,7 @@ fn main() -> ExitCode {
     }
     let known = ["--seconds", "--repeats", "--only"];
     let all: Vec<String> = arguments.collect();
-    if all.len() % 2 != 0
+    if !all.len().is_multiple_of(2)
         || all
             .iter()
             .step_by(2)
