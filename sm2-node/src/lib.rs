@@ -96,7 +96,7 @@
 //! | [`Subscriber`] | it | [`Subscriber::try_recv`] |
 //! | [`Server`] | it | [`Server::try_recv`] |
 //! | [`Client`] | it, while calls are pending | [`Call::try_wait`] of all pending calls |
-//! | program that has none of these, without a background thread | the [`Node`] | [`Node::spin_some`] |
+//! | program that watches the domain, or has none of these | the [`Node`] | [`Node::spin_some`] |
 //!
 //! - No further call is needed: a background thread does the rest, or else each of these calls drives the whole node.
 //! - A descriptor stays readable until its call has returned that there is nothing more. That holds even if

@@ -247,8 +247,9 @@ impl Node {
     }
 }
 
-/// Readable when [`Node::spin_once`] would not wait: for event loops that drive a node without a background thread.
-/// To learn about messages, poll the descriptor of the subscriber, server or client instead.
+/// Readable when [`Node::spin_once`] would not wait: a socket of a link is ready, or the session has changed. Without a
+/// background thread, also when the node has other work to do. To learn about messages, poll the descriptor of the
+/// subscriber, server or client instead.
 impl AsFd for Node {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.shared.sets.as_fd()

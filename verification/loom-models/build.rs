@@ -46,27 +46,34 @@ const WAIT: &[Change] = &[
     ("no_wake", "sleeper.waker.wake();", ""),
     (
         "entered_late",
-        "            let waker = inner.sleepers.enter(source)?;\n            \
-         let short_of_memory = inner.short_of_memory;\n            drop(inner);\n",
-        "            let short_of_memory = inner.short_of_memory;\n            drop(inner);\n            \
-         let waker = self.lock().sleepers.enter(source)?;\n",
+        "            let waker = locked.sleepers.enter()?;\n            \
+         let short_of_memory = locked.short_of_memory;\n            drop(locked);\n",
+        "            let short_of_memory = locked.short_of_memory;\n            drop(locked);\n            \
+         let waker = self.lock().sleepers.enter()?;\n",
     ),
-    ("no_sockets", "[self.epoll.as_fd(), waker]", "[waker]"),
     (
-        "own_topic_only",
-        "(sleeper.source == source || source == EventSource::Session)",
-        "sleeper.source == source",
+        "entered_late_for_the_session",
+        "            let waker = control.sleepers.enter()?;\n            \
+         let short_of_memory = control.short_of_memory;\n            drop(control);\n",
+        "            let short_of_memory = control.short_of_memory;\n            drop(control);\n            \
+         let waker = self.lock().sleepers.enter()?;\n",
+    ),
+    (
+        "no_sockets",
+        "(false, &[set], Some(waker)) => wait_readable(&[set, waker], timeout)",
+        "(false, &[_], Some(waker)) => wait_readable(&[waker], timeout)",
     ),
     ("woken_for_ever", "sleeper.woken = false;", ""),
-    ("not_parked", "if inner.park(source)\n", "if false\n"),
+    ("not_parked", "            locked.park();\n", ""),
     (
         "no_look_after_parking",
-        "if inner.park(source)\n",
-        "if !inner.park(source)\n",
+        "            locked.park();\n            if let Some(found) = look(&mut locked) {\n                \
+         return Ok(Some(found));\n            }\n",
+        "            locked.park();\n",
     ),
     (
         "bell_not_rung",
-        "        inner.sleepers.wake(source);\n        Ok(bell)",
+        "        locked.sleepers.wake();\n        Ok(bell)",
         "        Ok(bell)",
     ),
 ];
@@ -151,7 +158,8 @@ fn main() {
         SEQLOCK,
         &[],
     );
-    let waiting = ["sleepers", "wait", "bell"].map(|it| format!("sm2-node/src/driver/{it}.rs"));
+    let waiting =
+        ["sleepers", "sleep", "wait", "bell"].map(|it| format!("sm2-node/src/driver/{it}.rs"));
     let waiting = waiting.each_ref().map(String::as_str);
     variants("sleepers", &waiting, KERNEL, WAIT, &[]);
     let atomic = ["sm2-io/src/ring/atomic.rs"];

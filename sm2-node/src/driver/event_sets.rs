@@ -5,7 +5,7 @@ use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
 
-use sm2_io::{Epoll, Interest, SeqPacket};
+use sm2_io::{Epoll, Interest, SeqPacket, Waker};
 
 use super::token::{LinkToken, PROGRAM};
 
@@ -15,7 +15,8 @@ use super::token::{LinkToken, PROGRAM};
 /// | --- | --- | --- | --- |
 /// | session, reconnect timer | readable, writable | | |
 /// | link | [`BackgroundInterest`] | readable, writable | |
-/// | control set, set of each interface | | | without a background thread |
+/// | set of each interface, waker for changes of the session | | | readable |
+/// | control set | | | without a background thread |
 ///
 /// The kernel bounds the number of paths by which an event reaches the outermost set (`EINVAL`). The control set is
 /// therefore in no set of an interface.
@@ -23,7 +24,7 @@ use super::token::{LinkToken, PROGRAM};
 pub(crate) struct NodeSets {
     /// The descriptors of the control side.
     pub(super) control: Epoll,
-    /// The sets that a program polls if its calls drive the node.
+    /// The descriptors for a program that polls the node.
     program: Epoll,
     has_background: bool,
 }
@@ -79,9 +80,14 @@ impl NodeSets {
     pub(super) const fn has_background(&self) -> bool {
         self.has_background
     }
+
+    /// Adds the waker that is signalled when the session changes.
+    pub(super) fn add_waker(&self, waker: &Waker) -> io::Result<()> {
+        self.program.add(waker, PROGRAM, Interest::READABLE)
+    }
 }
 
-/// The descriptor of a node for programs whose calls drive it.
+/// The descriptor of a node for programs that poll it.
 impl AsFd for NodeSets {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.program.as_fd()
@@ -92,10 +98,7 @@ impl LinkSets {
     /// Creates the set of an interface.
     pub(crate) fn new(node: &Arc<NodeSets>) -> io::Result<Self> {
         let calls = Epoll::new()?;
-        if !node.has_background {
-            // A program polls the program set, and nothing reads its events.
-            node.program.add(&calls, PROGRAM, Interest::READABLE)?;
-        }
+        node.program.add(&calls, PROGRAM, Interest::READABLE)?;
         Ok(Self {
             calls,
             node: Arc::clone(node),

@@ -49,6 +49,8 @@ mod shared_interface;
 mod shared_node;
 mod sleep;
 mod sleepers;
+#[cfg(test)]
+mod sleepers_tests;
 mod status;
 mod token;
 mod wait;

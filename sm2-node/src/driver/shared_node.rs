@@ -8,7 +8,7 @@ use std::process;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use sm2_io::{Interest, SeqPacket};
+use sm2_io::{Interest, SeqPacket, Waker};
 use sm2_proto::node::Input;
 use sm2_proto::{Farewell, InterfaceId, Name};
 
@@ -41,6 +41,8 @@ pub(crate) struct NodeState {
     pub(crate) manager_timeout: Duration,
     /// The process that connected the node.
     process: u32,
+    /// Signalled when the session changes, until [`drive_all`](Self::drive_all).
+    pub(super) changed: Arc<Waker>,
     control: Mutex<Control>,
 }
 
@@ -75,6 +77,8 @@ impl SharedNode {
             ..
         } = settings;
         let mut control = Control::new(socket, path, name.clone(), ring_lane, mappings, &sets)?;
+        let changed = control.sleepers.enter()?;
+        sets.add_waker(&changed)?;
         control.state_links();
         control.drain_session(Incoming::default(), &sets);
         Ok(Self {
@@ -83,6 +87,7 @@ impl SharedNode {
                 name,
                 manager_timeout,
                 process: process::id(),
+                changed,
                 control: Mutex::new(control),
             }),
             background: None,

@@ -88,8 +88,7 @@ impl NodeState {
         }
     }
 
-    /// Waits until a descriptor of a node without a background thread is ready, or a ring has a message, for at most
-    /// `timeout`.
+    /// Waits until the node's descriptor is readable, or a ring has a message, for at most `timeout`.
     ///
     /// # Errors
     ///
@@ -113,7 +112,8 @@ impl NodeState {
 
     /// Does the work of all pending events, also those of the interfaces' links.
     pub(crate) fn drive_all(&self) {
-        let control = self.lock_driven();
+        let mut control = self.lock_driven();
+        control.sleepers.calm(&self.changed);
         let interfaces: Vec<_> = control.interfaces.values().map(Arc::clone).collect();
         drop(control);
         for interface in interfaces {

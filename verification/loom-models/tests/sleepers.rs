@@ -1,6 +1,7 @@
-//! Threads that wait at a node. If one thread receives a message for another, it wakes that thread.
+//! Threads that wait at an interface or for the session. A thread that does something for another one wakes that thread:
+//! it receives a message for it, hands a link over to it, or changes the session.
 //!
-//! The code is `sleepers.rs`, `wait.rs` and `bell.rs` of `sm2-node/src/driver/`; `kernel` models the
+//! The code is `sleepers.rs`, `sleep.rs`, `wait.rs` and `bell.rs` of `sm2-node/src/driver/`; `kernel` models the
 //! system calls that it makes. A lost wake-up leaves a thread asleep for ever, which loom reports as
 //! a deadlock.
 
@@ -27,9 +28,18 @@ const LOST: &str = "deadlock";
 
 #[test]
 fn no_wake_up_is_lost() {
-    use shipped::scenarios::{bell, others, ring, session, shared};
+    use shipped::scenarios::{
+        bell, control_side, hand_over, others, ring, session, shared, take_back,
+    };
     holds("sleepers: each for a message", Some(3), others);
     holds("sleepers: the session changes", None, session);
+    holds(
+        "sleepers: the control side changes an interface",
+        None,
+        control_side,
+    );
+    holds("sleepers: a link is handed over", Some(3), hand_over);
+    holds("sleepers: a link is taken back", Some(3), take_back);
     holds("sleepers: a ring and a socket", Some(2), ring);
     holds("sleepers: two threads at a ring", Some(2), shared);
     holds("sleepers: a bell and a sleeper", Some(2), bell);
@@ -47,8 +57,9 @@ fn each_part_of_it_is_needed() {
             );)*
         };
     }
-    fail!(others: no_wake entered_late no_sockets);
-    fail!(session: own_topic_only);
+    fail!(others: entered_late no_sockets);
+    fail!(session: entered_late_for_the_session);
+    fail!(control_side: no_wake);
     fail!(ring: not_parked no_look_after_parking);
     fail!(bell: woken_for_ever bell_not_rung);
     let unparked = shipped::scenarios::shared_unparked;

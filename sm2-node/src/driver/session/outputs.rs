@@ -231,41 +231,42 @@ impl Control {
         came: &mut Incoming,
         sets: &NodeSets,
     ) {
-        let Some(interface) = self.interfaces.get(&id).map(Arc::clone) else {
+        if !self.interfaces.contains_key(&id) {
             return;
-        };
+        }
         let token = self.last_token.next();
-        let socket = (came.take_fd())
-            .ok_or_else(|| io::Error::from(io::ErrorKind::NotFound))
-            .and_then(SeqPacket::from_fd)
-            .and_then(|socket| {
-                interface.sets.add_link(&socket, token)?;
-                Ok(socket)
-            });
-        let socket = match socket {
-            Ok(socket) => socket,
-            Err(error) => {
-                self.with_interface(id, sets, |interface, _| interface.link_came());
-                self.session.unlinked(id, link, Farewell::Resources.code());
-                tracing::warn!(%link, peer = %peer.name, %error, "cannot use the link's socket");
-                return;
-            }
-        };
-        let entry = self.counting.allocate(id, Some(link));
-        let quota = self.mappings.peer(link.epoch, peer.node);
         self.last_token = token;
         self.routes.insert(token, id);
-        let (ring, socket) = (self.ring_lane, (socket, self.link_room.hold()));
-        self.with_interface(id, sets, |interface, context| {
+        let mut entry = self.counting.allocate(id, Some(link));
+        let quota = self.mappings.peer(link.epoch, peer.node);
+        let (ring, room) = (self.ring_lane, self.link_room.hold());
+        let peer = Arc::new(peer);
+        let socket = (came.take_fd())
+            .ok_or_else(|| io::Error::from(io::ErrorKind::NotFound))
+            .and_then(SeqPacket::from_fd);
+        let added = self.with_interface(id, sets, |interface, context| {
             interface.link_came();
+            let socket = socket?;
+            // Under the lock, so that a call that wakes for the socket finds the link.
+            context.sets.add_link(&socket, token)?;
             let config = Config {
                 ring,
                 max_len: interface.max_len,
                 ..Config::new(&interface.contract, link, version, reliable, sealed)
             };
-            let driver = LinkDriver::new(token, Arc::new(peer), socket, config, entry, quota);
+            let (peer, entry) = (Arc::clone(&peer), entry.take());
+            let driver = LinkDriver::new(token, peer, (socket, room), config, entry, quota);
             interface.add_link(driver, context);
+            Ok::<_, io::Error>(())
         });
+        if let Some(Err(error)) = added {
+            self.routes.remove(&token);
+            if let Some(entry) = entry {
+                self.counting.free(entry);
+            }
+            self.session.unlinked(id, link, Farewell::Resources.code());
+            tracing::warn!(%link, peer = %peer.name, %error, "cannot use the link's socket");
+        }
         self.state_links();
     }
 }

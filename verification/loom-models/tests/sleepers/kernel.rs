@@ -7,7 +7,6 @@ use std::marker::PhantomData;
 use std::time::Duration;
 
 use loom::sync::{Condvar, Mutex};
-use sm2_proto::InterfaceId;
 
 loom::lazy_static! {
     static ref KERNEL: Kernel = Kernel {
@@ -24,7 +23,7 @@ struct Kernel {
 /// The file of a descriptor, which is an index.
 enum File {
     Event(bool),
-    Queue(VecDeque<InterfaceId>),
+    Queue(VecDeque<u64>),
     /// Level-triggered.
     Set(Vec<usize>),
 }
@@ -111,21 +110,21 @@ impl Epoll {
     }
 }
 
-/// The socket by which messages for an interface arrive.
+/// The socket of a link. A message is a number.
 impl Socket {
     pub(crate) fn new() -> Self {
         Self(KERNEL.open(File::Queue(VecDeque::new())))
     }
 
-    pub(crate) fn send(&self, to: InterfaceId) {
-        self.queue(|queue| queue.push_back(to));
+    pub(crate) fn send(&self, number: u64) {
+        self.queue(|queue| queue.push_back(number));
     }
 
-    pub(crate) fn receive(&self) -> Option<InterfaceId> {
+    pub(crate) fn receive(&self) -> Option<u64> {
         self.queue(VecDeque::pop_front)
     }
 
-    fn queue<R>(&self, change: impl FnOnce(&mut VecDeque<InterfaceId>) -> R) -> R {
+    fn queue<R>(&self, change: impl FnOnce(&mut VecDeque<u64>) -> R) -> R {
         KERNEL.change(|files| match &mut files[self.0] {
             File::Queue(queue) => change(queue),
             _ => unreachable!("a socket"),

@@ -1,102 +1,292 @@
-//! A node with two interfaces whose messages arrive through one socket.
+//! A node with one interface that has a link of each lane: the messages of one come through its socket, and those of the
+//! other through a ring.
 
-use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use loom::sync::atomic::{AtomicU64, Ordering, fence};
-use loom::sync::{Arc, Mutex, MutexGuard};
 use loom::thread;
-use sm2_proto::{Instant, InterfaceId};
 
-use crate::kernel::{AsFd, Epoll, Interest, Socket, wait_readable};
+use crate::kernel::{AsFd, Socket, wait_readable};
 
+use self::control::Control;
+use self::interface::{Interface, Link};
+use self::shared_interface::SharedInterface;
+use self::shared_node::NodeState;
 use super::bell::Bell;
-use super::sleepers::{Sleepers, EventSource};
 
-const ONE: InterfaceId = InterfaceId(1);
-const OTHER: InterfaceId = InterfaceId(2);
+/// Two calls of a client: each thread waits for one reply.
+const ONE: u64 = 1;
+const OTHER: u64 = 2;
 
 /// As in `sm2-node/src/driver/limits.rs`.
 pub(crate) mod limits {
     pub(crate) const SHORTAGE_PAUSE: std::time::Duration = std::time::Duration::from_millis(1);
 }
 
-/// Models `sm2-node/src/driver/shared_node.rs` and `inner.rs`, as far as waiting is concerned.
-pub(crate) struct SharedNode {
-    pub(crate) epoll: Epoll,
-    socket: Arc<Socket>,
-    inner: Mutex<Inner>,
+pub(crate) mod context {
+    pub(crate) struct Context<'a>(pub(super) std::marker::PhantomData<&'a ()>);
 }
 
-pub(crate) struct Inner {
-    pub(super) sleepers: Sleepers,
-    pub(super) interfaces: BTreeMap<InterfaceId, Interface>,
-    /// Memory is never short in these models.
-    pub(super) short_of_memory: bool,
-    socket: Arc<Socket>,
-    messages: Vec<InterfaceId>,
-    ended: bool,
-}
+/// Models `sm2-node/src/driver/interface.rs`, as far as waiting is concerned.
+pub(crate) mod interface {
+    use std::sync::Arc;
 
-/// An interface with one link of the ring lane, reduced to the part that waiting uses.
-pub(crate) struct Interface {
-    ring: Arc<Ring>,
-    link: Link,
-    /// True if taking a message clears the word by which a sleeping thread requests the bell.
-    unparks: bool,
-}
+    use super::{AtomicU64, Ordering, Socket, fence};
 
-impl Interface {
-    pub(super) fn park(&mut self) {
-        self.ring.parked.swap(1, Ordering::AcqRel);
-        fence(Ordering::SeqCst);
+    /// An interface, reduced to the part that waiting uses.
+    #[derive(Default)]
+    pub(crate) struct Interface {
+        pub(super) ring: Arc<super::Ring>,
+        /// The socket of the other link, once the control side has made it.
+        pub(super) link: Option<Link>,
+        pub(super) messages: Vec<u64>,
+        pub(super) is_over: bool,
+        /// True if taking a message clears the word by which a sleeping thread requests the bell.
+        pub(super) unparks: bool,
     }
 
-    /// Returns the number of the message in the ring, if it is at most `most`.
-    fn take(&mut self, most: u64) -> Option<u64> {
-        let Ring { word, parked } = &*self.ring;
-        loop {
-            let number = word.load(Ordering::Acquire);
-            if number == 0 || number > most {
-                return None;
-            }
-            let taken = word.compare_exchange(number, 0, Ordering::AcqRel, Ordering::Relaxed);
-            if taken.is_ok() {
-                if self.unparks {
-                    parked.swap(0, Ordering::AcqRel);
+    pub(crate) struct Link(pub(super) Arc<Socket>);
+
+    impl Interface {
+        pub(super) fn park(&mut self) {
+            self.ring.parked.swap(1, Ordering::AcqRel);
+            fence(Ordering::SeqCst);
+        }
+
+        /// Reads the socket. Returns whether something came.
+        pub(super) fn read(&mut self) -> bool {
+            let Some(Link(socket)) = &self.link else {
+                return false;
+            };
+            let before = self.messages.len();
+            self.messages.extend(std::iter::from_fn(|| socket.receive()));
+            self.messages.len() > before
+        }
+
+        /// Takes a message that came through the socket.
+        pub(super) fn take(&mut self, number: u64) -> Option<()> {
+            let at = self.messages.iter().position(|&it| it == number)?;
+            self.messages.remove(at);
+            Some(())
+        }
+
+        /// Returns the number of the message in the ring, if it is at most `most`.
+        pub(super) fn take_by_ring(&mut self, most: u64) -> Option<u64> {
+            let super::Ring { word, parked } = &*self.ring;
+            loop {
+                let number = word.load(Ordering::Acquire);
+                if number == 0 || number > most {
+                    return None;
                 }
-                return Some(number);
+                let taken = word.compare_exchange(number, 0, Ordering::AcqRel, Ordering::Relaxed);
+                if taken.is_ok() {
+                    if self.unparks {
+                        parked.swap(0, Ordering::AcqRel);
+                    }
+                    return Some(number);
+                }
             }
         }
     }
+}
 
-    pub(super) fn may_take(&self) -> bool {
-        self.ring.word.load(Ordering::Acquire) != 0
+/// Models `sm2-node/src/driver/shared_interface.rs`.
+pub(crate) mod shared_interface {
+    use std::marker::PhantomData;
+    use std::ops::{Deref, DerefMut};
+    use std::sync::Arc;
+
+    use loom::sync::{Mutex, MutexGuard};
+    use sm2_proto::Instant;
+
+    use super::context::Context;
+    use super::interface::Interface;
+    use crate::kernel::Epoll;
+
+    use super::super::sleepers::Sleepers;
+
+    pub(crate) struct SharedInterface {
+        pub(crate) sets: LinkSets,
+        driver: Mutex<InterfaceDriver>,
     }
 
-    pub(super) const fn open_links(&self) -> usize {
-        1
+    pub(crate) struct LinkSets {
+        pub(crate) calls: Epoll,
+        control: Epoll,
     }
 
-    pub(super) fn links(&self) -> impl Iterator<Item = &Link> {
-        std::iter::once(&self.link)
+    pub(crate) struct InterfaceDriver {
+        pub(super) interface: Interface,
+        pub(in super::super) sleepers: Sleepers,
+        /// Memory is never short in these models.
+        pub(crate) short_of_memory: bool,
+    }
+
+    pub(crate) struct LockedInterface<'a>(MutexGuard<'a, InterfaceDriver>);
+
+    impl LinkSets {
+        /// The control side is a thread of its own.
+        pub(crate) const fn has_background(&self) -> bool {
+            true
+        }
+
+        pub(crate) const fn control(&self) -> &Epoll {
+            &self.control
+        }
+    }
+
+    impl SharedInterface {
+        pub(super) fn new(interface: Interface) -> Arc<Self> {
+            Arc::new(Self {
+                sets: LinkSets {
+                    calls: Epoll::new().unwrap(),
+                    control: Epoll::new().unwrap(),
+                },
+                driver: Mutex::new(InterfaceDriver {
+                    interface,
+                    sleepers: Sleepers::default(),
+                    short_of_memory: false,
+                }),
+            })
+        }
+
+        pub(crate) fn lock(&self) -> LockedInterface<'_> {
+            LockedInterface(self.driver.lock().unwrap())
+        }
+
+        pub(crate) fn drive(&self) {
+            self.lock().drive();
+        }
+
+        pub(crate) fn park_for_program(&self) -> (bool, bool) {
+            self.lock().park();
+            (false, false)
+        }
+
+        /// The background thread changes the interface.
+        pub(super) fn change_from_control(&self, change: impl FnOnce(&mut Interface)) {
+            let mut locked = self.lock();
+            change(&mut locked.0.interface);
+            locked.0.sleepers.wake();
+        }
+
+        pub(crate) fn drive_control(&self) {}
+
+        pub(crate) fn drive_control_by_call(&self) {}
+    }
+
+    impl LockedInterface<'_> {
+        /// Never due in these models: that is the case in which the sockets are read least.
+        pub(crate) fn drive_if_due(&mut self, _: Instant) -> bool {
+            false
+        }
+
+        pub(crate) fn drive(&mut self) {
+            if self.0.interface.read() {
+                self.0.sleepers.wake();
+            }
+        }
+
+        pub(crate) fn change<R>(
+            &mut self,
+            change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
+        ) -> R {
+            change(&mut self.0.interface, &mut Context(PhantomData))
+        }
+
+        pub(crate) fn has_rings_only(&self) -> bool {
+            false
+        }
+    }
+
+    impl InterfaceDriver {
+        pub(crate) fn park(&mut self) {
+            self.interface.park();
+        }
+    }
+
+    impl Deref for LockedInterface<'_> {
+        type Target = InterfaceDriver;
+
+        fn deref(&self) -> &InterfaceDriver {
+            &self.0
+        }
+    }
+
+    impl DerefMut for LockedInterface<'_> {
+        fn deref_mut(&mut self) -> &mut InterfaceDriver {
+            &mut self.0
+        }
     }
 }
 
-pub(crate) struct Link;
+/// Models `sm2-node/src/driver/control.rs`.
+pub(crate) mod control {
+    use std::collections::BTreeMap;
+    use std::sync::Arc;
 
-impl Link {
-    pub(super) const fn is_woken_by_socket(&self) -> bool {
-        false
+    use super::super::sleepers::Sleepers;
+    use super::shared_interface::SharedInterface;
+
+    #[derive(Default)]
+    pub(crate) struct Control {
+        pub(in super::super) sleepers: Sleepers,
+        pub(crate) short_of_memory: bool,
+        pub(crate) interfaces: BTreeMap<u64, Arc<SharedInterface>>,
+        pub(super) is_connected: bool,
+    }
+}
+
+/// Models `sm2-node/src/driver/shared_node.rs`.
+pub(crate) mod shared_node {
+    use std::sync::Arc;
+
+    use loom::sync::{Mutex, MutexGuard};
+
+    use super::control::Control;
+    use crate::kernel::{AsFd, BorrowedFd, Epoll, Waker};
+
+    pub(crate) struct NodeState {
+        pub(crate) sets: NodeSets,
+        pub(crate) changed: Arc<Waker>,
+        control: Mutex<Control>,
     }
 
-    pub(super) const fn is_open(&self) -> bool {
-        true
+    pub(crate) struct NodeSets {
+        pub(crate) control: Epoll,
+    }
+
+    impl AsFd for NodeSets {
+        fn as_fd(&self) -> BorrowedFd<'_> {
+            self.control.as_fd()
+        }
+    }
+
+    impl NodeState {
+        pub(super) fn new() -> Arc<Self> {
+            Arc::new(Self {
+                sets: NodeSets {
+                    control: Epoll::new().unwrap(),
+                },
+                changed: Arc::new(Waker::new().unwrap()),
+                control: Mutex::default(),
+            })
+        }
+
+        pub(crate) fn lock(&self) -> MutexGuard<'_, Control> {
+            self.control.lock().unwrap()
+        }
+
+        /// The background thread drives the control side.
+        pub(crate) fn lock_driven(&self) -> MutexGuard<'_, Control> {
+            self.lock()
+        }
     }
 }
 
 /// A ring for one message. `tests/ring.rs` tests the rings of SPEC.
 #[derive(Default)]
-struct Ring {
+pub(crate) struct Ring {
     word: AtomicU64,
     parked: AtomicU64,
 }
@@ -110,161 +300,186 @@ impl Ring {
     }
 }
 
-impl SharedNode {
-    fn new() -> Arc<Self> {
-        let (epoll, socket) = (Epoll::new().unwrap(), Arc::new(Socket::new()));
-        epoll.add(&*socket, 0, Interest::READABLE).unwrap();
-        let inner = Mutex::new(Inner {
-            sleepers: Sleepers::new().unwrap(),
-            interfaces: BTreeMap::new(),
-            short_of_memory: false,
-            socket: Arc::clone(&socket),
-            messages: Vec::new(),
-            ended: false,
-        });
-        Arc::new(Self {
-            epoll,
-            socket,
-            inner,
-        })
-    }
+/// A number that stands for DOORBELL: no thread takes it.
+const DOORBELL: u64 = 9;
 
-    pub(crate) fn lock(&self) -> MutexGuard<'_, Inner> {
-        self.inner.lock().unwrap()
-    }
-
-    pub(crate) fn lock_driven(&self) -> MutexGuard<'_, Inner> {
-        let mut inner = self.lock();
-        inner.drive(&self.epoll);
-        inner
-    }
-
-    fn take(&self, interface: InterfaceId) {
-        let found = self.wait(EventSource::Interface(interface), None, |inner| {
-            inner.take(interface)
-        });
-        assert_eq!(found.unwrap(), Some(()));
-    }
-
-    fn take_by_ring(&self) -> u64 {
-        let found = self.wait(EventSource::Interface(ONE), None, |inner| {
-            let interface = inner.interfaces.get_mut(&ONE);
-            interface.and_then(|it| it.take(u64::MAX))
-        });
-        found.unwrap().expect("it waits for ever")
-    }
+/// An interface with a link, its socket, and its ring.
+struct Linked {
+    interface: Arc<SharedInterface>,
+    socket: Arc<Socket>,
+    ring: Arc<Ring>,
 }
 
-impl Inner {
-    /// Never due in these models: that is the case in which the sockets are read least.
-    pub(super) fn drive_if_due(&mut self, _: Instant, _: &Epoll) -> bool {
-        false
+impl Linked {
+    fn new(unparks: bool) -> Self {
+        let (socket, ring) = (Arc::new(Socket::new()), Arc::new(Ring::default()));
+        let interface = SharedInterface::new(Interface {
+            ring: Arc::clone(&ring),
+            unparks,
+            ..Interface::default()
+        });
+        let linked = Self {
+            interface,
+            socket,
+            ring,
+        };
+        linked.link();
+        linked
     }
 
-    pub(super) fn drive(&mut self, _: &Epoll) {
-        while let Some(interface) = self.socket.receive() {
-            self.messages.push(interface);
-            self.sleepers.wake(EventSource::Interface(interface));
+    /// An interface without a link: the control side makes the link later.
+    fn unlinked() -> Self {
+        Self {
+            interface: SharedInterface::new(Interface::default()),
+            socket: Arc::new(Socket::new()),
+            ring: Arc::default(),
         }
     }
 
-    fn take(&mut self, interface: InterfaceId) -> Option<()> {
-        let at = self.messages.iter().position(|&it| it == interface)?;
-        self.messages.remove(at);
-        Some(())
+    /// Hands the link over to the data side, as `Control::linked` does.
+    fn link(&self) {
+        let calls = &self.interface.sets.calls;
+        let link = Link(Arc::clone(&self.socket));
+        self.interface.change_from_control(|it| {
+            calls.add(&*self.socket, 0, crate::kernel::Interest::READABLE).unwrap();
+            it.link = Some(link);
+        });
+    }
+
+    /// Starts a thread that waits for a message.
+    fn waiting(&self, number: u64) -> thread::JoinHandle<()> {
+        let interface = Arc::clone(&self.interface);
+        thread::spawn(move || take(&interface, number))
+    }
+
+    fn peer(&self, sends: impl FnOnce(&Socket, &Ring) + Send + 'static) -> thread::JoinHandle<()> {
+        let (socket, ring) = (Arc::clone(&self.socket), Arc::clone(&self.ring));
+        thread::spawn(move || sends(&socket, &ring))
     }
 }
 
-/// A peer sends to both interfaces, and a thread waits at each. The thread that drives the node
-/// receives for the other one as well.
+fn take(interface: &SharedInterface, number: u64) {
+    let found = interface.wait(None, |it, _| it.take(number));
+    assert_eq!(found.unwrap(), Some(()));
+}
+
+fn take_by_ring(interface: &SharedInterface) -> u64 {
+    let found = interface.wait(None, |it, _| it.take_by_ring(u64::MAX));
+    found.unwrap().expect("it waits for ever")
+}
+
+/// Two threads wait at one interface. The one that reads the socket receives for the other one as well.
 pub(crate) fn others() {
-    let node = SharedNode::new();
-    let one = {
-        let node = Arc::clone(&node);
-        thread::spawn(move || node.take(ONE))
-    };
-    let peer = {
-        let node = Arc::clone(&node);
-        thread::spawn(move || {
-            node.socket.send(ONE);
-            node.socket.send(OTHER);
-        })
-    };
-    node.take(OTHER);
+    let linked = Linked::new(false);
+    let one = linked.waiting(ONE);
+    let peer = linked.peer(|socket, _| {
+        socket.send(ONE);
+        socket.send(OTHER);
+    });
+    take(&linked.interface, OTHER);
     one.join().unwrap();
     peer.join().unwrap();
 }
 
-/// A thread that waits for an interface is told of the end of the session.
-pub(crate) fn session() {
-    let node = SharedNode::new();
+/// A thread that waits at an interface is told of a change by the control side.
+pub(crate) fn control_side() {
+    let linked = Linked::unlinked();
     let one = {
-        let node = Arc::clone(&node);
+        let interface = Arc::clone(&linked.interface);
         thread::spawn(move || {
-            let ended = node.wait(EventSource::Interface(ONE), None, |it| it.ended.then_some(()));
-            assert_eq!(ended.unwrap(), Some(()));
+            let over = interface.wait(None, |it, _| it.is_over.then_some(()));
+            assert_eq!(over.unwrap(), Some(()));
         })
     };
-    let mut inner = node.lock();
-    inner.ended = true;
-    inner.sleepers.wake(EventSource::Session);
-    drop(inner);
+    linked.interface.change_from_control(|it| it.is_over = true);
     one.join().unwrap();
 }
 
-/// A program polls the descriptor of one interface, and takes a message each time. Meanwhile
-/// another thread waits at the other interface and drives the node.
-pub(crate) fn bell() {
-    let node = SharedNode::new();
-    let polling = {
+/// A thread that waits for the session is told of its change.
+pub(crate) fn session() {
+    let node = NodeState::new();
+    let one = {
         let node = Arc::clone(&node);
         thread::spawn(move || {
-            let bell = Bell::new(&node, ONE).unwrap();
+            let connected = node.wait(None, |it| it.is_connected.then_some(()));
+            assert_eq!(connected.unwrap(), Some(()));
+        })
+    };
+    let mut control = node.lock();
+    control.is_connected = true;
+    control.sleepers.wake();
+    drop(control);
+    one.join().unwrap();
+}
+
+/// The control side hands a link over to a thread that waits. A message may be in its socket before.
+pub(crate) fn hand_over() {
+    let linked = Linked::unlinked();
+    let one = linked.waiting(ONE);
+    let peer = linked.peer(|socket, _| socket.send(ONE));
+    linked.link();
+    one.join().unwrap();
+    peer.join().unwrap();
+}
+
+/// The control side takes a link back at its end: it reads what is left in the socket, while a thread waits for it.
+pub(crate) fn take_back() {
+    let linked = Linked::new(false);
+    let one = linked.waiting(ONE);
+    let peer = linked.peer(|socket, _| socket.send(ONE));
+    peer.join().unwrap();
+    linked.interface.change_from_control(|it| {
+        it.read();
+        it.is_over = true;
+    });
+    one.join().unwrap();
+}
+
+/// A program polls the descriptor of an interface, and takes a message each time. Meanwhile another thread waits at the
+/// same interface and reads its socket.
+pub(crate) fn bell() {
+    let linked = Linked::new(false);
+    let polling = {
+        let interface = Arc::clone(&linked.interface);
+        thread::spawn(move || {
+            let bell = Bell::new(&interface).unwrap();
             let mut missing = 2;
             while missing > 0 {
                 assert!(wait_readable(&[bell.as_fd()], None).unwrap());
-                let mut inner = node.lock_driven();
-                match inner.take(ONE) {
+                let mut locked = interface.lock();
+                locked.drive();
+                match locked.change(|it, _| it.take(ONE)) {
                     Some(()) => missing -= 1,
                     None => {
-                        bell.silence(&mut inner);
+                        bell.silence(&mut locked);
                     }
                 }
             }
-            bell.remove(&mut node.lock());
+            bell.remove(&interface);
         })
     };
-    let peer = {
-        let node = Arc::clone(&node);
-        thread::spawn(move || {
-            node.socket.send(ONE);
-            node.socket.send(ONE);
-            node.socket.send(OTHER);
-        })
-    };
-    node.take(OTHER);
+    let peer = linked.peer(|socket, _| {
+        socket.send(ONE);
+        socket.send(ONE);
+        socket.send(OTHER);
+    });
+    take(&linked.interface, OTHER);
     polling.join().unwrap();
     peer.join().unwrap();
 }
 
-/// A message arrives in a ring for one thread, and one on a socket for another. The thread that
-/// drives the node receives the bell of the ring.
+/// A message arrives on the socket for one thread, and then one in the ring for another. The thread that reads the socket
+/// may receive the bell of the ring.
 pub(crate) fn ring() {
-    let (node, ring) = with_ring(false);
-    let other = {
-        let node = Arc::clone(&node);
-        thread::spawn(move || node.take(OTHER))
-    };
-    let peer = {
-        let node = Arc::clone(&node);
-        thread::spawn(move || {
-            if ring.put(1) {
-                node.socket.send(ONE);
-            }
-            node.socket.send(OTHER);
-        })
-    };
-    assert_eq!(node.take_by_ring(), 1);
+    let linked = Linked::new(false);
+    let other = linked.waiting(OTHER);
+    let peer = linked.peer(|socket, ring| {
+        socket.send(OTHER);
+        if ring.put(1) {
+            socket.send(DOORBELL);
+        }
+    });
+    assert_eq!(take_by_ring(&linked.interface), 1);
     other.join().unwrap();
     peer.join().unwrap();
 }
@@ -281,36 +496,21 @@ pub(crate) fn shared_unparked() {
 }
 
 fn shared_as(unparks: bool) {
-    let (node, ring) = with_ring(unparks);
+    let linked = Linked::new(unparks);
     let other = {
-        let node = Arc::clone(&node);
+        let interface = Arc::clone(&linked.interface);
         thread::spawn(move || {
-            let mut inner = node.lock();
-            inner.interfaces.get_mut(&ONE).and_then(|it| it.take(1));
+            interface.lock().change(|it, _| it.take_by_ring(1));
         })
     };
-    let peer = {
-        let node = Arc::clone(&node);
-        thread::spawn(move || {
-            for number in [1, 2] {
-                if ring.put(number) {
-                    node.socket.send(ONE);
-                }
+    let peer = linked.peer(|socket, ring| {
+        for number in [1, 2] {
+            if ring.put(number) {
+                socket.send(DOORBELL);
             }
-        })
-    };
-    while node.take_by_ring() < 2 {}
+        }
+    });
+    while take_by_ring(&linked.interface) < 2 {}
     other.join().unwrap();
     peer.join().unwrap();
-}
-
-fn with_ring(unparks: bool) -> (Arc<SharedNode>, Arc<Ring>) {
-    let (node, ring) = (SharedNode::new(), Arc::new(Ring::default()));
-    let interface = Interface {
-        ring: Arc::clone(&ring),
-        link: Link,
-        unparks,
-    };
-    node.lock().interfaces.insert(ONE, interface);
-    (node, ring)
 }
