@@ -43,7 +43,8 @@ pub(crate) fn drive(
     let timeout = until.map(|until| until.since(clock::now()));
     let mut ready = readable(&fds, timeout)?;
     if ready.remove(0) {
-        let driven = node.spin_once();
+        // The background thread may already have done what made the descriptor readable.
+        let driven = node.spin_some();
         driven.map_err(DemoError::system("wait for messages"))?;
     }
     Ok(ready)

@@ -218,7 +218,7 @@ impl Node {
     }
 
     /// Waits, without a time limit, until a socket or a timer of the node is ready, and then drives the node
-    /// as [`spin_some`](Self::spin_some) does. The node's [descriptor](AsFd) is readable at that moment.
+    /// as [`spin_some`](Self::spin_some) does.
     ///
     /// # Errors
     ///
@@ -247,9 +247,9 @@ impl Node {
     }
 }
 
-/// Readable when [`Node::spin_once`] would not wait: a socket of a link is ready, or the session has changed. Without a
-/// background thread, also when the node has other work to do. To learn about messages, poll the descriptor of the
-/// subscriber, server or client instead.
+/// Readable when a socket of a link is ready or the session has changed; without a background thread, also when the node
+/// has other work to do. Then call [`Node::spin_some`]: another thread may do the work first, so [`Node::spin_once`]
+/// might wait. To learn about messages, poll the descriptor of the subscriber, server or client instead.
 impl AsFd for Node {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.shared.sets.as_fd()
