@@ -25,7 +25,10 @@ impl DomainLocation {
     /// # Errors
     /// See [`ConnectError`].
     pub fn connect(&self, node_name: &str) -> Result<Node, ConnectError> {
-        let builder = Node::builder(node_name).manager_timeout(MANAGER_TIMEOUT);
+        // No task of a gateway drives its nodes.
+        let builder = Node::builder(node_name)
+            .manager_timeout(MANAGER_TIMEOUT)
+            .background(true);
         let builder = match self {
             Self::Environment => builder,
             Self::Name(name) => builder.domain(name),

@@ -19,3 +19,14 @@ pub enum LocalError {
     #[error(transparent)]
     Name(#[from] NameError),
 }
+
+impl LocalError {
+    /// True if no Manager has answered.
+    pub(crate) const fn is_silence(&self) -> bool {
+        matches!(
+            self,
+            Self::Connect(_)
+                | Self::Declare(DeclareError::ManagerGone { .. } | DeclareError::TimedOut { .. })
+        )
+    }
+}

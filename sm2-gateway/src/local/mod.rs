@@ -202,22 +202,36 @@ impl Local {
         !self.missing.is_empty()
     }
 
-    /// Tries to declare the interfaces that are missing.
+    /// Tries to declare the interfaces that are missing. Ends at the first one for which no Manager answers: each of
+    /// the others would wait as long.
     pub(crate) fn retry(&mut self) {
-        for missing in std::mem::take(&mut self.missing) {
-            self.declare(missing);
+        let mut waiting = std::mem::take(&mut self.missing).into_iter();
+        for missing in waiting.by_ref() {
+            let Err(error) = self.try_declare(&missing) else {
+                continue;
+            };
+            let name = missing.subject().name();
+            tracing::debug!(%name, %error, "still cannot declare an interface of a gateway");
+            self.missing.push(missing);
+            if error.is_silence() {
+                break;
+            }
         }
+        self.missing.extend(waiting);
     }
 
     fn declare(&mut self, missing: Missing) {
-        let done = match &missing {
-            Missing::Subscription(subject) => self.subscribe(subject),
-            Missing::Proxy((subject, origin), peer) => self.declare_proxy(subject, *origin, peer),
-        };
-        if let Err(error) = done {
+        if let Err(error) = self.try_declare(&missing) {
             let name = missing.subject().name();
             tracing::warn!(%name, %error, "cannot declare an interface of a gateway; retries");
             self.missing.push(missing);
+        }
+    }
+
+    fn try_declare(&mut self, missing: &Missing) -> Result<(), LocalError> {
+        match missing {
+            Missing::Subscription(subject) => self.subscribe(subject),
+            Missing::Proxy((subject, origin), peer) => self.declare_proxy(subject, *origin, peer),
         }
     }
 
@@ -311,7 +325,6 @@ impl Local {
         }
         let name = remote_node(peer)?;
         let node = self.location.connect(name.as_str())?;
-        tokio::spawn(sm2_node::asynchronous::drive(node.clone()));
         self.remotes.insert(peer.clone(), node.clone());
         Ok(node)
     }
