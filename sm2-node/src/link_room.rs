@@ -3,7 +3,7 @@
 //! Each link needs descriptors, and other nodes decide how many links a node gets. So a node states how many
 //! ends of links it can have: those that it has, and some *ahead*, for which the process has free descriptors
 //! that no other node of the process has ahead. A node takes at most half of the free ones at a time, so that
-//! its neighbours find room as well.
+//! its neighbours find room as well. The first few links are granted in any case.
 
 use std::collections::HashMap;
 use std::io;
@@ -17,8 +17,12 @@ const PER_LINK: usize = 2;
 /// link. A process with few descriptors leaves a quarter of them.
 const RESERVE: usize = 64;
 
-/// How many links a node has ahead at most.
-const AHEAD: usize = 512;
+/// How many links a node has ahead at most: a process may have hundreds of nodes.
+const AHEAD: usize = 16;
+
+/// How many links a node can have at least while descriptors are free, also if its neighbours have all of them ahead:
+/// they may never need them. If they do, the process loses a descriptor, and the node states less (SM2-TRN-012).
+const LEAST: usize = 4;
 
 static PROCESS: LazyLock<Arc<Mutex<Books>>> = LazyLock::new(Arc::default);
 
@@ -104,7 +108,11 @@ impl LinkRoom {
         let free = free(RESERVE + taken + 2 * wanted * PER_LINK).ok()?;
         let reserve = RESERVE.min((free + held) / 4);
         let links = free.saturating_sub(reserve + taken) / PER_LINK;
-        let more = wanted.min(links.div_ceil(2));
+        let own = held * (PER_LINK - 1) + ours.ahead() * PER_LINK;
+        let unclaimed = free.saturating_sub(reserve + own) / PER_LINK;
+        let least = LEAST.saturating_sub(ours.stated.max(ours.held));
+        let least = least.min(unclaimed);
+        let more = wanted.min(links.div_ceil(2).max(least));
         let counts = books.nodes.get_mut(&self.share.id)?;
         counts.stated = counts.stated.max(counts.held) + more;
         self.low = counts.ahead() / 2;
@@ -219,11 +227,11 @@ mod tests {
     fn a_node_states_no_more_ahead_than_it_needs_soon() {
         let process = Process::new(1_000_000);
         let mut room = process.node();
-        assert_eq!(process.look(&mut room), Some(512));
-        let mut links: Vec<_> = (0..255).map(|_| room.hold()).collect();
+        assert_eq!(process.look(&mut room), Some(16));
+        let mut links: Vec<_> = (0..7).map(|_| room.hold()).collect();
         assert_eq!(process.look(&mut room), None, "enough is ahead");
         links.push(room.hold());
-        assert_eq!(process.look(&mut room), Some(768));
+        assert_eq!(process.look(&mut room), Some(24));
         assert!(!room.is_short());
     }
 
@@ -234,7 +242,7 @@ mod tests {
         let process = Process::new(264);
         let mut nodes = [process.node(), process.node(), process.node()];
         let stated = nodes.each_mut().map(|it| process.look(it));
-        assert_eq!(stated, [Some(50), Some(25), Some(13)]);
+        assert_eq!(stated, [Some(16), Some(16), Some(16)]);
         let held: Vec<_> = nodes.iter_mut().map(|it| process.fill(it)).collect();
         assert_eq!(held.iter().map(Vec::len).sum::<usize>(), 100);
         drop(held);
@@ -255,8 +263,8 @@ mod tests {
         assert_eq!(room.run_out(), None, "it is stated already");
         assert!(room.is_short());
         assert_eq!(room.look(|_| Ok(2)), None);
-        assert_eq!(room.look(|_| Ok(10)), Some(3));
+        assert_eq!(room.look(|_| Ok(10)), Some(4));
         drop(links);
-        assert_eq!(room.look(|_| Ok(10)), None, "three links are ahead");
+        assert_eq!(room.look(|_| Ok(10)), None, "four links are ahead");
     }
 }

@@ -11,7 +11,7 @@ pub(crate) use nix::fcntl::Flock;
 use nix::fcntl::FlockArg;
 use nix::libc;
 use nix::sys::resource::{Resource, getrlimit};
-use nix::sys::stat::{SFlag, fstat};
+use nix::sys::stat::{SFlag, fstat, stat};
 use nix::sys::statfs::{TMPFS_MAGIC, fstatfs};
 use nix::sys::uio::pread;
 pub(crate) use nix::unistd::Whence;
@@ -33,6 +33,13 @@ pub fn duplicate(fd: impl AsFd) -> io::Result<OwnedFd> {
 pub(crate) fn descriptors_max() -> nix::Result<u64> {
     guard(Call::GetLimit)?;
     Ok(getrlimit(Resource::RLIMIT_NOFILE)?.0)
+}
+
+/// How many descriptors this process has, where the kernel tells (Linux 6.2 and later, with `/proc`).
+pub(crate) fn open_descriptors() -> Option<u64> {
+    guard(Call::Stat).ok()?;
+    let count = u64::try_from(stat("/proc/self/fd").ok()?.st_size).ok()?;
+    (count > 0).then_some(count)
 }
 
 /// Whether a descriptor of this process has this number. Only a number without a descriptor makes the call
