@@ -120,6 +120,11 @@ fn a_watch_sees_every_change_also_that_of_the_manager() {
     let mut domain = Domain::new();
     let tool = domain.node("tool");
     let node = domain.node("node");
+    // A node states its room for links after it is welcomed.
+    until(|| {
+        let snapshot = tool.snapshot().unwrap();
+        snapshot.nodes().all(|it| it.max_links.is_some())
+    });
     let mut watch = tool.watch();
     let mut told = Told::default();
     assert_eq!(watch.domain().items().count(), 0);

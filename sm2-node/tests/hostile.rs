@@ -116,6 +116,10 @@ fn manager(answer: &'static [u8]) -> (tempfile::TempDir, std::thread::JoinHandle
         for frame in [&WELCOME[..], answer] {
             wait_readable(&[session.as_fd()], Some(SOON)).unwrap();
             session.recv(&mut buffer).unwrap();
+            if buffer[0] == MAX_LINKS {
+                wait_readable(&[session.as_fd()], Some(SOON)).unwrap();
+                session.recv(&mut buffer).unwrap();
+            }
             if !frame.is_empty() {
                 session.send(&[IoSlice::new(frame)], &[]).unwrap();
             }
@@ -124,6 +128,9 @@ fn manager(answer: &'static [u8]) -> (tempfile::TempDir, std::thread::JoinHandle
     });
     (folder, thread)
 }
+
+/// The number of the frame that follows WELCOME.
+const MAX_LINKS: u8 = 13;
 
 /// Frame 0, version 1, epoch 1, node 1.
 const WELCOME: [u8; 4] = [0, 1, 1, 1];
