@@ -90,7 +90,7 @@ impl Control {
             buffer: Scratch::new(DATAGRAM_MAX)?,
             events: Events::with_capacity(SOCKETS),
             ready: Vec::with_capacity(SOCKETS),
-            sleepers: Sleepers::default(),
+            sleepers: Sleepers::new(&sets.wakers),
         })
     }
 

@@ -2,6 +2,7 @@
 
 use std::fmt::Display;
 use std::mem;
+use std::sync::Arc;
 use std::time::Duration;
 
 use sm2_io::Event;
@@ -9,6 +10,7 @@ use sm2_io::Event;
 use super::control::Control;
 use super::event_sets::NodeSets;
 use super::link::LinkDriver;
+use super::shared_interface::SharedInterface;
 use super::token::{LinkToken, SESSION, TIMER};
 
 impl Control {
@@ -30,6 +32,19 @@ impl Control {
             }
         }
         self.ready = ready;
+    }
+
+    /// The interfaces whose links have events that calls handle.
+    pub(super) fn ready_interfaces(&mut self, sets: &NodeSets) -> Vec<Arc<SharedInterface>> {
+        match sets.ready_interfaces(&mut self.events) {
+            Ok(ids) => (ids.iter())
+                .filter_map(|id| self.interfaces.get(id).map(Arc::clone))
+                .collect(),
+            Err(error) => {
+                self.not_ready(&error);
+                Vec::new()
+            }
+        }
     }
 
     fn on_link_event(&mut self, event: Event, sets: &NodeSets) {

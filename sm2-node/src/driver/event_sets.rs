@@ -4,9 +4,12 @@
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
+use std::time::Duration;
 
-use sm2_io::{Epoll, Interest, SeqPacket, Waker};
+use sm2_io::{Epoll, Events, Interest, SeqPacket, Waker};
+use sm2_proto::InterfaceId;
 
+use super::sleepers::{Sleepers, SpareWakers};
 use super::token::{LinkToken, PROGRAM};
 
 /// The epoll sets of a node.
@@ -27,6 +30,8 @@ pub(crate) struct NodeSets {
     /// The descriptors for a program that polls the node.
     program: Epoll,
     has_background: bool,
+    /// For the threads that wait for any part of the node.
+    pub(super) wakers: Arc<SpareWakers>,
 }
 
 /// The epoll sets of the links of one interface.
@@ -68,6 +73,7 @@ impl NodeSets {
             control,
             program,
             has_background,
+            wakers: Arc::new(SpareWakers::new()?),
         })
     }
 
@@ -79,6 +85,16 @@ impl NodeSets {
     /// Whether a background thread drives the control side.
     pub(super) const fn has_background(&self) -> bool {
         self.has_background
+    }
+
+    /// Does not wait. Returns the interfaces of which the program set reports an event.
+    pub(super) fn ready_interfaces(&self, events: &mut Events) -> io::Result<Vec<InterfaceId>> {
+        self.program.wait(events, Some(Duration::ZERO))?;
+        let tokens = events.iter().map(|event| event.token);
+        Ok(tokens
+            .filter(|&it| it != PROGRAM)
+            .map(InterfaceId)
+            .collect())
     }
 
     /// Adds the waker that is signalled when the session changes.
@@ -95,7 +111,7 @@ impl AsFd for NodeSets {
 }
 
 impl LinkSets {
-    /// Creates the set of an interface.
+    /// Creates the set of an interface, which the caller names by [`belong_to`](Self::belong_to).
     pub(crate) fn new(node: &Arc<NodeSets>) -> io::Result<Self> {
         let calls = Epoll::new()?;
         node.program.add(&calls, PROGRAM, Interest::READABLE)?;
@@ -114,6 +130,17 @@ impl LinkSets {
     /// The set of the control side.
     pub(super) fn control(&self) -> &Epoll {
         &self.node.control
+    }
+
+    /// The threads that wait for the interface: none yet.
+    pub(super) fn sleepers(&self) -> Sleepers {
+        Sleepers::new(&self.node.wakers)
+    }
+
+    /// Names the interface whose links these are.
+    pub(super) fn belong_to(&self, interface: InterfaceId) -> io::Result<()> {
+        let readable = Interest::READABLE;
+        self.node.program.modify(&self.calls, interface.0, readable)
     }
 
     /// Watches the socket of a new link.

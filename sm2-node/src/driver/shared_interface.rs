@@ -74,12 +74,10 @@ impl SharedInterface {
     ) -> Self {
         Self {
             id,
-            sets,
-            control,
             driver: Mutex::new(InterfaceDriver {
                 interface,
                 node_name: node.clone(),
-                sleepers: Sleepers::default(),
+                sleepers: sets.sleepers(),
                 events: Events::with_capacity(SOCKETS),
                 ready: Vec::with_capacity(SOCKETS),
                 last_drive: Instant(0),
@@ -87,6 +85,8 @@ impl SharedInterface {
                 short_of_memory: false,
                 shortages: LimitedWarning::default(),
             }),
+            sets,
+            control,
         }
     }
 

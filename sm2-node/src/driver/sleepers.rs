@@ -8,20 +8,60 @@
 //! nothing, so it misses no event.
 
 use std::io;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use sm2_io::Waker;
 
-/// The number of unused wakers that an interface keeps, so that a thread that waits again and again makes no
+/// The number of unused wakers that a node keeps, so that a thread that waits again and again makes no
 /// descriptor for it.
-pub(super) const SPARES: usize = 2;
+pub(super) const SPARES: usize = 4;
+
+/// The wakers of a node that no sleeper uses now, at most [`SPARES`]. Its lock is the last one in the order of locks.
+#[derive(Debug)]
+pub(super) struct SpareWakers(Mutex<Vec<Arc<Waker>>>);
+
+impl SpareWakers {
+    /// Makes the wakers for the node's descriptor and for the first sleeper.
+    pub(super) fn new() -> io::Result<Self> {
+        let (descriptor, sleeper) = (Waker::new()?, Waker::new()?);
+        Ok(Self(Mutex::new(vec![
+            Arc::new(descriptor),
+            Arc::new(sleeper),
+        ])))
+    }
+
+    fn take(&self) -> io::Result<Arc<Waker>> {
+        let spare = self.lock().pop();
+        match spare {
+            Some(waker) => Ok(waker),
+            None => Waker::new().map(Arc::new),
+        }
+    }
+
+    fn keep(&self, waker: &Arc<Waker>) {
+        let mut spare = self.lock();
+        if spare.len() < SPARES {
+            spare.push(Arc::clone(waker));
+        }
+    }
+
+    /// No code that can panic runs under the lock.
+    fn lock(&self) -> MutexGuard<'_, Vec<Arc<Waker>>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// How many wakers are kept.
+    #[cfg(test)]
+    pub(super) fn count(&self) -> usize {
+        self.lock().len()
+    }
+}
 
 /// The threads that wait for one interface, or for the session.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Sleepers {
     all: Vec<Sleeper>,
-    /// Wakers that no sleeper uses now, at most [`SPARES`].
-    spare: Vec<Arc<Waker>>,
+    spare: Arc<SpareWakers>,
 }
 
 #[derive(Debug)]
@@ -31,6 +71,13 @@ struct Sleeper {
 }
 
 impl Sleepers {
+    pub(super) fn new(spare: &Arc<SpareWakers>) -> Self {
+        Self {
+            all: Vec::new(),
+            spare: Arc::clone(spare),
+        }
+    }
+
     /// Wakes all sleepers.
     pub(super) fn wake(&mut self) {
         for sleeper in &mut self.all {
@@ -42,10 +89,7 @@ impl Sleepers {
     }
 
     pub(super) fn enter(&mut self) -> io::Result<Arc<Waker>> {
-        let waker = match self.spare.pop() {
-            Some(waker) => waker,
-            None => Arc::new(Waker::new()?),
-        };
+        let waker = self.spare.take()?;
         self.all.push(Sleeper {
             waker: Arc::clone(&waker),
             woken: false,
@@ -56,15 +100,13 @@ impl Sleepers {
     pub(super) fn leave(&mut self, waker: &Arc<Waker>) {
         self.calm(waker);
         self.all.retain(|it| !Arc::ptr_eq(&it.waker, waker));
-        if self.spare.len() < SPARES {
-            self.spare.push(Arc::clone(waker));
-        }
+        self.spare.keep(waker);
     }
 
-    /// How many threads sleep, and how many wakers are spare.
+    /// How many threads sleep.
     #[cfg(test)]
-    pub(super) fn counts(&self) -> (usize, usize) {
-        (self.all.len(), self.spare.len())
+    pub(super) fn count(&self) -> usize {
+        self.all.len()
     }
 
     /// Notes that the sleeper has seen all events until now. Returns whether it was woken for one.

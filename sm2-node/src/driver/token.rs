@@ -21,5 +21,5 @@ impl LinkToken {
 pub(super) const SESSION: u64 = LinkToken::FIRST.0;
 /// The token of the timer: for the next attempt to connect, or for the next look for room.
 pub(super) const TIMER: u64 = LinkToken::LAST.0;
-/// The token of all descriptors in the program set, whose events nothing reads.
+/// The token of all descriptors in the program set but the sets of interfaces, which have their numbers.
 pub(super) const PROGRAM: u64 = TIMER - 1;

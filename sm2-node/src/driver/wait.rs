@@ -2,7 +2,6 @@
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
-use std::sync::Arc;
 use std::time::Duration;
 
 use sm2_io::Waker;
@@ -114,9 +113,9 @@ impl NodeState {
     pub(crate) fn drive_all(&self) {
         let mut control = self.lock_driven();
         control.sleepers.calm(&self.changed);
-        let interfaces: Vec<_> = control.interfaces.values().map(Arc::clone).collect();
+        let ready = control.ready_interfaces(&self.sets);
         drop(control);
-        for interface in interfaces {
+        for interface in ready {
             interface.drive();
         }
     }

@@ -60,6 +60,9 @@ impl Control {
         }
         let entry = self.counting.allocate(id, None);
         let interface = Interface::new(contract, pool_limit, max_len, entry);
+        if let Err(error) = links.belong_to(id) {
+            tracing::error!(%error, "the node's descriptor does not drive an interface");
+        }
         let interface = Arc::new(SharedInterface::new(
             id, &self.name, control, links, interface,
         ));

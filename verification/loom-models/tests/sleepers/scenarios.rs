@@ -104,6 +104,7 @@ pub(crate) mod shared_interface {
     use crate::kernel::Epoll;
 
     use super::super::sleepers::Sleepers;
+    use super::sleepers;
 
     pub(crate) struct SharedInterface {
         pub(crate) sets: LinkSets,
@@ -144,7 +145,7 @@ pub(crate) mod shared_interface {
                 },
                 driver: Mutex::new(InterfaceDriver {
                     interface,
-                    sleepers: Sleepers::default(),
+                    sleepers: sleepers(),
                     short_of_memory: false,
                 }),
             })
@@ -227,18 +228,25 @@ pub(crate) mod control {
 
     use super::super::sleepers::Sleepers;
     use super::shared_interface::SharedInterface;
+    use super::shared_node::NodeSets;
 
-    #[derive(Default)]
     pub(crate) struct Control {
         pub(in super::super) sleepers: Sleepers,
         pub(crate) short_of_memory: bool,
         pub(crate) interfaces: BTreeMap<u64, Arc<SharedInterface>>,
         pub(super) is_connected: bool,
     }
+
+    impl Control {
+        pub(crate) fn ready_interfaces(&mut self, _: &NodeSets) -> Vec<Arc<SharedInterface>> {
+            self.interfaces.values().map(Arc::clone).collect()
+        }
+    }
 }
 
 /// Models `sm2-node/src/driver/shared_node.rs`.
 pub(crate) mod shared_node {
+    use std::collections::BTreeMap;
     use std::sync::Arc;
 
     use loom::sync::{Mutex, MutexGuard};
@@ -269,7 +277,12 @@ pub(crate) mod shared_node {
                     control: Epoll::new().unwrap(),
                 },
                 changed: Arc::new(Waker::new().unwrap()),
-                control: Mutex::default(),
+                control: Mutex::new(Control {
+                    sleepers: super::sleepers(),
+                    short_of_memory: false,
+                    interfaces: BTreeMap::default(),
+                    is_connected: false,
+                }),
             })
         }
 
@@ -282,6 +295,12 @@ pub(crate) mod shared_node {
             self.lock()
         }
     }
+}
+
+/// No thread waits yet.
+fn sleepers() -> super::sleepers::Sleepers {
+    let spare = super::sleepers::SpareWakers::new().unwrap();
+    super::sleepers::Sleepers::new(&Arc::new(spare))
 }
 
 /// A ring for one message. `tests/ring.rs` tests the rings of SPEC.
