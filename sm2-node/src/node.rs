@@ -247,9 +247,10 @@ impl Node {
     }
 }
 
-/// Readable when a socket of a link is ready or the session has changed; without a background thread, also when the node
-/// has other work to do. Then call [`Node::spin_some`]: another thread may do the work first, so [`Node::spin_once`]
-/// might wait. To learn about messages, poll the descriptor of the subscriber, server or client instead.
+/// Readable when a socket of a link is ready or the session has changed; without a background thread, also when the
+/// node has other work to do. Then call [`Node::spin_some`]: another thread may do the work first, so
+/// [`Node::spin_once`] might wait. To learn about messages, poll the descriptor of the subscriber, server or client
+/// instead.
 impl AsFd for Node {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.shared.sets.as_fd()

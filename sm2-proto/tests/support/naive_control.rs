@@ -57,10 +57,7 @@ pub(crate) fn to_node(bytes: &[u8], fds: usize, some_lost: bool) -> Read<Value> 
                 "node": reader.u64()?,
             }}),
             1 => json!({"HelloRefused": {"reason": reader.refusal()?}}),
-            2 => json!({"Declared": {
-                "interface": reader.u64()?,
-                "matches": reader.u32()?,
-            }}),
+            2 => json!({"Declared": {"interface": reader.u64()?, "matches": reader.u32()?}}),
             3 => json!({"DeclareRefused": {
                 "interface": reader.u64()?,
                 "reason": reader.refusal()?,

@@ -1,5 +1,5 @@
-//! Threads that wait at an interface or for the session. A thread that does something for another one wakes that thread:
-//! it receives a message for it, hands a link over to it, or changes the session.
+//! Threads that wait at an interface or for the session. A thread that does something for another one wakes that
+//! thread: it receives a message for it, hands a link over to it, or changes the session.
 //!
 //! The code is `sleepers.rs`, `sleep.rs`, `wait.rs` and `bell.rs` of `sm2-node/src/driver/`; `kernel` models the
 //! system calls that it makes. A lost wake-up leaves a thread asleep for ever, which loom reports as

@@ -1,0 +1,129 @@
+//! Models `sm2-node/src/driver/shared_interface.rs`.
+
+use std::marker::PhantomData;
+use std::ops::{Deref, DerefMut};
+use std::sync::Arc;
+
+use loom::sync::{Mutex, MutexGuard};
+use sm2_proto::Instant;
+
+use super::context::Context;
+use super::interface::Interface;
+use crate::kernel::Epoll;
+
+use super::super::sleepers::Sleepers;
+use super::sleepers;
+
+pub(crate) struct SharedInterface {
+    pub(crate) sets: LinkSets,
+    driver: Mutex<InterfaceDriver>,
+}
+
+pub(crate) struct LinkSets {
+    pub(crate) calls: Epoll,
+    control: Epoll,
+}
+
+pub(crate) struct InterfaceDriver {
+    pub(super) interface: Interface,
+    pub(in super::super) sleepers: Sleepers,
+    /// Memory is never short in these models.
+    pub(crate) short_of_memory: bool,
+}
+
+pub(crate) struct LockedInterface<'a>(MutexGuard<'a, InterfaceDriver>);
+
+impl LinkSets {
+    /// The control side is a thread of its own.
+    pub(crate) const fn has_background(&self) -> bool {
+        true
+    }
+
+    pub(crate) const fn control(&self) -> &Epoll {
+        &self.control
+    }
+}
+
+impl SharedInterface {
+    pub(super) fn new(interface: Interface) -> Arc<Self> {
+        Arc::new(Self {
+            sets: LinkSets {
+                calls: Epoll::new().unwrap(),
+                control: Epoll::new().unwrap(),
+            },
+            driver: Mutex::new(InterfaceDriver {
+                interface,
+                sleepers: sleepers(),
+                short_of_memory: false,
+            }),
+        })
+    }
+
+    pub(crate) fn lock(&self) -> LockedInterface<'_> {
+        LockedInterface(self.driver.lock().unwrap())
+    }
+
+    pub(crate) fn drive(&self) {
+        self.lock().drive();
+    }
+
+    pub(crate) fn park_for_program(&self) -> (bool, bool) {
+        self.lock().park();
+        (false, false)
+    }
+
+    /// The background thread changes the interface.
+    pub(super) fn change_from_control(&self, change: impl FnOnce(&mut Interface)) {
+        let mut locked = self.lock();
+        change(&mut locked.0.interface);
+        locked.0.sleepers.wake();
+    }
+
+    pub(crate) fn drive_control(&self) {}
+
+    pub(crate) fn drive_control_by_call(&self) {}
+}
+
+impl LockedInterface<'_> {
+    /// Never due in these models: that is the case in which the sockets are read least.
+    pub(crate) fn drive_if_due(&mut self, _: Instant) -> bool {
+        false
+    }
+
+    pub(crate) fn drive(&mut self) {
+        if self.0.interface.read() {
+            self.0.sleepers.wake();
+        }
+    }
+
+    pub(crate) fn change<R>(
+        &mut self,
+        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
+    ) -> R {
+        change(&mut self.0.interface, &mut Context(PhantomData))
+    }
+
+    pub(crate) fn has_rings_only(&self) -> bool {
+        false
+    }
+}
+
+impl InterfaceDriver {
+    pub(crate) fn park(&mut self) {
+        self.interface.park();
+    }
+}
+
+impl Deref for LockedInterface<'_> {
+    type Target = InterfaceDriver;
+
+    fn deref(&self) -> &InterfaceDriver {
+        &self.0
+    }
+}
+
+impl DerefMut for LockedInterface<'_> {
+    fn deref_mut(&mut self) -> &mut InterfaceDriver {
+        &mut self.0
+    }
+}
