@@ -105,7 +105,7 @@ impl NodeBuilder {
     /// and messages that wait in this process. `true` by default, unless the environment has `SM2_BACKGROUND=off`.
     ///
     /// The thread sleeps until one of these needs work. No message that a call of the program sends or takes wakes
-    /// it. Without the thread, every call drives the whole node, and a program that rarely calls the node must poll
+    /// it. Without the thread, every call drives the whole node. A program that rarely calls the node must then poll
     /// the node's [descriptor](Node#impl-AsFd-for-Node) in an event loop of its own, or call [`Node::spin_for`].
     pub const fn background(mut self, enabled: bool) -> Self {
         self.background = enabled;
