@@ -124,10 +124,27 @@ impl SharedInterface {
     /// was some time ago.
     #[inline]
     pub(crate) fn lock_driven_if_due(&self) -> LockedInterface<'_> {
+        self.lock_driven_unless(InterfaceDriver::has_rings_only)
+    }
+
+    /// The same for a call that sends on this link only: it does not drive while this link has rings.
+    pub(crate) fn lock_driven_for(&self, token: LinkToken) -> LockedInterface<'_> {
+        self.lock_driven_unless(|driver| {
+            let link = driver.interface.link(token);
+            link.is_some_and(|it| !it.is_woken_by_socket())
+        })
+    }
+
+    /// Locks and drives, unless the call needs no socket and the last drive was not long ago.
+    #[inline]
+    fn lock_driven_unless(
+        &self,
+        needs_no_socket: impl FnOnce(&InterfaceDriver) -> bool,
+    ) -> LockedInterface<'_> {
         let now = sm2_io::clock::now();
         let mut locked = self.lock();
         locked.now = now;
-        if locked.is_due(now) || !locked.has_rings_only() {
+        if locked.is_due(now) || !needs_no_socket(&locked) {
             if !self.sets.has_background() {
                 drop(locked);
                 self.drive_control();
@@ -167,19 +184,6 @@ impl SharedInterface {
     /// Locks the interface for the control side, which must not call anything that leaves results.
     fn lock_for_control(&self) -> MutexGuard<'_, InterfaceDriver> {
         self.driver.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Locks the interface before a call sends on a link, and drives it. If the link has rings, drives it only if the
-    /// last drive was some time ago.
-    pub(crate) fn lock_driven_for(&self, token: LinkToken) -> LockedInterface<'_> {
-        let now = sm2_io::clock::now();
-        let mut locked = self.lock();
-        let link = locked.interface.link(token);
-        let is_call_free = link.is_some_and(|it| !it.is_woken_by_socket());
-        if !locked.drive_if_due(now) && !is_call_free {
-            locked.drive();
-        }
-        locked
     }
 
     /// Changes the interface for the control side, which holds the node's lock and handles the results itself.
