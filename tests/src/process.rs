@@ -30,7 +30,22 @@ use crate::{
 /// If the actor has not been built, which Cargo does for the tests of this package.
 #[must_use]
 pub fn actor(role: &str) -> Command {
-    let mut command = Command::new(actor_path());
+    command(actor_path(), role)
+}
+
+/// A command that runs this program in `role`.
+///
+/// # Panics
+///
+/// If the system does not know the path of this program.
+#[must_use]
+pub fn this_program(role: &str) -> Command {
+    let program = std::env::current_exe().expect("the path of this program");
+    command(program, role)
+}
+
+fn command(program: PathBuf, role: &str) -> Command {
+    let mut command = Command::new(program);
     command.arg(role);
     // Tests must not use the domain of the caller.
     for variable in ["SM2_SOCKET", "SM2_DOMAIN", "SM2_LOG", "XDG_RUNTIME_DIR"] {

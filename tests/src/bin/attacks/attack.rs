@@ -6,12 +6,9 @@ use std::{
 };
 
 use nix::sys::signal::Signal;
-use sm2_tests::process::Process;
+use sm2_tests::process::{Process, this_program};
 
-use crate::{
-    remote::Remote,
-    world::{World, command},
-};
+use crate::{remote::Remote, world::World};
 
 /// How often a Manager is killed.
 const KILLS: Duration = Duration::from_millis(500);
@@ -157,7 +154,7 @@ impl Running {
 }
 
 fn attacker(world: &World, role: &str, number: u32) -> Process {
-    let mut command = command("attack");
+    let mut command = this_program("attack");
     command.arg("--socket").arg(world.socket());
     command.args(["--role", role, "--number", &number.to_string()]);
     Process::start(command)

@@ -8,12 +8,12 @@ use std::{
 
 use sm2_gateway::keys;
 use sm2_lossy_link::{LossyLink, Profile};
-use sm2_tests::{domain::TempDomain, process::Process};
-
-use crate::{
-    victims::TOPIC,
-    world::{command, manager},
+use sm2_tests::{
+    domain::TempDomain,
+    process::{Process, this_program},
 };
+
+use crate::{victims::TOPIC, world::manager};
 
 /// Both gateways, the link and the far domain.
 pub(crate) struct Remote {
@@ -52,7 +52,7 @@ impl Remote {
             &far_address.to_string(),
         );
         let far = far.peer("near", &ids[0].to_string(), "");
-        let mut subscriber = command("attack");
+        let mut subscriber = this_program("attack");
         subscriber.arg("--socket").arg(&far_socket);
         subscriber.args(["--role", "subscriber"]);
         let (far, near) = (far.start(), near.start());
@@ -99,7 +99,7 @@ impl Config {
 
     fn start(self) -> Process {
         fs::write(&self.path, self.text).expect("a configuration");
-        let mut command = command("gateway");
+        let mut command = this_program("gateway");
         command.arg("--config").arg(&self.path);
         Process::start(command)
     }

@@ -1,11 +1,12 @@
 //! The domain of an attack: its Managers and the processes that are measured.
 
-use std::{
-    path::{Path, PathBuf},
-    process::Command,
-};
+use std::path::{Path, PathBuf};
 
-use sm2_tests::{domain::TempDomain, eventually, process::Process};
+use sm2_tests::{
+    domain::TempDomain,
+    eventually,
+    process::{Process, this_program},
+};
 
 use crate::figures::Window;
 
@@ -75,27 +76,16 @@ impl World {
     }
 }
 
-/// A command that runs this program in a role.
-pub(crate) fn command(role: &str) -> Command {
-    let program = std::env::current_exe().expect("the path of this program");
-    let mut command = Command::new(program);
-    command.arg(role);
-    for variable in ["SM2_SOCKET", "SM2_DOMAIN", "SM2_LOG", "XDG_RUNTIME_DIR"] {
-        command.env_remove(variable);
-    }
-    command
-}
-
 /// Starts this program in a role.
 pub(crate) fn start(role: &str, socket: &Path) -> Process {
-    let mut command = command(role);
+    let mut command = this_program(role);
     command.arg("--socket").arg(socket);
     Process::start(command)
 }
 
 /// Starts a Manager.
 pub(crate) fn manager(socket: &Path, standby: bool) -> Process {
-    let mut command = command("manager");
+    let mut command = this_program("manager");
     command.arg("--socket").arg(socket);
     command.args(["--standby", &standby.to_string()]);
     Process::start(command)

@@ -13,7 +13,7 @@ use nix::sys::signal::Signal;
 use sm2_tests::{
     TIMEOUT,
     census::{Census, anonymous_kib},
-    process::{Exit, Process},
+    process::{Exit, Process, this_program},
 };
 
 use crate::{report::Report, shortage::Shortage, tally::Tally};
@@ -54,14 +54,9 @@ pub(crate) struct Child {
 /// needs more than it has.
 const ROLES_WITH_MAPPINGS: [&str; 3] = ["publisher", "subscriber", "late"];
 
-/// A command that runs this program in a role.
+/// A command that runs this program in a role, with an allocator whose memory can be checked.
 pub(crate) fn command(role: &str) -> Command {
-    let program = std::env::current_exe().expect("the path of this program");
-    let mut command = Command::new(program);
-    command.arg(role);
-    for variable in ["SM2_SOCKET", "SM2_DOMAIN", "SM2_LOG", "XDG_RUNTIME_DIR"] {
-        command.env_remove(variable);
-    }
+    let mut command = this_program(role);
     // The allocator returns freed memory to the system, so that memory which stays is in use.
     for variable in ["MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_"] {
         command.env(variable, "65536");
