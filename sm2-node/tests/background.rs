@@ -179,6 +179,27 @@ fn messages_do_not_wake_the_thread() {
     }
 }
 
+/// Without the thread, calls that always find something to return drive the control side all the same.
+#[test]
+fn busy_calls_of_a_node_without_the_thread_find_new_links() {
+    for ring in LANES {
+        let domain = Domain::new();
+        let builder = domain.builder("busy").ring_lane(ring).background(false);
+        let busy = builder.connect().unwrap();
+        let client = busy.client::<str, str>("service").unwrap();
+        let publisher = busy.publisher::<str>("topic").unwrap();
+        let listeners = ["first", "second"].map(|name| domain.busy_node(ring, name));
+        let mut subscribers = Vec::new();
+        for listener in &listeners {
+            subscribers.push(listener.subscriber::<str>("topic").unwrap());
+            until(|| publisher.publish("news").unwrap().links == subscribers.len());
+        }
+        assert!(client.send("nobody serves").is_err());
+        let _server = listeners[0].server::<str, str>("service").unwrap();
+        until(|| client.send("ask").is_ok());
+    }
+}
+
 #[test]
 fn the_thread_has_a_name_blocks_signals_and_ends_with_the_node() {
     let domain = Domain::new();

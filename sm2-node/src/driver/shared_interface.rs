@@ -105,16 +105,11 @@ impl SharedInterface {
         self.control.drive();
     }
 
-    /// Drives the control side, unless the background thread does.
-    pub(super) fn drive_control_by_call(&self) {
+    /// Drives the control side, if calls have to, and the links of the interface, and locks the interface.
+    pub(crate) fn lock_driven(&self) -> LockedInterface<'_> {
         if !self.sets.has_background() {
             self.drive_control();
         }
-    }
-
-    /// Drives the control side, if calls have to, and the links of the interface, and locks the interface.
-    pub(crate) fn lock_driven(&self) -> LockedInterface<'_> {
-        self.drive_control_by_call();
         let mut locked = self.lock();
         locked.drive();
         locked
@@ -135,26 +130,43 @@ impl SharedInterface {
         })
     }
 
-    /// Locks and drives, unless the call needs no socket and the last drive was not long ago.
     #[inline]
     fn lock_driven_unless(
         &self,
         needs_no_socket: impl FnOnce(&InterfaceDriver) -> bool,
     ) -> LockedInterface<'_> {
-        let now = sm2_io::clock::now();
+        self.lock_at(sm2_io::clock::now(), needs_no_socket).0
+    }
+
+    /// Locks the interface for a call that began at `now`. Drives only if the last drive was some time ago, to avoid a
+    /// system call for each message of a ring. Returns whether it has driven.
+    #[inline]
+    pub(crate) fn lock_if_due(&self, now: Instant) -> (LockedInterface<'_>, bool) {
+        self.lock_at(now, |_| true)
+    }
+
+    /// Locks the interface for a call that began at `now`. Drives the control side, if calls have to, and the links,
+    /// unless the call needs no socket and the last drive was not long ago. Returns whether it has driven.
+    #[inline]
+    fn lock_at(
+        &self,
+        now: Instant,
+        needs_no_socket: impl FnOnce(&InterfaceDriver) -> bool,
+    ) -> (LockedInterface<'_>, bool) {
         let mut locked = self.lock();
         locked.now = now;
-        if locked.is_due(now) || !needs_no_socket(&locked) {
-            if !self.sets.has_background() {
-                drop(locked);
-                self.drive_control();
-                locked = self.lock();
-                locked.now = now;
-            }
-            locked.last_drive = now;
-            locked.drive();
+        if !locked.is_due(now) && needs_no_socket(&locked) {
+            return (locked, false);
         }
-        locked
+        if !self.sets.has_background() {
+            drop(locked);
+            self.drive_control();
+            locked = self.lock();
+            locked.now = now;
+        }
+        locked.last_drive = now;
+        locked.drive();
+        (locked, true)
     }
 
     /// Whether the Manager of this session has granted the interface. Meaningful once that Manager knows all interfaces
@@ -199,13 +211,6 @@ impl SharedInterface {
 }
 
 impl LockedInterface<'_> {
-    /// Drives the links if that is due: see [`InterfaceDriver::drive_if_due`].
-    #[inline]
-    pub(crate) fn drive_if_due(&mut self, now: Instant) -> bool {
-        let sets = &self.shared.sets;
-        DerefMut::deref_mut(self).drive_if_due(now, sets)
-    }
-
     /// Drives the links.
     pub(super) fn drive(&mut self) {
         let sets = &self.shared.sets;
@@ -305,21 +310,8 @@ impl InterfaceDriver {
 
     /// Whether a drive is due although all messages come through rings: the last one was some time ago.
     #[inline]
-    pub(super) const fn is_due(&self, now: Instant) -> bool {
+    const fn is_due(&self, now: Instant) -> bool {
         now.0.saturating_sub(self.last_drive.0) >= SOCKETS_WAIT_NS
-    }
-
-    /// Drives the links if that is due, to avoid a system call for each message of a ring. Returns whether they were
-    /// driven.
-    #[inline]
-    fn drive_if_due(&mut self, now: Instant, sets: &LinkSets) -> bool {
-        self.now = now;
-        let due = self.is_due(now);
-        if due {
-            self.last_drive = now;
-            self.drive(sets);
-        }
-        due
     }
 
     /// Reads from the readable sockets of links, and writes to the writable ones. Does a bounded amount of work and

@@ -157,16 +157,12 @@ impl SharedInterface {
             Wait::Spin => Instant(u64::MAX),
         };
         loop {
-            let mut locked = self.lock();
-            let driven = locked.drive_if_due(now);
+            let (mut locked, driven) = self.lock_if_due(now);
             if let Some(found) = look(&mut locked) {
                 return Ok(Some(found));
             }
             if now < spin_until.min(until.unwrap_or(spin_until)) && locked.has_rings_only() {
                 drop(locked);
-                if driven {
-                    self.drive_control_by_call();
-                }
                 // Threads that wait for the lock can take it during the pauses.
                 for _ in 0..PAUSES {
                     std::hint::spin_loop();
@@ -175,16 +171,12 @@ impl SharedInterface {
                 continue;
             }
             // No ring has brought anything, so the sockets are read.
-            if !self.sets.has_background() {
-                drop(locked);
-                self.drive_control();
-                locked = self.lock();
-            }
             if !driven {
-                locked.drive();
-            }
-            if let Some(found) = look(&mut locked) {
-                return Ok(Some(found));
+                drop(locked);
+                locked = self.lock_driven();
+                if let Some(found) = look(&mut locked) {
+                    return Ok(Some(found));
+                }
             }
             if until.is_some_and(|until| until <= now) {
                 return Ok(None);

@@ -75,8 +75,7 @@ impl UntypedPublisher {
         sum: &mut Published,
     ) -> usize {
         let now = sm2_io::clock::now();
-        let mut locked = self.handle.interface.lock();
-        let is_driven = locked.drive_if_due(now);
+        let (mut locked, is_driven) = self.handle.interface.lock_if_due(now);
         locked.change_unharvested(|interface, context| {
             // Without driving, the publisher reads released slots only when it needs one: a receiver that
             // keeps up writes to the same memory all the time.

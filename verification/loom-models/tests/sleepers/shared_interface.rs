@@ -63,6 +63,17 @@ impl SharedInterface {
         LockedInterface(self.driver.lock().unwrap())
     }
 
+    /// Never due in these models: that is the case in which the sockets are read least.
+    pub(crate) fn lock_if_due(&self, _: Instant) -> (LockedInterface<'_>, bool) {
+        (self.lock(), false)
+    }
+
+    pub(crate) fn lock_driven(&self) -> LockedInterface<'_> {
+        let mut locked = self.lock();
+        locked.drive();
+        locked
+    }
+
     pub(crate) fn drive(&self) {
         self.lock().drive();
     }
@@ -79,17 +90,9 @@ impl SharedInterface {
         locked.0.sleepers.wake();
     }
 
-    pub(crate) fn drive_control(&self) {}
-
-    pub(crate) fn drive_control_by_call(&self) {}
 }
 
 impl LockedInterface<'_> {
-    /// Never due in these models: that is the case in which the sockets are read least.
-    pub(crate) fn drive_if_due(&mut self, _: Instant) -> bool {
-        false
-    }
-
     pub(crate) fn drive(&mut self) {
         if self.0.interface.read() {
             self.0.sleepers.wake();
