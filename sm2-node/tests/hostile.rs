@@ -4,106 +4,19 @@ mod common;
 
 use std::fs::File;
 use std::io::IoSlice;
-use std::os::fd::{AsFd, BorrowedFd};
+use std::os::fd::AsFd;
 use std::time::{Duration, Instant};
 
+use common::raw::{RECEIVER, Raw, attach, pooled, raw_publisher, topic};
 use common::{Domain, SOON, pattern};
 use nix::fcntl::{FcntlArg, SealFlag, fcntl};
 use nix::sys::memfd::{MFdFlags, memfd_create};
 use sm2_io::fault::{Call, Injector};
 use sm2_io::{Listener, RecvError, SeqPacket, wait_readable};
 use sm2_node::diagnostics::End;
-use sm2_node::domain::{DemandedQos, LinkId, OfferedQos};
-use sm2_node::{DeclareError, Message, Name, Publisher, Subscriber};
-use sm2_proto::node::{Input, Node, Output};
-use sm2_proto::{Contract, Datagram, Farewell, Machine, Seals, ViolationKind, violation};
-
-const SENDER: u8 = 0;
-const RECEIVER: u8 = 1;
-
-/// A node that obeys the protocol towards the Manager, and gives the test control of its link.
-struct Raw {
-    _session: SeqPacket,
-    link: SeqPacket,
-    id: LinkId,
-}
-
-impl Raw {
-    fn declare(domain: &Domain, name: &str, contract: &Contract) -> Self {
-        let session = SeqPacket::connect(&domain.socket()).unwrap();
-        let mut node = Node::new(Name::new(name).unwrap());
-        let mut buffer = vec![0; 65_536];
-        loop {
-            let mut fd = None;
-            while let Some(output) = node.poll() {
-                match output {
-                    Output::Transmit(frame) => session.send(&[IoSlice::new(&frame)], &[]).unwrap(),
-                    Output::Welcomed { .. } => drop(node.declare(contract.clone()).unwrap()),
-                    Output::Declared { .. } => {}
-                    other => panic!("{other:?}"),
-                }
-            }
-            wait_readable(&[session.as_fd()], Some(SOON)).unwrap();
-            let received = session.recv(&mut buffer).unwrap();
-            fd = received.fds.into_iter().next().or(fd);
-            let bytes = &buffer[..received.len];
-            let facts = vec![Default::default(); usize::from(fd.is_some())];
-            let datagram = Datagram {
-                fds: &facts,
-                ..Datagram::new(bytes)
-            };
-            let _ = node.handle(sm2_node::now(), Input::Datagram(datagram));
-            if let Some(fd) = fd {
-                let link = SeqPacket::from_fd(fd).unwrap();
-                let Some(Output::Linked { link: id, .. }) = node.poll() else {
-                    panic!("a descriptor without a link");
-                };
-                return Self {
-                    _session: session,
-                    link,
-                    id,
-                };
-            }
-        }
-    }
-
-    fn open(&self, role: u8, window: u32) {
-        let mut frame = vec![1, role, 1, 0];
-        frame.extend(window.to_le_bytes());
-        frame.extend(self.id.epoch.to_le_bytes());
-        frame.extend(self.id.serial.to_le_bytes());
-        frame.extend(1_u32.to_le_bytes());
-        let max_len: u32 = if role == SENDER { 0 } else { 1 << 20 };
-        frame.extend(max_len.to_le_bytes());
-        self.send(&frame, &[]);
-    }
-
-    fn send(&self, frame: &[u8], fds: &[BorrowedFd<'_>]) {
-        self.link.send(&[IoSlice::new(frame)], fds).unwrap();
-    }
-
-    /// Returns the code of the CLOSE, and checks that no other frame follows.
-    fn closed(&self, mut drive: impl FnMut()) -> u16 {
-        let deadline = Instant::now() + SOON;
-        let mut buffer = vec![0; 65_536];
-        let mut code = None;
-        while Instant::now() < deadline {
-            drive();
-            wait_readable(&[self.link.as_fd()], Some(Duration::from_millis(1))).unwrap();
-            match self.link.recv(&mut buffer) {
-                Ok(received) if buffer[0] == 9 => {
-                    assert_eq!((code, received.len), (None, 8));
-                    code = Some(u16::from_le_bytes([buffer[2], buffer[3]]));
-                }
-                Ok(_) => assert_eq!(code, None, "nothing follows CLOSE"),
-                Err(RecvError::WouldBlock) => {}
-                Err(RecvError::Closed) => return code.expect("CLOSE"),
-                Err(error) => panic!("{error}"),
-            }
-        }
-        panic!("the link is not closed");
-    }
-}
+use sm2_node::domain::DemandedQos;
+use sm2_node::{DeclareError, Publisher, Subscriber};
+use sm2_proto::{Contract, Seals, ViolationKind, violation};
 
 /// Runs a Manager that welcomes one node, and then sends `answer`.
 fn manager(answer: &'static [u8]) -> (tempfile::TempDir, std::thread::JoinHandle<SeqPacket>) {
@@ -186,10 +99,6 @@ fn a_manager_that_does_not_answer_is_not_waited_for_for_ever() {
     assert_eq!(&buffer[..received.len], [2, 1], "WITHDRAW");
 }
 
-fn topic() -> Name {
-    Name::new("topic").unwrap()
-}
-
 /// A publisher and a correct subscriber, which the hostile peer must not affect.
 fn honest(domain: &Domain) -> (Publisher<[u8]>, Subscriber<[u8]>) {
     let publisher = domain.node("talker").publisher::<[u8]>("topic").unwrap();
@@ -247,79 +156,6 @@ fn a_subscriber_that_breaks_the_protocol_loses_its_link_alone() {
             .wait_for_subscribers_timeout(2, Duration::from_millis(5))
             .is_err()
     );
-}
-
-fn raw_publisher(domain: &Domain) -> (Raw, Subscriber<[u8]>) {
-    let subscriber = domain.node("listener").subscriber::<[u8]>("topic").unwrap();
-    let contract = Contract::Publisher {
-        topic: topic(),
-        data: <[u8]>::type_id(),
-        offer: OfferedQos {
-            depth: 1,
-            reliable: false,
-            latched: 0,
-            sealed: false,
-        },
-    };
-    let raw = Raw::declare(domain, "raw", &contract);
-    raw.open(SENDER, 0);
-    (raw, subscriber)
-}
-
-fn attach(segment: u32, stride: u64, slots: u32) -> Vec<u8> {
-    let mut frame = vec![2, 0, 0, 0];
-    frame.extend(segment.to_le_bytes());
-    frame.extend(stride.to_le_bytes());
-    frame.extend(slots.to_le_bytes());
-    frame.extend([0; 4]);
-    frame
-}
-
-fn pooled(segment: u32, slot: u32, sequence: u64, len: u64) -> Vec<u8> {
-    let mut frame = vec![4, 1, 0, 0];
-    frame.extend(segment.to_le_bytes());
-    frame.extend(slot.to_le_bytes());
-    frame.extend([0; 4]);
-    for word in [sequence, sequence, 0, len] {
-        frame.extend(word.to_le_bytes());
-    }
-    frame
-}
-
-/// A publisher that attaches sparse segments leaves room for a newcomer, and loses its link when it
-/// attaches one more than its part.
-//= SM2-SEG-007 test
-#[test]
-fn a_peer_cannot_use_up_the_addresses_of_others() {
-    const STRIDE: u64 = 1 << 32;
-    const SLOTS: u32 = 16;
-    let domain = Domain::new();
-    let (raw, subscriber) = raw_publisher(&domain);
-    let attach_next = |segment: u32| {
-        let (fd, _slots) = sm2_io::Segment::create(STRIDE, SLOTS).unwrap().split();
-        raw.send(&attach(segment, STRIDE, SLOTS), &[fd.as_fd()]);
-    };
-    // Half of the 1 TiB that a node maps by default, in segments of 64 GiB.
-    (0..8).for_each(attach_next);
-    raw.send(&pooled(7, 0, 1, 20), &[]);
-    assert_eq!(*subscriber.recv_timeout(SOON).unwrap().unwrap(), [0; 20]);
-    let newcomer = domain.node("talker").publisher::<[u8]>("topic").unwrap();
-    while newcomer
-        .wait_for_subscribers_timeout(1, Duration::from_millis(1))
-        .is_err()
-    {
-        let _ = subscriber.links();
-    }
-    let meet = |seed| {
-        newcomer.publish(&pattern(1 << 20, seed)).unwrap();
-        let sample = subscriber.recv_timeout(SOON).unwrap().unwrap();
-        assert!(*sample == *pattern(1 << 20, seed));
-    };
-    meet(1);
-    attach_next(8);
-    let code = raw.closed(|| drop(subscriber.try_recv().unwrap()));
-    assert_eq!(code, Farewell::Resources.code().0);
-    meet(2);
 }
 
 /// A file of zeroes without memory, with the seals of a sealed message.

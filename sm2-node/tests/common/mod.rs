@@ -1,6 +1,8 @@
 //! A domain for each test.
 #![allow(dead_code, reason = "each test uses its own part")]
 
+pub(crate) mod raw;
+
 use std::thread;
 use std::time::{Duration, Instant};
 
