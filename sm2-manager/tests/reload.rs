@@ -95,7 +95,7 @@ fn count(manager: &Program, text: &str) -> usize {
 }
 
 /// Once the Manager says that the policy is applied, nothing comes that the policy denies.
-//= SM2-ACC-013, SM2-ACC-014, SM2-ACC-012 sys
+//= SM2-ACC-013, SM2-ACC-017, SM2-ACC-012 sys
 #[test]
 fn what_the_new_policy_denies_is_not_delivered() {
     for sealed in [false, true] {

@@ -82,7 +82,7 @@ codes! {
         Resources = 4, "resources", "SM2-COD-001";
         PeerGone = 5, "peer-gone", "SM2-LNK-006";
         NotAdopted = 6, "not-adopted", "SM2-RES-005";
-        Denied = 7, "denied", "SM2-ACC-014";
+        Denied = 7, "denied", "SM2-ACC-017";
     }
 }
 
@@ -109,6 +109,7 @@ codes! {
         CountersTwice = 41, "counters-twice";
         BadSchema = 42, "bad-schema";
         ReloadTwice = 43, "reload-twice";
+        UnexpectedSuspended = 44, "unexpected-suspended";
         ExpectedWelcome = 48, "expected-welcome";
         UnexpectedWelcome = 49, "unexpected-welcome";
         BadVersion = 50, "bad-version";

@@ -254,7 +254,7 @@ fn only_the_shortest_varint() {
 //= SM2-FRM-001 test
 #[test]
 fn unknown_numbers() {
-    for (frames, direction) in [(15_u8, TO_MANAGER), (15, TO_NODE)] {
+    for (frames, direction) in [(16_u8, TO_MANAGER), (15, TO_NODE)] {
         for number in frames..=0xff {
             // From 0x80 on the number is cut short; with one more byte it is large.
             assert_eq!(
@@ -416,7 +416,7 @@ fn precedence() {
     let mut bad_name = malformed.clone();
     bad_name[5] = b'.';
     let mut unknown = bad_name.clone();
-    unknown[0] = 15;
+    unknown[0] = 16;
     for (bytes, violation) in [
         (too_deep, violation!(BadQos, "SM2-FRM-003")),
         (not_canonical, violation!(NotCanonical, "SM2-FRM-002")),

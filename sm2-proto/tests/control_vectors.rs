@@ -3,7 +3,8 @@
 //! A vector is one datagram `to` the Manager or a node, with `fds` descriptors, in a session after
 //! `before`. `before` lists frames that were received and, with `>` in front, frames that the
 //! receiver had sent itself. (The Manager's own frames follow from those it received; its epoch is
-//! 1, the session its first.) `truncated` names what the kernel cut, and `file` the kind of a
+//! 1, the session its first; `deny` stands for an access policy that it reads and that denies
+//! everything.) `truncated` names what the kernel cut, and `file` the kind of a
 //! descriptor that is no file of counters. The vector is either a `frame`, in SPEC's words, or a
 //! `violation`. `answer` lists the frames that a node sends at once.
 
@@ -11,7 +12,7 @@
 mod naive;
 mod support;
 
-use std::collections::BTreeSet;
+use std::{collections::BTreeSet, sync::Arc};
 
 use serde::Deserialize;
 use serde_json::{Map, Value};
@@ -23,6 +24,7 @@ use sm2_proto::{
     },
     manager::{Cause, Credentials, Input, Manager, Output, Policy},
     node::{self, End, Node},
+    policy::{AccessPolicy, Effect, Tables},
 };
 
 const VECTORS: &str = include_str!("../../tests/vectors/control.json");
@@ -211,6 +213,11 @@ impl Vector {
             None
         );
         for before in &self.before {
+            if before == "deny" {
+                assert_eq!(feed(Input::SetAccessPolicy(Some(denying()))), None);
+                assert_eq!(feed(Input::Tick), None);
+                continue;
+            }
             let bytes = bytes(before);
             let has_file = matches!(bytes.first(), Some(9));
             let datagram = Datagram {
@@ -286,6 +293,17 @@ impl Vector {
             Err(error) => panic!("{}: {error}", self.name),
         }
     }
+}
+
+/// An access policy that allows nothing.
+fn denying() -> Arc<AccessPolicy> {
+    let tables = Tables {
+        default: Effect::Deny,
+        rules: Vec::new(),
+        bindings: Vec::new(),
+        exclusive: Vec::new(),
+    };
+    Arc::new(AccessPolicy::new(tables).expect("within the limits"))
 }
 
 fn transmitted(node: &mut Node) -> Vec<Vec<u8>> {
@@ -414,7 +432,7 @@ fn every_frame_variant_and_control_violation_has_a_vector() {
         }
         violations.extend(vector.violation.as_deref());
     }
-    assert_eq!(kinds.len(), 15 + 15);
+    assert_eq!(kinds.len(), 16 + 15);
     for variant in VARIANTS {
         let with_fields = format!("\"{variant}\":{{");
         let without = format!(":\"{variant}\"");

@@ -50,7 +50,7 @@ fn pair(bench: &mut Bench) -> (NodeId, NodeId, LinkId) {
     (talker, listener, links[0])
 }
 
-//= SM2-ACC-013, SM2-ACC-014 test
+//= SM2-ACC-013, SM2-ACC-017 test
 #[test]
 fn a_denied_interface_loses_its_links_and_comes_back() {
     let mut bench = Bench::new(UNLIMITED);
@@ -70,8 +70,9 @@ fn a_denied_interface_loses_its_links_and_comes_back() {
     // It is applied once both sides have confirmed.
     assert!(bench.manager.is_applying_policy());
     bench.unlinked(talker, 1, link);
-    assert!(bench.manager.is_applying_policy());
     bench.unlinked(listener, 1, link);
+    assert!(bench.manager.is_applying_policy());
+    assert_eq!(bench.suspended(talker, 1), []);
     assert!(!bench.manager.is_applying_policy());
     assert_eq!(bench.manager.deadline(), None);
     // A subscriber that comes now is not linked, and neither is another publisher.
@@ -84,6 +85,8 @@ fn a_denied_interface_loses_its_links_and_comes_back() {
     let other = deny("silent", Action::Publish, &["*"], &[]);
     let events = reload(&mut bench, tables(vec![other]));
     assert_eq!(events, [Event::Sent(talker, refused(1, denied("silent")))]);
+    assert!(bench.manager.is_applying_policy());
+    bench.suspended(talker, 1);
     let events = reload(&mut bench, tables(Vec::new()));
     assert_eq!(seen_by(&events, talker)[0], granted(1));
     assert_eq!(bench.manager.links(), 2);
@@ -154,7 +157,7 @@ fn an_exclusive_topic_keeps_the_publisher_that_came_first() {
     assert_eq!(reload(&mut bench, exclusive(Vec::new())), [lose(first)]);
 }
 
-//= SM2-ACC-014 test
+//= SM2-ACC-017 test
 #[test]
 fn a_node_that_does_not_confirm_is_ended() {
     let mut bench = Bench::new(UNLIMITED);
@@ -164,6 +167,7 @@ fn a_node_that_does_not_confirm_is_ended() {
         tables(vec![deny("deaf", Action::Subscribe, &["a"], &[])]),
     );
     bench.unlinked(listener, 1, link);
+    bench.suspended(listener, 1);
     bench.now = bench.now.after(UNLIMITED.confirmation);
     let stalled = Cause::Farewell(Farewell::Stalled);
     let code = Some(Farewell::Stalled.code());
@@ -179,6 +183,7 @@ fn a_node_that_does_not_confirm_is_ended() {
             tables(vec![deny("deaf", Action::Subscribe, &["a"], &[])]),
         );
         bench.unlinked(listener, 1, link);
+        bench.suspended(listener, 1);
         assert!(bench.manager.is_applying_policy());
         drop(match leaves {
             false => bench.withdraw(talker, 1),
@@ -188,6 +193,39 @@ fn a_node_that_does_not_confirm_is_ended() {
         bench.now = bench.now.after(UNLIMITED.confirmation);
         assert_eq!(settle(&mut bench), []);
     }
+}
+
+/// A suspended interface without links is confirmed as well, because messages of links that ended
+/// before may wait in its node. Each suspension is confirmed for itself.
+//= SM2-ACC-017 test
+#[test]
+fn an_interface_without_links_confirms_each_suspension() {
+    let rules = || tables(vec![deny("deaf", Action::Subscribe, &["a"], &[])]);
+    let stalled = Cause::Farewell(Farewell::Stalled);
+    for leaves in [None, Some(false), Some(true)] {
+        let mut bench = Bench::new(UNLIMITED);
+        let listener = bench.node(USER, "listener");
+        bench.declared(listener, 1, &subscriber("a", None));
+        for policy in [rules(), tables(Vec::new()), rules()] {
+            reload(&mut bench, policy);
+        }
+        bench.suspended(listener, 1);
+        assert!(bench.manager.is_applying_policy());
+        drop(match leaves {
+            None => bench.suspended(listener, 1),
+            Some(false) => bench.withdraw(listener, 1),
+            Some(true) => bench.close(listener),
+        });
+        assert!(!bench.manager.is_applying_policy());
+        assert_eq!(bench.manager.deadline(), None);
+    }
+    let mut bench = Bench::new(UNLIMITED);
+    let listener = bench.node(USER, "listener");
+    bench.declared(listener, 1, &subscriber("a", None));
+    reload(&mut bench, rules());
+    bench.now = bench.now.after(UNLIMITED.confirmation);
+    let ended = Event::HungUp(listener, Some(Farewell::Stalled.code()), stalled);
+    assert_eq!(settle(&mut bench), [ended]);
 }
 
 //= SM2-ACC-013 test
@@ -206,6 +244,8 @@ fn a_denied_name_ends_the_session_after_its_links() {
     assert_eq!(seen_by(&declared, talker), [refused(2, denied("nobody"))]);
     assert_eq!(bench.unlinked(listener, 1, link), []);
     assert_eq!(bench.unlinked(talker, 1, link), []);
+    assert_eq!(settle(&mut bench), []);
+    bench.suspended(talker, 1);
     assert_eq!(settle(&mut bench), [end(talker)]);
     assert!(!bench.manager.is_applying_policy());
     let again = bench.connect(USER);
@@ -216,7 +256,7 @@ fn a_denied_name_ends_the_session_after_its_links() {
 }
 
 /// A node comes back with an interface that the policy of this Manager denies.
-//= SM2-RES-011, SM2-ACC-014 test
+//= SM2-RES-011, SM2-ACC-017 test
 #[test]
 fn a_renewed_interface_that_is_denied_stays_suspended() {
     let policy = Policy {

@@ -71,7 +71,8 @@ fn the_answer_comes_when_the_policy_is_applied() {
     // This policy was read before the second session asked: it does not answer the second one.
     assert_eq!(reload(&mut bench, late), [Event::PolicyWanted]);
     let applied = ReloadOutcome::Applied;
-    let events = bench.unlinked(listener, 1, link);
+    bench.unlinked(listener, 1, link);
+    let events = bench.suspended(talker, 1);
     assert_eq!(events, [answer(tool, applied.clone())]);
     bench.input(Input::SetAccessPolicy(None));
     assert_eq!(seen_by(&settle(&mut bench), late).len(), 1);
@@ -113,7 +114,8 @@ fn what_cannot_be_used_is_said_and_changes_nothing() {
     assert_eq!(events, [expected]);
     // The policy before goes on being applied.
     bench.unlinked(talker, 1, link);
-    let events = bench.unlinked(talker, 2, link);
+    bench.unlinked(talker, 2, link);
+    let events = bench.suspended(talker, 1);
     assert_eq!(events, [answer(waiting, ReloadOutcome::Applied)]);
     assert!(bench.manager.has_access_policy());
 }

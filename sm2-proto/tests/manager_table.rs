@@ -6,11 +6,13 @@ mod support;
 use sm2_proto::{
     Code, Contract, Datagram, FdFacts, InterfaceId, LinkId, NodeId, Seals, TypeId, Violation,
     control::{SchemaText, ToManager, ToNode, encode_to_manager},
-    manager::{Cause, PHASES, Phase, Policy, TO_MANAGER_KINDS, ToManagerKind, legal},
+    manager::{Cause, Input, PHASES, Phase, Policy, TO_MANAGER_KINDS, ToManagerKind, legal},
+    policy::Action,
     schema::Schema,
     violation,
 };
 use support::{
+    access::{access, deny, settle, tables},
     bench::{Bench, EPOCH, Event, claim, hello, resuming, seen_by, unlink, unlinked, withdraw},
     contracts::{data, name, publisher, subscriber},
 };
@@ -32,10 +34,10 @@ const TABLE: &str = "
     Resuming  ok              ok              ok              ok              ok              ok
     Ready     ok              ok              ok              ok              ok              ok
 
-    -         Reload
-    Greeting  expected-hello
-    Resuming  ok
-    Ready     ok
+    -         Reload          Suspended
+    Greeting  expected-hello  expected-hello
+    Resuming  ok              ok
+    Ready     ok              ok
 ";
 
 /// The tables side by side.
@@ -162,10 +164,20 @@ fn frame(kind: ToManagerKind, link: Option<LinkId>) -> ToManager {
         ToManagerKind::Describe => ToManager::Describe { data: data("Scan") },
         ToManagerKind::MaxLinks => ToManager::MaxLinks { max_links: 0 },
         ToManagerKind::Reload => ToManager::Reload,
+        ToManagerKind::Suspended => ToManager::Suspended {
+            interface: InterfaceId(7),
+        },
     }
 }
 
 const BYTE: &str = "plain:u8";
+
+/// Denies all interfaces.
+fn suspend_all(bench: &mut Bench) {
+    let rule = deny("nothing", Action::Subscribe, &["**"], &[]);
+    bench.input(Input::SetAccessPolicy(access(tables(vec![rule]))));
+    settle(bench);
+}
 
 /// Sends a frame, and the descriptor that belongs to it.
 fn send(scene: &mut Scene, kind: ToManagerKind) -> Vec<Event> {
@@ -189,6 +201,9 @@ fn end_to_end() {
     for phase in PHASES {
         for kind in TO_MANAGER_KINDS {
             let mut scene = scene(phase);
+            if kind == ToManagerKind::Suspended {
+                suspend_all(&mut scene.bench);
+            }
             let events = send(&mut scene, kind);
             let hang_up = events.iter().find_map(|event| match event {
                 Event::HungUp(session, code, cause) => Some((*session, *code, *cause)),
@@ -250,6 +265,12 @@ fn breaches(link: LinkId) -> Vec<(Violation, Vec<u8>, usize)> {
             unlinked(7, other_serial),
         ),
         (
+            violation!(UnexpectedSuspended, "SM2-ACC-017"),
+            ToManager::Suspended {
+                interface: InterfaceId(7),
+            },
+        ),
+        (
             violation!(BadSchema, "SM2-SCH-001"),
             ToManager::Schema(SchemaText {
                 data: data("Scan"),
@@ -263,7 +284,7 @@ fn breaches(link: LinkId) -> Vec<(Violation, Vec<u8>, usize)> {
         .collect();
     breaches.extend([
         (violation!(FrameTooLong, "SM2-TRN-004"), vec![0; 65_537], 0),
-        (violation!(UnknownFrame, "SM2-FRM-001"), vec![15], 0),
+        (violation!(UnknownFrame, "SM2-FRM-001"), vec![16], 0),
         (violation!(Malformed, "SM2-FRM-001"), vec![2], 0),
         (violation!(TrailingBytes, "SM2-FRM-001"), vec![2, 7, 0], 0),
         (violation!(NotCanonical, "SM2-FRM-002"), vec![2, 0x87, 0], 0),
@@ -421,7 +442,7 @@ fn a_violation_before_the_greeting_leaves_no_trace() {
 #[test]
 fn an_ended_session_is_not_answered() {
     let mut scene = scene(Phase::Ready);
-    offend(&mut scene, &[15], 0);
+    offend(&mut scene, &[16], 0);
     let before = scene.bench.manager.clone();
     for kind in TO_MANAGER_KINDS {
         assert_eq!(send(&mut scene, kind), [], "{kind:?}");
@@ -468,7 +489,7 @@ fn what_the_kernel_truncated_is_a_violation() {
     let datagram = Datagram {
         data_truncated: true,
         control_truncated: true,
-        ..Datagram::new(&[15])
+        ..Datagram::new(&[16])
     };
     let mut scene = scene(Phase::Greeting);
     let events = scene.bench.datagram(scene.offender, datagram);

@@ -213,7 +213,12 @@ fn every_state_of_an_interface_and_frame() {
             Ok(outputs) => match &outputs[..] {
                 [] => "silent",
                 [Output::Declared { .. }] => "live",
-                [Output::DeclareRefused { .. }] if stays(&node) => "suspended",
+                [Output::DeclareRefused { .. }, Output::Transmit(_)] => {
+                    let interface = InterfaceId(1);
+                    assert_eq!(sent(&outputs), [ToManager::Suspended { interface }]);
+                    assert!(stays(&node));
+                    "suspended"
+                }
                 [Output::DeclareRefused { .. } | Output::Withdrawn { .. }] => "gone",
                 // The links that no Manager has claimed end here.
                 [
@@ -247,7 +252,7 @@ fn every_state_of_an_interface_and_frame() {
                     Output::Transmit(_),
                     Output::Resumed,
                 ] => "forgotten",
-                [Output::Transmit(_), Output::Unlink { .. }] => {
+                [Output::Unlink { .. }, Output::Transmit(_)] => {
                     let answer = ToManager::Unlinked {
                         interface: InterfaceId(1),
                         link: link_id(1),

@@ -138,7 +138,7 @@ impl LinkDriver {
 
     /// Whether the access policy denies the link, as the Manager or the other side says: its messages
     /// that were not taken are discarded.
-    //= SM2-ACC-014
+    //= SM2-ACC-017
     pub(super) fn is_denied(&self) -> bool {
         self.denied || self.end_code() == Some(Farewell::Denied.code())
     }

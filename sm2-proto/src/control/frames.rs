@@ -95,6 +95,11 @@ pub enum ToManager {
     },
     /// The node asks the Manager to read the access policy of its domain again.
     Reload,
+    /// The node gives its program nothing more of an interface that the access policy denies.
+    Suspended {
+        /// The interface.
+        interface: InterfaceId,
+    },
 }
 
 /// A frame from the Manager to a node.
@@ -270,7 +275,7 @@ pub struct LinkPeer {
 
 impl ToManager {
     /// The number of frame types.
-    pub(super) const COUNT: u32 = 15;
+    pub(super) const COUNT: u32 = 16;
 
     /// The number of descriptors that the frame carries.
     pub(crate) const fn fds(&self) -> usize {

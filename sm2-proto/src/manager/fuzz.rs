@@ -157,7 +157,7 @@ impl<'a> Fuzz<'a> {
         Some(())
     }
 
-    /// RELOAD, or a policy that was read. One session in four belongs to no user who may ask.
+    /// RELOAD or SUSPENDED, or a policy that was read. One session in four belongs to no user who may ask.
     fn reload(&mut self, session: NodeId) -> Option<()> {
         let choice = self.script.byte()?;
         let tables = |default| Tables {
@@ -169,8 +169,13 @@ impl<'a> Fuzz<'a> {
         let policy = |effect| AccessPolicy::new(tables(effect)).ok().map(Arc::new);
         match choice % 5 {
             0 | 1 => {
-                let frame = encode_to_manager(&ToManager::Reload);
-                self.datagram(session, Datagram::new(&frame));
+                let frame = match choice & 0x40 {
+                    0 => ToManager::Reload,
+                    _ => ToManager::Suspended {
+                        interface: self.interface()?,
+                    },
+                };
+                self.datagram(session, Datagram::new(&encode_to_manager(&frame)));
             }
             2 => self.feed(Input::SetAccessPolicy(None)),
             3 => {

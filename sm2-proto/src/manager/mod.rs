@@ -354,6 +354,7 @@ impl Manager {
             ToManager::Describe { data } => self.describe(node, data),
             ToManager::MaxLinks { max_links } => self.set_max_links(node, max_links),
             ToManager::Reload => self.reload(node)?,
+            ToManager::Suspended { interface } => self.reload.suspended(at(interface))?,
         }
         Ok(())
     }

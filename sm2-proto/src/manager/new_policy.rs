@@ -1,4 +1,4 @@
-//! Another access policy for a domain that runs (SM2-ACC-013, SM2-ACC-014).
+//! Another access policy for a domain that runs (SM2-ACC-013, SM2-ACC-017).
 //!
 //! | pass | on each interface, in ascending order |
 //! | --- | --- |
@@ -26,7 +26,7 @@ use crate::{
 impl Manager {
     /// Whether the last [`Input::SetAccessPolicy`](super::Input::SetAccessPolicy) is still being
     /// applied. When this is false, no node delivers a message of a link that the policy denies.
-    //= SM2-ACC-014
+    //= SM2-ACC-017
     #[must_use]
     pub fn is_applying_policy(&self) -> bool {
         !self.reload.is_over()
@@ -107,7 +107,7 @@ impl Manager {
         {
             budget.spend(MARK);
             self.channels.remove(entity, &contract);
-            self.suspend(entity, reason);
+            self.suspend_answered(entity, reason);
         }
         if self.is_granted(entity) || self.end_suspended(entity, budget) {
             next
@@ -142,8 +142,15 @@ impl Manager {
         self.send(node, &ToNode::DeclareRefused { interface, reason });
     }
 
+    /// Suspends an interface that was granted or suspended in this session: its node answers.
+    //= SM2-ACC-017
+    fn suspend_answered(&mut self, entity: EntityId, reason: Refusal) {
+        self.reload.suspend(entity);
+        self.suspend(entity, reason);
+    }
+
     /// Ends the links of a suspended interface. Returns whether none is left.
-    //= SM2-ACC-014
+    //= SM2-ACC-017
     fn end_suspended(&mut self, entity: EntityId, budget: &mut Budget) -> bool {
         // Each part ends one at least, even if the judgement has spent the budget.
         loop {
@@ -161,7 +168,7 @@ impl Manager {
     }
 
     /// Ends a live link of a suspended interface at both ends.
-    //= SM2-ACC-014, SM2-LNK-007
+    //= SM2-ACC-017, SM2-LNK-007
     fn deny_link(&mut self, entity: EntityId, link: LinkId, pair: Option<Pair>) {
         let code = Farewell::Denied.code();
         let unheard_of = pair.is_some_and(|pair| self.pending_links.remove(pair, link));
@@ -200,7 +207,7 @@ impl Manager {
                 }
                 Err(reason) if self.suspension(entity) != Some(&reason) => {
                     budget.spend(MARK);
-                    self.suspend(entity, reason);
+                    self.suspend_answered(entity, reason);
                 }
                 Err(_) => {}
             }

@@ -46,13 +46,15 @@ pub enum ToManagerKind {
     MaxLinks,
     /// RELOAD
     Reload,
+    /// SUSPENDED
+    Suspended,
 }
 
 /// Every phase.
 pub const PHASES: [Phase; 3] = [Phase::Greeting, Phase::Resuming, Phase::Ready];
 
 /// Every kind of frame from a node.
-pub const TO_MANAGER_KINDS: [ToManagerKind; 15] = [
+pub const TO_MANAGER_KINDS: [ToManagerKind; 16] = [
     ToManagerKind::Hello,
     ToManagerKind::Declare,
     ToManagerKind::Withdraw,
@@ -68,6 +70,7 @@ pub const TO_MANAGER_KINDS: [ToManagerKind; 15] = [
     ToManagerKind::Describe,
     ToManagerKind::MaxLinks,
     ToManagerKind::Reload,
+    ToManagerKind::Suspended,
 ];
 
 impl ToManagerKind {
@@ -88,6 +91,7 @@ impl ToManagerKind {
             ToManager::Describe { .. } => Self::Describe,
             ToManager::MaxLinks { .. } => Self::MaxLinks,
             ToManager::Reload => Self::Reload,
+            ToManager::Suspended { .. } => Self::Suspended,
         }
     }
 }
@@ -118,7 +122,8 @@ pub const fn legal(phase: Phase, kind: ToManagerKind) -> Result<(), Violation> {
             | ToManagerKind::Schema
             | ToManagerKind::Describe
             | ToManagerKind::MaxLinks
-            | ToManagerKind::Reload,
+            | ToManagerKind::Reload
+            | ToManagerKind::Suspended,
         ) => Ok(()),
     }
 }

@@ -296,7 +296,7 @@ fn an_ended_session_is_silent() {
         session,
         datagram: Datagram::new(bytes),
     };
-    // CLAIMED; 15 is no frame.
+    // CLAIMED; 16 is no frame.
     let early = match phase {
         Phase::Greeting => Cause::Violation(violation!(ExpectedHello, "SM2-SES-001")),
         _ => Cause::Violation(violation!(UnexpectedClaim, "SM2-RES-003")),
@@ -307,7 +307,7 @@ fn an_ended_session_is_silent() {
             (datagram(&[7]), early)
         }
         1 => (
-            datagram(&[15]),
+            datagram(&[16]),
             Cause::Violation(violation!(UnknownFrame, "SM2-FRM-001")),
         ),
         2 => (datagram(&[5, 9]), Cause::Goodbye(Code(9))),
@@ -332,7 +332,7 @@ fn an_ended_session_is_silent() {
     assert!(manager.poll() == Some(hang_up) && manager.poll().is_none());
     let late = match below(5) {
         0 => datagram(&[7]),
-        1 => datagram(&[15]),
+        1 => datagram(&[16]),
         2 => datagram(&[5, 9]),
         3 => Input::Closed { session },
         _ => Input::Stalled { session },

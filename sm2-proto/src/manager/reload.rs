@@ -1,8 +1,8 @@
-//! The progress of an access policy that is being applied to a domain that runs (SM2-ACC-014).
+//! The progress of an access policy that is being applied to a domain that runs (SM2-ACC-017).
 
-use alloc::collections::BTreeSet;
+use alloc::collections::{BTreeMap, BTreeSet};
 
-use crate::{EntityId, Farewell, Instant, LinkId, NodeId};
+use crate::{EntityId, Farewell, Instant, LinkId, NodeId, Violation};
 
 /// The progress of a policy that is being applied.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -10,6 +10,9 @@ pub(super) struct Reload {
     pub(super) pass: Option<Pass>,
     /// The ends of links that were told UNLINK `denied` and have not answered.
     unconfirmed: BTreeSet<(EntityId, LinkId)>,
+    /// The interfaces whose nodes were told that they are suspended, and how many SUSPENDED are to
+    /// come.
+    suspensions: BTreeMap<EntityId, u32>,
     /// The sessions under names that the policy denies. They end when their links have.
     pub(super) denied: BTreeSet<NodeId>,
     /// The time by which all nodes have to confirm, once both passes are over.
@@ -30,6 +33,7 @@ impl Reload {
         Self {
             pass: None,
             unconfirmed: BTreeSet::new(),
+            suspensions: BTreeMap::new(),
             denied: BTreeSet::new(),
             until: None,
         }
@@ -52,8 +56,27 @@ impl Reload {
         self.unconfirmed.remove(&(entity, link));
     }
 
+    /// A node was told that an interface of it is suspended.
+    pub(super) fn suspend(&mut self, entity: EntityId) {
+        let unanswered = self.suspensions.entry(entity).or_default();
+        *unanswered = unanswered.saturating_add(1);
+    }
+
+    /// SUSPENDED.
+    //= SM2-ACC-017
+    pub(super) fn suspended(&mut self, entity: EntityId) -> Result<(), Violation> {
+        let unexpected = violation!(UnexpectedSuspended, "SM2-ACC-017");
+        let unanswered = self.suspensions.get_mut(&entity).ok_or(unexpected)?;
+        *unanswered -= 1;
+        if *unanswered == 0 {
+            self.suspensions.remove(&entity);
+        }
+        Ok(())
+    }
+
     /// The interface is withdrawn.
     pub(super) fn forget_interface(&mut self, entity: EntityId) {
+        self.suspensions.remove(&entity);
         while let Some(end) = self.asked_from(entity).filter(|end| end.0 == entity) {
             self.unconfirmed.remove(&end);
         }
@@ -62,6 +85,9 @@ impl Reload {
     /// The session is over.
     pub(super) fn forget_session(&mut self, node: NodeId) {
         self.denied.remove(&node);
+        while let Some(entity) = self.suspension_of(node) {
+            self.suspensions.remove(&entity);
+        }
         while let Some(end) = self.asked_of(node) {
             self.unconfirmed.remove(&end);
         }
@@ -77,6 +103,22 @@ impl Reload {
         first.filter(|(entity, _)| entity.node == node)
     }
 
+    fn suspension_of(&self, node: NodeId) -> Option<EntityId> {
+        let mut rest = self.suspensions.range(EntityId::node(node)..);
+        rest.next().map(|(&it, _)| it).filter(|it| it.node == node)
+    }
+
+    /// Whether the session has answered all that it was told.
+    fn has_confirmed(&self, node: NodeId) -> bool {
+        self.asked_of(node).is_none() && self.suspension_of(node).is_none()
+    }
+
+    /// The first session that has not.
+    fn first_unconfirmed(&self) -> Option<NodeId> {
+        let link = self.unconfirmed.first().map(|(entity, _)| entity.node);
+        link.or_else(|| Some(self.suspensions.first_key_value()?.0.node))
+    }
+
     /// The session that ends next, and why: its name is denied and its links have ended, or it has
     /// not confirmed in time. A session that `waits` for the policy ends after its answer.
     pub(super) fn next_end(
@@ -86,16 +128,16 @@ impl Reload {
     ) -> Option<(NodeId, Farewell)> {
         let until = self.until?;
         let mut denied = self.denied.iter().copied();
-        if let Some(node) = denied.find(|&it| !waits(it) && self.asked_of(it).is_none()) {
+        if let Some(node) = denied.find(|&it| !waits(it) && self.has_confirmed(it)) {
             return Some((node, Farewell::Denied));
         }
-        let (entity, _) = self.unconfirmed.first().filter(|_| until <= now)?;
-        Some((entity.node, Farewell::Stalled))
+        let node = self.first_unconfirmed().filter(|_| until <= now)?;
+        Some((node, Farewell::Stalled))
     }
 
     /// The time at which the nodes that have not confirmed are given up.
     pub(super) fn deadline(&self) -> Option<Instant> {
-        self.until.filter(|_| !self.unconfirmed.is_empty())
+        self.until.filter(|_| self.first_unconfirmed().is_some())
     }
 
     /// Whether some work can be done now.
@@ -106,7 +148,7 @@ impl Reload {
     /// Whether the policy is applied, but for the ends of sessions that `wait` for that.
     pub(super) fn is_confirmed(&self, waits: impl Fn(NodeId) -> bool) -> bool {
         let mut denied = self.denied.iter();
-        self.pass.is_none() && self.unconfirmed.is_empty() && denied.all(|&it| waits(it))
+        self.pass.is_none() && self.first_unconfirmed().is_none() && denied.all(|&it| waits(it))
     }
 
     pub(super) fn is_over(&self) -> bool {

@@ -65,7 +65,7 @@ impl Manager {
 
     /// Answers the sessions that wait for the policy, once it is applied. Those whose names it denies
     /// are ended after their answer.
-    //= SM2-ACC-014, SM2-ACC-015
+    //= SM2-ACC-017, SM2-ACC-015
     pub(super) fn answer_reloads(&mut self) {
         if !self
             .reload

@@ -134,7 +134,7 @@ pub enum Output {
     },
     /// The Manager ended this link, now or with an earlier session: end its machine with this code.
     /// With `denied`, the link may have ended before, and its messages that were not taken are
-    /// discarded (SM2-ACC-014).
+    /// discarded (SM2-ACC-017).
     Unlink {
         /// The interface of the link.
         interface: InterfaceId,

@@ -75,6 +75,8 @@ struct Session {
     watching: bool,
     counting: bool,
     reloading: bool,
+    /// The interface of the DECLARE_REFUSED that was received last.
+    refused: Option<InterfaceId>,
 }
 
 impl Default for Session {
@@ -90,6 +92,7 @@ impl Default for Session {
             watching: false,
             counting: false,
             reloading: false,
+            refused: None,
         }
     }
 }
@@ -107,6 +110,7 @@ impl Session {
                 };
             }
             ToNode::HelloRefused { .. } => self.greeted = false,
+            ToNode::DeclareRefused { interface, .. } => self.refused = Some(interface),
             ToNode::Declared { interface, .. } => {
                 self.live.insert(interface);
             }
@@ -170,6 +174,13 @@ impl Session {
             ToManager::Reload => {
                 assert!(!self.reloading, "one RELOAD at a time");
                 self.reloading = true;
+            }
+            ToManager::Suspended { interface } => {
+                assert_eq!(self.refused.take(), Some(interface), "one answer");
+                assert!(
+                    !self.dropping.contains(&interface),
+                    "{interface} is withdrawn"
+                );
             }
             _ => {}
         }

@@ -150,6 +150,9 @@ impl Node {
             if ours.denied(is_denial)? == Judged::Changed {
                 self.emit(Output::DeclareRefused { interface, reason });
                 self.end_unclaimed(interface);
+                // After the outputs by which the driver discards.
+                //= SM2-ACC-017
+                self.send(&ToManager::Suspended { interface });
             }
             return Ok(());
         }
@@ -182,7 +185,7 @@ impl Node {
     }
 
     /// Ends the links of a denied interface that this Manager does not know.
-    //= SM2-RES-011, SM2-ACC-014
+    //= SM2-RES-011, SM2-ACC-017
     fn end_unclaimed(&mut self, interface: InterfaceId) {
         let links = self.interface(interface).map(Interface::take_unclaimed);
         for link in links.into_iter().flatten() {
@@ -258,18 +261,19 @@ impl Node {
         let ours = self.interface(interface);
         let ours = ours.ok_or(violation!(UnknownInterface, "SM2-LNK-003"))?;
         let answer = ours.unlink(link)?;
-        if answer == Answer::Unlinked {
-            self.send(&ToManager::Unlinked {
+        // Messages of a link that has ended may still wait for the program. They are discarded before
+        // the Manager gets the answer.
+        //= SM2-ACC-017
+        let is_denied = code == Farewell::Denied.code();
+        if answer == Answer::Unlinked || (answer == Answer::Crossed && is_denied) {
+            self.emit(Output::Unlink {
                 interface,
                 link,
                 code,
             });
         }
-        // Messages of a link that has ended may still wait for the program.
-        //= SM2-ACC-014
-        let is_denied = code == Farewell::Denied.code();
-        if answer == Answer::Unlinked || (answer == Answer::Crossed && is_denied) {
-            self.emit(Output::Unlink {
+        if answer == Answer::Unlinked {
+            self.send(&ToManager::Unlinked {
                 interface,
                 link,
                 code,

@@ -193,6 +193,11 @@ impl Bench {
         self.send(session, &unlinked(interface, link))
     }
 
+    pub(crate) fn suspended(&mut self, session: NodeId, interface: u64) -> Vec<Event> {
+        let interface = InterfaceId(interface);
+        self.send(session, &ToManager::Suspended { interface })
+    }
+
     pub(crate) fn close(&mut self, session: NodeId) -> Vec<Event> {
         self.input(Input::Closed { session })
     }

@@ -300,6 +300,11 @@ pub(crate) fn to_manager() -> Union<BoxedStrategy<ToManager>> {
             .prop_map(|max_links| ToManager::MaxLinks { max_links })
             .boxed(),
         Just(ToManager::Reload).boxed(),
+        number()
+            .prop_map(|it| ToManager::Suspended {
+                interface: InterfaceId(it),
+            })
+            .boxed(),
     ])
 }
 

@@ -42,6 +42,7 @@ pub(crate) fn to_manager(bytes: &[u8], fds: usize, some_lost: bool) -> Read<Valu
             12 => json!({"Describe": {"data": reader.type_id()?}}),
             13 => json!({"MaxLinks": {"max_links": reader.u32()?}}),
             14 => json!("Reload"),
+            15 => json!({"Suspended": {"interface": reader.u64()?}}),
             _ => return Ok(None),
         };
         Ok(Some((meaning, 0)))

@@ -14,10 +14,13 @@ mod hand;
 mod kept;
 #[path = "../../../sm2-proto/tests/support/matching.rs"]
 mod matching;
+mod mirror;
 mod order;
 mod ports;
 mod print;
 mod quiet;
+mod restriction;
+mod room;
 mod scope;
 mod steps;
 mod tape;
@@ -27,6 +30,7 @@ pub use self::{
     action::Action,
     compare::Findings,
     hand::walk_by_hand,
+    restriction::Restriction,
     scope::{Budget, Fault, Scope},
     world::World,
 };

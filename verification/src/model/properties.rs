@@ -26,6 +26,12 @@ pub enum Property {
     Converges,
     /// `MGR-MIRROR`: pages show the exact state (SM2-IFC-007).
     MirrorIsExact,
+    /// `ACC-RELOAD`: exactly those interfaces are suspended that the access policy denies, and their
+    /// links have ended once the policy is applied (SM2-ACC-009, SM2-ACC-013, SM2-ACC-017).
+    PolicyHolds,
+    /// `MGR-PACE`: a node has no more links than it stated room for, and no link waits while there
+    /// is room (SM2-LNK-010).
+    WithinRoom,
     /// `MGR-TOTAL`, `MGR-INV`: no machine panics. With debug assertions, the Manager's tables agree
     /// after each input.
     Invariants,

@@ -70,7 +70,7 @@ impl Calls {
 
     /// The access policy denies the link: its calls fail, also those whose replies the program has not
     /// seen.
-    //= SM2-ACC-014
+    //= SM2-ACC-017
     fn deny(&mut self, token: LinkToken) {
         let calls = self.open.iter_mut().filter(|(call, _)| call.token == token);
         for (_, outcome) in calls {

@@ -125,7 +125,7 @@ impl LinkDriver {
 
     /// Handles UNLINK: the Manager says that the other side is gone. Messages that the other side
     /// sent before still count. If the access policy denies the link, they count as lost.
-    //= SM2-TRN-006, SM2-LNK-006, SM2-ACC-014
+    //= SM2-TRN-006, SM2-LNK-006, SM2-ACC-017
     pub(in crate::driver) fn unlink(
         &mut self,
         code: Code,

@@ -37,6 +37,8 @@ pub enum Action {
     ManagerShutsDown,
     /// A node does not read in time, and the Manager closes its connection.
     Stalls(u8),
+    /// The domain gets the other access policy, and the Manager, if there is one, reads it.
+    PolicyChanges,
 }
 
 impl Action {
@@ -82,6 +84,7 @@ impl fmt::Display for Action {
             ),
             Self::ManagerShutsDown => write!(f, "the Manager shuts down"),
             Self::Stalls(at) => write!(f, "the Manager gives up node {at}, which does not read"),
+            Self::PolicyChanges => write!(f, "the access policy changes"),
         }
     }
 }

@@ -96,6 +96,9 @@ impl World {
                 actions.push(Action::Stalls(at));
             }
         }
+        if self.budget.reloads > 0 {
+            actions.push(Action::PolicyChanges);
+        }
         if self.budget.shutdowns > 0 && alive {
             actions.push(Action::ManagerShutsDown);
         }

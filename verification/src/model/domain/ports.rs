@@ -3,7 +3,7 @@
 use std::rc::Rc;
 
 use sm2_proto::{
-    Code, Datagram, FdFacts, InterfaceId, LinkId, Machine, NodeId,
+    Code, Datagram, Farewell, FdFacts, InterfaceId, LinkId, Machine, NodeId, Refusal,
     control::{ToManager, ToNode, decode_to_manager, decode_to_node},
     manager::{self, Cause, Credentials},
     node::{self, End as SessionEnd},
@@ -234,7 +234,7 @@ impl World {
         let pair = Pair {
             ends: places,
             sockets: [Socket::Underway; 2],
-            doomed: !places.into_iter().all(stays),
+            doomed: !places.into_iter().all(stays) || self.is_undecided(scope, &places),
         };
         self.pairs.insert(link, pair);
         for ((session, frame), end) in ends.into_iter().zip(places) {
@@ -355,8 +355,14 @@ impl World {
                     }
                     self.hang_up(at);
                 }
-                node::Output::Declared { .. }
-                | node::Output::Withdrawn { .. }
+                node::Output::DeclareRefused {
+                    interface,
+                    reason: Refusal::Denied { .. } | Refusal::Exclusive { .. },
+                } => self.refused(at, interface),
+                node::Output::Declared { interface, .. } => {
+                    self.program(at).live.insert(interface);
+                }
+                node::Output::Withdrawn { .. }
                 | node::Output::Resumed
                 | node::Output::HelloRefused(_) => {}
                 other => self.fail(Property::Converges, format_args!("node {at}: {other:?}")),
@@ -369,12 +375,25 @@ impl World {
         }
     }
 
+    /// The access policy denies an interface. One that was live before stays.
+    fn refused(&mut self, at: u8, interface: InterfaceId) {
+        let program = self.program(at);
+        if !program.live.contains(&interface)
+            && let Some(place) = program.interfaces.remove(&interface)
+        {
+            program.refused.insert(place);
+        }
+    }
+
     fn end_at_node(&mut self, at: u8, interface: InterfaceId, link: LinkId, code: Code) {
         if self.pairs.get(&link).is_some_and(|pair| !pair.doomed) {
             let what = format!("{link} was ended for nothing: {code}");
             self.fail(Property::LinksSurvive, what);
         }
-        self.check_known(at, interface, link, "is told to end");
+        // A node that has ended a link is told that the policy denies it, all the same.
+        if code != Farewell::Denied.code() {
+            self.check_known(at, interface, link, "is told to end");
+        }
         self.close_end(at, interface, link);
     }
 

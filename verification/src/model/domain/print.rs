@@ -53,6 +53,7 @@ impl World {
 
         let mut mix = Mix::default();
         mix.word(self.epoch);
+        mix.word(self.restricted.into());
         let budget = self.budget;
         for left in [
             budget.withdrawals,
@@ -61,6 +62,7 @@ impl World {
             budget.manager_crashes,
             budget.stalls,
             budget.shutdowns,
+            budget.reloads,
         ] {
             mix.word(left.into());
         }

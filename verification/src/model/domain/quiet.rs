@@ -1,20 +1,13 @@
 //! The properties that hold in every moment, and those that hold when no action is left.
 
-use std::collections::BTreeMap;
-
-use sm2_proto::{
-    Contract, Datagram, EntityId, LinkId, Machine,
-    control::{Item, Page, UnlinkedReason},
-    domain::{Ask, Domain, Mirror},
-    manager::{self, Manager},
-    node::{self, Node},
-};
+use sm2_proto::EntityId;
 
 use super::{
     super::{Failure, Property},
-    Action, Budget, Fault, Scope,
+    Action, Budget, Scope,
     books::Books,
-    matching::{LinkQos, qos},
+    matching::qos,
+    mirror::Ends,
     world::{End, Socket, World},
 };
 
@@ -37,6 +30,8 @@ impl World {
                 joined.push(ends);
             }
         }
+        self.check_applied(scope)?;
+        self.check_room(scope)?;
         if actions.iter().any(Action::goes_on) {
             return Ok(false);
         }
@@ -78,28 +73,30 @@ impl World {
                 return fail(Property::Converges, what.into());
             }
         }
+        let shown = self.shown(scope, &ends)?;
+        self.check_suspended(scope, &shown.suspended)?;
         let entities: Vec<_> = ends.iter().collect();
         for (index, (one, (_, ours))) in entities.iter().enumerate() {
             for (other, (_, theirs)) in &entities[index + 1..] {
                 let pair = [**one, **other];
                 let same = |it: [End; 2]| it == pair || it == [pair[1], pair[0]];
                 let links = self.pairs.values().filter(|it| same(it.ends)).count();
-                let wanted = usize::from(qos(ours, theirs).is_some());
-                if links != wanted && !(links == 0 && self.broken.contains(&pair)) {
+                let live = pair.iter().all(|it| !shown.suspended.contains(it));
+                let wanted = usize::from(live && qos(ours, theirs).is_some());
+                let may_lack = self.broken.contains(&pair) || shown.waiting.contains(&pair);
+                if links != wanted && !(links == 0 && may_lack) {
                     let what = format!("{pair:?} has {links} links, not {wanted}");
                     return fail(Property::Converges, what);
                 }
             }
         }
-        self.check_mirror(scope, &ends)
+        self.check_waiting(scope, &shown.waiting)?;
+        self.check_mirror(&ends, &shown)
     }
 
     /// The declared interfaces, with their numbers at the Manager.
-    fn ends<'a>(
-        &self,
-        scope: &'a Scope,
-    ) -> Result<BTreeMap<End, (EntityId, &'a Contract)>, Failure> {
-        let mut ends = BTreeMap::new();
+    fn ends<'a>(&self, scope: &'a Scope) -> Result<Ends<'a>, Failure> {
+        let mut ends = Ends::new();
         for (at, program) in (0_u8..).zip(&self.programs) {
             let (true, Some(node)) = (program.node.is_ready(), program.node.id()) else {
                 return fail(Property::Converges, format!("node {at} is never ready"));
@@ -115,129 +112,8 @@ impl World {
         }
         Ok(ends)
     }
-
-    //= SM2-IFC-007, SM2-WCH-004 model
-    fn check_mirror(
-        &self,
-        scope: &Scope,
-        ends: &BTreeMap<End, (EntityId, &Contract)>,
-    ) -> Result<(), Failure> {
-        let entity_of = |end: &End| ends.get(end).map(|(entity, _)| *entity);
-        let mut links: Vec<(LinkId, [EntityId; 2])> = Vec::new();
-        for (link, pair) in &self.pairs {
-            if let [Some(one), Some(other)] = pair.ends.each_ref().map(entity_of) {
-                let mut entities = [one, other];
-                entities.sort_unstable();
-                links.push((*link, entities));
-            }
-        }
-        let mut interfaces: Vec<_> = ends.values().map(|it| (it.0, it.1.clone())).collect();
-        interfaces.sort_unstable_by_key(|(entity, _)| *entity);
-        let mut shown = (Vec::new(), Vec::new(), 0);
-        for item in self.look(scope)?.items() {
-            match item {
-                Item::Domain { .. } => {}
-                Item::Node { resuming, .. } if !resuming => shown.2 += 1,
-                Item::Interface { entity, contract } => shown.0.push((*entity, contract.clone())),
-                Item::Link {
-                    link,
-                    offering,
-                    demanding,
-                    reliable,
-                    sealed,
-                    ..
-                } => {
-                    let contract = |entity: &EntityId| {
-                        let mut all = ends.values().filter(|(it, _)| it == entity);
-                        all.next().map(|(_, contract)| *contract)
-                    };
-                    let both = contract(offering).zip(contract(demanding));
-                    let wanted = both.and_then(|(one, other)| qos(one, other));
-                    let (reliable, sealed) = (*reliable, *sealed);
-                    if wanted != Some(LinkQos { reliable, sealed }) {
-                        return fail(Property::MirrorIsExact, format!("{item:?} is shown"));
-                    }
-                    let mut entities = [*offering, *demanding];
-                    entities.sort_unstable();
-                    shown.1.push((*link, entities));
-                }
-                Item::Unlinked {
-                    offering,
-                    demanding,
-                    reason: UnlinkedReason::Ended { .. },
-                } if self.is_broken(*offering, *demanding, entity_of) => {}
-                other => return fail(Property::MirrorIsExact, format!("{other:?} is shown")),
-            }
-        }
-        let exact = shown == (interfaces, links, self.programs.len());
-        if exact {
-            return Ok(());
-        }
-        fail(Property::MirrorIsExact, format!("shown are {shown:?}"))
-    }
-
-    fn is_broken(
-        &self,
-        offering: EntityId,
-        demanding: EntityId,
-        entity_of: impl Fn(&End) -> Option<EntityId>,
-    ) -> bool {
-        let wanted = [Some(offering), Some(demanding)];
-        self.broken.iter().any(|ends| {
-            let mut entities = ends.each_ref().map(&entity_of);
-            let straight = entities == wanted;
-            entities.reverse();
-            straight || entities == wanted
-        })
-    }
-
-    /// Reads the domain as the first node would. Does not change the moment.
-    fn look(&self, scope: &Scope) -> Result<Domain, Failure> {
-        let unread = || Failure {
-            property: Property::MirrorIsExact,
-            what: "the domain cannot be read".into(),
-        };
-        let mut node: Node = self.programs[0].node.clone();
-        let mut manager = Manager::clone(self.manager.as_ref().ok_or_else(unread)?.machine());
-        let session = node.id().ok_or_else(unread)?;
-        let mut mirror = Mirror::new();
-        while let Some(Ask::Page { after }) = mirror.ask() {
-            let asked = node.handle(self.now, node::Input::Query { after });
-            asked.map_err(|_| unread())?;
-            while let Some(output) = node.poll() {
-                let node::Output::Transmit(bytes) = output else {
-                    return Err(unread());
-                };
-                let datagram = Datagram::new(&bytes);
-                let input = manager::Input::Datagram { session, datagram };
-                manager.handle(self.now, input).map_err(|_| unread())?;
-            }
-            while let Some(output) = manager.poll() {
-                let manager::Output::Send { frame, .. } = output else {
-                    return Err(unread());
-                };
-                let datagram = node::Input::Datagram(Datagram::new(&frame));
-                node.handle(self.now, datagram).map_err(|_| unread())?;
-            }
-            while let Some(output) = node.poll() {
-                let node::Output::Page(Page {
-                    revision,
-                    mut items,
-                    next,
-                }) = output
-                else {
-                    return Err(unread());
-                };
-                if scope.fault == Some(Fault::ItemLost) {
-                    items.pop();
-                }
-                mirror.page(revision, items, next).map_err(|_| unread())?;
-            }
-        }
-        Ok(mirror.into_domain())
-    }
 }
 
-fn fail<T>(property: Property, what: String) -> Result<T, Failure> {
+pub(super) fn fail<T>(property: Property, what: String) -> Result<T, Failure> {
     Err(Failure { property, what })
 }

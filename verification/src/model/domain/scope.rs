@@ -2,6 +2,8 @@
 
 use sm2_proto::{Contract, DemandedQos, Name, OfferedQos, ServiceQos, TypeId, manager::Policy};
 
+use super::Restriction;
+
 /// How often each event may happen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Budget {
@@ -17,6 +19,8 @@ pub struct Budget {
     pub stalls: u8,
     /// The Manager shuts down in order, and another one starts.
     pub shutdowns: u8,
+    /// The domain gets the other access policy: the restriction, or none.
+    pub reloads: u8,
 }
 
 /// A fault of the harness. A property finds each fault: `tests/model.rs` states which one, and in
@@ -51,6 +55,10 @@ pub enum Fault {
     Unpolled,
     /// A node's driver closes a link that ended at the other side, without telling its machine.
     HangUpUnsaid,
+    /// The Manager's driver drops the new access policy.
+    PolicyLost,
+    /// A node states more room for links than it has.
+    RoomOverstated,
 }
 
 /// The bounds of one search.
@@ -72,6 +80,11 @@ pub struct Scope {
     pub reduced: bool,
     /// The work that the Manager does before it serves others. One unit cuts it after each link.
     pub work_per_turn: usize,
+    /// The access policy of the domain from the first reload to the second, and so on. Otherwise
+    /// everything is allowed.
+    pub restriction: Restriction,
+    /// The number of ends of links that the first node has room for, if it states one.
+    pub max_links: Option<u8>,
     /// The fault, if any.
     pub fault: Option<Fault>,
 }
@@ -90,6 +103,7 @@ impl Scope {
         let mut all = Self::with_withdrawals();
         all.extend(Self::with_crashes());
         all.extend(Self::with_stalls());
+        all.extend(Self::with_reloads());
         all
     }
 
@@ -103,6 +117,8 @@ impl Scope {
             settled: true,
             reduced: true,
             work_per_turn: Policy::default().work_per_turn,
+            restriction: Restriction::NoSubscriber,
+            max_links: None,
             fault: None,
         }
     }
@@ -226,6 +242,55 @@ impl Scope {
             },
             Self::new("crash-3x2", fan(3, &[LIDAR, CAMERA]), crashes(1, 1)),
             Self::new("crash-4x1", fan(4, &[LIDAR]), crashes(1, 1)),
+        ]
+    }
+
+    /// Access policies that change, also while the Manager does, and a node with room for one link.
+    fn with_reloads() -> Vec<Self> {
+        // The reductions do not consider reloads and links that wait.
+        let whole = |name, programs, budget| Self {
+            reduced: false,
+            work_per_turn: 1,
+            ..Self::new(name, programs, budget)
+        };
+        vec![
+            whole(
+                "reload-takeover-2x1",
+                fan(2, &[LIDAR]),
+                Budget {
+                    reloads: 2,
+                    manager_crashes: 1,
+                    ..Budget::default()
+                },
+            ),
+            whole(
+                "reload-churn-2x1",
+                fan(2, &[LIDAR]),
+                Budget {
+                    reloads: 2,
+                    withdrawals: 1,
+                    ..Budget::default()
+                },
+            ),
+            Self {
+                restriction: Restriction::OnePublisher,
+                ..whole(
+                    "reload-exclusive-3x1",
+                    vec![
+                        vec![publisher(LIDAR)],
+                        vec![publisher(LIDAR)],
+                        vec![subscriber(LIDAR)],
+                    ],
+                    Budget {
+                        reloads: 2,
+                        ..Budget::default()
+                    },
+                )
+            },
+            Self {
+                max_links: Some(1),
+                ..whole("room-3x1", fan(3, &[LIDAR]), crashes(1, 0))
+            },
         ]
     }
 

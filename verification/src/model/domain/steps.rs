@@ -56,6 +56,7 @@ impl World {
             }
             Action::NodeDies(at) => next.node_dies(scope, at),
             Action::Stalls(at) => next.stall(scope, at),
+            Action::PolicyChanges => next.change_policy(scope),
             Action::ManagerDies => {
                 next.budget.manager_crashes -= 1;
                 next.manager_ends();
@@ -89,10 +90,16 @@ impl World {
         };
         let epoch = self.epoch_number();
         let manager = Manager::new(epoch, epoch.into(), policy);
+        let manager = match self.access(scope) {
+            Some(access) => manager.with_access_policy(access),
+            None => manager,
+        };
         self.manager = Some(Rc::new(Kept::new(manager)));
+        self.reloaded = false;
         self.sessions = 0;
         self.now = BEGIN;
         self.broken.clear();
+        self.doom_restricted(scope);
     }
 
     pub(super) fn declare(&mut self, scope: &Scope, at: u8) {
@@ -111,6 +118,7 @@ impl World {
         self.budget.withdrawals -= 1;
         let program = self.program(at);
         let life = program.life;
+        program.live.remove(&interface);
         if let Some(place) = program.interfaces.remove(&interface) {
             program.undeclared.insert(place);
         }

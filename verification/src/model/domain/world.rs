@@ -8,9 +8,9 @@ use std::{
 };
 
 use sm2_proto::{
-    Instant, InterfaceId, LinkId, Name, NodeId,
+    Instant, InterfaceId, LinkId, Machine, Name, NodeId,
     control::{ToManager, ToNode},
-    node::Node,
+    node::{Input, Node},
 };
 
 use super::{
@@ -85,6 +85,10 @@ pub(super) struct Program {
     /// the scope's list.
     pub(super) interfaces: BTreeMap<InterfaceId, u8>,
     pub(super) undeclared: BTreeSet<u8>,
+    /// The interfaces that were declared. A refusal suspends them; that of another one is final.
+    pub(super) live: BTreeSet<InterfaceId>,
+    /// The contracts that the Manager refused: this process does not declare them again.
+    pub(super) refused: BTreeSet<u8>,
     pub(super) links: BTreeSet<(InterfaceId, LinkId)>,
     pub(super) taped: Taped,
 }
@@ -100,6 +104,10 @@ pub struct World {
     pub(super) manager: Option<Rc<Kept>>,
     pub(super) programs: Vec<Rc<Program>>,
     pub(super) pairs: BTreeMap<LinkId, Pair>,
+    /// True if the restriction of the scope is the domain's access policy.
+    pub(super) restricted: bool,
+    /// True if the present Manager got another access policy while it ran.
+    pub(super) reloaded: bool,
     /// Pairs that the present Manager need not link, since one of them ended its link.
     pub(super) broken: BTreeSet<[End; 2]>,
     pub(super) budget: Budget,
@@ -121,6 +129,7 @@ impl Hash for Program {
         (self.life, self.begun).hash(state);
         (&self.connection, &self.closed).hash(state);
         (&self.interfaces, &self.undeclared, &self.links).hash(state);
+        (&self.live, &self.refused).hash(state);
     }
 }
 
@@ -130,6 +139,7 @@ impl Hash for World {
         (self.now, self.epoch, self.sessions, self.last_link).hash(state);
         self.manager.as_deref().map(Kept::machine).hash(state);
         (&self.programs, &self.pairs, &self.broken).hash(state);
+        (self.restricted, self.reloaded).hash(state);
         self.budget.hash(state);
     }
 }
@@ -138,14 +148,21 @@ impl Program {
     pub(super) fn new(at: usize, life: u8, scope: &Scope) -> Self {
         let name = String::from_utf8_lossy(NODE).into_owned() + &at.to_string();
         let name = Name::new(&name).expect("a legal name");
+        let mut node = Node::new(name);
+        if let Some(stated) = scope.room_stated(at) {
+            let room = node.handle(BEGIN, Input::MaxLinks(stated));
+            room.expect("each node may state its room");
+        }
         Self {
-            node: Node::new(name),
+            node,
             life,
             begun: false,
             connection: None,
             closed: VecDeque::new(),
             interfaces: BTreeMap::new(),
             undeclared: (0_u8..).take(scope.programs[at].len()).collect(),
+            live: BTreeSet::new(),
+            refused: BTreeSet::new(),
             links: BTreeSet::new(),
             taped: Taped::default(),
         }
@@ -170,6 +187,8 @@ impl World {
                 .map(|at| Rc::new(Program::new(at, 0, scope)))
                 .collect(),
             pairs: BTreeMap::new(),
+            restricted: false,
+            reloaded: false,
             broken: BTreeSet::new(),
             budget: scope.budget,
             keys: Rc::default(),

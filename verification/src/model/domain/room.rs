@@ -1,0 +1,60 @@
+//! A node that states for how many ends of links it has room.
+
+use std::collections::BTreeSet;
+
+use super::{
+    super::{Failure, Property},
+    Fault, Scope,
+    quiet::fail,
+    world::{End, World},
+};
+
+impl Scope {
+    /// The room of a node, if it states one.
+    fn room(&self, at: usize) -> Option<usize> {
+        self.max_links.filter(|_| at == 0).map(usize::from)
+    }
+
+    /// The room that a node states.
+    pub(super) fn room_stated(&self, at: usize) -> Option<u32> {
+        let overstated = u32::from(self.fault == Some(Fault::RoomOverstated));
+        let room = u32::try_from(self.room(at)?).unwrap_or(u32::MAX);
+        Some(room + overstated)
+    }
+}
+
+impl World {
+    /// No node has more links than it has room for.
+    //= SM2-LNK-010 model
+    pub(super) fn check_room(&self, scope: &Scope) -> Result<(), Failure> {
+        for (at, program) in self.programs.iter().enumerate() {
+            if scope
+                .room(at)
+                .is_some_and(|room| program.links.len() > room)
+            {
+                let what = format!("node {at} has {} links", program.links.len());
+                return fail(Property::WithinRoom, what);
+            }
+        }
+        Ok(())
+    }
+
+    /// When all is quiet, a link waits only if one of its nodes has no room for it.
+    //= SM2-LNK-010 model
+    pub(super) fn check_waiting(
+        &self,
+        scope: &Scope,
+        waiting: &BTreeSet<[End; 2]>,
+    ) -> Result<(), Failure> {
+        let is_full = |end: &End| {
+            let at = usize::from(end.0);
+            scope.room(at) == Some(self.programs[at].links.len())
+        };
+        for pair in waiting {
+            if !pair.iter().any(is_full) {
+                return fail(Property::WithinRoom, format!("{pair:?} waits for nothing"));
+            }
+        }
+        Ok(())
+    }
+}
