@@ -15,7 +15,7 @@ use proptest::{
 use sm2_proto::{Contract, DemandedQos, Name, OfferedQos, ServiceQos, TypeId};
 use sm2_verification::model::{
     Failure, Property,
-    domain::{Action, Budget, Fault, Scope, World},
+    domain::{Action, Budget, Fault, Restriction, Scope, World},
 };
 
 /// The number of domains that are walked through.
@@ -106,12 +106,15 @@ fn scope(walk: &Walk, fault: Option<Fault>) -> Scope {
             manager_crashes: 2,
             stalls: 3,
             shutdowns: 1,
+            reloads: 2,
         },
         eager: false,
         settled: false,
         reduced: false,
         // Every second walk has a Manager that cuts its work after each link.
         work_per_turn: [1, 512][walk.choices.len() % 2],
+        restriction: Restriction::NoSubscriber,
+        max_links: None,
         fault,
     }
 }
