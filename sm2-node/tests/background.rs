@@ -166,9 +166,14 @@ fn messages_do_not_wake_the_thread() {
         let tasks = [threads("sm2:quiet-talke"), threads("sm2:quiet-heare")].concat();
         assert_eq!(tasks.len(), 2);
         let total = || tasks.iter().map(|&task| sleeps(task)).sum::<u64>();
+        // A thread that was woken and waits for a processor is not asleep.
+        let asleep = || {
+            tasks
+                .iter()
+                .all(|&it| status(it, "State:").starts_with('S'))
+        };
         let mut before = total();
-        // Until the threads have gone to sleep.
-        until(|| std::mem::replace(&mut before, total()) == before);
+        until(|| std::mem::replace(&mut before, total()) == before && asleep());
         let before = total();
         for number in 0..1_000_u32 {
             publisher.publish(&number.to_le_bytes()).unwrap();

@@ -11,7 +11,7 @@ use sm2_node::diagnostics::LinkStatus;
 use sm2_node::{Message, Node, Publisher, Sample, Subscriber, Wait};
 
 /// A timeout that is long enough on a machine that runs other tests at the same time.
-pub(crate) const SOON: Duration = Duration::from_secs(2);
+pub(crate) const SOON: Duration = Duration::from_secs(20);
 
 /// With and without the ring lane.
 pub(crate) const LANES: [bool; 2] = [true, false];
