@@ -1,7 +1,8 @@
 //! Single system calls that fail: every scenario reaches its goal after a transient error of any one call.
 //!
 //! A scenario runs once without an error, to count its calls, and then once for each call, each errno that the
-//! call can have, and each number of the call: on the thread of the nodes, and on the thread of the Manager.
+//! call can have, and each number of the call: on the thread of the nodes, and on the thread of the Manager, or
+//! on the threads of two gateways.
 //! After each run this must hold:
 //!
 //! - every error that a program got has a type and a text, and its next try succeeded;
@@ -15,6 +16,8 @@
 
 #[path = "faults/accusations.rs"]
 mod accusations;
+#[path = "faults/gateways.rs"]
+mod gateways;
 #[path = "faults/scenarios.rs"]
 mod scenarios;
 #[path = "faults/topic.rs"]
@@ -89,6 +92,10 @@ fn faults(counts: &BTreeMap<Call, u64>) -> Vec<Fault> {
 }
 
 fn survives(name: &str, scenario: fn(&mut World)) {
+    survives_at(&[Side::Nodes, Side::Manager], name, scenario);
+}
+
+fn survives_at(sides: &[Side], name: &str, scenario: fn(&mut World)) {
     // The census and the accusations are those of the process.
     static ALONE: Mutex<()> = Mutex::new(());
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
@@ -97,7 +104,7 @@ fn survives(name: &str, scenario: fn(&mut World)) {
     let only = wanted
         .filter(|_| !all)
         .map(|it| Fault::parse(&it).expect("all, or CALL:NTH:ERRNO"));
-    for side in [Side::Nodes, Side::Manager] {
+    for &side in sides {
         let counts = run(scenario, side, None).expect("the scenario works without a fault");
         let faults = only.map_or_else(|| faults(&counts), |it| vec![it]);
         assert!(only.is_some() || faults.len() > 10, "{side:?}: {counts:?}");
@@ -152,4 +159,10 @@ fn a_call_survives_each_fault() {
 #[test]
 fn a_change_of_the_manager_survives_each_fault() {
     survives("change", scenarios::change);
+}
+
+#[test]
+fn gateways_survive_each_fault() {
+    gateways::prepare();
+    survives_at(&[Side::Gateways], "gateways", gateways::gateways);
 }

@@ -10,7 +10,7 @@ use crate::{
 };
 
 /// A message that fits into a packet, and one that does not.
-const LENGTHS: [usize; 2] = [40, 100_000];
+pub(crate) const LENGTHS: [usize; 2] = [40, 100_000];
 
 fn publisher(node: &Node) -> Publisher<[u8]> {
     patient("a publisher", || node.publisher("topic"))

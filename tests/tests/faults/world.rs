@@ -1,4 +1,4 @@
-//! A domain in this process, with a fault on the thread of its nodes or on that of its Manager.
+//! A domain in this process, with a fault on the thread of its nodes, of its Manager, or of gateways.
 
 use std::{
     collections::BTreeMap,
@@ -21,6 +21,7 @@ const PATIENCE: Duration = Duration::from_secs(20);
 pub(crate) enum Side {
     Nodes,
     Manager,
+    Gateways,
 }
 
 pub(crate) struct World {
@@ -57,7 +58,17 @@ impl World {
     }
 
     pub(crate) fn socket(&self) -> PathBuf {
-        self.folder.path().join("test.sock")
+        self.path("test.sock")
+    }
+
+    /// The path of a file of this scenario.
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// Makes the calls of the scenario fail on the threads that install it.
+    pub(crate) fn injector(&self) -> Injector {
+        self.faults.clone()
     }
 
     pub(crate) fn start_manager(&mut self) {
