@@ -42,7 +42,7 @@ interface_methods! {
 }
 
 impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
-    fn handle(&self) -> &Handle {
+    pub(crate) fn handle(&self) -> &Handle {
         &self.handle
     }
 

@@ -7,6 +7,7 @@ pub(crate) mod methods;
 pub(crate) mod receive;
 mod store;
 
+use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
@@ -31,8 +32,10 @@ pub(crate) struct Handle {
     pub(crate) inline_max: usize,
     /// How a thread waits for a message of this interface.
     pub(crate) wait: Wait,
-    /// Created when a descriptor is first requested; `None` if that failed.
-    bell: OnceLock<Option<Bell>>,
+    /// Created when a descriptor is requested for the first time. After a shortage, the next request tries again.
+    bell: OnceLock<Bell>,
+    /// Set when the program has requested a descriptor.
+    polled: OnceLock<()>,
     /// Tasks that wait for the descriptor. They are notified when another task silences it: the runtime
     /// reports only changes, so they would miss that one.
     #[cfg(feature = "tokio")]
@@ -134,10 +137,10 @@ impl Handle {
 
     /// Silences the descriptor. Returns whether to look once more.
     pub(crate) fn silence(&self, interface: &mut InterfaceDriver) -> bool {
-        let Some(Some(bell)) = self.bell.get() else {
+        if self.polled.get().is_none() {
             return false;
-        };
-        if bell.silence(interface) {
+        }
+        if self.bell.get().is_some_and(|bell| bell.silence(interface)) {
             #[cfg(feature = "tokio")]
             self.silenced.notify_waiters();
         }
@@ -145,18 +148,30 @@ impl Handle {
         true
     }
 
-    /// The descriptor that a program can poll: see [`Bell`].
+    /// The descriptor that a program can poll: see [`Bell`]. In a shortage, that of the node, which is then readable:
+    /// the program looks for messages, and requests the descriptor again.
     pub(crate) fn descriptor(&self) -> BorrowedFd<'_> {
-        let make = || match Bell::new(&self.interface) {
-            Ok(bell) => Some(bell),
-            Err(error) => {
-                tracing::warn!(%error, name = %self.name, "no descriptor for the interface: using that of the node");
-                None
+        self.try_descriptor().unwrap_or_else(|error| {
+            self.shared.signal_shortage(&error);
+            self.shared.sets.as_fd()
+        })
+    }
+
+    /// The descriptor that a program can poll. Once this succeeded, it never fails.
+    ///
+    /// # Errors
+    ///
+    /// Errors of `epoll_create1(2)`, `epoll_ctl(2)` and `eventfd(2)`.
+    pub(crate) fn try_descriptor(&self) -> io::Result<BorrowedFd<'_>> {
+        self.polled.get_or_init(|| ());
+        loop {
+            if let Some(bell) = self.bell.get() {
+                return Ok(bell.as_fd());
             }
-        };
-        match self.bell.get_or_init(make) {
-            Some(bell) => bell.as_fd(),
-            None => self.shared.sets.as_fd(),
+            if let Err(spare) = self.bell.set(Bell::new(&self.interface)?) {
+                // Another thread has made one meanwhile.
+                spare.remove(&self.interface);
+            }
         }
     }
 }
@@ -166,7 +181,7 @@ impl Drop for Handle {
         if self.shared.is_inherited() {
             return;
         }
-        if let Some(Some(bell)) = self.bell.get() {
+        if let Some(bell) = self.bell.get() {
             bell.remove(&self.interface);
         }
         let mut control = self.shared.lock_driven();

@@ -49,7 +49,7 @@ interface_methods! {
 }
 
 impl<T: Message + ?Sized> Publisher<T> {
-    const fn handle(&self) -> &Handle {
+    pub(crate) const fn handle(&self) -> &Handle {
         &self.core.handle
     }
 

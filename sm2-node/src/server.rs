@@ -45,7 +45,7 @@ interface_methods! {
 }
 
 impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
-    fn handle(&self) -> &Handle {
+    pub(crate) fn handle(&self) -> &Handle {
         &self.handle
     }
 

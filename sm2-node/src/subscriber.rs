@@ -36,7 +36,7 @@ interface_methods! {
 }
 
 impl<T: Message + ?Sized> Subscriber<T> {
-    const fn handle(&self) -> &Handle {
+    pub(crate) const fn handle(&self) -> &Handle {
         &self.handle
     }
 

@@ -8,6 +8,8 @@ use std::time::Duration;
 
 use common::{Domain, LANES, SOON, pair};
 use futures_util::{SinkExt, StreamExt, poll};
+use nix::libc;
+use sm2_io::fault::{Call, Fault, Injector};
 use sm2_node::asynchronous::{IntoAsync, drive};
 use sm2_node::{CallError, Message, PublishError, Publisher, Subscriber};
 
@@ -40,6 +42,45 @@ fn narrow<T: Message + ?Sized>(
             builder.declare().expect("granted")
         },
     )
+}
+
+/// The task of a handle without a descriptor of its own would miss messages.
+#[test]
+fn a_handle_has_its_descriptor_or_an_error() {
+    let faults = [
+        (Call::EpollCreate, 1),
+        (Call::EpollCtl, 1),
+        (Call::EpollCtl, 2),
+        (Call::Dup, 1),
+    ];
+    let domain = Domain::new();
+    let node = domain.node("node");
+    let injector = Injector::counting();
+    run(async {
+        for (call, nth) in faults {
+            let subscriber = node.subscriber::<u64>("topic").unwrap();
+            let publisher = node.publisher::<u64>("topic").unwrap();
+            let server = node.server::<u64, u64>("service").unwrap();
+            let client = node.client::<u64, u64>("service").unwrap();
+            let _installed = injector.install();
+            let fail = || {
+                injector.set([Fault {
+                    call,
+                    nth,
+                    times: 1,
+                    errno: libc::EMFILE,
+                }]);
+            };
+            fail();
+            assert!(subscriber.into_async().is_err(), "{call:?} {nth}");
+            fail();
+            assert!(publisher.into_async().is_err(), "{call:?} {nth}");
+            fail();
+            assert!(server.into_async().is_err(), "{call:?} {nth}");
+            fail();
+            assert!(client.into_async().is_err(), "{call:?} {nth}");
+        }
+    });
 }
 
 #[test]

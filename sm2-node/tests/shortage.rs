@@ -2,6 +2,7 @@
 
 mod common;
 
+use std::os::fd::AsFd;
 use std::thread;
 use std::time::Duration;
 
@@ -181,6 +182,55 @@ fn a_wait_outlasts_a_shortage_of_memory() {
         assert_eq!(late.as_deref(), Some(&b"late"[..]), "{call:?}");
         assert_eq!(faults.hits(), times, "{call:?}");
         faults.set(None);
+    }
+}
+
+/// A program polls the descriptor of its subscriber, which the kernel had no memory to make at first.
+//= SM2-TRN-014 test
+#[test]
+fn a_program_that_polls_hears_of_messages_after_a_shortage() {
+    let shortages = [
+        (Call::EpollCreate, libc::EMFILE),
+        (Call::EpollCtl, libc::ENOMEM),
+        (Call::EpollCtl, libc::ENOSPC),
+    ];
+    for ring in LANES {
+        for (call, errno) in shortages {
+            let domain = Domain::new();
+            let talker = node(&domain, ring, "talker");
+            let listener = node(&domain, ring, "listener");
+            let publisher = talker.publisher::<[u8]>("topic").unwrap();
+            let subscriber = listener.subscriber::<[u8]>("topic").unwrap();
+            meet(&publisher, &[&subscriber]);
+            // From here on, a ring carries messages without a packet, and the node's descriptor is silent.
+            publisher.publish(b"first").unwrap();
+            assert_eq!(*next(&subscriber), *b"first");
+            listener.spin_some().unwrap();
+            let faults = Injector::counting();
+            let _installed = faults.install();
+            fail(&faults, call, errno, 2);
+            let came = thread::scope(|scope| {
+                let late = scope.spawn(|| {
+                    thread::sleep(Duration::from_millis(20));
+                    publisher.publish(b"late").unwrap();
+                });
+                let came = loop {
+                    let came = subscriber.try_recv().unwrap();
+                    if came.is_some() {
+                        break came;
+                    }
+                    let descriptors = [subscriber.as_fd()];
+                    if !sm2_io::wait_readable(&descriptors, Some(SOON)).unwrap() {
+                        break None;
+                    }
+                };
+                late.join().unwrap();
+                came
+            });
+            let case = format!("{call:?} {errno} ring {ring}");
+            assert_eq!(came.as_deref(), Some(&b"late"[..]), "{case}");
+            assert_eq!(faults.hits(), 2, "{case}");
+        }
     }
 }
 

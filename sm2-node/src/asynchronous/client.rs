@@ -84,6 +84,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> IntoAsync for Client<Q, R> {
     type Async = AsyncClient<Q, R>;
 
     fn into_async(self) -> io::Result<AsyncClient<Q, R>> {
+        self.handle().try_descriptor()?;
         // Each task waits for its own reply. A task that silences the descriptor must tell the others.
         let silenced = self.silenced();
         Watched::new(self, silenced).map(AsyncClient)

@@ -101,6 +101,7 @@ impl<T: Message + ?Sized> IntoAsync for Publisher<T> {
     type Async = AsyncPublisher<T>;
 
     fn into_async(self) -> io::Result<AsyncPublisher<T>> {
+        self.handle().try_descriptor()?;
         Ok(AsyncPublisher {
             publisher: Watched::new(self, Arc::default())?,
             in_flight: None,

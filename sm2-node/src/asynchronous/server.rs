@@ -94,6 +94,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> IntoAsync for Server<Q, R> {
     type Async = AsyncServer<Q, R>;
 
     fn into_async(self) -> io::Result<AsyncServer<Q, R>> {
+        self.handle().try_descriptor()?;
         Watched::new(self, Arc::default()).map(AsyncServer)
     }
 }

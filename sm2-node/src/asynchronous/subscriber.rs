@@ -44,6 +44,7 @@ impl<T: Message + ?Sized> IntoAsync for Subscriber<T> {
     type Async = AsyncSubscriber<T>;
 
     fn into_async(self) -> io::Result<AsyncSubscriber<T>> {
+        self.handle().try_descriptor()?;
         Watched::new(self, Arc::default()).map(AsyncSubscriber)
     }
 }

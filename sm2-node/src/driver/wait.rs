@@ -109,6 +109,15 @@ impl NodeState {
         sleep(&[self.sets.as_fd()], None, short_of_memory, timeout)
     }
 
+    /// Notes that there was no memory or descriptor for a program that polls an interface. The node's descriptor
+    /// becomes readable, so that the program tries again.
+    //= SM2-TRN-014
+    pub(crate) fn signal_shortage(&self, error: &io::Error) {
+        let mut control = self.lock();
+        control.not_ready(error);
+        control.sleepers.wake();
+    }
+
     /// Does the work of all pending events, also those of the interfaces' links.
     pub(crate) fn drive_all(&self) {
         let mut control = self.lock_driven();

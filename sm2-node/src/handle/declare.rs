@@ -50,6 +50,7 @@ impl Handle {
             inline_max: 0,
             wait: Wait::Park,
             bell: OnceLock::new(),
+            polled: OnceLock::new(),
             #[cfg(feature = "tokio")]
             silenced: Arc::default(),
         };
