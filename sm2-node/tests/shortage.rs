@@ -10,7 +10,7 @@ use common::{Domain, Endpoint, LANES, SOON, meet, next, pattern, ring_lane, unti
 use nix::libc;
 use sm2_io::fault::{Call, Fault, Injector};
 use sm2_node::diagnostics::LinkStatus;
-use sm2_node::{Node, Publisher, RecvError, Subscriber};
+use sm2_node::{DeclareError, Node, Publisher, RecvError, Subscriber};
 
 /// The next `times` calls, which fail.
 const fn fault(call: Call, errno: i32, times: u64) -> Fault {
@@ -182,6 +182,39 @@ fn a_wait_outlasts_a_shortage_of_memory() {
         assert_eq!(late.as_deref(), Some(&b"late"[..]), "{call:?}");
         assert_eq!(faults.hits(), times, "{call:?}");
         faults.set(None);
+    }
+}
+
+/// A declaration fails, or the descriptor of the node stands for the new interface as well.
+#[test]
+fn an_interface_that_is_declared_belongs_to_the_descriptor_of_its_node() {
+    let calls = [Call::EpollCreate, Call::EpollCtl];
+    for (call, nth) in calls.into_iter().flat_map(|it| [(it, 1), (it, 2)]) {
+        let domain = Domain::new();
+        let listener = node(&domain, false, "listener");
+        let faults = Injector::counting();
+        let installed = faults.install();
+        faults.set([Fault {
+            nth,
+            ..fault(call, libc::ENOMEM, 1)
+        }]);
+        let declared = listener.subscriber::<[u8]>("topic");
+        let failed = matches!(declared, Err(DeclareError::Io(_)));
+        assert_eq!(failed, nth == 1, "{call:?} {nth}: {declared:?}");
+        drop(installed);
+        let subscriber = declared.or_else(|_| listener.subscriber("topic")).unwrap();
+        let talker = node(&domain, false, "talker");
+        let publisher = talker.publisher::<[u8]>("topic").unwrap();
+        meet(&publisher, &[&subscriber]);
+        publisher.publish(b"message").unwrap();
+        // The packet waits in the socket of the link until the node reads it.
+        until(|| {
+            talker.spin_some().unwrap();
+            listener.spin_some().unwrap();
+            let descriptors = [listener.as_fd()];
+            !sm2_io::wait_readable(&descriptors, Some(Duration::ZERO)).unwrap()
+        });
+        assert_eq!(*next(&subscriber), *b"message");
     }
 }
 

@@ -111,10 +111,10 @@ impl AsFd for NodeSets {
 }
 
 impl LinkSets {
-    /// Creates the set of an interface, which the caller names by [`belong_to`](Self::belong_to).
-    pub(crate) fn new(node: &Arc<NodeSets>) -> io::Result<Self> {
+    /// Creates the set of an interface.
+    pub(super) fn new(node: &Arc<NodeSets>, interface: InterfaceId) -> io::Result<Self> {
         let calls = Epoll::new()?;
-        node.program.add(&calls, PROGRAM, Interest::READABLE)?;
+        node.program.add(&calls, interface.0, Interest::READABLE)?;
         Ok(Self {
             calls,
             node: Arc::clone(node),
@@ -135,12 +135,6 @@ impl LinkSets {
     /// The threads that wait for the interface: none yet.
     pub(super) fn sleepers(&self) -> Sleepers {
         Sleepers::new(&self.node.wakers)
-    }
-
-    /// Names the interface whose links these are.
-    pub(super) fn belong_to(&self, interface: InterfaceId) -> io::Result<()> {
-        let readable = Interest::READABLE;
-        self.node.program.modify(&self.calls, interface.0, readable)
     }
 
     /// Watches the socket of a new link.

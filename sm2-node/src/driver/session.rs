@@ -20,6 +20,7 @@ use super::datagram::{Incoming, receive};
 use super::event_sets::NodeSets;
 use super::token::SESSION;
 
+pub(crate) use self::requests::NotDeclared;
 pub(super) use self::retry::Reconnect;
 pub(crate) use self::retry::may_return;
 

@@ -7,7 +7,7 @@ use sm2_proto::node;
 use sm2_proto::{Contract, Refusal, TypeId};
 
 use super::{Handle, until};
-use crate::driver::{Control, LinkSets, NodeSets, PoolLimit, SharedNode, State};
+use crate::driver::{Control, NodeSets, NotDeclared, PoolLimit, SharedNode, State};
 use crate::schema::check_schema;
 use crate::{DeclareError, Wait};
 
@@ -23,7 +23,6 @@ impl Handle {
     ) -> Result<Self, DeclareError> {
         contract.check_qos()?;
         let name = contract.name().clone();
-        let links = LinkSets::new(&shared.sets).map_err(DeclareError::Io)?;
         let mut control = shared.lock_driven();
         for (data, text) in schemas {
             register_schema(&mut control, data, text, &shared.sets);
@@ -32,14 +31,14 @@ impl Handle {
             contract.clone(),
             pool_limit,
             max_len,
-            links,
             shared.control_side(),
             &shared.sets,
         );
         drop(control);
         let interface = match declared {
             Ok(interface) => interface,
-            Err(error) => return Err(refused_here(error, contract)),
+            Err(NotDeclared::Session(error)) => return Err(refused_here(error, contract)),
+            Err(NotDeclared::Sets(error)) => return Err(DeclareError::Io(error)),
         };
         // From here on, dropping the handle withdraws the interface at the Manager.
         let mut handle = Self {

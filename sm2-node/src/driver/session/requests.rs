@@ -1,5 +1,6 @@
 //! The requests of handles to the session, and what they ask about it.
 
+use std::io;
 use std::sync::Arc;
 
 use sm2_proto::control::SchemaText;
@@ -13,6 +14,15 @@ use crate::driver::event_sets::{LinkSets, NodeSets};
 use crate::driver::interface::{Interface, State};
 use crate::driver::outbox::PoolLimit;
 use crate::driver::shared_interface::{ControlSide, SharedInterface};
+
+/// Why an interface was not declared.
+#[derive(Debug)]
+pub(crate) enum NotDeclared {
+    /// The session does not accept the declaration.
+    Session(node::Error),
+    /// The system refuses the set of the interface.
+    Sets(io::Error),
+}
 
 impl Control {
     /// The reason why no Manager knows all interfaces of this node, if there is one.
@@ -44,25 +54,27 @@ impl Control {
         self.is_connected() && interface.is_some_and(|it| it.is_granted())
     }
 
-    /// Declares an interface, whose links will be in `links`. DECLARE is sent as soon as a Manager is connected.
+    /// Declares an interface. DECLARE is sent as soon as a Manager is connected.
     pub(crate) fn declare(
         &mut self,
         contract: Contract,
         pool_limit: PoolLimit,
         max_len: MaxLen,
-        links: LinkSets,
         control: Arc<dyn ControlSide>,
-        sets: &NodeSets,
-    ) -> Result<Arc<SharedInterface>, node::Error> {
-        let id = self.session.declare(contract.clone())?;
+        sets: &Arc<NodeSets>,
+    ) -> Result<Arc<SharedInterface>, NotDeclared> {
+        let declared = self.session.declare(contract.clone());
+        let id = declared.map_err(NotDeclared::Session)?;
+        let links = LinkSets::new(sets, id).map_err(|error| {
+            self.session.tell(Input::Withdraw { interface: id });
+            self.drain_session(Incoming::default(), sets);
+            NotDeclared::Sets(error)
+        })?;
         if self.counting.start() {
             self.session.tell(Input::Counters);
         }
         let entry = self.counting.allocate(id, None);
         let interface = Interface::new(contract, pool_limit, max_len, entry);
-        if let Err(error) = links.belong_to(id) {
-            tracing::error!(%error, "the node's descriptor does not drive an interface");
-        }
         let interface = Arc::new(SharedInterface::new(
             id, &self.name, control, links, interface,
         ));
