@@ -1,7 +1,8 @@
 //! Faults for tests: system calls of this crate that fail on request (feature `fault-injection`).
 //!
 //! An [`Injector`] makes the n-th call of one [`Call`] fail with an errno, without making the call, and
-//! counts all calls. It acts on the threads that [install](Injector::install) it, so tests run in parallel. The
+//! counts all calls. It acts on the threads that [install](Injector::install) it and on the background threads of the
+//! nodes that they connect, so tests run in parallel. The
 //! environment variable `SM2_FAULT=CALL:NTH:ERRNO[:TIMES]` makes one for the whole process, such as
 //! `SM2_FAULT=Mmap:3:12` for the third `mmap` and `ENOMEM`; it acts on threads without an injector of
 //! their own.
@@ -115,6 +116,15 @@ impl Drop for Installed {
     }
 }
 
+/// The body of a thread on which the injector of the current thread acts.
+pub(crate) fn inherited<T>(body: impl FnOnce() -> T) -> impl FnOnce() -> T {
+    let injector = INSTALLED.with_borrow(Clone::clone);
+    move || {
+        let _installed = injector.map(|it| it.install());
+        body()
+    }
+}
+
 /// Counts a call of this thread. Returns the errno with which it has to fail.
 pub(crate) fn next(call: Call) -> Option<i32> {
     // A thread that is ending has no injector any more.
@@ -202,7 +212,8 @@ impl Call {
             }
             Self::Read => &[libc::EINTR, libc::ENOMEM],
             Self::UdpBind => &[libc::EMFILE, libc::ENFILE, libc::ENOBUFS, libc::ENOMEM],
-            Self::UdpSend | Self::UdpRecv => &[libc::EAGAIN, libc::ENOBUFS, libc::ENOMEM],
+            // Without EAGAIN: after one, the runtime waits for an edge, which only the kernel's own EAGAIN brings.
+            Self::UdpSend | Self::UdpRecv => &[libc::ENOBUFS, libc::ENOMEM],
             Self::FcntlFlags
             | Self::GetSeals
             | Self::GetSockOpt
@@ -236,6 +247,19 @@ mod tests {
         assert!(crate::Waker::new().is_ok());
         assert_eq!(injector.hits(), 2);
         assert_eq!(injector.counts()[&Call::EventFd], 5);
+    }
+
+    #[test]
+    fn a_thread_of_the_library_has_the_injector_of_its_parent() {
+        let injector = Injector::counting();
+        let make = || crate::Waker::new().is_ok();
+        let installed = injector.install();
+        let thread = crate::spawn_without_signals("child".to_owned(), make).unwrap();
+        assert!(thread.join().unwrap());
+        drop(installed);
+        let thread = crate::spawn_without_signals("other".to_owned(), make).unwrap();
+        assert!(thread.join().unwrap());
+        assert_eq!(injector.counts()[&Call::EventFd], 1);
     }
 
     #[test]

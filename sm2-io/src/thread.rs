@@ -17,6 +17,8 @@ pub fn spawn_without_signals<T: Send + 'static>(
     name: String,
     body: impl FnOnce() -> T + Send + 'static,
 ) -> io::Result<JoinHandle<T>> {
+    #[cfg(feature = "fault-injection")]
+    let body = crate::fault::inherited(body);
     // A new thread inherits the mask, so no signal reaches it before its first instruction.
     let mask = signals::block_all();
     let thread = Builder::new().name(name).spawn(body);
