@@ -5,6 +5,8 @@ use std::os::unix::fs::{FileTypeExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
+use nix::libc;
+use sm2_io::fault::{Call, Fault, Injector};
 use sm2_io::{BindOptions, DomainLock, DomainSocketError, Listener, SeqPacket};
 use tempfile::TempDir;
 
@@ -51,6 +53,27 @@ fn an_owner_listens_and_leaves_nothing() {
     assert!(names_in(directory).is_empty());
     drop(BindOptions::acquire(&path).unwrap());
     assert!(names_in(directory).is_empty());
+}
+
+/// Closing the file unlocks it as well.
+#[test]
+fn an_owner_that_cannot_unlock_its_file_leaves_nothing() {
+    for errno in [libc::EINTR, libc::ENOLCK] {
+        let (_guard, path) = place();
+        let faults = Injector::counting();
+        let _installed = faults.install();
+        let endpoint = BindOptions::acquire(&path).unwrap();
+        faults.set([Fault {
+            call: Call::FileLock,
+            nth: 1,
+            times: 1,
+            errno,
+        }]);
+        endpoint.close();
+        assert_eq!(faults.hits(), 1);
+        assert!(names_in(path.parent().unwrap()).is_empty());
+        drop(BindOptions::acquire(&path).unwrap());
+    }
 }
 
 #[test]

@@ -8,7 +8,7 @@ use nix::errno::Errno;
 use super::error::DomainSocketError;
 use super::files::{Identity, directory_of, failed, names, prepare_directory, with_suffix};
 use super::path::check_path;
-use crate::syscall::files::{self, Flock};
+use crate::syscall::files;
 
 /// The right to bind a domain's socket. At most one process holds it.
 #[derive(Debug)]
@@ -16,7 +16,7 @@ pub struct DomainLock {
     socket_path: PathBuf,
     lock_path: PathBuf,
     /// `None` while the value is dropped without removing the file.
-    lock: Option<Flock<File>>,
+    lock: Option<File>,
 }
 
 impl DomainLock {
@@ -32,23 +32,23 @@ impl DomainLock {
         let lock_path = with_suffix(path, ".lock");
         loop {
             let file = files::open_lock(&lock_path).map_err(failed("open", &lock_path))?;
-            let lock = match files::lock(file) {
-                Ok(lock) => lock,
+            match files::lock(&file) {
+                Ok(()) => {}
                 Err(Errno::EWOULDBLOCK) => {
                     let path = path.to_owned();
                     return Err(DomainSocketError::Busy { path });
                 }
                 Err(Errno::EINTR) => continue,
                 Err(errno) => return Err(failed("lock", &lock_path)(errno.into())),
-            };
+            }
             // The last holder may have removed the file between `open` and `lock`. Then this lock is on
             // an unlinked file, and another process may hold the lock on the current one.
-            let ours = files::metadata_of(&lock).map_err(failed("look at", &lock_path))?;
+            let ours = files::metadata_of(&file).map_err(failed("look at", &lock_path))?;
             if names(&lock_path, Identity::of(&ours)) {
                 return Ok(Self {
                     socket_path: path.to_owned(),
                     lock_path,
-                    lock: Some(lock),
+                    lock: Some(file),
                 });
             }
         }
@@ -62,17 +62,25 @@ impl DomainLock {
 
     /// Releases the lock, and leaves its file for the next holder.
     pub(super) fn leave(mut self) {
-        // Unlocks explicitly: a child process that is about to call `exec` has a copy of the descriptor.
-        drop(self.lock.take());
+        if let Some(lock) = self.lock.take() {
+            unlock(&lock);
+        }
     }
 }
 
 impl Drop for DomainLock {
     fn drop(&mut self) {
-        if self.lock.is_some() {
+        if let Some(lock) = &self.lock {
             // Still locked: a process that has opened this file will find, once it gets the lock, that
             // the name is gone, and try again.
             let _ = files::remove(&self.lock_path);
+            unlock(lock);
         }
     }
+}
+
+/// Unlocks the file before it is closed: a child process that is about to call `exec` has a copy of the descriptor. An
+/// error is harmless, because the kernel unlocks a file whose last descriptor is closed.
+fn unlock(file: &File) {
+    let _ = files::unlock(file);
 }

@@ -2,13 +2,11 @@
 
 use std::fs::{self, DirBuilder, File, Metadata, OpenOptions, Permissions};
 use std::io;
-use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use std::os::unix::fs::{DirBuilderExt, FileExt, OpenOptionsExt, PermissionsExt};
 use std::path::Path;
 
 use nix::errno::Errno;
-pub(crate) use nix::fcntl::Flock;
-use nix::fcntl::FlockArg;
 use nix::libc;
 use nix::sys::resource::{Resource, getrlimit};
 use nix::sys::stat::{SFlag, fstat, stat};
@@ -135,9 +133,22 @@ pub(crate) fn open_lock(path: &Path) -> io::Result<File> {
 }
 
 /// Locks a file for this process alone, without waiting.
-pub(crate) fn lock(file: File) -> Result<Flock<File>, Errno> {
+pub(crate) fn lock(file: &File) -> nix::Result<()> {
     guard(Call::FileLock)?;
-    Flock::lock(file, FlockArg::LockExclusiveNonblock).map_err(|(_, errno)| errno)
+    flock(file, libc::LOCK_EX | libc::LOCK_NB)
+}
+
+/// Unlocks a file.
+pub(crate) fn unlock(file: &File) -> nix::Result<()> {
+    guard(Call::FileLock)?;
+    flock(file, libc::LOCK_UN)
+}
+
+/// `nix::fcntl::Flock` panics if it cannot unlock a file.
+fn flock(file: &File, operation: libc::c_int) -> nix::Result<()> {
+    // SAFETY: the call takes a descriptor, which is open as long as `file` is borrowed, and touches no memory.
+    let done = unsafe { libc::flock(file.as_raw_fd(), operation) };
+    Errno::result(done).map(drop)
 }
 
 pub(crate) fn metadata_of(file: &File) -> io::Result<Metadata> {
