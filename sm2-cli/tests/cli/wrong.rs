@@ -258,6 +258,15 @@ fn output_that_cannot_be_written_is_told() {
 }
 
 #[test]
+fn a_manager_that_cannot_say_why_fails_all_the_same() {
+    let domain = Domain::new();
+    let full = File::options().write(true).open("/dev/full").unwrap();
+    let mut second = domain.command(&["manager"]);
+    let second = second.stderr(full).status().unwrap();
+    assert_eq!(second.code(), Some(1));
+}
+
+#[test]
 fn output_that_nobody_reads_is_a_quiet_end() {
     let domain = Domain::new();
     let (_talker, node) = talker(&domain, "a");

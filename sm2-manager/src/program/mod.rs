@@ -14,9 +14,10 @@ mod reach;
 mod replace;
 
 use std::{
-    io::{self, IsTerminal},
+    io::{self, IsTerminal, Write},
     path::PathBuf,
     process::ExitCode,
+    sync::mpsc,
     thread,
 };
 
@@ -105,6 +106,9 @@ pub enum ProgramError {
     /// Signal handlers cannot be installed.
     #[error("cannot catch signals: {0}")]
     Signals(#[source] io::Error),
+    /// The thread for signals cannot be started.
+    #[error("cannot start a thread: {0}; `ulimit -u` shows the limit")]
+    Thread(#[source] io::Error),
 }
 
 impl From<StartError> for ProgramError {
@@ -115,6 +119,9 @@ impl From<StartError> for ProgramError {
         }
     }
 }
+
+/// The handles by which signals act on a Manager.
+type Handles = (Stopper, HandOver, PolicyReloader);
 
 /// The Manager that this process runs.
 enum Service {
@@ -153,7 +160,7 @@ impl Service {
         Ok(Self::Manager(Box::new(manager)))
     }
 
-    fn handles(&self) -> (Stopper, HandOver, PolicyReloader) {
+    fn handles(&self) -> Handles {
         match self {
             Self::Manager(it) => (it.stopper(), it.hand_over(), it.policy_reload()),
             Self::Standby(it) => (it.stopper(), it.hand_over(), it.policy_reload()),
@@ -191,10 +198,15 @@ pub fn serve(arguments: &Arguments) -> Result<(), ProgramError> {
     // Before the domain is claimed: without handlers, SIGUSR2 and SIGHUP would kill this process.
     let mut signals =
         Signals::new([SIGINT, SIGTERM, SIGUSR2, SIGHUP]).map_err(ProgramError::Signals)?;
-    let service = Service::start(arguments)?;
-    let (stopper, hand_over, policy_reload) = service.handles();
     let handle = signals.handle();
-    let waiter = thread::spawn(move || {
+    let (sender, handles) = mpsc::channel::<Handles>();
+    // Before the domain is claimed, too: without this thread, the Manager that serves now must go on.
+    let waiter = thread::Builder::new().name("signals".to_owned());
+    let waiter = waiter.spawn(move || {
+        // Fails if the Manager does not start.
+        let Ok((stopper, hand_over, policy_reload)) = handles.recv() else {
+            return;
+        };
         for signal in signals.forever() {
             match signal {
                 SIGUSR2 => hand_over.start(),
@@ -206,6 +218,10 @@ pub fn serve(arguments: &Arguments) -> Result<(), ProgramError> {
             }
         }
     });
+    let waiter = waiter.map_err(ProgramError::Thread)?;
+    let service = Service::start(arguments)?;
+    // Fails only if the thread has panicked.
+    let _ = sender.send(service.handles());
     let result = service.run();
     handle.close();
     // The thread owns only wakers, so a panic in it loses nothing.
@@ -230,7 +246,8 @@ pub fn main(arguments: &Arguments) -> ExitCode {
     match serve(arguments) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("sm2 manager: {error}");
+            // Standard error may be closed.
+            let _ = writeln!(io::stderr(), "sm2 manager: {error}");
             ExitCode::FAILURE
         }
     }
