@@ -51,6 +51,37 @@ fn a_topic_of_one_domain_is_heard_in_another() {
     runtime.block_on(async { tokio::join!(left.stop(), right.stop()) });
 }
 
+/// A gateway blocks no thread of its runtime.
+#[test]
+fn one_thread_is_enough_for_the_tasks_of_a_gateway() {
+    let (near, far) = (Domain::new("near"), Domain::new("far"));
+    let runtime = runtime();
+    let left = near.gateway(&runtime, &[(&far, None)], ALL);
+    let config = far.config(&[(&near, Some(left.address()))], ALL);
+    let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
+    let right = std::thread::spawn(move || {
+        let builder = tokio::runtime::Builder::new_current_thread();
+        let runtime = { builder }.enable_all().build().unwrap();
+        runtime.block_on(async {
+            let gateway = Gateway::start(&config).await.unwrap();
+            stopped.await.unwrap();
+            gateway.stop().await;
+        });
+    });
+    let talker = near.node("talker");
+    let publisher = talker.publisher::<str>("chatter").unwrap();
+    let listener = far.node("listener");
+    let subscriber = listener.subscriber::<str>("chatter").unwrap();
+    subscriber.wait_for_publishers_timeout(1, SOON).unwrap();
+    publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
+    publisher.publish("hello").unwrap();
+    let sample = subscriber.recv_timeout(SOON).unwrap().expect("in time");
+    assert_eq!(*sample, *"hello");
+    stop.send(()).unwrap();
+    right.join().unwrap();
+    runtime.block_on(left.stop());
+}
+
 /// A declaration can fail for a while, here because another node has the name of the gateway's node.
 #[test]
 fn an_interface_that_cannot_be_declared_is_declared_later() {

@@ -93,8 +93,7 @@ pub(super) fn start(node: &Node, remote: RemoteTopics, hub: HubHandle) -> io::Re
             state = now;
         }
     };
-    let thread = thread::Builder::new().name("watch".to_owned());
-    thread.spawn(follow).map(drop)
+    sm2_io::spawn_without_signals("watch".to_owned(), follow).map(drop)
 }
 
 impl DomainState {

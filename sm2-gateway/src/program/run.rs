@@ -2,12 +2,13 @@
 
 #[cfg(feature = "metrics")]
 use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::{io, panic, path::PathBuf, sync::mpsc};
 
 use clap::Args;
-use nix::sys::prctl::set_no_new_privs;
+use nix::{errno::Errno, sys::prctl::set_no_new_privs};
 #[cfg(feature = "metrics")]
 use tokio::net::TcpListener;
+use tokio::runtime::Runtime;
 use tokio::signal::unix::{SignalKind, signal};
 
 use super::error::ProgramError;
@@ -36,15 +37,30 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), ProgramError> {
     let config = Config::load(&arguments.config)?;
     let shadow = arguments.shadow.as_deref();
     let shadow = shadow.map(Config::load).transpose()?;
-    let runtime = tokio::runtime::Builder::new_multi_thread();
-    let runtime = { runtime }
-        // One thread for calls of the Manager, which block, and one for all other tasks.
-        .worker_threads(2)
-        .enable_all()
-        .build()
-        .map_err(ProgramError::system("start threads"))?;
+    let runtime = runtime().map_err(ProgramError::system("start threads"))?;
     let result = runtime.block_on(serve(&config, shadow, arguments));
     runtime.shutdown_background();
+    result
+}
+
+/// Starts the threads for the tasks of the gateway.
+///
+/// If the system cannot start one of them, tokio panics, and then waits for ever for those that it has started. So
+/// another thread builds the runtime, and its panic is reported before it waits. No other code of this program runs
+/// yet that could panic.
+fn runtime() -> io::Result<Runtime> {
+    let (sender, built) = mpsc::channel();
+    let panicked = sender.clone();
+    let hook = panic::take_hook();
+    panic::set_hook(Box::new(move |_| {
+        let _ = panicked.send(Err(Errno::EAGAIN.into()));
+    }));
+    let started = sm2_io::spawn_without_signals("start".to_owned(), move || {
+        let builder = tokio::runtime::Builder::new_multi_thread();
+        let _ = sender.send({ builder }.worker_threads(2).enable_all().build());
+    });
+    let result = started.and_then(|_| built.recv().map_err(io::Error::other)?);
+    panic::set_hook(hook);
     result
 }
 

@@ -3,13 +3,12 @@
 use std::{
     collections::BTreeMap,
     io,
-    net::{IpAddr, SocketAddr},
+    net::{IpAddr, SocketAddr, ToSocketAddrs},
 };
 
-use sm2_proto::gateway::GatewayId;
-use tokio::net::lookup_host;
-
+use super::thread::on_thread;
 use crate::channel::network::{NetworkEvent, NetworkHandle};
+use sm2_proto::gateway::GatewayId;
 
 /// The host names of each peer.
 #[derive(Debug, Default)]
@@ -45,7 +44,9 @@ impl Hosts {
             return;
         };
         tokio::spawn(async move {
-            let addresses = lookup_host(&host).await.map(Iterator::collect);
+            let name = host.clone();
+            let look_up = move || name.to_socket_addrs().map(Iterator::collect);
+            let addresses = on_thread("host", look_up).await.and_then(|it| it);
             network.send(NetworkEvent::Resolved {
                 peer,
                 host,

@@ -1,17 +1,46 @@
-//! The task that owns the domain's nodes.
+//! The task that owns the domain's nodes, on a thread of its own: its calls of the Manager block.
 
-use tokio::task::block_in_place;
+use std::io;
+
+use tokio::{runtime::Handle, sync::oneshot};
 
 use crate::{
     channel::{
         hub::{HubEvent, HubHandle},
         local::LocalInbox,
     },
-    local::Local,
+    local::{Local, LocalError},
     retry,
 };
 
-pub(super) async fn run(mut local: Local, mut inbox: LocalInbox, hub: HubHandle) {
+/// Starts the thread, which joins the domain and then handles commands until the hub has ended.
+///
+/// # Errors
+/// The errors of `join`, and those of starting a thread.
+pub(super) async fn start(
+    join: impl FnOnce() -> Result<Local, LocalError> + Send + 'static,
+    inbox: LocalInbox,
+    hub: HubHandle,
+) -> Result<(), LocalError> {
+    let runtime = Handle::current();
+    let (joined, result) = oneshot::channel();
+    sm2_io::spawn_without_signals("local".to_owned(), move || {
+        runtime.block_on(async {
+            let (local, result) = match join() {
+                Ok(local) => (Some(local), Ok(())),
+                Err(error) => (None, Err(error)),
+            };
+            // Fails if the start of the gateway was aborted.
+            if let (Some(local), Ok(())) = (local, joined.send(result)) {
+                run(local, inbox, hub).await;
+            }
+        });
+    })?;
+    let panicked = |_| io::Error::other("the thread `local` panicked");
+    result.await.map_err(panicked)?
+}
+
+async fn run(mut local: Local, mut inbox: LocalInbox, hub: HubHandle) {
     let mut pauses = retry::pauses();
     let mut retry_at = None;
     loop {
@@ -28,18 +57,19 @@ pub(super) async fn run(mut local: Local, mut inbox: LocalInbox, hub: HubHandle)
                 None => std::future::pending().await,
             }
         };
-        // A call of the Manager blocks this thread; the other tasks continue on other threads.
         tokio::select! {
+            // A gateway that has stopped needs no other command, and its runtime may have ended.
+            biased;
             command = inbox.recv() => {
                 let Some(command) = command else { return };
-                if let Some(event) = block_in_place(|| local.handle(command)) {
+                if let Some(event) = local.handle(command) {
                     // Fails only if the hub has stopped, and then nobody counts.
                     let _ = hub.send(HubEvent::Local(event)).await;
                 }
             }
             () = wait => {
                 retry_at = None;
-                block_in_place(|| local.retry());
+                local.retry();
             }
         }
     }

@@ -5,7 +5,7 @@
 //! | `network` | the UDP socket, the QUIC endpoint, discovery and beacons |
 //! | `connection`, one for each | QUIC, the session, the schedule and the memory of one peer |
 //! | `hub` | routes and calls |
-//! | `local` | the nodes in the domain |
+//! | `local`, a thread | the nodes in the domain |
 //! | `shadow` | the comparison with another configuration |
 //!
 //! The tasks talk through the queues of `channel`. No task waits for a connection: a message or
@@ -21,6 +21,7 @@ mod local;
 mod network;
 mod shadow;
 mod status;
+mod thread;
 mod timer;
 
 use std::{
@@ -103,7 +104,7 @@ impl Gateway {
     /// See [`RunError`].
     ///
     /// # Panics
-    /// Outside of a multi-threaded tokio runtime.
+    /// Outside of a tokio runtime with I/O and time enabled.
     pub async fn start(config: &Config) -> Result<Self, RunError> {
         let key = keys::load(&config.key)?;
         let id = key.id();
@@ -125,12 +126,7 @@ impl Gateway {
         let (hub, hub_inbox) = channel::hub::channel();
         let (network, network_inbox) = channel::network::channel();
         let (local, local_inbox) = channel::local::channel();
-        let location = config.domain.clone();
-        let domain = tokio::task::block_in_place(|| {
-            let max_len_bytes = config.limits.message_bytes;
-            Local::join(location, &config.name, max_len_bytes, hub.clone())
-        })?;
-        status::serve(&domain, &config.name, hub.clone())?;
+        local::start(joins(config, &hub), local_inbox, hub.clone()).await?;
         let shared = Arc::new(GatewayState {
             clock: Clock::of_the_machine(),
             me: Me {
@@ -146,7 +142,6 @@ impl Gateway {
             shadow: Mutex::default(),
         });
         let (ending, ended) = watch::channel(None);
-        tokio::spawn(local::run(domain, local_inbox, hub.clone()));
         tokio::spawn(hub::run(
             Hub::new(hop, config.policy.clone()),
             labels(config),
@@ -233,6 +228,20 @@ impl Gateway {
         let _ = self.hub.send(HubEvent::Stop).await;
         // The connection tasks send the close frames meanwhile.
         tokio::time::sleep(CLOSE_DELAY).await;
+    }
+}
+
+/// Joins the domain of this configuration, and serves status reports there.
+fn joins(
+    config: &Config,
+    hub: &HubHandle,
+) -> impl FnOnce() -> Result<Local, LocalError> + Send + use<> {
+    let (location, name, hub) = (config.domain.clone(), config.name.clone(), hub.clone());
+    let max_len_bytes = config.limits.message_bytes;
+    move || {
+        let domain = Local::join(location, &name, max_len_bytes, hub.clone())?;
+        status::serve(&domain, &name, hub)?;
+        Ok(domain)
     }
 }
 

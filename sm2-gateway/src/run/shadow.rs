@@ -2,13 +2,17 @@
 
 use std::{
     collections::{BTreeMap, BTreeSet},
+    mem,
     sync::Arc,
     time::Duration,
 };
 
-use tokio::{sync::watch, task::block_in_place};
+use tokio::sync::watch;
 
-use super::gateway_state::{GatewayState, lock};
+use super::{
+    gateway_state::{GatewayState, lock},
+    thread::on_thread,
+};
 use crate::{
     config::Config,
     report::ShadowReport,
@@ -36,12 +40,21 @@ pub(super) async fn run(
         let Ok(snapshot) = shared.hub.snapshot(revision).await else {
             return;
         };
-        if let Some(snapshot) = snapshot {
-            revision = snapshot.revision;
+        if let Some(mut snapshot) = snapshot {
             let known = config.peers.iter().map(|it| (it.id, it.name.clone()));
-            let names: BTreeMap<_, _> = known.chain(snapshot.names).collect();
-            let changes =
-                block_in_place(|| changes(&snapshot.rules, &config.rule_set(), &snapshot.seen));
+            let names = mem::take(&mut snapshot.names);
+            let names: BTreeMap<_, _> = known.chain(names).collect();
+            let (compared, new_rules) = (snapshot.revision, config.rule_set());
+            let compare = move || changes(&snapshot.rules, &new_rules, &snapshot.seen);
+            let changes = match on_thread("shadow", compare).await {
+                Ok(changes) => changes,
+                Err(error) => {
+                    tracing::warn!(%error, "cannot compare with the shadow configuration; retries");
+                    tokio::time::sleep(POLL_INTERVAL).await;
+                    continue;
+                }
+            };
+            revision = compared;
             let report = |it: &Change| ShadowReport::new(it, &names, &config);
             for change in changes.iter().filter(|it| !logged.contains(*it)) {
                 tracing::info!("shadow: {}", report(change));
