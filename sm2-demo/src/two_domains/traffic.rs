@@ -61,7 +61,7 @@ pub(crate) fn publish(
         .depth(1)
         .declare()
         .map_err(DemoError::node)?;
-    Ok(thread::spawn(move || {
+    let publish = move || {
         let mut next = clock::now();
         for number in 0.. {
             while clock::now() < next {
@@ -77,7 +77,8 @@ pub(crate) fn publish(
             next = next.after(period);
         }
         Ok(())
-    }))
+    };
+    start(publish)
 }
 
 /// Starts a thread that receives until the demo ends.
@@ -93,7 +94,7 @@ pub(crate) fn subscribe(
         .map_err(DemoError::node)?;
     let log = Log::default();
     let ours = Arc::clone(&log);
-    let thread = thread::spawn(move || {
+    let subscribe = move || {
         while !shared.stop.load(Ordering::Relaxed) {
             let sample = match subscriber.recv_timeout(LOOK) {
                 Ok(Some(sample)) => sample,
@@ -113,8 +114,15 @@ pub(crate) fn subscribe(
             });
         }
         Ok(())
-    });
-    Ok((log, thread))
+    };
+    Ok((log, start(subscribe)?))
+}
+
+fn start(
+    work: impl FnOnce() -> Result<(), DemoError> + Send + 'static,
+) -> Result<JoinHandle<Result<(), DemoError>>, DemoError> {
+    let thread = thread::Builder::new().spawn(work);
+    thread.map_err(DemoError::system("start a thread"))
 }
 
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
