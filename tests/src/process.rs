@@ -9,7 +9,7 @@ use std::{
         Arc, Mutex, MutexGuard, PoisonError,
         mpsc::{Receiver, RecvTimeoutError, channel},
     },
-    thread,
+    thread::{self, JoinHandle},
 };
 
 use nix::{
@@ -91,6 +91,19 @@ pub struct Process {
     stdin: Option<ChildStdin>,
     lines: Receiver<String>,
     stderr: Arc<Mutex<String>>,
+    /// Collects the standard error. `None` once all of it was collected.
+    collector: Option<JoinHandle<()>>,
+}
+
+/// A child that has ended, with everything that it wrote.
+#[derive(Clone, Debug)]
+pub struct Finished {
+    /// How it ended.
+    pub exit: Exit,
+    /// The lines of its output that [`Process::line`] had not returned.
+    pub lines: Vec<String>,
+    /// Its standard error.
+    pub stderr: String,
 }
 
 impl Process {
@@ -114,12 +127,13 @@ impl Process {
         let stderr = Arc::new(Mutex::new(String::new()));
         let collected = Arc::clone(&stderr);
         let source = child.stderr.take().expect("its errors");
-        thread::spawn(move || collect(source, &collected));
+        let collector = thread::spawn(move || collect(source, &collected));
         Self {
             stdin: child.stdin.take(),
             child,
             lines,
             stderr,
+            collector: Some(collector),
         }
     }
 
@@ -223,6 +237,25 @@ impl Process {
             exit.is_some()
         });
         exit.map_or(Exit::Status(0), Exit::from)
+    }
+
+    /// Waits for its end, and for the rest of its output. Closes its standard input.
+    #[must_use]
+    #[track_caller]
+    pub fn finish(&mut self) -> Finished {
+        self.stdin = None;
+        let exit = self.wait();
+        let lines = std::iter::from_fn(|| self.line()).collect();
+        if let Some(collector) = self.collector.take() {
+            // A panic of the collector would have lost text only.
+            let _ = collector.join();
+        }
+        let stderr = self.stderr();
+        Finished {
+            exit,
+            lines,
+            stderr,
+        }
     }
 }
 
