@@ -99,6 +99,7 @@ fn survives_at(sides: &[Side], name: &str, scenario: fn(&mut World)) {
     // The census and the accusations are those of the process.
     static ALONE: Mutex<()> = Mutex::new(());
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    gateways::prepare();
     let wanted = env::var("SM2_FAULTS").ok();
     let all = wanted.as_deref() == Some("all");
     let only = wanted
@@ -163,6 +164,5 @@ fn a_change_of_the_manager_survives_each_fault() {
 
 #[test]
 fn gateways_survive_each_fault() {
-    gateways::prepare();
     survives_at(&[Side::Gateways], "gateways", gateways::gateways);
 }
