@@ -10,6 +10,7 @@ mod activation;
 mod arguments;
 #[cfg(feature = "fuzzing")]
 pub mod fuzz;
+mod limit_arguments;
 mod reach;
 mod replace;
 
@@ -30,12 +31,19 @@ use signal_hook::{
     iterator::Signals,
 };
 use sm2_io::DomainSocketError;
+use sm2_proto::control::LimitError;
 use tracing::warn;
 
-pub use self::{activation::ActivationError, arguments::Arguments, replace::ReplaceError};
+pub use self::{
+    activation::ActivationError, arguments::Arguments, limit_arguments::LimitArguments,
+    replace::ReplaceError,
+};
 use crate::{
     HandOver, Manager, Outcome, PolicyReloader, Role, RunError, Standby, StartError, Stopper,
 };
+
+/// The exit status of a command line that cannot be used. It is that of clap.
+const WRONG_USAGE: u8 = 2;
 
 /// Returns the end of the help text for the command that takes [`Arguments`]. `command` is its name:
 /// `sm2-manager` or `sm2 manager`.
@@ -73,6 +81,9 @@ pub enum ProgramError {
         /// The socket's path.
         path: PathBuf,
     },
+    /// The command line states a wrong limit.
+    #[error(transparent)]
+    Limit(#[from] LimitError),
     /// The Manager did not start.
     #[error(transparent)]
     Start(StartError),
@@ -116,6 +127,15 @@ impl From<StartError> for ProgramError {
     }
 }
 
+impl ProgramError {
+    fn exit_code(&self) -> ExitCode {
+        match self {
+            Self::Limit(_) => ExitCode::from(WRONG_USAGE),
+            _ => ExitCode::FAILURE,
+        }
+    }
+}
+
 /// The Manager that this process runs.
 enum Service {
     Manager(Box<Manager>),
@@ -124,7 +144,7 @@ enum Service {
 
 impl Service {
     fn start(arguments: &Arguments) -> Result<Self, ProgramError> {
-        let options = arguments.options();
+        let options = arguments.options()?;
         if let Some(socket) = activation::socket()? {
             if arguments.standby || arguments.replace {
                 return Err(ProgramError::HandedAnyway);
@@ -231,7 +251,7 @@ pub fn main(arguments: &Arguments) -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("sm2 manager: {error}");
-            ExitCode::FAILURE
+            error.exit_code()
         }
     }
 }

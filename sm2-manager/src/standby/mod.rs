@@ -65,7 +65,7 @@ impl Standby {
     ///
     /// # Errors
     ///
-    /// [`StartError::DomainSocket`] if the path cannot be used; [`StartError::NobodyServes`] if another
+    /// [`StartError::Limit`] if a limit is wrong; [`StartError::DomainSocket`] if the path cannot be used; [`StartError::NobodyServes`] if another
     /// process holds the domain and accepts no connection for 5 s; [`StartError::Io`] if the process has no
     /// descriptors left.
     pub fn start(path: &Path, options: Options) -> Result<Self, StartError> {
