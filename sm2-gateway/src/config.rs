@@ -28,7 +28,7 @@ use crate::{
     address::Address,
     domain::DomainLocation,
     hub::{DEFAULT_SEND_QOS, Policy},
-    peer::Limits,
+    peer::{Limit, Limits},
     shadow::RuleSet,
 };
 
@@ -104,9 +104,9 @@ enum CongestionWord {
 #[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct LimitsTable {
-    message_bytes: Option<u64>,
-    memory_bytes: Option<u64>,
-    gateway_bytes: Option<u64>,
+    message_bytes: Option<Spanned<u64>>,
+    memory_bytes: Option<Spanned<u64>>,
+    gateway_bytes: Option<Spanned<u64>>,
 }
 
 #[derive(Deserialize)]
@@ -241,7 +241,6 @@ impl Config {
             policy.send_qos.push(qos);
             rule_lines.push(at.line(&table.span()));
         }
-        let default = Limits::default();
         Ok(Self {
             path: path.into(),
             name,
@@ -255,11 +254,7 @@ impl Config {
                 Some(CongestionWord::Cubic) => Congestion::Cubic,
                 Some(CongestionWord::NewReno) => Congestion::NewReno,
             },
-            limits: Limits {
-                message_bytes: file.limits.message_bytes.unwrap_or(default.message_bytes),
-                memory_bytes: file.limits.memory_bytes.unwrap_or(default.memory_bytes),
-                gateway_bytes: file.limits.gateway_bytes.unwrap_or(default.gateway_bytes),
-            },
+            limits: at.limits(&file.limits)?,
             peers,
             policy,
             rule_lines,
@@ -352,6 +347,42 @@ impl Source<'_> {
             line: self.line(span),
             source,
         }
+    }
+
+    fn limits(&self, table: &LimitsTable) -> Result<Limits, ConfigError> {
+        Ok(Limits {
+            message_bytes: self.limit(table, Limit::MessageBytes)?,
+            memory_bytes: self.limit(table, Limit::MemoryBytes)?,
+            gateway_bytes: self.limit(table, Limit::GatewayBytes)?,
+        })
+    }
+
+    /// The stated value of a limit, else its default, and at most the value of its whole.
+    fn limit(&self, table: &LimitsTable, limit: Limit) -> Result<u64, ConfigError> {
+        let stated = match limit {
+            Limit::MessageBytes => &table.message_bytes,
+            Limit::MemoryBytes => &table.memory_bytes,
+            Limit::GatewayBytes => &table.gateway_bytes,
+        };
+        let whole = limit.whole();
+        let whole = whole.map(|it| Ok((it, self.limit(table, it)?)));
+        let whole = whole.transpose()?;
+        let Some(stated) = stated else {
+            let default = Limits::default().of(limit);
+            return Ok(whole.map_or(default, |(_, most)| default.min(most)));
+        };
+        let value = *stated.get_ref();
+        let error = match whole {
+            _ if !(1..=limit.most()).contains(&value) => ValueError::Limit { limit, value },
+            Some((whole, most)) if value > most => ValueError::LimitAboveWhole {
+                limit,
+                value,
+                whole,
+                most,
+            },
+            _ => return Ok(value),
+        };
+        Err(self.error(&stated.span(), error))
     }
 
     fn name(&self, text: &Spanned<String>) -> Result<Name, ConfigError> {

@@ -20,7 +20,7 @@ impl Side {
         assert_eq!(made.code(), 0, "{made:?}");
         let text = format!(
             "name = \"{name}\"\nlisten = \"127.0.0.1:{port}\"\nkey = \"gateway.key\"\n\
-             socket = \"sm2.sock\"\n\n[[rule]]\naction = \"deny\"\nnames = \"secret/**\"\n\
+             socket = \"sm2.sock\"\n\n[limits]\nmessage_bytes = 5000000\n[[rule]]\naction = \"deny\"\nnames = \"secret/**\"\n\
              [[rule]]\naction = \"allow\"\nnames = \"**\"\n"
         );
         fs::write(domain.path("gateway.toml"), text).unwrap();
@@ -80,6 +80,10 @@ fn two_domains_as_the_readme_says() {
     assert_eq!(echo.finish().code(), 0);
     let report: Value = serde_json::from_str(&peers(&near).stdout()).unwrap();
     assert_eq!(report["peers"][0]["offered"][0], "topic chatter");
+    assert_eq!(report["limits"]["message_bytes"], 5_000_000);
+    let text = near.domain.run(&["gateway", "peers"]).stdout();
+    let limits = "limits: message_bytes 5000000, memory_bytes 134217728, gateway_bytes 536870912";
+    assert!(text.contains(limits), "{text}");
     assert!(report["peers"][0]["messages"]["sent"].as_u64().unwrap() > 0);
     snapshots_show_gateways(&near);
     let check = near.gateway("check", &[]).finish();

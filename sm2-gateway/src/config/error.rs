@@ -7,7 +7,7 @@ use sm2_proto::{
     gateway::{GatewayIdError, PatternError, schedule::PRIORITY_MAX},
 };
 
-use crate::address::AddressError;
+use crate::{address::AddressError, peer::Limit};
 
 /// Why a configuration was refused.
 #[derive(Debug, thiserror::Error)]
@@ -99,6 +99,26 @@ pub enum ValueError {
     UnknownPeer {
         /// The text.
         text: String,
+    },
+    /// A limit is 0 or too large.
+    #[error("`{}` is {value}: give 1 to {}", .limit.name(), .limit.most())]
+    Limit {
+        /// The limit.
+        limit: Limit,
+        /// Its value.
+        value: u64,
+    },
+    /// A limit exceeds that of a sum of which its bytes are a part: it could never be reached.
+    #[error("`{}` is {value}: give at most {most}, the value of `{}`, or raise that one", .limit.name(), .whole.name())]
+    LimitAboveWhole {
+        /// The limit.
+        limit: Limit,
+        /// Its value.
+        value: u64,
+        /// The limit of the sum.
+        whole: Limit,
+        /// The value of that one.
+        most: u64,
     },
     /// The priority of a rule is too high.
     #[error("a priority is 0 to {PRIORITY_MAX}")]

@@ -125,6 +125,7 @@ impl Task {
                     me: self.shared.me.clone(),
                     names: self.names.clone(),
                     rule_lines: self.rule_lines.clone(),
+                    limits: self.shared.limits,
                     shadow: lock(&self.shared.shadow).clone(),
                     peers: asked.collect(),
                 };

@@ -4,7 +4,10 @@ use core::{fmt, ops::RangeInclusive};
 
 use serde::{Deserialize, Serialize};
 
-use crate::limits::{DATAGRAM_MAX, LINKS_MAX};
+use crate::{
+    limits::{DATAGRAM_MAX, LINKS_MAX},
+    text::Counted,
+};
 
 /// The longest time that a limit takes, in milliseconds: a day.
 const LONGEST_MS: u64 = 86_400_000;
@@ -252,7 +255,7 @@ impl fmt::Display for Shown {
             Unit::Count => write!(f, "{value}"),
             Unit::Milliseconds if value.is_multiple_of(1_000) => write!(f, "{} s", value / 1_000),
             Unit::Milliseconds => write!(f, "{value} ms"),
-            Unit::Bytes => write!(f, "{value} bytes"),
+            Unit::Bytes => Counted::new(value, "byte").fmt(f),
         }
     }
 }
@@ -392,6 +395,7 @@ mod tests {
             (Limit::Greeting, 2_000, "2 s"),
             (Limit::Greeting, 1_500, "1500 ms"),
             (Limit::QueueBytes, 131_072, "131072 bytes"),
+            (Limit::SchemaBytesPerSession, 1, "1 byte"),
         ] {
             assert_eq!(limit.show(value).to_string(), text);
         }
