@@ -15,15 +15,15 @@ use std::{
 use serde::Deserialize;
 use sm2_io::quic::Congestion;
 use sm2_proto::{
-    Name,
+    Name, WrongText,
     gateway::{
-        Action, Direction, GatewayId, Pattern, Rule, Rules, SubjectKind,
+        Action, Direction, GatewayId, Rule, Rules, SubjectKind,
         schedule::{PRIORITY_MAX, SendQos},
     },
 };
 use toml::Spanned;
 
-pub use self::error::{ConfigError, ValueError};
+pub use self::error::{ConfigError, ConfigValueError};
 use crate::{
     address::Address,
     domain::DomainLocation,
@@ -216,7 +216,7 @@ impl Config {
             (Some(name), None) => DomainLocation::Name(name),
             (None, Some(socket)) => DomainLocation::Socket(folder.join(socket.into_inner())),
             (Some(_), Some(socket)) => {
-                return Err(at.error(&socket.span(), ValueError::DomainAndSocket));
+                return Err(at.error(&socket.span(), ConfigValueError::DomainAndSocket));
             }
         };
         let mut peers = Vec::new();
@@ -224,12 +224,12 @@ impl Config {
         for table in &file.peer {
             let peer = at.peer(table)?;
             if ids.insert(peer.name.clone(), peer.id).is_some() {
-                let error = ValueError::DuplicateName { name: peer.name };
+                let error = ConfigValueError::DuplicateName { name: peer.name };
                 return Err(at.error(&table.name.span(), error));
             }
             if let Some(twin) = peers.iter().find(|it: &&PeerConfig| it.id == peer.id) {
                 let other = twin.name.clone();
-                return Err(at.error(&table.id.span(), ValueError::DuplicateId { other }));
+                return Err(at.error(&table.id.span(), ConfigValueError::DuplicateId { other }));
             }
             peers.push(peer);
         }
@@ -341,7 +341,7 @@ impl Source<'_> {
         before.matches('\n').count() + 1
     }
 
-    fn error(&self, span: &Range<usize>, source: ValueError) -> ConfigError {
+    fn error(&self, span: &Range<usize>, source: ConfigValueError) -> ConfigError {
         ConfigError::Value {
             path: self.path.into(),
             line: self.line(span),
@@ -373,8 +373,8 @@ impl Source<'_> {
         };
         let value = *stated.get_ref();
         let error = match whole {
-            _ if !(1..=limit.most()).contains(&value) => ValueError::Limit { limit, value },
-            Some((whole, most)) if value > most => ValueError::LimitAboveWhole {
+            _ if !(1..=limit.most()).contains(&value) => ConfigValueError::Limit { limit, value },
+            Some((whole, most)) if value > most => ConfigValueError::LimitAboveWhole {
                 limit,
                 value,
                 whole,
@@ -386,19 +386,13 @@ impl Source<'_> {
     }
 
     fn name(&self, text: &Spanned<String>) -> Result<Name, ConfigError> {
-        Name::new(text.get_ref()).map_err(|source| {
-            let value = text.get_ref().clone();
-            let error = ValueError::Name {
-                text: value,
-                source,
-            };
-            self.error(&text.span(), error)
-        })
+        let name = WrongText::or_name(text.get_ref());
+        name.map_err(|error| self.error(&text.span(), error.into()))
     }
 
     fn address(&self, text: &Spanned<String>) -> Result<SocketAddr, ConfigError> {
         text.get_ref().parse().map_err(|_| {
-            let error = ValueError::Listen {
+            let error = ConfigValueError::Listen {
                 text: text.get_ref().clone(),
             };
             self.error(&text.span(), error)
@@ -407,12 +401,12 @@ impl Source<'_> {
 
     fn peer(&self, table: &PeerTable) -> Result<PeerConfig, ConfigError> {
         let id = table.id.get_ref().parse();
-        let id = id.map_err(|error| self.error(&table.id.span(), ValueError::Id(error)))?;
+        let id = id.map_err(|error| self.error(&table.id.span(), ConfigValueError::Id(error)))?;
         let addresses = table.addresses.iter().map(|text| {
             let address = text.get_ref().parse();
             address.map_err(|source| {
                 let value = text.get_ref().clone();
-                let error = ValueError::Address {
+                let error = ConfigValueError::Address {
                     text: value,
                     source,
                 };
@@ -431,18 +425,15 @@ impl Source<'_> {
         table: &RuleTable,
         ids: &BTreeMap<Name, GatewayId>,
     ) -> Result<(Rule, SendQos), ConfigError> {
-        let names = Pattern::new(table.names.get_ref());
-        let names = names.map_err(|source| {
-            let text = table.names.get_ref().clone();
-            self.error(&table.names.span(), ValueError::Names { text, source })
-        })?;
+        let names = WrongText::or_pattern(table.names.get_ref());
+        let names = names.map_err(|error| self.error(&table.names.span(), error.into()))?;
         let known = |text: &Spanned<String>| {
             let id = Name::new(text.get_ref())
                 .ok()
                 .and_then(|it| ids.get(&it).copied());
             if id.is_none() && self.unknown_peers == UnknownPeers::Refused {
                 let text_of_rule = text.get_ref().clone();
-                let error = ValueError::UnknownPeer { text: text_of_rule };
+                let error = ConfigValueError::UnknownPeer { text: text_of_rule };
                 return Err(self.error(&text.span(), error));
             }
             Ok(id)
@@ -454,7 +445,7 @@ impl Source<'_> {
         });
         let priority = match &table.priority {
             Some(it) if *it.get_ref() > PRIORITY_MAX => {
-                return Err(self.error(&it.span(), ValueError::Priority));
+                return Err(self.error(&it.span(), ConfigValueError::Priority));
             }
             Some(it) => *it.get_ref(),
             None => DEFAULT_SEND_QOS.priority,

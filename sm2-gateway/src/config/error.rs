@@ -3,8 +3,8 @@
 use std::{io, path::PathBuf};
 
 use sm2_proto::{
-    Name, NameError,
-    gateway::{GatewayIdError, PatternError, schedule::PRIORITY_MAX},
+    Name, WrongText,
+    gateway::{GatewayIdError, schedule::PRIORITY_MAX},
 };
 
 use crate::{address::AddressError, peer::Limit};
@@ -38,22 +38,17 @@ pub enum ConfigError {
         /// The line, from 1.
         line: usize,
         /// The error in the value.
-        source: ValueError,
+        source: ConfigValueError,
     },
 }
 
 /// Why a value of a configuration was refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum ValueError {
-    /// `name` is not a name.
-    #[error("`{text}`: {source}")]
-    Name {
-        /// The text.
-        text: String,
-        /// The rule that it breaks.
-        source: NameError,
-    },
+pub enum ConfigValueError {
+    /// `name` is not a name, or `names` of a rule is not a pattern.
+    #[error(transparent)]
+    Text(#[from] WrongText),
     /// `listen` is not an address with a port.
     #[error("`{text}` is not an address with a port, such as 192.0.2.1:7633 or [fe80::1%2]:7633")]
     Listen {
@@ -85,14 +80,6 @@ pub enum ValueError {
         text: String,
         /// The form that an address must have.
         source: AddressError,
-    },
-    /// `names` of a rule is not a pattern.
-    #[error("`{text}`: {source}")]
-    Names {
-        /// The text.
-        text: String,
-        /// The rule that it breaks.
-        source: PatternError,
     },
     /// A rule names a peer that no `[[peer]]` before it has.
     #[error("no [[peer]] of this file has the name `{text}`: add it with `sm2 gateway trust`")]
