@@ -1,4 +1,4 @@
-//! What the counters of both ends of a link say about trouble on it.
+//! Troubles on links, as the counters of their two ends tell.
 
 use std::{collections::BTreeSet, fmt};
 
