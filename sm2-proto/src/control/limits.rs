@@ -35,7 +35,7 @@ pub enum Limit {
     Greeting,
     /// The time for which a claim waits for its counterpart.
     Recovery,
-    /// The time within which a node has to confirm the end of links that a new access policy denies.
+    /// The time within which a node has to confirm that it ended what a new access policy denies.
     Confirmation,
     /// Bytes that are queued for a node that does not read.
     QueueBytes,
@@ -163,7 +163,7 @@ impl Limit {
             Self::Recovery => lasts("recovery_ms", "--recovery-timeout",
                 "for which a claim waits for its counterpart"),
             Self::Confirmation => lasts("confirmation_ms", "--confirmation-timeout",
-                "within which a node has to confirm the end of links that a new access policy denies"),
+                "within which a node has to confirm that it ended what a new access policy denies"),
             Self::QueueBytes => occupies("queue_bytes", "--max-queue-bytes", 2 * DATAGRAM_MAX as u64,
                 "frames that wait for a node that does not read; each counts 32 bytes more than its length"),
             Self::SchemaBytesPerSession => occupies("schema_bytes_per_session", "--max-schema-bytes", 1,
@@ -322,7 +322,7 @@ pub struct Limits {
     pub greeting_ms: u32,
     /// The time for which a claim waits for its counterpart, in milliseconds.
     pub recovery_ms: u32,
-    /// The time within which a node has to confirm the end of links that a new access policy denies, in milliseconds.
+    /// The time within which a node has to confirm that it ended what a new access policy denies, in milliseconds.
     pub confirmation_ms: u32,
     /// Bytes that are queued for a node that does not read.
     pub queue_bytes: u32,

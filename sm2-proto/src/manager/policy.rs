@@ -16,7 +16,7 @@ pub struct Policy {
     pub greeting: Duration,
     /// The time for which a claim waits for its counterpart after CLAIMED.
     pub recovery: Duration,
-    /// The time within which nodes have to confirm the end of links that a new access policy denies.
+    /// The time within which nodes have to confirm that they ended what a new access policy denies.
     pub confirmation: Duration,
     /// Bytes that the driver queues for a session whose node does not read. Each queued frame counts 32 bytes
     /// more than its length.
