@@ -29,6 +29,7 @@ mod follow;
 pub mod fuzz;
 mod interfaces;
 mod interrupt;
+mod limits;
 mod manual;
 mod messages;
 mod names;

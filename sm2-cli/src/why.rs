@@ -1,6 +1,6 @@
 //! `sm2 why`: explains why two interfaces are linked or not, or lists the nearest counterparts of one.
 
-mod too_long;
+mod link_troubles;
 
 use std::collections::BTreeSet;
 
@@ -12,7 +12,7 @@ use sm2_proto::{
     schema::Schema,
 };
 
-use self::too_long::TooLong;
+use self::link_troubles::LinkTroubles;
 use crate::{
     args::Domain,
     connect::Session,
@@ -46,7 +46,7 @@ const HELP: &str = "\
 With A alone, why shows the links of A, and the counterparts that nearly match, with the reason for
 which they do not. If types differ and their schemas are registered, why names the first field that
 differs. If a node is stopped, why says how to continue it. If messages were longer than a subscriber
-accepts, why says how many.
+accepts, why says how many. If a node is short of memory on a link, why says for how long.
 
 Exit status: 0 linked, 1 not linked (or there is no such interface), 2 wrong usage.
 
@@ -71,8 +71,9 @@ struct Pair {
     differences: Vec<String>,
     /// The nodes of the two interfaces that are stopped.
     stopped: Vec<StoppedNode>,
-    /// The links of the two interfaces that dropped messages for their length.
-    too_long: Vec<TooLong>,
+    /// The troubles on the links of the two interfaces.
+    #[serde(flatten)]
+    troubles: LinkTroubles,
     /// The verdict as text.
     text: String,
 }
@@ -86,8 +87,9 @@ struct Around {
     linked: bool,
     /// The nodes of the interfaces, and of those that they are linked with, that are stopped.
     stopped: Vec<StoppedNode>,
-    /// The links of the interfaces that dropped messages for their length.
-    too_long: Vec<TooLong>,
+    /// The troubles on the links of the interfaces.
+    #[serde(flatten)]
+    troubles: LinkTroubles,
     interfaces: Vec<One>,
 }
 
@@ -121,7 +123,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
                 revision: domain.revision(),
                 linked: verdict.is_linked(),
                 stopped: stopped_nodes(&domain, [one, other]),
-                too_long: TooLong::find(&session, &domain, &[one, other]),
+                troubles: LinkTroubles::find(&session, &domain, &[one, other]),
                 text: verdict.to_string(),
                 differences: differences(&session, &domain, &verdict),
                 verdict,
@@ -134,7 +136,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
                     out.line(difference)?;
                 }
                 print_stopped(&pair.stopped, &mut out)?;
-                print_too_long(&pair.too_long, &mut out)?;
+                pair.troubles.print(&mut out)?;
             }
             pair.linked
         }
@@ -143,7 +145,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
             let peers = entities.iter().flat_map(|it| view.links_of(*it));
             let peers = peers.flat_map(|link| [link.offering, link.demanding]);
             let stopped = stopped_nodes(&domain, entities.iter().copied().chain(peers));
-            let too_long = TooLong::find(&session, &domain, &entities);
+            let troubles = LinkTroubles::find(&session, &domain, &entities);
             let interfaces = entities
                 .into_iter()
                 .map(|entity| one(&view, entity, &explain));
@@ -152,7 +154,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
                 revision: domain.revision(),
                 linked: interfaces.iter().all(|it| !it.linked_with.is_empty()),
                 stopped,
-                too_long,
+                troubles,
                 interfaces,
             };
             match arguments.json {
@@ -319,16 +321,7 @@ fn print(around: &Around, out: &mut Output) -> Result<(), CliError> {
         }
     }
     print_stopped(&around.stopped, out)?;
-    print_too_long(&around.too_long, out)
-}
-
-fn print_too_long(links: &[TooLong], out: &mut Output) -> Result<(), CliError> {
-    for link in links {
-        out.line(format_args!(
-            "But {link}: raise max_len of the subscriber, or split the messages."
-        ))?;
-    }
-    Ok(())
+    around.troubles.print(out)
 }
 
 /// The nodes of these interfaces that are stopped, each once.

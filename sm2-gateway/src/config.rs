@@ -15,20 +15,20 @@ use std::{
 use serde::Deserialize;
 use sm2_io::quic::Congestion;
 use sm2_proto::{
-    Name,
+    Name, WrongText,
     gateway::{
-        Action, Direction, GatewayId, Pattern, Rule, Rules, SubjectKind,
+        Action, Direction, GatewayId, Rule, Rules, SubjectKind,
         schedule::{PRIORITY_MAX, SendQos},
     },
 };
 use toml::Spanned;
 
-pub use self::error::{ConfigError, ValueError};
+pub use self::error::{ConfigError, ConfigValueError};
 use crate::{
     address::Address,
     domain::DomainLocation,
     hub::{DEFAULT_SEND_QOS, Policy},
-    peer::Limits,
+    peer::{Limit, Limits},
     shadow::RuleSet,
 };
 
@@ -104,9 +104,9 @@ enum CongestionWord {
 #[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct LimitsTable {
-    message_bytes: Option<u64>,
-    memory_bytes: Option<u64>,
-    gateway_bytes: Option<u64>,
+    message_bytes: Option<Spanned<u64>>,
+    memory_bytes: Option<Spanned<u64>>,
+    gateway_bytes: Option<Spanned<u64>>,
 }
 
 #[derive(Deserialize)]
@@ -216,7 +216,7 @@ impl Config {
             (Some(name), None) => DomainLocation::Name(name),
             (None, Some(socket)) => DomainLocation::Socket(folder.join(socket.into_inner())),
             (Some(_), Some(socket)) => {
-                return Err(at.error(&socket.span(), ValueError::DomainAndSocket));
+                return Err(at.error(&socket.span(), ConfigValueError::DomainAndSocket));
             }
         };
         let mut peers = Vec::new();
@@ -224,12 +224,12 @@ impl Config {
         for table in &file.peer {
             let peer = at.peer(table)?;
             if ids.insert(peer.name.clone(), peer.id).is_some() {
-                let error = ValueError::DuplicateName { name: peer.name };
+                let error = ConfigValueError::DuplicateName { name: peer.name };
                 return Err(at.error(&table.name.span(), error));
             }
             if let Some(twin) = peers.iter().find(|it: &&PeerConfig| it.id == peer.id) {
                 let other = twin.name.clone();
-                return Err(at.error(&table.id.span(), ValueError::DuplicateId { other }));
+                return Err(at.error(&table.id.span(), ConfigValueError::DuplicateId { other }));
             }
             peers.push(peer);
         }
@@ -241,7 +241,6 @@ impl Config {
             policy.send_qos.push(qos);
             rule_lines.push(at.line(&table.span()));
         }
-        let default = Limits::default();
         Ok(Self {
             path: path.into(),
             name,
@@ -255,11 +254,7 @@ impl Config {
                 Some(CongestionWord::Cubic) => Congestion::Cubic,
                 Some(CongestionWord::NewReno) => Congestion::NewReno,
             },
-            limits: Limits {
-                message_bytes: file.limits.message_bytes.unwrap_or(default.message_bytes),
-                memory_bytes: file.limits.memory_bytes.unwrap_or(default.memory_bytes),
-                gateway_bytes: file.limits.gateway_bytes.unwrap_or(default.gateway_bytes),
-            },
+            limits: at.limits(&file.limits)?,
             peers,
             policy,
             rule_lines,
@@ -346,7 +341,7 @@ impl Source<'_> {
         before.matches('\n').count() + 1
     }
 
-    fn error(&self, span: &Range<usize>, source: ValueError) -> ConfigError {
+    fn error(&self, span: &Range<usize>, source: ConfigValueError) -> ConfigError {
         ConfigError::Value {
             path: self.path.into(),
             line: self.line(span),
@@ -354,20 +349,50 @@ impl Source<'_> {
         }
     }
 
-    fn name(&self, text: &Spanned<String>) -> Result<Name, ConfigError> {
-        Name::new(text.get_ref()).map_err(|source| {
-            let value = text.get_ref().clone();
-            let error = ValueError::Name {
-                text: value,
-                source,
-            };
-            self.error(&text.span(), error)
+    fn limits(&self, table: &LimitsTable) -> Result<Limits, ConfigError> {
+        Ok(Limits {
+            message_bytes: self.limit(table, Limit::MessageBytes)?,
+            memory_bytes: self.limit(table, Limit::MemoryBytes)?,
+            gateway_bytes: self.limit(table, Limit::GatewayBytes)?,
         })
+    }
+
+    /// The stated value of a limit, else its default, and at most the value of its whole.
+    fn limit(&self, table: &LimitsTable, limit: Limit) -> Result<u64, ConfigError> {
+        let stated = match limit {
+            Limit::MessageBytes => &table.message_bytes,
+            Limit::MemoryBytes => &table.memory_bytes,
+            Limit::GatewayBytes => &table.gateway_bytes,
+        };
+        let whole = limit.whole();
+        let whole = whole.map(|it| Ok((it, self.limit(table, it)?)));
+        let whole = whole.transpose()?;
+        let Some(stated) = stated else {
+            let default = Limits::default().of(limit);
+            return Ok(whole.map_or(default, |(_, most)| default.min(most)));
+        };
+        let value = *stated.get_ref();
+        let error = match whole {
+            _ if !(1..=limit.most()).contains(&value) => ConfigValueError::Limit { limit, value },
+            Some((whole, most)) if value > most => ConfigValueError::LimitAboveWhole {
+                limit,
+                value,
+                whole,
+                most,
+            },
+            _ => return Ok(value),
+        };
+        Err(self.error(&stated.span(), error))
+    }
+
+    fn name(&self, text: &Spanned<String>) -> Result<Name, ConfigError> {
+        let name = WrongText::or_name(text.get_ref());
+        name.map_err(|error| self.error(&text.span(), error.into()))
     }
 
     fn address(&self, text: &Spanned<String>) -> Result<SocketAddr, ConfigError> {
         text.get_ref().parse().map_err(|_| {
-            let error = ValueError::Listen {
+            let error = ConfigValueError::Listen {
                 text: text.get_ref().clone(),
             };
             self.error(&text.span(), error)
@@ -376,12 +401,12 @@ impl Source<'_> {
 
     fn peer(&self, table: &PeerTable) -> Result<PeerConfig, ConfigError> {
         let id = table.id.get_ref().parse();
-        let id = id.map_err(|error| self.error(&table.id.span(), ValueError::Id(error)))?;
+        let id = id.map_err(|error| self.error(&table.id.span(), ConfigValueError::Id(error)))?;
         let addresses = table.addresses.iter().map(|text| {
             let address = text.get_ref().parse();
             address.map_err(|source| {
                 let value = text.get_ref().clone();
-                let error = ValueError::Address {
+                let error = ConfigValueError::Address {
                     text: value,
                     source,
                 };
@@ -400,18 +425,15 @@ impl Source<'_> {
         table: &RuleTable,
         ids: &BTreeMap<Name, GatewayId>,
     ) -> Result<(Rule, SendQos), ConfigError> {
-        let names = Pattern::new(table.names.get_ref());
-        let names = names.map_err(|source| {
-            let text = table.names.get_ref().clone();
-            self.error(&table.names.span(), ValueError::Names { text, source })
-        })?;
+        let names = WrongText::or_pattern(table.names.get_ref());
+        let names = names.map_err(|error| self.error(&table.names.span(), error.into()))?;
         let known = |text: &Spanned<String>| {
             let id = Name::new(text.get_ref())
                 .ok()
                 .and_then(|it| ids.get(&it).copied());
             if id.is_none() && self.unknown_peers == UnknownPeers::Refused {
                 let text_of_rule = text.get_ref().clone();
-                let error = ValueError::UnknownPeer { text: text_of_rule };
+                let error = ConfigValueError::UnknownPeer { text: text_of_rule };
                 return Err(self.error(&text.span(), error));
             }
             Ok(id)
@@ -423,7 +445,7 @@ impl Source<'_> {
         });
         let priority = match &table.priority {
             Some(it) if *it.get_ref() > PRIORITY_MAX => {
-                return Err(self.error(&it.span(), ValueError::Priority));
+                return Err(self.error(&it.span(), ConfigValueError::Priority));
             }
             Some(it) => *it.get_ref(),
             None => DEFAULT_SEND_QOS.priority,

@@ -42,7 +42,7 @@ mod tally;
 
 pub use self::{
     address::{Address, AddressError},
-    config::{Config, ConfigError, ValueError},
+    config::{Config, ConfigError, ConfigValueError},
     domain::DomainLocation,
     local::LocalError,
     names::{is_remote, status_service},

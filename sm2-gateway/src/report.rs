@@ -20,6 +20,7 @@ use sm2_proto::{
 use crate::{
     Config,
     names::status_service,
+    peer::Limits,
     shadow::{Because, Change, Effect},
     tally::Counts,
 };
@@ -38,6 +39,8 @@ pub struct Report {
     pub peers: Vec<PeerReport>,
     /// The trusted peers without a connection.
     pub absent: Vec<String>,
+    /// The limits in force.
+    pub limits: Limits,
     /// The changes that the shadow configuration would make, if there is one.
     pub shadow: Option<Vec<ShadowReport>>,
 }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use sm2_gateway::{Address, Config, ConfigError, DomainLocation};
+use sm2_gateway::{Address, Config, ConfigError, DomainLocation, peer::Limits};
 
 const GOOD: &str = "name = \"near\"\nkey = \"key\"\n";
 
@@ -71,6 +71,57 @@ fn each_key_that_only_a_restart_can_take_is_named() {
     let rule = "[[rule]]\naction = \"allow\"\nnames = \"**\"\n";
     let other = with_addresses("\"robot:1\"") + rule;
     assert_eq!(old.fixed_keys(&parse(&other).unwrap()), Vec::<&str>::new());
+}
+
+#[test]
+fn limits_are_within_their_ranges_and_within_each_other() {
+    let limits = |keys: &str| parse(&format!("{GOOD}[limits]\n{keys}")).map(|it| it.limits);
+    let default = Limits::default();
+    assert_eq!(limits("").unwrap(), default);
+    for (keys, [message_bytes, memory_bytes, gateway_bytes]) in [
+        (
+            "message_bytes = 7",
+            [7, default.memory_bytes, default.gateway_bytes],
+        ),
+        ("memory_bytes = 7", [7, 7, default.gateway_bytes]),
+        ("gateway_bytes = 7", [7, 7, 7]),
+        (
+            "message_bytes = 7\nmemory_bytes = 8\ngateway_bytes = 9",
+            [7, 8, 9],
+        ),
+    ] {
+        let expected = Limits {
+            message_bytes,
+            memory_bytes,
+            gateway_bytes,
+        };
+        assert_eq!(limits(keys).unwrap(), expected, "{keys}");
+    }
+    for (keys, told) in [
+        (
+            "message_bytes = 0",
+            "`message_bytes` is 0: give 1 to 1099511627776",
+        ),
+        (
+            "message_bytes = 1099511627777",
+            "`message_bytes` is 1099511627777: give 1 to 1099511627776",
+        ),
+        (
+            "gateway_bytes = 0",
+            "`gateway_bytes` is 0: give 1 to 9223372036854775807",
+        ),
+        (
+            "message_bytes = 9\nmemory_bytes = 8",
+            "`message_bytes` is 9: give at most 8, the value of `memory_bytes`, or raise that one",
+        ),
+        (
+            "gateway_bytes = 8\nmemory_bytes = 9",
+            "`memory_bytes` is 9: give at most 8, the value of `gateway_bytes`, or raise that one",
+        ),
+    ] {
+        let text = limits(keys).unwrap_err().to_string();
+        assert!(text.ends_with(told), "{text}");
+    }
 }
 
 /// The files of the book are loaded as they stand there.

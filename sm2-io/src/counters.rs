@@ -175,7 +175,7 @@ pub struct Update<'a> {
     change: Change<'a, ENTRY_FIELDS>,
 }
 
-//= SM2-CNT-007
+//= SM2-CNT-009
 impl Update<'_> {
     /// Sending side: counts a message (or call) of `len_bytes` that was published `at` this time.
     #[inline]
@@ -214,6 +214,11 @@ impl Update<'_> {
         self.set(field::POOL_LIMIT, fates.pool_limit);
         self.set(field::TOO_LONG, fates.too_long);
         self.set(field::IN_FLIGHT, fates.in_flight);
+    }
+
+    /// End of a link: the time at which the node became short of memory on the link, or that it is not.
+    pub fn short_since(&mut self, since: Option<Instant>) {
+        self.set(field::SHORT_SINCE, since.map_or(0, |since| since.0));
     }
 
     #[inline]

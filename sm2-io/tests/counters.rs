@@ -73,7 +73,7 @@ fn a_file_that_only_its_author_can_write() {
     assert_eq!(view.entries().count(), 0);
 }
 
-//= SM2-CNT-007 test
+//= SM2-CNT-009 test
 #[test]
 fn what_is_counted_is_seen() {
     let mut page = CounterPage::new().unwrap();
@@ -106,6 +106,8 @@ fn what_is_counted_is_seen() {
             in_flight: 5,
         };
         update.fates(&fates);
+        let short_since = (message % 2 == 1).then_some(at);
+        update.short_since(short_since);
         drop(update);
         let mut update = receiver.update();
         update.taken(at, Instant(at.0 - 100 + message), 20);
@@ -117,6 +119,7 @@ fn what_is_counted_is_seen() {
         sent.bytes += 10;
         sent.last = at;
         sent.fates = fates;
+        sent.short_since = short_since;
         sent.recent_ns[place] = at.0;
         got.messages = message;
         got.bytes += 20;
@@ -310,7 +313,7 @@ fn files_that_are_not_of_counters() {
     }
 }
 
-//= SM2-CNT-007 test
+//= SM2-CNT-009 test
 //= SM2-CNT-005 test
 #[test]
 fn entries_that_are_not_as_they_should_be() {

@@ -44,6 +44,9 @@ pub use background::Background;
 pub use driver::Manager;
 pub use handles::{HandOver, PolicyReloader, Stopper};
 pub use options::{Options, Outcome, RunError, StartError};
-pub use policy_file::{PolicyFile, PolicyFileError, PolicyWarning, ValueError};
-pub use sm2_proto::manager::Policy;
+pub use policy_file::{PolicyFile, PolicyFileError, PolicyValueError, PolicyWarning};
+pub use sm2_proto::{
+    control::{Limit, LimitError},
+    manager::Policy,
+};
 pub use standby::{Role, Standby};

@@ -3,16 +3,15 @@
 use std::{io, path::PathBuf};
 
 use sm2_io::{BindOptions, DomainSocketError};
+use sm2_proto::control::LimitError;
 
 use crate::{Policy, PolicyFileError};
 
 /// Options of a Manager.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// Quotas, and which links are sealed.
+    /// Limits, and which links are sealed.
     pub policy: Policy,
-    /// How many bytes are queued for a node that does not read. Each queued frame counts 32 bytes extra.
-    pub queue_bytes: usize,
     /// The socket's permission bits: a process needs write permission to connect. Has no effect on an adopted
     /// socket (socket activation).
     pub socket_mode: u32,
@@ -25,7 +24,6 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             policy: Policy::default(),
-            queue_bytes: 1 << 20,
             socket_mode: 0o600,
             policy_file: None,
         }
@@ -45,6 +43,9 @@ impl Options {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StartError {
+    /// A limit of the [`Policy`] is wrong.
+    #[error(transparent)]
+    Limit(#[from] LimitError),
     /// The domain's socket cannot be claimed.
     #[error(transparent)]
     DomainSocket(#[from] DomainSocketError),

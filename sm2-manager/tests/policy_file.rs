@@ -193,7 +193,7 @@ fn errors_of_keys_name_the_line() {
         (
             names("actions = [\"see\", \"write\"]"),
             "policy.toml:5: ",
-            "unknown variant `write`",
+            "actions: `write`: an action is publish, subscribe, serve",
         ),
         (
             names("users = [-1]"),

@@ -16,8 +16,8 @@ use crate::{ConnectError, Node};
 /// taking over.
 const SUCCESSION: Duration = Duration::from_millis(250);
 
-/// The default of [`NodeBuilder::max_mapped_bytes`]: less than a hundredth of the addresses of a process.
-const MAX_MAPPED_BYTES: u64 = 1 << 40;
+/// The default of [`NodeBuilder::max_mapped_bytes`], in bytes: less than a hundredth of the addresses of a process.
+pub const MAX_MAPPED_BYTES: u64 = 1 << 40;
 
 /// Options for connecting a node.
 #[derive(Clone, Debug)]

@@ -217,7 +217,7 @@ mod spare;
 mod subscriber;
 mod wait;
 
-pub use builder::NodeBuilder;
+pub use builder::{MAX_MAPPED_BYTES, NodeBuilder};
 pub use client::{Call, Client, ClientBuilder, Reply};
 pub use error::{
     CallError, ConnectError, DeclareError, PublishError, RecvError, ReplyError, StoreError,

@@ -31,8 +31,8 @@ pub const MAX_ENTRIES: u32 = (MAX_FILE_BYTES / ENTRY_BYTES) as u32 - 1;
 /// The number of messages that an entry remembers one by one.
 pub const RECENT: usize = 32;
 
-/// The positions of an entry's fields (SM2-CNT-007).
-//= SM2-CNT-007
+/// The positions of an entry's fields (SM2-CNT-009).
+//= SM2-CNT-009
 #[allow(missing_docs, reason = "the fields of Entry say what they are")]
 pub mod field {
     /// 0: not in use; odd: being written; even: grows with each change (SM2-CNT-005).
@@ -57,8 +57,9 @@ pub mod field {
     pub const DELAY_MAX: usize = 17;
     pub const POOL_LIMIT: usize = 18;
     pub const TOO_LONG: usize = 19;
+    pub const SHORT_SINCE: usize = 20;
     /// The first of the fields that are zero, up to [`RECENT`].
-    pub const RESERVED: usize = 20;
+    pub const RESERVED: usize = 21;
     /// The first of [`super::RECENT`] fields.
     pub const RECENT: usize = 32;
 }
@@ -95,7 +96,7 @@ pub const fn header(entries: u32) -> [u64; ENTRY_FIELDS] {
 
 /// The index of message number `message` (the first is 1) among the recent ones.
 #[must_use]
-//= SM2-CNT-007
+//= SM2-CNT-009
 pub const fn recent_index(message: u64) -> usize {
     (message.wrapping_sub(1) % RECENT as u64) as usize
 }
@@ -121,6 +122,8 @@ pub struct Entry {
     pub delay_sum_ns: u64,
     /// The longest of these delays.
     pub delay_max_ns: u64,
+    /// The time at which the node became short of memory on the link; `None` while it is not.
+    pub short_since: Option<Instant>,
     /// The last messages, by [`recent_index`]: a sending side notes the time of each publication, a
     /// receiving side its delay. See [`recent`](Self::recent).
     pub recent_ns: [u64; RECENT],
@@ -138,16 +141,17 @@ impl Default for Entry {
             fates: Counters::default(),
             delay_sum_ns: 0,
             delay_max_ns: 0,
+            short_since: None,
             recent_ns: [0; RECENT],
         }
     }
 }
 
 impl Entry {
-    /// Reads an entry. `None` if the entry is not in use, is being written, or breaks SM2-CNT-007:
+    /// Reads an entry. `None` if the entry is not in use, is being written, or breaks SM2-CNT-009:
     /// a kind that is unknown, an interface with a link, or a reserved field that is not zero.
     #[must_use]
-    //= SM2-CNT-007
+    //= SM2-CNT-009
     pub fn from_words(words: &[u64; ENTRY_FIELDS]) -> Option<Self> {
         let turn = words[field::TURN];
         if turn == 0
@@ -193,13 +197,17 @@ impl Entry {
             },
             delay_sum_ns: words[field::DELAY_SUM],
             delay_max_ns: words[field::DELAY_MAX],
+            short_since: match words[field::SHORT_SINCE] {
+                0 => None,
+                since => Some(Instant(since)),
+            },
             recent_ns,
         })
     }
 
     /// The fields of this entry, with that [`TURN`](field::TURN).
     #[must_use]
-    //= SM2-CNT-007
+    //= SM2-CNT-009
     pub fn to_words(&self, turn: u64) -> [u64; ENTRY_FIELDS] {
         let mut words = [0; ENTRY_FIELDS];
         words[field::TURN] = turn;
@@ -225,13 +233,14 @@ impl Entry {
         words[field::TOO_LONG] = self.fates.too_long;
         words[field::DELAY_SUM] = self.delay_sum_ns;
         words[field::DELAY_MAX] = self.delay_max_ns;
+        words[field::SHORT_SINCE] = self.short_since.map_or(0, |since| since.0);
         words[field::RECENT..].copy_from_slice(&self.recent_ns);
         words
     }
 
     /// The notes of at most [`RECENT`] last messages, the oldest first: times of publication on a
     /// sending side, delays on a receiving side.
-    //= SM2-CNT-007
+    //= SM2-CNT-009
     pub fn recent(&self) -> impl ExactSizeIterator<Item = u64> + Clone + '_ {
         let noted = self.messages.min(RECENT as u64);
         let oldest = self.messages - noted;

@@ -75,6 +75,7 @@ mod refusal;
 pub mod schema;
 pub mod text;
 mod time;
+mod wrong_text;
 
 pub use backoff::Backoff;
 pub use clause::Clause;
@@ -89,6 +90,7 @@ pub use name::{Name, NameError};
 pub use refusal::{Quota, Refusal};
 pub use time::Instant;
 pub use violation::Violation;
+pub use wrong_text::WrongText;
 
 /// The newest protocol version that this crate speaks (SM2-VER-001).
 //= SM2-VER-001

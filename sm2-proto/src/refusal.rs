@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Name, TypeId};
+use crate::{Name, TypeId, control::Limit};
 
 /// The Manager's reason for not granting HELLO or DECLARE.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, thiserror::Error)]
@@ -106,17 +106,16 @@ impl Quota {
         Self::InterfacesPerProcess,
     ];
 
-    /// The option of `sm2-manager` that sets the quota. `None` if only a program that embeds a Manager
-    /// can set it.
+    /// The limit of a Manager that sets the quota.
     #[must_use]
-    pub const fn option(self) -> Option<&'static str> {
+    pub const fn limit(self) -> Limit {
         match self {
-            Self::SessionsPerUser => Some("--max-sessions"),
-            Self::InterfacesPerSession => Some("--max-interfaces"),
-            Self::InterfacesPerUser => None,
-            Self::LinksPerSession => Some("--max-links"),
-            Self::SessionsPerProcess => Some("--max-process-sessions"),
-            Self::InterfacesPerProcess => Some("--max-process-interfaces"),
+            Self::SessionsPerUser => Limit::SessionsPerUser,
+            Self::InterfacesPerSession => Limit::InterfacesPerSession,
+            Self::InterfacesPerUser => Limit::InterfacesPerUser,
+            Self::LinksPerSession => Limit::LinksPerSession,
+            Self::SessionsPerProcess => Limit::SessionsPerProcess,
+            Self::InterfacesPerProcess => Limit::InterfacesPerProcess,
         }
     }
 
@@ -132,10 +131,8 @@ struct Remedy(Quota);
 
 impl core::fmt::Display for Remedy {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self.0.option() {
-            Some(option) => write!(f, ", or have the operator raise {option} of sm2-manager"),
-            None => f.write_str("; no option of sm2-manager raises it"),
-        }
+        let option = self.0.limit().option();
+        write!(f, ", or have the operator raise {option} of sm2-manager")
     }
 }
 

@@ -32,18 +32,19 @@ fn link_end() -> Entry {
         },
         delay_sum_ns: 16,
         delay_max_ns: 17,
+        short_since: Some(Instant(20)),
         recent_ns: core::array::from_fn(|index| 32 + index as u64),
     }
 }
 
 /// Each field holds its own index, except the turn, the kind and the reserved words.
-//= SM2-CNT-007 test
+//= SM2-CNT-009 test
 #[test]
 fn every_field_has_its_place() {
     let mut expected: [u64; ENTRY_FIELDS] = core::array::from_fn(|index| index as u64);
     expected[0] = 42;
     expected[1] = 2;
-    expected[20..32].fill(0);
+    expected[21..32].fill(0);
     assert_eq!(link_end().to_words(42), expected);
     assert_eq!(Entry::from_words(&expected), Some(link_end()));
     let interface = Entry {
@@ -56,7 +57,7 @@ fn every_field_has_its_place() {
     assert_eq!(Entry::from_words(&expected), Some(interface));
 }
 
-//= SM2-CNT-007 test
+//= SM2-CNT-009 test
 //= SM2-CNT-005 test
 #[test]
 fn what_is_not_an_entry() {
@@ -74,7 +75,7 @@ fn what_is_not_an_entry() {
     for kind in [0, 1, 3, u64::MAX] {
         assert_eq!(with(field::KIND, kind), None, "kind {kind}");
     }
-    for reserved in 20..32 {
+    for reserved in field::RESERVED..field::RECENT {
         assert_eq!(with(reserved, 1), None, "field {reserved}");
     }
     let mut interface = Entry::default().to_words(2);
@@ -109,7 +110,7 @@ fn sizes_and_headers() {
     assert_eq!(words[2..], [0; 62]);
 }
 
-//= SM2-CNT-007 test
+//= SM2-CNT-009 test
 #[test]
 fn recent_messages_come_oldest_first() {
     assert_eq!(

@@ -4,7 +4,7 @@ mod support;
 
 use sm2_proto::{
     LinkId, NodeId, Refusal,
-    control::{Item, Limits},
+    control::{Item, Limits, UnlinkedReason},
     domain::{SessionUsage, UserUsage},
 };
 use support::{
@@ -55,6 +55,11 @@ fn what_is_used_up() {
         entity: at(PLANNER, 1),
     };
     let refused = refusal(at(PLANNER, 2), &sub(), &Refusal::NameTaken);
+    let unlinked = Item::Unlinked {
+        offering: at(LIDAR, 1),
+        demanding: at(PLANNER, 3),
+        reason: UnlinkedReason::Descriptors,
+    };
     let more = [
         Item::Domain { limits },
         link(false, false),
@@ -62,13 +67,19 @@ fn what_is_used_up() {
         loopback,
         claim,
         refused,
+        unlinked,
     ];
     let domain = domain(&scan(), &sub(), &more);
     assert_eq!(domain.limits(), Some(&limits));
-    let usage = |interfaces, links| SessionUsage { interfaces, links };
+    let usage = |interfaces, links, refusals, unlinked| SessionUsage {
+        interfaces,
+        links,
+        refusals,
+        unlinked,
+    };
     let sessions = domain.sessions();
-    assert_eq!(sessions[&NodeId(LIDAR)], usage(2, 3));
-    assert_eq!(sessions[&NodeId(PLANNER)], usage(1, 2));
+    assert_eq!(sessions[&NodeId(LIDAR)], usage(2, 3, 0, 1));
+    assert_eq!(sessions[&NodeId(PLANNER)], usage(1, 2, 1, 0));
     let user = UserUsage {
         sessions: 2,
         interfaces: 3,

@@ -109,6 +109,21 @@ fn claims_of_a_session_that_is_not_resuming() {
 
 //= SM2-RES-006 test
 #[test]
+fn the_policy_sets_the_time_for_which_a_claim_waits() {
+    for recovery in [1, 60].map(Duration::from_secs) {
+        let (mut bench, a, b) = both_back(Policy {
+            recovery,
+            ..UNLIMITED
+        });
+        claimed(&mut bench, b);
+        bench.send(a, &claim(OFFERING, LINK, KEY));
+        claimed(&mut bench, a);
+        assert_eq!(bench.manager.deadline(), Some(bench.now.after(recovery)));
+    }
+}
+
+//= SM2-RES-006 test
+#[test]
 fn a_claim_without_counterpart_expires() {
     let (mut bench, a, b) = both_back(UNLIMITED);
     let start = bench.now;

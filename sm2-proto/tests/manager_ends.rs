@@ -8,7 +8,7 @@ use std::time::Duration;
 use sm2_proto::{
     Code, Farewell, Instant, Machine, NodeId, Refusal,
     control::ToNode,
-    manager::{Cause, Credentials, Input, Manager, Misuse},
+    manager::{Cause, Credentials, Input, Manager, Misuse, Policy},
 };
 use support::{
     bench::{Bench, Event, UNLIMITED, hello, unlink, unlinked, withdraw},
@@ -27,6 +27,19 @@ fn a_session_that_does_not_read_is_given_up() {
     let hung_up = Event::HungUp(b, Some(Code(2)), cause);
     assert_eq!(events, [Event::Sent(a, unlink(1, link, 5)), hung_up]);
     assert_eq!(bench.input(Input::Stalled { session: b }), []);
+}
+
+//= SM2-SES-004 test
+#[test]
+fn the_policy_sets_the_time_to_greet() {
+    for greeting in [1, 60].map(Duration::from_secs) {
+        let mut bench = Bench::new(Policy {
+            greeting,
+            ..UNLIMITED
+        });
+        bench.connect(1);
+        assert_eq!(bench.manager.deadline(), Some(bench.now.after(greeting)));
+    }
 }
 
 //= SM2-SES-004 test

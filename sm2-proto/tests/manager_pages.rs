@@ -4,7 +4,7 @@ mod support;
 
 use sm2_proto::{
     Code, Contract, EntityId, InterfaceId, LinkId, NodeId, Refusal,
-    control::{Item, Key, Limits, Page, ToManager, ToNode, UnlinkedReason, encode_to_node},
+    control::{Item, Key, Page, ToManager, ToNode, UnlinkedReason, encode_to_node},
     limits::{DATAGRAM_MAX, PAGE_BYTES},
     manager::Policy,
 };
@@ -38,16 +38,7 @@ fn contract(interface: u64) -> Contract {
 /// Some nodes with interfaces 2, 4, 6, … each, and all items in order.
 fn domain() -> (Bench, Vec<Item>) {
     let mut bench = Bench::new(Policy::default());
-    let limits = Limits {
-        sessions_per_user: 1_024,
-        sessions_per_process: 512,
-        interfaces_per_process: 8_192,
-        interfaces_per_session: 1_024,
-        interfaces_per_user: 16_384,
-        links_per_session: 8_192,
-        seal_all: false,
-        waive_user_boundary: false,
-    };
+    let limits = Policy::default().limits();
     let mut items = vec![Item::Domain { limits }];
     for number in 1..=NODES {
         let text = format!("node-{number}");

@@ -3,8 +3,10 @@
 
 mod support;
 
+use std::time::Duration;
+
 use sm2_proto::{
-    Farewell, InterfaceId, LinkId, Machine, NodeId, Refusal,
+    Farewell, Instant, InterfaceId, LinkId, Machine, NodeId, Refusal,
     control::{Item, ToManager, ToNode},
     manager::{Cause, Input, Policy},
     policy::{Action, Exclusive, Tables},
@@ -160,7 +162,11 @@ fn an_exclusive_topic_keeps_the_publisher_that_came_first() {
 //= SM2-ACC-017 test
 #[test]
 fn a_node_that_does_not_confirm_is_ended() {
-    let mut bench = Bench::new(UNLIMITED);
+    let confirmation = UNLIMITED.confirmation + Duration::from_secs(2);
+    let mut bench = Bench::new(Policy {
+        confirmation,
+        ..UNLIMITED
+    });
     let (talker, listener, link) = pair(&mut bench);
     reload(
         &mut bench,
@@ -168,7 +174,10 @@ fn a_node_that_does_not_confirm_is_ended() {
     );
     bench.unlinked(listener, 1, link);
     bench.suspended(listener, 1);
-    bench.now = bench.now.after(UNLIMITED.confirmation);
+    let until = bench.now.after(confirmation);
+    bench.now = Instant(until.0 - 1);
+    assert_eq!(settle(&mut bench), []);
+    bench.now = until;
     let stalled = Cause::Farewell(Farewell::Stalled);
     let code = Some(Farewell::Stalled.code());
     let events = settle(&mut bench);

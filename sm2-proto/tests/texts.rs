@@ -48,10 +48,7 @@ fn a_refusal_by_a_quota_names_the_option_that_raises_it() {
         let text = Refusal::Quota { quota, limit: 7 }.to_string();
         let start = format!("the quota of 7 {quota} is used up: close some");
         assert!(text.starts_with(&start), "{text}");
-        let told = match quota.option() {
-            Some(option) => format!("raise {option} of sm2-manager"),
-            None => "no option of sm2-manager raises it".to_owned(),
-        };
+        let told = format!("raise {} of sm2-manager", quota.limit().option());
         assert!(text.ends_with(&told), "{text}");
     }
 }

@@ -28,6 +28,11 @@ impl Options {
         Some(value.parse().unwrap_or_else(|_| panic!("{name} {value}")))
     }
 
+    /// All options, with their values.
+    pub fn iter(&self) -> impl Iterator<Item = (&str, &str)> {
+        self.0.iter().map(|(name, value)| (&**name, &**value))
+    }
+
     /// The value of an option, or the default.
     #[must_use]
     pub fn get_or<T: FromStr<Err: Debug>>(&self, name: &str, default: T) -> T {

@@ -175,6 +175,36 @@ fn a_node_that_does_not_read_is_given_up_and_nobody_waits_for_it() {
     baseline.restored(manager.pid());
 }
 
+/// The bytes that wait for a node that does not read are as many as the option says: the same answers fit into
+/// the default, and not into an eighth of it.
+//= SM2-TRN-009 sys
+#[test]
+fn the_queue_of_a_node_is_as_long_as_its_option_says() {
+    const QUERIES: usize = 60;
+    for (options, fits) in [(&[][..], true), (&["--max-queue-bytes", "131072"], false)] {
+        let domain = TempDomain::new();
+        let manager = domain.manager_with(options);
+        let honest = manager.node("honest");
+        // A page of about 10 kB: 60 of them exceed the buffer of the socket by some 400 kB.
+        for interface in 1..=40 {
+            let topic = format!("{}/{interface}", "long".repeat(50));
+            honest.declare(interface, &control::publisher(topic, Qos::PLAIN));
+        }
+        let deaf = manager.node("deaf");
+        for _ in 0..QUERIES {
+            // A node that was given up cannot send any more.
+            let _ = deaf.peer().try_send(&control::query(), &[]);
+        }
+        if !fits {
+            manager.log_says("stalled");
+        }
+        let pages = std::iter::from_fn(|| deaf.peer().recv())
+            .take(QUERIES)
+            .count();
+        assert_eq!(pages == QUERIES, fits, "{pages} pages with {options:?}");
+    }
+}
+
 /// Serializes tests that leave many descriptors in flight, since the kernel counts them per user.
 static IN_FLIGHT: Mutex<()> = Mutex::new(());
 

@@ -231,11 +231,14 @@ fn a_new_policy_holds_from_the_first_frame() {
 
     let mut second = second;
     second.kill();
-    let third = domain.manager_with(&["--max-links", "0"]);
+    let third = domain.manager_with(&["--max-links", "1"]);
     let node = back(&third, "talker");
     node.send(claim(&fresh[0]).bytes());
-    assert_eq!(node.unlinked(fresh[0].id), Farewell::Resources.code());
-    node.send(control::unlinked(1, fresh[0].id, 4));
+    let mut beyond = claim(&fresh[0]);
+    beyond.link.serial += 1;
+    node.send(beyond.bytes());
+    assert_eq!(node.unlinked(beyond.link), Farewell::Resources.code());
+    node.send(control::unlinked(1, beyond.link, 4));
     node.send(control::claimed());
     node.send(control::query());
     let answer = node.next();

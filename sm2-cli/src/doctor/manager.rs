@@ -1,6 +1,6 @@
 //! Checks of the Manager at the socket, and of the state of its domain.
 
-use std::path::Path;
+use std::{collections::BTreeSet, path::Path};
 
 use sm2_io::SeqPacket;
 use sm2_node::{ConnectError, Node};
@@ -8,22 +8,44 @@ use sm2_proto::domain::Domain as Mirror;
 
 use super::check::Check;
 use crate::{
-    args::Domain, error::CliError, interrupt::Interrupt, snapshot::document::quotas,
-    stopped::StoppedNode, view::View,
+    args::Domain,
+    error::CliError,
+    interrupt::Interrupt,
+    limits::{Limits, Quota, quotas},
+    stopped::StoppedNode,
+    view::View,
 };
 
 /// The start of the node names of standby Managers.
 const STANDBY: &str = "sm2/standby/";
 
-/// A quota is reported when more than this share of it is used.
+/// A quota is reported when at least this share of it is used.
 const NEARLY_PERCENT: u64 = 80;
 
-/// The checks, and the number of nodes in the domain if it is known.
-pub(super) fn checks(
-    domain: &Domain,
-    path: &Path,
-    interrupt: &Interrupt,
-) -> (Vec<Check>, Option<u64>) {
+/// The state of the Manager and its domain.
+pub(super) struct Found {
+    pub(super) checks: Vec<Check>,
+    /// The number of nodes in the domain, if it is known.
+    pub(super) nodes: Option<u64>,
+    /// The limits in force, if they are known.
+    pub(super) limits: Option<Limits>,
+    /// The use of the limits.
+    pub(super) quotas: Vec<Quota>,
+}
+
+impl Found {
+    /// Only checks: the domain is not known.
+    const fn only(checks: Vec<Check>) -> Self {
+        Self {
+            checks,
+            nodes: None,
+            limits: None,
+            quotas: Vec::new(),
+        }
+    }
+}
+
+pub(super) fn look(domain: &Domain, path: &Path, interrupt: &Interrupt) -> Found {
     const CHECK: &str = "Manager";
     // Before the session starts: the kernel names the process even if it does not answer.
     let who = SeqPacket::connect(path).and_then(|socket| socket.peer_credentials());
@@ -33,7 +55,7 @@ pub(super) fn checks(
     };
     let node = match domain.connect(path, "doctor", interrupt) {
         Ok(node) => node,
-        Err(error) => return (vec![unreachable(error, &who)], None),
+        Err(error) => return Found::only(vec![unreachable(error, &who)]),
     };
     let epoch = node
         .epoch()
@@ -44,14 +66,20 @@ pub(super) fn checks(
     )];
     match node.snapshot() {
         Ok(mirror) => {
-            checks.extend(inside(&mirror, &node));
-            let nodes = mirror.nodes().count() as u64;
-            (checks, Some(nodes))
+            let quotas = quotas(&View::new(&mirror));
+            checks.extend([standby(&mirror), resuming(&mirror), stopped(&mirror)]);
+            checks.extend([usage(&quotas), refused(&mirror, &node)]);
+            Found {
+                checks,
+                nodes: Some(mirror.nodes().count() as u64),
+                limits: mirror.limits().copied().map(Limits::from),
+                quotas,
+            }
         }
         Err(error) => {
             let advice = "is the Manager stopped, or overloaded? see its log";
             checks.push(Check::bad("domain", error.to_string(), advice));
-            (checks, None)
+            Found::only(checks)
         }
     }
 }
@@ -76,14 +104,6 @@ fn unreachable(error: CliError, who: &str) -> Check {
         ),
         error => Check::bad(CHECK, error.to_string(), "without it no node can start"),
     }
-}
-
-/// The checks of the state of the domain.
-pub(super) fn inside(mirror: &Mirror, node: &Node) -> Vec<Check> {
-    let mut checks = vec![standby(mirror), resuming(mirror), stopped(mirror)];
-    checks.push(usage(mirror));
-    checks.push(refused(mirror, node));
-    checks
 }
 
 fn standby(mirror: &Mirror) -> Check {
@@ -131,21 +151,25 @@ fn stopped(mirror: &Mirror) -> Check {
     }
 }
 
-fn usage(mirror: &Mirror) -> Check {
+/// The limits that are used to a great part, with the options that raise them.
+fn usage(quotas: &[Quota]) -> Check {
     const CHECK: &str = "quotas";
-    let quotas = quotas(&View::new(mirror));
-    let nearly = quotas
-        .iter()
-        .filter(|quota| u64::from(quota.used) * 100 > u64::from(quota.limit) * NEARLY_PERCENT);
-    let found: Vec<_> = nearly
-        .map(|it| format!("{}: {} of {} {}", it.of, it.used, it.limit, it.quota))
-        .collect();
+    let nearly = quotas.iter().filter(|it| it.is_used_to(NEARLY_PERCENT));
+    let nearly: Vec<_> = nearly.collect();
+    let found = nearly.iter();
+    let found = found.map(|it| format!("{}: {} of {} {}", it.of, it.used, it.limit, it.quota));
+    let found: Vec<_> = found.collect();
+    let options: BTreeSet<_> = nearly.iter().map(|it| it.kind.option()).collect();
+    let options: Vec<_> = options.into_iter().collect();
     match found.is_empty() {
         true => Check::ok(CHECK, format!("all below {NEARLY_PERCENT} %")),
         false => Check::warn(
             CHECK,
             found.join(", "),
-            "close some, or raise them (`sm2 manager --max-sessions`, `--max-interfaces`, `--max-links`, …)",
+            format!(
+                "close some, or raise {} of `sm2 manager`",
+                options.join(", ")
+            ),
         ),
     }
 }

@@ -14,7 +14,12 @@ use serde::Serialize;
 
 use self::check::{Check, Level};
 use crate::{
-    args::Domain, columns::Columns, ended::Ended, error::CliError, interrupt::Interrupt,
+    args::Domain,
+    columns::Columns,
+    ended::Ended,
+    error::CliError,
+    interrupt::Interrupt,
+    limits::{self, Limits, Quota},
     output::Output,
 };
 
@@ -30,7 +35,8 @@ pub(crate) struct Arguments {
 }
 
 const HELP: &str = "\
-Each check is ok, warn or bad. A check that is not ok names a remedy. doctor changes nothing.
+Each check is ok, warn or bad. A check that is not ok names a remedy. Below the checks are the limits
+in force at the Manager, each with its greatest use and the option that sets it. doctor changes nothing.
 
 Exit status: 0 no check is bad, 1 a check is bad, 2 wrong usage.
 
@@ -45,6 +51,10 @@ struct Report {
     /// The worst level of all checks.
     level: Level,
     checks: Vec<Check>,
+    /// The limits in force at the Manager; `None` if they are not known.
+    limits: Option<Limits>,
+    /// The use of the limits.
+    quotas: Vec<Quota>,
 }
 
 /// Runs all checks.
@@ -56,9 +66,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let interrupt = Interrupt::install().map_err(CliError::system("catch signals"))?;
     let path = arguments.domain.path()?;
     let mut checks = socket::checks(&arguments.domain, &path);
-    let (found, nodes) = manager::checks(&arguments.domain, &path, &interrupt);
-    checks.extend(found);
-    checks.extend(machine::checks(nodes));
+    let found = manager::look(&arguments.domain, &path, &interrupt);
+    checks.extend(found.checks);
+    checks.extend(machine::checks(found.nodes));
     if let Some(signal) = interrupt.signal() {
         return Ok(Ended::Stopped(signal));
     }
@@ -66,11 +76,18 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let report = Report {
         level: level.unwrap_or(Level::Ok),
         checks,
+        limits: found.limits,
+        quotas: found.quotas,
     };
     let mut out = Output::new();
     match arguments.json {
         true => out.json(&report)?,
-        false => out.line(table(&report.checks))?,
+        false => {
+            out.line(table(&report.checks))?;
+            if let Some(limits) = &report.limits {
+                out.line(format_args!("\n{}", limits::table(limits, &report.quotas)))?;
+            }
+        }
     }
     out.flush()?;
     Ok(match report.level {

@@ -2,7 +2,10 @@
 
 use std::{ffi::CString, path::PathBuf};
 
-use clap::{Args, ValueEnum};
+use clap::{
+    Args,
+    builder::{PossibleValuesParser, TypedValueParser},
+};
 use nix::unistd::{Gid, Group, Uid, User, getgrouplist, getuid};
 use sm2_manager::PolicyFile;
 use sm2_proto::{
@@ -29,8 +32,8 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "NODE", value_parser = args::name)]
     node: Name,
     /// The action
-    #[arg(long, value_enum)]
-    action: ActionOption,
+    #[arg(long, value_parser = action())]
+    action: Action,
     /// The name of the topic, service or node that the action is about
     #[arg(long, value_name = "NAME", value_parser = args::name)]
     name: Name,
@@ -46,27 +49,10 @@ Examples:
   sm2 policy explain policy.toml --node talker --action publish --name chatter
   sm2 policy explain policy.toml --user root --group 0 --node sm2-top --action see --name camera/front";
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum ActionOption {
-    Publish,
-    Subscribe,
-    Serve,
-    Call,
-    See,
-    ReadCounters,
-}
-
-impl From<ActionOption> for Action {
-    fn from(option: ActionOption) -> Self {
-        match option {
-            ActionOption::Publish => Self::Publish,
-            ActionOption::Subscribe => Self::Subscribe,
-            ActionOption::Serve => Self::Serve,
-            ActionOption::Call => Self::Call,
-            ActionOption::See => Self::See,
-            ActionOption::ReadCounters => Self::ReadCounters,
-        }
-    }
+/// Accepts the words of actions, which the help lists.
+fn action() -> impl TypedValueParser<Value = Action> {
+    let words = PossibleValuesParser::new(Action::ALL.map(Action::word));
+    words.try_map(|word| word.parse::<Action>())
 }
 
 fn user(text: &str) -> Result<u32, String> {
@@ -126,7 +112,7 @@ fn subject_user(arguments: &Arguments) -> policy::User {
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let file = PolicyFile::load(&arguments.file)?;
     let Arguments { node, name, .. } = arguments;
-    let action = Action::from(arguments.action);
+    let action = arguments.action;
     let at = |table: &Name| match file.line_of(table) {
         Some(line) => format!("`{table}` at {}:{line}", file.path.display()),
         None => format!("`{table}`"),

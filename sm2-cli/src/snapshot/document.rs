@@ -5,13 +5,14 @@ use sm2_proto::{Kind, control::Item, domain::LinkView, text::Counted};
 
 use super::{
     gateways::{self, Gateway},
-    named_item::{Limits, Link, NamedItem, Node, link_text},
+    named_item::{Link, NamedItem, Node, link_text},
 };
 use crate::{
     columns::Columns,
     connect::Session,
     error::CliError,
     interfaces::{self, Interface},
+    limits::{self, Limits, Quota, quotas},
     output::Output,
     sampling::{Sample, median_ns, millis},
     topic::Fates,
@@ -56,17 +57,6 @@ struct Taken {
     delay_p50_ms: Option<f64>,
 }
 
-/// A quota, and how much of it is used.
-#[derive(Serialize)]
-pub(crate) struct Quota {
-    /// The owner of the quota: `user 1000` or `node talker`.
-    pub(crate) of: String,
-    /// The kind of thing that is counted.
-    pub(crate) quota: &'static str,
-    pub(crate) used: u32,
-    pub(crate) limit: u32,
-}
-
 impl Document {
     pub(super) fn new(
         session: &Session,
@@ -79,7 +69,7 @@ impl Document {
         let mut document = Self {
             epoch: session.node.epoch().map(|epoch| format!("{epoch:x}")),
             revision: view.domain.revision(),
-            limits: view.domain.limits().map(Limits::from),
+            limits: view.domain.limits().copied().map(Limits::from),
             nodes: Vec::new(),
             interfaces: Vec::new(),
             links: view
@@ -150,6 +140,9 @@ impl Document {
         }
         if !self.quotas.is_empty() {
             out.line(format_args!("\n{quotas}"))?;
+        }
+        if let Some(limits) = &self.limits {
+            out.line(format_args!("\n{}", limits::table(limits, &self.quotas)))?;
         }
         if !self.gateways.is_empty() {
             out.line(format_args!("\n{}", gateways::table(&self.gateways)))?;
@@ -227,51 +220,4 @@ fn counted(view: &View<'_>, sample: &Sample, link: &LinkView) -> CountedLink {
             delay_p50_ms: median_ns(entry).filter(|_| is_subscriber).map(millis),
         }),
     }
-}
-
-/// The use of each quota. Empty if the limits are not known.
-pub(crate) fn quotas(view: &View<'_>) -> Vec<Quota> {
-    let Some(limits) = view.domain.limits() else {
-        return Vec::new();
-    };
-    let mut quotas = Vec::new();
-    let mut add = |of: &str, quota, used, limit| {
-        let of = of.to_owned();
-        quotas.push(Quota {
-            of,
-            quota,
-            used,
-            limit,
-        });
-    };
-    for (uid, usage) in view.domain.users() {
-        let of = format!("user {uid}");
-        add(&of, "sessions", usage.sessions, limits.sessions_per_user);
-        add(
-            &of,
-            "interfaces",
-            usage.interfaces,
-            limits.interfaces_per_user,
-        );
-    }
-    for ((_, pid), usage) in view.domain.processes() {
-        let of = format!("process {pid}");
-        let (sessions, interfaces) = (usage.sessions, usage.interfaces);
-        add(&of, "sessions", sessions, limits.sessions_per_process);
-        add(&of, "interfaces", interfaces, limits.interfaces_per_process);
-    }
-    for (node, usage) in view.domain.sessions() {
-        if (usage.interfaces, usage.links) == (0, 0) {
-            continue;
-        }
-        let of = format!("node {}", view.name_of(node));
-        add(
-            &of,
-            "interfaces",
-            usage.interfaces,
-            limits.interfaces_per_session,
-        );
-        add(&of, "links", usage.links, limits.links_per_session);
-    }
-    quotas
 }

@@ -35,10 +35,10 @@ pub(crate) struct Arguments {
 
 const HELP: &str = "\
 Shows nodes, interfaces (refused ones too), links with their counters, pairs that match and are not
-linked, the use of quotas, and the reports of gateways about their peers. A gateway that does not
-answer within a second is marked. Everything is from one revision of the domain; counters are read a
-moment later. With --watch, `+` marks an item that is new or has changed, and `-` one that is gone.
-When another Manager takes over, the differences are printed.
+linked, the use of quotas, the limits in force at the Manager, and the reports of gateways about
+their peers. A gateway that does not answer within a second is marked. Everything is from one
+revision of the domain; counters are read a moment later. With --watch, `+` marks an item that is new
+or has changed, and `-` one that is gone. When another Manager takes over, the differences are printed.
 
 Exit status: 0 done or --watch was ended by Ctrl-C, 1 failed, 2 wrong usage.
 

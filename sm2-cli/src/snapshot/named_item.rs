@@ -5,11 +5,11 @@ use std::fmt;
 use serde::Serialize;
 use sm2_proto::{
     Farewell, LinkId, Name,
-    control::{Item, UnlinkedReason},
+    control::{Item, Limit, UnlinkedReason},
     text::Counted,
 };
 
-use crate::{interfaces::Interface, view::View};
+use crate::{interfaces::Interface, limits::Limits, view::View};
 
 /// An item, with names in place of numbers. Field names are part of the command's interface.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -40,19 +40,6 @@ pub(super) enum NamedItem {
     },
 }
 
-/// The limits that the operator has set.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub(super) struct Limits {
-    pub(super) sessions_per_user: u32,
-    pub(super) interfaces_per_session: u32,
-    pub(super) interfaces_per_user: u32,
-    pub(super) links_per_session: u32,
-    pub(super) sessions_per_process: u32,
-    pub(super) interfaces_per_process: u32,
-    pub(super) seal_all: bool,
-    pub(super) waive_user_boundary: bool,
-}
-
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub(super) struct Node {
     pub(super) id: u64,
@@ -81,7 +68,7 @@ pub(super) struct Link {
 impl NamedItem {
     pub(super) fn new(view: &View<'_>, item: &Item) -> Self {
         match *item {
-            Item::Domain { limits } => Self::Domain((&limits).into()),
+            Item::Domain { limits } => Self::Domain(limits.into()),
             Item::Node {
                 node,
                 ref name,
@@ -156,21 +143,6 @@ impl NamedItem {
     }
 }
 
-impl From<&sm2_proto::control::Limits> for Limits {
-    fn from(of: &sm2_proto::control::Limits) -> Self {
-        Self {
-            sessions_per_user: of.sessions_per_user,
-            interfaces_per_session: of.interfaces_per_session,
-            interfaces_per_user: of.interfaces_per_user,
-            links_per_session: of.links_per_session,
-            sessions_per_process: of.sessions_per_process,
-            interfaces_per_process: of.interfaces_per_process,
-            seal_all: of.seal_all,
-            waive_user_boundary: of.waive_user_boundary,
-        }
-    }
-}
-
 /// `1f.7`: the epoch of the Manager that made the link, and the link's serial number.
 pub(super) fn link_text(link: LinkId) -> String {
     format!("{:x}.{}", link.epoch, link.serial)
@@ -196,16 +168,14 @@ fn reason_text(view: &View<'_>, reason: UnlinkedReason) -> String {
 impl fmt::Display for NamedItem {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Domain(limits) => write!(
-                f,
-                "domain: {} and {} per user, {} and {} per process, {} and {} per node",
-                Counted::new(limits.sessions_per_user.into(), "session"),
-                Counted::new(limits.interfaces_per_user.into(), "interface"),
-                Counted::new(limits.sessions_per_process.into(), "session"),
-                Counted::new(limits.interfaces_per_process.into(), "interface"),
-                Counted::new(limits.interfaces_per_session.into(), "interface"),
-                Counted::new(limits.links_per_session.into(), "link")
-            ),
+            Self::Domain(limits) => {
+                f.write_str("domain:")?;
+                for (at, limit) in Limit::ALL.into_iter().enumerate() {
+                    let comma = if at == 0 { "" } else { "," };
+                    write!(f, "{comma} {} {}", limit.name(), limits.of(limit))?;
+                }
+                Ok(())
+            }
             Self::Node(Node {
                 id,
                 name,

@@ -114,6 +114,23 @@ fn refusals_and_full_quotas_are_named() {
 }
 
 #[test]
+fn a_quota_of_which_four_fifths_are_used_is_named() {
+    let domain = Domain::with(&["--max-interfaces", "5"]);
+    let node = domain.node("busy");
+    let publishers = ["a", "b", "c"].map(|it| node.publisher::<str>(it).unwrap());
+    let found = report(&domain.run(&["doctor", "--json"]));
+    assert_eq!(check(&found, "quotas")["level"], "ok", "{found:#}");
+    let _fourth = node.publisher::<str>("d").unwrap();
+    let found = report(&domain.run(&["doctor", "--json"]));
+    let quotas = check(&found, "quotas");
+    assert_eq!(quotas["level"], "warn");
+    assert_eq!(quotas["found"], "node busy: 4 of 5 interfaces");
+    let advice = "close some, or raise --max-interfaces of `sm2 manager`";
+    assert_eq!(quotas["advice"], advice);
+    drop(publishers);
+}
+
+#[test]
 fn a_stopped_node_is_seen() {
     let domain = Domain::new();
     let (listener, name) = listener(&domain, "scan", 1);

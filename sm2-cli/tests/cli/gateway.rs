@@ -53,7 +53,13 @@ fn port() -> u16 {
 #[test]
 fn two_domains_as_the_readme_says() {
     let (near, far) = (Side::new("near", port()), Side::new("far", 0));
-    let text = fs::read_to_string(near.domain.path("gateway.toml")).unwrap();
+    let file = near.domain.path("gateway.toml");
+    let text = fs::read_to_string(&file).unwrap();
+    fs::write(
+        &file,
+        format!("{text}\n[limits]\nmessage_bytes = 5000000\n"),
+    )
+    .unwrap();
     let address = text.lines().nth(1).unwrap();
     let address = address.trim_start_matches("listen = ").trim_matches('"');
     assert_eq!(near.gateway("trust", &["far", &far.id]).finish().code(), 0);
@@ -80,6 +86,10 @@ fn two_domains_as_the_readme_says() {
     assert_eq!(echo.finish().code(), 0);
     let report: Value = serde_json::from_str(&peers(&near).stdout()).unwrap();
     assert_eq!(report["peers"][0]["offered"][0], "topic chatter");
+    assert_eq!(report["limits"]["message_bytes"], 5_000_000);
+    let text = near.domain.run(&["gateway", "peers"]).stdout();
+    let limits = "limits: message_bytes 5000000, memory_bytes 134217728, gateway_bytes 536870912";
+    assert!(text.contains(limits), "{text}");
     assert!(report["peers"][0]["messages"]["sent"].as_u64().unwrap() > 0);
     snapshots_show_gateways(&near);
     let check = near.gateway("check", &[]).finish();

@@ -2,6 +2,7 @@
 
 use nix::sys::signal::Signal;
 use serde_json::Value;
+use sm2_proto::control::{Limit, Unit};
 
 use crate::common::{Domain, listener, talker, until};
 
@@ -44,6 +45,43 @@ fn it_shows_nodes_interfaces_links_counters_and_quotas() {
         "QUOTA OF",
     ] {
         assert!(text.contains(part), "{part} is not in\n{text}");
+    }
+}
+
+//= SM2-WCH-005 sys
+#[test]
+fn the_limits_in_force_are_shown() {
+    let set = Limit::ALL.map(|limit| match limit.unit() {
+        Unit::Milliseconds => (limit, 7, 7_000),
+        Unit::Bytes => (limit, 300_007, 300_007),
+        // Parts are not more than their wholes, as each has the same limit.
+        Unit::Count => (limit, 77, 77),
+    });
+    let options = set.map(|(limit, stated, _)| [limit.option().to_owned(), stated.to_string()]);
+    let options: Vec<&str> = options.iter().flatten().map(String::as_str).collect();
+    let domain = Domain::with(&options);
+    let node = domain.node("talker");
+    let _publisher = node.publisher::<str>("scan").unwrap();
+    for command in ["snapshot", "doctor"] {
+        let document = domain.json(&[command]);
+        let text = domain.run(&[command]).stdout();
+        for (limit, _, in_force) in set {
+            assert_eq!(document["limits"][limit.name()], in_force, "{document}");
+            let row = text
+                .lines()
+                .find(|it| it.starts_with(limit.name()))
+                .unwrap();
+            let cells: Vec<&str> = row.split_whitespace().collect();
+            assert_eq!(cells[..2], [limit.name(), &in_force.to_string()]);
+            assert_eq!(cells.last(), Some(&limit.option()));
+        }
+        let mut quotas = document["quotas"].as_array().unwrap().iter();
+        let own = quotas.find(|it| it["of"] == "node talker" && it["quota"] == "interfaces");
+        assert_eq!(own.unwrap()["used"], 1);
+        let row = text
+            .lines()
+            .find(|it| it.starts_with("interfaces_per_session"));
+        assert!(row.unwrap().contains("1 by node talker"), "{text}");
     }
 }
 

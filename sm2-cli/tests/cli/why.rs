@@ -1,7 +1,8 @@
 //! `sm2 why`.
 
-use nix::sys::signal::Signal;
-use sm2_node::TypeId;
+use nix::{errno::Errno, sys::signal::Signal};
+use sm2_io::fault::{Call, Fault, Injector};
+use sm2_node::{Node, TypeId};
 
 use crate::common::{Domain, listener, talker, until};
 
@@ -158,4 +159,62 @@ fn a_denial_names_its_rule() {
             .contains("was refused: `no-scan` of the access policy denies it"),
         "{why:?}"
     );
+}
+
+/// The publisher's node cannot send for want of memory, and says so in its counters as long as that lasts.
+//= SM2-TRN-014, SM2-CNT-009 sys
+#[test]
+fn a_node_that_is_short_of_memory_is_named() {
+    let domain = Domain::new();
+    let talker = Node::builder("talker").socket(domain.path("sm2.sock"));
+    // Faults are injected into the calls of this thread, which drives the whole node.
+    let talker = talker.ring_lane(false).background(false).connect().unwrap();
+    let publisher = talker.publisher_builder::<[u8]>("scan").reliable(true);
+    let publisher = publisher.declare().unwrap();
+    let listener = domain.node("listener");
+    let subscriber = listener.subscriber::<[u8]>("scan").unwrap();
+    until("the link is open", || {
+        publisher.links().iter().any(|link| link.open)
+    });
+    let pair = ["why", "talker:scan", "listener:scan"];
+    let around = ["why", "listener:scan"];
+    let none = serde_json::json!([]);
+    assert_eq!(domain.json(&pair)["short_of_memory"], none);
+
+    let faults = Injector::counting();
+    let installed = faults.install();
+    faults.set([Fault {
+        call: Call::SendMsg,
+        nth: 1,
+        times: u64::MAX,
+        errno: Errno::ENOMEM as i32,
+    }]);
+    publisher.publish(b"held").unwrap();
+    for arguments in [&pair[..], &around] {
+        let why = domain.json(arguments);
+        let [short] = &why["short_of_memory"].as_array().unwrap()[..] else {
+            panic!("{why}");
+        };
+        assert_eq!(short["interface"], "talker:scan");
+        assert_eq!(short["peer"], "listener:scan");
+        assert!(short["seconds"].as_f64() >= Some(0.0), "{why}");
+        let text = domain.run(arguments).stdout();
+        let start = "But talker:scan has been short of memory for ";
+        let line = text.lines().find(|it| it.starts_with(start));
+        let line = line.unwrap_or_else(|| panic!("{text}"));
+        assert!(line.contains(" s on its link with listener:scan: messages wait"));
+    }
+    // A call that fails again does not begin another shortage.
+    let seconds = || domain.json(&pair)["short_of_memory"][0]["seconds"].as_f64();
+    let before = seconds();
+    publisher.links();
+    assert!(seconds() >= before);
+
+    drop(installed);
+    until("the message arrives", || {
+        publisher.links();
+        subscriber.try_recv().unwrap().is_some()
+    });
+    assert_eq!(domain.json(&pair)["short_of_memory"], none);
+    assert!(!domain.run(&pair).stdout().contains("short of memory"));
 }

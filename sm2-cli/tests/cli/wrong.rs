@@ -142,13 +142,15 @@ fn a_topic_of_another_type_names_both() {
 
 #[test]
 fn a_used_up_quota_is_named() {
-    let domain = Domain::with(&["--max-interfaces", "0"]);
+    let domain = Domain::with(&["--max-user-interfaces", "1"]);
+    let first = domain.start(&["topic", "echo", "a"]);
+    until("the first waits", || first.stderr().contains("waiting"));
     let echo = domain.run(&["topic", "echo", "a"]);
     echo.failed(
         1,
         &[
-            "quota of 0 interfaces per session",
-            "raise --max-interfaces of sm2-manager",
+            "quota of 1 interfaces per user",
+            "raise --max-user-interfaces of sm2-manager",
         ],
     );
 
@@ -168,10 +170,30 @@ fn a_used_up_quota_is_named() {
 #[test]
 fn what_can_only_end_badly_is_refused_at_once() {
     let domain = Domain::new();
-    let nobody = domain.run(&["manager", "--max-sessions", "0"]);
-    nobody.failed(2, &["--max-sessions", "at least 1"]);
-    let never = domain.run(&["manager", "--greeting-timeout", "0"]);
-    never.failed(2, &["--greeting-timeout"]);
+    for (options, told) in [
+        (
+            &["--max-sessions", "0"][..],
+            "--max-sessions is 0: give 1 to 4294967295",
+        ),
+        (
+            &["--max-links", "65537"],
+            "--max-links is 65537: give 1 to 65536",
+        ),
+        (
+            &["--greeting-timeout", "0"],
+            "--greeting-timeout is 0 s: give 1 ms to 86400 s",
+        ),
+        (
+            &["--max-sessions", "4", "--max-process-sessions", "5"],
+            "--max-process-sessions is 5: give 1 to 4, the value of --max-sessions, or raise that one",
+        ),
+    ] {
+        let manager = domain.run(&[&["manager"], options].concat());
+        manager.failed(2, &[told]);
+        // No Manager claims the socket with such limits, and a standby says so when it starts.
+        let standby = domain.run(&[&["manager", "--standby"], options].concat());
+        standby.failed(2, &[told]);
+    }
     let size = ["demo", "--size", "1000GB", "--seconds", "1"];
     let demo = Running::start(&mut sm2(&size)).finish();
     demo.failed(1, &["memory", "smaller --size"]);

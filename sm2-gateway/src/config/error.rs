@@ -3,11 +3,11 @@
 use std::{io, path::PathBuf};
 
 use sm2_proto::{
-    Name, NameError,
-    gateway::{GatewayIdError, PatternError, schedule::PRIORITY_MAX},
+    Name, WrongText,
+    gateway::{GatewayIdError, schedule::PRIORITY_MAX},
 };
 
-use crate::address::AddressError;
+use crate::{address::AddressError, peer::Limit};
 
 /// Why a configuration was refused.
 #[derive(Debug, thiserror::Error)]
@@ -38,22 +38,17 @@ pub enum ConfigError {
         /// The line, from 1.
         line: usize,
         /// The error in the value.
-        source: ValueError,
+        source: ConfigValueError,
     },
 }
 
 /// Why a value of a configuration was refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum ValueError {
-    /// `name` is not a name.
-    #[error("`{text}`: {source}")]
-    Name {
-        /// The text.
-        text: String,
-        /// The rule that it breaks.
-        source: NameError,
-    },
+pub enum ConfigValueError {
+    /// `name` is not a name, or `names` of a rule is not a pattern.
+    #[error(transparent)]
+    Text(#[from] WrongText),
     /// `listen` is not an address with a port.
     #[error("`{text}` is not an address with a port, such as 192.0.2.1:7633 or [fe80::1%2]:7633")]
     Listen {
@@ -86,19 +81,31 @@ pub enum ValueError {
         /// The form that an address must have.
         source: AddressError,
     },
-    /// `names` of a rule is not a pattern.
-    #[error("`{text}`: {source}")]
-    Names {
-        /// The text.
-        text: String,
-        /// The rule that it breaks.
-        source: PatternError,
-    },
     /// A rule names a peer that no `[[peer]]` before it has.
     #[error("no [[peer]] of this file has the name `{text}`: add it with `sm2 gateway trust`")]
     UnknownPeer {
         /// The text.
         text: String,
+    },
+    /// A limit is 0 or too large.
+    #[error("`{}` is {value}: give 1 to {}", .limit.name(), .limit.most())]
+    Limit {
+        /// The limit.
+        limit: Limit,
+        /// Its value.
+        value: u64,
+    },
+    /// A limit exceeds that of a sum of which its bytes are a part: it could never be reached.
+    #[error("`{}` is {value}: give at most {most}, the value of `{}`, or raise that one", .limit.name(), .whole.name())]
+    LimitAboveWhole {
+        /// The limit.
+        limit: Limit,
+        /// Its value.
+        value: u64,
+        /// The limit of the sum.
+        whole: Limit,
+        /// The value of that one.
+        most: u64,
     },
     /// The priority of a rule is too high.
     #[error("a priority is 0 to {PRIORITY_MAX}")]

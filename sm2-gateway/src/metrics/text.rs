@@ -117,7 +117,10 @@ fn of(peer: &str) -> Labels {
 
 #[cfg(test)]
 mod tests {
-    use crate::report::{PeerReport, SubjectReport};
+    use crate::{
+        peer::Limits,
+        report::{PeerReport, SubjectReport},
+    };
 
     use super::*;
 
@@ -156,6 +159,7 @@ mod tests {
             id: "cd".to_owned(),
             peers: vec![peer],
             absent: vec!["away".to_owned()],
+            limits: Limits::default(),
             shadow: None,
         };
         let text = text(&report).unwrap();

@@ -59,7 +59,7 @@ pub use self::{
     command::Command,
     event::{Event, HandshakeError, Reason},
     id::{CallId, ConnectionId, Me, PeerCall},
-    limits::{Limits, Usage},
+    limits::{Limit, Limits, Usage},
     machine::{Input, Output},
 };
 pub use crate::message::Message;

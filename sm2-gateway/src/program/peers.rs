@@ -8,6 +8,7 @@ use sm2_proto::text::Counted;
 use super::{error::ProgramError, options::Domain, output::write_line};
 use crate::{
     Report,
+    peer::Limit,
     report::{self, PeerReport},
     tally::Counts,
 };
@@ -46,6 +47,8 @@ pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<(), Pro
 
 fn table(report: &Report, out: &mut impl Write) -> Result<(), ProgramError> {
     write_line(out, format!("{} ({})", report.name, report.id))?;
+    let limits = Limit::ALL.map(|it| format!("{} {}", it.name(), report.limits.of(it)));
+    write_line(out, format!("  limits: {}", limits.join(", ")))?;
     if report.peers.is_empty() {
         write_line(out, "  no peer is connected")?;
     }

@@ -9,13 +9,17 @@ use sm2_proto::{
         session::{self, Initiator},
     },
 };
-use tokio::sync::mpsc::{self, error::TryRecvError};
+use tokio::sync::{
+    mpsc::{self, error::TryRecvError},
+    oneshot,
+};
 
 use super::{
     gateway_state::{GatewayState, lock},
     status,
 };
 use crate::{
+    Report,
     availability::AvailabilityRequest,
     channel::{
         connection::PeerHandle,
@@ -115,22 +119,7 @@ impl Task {
                 }
                 self.handle(Input::Policy(policy));
             }
-            HubEvent::Report(answer) => {
-                let asked = (self.hub.peers().into_iter()).map(|peer| {
-                    let connection = self.connections.get(&peer.connection);
-                    let answer = connection.map(|it| it.handle.report());
-                    (peer, answer)
-                });
-                let pending = status::PendingReport {
-                    me: self.shared.me.clone(),
-                    names: self.names.clone(),
-                    rule_lines: self.rule_lines.clone(),
-                    shadow: lock(&self.shared.shadow).clone(),
-                    peers: asked.collect(),
-                };
-                // A task of its own, so that the hub does not wait for connections.
-                tokio::spawn(pending.complete(answer));
-            }
+            HubEvent::Report(answer) => self.report(answer),
             HubEvent::AskPeer { request, answer } => {
                 // The asker may have timed out.
                 let _ = answer.send(self.ask_peer(request));
@@ -154,6 +143,25 @@ impl Task {
                 }
             }
         }
+    }
+
+    /// Answers with the status of the gateway.
+    fn report(&self, answer: oneshot::Sender<Report>) {
+        let asked = (self.hub.peers().into_iter()).map(|peer| {
+            let connection = self.connections.get(&peer.connection);
+            let answer = connection.map(|it| it.handle.report());
+            (peer, answer)
+        });
+        let pending = status::PendingReport {
+            me: self.shared.me.clone(),
+            names: self.names.clone(),
+            rule_lines: self.rule_lines.clone(),
+            limits: self.shared.limits,
+            shadow: lock(&self.shared.shadow).clone(),
+            peers: asked.collect(),
+        };
+        // A task of its own, so that the hub does not wait for connections.
+        tokio::spawn(pending.complete(answer));
     }
 
     fn event(&mut self, connection: ConnectionId, mut event: Event) {

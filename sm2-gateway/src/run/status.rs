@@ -21,7 +21,7 @@ use crate::{
     hub::{Denial, PeerStatus},
     local::{Local, LocalError},
     names::status_service,
-    peer::Me,
+    peer::{Limits, Me},
     report::{
         DenialReport, PeerReport, Report, ShadowReport, SubjectReport, kind_name, subject_label,
     },
@@ -42,6 +42,7 @@ pub(super) struct PendingReport {
     pub(super) names: BTreeMap<GatewayId, Name>,
     /// The line of each rule.
     pub(super) rule_lines: Vec<usize>,
+    pub(super) limits: Limits,
     pub(super) shadow: Option<Vec<ShadowReport>>,
     pub(super) peers: Vec<(PeerStatus, Option<oneshot::Receiver<ConnectionReport>>)>,
 }
@@ -56,6 +57,7 @@ impl PendingReport {
             id: self.me.hop.gateway.to_string(),
             peers: Vec::new(),
             absent: absent.map(|(_, name)| name.to_string()).collect(),
+            limits: self.limits,
             shadow: self.shadow,
         };
         let deadline = tokio::time::Instant::now() + CONNECTION_TIMEOUT;

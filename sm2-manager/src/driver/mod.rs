@@ -86,8 +86,8 @@ impl Manager {
     ///
     /// # Errors
     ///
-    /// [`StartError::DomainSocket`] if another Manager holds the domain or the path cannot be used;
-    /// [`StartError::Io`] if the process has no descriptors left.
+    /// [`StartError::Limit`] if a limit is wrong; [`StartError::DomainSocket`] if another Manager holds the domain
+    /// or the path cannot be used; [`StartError::Io`] if the process has no descriptors left.
     //= SM2-TRN-001, SM2-TRN-008
     pub fn bind(path: &Path, options: Options) -> Result<Self, StartError> {
         let handles = Handles::new().map_err(StartError::io("make an eventfd"))?;
@@ -104,6 +104,7 @@ impl Manager {
     /// with a path. In that case the socket is closed.
     //= SM2-TRN-008
     pub fn adopt(socket: OwnedFd, options: Options) -> Result<Self, StartError> {
+        options.policy.check()?;
         let endpoint = options.bind_options().adopt(socket)?;
         let handles = Handles::new().map_err(StartError::io("make an eventfd"))?;
         Self::at(Door::new(endpoint, true), &options, &handles)
@@ -114,6 +115,7 @@ impl Manager {
         options: &Options,
         handles: &Handles,
     ) -> Result<Self, StartError> {
+        options.policy.check()?;
         // A Manager that cannot serve leaves the domain to others. The policy is read again under the lock.
         policy_file::check(path, options)?;
         let endpoint: DomainSocket = options.bind_options().acquire_at(path)?;
@@ -152,7 +154,7 @@ impl Manager {
             drained: BTreeSet::new(),
             send_again: None,
             reload: PolicyReload::new(options),
-            queue_bytes: options.queue_bytes,
+            queue_bytes: options.policy.queue_bytes,
             // One byte more than the longest datagram, so that a longer one is noticed.
             buffer: vec![0; DATAGRAM_MAX + 1],
         })

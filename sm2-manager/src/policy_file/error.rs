@@ -3,8 +3,10 @@
 use std::{io, path::PathBuf};
 
 use sm2_proto::{
-    Name, NameError, control::PolicyProblem, gateway::PatternError, limits::POLICY_FILE_MAX,
-    policy::PolicyError,
+    Name, WrongText,
+    control::PolicyProblem,
+    limits::POLICY_FILE_MAX,
+    policy::{PolicyError, UnknownAction},
 };
 
 /// Why a policy file was refused.
@@ -73,7 +75,7 @@ pub enum PolicyFileError {
         /// The key of the value.
         key: &'static str,
         /// The error in the value.
-        source: ValueError,
+        source: PolicyValueError,
     },
     /// The tables together are not a policy.
     #[error("{path}:{line}: {source}", path = .path.display())]
@@ -106,22 +108,17 @@ impl PolicyFileError {
 /// Why a value of a policy file was refused.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum ValueError {
-    /// The value is not a name.
+pub enum PolicyValueError {
+    /// The value is not a name or a pattern of names.
+    #[error(transparent)]
+    Text(#[from] WrongText),
+    /// The value is not an action.
     #[error("`{text}`: {source}")]
-    Name {
+    Action {
         /// The text.
         text: String,
         /// The rule that it breaks.
-        source: NameError,
-    },
-    /// The value is not a pattern of names.
-    #[error("`{text}`: {source}")]
-    Pattern {
-        /// The text.
-        text: String,
-        /// The rule that it breaks.
-        source: PatternError,
+        source: UnknownAction,
     },
     /// A list has no members, so its table could never match.
     #[error("an empty list matches nothing: name at least one, or omit the key")]

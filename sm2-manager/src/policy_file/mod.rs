@@ -16,7 +16,7 @@ use sm2_proto::{
 };
 
 pub(crate) use self::domain::{check, of_domain};
-pub use self::error::{PolicyFileError, PolicyWarning, ValueError};
+pub use self::error::{PolicyFileError, PolicyValueError, PolicyWarning};
 use self::{lines::Lines, opened::Opened, source::Source, toml_file::File};
 
 /// A policy, and the place of its parts in the file.

@@ -4,14 +4,14 @@ use std::{io, ops::Range, path::Path};
 
 use nix::unistd::{Group, User};
 use sm2_proto::{
-    Name,
+    Name, WrongText,
     gateway::Pattern,
-    policy::{ActionSet, Binding, Exclusive, Members, Rule, Tables},
+    policy::{Action, ActionSet, Binding, Exclusive, Members, Rule, Tables},
 };
 use toml::Spanned;
 
 use super::{
-    error::{PolicyFileError, ValueError},
+    error::{PolicyFileError, PolicyValueError},
     lines::Lines,
     toml_file::{File, Id, List, RuleTable},
 };
@@ -33,7 +33,12 @@ impl Source<'_> {
         before.matches('\n').count() + 1
     }
 
-    fn error(&self, span: &Range<usize>, key: &'static str, source: ValueError) -> PolicyFileError {
+    fn error(
+        &self,
+        span: &Range<usize>,
+        key: &'static str,
+        source: PolicyValueError,
+    ) -> PolicyFileError {
         PolicyFileError::Value {
             path: self.path.into(),
             line: self.line(span),
@@ -81,9 +86,12 @@ impl Source<'_> {
         let actions = match &table.actions {
             None => ActionSet::ALL,
             Some(it) if it.get_ref().is_empty() => {
-                return Err(self.error(&it.span(), "actions", ValueError::Empty));
+                return Err(self.error(&it.span(), "actions", PolicyValueError::Empty));
             }
-            Some(it) => it.get_ref().iter().map(|it| (*it).into()).collect(),
+            Some(it) => {
+                let actions = it.get_ref().iter().map(|text| self.action(text));
+                actions.collect::<Result<_, _>>()?
+            }
         };
         let list = |key, it: &Option<List>| {
             let list = it.as_ref();
@@ -100,6 +108,17 @@ impl Source<'_> {
         })
     }
 
+    fn action(&self, text: &Spanned<String>) -> Result<Action, PolicyFileError> {
+        text.get_ref().parse().map_err(|source| {
+            let value = text.get_ref().clone();
+            let error = PolicyValueError::Action {
+                text: value,
+                source,
+            };
+            self.error(&text.span(), "actions", error)
+        })
+    }
+
     /// Checks the name of a table. `text` is that of the file, or the one that the table's number gives.
     fn name(
         &self,
@@ -108,25 +127,19 @@ impl Source<'_> {
         table: &Range<usize>,
     ) -> Result<Name, PolicyFileError> {
         let text = text.unwrap_or_default();
-        Name::new(&text).map_err(|source| {
+        WrongText::or_name(&text).map_err(|error| {
             let span = given.map_or(table.clone(), Spanned::span);
-            self.error(&span, "name", ValueError::Name { text, source })
+            self.error(&span, "name", error.into())
         })
     }
 
     fn patterns(&self, key: &'static str, list: &List) -> Result<Vec<Pattern>, PolicyFileError> {
         if list.get_ref().is_empty() {
-            return Err(self.error(&list.span(), key, ValueError::Empty));
+            return Err(self.error(&list.span(), key, PolicyValueError::Empty));
         }
         let patterns = list.get_ref().iter().map(|text| {
-            Pattern::new(text.get_ref()).map_err(|source| {
-                let text_of_pattern = text.get_ref().clone();
-                let error = ValueError::Pattern {
-                    text: text_of_pattern,
-                    source,
-                };
-                self.error(&text.span(), key, error)
-            })
+            let pattern = WrongText::or_pattern(text.get_ref());
+            pattern.map_err(|error| self.error(&text.span(), key, error.into()))
         });
         patterns.collect()
     }
@@ -135,8 +148,12 @@ impl Source<'_> {
         let user: Lookup = |name| Ok(User::from_name(name)?.map(|it| it.uid.as_raw()));
         let group: Lookup = |name| Ok(Group::from_name(name)?.map(|it| it.gid.as_raw()));
         Ok(Members {
-            users: self.ids("users", users, user, |text| ValueError::NoUser { text })?,
-            groups: self.ids("groups", groups, group, |text| ValueError::NoGroup { text })?,
+            users: self.ids("users", users, user, |text| PolicyValueError::NoUser {
+                text,
+            })?,
+            groups: self.ids("groups", groups, group, |text| PolicyValueError::NoGroup {
+                text,
+            })?,
         })
     }
 
@@ -145,13 +162,13 @@ impl Source<'_> {
         key: &'static str,
         list: &Ids,
         lookup: Lookup,
-        unknown: fn(String) -> ValueError,
+        unknown: fn(String) -> PolicyValueError,
     ) -> Result<Option<Vec<u32>>, PolicyFileError> {
         let Some(list) = list else {
             return Ok(None);
         };
         if list.get_ref().is_empty() {
-            return Err(self.error(&list.span(), key, ValueError::Empty));
+            return Err(self.error(&list.span(), key, PolicyValueError::Empty));
         }
         let ids = list.get_ref().iter().map(|id| match id.get_ref() {
             Id::Number(number) => Ok(*number),
@@ -159,7 +176,7 @@ impl Source<'_> {
                 let error = match lookup(text) {
                     Ok(Some(id)) => return Ok(id),
                     Ok(None) => unknown(text.clone()),
-                    Err(errno) => ValueError::Lookup {
+                    Err(errno) => PolicyValueError::Lookup {
                         text: text.clone(),
                         source: io::Error::from(errno),
                     },

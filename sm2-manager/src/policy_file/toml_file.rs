@@ -1,7 +1,7 @@
 //! The tables and keys of a policy file, as TOML has them.
 
 use serde::Deserialize;
-use sm2_proto::policy::{Action, Effect};
+use sm2_proto::policy::Effect;
 use toml::Spanned;
 
 #[derive(Deserialize)]
@@ -21,7 +21,7 @@ pub(super) struct File {
 pub(super) struct RuleTable {
     pub(super) name: Option<Spanned<String>>,
     pub(super) effect: EffectWord,
-    pub(super) actions: Option<Spanned<Vec<ActionWord>>>,
+    pub(super) actions: Option<List>,
     pub(super) names: List,
     pub(super) users: Option<Spanned<Vec<Spanned<Id>>>>,
     pub(super) groups: Option<Spanned<Vec<Spanned<Id>>>>,
@@ -45,7 +45,7 @@ pub(super) struct ExclusiveTable {
     pub(super) topics: List,
 }
 
-/// A list of patterns.
+/// A list of patterns or actions.
 pub(super) type List = Spanned<Vec<Spanned<String>>>;
 
 /// A user or a group.
@@ -68,30 +68,6 @@ impl From<EffectWord> for Effect {
         match word {
             EffectWord::Allow => Self::Allow,
             EffectWord::Deny => Self::Deny,
-        }
-    }
-}
-
-#[derive(Clone, Copy, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub(super) enum ActionWord {
-    Publish,
-    Subscribe,
-    Serve,
-    Call,
-    See,
-    ReadCounters,
-}
-
-impl From<ActionWord> for Action {
-    fn from(word: ActionWord) -> Self {
-        match word {
-            ActionWord::Publish => Self::Publish,
-            ActionWord::Subscribe => Self::Subscribe,
-            ActionWord::Serve => Self::Serve,
-            ActionWord::Call => Self::Call,
-            ActionWord::See => Self::See,
-            ActionWord::ReadCounters => Self::ReadCounters,
         }
     }
 }

@@ -7,13 +7,15 @@ use sm2_io::{DomainSocketError, domain_socket::MAX_PATH_BYTES};
 use super::Arguments;
 use crate::StartError;
 
-/// Checks that valid arguments give usable options: at least one session, time to greet, and a mode that
+/// Checks that valid arguments give usable options: limits within their ranges, time to greet, and a mode that
 /// contains only permission bits. Panics otherwise.
 pub fn check(arguments: &Arguments) {
-    let options = arguments.options();
+    let Ok(options) = arguments.options() else {
+        return;
+    };
     let policy = options.policy;
     assert!(options.socket_mode <= 0o777);
-    assert!(policy.sessions_per_user > 0);
+    assert_eq!(policy.check(), Ok(()));
     assert!(policy.greeting >= Duration::from_secs(1));
     assert!(!(policy.seal_all && policy.waive_user_boundary));
     assert!(!(arguments.standby && arguments.replace));

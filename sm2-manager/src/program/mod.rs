@@ -10,6 +10,7 @@ mod activation;
 mod arguments;
 #[cfg(feature = "fuzzing")]
 pub mod fuzz;
+mod limit_arguments;
 mod reach;
 mod replace;
 
@@ -31,12 +32,19 @@ use signal_hook::{
     iterator::Signals,
 };
 use sm2_io::DomainSocketError;
+use sm2_proto::control::LimitError;
 use tracing::warn;
 
-pub use self::{activation::ActivationError, arguments::Arguments, replace::ReplaceError};
+pub use self::{
+    activation::ActivationError, arguments::Arguments, limit_arguments::LimitArguments,
+    replace::ReplaceError,
+};
 use crate::{
     HandOver, Manager, Outcome, PolicyReloader, Role, RunError, Standby, StartError, Stopper,
 };
+
+/// The exit status of a command line that cannot be used. It is that of clap.
+const WRONG_USAGE: u8 = 2;
 
 /// Returns the end of the help text for the command that takes [`Arguments`]. `command` is its name:
 /// `sm2-manager` or `sm2 manager`.
@@ -74,6 +82,9 @@ pub enum ProgramError {
         /// The socket's path.
         path: PathBuf,
     },
+    /// The command line states a wrong limit.
+    #[error(transparent)]
+    Limit(#[from] LimitError),
     /// The Manager did not start.
     #[error(transparent)]
     Start(StartError),
@@ -123,6 +134,15 @@ impl From<StartError> for ProgramError {
 /// The handles by which signals act on a Manager.
 type Handles = (Stopper, HandOver, PolicyReloader);
 
+impl ProgramError {
+    fn exit_code(&self) -> ExitCode {
+        match self {
+            Self::Limit(_) => ExitCode::from(WRONG_USAGE),
+            _ => ExitCode::FAILURE,
+        }
+    }
+}
+
 /// The Manager that this process runs.
 enum Service {
     Manager(Box<Manager>),
@@ -131,7 +151,7 @@ enum Service {
 
 impl Service {
     fn start(arguments: &Arguments) -> Result<Self, ProgramError> {
-        let options = arguments.options();
+        let options = arguments.options()?;
         if let Some(socket) = activation::socket()? {
             if arguments.standby || arguments.replace {
                 return Err(ProgramError::HandedAnyway);
@@ -248,7 +268,7 @@ pub fn main(arguments: &Arguments) -> ExitCode {
         Err(error) => {
             // Standard error may be closed.
             let _ = writeln!(io::stderr(), "sm2 manager: {error}");
-            ExitCode::FAILURE
+            error.exit_code()
         }
     }
 }

@@ -65,9 +65,9 @@ impl Standby {
     ///
     /// # Errors
     ///
-    /// [`StartError::DomainSocket`] if the path cannot be used; [`StartError::NobodyServes`] if another
-    /// process holds the domain and accepts no connection for 5 s; [`StartError::Io`] if the process has no
-    /// descriptors left.
+    /// [`StartError::Limit`] if a limit is wrong; [`StartError::DomainSocket`] if the path cannot be used;
+    /// [`StartError::NobodyServes`] if another process holds the domain and accepts no connection for 5 s;
+    /// [`StartError::Io`] if the process has no descriptors left.
     pub fn start(path: &Path, options: Options) -> Result<Self, StartError> {
         let handles = Handles::new().map_err(StartError::io("make an eventfd"))?;
         let mut pause = Pause::new();

@@ -52,6 +52,8 @@ pub(crate) struct LinkDriver {
     bell_due: bool,
     /// Whether the kernel had no memory for the last packet, or to read the socket (SM2-TRN-014).
     short_of_memory: bool,
+    /// Whether the entry says so.
+    noted_short: bool,
     /// The files of sealed messages that were not taken yet, by sequence number.
     kept: HashMap<u64, SealedFile>,
     /// Messages of the latched store that have not been sent on this link yet.
@@ -114,6 +116,7 @@ impl LinkDriver {
             in_background: BackgroundInterest::Packets,
             bell_due: false,
             short_of_memory: false,
+            noted_short: false,
             kept: HashMap::new(),
             backlog: VecDeque::new(),
             is_backlog_filled: false,

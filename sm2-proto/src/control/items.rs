@@ -3,6 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::limits::Limits;
 use crate::{Code, Contract, EntityId, InterfaceId, LinkId, Name, NodeId, Refusal};
 
 /// An item of the domain.
@@ -86,27 +87,6 @@ pub enum Item {
         /// The subscriber or client.
         demanding: EntityId,
     },
-}
-
-/// The public part of the operator's policy.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub struct Limits {
-    /// Welcomed sessions of one user.
-    pub sessions_per_user: u32,
-    /// Interfaces of one session.
-    pub interfaces_per_session: u32,
-    /// Interfaces of all sessions of one user.
-    pub interfaces_per_user: u32,
-    /// Ends of links of one session.
-    pub links_per_session: u32,
-    /// Welcomed sessions of one process.
-    pub sessions_per_process: u32,
-    /// Interfaces of all sessions of one process.
-    pub interfaces_per_process: u32,
-    /// Whether every link of the domain is sealed.
-    pub seal_all: bool,
-    /// Whether links between different users may be unsealed.
-    pub waive_user_boundary: bool,
 }
 
 /// The key of an item. Items are listed in this order.

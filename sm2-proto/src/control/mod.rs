@@ -3,6 +3,7 @@
 mod codec;
 mod frames;
 mod items;
+mod limits;
 #[cfg(any(kani, test))]
 mod proofs;
 
@@ -11,4 +12,5 @@ pub use codec::{decode_to_manager, decode_to_node, encode_to_manager, encode_to_
 pub use frames::{
     Changes, LinkPeer, Page, PolicyProblem, ReloadOutcome, SchemaText, ToManager, ToNode,
 };
-pub use items::{Change, Item, Key, Limits, UnlinkedReason};
+pub use items::{Change, Item, Key, UnlinkedReason};
+pub use limits::{Limit, LimitError, Limits, Shown, Unit};

@@ -3,7 +3,7 @@
 use alloc::collections::BTreeMap;
 
 use super::Domain;
-use crate::NodeId;
+use crate::{NodeId, control::Item};
 
 /// The usage of a user.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -30,6 +30,10 @@ pub struct SessionUsage {
     pub interfaces: u32,
     /// Ends of links, of waiting links and claims, of `Limits::links_per_session`.
     pub links: u32,
+    /// Refused interfaces, of `Limits::refusals_per_session`.
+    pub refusals: u32,
+    /// Unlinked pairs of which the session has the publisher or server, of `Limits::unlinked_per_session`.
+    pub unlinked: u32,
 }
 
 impl Domain {
@@ -71,8 +75,19 @@ impl Domain {
                 *counted(usage) += 1;
             }
         };
-        for interface in self.interfaces().filter(|it| it.refused.is_none()) {
-            count(&interface.entity.node, |it| &mut it.interfaces);
+        for interface in self.interfaces() {
+            count(
+                &interface.entity.node,
+                match interface.refused {
+                    None => |it| &mut it.interfaces,
+                    Some(_) => |it| &mut it.refusals,
+                },
+            );
+        }
+        for item in self.items() {
+            if let Item::Unlinked { offering, .. } = item {
+                count(&offering.node, |it| &mut it.unlinked);
+            }
         }
         for link in self.links() {
             count(&link.offering.node, |it| &mut it.links);

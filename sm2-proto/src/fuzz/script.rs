@@ -205,6 +205,7 @@ impl<'a> Script<'a> {
             0 => Item::Domain {
                 limits: Limits {
                     links_per_session: u32::from(choice),
+                    work_per_turn: u32::from(reliable),
                     seal_all: sealed,
                     ..Limits::default()
                 },

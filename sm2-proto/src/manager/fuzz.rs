@@ -21,6 +21,7 @@ const POLICY: Policy = Policy {
     greeting: Duration::from_secs(2),
     recovery: Duration::from_secs(3),
     confirmation: Duration::from_secs(3),
+    queue_bytes: usize::MAX,
     greetings_per_user: 3,
     greetings_per_process: usize::MAX,
     sessions_per_process: usize::MAX,

@@ -1,6 +1,6 @@
 //! The actions that rules are about.
 
-use core::fmt;
+use core::{fmt, str::FromStr};
 
 /// An action of a node that needs a right.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -51,6 +51,21 @@ impl fmt::Display for Action {
     }
 }
 
+/// Reads the [`word`](Action::word) of an action.
+impl FromStr for Action {
+    type Err = UnknownAction;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let action = Self::ALL.into_iter().find(|it| it.word() == text);
+        action.ok_or(UnknownAction)
+    }
+}
+
+/// A text is not the word of an action.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("an action is publish, subscribe, serve, call, see or read-counters")]
+pub struct UnknownAction;
+
 /// A set of actions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct ActionSet(u8);
@@ -70,5 +85,24 @@ impl FromIterator<Action> for ActionSet {
     fn from_iter<T: IntoIterator<Item = Action>>(actions: T) -> Self {
         let bits = actions.into_iter().map(|it| 1 << it as u8);
         Self(bits.fold(0, core::ops::BitOr::bitor))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use alloc::string::ToString as _;
+
+    use super::*;
+
+    #[test]
+    fn each_action_is_read_by_its_word_alone() {
+        let told = UnknownAction.to_string();
+        for action in Action::ALL {
+            assert_eq!(action.word().parse(), Ok(action));
+            assert!(told.contains(action.word()), "{action}");
+        }
+        for wrong in ["", "Publish", "publish ", "read_counters", "write"] {
+            assert_eq!(wrong.parse::<Action>(), Err(UnknownAction), "{wrong}");
+        }
     }
 }

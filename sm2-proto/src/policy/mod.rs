@@ -17,7 +17,7 @@ mod subject;
 use alloc::{collections::BTreeSet, vec::Vec};
 
 pub use self::{
-    actions::{Action, ActionSet},
+    actions::{Action, ActionSet, UnknownAction},
     subject::{Members, Subject, User},
 };
 use crate::{

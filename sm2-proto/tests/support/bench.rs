@@ -20,6 +20,7 @@ pub(crate) const UNLIMITED: Policy = Policy {
     greeting: Duration::from_secs(2),
     recovery: Duration::from_secs(5),
     confirmation: Duration::from_secs(5),
+    queue_bytes: usize::MAX,
     greetings_per_user: usize::MAX,
     greetings_per_process: usize::MAX,
     sessions_per_user: usize::MAX,

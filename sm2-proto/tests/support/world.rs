@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, VecDeque};
 
 use sm2_proto::{
     Code, Contract, Datagram, FdFacts, Instant, InterfaceId, LinkId, Machine, Name, NodeId, Seals,
-    control::{Limits, decode_to_manager},
+    control::decode_to_manager,
     manager::{Cause, Credentials, Input, Manager, Output, Policy},
     node::{self, Node},
 };
@@ -20,24 +20,20 @@ use super::{
 
 const NOW: Instant = Instant(1);
 
-/// The default policy (SPEC section 2).
-const LIMITS: Limits = Limits {
-    sessions_per_user: 1_024,
-    sessions_per_process: 512,
-    interfaces_per_process: 8_192,
-    interfaces_per_session: 1_024,
-    interfaces_per_user: 16_384,
-    links_per_session: 8_192,
-    seal_all: false,
-    waive_user_boundary: false,
-};
-
 /// The kernel's facts about one end of a link's socket pair.
 const SOCKET: FdFacts = FdFacts {
     regular: false,
     size_bytes: 0,
     seals: Seals(0),
 };
+
+/// The default policy, except that no node is sent more than this many LINKs ahead of its reading.
+fn policy(links_in_flight: usize) -> Policy {
+    Policy {
+        links_in_flight,
+        ..Policy::default()
+    }
+}
 
 /// The two directions of one connection. Datagrams that a closed end has not read are lost.
 #[derive(Clone, Debug, Default)]
@@ -84,10 +80,7 @@ pub(crate) struct World {
 impl World {
     /// No node is sent more than this many LINKs ahead of its reading.
     pub(crate) fn new(slots: usize, rogues: bool, links_in_flight: usize) -> Self {
-        let policy = Policy {
-            links_in_flight,
-            ..Policy::default()
-        };
+        let policy = policy(links_in_flight);
         Self {
             manager: Manager::new(EPOCH, 1, policy),
             oracle: Oracle::new(links_in_flight),
@@ -96,7 +89,7 @@ impl World {
             connections: 0,
             shortage: 0,
             failed: Vec::new(),
-            onlooker: Onlooker::new(LIMITS),
+            onlooker: Onlooker::new(policy.limits()),
             trace: Vec::new(),
             rogues,
             links_in_flight,

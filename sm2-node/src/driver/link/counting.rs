@@ -23,6 +23,23 @@ impl LinkDriver {
         });
     }
 
+    /// Memory is short, on this end of the link.
+    //= SM2-TRN-014
+    #[cold]
+    pub(super) fn be_short_of_memory(&mut self) {
+        self.short_of_memory = true;
+        self.note_shortage();
+    }
+
+    /// Writes the begin or the end of a shortage of memory to the entry.
+    pub(super) fn note_shortage(&mut self) {
+        if self.short_of_memory != self.noted_short {
+            self.noted_short = self.short_of_memory;
+            let since = self.short_of_memory.then(sm2_io::clock::now);
+            note(self.entry.as_mut(), |entry| entry.short_since(since));
+        }
+    }
+
     /// Writes the outcomes of messages to the entry, if they have changed.
     pub(in crate::driver) fn note_fates(&mut self) {
         let counters = self.counters();

@@ -82,7 +82,7 @@ impl LinkDriver {
             Err(SendError::WouldBlock) => self.keep_unsent(unsent, sets),
             //= SM2-TRN-014
             Err(SendError::Io(error)) if is_shortage(&error) => {
-                self.short_of_memory = true;
+                self.be_short_of_memory();
                 self.keep_unsent(unsent, sets);
             }
             //= SM2-TRN-010
@@ -204,6 +204,7 @@ impl LinkDriver {
         self.unsent = None;
         self.bell_due = false;
         self.short_of_memory = false;
+        self.note_shortage();
         self.failing = None;
         self.drop_prepared_ring();
         self.mapped.outgoing = None;

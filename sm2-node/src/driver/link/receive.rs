@@ -31,6 +31,7 @@ impl LinkDriver {
         if event.readable {
             self.receive(BURST, context, outbox);
         }
+        self.note_shortage();
     }
 
     /// Reads all datagrams that the socket has, up to the number that a peer that obeys SPEC can
@@ -47,7 +48,7 @@ impl LinkDriver {
     //= SM2-TRN-014
     fn receive(&mut self, most: usize, context: &mut Context<'_>, outbox: &mut Outbox) {
         if with_buffer(|buffer| self.receive_into(buffer, most, context, outbox)).is_err() {
-            self.short_of_memory = true;
+            self.be_short_of_memory();
         }
     }
 
@@ -76,7 +77,7 @@ impl LinkDriver {
                 //= SM2-TRN-014
                 // The socket stays readable.
                 Err(RecvError::Io(error)) if is_shortage(&error) => {
-                    self.short_of_memory = true;
+                    self.be_short_of_memory();
                     return;
                 }
                 Err(RecvError::Io(error)) => {

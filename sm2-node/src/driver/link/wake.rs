@@ -40,7 +40,7 @@ impl LinkDriver {
         if let Err(SendError::Io(error)) = socket.send(&[IoSlice::new(&doorbell())], &[])
             && is_shortage(&error)
         {
-            self.short_of_memory = true;
+            self.be_short_of_memory();
             self.bell_due = true;
             self.watch(Interest::BOTH, sets);
         }

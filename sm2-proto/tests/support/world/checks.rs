@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use sm2_proto::{LinkId, NodeId, manager::Manager};
 
-use super::{LIMITS, World};
+use super::{World, policy};
 use crate::support::oracle::{End, LinkQos, pair};
 
 impl World {
@@ -12,7 +12,7 @@ impl World {
     pub(super) fn check_listing(&mut self) {
         assert_eq!(self.manager.sessions(), self.oracle.sessions());
         if let Some(session) = self.oracle.a_ready_session() {
-            let expected = self.oracle.listing(LIMITS);
+            let expected = self.oracle.listing(policy(self.links_in_flight).limits());
             self.onlooker.check(&self.manager, session, &expected);
         }
     }

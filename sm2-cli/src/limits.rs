@@ -1,0 +1,128 @@
+//! The limits in force at the Manager, and how much of them is used.
+
+use std::ops::Deref;
+
+use serde::{Serialize, Serializer, ser::SerializeMap};
+use sm2_proto::{control, control::Limit};
+
+use crate::{columns::Columns, view::View};
+
+/// The limits that the operator has set. In JSON, each limit has its name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Limits(control::Limits);
+
+impl From<control::Limits> for Limits {
+    fn from(limits: control::Limits) -> Self {
+        Self(limits)
+    }
+}
+
+impl Deref for Limits {
+    type Target = control::Limits;
+
+    fn deref(&self) -> &Self::Target {
+        &self.0
+    }
+}
+
+impl Serialize for Limits {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(None)?;
+        for limit in Limit::ALL {
+            map.serialize_entry(limit.name(), &self.of(limit))?;
+        }
+        map.serialize_entry("seal_all", &self.seal_all)?;
+        map.serialize_entry("waive_user_boundary", &self.waive_user_boundary)?;
+        map.end()
+    }
+}
+
+/// The use of a limit by a user, a process or a node.
+#[derive(Serialize)]
+pub(crate) struct Quota {
+    /// The owner of the quota: `user 1000` or `node talker`.
+    pub(crate) of: String,
+    /// The kind of thing that is counted.
+    pub(crate) quota: &'static str,
+    pub(crate) used: u32,
+    pub(crate) limit: u32,
+    #[serde(skip)]
+    pub(crate) kind: Limit,
+}
+
+impl Quota {
+    /// Whether at least this share of the limit is used.
+    pub(crate) fn is_used_to(&self, percent: u64) -> bool {
+        u64::from(self.used) * 100 >= u64::from(self.limit) * percent
+    }
+}
+
+/// The use of each limit whose use is visible. Empty if the limits are not known.
+pub(crate) fn quotas(view: &View<'_>) -> Vec<Quota> {
+    let Some(limits) = view.domain.limits() else {
+        return Vec::new();
+    };
+    let mut quotas = Vec::new();
+    let mut add = |of: &str, quota, used, kind| {
+        quotas.push(Quota {
+            of: of.to_owned(),
+            quota,
+            used,
+            limit: limits.of(kind),
+            kind,
+        });
+    };
+    for (uid, usage) in view.domain.users() {
+        let of = format!("user {uid}");
+        add(&of, "sessions", usage.sessions, Limit::SessionsPerUser);
+        add(
+            &of,
+            "interfaces",
+            usage.interfaces,
+            Limit::InterfacesPerUser,
+        );
+    }
+    for ((_, pid), usage) in view.domain.processes() {
+        let of = format!("process {pid}");
+        add(&of, "sessions", usage.sessions, Limit::SessionsPerProcess);
+        add(
+            &of,
+            "interfaces",
+            usage.interfaces,
+            Limit::InterfacesPerProcess,
+        );
+    }
+    for (node, usage) in view.domain.sessions() {
+        let of = format!("node {}", view.name_of(node));
+        let shown = [
+            ("interfaces", usage.interfaces, Limit::InterfacesPerSession),
+            ("links", usage.links, Limit::LinksPerSession),
+            ("refusals", usage.refusals, Limit::RefusalsPerSession),
+            ("unlinked pairs", usage.unlinked, Limit::UnlinkedPerSession),
+        ];
+        let is_idle = shown.iter().all(|(_, used, _)| *used == 0);
+        for (quota, used, kind) in shown.into_iter().filter(|_| !is_idle) {
+            add(&of, quota, used, kind);
+        }
+    }
+    quotas
+}
+
+/// All limits, each with its greatest use.
+pub(crate) fn table(limits: &Limits, quotas: &[Quota]) -> Columns<4> {
+    let mut table = Columns::new(["LIMIT", "VALUE", "MOST USED", "OPTION"]);
+    for limit in Limit::ALL {
+        let of_limit = quotas.iter().filter(|it| it.kind == limit);
+        let most = of_limit.max_by_key(|it| it.used);
+        table.push([
+            limit.name().into(),
+            limits.of(limit).to_string(),
+            most.map_or_else(|| "-".into(), |it| format!("{} by {}", it.used, it.of)),
+            limit.option().into(),
+        ]);
+    }
+    table
+}
+
+#[cfg(test)]
+mod reference;
