@@ -13,7 +13,9 @@ use sm2_proto::{
 };
 use support::{
     access::{access, deny, settle, tables},
-    bench::{Bench, EPOCH, Event, claim, hello, resuming, seen_by, unlink, unlinked, withdraw},
+    bench::{
+        Bench, EPOCH, Event, claim, hello, resuming, seen_by, suspended, unlink, unlinked, withdraw,
+    },
     contracts::{data, name, publisher, subscriber},
 };
 
@@ -164,9 +166,7 @@ fn frame(kind: ToManagerKind, link: Option<LinkId>) -> ToManager {
         ToManagerKind::Describe => ToManager::Describe { data: data("Scan") },
         ToManagerKind::MaxLinks => ToManager::MaxLinks { max_links: 0 },
         ToManagerKind::Reload => ToManager::Reload,
-        ToManagerKind::Suspended => ToManager::Suspended {
-            interface: InterfaceId(7),
-        },
+        ToManagerKind::Suspended => suspended(7),
     }
 }
 
@@ -264,12 +264,7 @@ fn breaches(link: LinkId) -> Vec<(Violation, Vec<u8>, usize)> {
             violation!(UnknownLink, "SM2-LNK-003"),
             unlinked(7, other_serial),
         ),
-        (
-            violation!(UnexpectedSuspended, "SM2-ACC-017"),
-            ToManager::Suspended {
-                interface: InterfaceId(7),
-            },
-        ),
+        (violation!(UnexpectedSuspended, "SM2-ACC-017"), suspended(7)),
         (
             violation!(BadSchema, "SM2-SCH-001"),
             ToManager::Schema(SchemaText {

@@ -173,6 +173,14 @@ impl World {
         }
     }
 
+    fn confirm(&mut self, which: usize) -> Vec<Event> {
+        let (node, interface, asked) = self.asked.remove(which);
+        match asked {
+            Asked::Unlink { link, .. } => self.bench.unlinked(node, interface.0, link),
+            Asked::Suspension => self.bench.suspended(node, interface.0),
+        }
+    }
+
     /// Whether a node has this interface, also if it is suspended.
     fn has(&self, node: NodeId, interface: InterfaceId) -> bool {
         let mut peers = self.peers.iter().filter(|it| it.node == node);
@@ -235,11 +243,7 @@ impl World {
                 if which >= self.asked.len() {
                     return;
                 }
-                let (node, interface, asked) = self.asked.remove(which);
-                match asked {
-                    Asked::Unlink { link, .. } => self.bench.unlinked(node, interface.0, link),
-                    Asked::Suspension => self.bench.suspended(node, interface.0),
-                }
+                self.confirm(which)
             }
             Step::Tick => self.bench.input(Input::Tick),
             Step::Reload(choice) => {

@@ -10,6 +10,7 @@ mod golden;
 pub mod link;
 mod properties;
 
+use self::properties::fail;
 pub use self::{
     explorer::{Counterexample, Progress, Report, System, explore, explore_telling},
     golden::Golden,

@@ -195,8 +195,7 @@ impl Bench {
     }
 
     pub(crate) fn suspended(&mut self, session: NodeId, interface: u64) -> Vec<Event> {
-        let interface = InterfaceId(interface);
-        self.send(session, &ToManager::Suspended { interface })
+        self.send(session, &suspended(interface))
     }
 
     pub(crate) fn close(&mut self, session: NodeId) -> Vec<Event> {
@@ -249,6 +248,12 @@ pub(crate) fn unlinked(interface: u64, link: LinkId) -> ToManager {
         interface: InterfaceId(interface),
         link,
         code: Code(5),
+    }
+}
+
+pub(crate) fn suspended(interface: u64) -> ToManager {
+    ToManager::Suspended {
+        interface: InterfaceId(interface),
     }
 }
 

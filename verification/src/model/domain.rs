@@ -16,6 +16,7 @@ mod kept;
 mod matching;
 mod mirror;
 mod order;
+mod policy;
 mod ports;
 mod print;
 mod quiet;

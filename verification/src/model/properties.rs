@@ -69,6 +69,11 @@ pub struct Failure {
     pub what: String,
 }
 
+/// A property does not hold.
+pub(super) fn fail<T>(property: Property, what: String) -> Result<T, Failure> {
+    Err(Failure { property, what })
+}
+
 impl fmt::Display for Failure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:?}: {}", self.property, self.what)

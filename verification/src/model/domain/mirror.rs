@@ -11,17 +11,16 @@ use sm2_proto::{
 };
 
 use super::{
-    super::{Failure, Property},
+    super::{Failure, Property, fail},
     Fault, Scope,
     matching::{LinkQos, qos},
-    quiet::fail,
     world::{End, World},
 };
 
 /// The declared interfaces, with their numbers at the Manager.
 pub(super) type Ends<'a> = BTreeMap<End, (EntityId, &'a Contract)>;
 
-/// What pages show.
+/// The contents of pages.
 #[derive(Debug, Default)]
 pub(super) struct Shown {
     nodes: usize,
@@ -35,7 +34,7 @@ pub(super) struct Shown {
 }
 
 impl World {
-    /// What pages show. Each item belongs to the domain.
+    /// Reads all pages. Each item belongs to the domain.
     //= SM2-IFC-007, SM2-WCH-004 model
     pub(super) fn shown(&self, scope: &Scope, ends: &Ends<'_>) -> Result<Shown, Failure> {
         let entity_of = |end: &End| ends.get(end).map(|(entity, _)| *entity);

@@ -3,7 +3,7 @@
 use sm2_proto::EntityId;
 
 use super::{
-    super::{Failure, Property},
+    super::{Failure, Property, fail},
     Action, Budget, Scope,
     books::Books,
     matching::qos,
@@ -112,8 +112,4 @@ impl World {
         }
         Ok(ends)
     }
-}
-
-pub(super) fn fail<T>(property: Property, what: String) -> Result<T, Failure> {
-    Err(Failure { property, what })
 }

@@ -3,9 +3,8 @@
 use std::collections::BTreeSet;
 
 use super::{
-    super::{Failure, Property},
+    super::{Failure, Property, fail},
     Fault, Scope,
-    quiet::fail,
     world::{End, World},
 };
 
