@@ -60,8 +60,8 @@ const WAIT: &[Change] = &[
     ),
     (
         "no_sockets",
-        "(false, &[set], Some(waker)) => wait_readable(&[set, waker], timeout)",
-        "(false, &[_], Some(waker)) => wait_readable(&[waker], timeout)",
+        "let sets = if short_of_memory { &[] } else { sets };",
+        "let sets = &sets[..0];",
     ),
     ("woken_for_ever", "sleeper.woken = false;", ""),
     ("not_parked", "            locked.park();\n", ""),

@@ -67,4 +67,4 @@ pub(crate) use self::shared_interface::{InterfaceDriver, LockedInterface, Shared
 pub(crate) use self::shared_node::{Settings, SharedNode};
 pub use self::status::{LinkStatus, Received};
 pub(crate) use self::token::LinkToken;
-pub(crate) use self::wait::Until;
+pub(crate) use self::wait::{Until, WaitFailure};

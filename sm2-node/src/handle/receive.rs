@@ -22,15 +22,26 @@ impl Handle {
         until: Until,
         take: impl Fn(&mut Interface, &mut Context<'_>) -> Result<Option<Taken>, Full>,
     ) -> Result<Option<Received>, RecvError> {
+        self.check_shutdown(until)?;
         let found = self.interface.wait_as(self.wait, until, |locked| {
             self.find_or_silence(locked, |locked| {
                 let taken = locked.change(&take);
                 taken.map_err(RecvError::from).transpose()
             })
         });
-        match found.map_err(RecvError::Io)?.transpose()? {
+        match found?.transpose()? {
             Some(taken) => self.open_for(taken).map(Some),
             None => Ok(None),
+        }
+    }
+
+    /// A call that would wait does not look for messages after a shutdown: a program that always finds some would
+    /// not end.
+    #[inline]
+    pub(super) fn check_shutdown(&self, until: Until) -> Result<(), RecvError> {
+        match self.shared.sets.is_shut_down() && until.waits() {
+            true => Err(RecvError::Shutdown),
+            false => Ok(()),
         }
     }
 

@@ -2,6 +2,7 @@
 #![allow(dead_code, reason = "each test uses its own part")]
 
 pub(crate) mod raw;
+pub(crate) mod threads;
 
 use std::thread;
 use std::time::{Duration, Instant};
@@ -15,6 +16,9 @@ pub(crate) const SOON: Duration = Duration::from_secs(20);
 
 /// With and without the ring lane.
 pub(crate) const LANES: [bool; 2] = [true, false];
+/// With a background thread of each node, and without it; each with and without the ring lane.
+pub(crate) const DRIVEN: [(bool, bool); 4] =
+    [(true, true), (true, false), (false, true), (false, false)];
 /// All ways to wait.
 pub(crate) const WAYS: [Wait; 3] = [
     Wait::Park,

@@ -136,6 +136,17 @@ pub(crate) mod shared_node {
         pub(crate) control: Epoll,
     }
 
+    impl NodeSets {
+        /// No thread requests a shutdown here.
+        pub(crate) const fn is_shut_down(&self) -> bool {
+            false
+        }
+
+        pub(crate) const fn shutdown(&self) -> Option<BorrowedFd<'_>> {
+            None
+        }
+    }
+
     impl AsFd for NodeSets {
         fn as_fd(&self) -> BorrowedFd<'_> {
             self.control.as_fd()

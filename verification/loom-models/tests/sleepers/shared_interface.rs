@@ -9,7 +9,7 @@ use sm2_proto::Instant;
 
 use super::context::Context;
 use super::interface::Interface;
-use crate::kernel::Epoll;
+use crate::kernel::{BorrowedFd, Epoll};
 
 use super::super::sleepers::Sleepers;
 use super::sleepers;
@@ -37,6 +37,15 @@ impl LinkSets {
     /// The control side is a thread of its own.
     pub(crate) const fn has_background(&self) -> bool {
         true
+    }
+
+    /// No thread requests a shutdown here.
+    pub(crate) const fn is_shut_down(&self) -> bool {
+        false
+    }
+
+    pub(crate) const fn shutdown(&self) -> Option<BorrowedFd<'_>> {
+        None
     }
 
     pub(crate) const fn control(&self) -> &Epoll {
