@@ -7,8 +7,8 @@ use std::time::Duration;
 use common::threads::{until_asleep, while_asleep};
 use common::{DRIVEN, Domain, SOON, WAYS, meet, next, until};
 use sm2_node::{
-    CallError, ConnectError, DeclareError, Node, NodeBuilder, PublishError, RecvError, Shutdown,
-    Wait, WaitError,
+    CallError, ConnectError, DeclareError, MissedTicks, Node, NodeBuilder, PublishError, Rate,
+    RecvError, Shutdown, Wait, WaitError, now,
 };
 
 /// Longer than a test may take.
@@ -215,4 +215,29 @@ fn a_signal_handler_ends_a_wait() {
 fn a_handle_can_be_used_by_several_threads() {
     fn is_shared<T: Send + Sync + Clone + 'static>() {}
     is_shared::<Shutdown>();
+}
+
+#[test]
+fn it_ends_the_sleep_of_a_rate() {
+    let shutdown = Shutdown::new().unwrap();
+    let mut rate = Rate::every(LONG);
+    let tick = while_asleep(|| rate.sleep_unless(&shutdown), |_| shutdown.request());
+    assert_eq!(tick, None);
+    // Also the next one, although its tick is due.
+    let mut rate = Rate::every(Duration::from_nanos(1));
+    assert_eq!(rate.sleep_unless(&shutdown), None);
+}
+
+#[test]
+fn a_rate_sleeps_until_each_tick() {
+    let shutdown = Shutdown::new().unwrap();
+    let mut rate = Rate::every(Duration::from_millis(1)).missed_ticks(MissedTicks::Burst);
+    for number in 1..=4 {
+        let tick = match number % 2 {
+            0 => rate.sleep(),
+            _ => rate.sleep_unless(&shutdown).unwrap(),
+        };
+        assert_eq!((tick.number, tick.missed), (number, 0));
+        assert!(tick.due <= now());
+    }
 }
