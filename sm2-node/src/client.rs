@@ -11,7 +11,9 @@ use sm2_proto::control::LinkPeer;
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
-use crate::driver::{CallId, Choice, Needs, Outcome, PoolLimit, SharedNode, WaitFailure};
+use crate::driver::{
+    CallId, Choice, Needs, Outcome, PoolLimit, SharedInterface, SharedNode, WaitFailure,
+};
 use crate::handle::declaration::{
     Declaration, inline_max_setter, max_len_setter, schema_of, sealed_setter, wait_setter,
 };
@@ -233,6 +235,18 @@ impl<R: Message + ?Sized> Call<R> {
             });
         }
         Ok(reply)
+    }
+
+    pub(crate) fn interface(&self) -> &Arc<SharedInterface> {
+        &self.handle.interface
+    }
+
+    pub(crate) const fn id(&self) -> CallId {
+        self.call
+    }
+
+    pub(crate) const fn deadline(&self) -> Option<Instant> {
+        self.deadline
     }
 
     /// Cancels the call at the server. Waiting then ends with [`CallError::Cancelled`], or with the reply if

@@ -194,6 +194,7 @@ pub mod domain;
 mod driver;
 pub mod encoding;
 mod error;
+mod events;
 mod handle;
 mod link_room;
 mod loan;
@@ -219,6 +220,7 @@ mod spare;
 mod subscriber;
 mod timer;
 mod wait;
+pub mod wait_set;
 
 pub use builder::{MAX_MAPPED_BYTES, NodeBuilder};
 pub use client::{Call, Client, ClientBuilder, Reply};
@@ -226,6 +228,7 @@ pub use error::{
     CallError, ConnectError, DeclareError, PublishError, RecvError, ReplyError, StoreError,
     WaitError,
 };
+pub use events::{Event, Events};
 pub use loan::Loan;
 pub use message::{EncodeError, Message, PayloadError};
 pub use node::Node;
@@ -245,4 +248,5 @@ pub use sm2_proto::{Instant, Name, NameError, TypeId};
 pub use subscriber::{Subscriber, SubscriberBuilder};
 pub use timer::{MissedTicks, Tick, Timer};
 pub use wait::Wait;
+pub use wait_set::WaitSet;
 pub use {serde, zerocopy};

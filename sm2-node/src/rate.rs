@@ -21,6 +21,8 @@ use crate::{MissedTicks, Shutdown, Tick, Timer};
 ///     // Work that may take different times: the ticks stay where they are.
 /// }
 /// ```
+///
+/// A loop that also handles messages uses a [`WaitSet`](crate::WaitSet) with a timer instead.
 #[derive(Clone, Debug)]
 pub struct Rate {
     timer: Timer,

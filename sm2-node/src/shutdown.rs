@@ -12,6 +12,8 @@ use sm2_io::Latch;
 ///
 /// | wait | result |
 /// | --- | --- |
+/// | [`WaitSet::wait`](crate::WaitSet::wait) and `wait_timeout` of a set that [ends with](crate::WaitSet::end_with) it | [`WaitError::Shutdown`](crate::WaitError::Shutdown) |
+/// | [`Rate::sleep_unless`](crate::Rate::sleep_unless) | `None` |
 /// | `recv`, `recv_timeout`, `recv_each` of a node that was [built](crate::NodeBuilder::shutdown) with it | [`RecvError::Shutdown`](crate::RecvError::Shutdown), even if messages are there |
 /// | `call`, [`Call::wait`](crate::Call::wait) | [`CallError::Shutdown`](crate::CallError::Shutdown), unless the reply is there |
 /// | [`publish`](crate::Publisher::publish), which waits for a reliable subscriber | [`PublishError::Shutdown`](crate::PublishError::Shutdown); the subscribers with room have the message |

@@ -42,7 +42,7 @@ pub(crate) struct NodeSets {
 pub(crate) struct LinkSets {
     /// The descriptors that calls of the program read and write.
     pub(super) calls: Epoll,
-    node: Arc<NodeSets>,
+    pub(super) node: Arc<NodeSets>,
 }
 
 /// The events of a link that the control side handles.

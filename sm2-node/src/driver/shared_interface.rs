@@ -17,6 +17,7 @@ use super::limits::{SOCKETS, SOCKETS_WAIT_NS};
 use super::link::LinkDriver;
 use super::sleepers::Sleepers;
 use super::token::LinkToken;
+use super::undriven_control::UndrivenControl;
 
 /// One interface, as its handles, its samples and the control side share it.
 #[derive(Debug)]
@@ -29,8 +30,8 @@ pub(crate) struct SharedInterface {
 
 /// The control side of the node, as its interfaces use it.
 pub(crate) trait ControlSide: fmt::Debug + Send + Sync {
-    /// Does the work of all pending events of the control set.
-    fn drive(&self);
+    /// Does the work of all pending events of the control set. Returns whether the kernel had no memory for it.
+    fn drive(&self) -> bool;
 
     /// Handles the results of a call of an interface.
     fn handle(&self, interface: InterfaceId, results: ForControl);
@@ -103,6 +104,21 @@ impl SharedInterface {
     /// Does the work of all pending events of the control side.
     pub(super) fn drive_control(&self) {
         self.control.drive();
+    }
+
+    /// The control side, if calls of the program drive it.
+    pub(crate) fn undriven_control(&self) -> Option<UndrivenControl> {
+        let control = Arc::clone(&self.control);
+        (!self.sets.has_background()).then(|| UndrivenControl::new(&self.sets.node, control))
+    }
+
+    /// Locks the interface and drives its links, because one of its descriptors had an event.
+    pub(super) fn lock_for_event(&self) -> LockedInterface<'_> {
+        let mut locked = self.lock();
+        let now = sm2_io::clock::now();
+        (locked.now, locked.last_drive) = (now, now);
+        locked.drive();
+        locked
     }
 
     /// Drives the control side, if calls have to, and the links of the interface, and locks the interface.
@@ -293,7 +309,8 @@ impl InterfaceDriver {
         };
         let result = change(&mut self.interface, &mut context);
         // A thread that waits, also one that spins, waits for the end of all links, too.
-        if context.stirred || self.interface.has_ended_links() {
+        let has_event = self.interface.has_fresh_events();
+        if context.stirred || has_event || self.interface.has_ended_links() {
             self.sleepers.wake();
         }
         result

@@ -19,6 +19,7 @@ use super::event_sets::NodeSets;
 use super::interface::ForControl;
 use super::shared_interface::ControlSide;
 use super::token::SESSION;
+use super::undriven_control::UndrivenControl;
 use crate::Shutdown;
 use crate::quota::MappingQuota;
 
@@ -104,6 +105,12 @@ impl SharedNode {
         Arc::<NodeState>::clone(&self.state)
     }
 
+    /// The control side, if calls of the program drive it.
+    pub(crate) fn undriven_control(&self) -> Option<UndrivenControl> {
+        let undriven = !self.sets.has_background();
+        undriven.then(|| UndrivenControl::new(&self.sets, self.control_side()))
+    }
+
     /// Starts the background thread, if the node is to have one.
     pub(crate) fn start_background(&mut self) -> io::Result<()> {
         if self.sets.has_background() {
@@ -159,8 +166,8 @@ impl NodeState {
 }
 
 impl ControlSide for NodeState {
-    fn drive(&self) {
-        self.drive_control();
+    fn drive(&self) -> bool {
+        self.drive_control()
     }
 
     fn handle(&self, interface: InterfaceId, results: ForControl) {

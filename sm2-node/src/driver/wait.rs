@@ -54,7 +54,7 @@ impl Until {
         !matches!(self, Self::At(Instant(0)))
     }
 
-    fn moment(self, now: Instant) -> Option<Instant> {
+    pub(crate) fn moment(self, now: Instant) -> Option<Instant> {
         match self {
             Self::Forever => None,
             Self::At(moment) => Some(moment),

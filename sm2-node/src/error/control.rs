@@ -249,7 +249,8 @@ pub enum DeclareError {
     Io(#[source] io::Error),
 }
 
-/// A wait for links or for the Manager ended without them.
+/// A wait ended without its result: for links, for the Manager, for an event, or for a source of a
+/// [`WaitSet`](crate::WaitSet).
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WaitError {

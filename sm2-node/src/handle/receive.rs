@@ -79,7 +79,7 @@ impl Handle {
             }),
             Err(source) => {
                 self.with_undriven(|interface, context| {
-                    interface.unreadable(token, is_shortage(&source), context);
+                    interface.unreadable(token, &peer, is_shortage(&source), context);
                 });
                 Err(Unreadable { peer, source })
             }

@@ -1,6 +1,7 @@
 //! The threads of this process, as the kernel sees them.
 
 use std::fs;
+use std::panic::{self, AssertUnwindSafe};
 use std::sync::mpsc;
 use std::{process, thread};
 
@@ -53,11 +54,15 @@ pub(crate) fn while_asleep<T: Send>(waits: impl FnOnce() -> T + Send, then: impl
         });
         let task = told.recv().unwrap();
         until_asleep(task);
-        then(task);
-        finished.recv_timeout(SOON).unwrap_or_else(|_| {
-            // A panic would wait for the thread.
-            eprintln!("the thread still waits");
-            process::exit(1)
-        })
+        let event = panic::catch_unwind(AssertUnwindSafe(|| then(task)));
+        let waited = finished.recv_timeout(SOON);
+        match (event, waited) {
+            (Ok(()), Ok(result)) => result,
+            (event, _) => {
+                // A panic in this scope would wait for the thread.
+                eprintln!("the thread still waits; failure before: {}", event.is_err());
+                process::exit(1)
+            }
+        }
     })
 }
