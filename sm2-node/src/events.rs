@@ -113,6 +113,11 @@ impl Events {
         Ok(event?)
     }
 
+    /// Takes the next event, if there is one, without driving the node.
+    pub(crate) fn pop(&self) -> Option<Event> {
+        self.interface.lock().change(|it, _| it.events.pop())
+    }
+
     /// How many events were displaced because the program did not take them in time.
     #[must_use]
     pub fn dropped(&self) -> u64 {

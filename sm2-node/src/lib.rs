@@ -195,6 +195,7 @@ mod driver;
 pub mod encoding;
 mod error;
 mod events;
+pub mod executor;
 mod handle;
 mod link_room;
 mod loan;
@@ -229,6 +230,7 @@ pub use error::{
     WaitError,
 };
 pub use events::{Event, Events};
+pub use executor::Executor;
 pub use loan::Loan;
 pub use message::{EncodeError, Message, PayloadError};
 pub use node::Node;

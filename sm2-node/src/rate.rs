@@ -22,7 +22,8 @@ use crate::{MissedTicks, Shutdown, Tick, Timer};
 /// }
 /// ```
 ///
-/// A loop that also handles messages uses a [`WaitSet`](crate::WaitSet) with a timer instead.
+/// A loop that also handles messages uses a [`WaitSet`](crate::WaitSet) or an [`Executor`](crate::Executor)
+/// with a timer instead.
 #[derive(Clone, Debug)]
 pub struct Rate {
     timer: Timer,

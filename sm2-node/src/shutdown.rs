@@ -13,6 +13,7 @@ use sm2_io::Latch;
 /// | wait | result |
 /// | --- | --- |
 /// | [`WaitSet::wait`](crate::WaitSet::wait) and `wait_timeout` of a set that [ends with](crate::WaitSet::end_with) it | [`WaitError::Shutdown`](crate::WaitError::Shutdown) |
+/// | [`Executor::run`](crate::Executor::run) of an executor that [ends with](crate::Executor::end_with) it | `Ok(())` |
 /// | [`Rate::sleep_unless`](crate::Rate::sleep_unless) | `None` |
 /// | `recv`, `recv_timeout`, `recv_each` of a node that was [built](crate::NodeBuilder::shutdown) with it | [`RecvError::Shutdown`](crate::RecvError::Shutdown), even if messages are there |
 /// | `call`, [`Call::wait`](crate::Call::wait) | [`CallError::Shutdown`](crate::CallError::Shutdown), unless the reply is there |

@@ -17,9 +17,9 @@ use sm2_proto::Instant;
 use self::sources::{Kind, Sources};
 use self::watches::Watches;
 
-pub use self::ready::{Cause, Interest, Key, Ready};
+pub use self::ready::{Cause, Interest, Key, Readiness, Ready};
 pub use self::waitable::Waitable;
-use crate::driver::{SHORTAGE_PAUSE, Until};
+use crate::driver::{Condition, SHORTAGE_PAUSE, Until, WaitFailure};
 use crate::{Node, Shutdown, Timer, WaitError};
 
 /// How many descriptors one system call reports.
@@ -177,8 +177,8 @@ impl<'fd, T: Clone> WaitSet<'fd, T> {
         self.epoll.add(fd.as_fd(), key.0, interest.into())?;
         let kind = Kind::Descriptor {
             fd: Box::new(fd),
-            readable: false,
-            writable: false,
+            interest,
+            readiness: Readiness::default(),
         };
         self.sources.insert(key, tag, kind);
         Ok(key)
@@ -221,6 +221,31 @@ impl<'fd, T: Clone> WaitSet<'fd, T> {
         true
     }
 
+    /// Stops reporting a source until [`resume`](Self::resume), because the program cannot handle it now. It costs no
+    /// wake-ups meanwhile.
+    pub(crate) fn suspend(&mut self, key: Key) {
+        if let Some(Kind::Descriptor { fd, .. }) = self.sources.suspend(key, true) {
+            let _ = self.epoll.remove(fd.as_fd());
+        }
+    }
+
+    /// Reports a source again.
+    pub(crate) fn resume(&mut self, key: Key) -> io::Result<()> {
+        match self.sources.suspend(key, false) {
+            Some(Kind::Descriptor { fd, interest, .. }) => {
+                self.epoll.add(fd.as_fd(), key.0, (*interest).into())?;
+            }
+            Some(&Kind::Interface { watch, .. }) => self.watches.look_again(watch),
+            Some(Kind::Timer(_)) | None => {}
+        }
+        Ok(())
+    }
+
+    /// Whether the set has this source.
+    pub(crate) fn contains(&self, key: Key) -> bool {
+        self.sources.kind(key).is_some()
+    }
+
     /// The number of sources.
     #[must_use]
     pub fn len(&self) -> usize {
@@ -239,6 +264,10 @@ impl<'fd, T: Clone> WaitSet<'fd, T> {
     ///
     /// [`WaitError::Shutdown`], [`WaitError::Io`].
     pub fn wait(&mut self) -> Result<Ready<T>, WaitError> {
+        Ok(self.wait_or_fail()?)
+    }
+
+    pub(crate) fn wait_or_fail(&mut self) -> Result<Ready<T>, WaitFailure> {
         loop {
             if let Some(ready) = self.wait_until(Until::Forever)? {
                 return Ok(ready);
@@ -252,7 +281,7 @@ impl<'fd, T: Clone> WaitSet<'fd, T> {
     ///
     /// As [`wait`](Self::wait).
     pub fn wait_timeout(&mut self, timeout: Duration) -> Result<Option<Ready<T>>, WaitError> {
-        self.wait_until(Until::In(timeout))
+        Ok(self.wait_until(Until::In(timeout))?)
     }
 
     /// Returns the next source that is ready, if there is one, also after a shutdown.
@@ -261,20 +290,20 @@ impl<'fd, T: Clone> WaitSet<'fd, T> {
     ///
     /// [`WaitError::Io`].
     pub fn try_wait(&mut self) -> Result<Option<Ready<T>>, WaitError> {
-        self.wait_until(Until::NOW)
+        Ok(self.wait_until(Until::NOW)?)
     }
 
-    fn wait_until(&mut self, until: Until) -> Result<Option<Ready<T>>, WaitError> {
+    fn wait_until(&mut self, until: Until) -> Result<Option<Ready<T>>, WaitFailure> {
         let mut now = sm2_io::clock::now();
         let until_moment = until.moment(now);
         loop {
             if until.waits() && self.watches.is_shut_down() {
-                return Err(WaitError::Shutdown);
+                return Err(WaitFailure::Shutdown);
             }
             if let Some(ready) = self.next_ready() {
                 return Ok(Some(ready));
             }
-            self.collect(now, until_moment).map_err(WaitError::Io)?;
+            self.collect(now, until_moment)?;
             now = sm2_io::clock::now();
             self.sources.expire(now);
             if !self.sources.has_ready() && until_moment.is_some_and(|until| until <= now) {
@@ -289,7 +318,7 @@ impl<'fd, T: Clone> WaitSet<'fd, T> {
         match self.sources.kind(ready.key) {
             Some(&Kind::Interface {
                 watch,
-                condition: crate::driver::Condition::Call(_),
+                condition: Condition::Call(_),
                 ..
             }) => {
                 self.watches.look_again(watch);

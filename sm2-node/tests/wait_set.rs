@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use common::threads::{sleeps, while_asleep};
 use common::{DRIVEN, Domain, SOON, meet, until};
-use sm2_node::wait_set::{Cause, Interest, Ready};
+use sm2_node::wait_set::{Cause, Interest, Readiness, Ready};
 use sm2_node::{
     CallError, Event, Instant, MissedTicks, Node, NodeBuilder, Shutdown, Timer, WaitError, WaitSet,
     now,
@@ -141,10 +141,10 @@ fn all_kinds_of_sources_are_reported() {
                         continue;
                     }
                     Tag::Pipe => {
-                        let cause = Cause::Descriptor {
+                        let cause = Cause::Descriptor(Readiness {
                             readable: true,
                             writable: false,
-                        };
+                        });
                         assert_eq!(ready.cause, cause);
                         assert_eq!((&ours).read(&mut [0]).unwrap(), 1);
                     }
@@ -368,10 +368,10 @@ fn descriptors_are_borrowed_or_owned_with_their_interest() {
     // Level-triggered: as long as it is ready.
     for _ in 0..3 {
         let ready = next(&mut set);
-        let cause = Cause::Descriptor {
+        let cause = Cause::Descriptor(Readiness {
             readable: false,
             writable: true,
-        };
+        });
         assert_eq!((ready.tag, ready.cause), (2, cause));
     }
     assert!(set.remove(writable));
@@ -391,7 +391,7 @@ fn descriptors_are_borrowed_or_owned_with_their_interest() {
     assert_eq!((ready.tag, ready.key), (3, again));
     assert!(matches!(
         ready.cause,
-        Cause::Descriptor { readable: true, .. }
+        Cause::Descriptor(Readiness { readable: true, .. })
     ));
 }
 

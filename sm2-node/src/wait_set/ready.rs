@@ -27,12 +27,16 @@ pub enum Cause {
     /// A timer has ticked.
     Tick(Tick),
     /// A descriptor of the program is ready.
-    Descriptor {
-        /// Reading does not block. Also set after a hang-up or an error, which reading reports.
-        readable: bool,
-        /// Writing does not block.
-        writable: bool,
-    },
+    Descriptor(Readiness),
+}
+
+/// The state of a descriptor.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Readiness {
+    /// Reading does not block. Also set after a hang-up or an error, which reading reports.
+    pub readable: bool,
+    /// Writing does not block.
+    pub writable: bool,
 }
 
 /// The events of a descriptor to wait for. Hang-ups and errors are always reported.

@@ -7,7 +7,7 @@ use std::os::fd::AsFd;
 use sm2_proto::Instant;
 
 use super::deadlines::Deadlines;
-use super::{Cause, Key, Ready};
+use super::{Cause, Interest, Key, Readiness, Ready};
 use crate::Timer;
 use crate::driver::{Condition, Context, Interface};
 
@@ -24,6 +24,8 @@ struct Source<'fd, T> {
     tag: T,
     kind: Kind<'fd>,
     is_queued: bool,
+    /// Not reported for now.
+    is_suspended: bool,
 }
 
 /// A source of the program or of a node.
@@ -37,9 +39,9 @@ pub(super) enum Kind<'fd> {
     Timer(Timer),
     Descriptor {
         fd: Box<dyn AsFd + Send + 'fd>,
+        interest: Interest,
         /// The newest event.
-        readable: bool,
-        writable: bool,
+        readiness: Readiness,
     },
 }
 
@@ -74,6 +76,7 @@ impl<'fd, T> Sources<'fd, T> {
             tag,
             kind,
             is_queued: false,
+            is_suspended: false,
         };
         self.all.insert(key, source);
     }
@@ -90,6 +93,22 @@ impl<'fd, T> Sources<'fd, T> {
         self.all.get(&key).map(|source| &source.kind)
     }
 
+    /// Stops reporting a source, or reports it again. Returns whether the set has it, and that is a change.
+    pub(super) fn suspend(&mut self, key: Key, suspend: bool) -> Option<&Kind<'fd>> {
+        let source = self.all.get_mut(&key)?;
+        if source.is_suspended == suspend {
+            return None;
+        }
+        source.is_suspended = suspend;
+        if let Some(at) = source.kind.deadline() {
+            match suspend {
+                true => self.deadlines.remove(at, key),
+                false => self.deadlines.insert(at, key),
+            }
+        }
+        Some(&source.kind)
+    }
+
     /// Looks for what the sources of an interface wait for. Returns whether all of them have found something.
     pub(super) fn look(
         &mut self,
@@ -102,7 +121,8 @@ impl<'fd, T> Sources<'fd, T> {
             let Some(source) = self.all.get_mut(&key) else {
                 continue;
             };
-            if source.is_queued {
+            // A suspended source is looked at when it is resumed.
+            if source.is_queued || source.is_suspended {
                 continue;
             }
             let Kind::Interface { condition, .. } = source.kind else {
@@ -123,11 +143,11 @@ impl<'fd, T> Sources<'fd, T> {
         let Some(source) = self.all.get_mut(&key) else {
             return;
         };
-        if let Kind::Descriptor {
-            readable, writable, ..
-        } = &mut source.kind
-        {
-            (*readable, *writable) = (event.readable, event.writable);
+        if let Kind::Descriptor { readiness, .. } = &mut source.kind {
+            *readiness = Readiness {
+                readable: event.readable,
+                writable: event.writable,
+            };
             self.enqueue(key);
         }
     }
@@ -170,12 +190,7 @@ impl<T: Clone> Sources<'_, T> {
             source.is_queued = false;
             let cause = match &mut source.kind {
                 Kind::Interface { .. } => Cause::Interface,
-                Kind::Descriptor {
-                    readable, writable, ..
-                } => Cause::Descriptor {
-                    readable: *readable,
-                    writable: *writable,
-                },
+                Kind::Descriptor { readiness, .. } => Cause::Descriptor(*readiness),
                 Kind::Timer(timer) => {
                     let tick = timer.handle(now());
                     if let Some(next) = timer.deadline() {
