@@ -1,48 +1,18 @@
-//! Events of a publisher, subscriber, server or client.
+//! Taking the events of a publisher, subscriber, server or client.
 
 use std::sync::Arc;
 use std::time::Duration;
 
-use sm2_proto::control::LinkPeer;
-use sm2_proto::link::End;
-
-use crate::WaitError;
 use crate::driver::{SharedInterface, Until};
-
-/// An event of a publisher, subscriber, server or client.
-#[derive(Clone, Debug)]
-#[non_exhaustive]
-pub enum Event {
-    /// A link has opened: messages go to or come from this interface.
-    Joined {
-        /// The interface at the other end of the link.
-        peer: Arc<LinkPeer>,
-    },
-    /// A link has ended. Messages that were received before can still be taken.
-    Left {
-        /// The interface at the other end of the link.
-        peer: Arc<LinkPeer>,
-        /// Why the link ended.
-        end: End,
-    },
-    /// Messages were lost. At a subscriber: messages of this publisher that the program does not get, noticed when it
-    /// takes the next one. At a publisher: messages that this subscriber does not get, because it was too slow, had no
-    /// room, does not accept their length, or is gone.
-    Lost {
-        /// The interface at the other end of the link.
-        peer: Arc<LinkPeer>,
-        /// The number of messages.
-        messages: u64,
-    },
-}
+use crate::{Event, WaitError};
 
 /// The events of a publisher, subscriber, server or client, in order: [`Subscriber::events`](crate::Subscriber::events)
 /// and the same method of the others return it.
 ///
 /// The first call of `events` begins with a [`Event::Joined`] for each link that is open. Up to 64 events wait to be
 /// taken. One more displaces the oldest ([`dropped`](Self::dropped)), while `links` always tells the present state.
-/// Losses on one link that follow each other are one event. All values for one interface share its events: each event is
-/// taken once.
+/// Losses on one link that follow each other are one event. All values for one interface share its events: each event
+/// is taken once.
 ///
 /// The events can be [added](crate::WaitSet::add) to a wait set. There are no further events once the publisher,
 /// subscriber, server or client was dropped.

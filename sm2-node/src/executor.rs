@@ -1,35 +1,33 @@
 //! Calling closures for messages, requests, replies, events and ticks.
 
+mod callback;
 mod group;
 mod mailbox;
 mod task;
 mod tasks;
 mod turn;
 
-use std::error::Error;
 use std::io;
 use std::panic;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 
+pub use self::callback::{CallbackId, ExecutorError, Failure};
 pub use self::group::Group;
 use self::mailbox::Mailbox;
-use self::tasks::{SharedTask, Tasks};
+use self::tasks::{Addition, SharedTask, Tasks};
 use crate::driver::WaitFailure;
 use crate::{Node, Shutdown};
 
 /// The name of the threads of an executor.
 const THREAD: &str = "sm2-executor";
 
-/// The error of a callback, which ends its executor.
-pub type Failure = Box<dyn Error + Send + Sync>;
-
-/// Calls closures for the messages, requests, replies, events and ticks of a program: a [`WaitSet`](crate::WaitSet) with
-/// a callback for each source.
+/// Calls closures for the messages, requests, replies, events and ticks of a program: a [`WaitSet`](crate::WaitSet)
+/// with a callback for each source.
 ///
-/// Callbacks belong to [groups](Group). The callbacks of a group exclude each other and share a state, which each of them
-/// gets as `&mut`. [`run`](Self::run) calls all of them in one thread, and [`run_threads`](Self::run_threads) in several:
-/// then callbacks of different groups run at the same time.
+/// Callbacks belong to [groups](Group). The callbacks of a group exclude each other and share a state, which each of
+/// them gets as `&mut`. [`run`](Self::run) calls all of them in one thread, and [`run_threads`](Self::run_threads) in
+/// several: then callbacks of different groups run at the same time.
 ///
 /// ```no_run
 /// use sm2_node::{Executor, Node, Shutdown, Timer};
@@ -61,39 +59,24 @@ pub type Failure = Box<dyn Error + Send + Sync>;
 ///   threads have come to their end.
 /// - A callback that panics ends the executor in the same way, and the panic goes on in the thread that called `run`.
 ///   The state of the group is as the panic left it.
-/// - A callback can add and remove callbacks, also itself, with a clone of a group. The change is made before the executor
-///   waits the next time. If a source cannot be added (too many descriptors, no memory), `run` returns the error.
+/// - A callback can add and remove callbacks, also itself, with a clone of a group. The change is made before the
+///   executor waits the next time. If a source cannot be added (too many descriptors, no memory), `run` returns the
+///   error.
 /// - A callback that waits holds up its group, and with [`run`](Self::run) all groups.
 /// - The callbacks of a group that are due at the same time run in turn. No group comes before another one.
 ///
 /// # Cost
 ///
-/// An executor waits with one `epoll` call for all sources, as a wait set does, and allocates nothing for a callback. With
-/// several threads, one of them waits. It takes the message, lets another thread wait, and runs the callback. While a
-/// callback of a group runs, the other ready sources of this group are set aside, so the thread that waits does not see
-/// them again and again. At the end of the callback, one write wakes that thread for them. A descriptor that is set aside
-/// costs two calls more.
+/// An executor waits with one `epoll` call for all sources, as a wait set does, and allocates nothing for a callback.
+/// With several threads, one of them waits. It takes the message, lets another thread wait, and runs the callback.
+/// While a callback of a group runs, the other ready sources of this group are set aside, so the thread that waits does
+/// not see them again and again. At the end of the callback, one write wakes that thread for them. A descriptor that is
+/// set aside costs two calls more.
 #[derive(Debug)]
 pub struct Executor<'a> {
     /// Locked by the thread that waits.
     tasks: Mutex<Tasks<'a>>,
-    mailbox: Arc<Mailbox<'a>>,
-}
-
-/// Identifies a callback of an [`Executor`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct CallbackId(u64);
-
-/// An executor ended without a shutdown.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum ExecutorError {
-    /// A callback returned this error.
-    #[error("a callback failed: {0}")]
-    Callback(#[source] Failure),
-    /// A source cannot be added, a thread cannot be started, or waiting failed.
-    #[error("the executor cannot go on: {0}")]
-    Io(#[source] io::Error),
+    mailbox: Arc<Mailbox<Addition<'a>>>,
 }
 
 impl<'a> Executor<'a> {
@@ -210,7 +193,7 @@ impl Drop for Executor<'_> {
 }
 
 /// Ends all threads when it is dropped, also by a panic.
-struct EndAll<'m, 'a>(&'m Mailbox<'a>);
+struct EndAll<'m, 'a>(&'m Mailbox<Addition<'a>>);
 
 impl Drop for EndAll<'_, '_> {
     fn drop(&mut self) {
@@ -221,7 +204,7 @@ impl Drop for EndAll<'_, '_> {
 /// A callback that runs. Gives the turn of its group back when it is dropped, also by a panic.
 struct Running<'m, 'a> {
     task: SharedTask<'a>,
-    mailbox: &'m Mailbox<'a>,
+    mailbox: &'m Mailbox<Addition<'a>>,
 }
 
 impl Drop for Running<'_, '_> {

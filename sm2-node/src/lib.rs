@@ -85,6 +85,18 @@
 //! [`NodeBuilder::background`] turns the thread off. Then every call *drives* the whole node, and calls that wait keep
 //! driving it meanwhile. [`Node::spin`] is for programs that have nothing else to call.
 //!
+//! # Waiting for several things
+//!
+//! | to wait for | use |
+//! | --- | --- |
+//! | one subscriber, server or call | its own methods |
+//! | several of them, timers and descriptors | a [`WaitSet`]; the program handles the source that is ready |
+//! | the same, with a closure for each | an [`Executor`], in one thread or several |
+//! | peers that join or leave, and losses | [`Events`], alone or in one of the two |
+//! | the next tick | a [`Rate`] |
+//!
+//! A [`Shutdown`] ends all these waits. The example `robot` is a complete program.
+//!
 //! # In your own event loop
 //!
 //! A node fits into every loop that can wait until a descriptor is readable. Each of these types implements
@@ -194,6 +206,7 @@ pub mod domain;
 mod driver;
 pub mod encoding;
 mod error;
+mod event;
 mod events;
 pub mod executor;
 mod handle;
@@ -229,7 +242,8 @@ pub use error::{
     CallError, ConnectError, DeclareError, PublishError, RecvError, ReplyError, StoreError,
     WaitError,
 };
-pub use events::{Event, Events};
+pub use event::Event;
+pub use events::Events;
 pub use executor::Executor;
 pub use loan::Loan;
 pub use message::{EncodeError, Message, PayloadError};

@@ -12,14 +12,27 @@ use sm2_io::Latch;
 ///
 /// | wait | result |
 /// | --- | --- |
-/// | [`WaitSet::wait`](crate::WaitSet::wait) and `wait_timeout` of a set that [ends with](crate::WaitSet::end_with) it | [`WaitError::Shutdown`](crate::WaitError::Shutdown) |
-/// | [`Executor::run`](crate::Executor::run) of an executor that [ends with](crate::Executor::end_with) it | `Ok(())` |
-/// | [`Rate::sleep_unless`](crate::Rate::sleep_unless) | `None` |
-/// | `recv`, `recv_timeout`, `recv_each` of a node that was [built](crate::NodeBuilder::shutdown) with it | [`RecvError::Shutdown`](crate::RecvError::Shutdown), even if messages are there |
-/// | `call`, [`Call::wait`](crate::Call::wait) | [`CallError::Shutdown`](crate::CallError::Shutdown), unless the reply is there |
-/// | [`publish`](crate::Publisher::publish), which waits for a reliable subscriber | [`PublishError::Shutdown`](crate::PublishError::Shutdown); the subscribers with room have the message |
-/// | `wait_for_…`, `flush`, declarations, queries | the variant `Shutdown` of their error |
+/// | [`wait`] and `wait_timeout` of a set that [ends with](crate::WaitSet::end_with) it | [`WaitError::Shutdown`] |
+/// | [`run`] of an executor that [ends with](crate::Executor::end_with) it | `Ok(())` |
+/// | [`sleep_unless`](crate::Rate::sleep_unless) of a [`Rate`](crate::Rate) | `None` |
+///
+/// The same holds for a node that was [built](crate::NodeBuilder::shutdown) with it:
+///
+/// | wait | result |
+/// | --- | --- |
+/// | `recv`, `recv_timeout`, `recv_each` | [`RecvError::Shutdown`], even if messages are there |
+/// | `call`, [`Call::wait`](crate::Call::wait) | [`CallError::Shutdown`], unless the reply is there |
+/// | [`publish`] that waits for a subscriber | [`PublishError::Shutdown`]; those with room have the message |
+/// | `wait_for_…`, `flush`, `next`, declarations, queries | the variant `Shutdown` of their error |
 /// | [`Node::spin`](crate::Node::spin) and its variants | `Ok(())` |
+///
+/// [`wait`]: crate::WaitSet::wait
+/// [`run`]: crate::Executor::run
+/// [`publish`]: crate::Publisher::publish
+/// [`WaitError::Shutdown`]: crate::WaitError::Shutdown
+/// [`RecvError::Shutdown`]: crate::RecvError::Shutdown
+/// [`CallError::Shutdown`]: crate::CallError::Shutdown
+/// [`PublishError::Shutdown`]: crate::PublishError::Shutdown
 ///
 /// The methods that never wait (`try_…`, `publish` with room) go on as before, so a program can take the messages that
 /// are left and publish a last one. Futures (feature `tokio`) are cancelled by dropping them instead. There is no way

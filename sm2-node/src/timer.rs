@@ -17,8 +17,9 @@ const SECOND_NS: u64 = 1_000_000_000;
 /// set, and stands still while the host is suspended.
 ///
 /// A timer is a value without a descriptor or a thread. A [`WaitSet`](crate::WaitSet) and an
-/// [`Executor`](crate::Executor) own their timers and wait for them, and a [`Rate`](crate::Rate) puts a thread to sleep until the ticks of one. A program with a loop of its own
-/// sleeps until [`deadline`](Self::deadline), and then calls [`handle`](Self::handle).
+/// [`Executor`](crate::Executor) own their timers and wait for them, and a [`Rate`](crate::Rate) puts a thread to sleep
+/// until the ticks of one. A program with a loop of its own sleeps until [`deadline`](Self::deadline), and then calls
+/// [`handle`](Self::handle).
 ///
 /// ```
 /// use std::time::Duration;

@@ -19,14 +19,14 @@ use self::watches::Watches;
 
 pub use self::ready::{Cause, Interest, Key, Readiness, Ready};
 pub use self::waitable::Waitable;
-use crate::driver::{Condition, SHORTAGE_PAUSE, Until, WaitFailure};
+use crate::driver::{Condition, SHORTAGE_PAUSE, UndrivenControl, Until, WaitFailure};
 use crate::{Node, Shutdown, Timer, WaitError};
 
 /// How many descriptors one system call reports.
 const EVENTS: usize = 64;
 
-/// Waits for any of many sources: [subscribers, servers, pending calls and events](Waitable), timers, and descriptors of
-/// the program.
+/// Waits for any of many sources: [subscribers, servers, pending calls and events](Waitable), timers, and descriptors
+/// of the program.
 ///
 /// Each source has a tag of the program's choice, which tells the sources apart. With an enumeration, the compiler
 /// checks that the program handles each of them:
@@ -80,8 +80,8 @@ const EVENTS: usize = 64;
 /// | descriptor | again and again | it is not ready any more |
 ///
 /// The sources that are ready at the same time are reported in turn. Between the report and the call of the program,
-/// another thread may take the message: the `try_…` method then returns `None`. While the program holds as many messages
-/// as `max_borrowed` allows, a subscriber with a further message is ready, and `try_recv` returns the error.
+/// another thread may take the message: the `try_…` method then returns `None`. While the program holds as many
+/// messages as `max_borrowed` allows, a subscriber with a further message is ready, and `try_recv` returns the error.
 ///
 /// Sources can be added and removed at any time between two waits, also a source that is ready: it is not reported any
 /// more. A subscriber, server, call or node may be dropped while it is in a set: it ends at once and is never ready
@@ -98,8 +98,8 @@ const EVENTS: usize = 64;
 /// # Nodes without a background thread
 ///
 /// While a thread waits in the set, it drives the nodes of all its sources that have no
-/// [background thread](crate::NodeBuilder::background). [`drive`](Self::drive) adds a node without any source in the set,
-/// such as one that only publishes.
+/// [background thread](crate::NodeBuilder::background). [`drive`](Self::drive) adds a node without any source in the
+/// set, such as one that only publishes.
 ///
 /// # Threads
 ///
@@ -138,7 +138,7 @@ impl<'fd, T: Clone> WaitSet<'fd, T> {
     /// Errors of `eventfd(2)` and `epoll_ctl(2)`: too many descriptors, or no memory.
     pub fn add(&mut self, source: &impl Waitable, tag: T) -> io::Result<Key> {
         let interface = source.interface();
-        if let Some(control) = interface.undriven_control() {
+        if let Some(control) = UndrivenControl::of_interface(interface) {
             let token = self.next_token();
             self.watches.drive(&self.epoll, control, false, token)?;
         }
@@ -201,7 +201,7 @@ impl<'fd, T: Clone> WaitSet<'fd, T> {
     ///
     /// Errors of `epoll_ctl(2)`: no memory.
     pub fn drive(&mut self, node: &Node) -> io::Result<()> {
-        match node.shared.undriven_control() {
+        match UndrivenControl::of_node(&node.shared) {
             Some(control) => {
                 let token = self.next_token();
                 self.watches.drive(&self.epoll, control, true, token)

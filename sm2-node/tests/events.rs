@@ -4,43 +4,12 @@ mod common;
 
 use std::time::Duration;
 
+use common::fixture::Fixture;
 use common::threads::while_asleep;
-use common::{DRIVEN, Domain, SOON, meet, until};
+use common::{Domain, SOON, meet, until};
 use sm2_node::diagnostics::End;
-use sm2_node::{Event, Events, Node, NodeBuilder, Shutdown, WaitError};
+use sm2_node::{Event, Events, Node, Shutdown, WaitError};
 use sm2_proto::Farewell;
-
-struct Fixture {
-    domain: Domain,
-    background: bool,
-    ring: bool,
-}
-
-impl Fixture {
-    fn each(test: impl Fn(&Self)) {
-        for (background, ring) in DRIVEN {
-            test(&Self {
-                domain: Domain::new(),
-                background,
-                ring,
-            });
-        }
-    }
-
-    fn builder(&self, name: &str) -> NodeBuilder {
-        let builder = Node::builder(name).socket(self.domain.socket());
-        builder.background(self.background).ring_lane(self.ring)
-    }
-
-    fn node(&self, name: &str) -> Node {
-        self.builder(name).connect().unwrap()
-    }
-
-    /// A node that lives without calls of the test.
-    fn peer(&self, name: &str) -> Node {
-        self.builder(name).background(true).connect().unwrap()
-    }
-}
 
 fn next(events: &Events) -> Event {
     events.next_timeout(SOON).unwrap().expect("an event")

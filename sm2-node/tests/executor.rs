@@ -4,79 +4,43 @@ mod common;
 
 use std::io::{Read, Write};
 use std::os::unix::net::UnixStream;
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::channel;
-use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
+use common::fixture::{Fixture, Peer};
 use common::threads::{me, sleeps, status};
-use common::{DRIVEN, Domain, SOON, meet, until};
-use sm2_node::executor::{ExecutorError, Failure};
+use common::{Domain, SOON, meet, until};
 use sm2_node::wait_set::Interest;
-use sm2_node::{Event, Executor, Node, NodeBuilder, Shutdown, Timer, now};
+use sm2_node::{Event, Executor, Shutdown, Timer, now};
 
-/// Longer than a test may take.
-const LONG: Duration = Duration::from_secs(3_600);
-
-struct Fixture {
-    domain: Domain,
-    shutdown: Shutdown,
-    background: bool,
-    ring: bool,
-    threads: usize,
+/// Runs a test for each fixture, with one thread and with three.
+fn each(test: impl Fn(&Fixture, usize)) {
+    for threads in [1, 3] {
+        Fixture::each(|it| test(it, threads));
+    }
 }
 
-impl Fixture {
-    fn each(test: impl Fn(&Self)) {
-        for (background, ring) in DRIVEN {
-            for threads in [1, 3] {
-                test(&Self {
-                    domain: Domain::new(),
-                    shutdown: Shutdown::new().unwrap(),
-                    background,
-                    ring,
-                    threads,
-                });
-            }
-        }
-    }
+fn executor<'a>(it: &Fixture) -> Executor<'a> {
+    let mut executor = Executor::new().unwrap();
+    executor.end_with(&it.shutdown).unwrap();
+    executor
+}
 
-    fn builder(&self, name: &str) -> NodeBuilder {
-        let builder = Node::builder(name).socket(self.domain.socket());
-        builder.background(self.background).ring_lane(self.ring)
-    }
-
-    fn node(&self, name: &str) -> Node {
-        self.builder(name).connect().unwrap()
-    }
-
-    /// A node that lives without calls of the test.
-    fn peer(&self, name: &str) -> Node {
-        self.builder(name).background(true).connect().unwrap()
-    }
-
-    fn executor<'a>(&self) -> Executor<'a> {
-        let mut executor = Executor::new().unwrap();
-        executor.end_with(&self.shutdown).unwrap();
-        executor
-    }
-
-    /// Runs until the shutdown, which a callback has to request soon.
-    fn run(&self, executor: &mut Executor<'_>) {
-        // A shutdown of its own for a test that hangs.
-        executor
-            .group(())
-            .on_tick(Timer::once(5 * SOON), |(), _| Err("it hangs".into()));
-        executor.run_threads(self.threads).unwrap();
-    }
+/// Runs until the shutdown, which a callback has to request soon.
+fn run(executor: &mut Executor<'_>, threads: usize) {
+    // For a test that would wait for ever.
+    let group = executor.group(());
+    group.on_tick(Timer::once(5 * SOON), |(), _| Err("it hangs".into()));
+    executor.run_threads(threads).unwrap();
 }
 
 /// All kinds of sources, in two groups. The program's only loop is the executor.
 #[test]
 fn callbacks_run_for_all_kinds_of_sources() {
-    Fixture::each(|it| {
+    each(|it, threads| {
         let node = it.node("robot");
         let (ours, mut theirs) = UnixStream::pair().unwrap();
         let topic = node.subscriber::<u64>("topic").unwrap();
@@ -93,7 +57,7 @@ fn callbacks_run_for_all_kinds_of_sources() {
                 it.shutdown.request();
             }
         };
-        let mut executor = it.executor();
+        let mut executor = executor(it);
         let (one, other) = (executor.group(0_u64), executor.group(0_u64));
         one.on_message(topic, |sum, sample| {
             *sum += *sample?;
@@ -101,20 +65,17 @@ fn callbacks_run_for_all_kinds_of_sources() {
             Ok(())
         });
         other.on_request(server, |count, request| {
-            let request = request?;
+            let (request, _) = (request?, see("request"));
             *count += 1;
-            see("request");
             let twice = *request * 2;
             Ok(request.reply(&twice)?)
         });
         other.on_event(events.events(), |_, event| {
-            if matches!(event, Event::Joined { .. }) {
-                see("event");
-            }
+            assert!(matches!(event, Event::Joined { .. }), "{event:?}");
+            see("event");
             Ok(())
         });
-        one.on_ready(&ours, Interest::Readable, |_, ready| {
-            assert!(ready.readable);
+        one.on_ready(&ours, Interest::Readable, |_, _| {
             assert_eq!((&ours).read(&mut [0])?, 1);
             see("descriptor");
             Ok(())
@@ -136,21 +97,14 @@ fn callbacks_run_for_all_kinds_of_sources() {
         });
         thread::scope(|scope| {
             scope.spawn(|| {
-                let peer = it.peer("peer");
-                let triple = peer.server::<u64, u64>("triple").unwrap();
-                let _other = peer.subscriber::<u64>("other").unwrap();
-                let publisher = peer.publisher::<u64>("topic").unwrap();
-                let double = peer.client::<u64, u64>("double").unwrap();
-                publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
-                publisher.publish(&1).unwrap();
-                assert_eq!(*double.call_timeout(&4, SOON).unwrap(), 8);
-                let request = triple.recv_timeout(SOON).unwrap().expect("a request");
-                let tripled = *request * 3;
-                request.reply(&tripled).unwrap();
+                let peer = Peer::new(it);
+                peer.topic.publish(&1).unwrap();
+                assert_eq!(*peer.double.call_timeout(&4, SOON).unwrap(), 8);
+                peer.triple_once();
                 theirs.write_all(&[1]).unwrap();
                 until(|| it.shutdown.is_requested());
             });
-            it.run(&mut executor);
+            run(&mut executor, threads);
         });
         assert_eq!((one.with(|sum| *sum), other.with(|count| *count)), (1, 1));
     });
@@ -159,13 +113,13 @@ fn callbacks_run_for_all_kinds_of_sources() {
 /// Callbacks of one group never run at the same time, and none of their messages is lost.
 #[test]
 fn callbacks_of_a_group_exclude_each_other() {
-    Fixture::each(|it| {
+    each(|it, threads| {
         const TOPICS: [&str; 3] = ["a", "b", "c"];
         const MESSAGES: u64 = 300;
         let (node, peer) = (it.node("listener"), it.peer("talker"));
         let inside = AtomicBool::new(false);
         let taken = [const { AtomicU64::new(0) }; 3];
-        let mut executor = it.executor();
+        let mut executor = executor(it);
         let group = executor.group(0_u64);
         let mut publishers = Vec::new();
         for (topic, taken) in TOPICS.iter().zip(&taken) {
@@ -197,7 +151,7 @@ fn callbacks_of_a_group_exclude_each_other() {
                 });
                 it.shutdown.request();
             });
-            it.run(&mut executor);
+            run(&mut executor, threads);
         });
         assert_eq!(group.with(|count| *count), MESSAGES * TOPICS.len() as u64);
     });
@@ -225,6 +179,20 @@ fn callbacks_of_different_groups_run_at_the_same_time() {
         Ok(second.recv_timeout(SOON)?)
     });
     executor.run_threads(2).unwrap();
+}
+
+/// Waits until these threads sleep and do not wake up. Looks many times in a row: a thread that wakes up is seen awake,
+/// or has slept once more.
+fn until_quiet(tasks: [u32; 2]) {
+    let (mut looks, mut before) = (0, None);
+    until(|| {
+        let is_asleep = |&task: &u32| status(task, "State:").starts_with('S');
+        let now = tasks.iter().all(is_asleep).then(|| tasks.map(sleeps));
+        let is_same = now.is_some() && now == before;
+        looks = if is_same { looks + 1 } else { 0 };
+        before = now;
+        looks == 200
+    });
 }
 
 /// While a callback runs for long, the other sources of its group are ready: a descriptor, a timer, a subscriber. The
@@ -280,21 +248,7 @@ fn a_busy_group_does_not_keep_the_waiting_thread_awake() {
         });
         let all = [busy, told.recv_timeout(SOON).unwrap()];
         assert_ne!(all[0], all[1]);
-        // Many looks in a row: a thread that wakes up is seen awake, or has slept once more.
-        let asleep = || {
-            let is_asleep = |task| status(task, "State:").starts_with('S');
-            all.iter()
-                .all(|&task| is_asleep(task))
-                .then(|| all.map(sleeps))
-        };
-        let (mut looks, mut before) = (0, None);
-        until(|| {
-            let now = asleep();
-            let is_same = now.is_some() && now == before;
-            looks = if is_same { looks + 1 } else { 0 };
-            before = now;
-            looks == 200
-        });
+        until_quiet(all);
         assert_eq!(seen.load(Ordering::Acquire), 0, "none of its group runs");
         end.send(()).unwrap();
         running.join().unwrap().unwrap();
@@ -332,153 +286,17 @@ fn a_descriptor_that_was_read_meanwhile_is_not_ready() {
     });
 }
 
-#[test]
-fn an_error_of_a_callback_ends_all_threads_and_another_run_goes_on() {
-    for threads in [1, 3] {
-        let shutdown = Shutdown::new().unwrap();
-        let mut executor = Executor::new().unwrap();
-        executor.end_with(&shutdown).unwrap();
-        let group = executor.group(0);
-        group.on_tick(Timer::every(Duration::from_millis(1)), |count, _| {
-            *count += 1;
-            match *count {
-                1 => Err(Failure::from("the motor is hot")),
-                2 => Ok(()),
-                _ => {
-                    shutdown.request();
-                    Ok(())
-                }
-            }
-        });
-        let error = executor.run_threads(threads).unwrap_err();
-        assert_eq!(error.to_string(), "a callback failed: the motor is hot");
-        assert!(matches!(error, ExecutorError::Callback(_)));
-        executor.run_threads(threads).unwrap();
-        assert!(group.with(|count| *count) >= 3);
-    }
-}
-
-#[test]
-fn a_panic_of_a_callback_goes_on_in_the_caller() {
-    for threads in [1, 3] {
-        let mut executor = Executor::new().unwrap();
-        let (group, idle) = (executor.group(0), executor.group(()));
-        idle.on_tick(Timer::every(LONG), |(), _| Ok(()));
-        group.on_tick(Timer::once(Duration::ZERO), |count, _| {
-            *count += 1;
-            panic!("asked to");
-        });
-        let run = AssertUnwindSafe(|| executor.run_threads(threads));
-        let panic = catch_unwind(run).expect_err("it panics");
-        assert_eq!(panic.downcast_ref::<&str>(), Some(&"asked to"));
-        // The state is as the panic left it, and the group can be used.
-        assert_eq!(group.with(|count| *count), 1);
-        group.on_tick(Timer::once(Duration::ZERO), |_, _| Err("next".into()));
-        assert!(executor.run_threads(threads).is_err());
-    }
-}
-
-#[test]
-fn a_panic_in_another_thread_goes_on_in_the_caller() {
-    let caller = thread::current().id();
-    let is_over = AtomicBool::new(false);
-    let mut executor = Executor::new().unwrap();
-    // The caller is kept busy in one of the groups, so the other thread runs the other one.
-    for _ in 0..2 {
-        let is_over = &is_over;
-        let group = executor.group(());
-        group.on_tick(Timer::every(Duration::from_millis(1)), move |(), _| {
-            if thread::current().id() != caller {
-                is_over.store(true, Ordering::Release);
-                panic!("asked to");
-            }
-            until(|| is_over.load(Ordering::Acquire));
-            Ok(())
-        });
-    }
-    let panic = catch_unwind(AssertUnwindSafe(|| executor.run_threads(2)));
-    let panic = panic.expect_err("it panics");
-    assert_eq!(panic.downcast_ref::<&str>(), Some(&"asked to"));
-}
-
-#[test]
-fn a_callback_can_remove_itself_and_others() {
-    let shutdown = Shutdown::new().unwrap();
-    let dropped = Arc::new(());
-    let mut executor = Executor::new().unwrap();
-    executor.end_with(&shutdown).unwrap();
-    let group = executor.group([0_u32; 2]);
-    let (ours, mut theirs) = UnixStream::pair().unwrap();
-    let (with, alive) = (group.clone(), Arc::clone(&dropped));
-    let always = group.on_ready(ours, Interest::Writable, move |counts, _| {
-        let _ = &alive;
-        counts[0] += 1;
-        Ok(())
-    });
-    let (sender, own) = channel();
-    let ticking = group.on_tick(Timer::every(Duration::from_millis(1)), move |counts, _| {
-        counts[1] += 1;
-        with.remove(always);
-        with.remove(own.recv()?);
-        Ok(())
-    });
-    sender.send(ticking).unwrap();
-    let (end, counter) = (&shutdown, &dropped);
-    let mut ticks = 0;
-    group.on_tick(Timer::every(Duration::from_millis(1)), move |_, _| {
-        // Its source and its closure are gone.
-        ticks += u32::from(Arc::strong_count(counter) == 1);
-        if ticks == 3 {
-            end.request();
-        }
-        Ok(())
-    });
-    executor.run().unwrap();
-    let [ready, ticks] = group.with(|counts| *counts);
-    assert!(ready >= 1);
-    assert_eq!(ticks, 1);
-    assert_eq!(
-        theirs.read(&mut [0]).unwrap(),
-        0,
-        "the descriptor is closed"
-    );
-}
-
-/// The callback of a source that is over is dropped.
-#[test]
-fn a_callback_that_runs_once_is_dropped_afterwards() {
-    let shutdown = Shutdown::new().unwrap();
-    let owned = Arc::new(());
-    let mut executor = Executor::new().unwrap();
-    executor.end_with(&shutdown).unwrap();
-    let group = executor.group(());
-    let own = Arc::clone(&owned);
-    group.on_tick(Timer::once(Duration::ZERO), move |(), _| {
-        let _ = &own;
-        Ok(())
-    });
-    let (end, counter) = (&shutdown, &owned);
-    group.on_tick(Timer::every(Duration::from_millis(1)), move |(), tick| {
-        if Arc::strong_count(counter) == 1 {
-            end.request();
-        }
-        assert!(tick.number < 2_000, "it is not dropped");
-        Ok(())
-    });
-    executor.run().unwrap();
-}
-
 /// A server is ready with a request that nobody wants any more, so its callback does not run. Its group goes on.
 #[test]
 fn a_source_that_is_ready_for_nothing_does_not_hold_up_its_group() {
-    Fixture::each(|it| {
+    each(|it, threads| {
         let server = it.node("server").server::<u64, u64>("service").unwrap();
         let client = it.peer("client").client::<u64, u64>("service").unwrap();
         until(|| server.links().iter().any(|link| link.open));
         client.wait_for_servers_timeout(1, SOON).unwrap();
         let mut call = client.send_timeout(&1, Duration::from_millis(1)).unwrap();
         until(|| call.try_wait().is_err());
-        let mut executor = it.executor();
+        let mut executor = executor(it);
         let group = executor.group(0);
         group.on_request(server, |requests, _| {
             *requests += 1;
@@ -490,34 +308,9 @@ fn a_source_that_is_ready_for_nothing_does_not_hold_up_its_group() {
             }
             Ok(())
         });
-        it.run(&mut executor);
+        run(&mut executor, threads);
         assert_eq!(group.with(|requests| *requests), 0);
     });
-}
-
-/// What the callbacks own is dropped with the executor, although they own handles of their groups.
-#[test]
-fn an_executor_that_is_dropped_drops_its_callbacks() {
-    let executor = Executor::new().unwrap();
-    let group = executor.group(());
-    let owned = Arc::new(());
-    let (clone, own) = (group.clone(), Arc::clone(&owned));
-    group.on_tick(Timer::every(LONG), move |(), _| {
-        let _ = (&clone, &own);
-        Ok(())
-    });
-    drop((executor, group));
-    assert_eq!(Arc::strong_count(&owned), 1);
-}
-
-#[test]
-fn an_error_of_a_source_that_is_added_ends_the_run() {
-    let mut executor = Executor::new().unwrap();
-    let file = std::fs::File::open("Cargo.toml").unwrap();
-    let group = executor.group(());
-    group.on_ready(file, Interest::Readable, |(), _| Ok(()));
-    let error = executor.run().unwrap_err();
-    assert!(matches!(error, ExecutorError::Io(_)), "{error:?}");
 }
 
 #[test]

@@ -4,58 +4,28 @@ mod common;
 
 use std::time::Duration;
 
+use common::fixture::Fixture;
 use common::threads::{until_asleep, while_asleep};
-use common::{DRIVEN, Domain, SOON, WAYS, meet, next, until};
+use common::{Domain, SOON, WAYS, meet, next, until};
 use sm2_node::{
-    CallError, ConnectError, DeclareError, MissedTicks, Node, NodeBuilder, PublishError, Rate,
-    RecvError, Shutdown, Wait, WaitError, now,
+    CallError, ConnectError, DeclareError, MissedTicks, Node, PublishError, Rate, RecvError,
+    Shutdown, Wait, WaitError, now,
 };
 
 /// Longer than a test may take.
 const LONG: Duration = Duration::from_secs(3_600);
 
-struct Fixture {
-    domain: Domain,
-    shutdown: Shutdown,
-    background: bool,
-    ring: bool,
-}
-
-impl Fixture {
-    fn each(test: impl Fn(&Self)) {
-        for (background, ring) in DRIVEN {
-            test(&Self {
-                domain: Domain::new(),
-                shutdown: Shutdown::new().unwrap(),
-                background,
-                ring,
-            });
-        }
-    }
-
-    fn builder(&self, name: &str) -> NodeBuilder {
-        let builder = Node::builder(name).socket(self.domain.socket());
-        builder.background(self.background).ring_lane(self.ring)
-    }
-
-    /// A node whose waits the shutdown ends.
-    fn node(&self, name: &str) -> Node {
-        let builder = self.builder(name).shutdown(&self.shutdown);
-        builder.connect().unwrap()
-    }
-
-    /// Requests the shutdown while a thread is asleep in `waits`.
-    fn ends<T: Send>(&self, waits: impl FnOnce() -> T + Send) -> T {
-        while_asleep(waits, |_| self.shutdown.request())
-    }
+/// Requests the shutdown while a thread is asleep in `waits`.
+fn ends<T: Send>(it: &Fixture, waits: impl FnOnce() -> T + Send) -> T {
+    while_asleep(waits, |_| it.shutdown.request())
 }
 
 #[test]
 fn it_ends_recv() {
     Fixture::each(|it| {
-        let node = it.node("listener");
+        let node = it.ending_node("listener");
         let subscriber = node.subscriber::<str>("topic").unwrap();
-        let ended = it.ends(|| subscriber.recv().map(drop));
+        let ended = ends(it, || subscriber.recv().map(drop));
         assert!(matches!(ended, Err(RecvError::Shutdown)), "{ended:?}");
         let ended = subscriber.recv_timeout(LONG).map(drop);
         assert!(matches!(ended, Err(RecvError::Shutdown)), "{ended:?}");
@@ -88,8 +58,11 @@ fn it_ends_recv_in_a_thread_that_spins() {
 #[test]
 fn recv_ends_although_messages_are_there_and_try_recv_takes_them() {
     Fixture::each(|it| {
-        let subscriber = it.node("listener").subscriber::<[u8]>("topic").unwrap();
-        let publisher = it.node("talker").publisher::<[u8]>("topic").unwrap();
+        let subscriber = it
+            .ending_node("listener")
+            .subscriber::<[u8]>("topic")
+            .unwrap();
+        let publisher = it.ending_node("talker").publisher::<[u8]>("topic").unwrap();
         meet(&publisher, &[&subscriber]);
         publisher.publish(&[1]).unwrap();
         publisher.publish(&[2]).unwrap();
@@ -108,14 +81,14 @@ fn recv_ends_although_messages_are_there_and_try_recv_takes_them() {
 #[test]
 fn it_ends_a_reliable_publication_that_waits_for_room() {
     Fixture::each(|it| {
-        let builder = it.node("talker").publisher_builder::<[u8]>("topic");
+        let builder = it.ending_node("talker").publisher_builder::<[u8]>("topic");
         let publisher = builder.reliable(true).publish_timeout(LONG);
         let publisher = publisher.declare().unwrap();
         let builder = it.builder("listener").connect().unwrap();
         let builder = builder.subscriber_builder::<[u8]>("topic").reliable(true);
         let subscriber = builder.depth(1).max_borrowed(1).declare().unwrap();
         meet(&publisher, &[&subscriber]);
-        let published = it.ends(|| {
+        let published = ends(it, || {
             let mut count = 0;
             loop {
                 match publisher.publish(&[1]) {
@@ -142,7 +115,10 @@ fn it_ends_a_call_and_cancels_it() {
     Fixture::each(|it| {
         let server = it.builder("server").connect().unwrap();
         let server = server.server::<str, str>("service").unwrap();
-        let client = it.node("client").client::<str, str>("service").unwrap();
+        let client = it
+            .ending_node("client")
+            .client::<str, str>("service")
+            .unwrap();
         let mut request = None;
         let ended = while_asleep(
             || client.call("hello").map(drop),
@@ -164,9 +140,9 @@ fn it_ends_a_call_and_cancels_it() {
 #[test]
 fn it_ends_waits_for_links_and_for_the_manager() {
     Fixture::each(|it| {
-        let node = it.node("talker");
+        let node = it.ending_node("talker");
         let publisher = node.publisher::<str>("topic").unwrap();
-        let ended = it.ends(|| publisher.wait_for_subscribers(1));
+        let ended = ends(it, || publisher.wait_for_subscribers(1));
         assert!(matches!(ended, Err(WaitError::Shutdown)), "{ended:?}");
         publisher.flush().unwrap();
         let ended = node.publisher::<str>("other").map(drop);
@@ -182,8 +158,8 @@ fn it_ends_waits_for_links_and_for_the_manager() {
 #[test]
 fn spinning_ends_without_an_error() {
     Fixture::each(|it| {
-        let node = it.node("talker");
-        it.ends(|| node.spin()).unwrap();
+        let node = it.ending_node("talker");
+        ends(it, || node.spin()).unwrap();
         node.spin_for(LONG).unwrap();
         node.spin_once().unwrap();
     });

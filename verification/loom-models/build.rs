@@ -76,6 +76,16 @@ const WAIT: &[Change] = &[
         "        locked.sleepers.wake();\n        Ok(bell)",
         "        Ok(bell)",
     ),
+    (
+        "set_not_parked",
+        "        locked.park();\n        locked.change(&mut look);\n",
+        "        locked.change(&mut look);\n",
+    ),
+    (
+        "no_look_after_parking_in_a_set",
+        "        locked.park();\n        locked.change(&mut look);\n",
+        "        locked.park();\n",
+    ),
 ];
 
 /// Faults of the words of a ring. `tests/ring.rs` expects each to be found.
@@ -158,8 +168,8 @@ fn main() {
         SEQLOCK,
         &[],
     );
-    let waiting =
-        ["sleepers", "sleep", "wait", "bell"].map(|it| format!("sm2-node/src/driver/{it}.rs"));
+    let waiting = ["sleepers", "sleep", "wait", "bell", "watch"]
+        .map(|it| format!("sm2-node/src/driver/{it}.rs"));
     let waiting = waiting.each_ref().map(String::as_str);
     variants("sleepers", &waiting, KERNEL, WAIT, &[]);
     let atomic = ["sm2-io/src/ring/atomic.rs"];

@@ -221,7 +221,8 @@ impl Interface {
         }
     }
 
-    /// Closes all links, because the program has dropped the interface. Messages that their sockets have accepted still reach the other sides.
+    /// Closes all links, because the program has dropped the interface. Messages that their sockets have accepted
+    /// still reach the other sides.
     pub(super) fn close(&mut self, context: &mut Context<'_>) {
         self.is_closed = true;
         for link in self.links.iter_mut() {

@@ -17,7 +17,6 @@ use super::limits::{SOCKETS, SOCKETS_WAIT_NS};
 use super::link::LinkDriver;
 use super::sleepers::Sleepers;
 use super::token::LinkToken;
-use super::undriven_control::UndrivenControl;
 
 /// One interface, as its handles, its samples and the control side share it.
 #[derive(Debug)]
@@ -106,10 +105,9 @@ impl SharedInterface {
         self.control.drive();
     }
 
-    /// The control side, if calls of the program drive it.
-    pub(crate) fn undriven_control(&self) -> Option<UndrivenControl> {
-        let control = Arc::clone(&self.control);
-        (!self.sets.has_background()).then(|| UndrivenControl::new(&self.sets.node, control))
+    /// The control side of its node.
+    pub(super) fn control_side(&self) -> Arc<dyn ControlSide> {
+        Arc::clone(&self.control)
     }
 
     /// Locks the interface and drives its links, because one of its descriptors had an event.

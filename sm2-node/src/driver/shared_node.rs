@@ -19,7 +19,6 @@ use super::event_sets::NodeSets;
 use super::interface::ForControl;
 use super::shared_interface::ControlSide;
 use super::token::SESSION;
-use super::undriven_control::UndrivenControl;
 use crate::Shutdown;
 use crate::quota::MappingQuota;
 
@@ -103,12 +102,6 @@ impl SharedNode {
     /// The control side, as interfaces use it.
     pub(crate) fn control_side(&self) -> Arc<dyn ControlSide> {
         Arc::<NodeState>::clone(&self.state)
-    }
-
-    /// The control side, if calls of the program drive it.
-    pub(crate) fn undriven_control(&self) -> Option<UndrivenControl> {
-        let undriven = !self.sets.has_background();
-        undriven.then(|| UndrivenControl::new(&self.sets, self.control_side()))
     }
 
     /// Starts the background thread, if the node is to have one.

@@ -4,7 +4,8 @@ use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
 
 use super::event_sets::NodeSets;
-use super::shared_interface::ControlSide;
+use super::shared_interface::{ControlSide, SharedInterface};
+use super::shared_node::SharedNode;
 
 /// The control side of a node without a background thread.
 #[derive(Debug)]
@@ -14,9 +15,21 @@ pub(crate) struct UndrivenControl {
 }
 
 impl UndrivenControl {
-    pub(super) fn new(sets: &Arc<NodeSets>, control: Arc<dyn ControlSide>) -> Self {
-        let sets = Arc::clone(sets);
-        Self { sets, control }
+    /// The control side of the node that has this interface. `None` if the node has a background thread.
+    pub(crate) fn of_interface(interface: &SharedInterface) -> Option<Self> {
+        Self::new(&interface.sets.node, || interface.control_side())
+    }
+
+    /// The control side of a node. `None` if the node has a background thread.
+    pub(crate) fn of_node(node: &SharedNode) -> Option<Self> {
+        Self::new(&node.sets, || node.control_side())
+    }
+
+    fn new(sets: &Arc<NodeSets>, control: impl FnOnce() -> Arc<dyn ControlSide>) -> Option<Self> {
+        (!sets.has_background()).then(|| Self {
+            sets: Arc::clone(sets),
+            control: control(),
+        })
     }
 
     /// Whether both belong to one node.

@@ -70,12 +70,12 @@ impl Watch {
     ) -> bool {
         // Events until now are seen by the look below, under the same lock.
         locked.sleepers.calm(&self.waker);
-        let found_all = locked.change(&mut look);
-        if !found_all {
-            //= SM2-RNG-009
-            locked.park();
-            locked.change(&mut look);
+        if locked.change(&mut look) {
+            return locked.short_of_memory;
         }
+        //= SM2-RNG-009
+        locked.park();
+        locked.change(&mut look);
         locked.short_of_memory
     }
 }

@@ -3,12 +3,13 @@
 use std::fmt;
 use std::io;
 use std::os::fd::AsFd;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
+use super::callback::{CallbackId, Failure};
 use super::mailbox::Mailbox;
 use super::task::{Readinesses, Supply, SupplyTask, Ticks};
-use super::turn::Turn;
-use super::{CallbackId, Failure};
+use super::tasks::{Addition, Tasks};
+use super::turn::GroupState;
 use crate::wait_set::{Interest, Key, Readiness, Waitable};
 use crate::{
     Call, CallError, Event, Events, Message, RecvError, Reply, Request, Sample, Server, Subscriber,
@@ -17,35 +18,20 @@ use crate::{
 
 /// A group of callbacks that exclude each other, with the state that they share.
 ///
-/// At most one callback of a group runs at a time, so each gets the state as `&mut S`. Callbacks of different groups run
-/// at the same time in an executor with several [threads](super::Executor::run_threads).
+/// At most one callback of a group runs at a time, so each gets the state as `&mut S`. Callbacks of different groups
+/// run at the same time in an executor with several [threads](super::Executor::run_threads).
 ///
 /// Clones are handles of the same group. A callback may have a clone, of its own group or of another one, to add and
 /// remove callbacks while the executor runs.
 pub struct Group<'a, S> {
     state: Arc<GroupState<S>>,
-    mailbox: Arc<Mailbox<'a>>,
-}
-
-/// The parts of a group that its tasks share.
-pub(super) struct GroupState<S> {
-    pub(super) turn: Turn,
-    state: Mutex<S>,
-}
-
-impl<S> GroupState<S> {
-    pub(super) fn lock(&self) -> MutexGuard<'_, S> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
+    mailbox: Arc<Mailbox<Addition<'a>>>,
 }
 
 impl<'a, S: Send + 'a> Group<'a, S> {
-    pub(super) fn new(state: S, mailbox: &Arc<Mailbox<'a>>) -> Self {
+    pub(super) fn new(state: S, mailbox: &Arc<Mailbox<Addition<'a>>>) -> Self {
         Self {
-            state: Arc::new(GroupState {
-                turn: Turn::default(),
-                state: Mutex::new(state),
-            }),
+            state: Arc::new(GroupState::new(state)),
             mailbox: Arc::clone(mailbox),
         }
     }
@@ -147,14 +133,14 @@ impl<'a, S: Send + 'a> Group<'a, S> {
     {
         let id = self.mailbox.next_id();
         let group = Arc::clone(&self.state);
-        self.mailbox.leave(|letters| {
-            letters.additions.push(Box::new(move |tasks| {
-                let key = register(&mut tasks.set, &supply, id)?;
-                let task = Arc::new(SupplyTask::new(group, supply, callback));
-                tasks.insert(id, key, task);
-                Ok(())
-            }));
-        });
+        let add = move |tasks: &mut Tasks<'a>| {
+            let key = register(&mut tasks.set, &supply, id)?;
+            let task = Arc::new(SupplyTask::new(group, supply, callback));
+            tasks.insert(id, key, task);
+            Ok(())
+        };
+        let addition = Addition::new(add);
+        (self.mailbox).leave(|letters| letters.additions.push(addition));
         id
     }
 }

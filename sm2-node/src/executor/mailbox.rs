@@ -8,23 +8,18 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use sm2_io::Waker;
 
-use super::CallbackId;
-use super::tasks::Tasks;
+use super::callback::CallbackId;
 use super::turn::Due;
 
-/// Adds a source and its callback.
-pub(super) type Addition<'a> = Box<dyn FnOnce(&mut Tasks<'a>) -> io::Result<()> + Send + 'a>;
-
 /// Messages to the thread of an executor that waits for its sources. Its descriptor wakes that thread.
-pub(super) struct Mailbox<'a> {
-    letters: Mutex<Letters<'a>>,
+pub(super) struct Mailbox<A> {
+    letters: Mutex<Letters<A>>,
     waker: Waker,
 }
 
-/// What other threads, and callbacks, want of the thread that waits.
-#[derive(Default)]
-pub(super) struct Letters<'a> {
-    pub(super) additions: Vec<Addition<'a>>,
+/// The wishes of callbacks and of other threads. `A` adds a source and its callback.
+pub(super) struct Letters<A> {
+    pub(super) additions: Vec<A>,
     pub(super) removals: Vec<CallbackId>,
     /// Callbacks that have waited for the turn of their group, which is free now.
     pub(super) resumed: Vec<Due>,
@@ -34,7 +29,19 @@ pub(super) struct Letters<'a> {
     last_id: u64,
 }
 
-impl<'a> Mailbox<'a> {
+impl<A> Default for Letters<A> {
+    fn default() -> Self {
+        Self {
+            additions: Vec::new(),
+            removals: Vec::new(),
+            resumed: Vec::new(),
+            is_over: false,
+            last_id: 0,
+        }
+    }
+}
+
+impl<A> Mailbox<A> {
     pub(super) fn new() -> io::Result<Self> {
         Ok(Self {
             letters: Mutex::default(),
@@ -50,14 +57,14 @@ impl<'a> Mailbox<'a> {
     }
 
     /// Leaves letters, and wakes the thread that waits.
-    pub(super) fn leave(&self, write: impl FnOnce(&mut Letters<'a>)) {
+    pub(super) fn leave(&self, write: impl FnOnce(&mut Letters<A>)) {
         write(&mut self.letters());
         // After the letters are there: the thread that waits drains the waker before it takes them.
         self.waker.wake();
     }
 
     /// Takes all letters. Called by the thread that waits, when the descriptor is readable.
-    pub(super) fn take(&self) -> Letters<'a> {
+    pub(super) fn take(&self) -> Letters<A> {
         self.waker.drain();
         let mut letters = self.letters();
         Letters {
@@ -86,19 +93,19 @@ impl<'a> Mailbox<'a> {
     }
 
     /// No code that can panic runs under the lock.
-    fn letters(&self) -> MutexGuard<'_, Letters<'a>> {
+    fn letters(&self) -> MutexGuard<'_, Letters<A>> {
         self.letters.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 /// Readable when there are letters.
-impl AsFd for Mailbox<'_> {
+impl<A> AsFd for Mailbox<A> {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.waker.as_fd()
     }
 }
 
-impl fmt::Debug for Mailbox<'_> {
+impl<A> fmt::Debug for Mailbox<A> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Mailbox").finish_non_exhaustive()
     }

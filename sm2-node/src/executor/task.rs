@@ -2,9 +2,8 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use super::Failure;
-use super::group::GroupState;
-use super::turn::Turn;
+use super::callback::Failure;
+use super::turn::{GroupState, Turn};
 use crate::wait_set::{Cause, Readiness};
 use crate::{
     Call, CallError, Event, Events, Message, RecvError, Reply, Request, Sample, Server, Subscriber,

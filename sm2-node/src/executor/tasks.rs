@@ -5,7 +5,7 @@ use std::fmt;
 use std::io;
 use std::sync::Arc;
 
-use super::CallbackId;
+use super::callback::CallbackId;
 use super::mailbox::{Letters, Mailbox};
 use super::task::Task;
 use super::turn::Due;
@@ -23,11 +23,22 @@ pub(super) struct Tasks<'a> {
     all: HashMap<CallbackId, (Key, SharedTask<'a>)>,
     /// Callbacks that have waited for the turn of their group. They come before all others.
     due: VecDeque<Due>,
-    mailbox: Arc<Mailbox<'a>>,
+    mailbox: Arc<Mailbox<Addition<'a>>>,
+}
+
+/// Adds a source and its callback.
+pub(super) struct Addition<'a>(Box<Add<'a>>);
+
+type Add<'a> = dyn FnOnce(&mut Tasks<'a>) -> io::Result<()> + Send + 'a;
+
+impl<'a> Addition<'a> {
+    pub(super) fn new(add: impl FnOnce(&mut Tasks<'a>) -> io::Result<()> + Send + 'a) -> Self {
+        Self(Box::new(add))
+    }
 }
 
 impl<'a> Tasks<'a> {
-    pub(super) fn new(mailbox: &Arc<Mailbox<'a>>) -> io::Result<Self> {
+    pub(super) fn new(mailbox: &Arc<Mailbox<Addition<'a>>>) -> io::Result<Self> {
         let mut set = WaitSet::new()?;
         set.add_descriptor(Arc::clone(mailbox), Interest::Readable, None)?;
         Ok(Self {
@@ -92,7 +103,7 @@ impl<'a> Tasks<'a> {
             resumed,
             ..
         } = self.mailbox.take();
-        for add in additions {
+        for Addition(add) in additions {
             add(self)?;
         }
         for id in removals {

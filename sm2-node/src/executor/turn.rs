@@ -1,10 +1,30 @@
-//! Which callback of a group runs.
+//! The state of a group, and which of its callbacks runs.
 
 use std::mem;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use super::CallbackId;
+use super::callback::CallbackId;
 use crate::wait_set::{Cause, Key};
+
+/// The state that the callbacks of a group share, and their turn.
+pub(super) struct GroupState<S> {
+    pub(super) turn: Turn,
+    state: Mutex<S>,
+}
+
+impl<S> GroupState<S> {
+    pub(super) fn new(state: S) -> Self {
+        Self {
+            turn: Turn::default(),
+            state: Mutex::new(state),
+        }
+    }
+
+    /// Locks the state. A callback that panicked may have left it half changed, as the documentation says.
+    pub(super) fn lock(&self) -> MutexGuard<'_, S> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
 
 /// The turn of a group: at most one of its callbacks runs at a time. The others wait here for the end of that one.
 #[derive(Debug, Default)]

@@ -91,7 +91,7 @@ fn extreme_values_neither_panic_nor_tick_early() {
 }
 
 proptest! {
-    /// Whatever the times of handling: each tick is at its place, none is early, and none is lost without a count.
+    /// For all times of handling: each tick is at its place, none is early, and none is lost without a count.
     #[test]
     fn ticks_are_on_a_grid_and_all_counted(
         span_ns in 1..1_000_u64,

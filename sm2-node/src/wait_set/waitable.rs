@@ -20,7 +20,7 @@ pub trait Waitable: Source {}
 
 impl<S: Source> Waitable for S {}
 
-/// What a wait set waits for.
+/// A part of a node for which a wait set waits.
 pub(crate) trait Source {
     fn interface(&self) -> &Arc<SharedInterface>;
 

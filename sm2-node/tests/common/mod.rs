@@ -1,8 +1,10 @@
 //! A domain for each test.
 #![allow(dead_code, reason = "each test uses its own part")]
 
+pub(crate) mod fixture;
 pub(crate) mod raw;
 pub(crate) mod threads;
+pub(crate) mod wait;
 
 use std::thread;
 use std::time::{Duration, Instant};
@@ -16,9 +18,6 @@ pub(crate) const SOON: Duration = Duration::from_secs(20);
 
 /// With and without the ring lane.
 pub(crate) const LANES: [bool; 2] = [true, false];
-/// With a background thread of each node, and without it; each with and without the ring lane.
-pub(crate) const DRIVEN: [(bool, bool); 4] =
-    [(true, true), (true, false), (false, true), (false, false)];
 /// All ways to wait.
 pub(crate) const WAYS: [Wait; 3] = [
     Wait::Park,

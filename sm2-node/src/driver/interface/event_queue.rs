@@ -44,7 +44,7 @@ impl EventQueue {
         self.is_fresh = true;
     }
 
-    /// Adds to the last event, if that is a loss on the same link, because a slow receiver may lose messages one by one.
+    /// Adds to the last event, if that is a loss on the same link: a slow receiver may lose messages one by one.
     pub(super) fn push_loss(&mut self, peer: &Arc<LinkPeer>, lost: u64) {
         if lost == 0 {
             return;

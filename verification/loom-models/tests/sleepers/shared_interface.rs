@@ -14,16 +14,21 @@ use crate::kernel::{BorrowedFd, Epoll};
 use super::super::sleepers::Sleepers;
 use super::sleepers;
 
+#[derive(Debug)]
 pub(crate) struct SharedInterface {
     pub(crate) sets: LinkSets,
     driver: Mutex<InterfaceDriver>,
 }
 
+#[derive(Debug)]
 pub(crate) struct LinkSets {
     pub(crate) calls: Epoll,
     control: Epoll,
+    /// The node, of which these models know nothing.
+    pub(crate) node: (),
 }
 
+#[derive(Debug)]
 pub(crate) struct InterfaceDriver {
     pub(super) interface: Interface,
     pub(in super::super) sleepers: Sleepers,
@@ -59,6 +64,7 @@ impl SharedInterface {
             sets: LinkSets {
                 calls: Epoll::new().unwrap(),
                 control: Epoll::new().unwrap(),
+                node: (),
             },
             driver: Mutex::new(InterfaceDriver {
                 interface,
@@ -81,6 +87,10 @@ impl SharedInterface {
         let mut locked = self.lock();
         locked.drive();
         locked
+    }
+
+    pub(crate) fn lock_for_event(&self) -> LockedInterface<'_> {
+        self.lock_driven()
     }
 
     pub(crate) fn drive(&self) {
