@@ -93,7 +93,7 @@ impl NodeSets {
 
     /// Whether the program has requested a shutdown.
     #[inline]
-    pub(crate) fn is_shut_down(&self) -> bool {
+    pub(super) fn is_shut_down(&self) -> bool {
         (self.shutdown.as_ref()).is_some_and(Shutdown::is_requested)
     }
 
@@ -144,7 +144,7 @@ impl LinkSets {
 
     /// Whether the program has requested a shutdown.
     #[inline]
-    pub(crate) fn is_shut_down(&self) -> bool {
+    pub(super) fn is_shut_down(&self) -> bool {
         self.node.is_shut_down()
     }
 

@@ -100,6 +100,12 @@ impl SharedInterface {
         }
     }
 
+    /// Whether the program has requested a shutdown.
+    #[inline]
+    pub(crate) fn is_shut_down(&self) -> bool {
+        self.sets.is_shut_down()
+    }
+
     /// Does the work of all pending events of the control side.
     pub(super) fn drive_control(&self) {
         self.control.drive();

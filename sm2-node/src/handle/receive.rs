@@ -39,7 +39,7 @@ impl Handle {
     /// not end.
     #[inline]
     pub(super) fn check_shutdown(&self, until: Until) -> Result<(), RecvError> {
-        match self.shared.sets.is_shut_down() && until.waits() {
+        match until.waits() && self.interface.is_shut_down() {
             true => Err(RecvError::Shutdown),
             false => Ok(()),
         }

@@ -59,7 +59,9 @@ impl EventQueue {
             let peer = Arc::clone(&link.peer);
             self.push(Event::Joined { peer });
         }
-        self.note_drops(link);
+        if self.is_enabled() {
+            self.note_drops(link);
+        }
         if let Some(end) = link.end()
             && link.has_joined
         {
