@@ -6,14 +6,13 @@ use std::time::Duration;
 
 use common::fixture::Fixture;
 use common::threads::{until_asleep, while_asleep};
-use common::{Domain, SOON, WAYS, meet, next, until};
+use common::wait::LONG;
+use common::{Domain, SOON, WAYS, away, meet, next, until};
+use sm2_node::domain::QueryError;
 use sm2_node::{
     CallError, ConnectError, DeclareError, MissedTicks, Node, PublishError, Rate, RecvError,
     Shutdown, Wait, WaitError, now,
 };
-
-/// Longer than a test may take.
-const LONG: Duration = Duration::from_secs(3_600);
 
 /// Requests the shutdown while a thread is asleep in `waits`.
 fn ends<T: Send>(it: &Fixture, waits: impl FnOnce() -> T + Send) -> T {
@@ -138,21 +137,48 @@ fn it_ends_a_call_and_cancels_it() {
 }
 
 #[test]
-fn it_ends_waits_for_links_and_for_the_manager() {
+fn it_ends_waits_for_links() {
     Fixture::each(|it| {
-        let node = it.ending_node("talker");
-        let publisher = node.publisher::<str>("topic").unwrap();
+        let publisher = it.ending_node("talker").publisher::<str>("topic").unwrap();
         let ended = ends(it, || publisher.wait_for_subscribers(1));
         assert!(matches!(ended, Err(WaitError::Shutdown)), "{ended:?}");
         publisher.flush().unwrap();
-        let ended = node.publisher::<str>("other").map(drop);
-        assert!(
-            matches!(ended, Err(DeclareError::Shutdown { .. })),
-            "{ended:?}"
-        );
-        let ended = it.builder("late").shutdown(&it.shutdown).connect();
-        assert!(matches!(ended, Err(ConnectError::Shutdown)), "{ended:?}");
     });
+}
+
+#[test]
+fn it_ends_waits_for_the_manager() {
+    for background in [true, false] {
+        let mut domain = Domain::new();
+        let shutdown = Shutdown::new().unwrap();
+        let builder = Node::builder("talker").socket(domain.socket());
+        let builder = builder.background(background).manager_timeout(LONG);
+        let node = builder.shutdown(&shutdown).connect().unwrap();
+        domain.stop();
+        away(&[&node]);
+        let ended = while_asleep(|| node.wait_connected(), |_| shutdown.request());
+        assert!(matches!(ended, Err(WaitError::Shutdown)), "{ended:?}");
+        let declared = node.publisher::<str>("topic").map(drop).unwrap_err();
+        assert!(
+            matches!(declared, DeclareError::Shutdown { .. }),
+            "{declared:?}"
+        );
+        let asked = node.snapshot().map(drop).unwrap_err();
+        assert!(matches!(asked, QueryError::Shutdown), "{asked:?}");
+    }
+}
+
+/// A Manager that accepts connections and does not answer.
+#[test]
+fn it_ends_the_wait_of_a_node_that_connects() {
+    let folder = tempfile::tempdir().unwrap();
+    let socket = folder.path().join("mute.sock");
+    let _mute = sm2_io::Listener::bind(&socket, 8).unwrap();
+    let shutdown = Shutdown::new().unwrap();
+    let builder = Node::builder("talker").socket(&socket).shutdown(&shutdown);
+    let builder = builder.manager_timeout(LONG);
+    let ended = while_asleep(|| builder.connect().map(drop), |_| shutdown.request());
+    assert!(matches!(ended, Err(ConnectError::Shutdown)), "{ended:?}");
 }
 
 #[test]

@@ -9,13 +9,17 @@ use common::wait::next;
 use common::{Domain, SOON, meet};
 use nix::libc::ENOMEM;
 use sm2_io::fault::{Call, Fault, Injector};
-use sm2_node::{Timer, WaitSet};
+use sm2_node::{Node, Timer, WaitSet};
 
 /// One call finds a message among many sources, and one reads the sockets of its subscriber.
 #[test]
 fn a_wait_costs_the_same_for_any_number_of_sources() {
     let domain = Domain::new();
-    let (listener, talker) = (domain.node("listener"), domain.node("talker"));
+    let connect = |name| {
+        let builder = Node::builder(name).socket(domain.socket());
+        builder.background(true).connect().unwrap()
+    };
+    let (listener, talker) = (connect("listener"), connect("talker"));
     let names: Vec<String> = (0..20).map(|number| format!("topic{number}")).collect();
     let subscribers = names.iter().map(|name| listener.subscriber::<u64>(name));
     let subscribers: Vec<_> = subscribers.map(Result::unwrap).collect();
