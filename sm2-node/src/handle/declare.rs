@@ -7,9 +7,7 @@ use sm2_proto::node;
 use sm2_proto::{Contract, Refusal, TypeId};
 
 use super::{Handle, until};
-use crate::driver::{
-    Control, NodeSets, NotDeclared, PoolLimit, SharedNode, State, WaitFailure,
-};
+use crate::driver::{Control, NodeSets, NotDeclared, PoolLimit, SharedNode, State, WaitFailure};
 use crate::schema::check_schema;
 use crate::{DeclareError, Wait};
 
