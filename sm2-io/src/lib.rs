@@ -18,6 +18,7 @@
 //! | [`counters`] | [`CounterPage`], [`CounterView`]: the counters of a node, readable by tools |
 //! | [`epoll`] | [`Epoll`], [`wait_readable`]: waiting for descriptors |
 //! | [`waker`] | [`Waker`]: waking a loop from another thread |
+//! | [`latch`] | [`Latch`]: a signal that stays set |
 //! | [`timer`] | [`Timer`]: waking a loop at a given time |
 //! | [`clock`] | [`now`](clock::now) |
 //! | `quic` | QUIC between gateways (feature `quic`) |
@@ -61,6 +62,7 @@ pub mod epoll;
 #[cfg(feature = "fault-injection")]
 pub mod fault;
 mod huge;
+pub mod latch;
 mod listener;
 pub mod mapping;
 pub mod memfd;
@@ -85,6 +87,7 @@ pub use domain_socket::{
     socket_path,
 };
 pub use epoll::{Epoll, Event, Events, Interest, wait_readable};
+pub use latch::Latch;
 pub use mapping::{PooledMapping, Scratch, SealedMapping};
 pub use memfd::{InspectedFd, Preallocated, SealedLoan, Segment, VerifyError};
 pub use ring::Ring;

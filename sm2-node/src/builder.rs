@@ -8,9 +8,9 @@ use std::time::Duration;
 use sm2_io::{SeqPacket, socket_path};
 use sm2_proto::{Instant, Name, Refusal};
 
-use crate::driver::{Settings, SharedNode, may_return};
+use crate::driver::{Settings, SharedNode, WaitFailure, may_return};
 use crate::quota::MappingQuota;
-use crate::{ConnectError, Node};
+use crate::{ConnectError, Node, Shutdown};
 
 /// How long to retry a socket that no process listens on: its Manager has just ended, and another one may be
 /// taking over.
@@ -31,6 +31,7 @@ pub struct NodeBuilder {
     ring_lane: bool,
     background: bool,
     max_mapped_bytes: u64,
+    shutdown: Option<Shutdown>,
     #[cfg(feature = "embedded-manager")]
     embedded: Option<sm2_manager::Options>,
 }
@@ -62,6 +63,7 @@ impl NodeBuilder {
             ring_lane: is_on("SM2_RING_LANE"),
             background: is_on("SM2_BACKGROUND"),
             max_mapped_bytes: MAX_MAPPED_BYTES,
+            shutdown: None,
             #[cfg(feature = "embedded-manager")]
             embedded: None,
         }
@@ -125,6 +127,12 @@ impl NodeBuilder {
         self
     }
 
+    /// Sets a handle that ends every wait of the node: see [`Shutdown`].
+    pub fn shutdown(mut self, shutdown: &Shutdown) -> Self {
+        self.shutdown = Some(shutdown.clone());
+        self
+    }
+
     /// Ensures that the domain has a Manager. If none is running, this process runs one on a thread of its
     /// own; otherwise that thread stands by. The thread lives as long as the node.
     #[cfg(feature = "embedded-manager")]
@@ -162,6 +170,7 @@ impl NodeBuilder {
             ring_lane: self.ring_lane,
             background: self.background,
             mappings: MappingQuota::new(self.max_mapped_bytes),
+            shutdown: self.shutdown,
         };
         let mut shared =
             SharedNode::new(socket, path.clone(), name.clone(), settings).map_err(failed)?;
@@ -181,7 +190,11 @@ impl NodeBuilder {
             let end = control.away().filter(|end| !may_return(*end))?;
             Some(Err(ConnectError::Ended(end)))
         });
-        match answer.map_err(failed)? {
+        let answer = answer.map_err(|failure| match failure {
+            WaitFailure::Shutdown => ConnectError::Shutdown,
+            WaitFailure::Io(error) => failed(error),
+        });
+        match answer? {
             Some(Ok(())) => {
                 (shared.start_background()).map_err(ConnectError::BackgroundThread)?;
                 #[cfg(feature = "embedded-manager")]

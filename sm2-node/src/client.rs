@@ -11,7 +11,9 @@ use sm2_proto::control::LinkPeer;
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
-use crate::driver::{CallId, Choice, Needs, Outcome, PoolLimit, SharedNode};
+use crate::driver::{
+    CallId, Choice, Needs, Outcome, PoolLimit, SharedInterface, SharedNode, WaitFailure,
+};
 use crate::handle::declaration::{
     Declaration, inline_max_setter, max_len_setter, schema_of, sealed_setter, wait_setter,
 };
@@ -235,6 +237,18 @@ impl<R: Message + ?Sized> Call<R> {
         Ok(reply)
     }
 
+    pub(crate) fn interface(&self) -> &Arc<SharedInterface> {
+        &self.handle.interface
+    }
+
+    pub(crate) const fn id(&self) -> CallId {
+        self.call
+    }
+
+    pub(crate) const fn deadline(&self) -> Option<Instant> {
+        self.deadline
+    }
+
     /// Cancels the call at the server. Waiting then ends with [`CallError::Cancelled`], or with the reply if
     /// that arrives first.
     pub fn cancel(&self) {
@@ -351,10 +365,11 @@ impl<R: Message + ?Sized + fmt::Debug> fmt::Debug for Reply<R> {
     }
 }
 
-fn failed(service: &Name, source: std::io::Error) -> CallError {
-    CallError::Io {
-        service: service.clone(),
-        source,
+fn failed(service: &Name, failure: WaitFailure) -> CallError {
+    let service = service.clone();
+    match failure {
+        WaitFailure::Shutdown => CallError::Shutdown { service },
+        WaitFailure::Io(source) => CallError::Io { service, source },
     }
 }
 

@@ -308,7 +308,7 @@ impl Reader {
         };
         let wanted = after.saturating_add(1).max(self.revision);
         let followed = self.shared.wait_followed(follower, wanted, until);
-        match followed.map_err(QueryError::Io)? {
+        match followed? {
             Some(Ok(Followed { revision, changes })) => {
                 Ok(self.mirror.changes(revision, Some(changes), false)?)
             }

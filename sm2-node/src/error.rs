@@ -13,3 +13,23 @@ mod data;
 
 pub use control::{ConnectError, DeclareError, QueryError, ReloadError, SchemaError, WaitError};
 pub use data::{CallError, PublishError, RecvError, ReplyError, StoreError};
+
+use crate::driver::WaitFailure;
+
+/// Implements the conversion for errors with the variants `Shutdown` and `Io`.
+macro_rules! from_wait_failure {
+    ($($error:ident)*) => {
+        $(
+            impl From<WaitFailure> for $error {
+                fn from(failure: WaitFailure) -> Self {
+                    match failure {
+                        WaitFailure::Shutdown => Self::Shutdown,
+                        WaitFailure::Io(error) => Self::Io(error),
+                    }
+                }
+            }
+        )*
+    };
+}
+
+from_wait_failure!(PublishError QueryError RecvError WaitError);

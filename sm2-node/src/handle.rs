@@ -101,7 +101,7 @@ impl Handle {
             found = interface.open_links();
             (found >= wanted).then_some(())
         });
-        if waited.map_err(WaitError::Io)?.is_some() {
+        if waited?.is_some() {
             return Ok(());
         }
         let kind = self.with_undriven(|interface, _| interface.contract.kind().counterpart());

@@ -85,6 +85,18 @@
 //! [`NodeBuilder::background`] turns the thread off. Then every call *drives* the whole node, and calls that wait keep
 //! driving it meanwhile. [`Node::spin`] is for programs that have nothing else to call.
 //!
+//! # Waiting for several things
+//!
+//! | to wait for | use |
+//! | --- | --- |
+//! | one subscriber, server or call | its own methods |
+//! | several of them, timers and descriptors | a [`WaitSet`]; the program handles the source that is ready |
+//! | the same, with a closure for each | an [`Executor`], in one thread or several |
+//! | peers that join or leave, and losses | [`Events`], alone or in one of the two |
+//! | the next tick | a [`Rate`] |
+//!
+//! A [`Shutdown`] ends all these waits. The example `robot` is a complete program.
+//!
 //! # In your own event loop
 //!
 //! A node fits into every loop that can wait until a descriptor is readable. Each of these types implements
@@ -194,6 +206,9 @@ pub mod domain;
 mod driver;
 pub mod encoding;
 mod error;
+mod event;
+mod events;
+pub mod executor;
 mod handle;
 mod link_room;
 mod loan;
@@ -210,12 +225,16 @@ mod pooled;
 mod published;
 mod publisher;
 mod quota;
+mod rate;
 mod sample;
 pub mod schema;
 mod server;
+mod shutdown;
 mod spare;
 mod subscriber;
+mod timer;
 mod wait;
+pub mod wait_set;
 
 pub use builder::{MAX_MAPPED_BYTES, NodeBuilder};
 pub use client::{Call, Client, ClientBuilder, Reply};
@@ -223,6 +242,9 @@ pub use error::{
     CallError, ConnectError, DeclareError, PublishError, RecvError, ReplyError, StoreError,
     WaitError,
 };
+pub use event::Event;
+pub use events::Events;
+pub use executor::Executor;
 pub use loan::Loan;
 pub use message::{EncodeError, Message, PayloadError};
 pub use node::Node;
@@ -231,12 +253,16 @@ pub use plain::{InPlace, Plain};
 pub use pool::{POOL_LIMIT_BYTES, POOL_LIMIT_MESSAGES};
 pub use published::Published;
 pub use publisher::{Publisher, PublisherBuilder};
+pub use rate::Rate;
 pub use sample::Sample;
 pub use schema::Schema;
 pub use server::{Request, Server, ServerBuilder};
+pub use shutdown::Shutdown;
 pub use sm2_io::clock::now;
 pub use sm2_node_derive::{Message, Schema};
 pub use sm2_proto::{Instant, Name, NameError, TypeId};
 pub use subscriber::{Subscriber, SubscriberBuilder};
+pub use timer::{MissedTicks, Tick, Timer};
 pub use wait::Wait;
+pub use wait_set::WaitSet;
 pub use {serde, zerocopy};

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use sm2_proto::{Instant, Name, NodeId};
 
-use crate::driver::SharedNode;
+use crate::driver::{SharedNode, WaitFailure};
 use crate::handle::until;
 use crate::{
     Client, ClientBuilder, DeclareError, Message, Publisher, PublisherBuilder, Server,
@@ -80,7 +80,7 @@ impl Node {
         let connected = (self.shared).wait(until(timeout), |control| {
             control.is_connected().then_some(())
         });
-        match connected.map_err(WaitError::Io)? {
+        match connected? {
             Some(()) => Ok(()),
             None => Err(WaitError::NoManager {
                 end: self.shared.lock().away(),
@@ -243,7 +243,10 @@ impl Node {
 
     fn spin_until(&self, until: Option<Instant>) -> io::Result<()> {
         let nothing = |_: &mut _| None::<()>;
-        self.shared.wait(until, nothing).map(drop)
+        match self.shared.wait(until, nothing) {
+            Ok(_) | Err(WaitFailure::Shutdown) => Ok(()),
+            Err(WaitFailure::Io(error)) => Err(error),
+        }
     }
 }
 

@@ -1,5 +1,5 @@
-//! Publishing with a reserved pool does not allocate. In its own file: the test counts the allocations of the
-//! publishing thread.
+//! Publishing with a reserved pool does not allocate, and neither does waiting in a set. In its own file: the tests
+//! count the allocations of their threads.
 
 mod common;
 
@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use common::{Domain, meet, until};
 use nix::sys::resource::{UsageWho, getrusage};
-use sm2_node::{Node, Publisher, Subscriber};
+use sm2_node::{Node, Publisher, Shutdown, Subscriber, Timer, WaitSet};
 
 struct Counting;
 
@@ -162,4 +162,30 @@ fn what_is_prefaulted_is_written_without_faults() {
     );
     // Some page faults may come from code that runs for the first time.
     assert!(write(&publisher) < pages / 64);
+}
+
+/// A wait, its message, and the ticks of a timer. (On the socket lane, reading the message allocates its bytes.)
+#[test]
+fn waiting_in_a_set_does_not_allocate() {
+    let domain = Domain::new();
+    let subscriber = domain.node_on(true, "listener").subscriber::<u64>("topic");
+    let subscriber = subscriber.unwrap();
+    let publisher = domain.node_on(true, "talker").publisher::<u64>("topic");
+    let publisher = publisher.unwrap();
+    meet(&publisher, &[&subscriber]);
+    let shutdown = Shutdown::new().unwrap();
+    let mut set = WaitSet::new().unwrap();
+    set.add(&subscriber, true).unwrap();
+    set.add_timer(Timer::every(Duration::from_micros(10)), false);
+    set.end_with(&shutdown).unwrap();
+    let mut round = |number: u64| {
+        publisher.publish(&number).unwrap();
+        let now = allocations(|| while !set.wait().unwrap().tag {});
+        while subscriber.try_recv().unwrap().is_some() {}
+        // The end of the messages, and ticks.
+        now + allocations(|| (0..3).for_each(|_| assert!(set.wait().is_ok())))
+    };
+    // The first rounds make all allocations that happen only once.
+    (0..50).map(&mut round).for_each(drop);
+    assert_eq!((50..100).map(round).sum::<usize>(), 0);
 }

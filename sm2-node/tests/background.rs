@@ -3,11 +3,11 @@
 
 mod common;
 
-use std::fs;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
+use common::threads::{me, sleeps, status, threads};
 use common::{Domain, LANES, SOON, next, until};
 use sm2_node::{Node, NodeBuilder};
 
@@ -19,31 +19,6 @@ impl Domain {
     fn busy_node(&self, ring: bool, name: &str) -> Node {
         self.builder(name).ring_lane(ring).connect().unwrap()
     }
-}
-
-/// The numbers of the threads of this process that have this name.
-fn threads(name: &str) -> Vec<u32> {
-    let tasks = fs::read_dir("/proc/self/task").unwrap();
-    let number = |task: fs::DirEntry| task.file_name().to_str()?.parse::<u32>().ok();
-    let numbers = tasks.filter_map(|task| number(task.unwrap()));
-    let has_name = |task: &u32| {
-        let found = fs::read_to_string(format!("/proc/self/task/{task}/comm"));
-        found.is_ok_and(|it| it.trim_end() == name)
-    };
-    numbers.filter(has_name).collect()
-}
-
-/// The value of a field in the status of a thread.
-fn status(task: u32, field: &str) -> String {
-    let status = fs::read_to_string(format!("/proc/self/task/{task}/status")).unwrap();
-    let mut lines = status.lines();
-    let line = lines.find_map(|line| line.strip_prefix(field));
-    line.unwrap().trim().to_owned()
-}
-
-/// How often a thread has slept.
-fn sleeps(task: u32) -> u64 {
-    status(task, "voluntary_ctxt_switches:").parse().unwrap()
 }
 
 /// An emergency stop: nothing calls the publisher between its declaration and its only message. Once the subscriber
@@ -226,7 +201,7 @@ fn the_thread_has_a_name_blocks_signals_and_ends_with_the_node() {
 fn connecting_does_not_change_the_mask_of_the_caller() {
     let domain = Domain::new();
     thread::spawn(move || {
-        let me = nix::unistd::gettid().as_raw().cast_unsigned();
+        let me = me();
         let before = status(me, "SigBlk:");
         let _node = domain.busy_node(true, "mask");
         assert_eq!(status(me, "SigBlk:"), before);

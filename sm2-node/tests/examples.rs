@@ -145,6 +145,28 @@ fn map_latched() {
     assert!(text.contains("dock at 7.25, 0"), "{text}");
 }
 
+#[test]
+fn robot() {
+    let domain = Domain::new();
+    let node = domain.node("operator");
+    let speed = node.subscriber::<f64>("speed").unwrap();
+    let set_speed = node.client::<f64, f64>("set_speed").unwrap();
+    let steps = node.client::<str, u64>("steps").unwrap();
+    let example = Example::start(&domain, "robot", &[]);
+    set_speed.wait_for_servers_timeout(1, SOON).unwrap();
+    steps.wait_for_servers_timeout(1, SOON).unwrap();
+    assert_eq!(*common::next(&speed), 0.0);
+    assert_eq!(*set_speed.call_timeout(&1.5, SOON).unwrap(), 0.0);
+    common::until(|| *common::next(&speed) == 1.5);
+    let first = *steps.call_timeout("", SOON).unwrap();
+    common::until(|| *steps.call_timeout("", SOON).unwrap() > first);
+    example.signal(Signal::SIGINT);
+    assert_eq!(example.output(), "");
+
+    let text = Example::start(&domain, "robot", &["0"]).output();
+    assert!(text.contains("brightness"), "{text}");
+}
+
 /// An error is one line on standard error that says what to do.
 #[test]
 fn an_error_is_one_line() {
@@ -157,6 +179,7 @@ fn an_error_is_one_line() {
         "add_server",
         "add_client",
         "map_latched",
+        "robot",
         "loop_epoll",
         "loop_mio",
         "loop_io_uring",

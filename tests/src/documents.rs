@@ -5,3 +5,6 @@ mod readme {}
 
 #[doc = include_str!("../../docs/src/getting-started.md")]
 mod getting_started {}
+
+#[doc = include_str!("../../docs/src/tutorials/robot.md")]
+mod robot {}

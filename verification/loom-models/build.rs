@@ -60,8 +60,8 @@ const WAIT: &[Change] = &[
     ),
     (
         "no_sockets",
-        "(false, &[set], Some(waker)) => wait_readable(&[set, waker], timeout)",
-        "(false, &[_], Some(waker)) => wait_readable(&[waker], timeout)",
+        "let sets = if short_of_memory { &[] } else { sets };",
+        "let sets = &sets[..0];",
     ),
     ("woken_for_ever", "sleeper.woken = false;", ""),
     ("not_parked", "            locked.park();\n", ""),
@@ -75,6 +75,16 @@ const WAIT: &[Change] = &[
         "bell_not_rung",
         "        locked.sleepers.wake();\n        Ok(bell)",
         "        Ok(bell)",
+    ),
+    (
+        "set_not_parked",
+        "        locked.park();\n        locked.change(&mut look);\n",
+        "        locked.change(&mut look);\n",
+    ),
+    (
+        "no_look_after_parking_in_a_set",
+        "        locked.park();\n        locked.change(&mut look);\n",
+        "        locked.park();\n",
     ),
 ];
 
@@ -158,8 +168,8 @@ fn main() {
         SEQLOCK,
         &[],
     );
-    let waiting =
-        ["sleepers", "sleep", "wait", "bell"].map(|it| format!("sm2-node/src/driver/{it}.rs"));
+    let waiting = ["sleepers", "sleep", "wait", "bell", "watch"]
+        .map(|it| format!("sm2-node/src/driver/{it}.rs"));
     let waiting = waiting.each_ref().map(String::as_str);
     variants("sleepers", &waiting, KERNEL, WAIT, &[]);
     let atomic = ["sm2-io/src/ring/atomic.rs"];

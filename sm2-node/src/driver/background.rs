@@ -74,7 +74,15 @@ fn run(sets: &NodeSets, stop: &Waker, mut drive: impl FnMut() -> bool) {
         // Only a `tracing` subscriber can panic here: no other code of the program runs on this thread. The node
         // stays usable, and the next event continues the work.
         let short_of_memory = catch_unwind(AssertUnwindSafe(&mut drive)).unwrap_or(true);
-        if sleep(&[sets.control.as_fd()], Some(stop), short_of_memory, None).is_err() {
+        if sleep(
+            &[sets.control.as_fd()],
+            Some(stop),
+            None,
+            short_of_memory,
+            None,
+        )
+        .is_err()
+        {
             thread::sleep(SHORTAGE_PAUSE);
         }
         if stop.drain() {

@@ -11,6 +11,7 @@ use sm2_proto::InterfaceId;
 
 use super::sleepers::{Sleepers, SpareWakers};
 use super::token::{LinkToken, PROGRAM};
+use crate::Shutdown;
 
 /// The epoll sets of a node.
 ///
@@ -30,6 +31,8 @@ pub(crate) struct NodeSets {
     /// The descriptors for a program that polls the node.
     program: Epoll,
     has_background: bool,
+    /// Ends the waits of the program's threads.
+    shutdown: Option<Shutdown>,
     /// For the threads that wait for any part of the node.
     pub(super) wakers: Arc<SpareWakers>,
 }
@@ -39,7 +42,7 @@ pub(crate) struct NodeSets {
 pub(crate) struct LinkSets {
     /// The descriptors that calls of the program read and write.
     pub(super) calls: Epoll,
-    node: Arc<NodeSets>,
+    pub(super) node: Arc<NodeSets>,
 }
 
 /// The events of a link that the control side handles.
@@ -66,13 +69,14 @@ impl BackgroundInterest {
 impl NodeSets {
     /// Creates the sets of a node. Until [`detach_control`](Self::detach_control), the program set has the control
     /// set.
-    pub(super) fn new(has_background: bool) -> io::Result<Self> {
+    pub(super) fn new(has_background: bool, shutdown: Option<Shutdown>) -> io::Result<Self> {
         let (control, program) = (Epoll::new()?, Epoll::new()?);
         program.add(&control, PROGRAM, Interest::READABLE)?;
         Ok(Self {
             control,
             program,
             has_background,
+            shutdown,
             wakers: Arc::new(SpareWakers::new()?),
         })
     }
@@ -85,6 +89,17 @@ impl NodeSets {
     /// Whether a background thread drives the control side.
     pub(super) const fn has_background(&self) -> bool {
         self.has_background
+    }
+
+    /// Whether the program has requested a shutdown.
+    #[inline]
+    pub(super) fn is_shut_down(&self) -> bool {
+        (self.shutdown.as_ref()).is_some_and(Shutdown::is_requested)
+    }
+
+    /// The descriptor that ends every wait.
+    pub(super) fn shutdown(&self) -> Option<BorrowedFd<'_>> {
+        self.shutdown.as_ref().map(AsFd::as_fd)
     }
 
     /// Does not wait. Returns the interfaces of which the program set reports an event.
@@ -125,6 +140,17 @@ impl LinkSets {
     #[inline]
     pub(super) fn has_background(&self) -> bool {
         self.node.has_background
+    }
+
+    /// Whether the program has requested a shutdown.
+    #[inline]
+    pub(super) fn is_shut_down(&self) -> bool {
+        self.node.is_shut_down()
+    }
+
+    /// The descriptor that ends every wait.
+    pub(super) fn shutdown(&self) -> Option<BorrowedFd<'_>> {
+        self.node.shutdown()
     }
 
     /// The set of the control side.

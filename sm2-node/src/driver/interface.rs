@@ -2,9 +2,12 @@
 
 mod calls;
 mod client;
+mod event_queue;
+mod events;
 mod limit;
 mod links;
 mod publish;
+mod ready;
 mod reports;
 mod server;
 mod settle;
@@ -20,8 +23,10 @@ use sm2_proto::{Code, Contract, Farewell, LinkId, Name, Refusal};
 use self::calls::Calls;
 pub(crate) use self::calls::{CallId, Outcome};
 pub(crate) use self::client::Choice;
+use self::event_queue::EventQueue;
 use self::links::Links;
 pub(crate) use self::publish::Offered;
+pub(crate) use self::ready::Condition;
 pub(crate) use self::taken::{Full, Taken};
 use super::context::Context;
 use super::link::LinkDriver;
@@ -57,6 +62,10 @@ pub(crate) struct Interface {
     pub(crate) lost: u64,
     pub(super) ended: VecDeque<LinkStatus>,
     pub(super) ended_sum: Counters,
+    /// Whether the program has dropped the interface.
+    is_closed: bool,
+    /// Events that the program has not taken.
+    pub(crate) events: EventQueue,
     /// Results of calls that the control side has to handle.
     for_control: ForControl,
 }
@@ -113,6 +122,8 @@ impl Interface {
             lost: 0,
             ended: VecDeque::new(),
             ended_sum: Counters::default(),
+            is_closed: false,
+            events: EventQueue::default(),
             for_control: ForControl::default(),
         }
     }
@@ -210,8 +221,10 @@ impl Interface {
         }
     }
 
-    /// Closes all links. Messages that their sockets have accepted still reach the other sides.
+    /// Closes all links, because the program has dropped the interface. Messages that their sockets have accepted
+    /// still reach the other sides.
     pub(super) fn close(&mut self, context: &mut Context<'_>) {
+        self.is_closed = true;
         for link in self.links.iter_mut() {
             let close = Input::Close(Farewell::Done.code());
             link.feed(close, context.sets, &mut self.outbox);

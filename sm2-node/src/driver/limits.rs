@@ -12,11 +12,14 @@ pub(super) const SOCKETS: usize = 64;
 pub(super) const SOCKETS_WAIT_NS: u64 = 100_000;
 
 /// How long a waiting thread pauses before it uses a socket again for which the kernel had no memory.
-pub(super) const SHORTAGE_PAUSE: Duration = Duration::from_millis(1);
+pub(crate) const SHORTAGE_PAUSE: Duration = Duration::from_millis(1);
 
 /// How many datagrams are read at most from a link whose other side is gone. This exceeds the
 /// number of messages in a full window, each with the ATTACH of its segment.
 pub(super) const LAST_WORDS: usize = 8_192;
+
+/// How many events of an interface wait to be taken by the program; older ones are dropped and counted.
+pub(super) const EVENTS: usize = 64;
 
 /// How many ended links are listed one by one; older ones are only added to the sums.
 pub(super) const HISTORY: usize = 64;

@@ -67,6 +67,10 @@ pub(crate) struct LinkDriver {
     /// How many messages the application holds.
     held: usize,
     received: Received,
+    /// Whether the program knows that the link has opened, and not that it has ended.
+    pub(super) has_joined: bool,
+    /// How many messages that the other side does not get were reported to the program.
+    reported_drops: u64,
     /// The entry of its counters, until the link is buried.
     pub(super) entry: Option<CounterEntry>,
     /// The values in the entry.
@@ -124,6 +128,8 @@ impl LinkDriver {
             suspended: None,
             held: 0,
             received: Received::default(),
+            has_joined: false,
+            reported_drops: 0,
             entry,
             noted: Counters::default(),
             last_call: 0,

@@ -18,7 +18,8 @@
 //! | `outbox` | the messages of an interface that are not settled, and the memory that they are in |
 //! | `counters`, `status` | what tools and programs can read about interfaces and links |
 //! | `event_sets` | which descriptors wake calls, and which wake the background thread |
-//! | `wait`, `sleep`, `sleepers`, `bell` | threads that wait without a lock, and descriptors to poll |
+//! | `wait`, `sleep`, `sleepers` | threads that wait without a lock |
+//! | `bell`, `watch`, `undriven_control` | waiting in the loop of a program, and in a wait set |
 //! | `limits`, `limited_warning` | how much work one call does, how much is kept and logged |
 //!
 //! The order of locks: a thread that holds the lock of the control side may take that of an interface. A thread that
@@ -53,13 +54,18 @@ mod sleepers;
 mod sleepers_tests;
 mod status;
 mod token;
+mod undriven_control;
 mod wait;
+mod watch;
 
 pub(crate) use self::bell::Bell;
 pub(crate) use self::context::Context;
 pub(crate) use self::control::Control;
 pub(crate) use self::event_sets::NodeSets;
-pub(crate) use self::interface::{CallId, Choice, Full, Interface, Offered, Outcome, State, Taken};
+pub(crate) use self::interface::{
+    CallId, Choice, Condition, Full, Interface, Offered, Outcome, State, Taken,
+};
+pub(crate) use self::limits::SHORTAGE_PAUSE;
 pub(crate) use self::outbox::{Forms, Needs, NoSlot, PoolLimit, Reservation, Reserved};
 pub(crate) use self::questions::{Answer, Followed, Lost, Question, Ticket};
 pub(crate) use self::session::{NotDeclared, may_return};
@@ -67,4 +73,6 @@ pub(crate) use self::shared_interface::{InterfaceDriver, LockedInterface, Shared
 pub(crate) use self::shared_node::{Settings, SharedNode};
 pub use self::status::{LinkStatus, Received};
 pub(crate) use self::token::LinkToken;
-pub(crate) use self::wait::Until;
+pub(crate) use self::undriven_control::UndrivenControl;
+pub(crate) use self::wait::{Until, WaitFailure};
+pub(crate) use self::watch::Watch;

@@ -29,8 +29,8 @@ pub(crate) struct SharedInterface {
 
 /// The control side of the node, as its interfaces use it.
 pub(crate) trait ControlSide: fmt::Debug + Send + Sync {
-    /// Does the work of all pending events of the control set.
-    fn drive(&self);
+    /// Does the work of all pending events of the control set. Returns whether the kernel had no memory for it.
+    fn drive(&self) -> bool;
 
     /// Handles the results of a call of an interface.
     fn handle(&self, interface: InterfaceId, results: ForControl);
@@ -100,9 +100,29 @@ impl SharedInterface {
         }
     }
 
+    /// Whether the program has requested a shutdown.
+    #[inline]
+    pub(crate) fn is_shut_down(&self) -> bool {
+        self.sets.is_shut_down()
+    }
+
     /// Does the work of all pending events of the control side.
     pub(super) fn drive_control(&self) {
         self.control.drive();
+    }
+
+    /// The control side of its node.
+    pub(super) fn control_side(&self) -> Arc<dyn ControlSide> {
+        Arc::clone(&self.control)
+    }
+
+    /// Locks the interface and drives its links, because one of its descriptors had an event.
+    pub(super) fn lock_for_event(&self) -> LockedInterface<'_> {
+        let mut locked = self.lock();
+        let now = sm2_io::clock::now();
+        (locked.now, locked.last_drive) = (now, now);
+        locked.drive();
+        locked
     }
 
     /// Drives the control side, if calls have to, and the links of the interface, and locks the interface.
@@ -293,7 +313,8 @@ impl InterfaceDriver {
         };
         let result = change(&mut self.interface, &mut context);
         // A thread that waits, also one that spins, waits for the end of all links, too.
-        if context.stirred || self.interface.has_ended_links() {
+        let has_event = self.interface.has_fresh_events();
+        if context.stirred || has_event || self.interface.has_ended_links() {
             self.sleepers.wake();
         }
         result

@@ -19,6 +19,7 @@ use super::event_sets::NodeSets;
 use super::interface::ForControl;
 use super::shared_interface::ControlSide;
 use super::token::SESSION;
+use crate::Shutdown;
 use crate::quota::MappingQuota;
 
 /// A node, as its handles share it. The last handle ends the node.
@@ -57,6 +58,8 @@ pub(crate) struct Settings {
     pub(crate) background: bool,
     /// The bytes that may be mapped for peers.
     pub(crate) mappings: MappingQuota,
+    /// Ends the waits of the program's threads.
+    pub(crate) shutdown: Option<Shutdown>,
 }
 
 impl SharedNode {
@@ -68,7 +71,7 @@ impl SharedNode {
         name: Name,
         settings: Settings,
     ) -> io::Result<Self> {
-        let sets = Arc::new(NodeSets::new(settings.background)?);
+        let sets = Arc::new(NodeSets::new(settings.background, settings.shutdown)?);
         sets.control.add(&socket, SESSION, Interest::READABLE)?;
         let Settings {
             manager_timeout,
@@ -156,8 +159,8 @@ impl NodeState {
 }
 
 impl ControlSide for NodeState {
-    fn drive(&self) {
-        self.drive_control();
+    fn drive(&self) -> bool {
+        self.drive_control()
     }
 
     fn handle(&self, interface: InterfaceId, results: ForControl) {

@@ -9,22 +9,39 @@ use sm2_io::{Waker, is_shortage, wait_readable};
 
 use super::limits::SHORTAGE_PAUSE;
 
-/// Sleeps until one of `sets` has an event, another thread signals `waker`, or the timeout. If the kernel has no memory
-/// for an event, pauses instead, but not after a signal.
+/// The most descriptors of one sleep: two sets, a waker, and a shutdown.
+const DESCRIPTORS: usize = 4;
+
+/// Sleeps until one of `sets` has an event, another thread signals `waker`, the program requests a shutdown, or the
+/// timeout. If the kernel has no memory for an event, pauses instead, but not after a signal.
 //= SM2-TRN-014
 pub(super) fn sleep(
     sets: &[BorrowedFd<'_>],
     waker: Option<&Waker>,
+    shutdown: Option<BorrowedFd<'_>>,
     short_of_memory: bool,
     timeout: Option<Duration>,
 ) -> io::Result<()> {
     let pause = timeout.map_or(SHORTAGE_PAUSE, |it| it.min(SHORTAGE_PAUSE));
-    let waker = waker.map(AsFd::as_fd);
-    let waited = match (short_of_memory, sets, waker) {
-        (true, _, waker) => wait_readable(waker.as_slice(), Some(pause)),
-        (false, &[set], Some(waker)) => wait_readable(&[set, waker], timeout),
-        (false, &[set, control], Some(waker)) => wait_readable(&[set, control, waker], timeout),
-        (false, sets, _) => wait_readable(sets, timeout),
+    let timeout = if short_of_memory {
+        Some(pause)
+    } else {
+        timeout
+    };
+    let sets = if short_of_memory { &[] } else { sets };
+    let signals = [waker.map(AsFd::as_fd), shutdown];
+    let mut all = sets.iter().copied().chain(signals.into_iter().flatten());
+    let waited = match all.next() {
+        None => wait_readable(&[], timeout),
+        Some(first) => {
+            let mut fds = [first; DESCRIPTORS];
+            let mut count = 1;
+            for (place, fd) in fds[1..].iter_mut().zip(all) {
+                *place = fd;
+                count += 1;
+            }
+            wait_readable(&fds[..count], timeout)
+        }
     };
     match waited {
         Err(error) if is_shortage(&error) => {

@@ -15,6 +15,21 @@ use super::shared_node::NodeState;
 use super::sleep::sleep;
 use crate::Wait;
 
+/// The reason why a wait ended before its time, without a result.
+#[derive(Debug)]
+pub(crate) enum WaitFailure {
+    /// The program requested a shutdown.
+    Shutdown,
+    /// `eventfd(2)` or `ppoll(2)` failed: too many descriptors, or no memory.
+    Io(io::Error),
+}
+
+impl From<io::Error> for WaitFailure {
+    fn from(error: io::Error) -> Self {
+        Self::Io(error)
+    }
+}
+
 /// How many pauses of the processor a spinning thread makes between two uses of the lock.
 const PAUSES: u32 = 4;
 
@@ -34,7 +49,12 @@ impl Until {
     /// An end that has passed already.
     pub(crate) const NOW: Self = Self::At(Instant(0));
 
-    fn moment(self, now: Instant) -> Option<Instant> {
+    /// Whether this end has not passed already.
+    pub(crate) const fn waits(self) -> bool {
+        !matches!(self, Self::At(Instant(0)))
+    }
+
+    pub(crate) fn moment(self, now: Instant) -> Option<Instant> {
         match self {
             Self::Forever => None,
             Self::At(moment) => Some(moment),
@@ -61,12 +81,12 @@ impl NodeState {
     ///
     /// # Errors
     ///
-    /// Errors of `eventfd(2)` and `ppoll(2)`: too many descriptors, or no memory.
+    /// See [`WaitFailure`].
     pub(crate) fn wait<T>(
         &self,
         until: Option<Instant>,
         mut look: impl FnMut(&mut Control) -> Option<T>,
-    ) -> io::Result<Option<T>> {
+    ) -> Result<Option<T>, WaitFailure> {
         loop {
             let mut control = self.lock_driven();
             if let Some(found) = look(&mut control) {
@@ -76,12 +96,21 @@ impl NodeState {
             if until.is_some_and(|until| until <= now) {
                 return Ok(None);
             }
+            if self.sets.is_shut_down() {
+                return Err(WaitFailure::Shutdown);
+            }
             let waker = control.sleepers.enter()?;
             let short_of_memory = control.short_of_memory;
             drop(control);
             let sets = [self.sets.control.as_fd()];
             let timeout = until.map(|until| until.since(now));
-            let waited = sleep(&sets, Some(&waker), short_of_memory, timeout);
+            let waited = sleep(
+                &sets,
+                Some(&waker),
+                self.sets.shutdown(),
+                short_of_memory,
+                timeout,
+            );
             self.lock().sleepers.leave(&waker);
             waited?;
         }
@@ -106,7 +135,9 @@ impl NodeState {
         if may_take {
             return Ok(());
         }
-        sleep(&[self.sets.as_fd()], None, short_of_memory, timeout)
+        let sets = [self.sets.as_fd()];
+        let shutdown = self.sets.shutdown();
+        sleep(&sets, None, shutdown, short_of_memory, timeout)
     }
 
     /// Notes that there was no memory or descriptor for a program that polls an interface. The node's descriptor
@@ -141,7 +172,7 @@ impl SharedInterface {
         &self,
         until: Option<Instant>,
         look: impl FnMut(&mut Interface, &mut Context<'_>) -> Option<T>,
-    ) -> io::Result<Option<T>> {
+    ) -> Result<Option<T>, WaitFailure> {
         let mut look = look;
         self.wait_as(Wait::Park, until.into(), |locked| locked.change(&mut look))
     }
@@ -157,7 +188,7 @@ impl SharedInterface {
         way: Wait,
         until: Until,
         mut look: impl FnMut(&mut LockedInterface<'_>) -> Option<T>,
-    ) -> io::Result<Option<T>> {
+    ) -> Result<Option<T>, WaitFailure> {
         let mut now = sm2_io::clock::now();
         let until = until.moment(now);
         let spin_until = match way {
@@ -169,6 +200,9 @@ impl SharedInterface {
             let (mut locked, driven) = self.lock_if_due(now);
             if let Some(found) = look(&mut locked) {
                 return Ok(Some(found));
+            }
+            if self.sets.is_shut_down() && until.is_none_or(|until| now < until) {
+                return Err(WaitFailure::Shutdown);
             }
             if now < spin_until.min(until.unwrap_or(spin_until)) && locked.has_rings_only() {
                 drop(locked);
@@ -222,6 +256,7 @@ impl SharedInterface {
             true => &[calls],
             false => &[calls, control],
         };
-        sleep(sets, Some(waker), short_of_memory, timeout)
+        let shutdown = self.sets.shutdown();
+        sleep(sets, Some(waker), shutdown, short_of_memory, timeout)
     }
 }

@@ -71,6 +71,9 @@ pub enum ConnectError {
          node by your own calls (NodeBuilder::background)"
     )]
     BackgroundThread(#[source] io::Error),
+    /// The program requested a shutdown before the Manager had answered.
+    #[error("the program requested a shutdown before the Manager had answered")]
+    Shutdown,
     /// The connection to the Manager's socket failed.
     #[error("cannot connect to the Manager at {path:?}: {source}")]
     Io {
@@ -235,12 +238,19 @@ pub enum DeclareError {
         /// Why the last session ended.
         end: End,
     },
+    /// The program requested a shutdown before the Manager had answered.
+    #[error("{name} was not declared: the program requested a shutdown")]
+    Shutdown {
+        /// The topic or service.
+        name: Name,
+    },
     /// Polling the node's descriptors failed.
     #[error("cannot wait for the Manager's answer: {0}")]
     Io(#[source] io::Error),
 }
 
-/// A wait for links or for the Manager ended without them.
+/// A wait ended without its result: for links, for the Manager, for an event, or for a source of a
+/// [`WaitSet`](crate::WaitSet).
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WaitError {
@@ -284,8 +294,11 @@ pub enum WaitError {
         /// Why the last session ended; `None` while a Manager has not answered the greeting yet.
         end: Option<End>,
     },
-    /// Polling the node's descriptors failed.
-    #[error("cannot wait for links: {0}")]
+    /// The program requested a shutdown: see [`Shutdown`](crate::Shutdown).
+    #[error("the wait ended because the program requested a shutdown")]
+    Shutdown,
+    /// Polling descriptors failed.
+    #[error("cannot wait: {0}")]
     Io(#[source] io::Error),
 }
 
@@ -327,6 +340,9 @@ pub enum QueryError {
     /// The file of a node's counters is not legal.
     #[error(transparent)]
     Counters(#[from] CounterError),
+    /// The program requested a shutdown before the Manager had answered.
+    #[error("the program requested a shutdown before the Manager had answered")]
+    Shutdown,
     /// Polling the session failed.
     #[error("cannot wait for the Manager's answer: {0}")]
     Io(#[source] io::Error),

@@ -82,6 +82,10 @@ pub enum PublishError {
         /// The number of links whose subscriber accepts no message of this length.
         too_long: usize,
     },
+    /// The program requested a shutdown while the call waited for room. The message went to the links
+    /// that had room.
+    #[error("the program requested a shutdown while reliable links had no room")]
+    Shutdown,
     /// Waiting for room failed. The message went to the links that had room.
     #[error("cannot wait for room in reliable links: {0}")]
     Io(#[source] io::Error),
@@ -123,6 +127,9 @@ pub enum RecvError {
         /// The error of the operating system.
         source: io::Error,
     },
+    /// The program requested a shutdown: see [`Shutdown`](crate::Shutdown).
+    #[error("the wait for a message ended because the program requested a shutdown")]
+    Shutdown,
     /// Polling the links failed.
     #[error("cannot wait for a message: {0}")]
     Io(#[source] io::Error),
@@ -206,6 +213,12 @@ pub enum CallError {
         service: Name,
         /// The error of the operating system.
         source: io::Error,
+    },
+    /// The program requested a shutdown before the reply came. The call is cancelled.
+    #[error("the call of {service} ended because the program requested a shutdown")]
+    Shutdown {
+        /// The service.
+        service: Name,
     },
     /// Waiting for the server failed.
     #[error("cannot wait for the reply of {service}: {source}")]

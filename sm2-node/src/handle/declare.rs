@@ -7,7 +7,7 @@ use sm2_proto::node;
 use sm2_proto::{Contract, Refusal, TypeId};
 
 use super::{Handle, until};
-use crate::driver::{Control, NodeSets, NotDeclared, PoolLimit, SharedNode, State};
+use crate::driver::{Control, NodeSets, NotDeclared, PoolLimit, SharedNode, State, WaitFailure};
 use crate::schema::check_schema;
 use crate::{DeclareError, Wait};
 
@@ -60,7 +60,11 @@ impl Handle {
                 state => Some(state),
             }
         });
-        match answer.map_err(DeclareError::Io)? {
+        let answer = answer.map_err(|failure| match failure {
+            WaitFailure::Shutdown => DeclareError::Shutdown { name: name.clone() },
+            WaitFailure::Io(error) => DeclareError::Io(error),
+        });
+        match answer? {
             Some(State::Live { matches }) => {
                 handle.matched = matches as usize;
                 Ok(handle)

@@ -19,10 +19,11 @@ impl Handle {
         if most == 0 {
             return Ok(all);
         }
+        self.check_shutdown(until)?;
         let found = self.interface.wait_as(way, until, |locked| {
             self.find_or_silence(locked, |locked| take_ready(locked, &mut all, most))
         });
-        found.map_err(RecvError::Io)?.transpose()?;
+        found?.transpose()?;
         Ok(all)
     }
 

@@ -63,6 +63,12 @@ macro_rules! interface_methods {
                 self.handle().why()
             }
 
+            /// Returns its [events](crate::Event): links that open and end, and losses. They are collected from the
+            /// first call on.
+            pub fn events(&self) -> $crate::Events {
+                $crate::Events::new(&self.handle().interface)
+            }
+
             /// Returns the state of its links: the last 64 that ended, then those that exist. A link counts
             /// sent messages in `counters`, and received messages in `received`.
             pub fn links(&self) -> Vec<$crate::driver::LinkStatus> {

@@ -22,15 +22,26 @@ impl Handle {
         until: Until,
         take: impl Fn(&mut Interface, &mut Context<'_>) -> Result<Option<Taken>, Full>,
     ) -> Result<Option<Received>, RecvError> {
+        self.check_shutdown(until)?;
         let found = self.interface.wait_as(self.wait, until, |locked| {
             self.find_or_silence(locked, |locked| {
                 let taken = locked.change(&take);
                 taken.map_err(RecvError::from).transpose()
             })
         });
-        match found.map_err(RecvError::Io)?.transpose()? {
+        match found?.transpose()? {
             Some(taken) => self.open_for(taken).map(Some),
             None => Ok(None),
+        }
+    }
+
+    /// A call that would wait does not look for messages after a shutdown: a program that always finds some would
+    /// not end.
+    #[inline]
+    pub(super) fn check_shutdown(&self, until: Until) -> Result<(), RecvError> {
+        match until.waits() && self.interface.is_shut_down() {
+            true => Err(RecvError::Shutdown),
+            false => Ok(()),
         }
     }
 
@@ -68,7 +79,7 @@ impl Handle {
             }),
             Err(source) => {
                 self.with_undriven(|interface, context| {
-                    interface.unreadable(token, is_shortage(&source), context);
+                    interface.unreadable(token, &peer, is_shortage(&source), context);
                 });
                 Err(Unreadable { peer, source })
             }

@@ -49,7 +49,7 @@ impl UntypedPublisher {
             let flushed = interface.links().all(|link| link.is_flushed());
             flushed.then_some(())
         });
-        Ok(flushed.map_err(WaitError::Io)?.is_some())
+        Ok(flushed?.is_some())
     }
 
     pub(crate) fn publish_bytes(&self, bytes: Cow<'_, [u8]>) -> Result<Published, PublishError> {
@@ -160,7 +160,7 @@ impl UntypedPublisher {
             });
         }
         let published = self.finish(offered);
-        waited.map_err(PublishError::Io)?;
+        waited?;
         Ok(published)
     }
 

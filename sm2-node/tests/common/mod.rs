@@ -1,7 +1,10 @@
 //! A domain for each test.
 #![allow(dead_code, reason = "each test uses its own part")]
 
+pub(crate) mod fixture;
 pub(crate) mod raw;
+pub(crate) mod threads;
+pub(crate) mod wait;
 
 use std::thread;
 use std::time::{Duration, Instant};

@@ -1,8 +1,8 @@
 //! Threads that wait at an interface or for the session. A thread that does something for another one wakes that
 //! thread: it receives a message for it, hands a link over to it, or changes the session.
 //!
-//! The code is `sleepers.rs`, `sleep.rs`, `wait.rs` and `bell.rs` of `sm2-node/src/driver/`; `kernel` models the
-//! system calls that it makes. A lost wake-up leaves a thread asleep for ever, which loom reports as
+//! The code is `sleepers.rs`, `sleep.rs`, `wait.rs`, `bell.rs` and `watch.rs` of `sm2-node/src/driver/`; `kernel`
+//! models the system calls that it makes. A lost wake-up leaves a thread asleep for ever, which loom reports as
 //! a deadlock.
 
 // Each variant has the same scenarios.
@@ -29,7 +29,7 @@ const LOST: &str = "deadlock";
 #[test]
 fn no_wake_up_is_lost() {
     use shipped::scenarios::{
-        bell, control_side, hand_over, others, ring, session, shared, take_back,
+        bell, control_side, hand_over, others, ring, session, shared, take_back, wait_set,
     };
     holds("sleepers: each for a message", Some(3), others);
     holds("sleepers: the session changes", None, session);
@@ -43,6 +43,7 @@ fn no_wake_up_is_lost() {
     holds("sleepers: a ring and a socket", Some(2), ring);
     holds("sleepers: two threads at a ring", Some(2), shared);
     holds("sleepers: a bell and a sleeper", Some(2), bell);
+    holds("sleepers: a wait set and a sleeper", Some(2), wait_set);
 }
 
 #[test]
@@ -62,6 +63,7 @@ fn each_part_of_it_is_needed() {
     fail!(control_side: no_wake);
     fail!(ring: not_parked no_look_after_parking);
     fail!(bell: woken_for_ever bell_not_rung);
+    fail!(wait_set: set_not_parked no_look_after_parking_in_a_set);
     let unparked = shipped::scenarios::shared_unparked;
     fails(
         "sleepers: unparked by another thread",

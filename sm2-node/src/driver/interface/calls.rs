@@ -78,6 +78,11 @@ impl Calls {
         }
     }
 
+    /// Whether the call has an outcome that the program has not seen.
+    pub(super) fn is_over(&self, call: CallId) -> bool {
+        matches!(self.open.get(&call), Some(Some(_)))
+    }
+
     /// Records the outcome of a call. Returns whether a thread still waits for it.
     pub(super) fn finish(&mut self, call: CallId, outcome: Outcome) -> bool {
         match self.open.get_mut(&call) {

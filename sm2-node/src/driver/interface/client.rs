@@ -101,12 +101,22 @@ impl Interface {
 
     /// Returns the outcome of a call once the call is over, and removes the call.
     pub(crate) fn outcome(&mut self, call: CallId, context: &mut Context<'_>) -> Option<Outcome> {
-        if self.link(call.token).is_some_and(LinkDriver::may_take) {
-            self.settle_link(call.token, context);
-        }
+        self.collect_replies(call.token, context);
         let outcome = self.calls.open.get_mut(&call)?.take()?;
         self.calls.open.remove(&call);
         Some(outcome)
+    }
+
+    /// Whether a call is over, and the program has not seen its outcome.
+    pub(super) fn is_call_over(&mut self, call: CallId, context: &mut Context<'_>) -> bool {
+        self.collect_replies(call.token, context);
+        self.calls.is_over(call)
+    }
+
+    fn collect_replies(&mut self, token: LinkToken, context: &mut Context<'_>) {
+        if self.link(token).is_some_and(LinkDriver::may_take) {
+            self.settle_link(token, context);
+        }
     }
 
     /// Called when the program no longer wants the reply.

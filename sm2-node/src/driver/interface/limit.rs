@@ -142,6 +142,7 @@ impl Interface {
             }
             published.missed += usize::from(link.is_reliable());
         }
+        self.note_drops();
         Some(published)
     }
 

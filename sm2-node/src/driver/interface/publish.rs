@@ -258,6 +258,7 @@ impl Interface {
             self.outbox.release(key);
         }
         self.bury_ended(context);
+        self.note_drops();
         Published {
             links: offered.links,
             missed: offered.missed,

@@ -1,12 +1,13 @@
 //! The work that follows from a change of a link: settled messages, replies, segments without
 //! messages, and the end of links.
 
+use std::sync::Arc;
+
 use sm2_proto::Contract;
 use sm2_proto::link::Input;
 
 use super::Interface;
 use crate::driver::context::Context;
-use crate::driver::counters::note;
 use crate::driver::limits::{ENDED_WITH_MESSAGES, HISTORY};
 use crate::driver::status::add_counters;
 use crate::driver::token::LinkToken;
@@ -47,6 +48,7 @@ impl Interface {
         link.send_queued(context, &mut self.outbox);
         link.watch_in_background(context.sets);
         link.note_fates();
+        self.events.note_state(link);
         if link.end().is_some() && !link.buried {
             self.bury(token);
         }
@@ -55,9 +57,9 @@ impl Interface {
             return;
         };
         if link.is_denied() {
-            let untaken = link.untaken() as u64;
+            let (peer, untaken) = (Arc::clone(&link.peer), link.untaken() as u64);
             self.remove(token);
-            self.lose(untaken);
+            self.lose(&peer, untaken);
         } else if !link.may_take() {
             self.remove(token);
         }
@@ -126,25 +128,21 @@ impl Interface {
     fn drop_oldest_messages(&mut self) {
         let buried = self.links.iter().filter(|link| link.buried).count();
         let mut surplus = buried.saturating_sub(ENDED_WITH_MESSAGES);
-        let (mut lost, gone) = (0, &mut self.for_control.gone);
+        // Allocates only if there is a surplus.
+        let mut lost = Vec::new();
+        let gone = &mut self.for_control.gone;
         self.links.retain(|link| {
             let drop = link.buried && surplus > 0;
             if drop {
                 surplus -= 1;
-                lost += link.untaken() as u64;
+                lost.push((Arc::clone(&link.peer), link.untaken() as u64));
                 gone.push(link.token());
             }
             !drop
         });
-        if lost > 0 {
-            self.lose(lost);
+        for (publisher, messages) in lost {
+            self.lose(&publisher, messages);
         }
-    }
-
-    /// Counts messages that came and that the application will not get.
-    pub(super) fn lose(&mut self, messages: u64) {
-        self.lost += messages;
-        note(self.entry.as_mut(), |entry| entry.lost(messages));
     }
 
     /// Tells all links which segments are not used any more.

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use sm2_io::CounterEntry;
+use sm2_proto::control::LinkPeer;
 use sm2_proto::link::{Delivery, Input, Role};
 use sm2_proto::{Farewell, Instant};
 
@@ -99,6 +100,7 @@ impl Interface {
                     }
                     self.last_taken = token;
                     self.lost += taken.delivery.lost;
+                    self.events.push_loss(&taken.peer, taken.delivery.lost);
                     return Ok(Some(taken));
                 }
                 // There was no message after all, or the content of the ring ended the link.
@@ -135,10 +137,11 @@ impl Interface {
     pub(crate) fn unreadable(
         &mut self,
         token: LinkToken,
+        publisher: &Arc<LinkPeer>,
         is_shortage: bool,
         context: &mut Context<'_>,
     ) {
-        self.lose(1);
+        self.lose(publisher, 1);
         if is_shortage {
             return;
         }

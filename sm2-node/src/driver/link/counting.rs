@@ -1,5 +1,7 @@
 //! Writes what happens to the messages of a link into its counters, which tools can read.
 
+use std::mem;
+
 use sm2_proto::Instant;
 use sm2_proto::link::Role;
 
@@ -47,5 +49,16 @@ impl LinkDriver {
             self.noted = counters;
             note(self.entry.as_mut(), |entry| entry.fates(&counters));
         }
+    }
+
+    /// How many more messages of a publisher the other side does not get than at the last call. Messages whose fate
+    /// the end of the link hides are not among them.
+    pub(in crate::driver) fn take_new_drops(&mut self) -> u64 {
+        if self.role() != Role::Sender {
+            return 0;
+        }
+        let counters = self.counters();
+        let dropped = counters.dropped().saturating_sub(counters.closed);
+        dropped.saturating_sub(mem::replace(&mut self.reported_drops, dropped))
     }
 }

@@ -8,6 +8,7 @@ use crate::driver::control::Control;
 use crate::driver::datagram::Incoming;
 use crate::driver::event_sets::NodeSets;
 use crate::driver::shared_node::NodeState;
+use crate::driver::wait::WaitFailure;
 use crate::error::QueryError;
 
 impl Control {
@@ -89,7 +90,7 @@ impl NodeState {
             }
         });
         answer
-            .map_err(QueryError::Io)?
+            .map_err(QueryError::from)?
             .ok_or_else(|| self.too_late())
     }
 
@@ -143,7 +144,7 @@ impl NodeState {
         follower: Ticket,
         revision: u64,
         until: Option<Instant>,
-    ) -> std::io::Result<Option<Result<Followed, Lost>>> {
+    ) -> Result<Option<Result<Followed, Lost>>, WaitFailure> {
         self.wait(until, |control| {
             control.followed(follower, revision, &self.sets)
         })

@@ -57,6 +57,12 @@ pub(crate) trait AsFd {
     fn as_fd(&self) -> BorrowedFd<'_>;
 }
 
+impl AsFd for BorrowedFd<'_> {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        *self
+    }
+}
+
 /// Defines the type of a descriptor and its operations.
 macro_rules! files {
     ($($name:ident)*) => {

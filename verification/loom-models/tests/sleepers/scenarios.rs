@@ -13,6 +13,7 @@ use self::interface::{Interface, Link};
 use self::shared_interface::SharedInterface;
 use self::shared_node::NodeState;
 use super::bell::Bell;
+use super::watch::Watch;
 
 /// Two calls of a client: each thread waits for one reply.
 const ONE: u64 = 1;
@@ -34,7 +35,7 @@ pub(crate) mod interface {
     use super::{AtomicU64, Ordering, Socket, fence};
 
     /// An interface, reduced to the part that waiting uses.
-    #[derive(Default)]
+    #[derive(Debug, Default)]
     pub(crate) struct Interface {
         pub(super) ring: Arc<super::Ring>,
         /// The socket of the other link, once the control side has made it.
@@ -45,6 +46,7 @@ pub(crate) mod interface {
         pub(super) unparks: bool,
     }
 
+    #[derive(Debug)]
     pub(crate) struct Link(pub(super) Arc<Socket>);
 
     impl Interface {
@@ -93,6 +95,17 @@ pub(crate) mod interface {
 #[path = "shared_interface.rs"]
 pub(crate) mod shared_interface;
 
+/// No node is without a background thread here.
+pub(crate) mod undriven_control {
+    pub(crate) struct UndrivenControl;
+
+    impl UndrivenControl {
+        pub(crate) const fn is_of(&self, _: &()) -> bool {
+            false
+        }
+    }
+}
+
 /// Models `sm2-node/src/driver/control.rs`.
 pub(crate) mod control {
     use std::collections::BTreeMap;
@@ -136,6 +149,17 @@ pub(crate) mod shared_node {
         pub(crate) control: Epoll,
     }
 
+    impl NodeSets {
+        /// No thread requests a shutdown here.
+        pub(crate) const fn is_shut_down(&self) -> bool {
+            false
+        }
+
+        pub(crate) const fn shutdown(&self) -> Option<BorrowedFd<'_>> {
+            None
+        }
+    }
+
     impl AsFd for NodeSets {
         fn as_fd(&self) -> BorrowedFd<'_> {
             self.control.as_fd()
@@ -176,7 +200,7 @@ fn sleepers() -> super::sleepers::Sleepers {
 }
 
 /// A ring for one message. `tests/ring.rs` tests the rings of SPEC.
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub(crate) struct Ring {
     word: AtomicU64,
     parked: AtomicU64,
@@ -356,6 +380,37 @@ pub(crate) fn bell() {
     });
     take(&linked.interface, OTHER);
     polling.join().unwrap();
+    peer.join().unwrap();
+}
+
+/// A thread waits in a wait set for a message in the ring, as `wait_set.rs` does. Another thread waits for a message in
+/// the socket, and may receive the bell of the ring.
+pub(crate) fn wait_set() {
+    let linked = Linked::new(false);
+    let other = linked.waiting(OTHER);
+    let peer = linked.peer(|socket, ring| {
+        socket.send(OTHER);
+        if ring.put(1) {
+            socket.send(DOORBELL);
+        }
+    });
+    let watch = Watch::new(&linked.interface).unwrap();
+    let set = crate::kernel::Epoll::new().unwrap();
+    for descriptor in watch.descriptors() {
+        let readable = crate::kernel::Interest::READABLE;
+        set.add(&descriptor, 0, readable).unwrap();
+    }
+    let is_found = std::cell::Cell::new(false);
+    let look = |it: &mut Interface, _: &mut context::Context<'_>| {
+        is_found.set(is_found.get() || it.take_by_ring(u64::MAX).is_some());
+        is_found.get()
+    };
+    watch.look(look);
+    while !is_found.get() {
+        assert!(wait_readable(&[set.as_fd()], None).unwrap());
+        watch.read_and_look(look);
+    }
+    other.join().unwrap();
     peer.join().unwrap();
 }
 

@@ -9,21 +9,26 @@ use sm2_proto::Instant;
 
 use super::context::Context;
 use super::interface::Interface;
-use crate::kernel::Epoll;
+use crate::kernel::{BorrowedFd, Epoll};
 
 use super::super::sleepers::Sleepers;
 use super::sleepers;
 
+#[derive(Debug)]
 pub(crate) struct SharedInterface {
     pub(crate) sets: LinkSets,
     driver: Mutex<InterfaceDriver>,
 }
 
+#[derive(Debug)]
 pub(crate) struct LinkSets {
     pub(crate) calls: Epoll,
     control: Epoll,
+    /// The node, of which these models know nothing.
+    pub(crate) node: (),
 }
 
+#[derive(Debug)]
 pub(crate) struct InterfaceDriver {
     pub(super) interface: Interface,
     pub(in super::super) sleepers: Sleepers,
@@ -39,6 +44,15 @@ impl LinkSets {
         true
     }
 
+    /// No thread requests a shutdown here.
+    pub(crate) const fn is_shut_down(&self) -> bool {
+        false
+    }
+
+    pub(crate) const fn shutdown(&self) -> Option<BorrowedFd<'_>> {
+        None
+    }
+
     pub(crate) const fn control(&self) -> &Epoll {
         &self.control
     }
@@ -50,6 +64,7 @@ impl SharedInterface {
             sets: LinkSets {
                 calls: Epoll::new().unwrap(),
                 control: Epoll::new().unwrap(),
+                node: (),
             },
             driver: Mutex::new(InterfaceDriver {
                 interface,
@@ -72,6 +87,10 @@ impl SharedInterface {
         let mut locked = self.lock();
         locked.drive();
         locked
+    }
+
+    pub(crate) fn lock_for_event(&self) -> LockedInterface<'_> {
+        self.lock_driven()
     }
 
     pub(crate) fn drive(&self) {

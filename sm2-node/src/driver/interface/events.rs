@@ -1,0 +1,79 @@
+//! Events for the program: links that open and end, and losses.
+
+use std::sync::Arc;
+
+use sm2_proto::control::LinkPeer;
+
+use super::Interface;
+use super::event_queue::EventQueue;
+use crate::Event;
+use crate::driver::counters::note;
+use crate::driver::link::LinkDriver;
+
+impl Interface {
+    /// Collects events from now on. The first ones are the links that are open.
+    pub(crate) fn enable_events(&mut self) {
+        if !self.events.enable() {
+            return;
+        }
+        for link in self.links.iter_mut() {
+            // Losses before now are no events.
+            link.take_new_drops();
+            if link.is_open() {
+                link.has_joined = true;
+                let peer = Arc::clone(&link.peer);
+                self.events.push(Event::Joined { peer });
+            }
+        }
+    }
+
+    /// Whether threads have to be woken for an event.
+    #[inline]
+    pub(in crate::driver) const fn has_fresh_events(&mut self) -> bool {
+        self.events.take_fresh()
+    }
+
+    /// Notes the messages that subscribers do not get.
+    #[inline]
+    pub(super) fn note_drops(&mut self) {
+        if self.events.is_enabled() {
+            for link in self.links.iter_mut() {
+                self.events.note_drops(link);
+            }
+        }
+    }
+
+    /// Counts messages of this publisher that came and that the application will not get.
+    pub(super) fn lose(&mut self, publisher: &Arc<LinkPeer>, messages: u64) {
+        self.lost += messages;
+        note(self.entry.as_mut(), |entry| entry.lost(messages));
+        self.events.push_loss(publisher, messages);
+    }
+}
+
+impl EventQueue {
+    /// Notes that a link has opened or ended, when that is noticed first, and what was lost on it.
+    pub(super) fn note_state(&mut self, link: &mut LinkDriver) {
+        if link.is_open() && !link.has_joined {
+            link.has_joined = true;
+            let peer = Arc::clone(&link.peer);
+            self.push(Event::Joined { peer });
+        }
+        if self.is_enabled() {
+            self.note_drops(link);
+        }
+        if let Some(end) = link.end()
+            && link.has_joined
+        {
+            link.has_joined = false;
+            let peer = Arc::clone(&link.peer);
+            self.push(Event::Left { peer, end });
+        }
+    }
+
+    /// Notes the messages that the subscriber of a link does not get.
+    fn note_drops(&mut self, link: &mut LinkDriver) {
+        let dropped = link.take_new_drops();
+        self.push_loss(&link.peer, dropped);
+    }
+}

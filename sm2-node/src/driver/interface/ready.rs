@@ -1,0 +1,27 @@
+//! The events of an interface for which a program waits in a wait set.
+
+use super::{CallId, Interface};
+use crate::driver::context::Context;
+
+/// An event of an interface for which a program waits.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Condition {
+    /// A message or a request may be there.
+    Message,
+    /// The call is over.
+    Call(CallId),
+    /// There is an event for the program.
+    Event,
+}
+
+impl Interface {
+    /// Whether the program would find what it waits for.
+    pub(crate) fn is_ready(&mut self, condition: Condition, context: &mut Context<'_>) -> bool {
+        match condition {
+            _ if self.is_closed => false,
+            Condition::Message => self.may_take(),
+            Condition::Call(call) => self.is_call_over(call, context),
+            Condition::Event => self.events.has_any(),
+        }
+    }
+}

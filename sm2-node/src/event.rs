@@ -1,0 +1,33 @@
+//! An event of a publisher, subscriber, server or client.
+
+use std::sync::Arc;
+
+use sm2_proto::control::LinkPeer;
+use sm2_proto::link::End;
+
+/// An event of a publisher, subscriber, server or client.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub enum Event {
+    /// A link has opened: messages go to or come from this interface.
+    Joined {
+        /// The interface at the other end of the link.
+        peer: Arc<LinkPeer>,
+    },
+    /// A link has ended. Messages that were received before can still be taken.
+    Left {
+        /// The interface at the other end of the link.
+        peer: Arc<LinkPeer>,
+        /// Why the link ended.
+        end: End,
+    },
+    /// Messages were lost. At a subscriber: messages of this publisher that the program does not get, noticed when it
+    /// takes the next one. At a publisher: messages that this subscriber does not get, because it was too slow, had no
+    /// room, does not accept their length, or is gone.
+    Lost {
+        /// The interface at the other end of the link.
+        peer: Arc<LinkPeer>,
+        /// The number of messages.
+        messages: u64,
+    },
+}

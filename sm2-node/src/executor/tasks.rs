@@ -1,0 +1,137 @@
+//! The tasks of an executor, and waiting for the next one.
+
+use std::collections::{HashMap, VecDeque};
+use std::fmt;
+use std::io;
+use std::sync::Arc;
+
+use super::callback::CallbackId;
+use super::mailbox::{Letters, Mailbox};
+use super::task::Task;
+use super::turn::Due;
+use crate::WaitSet;
+use crate::driver::WaitFailure;
+use crate::wait_set::{Cause, Interest, Key};
+
+/// A task, which several threads share.
+pub(super) type SharedTask<'a> = Arc<dyn Task + 'a>;
+
+/// The tasks of an executor. One thread at a time has them, and waits for the next one.
+pub(super) struct Tasks<'a> {
+    /// The mailbox has no tag.
+    pub(super) set: WaitSet<'a, Option<CallbackId>>,
+    all: HashMap<CallbackId, (Key, SharedTask<'a>)>,
+    /// Callbacks that have waited for the turn of their group. They come before all others.
+    due: VecDeque<Due>,
+    mailbox: Arc<Mailbox<Addition<'a>>>,
+}
+
+/// Adds a source and its callback.
+pub(super) struct Addition<'a>(Box<Add<'a>>);
+
+type Add<'a> = dyn FnOnce(&mut Tasks<'a>) -> io::Result<()> + Send + 'a;
+
+impl<'a> Addition<'a> {
+    pub(super) fn new(add: impl FnOnce(&mut Tasks<'a>) -> io::Result<()> + Send + 'a) -> Self {
+        Self(Box::new(add))
+    }
+}
+
+impl<'a> Tasks<'a> {
+    pub(super) fn new(mailbox: &Arc<Mailbox<Addition<'a>>>) -> io::Result<Self> {
+        let mut set = WaitSet::new()?;
+        set.add_descriptor(Arc::clone(mailbox), Interest::Readable, None)?;
+        Ok(Self {
+            set,
+            all: HashMap::new(),
+            due: VecDeque::new(),
+            mailbox: Arc::clone(mailbox),
+        })
+    }
+
+    pub(super) fn insert(&mut self, id: CallbackId, key: Key, task: SharedTask<'a>) {
+        self.all.insert(id, (key, task));
+    }
+
+    /// Waits for the next callback that can run. The turn of its group is taken, and so is its item. `None` if all
+    /// threads have to end.
+    pub(super) fn next(&mut self) -> Result<Option<SharedTask<'a>>, WaitFailure> {
+        while !self.mailbox.is_over() {
+            let Some(due) = self.next_due()? else {
+                continue;
+            };
+            // It may have been removed meanwhile.
+            let Some((_, task)) = self.all.get(&due.id) else {
+                continue;
+            };
+            let task = Arc::clone(task);
+            if !task.turn().take_or_wait(due) {
+                // Otherwise the source would be reported again and again.
+                self.set.suspend(due.key);
+                continue;
+            }
+            if !self.set.contains(due.key) {
+                // A call, or a timer that does not repeat: this was all.
+                self.all.remove(&due.id);
+            }
+            if task.take(due.cause) {
+                return Ok(Some(task));
+            }
+            self.resume(task.turn().give_back())?;
+        }
+        Ok(None)
+    }
+
+    /// The next callback that is due. `None` if there was mail instead.
+    fn next_due(&mut self) -> Result<Option<Due>, WaitFailure> {
+        if let Some(due) = self.due.pop_front() {
+            return Ok(Some(due));
+        }
+        let ready = self.set.wait_or_fail()?;
+        let Some(id) = ready.tag else {
+            self.read_mail()?;
+            return Ok(None);
+        };
+        let (key, cause) = (ready.key, ready.cause);
+        Ok(Some(Due { id, key, cause }))
+    }
+
+    fn read_mail(&mut self) -> io::Result<()> {
+        let Letters {
+            additions,
+            removals,
+            resumed,
+            ..
+        } = self.mailbox.take();
+        for Addition(add) in additions {
+            add(self)?;
+        }
+        for id in removals {
+            if let Some((key, _)) = self.all.remove(&id) {
+                self.set.remove(key);
+            }
+        }
+        self.resume(resumed)
+    }
+
+    /// The turn of their group is free again.
+    fn resume(&mut self, resumed: Vec<Due>) -> io::Result<()> {
+        for due in resumed {
+            self.set.resume(due.key)?;
+            // A descriptor may have been ready only because the callback had not read from it yet.
+            if !matches!(due.cause, Cause::Descriptor(_)) {
+                self.due.push_back(due);
+            }
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Debug for Tasks<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Tasks")
+            .field("set", &self.set)
+            .field("due", &self.due)
+            .finish_non_exhaustive()
+    }
+}

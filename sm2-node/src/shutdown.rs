@@ -1,0 +1,98 @@
+//! Ending all waits of a program.
+
+use std::io;
+use std::os::fd::{AsFd, BorrowedFd};
+use std::sync::Arc;
+
+use sm2_io::Latch;
+
+/// Ends all waits of a program: a handle that any thread can use, also a signal handler.
+///
+/// After [`request`](Self::request), each of these ends at once, and so does each later one:
+///
+/// | wait | result |
+/// | --- | --- |
+/// | [`wait`] and `wait_timeout` of a set that [ends with](crate::WaitSet::end_with) it | [`WaitError::Shutdown`] |
+/// | [`run`] of an executor that [ends with](crate::Executor::end_with) it | `Ok(())` |
+/// | [`sleep_unless`](crate::Rate::sleep_unless) of a [`Rate`](crate::Rate) | `None` |
+///
+/// The same holds for a node that was [built](crate::NodeBuilder::shutdown) with it:
+///
+/// | wait | result |
+/// | --- | --- |
+/// | `recv`, `recv_timeout`, `recv_each` | [`RecvError::Shutdown`], even if messages are there |
+/// | `call`, [`Call::wait`](crate::Call::wait) | [`CallError::Shutdown`], unless the reply is there |
+/// | [`publish`] that waits for a subscriber | [`PublishError::Shutdown`]; those with room have the message |
+/// | `wait_for_…`, `flush`, `next`, declarations, queries | the variant `Shutdown` of their error |
+/// | [`Node::spin`](crate::Node::spin) and its variants | `Ok(())` |
+///
+/// [`wait`]: crate::WaitSet::wait
+/// [`run`]: crate::Executor::run
+/// [`publish`]: crate::Publisher::publish
+/// [`WaitError::Shutdown`]: crate::WaitError::Shutdown
+/// [`RecvError::Shutdown`]: crate::RecvError::Shutdown
+/// [`CallError::Shutdown`]: crate::CallError::Shutdown
+/// [`PublishError::Shutdown`]: crate::PublishError::Shutdown
+///
+/// The methods that never wait (`try_…`, `publish` with room) go on as before, so a program can take the messages that
+/// are left and publish a last one. Futures (feature `tokio`) are cancelled by dropping them instead. There is no way
+/// back: a new run needs a new handle.
+///
+/// # Signals
+///
+/// [`request`](Self::request) is async-signal-safe: it stores a word, writes to an eventfd, and leaves `errno` as it
+/// was. A handler must not drop the last clone.
+///
+/// ```no_run
+/// use sm2_node::{Node, Shutdown};
+///
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let shutdown = Shutdown::new()?;
+/// let on_signal = shutdown.clone();
+/// // SAFETY: the handler only requests the shutdown, which is async-signal-safe.
+/// unsafe {
+///     signal_hook::low_level::register(signal_hook::consts::SIGINT, move || on_signal.request())?;
+/// }
+/// let node = Node::builder("listener").shutdown(&shutdown).connect()?;
+/// let subscriber = node.subscriber::<str>("chatter")?;
+/// while let Ok(sample) = subscriber.recv() {
+///     println!("{}", &*sample);
+/// }
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Clone, Debug)]
+pub struct Shutdown {
+    latch: Arc<Latch>,
+}
+
+impl Shutdown {
+    /// Creates a handle. Clones are handles of the same shutdown.
+    ///
+    /// # Errors
+    ///
+    /// Errors of `eventfd(2)`: too many descriptors, or no memory.
+    pub fn new() -> io::Result<Self> {
+        let latch = Arc::new(Latch::new()?);
+        Ok(Self { latch })
+    }
+
+    /// Ends all waits, now and later. Never blocks.
+    pub fn request(&self) {
+        self.latch.set();
+    }
+
+    /// Whether the shutdown was requested.
+    #[must_use]
+    #[inline]
+    pub fn is_requested(&self) -> bool {
+        self.latch.is_set()
+    }
+}
+
+/// Readable once the shutdown was requested. It stays readable.
+impl AsFd for Shutdown {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.latch.as_fd()
+    }
+}
