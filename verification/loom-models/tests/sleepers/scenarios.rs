@@ -126,6 +126,10 @@ pub(crate) mod control {
         pub(crate) fn ready_interfaces(&mut self, _: &NodeSets) -> Vec<Arc<SharedInterface>> {
             self.interfaces.values().map(Arc::clone).collect()
         }
+
+        pub(crate) fn not_ready(&mut self, _: &dyn std::fmt::Display) {
+            self.short_of_memory = true;
+        }
     }
 }
 
