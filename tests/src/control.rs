@@ -202,6 +202,12 @@ pub fn reload() -> Vec<u8> {
     frame(14).bytes()
 }
 
+/// SUSPENDED.
+#[must_use]
+pub fn suspended(interface: u64) -> Vec<u8> {
+    frame(15).int(interface).bytes()
+}
+
 /// The quality of service of a contract, whatever its kind.
 #[derive(Clone, Copy, Debug)]
 pub struct Qos {

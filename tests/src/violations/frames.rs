@@ -57,7 +57,7 @@ fn transport() -> Rows {
 fn encoding() -> Rows {
     all([
         Rule::new(UnknownFrame, "SM2-FRM-001")
-            .sent("frame 15", [15])
+            .sent("frame 16", [16])
             .sent("frame 16,383", [0xff, 0x7f])
             .sent("a number cut short", [0x80]),
         Rule::new(Malformed, "SM2-FRM-001")

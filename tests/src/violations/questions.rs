@@ -5,7 +5,8 @@ use std::os::fd::{AsFd, OwnedFd};
 use sm2_proto::{
     Seals,
     ViolationKind::{
-        BadSchema, BadSize, CountersTwice, NotAMemfd, ReloadTwice, SealsMissing, WatchTwice,
+        BadSchema, BadSize, CountersTwice, NotAMemfd, ReloadTwice, SealsMissing,
+        UnexpectedSuspended, WatchTwice,
     },
 };
 
@@ -61,7 +62,17 @@ pub(super) fn rows() -> Rows {
         // Some RELOAD comes before the answer to the one before.
         while node.peer().try_send(&control::reload(), &[]).is_ok() {}
     });
-    all([watch, twice, reload])
+    let suspended = Rule::new(UnexpectedSuspended, "SM2-ACC-017")
+        .row("SUSPENDED of an interface that there is not", |node| {
+            node.ready();
+            node.send(control::suspended(7));
+        })
+        .row("SUSPENDED of an interface that is live", |node| {
+            node.ready();
+            node.declare(7, &control::publisher("s", control::Qos::PLAIN));
+            node.send(control::suspended(7));
+        });
+    all([watch, twice, reload, suspended])
         .into_iter()
         .chain(files())
         .chain(schemas())
