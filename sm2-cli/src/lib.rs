@@ -47,6 +47,7 @@ mod text;
 mod time;
 mod top;
 mod topic;
+mod unheard;
 mod usage;
 mod view;
 mod wait;

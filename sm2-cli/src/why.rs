@@ -22,6 +22,7 @@ use crate::{
     names::{Selector, titles},
     output::Output,
     stopped::StoppedNode,
+    unheard::Unheard,
     view::View,
 };
 
@@ -74,6 +75,8 @@ struct Pair {
     /// The troubles on the links of the two interfaces.
     #[serde(flatten)]
     troubles: LinkTroubles,
+    /// The messages that one of them published to nobody.
+    unheard: Vec<Unheard>,
     /// The verdict as text.
     text: String,
 }
@@ -90,6 +93,8 @@ struct Around {
     /// The troubles on the links of the interfaces.
     #[serde(flatten)]
     troubles: LinkTroubles,
+    /// The messages that the interfaces published to nobody.
+    unheard: Vec<Unheard>,
     interfaces: Vec<One>,
 }
 
@@ -124,6 +129,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
                 linked: verdict.is_linked(),
                 stopped: stopped_nodes(&domain, [one, other]),
                 troubles: LinkTroubles::find(&session, &domain, &[one, other]),
+                unheard: Unheard::find(&session, &domain, &[one, other]),
                 text: verdict.to_string(),
                 differences: differences(&session, &domain, &verdict),
                 verdict,
@@ -135,6 +141,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
                 for difference in &pair.differences {
                     out.line(difference)?;
                 }
+                print_unheard(&pair.unheard, &mut out)?;
                 print_stopped(&pair.stopped, &mut out)?;
                 pair.troubles.print(&mut out)?;
             }
@@ -146,6 +153,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
             let peers = peers.flat_map(|link| [link.offering, link.demanding]);
             let stopped = stopped_nodes(&domain, entities.iter().copied().chain(peers));
             let troubles = LinkTroubles::find(&session, &domain, &entities);
+            let unheard = Unheard::find(&session, &domain, &entities);
             let interfaces = entities
                 .into_iter()
                 .map(|entity| one(&view, entity, &explain));
@@ -155,6 +163,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
                 linked: interfaces.iter().all(|it| !it.linked_with.is_empty()),
                 stopped,
                 troubles,
+                unheard,
                 interfaces,
             };
             match arguments.json {
@@ -320,8 +329,16 @@ fn print(around: &Around, out: &mut Output) -> Result<(), CliError> {
             out.line("  This domain has no counterpart with this name or a similar one.")?;
         }
     }
+    print_unheard(&around.unheard, out)?;
     print_stopped(&around.stopped, out)?;
     around.troubles.print(out)
+}
+
+fn print_unheard(unheard: &[Unheard], out: &mut Output) -> Result<(), CliError> {
+    for publisher in unheard {
+        out.line(format_args!("Note: {publisher}."))?;
+    }
+    Ok(())
 }
 
 /// The nodes of these interfaces that are stopped, each once.

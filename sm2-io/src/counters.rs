@@ -216,6 +216,11 @@ impl Update<'_> {
         self.set(field::IN_FLIGHT, fates.in_flight);
     }
 
+    /// Publisher: counts a message that was published while no link was open.
+    pub fn unheard(&mut self) {
+        self.add(field::UNHEARD, 1);
+    }
+
     /// End of a link: the time at which the node became short of memory on the link, or that it is not.
     pub fn short_since(&mut self, since: Option<Instant>) {
         self.set(field::SHORT_SINCE, since.map_or(0, |since| since.0));

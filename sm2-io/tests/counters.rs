@@ -108,6 +108,7 @@ fn what_is_counted_is_seen() {
         update.fates(&fates);
         let short_since = (message % 2 == 1).then_some(at);
         update.short_since(short_since);
+        update.unheard();
         drop(update);
         let mut update = receiver.update();
         update.taken(at, Instant(at.0 - 100 + message), 20);
@@ -120,6 +121,7 @@ fn what_is_counted_is_seen() {
         sent.last = at;
         sent.fates = fates;
         sent.short_since = short_since;
+        sent.unheard += 1;
         sent.recent_ns[place] = at.0;
         got.messages = message;
         got.bytes += 20;

@@ -58,8 +58,10 @@ pub mod field {
     pub const POOL_LIMIT: usize = 18;
     pub const TOO_LONG: usize = 19;
     pub const SHORT_SINCE: usize = 20;
+    /// Messages that were published while no link was open.
+    pub const UNHEARD: usize = 21;
     /// The first of the fields that are zero, up to [`RECENT`].
-    pub const RESERVED: usize = 21;
+    pub const RESERVED: usize = 22;
     /// The first of [`super::RECENT`] fields.
     pub const RECENT: usize = 32;
 }
@@ -124,6 +126,8 @@ pub struct Entry {
     pub delay_max_ns: u64,
     /// The time at which the node became short of memory on the link; `None` while it is not.
     pub short_since: Option<Instant>,
+    /// Messages of a publisher that were published while none of its links was open.
+    pub unheard: u64,
     /// The last messages, by [`recent_index`]: a sending side notes the time of each publication, a
     /// receiving side its delay. See [`recent`](Self::recent).
     pub recent_ns: [u64; RECENT],
@@ -142,6 +146,7 @@ impl Default for Entry {
             delay_sum_ns: 0,
             delay_max_ns: 0,
             short_since: None,
+            unheard: 0,
             recent_ns: [0; RECENT],
         }
     }
@@ -201,6 +206,7 @@ impl Entry {
                 0 => None,
                 since => Some(Instant(since)),
             },
+            unheard: words[field::UNHEARD],
             recent_ns,
         })
     }
@@ -234,6 +240,7 @@ impl Entry {
         words[field::DELAY_SUM] = self.delay_sum_ns;
         words[field::DELAY_MAX] = self.delay_max_ns;
         words[field::SHORT_SINCE] = self.short_since.map_or(0, |since| since.0);
+        words[field::UNHEARD] = self.unheard;
         words[field::RECENT..].copy_from_slice(&self.recent_ns);
         words
     }

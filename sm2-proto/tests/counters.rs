@@ -33,6 +33,7 @@ fn link_end() -> Entry {
         delay_sum_ns: 16,
         delay_max_ns: 17,
         short_since: Some(Instant(20)),
+        unheard: 21,
         recent_ns: core::array::from_fn(|index| 32 + index as u64),
     }
 }
@@ -44,7 +45,7 @@ fn every_field_has_its_place() {
     let mut expected: [u64; ENTRY_FIELDS] = core::array::from_fn(|index| index as u64);
     expected[0] = 42;
     expected[1] = 2;
-    expected[21..32].fill(0);
+    expected[22..32].fill(0);
     assert_eq!(link_end().to_words(42), expected);
     assert_eq!(Entry::from_words(&expected), Some(link_end()));
     let interface = Entry {

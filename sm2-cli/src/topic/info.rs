@@ -11,6 +11,7 @@ use crate::{
     error::CliError,
     interfaces::{self, Interface, Stated, table},
     output::Output,
+    unheard::Unheard,
     view::{TOPIC, View},
 };
 
@@ -30,7 +31,8 @@ pub(crate) struct Arguments {
 
 const HELP: &str = "\
 Shows the type of the topic, the schema by which `sm2 topic echo` reads its messages, and all its
-publishers and subscribers, including those that the Manager refused. `sm2 why` explains why two of
+publishers and subscribers, including those that the Manager refused, and how many messages were
+published while no subscriber was linked. `sm2 why` explains why two of
 them are not linked.
 
 Exit status: 0 shown, 1 the topic has no publisher and no subscriber, 2 wrong usage.
@@ -48,6 +50,8 @@ struct Info {
     #[serde(flatten)]
     stated: Stated,
     interfaces: Vec<Interface>,
+    /// The publishers that published messages while no subscriber was linked.
+    unheard: Vec<Unheard>,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
@@ -56,10 +60,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let view = View::new(&domain);
     let topic = &arguments.topic;
     let interfaces = interfaces::on(&view, TOPIC, "topic", topic)?;
+    let on_topic = (domain.interfaces()).filter(|it| it.contract.name() == topic);
+    let entities: Vec<_> = on_topic.map(|it| it.entity).collect();
     let info = Info {
         revision: domain.revision(),
         name: topic.to_string(),
         stated: Stated::of(&session, view.topic_type(topic))?,
+        unheard: Unheard::find(&session, &domain, &entities),
         interfaces,
     };
     let mut out = Output::new();
@@ -79,5 +86,9 @@ fn print(info: &Info, out: &mut Output) -> Result<(), CliError> {
     }
     out.line(format_args!("schema  {}", info.stated.schema()))?;
     out.line("")?;
-    out.line(table(&info.interfaces))
+    out.line(table(&info.interfaces))?;
+    for publisher in &info.unheard {
+        out.line(format_args!("{publisher}"))?;
+    }
+    Ok(())
 }

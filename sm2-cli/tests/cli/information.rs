@@ -40,6 +40,39 @@ fn a_topic_is_shown_with_its_type_and_interfaces() {
     assert!(text.contains("depth 3, latched 2"), "{text}");
 }
 
+/// An emergency stop that nobody hears is counted.
+//= SM2-CNT-009 sys
+#[test]
+fn messages_that_nobody_hears_are_shown() {
+    let domain = Domain::new();
+    let node = domain.node("talker");
+    let publisher = node.publisher::<str>("stop").unwrap();
+    let text = |arguments: &[&str]| domain.run(arguments).stdout();
+    let info = ["topic", "info", "stop"];
+    assert_eq!(domain.json(&info)["unheard"], json!([]));
+    assert!(!text(&info).contains("while no subscriber"));
+    for _ in 0..2 {
+        publisher.publish("stop").unwrap();
+    }
+    let expected = json!([{ "publisher": "talker:stop", "messages": 2 }]);
+    let told = "talker:stop published 2 messages while no subscriber was linked";
+    let why = ["why", "talker:stop"];
+    assert_eq!(domain.json(&info)["unheard"], expected);
+    for arguments in [&info[..], &why] {
+        assert!(text(arguments).contains(told), "{}", text(arguments));
+    }
+    // A message on a link is not counted.
+    let listener = domain.node("listener");
+    let subscriber = listener.subscriber::<str>("stop").unwrap();
+    subscriber.wait_for_publishers(1).unwrap();
+    publisher.publish("go").unwrap();
+    assert_eq!(&*subscriber.recv().unwrap(), "go");
+    let pair = ["why", "talker:stop", "listener:stop"];
+    for arguments in [&info[..], &pair] {
+        assert_eq!(domain.json(arguments)["unheard"], expected);
+    }
+}
+
 #[test]
 fn a_node_is_shown_with_its_process_and_peers() {
     let domain = Domain::new();

@@ -201,7 +201,13 @@ impl Interface {
 
     pub(super) fn count_publication(&mut self, time: Instant, len: u64) {
         self.published += 1;
-        note(self.entry.as_mut(), |entry| entry.published(time, len));
+        let is_heard = self.links().any(LinkDriver::is_open);
+        note(self.entry.as_mut(), |entry| {
+            entry.published(time, len);
+            if !is_heard {
+                entry.unheard();
+            }
+        });
     }
 
     /// Sends the message to the links that have room now. Returns whether no link is left to wait
