@@ -143,7 +143,7 @@ impl Manager {
         }
         //= SM2-ACC-017
         if code == Farewell::Denied.code() {
-            self.reload.ask(entity, link);
+            self.reload.ask(entity, Some(link));
         }
         self.send_unlink(entity, link, code);
     }

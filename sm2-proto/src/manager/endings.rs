@@ -100,7 +100,7 @@ impl Manager {
             return Err(violation!(UnknownLink, "SM2-LNK-003"));
         }
         let farewells = record.farewell(interface, link)?;
-        self.reload.confirm(entity, link);
+        self.reload.confirm(entity, Some(link));
         //= SM2-LNK-010
         if was_short {
             self.pending_links.has_room(node);

@@ -145,7 +145,7 @@ impl Manager {
     /// Suspends an interface that was granted or suspended in this session: its node answers.
     //= SM2-ACC-017
     fn suspend_answered(&mut self, entity: EntityId, reason: Refusal) {
-        self.reload.suspend(entity);
+        self.reload.ask(entity, None);
         self.suspend(entity, reason);
     }
 
