@@ -139,6 +139,12 @@ impl Sampler {
 }
 
 impl Sample {
+    /// The counters of these nodes, as far as they can be read, for what is complete without them.
+    pub(crate) fn if_known(node: &Node, domain: &Domain, wanted: &BTreeSet<NodeId>) -> Self {
+        let sample = Sampler::new().look(node, domain, wanted);
+        sample.unwrap_or_else(|_| Self::new(clock::now(), []))
+    }
+
     /// Reads the files of these nodes. A node without a file is `silent`.
     pub(crate) fn new<'f>(
         at: Instant,

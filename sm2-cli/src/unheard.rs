@@ -3,9 +3,9 @@
 use std::fmt;
 
 use serde::Serialize;
-use sm2_proto::{EntityId, Kind, domain::Domain as Mirror, text::Counted};
+use sm2_proto::{EntityId, text::Counted};
 
-use crate::{connect::Session, sampling::Sampler, view::View};
+use crate::{sampling::Sample, view::View};
 
 /// A publisher some of whose messages no link carried.
 #[derive(Serialize)]
@@ -17,19 +17,10 @@ pub(crate) struct Unheard {
 }
 
 impl Unheard {
-    /// The publishers among these interfaces that have published to nobody. Reads the counters of their nodes.
-    pub(crate) fn find(session: &Session, domain: &Mirror, of: &[EntityId]) -> Vec<Self> {
-        let view = View::new(domain);
-        let kind = |it: &EntityId| Some(domain.interface(*it)?.contract.kind());
-        let publishers = of.iter().filter(|it| kind(it) == Some(Kind::Publisher));
-        let publishers: Vec<_> = publishers.copied().collect();
-        let nodes = publishers.iter().map(|it| it.node).collect();
-        // All else is complete without counters.
-        let Ok(sample) = Sampler::new().look(&session.node, domain, &nodes) else {
-            return Vec::new();
-        };
-        let found = publishers.into_iter().filter_map(|publisher| {
-            let messages = sample.interface(domain, publisher)?.unheard;
+    /// The publishers among these interfaces that have published to nobody.
+    pub(crate) fn find(view: &View<'_>, sample: &Sample, of: &[EntityId]) -> Vec<Self> {
+        let found = of.iter().filter_map(|&publisher| {
+            let messages = sample.interface(view.domain, publisher)?.unheard;
             (messages > 0).then(|| Self {
                 publisher: view.title(publisher),
                 messages,

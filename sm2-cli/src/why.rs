@@ -21,6 +21,7 @@ use crate::{
     interfaces::Interface,
     names::{Selector, titles},
     output::Output,
+    sampling::Sample,
     stopped::StoppedNode,
     unheard::Unheard,
     view::View,
@@ -124,12 +125,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         Some(other) => {
             let (one, other) = pair(&view, &arguments.one, other)?;
             let verdict = explain(why(&domain, one, other));
+            let sample = sample_around(&session, &view, &[one, other]);
             let pair = Pair {
                 revision: domain.revision(),
                 linked: verdict.is_linked(),
                 stopped: stopped_nodes(&domain, [one, other]),
-                troubles: LinkTroubles::find(&session, &domain, &[one, other]),
-                unheard: Unheard::find(&session, &domain, &[one, other]),
+                troubles: LinkTroubles::find(&view, &sample, &[one, other]),
+                unheard: Unheard::find(&view, &sample, &[one, other]),
                 text: verdict.to_string(),
                 differences: differences(&session, &domain, &verdict),
                 verdict,
@@ -149,11 +151,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         }
         None => {
             let entities = arguments.one.entities(&view)?;
-            let peers = entities.iter().flat_map(|it| view.links_of(*it));
-            let peers = peers.flat_map(|link| [link.offering, link.demanding]);
-            let stopped = stopped_nodes(&domain, entities.iter().copied().chain(peers));
-            let troubles = LinkTroubles::find(&session, &domain, &entities);
-            let unheard = Unheard::find(&session, &domain, &entities);
+            let stopped = stopped_nodes(&domain, with_peers(&view, &entities));
+            let sample = sample_around(&session, &view, &entities);
+            let troubles = LinkTroubles::find(&view, &sample, &entities);
+            let unheard = Unheard::find(&view, &sample, &entities);
             let interfaces = entities
                 .into_iter()
                 .map(|entity| one(&view, entity, &explain));
@@ -332,6 +333,19 @@ fn print(around: &Around, out: &mut Output) -> Result<(), CliError> {
     print_unheard(&around.unheard, out)?;
     print_stopped(&around.stopped, out)?;
     around.troubles.print(out)
+}
+
+/// These interfaces, and those that they are linked with.
+fn with_peers(view: &View<'_>, of: &[EntityId]) -> impl Iterator<Item = EntityId> {
+    let links = of.iter().flat_map(|it| view.links_of(*it));
+    let peers = links.flat_map(|link| [link.offering, link.demanding]);
+    of.iter().copied().chain(peers)
+}
+
+/// The counters of these interfaces, and of those that they are linked with. A verdict is complete without them.
+fn sample_around(session: &Session, view: &View<'_>, of: &[EntityId]) -> Sample {
+    let nodes = with_peers(view, of).map(|it| it.node).collect();
+    Sample::if_known(&session.node, view.domain, &nodes)
 }
 
 fn print_unheard(unheard: &[Unheard], out: &mut Output) -> Result<(), CliError> {

@@ -2,7 +2,7 @@
 
 use clap::Args;
 use serde::Serialize;
-use sm2_proto::Name;
+use sm2_proto::{Kind, Name};
 
 use crate::{
     args::{Domain, name},
@@ -11,6 +11,7 @@ use crate::{
     error::CliError,
     interfaces::{self, Interface, Stated, table},
     output::Output,
+    sampling::Sample,
     unheard::Unheard,
     view::{TOPIC, View},
 };
@@ -30,10 +31,10 @@ pub(crate) struct Arguments {
 }
 
 const HELP: &str = "\
-Shows the type of the topic, the schema by which `sm2 topic echo` reads its messages, and all its
-publishers and subscribers, including those that the Manager refused, and how many messages were
-published while no subscriber was linked. `sm2 why` explains why two of
-them are not linked.
+Shows the type of the topic, and the schema by which `sm2 topic echo` reads its messages. Lists all
+its publishers and subscribers, including those that the Manager refused, and the publishers that
+published while no subscriber was linked, with the number of these messages. `sm2 why` explains why
+two of them are not linked.
 
 Exit status: 0 shown, 1 the topic has no publisher and no subscriber, 2 wrong usage.
 
@@ -60,13 +61,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let view = View::new(&domain);
     let topic = &arguments.topic;
     let interfaces = interfaces::on(&view, TOPIC, "topic", topic)?;
-    let on_topic = (domain.interfaces()).filter(|it| it.contract.name() == topic);
-    let entities: Vec<_> = on_topic.map(|it| it.entity).collect();
+    let publishers = (domain.interfaces())
+        .filter(|it| it.contract.kind() == Kind::Publisher && it.contract.name() == topic);
+    let publishers: Vec<_> = publishers.map(|it| it.entity).collect();
+    let nodes = publishers.iter().map(|it| it.node).collect();
+    let sample = Sample::if_known(&session.node, &domain, &nodes);
     let info = Info {
         revision: domain.revision(),
         name: topic.to_string(),
         stated: Stated::of(&session, view.topic_type(topic))?,
-        unheard: Unheard::find(&session, &domain, &entities),
+        unheard: Unheard::find(&view, &sample, &publishers),
         interfaces,
     };
     let mut out = Output::new();

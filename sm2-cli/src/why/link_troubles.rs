@@ -4,18 +4,12 @@ use std::{collections::BTreeSet, fmt};
 
 use serde::Serialize;
 use sm2_io::clock;
-use sm2_proto::{
-    EntityId, LinkId,
-    counters::Entry,
-    domain::{Domain as Mirror, LinkView},
-    text::Counted,
-};
+use sm2_proto::{EntityId, LinkId, counters::Entry, domain::LinkView, text::Counted};
 
 use crate::{
-    connect::Session,
     error::CliError,
     output::Output,
-    sampling::{Sample, Sampler, hundredths},
+    sampling::{Sample, hundredths},
     view::View,
 };
 
@@ -51,21 +45,13 @@ struct ShortOfMemory {
 }
 
 impl LinkTroubles {
-    /// The troubles on the links of these interfaces. Reads the counters of the nodes at both ends.
-    pub(super) fn find(session: &Session, domain: &Mirror, of: &[EntityId]) -> Self {
-        let view = View::new(domain);
-        let links = of.iter().flat_map(|it| view.links_of(*it)).copied();
-        let links: Vec<_> = links.collect();
-        let ends = links.iter().flat_map(|it| [it.offering, it.demanding]);
-        let nodes = ends.map(|it| it.node).collect();
+    /// The troubles on the links of these interfaces. `sample` has the counters of the nodes at both ends.
+    pub(super) fn find(view: &View<'_>, sample: &Sample, of: &[EntityId]) -> Self {
         let mut troubles = Self::default();
-        // The verdict is complete without counters.
-        let Ok(sample) = Sampler::new().look(&session.node, domain, &nodes) else {
-            return troubles;
-        };
         let mut seen: BTreeSet<LinkId> = BTreeSet::new();
-        for link in links.iter().filter(|link| seen.insert(link.link)) {
-            troubles.add(&view, &sample, link);
+        let links = of.iter().flat_map(|it| view.links_of(*it));
+        for link in links.filter(|link| seen.insert(link.link)) {
+            troubles.add(view, sample, link);
         }
         troubles
     }
