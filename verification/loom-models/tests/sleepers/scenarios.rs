@@ -277,6 +277,14 @@ impl Linked {
     }
 }
 
+/// Sends a message on the socket, and then one in the ring, with the bell if its receiver sleeps.
+fn send_to_both(socket: &Socket, ring: &Ring) {
+    socket.send(OTHER);
+    if ring.put(1) {
+        socket.send(DOORBELL);
+    }
+}
+
 fn take(interface: &SharedInterface, number: u64) {
     let found = interface.wait(None, |it, _| it.take(number));
     assert_eq!(found.unwrap(), Some(()));
@@ -392,12 +400,7 @@ pub(crate) fn bell() {
 pub(crate) fn wait_set() {
     let linked = Linked::new(false);
     let other = linked.waiting(OTHER);
-    let peer = linked.peer(|socket, ring| {
-        socket.send(OTHER);
-        if ring.put(1) {
-            socket.send(DOORBELL);
-        }
-    });
+    let peer = linked.peer(send_to_both);
     let watch = Watch::new(&linked.interface).unwrap();
     let set = crate::kernel::Epoll::new().unwrap();
     for descriptor in watch.descriptors() {
@@ -423,12 +426,7 @@ pub(crate) fn wait_set() {
 pub(crate) fn ring() {
     let linked = Linked::new(false);
     let other = linked.waiting(OTHER);
-    let peer = linked.peer(|socket, ring| {
-        socket.send(OTHER);
-        if ring.put(1) {
-            socket.send(DOORBELL);
-        }
-    });
+    let peer = linked.peer(send_to_both);
     assert_eq!(take_by_ring(&linked.interface), 1);
     other.join().unwrap();
     peer.join().unwrap();
