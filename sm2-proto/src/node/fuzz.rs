@@ -129,6 +129,11 @@ impl Session {
             }
             ToNode::Changes(_) => self.watching = false,
             ToNode::Reloaded { .. } => self.reloading = false,
+            // The node sends its counters once more.
+            ToNode::CountersLost => {
+                assert!(self.counting, "counters that were not sent");
+                self.counting = false;
+            }
             _ => {}
         }
     }
@@ -168,7 +173,7 @@ impl Session {
                 self.watching = true;
             }
             ToManager::Counters => {
-                assert!(!self.counting, "counters once");
+                assert!(!self.counting, "counters once, and once more for each loss");
                 self.counting = true;
             }
             ToManager::Reload => {
