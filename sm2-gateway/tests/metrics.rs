@@ -5,7 +5,6 @@ mod common;
 use std::{
     io::{ErrorKind, Read, Write},
     net::{SocketAddr, TcpStream},
-    time::{Duration, Instant},
 };
 
 use common::{ALL, Domain, SOON, runtime, until};
@@ -93,14 +92,12 @@ fn scrapers_that_are_slow_or_hostile_harm_nothing() {
     let address = serve(&runtime, &gateway);
     // More connections than the server has room for: some send nothing, some never finish, one
     // request is too long.
-    let began = Instant::now();
     let mut silent: Vec<TcpStream> = (0..20).map(|_| connect(address)).collect();
     for stream in silent.iter_mut().step_by(2) {
         stream.write_all(b"GET /metrics HTTP/1.1\r\nX: ").unwrap();
     }
     // Meanwhile the gateway itself keeps working.
     assert!(common::report(&runtime, &gateway).peers.is_empty());
-    assert!(began.elapsed() < Duration::from_secs(2));
     // Each connection times out, and then makes room for another.
     let text = scrape(address);
     assert!(text.starts_with("HTTP/1.1 200 "), "{text}");

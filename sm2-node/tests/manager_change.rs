@@ -21,7 +21,19 @@ struct Stream {
 
 impl Stream {
     fn new(domain: &Domain) -> Self {
-        let (talker, listener) = (domain.node("talker"), domain.node("listener"));
+        Self::between(domain.node("talker"), domain.node("listener"))
+    }
+
+    /// A stream whose nodes look for the next Manager only while they are called.
+    fn without_threads(domain: &Domain) -> Self {
+        let node = |name| {
+            let builder = Node::builder(name).socket(domain.socket());
+            builder.background(false).connect().unwrap()
+        };
+        Self::between(node("talker"), node("listener"))
+    }
+
+    fn between(talker: Node, listener: Node) -> Self {
         let builder = talker
             .publisher_builder("numbers")
             .reliable(true)
@@ -268,11 +280,11 @@ fn a_handle_that_is_dropped_without_a_manager_is_gone_for_the_next_one() {
 #[test]
 fn a_node_whose_name_was_taken_meanwhile_goes_on_trying() {
     let mut domain = Domain::new();
-    let mut stream = Stream::new(&domain);
+    let mut stream = Stream::without_threads(&domain);
     domain.stop();
     away(&stream.nodes());
     domain.start();
-    // Faster than the node that had the name, which is only called below.
+    // Before the node that had the name, which is only called below.
     let thief = domain.node("talker");
     back(&[&stream.listener]);
     for _ in 0..20 {
@@ -294,7 +306,7 @@ fn a_node_whose_name_was_taken_meanwhile_goes_on_trying() {
 #[test]
 fn an_interface_that_the_next_manager_refuses_keeps_its_links() {
     let mut domain = Domain::new();
-    let mut stream = Stream::new(&domain);
+    let mut stream = Stream::without_threads(&domain);
     domain.stop();
     away(&stream.nodes());
     domain.start();
