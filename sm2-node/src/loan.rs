@@ -3,6 +3,7 @@
 use std::fmt;
 use std::marker::PhantomData;
 use std::ops::{Deref, DerefMut};
+use std::time::Duration;
 
 use bytes::Bytes;
 use sm2_io::{SealedLoan, Slot};
@@ -75,7 +76,18 @@ impl<'p, T: Plain + ?Sized> Loan<'p, T> {
     /// # Errors
     ///
     /// As [`Publisher::publish`](crate::Publisher::publish).
-    pub fn publish(mut self) -> Result<Published, PublishError> {
+    pub fn publish(self) -> Result<Published, PublishError> {
+        let timeout = self.publisher.publish_timeout;
+        self.publish_timeout(timeout)
+    }
+
+    /// The same as [`publish`](Self::publish), with a timeout for this message:
+    /// see [`Publisher::publish_timeout`](crate::Publisher::publish_timeout).
+    ///
+    /// # Errors
+    ///
+    /// As [`Publisher::publish`](crate::Publisher::publish).
+    pub fn publish_timeout(mut self, timeout: Duration) -> Result<Published, PublishError> {
         let Some(memory) = self.memory.take() else {
             unreachable!("only publishing and dropping spend a loan");
         };
@@ -87,7 +99,7 @@ impl<'p, T: Plain + ?Sized> Loan<'p, T> {
         match memory {
             // Subscribers may have released memory since.
             Memory::Heap(buffer) if self.len > self.publisher.handle.inline_max => {
-                return self.publisher.publish_bytes(buffer.as_slice().into());
+                return (self.publisher).publish_bytes(buffer.as_slice().into(), timeout);
             }
             Memory::Heap(buffer) => forms.inline = Some(Bytes::from_owner(buffer)),
             Memory::Slot(lease) => {
@@ -107,7 +119,7 @@ impl<'p, T: Plain + ?Sized> Loan<'p, T> {
             }
             Memory::Sealed(loan) => forms.sealed = Some(loan.seal().map_err(StoreError::Io)?),
         }
-        self.publisher.publish_forms(forms, self.len as u64)
+        (self.publisher).publish_forms(forms, self.len as u64, timeout)
     }
 
     fn bytes(&self) -> &[u8] {

@@ -63,8 +63,63 @@ impl<T: Message + ?Sized> Publisher<T> {
     ///
     /// See [`PublishError`].
     pub fn publish(&self, message: &T) -> Result<Published, PublishError> {
+        self.publish_timeout(message, self.core.publish_timeout)
+    }
+
+    /// As [`publish`](Self::publish), with a timeout for this message.
+    ///
+    /// All subscribers that have room get the message first. Then the call waits for all reliable ones without room at
+    /// the same time. A subscriber without room at the end of the timeout misses the message
+    /// ([`Published::missed`]), and no later publication waits for it until it releases a message. With
+    /// `Duration::ZERO` the call waits for no subscriber.
+    ///
+    /// # Errors
+    ///
+    /// See [`PublishError`].
+    pub fn publish_timeout(
+        &self,
+        message: &T,
+        timeout: Duration,
+    ) -> Result<Published, PublishError> {
         let bytes = message.bytes().map_err(StoreError::Encode)?;
-        self.core.publish_bytes(bytes)
+        self.core.publish_bytes(bytes, timeout)
+    }
+
+    /// Sends one message to all subscribers, or to none of them.
+    ///
+    /// Returns `None` if [`publish`](Self::publish) would wait: a reliable subscriber has no room. No subscriber gets
+    /// the message then, and nothing is counted. A reliable subscriber that had no room until the end of an earlier
+    /// timeout is not considered until it releases a message: it misses this message, too.
+    ///
+    /// # Errors
+    ///
+    /// See [`PublishError`].
+    pub fn try_publish(&self, message: &T) -> Result<Option<Published>, PublishError> {
+        let bytes = message.bytes().map_err(StoreError::Encode)?;
+        self.core.try_publish_bytes(bytes)
+    }
+
+    /// Waits, without a time limit, until every reliable subscriber has room for one message. The next
+    /// [`publish`](Self::publish) does not wait, and the next [`try_publish`](Self::try_publish) sends the message,
+    /// unless another thread publishes or a subscriber joins in between.
+    ///
+    /// Does not wait for subscribers that are not reliable, nor for a reliable one that had no room until the end of an
+    /// earlier timeout and has released no message since. A [`Shutdown`](crate::Shutdown) ends the wait.
+    ///
+    /// # Errors
+    ///
+    /// [`WaitError::Shutdown`], [`WaitError::Io`].
+    pub fn wait_for_room(&self) -> Result<(), WaitError> {
+        self.core.wait_for_room(None).map(drop)
+    }
+
+    /// As [`wait_for_room`](Self::wait_for_room), for at most `timeout`. Returns whether there is room.
+    ///
+    /// # Errors
+    ///
+    /// As [`wait_for_room`](Self::wait_for_room).
+    pub fn wait_for_room_timeout(&self, timeout: Duration) -> Result<bool, WaitError> {
+        self.core.wait_for_room(Some(timeout))
     }
 
     /// Waits, without a time limit, until no message waits in the publisher. A reliable subscriber has then
@@ -92,6 +147,11 @@ impl<T: Message + ?Sized> Publisher<T> {
         self.core
             .handle
             .with_driven(|interface, _| interface.counters())
+    }
+
+    /// Returns how many messages were published while no subscriber was linked.
+    pub fn unheard(&self) -> u64 {
+        (self.core.handle).with_driven(|interface, _| interface.unheard)
     }
 
     /// Returns the size of the shared memory for its messages, in bytes. Pages that were never written occupy

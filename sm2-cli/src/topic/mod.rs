@@ -10,7 +10,6 @@ mod list;
 mod loss;
 mod measure;
 mod publish;
-mod room;
 mod source;
 mod wait_hint;
 

@@ -1,24 +1,21 @@
 //! `sm2 topic pub`: publishes files, standard input or a value.
 
 mod arguments;
-mod pace;
 mod payload;
 mod summary;
 
 use std::{os::fd::BorrowedFd, time::Duration};
 
 use sm2_io::clock;
-use sm2_node::{POOL_LIMIT_BYTES, Publisher, WaitError};
-use sm2_proto::Kind;
+use sm2_node::{Publisher, Timer, WaitError};
+use sm2_proto::{Instant, Kind};
 
 pub(crate) use self::arguments::Arguments;
 use self::{
-    pace::Pace,
     payload::Payload,
     summary::{Summary, Tally},
 };
 use super::{
-    room::{DEPTH, Room, TIMEOUT},
     source::{Gate, Input, Messages},
     wait_hint,
 };
@@ -30,6 +27,12 @@ use crate::{
     size::Size,
     wait::For,
 };
+
+/// The number of messages that wait for a subscriber.
+const DEPTH: u16 = 64;
+
+/// A reliable subscriber that receives nothing for this time no longer delays the publisher.
+const TIMEOUT: Duration = Duration::from_secs(10);
 
 /// The timeout at the end for messages to subscribers that are not reliable.
 const FAREWELL: Duration = Duration::from_secs(1);
@@ -59,8 +62,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         session: &session,
         publisher: &publisher,
         tally: Tally::default(),
-        pace: None,
-        room: Room::default(),
+        ticks: None,
     };
     let mut flushed = true;
     if feed.wait_for_subscribers()? {
@@ -71,6 +73,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         feed.settle()?;
     }
     let counters = publisher.counters();
+    feed.tally.unheard = publisher.unheard();
     stderr_line!("{}", Summary(feed.tally, counters));
     let missed = match flushed {
         false if arguments.reliable => counters.deadline + counters.in_flight,
@@ -105,7 +108,7 @@ fn declare(
         .type_id(message.data.clone())
         .depth(DEPTH)
         .reliable(arguments.reliable)
-        // `wait_for_room` waits instead, because a signal can end it.
+        // `Feed::wait_for_room` waits instead, because a signal can end it.
         .publish_timeout(Duration::ZERO)
         .sealed(arguments.integrity == Integrity::Sealed);
     Ok(match arguments.pool_limit {
@@ -123,8 +126,8 @@ struct Feed<'a> {
     session: &'a Session,
     publisher: &'a Publisher<[u8]>,
     tally: Tally,
-    pace: Option<Pace>,
-    room: Room,
+    /// The times of messages that are published at a fixed rate.
+    ticks: Option<Timer>,
 }
 
 impl Feed<'_> {
@@ -190,45 +193,41 @@ impl Feed<'_> {
         let published = self.publisher.publish(message)?;
         self.tally.links = self.tally.links.max(published.links);
         self.tally.messages += 1;
-        let is_unheard = published.links == 0 && published.too_long == 0;
-        self.tally.unheard += u64::from(is_unheard);
         self.tally.bytes += message.len() as u64;
-        let limit = self
-            .arguments
-            .pool_limit
-            .map_or(POOL_LIMIT_BYTES, |it| it.0);
-        self.room.fit(limit, message.len() as u64);
         Ok(())
     }
 
     /// Waits until the next message is due and has room. Returns false if a signal comes.
     fn wait_for_turn(&mut self) -> Result<bool, CliError> {
-        if let Some(hz) = self.arguments.rate {
-            let pace = self.pace.get_or_insert_with(|| Pace::new(hz));
-            if self.session.pause(pace.next(clock::now()))? {
-                return Ok(false);
+        match &mut self.ticks {
+            Some(ticks) => {
+                while ticks.handle(clock::now()).is_none() {
+                    let due = ticks.deadline().unwrap_or(Instant(u64::MAX));
+                    if self.session.pause(due)? {
+                        return Ok(false);
+                    }
+                }
             }
+            // The first message is due now.
+            none => *none = self.arguments.rate.map(|hz| self.arguments.ticks(hz)),
         }
         self.wait_for_room()
     }
 
-    /// Waits until the next message has room on every reliable link, or the timeout of a link without room has
-    /// passed. Returns false if a signal comes.
-    fn wait_for_room(&mut self) -> Result<bool, CliError> {
+    /// Waits until every reliable subscriber has room for the next message, for at most [`TIMEOUT`]: a subscriber
+    /// without room then misses it, and is not waited for until it receives a message. Returns false if a signal
+    /// comes.
+    fn wait_for_room(&self) -> Result<bool, CliError> {
+        let until = clock::now().after(TIMEOUT);
         while self.session.stopped().is_none() {
-            if self.room.take() {
+            if self.publisher.wait_for_room_timeout(STEP)? || clock::now() >= until {
                 return Ok(true);
             }
-            let links = self.publisher.links().into_iter();
-            let reliable = links.filter(|link| link.open && link.reliable);
-            let counters = reliable.map(|link| (link.id, link.counters));
-            let now = clock::now();
-            if !self.room.look(now, counters) {
-                self.session.step(&[], Some(now.after(STEP)))?;
-            }
+            self.session.is_connected();
         }
         Ok(false)
     }
+
     /// Waits until subscribers have received all messages: without limit while reliable subscribers make
     /// progress, and up to [`FAREWELL`] for the others. Returns false if messages were left.
     fn flush(&self) -> Result<bool, CliError> {

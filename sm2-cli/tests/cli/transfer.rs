@@ -1,6 +1,6 @@
 //! `sm2 topic echo` receives the bytes that `sm2 topic pub` publishes.
 
-use std::{fs, io::Write, process::Stdio};
+use std::{fs, io::Write, process::Stdio, thread, time::Duration};
 
 use crate::common::{Domain, Running, files, noise};
 
@@ -162,6 +162,34 @@ fn a_slow_reader_gets_every_line_in_its_order() {
     assert_eq!(published.code(), 0, "{}", published.stderr());
     let received = echo.finish();
     assert!(received.stdout() == lines, "{}", received.stderr());
+}
+
+/// A subscriber with a window of three messages, which is slower than the publisher.
+#[test]
+fn a_narrow_subscriber_gets_every_line() {
+    let domain = Domain::new();
+    let lines: String = (0..300).map(|number| format!("{number}\n")).collect();
+    let file = domain.path("lines");
+    fs::write(&file, &lines).unwrap();
+    let node = domain.node("narrow");
+    let builder = node.subscriber_builder::<str>("lines").reliable(true);
+    let subscriber = builder.depth(2).max_borrowed(1).declare().unwrap();
+    let from = ["topic", "pub", "lines", "--from", file.to_str().unwrap()];
+    let publish = domain.start(&[&from[..], &["--lines", "--reliable", "--type", "text"]].concat());
+    for number in 0..300 {
+        let sample = subscriber
+            .recv_timeout(Duration::from_secs(30))
+            .unwrap()
+            .expect("a line");
+        assert_eq!(*sample, *number.to_string());
+        if number % 10 == 0 {
+            thread::sleep(Duration::from_millis(1));
+        }
+    }
+    let published = publish.finish();
+    let summary = published.stderr();
+    assert!(summary.ends_with("300 delivered, 0 dropped\n"), "{summary}");
+    assert_eq!(published.code(), 0);
 }
 
 #[test]

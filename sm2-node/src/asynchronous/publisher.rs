@@ -49,6 +49,20 @@ impl<T: Message + ?Sized> AsyncPublisher<T> {
         Ok(self.published.take().unwrap_or_default())
     }
 
+    /// Waits until every reliable subscriber has room: see [`Publisher::wait_for_room`].
+    ///
+    /// # Errors
+    ///
+    /// Errors of `epoll_ctl(2)`, such as no memory.
+    pub async fn wait_for_room(&mut self) -> io::Result<()> {
+        poll_fn(|context| {
+            ready!(self.poll_in_flight(context))?;
+            let publisher = &self.publisher;
+            publisher.poll(context, |it| it.core.has_room().then_some(()))
+        })
+        .await
+    }
+
     /// Returns the publisher.
     #[must_use]
     pub fn get_ref(&self) -> &Publisher<T> {
@@ -69,7 +83,7 @@ impl<T: Message + ?Sized> AsyncPublisher<T> {
     fn start(&mut self, message: &T) -> Result<(), PublishError> {
         let core = &self.publisher.get().core;
         let bytes = message.bytes().map_err(StoreError::Encode)?;
-        match core.start(bytes)? {
+        match core.start(bytes, core.publish_timeout)? {
             Publication::Done(published) => self.published = Some(published),
             Publication::Waiting { offered, deadline } => {
                 let remaining = deadline.since(sm2_io::clock::now());

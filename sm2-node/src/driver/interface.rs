@@ -46,6 +46,8 @@ pub(crate) struct Interface {
     pub(super) latched: VecDeque<MessageKey>,
     /// The number of published messages.
     pub(super) published: u64,
+    /// The number of messages that were published while no link was open.
+    pub(crate) unheard: u64,
     pub(super) calls: Calls,
     /// Whether a client may call the server of the node with this name.
     pub(crate) servers: fn(&Name) -> bool,
@@ -113,6 +115,7 @@ impl Interface {
             outbox: Outbox::new(pool_limit),
             latched: VecDeque::new(),
             published: 0,
+            unheard: 0,
             calls: Calls::default(),
             servers: |_| true,
             links_due: 0,

@@ -217,6 +217,13 @@ impl LinkDriver {
         !self.is_suspended() && self.machine.has_room(&self.mapped)
     }
 
+    /// Whether a publication waits for this link, which wants every message: it has no room and is not stalled.
+    //= SM2-QOS-002
+    #[inline]
+    pub(super) fn delays_publication(&self) -> bool {
+        self.is_open() && self.is_reliable() && !self.has_room() && !self.is_stalled()
+    }
+
     /// Whether the kernel had no memory for the last packet, or to read the socket.
     pub(super) const fn is_short_of_memory(&self) -> bool {
         self.short_of_memory

@@ -62,8 +62,8 @@ impl UntypedPublisher {
             let Some(bytes) = rest.by_ref().nth(sent) else {
                 return Ok(());
             };
-            let publication = self.start(bytes)?;
-            sum.add(self.wait_for_room(publication)?);
+            let publication = self.start(bytes, self.publish_timeout)?;
+            sum.add(self.complete(publication)?);
         }
     }
 

@@ -9,11 +9,13 @@ use std::time::Duration;
 use sm2_io::Preallocated;
 use sm2_proto::Instant;
 
-use crate::driver::{Forms, Offered};
+#[cfg(feature = "tokio")]
+use crate::driver::Context;
+use crate::driver::{Forms, Interface, Offered};
 use crate::handle::{Handle, until};
 use crate::published::Published;
 use crate::spare::{self, Fill, SpareMemory};
-use crate::{PublishError, StoreError, WaitError};
+use crate::{PublishError, StoreError, Wait, WaitError};
 
 /// How long a publication spins for room before it sleeps: about as long as falling asleep and waking up
 /// takes.
@@ -29,7 +31,7 @@ pub(crate) struct UntypedPublisher {
     /// Held during a publication, so that each link carries messages in order.
     pub(super) order: Mutex<()>,
     /// See [`publish_timeout`](crate::PublisherBuilder::publish_timeout).
-    publish_timeout: Duration,
+    pub(crate) publish_timeout: Duration,
     /// Memory for the next sealed message.
     spare: Mutex<SpareMemory>,
 }
@@ -52,38 +54,91 @@ impl UntypedPublisher {
         Ok(flushed?.is_some())
     }
 
-    pub(crate) fn publish_bytes(&self, bytes: Cow<'_, [u8]>) -> Result<Published, PublishError> {
+    /// Publishes a message, and waits at most `timeout` for reliable links without room.
+    pub(crate) fn publish_bytes(
+        &self,
+        bytes: Cow<'_, [u8]>,
+        timeout: Duration,
+    ) -> Result<Published, PublishError> {
         let _order = self.order.lock().unwrap_or_else(PoisonError::into_inner);
         let mut published = Published::default();
         if self.publish_to_rings(std::slice::from_ref(&bytes), &mut published) == 1 {
             return Ok(published);
         }
-        let publication = self.start(bytes)?;
-        self.wait_for_room(publication)
+        let publication = self.start(bytes, timeout)?;
+        self.complete(publication)
+    }
+
+    /// Publishes a message unless the publication would wait: then `None`, and no link gets the message.
+    pub(super) fn try_publish_bytes(
+        &self,
+        bytes: Cow<'_, [u8]>,
+    ) -> Result<Option<Published>, PublishError> {
+        let _order = self.order.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut published = Published::default();
+        if self.publish_to_rings(std::slice::from_ref(&bytes), &mut published) == 1 {
+            return Ok(Some(published));
+        }
+        let has_room = |interface: &mut Interface| interface.has_room();
+        if !(self.handle).with_driven_if_due(|interface, _| has_room(interface)) {
+            return Ok(None);
+        }
+        let len = bytes.len() as u64;
+        match self.store(bytes) {
+            Ok(forms) => Ok(self.offer_to_all(forms, len)),
+            // A reliable link that holds the memory is suspended now.
+            Err(_)
+                if !self
+                    .handle
+                    .with_undriven(|interface, _| has_room(interface)) =>
+            {
+                Ok(None)
+            }
+            Err(error) => self.miss(error, len).map(Some),
+        }
+    }
+
+    /// Waits until a publication would not wait, for at most `timeout`. Returns whether that is so.
+    pub(super) fn wait_for_room(&self, timeout: Option<Duration>) -> Result<bool, WaitError> {
+        let way = Wait::SpinThenPark(SPIN);
+        let found = (self.handle.interface).wait_as(way, timeout.into(), |locked| {
+            locked.change(|interface, _| interface.has_room().then_some(()))
+        });
+        Ok(found?.is_some())
     }
 
     /// Sends a message to all links that have room now.
-    pub(crate) fn start(&self, bytes: Cow<'_, [u8]>) -> Result<Publication, PublishError> {
+    pub(crate) fn start(
+        &self,
+        bytes: Cow<'_, [u8]>,
+        timeout: Duration,
+    ) -> Result<Publication, PublishError> {
+        let len = bytes.len() as u64;
+        match self.store(bytes) {
+            Ok(forms) => Ok(self.offer(forms, len, timeout)),
+            Err(error) => self.miss(error, len).map(Publication::Done),
+        }
+    }
+
+    /// Stores a message in the forms that the links need.
+    fn store(&self, bytes: Cow<'_, [u8]>) -> Result<Forms, StoreError> {
         let len = bytes.len() as u64;
         let needs = self
             .handle
             .with_driven_if_due(|interface, _| interface.needs(len));
         let spare = |len| self.take_spare(len, Fill::Copy);
-        match (self.handle).store_with(bytes, needs, spare) {
-            Ok(forms) => Ok(self.offer(forms, len)),
-            Err(error) => self.miss(error, len),
-        }
+        self.handle.store_with(bytes, needs, spare)
     }
 
     /// Counts a message without memory as lost on all links if subscribers hold the memory.
-    fn miss(&self, error: StoreError, len: u64) -> Result<Publication, PublishError> {
+    fn miss(&self, error: StoreError, len: u64) -> Result<Published, PublishError> {
         if !matches!(error, StoreError::PoolFull { .. }) {
             return Err(error.into());
         }
         let now = sm2_io::clock::now();
         let missed =
             (self.handle).with_undriven(|interface, context| interface.miss(now, len, context));
-        Ok(Publication::Done(missed.ok_or(error)?))
+        Ok(missed.ok_or(error)?)
     }
 
     /// Takes prepared memory for a sealed message of `len` bytes, if there is any.
@@ -98,14 +153,37 @@ impl UntypedPublisher {
         spare::seal(self.take_spare(bytes.len(), Fill::Copy), bytes)
     }
 
-    /// Publishes the forms of a loan. The caller has driven the node.
-    pub(crate) fn publish_forms(&self, forms: Forms, len: u64) -> Result<Published, PublishError> {
+    /// Publishes the forms of a loan, and waits at most `timeout` for reliable links without room. The caller has
+    /// driven the node.
+    pub(crate) fn publish_forms(
+        &self,
+        forms: Forms,
+        len: u64,
+        timeout: Duration,
+    ) -> Result<Published, PublishError> {
         let _order = self.order.lock().unwrap_or_else(PoisonError::into_inner);
-        let publication = self.offer(forms, len);
-        self.wait_for_room(publication)
+        let publication = self.offer(forms, len, timeout);
+        self.complete(publication)
     }
 
-    fn offer(&self, forms: Forms, len: u64) -> Publication {
+    /// Offers a stored message to all links, or to none: then `None`, and a reliable link has no room.
+    fn offer_to_all(&self, forms: Forms, len: u64) -> Option<Published> {
+        let now = sm2_io::clock::now();
+        let published = self.handle.with_undriven(|interface, context| {
+            // A link may have opened, or is suspended because it holds the memory.
+            if !interface.has_room() {
+                interface.drop_forms(forms, context);
+                return None;
+            }
+            let offered = interface.publish(forms, now, len, context);
+            interface.rest(now, context);
+            Some(interface.finish(offered, context))
+        });
+        self.refill_spare();
+        published
+    }
+
+    fn offer(&self, forms: Forms, len: u64, timeout: Duration) -> Publication {
         let now = sm2_io::clock::now();
         let publication = self.handle.with_undriven(|interface, context| {
             let offered = interface.publish(forms, now, len, context);
@@ -115,7 +193,7 @@ impl UntypedPublisher {
             }
             Publication::Waiting {
                 offered,
-                deadline: now.after(self.publish_timeout),
+                deadline: now.after(timeout),
             }
         });
         if let Publication::Done(_) = publication {
@@ -143,11 +221,9 @@ impl UntypedPublisher {
         false
     }
 
+    /// Waits until all links have the message, or the deadline has passed.
     //= SM2-QOS-002
-    pub(super) fn wait_for_room(
-        &self,
-        publication: Publication,
-    ) -> Result<Published, PublishError> {
+    pub(super) fn complete(&self, publication: Publication) -> Result<Published, PublishError> {
         let (mut offered, deadline) = match publication {
             Publication::Done(published) => return Ok(published),
             Publication::Waiting { offered, deadline } => (offered, deadline),
@@ -168,13 +244,26 @@ impl UntypedPublisher {
     /// left. If one is left, the descriptor is silent until the next event.
     #[cfg(feature = "tokio")]
     pub(crate) fn send_more(&self, offered: &mut Offered) -> bool {
+        self.is_so_or_silence(|interface, context| interface.publish_more(offered, context))
+    }
+
+    /// Drives the node. Returns whether a publication would not wait. If it would, the descriptor is silent until the
+    /// next event.
+    #[cfg(feature = "tokio")]
+    pub(crate) fn has_room(&self) -> bool {
+        self.is_so_or_silence(|interface, _| interface.has_room())
+    }
+
+    #[cfg(feature = "tokio")]
+    fn is_so_or_silence(
+        &self,
+        mut is_so: impl FnMut(&mut Interface, &mut Context<'_>) -> bool,
+    ) -> bool {
         let mut locked = self.handle.interface.lock_driven();
-        let done = self.handle.find_or_silence(&mut locked, |locked| {
-            let is_done =
-                locked.change(|interface, context| interface.publish_more(offered, context));
-            is_done.then_some(())
+        let found = self.handle.find_or_silence(&mut locked, |locked| {
+            locked.change(&mut is_so).then_some(())
         });
-        done.is_some()
+        found.is_some()
     }
 
     /// Stops waiting: links that have no room miss this message.

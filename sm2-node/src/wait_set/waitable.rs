@@ -5,7 +5,7 @@ use std::sync::Arc;
 use sm2_proto::Instant;
 
 use crate::driver::{Condition, SharedInterface};
-use crate::{Call, Events, Message, Server, Subscriber};
+use crate::{Call, Events, Message, Publisher, Server, Subscriber};
 
 /// A source of a [`WaitSet`](crate::WaitSet) that belongs to a node. Only types of this crate implement it.
 ///
@@ -15,6 +15,10 @@ use crate::{Call, Events, Message, Server, Subscriber};
 /// | [`Server`] | a request may be there | [`try_recv`](Server::try_recv) |
 /// | [`Call`] | its reply or its failure is there, or its deadline has passed | [`try_wait`](Call::try_wait) |
 /// | [`Events`] | an event is there | [`try_next`](Events::try_next) |
+/// | [`Publisher`] | every reliable subscriber has room | [`try_publish`](Publisher::try_publish) |
+///
+/// A publisher is ready most of the time. So a program adds it while it has a message that found no room, and then
+/// removes it, as it would wait for a writable socket.
 #[allow(private_bounds, reason = "only types of this crate implement it")]
 pub trait Waitable: Source {}
 
@@ -63,6 +67,16 @@ impl<R: Message + ?Sized> Source for Call<R> {
 
     fn deadline(&self) -> Option<Instant> {
         self.deadline()
+    }
+}
+
+impl<T: Message + ?Sized> Source for Publisher<T> {
+    fn interface(&self) -> &Arc<SharedInterface> {
+        &self.handle().interface
+    }
+
+    fn condition(&self) -> Condition {
+        Condition::Room
     }
 }
 

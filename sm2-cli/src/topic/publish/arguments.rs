@@ -1,6 +1,9 @@
 //! The arguments of `sm2 topic pub`.
 
+use std::time::Duration;
+
 use clap::Args;
+use sm2_node::{MissedTicks, Timer};
 use sm2_proto::{Name, schema::Schema};
 
 use super::super::source::{Input, Split};
@@ -32,6 +35,9 @@ pub(crate) struct Arguments {
     /// The number of messages per second [default: as fast as the input can be read]
     #[arg(long, value_name = "HZ", value_parser = positive, allow_negative_numbers = true)]
     pub(super) rate: Option<f64>,
+    /// After a stall, send the messages that are overdue at once, instead of going on at the rate
+    #[arg(long, requires = "rate")]
+    pub(super) catch_up: bool,
     /// Start again at the end of the input, until Ctrl-C
     #[arg(long = "loop")]
     pub(super) again: bool,
@@ -106,6 +112,17 @@ impl Arguments {
             (_, Some(Input::StandardInput)) => Split::Lines,
         }
     }
+
+    /// The times of the messages after the first one, which is due now. After a stall, one message is due at once, and
+    /// the schedule goes on with the present, unless it catches up: a burst of messages would displace messages of
+    /// subscribers that are not reliable.
+    pub(super) fn ticks(&self, hz: f64) -> Timer {
+        let period = Duration::try_from_secs_f64(1.0 / hz).unwrap_or(Duration::MAX);
+        Timer::every(period).missed_ticks(match self.catch_up {
+            true => MissedTicks::Burst,
+            false => MissedTicks::Skip,
+        })
+    }
 }
 
 /// The value of `--type`.
@@ -148,4 +165,34 @@ fn chunk(text: &str) -> Result<Size, String> {
 
 fn schema(text: &str) -> Result<Schema, String> {
     Schema::parse(text).map_err(|error| error.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+    use sm2_proto::Instant;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Command {
+        #[command(flatten)]
+        arguments: Arguments,
+    }
+
+    /// How many messages are due after a stall of 20 periods.
+    fn overdue(options: &[&str]) -> usize {
+        let line = ["pub", "topic", "--value", "1", "--rate", "10"];
+        let Command { arguments } = Command::parse_from(line.iter().chain(options));
+        let mut ticks = arguments.ticks(10.0);
+        let first = ticks.deadline().unwrap();
+        let late = Instant(first.0 + 20 * 100_000_000);
+        std::iter::from_fn(|| ticks.handle(late)).count()
+    }
+
+    #[test]
+    fn no_burst_follows_a_stall_unless_it_is_asked_for() {
+        assert_eq!(overdue(&[]), 1);
+        assert_eq!(overdue(&["--catch-up"]), 21);
+    }
 }

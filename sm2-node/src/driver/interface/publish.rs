@@ -77,7 +77,12 @@ impl Interface {
         count
     }
 
-    /// Copies a message to a slot and publishes it; `None` if there is no slot.
+    /// Whether a publication would not wait: each reliable link has room, or is stalled.
+    pub(crate) fn has_room(&self) -> bool {
+        !self.links().any(LinkDriver::delays_publication)
+    }
+
+    /// Copies a message to a slot and publishes it; `None` if there is no slot, or if a publication waits now.
     fn publish_to_slot(
         &mut self,
         bytes: &[u8],
@@ -91,6 +96,10 @@ impl Interface {
                 self.harvest(context);
                 if self.outbox.is_check_due(len) {
                     self.suspend_holders(len);
+                    // The publication waits for a reliable link that is suspended now.
+                    if !self.has_room() {
+                        return None;
+                    }
                 }
                 self.outbox.lease(len).ok()?
             }
@@ -202,6 +211,7 @@ impl Interface {
     pub(super) fn count_publication(&mut self, time: Instant, len: u64) {
         self.published += 1;
         let is_heard = self.links().any(LinkDriver::is_open);
+        self.unheard += u64::from(!is_heard);
         note(self.entry.as_mut(), |entry| {
             entry.published(time, len);
             if !is_heard {

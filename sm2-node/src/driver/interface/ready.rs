@@ -12,6 +12,8 @@ pub(crate) enum Condition {
     Call(CallId),
     /// There is an event for the program.
     Event,
+    /// A publication would not wait.
+    Room,
 }
 
 impl Interface {
@@ -22,6 +24,7 @@ impl Interface {
             Condition::Message => self.may_take(),
             Condition::Call(call) => self.is_call_over(call, context),
             Condition::Event => self.events.has_any(),
+            Condition::Room => self.has_room(),
         }
     }
 }
