@@ -27,7 +27,7 @@ fn rings(end: &dyn Endpoint) -> Vec<(String, bool)> {
     rings
 }
 
-//= SM2-RNG-001 test
+//= SM2-RNG-013 test
 #[test]
 fn the_ring_lane_is_used_if_both_sides_offer_it() {
     for (talker, listener) in [(true, true), (true, false), (false, true), (false, false)] {

@@ -67,7 +67,7 @@ fn echo(server: Server<[u8], [u8]>, mut next: impl FnMut() + Send + 'static) -> 
     })
 }
 
-//= SM2-RNG-001, SM2-RNG-002 test
+//= SM2-RNG-013, SM2-RNG-014 test
 #[test]
 fn the_ring_lane_is_used_if_both_offer_it_and_nothing_has_to_be_sealed() {
     let sizes = [0, 1, 4_032, 4_033, 4_096, 4_097, 61_441, 3 << 20];

@@ -16,7 +16,7 @@ use sm2_proto::{
 
 /// A `.` marks a frame that the state allows; its fields may still be wrong. In `opening` and
 /// `open, ring`, both ends offer the ring lane. In `ended`, the lane makes no difference.
-//= SM2-OPN-001, SM2-WIR-002, SM2-RNG-001 test
+//= SM2-OPN-001, SM2-WIR-002, SM2-RNG-013 test
 const EXPECTED: &str = "\
 opening        Sender           Receiver         Caller           Server
 Open           .                .                .                .
@@ -150,7 +150,7 @@ fn cell(state: State, ring: bool, role: Role, kind: FrameKind) -> String {
 }
 
 /// The ring lane is used only if both ends offer it.
-//= SM2-OPN-004, SM2-RNG-001 test
+//= SM2-OPN-004, SM2-RNG-013 test
 #[test]
 fn a_lane_is_used_only_if_both_offer_it() {
     for role in Role::ALL {
@@ -159,7 +159,7 @@ fn a_lane_is_used_only_if_both_offer_it() {
             let has_ring = ours && theirs;
             assert_eq!(link.lane() == LaneKind::Ring, has_ring, "{role:?}");
             let doorbell = feed(&mut link, &Frame::Doorbell.to_vec(), &[]);
-            let end = Error::Ended(End::Violation(violation!(WrongLane, "SM2-RNG-001")));
+            let end = Error::Ended(End::Violation(violation!(WrongLane, "SM2-RNG-013")));
             assert_eq!(doorbell, if has_ring { Ok(()) } else { Err(end) });
         }
     }
@@ -167,7 +167,7 @@ fn a_lane_is_used_only_if_both_offer_it() {
 
 /// A sealed link never uses the ring lane: its ends do not offer it, and ignore the other end's
 /// offer.
-//= SM2-RNG-001 test
+//= SM2-RNG-013 test
 #[test]
 fn a_sealed_link_has_no_ring() {
     for role in Role::ALL {

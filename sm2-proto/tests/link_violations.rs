@@ -375,7 +375,7 @@ fn service_rows() -> Vec<Row> {
 //= SM2-OPN-006, SM2-TRN-004, SM2-TRN-011, SM2-WIR-001 test
 //= SM2-PAY-002, SM2-PAY-009, SM2-PAY-005, SM2-MSG-003 test
 //= SM2-SEG-001, SM2-SEG-002, SM2-SEG-003, SM2-SEG-004, SM2-SEG-005 test
-//= SM2-RNG-001, SM2-RNG-002, SM2-RNG-010 test
+//= SM2-RNG-013, SM2-RNG-014, SM2-RNG-010 test
 #[test]
 fn each_violation_ends_the_link_for_good() {
     for Row {

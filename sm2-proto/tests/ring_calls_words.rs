@@ -285,7 +285,7 @@ fn a_caller_without_measure() {
 }
 
 /// An end takes nothing from a peer that never hands over a ring.
-//= SM2-RNG-002 test
+//= SM2-RNG-014 test
 #[test]
 fn nothing_is_taken_before_the_other_ring_is_there() {
     let config = with_ring(Role::Server);
@@ -304,7 +304,7 @@ fn nothing_is_taken_before_the_other_ring_is_there() {
     assert_eq!(taken.unwrap().unwrap().id, 1);
 }
 
-//= SM2-RNG-002 test
+//= SM2-RNG-014 test
 #[test]
 fn a_second_ring_is_wrong_at_both_ends() {
     for role in [Role::Caller, Role::Server] {
@@ -315,7 +315,7 @@ fn a_second_ring_is_wrong_at_both_ends() {
         accept(&mut link, &RING);
         assert_eq!(
             link_support::reject(&mut link, &RING),
-            violation!(BadRing, "SM2-RNG-002")
+            violation!(BadRing, "SM2-RNG-014")
         );
     }
 }

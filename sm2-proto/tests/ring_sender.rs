@@ -442,7 +442,7 @@ fn a_false_word_just_before_the_end_is_a_violation() {
 }
 
 /// A new ring must be all zeros. Any other word is a violation by the other end.
-//= SM2-RNG-002, SM2-RNG-005 test
+//= SM2-RNG-014, SM2-RNG-005 test
 #[test]
 fn a_ring_begins_with_zeros() {
     let mut rig = Rig::fresh(false, 2, 1);

@@ -17,12 +17,17 @@ use sm2_proto::{
     violation,
 };
 
-//= SM2-RNG-002, SM2-RNG-009 test
+//= SM2-RNG-014, SM2-RNG-009 test
 #[test]
 fn open_then_ring_then_all_else() {
     let mut rig = Rig::fresh(false, 2, 1);
     assert_eq!(rig.underway(SENDER), [FrameKind::Open]);
-    assert_eq!(rig.underway(RECEIVER), [FrameKind::Open]);
+    assert_eq!(
+        rig.underway(RECEIVER),
+        [FrameKind::Open, FrameKind::Ring],
+        "RING does not wait for the other end"
+    );
+    assert_eq!(rig.wires[RECEIVER][1].0, RING.to_vec());
     assert!(rig.carry(RECEIVER));
     assert_eq!(rig.outputs[SENDER], [Output::Opened]);
     assert!(rig.ends[SENDER].lane() == LaneKind::Ring && !rig.ends[SENDER].is_open());
@@ -33,26 +38,25 @@ fn open_then_ring_then_all_else() {
     );
     assert!(!rig.room());
 
-    assert!(rig.carry(SENDER));
-    let layout = RingLayout::new(2, 3).unwrap();
-    let outputs = [Output::MakeRing(layout), Output::Opened];
-    assert_eq!(rig.outputs[RECEIVER], outputs);
-    assert_eq!(rig.underway(RECEIVER), [FrameKind::Ring]);
-    assert_eq!(rig.wires[RECEIVER][0].0, RING.to_vec());
-    assert!(rig.ends[RECEIVER].is_open());
-
     assert!(rig.carry(RECEIVER));
+    let layout = RingLayout::new(2, 3).unwrap();
     assert_eq!(rig.outputs[SENDER][1..], [Output::Ring(layout)]);
     assert!(rig.ends[SENDER].is_open() && rig.room());
+
+    assert!(rig.carry(SENDER));
+    assert_eq!(rig.outputs[RECEIVER], [Output::Opened]);
+    assert_eq!(rig.underway(RECEIVER), []);
+    assert!(rig.ends[RECEIVER].is_open());
     assert_eq!(doorbell()[..], Frame::Doorbell.to_vec());
 }
 
 /// RING is the first frame after OPEN, even if a full socket has delayed OPEN.
-//= SM2-RNG-002 test
+//= SM2-RNG-014 test
 #[test]
 fn ring_waits_for_our_open_and_goes_before_detached() {
     let mut link = Link::new(with_ring(Role::Receiver));
-    assert_eq!(sent(&drain(&mut link)).len(), 1);
+    // The driver keeps OPEN, which the socket does not accept.
+    assert!(matches!(link.poll(), Some(Output::Transmit(_))));
     link.handle(NOW, Input::Blocked).unwrap();
     let open = link_support::open_to(&with_ring(Role::Receiver));
     accept(&mut link, &open);
@@ -66,7 +70,7 @@ fn ring_waits_for_our_open_and_goes_before_detached() {
     assert_eq!(packets.len(), 2);
 }
 
-//= SM2-RNG-002 test
+//= SM2-RNG-014 test
 #[test]
 fn the_layout_is_that_of_the_table() {
     // Columns: depth, window, offset of the back words, size.
@@ -218,9 +222,32 @@ fn a_message_waits_for_its_segment() {
     assert!(!rig.room());
 }
 
+/// A side that does not offer the ring lane checks the RING of a side that does, and does not use it.
+//= SM2-RNG-013, SM2-RNG-014 test
+#[test]
+fn a_ring_that_is_not_used() {
+    for role in [Role::Sender, Role::Caller, Role::Server] {
+        let mut link = Link::new(link_support::config(role));
+        drain(&mut link);
+        accept(&mut link, &link_support::open_to(&with_ring(role)));
+        assert!(link.lane() == LaneKind::Socket && link.is_open());
+        assert_eq!(accept(&mut link, &RING), []);
+        let second = link_support::reject(&mut link, &RING);
+        assert_eq!(second, violation!(BadRing, "SM2-RNG-014"));
+    }
+    // Its own ring is not used either: it has sent RING before it knew the lane.
+    let mut link = Link::new(with_ring(Role::Receiver));
+    assert_eq!(sent(&drain(&mut link)).len(), 2);
+    accept(
+        &mut link,
+        &link_support::open_to(&link_support::config(Role::Receiver)),
+    );
+    assert!(link.lane() == LaneKind::Socket && link.is_open());
+}
+
 /// Before OPEN arrives the lane is unknown, so no message is accepted: it might be for the wrong
 /// lane.
-//= SM2-RNG-001, SM2-RNG-002 test
+//= SM2-RNG-013, SM2-RNG-014 test
 #[test]
 fn nothing_is_taken_before_the_lane_is_known() {
     let mut link = Link::new(with_ring(Role::Sender));
@@ -283,7 +310,7 @@ fn the_calls_are_the_same_on_both_lanes() {
 }
 
 /// The window is `depth + max_borrowed` of the receiver. The sender's depth does not matter.
-//= SM2-RNG-002 test
+//= SM2-RNG-014 test
 #[test]
 fn the_ring_is_as_deep_as_the_receiver_says() {
     let config = Config {

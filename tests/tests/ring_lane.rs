@@ -205,7 +205,7 @@ fn a_flood_of_doorbells_stops_nobody() {
 }
 
 /// The publisher agrees on a ring and then does nothing more.
-//= SM2-RNG-002 sys
+//= SM2-RNG-014 sys
 #[test]
 fn a_publisher_that_never_maps_the_ring_stops_nobody() {
     let domain = TempDomain::new();
@@ -289,7 +289,7 @@ impl Talk {
 }
 
 /// A receiver agrees on a ring, and makes it late or never.
-//= SM2-RNG-002 sys
+//= SM2-RNG-014 sys
 #[test]
 fn a_ring_that_never_comes_is_not_waited_for() {
     for (offer, qos) in [("", Qos::PLAIN), ("reliable_ms=60000", Qos::RELIABLE)] {

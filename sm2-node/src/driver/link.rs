@@ -14,6 +14,7 @@ mod take;
 mod wake;
 
 use std::collections::{BTreeSet, HashMap, VecDeque};
+use std::os::fd::OwnedFd;
 use std::sync::Arc;
 
 use sm2_io::memfd::SealedFile;
@@ -22,7 +23,7 @@ use sm2_proto::control::LinkPeer;
 use sm2_proto::link::{self, Counters, End, Link, Packet, Role};
 use sm2_proto::{Code, Farewell, LinkId};
 
-use self::mapped::{Mapped, OwnRing, prepare_ring};
+use self::mapped::{Mapped, make_ring};
 use super::event_sets::BackgroundInterest;
 use super::outbox::{MessageKey, Needs};
 use super::status::{LinkStatus, Received};
@@ -43,7 +44,8 @@ pub(crate) struct LinkDriver {
     mapped: Mapped,
     /// The bytes that may be mapped for the peer.
     quota: Arc<PeerQuota>,
-    own_ring: OwnRing,
+    /// The file of the ring for messages to this side, until RING is sent.
+    own_ring: Option<OwnedFd>,
     /// The packet that the socket did not accept.
     unsent: Option<Unsent>,
     /// The events that the control side handles.
@@ -105,7 +107,8 @@ impl LinkDriver {
         entry: Option<CounterEntry>,
         quota: Arc<PeerQuota>,
     ) -> Self {
-        let own_ring = prepare_ring(&mut config);
+        let mut mapped = Mapped::default();
+        let own_ring = make_ring(&mut config, &mut mapped);
         Self {
             id: config.id,
             peer,
@@ -113,7 +116,7 @@ impl LinkDriver {
             room: Some(room),
             socket: Some(socket),
             machine: Link::new(config),
-            mapped: Mapped::default(),
+            mapped,
             quota,
             own_ring,
             unsent: None,

@@ -20,7 +20,10 @@ pub struct Config {
     pub reliable: bool,
     /// From LINK: whether pooled messages are illegal.
     pub sealed: bool,
-    /// Whether this end offers the ring lane. Ignored if the link is sealed.
+    /// Whether this end offers the ring lane. Ignored if the link is sealed. The driver of an end with a
+    /// [`ring_layout`](Self::ring_layout) creates the file of that ring first, all zero, with the seals
+    /// [`Seals::RING`](crate::Seals::RING), and maps it for writing. RING carries its descriptor. If the other end
+    /// does not offer the ring lane, the ring is not used.
     pub ring: bool,
     /// How many messages are kept, 1 to 1,024. On a sender, this bounds the messages that the
     /// window does not admit yet. On all other roles, it bounds the messages that the application
@@ -88,7 +91,7 @@ impl Config {
     /// The layout of the ring that this end creates; `None` for a sender. The ring is as deep as
     /// the number of messages that may wait for the application. That number is `depth`, except for
     /// a caller, whose ring has room for the reply to each of its calls.
-    //= SM2-RNG-002
+    //= SM2-RNG-014
     #[must_use]
     pub const fn ring_layout(&self) -> Option<RingLayout> {
         let window = self.window();
@@ -106,7 +109,7 @@ impl Config {
     pub(super) fn in_range(self) -> Self {
         Self {
             reliable: self.reliable || matches!(self.role, Role::Caller | Role::Server),
-            //= SM2-RNG-001
+            //= SM2-RNG-013
             ring: self.ring && !self.sealed,
             depth: self.depth.clamp(1, QOS_MAX),
             max_borrowed: self.max_borrowed.clamp(1, QOS_MAX),

@@ -72,8 +72,8 @@ impl FrameKind {
     }
 
     /// Whether frames of this kind are legal on links of the ring lane (`ring`) or of the socket
-    /// lane.
-    //= SM2-RNG-001
+    /// lane. For RING, `ring` says whether the sender of the frame offers the ring lane.
+    //= SM2-RNG-013
     #[must_use]
     pub const fn is_on(self, ring: bool) -> bool {
         match self {

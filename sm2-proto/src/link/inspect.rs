@@ -10,7 +10,10 @@ impl Link {
     pub fn has_output(&self) -> bool {
         match &self.lane {
             Lane::Ring(ring) if self.open_sent => {
-                !self.events.is_empty() || ring.has_packets() || self.placed.has_cancels()
+                !self.events.is_empty()
+                    || self.ring_due
+                    || ring.has_packets()
+                    || self.placed.has_cancels()
             }
             _ => true,
         }

@@ -7,7 +7,7 @@ use super::{Config, Counters, ring::RingLane, socket_lane::SocketLane};
 pub(super) enum Lane {
     /// This end offers both lanes, and the other end's OPEN has not come. Until then no message is
     /// accepted, because a message that was placed for one lane could not be sent on the other.
-    //= SM2-RNG-001
+    //= SM2-RNG-013
     Undecided,
     /// Messages are sent over the socket (SPEC sections 8.1 to 8.4).
     Socket(SocketLane),

@@ -3,7 +3,7 @@
 use alloc::collections::VecDeque;
 
 use super::{
-    Config, End, Error, Fate, Input, Misuse, Output, Packet, Role, SegmentInfo,
+    Attachment, Config, End, Error, Fate, Input, Misuse, Output, Packet, Role, SegmentInfo,
     calls::{Placed, Served},
     lane::Lane,
     outbound::{Outbound, OutboundFrame},
@@ -24,6 +24,10 @@ pub struct Link {
     pub(super) state: Result<Phase, Over>,
     /// Whether `poll` has returned our OPEN.
     pub(super) open_sent: bool,
+    /// Whether `poll` has to return our RING, after OPEN.
+    pub(super) ring_due: bool,
+    /// Whether the other end's OPEN offers the ring lane on a link that may use it.
+    pub(super) peer_offers_ring: bool,
     /// Whether the driver keeps a packet that the socket did not accept.
     pub(super) blocked: bool,
     /// All outputs except [`Output::Transmit`], which is built when it is polled.
@@ -45,7 +49,8 @@ pub(super) struct Over {
 }
 
 impl Link {
-    /// Creates an end of a link. Its first output is the packet with OPEN.
+    /// Creates an end of a link. Its first output is the packet with OPEN. If this end offers the ring lane and
+    /// receives messages, the packet with RING follows.
     ///
     /// A `depth` or `max_borrowed` out of range is clamped to the range. Links of services are
     /// reliable whatever `config` says.
@@ -56,6 +61,8 @@ impl Link {
             config,
             state: Ok(Phase::Opening),
             open_sent: false,
+            ring_due: config.ring && config.role.receives(),
+            peer_offers_ring: false,
             blocked: false,
             events: VecDeque::new(),
             lane: Lane::new(&config),
@@ -226,13 +233,17 @@ impl Link {
         self.transmit().map(Output::Transmit)
     }
 
-    /// Builds the next frame from the current state: OPEN first, and frames that give back before
+    /// Builds the next frame from the current state: OPEN first, then RING, and frames that give back before
     /// frames that ask for something.
-    //= SM2-OPN-001
+    //= SM2-OPN-001, SM2-RNG-014
     fn transmit(&mut self) -> Option<Packet> {
         if !self.open_sent {
             self.open_sent = true;
             return Some(Packet::bare(self.open().head()));
+        }
+        if self.ring_due {
+            self.ring_due = false;
+            return self.ring();
         }
         let packet = match &mut self.lane {
             Lane::Undecided => return None,
@@ -257,8 +268,18 @@ impl Link {
         Some(packet)
     }
 
+    /// Our RING.
+    fn ring(&self) -> Option<Packet> {
+        let layout = self.config.ring_layout()?;
+        let (depth, window) = (layout.depth(), layout.window());
+        Some(Packet {
+            attachment: Some(Attachment::Ring),
+            ..Packet::bare(Frame::Ring { depth, window }.head())
+        })
+    }
+
     /// Our OPEN.
-    //= SM2-OPN-002, SM2-OPN-003, SM2-OPN-004, SM2-OPN-009, SM2-RNG-001
+    //= SM2-OPN-002, SM2-OPN-003, SM2-OPN-004, SM2-OPN-009, SM2-RNG-013
     fn open(&self) -> Frame<'static> {
         Frame::Open(Open {
             role: self.config.role as u8,

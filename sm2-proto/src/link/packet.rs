@@ -27,7 +27,7 @@ pub enum Attachment {
     /// The descriptor of the sealed message with this
     /// [`OutboundMessage::key`](super::OutboundMessage::key).
     Message(u64),
-    /// The descriptor of the ring that [`Output::MakeRing`](super::Output::MakeRing) asked for.
+    /// The descriptor of this end's ring: see [`Config::ring`](super::Config::ring).
     Ring,
 }
 

@@ -46,7 +46,7 @@ enum Lane {
     Ring,
 }
 
-/// The table of SPEC section 7 and SM2-RNG-001. For each kind: its number; whether sender,
+/// The table of SPEC section 7 and SM2-RNG-013. For each kind: its number; whether sender,
 /// receiver, caller and server receive it; and its lanes.
 const RECEIVED_BY: [(u8, [bool; 4], Lane); 12] = [
     (1, [true, true, true, true], Lane::Both),
@@ -63,7 +63,7 @@ const RECEIVED_BY: [(u8, [bool; 4], Lane); 12] = [
     (18, [true, false, true, true], Lane::Ring),
 ];
 
-//= SM2-OPN-001, SM2-WIR-002, SM2-RNG-001 kani
+//= SM2-OPN-001, SM2-WIR-002, SM2-RNG-013 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(14))]
 fn link_phase_table() {
@@ -84,12 +84,12 @@ fn link_phase_table() {
         FrameKind::Open => Err(violation!(UnexpectedOpen, "SM2-OPN-001")),
         _ if opening => Err(violation!(ExpectedOpen, "SM2-OPN-001")),
         _ if !received => Err(violation!(WrongRole, "SM2-WIR-002")),
-        _ if other_lane => Err(violation!(WrongLane, "SM2-RNG-001")),
+        _ if other_lane => Err(violation!(WrongLane, "SM2-RNG-013")),
         _ => Ok(()),
     };
     assert_eq!(verdict, expected);
     kani::cover!(
-        verdict == Err(violation!(WrongLane, "SM2-RNG-001")) && ring,
+        verdict == Err(violation!(WrongLane, "SM2-RNG-013")) && ring,
         "not on a ring"
     );
     kani::cover!(

@@ -9,6 +9,7 @@ use super::{
     outbound::Released,
     phase::{self, Phase},
     ring::RingLane,
+    segments::Verified,
     socket_lane::SocketLane,
     wire::{Frame, Given, LANE_RING, LANE_SOCKET, MessageFrame, Open},
 };
@@ -18,7 +19,7 @@ use crate::{
 };
 
 /// A frame of the other lane. Defensive: [`phase::check_kind`] has already refused such a frame.
-const WRONG_LANE: Violation = violation!(WrongLane, "SM2-RNG-001");
+const WRONG_LANE: Violation = violation!(WrongLane, "SM2-RNG-013");
 
 impl Link {
     /// Handles one datagram. A frame that violates SPEC has no other effect than the violation.
@@ -28,7 +29,11 @@ impl Link {
         datagram: &Datagram<'_>,
     ) -> Result<(), Violation> {
         let frame = Frame::decode(datagram)?;
-        let is_ring = matches!(self.lane, Lane::Ring(_));
+        //= SM2-RNG-013
+        let is_ring = match frame {
+            Frame::Ring { .. } => self.peer_offers_ring,
+            _ => matches!(self.lane, Lane::Ring(_)),
+        };
         phase::check_kind(phase, self.config.role, is_ring, frame.kind())?;
         //= SM2-TRN-012
         if datagram.has_lost_fds(frame.fds()) {
@@ -78,21 +83,22 @@ impl Link {
             _ => return Err(violation!(BadOpen, "SM2-OPN-009")),
         };
         self.state = Ok(Phase::Open);
+        self.peer_offers_ring = !config.sealed && open.lanes & LANE_RING != 0;
         self.open_lane(open);
         self.events.push_back(Output::Opened);
         Ok(())
     }
 
     /// Chooses the lane, which is known once the other end's OPEN has come.
-    //= SM2-RNG-001
+    //= SM2-RNG-013
     fn open_lane(&mut self, open: &Open) {
-        if self.config.ring && open.lanes & LANE_RING != 0 {
-            let ring = RingLane::new(&self.config, open.window);
-            self.events.extend(ring.layout().map(Output::MakeRing));
-            self.lane = Lane::Ring(ring);
+        if self.config.ring && self.peer_offers_ring {
+            self.lane = Lane::Ring(RingLane::new(&self.config, open.window));
             return;
         }
+        let unused_ring = self.peer_offers_ring.then_some(open.window);
         if let Lane::Socket(socket) = &mut self.lane {
+            socket.unused_ring = unused_ring;
             let (placed, events) = (&mut self.placed, &mut self.events);
             return socket
                 .outbound
@@ -108,6 +114,7 @@ impl Link {
                 });
         }
         let mut socket = SocketLane::new(&self.config);
+        socket.unused_ring = unused_ring;
         socket.outbound.open(open.window, self.peer_max_len, |_| {});
         self.lane = Lane::Socket(socket);
     }
@@ -182,11 +189,15 @@ impl Link {
     }
 
     fn on_ring(&mut self, depth: u16, window: u32, fds: &[FdFacts]) -> Result<(), Violation> {
-        let Lane::Ring(ring) = &mut self.lane else {
-            return Err(WRONG_LANE);
-        };
-        let layout = ring.on_ring(&self.config, depth, window, fds)?;
-        self.events.push_back(Output::Ring(layout));
+        let layout = Verified::ring(depth, window, fds)?;
+        match &mut self.lane {
+            Lane::Undecided => return Err(WRONG_LANE),
+            Lane::Socket(socket) => socket.on_ring(window)?,
+            Lane::Ring(ring) => {
+                ring.on_ring(&self.config, layout)?;
+                self.events.push_back(Output::Ring(layout));
+            }
+        }
         Ok(())
     }
 

@@ -26,27 +26,22 @@ impl Verified {
         Self::with(facts, Seals::POOLED, clause!("SM2-SEG-001"))
     }
 
-    /// Checks the descriptor of a ring.
-    //= SM2-RNG-002
-    pub(super) const fn ring(facts: &FdFacts, layout: Option<RingLayout>) -> Result<(), Violation> {
-        let verified = match Self::with(facts, Seals::RING, clause!("SM2-RNG-002")) {
-            Ok(verified) => verified,
-            Err(violation) => return Err(violation),
-        };
+    /// Checks the descriptor of a ring with this depth and window. Returns its layout.
+    //= SM2-RNG-014
+    pub(super) fn ring(depth: u16, window: u32, fds: &[FdFacts]) -> Result<RingLayout, Violation> {
+        let facts = fds.first().ok_or(violation!(FdCount, "SM2-TRN-011"))?;
+        let verified = Self::with(facts, Seals::RING, clause!("SM2-RNG-014"))?;
         let cannot_be_written = Seals(Seals::WRITE.0 | Seals::FUTURE_WRITE.0);
-        match layout {
-            Some(layout)
-                if facts.seals.0 & cannot_be_written.0 == 0
-                    && verified.size_bytes == layout.size_bytes() =>
-            {
-                Ok(())
-            }
-            _ => Err(violation!(BadRing, "SM2-RNG-002")),
-        }
+        RingLayout::new(depth, window)
+            .filter(|layout| {
+                facts.seals.0 & cannot_be_written.0 == 0
+                    && verified.size_bytes == layout.size_bytes()
+            })
+            .ok_or(violation!(BadRing, "SM2-RNG-014"))
     }
 
     /// Checks that the descriptor is a regular file with the `needed` seals, as `clause` requires.
-    //= SM2-SEG-001, SM2-RNG-002
+    //= SM2-SEG-001, SM2-RNG-014
     const fn with(facts: &FdFacts, needed: Seals, clause: Clause) -> Result<Self, Violation> {
         if !facts.regular {
             return Err(Violation::new(ViolationKind::NotAMemfd, clause));

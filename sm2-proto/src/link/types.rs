@@ -59,12 +59,8 @@ pub enum Input<'a> {
 pub enum Output {
     /// Send this packet over the socket, or keep it and feed [`Input::Blocked`].
     Transmit(Packet),
-    /// Both ends have sent OPEN.
+    /// Both ends have sent OPEN, so the [lane](super::Link::lane) is known.
     Opened,
-    /// Only on a receiving end: create the file of a ring with this layout, all zero, with the
-    /// seals [`Seals::RING`](crate::Seals::RING), and map it for writing. The RING frame then
-    /// carries its descriptor. This output precedes [`Output::Opened`].
-    MakeRing(RingLayout),
     /// Only on a sending end: map the descriptor of the datagram just handled, for reading and
     /// writing. It is a ring with this layout. Its seals and size were checked.
     Ring(RingLayout),

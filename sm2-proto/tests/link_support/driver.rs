@@ -91,7 +91,7 @@ impl Driver {
                 self.mark(&packet);
                 self.put(&packet);
             }
-            Output::MakeRing(_) | Output::Ring(_) => panic!("no ring was offered"),
+            Output::Ring(_) => panic!("no ring was offered"),
             Output::Opened => assert!(self.link.is_open() || self.link.end().is_some()),
             Output::Attach {
                 segment,

@@ -1,6 +1,6 @@
 //! Invariants of a pair of ends of the ring lane, during a run and at its end.
 
-use sm2_proto::link::{Counters, EMPTY, End, Fate, Word};
+use sm2_proto::link::{Counters, EMPTY, End, Fate, LaneKind, Word};
 
 use crate::pair::Pair;
 
@@ -133,8 +133,12 @@ impl Pair {
         } else {
             assert!(self.sending.at.ended && self.receiving.at.ended);
             assert!(self.sending.sent.iter().all(|it| it.fate.is_some()));
-            // A receiver that has ended may not have read every ATTACH.
-            if self.receiving.is_dead || self.receiving.take(&self.shared.words, &self.shared) {
+            // A receiver that has ended may not have read OPEN, or not every ATTACH.
+            let has_opened = self.receiving.at.link.lane() == LaneKind::Ring;
+            if self.receiving.is_dead
+                || !has_opened
+                || self.receiving.take(&self.shared.words, &self.shared)
+            {
                 return;
             }
             // The receiver takes as many messages as it may after the end.

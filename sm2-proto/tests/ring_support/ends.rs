@@ -85,7 +85,7 @@ impl Driver {
                 Output::Settled { key, fate } => settled.push((key, fate)),
                 Output::Attach { segment, .. } => assert!(self.mapped.insert(segment)),
                 Output::Detach { segment } => assert!(self.mapped.remove(&segment)),
-                Output::Opened | Output::MakeRing(_) | Output::Ring(_) => {}
+                Output::Opened | Output::Ring(_) => {}
                 Output::Ended(_) => (self.ended, self.kept) = (true, None),
                 other => panic!("not on the ring lane: {other:?}"),
             }

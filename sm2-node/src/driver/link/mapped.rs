@@ -1,7 +1,7 @@
 //! The memory of a link that both sides map. The driver lends this memory to the machine for each
 //! call.
 
-use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::os::fd::OwnedFd;
 use std::sync::Arc;
 
 use sm2_io::Ring;
@@ -19,28 +19,6 @@ pub(super) struct Mapped {
     pub(super) outgoing: Option<Ring>,
     /// The segments of the other side.
     pub(super) segments: Segments,
-}
-
-/// The ring for messages to this side, until the other side has its file.
-#[derive(Debug, Default)]
-pub(super) enum OwnRing {
-    /// The other side has the file, or no ring is needed.
-    #[default]
-    Settled,
-    /// Created before OPEN: both ends have not agreed on a lane yet.
-    Prepared(Ring, OwnedFd),
-    /// Agreed on, and not sent to the other side yet.
-    Unsent(OwnedFd),
-}
-
-impl OwnRing {
-    /// The file for RING.
-    pub(super) fn file(&self) -> Option<BorrowedFd<'_>> {
-        match self {
-            Self::Unsent(file) => Some(file.as_fd()),
-            Self::Settled | Self::Prepared(..) => None,
-        }
-    }
 }
 
 /// Mapped segments, ordered by number. Each message looks its segment up several times, and usually
@@ -99,22 +77,20 @@ impl LinkMemory for Mapped {
     }
 }
 
-/// Creates the ring from which this side will take messages, before this side offers the ring lane.
-/// A process without a free descriptor uses the socket lane.
-//= SM2-RNG-002
-pub(super) fn prepare_ring(config: &mut link::Config) -> OwnRing {
-    let layout = config
-        .ring_layout()
-        .filter(|_| config.ring && !config.sealed);
-    let Some(layout) = layout else {
-        return OwnRing::Settled;
-    };
+/// Creates the ring from which this side will take messages, before this side offers the ring lane. Returns the file for
+/// RING. A process without a free descriptor offers the socket lane only.
+//= SM2-RNG-014
+pub(super) fn make_ring(config: &mut link::Config, mapped: &mut Mapped) -> Option<OwnedFd> {
+    let layout = (config.ring_layout()).filter(|_| config.ring && !config.sealed)?;
     match Ring::create(layout) {
-        Ok((ring, file)) => OwnRing::Prepared(ring, file),
+        Ok((ring, file)) => {
+            mapped.incoming = Some(ring);
+            Some(file)
+        }
         Err(error) => {
             tracing::debug!(link = %config.id, %error, "no ring: the socket lane is used");
             config.ring = false;
-            OwnRing::Settled
+            None
         }
     }
 }

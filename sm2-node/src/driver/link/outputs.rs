@@ -8,10 +8,9 @@ use std::os::fd::AsFd;
 use std::sync::Arc;
 
 use sm2_io::{InspectedFd, Interest, Ring, SendError, is_shortage};
-use sm2_proto::link::{Attachment, End, Input, Output, RingLayout};
+use sm2_proto::link::{Attachment, End, Input, LaneKind, Output, RingLayout};
 use sm2_proto::{Farewell, Machine};
 
-use super::mapped::OwnRing;
 use super::{LinkDriver, Unsent};
 use crate::driver::datagram::Incoming;
 use crate::driver::event_sets::LinkSets;
@@ -27,9 +26,7 @@ impl LinkDriver {
                     let segment = packet.attachment.and_then(|it| outbox.segment(it));
                     self.transmit(Unsent { packet, segment }, sets, outbox);
                 }
-                // The machine asks for a ring before `Opened`, so a ring that is left is not needed.
-                Output::Opened => self.drop_prepared_ring(),
-                Output::MakeRing(_) => self.use_prepared_ring(),
+                Output::Opened => self.forget_unused_ring(),
                 Output::Ring(layout) => self.map_ring(layout, came.take_file()),
                 Output::Attach {
                     segment,
@@ -76,7 +73,7 @@ impl LinkDriver {
             // first, and then the end of the stream (SM2-TRN-006).
             Ok(()) | Err(SendError::Closed) => {
                 if unsent.packet.attachment == Some(Attachment::Ring) {
-                    self.own_ring = OwnRing::Settled;
+                    self.own_ring = None;
                 }
             }
             Err(SendError::WouldBlock) => self.keep_unsent(unsent, sets),
@@ -108,7 +105,7 @@ impl LinkDriver {
             None => return socket.send(parts, &[]),
             Some(Attachment::Segment(_)) => segment.as_ref().map(AsFd::as_fd),
             Some(Attachment::Message(key)) => outbox.sealed_file(MessageKey::from_raw(key)),
-            Some(Attachment::Ring) => self.own_ring.file(),
+            Some(Attachment::Ring) => self.own_ring.as_ref().map(AsFd::as_fd),
         };
         let fd = fd.ok_or_else(|| io::Error::from(io::ErrorKind::NotFound));
         socket.send(parts, &[fd.map_err(SendError::Io)?])
@@ -184,18 +181,10 @@ impl LinkDriver {
         self.failing = Some(code.code());
     }
 
-    /// Uses the ring that was prepared before OPEN, which has the layout that the machine asks for.
-    fn use_prepared_ring(&mut self) {
-        debug_assert!(matches!(self.own_ring, OwnRing::Prepared(..)));
-        if let OwnRing::Prepared(ring, file) = mem::take(&mut self.own_ring) {
-            self.mapped.incoming = Some(ring);
-            self.own_ring = OwnRing::Unsent(file);
-        }
-    }
-
-    fn drop_prepared_ring(&mut self) {
-        if matches!(self.own_ring, OwnRing::Prepared(..)) {
-            self.own_ring = OwnRing::Settled;
+    /// Unmaps the ring of this side if the other side does not offer the ring lane.
+    fn forget_unused_ring(&mut self) {
+        if self.machine.lane() == LaneKind::Socket {
+            self.mapped.incoming = None;
         }
     }
 
@@ -206,8 +195,8 @@ impl LinkDriver {
         self.short_of_memory = false;
         self.note_shortage();
         self.failing = None;
-        self.drop_prepared_ring();
         self.mapped.outgoing = None;
+        self.own_ring = None;
         self.room = None;
         if let Some(socket) = self.socket.take() {
             sets.remove_link(&socket);
@@ -244,7 +233,6 @@ impl LinkDriver {
             self.mapped.segments.clear();
             self.kept.clear();
             self.mapped.incoming = None;
-            self.own_ring = OwnRing::Settled;
         }
     }
 }

@@ -155,11 +155,7 @@ impl World {
                 assert!(self.pending.is_empty());
                 self.end = Some(end);
             }
-            Output::Opened
-            | Output::MakeRing(_)
-            | Output::Ring(_)
-            | Output::Keep { .. }
-            | Output::Discard { .. } => {}
+            Output::Opened | Output::Ring(_) | Output::Keep { .. } | Output::Discard { .. } => {}
             Output::Cancelled { call } => self.cancelled.push(call),
             Output::CallFailed { call } => self.failed.push(call),
         }

@@ -72,7 +72,7 @@ impl Link {
         let words = words.ok_or(NoDelivery::Misuse(Misuse::NotLent))?;
         let is_awaited = ring.is_awaited();
         let receiver = ring.incoming.as_mut();
-        //= SM2-RNG-002
+        //= SM2-RNG-014
         let Some(receiver) = receiver.filter(|_| !is_awaited) else {
             return Ok(None);
         };

@@ -2,24 +2,20 @@
 
 use super::{
     super::{
-        Attachment, Config, Counters, Packet,
-        frame_kind::Carrier,
-        segments::{SegmentFrame, Verified},
+        Attachment, Config, Counters, Packet, frame_kind::Carrier, segments::SegmentFrame,
         wire::Frame,
     },
     At, RingLayout, RingReceiver, RingSegments, RingSender,
     message::RingMessage,
     send_queue::SendQueue,
 };
-use crate::{FdFacts, Violation};
+use crate::Violation;
 
 /// The rings of a link: one for each direction in which its role has messages.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(in crate::link) struct RingLane {
     outgoing: Option<Outgoing>,
     pub(in crate::link) incoming: Option<RingReceiver>,
-    /// Whether RING has to be sent.
-    announces: bool,
     /// The segments of the other end.
     pub(in crate::link) segments: RingSegments,
     /// Caller or server: messages that are queued until the outgoing ring has room.
@@ -42,7 +38,7 @@ enum Outgoing {
 impl RingLane {
     /// Creates the lane after both ends have offered it in OPEN; `window` is from the other end's
     /// OPEN.
-    //= SM2-RNG-001, SM2-RNG-002
+    //= SM2-RNG-013, SM2-RNG-014
     pub(in crate::link) fn new(config: &Config, window: u32) -> Self {
         let incoming = config.ring_layout().map(|layout| {
             let carrier = Carrier::to(config.role);
@@ -56,7 +52,6 @@ impl RingLane {
         });
         Self {
             outgoing: (config.role.sends()).then_some(Outgoing::Awaited { window }),
-            announces: incoming.is_some(),
             incoming,
             segments: RingSegments::default(),
             queue: SendQueue::default(),
@@ -68,27 +63,20 @@ impl RingLane {
         self.incoming.as_ref().map(RingReceiver::layout)
     }
 
-    /// Handles RING. Returns the layout of the ring to map.
-    //= SM2-RNG-002
+    /// Handles RING, which has a ring of this layout.
+    //= SM2-RNG-014
     pub(in crate::link) fn on_ring(
         &mut self,
         config: &Config,
-        depth: u16,
-        window: u32,
-        fds: &[FdFacts],
-    ) -> Result<RingLayout, Violation> {
-        let facts = fds.first().ok_or(violation!(FdCount, "SM2-TRN-011"))?;
-        let layout = RingLayout::new(depth, window);
-        Verified::ring(facts, layout)?;
-        match (&mut self.outgoing, layout) {
-            (Some(outgoing @ Outgoing::Awaited { .. }), Some(layout))
-                if outgoing.awaits(window) =>
-            {
+        layout: RingLayout,
+    ) -> Result<(), Violation> {
+        match &mut self.outgoing {
+            Some(outgoing) if outgoing.awaits(layout.window()) => {
                 let carrier = Carrier::to(config.role.counterpart());
                 *outgoing = Outgoing::Here(RingSender::new(layout, carrier, config.reliable));
-                Ok(layout)
+                Ok(())
             }
-            _ => Err(violation!(BadRing, "SM2-RNG-002")),
+            _ => Err(violation!(BadRing, "SM2-RNG-014")),
         }
     }
 
@@ -110,16 +98,8 @@ impl RingLane {
     }
 
     /// Returns the next frame that has to be sent over the socket.
-    //= SM2-RNG-002, SM2-RNG-010
+    //= SM2-RNG-010
     pub(in crate::link) fn poll(&mut self) -> Option<Packet> {
-        if let Some(layout) = self.layout().filter(|_| self.announces) {
-            self.announces = false;
-            let (depth, window) = (layout.depth(), layout.window());
-            return Some(Packet {
-                attachment: Some(Attachment::Ring),
-                ..Packet::bare(Frame::Ring { depth, window }.head())
-            });
-        }
         if let Some(segment) = self.segments.poll_detached() {
             return Some(Packet::bare(Frame::Detached { segment }.head()));
         }
@@ -135,9 +115,7 @@ impl RingLane {
     /// Whether [`poll`](Self::poll) returns a frame.
     #[inline]
     pub(in crate::link) fn has_packets(&self) -> bool {
-        self.announces
-            || self.segments.has_detached()
-            || self.sender().is_some_and(RingSender::has_steps)
+        self.segments.has_detached() || self.sender().is_some_and(RingSender::has_steps)
     }
 
     /// Ends the lane with its link. Passes the keys of all messages that were not settled to

@@ -78,7 +78,7 @@ fn any_at() -> At {
 
 /// RNG-INDEX: words do not overlap, and all words lie in the file, including those for any sequence
 /// number.
-//= SM2-RNG-002 kani
+//= SM2-RNG-014 kani
 #[cfg_attr(kani, kani::proof)]
 fn words_are_inside() {
     let depth: u16 = one_of(&[0, 1, 2, 8, 1_023, 1_024, 1_025, kani::any()]);

@@ -47,7 +47,7 @@ impl LinkStage {
 }
 
 fn lanes() -> Rows {
-    let mut lane = Rule::new(WrongLane, "SM2-RNG-001");
+    let mut lane = Rule::new(WrongLane, "SM2-RNG-013");
     for (real, what, number) in [
         (Server, "REQUEST", kind::REQUEST),
         (Client, "REPLY", kind::REPLY),
@@ -67,7 +67,7 @@ fn lanes() -> Rows {
                 detached(1),
             );
     }
-    let twice = Rule::new(BadRing, "SM2-RNG-002")
+    let twice = Rule::new(BadRing, "SM2-RNG-014")
         .fresh(Server, "RING of a caller, twice", |stage| {
             stage.rings().0.offer(&stage.link);
         })

@@ -64,7 +64,7 @@ impl LinkStage {
 }
 
 fn lanes() -> Rows {
-    let with_ring = Rule::new(WrongLane, "SM2-RNG-001")
+    let with_ring = Rule::new(WrongLane, "SM2-RNG-013")
         .fresh(Subscriber, "DATA on the ring lane", |stage| {
             let _sender = stage.sender(1);
             stage.send(inline(kind::DATA, 1, b"x"));
@@ -160,7 +160,7 @@ fn layouts() -> Rows {
 
 /// Files that are illegal for a ring.
 fn files() -> Rows {
-    let kinds = Rule::new(NotAMemfd, "SM2-RNG-002")
+    let kinds = Rule::new(NotAMemfd, "SM2-RNG-014")
         .fresh(Publisher, "/dev/null for a ring", |stage| {
             stage.agree();
             stage.send_fd(ring(DEPTH, WINDOW), &memory::null());
@@ -170,7 +170,7 @@ fn files() -> Rows {
             let pipe = std::io::pipe().expect("a pipe").0.into();
             stage.send_fd(ring(DEPTH, WINDOW), &pipe);
         });
-    let mut missing = Rule::new(SealsMissing, "SM2-RNG-002");
+    let mut missing = Rule::new(SealsMissing, "SM2-RNG-014");
     let seals = [
         ("SEAL", Seals::SEAL),
         ("SHRINK", Seals::SHRINK),
@@ -183,7 +183,7 @@ fn files() -> Rows {
             stage.offer(DEPTH, WINDOW, seals, size(DEPTH, WINDOW));
         });
     }
-    let mut bad = Rule::new(BadRing, "SM2-RNG-002");
+    let mut bad = Rule::new(BadRing, "SM2-RNG-014");
     for (name, seals) in [("WRITE", Seals::SEALED), ("FUTURE_WRITE", Seals::POOLED)] {
         bad = bad.fresh(Publisher, format!("a ring with {name}"), move |stage| {
             stage.offer(DEPTH, WINDOW, seals, size(DEPTH, WINDOW));
@@ -198,7 +198,7 @@ fn files() -> Rows {
 }
 
 fn offers() -> Rows {
-    let mut bad = Rule::new(BadRing, "SM2-RNG-002");
+    let mut bad = Rule::new(BadRing, "SM2-RNG-014");
     let offers = [
         ("depth 0", 0, WINDOW),
         ("depth 1,025", 1025, 2048),

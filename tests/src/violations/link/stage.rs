@@ -138,10 +138,14 @@ impl LinkStage {
         Open::new(role, self.link.id, window)
     }
 
-    /// Both sides send OPEN.
+    /// Both sides send OPEN. The raw end does not offer the ring lane, so it uses no RING of the real end.
     pub fn open(&self) {
         self.send(self.greeting().bytes());
         self.expect_open();
+        let (_, window) = self.real.real_role();
+        if self.real.offers_ring() && window > 0 {
+            assert_eq!(self.link.end.expect().bytes[0], kind::RING, "RING");
+        }
     }
 
     /// Receives and checks the OPEN of the real end.

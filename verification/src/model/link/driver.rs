@@ -153,7 +153,7 @@ impl World {
             Output::Detach { segment } => self.detach(at, segment),
             Output::Keep { sequence } => self.keep(at, sequence, came.take()),
             Output::Discard { sequence } => self.discard(at, sequence),
-            Output::MakeRing(_) | Output::Ring(_) => unreachable!("no end offers a ring"),
+            Output::Ring(_) => unreachable!("no end offers a ring"),
             Output::Settled { key, fate } => self.settle(scope, at, key, fate),
             Output::Cancelled { call } => self.told_of_cancel(at, call),
             //= SM2-SRV-005 model
