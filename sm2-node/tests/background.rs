@@ -4,11 +4,13 @@
 mod common;
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread;
 use std::time::Duration;
+use std::{fs, thread};
 
 use common::threads::{me, sleeps, status, threads};
 use common::{Domain, LANES, SOON, next, until};
+use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
+use nix::unistd::Pid;
 use sm2_node::{Node, NodeBuilder};
 
 impl Domain {
@@ -196,6 +198,51 @@ fn the_thread_has_a_name_blocks_signals_and_ends_with_the_node() {
     let node = domain.builder("signals").background(false).connect();
     assert!(threads("sm2:signals").is_empty());
     drop(node);
+}
+
+/// Scheduling is that of the thread that connected the node, so a program sets both before it connects.
+#[test]
+fn the_thread_inherits_priority_and_affinity() {
+    let domain = Domain::new();
+    thread::spawn(move || {
+        let affinity = |task| status(task, "Cpus_allowed_list:");
+        let mut one = CpuSet::new();
+        let first = sched_getaffinity(Pid::from_raw(0)).unwrap();
+        one.set(
+            (0..CpuSet::count())
+                .find(|&cpu| first.is_set(cpu).unwrap())
+                .unwrap(),
+        )
+        .unwrap();
+        sched_setaffinity(Pid::from_raw(0), &one).unwrap();
+        let nice = nice(me()) + 3;
+        // A thread may always lower its own priority.
+        let own = me();
+        assert_eq!(
+            unsafe { nix::libc::setpriority(nix::libc::PRIO_PROCESS, own, nice) },
+            0
+        );
+        let _node = domain.busy_node(true, "inherits");
+        until(|| threads("sm2:inherits").len() == 1);
+        let task = threads("sm2:inherits")[0];
+        assert_eq!((self::nice(task), self::nice(own)), (nice, nice));
+        assert_eq!(affinity(task), affinity(own));
+    })
+    .join()
+    .unwrap();
+}
+
+/// The nice value of a thread.
+fn nice(task: u32) -> i32 {
+    let stat = fs::read_to_string(format!("/proc/self/task/{task}/stat")).unwrap();
+    // The name, in parentheses, may contain blanks. The value is field 19; the first field after the name is 3.
+    let after_name = stat.rsplit(')').next().unwrap();
+    after_name
+        .split_whitespace()
+        .nth(19 - 3)
+        .unwrap()
+        .parse()
+        .unwrap()
 }
 
 /// The program's signal mask is as before.
