@@ -1,0 +1,63 @@
+//! A process with hundreds of nodes and few descriptors. This test is alone in its file because it changes a limit of
+//! its process.
+
+use std::fs;
+
+use nix::sys::resource::{Resource, getrlimit, setrlimit};
+use sm2_node::{Node, Subscriber};
+use sm2_tests::{actor::Actor, domain::TempDomain, eventually};
+
+const NODES: usize = 200;
+const PUBLISHERS: usize = 3;
+
+/// The descriptors that links find, for 600 links that need at least one each. The library leaves 64 of them to the
+/// program.
+const FREE: usize = 250;
+
+fn open_links(subscribers: &[Subscriber<[u8]>]) -> usize {
+    let links = subscribers.iter().flat_map(Subscriber::links);
+    links.filter(|link| link.open).count()
+}
+
+/// Links that a lack of descriptors holds up cost no node its session, and they are made when there is room.
+//= SM2-LNK-010, SM2-TRN-012 sys
+#[test]
+fn the_nodes_of_a_process_share_its_descriptors() {
+    let domain = TempDomain::new();
+    let _manager = domain.manager();
+    let mut crowd = Actor::start(&domain.socket(), "crowd");
+    let (_, most) = getrlimit(Resource::RLIMIT_NOFILE).unwrap();
+    setrlimit(Resource::RLIMIT_NOFILE, most, most).unwrap();
+    let connect = |number| {
+        let builder = Node::builder(&format!("n{number}")).socket(domain.socket());
+        builder.background(false).connect().expect("a session")
+    };
+    let nodes: Vec<Node> = (0..NODES).map(connect).collect();
+    let subscribers: Vec<_> = (nodes.iter())
+        .map(|node| node.subscriber::<[u8]>("t").expect("granted"))
+        .collect();
+    let used = fs::read_dir("/proc/self/fd").unwrap().count();
+    setrlimit(Resource::RLIMIT_NOFILE, (used + FREE) as u64, most).unwrap();
+    for publisher in 0..PUBLISHERS {
+        crowd.tell(&format!("pub c{publisher} t"));
+    }
+    let wanted = NODES * PUBLISHERS;
+    // Every call drives its node: all of them settle on what there is.
+    let mut most_open = 0;
+    for _ in 0..20 {
+        most_open = most_open.max(open_links(&subscribers));
+        assert!(nodes.iter().all(Node::is_connected), "a session ended");
+    }
+    let shortage = FREE / 4..wanted;
+    assert!(shortage.contains(&most_open), "{most_open} links");
+
+    setrlimit(Resource::RLIMIT_NOFILE, most, most).unwrap();
+    eventually("all links", || open_links(&subscribers) == wanted);
+    assert!(nodes.iter().all(Node::is_connected), "a session ended");
+    crowd.tell("wait c0 200");
+    crowd.tell("publish c0 1 100");
+    for subscriber in &subscribers {
+        eventually("the message", || subscriber.try_recv().unwrap().is_some());
+        assert_eq!(subscriber.lost(), 0);
+    }
+}
