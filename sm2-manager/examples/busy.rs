@@ -3,8 +3,10 @@
 //! `cargo run --release -p sm2-manager --example busy`
 //!
 //! The first table is the processor time of the longest piece of work: one input of the machine with all its
-//! outputs, over real sockets. The second table compares a DECLARE of one node with an echo through a plain
-//! socket, while 50 processes declare and withdraw a subscriber with 80 matches without pause.
+//! outputs, over real sockets. The other tables compare a DECLARE of one node with an echo through a plain
+//! socket, while 50 processes declare and withdraw a subscriber with 80 matches without pause: with a Manager of the
+//! same priority as all others, and with the priority that the systemd units give it (`nice -n -10`, which needs a
+//! right).
 
 use std::{
     error::Error,
@@ -31,6 +33,8 @@ const CHURNERS: usize = 50;
 const CROWDS: usize = 4;
 const MATCHES: u64 = 80;
 const ROUNDS: u64 = 2_000;
+/// The nice value of a Manager in the systemd units.
+const UNIT_NICE: i32 = -10;
 /// Publishers of each of four sessions in the first table.
 const MANY: u64 = 1_000;
 
@@ -42,7 +46,8 @@ fn main() -> Done {
     match words[..] {
         [] => {
             longest_pieces()?;
-            compare()
+            compare(0)?;
+            compare(UNIT_NICE)
         }
         ["manager", path] => {
             Manager::bind(Path::new(path), Options::default())?.run()?;
@@ -179,12 +184,13 @@ fn processor_time() -> nix::Result<Duration> {
     Ok(clock_gettime(ClockId::CLOCK_THREAD_CPUTIME_ID)?.into())
 }
 
-/// Declares beside busy processes, and compares that with an echo.
-fn compare() -> Done {
+/// Declares beside busy processes, and compares that with an echo. The Manager has this nice value.
+fn compare(nice: i32) -> Done {
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("busy.sock");
     let shown = path.to_str().ok_or("the path is no text")?.to_owned();
-    let mut children = Children(vec![start(&["manager", &shown], Stdio::null())?]);
+    let manager = start_with(nice, &["manager", &shown], Stdio::null())?;
+    let mut children = Children(vec![manager]);
     while SeqPacket::connect(&path).is_err() {
         thread::sleep(Duration::from_millis(10));
     }
@@ -223,7 +229,7 @@ fn compare() -> Done {
         times[1].push(start.elapsed());
         thread::sleep(Duration::from_micros(500));
     }
-    println!("beside {CHURNERS} busy processes with {MATCHES} matches each");
+    println!("Manager with nice {nice}, {CHURNERS} busy processes with {MATCHES} matches each");
     for (what, times) in ["DECLARE", "echo"].iter().zip(&mut times) {
         times.sort_unstable();
         let at = |percent: usize| times[times.len() * percent / 100];
@@ -245,8 +251,13 @@ impl Drop for Children {
 }
 
 fn start(arguments: &[&str], stdin: Stdio) -> std::io::Result<Child> {
+    start_with(0, arguments, stdin)
+}
+
+fn start_with(nice: i32, arguments: &[&str], stdin: Stdio) -> std::io::Result<Child> {
     let program: PathBuf = std::env::current_exe()?;
-    let mut command = Command::new(program);
+    let mut command = Command::new("nice");
+    command.args(["-n", &nice.to_string()]).arg(program);
     command.args(arguments).stdin(stdin).stderr(Stdio::null());
     command.spawn()
 }
