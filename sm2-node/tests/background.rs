@@ -32,8 +32,9 @@ fn an_idle_publisher_reaches_a_subscriber_that_joined_meanwhile() {
         let talker = domain.busy_node(ring, "talker");
         let publisher = talker.publisher::<str>("stop").unwrap();
         assert_eq!(publisher.publish("nobody is there").unwrap().links, 0);
-        for _ in 0..20 {
-            let listener = domain.busy_node(ring, "listener");
+        for number in 0..20 {
+            // The Manager may not know yet that the last one is gone.
+            let listener = domain.busy_node(ring, &format!("listener-{number}"));
             let subscriber = listener.subscriber::<str>("stop").unwrap();
             subscriber.wait_for_publishers_timeout(1, SOON).unwrap();
             assert_eq!(publisher.publish("stop").unwrap().links, 1, "ring: {ring}");
