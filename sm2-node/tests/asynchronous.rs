@@ -286,7 +286,7 @@ fn a_call_that_is_dropped_is_cancelled() {
 }
 
 /// A task that waits for its own reply may read the reply of another task.
-//= SM2-RNG-009 test
+//= SM2-RNG-015 test
 #[test]
 fn a_task_is_woken_though_another_one_took_note_of_its_reply() {
     for lane in LANES {

@@ -100,7 +100,7 @@ fn the_ring_lane_is_used_if_both_offer_it_and_nothing_has_to_be_sealed() {
     }
 }
 
-//= SM2-RNG-009 test
+//= SM2-RNG-015 test
 #[test]
 fn each_way_of_waiting_gets_its_requests_and_its_replies() {
     const ROUNDS: u64 = 300;
@@ -127,7 +127,7 @@ fn each_way_of_waiting_gets_its_requests_and_its_replies() {
 
 /// A program polls the descriptor whenever it finds nothing: each request, and each reply, must make it
 /// readable.
-//= SM2-RNG-009 test
+//= SM2-RNG-015 test
 #[test]
 fn polled_descriptors_are_readable_for_every_request_and_reply() {
     const ROUNDS: u64 = 500;
@@ -193,7 +193,7 @@ fn futures_are_woken_for_every_request_and_reply() {
 }
 
 /// More calls than the server has room for, and more replies than the client has room for.
-//= SM2-RNG-009, SM2-SRV-003 test
+//= SM2-RNG-015, SM2-SRV-003 test
 #[test]
 fn calls_that_wait_for_room_are_all_answered() {
     for lane in LANES {
@@ -219,7 +219,7 @@ fn calls_that_wait_for_room_are_all_answered() {
 
 /// Replies in memory that is new to the client, which reads its socket for the segment. It may also read the
 /// bell of another reply there.
-//= SM2-RNG-009 test
+//= SM2-RNG-015 test
 #[test]
 fn replies_that_bring_their_segments() {
     for way in WAYS {

@@ -120,7 +120,7 @@ fn a_link_reports_its_shortage_of_memory() {
 }
 
 /// A thread sleeps until its ring has a message. Nothing but the DOORBELL wakes it.
-//= SM2-TRN-014, SM2-RNG-009 test
+//= SM2-TRN-014, SM2-RNG-015 test
 #[test]
 fn a_doorbell_without_memory_is_sent_later() {
     let domain = Domain::new();

@@ -204,7 +204,7 @@ fn messages_come_back_in_any_order() {
     assert_eq!(rig.words.back()[3], word(0, 2, 4));
 }
 
-//= SM2-RNG-009 test
+//= SM2-RNG-015 test
 #[test]
 fn the_bell_rings_once_for_who_is_parked() {
     let mut rig = Rig::open(true, 2, 1);
@@ -242,9 +242,32 @@ fn the_bell_rings_once_for_who_is_parked() {
     }
 }
 
+/// Messages that are given back together are one batch: the parked word is read once, after the last
+/// of them.
+//= SM2-RNG-015 test
+#[test]
+fn a_batch_rings_the_bell_once() {
+    let mut rig = Rig::open(false, 3, 3);
+    for (id, slot) in [(1, 1), (2, 2), (3, 3)] {
+        let _ = rig.send(id, slot).unwrap();
+        rig.taken();
+    }
+    rig.words.take_accesses();
+    assert_eq!(rig.release_all([]), Ok(Wake::NotNeeded));
+    assert_eq!(rig.words.take_accesses(), 1, "the parked word");
+    rig.ends[SENDER].park(&rig.words);
+    rig.words.take_accesses();
+    assert_eq!(rig.release_all([2, 1]), Ok(Wake::Needed));
+    assert_eq!(rig.words.take_accesses(), 4, "two words, and the bell");
+    assert_eq!(rig.words.back()[..2], [word(0, 2, 2), word(0, 1, 1)]);
+    let not_borrowed = Err(Error::Misuse(Misuse::NotBorrowed));
+    assert_eq!(rig.release_all([1, 3]), not_borrowed);
+    assert_eq!(rig.words.back()[2], word(0, 3, 3), "all the same");
+}
+
 /// Taking a message never wakes a best-effort sender, which displaces messages instead of waiting
 /// for room.
-//= SM2-RNG-009 test
+//= SM2-RNG-015 test
 #[test]
 fn only_reliable_links_tell_of_room() {
     let mut rig = Rig::open(false, 1, 1);

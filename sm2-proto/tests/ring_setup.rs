@@ -17,7 +17,7 @@ use sm2_proto::{
     violation,
 };
 
-//= SM2-RNG-014, SM2-RNG-009 test
+//= SM2-RNG-014, SM2-RNG-015 test
 #[test]
 fn open_then_ring_then_all_else() {
     let mut rig = Rig::fresh(false, 2, 1);

@@ -177,7 +177,7 @@ fn a_publisher_that_changes_words_in_front_of_the_receiver_stops_nobody() {
     });
 }
 
-//= SM2-RNG-009 sys
+//= SM2-RNG-015 sys
 #[test]
 fn a_flood_of_doorbells_stops_nobody() {
     let domain = TempDomain::new();

@@ -228,7 +228,7 @@ impl SharedInterface {
                 now = sm2_io::clock::now();
                 continue;
             }
-            //= SM2-RNG-009
+            //= SM2-RNG-015
             locked.park();
             if let Some(found) = look(&mut locked) {
                 return Ok(Some(found));

@@ -41,10 +41,13 @@ impl Handle {
         taken: Vec<Taken>,
         mut each: impl FnMut(Result<Received, RecvError>),
     ) {
-        let places = |it: &Taken| (it.token, it.delivery.sequence);
+        let place = |it: &Taken| (it.token, it.delivery.sequence);
+        let mut places: Vec<_> = taken.iter().map(place).collect();
+        // The messages of one link are one batch. The sort keeps their order.
+        places.sort_by_key(|it| it.0);
         let _lent = Lent {
             handle: self,
-            places: taken.iter().map(places).collect(),
+            places,
         };
         for taken in taken {
             let opened = self.open_with(taken, Receipt::none());
@@ -70,7 +73,7 @@ fn take_ready(
 /// Messages that are released together, also if `each` panics.
 struct Lent<'a> {
     handle: &'a Handle,
-    /// The token of the link and the sequence number of each message.
+    /// The token of the link and the sequence number of each message, sorted by token.
     places: Vec<(LinkToken, u64)>,
 }
 
@@ -78,9 +81,7 @@ impl Drop for Lent<'_> {
     //= SM2-MSG-005
     fn drop(&mut self) {
         self.handle.with_undriven(|interface, context| {
-            for &(token, sequence) in &self.places {
-                interface.give_back(token, sequence, context);
-            }
+            interface.give_back_all(&self.places, context);
         });
     }
 }

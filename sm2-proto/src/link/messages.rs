@@ -219,8 +219,32 @@ impl Link {
     /// for [`take`](Self::take), although it returns this error.
     #[inline]
     pub fn release(&mut self, memory: &impl LinkMemory, sequence: u64) -> Result<Wake, Error> {
+        self.release_all(memory, [sequence])
+    }
+
+    /// Gives back several messages in this order, as [`release`](Self::release) gives back one. On
+    /// the ring lane they are one batch, with one fence: see SM2-RNG-015.
+    ///
+    /// # Errors
+    /// That of the first message that has one. The other messages are given back all the same, but the
+    /// sender is not woken for them.
+    #[inline]
+    pub fn release_all(
+        &mut self,
+        memory: &impl LinkMemory,
+        sequences: impl IntoIterator<Item = u64>,
+    ) -> Result<Wake, Error> {
+        match &self.lane {
+            Lane::Ring(_) => self.release_to_ring(memory, sequences),
+            Lane::Undecided | Lane::Socket(_) => (sequences.into_iter())
+                .map(|sequence| self.release_by_socket(sequence))
+                .fold(Ok(Wake::NotNeeded), Result::and),
+        }
+    }
+
+    fn release_by_socket(&mut self, sequence: u64) -> Result<Wake, Error> {
         let result = match &mut self.lane {
-            Lane::Ring(_) => return self.release_to_ring(memory, sequence),
+            Lane::Ring(_) => Err(Misuse::NotOpen.into()),
             Lane::Undecided => match self.state {
                 Ok(_) => Err(Misuse::NotOpen.into()),
                 Err(Over { end, .. }) => Err(Error::Ended(end)),
@@ -241,7 +265,7 @@ impl Link {
 
     /// Announces that this end is about to sleep until its socket is readable. The driver looks for
     /// messages or room once more before it sleeps.
-    //= SM2-RNG-009
+    //= SM2-RNG-015
     #[inline]
     pub fn park(&self, memory: &impl LinkMemory) {
         if let Some((words, parked)) = self.parked_word(memory) {

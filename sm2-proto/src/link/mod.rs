@@ -46,8 +46,8 @@
 //!
 //! | a receiver's driver | calls |
 //! | --- | --- |
-//! | for the next message | [`Link::take`], then [`Link::made_room`]; [`Link::peek`] says what to prefetch |
-//! | when the application gives one back | [`Link::release`] |
+//! | for the next message | [`Link::take`], then [`Link::made_room`] (once for several); [`Link::peek`] says what to prefetch |
+//! | when the application gives one back | [`Link::release`], or [`Link::release_all`] for several |
 //! | before it sleeps | [`Link::park`], and looks again |
 //!
 //! The driver of a caller or server uses both tables, with one difference: on an open link,

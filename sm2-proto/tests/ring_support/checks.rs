@@ -88,7 +88,7 @@ impl Pair {
     }
 
     /// An end sleeps only if it has nothing to do, or if a datagram is about to wake it.
-    //= SM2-RNG-009 test
+    //= SM2-RNG-015 test
     fn check_awake(&self) {
         let ends = [&self.sending.at, &self.receiving.at];
         for end in [0, 1] {

@@ -315,7 +315,14 @@ impl Rig {
     }
 
     pub(crate) fn release(&mut self, sequence: u64) -> Result<Wake, Error> {
-        let released = self.ends[RECEIVER].release(&self.words, sequence);
+        self.release_all([sequence])
+    }
+
+    pub(crate) fn release_all(
+        &mut self,
+        sequences: impl IntoIterator<Item = u64>,
+    ) -> Result<Wake, Error> {
+        let released = self.ends[RECEIVER].release_all(&self.words, sequences);
         self.drain(RECEIVER);
         released
     }

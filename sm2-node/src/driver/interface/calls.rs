@@ -59,7 +59,7 @@ impl Calls {
             };
             if !self.finish(CallId { token, id }, Outcome::Reply(reply)) {
                 // No thread waits for this reply any more.
-                link.release(sequence, context.sets, outbox);
+                link.release(&[(token, sequence)], context.sets, outbox);
             }
         }
         //= SM2-SRV-005

@@ -10,6 +10,7 @@ use super::LinkDriver;
 use crate::driver::context::Context;
 use crate::driver::event_sets::LinkSets;
 use crate::driver::outbox::Outbox;
+use crate::driver::token::LinkToken;
 use crate::payload::Source;
 
 impl LinkDriver {
@@ -109,27 +110,24 @@ impl LinkDriver {
         found.unwrap_or(Source::Missing)
     }
 
-    /// Gives a message back for the application.
-    //= SM2-RNG-008, SM2-MSG-005
+    /// Gives the messages at these places of this link back for the application, as one batch.
+    //= SM2-RNG-008, SM2-RNG-015, SM2-MSG-005
+    #[inline]
     pub(in crate::driver) fn release(
         &mut self,
-        sequence: u64,
+        batch: &[(LinkToken, u64)],
         sets: &LinkSets,
         outbox: &mut Outbox,
     ) {
-        self.note_released();
-        let released = self.machine.release(&self.mapped, sequence);
+        self.held = self.held.saturating_sub(batch.len());
+        let sequences = batch.iter().map(|it| it.1);
+        let released = self.machine.release_all(&self.mapped, sequences);
         debug_assert!(
             !matches!(released, Err(Error::Misuse(Misuse::NotBorrowed))),
-            "{sequence} on {}",
+            "{batch:?} on {}",
             self.id
         );
         self.wake(released.unwrap_or_default(), sets);
         self.drain_if_due(sets, outbox);
-    }
-
-    /// Counts a message that the application gave back.
-    const fn note_released(&mut self) {
-        self.held = self.held.saturating_sub(1);
     }
 }

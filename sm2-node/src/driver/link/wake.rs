@@ -15,7 +15,7 @@ impl LinkDriver {
     }
 
     /// Announces that a thread is about to sleep until this link has an event.
-    //= SM2-RNG-009
+    //= SM2-RNG-015
     pub(in crate::driver) fn park(&self) {
         if self.machine.end().is_none() {
             self.machine.park(&self.mapped);
@@ -24,7 +24,7 @@ impl LinkDriver {
 
     /// Wakes the other side if that is needed. If the socket is full, it is readable at the other
     /// end, so the other side is awake or will wake.
-    //= SM2-RNG-009
+    //= SM2-RNG-015
     #[inline]
     pub(in crate::driver) fn wake(&mut self, wake: Wake, sets: &LinkSets) {
         if wake.is_needed() {

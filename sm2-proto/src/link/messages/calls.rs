@@ -55,7 +55,7 @@ impl Link {
 
     /// Sends queued messages while there is room. If some remain for lack of room, this end parks,
     /// so that the other end wakes it, and then tries once more.
-    //= SM2-RNG-009
+    //= SM2-RNG-015
     pub(super) fn send_queued(
         &mut self,
         words: &impl RingMemory,

@@ -5,7 +5,7 @@ use super::super::{
     RingMemory, Wake,
     lane::Lane,
     machine::Over,
-    ring::{NotTaken, RingMessage, RingSendError, wake_parked},
+    ring::{NotReleased, NotTaken, RingMessage, RingSendError, wake_parked},
 };
 use crate::{Farewell, Violation};
 
@@ -100,31 +100,30 @@ impl Link {
     pub(super) fn release_to_ring(
         &mut self,
         memory: &impl LinkMemory,
-        sequence: u64,
+        sequences: impl IntoIterator<Item = u64>,
     ) -> Result<Wake, Error> {
         let Lane::Ring(ring) = &mut self.lane else {
             return Err(Misuse::NotOpen.into());
         };
         let released = match (&mut ring.incoming, memory.incoming()) {
-            (Some(receiver), Some(words)) => Ok(receiver.release(words, sequence)),
-            (Some(_), None) => Err(Misuse::NotLent),
-            (None, _) => Err(Misuse::WrongRole),
+            (Some(receiver), Some(words)) => receiver.release_all(words, sequences),
+            (Some(_), None) => Err(Misuse::NotLent.into()),
+            (None, _) => Err(Misuse::WrongRole.into()),
         };
         let result = match (self.state, released) {
-            // The word is put even after the end: the sender may not know of the end, and still
+            // The words are put even after the end: the sender may not know of the end, and still
             // counts its unreleased messages.
             (Err(Over { end, .. }), _) => Err(Error::Ended(end)),
-            (Ok(_), Err(misuse)) => Err(misuse.into()),
-            (Ok(_), Ok(None)) => Err(Misuse::NotBorrowed.into()),
-            (Ok(_), Ok(Some(Ok(wake)))) => Ok(wake),
-            (Ok(_), Ok(Some(Err(violation)))) => Err(self.violated(violation)),
+            (Ok(_), Ok(wake)) => Ok(wake),
+            (Ok(_), Err(NotReleased::Misuse(misuse))) => Err(misuse.into()),
+            (Ok(_), Err(NotReleased::Violation(violation))) => Err(self.violated(violation)),
         };
         self.invariants();
         result
     }
 
-    /// Whether the sender has to be woken because [`take`](Self::take) returned a message and so
-    /// made room. Only the sender of a reliable link waits for room.
+    /// Whether the sender has to be woken because [`take`](Self::take) returned one message or more,
+    /// and so made room. Only the sender of a reliable link waits for room.
     #[inline]
     pub fn made_room(&self, memory: &impl LinkMemory) -> Wake {
         match (&self.lane, memory.incoming()) {

@@ -23,7 +23,7 @@ mod word;
 pub(super) use self::{
     lane::RingLane,
     message::{RingMessage, RingSendError},
-    receiver::{NotTaken, RingReceiver},
+    receiver::{NotReleased, NotTaken, RingReceiver},
     segments::RingSegments,
     send_queue::SendQueue,
     sender::RingSender,

@@ -280,8 +280,8 @@ impl Ends {
 
     fn release(&mut self) {
         if let Some(sequence) = self.held.pop() {
-            let released = self.receiver.release(&self.memory, sequence);
-            assert_eq!(released, Some(Ok(Wake::NotNeeded)));
+            let released = self.receiver.release_all(&self.memory, [sequence]);
+            assert_eq!(released, Ok(Wake::NotNeeded));
         }
     }
 

@@ -8,7 +8,7 @@ mod proofs;
 use self::borrowed::Borrowed;
 use super::{
     super::{
-        Delivery, MaxLen, Payload, SlotRange, TooManyBorrowed, frame_kind::Carrier,
+        Delivery, MaxLen, Misuse, Payload, SlotRange, TooManyBorrowed, frame_kind::Carrier,
         segments::Geometry,
     },
     At, EMPTY, RingLayout, RingMemory, SlotHead, Wake, Word, wake_parked,
@@ -45,6 +45,19 @@ pub(in crate::link) enum NotTaken {
     /// The segment is not attached. The socket may have the datagram that attaches it.
     UnknownSegment,
     Violation(Violation),
+}
+
+/// The reason why a message was not given back.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::link) enum NotReleased {
+    Misuse(Misuse),
+    Violation(Violation),
+}
+
+impl From<Misuse> for NotReleased {
+    fn from(misuse: Misuse) -> Self {
+        Self::Misuse(misuse)
+    }
 }
 
 impl From<Violation> for NotTaken {
@@ -248,22 +261,33 @@ impl RingReceiver {
         violation!(MessageTooLong, "SM2-PAY-011")
     }
 
-    /// Called when the application gives a message back. `None` if the application does not hold
-    /// the message; otherwise whether the sender has to be woken.
-    //= SM2-RNG-008, SM2-MSG-004
+    /// Called when the application gives messages back. Returns whether the sender has to be woken,
+    /// or the first error.
+    //= SM2-RNG-015
     #[inline]
-    pub(in crate::link) fn release(
+    pub(in crate::link) fn release_all(
         &mut self,
         words: &impl RingMemory,
-        sequence: u64,
-    ) -> Option<Result<Wake, Violation>> {
-        let word = self.borrowed.remove(sequence)?;
+        sequences: impl IntoIterator<Item = u64>,
+    ) -> Result<Wake, NotReleased> {
+        let released = (sequences.into_iter())
+            .map(|sequence| self.release(words, sequence))
+            .fold(Ok(()), Result::and);
+        released.map(|()| wake_parked(words, At::SenderParked))
+    }
+
+    /// Puts the word of a message into the next back word.
+    //= SM2-RNG-008, SM2-MSG-004
+    #[inline]
+    fn release(&mut self, words: &impl RingMemory, sequence: u64) -> Result<(), NotReleased> {
+        let word = self.borrowed.remove(sequence).ok_or(Misuse::NotBorrowed)?;
         let at = self.layout.back_word(self.given);
         self.given += 1;
         if words.swap(at, word.to_bits()) != EMPTY {
-            return Some(Err(violation!(BadWord, "SM2-RNG-008")));
+            let violation = violation!(BadWord, "SM2-RNG-008");
+            return Err(NotReleased::Violation(violation));
         }
-        Some(Ok(wake_parked(words, At::SenderParked)))
+        Ok(())
     }
 
     /// Whether the application holds a message in this segment.

@@ -36,7 +36,7 @@ impl Wake {
 }
 
 /// The DOORBELL datagram, which wakes the other end.
-//= SM2-RNG-009
+//= SM2-RNG-015
 #[must_use]
 pub fn doorbell() -> Head {
     Frame::Doorbell.head()
@@ -44,7 +44,7 @@ pub fn doorbell() -> Head {
 
 /// Clears the other end's `parked` word after this end put or took a word. Returns whether the
 /// other end had parked.
-//= SM2-RNG-009
+//= SM2-RNG-015
 #[inline]
 pub(in crate::link) fn wake_parked(words: &impl RingMemory, parked: At) -> Wake {
     // Pairs with the SeqCst fence in `Link::park`: either the other end sees our word when it looks

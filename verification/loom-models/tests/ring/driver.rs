@@ -344,6 +344,26 @@ const fn payload_of(id: u64) -> u64 {
 impl<W: Mortal> Driver<W> {
     /// Takes the next message, if there is one, and holds it. Returns its id.
     pub(crate) fn take(&mut self) -> Option<u64> {
+        let taken = self.take_word();
+        if taken.is_some() {
+            self.tell_of_room();
+        }
+        taken
+    }
+
+    /// Takes all messages in the ring in one batch, and holds them.
+    pub(crate) fn take_all(&mut self) {
+        while self.take_word().is_some() {}
+        self.tell_of_room();
+    }
+
+    fn tell_of_room(&mut self) {
+        if self.order.tells_of_room && self.link.made_room(&self.words).is_needed() {
+            self.ring_the_bell();
+        }
+    }
+
+    fn take_word(&mut self) -> Option<u64> {
         if self.is_over() && !self.order.takes_what_is_left {
             return None;
         }
@@ -360,9 +380,6 @@ impl<W: Mortal> Driver<W> {
             Ok(None) | Err(NoDelivery::TooManyBorrowed(_)) => return None,
             Err(error) => panic!("the other end broke the rules: {error}"),
         };
-        if self.order.tells_of_room && self.link.made_room(&self.words).is_needed() {
-            self.ring_the_bell();
-        }
         let last = self.seen.last().copied().unwrap_or_default();
         assert!(delivery.id > last, "{} after {last}", delivery.id);
         assert_eq!(
@@ -388,16 +405,30 @@ impl<W: Mortal> Driver<W> {
 
     /// Reads the oldest held message, and releases it.
     pub(crate) fn release(&mut self) {
-        if self.words.is_dead() || self.held.is_empty() {
+        if !self.held.is_empty() {
+            self.release_oldest(1);
+        }
+    }
+
+    /// Reads all held messages, and releases them in one batch.
+    pub(crate) fn release_all(&mut self) {
+        self.release_oldest(self.held.len());
+    }
+
+    fn release_oldest(&mut self, count: usize) {
+        if self.words.is_dead() {
             return;
         }
-        let delivery = self.held.remove(0);
-        let Payload::Pooled { offset, .. } = delivery.payload else {
-            panic!("on the ring lane all are pooled");
-        };
-        let slot = &self.memory.slots[(offset / self.memory.segment().stride) as usize];
-        assert_eq!(slot.payload(), payload_of(delivery.id), "another payload");
-        match self.link.release(&self.words, delivery.sequence) {
+        let deliveries: Vec<Delivery> = self.held.drain(..count).collect();
+        for delivery in &deliveries {
+            let Payload::Pooled { offset, .. } = delivery.payload else {
+                panic!("on the ring lane all are pooled");
+            };
+            let slot = &self.memory.slots[(offset / self.memory.segment().stride) as usize];
+            assert_eq!(slot.payload(), payload_of(delivery.id), "another payload");
+        }
+        let sequences = deliveries.iter().map(|it| it.sequence);
+        match self.link.release_all(&self.words, sequences) {
             Ok(Wake::Needed) => self.ring_the_bell(),
             Ok(Wake::NotNeeded) | Err(Error::Ended(_)) => {}
             Err(Error::Misuse(misuse)) => {

@@ -287,6 +287,24 @@ pub(crate) fn flush(terms: Terms) {
     settled(sender.join().unwrap(), &receiver);
 }
 
+/// The sender waits for room, and then until all messages are given back. The receiver takes two
+/// messages in one batch, and gives them back in one batch.
+pub(crate) fn batch(terms: Terms) {
+    let (mut sender, mut receiver) = pair(terms);
+    sender.publish();
+    sender.publish();
+    let sender = thread::spawn(move || {
+        sender.publish();
+        sender.flush();
+        sender
+    });
+    receiver.take_all();
+    receiver.release_all();
+    receive_until(&mut receiver, 3);
+    assert_eq!(receiver.seen, [1, 2, 3]);
+    settled(sender.join().unwrap(), &receiver);
+}
+
 /// The sender's process ends after some step. The receiver takes the messages left in the ring, and
 /// no others. Returns whether the process ended early.
 fn left_behind(mut sender: End, mut receiver: End, messages: usize) -> bool {

@@ -3,8 +3,8 @@
 use core::cell::Cell;
 
 use super::{
-    super::proofs::SEQUENCES, At, EMPTY, NotTaken, RING_DISPLACED_MAX, RingLayout, RingMemory,
-    RingReceiver, SlotHead, Wake, Word,
+    super::proofs::SEQUENCES, At, EMPTY, Misuse, NotReleased, NotTaken, RING_DISPLACED_MAX,
+    RingLayout, RingMemory, RingReceiver, SlotHead, Wake, Word,
 };
 use crate::{
     Instant,
@@ -239,21 +239,17 @@ fn a_message_is_given_back_once() {
         depth: 2,
     };
     let sequence = one_of(&[3, 4, u64::MAX]);
-    let released = receiver.release(&words, sequence);
-    assert_eq!(released.is_some(), sequence == 4);
+    let released = receiver.release_all(&words, [sequence]);
+    let not_held = Err(NotReleased::Misuse(Misuse::NotBorrowed));
+    let not_free = Err(NotReleased::Violation(violation!(BadWord, "SM2-RNG-008")));
+    assert_eq!(released != not_held, sequence == 4);
     assert!(words.accesses.get() <= 3);
-    if released.is_some() {
-        assert_eq!(
-            released == Some(Err(violation!(BadWord, "SM2-RNG-008"))),
-            words.answers[0] != 0
-        );
-        assert_eq!(receiver.release(&words, sequence), None);
+    if released != not_held {
+        assert_eq!(released == not_free, words.answers[0] != 0);
+        assert_eq!(receiver.release_all(&words, [sequence]), not_held);
     }
-    kani::cover!(released == Some(Ok(Wake::Needed)), "with a bell");
-    kani::cover!(
-        released == Some(Err(violation!(BadWord, "SM2-RNG-008"))),
-        "the word was not free"
-    );
+    kani::cover!(released == Ok(Wake::Needed), "with a bell");
+    kani::cover!(released == not_free, "the word was not free");
 }
 
 #[cfg(test)]
