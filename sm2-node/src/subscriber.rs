@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use sm2_proto::{Contract, DemandedQos, Kind, TypeId};
 
-use crate::driver::{Interface, PoolLimit, SharedNode, Until};
+use crate::driver::{PoolLimit, SharedNode, Until};
 use crate::handle::Handle;
 use crate::handle::declaration::{
     Declaration, max_len_setter, schema_of, sealed_setter, wait_setter,
@@ -73,7 +73,11 @@ impl<T: Message + ?Sized> Subscriber<T> {
     }
 
     fn take(&self, until: Until) -> Result<Option<Sample<T>>, RecvError> {
-        let received = self.handle.receive(until, Interface::take)?;
+        let received = self.handle.receive(until, |interface, into, context| {
+            interface
+                .take(&mut |taken| *into = Some(taken), context)
+                .map(drop)
+        })?;
         received.map(Sample::new).transpose()
     }
 

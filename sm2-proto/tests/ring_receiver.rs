@@ -3,15 +3,17 @@
 mod link_support;
 mod ring_support;
 
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 
 use link_support::{NOW, pooled};
 use ring_support::{Memory, RECEIVER, Rig, SENDER, head, segment, word};
 use sm2_proto::{
     Farewell, Instant, Machine, ViolationKind,
+    limits::SLOT_HEAD,
     link::{
-        At, Delivery, EMPTY, End, Error, FrameKind, Input, LentRing, Misuse, NoDelivery, Output,
-        Payload, RingMemory, SegmentInfo, SlotRange, Status, TooManyBorrowed, wire::Frame,
+        At, Delivery, EMPTY, End, Error, FrameKind, Input, LentRing, LinkMemory, Misuse,
+        NoDelivery, Output, Payload, RingMemory, SegmentInfo, SlotRange, Status, TooManyBorrowed,
+        wire::Frame,
     },
     violation,
 };
@@ -61,31 +63,55 @@ fn a_delivery_says_what_the_head_says() {
     assert_eq!(taken, Ok(None));
 }
 
+/// Memory that notes what is prefetched, and whether the word was in the ring at that time.
+struct Prefetching<'a> {
+    memory: &'a Memory,
+    prefetched: RefCell<Vec<(SlotRange, bool)>>,
+}
+
+impl LinkMemory for Prefetching<'_> {
+    type Ring = Memory;
+
+    fn outgoing(&self) -> Option<&Memory> {
+        None
+    }
+
+    fn incoming(&self) -> Option<&Memory> {
+        Some(self.memory)
+    }
+
+    fn slot_head(&self, _: SlotRange) -> Option<[u8; SLOT_HEAD]> {
+        Some(head(1).to_bytes())
+    }
+
+    fn prefetch(&self, slot: SlotRange) {
+        let is_there = self.memory.forward().iter().any(|word| *word != EMPTY);
+        self.prefetched.borrow_mut().push((slot, is_there));
+    }
+}
+
 //= SM2-RNG-007 test
 #[test]
-fn a_peek_says_where_the_next_message_is_and_changes_nothing() {
+fn a_slot_is_prefetched_before_its_word_is_taken() {
     let mut rig = Rig::open(false, 2, 1);
-    let peek = |rig: &Rig| rig.ends[RECEIVER].peek(&rig.words);
-    assert_eq!(peek(&rig), None);
     let _ = rig.send(1, 3).unwrap();
-    let before = rig.words.forward();
+    let memory = Prefetching {
+        memory: &rig.words,
+        prefetched: RefCell::default(),
+    };
+    assert_eq!(rig.ends[RECEIVER].take(&memory).unwrap().unwrap().id, 1);
+    assert_eq!(rig.ends[RECEIVER].take(&memory), Ok(None));
     let place = SlotRange {
         segment: 0,
         offset: 3 * 4096,
         stride: 4096,
     };
-    assert_eq!(peek(&rig), Some(place));
-    assert_eq!(rig.words.forward(), before);
-    assert_eq!(rig.taken().id, 1);
-    assert_eq!(peek(&rig), None);
-    // `peek` returns `None` for an invalid word or a slot that does not exist. `take` reports the
-    // violation.
-    let next = At::Forward(0);
-    for bits in [1, word(7, 0, 2), word(0, 60_000, 2)] {
-        rig.words.swap(next, bits);
-        assert_eq!(peek(&rig), None, "{bits:x}");
-    }
-    assert!(rig.ends[RECEIVER].end().is_none());
+    assert_eq!(memory.prefetched.take(), [(place, true)]);
+    // Nothing is prefetched for a slot that does not exist.
+    rig.words.swap(At::Forward(0), word(0, 60_000, 2));
+    let bad_slot = rig.ends[RECEIVER].take(&memory);
+    assert!(matches!(bad_slot, Err(NoDelivery::Ended(_))));
+    assert_eq!(memory.prefetched.take(), []);
 }
 
 //= SM2-MSG-005, SM2-RNG-007 test

@@ -6,7 +6,8 @@ use std::os::fd::OwnedFd;
 
 use sm2_io::counters::Update;
 use sm2_io::{CounterEntry, CounterPage};
-use sm2_proto::{InterfaceId, LinkId};
+use sm2_proto::link::Delivery;
+use sm2_proto::{Instant, InterfaceId, LinkId};
 
 /// The file of the node's counters. If there is none, the node works without counters.
 #[derive(Debug, Default)]
@@ -56,6 +57,17 @@ impl Counting {
             page.free(entry);
         }
     }
+}
+
+/// Counts a message of a topic that the application took at `now`.
+#[inline]
+pub(super) fn note_taken(entry: Option<&mut CounterEntry>, now: Instant, delivery: &Delivery) {
+    note(entry, |entry| {
+        entry.taken(now, delivery.time, delivery.len);
+        if delivery.lost > 0 {
+            entry.lost(delivery.lost);
+        }
+    });
 }
 
 /// Changes an entry, if the interface or link has one.

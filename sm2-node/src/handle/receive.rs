@@ -14,22 +14,29 @@ use crate::driver::{Context, Full, Interface, SharedInterface, Taken, Until};
 use crate::payload::MessageBytes;
 
 impl Handle {
-    /// Waits until there is a message. `None` after the timeout. Without a Manager or without links, waits
-    /// until they return.
+    /// Waits until `take` has put a message into its second parameter. `None` after the timeout. Without a
+    /// Manager or without links, waits until they return.
     #[inline]
     pub(crate) fn receive(
         &self,
         until: Until,
-        take: impl Fn(&mut Interface, &mut Context<'_>) -> Result<Option<Taken>, Full>,
+        mut take: impl FnMut(&mut Interface, &mut Option<Taken>, &mut Context<'_>) -> Result<(), Full>,
     ) -> Result<Option<Received>, RecvError> {
         self.check_shutdown(until)?;
+        // Not a result of the closures, each of which would copy the message.
+        let mut taken = None;
         let found = self.interface.wait_as(self.wait, until, |locked| {
             self.find_or_silence(locked, |locked| {
-                let taken = locked.change(&take);
-                taken.map_err(RecvError::from).transpose()
+                match locked.change(|interface, context| take(interface, &mut taken, context)) {
+                    Ok(()) => taken.is_some().then_some(Ok(())),
+                    Err(full) => Some(Err(full)),
+                }
             })
         });
-        match found?.transpose()? {
+        if let Some(Err(full)) = found? {
+            return Err(full.into());
+        }
+        match taken {
             Some(taken) => self.open_for(taken).map(Some),
             None => Ok(None),
         }

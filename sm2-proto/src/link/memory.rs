@@ -19,6 +19,12 @@ pub trait LinkMemory {
 
     /// Copies the last 64 bytes of this slot. `None` if the segment is not mapped.
     fn slot_head(&self, slot: SlotRange) -> Option<[u8; SLOT_HEAD]>;
+
+    /// Called before the word that names this slot is taken. The processor executes no read before
+    /// the atomic operation that takes the word, and the slot is in the cache of the sender's core: a
+    /// prefetch overlaps its transfer with the atomic operation.
+    #[inline]
+    fn prefetch(&self, _slot: SlotRange) {}
 }
 
 /// One ring that serves both directions, without segments. A link can send through it and give

@@ -5,7 +5,7 @@ mod ring;
 
 use super::{
     At, Delivery, Error, Fate, Link, LinkMemory, Misuse, NoDelivery, OutboundMessage, Output,
-    RingMemory, Role, SlotRange, Wake, lane::Lane, machine::Over, socket_lane::SocketLane,
+    RingMemory, Role, Wake, lane::Lane, machine::Over, socket_lane::SocketLane,
 };
 use crate::limits::MESSAGE_MAX;
 
@@ -155,33 +155,30 @@ impl Link {
     /// See [`NoDelivery`].
     #[inline]
     pub fn take(&mut self, memory: &impl LinkMemory) -> Result<Option<Delivery>, NoDelivery> {
+        self.take_with(memory, |delivery| delivery)
+    }
+
+    /// As [`take`](Self::take), but passes the message to `deliver` and returns its result. A driver
+    /// that stores the message there saves copies of it.
+    ///
+    /// # Errors
+    /// See [`NoDelivery`].
+    #[inline]
+    pub fn take_with<R>(
+        &mut self,
+        memory: &impl LinkMemory,
+        deliver: impl FnOnce(Delivery) -> R,
+    ) -> Result<Option<R>, NoDelivery> {
         match &mut self.lane {
+            Lane::Ring(_) => self.take_from_ring(memory, deliver),
             _ if !self.config.role.receives() => Err(NoDelivery::Misuse(Misuse::WrongRole)),
             Lane::Undecided => Ok(None),
             Lane::Socket(socket) => {
                 let taken = socket.inbound.take().map_err(NoDelivery::TooManyBorrowed);
                 self.invariants();
-                taken
+                taken.map(|it| it.map(deliver))
             }
-            Lane::Ring(_) => self.take_from_ring(memory),
         }
-    }
-
-    /// Where the next message of a ring seems to be. A driver uses this for prefetching. Only the
-    /// bounds of the slot were checked.
-    #[inline]
-    pub fn peek(&self, memory: &impl LinkMemory) -> Option<SlotRange> {
-        let Lane::Ring(ring) = &self.lane else {
-            return None;
-        };
-        let word = ring.incoming.as_ref()?.peek(memory.incoming()?)?;
-        let segment = u32::from(word.segment);
-        let geometry = ring.segments.geometry(segment)?;
-        Some(SlotRange {
-            segment,
-            offset: geometry.offset(word.slot.into())?,
-            stride: geometry.stride(),
-        })
     }
 
     /// Whether [`take`](Self::take) may return a message.

@@ -46,7 +46,7 @@
 //!
 //! | a receiver's driver | calls |
 //! | --- | --- |
-//! | for the next message | [`Link::take`], then [`Link::made_room`] (once for several); [`Link::peek`] says what to prefetch |
+//! | for the next message | [`Link::take`], then [`Link::made_room`] (once for several) |
 //! | when the application gives one back | [`Link::release`], or [`Link::release_all`] for several |
 //! | before it sleeps | [`Link::park`], and looks again |
 //!

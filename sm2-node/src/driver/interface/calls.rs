@@ -1,7 +1,6 @@
 //! The calls of a client whose outcome the program has not seen.
 
 use std::collections::HashMap;
-use std::sync::Arc;
 
 use sm2_proto::link::Role;
 
@@ -49,16 +48,19 @@ impl Calls {
         }
         // `take` cannot fail because too many messages are held: a client makes no more calls than
         // it may hold replies.
-        while let Ok(Some((delivery, source))) = link.take(context, outbox) {
-            let (id, sequence) = (delivery.id, delivery.sequence);
-            let reply = Taken {
-                token,
-                peer: Arc::clone(&link.peer),
-                delivery,
-                source,
+        loop {
+            let mut unwanted = None;
+            let mut put = |reply: Taken| {
+                let (id, sequence) = (reply.delivery.id, reply.delivery.sequence);
+                if !self.finish(CallId { token, id }, Outcome::Reply(reply)) {
+                    unwanted = Some(sequence);
+                }
             };
-            if !self.finish(CallId { token, id }, Outcome::Reply(reply)) {
-                // No thread waits for this reply any more.
+            if !matches!(link.take(&mut put, context, outbox), Ok(true)) {
+                break;
+            }
+            // No thread waits for this reply any more.
+            if let Some(sequence) = unwanted {
                 link.release(&[(token, sequence)], context.sets, outbox);
             }
         }

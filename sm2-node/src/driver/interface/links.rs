@@ -45,11 +45,21 @@ impl Links {
         self.0.iter_mut()
     }
 
-    /// The next link in turn that may have a message. A turn visits the links after `start` in
-    /// order, and then the others up to and including `start`. `visited` is the link that this turn
-    /// visited last, if any.
+    /// The next link in turn. A turn visits the links after `start` in order, and then the others up
+    /// to and including `start`. `visited` is the link that this turn visited last, if any.
     #[inline]
-    pub(in crate::driver) fn next_ready(
+    pub(in crate::driver) fn next(
+        &mut self,
+        start: LinkToken,
+        visited: Option<LinkToken>,
+    ) -> Option<&mut LinkDriver> {
+        if visited.is_none() && self.0.len() == 1 {
+            return self.0.first_mut();
+        }
+        self.next_of_many(start, visited)
+    }
+
+    fn next_of_many(
         &mut self,
         start: LinkToken,
         visited: Option<LinkToken>,
@@ -59,7 +69,7 @@ impl Links {
         let first = self.0.partition_point(|link| link.token() <= start);
         let (up_to_start, after) = self.0.split_at_mut(first);
         let mut turn = after.iter_mut().chain(up_to_start);
-        turn.find(|link| place(link.token()) >= least && link.may_take())
+        turn.find(|link| place(link.token()) >= least)
     }
 
     fn place(&self, token: LinkToken) -> Option<usize> {

@@ -14,9 +14,12 @@ impl Interface {
     /// requests with a reply that has no payload.
     pub(crate) fn take_request(
         &mut self,
+        into: &mut Option<Taken>,
         context: &mut Context<'_>,
-    ) -> Result<Option<Taken>, Full> {
-        while let Some(taken) = self.next(context)? {
+    ) -> Result<(), Full> {
+        while self.take(&mut |taken| *into = Some(taken), context)?
+            && let Some(taken) = into
+        {
             let (token, id) = (taken.token, taken.delivery.id);
             let deadline = taken.delivery.time;
             let cancelled = self.is_cancelled(CallId { token, id });
@@ -26,16 +29,16 @@ impl Interface {
                 (true, _) => Status::Cancelled,
                 (false, true) => Status::DeadlinePassed,
                 (false, false) => {
-                    // A request carries its deadline, not the time at which it was sent.
-                    let now = sm2_io::clock::now();
-                    self.note_taken(std::slice::from_ref(&taken), |_| now, context);
-                    return Ok(Some(taken));
+                    self.note_request(token, sm2_io::clock::now(), taken.delivery.len);
+                    return Ok(());
                 }
             };
+            let sequence = taken.delivery.sequence;
+            *into = None;
             self.reply_bare(CallId { token, id }, status, context);
-            self.give_back(token, taken.delivery.sequence, context);
+            self.give_back(token, sequence, context);
         }
-        Ok(None)
+        Ok(())
     }
 
     /// Whether the client no longer wants the reply, or is gone.

@@ -2,109 +2,54 @@
 
 use std::sync::Arc;
 
-use sm2_io::CounterEntry;
 use sm2_proto::control::LinkPeer;
-use sm2_proto::link::{Delivery, Input, Role};
-use sm2_proto::{Farewell, Instant};
+use sm2_proto::link::{Input, Role};
+use sm2_proto::{Contract, Farewell, Instant};
 
 use super::Interface;
 use super::taken::{Full, Taken};
 use crate::driver::context::Context;
-use crate::driver::counters::note;
+use crate::driver::counters::{note, note_taken};
 use crate::driver::token::LinkToken;
 
 impl Interface {
-    /// Takes the next message of any link, in turn.
+    /// Takes the next message of any link, in turn, and passes it to `put`. Returns whether there was one.
+    ///
+    /// A message of a topic counts as taken. A server counts a request once it is neither cancelled nor late.
     #[inline]
-    pub(crate) fn take(&mut self, context: &mut Context<'_>) -> Result<Option<Taken>, Full> {
-        let taken = self.next(context)?;
-        self.note_taken(taken.as_slice(), |it| it.time, context);
-        Ok(taken)
-    }
-
-    /// Takes messages until `all` has `most`, or no link has another one.
-    pub(crate) fn take_many(
+    pub(crate) fn take(
         &mut self,
-        all: &mut Vec<Taken>,
-        most: usize,
+        put: &mut impl FnMut(Taken),
         context: &mut Context<'_>,
-    ) -> Result<(), Full> {
-        let before = all.len();
-        let mut full = Ok(());
-        while all.len() < most {
-            match self.next(context) {
-                Ok(Some(taken)) => all.push(taken),
-                Ok(None) => break,
-                Err(error) => {
-                    full = Err(error);
-                    break;
-                }
-            }
-        }
-        self.note_taken(&all[before..], |it| it.time, context);
-        full
-    }
-
-    /// Counts messages that the application took and that were published at the given times.
-    /// Consecutive messages of one link change the counters of this link only once.
-    pub(super) fn note_taken(
-        &mut self,
-        all: &[Taken],
-        published: impl Fn(&Delivery) -> Instant,
-        context: &mut Context<'_>,
-    ) {
-        if all.is_empty() {
-            return;
-        }
-        let now = context.now;
-        let count = |entry: Option<&mut CounterEntry>, taken: &[Taken]| {
-            note(entry, |entry| {
-                for Taken { delivery, .. } in taken {
-                    entry.taken(now, published(delivery), delivery.len);
-                    if delivery.lost > 0 {
-                        entry.lost(delivery.lost);
-                    }
-                }
-            });
-        };
-        count(self.entry.as_mut(), all);
-        let mut left = all;
-        while let [first, rest @ ..] = left {
-            let same = 1 + rest.iter().take_while(|it| it.token == first.token).count();
-            let (taken, others) = left.split_at(same);
-            let link = self.links.get_mut(first.token);
-            count(link.and_then(|it| it.entry.as_mut()), taken);
-            left = others;
-        }
-    }
-
-    /// Takes the next message of any link, in turn, without counting it as taken by the
-    /// application.
-    #[inline]
-    pub(super) fn next(&mut self, context: &mut Context<'_>) -> Result<Option<Taken>, Full> {
+    ) -> Result<bool, Full> {
         let start = self.last_taken;
+        let is_topic = matches!(self.contract, Contract::Subscriber { .. });
         let (mut visited, mut full) = (None, None);
-        while let Some(link) = self.links.next_ready(start, visited) {
-            let token = link.token();
-            match link.take(context, &mut self.outbox) {
-                Ok(Some((delivery, source))) => {
-                    let taken = Taken {
-                        token,
-                        peer: Arc::clone(&link.peer),
-                        delivery,
-                        source,
-                    };
-                    // The link may be over, and this may have been its last message.
+        while let Some(link) = self.links.next(start, visited) {
+            let (token, now) = (link.token(), context.now);
+            let mut put = |taken: Taken| {
+                let delivery = &taken.delivery;
+                self.lost += delivery.lost;
+                self.events.push_loss(&taken.peer, delivery.lost);
+                if is_topic {
+                    note_taken(self.entry.as_mut(), now, delivery);
+                }
+                put(taken);
+            };
+            match link.take(&mut put, context, &mut self.outbox) {
+                Ok(true) => {
+                    // This may have been the last message of a link that is over.
                     if link.end().is_some() {
                         self.settle_link(token, context);
                     }
                     self.last_taken = token;
-                    self.lost += taken.delivery.lost;
-                    self.events.push_loss(&taken.peer, taken.delivery.lost);
-                    return Ok(Some(taken));
+                    return Ok(true);
                 }
-                // There was no message after all, or the content of the ring ended the link.
-                Ok(None) => self.settle_link(token, context),
+                // The content of the ring ended the link, or its socket was read.
+                Ok(false) if link.end().is_some() || context.stirred => {
+                    self.settle_link(token, context);
+                }
+                Ok(false) => {}
                 Err(error) => {
                     let peer = Arc::clone(&link.peer);
                     full = Some(Full { error, peer });
@@ -115,7 +60,27 @@ impl Interface {
             }
             visited = Some(token);
         }
-        full.map_or(Ok(None), Err)
+        full.map_or(Ok(false), Err)
+    }
+
+    /// Takes messages until `all` has `most`, or no link has another one.
+    pub(crate) fn take_many(
+        &mut self,
+        all: &mut Vec<Taken>,
+        most: usize,
+        context: &mut Context<'_>,
+    ) -> Result<(), Full> {
+        while all.len() < most && self.take(&mut |taken| all.push(taken), context)? {}
+        Ok(())
+    }
+
+    /// Counts a request that the application took at this time. A request carries its deadline, not the time at
+    /// which it was sent.
+    pub(super) fn note_request(&mut self, token: LinkToken, now: Instant, len: u64) {
+        let link = self.links.get_mut(token);
+        for entry in [self.entry.as_mut(), link.and_then(|it| it.entry.as_mut())] {
+            note(entry, |entry| entry.taken(now, now, len));
+        }
     }
 
     /// Gives a message back for the application.

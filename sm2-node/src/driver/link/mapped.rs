@@ -75,6 +75,14 @@ impl LinkMemory for Mapped {
         let segment = self.segments.get(slot.segment)?;
         segment.copy::<SLOT_HEAD>(slot.head_offset())
     }
+
+    #[inline]
+    fn prefetch(&self, slot: SlotRange) {
+        if let Some(mapping) = self.segments.get(slot.segment) {
+            mapping.prefetch(slot.head_offset());
+            mapping.prefetch(slot.offset);
+        }
+    }
 }
 
 /// Creates the ring from which this side will take messages, before this side offers the ring lane. Returns the file

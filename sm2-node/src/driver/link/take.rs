@@ -3,56 +3,44 @@
 
 use std::sync::Arc;
 
-use sm2_proto::Machine;
-use sm2_proto::link::{Delivery, Error, Input, Misuse, NoDelivery, Payload, TooManyBorrowed};
+use sm2_proto::link::{Error, Input, Misuse, NoDelivery, Payload, Role, TooManyBorrowed};
+use sm2_proto::{Instant, Machine};
 
 use super::LinkDriver;
 use crate::driver::context::Context;
+use crate::driver::counters::note_taken;
 use crate::driver::event_sets::LinkSets;
+use crate::driver::interface::Taken;
 use crate::driver::outbox::Outbox;
 use crate::driver::token::LinkToken;
 use crate::payload::Source;
 
 impl LinkDriver {
-    /// Takes the next message for the application. Returns it with the memory of its payload.
+    /// Takes the next message for the application, and passes it to `put`. Returns whether there was one.
     #[inline]
     pub(in crate::driver) fn take(
         &mut self,
+        put: &mut impl FnMut(Taken),
         context: &mut Context<'_>,
         outbox: &mut Outbox,
-    ) -> Result<Option<(Delivery, Source)>, TooManyBorrowed> {
-        let Some(delivery) = self.take_next(context, outbox)? else {
-            return Ok(None);
-        };
-        let source = self.source(&delivery);
-        self.held += 1;
-        self.received.add(&delivery);
-        if self.end().is_some() {
-            self.forget_unused();
-        }
-        Ok(Some((delivery, source)))
-    }
-
-    /// Takes the next message for the application.
-    #[inline]
-    fn take_next(
-        &mut self,
-        context: &mut Context<'_>,
-        outbox: &mut Outbox,
-    ) -> Result<Option<Delivery>, TooManyBorrowed> {
+    ) -> Result<bool, TooManyBorrowed> {
         for looked in [false, true] {
-            self.prefetch_next();
-            match self.machine.take(&self.mapped) {
-                Ok(taken) => {
+            match self.take_next(put, context.now) {
+                Ok(true) => {
                     // The parked word is not cleared, because another thread of this subscriber may
                     // sleep.
-                    if taken.is_some() {
-                        let wake = self.machine.made_room(&self.mapped);
-                        self.wake(wake, context.sets);
-                    }
+                    let wake = self.machine.made_room(&self.mapped);
+                    self.wake(wake, context.sets);
                     // There may be outputs for cancelled or failed calls.
                     self.drain_if_due(context.sets, outbox);
-                    return Ok(taken);
+                    if self.end().is_some() {
+                        self.forget_unused();
+                    }
+                    return Ok(true);
+                }
+                Ok(false) => {
+                    self.drain_if_due(context.sets, outbox);
+                    return Ok(false);
                 }
                 Err(NoDelivery::TooManyBorrowed(error)) => return Err(error),
                 //= SM2-RNG-007
@@ -64,7 +52,7 @@ impl LinkDriver {
                     self.park();
                 }
                 // The ATTACH may be among the datagrams that could not be read.
-                Err(NoDelivery::UnknownSegment) if self.short_of_memory => return Ok(None),
+                Err(NoDelivery::UnknownSegment) if self.short_of_memory => return Ok(false),
                 Err(NoDelivery::UnknownSegment) => {
                     let now = sm2_io::clock::now();
                     // This input ends the link, which the outputs report.
@@ -74,40 +62,47 @@ impl LinkDriver {
             }
         }
         self.drain_idle(context.sets, outbox);
-        Ok(None)
+        Ok(false)
     }
 
-    /// Prefetches the lines that are read after the next word was taken. The processor executes no
-    /// read before the atomic operation that takes the word, and these lines are in the cache of
-    /// the sender's core. The prefetch overlaps their transfer with the atomic operation.
+    /// Passes the next message, with the memory of its payload, to `put`.
     #[inline]
-    fn prefetch_next(&self) {
-        if let Some(slot) = self.machine.peek(&self.mapped)
-            && let Some(mapping) = self.mapped.segments.get(slot.segment)
-        {
-            mapping.prefetch(slot.head_offset());
-            mapping.prefetch(slot.offset);
-        }
-    }
-
-    #[inline]
-    fn source(&mut self, delivery: &Delivery) -> Source {
-        let found = match &delivery.payload {
-            Payload::Inline(bytes) => Some(Source::Inline(bytes.clone())),
-            Payload::Pooled { segment, offset } => {
-                self.mapped.segments.get(*segment).map(|it| Source::Pooled {
-                    segment: Arc::clone(it),
-                    offset: *offset,
-                    len: delivery.len,
-                })
+    fn take_next(&mut self, put: &mut impl FnMut(Taken), now: Instant) -> Result<bool, NoDelivery> {
+        let is_topic = self.role() == Role::Receiver;
+        let taken = self.machine.take_with(&self.mapped, |delivery| {
+            self.held += 1;
+            self.received.add(&delivery);
+            if is_topic {
+                note_taken(self.entry.as_mut(), now, &delivery);
             }
-            Payload::Sealed => self.kept.remove(&delivery.sequence).map(|file| {
-                let (len, quota) = (delivery.len, Arc::clone(&self.quota));
-                Source::Sealed { file, len, quota }
-            }),
-        };
-        debug_assert!(found.is_some(), "{delivery:?}");
-        found.unwrap_or(Source::Missing)
+            let source = match &delivery.payload {
+                Payload::Inline(bytes) => Source::Inline(bytes.clone()),
+                Payload::Pooled { segment, offset } => match self.mapped.segments.get(*segment) {
+                    Some(mapping) => Source::Pooled {
+                        segment: Arc::clone(mapping),
+                        offset: *offset,
+                        len: delivery.len,
+                    },
+                    None => Source::Missing,
+                },
+                Payload::Sealed => match self.kept.remove(&delivery.sequence) {
+                    Some(file) => Source::Sealed {
+                        file,
+                        len: delivery.len,
+                        quota: Arc::clone(&self.quota),
+                    },
+                    None => Source::Missing,
+                },
+            };
+            debug_assert!(!matches!(source, Source::Missing), "{delivery:?}");
+            put(Taken {
+                token: self.token,
+                peer: Arc::clone(&self.peer),
+                delivery,
+                source,
+            });
+        });
+        Ok(taken?.is_some())
     }
 
     /// Gives the messages at these places of this link back for the application, as one batch.

@@ -61,36 +61,56 @@ impl Link {
 
     /// [`Link::take`] on the ring lane.
     #[inline]
-    pub(super) fn take_from_ring(
+    pub(super) fn take_from_ring<R>(
         &mut self,
         memory: &impl LinkMemory,
-    ) -> Result<Option<Delivery>, NoDelivery> {
+        deliver: impl FnOnce(Delivery) -> R,
+    ) -> Result<Option<R>, NoDelivery> {
+        let has_calls = self.has_calls();
         let Lane::Ring(ring) = &mut self.lane else {
             return Ok(None);
         };
-        let words = memory.incoming();
-        let words = words.ok_or(NoDelivery::Misuse(Misuse::NotLent))?;
         let is_awaited = ring.is_awaited();
-        let receiver = ring.incoming.as_mut();
-        //= SM2-RNG-014
-        let Some(receiver) = receiver.filter(|_| !is_awaited) else {
-            return Ok(None);
+        let Some(receiver) = &mut ring.incoming else {
+            return Err(NoDelivery::Misuse(Misuse::WrongRole));
         };
+        let Some(words) = memory.incoming() else {
+            return Err(NoDelivery::Misuse(Misuse::NotLent));
+        };
+        //= SM2-RNG-014
+        if is_awaited {
+            return Ok(None);
+        }
         let segments = &ring.segments;
-        let taken = receiver.take(
-            words,
-            |segment| segments.geometry(segment),
-            |slot| memory.slot_head(slot),
-        );
-        let judged = taken.and_then(|taken| {
-            self.note_call(taken.as_ref())?;
-            Ok(taken)
-        });
-        let result = judged.map_err(|why| match why {
+        let geometry = |segment| segments.geometry(segment);
+        let delivery = match receiver.take_word(words, geometry, |slot| memory.prefetch(slot)) {
+            Ok(None) if has_calls => match self.note_call(None) {
+                Ok(()) => return Ok(None),
+                Err(violation) => return Err(self.not_taken(violation.into())),
+            },
+            Ok(None) => return Ok(None),
+            Ok(Some(taken)) => receiver.receive(taken, memory.slot_head(taken.slot)),
+            Err(why) => return Err(self.not_taken(why)),
+        };
+        let delivery = match delivery {
+            Ok(delivery) => delivery,
+            Err(why) => return Err(self.not_taken(why)),
+        };
+        if has_calls && let Err(violation) = self.note_call(Some(&delivery)) {
+            return Err(self.not_taken(violation.into()));
+        }
+        self.invariants();
+        Ok(Some(deliver(delivery)))
+    }
+
+    /// Handles the reason why no message is taken.
+    #[cold]
+    fn not_taken(&mut self, why: NotTaken) -> NoDelivery {
+        let result = match why {
             NotTaken::TooManyBorrowed(error) => NoDelivery::TooManyBorrowed(error),
             NotTaken::UnknownSegment => NoDelivery::UnknownSegment,
             NotTaken::Violation(violation) => self.ring_violated(violation),
-        });
+        };
         self.invariants();
         result
     }

@@ -12,7 +12,8 @@ use crate::{
     Instant,
     limits::SLOT_HEAD,
     link::{
-        Carrier, Fate, MaxLen, Misuse, Payload, SegmentInfo, SlotRange, Status, segments::Geometry,
+        Carrier, Delivery, Fate, MaxLen, Misuse, Payload, SegmentInfo, SlotRange, Status,
+        segments::Geometry,
     },
     proofs::{below, one_of},
 };
@@ -260,7 +261,7 @@ impl Ends {
             Some(head.to_bytes())
         };
         let oldest = self.oldest();
-        match self.receiver.take(&self.memory, |_| geometry, head) {
+        match take(&mut self.receiver, &self.memory, geometry, head) {
             Ok(Some(delivery)) => {
                 assert_eq!((delivery.sequence, delivery.id), (oldest, oldest));
                 assert_eq!(delivery.lost, oldest - self.taken - 1);
@@ -298,6 +299,19 @@ impl Ends {
             let may_be_discarded = !self.reliable && !self.held.contains(&number);
             assert!(fate != Some(Fate::Discarded) || may_be_discarded);
         }
+    }
+}
+
+/// Takes the next message, as [`Link::take`](crate::link::Link::take) does.
+pub(super) fn take(
+    receiver: &mut RingReceiver,
+    words: &impl RingMemory,
+    geometry: Option<Geometry>,
+    head: impl Fn(SlotRange) -> Option<[u8; SLOT_HEAD]>,
+) -> Result<Option<Delivery>, NotTaken> {
+    match receiver.take_word(words, |_| geometry, |_| {})? {
+        Some(taken) => receiver.receive(taken, head(taken.slot)).map(Some),
+        None => Ok(None),
     }
 }
 

@@ -38,6 +38,13 @@ pub(in crate::link) struct RingReceiver {
     left: Option<u16>,
 }
 
+/// A word that was taken out of the ring, and the slot that it names.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::link) struct TakenWord {
+    word: Word,
+    pub(in crate::link) slot: SlotRange,
+}
+
 /// The reason why no message is taken although the ring is not empty.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::link) enum NotTaken {
@@ -98,12 +105,6 @@ impl RingReceiver {
         self.left != Some(0) && words.load(self.layout.forward(self.oldest(words))) != EMPTY
     }
 
-    /// The word at the index of the expected message.
-    #[inline]
-    pub(in crate::link) fn peek(&self, words: &impl RingMemory) -> Option<Word> {
-        Word::from_bits(words.load(self.layout.forward(self.next))).ok()?
-    }
-
     /// The sequence number of the oldest message in the ring. A sender that died while it made room
     /// left an empty word at the index of its oldest message; the messages after it are still in
     /// the ring.
@@ -131,15 +132,16 @@ impl RingReceiver {
         words.count()
     }
 
-    /// Takes the next message for the application. `head` copies the last bytes of a slot.
-    //= SM2-RNG-007, SM2-MSG-005, SM2-PAY-006
+    /// Takes the word of the next message out of the ring. The caller copies the head from the end of
+    /// its slot, and passes both to [`receive`](Self::receive).
+    //= SM2-RNG-007, SM2-MSG-005
     #[inline]
-    pub(in crate::link) fn take(
+    pub(in crate::link) fn take_word(
         &mut self,
         words: &impl RingMemory,
         geometry: impl Fn(u32) -> Option<Geometry>,
-        head: impl FnOnce(SlotRange) -> Option<[u8; SLOT_HEAD]>,
-    ) -> Result<Option<Delivery>, NotTaken> {
+        prefetch: impl Fn(SlotRange),
+    ) -> Result<Option<TakenWord>, NotTaken> {
         if self.left == Some(0) {
             return Ok(None);
         }
@@ -166,13 +168,14 @@ impl RingReceiver {
             let geometry = geometry(segment).ok_or(NotTaken::UnknownSegment)?;
             let offset = (geometry.offset(u32::from(word.slot)))
                 .ok_or(violation!(BadSlot, "SM2-RNG-007"))?;
+            let slot = SlotRange {
+                segment,
+                offset,
+                stride: geometry.stride(),
+            };
+            prefetch(slot);
             if words.take(at, bits) {
-                let slot = SlotRange {
-                    segment,
-                    offset,
-                    stride: geometry.stride(),
-                };
-                return self.taken(word, slot, head(slot)).map(Some);
+                return Ok(Some(TakenWord { word, slot }));
             }
         }
         Ok(None)
@@ -201,12 +204,11 @@ impl RingReceiver {
 
     /// Handles a word that was taken out of the ring: checks the head of its message and delivers
     /// it.
-    //= SM2-RNG-004, SM2-PAY-005, SM2-PAY-008, SM2-PAY-011, SM2-MSG-002, SM2-SRV-002
+    //= SM2-RNG-004, SM2-PAY-005, SM2-PAY-006, SM2-PAY-008, SM2-PAY-011, SM2-MSG-002, SM2-SRV-002
     #[inline]
-    fn taken(
+    pub(in crate::link) fn receive(
         &mut self,
-        word: Word,
-        slot: SlotRange,
+        TakenWord { word, slot }: TakenWord,
         head: Option<[u8; SLOT_HEAD]>,
     ) -> Result<Delivery, NotTaken> {
         let sequence = self.next;
@@ -270,10 +272,11 @@ impl RingReceiver {
         words: &impl RingMemory,
         sequences: impl IntoIterator<Item = u64>,
     ) -> Result<Wake, NotReleased> {
-        let released = (sequences.into_iter())
-            .map(|sequence| self.release(words, sequence))
-            .fold(Ok(()), Result::and);
-        released.map(|()| wake_parked(words, At::SenderParked))
+        let mut result = Ok(());
+        for sequence in sequences {
+            result = result.and(self.release(words, sequence));
+        }
+        result.map(|()| wake_parked(words, At::SenderParked))
     }
 
     /// Puts the word of a message into the next back word.

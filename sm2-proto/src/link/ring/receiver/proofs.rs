@@ -3,8 +3,9 @@
 use core::cell::Cell;
 
 use super::{
-    super::proofs::SEQUENCES, At, EMPTY, Misuse, NotReleased, NotTaken, RING_DISPLACED_MAX,
-    RingLayout, RingMemory, RingReceiver, SlotHead, Wake, Word,
+    super::proofs::{SEQUENCES, take},
+    At, EMPTY, Misuse, NotReleased, NotTaken, RING_DISPLACED_MAX, RingLayout, RingMemory,
+    RingReceiver, SlotHead, Wake, Word,
 };
 use crate::{
     Instant,
@@ -95,7 +96,9 @@ fn numbers_end() {
     };
     let mut head = [0; 64];
     head[0] = 1;
-    let taken = receiver.take(&words, |_| Geometry::new(4_096, 1), |_| Some(head));
+    let taken = take(&mut receiver, &words, Geometry::new(4_096, 1), |_| {
+        Some(head)
+    });
     assert!(receiver.next >= next);
     kani::cover!(
         taken == Err(NotTaken::Violation(violation!(BadWord, "SM2-RNG-007"))),
@@ -184,15 +187,11 @@ fn a_look_at_any_words() {
         status: Status::Ok,
     };
     let copies = Cell::new(0);
-    let taken = receiver.take(
-        &words,
-        |_| Geometry::new(4_096, 2),
-        |slot| {
-            assert!(slot.offset + slot.stride <= 8_192);
-            copies.set(copies.get() + 1);
-            Some(head.to_bytes())
-        },
-    );
+    let taken = take(&mut receiver, &words, Geometry::new(4_096, 2), |slot| {
+        assert!(slot.offset + slot.stride <= 8_192);
+        copies.set(copies.get() + 1);
+        Some(head.to_bytes())
+    });
     assert!(words.accesses.get() <= 6 * u32::from(depth) && copies.get() <= 1);
     receiver.invariants();
     assert!(receiver.next >= next);
