@@ -130,13 +130,14 @@ impl<T: Plain + ?Sized> InPlace<T> {
     #[inline]
     fn new(received: MessageBytes) -> Result<Self, PayloadError> {
         let bytes = match check::<T>(&received) {
-            Err(PayloadError::Alignment { .. }) => Place::Copied(AlignedBuffer::copy_of(&received)),
-            result => {
-                result?;
-                Place::Received(received)
+            Ok(()) => Place::Received(received),
+            Err(PayloadError::Alignment { .. }) => {
+                let copy = AlignedBuffer::copy_of(&received);
+                check::<T>(copy.as_slice())?;
+                Place::Copied(copy)
             }
+            Err(error) => return Err(error),
         };
-        check::<T>(bytes.as_slice())?;
         Ok(Self {
             bytes,
             shows: PhantomData,
