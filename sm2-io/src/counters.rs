@@ -216,6 +216,16 @@ impl Update<'_> {
         self.set(field::IN_FLIGHT, fates.in_flight);
     }
 
+    /// Sending side: those of the [fates](Self::fates) that sending a message changes.
+    #[inline]
+    pub fn sent(&mut self, fates: &Counters) {
+        self.set(field::OFFERED, fates.offered);
+        self.set(field::DELIVERED, fates.delivered);
+        self.set(field::OVERWRITTEN, fates.overwritten);
+        self.set(field::DISCARDED, fates.discarded);
+        self.set(field::IN_FLIGHT, fates.in_flight);
+    }
+
     /// Publisher: counts a message that was published while no link was open.
     pub fn unheard(&mut self) {
         self.add(field::UNHEARD, 1);

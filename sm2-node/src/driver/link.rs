@@ -168,8 +168,15 @@ impl LinkDriver {
         !self.is_open() && self.end().is_none()
     }
 
+    #[inline]
     pub(crate) fn end(&self) -> Option<End> {
         self.machine.end()
+    }
+
+    /// Whether the link is over, and its interface does not know that yet.
+    #[inline]
+    pub(super) fn is_over_unnoticed(&self) -> bool {
+        self.machine.end().is_some() && !self.buried
     }
 
     pub(crate) fn counters(&self) -> Counters {

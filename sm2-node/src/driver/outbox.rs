@@ -116,18 +116,12 @@ impl Outbox {
         if message.holders > 0 {
             return;
         }
-        let Some(message) = self.messages.remove(key) else {
-            return;
-        };
         self.pool.remove_outside(message.bytes_outside());
-        let StoredMessage {
-            forms: Forms { pooled, .. },
-            orphaned,
-            ..
-        } = message;
-        if let Some(lease) = pooled {
+        let (lease, is_orphaned) = (message.forms.pooled.take(), message.orphaned);
+        self.messages.remove(key);
+        if let Some(lease) = lease {
             //= SM2-OPN-008
-            let over = match orphaned {
+            let over = match is_orphaned {
                 true => self.pool.abandon(lease),
                 false => self.pool.give_back(lease),
             };

@@ -131,6 +131,7 @@ impl Interface {
         if !self.is_held() {
             return None;
         }
+        self.published += 1;
         self.count_publication(time, len);
         let mut published = Published::default();
         for link in self.links.iter_mut().filter(|link| link.is_open()) {

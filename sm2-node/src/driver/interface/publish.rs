@@ -25,6 +25,8 @@ pub(crate) struct Offered {
     too_long: usize,
     /// Reliable links without room.
     pub(crate) waiting: Vec<LinkToken>,
+    /// Whether a link has ended during the publication.
+    has_ended: bool,
 }
 
 impl Offered {
@@ -149,9 +151,11 @@ impl Interface {
         len: u64,
         context: &mut Context<'_>,
     ) -> Offered {
-        self.count_publication(time, len);
+        self.published += 1;
         if forms.is_empty() {
-            return self.publish_to_nobody(len, context);
+            let offered = self.publish_to_nobody(len, context);
+            self.count_publication(time, len);
+            return offered;
         }
         let id = self.published;
         let key = self.outbox.store(forms, Label { id, time, len });
@@ -162,11 +166,13 @@ impl Interface {
         };
         for link in self.links.iter_mut() {
             if !link.is_open() {
+                offered.has_ended |= link.is_over_unnoticed();
                 continue;
             }
             if !link.accepts(len) {
                 link.drop_too_long(len, context, &mut self.outbox);
                 offered.count_too_long(link);
+                offered.has_ended |= link.is_over_unnoticed();
                 continue;
             }
             if link.is_resuming() {
@@ -188,7 +194,10 @@ impl Interface {
             } else {
                 offered.waiting.push(link.token());
             }
+            offered.has_ended |= link.is_over_unnoticed();
         }
+        // After the words are in the rings: the receivers need not wait for it.
+        self.count_publication(time, len);
         self.detach_segments(context);
         offered
     }
@@ -204,12 +213,13 @@ impl Interface {
             } else if link.is_suspended() {
                 link.hold_back(context, &mut self.outbox);
             }
+            offered.has_ended |= link.is_over_unnoticed();
         }
         offered
     }
 
+    /// Counts a publication in the entry of the interface.
     pub(super) fn count_publication(&mut self, time: Instant, len: u64) {
-        self.published += 1;
         let is_heard = self.links().any(LinkDriver::is_open);
         self.unheard += u64::from(!is_heard);
         note(self.entry.as_mut(), |entry| {
@@ -230,7 +240,7 @@ impl Interface {
         let Some(key) = offered.key else {
             return true;
         };
-        let links = &mut offered.links;
+        let (links, has_ended) = (&mut offered.links, &mut offered.has_ended);
         offered.waiting.retain(|token| {
             let Some(link) = self.links.get_mut(*token).filter(|link| link.is_open()) else {
                 return false;
@@ -239,6 +249,7 @@ impl Interface {
             if room {
                 link.send(key, Status::Ok, context, &mut self.outbox);
                 *links += usize::from(link.is_open());
+                *has_ended |= link.is_over_unnoticed();
             }
             !room
         });
@@ -267,13 +278,17 @@ impl Interface {
                 if let Some(link) = self.links.get_mut(token) {
                     link.skip(context, &mut self.outbox);
                     offered.missed += 1;
+                    offered.has_ended |= link.is_over_unnoticed();
                 }
             }
         }
         if let Some(key) = offered.key {
             self.outbox.release(key);
         }
-        self.bury_ended(context);
+        if offered.has_ended {
+            self.bury_ended(context);
+        }
+        self.detach_segments(context);
         self.note_drops();
         Published {
             links: offered.links,

@@ -26,7 +26,7 @@ impl Interface {
         let mut is_over = false;
         for link in self.links.iter_mut() {
             link.harvest(context, &mut self.outbox);
-            is_over |= link.end().is_some() && !link.buried;
+            is_over |= link.is_over_unnoticed();
         }
         // A fault in its ring has ended the link, so the Manager has to be told.
         if is_over {
@@ -49,7 +49,7 @@ impl Interface {
         link.watch_in_background(context.sets);
         link.note_fates();
         self.events.note_state(link);
-        if link.end().is_some() && !link.buried {
+        if link.is_over_unnoticed() {
             self.bury(token);
         }
         self.detach_segments(context);
@@ -90,7 +90,7 @@ impl Interface {
         // Allocates only if a link has ended.
         let mut tokens = Vec::new();
         for link in self.links.iter() {
-            if link.end().is_some() && !link.buried {
+            if link.is_over_unnoticed() {
                 tokens.push(link.token());
             }
         }
@@ -146,6 +146,7 @@ impl Interface {
     }
 
     /// Tells all links which segments are not used any more.
+    #[inline]
     pub(crate) fn detach_segments(&mut self, context: &mut Context<'_>) {
         while let Some(segment) = self.outbox.over.pop() {
             for link in self.links.iter_mut().filter(|link| link.end().is_none()) {

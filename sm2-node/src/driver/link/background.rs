@@ -21,6 +21,7 @@ impl LinkDriver {
     /// Wakes the background thread for the events that it has to handle from now on. The thread itself stops waking
     /// for packets ([`rest_in_background`](Self::rest_in_background)): a system call for each change would cost
     /// more than a few needless wake-ups.
+    #[inline]
     pub(in crate::driver) fn watch_in_background(&mut self, sets: &LinkSets) {
         let wanted = self.wanted_in_background();
         if wanted != BackgroundInterest::End || self.in_background == BackgroundInterest::Room {

@@ -18,10 +18,16 @@ impl LinkDriver {
             Role::Caller => sm2_io::clock::now(),
             Role::Sender | Role::Receiver => time,
         };
-        self.noted = self.counters();
+        let counters = self.counters();
+        // Sending changes no other count.
+        self.noted.offered = counters.offered;
+        self.noted.delivered = counters.delivered;
+        self.noted.overwritten = counters.overwritten;
+        self.noted.discarded = counters.discarded;
+        self.noted.in_flight = counters.in_flight;
         note(self.entry.as_mut(), |entry| {
             entry.published(at, len);
-            entry.fates(&self.noted);
+            entry.sent(&counters);
         });
     }
 

@@ -49,6 +49,7 @@ impl Messages {
         }
     }
 
+    #[inline]
     pub(super) fn get(&self, key: MessageKey) -> Option<&StoredMessage> {
         let MessageKey { generation, index } = key;
         let entry = self.entries.get(index as usize)?;
@@ -58,6 +59,7 @@ impl Messages {
             .filter(|_| entry.generation == generation)
     }
 
+    #[inline]
     pub(super) fn get_mut(&mut self, key: MessageKey) -> Option<&mut StoredMessage> {
         let MessageKey { generation, index } = key;
         let entry = self.entries.get_mut(index as usize)?;
@@ -68,6 +70,7 @@ impl Messages {
     }
 
     /// Removes a message. Its key then names no message.
+    #[inline]
     pub(super) fn remove(&mut self, key: MessageKey) -> Option<StoredMessage> {
         let MessageKey { generation, index } = key;
         let entry = self.entries.get_mut(index as usize)?;
