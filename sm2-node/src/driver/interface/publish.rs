@@ -153,8 +153,9 @@ impl Interface {
     ) -> Offered {
         self.published += 1;
         if forms.is_empty() {
+            let is_heard = self.open_links() > 0;
             let offered = self.publish_to_nobody(len, context);
-            self.count_publication(time, len);
+            self.count_publication(time, len, is_heard);
             return offered;
         }
         let id = self.published;
@@ -164,11 +165,13 @@ impl Interface {
             key: Some(key),
             ..Offered::default()
         };
+        let mut is_heard = false;
         for link in self.links.iter_mut() {
             if !link.is_open() {
                 offered.has_ended |= link.is_over_unnoticed();
                 continue;
             }
+            is_heard = true;
             if !link.accepts(len) {
                 link.drop_too_long(len, context, &mut self.outbox);
                 offered.count_too_long(link);
@@ -197,7 +200,7 @@ impl Interface {
             offered.has_ended |= link.is_over_unnoticed();
         }
         // After the words are in the rings: the receivers need not wait for it.
-        self.count_publication(time, len);
+        self.count_publication(time, len, is_heard);
         self.detach_segments(context);
         offered
     }
@@ -218,9 +221,9 @@ impl Interface {
         offered
     }
 
-    /// Counts a publication in the entry of the interface.
-    pub(super) fn count_publication(&mut self, time: Instant, len: u64) {
-        let is_heard = self.links().any(LinkDriver::is_open);
+    /// Counts a publication, and whether a link was open for it.
+    #[inline]
+    pub(super) fn count_publication(&mut self, time: Instant, len: u64, is_heard: bool) {
         self.unheard += u64::from(!is_heard);
         note(self.entry.as_mut(), |entry| {
             entry.published(time, len);

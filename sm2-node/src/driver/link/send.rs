@@ -47,7 +47,8 @@ impl LinkDriver {
         context: &mut Context<'_>,
         outbox: &mut Outbox,
     ) -> Result<(), Misuse> {
-        for is_last in [false, true] {
+        let mut is_last = false;
+        loop {
             if self.machine.end().is_some() {
                 break;
             }
@@ -83,6 +84,7 @@ impl LinkDriver {
             match (misuse, segment) {
                 (Misuse::NotAttached, Some(segment)) if !is_last => {
                     self.feed(Input::Attach(segment), context.sets, outbox);
+                    is_last = true;
                 }
                 _ => return Err(misuse),
             }

@@ -24,7 +24,8 @@ impl LinkDriver {
         context: &mut Context<'_>,
         outbox: &mut Outbox,
     ) -> Result<bool, TooManyBorrowed> {
-        for looked in [false, true] {
+        let mut looked = false;
+        loop {
             match self.take_next(put, context.now) {
                 Ok(true) => {
                     // The parked word is not cleared, because another thread of this subscriber may
@@ -45,6 +46,7 @@ impl LinkDriver {
                 Err(NoDelivery::TooManyBorrowed(error)) => return Err(error),
                 //= SM2-RNG-007
                 Err(NoDelivery::UnknownSegment) if !looked && self.end().is_none() => {
+                    looked = true;
                     self.receive_all(context, outbox);
                     context.stirred = true;
                     // One of these datagrams may have been a DOORBELL, and another thread may be
@@ -57,6 +59,7 @@ impl LinkDriver {
                     let now = sm2_io::clock::now();
                     // This input ends the link, which the outputs report.
                     let _ = self.machine.handle(now, Input::SegmentMissing);
+                    break;
                 }
                 Err(NoDelivery::Ended(_) | NoDelivery::Misuse(_)) => break,
             }
