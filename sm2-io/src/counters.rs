@@ -168,7 +168,7 @@ fn entry_words(file: &[AtomicU64], index: u32) -> &[AtomicU64; ENTRY_FIELDS] {
 
 /// A change of one entry. It ends, and readers see it, when this value is dropped.
 ///
-/// Writes only words that differ; does not allocate and makes no system call.
+/// Writes fates only if they differ; does not allocate and makes no system call.
 /// Sums wrap around at 2^64.
 #[derive(Debug)]
 pub struct Update<'a> {
@@ -240,15 +240,16 @@ impl Update<'_> {
     fn count(&mut self, at: Instant, len_bytes: u64, recent: u64) {
         let message = self.add(field::MESSAGES, 1);
         self.add(field::BYTES, len_bytes);
-        self.set(field::LAST, at.0);
-        self.set(field::RECENT + recent_index(message), recent);
+        self.change.put(field::LAST, at.0);
+        self.change
+            .put(field::RECENT + recent_index(message), recent);
     }
 
     /// This process is the only writer, so reading and writing need not be one atomic step.
     #[inline]
     fn add(&mut self, field: usize, more: u64) -> u64 {
         let sum = self.get(field).wrapping_add(more);
-        self.set(field, sum);
+        self.change.put(field, sum);
         sum
     }
 

@@ -319,11 +319,11 @@ impl<R: Message + ?Sized> Reply<R> {
     fn new(service: Name, received: Received) -> Result<Self, CallError> {
         let Received {
             peer,
-            delivery,
+            header,
             bytes,
             receipt,
         } = received;
-        match delivery.status {
+        match header.status {
             Status::Ok => match R::view_in_place(bytes) {
                 Ok(view) => Ok(Self {
                     view,

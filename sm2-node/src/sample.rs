@@ -32,7 +32,7 @@ impl<T: Message + ?Sized> Sample<T> {
     pub(crate) fn new(received: Received) -> Result<Self, RecvError> {
         let Received {
             peer,
-            delivery,
+            header,
             bytes,
             receipt,
         } = received;
@@ -45,9 +45,9 @@ impl<T: Message + ?Sized> Sample<T> {
         };
         Ok(Self {
             view,
-            sequence: delivery.id,
-            time: delivery.time,
-            lost: delivery.lost,
+            sequence: header.id,
+            time: header.time,
+            lost: header.lost,
             peer,
             _receipt: receipt,
         })

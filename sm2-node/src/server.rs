@@ -87,7 +87,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
         };
         let Received {
             peer,
-            delivery,
+            header,
             bytes,
             receipt,
         } = received;
@@ -95,7 +95,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
             handle: Arc::clone(&self.handle),
             call: CallId {
                 token: receipt.token(),
-                id: delivery.id,
+                id: header.id,
             },
             client: peer,
             answered: false,
@@ -104,7 +104,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
             Ok(view) => Ok(Some(Request {
                 pending,
                 view,
-                deadline: Some(delivery.time).filter(|time| time.0 != 0),
+                deadline: Some(header.time).filter(|time| time.0 != 0),
                 _receipt: receipt,
                 replies: PhantomData,
             })),

@@ -44,8 +44,14 @@ impl<'a, const N: usize> Change<'a, N> {
     #[inline]
     pub(super) fn set(&mut self, index: usize, value: u64) {
         if self.get(index) != value {
-            self.words[index].store(value.to_le(), Ordering::Relaxed);
+            self.put(index, value);
         }
+    }
+
+    /// Writes a word. Relaxed: the turn orders it.
+    #[inline]
+    pub(super) fn put(&mut self, index: usize, value: u64) {
+        self.words[index].store(value.to_le(), Ordering::Relaxed);
     }
 }
 

@@ -6,8 +6,9 @@ use std::os::fd::OwnedFd;
 
 use sm2_io::counters::Update;
 use sm2_io::{CounterEntry, CounterPage};
-use sm2_proto::link::Delivery;
 use sm2_proto::{Instant, InterfaceId, LinkId};
+
+use super::interface::Header;
 
 /// The file of the node's counters. If there is none, the node works without counters.
 #[derive(Debug, Default)]
@@ -61,11 +62,11 @@ impl Counting {
 
 /// Counts a message of a topic that the application took at `now`.
 #[inline]
-pub(super) fn note_taken(entry: Option<&mut CounterEntry>, now: Instant, delivery: &Delivery) {
+pub(super) fn note_taken(entry: Option<&mut CounterEntry>, now: Instant, header: &Header) {
     note(entry, |entry| {
-        entry.taken(now, delivery.time, delivery.len);
-        if delivery.lost > 0 {
-            entry.lost(delivery.lost);
+        entry.taken(now, header.time, header.len);
+        if header.lost > 0 {
+            entry.lost(header.lost);
         }
     });
 }

@@ -27,7 +27,7 @@ use self::event_queue::EventQueue;
 use self::links::Links;
 pub(crate) use self::publish::Offered;
 pub(crate) use self::ready::Condition;
-pub(crate) use self::taken::{Full, Taken};
+pub(crate) use self::taken::{Full, Header, Taken};
 use super::context::Context;
 use super::link::LinkDriver;
 use super::outbox::{MessageKey, Outbox, PoolLimit};

@@ -63,7 +63,7 @@ pub(crate) use self::context::Context;
 pub(crate) use self::control::Control;
 pub(crate) use self::event_sets::NodeSets;
 pub(crate) use self::interface::{
-    CallId, Choice, Condition, Full, Interface, Offered, Outcome, State, Taken,
+    CallId, Choice, Condition, Full, Header, Interface, Offered, Outcome, State, Taken,
 };
 pub(crate) use self::limits::SHORTAGE_PAUSE;
 pub(crate) use self::outbox::{Forms, Needs, NoSlot, PoolLimit, Reservation, Reserved};

@@ -4,7 +4,9 @@ use std::sync::Arc;
 
 use sm2_proto::LinkId;
 use sm2_proto::control::LinkPeer;
-use sm2_proto::link::{Counters, Delivery, End};
+use sm2_proto::link::{Counters, End};
+
+use super::interface::Header;
 
 /// The status of one link of an interface, current or past.
 #[derive(Clone, Debug)]
@@ -44,10 +46,10 @@ pub struct Received {
 }
 
 impl Received {
-    pub(super) const fn add(&mut self, delivery: &Delivery) {
+    pub(super) const fn add(&mut self, header: &Header) {
         self.messages += 1;
-        self.bytes = self.bytes.wrapping_add(delivery.len);
-        self.lost += delivery.lost;
+        self.bytes = self.bytes.wrapping_add(header.len);
+        self.lost += header.lost;
     }
 }
 

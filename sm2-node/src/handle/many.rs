@@ -41,7 +41,7 @@ impl Handle {
         taken: Vec<Taken>,
         mut each: impl FnMut(Result<Received, RecvError>),
     ) {
-        let place = |it: &Taken| (it.token, it.delivery.sequence);
+        let place = |it: &Taken| (it.token, it.header.sequence);
         let mut places: Vec<_> = taken.iter().map(place).collect();
         // The messages of one link are one batch. The sort keeps their order.
         places.sort_by_key(|it| it.0);

@@ -5,12 +5,11 @@ use std::sync::{Arc, Weak};
 
 use sm2_io::is_shortage;
 use sm2_proto::control::LinkPeer;
-use sm2_proto::link::Delivery;
 
 use super::Handle;
 use crate::RecvError;
 use crate::driver::LinkToken;
-use crate::driver::{Context, Full, Interface, SharedInterface, Taken, Until};
+use crate::driver::{Context, Full, Header, Interface, SharedInterface, Taken, Until};
 use crate::payload::MessageBytes;
 
 impl Handle {
@@ -69,7 +68,7 @@ impl Handle {
         let Taken {
             token,
             peer,
-            delivery,
+            header,
             source,
         } = taken;
         // SAFETY: only `receipt`, or the `Lent` of its batch, releases the message. `Received`,
@@ -80,7 +79,7 @@ impl Handle {
         match opened {
             Ok(bytes) => Ok(Received {
                 peer,
-                delivery,
+                header,
                 bytes,
                 receipt,
             }),
@@ -98,7 +97,7 @@ impl Handle {
         Receipt {
             interface: Arc::downgrade(&self.interface),
             token: taken.token,
-            sequence: taken.delivery.sequence,
+            sequence: taken.header.sequence,
         }
     }
 }
@@ -107,7 +106,7 @@ impl Handle {
 #[derive(Debug)]
 pub(crate) struct Received {
     pub(crate) peer: Arc<LinkPeer>,
-    pub(crate) delivery: Delivery,
+    pub(crate) header: Header,
     pub(crate) bytes: MessageBytes,
     /// Last, because it releases the message: all other fields are dropped before.
     pub(crate) receipt: Receipt,

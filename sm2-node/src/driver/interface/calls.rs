@@ -51,12 +51,15 @@ impl Calls {
         loop {
             let mut unwanted = None;
             let mut put = |reply: Taken| {
-                let (id, sequence) = (reply.delivery.id, reply.delivery.sequence);
+                let (id, sequence) = (reply.header.id, reply.header.sequence);
                 if !self.finish(CallId { token, id }, Outcome::Reply(reply)) {
                     unwanted = Some(sequence);
                 }
             };
-            if !matches!(link.take(&mut put, context, outbox), Ok(true)) {
+            if !matches!(
+                link.take(&mut |_, _| (), &mut put, context, outbox),
+                Ok(true)
+            ) {
                 break;
             }
             // No thread waits for this reply any more.

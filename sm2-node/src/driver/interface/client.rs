@@ -134,7 +134,7 @@ impl Interface {
     pub(crate) fn forget(&mut self, call: CallId, context: &mut Context<'_>) {
         self.cancel(call, context);
         if let Some(Some(Outcome::Reply(taken))) = self.calls.open.remove(&call) {
-            self.give_back(taken.token, taken.delivery.sequence, context);
+            self.give_back(taken.token, taken.header.sequence, context);
         }
     }
 }

@@ -260,6 +260,7 @@ impl Interface {
     }
 
     /// Frees memory that was unused for long. Cheap enough to call with every message.
+    #[inline]
     pub(crate) fn rest(&mut self, now: Instant, context: &mut Context<'_>) {
         self.outbox.rest(now);
         self.detach_segments(context);

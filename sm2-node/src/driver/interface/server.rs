@@ -20,8 +20,8 @@ impl Interface {
         while self.take(&mut |taken| *into = Some(taken), context)?
             && let Some(taken) = into
         {
-            let (token, id) = (taken.token, taken.delivery.id);
-            let deadline = taken.delivery.time;
+            let (token, id) = (taken.token, taken.header.id);
+            let deadline = taken.header.time;
             let cancelled = self.is_cancelled(CallId { token, id });
             let late = deadline.0 != 0 && deadline <= sm2_io::clock::now();
             //= SM2-SRV-003
@@ -29,11 +29,11 @@ impl Interface {
                 (true, _) => Status::Cancelled,
                 (false, true) => Status::DeadlinePassed,
                 (false, false) => {
-                    self.note_request(token, sm2_io::clock::now(), taken.delivery.len);
+                    self.note_request(token, sm2_io::clock::now(), taken.header.len);
                     return Ok(());
                 }
             };
-            let sequence = taken.delivery.sequence;
+            let sequence = taken.header.sequence;
             *into = None;
             self.reply_bare(CallId { token, id }, status, context);
             self.give_back(token, sequence, context);

@@ -7,7 +7,7 @@ use sm2_proto::link::{Input, Role};
 use sm2_proto::{Contract, Farewell, Instant};
 
 use super::Interface;
-use super::taken::{Full, Taken};
+use super::taken::{Full, Header, Taken};
 use crate::driver::context::Context;
 use crate::driver::counters::{note, note_taken};
 use crate::driver::token::LinkToken;
@@ -27,16 +27,14 @@ impl Interface {
         let (mut visited, mut full) = (None, None);
         while let Some(link) = self.links.next(start, visited) {
             let (token, now) = (link.token(), context.now);
-            let mut put = |taken: Taken| {
-                let delivery = &taken.delivery;
-                self.lost += delivery.lost;
-                self.events.push_loss(&taken.peer, delivery.lost);
+            let mut count = |header: &Header, peer: &Arc<LinkPeer>| {
+                self.lost += header.lost;
+                self.events.push_loss(peer, header.lost);
                 if is_topic {
-                    note_taken(self.entry.as_mut(), now, delivery);
+                    note_taken(self.entry.as_mut(), now, header);
                 }
-                put(taken);
             };
-            match link.take(&mut put, context, &mut self.outbox) {
+            match link.take(&mut count, put, context, &mut self.outbox) {
                 Ok(true) => {
                     // This may have been the last message of a link that is over.
                     if link.end().is_some() {

@@ -2,8 +2,9 @@
 
 use std::sync::Arc;
 
+use sm2_proto::Instant;
 use sm2_proto::control::LinkPeer;
-use sm2_proto::link::{Delivery, TooManyBorrowed};
+use sm2_proto::link::{Delivery, Status, TooManyBorrowed};
 
 use crate::driver::token::LinkToken;
 use crate::payload::Source;
@@ -13,8 +14,42 @@ use crate::payload::Source;
 pub(crate) struct Taken {
     pub(crate) token: LinkToken,
     pub(crate) peer: Arc<LinkPeer>,
-    pub(crate) delivery: Delivery,
+    pub(crate) header: Header,
     pub(crate) source: Source,
+}
+
+/// A [`Delivery`] without its payload.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Header {
+    pub(crate) sequence: u64,
+    pub(crate) id: u64,
+    pub(crate) time: Instant,
+    pub(crate) status: Status,
+    pub(crate) lost: u64,
+    pub(crate) len: u64,
+}
+
+impl Header {
+    #[inline]
+    pub(in crate::driver) const fn of(delivery: &Delivery) -> Self {
+        let &Delivery {
+            sequence,
+            id,
+            time,
+            status,
+            lost,
+            len,
+            payload: _,
+        } = delivery;
+        Self {
+            sequence,
+            id,
+            time,
+            status,
+            lost,
+            len,
+        }
+    }
 }
 
 /// A message is ready, but the application holds as many messages of this peer as it may.

@@ -3,6 +3,7 @@
 
 use std::sync::Arc;
 
+use sm2_proto::control::LinkPeer;
 use sm2_proto::link::{Error, Input, Misuse, NoDelivery, Payload, Role, TooManyBorrowed};
 use sm2_proto::{Instant, Machine};
 
@@ -10,23 +11,25 @@ use super::LinkDriver;
 use crate::driver::context::Context;
 use crate::driver::counters::note_taken;
 use crate::driver::event_sets::LinkSets;
-use crate::driver::interface::Taken;
+use crate::driver::interface::{Header, Taken};
 use crate::driver::outbox::Outbox;
 use crate::driver::token::LinkToken;
 use crate::payload::Source;
 
 impl LinkDriver {
-    /// Takes the next message for the application, and passes it to `put`. Returns whether there was one.
+    /// Takes the next message for the application, and passes it to `put`, after its header to `count`. Returns
+    /// whether there was one.
     #[inline]
     pub(in crate::driver) fn take(
         &mut self,
+        count: &mut impl FnMut(&Header, &Arc<LinkPeer>),
         put: &mut impl FnMut(Taken),
         context: &mut Context<'_>,
         outbox: &mut Outbox,
     ) -> Result<bool, TooManyBorrowed> {
         let mut looked = false;
         loop {
-            match self.take_next(put, context.now) {
+            match self.take_next(count, put, context.now) {
                 Ok(true) => {
                     // The parked word is not cleared, because another thread of this subscriber may
                     // sleep.
@@ -70,38 +73,45 @@ impl LinkDriver {
 
     /// Passes the next message, with the memory of its payload, to `put`.
     #[inline]
-    fn take_next(&mut self, put: &mut impl FnMut(Taken), now: Instant) -> Result<bool, NoDelivery> {
+    fn take_next(
+        &mut self,
+        count: &mut impl FnMut(&Header, &Arc<LinkPeer>),
+        put: &mut impl FnMut(Taken),
+        now: Instant,
+    ) -> Result<bool, NoDelivery> {
         let is_topic = self.role() == Role::Receiver;
         let taken = self.machine.take_with(&self.mapped, |delivery| {
+            let header = Header::of(&delivery);
             self.held += 1;
-            self.received.add(&delivery);
+            self.received.add(&header);
+            count(&header, &self.peer);
             if is_topic {
-                note_taken(self.entry.as_mut(), now, &delivery);
+                note_taken(self.entry.as_mut(), now, &header);
             }
-            let source = match &delivery.payload {
-                Payload::Inline(bytes) => Source::Inline(bytes.clone()),
-                Payload::Pooled { segment, offset } => match self.mapped.segments.get(*segment) {
+            let source = match delivery.payload {
+                Payload::Inline(bytes) => Source::Inline(bytes),
+                Payload::Pooled { segment, offset } => match self.mapped.segments.get(segment) {
                     Some(mapping) => Source::Pooled {
                         segment: Arc::clone(mapping),
-                        offset: *offset,
-                        len: delivery.len,
+                        offset,
+                        len: header.len,
                     },
                     None => Source::Missing,
                 },
-                Payload::Sealed => match self.kept.remove(&delivery.sequence) {
+                Payload::Sealed => match self.kept.remove(&header.sequence) {
                     Some(file) => Source::Sealed {
                         file,
-                        len: delivery.len,
+                        len: header.len,
                         quota: Arc::clone(&self.quota),
                     },
                     None => Source::Missing,
                 },
             };
-            debug_assert!(!matches!(source, Source::Missing), "{delivery:?}");
+            debug_assert!(!matches!(source, Source::Missing), "{header:?}");
             put(Taken {
                 token: self.token,
                 peer: Arc::clone(&self.peer),
-                delivery,
+                header,
                 source,
             });
         });
