@@ -93,7 +93,7 @@ impl LinkMemory for Prefetching<'_> {
 //= SM2-RNG-007 test
 #[test]
 fn a_slot_is_prefetched_before_its_word_is_taken() {
-    let mut rig = Rig::open(false, 2, 1);
+    let mut rig = Rig::open(false, 2, 2);
     let _ = rig.send(1, 3).unwrap();
     let memory = Prefetching {
         memory: &rig.words,
