@@ -85,23 +85,31 @@ impl Interface {
     //= SM2-MSG-005
     #[inline]
     pub(crate) fn give_back(&mut self, token: LinkToken, sequence: u64, context: &mut Context<'_>) {
-        self.give_back_all(&[(token, sequence)], context);
+        self.give_back_batch(token, &[(token, sequence)], context);
     }
 
     /// Gives messages back for the application. Consecutive messages of one link are one batch.
     //= SM2-MSG-005, SM2-RNG-015
-    #[inline]
     pub(crate) fn give_back_all(&mut self, places: &[(LinkToken, u64)], context: &mut Context<'_>) {
         for batch in places.chunk_by(|it, next| it.0 == next.0) {
-            let token = batch[0].0;
-            let Some(link) = self.links.get_mut(token) else {
-                continue;
-            };
-            link.release(batch, context.sets, &mut self.outbox);
-            // On a receiver's link that is not over, a release has no further consequences.
-            if link.role() != Role::Receiver || link.end().is_some() {
-                self.settle_link(token, context);
-            }
+            self.give_back_batch(batch[0].0, batch, context);
+        }
+    }
+
+    #[inline]
+    fn give_back_batch(
+        &mut self,
+        token: LinkToken,
+        batch: &[(LinkToken, u64)],
+        context: &mut Context<'_>,
+    ) {
+        let Some(link) = self.links.get_mut(token) else {
+            return;
+        };
+        link.release(batch, context.sets, &mut self.outbox);
+        // On a receiver's link that is not over, a release has no further consequences.
+        if link.role() != Role::Receiver || link.end().is_some() {
+            self.settle_link(token, context);
         }
     }
 

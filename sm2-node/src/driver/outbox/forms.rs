@@ -107,18 +107,24 @@ impl Outbox {
         key: MessageKey,
         status: Status,
     ) -> Result<OutboundMessage, NoForm> {
-        let missing = || io::Error::from(io::ErrorKind::NotFound);
-        let message = self.messages.get(key).ok_or_else(missing)?;
-        if message.forms.pooled.is_none() {
-            self.copy_to_slot(key)?;
+        if let Some(message) = self.in_slot(key, status) {
+            return Ok(message);
         }
-        let message = self.messages.get(key).ok_or_else(missing)?;
-        let lease = message.forms.pooled.as_ref().ok_or_else(missing)?;
+        self.copy_to_slot(key)?;
+        let missing = || NoForm::from(io::Error::from(io::ErrorKind::NotFound));
+        self.in_slot(key, status).ok_or_else(missing)
+    }
+
+    /// The message, if it is in a slot.
+    #[inline]
+    fn in_slot(&self, key: MessageKey, status: Status) -> Option<OutboundMessage> {
+        let message = self.messages.get(key)?;
+        let lease = message.forms.pooled.as_ref()?;
         let body = Body::Pooled {
             segment: info(lease),
             slot: lease.slot,
         };
-        Ok(message.outbound(key, status, body))
+        Some(message.outbound(key, status, body))
     }
 
     fn copy_to_slot(&mut self, key: MessageKey) -> Result<(), NoForm> {

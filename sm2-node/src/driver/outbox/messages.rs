@@ -69,14 +69,18 @@ impl Messages {
             .filter(|_| entry.generation == generation)
     }
 
-    /// Removes a message. Its key then names no message.
+    /// Drops a message. Its key then names no message. Returns whether there was one.
     #[inline]
-    pub(super) fn remove(&mut self, key: MessageKey) -> Option<StoredMessage> {
+    pub(super) fn remove(&mut self, key: MessageKey) -> bool {
         let MessageKey { generation, index } = key;
-        let entry = self.entries.get_mut(index as usize)?;
-        let message = entry.message.take_if(|_| entry.generation == generation)?;
-        self.free.push(index);
-        Some(message)
+        match self.entries.get_mut(index as usize) {
+            Some(entry) if entry.generation == generation && entry.message.is_some() => {
+                entry.message = None;
+                self.free.push(index);
+                true
+            }
+            _ => false,
+        }
     }
 }
 
@@ -101,10 +105,11 @@ mod tests {
     fn a_key_names_one_message_and_then_nothing() {
         let mut messages = Messages::default();
         let none = MessageKey::from_raw(0);
-        assert!(messages.get(none).is_none() && messages.remove(none).is_none());
+        assert!(messages.get(none).is_none() && !messages.remove(none));
         let [first, second] = [1, 2].map(|id| messages.insert(message(id)));
         assert!(first != second && first != none && second != none);
-        assert_eq!(messages.remove(first).unwrap().id, 1);
+        assert_eq!(messages.get(first).unwrap().id, 1);
+        assert!(messages.remove(first));
         let third = messages.insert(message(3));
         assert_ne!(third, first, "the same entry, and another key");
         assert_eq!(messages.entries.len(), 2);
@@ -115,7 +120,7 @@ mod tests {
         for gone in [none, first, unknown] {
             assert!(messages.get(gone).is_none(), "{gone:?}");
             assert!(messages.get_mut(gone).is_none());
-            assert!(messages.remove(gone).is_none());
+            assert!(!messages.remove(gone));
         }
         assert_eq!(messages.get(second).unwrap().id, 2);
         assert_eq!(messages.get_mut(third).unwrap().id, 3);
@@ -130,7 +135,8 @@ mod tests {
         for _ in 0..3 {
             let keys: Vec<MessageKey> = (0..8).map(|id| messages.insert(message(id))).collect();
             for (id, key) in keys.into_iter().enumerate() {
-                assert_eq!(messages.remove(key).unwrap().id, id as u64);
+                assert_eq!(messages.get(key).unwrap().id, id as u64);
+                assert!(messages.remove(key));
             }
         }
         assert_eq!(room(&messages), before);
@@ -140,7 +146,7 @@ mod tests {
     fn turns_begin_again_without_a_key_of_zero() {
         let mut messages = Messages::default();
         let key = messages.insert(message(1));
-        messages.remove(key).unwrap();
+        assert!(messages.remove(key));
         messages.entries[0].generation = u32::MAX;
         let again = messages.insert(message(2));
         assert_eq!((again.generation, again.index), (1, 0));
