@@ -21,7 +21,6 @@ impl Interface {
         }
     }
 
-    #[inline]
     fn harvest_links(&mut self, context: &mut Context<'_>) {
         let mut is_over = false;
         for link in self.links.iter_mut() {
