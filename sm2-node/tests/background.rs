@@ -207,22 +207,16 @@ fn the_thread_inherits_priority_and_affinity() {
     let domain = Domain::new();
     thread::spawn(move || {
         let affinity = |task| status(task, "Cpus_allowed_list:");
+        let all = sched_getaffinity(Pid::from_raw(0)).unwrap();
+        let first = (0..CpuSet::count()).find(|&cpu| all.is_set(cpu).unwrap());
         let mut one = CpuSet::new();
-        let first = sched_getaffinity(Pid::from_raw(0)).unwrap();
-        one.set(
-            (0..CpuSet::count())
-                .find(|&cpu| first.is_set(cpu).unwrap())
-                .unwrap(),
-        )
-        .unwrap();
+        one.set(first.unwrap()).unwrap();
         sched_setaffinity(Pid::from_raw(0), &one).unwrap();
-        let nice = nice(me()) + 3;
-        // A thread may always lower its own priority.
         let own = me();
-        assert_eq!(
-            unsafe { nix::libc::setpriority(nix::libc::PRIO_PROCESS, own, nice) },
-            0
-        );
+        let nice = nice(own) + 3;
+        // SAFETY: setpriority(2) takes three numbers. A thread may always lower its own priority.
+        let set = unsafe { nix::libc::setpriority(nix::libc::PRIO_PROCESS, own, nice) };
+        assert_eq!(set, 0);
         let _node = domain.busy_node(true, "inherits");
         until(|| threads("sm2:inherits").len() == 1);
         let task = threads("sm2:inherits")[0];
