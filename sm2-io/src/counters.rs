@@ -175,7 +175,7 @@ pub struct Update<'a> {
     change: Change<'a, ENTRY_FIELDS>,
 }
 
-//= SM2-CNT-009
+//= SM2-CNT-010
 impl Update<'_> {
     /// Sending side: counts a message (or call) of `len_bytes` that was published `at` this time.
     #[inline]
@@ -219,6 +219,11 @@ impl Update<'_> {
     /// Publisher: counts a message that was published while no link was open.
     pub fn unheard(&mut self) {
         self.add(field::UNHEARD, 1);
+    }
+
+    /// Publisher, subscriber or its end of a link: counts periods of the deadline that passed without a message.
+    pub fn missed_deadlines(&mut self, periods: u64) {
+        self.add(field::MISSED_DEADLINES, periods);
     }
 
     /// End of a link: the time at which the node became short of memory on the link, or that it is not.

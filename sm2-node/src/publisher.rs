@@ -154,6 +154,11 @@ impl<T: Message + ?Sized> Publisher<T> {
         (self.core.handle).with_driven(|interface, _| interface.unheard)
     }
 
+    /// Returns how many periods of the [deadline](PublisherBuilder::deadline) have passed without a message.
+    pub fn missed_deadlines(&self) -> u64 {
+        (self.core.handle).with_driven(|interface, _| interface.missed_deadlines())
+    }
+
     /// Returns the size of the shared memory for its messages, in bytes. Pages that were never written occupy
     /// no memory.
     pub fn pool_bytes(&self) -> u64 {

@@ -4,8 +4,8 @@ mod link_support;
 
 use link_support::*;
 use sm2_proto::{
-    Code, Contract, Datagram, DemandedQos, Farewell, LinkId, Machine, Name, OfferedQos, ServiceQos,
-    TypeId,
+    Code, Contract, Datagram, DemandedQos, Farewell, LinkId, Machine, Name, OfferedQos, Period,
+    ServiceQos, TypeId,
     limits::QOS_MAX,
     link::{
         Config, End, Error, Fate, Input, Link, MaxLen, Misuse, NoMemory, Output, Role,
@@ -201,12 +201,14 @@ fn a_link_is_what_the_contract_says() {
         reliable: true,
         latched: 3,
         sealed: false,
+        deadline: Period::NONE,
     };
     let demand = DemandedQos {
         depth: 8,
         reliable: true,
         max_borrowed: 4,
         sealed: false,
+        deadline: Period::NONE,
     };
     let qos = ServiceQos {
         depth: 9,
@@ -255,6 +257,7 @@ fn a_link_is_what_the_contract_says() {
             depth,
             max_borrowed,
             max_len: MaxLen::DEFAULT,
+            deadline: Period::NONE,
         };
         assert_eq!(config, same);
         assert_eq!(config.window(), contract.window());

@@ -24,7 +24,7 @@ use std::collections::BTreeSet;
 use link_support::{NOW, drain, message, offer, sent};
 use serde_json::{Map, Value, json};
 use sm2_proto::{
-    Code, Datagram, FdFacts, LinkId, Machine, Seals, ViolationKind,
+    Code, Datagram, FdFacts, LinkId, Machine, Period, Seals, ViolationKind,
     link::{
         Config, End, Error, FrameKind, Input, Link, MaxLen, Role, SegmentInfo, Status,
         wire::{Form, Frame, Given, MessageFrame},
@@ -152,6 +152,7 @@ fn config(vector: &Value) -> Config {
         max_len: (vector.get("max_len")).map_or(MaxLen::DEFAULT, |it| {
             MaxLen::from_bytes(1_024 * it.as_u64().unwrap())
         }),
+        deadline: Period::NONE,
     }
 }
 

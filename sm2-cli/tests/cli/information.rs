@@ -1,6 +1,9 @@
 //! `sm2 topic info` and `sm2 node info`.
 
+use std::time::Duration;
+
 use serde_json::json;
+use sm2_node::Event;
 
 use crate::common::{Domain, listener, talker};
 
@@ -41,7 +44,7 @@ fn a_topic_is_shown_with_its_type_and_interfaces() {
 }
 
 /// An emergency stop that nobody hears is counted.
-//= SM2-CNT-009 sys
+//= SM2-CNT-010 sys
 #[test]
 fn messages_that_nobody_hears_are_shown() {
     let domain = Domain::new();
@@ -71,6 +74,40 @@ fn messages_that_nobody_hears_are_shown() {
     for arguments in [&info[..], &pair] {
         assert_eq!(domain.json(arguments)["unheard"], expected);
     }
+}
+
+/// The deadlines, and the periods in which there was no message.
+//= SM2-CNT-010, SM2-QOS-009 sys
+#[test]
+fn missed_deadlines_are_shown() {
+    let domain = Domain::new();
+    let (talker, listener) = (domain.node("talker"), domain.node("listener"));
+    let period = Duration::from_millis(5);
+    let publisher = talker.publisher_builder::<str>("scan").deadline(period);
+    let publisher = publisher.declare().unwrap();
+    let subscriber = listener.subscriber_builder::<str>("scan").deadline(period);
+    let subscriber = subscriber.declare().unwrap();
+    subscriber.wait_for_publishers(1).unwrap();
+    let events = subscriber.events();
+    while !matches!(events.next().unwrap(), Event::DeadlineMissed { .. }) {}
+    let info = domain.json(&["topic", "info", "scan"]);
+    assert_eq!(info["interfaces"][0]["qos"]["deadline_ns"], 5_000_000);
+    let missed = info["missed_deadlines"].as_array().unwrap();
+    assert_eq!(missed.len(), 2, "{missed:?}");
+    assert!(missed.iter().all(|it| it["periods"].as_u64() > Some(0)));
+    let text = domain.run(&["topic", "info", "scan"]).stdout();
+    assert!(text.contains("deadline 5ms"), "{text}");
+    for name in ["talker", "listener"] {
+        let told = format!("{name}:scan missed its deadline in ");
+        assert!(text.contains(&told), "{text}");
+    }
+    drop(publisher);
+    let _silent = talker.publisher::<str>("scan").unwrap();
+    let why = domain
+        .run(&["why", "talker:scan", "listener:scan"])
+        .stdout();
+    let told = "listener's subscriber of scan demands a deadline of 5ms, and talker's publisher of scan offers no deadline.";
+    assert!(why.contains(told), "{why}");
 }
 
 #[test]

@@ -5,6 +5,7 @@
 
 mod background;
 mod counting;
+mod deadline;
 mod mapped;
 mod outputs;
 mod receive;
@@ -73,6 +74,8 @@ pub(crate) struct LinkDriver {
     pub(super) has_joined: bool,
     /// How many messages that the other side does not get were reported to the program.
     reported_drops: u64,
+    /// How many missed periods of the deadline were reported to the program.
+    reported_misses: u64,
     /// The entry of its counters, until the link is buried.
     pub(super) entry: Option<CounterEntry>,
     /// The values in the entry.
@@ -133,6 +136,7 @@ impl LinkDriver {
             received: Received::default(),
             has_joined: false,
             reported_drops: 0,
+            reported_misses: 0,
             entry,
             noted: Counters::default(),
             last_call: 0,
@@ -290,6 +294,7 @@ impl LinkDriver {
             short_of_memory: self.short_of_memory,
             counters: self.counters(),
             received: self.received,
+            missed_deadlines: self.missed_deadlines(),
             end: self.end(),
         }
     }

@@ -28,6 +28,8 @@ pub struct LinkStatus {
     pub counters: Counters,
     /// Counts of the messages from the other side.
     pub received: Received,
+    /// How many periods of the deadline that this subscriber demands have passed without a message (SM2-QOS-009).
+    pub missed_deadlines: u64,
     /// The reason why the link is over, if it is.
     pub end: Option<End>,
 }

@@ -2,7 +2,7 @@
 
 use super::{MaxLen, RingLayout, Role};
 use crate::{
-    Contract, LinkId,
+    Contract, LinkId, Period,
     limits::{QOS_MAX, WINDOW_MAX},
 };
 
@@ -33,6 +33,8 @@ pub struct Config {
     pub max_borrowed: u16,
     /// The longest message that this end accepts. A sender does not use it.
     pub max_len: MaxLen,
+    /// A receiver counts the periods of this length that pass without a message. No other role uses it.
+    pub deadline: Period,
 }
 
 impl Config {
@@ -64,6 +66,7 @@ impl Config {
             depth,
             max_borrowed,
             max_len: MaxLen::DEFAULT,
+            deadline: contract.deadline(),
         }
     }
 
@@ -113,6 +116,11 @@ impl Config {
             ring: self.ring && !self.sealed,
             depth: self.depth.clamp(1, QOS_MAX),
             max_borrowed: self.max_borrowed.clamp(1, QOS_MAX),
+            //= SM2-QOS-009
+            deadline: match self.role {
+                Role::Receiver => self.deadline,
+                Role::Sender | Role::Caller | Role::Server => Period::NONE,
+            },
             ..self
         }
     }

@@ -20,7 +20,7 @@ use super::{
     wire::{Form, Frame, Given, MessageFrame},
 };
 use crate::{
-    FdFacts, Violation,
+    FdFacts, Instant, Newest, Violation,
     limits::{INLINE_MAX, RELEASE_MAX, SEGMENTS_MAX},
 };
 
@@ -39,6 +39,8 @@ pub(super) struct Inbound {
     sequence: u64,
     /// The id of the last DATA that came.
     last_id: Option<u64>,
+    /// The time of the last DATA that came.
+    last_time: Option<Instant>,
     /// The id that the next DATA for the application has if no publication is lost.
     next_id: Option<u64>,
     segments: BTreeMap<u32, Segment>,
@@ -93,6 +95,7 @@ impl Inbound {
             window: config.window() as usize,
             sequence: 0,
             last_id: None,
+            last_time: None,
             next_id: None,
             segments: BTreeMap::new(),
             ready: VecDeque::new(),
@@ -248,6 +251,7 @@ impl Inbound {
         self.sequence = ready.delivery.sequence;
         if carrier == Carrier::Data {
             self.last_id = Some(ready.delivery.id);
+            self.last_time = Some(ready.delivery.time);
             self.next_id.get_or_insert(ready.delivery.id);
         }
         if let Some(Slot { segment, slot }) = ready.slot
@@ -343,6 +347,14 @@ impl Inbound {
     /// Called when the application gave a message back after the end.
     pub(super) fn forget(&mut self, sequence: u64) {
         self.borrowed.remove(&sequence);
+    }
+
+    /// The newest message that came.
+    pub(super) const fn newest(&self) -> Newest {
+        Newest {
+            sequence: self.sequence,
+            time: self.last_time,
+        }
     }
 
     /// The number of messages that the application has not taken.

@@ -5,7 +5,7 @@
 //! | feed | [`handle`](crate::Machine::handle) with each datagram, command of the application, change of the socket |
 //! | drain | [`poll`](crate::Machine::poll) until it returns `None`, after every feed |
 //! | messages | [`Link::send`], [`Link::take`], [`Link::release`], [`Link::has_room`], the same on both lanes |
-//! | deadline | [`deadline`](crate::Machine::deadline): a link has no timer in version 1 |
+//! | deadline | [`deadline`](crate::Machine::deadline): the time of the next [`Link::tick`], for a receiver that demands a deadline |
 //! | inspect | [`Link::is_open`], [`Link::end`], [`Link::counters`], [`Link::placement`], … |
 //!
 //! The machine does no I/O, reads no clock and sees no descriptor. Its driver owns the socket, the
@@ -64,6 +64,7 @@
 mod attachments;
 mod calls;
 mod config;
+mod deadline;
 mod frame_kind;
 #[cfg(any(test, feature = "fuzzing"))]
 pub(crate) mod fuzz;

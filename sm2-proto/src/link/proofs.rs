@@ -10,7 +10,7 @@ use super::{
     wire::{Form, Frame, MessageFrame},
 };
 use crate::{
-    Code, Datagram, FdFacts, Instant, LinkId, Machine, Seals, VERSION,
+    Code, Datagram, FdFacts, Instant, LinkId, Machine, Period, Seals, VERSION,
     limits::{MESSAGE_HEAD, MESSAGE_MAX, SEGMENT_BYTES_MAX, SLOTS_MAX},
     proofs::{below, one_of},
 };
@@ -35,6 +35,7 @@ pub(super) fn config(role: Role) -> Config {
         depth: 1,
         max_borrowed: 1,
         max_len: MaxLen::GREATEST,
+        deadline: Period::NONE,
     }
 }
 
@@ -290,6 +291,7 @@ fn receiver_keeps_to_its_window() {
         depth: 1 + u16::from(kani::any::<bool>()),
         max_borrowed: 1,
         max_len: MaxLen::GREATEST,
+        deadline: Period::NONE,
     };
     let mut inbound = Inbound::new(&config);
     let (mut came, mut unreleased, mut held) = (0, 0, None);

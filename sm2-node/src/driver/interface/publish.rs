@@ -210,6 +210,7 @@ impl Interface {
 
     pub(super) fn count_publication(&mut self, time: Instant, len: u64) {
         self.published += 1;
+        self.meet_deadline(time);
         let is_heard = self.links().any(LinkDriver::is_open);
         self.unheard += u64::from(!is_heard);
         note(self.entry.as_mut(), |entry| {

@@ -13,7 +13,7 @@ use core::cell::Cell;
 use self::hostile::Hostile;
 use super::{super::wire::LANE_RING, LANE_SOCKET, LINK, World};
 use crate::{
-    Code, FdFacts, Instant, Seals,
+    Code, FdFacts, Instant, Period, Seals,
     fuzz::Script,
     limits::SLOT_HEAD,
     link::{
@@ -91,6 +91,7 @@ impl<'a> Ring<'a> {
                 0 => MaxLen::GREATEST,
                 _ => MaxLen::LEAST,
             },
+            deadline: Period::NONE,
         };
         let window = u32::from(config.depth + config.max_borrowed);
         let layout = RingLayout::new(config.depth, window)?;

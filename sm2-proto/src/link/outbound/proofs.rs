@@ -10,7 +10,7 @@ use super::{
     Status, Unreleased,
 };
 use crate::{
-    Instant, LinkId, VERSION,
+    Instant, LinkId, Period, VERSION,
     link::{FrameKind, MaxLen, Packet},
     proofs::{below, one_of},
 };
@@ -89,6 +89,7 @@ impl State {
             depth: 2,
             max_borrowed: 1,
             max_len: MaxLen::GREATEST,
+            deadline: Period::NONE,
         };
         let mut books = Outbound::new(&config);
         let last = one_of(&SEQUENCES);

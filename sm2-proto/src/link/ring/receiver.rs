@@ -14,7 +14,7 @@ use super::{
     At, EMPTY, RingLayout, RingMemory, SlotHead, Wake, Word, wake_parked,
 };
 use crate::{
-    Violation,
+    Instant, Newest, Violation,
     limits::{MESSAGE_MAX, RING_DISPLACED_MAX, SLOT_HEAD},
 };
 
@@ -31,6 +31,8 @@ pub(in crate::link) struct RingReceiver {
     next: u64,
     /// The id of the last message that was taken.
     last_id: Option<u64>,
+    /// The time of the last message that was taken.
+    last_time: Option<Instant>,
     /// How many messages the application gave back.
     given: u64,
     borrowed: Borrowed,
@@ -69,6 +71,7 @@ impl RingReceiver {
             max_len: max_len.bytes(),
             next: 1,
             last_id: None,
+            last_time: None,
             given: 0,
             borrowed: Borrowed::with_capacity(max_borrowed),
             left: None,
@@ -116,6 +119,26 @@ impl RingReceiver {
         let depth = u32::from(self.layout.depth());
         let words = (0..depth).filter(|index| words.load(At::Forward(*index)) != EMPTY);
         words.count()
+    }
+
+    /// The newest message: the newest one in the ring, or else the last one that was taken.
+    pub(in crate::link) fn newest(&self, words: &impl RingMemory) -> Newest {
+        let depth = u32::from(self.layout.depth());
+        let words =
+            (0..depth).filter_map(|it| Word::from_bits(words.load(At::Forward(it))).ok()?);
+        let ahead = words
+            .map(|it| it.sequence.wrapping_sub(self.next as u32))
+            .max();
+        match ahead {
+            Some(ahead) => Newest {
+                sequence: self.next.saturating_add(u64::from(ahead)),
+                time: None,
+            },
+            None => Newest {
+                sequence: self.next - 1,
+                time: self.last_time,
+            },
+        }
     }
 
     /// Takes the next message for the application. `head` copies the last bytes of a slot.
@@ -219,6 +242,7 @@ impl RingReceiver {
             (Carrier::Request | Carrier::Reply, _) => 0,
         };
         self.last_id = Some(head.id);
+        self.last_time = Some(head.time);
         self.borrowed.push(sequence, word);
         if let Some(left) = &mut self.left {
             *left -= 1;
