@@ -14,6 +14,7 @@ mod server;
 mod settle;
 mod take;
 mod taken;
+mod tick;
 
 use std::collections::VecDeque;
 

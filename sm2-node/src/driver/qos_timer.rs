@@ -6,12 +6,10 @@
 
 use std::collections::BTreeSet;
 use std::io;
-use std::sync::Arc;
 
 use sm2_io::{Interest, Timer};
 use sm2_proto::{Instant, InterfaceId};
 
-use super::control::Control;
 use super::event_sets::NodeSets;
 use super::token::QOS_TIMER;
 
@@ -23,7 +21,7 @@ pub(super) struct QosTimer {
     /// The time to which the timer is set.
     at: Option<Instant>,
     /// The interfaces that have deadlines.
-    interfaces: BTreeSet<InterfaceId>,
+    pub(super) interfaces: BTreeSet<InterfaceId>,
 }
 
 impl QosTimer {
@@ -42,7 +40,7 @@ impl QosTimer {
     }
 
     /// Sets the timer to this time, unless it is set to an earlier one.
-    fn set(&mut self, at: Instant) {
+    pub(super) fn set(&mut self, at: Instant) {
         let Some(timer) = &self.timer else { return };
         if self.at.is_some_and(|earlier| earlier <= at) {
             return;
@@ -54,34 +52,13 @@ impl QosTimer {
             }
         }
     }
-}
 
-impl Control {
-    /// An interface has to be ticked at this time.
-    //= SM2-QOS-009
-    pub(super) fn tick_at(&mut self, interface: InterfaceId, at: Instant) {
-        self.qos_timer.interfaces.insert(interface);
-        self.qos_timer.set(at);
-    }
-
-    /// Ticks all interfaces that have deadlines.
-    //= SM2-QOS-009
-    pub(super) fn on_qos_timer(&mut self, sets: &NodeSets) {
-        let timer = &self.qos_timer.timer;
-        if !timer.as_ref().is_some_and(Timer::drain) {
-            return;
+    /// Whether the time has come to which the timer was set.
+    pub(super) fn fires(&mut self) -> bool {
+        let fires = self.timer.as_ref().is_some_and(Timer::drain);
+        if fires {
+            self.at = None;
         }
-        self.qos_timer.at = None;
-        let now = sm2_io::clock::now();
-        let all: Vec<_> = self.qos_timer.interfaces.iter().copied().collect();
-        for id in all {
-            let Some(interface) = self.interfaces.get(&id).map(Arc::clone) else {
-                self.qos_timer.interfaces.remove(&id);
-                continue;
-            };
-            if let Some(results) = interface.tick(now) {
-                self.handle(id, results, sets);
-            }
-        }
+        fires
     }
 }
