@@ -61,6 +61,9 @@ pub(crate) struct Qos {
     /// The longest time between two messages, in nanoseconds.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) deadline_ns: Option<u64>,
+    /// The age at which a message is not delivered any more, in nanoseconds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) lifespan_ns: Option<u64>,
 }
 
 /// The type that an interface has stated, and its schema.
@@ -198,21 +201,23 @@ impl Qos {
             max_borrowed: None,
             sealed: contract.sealed(),
             deadline_ns: None,
+            lifespan_ns: None,
         };
-        let deadline = |Period(ns)| (ns > 0).then_some(ns);
+        let set = |Period(ns)| (ns > 0).then_some(ns);
         match contract {
             Contract::Publisher { offer, .. } => Self {
                 depth: offer.depth,
                 reliable: Some(offer.reliable),
                 latched: Some(offer.latched),
-                deadline_ns: deadline(offer.deadline),
+                deadline_ns: set(offer.deadline),
+                lifespan_ns: set(offer.lifespan),
                 ..blank
             },
             Contract::Subscriber { demand, .. } => Self {
                 depth: demand.depth,
                 reliable: Some(demand.reliable),
                 max_borrowed: Some(demand.max_borrowed),
-                deadline_ns: deadline(demand.deadline),
+                deadline_ns: set(demand.deadline),
                 ..blank
             },
             Contract::Server { qos, .. } | Contract::Client { qos, .. } => Self {
@@ -242,6 +247,9 @@ impl fmt::Display for Qos {
         }
         if let Some(deadline) = self.deadline_ns {
             write!(f, ", deadline {}", Period(deadline))?;
+        }
+        if let Some(lifespan) = self.lifespan_ns {
+            write!(f, ", lifespan {}", Period(lifespan))?;
         }
         Ok(())
     }

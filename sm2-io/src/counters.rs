@@ -202,6 +202,11 @@ impl Update<'_> {
         self.add(field::LOST, messages);
     }
 
+    /// Receiving side: counts messages that were older than their lifespan when the application would have taken them.
+    pub fn expired(&mut self, messages: u64) {
+        self.add(field::EXPIRED, messages);
+    }
+
     /// Sending side: the fates of the link's messages so far.
     #[inline]
     pub fn fates(&mut self, fates: &Counters) {
@@ -213,6 +218,7 @@ impl Update<'_> {
         self.set(field::CLOSED, fates.closed);
         self.set(field::POOL_LIMIT, fates.pool_limit);
         self.set(field::TOO_LONG, fates.too_long);
+        self.set(field::EXPIRED, fates.expired);
         self.set(field::IN_FLIGHT, fates.in_flight);
     }
 

@@ -103,6 +103,7 @@ fn what_is_counted_is_seen() {
             closed: 4,
             pool_limit: 6,
             too_long: 7,
+            expired: 8,
             in_flight: 5,
         };
         update.fates(&fates);
@@ -114,6 +115,7 @@ fn what_is_counted_is_seen() {
         let mut update = receiver.update();
         update.taken(at, Instant(at.0 - 100 + message), 20);
         update.lost(2);
+        update.expired(2);
         drop(update);
 
         let place = (message as usize - 1) % 32;
@@ -129,6 +131,7 @@ fn what_is_counted_is_seen() {
         got.bytes += 20;
         got.last = at;
         got.lost += 2;
+        got.fates.expired += 2;
         got.delay_sum_ns += 100 - message;
         got.delay_max_ns = 99;
         got.recent_ns[place] = 100 - message;

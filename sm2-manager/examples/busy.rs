@@ -373,6 +373,7 @@ fn publisher(topic: &str) -> Contract {
         latched: 0,
         sealed: false,
         deadline: Period::NONE,
+        lifespan: Period::NONE,
     };
     let topic = text(topic);
     Contract::Publisher { topic, data, offer }

@@ -142,7 +142,7 @@ fn a_subscriber_that_breaks_the_protocol_loses_its_link_alone() {
     let ended = &links[0];
     assert_eq!(
         ended.end,
-        Some(End::Violation(violation!(BadRelease, "SM2-MSG-004")))
+        Some(End::Violation(violation!(BadRelease, "SM2-MSG-006")))
     );
     assert_eq!(ended.peer.name.as_str(), "raw");
     assert_eq!((ended.counters.offered, ended.counters.closed), (1, 1));

@@ -112,6 +112,7 @@ impl World {
                 latched: 0,
                 sealed: false,
                 deadline: Period::NONE,
+                lifespan: Period::NONE,
             },
         };
         let subscriber = Contract::Subscriber {

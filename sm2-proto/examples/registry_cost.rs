@@ -91,6 +91,7 @@ impl Domain {
                 latched: 0,
                 sealed: false,
                 deadline: Period::NONE,
+                lifespan: Period::NONE,
             };
             domain.send(
                 NodeId(at / PER_SESSION + 1),

@@ -35,6 +35,8 @@ pub struct OfferedQos {
     pub sealed: bool,
     /// The longest time between two messages.
     pub deadline: Period,
+    /// The age at which a message is not delivered any more.
+    pub lifespan: Period,
 }
 
 /// The QoS that a subscriber demands.
@@ -200,6 +202,15 @@ impl Contract {
             Self::Publisher { offer, .. } => offer.deadline,
             Self::Subscriber { demand, .. } => demand.deadline,
             Self::Server { .. } | Self::Client { .. } => Period::NONE,
+        }
+    }
+
+    /// The lifespan of the messages that a publisher sends. All others have none.
+    #[must_use]
+    pub const fn lifespan(&self) -> Period {
+        match self {
+            Self::Publisher { offer, .. } => offer.lifespan,
+            Self::Subscriber { .. } | Self::Server { .. } | Self::Client { .. } => Period::NONE,
         }
     }
 

@@ -62,8 +62,9 @@ pub mod field {
     pub const UNHEARD: usize = 21;
     /// Periods of the deadline that passed without a message.
     pub const MISSED_DEADLINES: usize = 22;
+    pub const EXPIRED: usize = 23;
     /// The first of the fields that are zero, up to [`RECENT`].
-    pub const RESERVED: usize = 23;
+    pub const RESERVED: usize = 24;
     /// The first of [`super::RECENT`] fields.
     pub const RECENT: usize = 32;
 }
@@ -120,7 +121,7 @@ pub struct Entry {
     pub last: Instant,
     /// Messages that were lost before the application saw them.
     pub lost: u64,
-    /// The fates of the messages on the sending side of a link; zeros elsewhere.
+    /// The fates of the messages on the sending side of a link. On the receiving side, the messages that have expired.
     pub fates: Counters,
     /// The sum of the delays from publication to taking, on the receiving side.
     pub delay_sum_ns: u64,
@@ -203,6 +204,7 @@ impl Entry {
                 closed: words[field::CLOSED],
                 pool_limit: words[field::POOL_LIMIT],
                 too_long: words[field::TOO_LONG],
+                expired: words[field::EXPIRED],
                 in_flight: words[field::IN_FLIGHT],
             },
             delay_sum_ns: words[field::DELAY_SUM],
@@ -243,6 +245,7 @@ impl Entry {
         words[field::IN_FLIGHT] = self.fates.in_flight;
         words[field::POOL_LIMIT] = self.fates.pool_limit;
         words[field::TOO_LONG] = self.fates.too_long;
+        words[field::EXPIRED] = self.fates.expired;
         words[field::DELAY_SUM] = self.delay_sum_ns;
         words[field::DELAY_MAX] = self.delay_max_ns;
         words[field::SHORT_SINCE] = self.short_since.map_or(0, |since| since.0);

@@ -4,6 +4,8 @@ use core::{fmt, time::Duration};
 
 use serde::{Deserialize, Serialize};
 
+use crate::Instant;
+
 /// A time of the quality of service, or none. On the wire it is a number of nanoseconds, and 0 is none.
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
@@ -34,6 +36,12 @@ impl Period {
             0 => None,
             nanos => Some(Duration::from_nanos(nanos)),
         }
+    }
+
+    /// Whether this time has passed since a moment. Never, if there is no time.
+    #[must_use]
+    pub const fn has_passed(self, since: Instant, now: Instant) -> bool {
+        self.0 != 0 && now.0.saturating_sub(since.0) >= self.0
     }
 
     /// Whether an offer of this time fulfils a demand: there is no demand, or the offer is not longer.

@@ -70,6 +70,7 @@ fn contract(depth: u16, max_borrowed: u16) -> Contract {
                 latched: max_borrowed,
                 sealed,
                 deadline: Period::NONE,
+                lifespan: Period::NONE,
             },
         },
         (true, false) => Contract::Subscriber {
@@ -132,6 +133,7 @@ fn deadlines_decide_a_match() {
             latched: 0,
             sealed: false,
             deadline: Period(offered),
+            lifespan: Period::NONE,
         },
     };
     let mut subscriber = subscriber();

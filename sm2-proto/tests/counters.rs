@@ -28,6 +28,7 @@ fn link_end() -> Entry {
             closed: 14,
             pool_limit: 18,
             too_long: 19,
+            expired: 23,
             in_flight: 15,
         },
         delay_sum_ns: 16,
@@ -46,7 +47,7 @@ fn every_field_has_its_place() {
     let mut expected: [u64; ENTRY_FIELDS] = core::array::from_fn(|index| index as u64);
     expected[0] = 42;
     expected[1] = 2;
-    expected[23..32].fill(0);
+    expected[24..32].fill(0);
     assert_eq!(link_end().to_words(42), expected);
     assert_eq!(Entry::from_words(&expected), Some(link_end()));
     let interface = Entry {

@@ -153,6 +153,7 @@ fn config(vector: &Value) -> Config {
             MaxLen::from_bytes(1_024 * it.as_u64().unwrap())
         }),
         deadline: Period::NONE,
+        lifespan: Period(vector.get("lifespan").map_or(0, |it| it.as_u64().unwrap())),
     }
 }
 
@@ -231,7 +232,7 @@ fn meaning(frame: &Frame<'_>) -> Map<String, Value> {
         Frame::Detach { segment } => json!({ "segment": segment }),
         Frame::Message(message) => of_message(message),
         Frame::Release { given, .. } => json!({
-            "fate": match given { Given::Consumed => "consumed", Given::Discarded => "discarded" },
+            "fate": fate(*given),
             "sequences": frame.sequences().collect::<Vec<_>>(),
         }),
         Frame::Cancel { call } => json!({ "id": call }),
@@ -305,4 +306,12 @@ fn unhex(text: &Value) -> Vec<u8> {
 
 fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+const fn fate(given: Given) -> &'static str {
+    match given {
+        Given::Consumed => "consumed",
+        Given::Discarded => "discarded",
+        Given::Expired => "expired",
+    }
 }

@@ -280,7 +280,8 @@ pub fn typed_publisher(topic: impl AsRef<[u8]>, data: &[u8], qos: Qos) -> Vec<u8
     let head = Fields::new().int(0).text(topic).raw(data);
     let offer = head.int(qos.depth.into()).flag(qos.reliable);
     let offer = offer.int(qos.latched.into()).flag(qos.sealed);
-    offer.int(qos.deadline).bytes()
+    // No lifespan.
+    offer.int(qos.deadline).int(0).bytes()
 }
 
 /// A subscriber of raw bytes.

@@ -54,6 +54,7 @@ fn contract() -> impl Strategy<Value = Contract> {
                     latched: 0,
                     sealed,
                     deadline: Period::NONE,
+                    lifespan: Period::NONE,
                 },
             }
         });

@@ -115,6 +115,10 @@ fn declare(
         Some(period) => builder.deadline(period),
         None => builder,
     };
+    let builder = match arguments.lifespan {
+        Some(age) => builder.lifespan(age),
+        None => builder,
+    };
     Ok(match arguments.pool_limit {
         Some(Size(bytes)) => builder.pool_limit(bytes),
         None => builder,

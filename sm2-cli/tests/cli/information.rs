@@ -106,7 +106,8 @@ fn missed_deadlines_are_shown() {
     let why = domain
         .run(&["why", "talker:scan", "listener:scan"])
         .stdout();
-    let told = "listener's subscriber of scan demands a deadline of 5ms, and talker's publisher of scan offers no deadline.";
+    let told = "listener's subscriber of scan demands a deadline of 5ms, and talker's publisher of scan \
+                offers no deadline.";
     assert!(why.contains(told), "{why}");
 }
 

@@ -189,6 +189,7 @@ fn loss_adds_up() {
         "closed",
         "pool_limit",
         "too_long",
+        "expired",
         "in_flight",
     ];
     assert_eq!(
@@ -240,6 +241,7 @@ fn silent_publisher(domain: &Domain, name: &str, topic: &str) -> SeqPacket {
         latched: 0,
         sealed: false,
         deadline: Period::NONE,
+        lifespan: Period::NONE,
     };
     let topic = topic.parse().unwrap();
     let hello = ToManager::Hello {

@@ -6,6 +6,7 @@
 mod background;
 mod counting;
 mod deadline;
+mod lifespan;
 mod mapped;
 mod outputs;
 mod receive;
@@ -70,6 +71,8 @@ pub(crate) struct LinkDriver {
     /// How many messages the application holds.
     held: usize,
     received: Received,
+    /// The losses before messages that have expired since the last message that was taken.
+    lost_with_expired: u64,
     /// Whether the program knows that the link has opened, and not that it has ended.
     pub(super) has_joined: bool,
     /// How many messages that the other side does not get were reported to the program.
@@ -134,6 +137,7 @@ impl LinkDriver {
             suspended: None,
             held: 0,
             received: Received::default(),
+            lost_with_expired: 0,
             has_joined: false,
             reported_drops: 0,
             reported_misses: 0,

@@ -49,6 +49,7 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
                 latched: 0,
                 sealed: false,
                 deadline: Period::NONE,
+                lifespan: Period::NONE,
             },
             publish_timeout: PUBLISH_TIMEOUT_DEFAULT,
             memory: Memory {
@@ -102,6 +103,14 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
     /// [missed](Publisher::missed_deadlines) and is an [event](crate::Event::DeadlineMissed) (SM2-QOS-009).
     pub const fn deadline(mut self, period: Duration) -> Self {
         self.offer.deadline = Period::new(period);
+        self
+    }
+
+    /// Sets the age at which messages are not delivered any more; none by default. A message that is older is neither
+    /// sent nor handed out, latched or not, and counts as
+    /// [`expired`](sm2_proto::link::Counters::expired) on both sides (SM2-QOS-010).
+    pub const fn lifespan(mut self, age: Duration) -> Self {
+        self.offer.lifespan = Period::new(age);
         self
     }
 

@@ -114,6 +114,7 @@ pub(crate) fn raw_publisher(domain: &Domain) -> (Raw, Subscriber<[u8]>) {
             latched: 0,
             sealed: false,
             deadline: Period::NONE,
+            lifespan: Period::NONE,
         },
     };
     let raw = Raw::declare(domain, "raw", &contract);

@@ -152,6 +152,7 @@ impl<'a> Script<'a> {
             latched: 0,
             sealed,
             deadline,
+            lifespan: deadline,
         };
         Some(match choice % 4 {
             0 => Contract::Publisher {

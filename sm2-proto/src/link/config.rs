@@ -35,6 +35,8 @@ pub struct Config {
     pub max_len: MaxLen,
     /// A receiver counts the periods of this length that pass without a message. No other role uses it.
     pub deadline: Period,
+    /// The lifespan of the publisher at either end of the link. A caller or server does not use it.
+    pub lifespan: Period,
 }
 
 impl Config {
@@ -67,7 +69,18 @@ impl Config {
             max_borrowed,
             max_len: MaxLen::DEFAULT,
             deadline: contract.deadline(),
+            lifespan: contract.lifespan(),
         }
+    }
+
+    /// The same configuration, with the lifespan of the publisher at the other end, if there is one.
+    //= SM2-QOS-010
+    #[must_use]
+    pub const fn with_peer(mut self, peer: &Contract) -> Self {
+        if matches!(self.role, Role::Receiver) {
+            self.lifespan = peer.lifespan();
+        }
+        self
     }
 
     /// How many unreleased messages this end accepts (its `window`, SM2-OPN-003).
@@ -120,6 +133,10 @@ impl Config {
             deadline: match self.role {
                 Role::Receiver => self.deadline,
                 Role::Sender | Role::Caller | Role::Server => Period::NONE,
+            },
+            lifespan: match self.role {
+                Role::Sender | Role::Receiver => self.lifespan,
+                Role::Caller | Role::Server => Period::NONE,
             },
             ..self
         }

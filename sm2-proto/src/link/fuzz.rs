@@ -30,7 +30,7 @@ const NOW: Instant = Instant(0);
 const STRIDE: u64 = 4_096;
 
 /// Runs the steps that the bytes encode. Panics if the machine broke its contract.
-//= SM2-WIR-001, SM2-QOS-007 fuzz
+//= SM2-WIR-001, SM2-QOS-011 fuzz
 pub(crate) fn frames(data: &[u8]) {
     check_round_trip(data, &[]);
     check_round_trip(data, &[FdFacts::default()]);
@@ -235,10 +235,10 @@ impl World {
             .iter()
             .flat_map(|sequence| sequence.to_le_bytes())
             .collect();
-        let given = if script.byte()? & 1 == 0 {
-            Given::Consumed
-        } else {
-            Given::Discarded
+        let given = match script.byte()? % 4 {
+            0 | 1 => Given::Consumed,
+            2 => Given::Discarded,
+            _ => Given::Expired,
         };
         self.frame(
             &Frame::Release {

@@ -49,6 +49,7 @@ pub(super) struct Inbound {
     borrowed: BTreeMap<u64, Option<Slot>>,
     consumed: BTreeMap<u64, Option<Slot>>,
     discarded: BTreeMap<u64, Option<Slot>>,
+    expired: BTreeMap<u64, Option<Slot>>,
 }
 
 /// A segment of the other end.
@@ -102,6 +103,7 @@ impl Inbound {
             borrowed: BTreeMap::new(),
             consumed: BTreeMap::new(),
             discarded: BTreeMap::new(),
+            expired: BTreeMap::new(),
         }
     }
 
@@ -298,13 +300,25 @@ impl Inbound {
         true
     }
 
+    /// Gives back a message that is older than its lifespan. Returns whether the application held it.
+    //= SM2-QOS-010
+    pub(super) fn expire(&mut self, sequence: u64) -> bool {
+        let Some(slot) = self.borrowed.remove(&sequence) else {
+            return false;
+        };
+        self.expired.insert(sequence, slot);
+        true
+    }
+
     /// Returns the next RELEASE to send.
-    //= SM2-MSG-004, SM2-MSG-005
+    //= SM2-MSG-006, SM2-MSG-005
     pub(super) fn poll(&mut self) -> Option<Packet> {
-        let (given, pending) = if self.discarded.is_empty() {
-            (Given::Consumed, &mut self.consumed)
-        } else {
+        let (given, pending) = if !self.discarded.is_empty() {
             (Given::Discarded, &mut self.discarded)
+        } else if !self.expired.is_empty() {
+            (Given::Expired, &mut self.expired)
+        } else {
+            (Given::Consumed, &mut self.consumed)
         };
         let count = pending.len().min(RELEASE_MAX) as u16;
         if count == 0 {
@@ -341,6 +355,7 @@ impl Inbound {
     pub(super) fn end(&mut self) {
         self.consumed.clear();
         self.discarded.clear();
+        self.expired.clear();
         self.segments.clear();
     }
 
@@ -364,7 +379,11 @@ impl Inbound {
     }
 
     fn unreleased(&self) -> usize {
-        self.ready.len() + self.borrowed.len() + self.consumed.len() + self.discarded.len()
+        self.ready.len()
+            + self.borrowed.len()
+            + self.consumed.len()
+            + self.discarded.len()
+            + self.expired.len()
     }
 
     /// Checks the invariants, which hold after each call.
@@ -373,7 +392,12 @@ impl Inbound {
         debug_assert!(!self.displaces || self.ready.len() <= self.depth);
         debug_assert!(self.borrowed.len() <= usize::from(self.max_borrowed));
         debug_assert!(self.segments.len() <= SEGMENTS_MAX);
-        let all = [&self.borrowed, &self.consumed, &self.discarded];
+        let all = [
+            &self.borrowed,
+            &self.consumed,
+            &self.discarded,
+            &self.expired,
+        ];
         let slots = all.into_iter().flat_map(BTreeMap::values).flatten().count();
         let slots = slots + self.ready.iter().filter_map(|it| it.slot).count();
         let busy: usize = self.segments.values().map(|it| it.busy.len()).sum();

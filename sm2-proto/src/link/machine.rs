@@ -98,6 +98,9 @@ impl Link {
             Input::TooLong => {
                 self.drop_publication(Outbound::drop_too_long, RingSender::drop_too_long)?
             }
+            Input::Expired => {
+                self.drop_publication(Outbound::drop_expired, RingSender::drop_expired)?
+            }
             Input::SegmentMissing => {
                 self.on_segment_missing();
                 if let Some(end) = self.end() {
@@ -329,6 +332,7 @@ impl Machine for Link {
             Ok(phase) => {
                 let result = self.handle_live(phase, input);
                 self.start_deadline(now);
+                self.expire_unsent(now);
                 result
             }
             Err(over) => {

@@ -34,6 +34,7 @@ pub(crate) fn config(role: Role) -> Config {
         max_borrowed: 1,
         max_len: MaxLen::GREATEST,
         deadline: Period::NONE,
+        lifespan: Period::NONE,
     }
 }
 

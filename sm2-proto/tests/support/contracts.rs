@@ -28,6 +28,7 @@ pub(crate) fn publisher_with(topic: &str, data: &TypeId, reliable: bool, sealed:
             latched: 0,
             sealed,
             deadline: Period::NONE,
+            lifespan: Period::NONE,
         },
     }
 }

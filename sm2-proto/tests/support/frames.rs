@@ -89,7 +89,13 @@ fn service_qos() -> impl Strategy<Value = ServiceQos> {
 pub(crate) fn contracts() -> impl Strategy<Value = Contract> {
     let periods = || prop_oneof![Just(0), 1..=u64::MAX].prop_map(Period);
     let flags = || (any::<bool>(), any::<bool>(), periods());
-    let publisher = (names(), types(), 1..=1_024_u16, 0..=1_024_u16, flags());
+    let publisher = (
+        names(),
+        types(),
+        1..=1_024_u16,
+        0..=1_024_u16,
+        (flags(), periods()),
+    );
     let subscriber = (
         names(),
         option::of(types()),
@@ -99,7 +105,7 @@ pub(crate) fn contracts() -> impl Strategy<Value = Contract> {
     );
     prop_oneof![
         publisher.prop_map(
-            |(topic, data, depth, latched, (reliable, sealed, deadline))| {
+            |(topic, data, depth, latched, ((reliable, sealed, deadline), lifespan))| {
                 Contract::Publisher {
                     topic,
                     data,
@@ -109,6 +115,7 @@ pub(crate) fn contracts() -> impl Strategy<Value = Contract> {
                         latched,
                         sealed,
                         deadline,
+                        lifespan,
                     },
                 }
             }

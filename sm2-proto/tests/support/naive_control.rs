@@ -338,6 +338,7 @@ impl Reader<'_> {
                     "latched": self.qos(0)?,
                     "sealed": self.bool()?,
                     "deadline": self.u64()?,
+                    "lifespan": self.u64()?,
                 },
             }}),
             1 => json!({"Subscriber": {

@@ -48,6 +48,9 @@ pub(crate) struct Arguments {
     /// Offer a message at least once in this time, such as 100ms, to subscribers that demand it
     #[arg(long, value_name = "TIME", value_parser = time::span)]
     pub(super) deadline: Option<Duration>,
+    /// Messages that are older than this, such as 100ms, are not delivered
+    #[arg(long, value_name = "TIME", value_parser = time::span)]
+    pub(super) lifespan: Option<Duration>,
     /// Reuse shared memory, or seal each message, so that nobody can change it after publishing
     #[arg(long, value_enum, default_value_t = Integrity::Pooled)]
     pub(super) integrity: Integrity,

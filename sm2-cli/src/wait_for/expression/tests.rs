@@ -37,6 +37,7 @@ fn domain() -> Domain {
             latched: 0,
             sealed: false,
             deadline: Period::NONE,
+            lifespan: Period::NONE,
         },
     };
     let subscriber = Contract::Subscriber {

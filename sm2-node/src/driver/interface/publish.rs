@@ -311,7 +311,14 @@ impl Interface {
             }
         }
         while let Some(&key) = link.backlog.front() {
-            let len = self.outbox.label(key).map_or(0, |label| label.len);
+            let label = self.outbox.label(key);
+            let len = label.map_or(0, |label| label.len);
+            if label.is_some_and(|label| link.is_expired(label.time)) {
+                link.backlog.pop_front();
+                link.drop_expired(context, &mut self.outbox);
+                self.outbox.release(key);
+                continue;
+            }
             if !link.accepts(len) {
                 link.backlog.pop_front();
                 link.drop_too_long(len, context, &mut self.outbox);

@@ -20,7 +20,7 @@ impl LinkDriver {
         context: &mut Context<'_>,
         outbox: &mut Outbox,
     ) -> Result<Option<(Delivery, Source)>, TooManyBorrowed> {
-        let Some(delivery) = self.take_next(context, outbox)? else {
+        let Some(delivery) = self.take_in_time(context, outbox)? else {
             return Ok(None);
         };
         let source = self.source(&delivery);
@@ -32,9 +32,9 @@ impl LinkDriver {
         Ok(Some((delivery, source)))
     }
 
-    /// Takes the next message for the application.
+    /// Takes the next message for the application, whatever its age.
     #[inline]
-    fn take_next(
+    pub(super) fn take_next(
         &mut self,
         context: &mut Context<'_>,
         outbox: &mut Outbox,
@@ -110,7 +110,7 @@ impl LinkDriver {
     }
 
     /// Gives a message back for the application.
-    //= SM2-RNG-008, SM2-MSG-005
+    //= SM2-RNG-015, SM2-MSG-005
     pub(in crate::driver) fn release(
         &mut self,
         sequence: u64,

@@ -57,6 +57,7 @@ impl World {
                 _ => MaxLen::LEAST,
             },
             deadline: Period(u64::from(flags >> 6)),
+            lifespan: Period(u64::from(flags & 32)),
         };
         Some(Self::with(config))
     }

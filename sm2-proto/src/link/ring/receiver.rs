@@ -274,7 +274,7 @@ impl RingReceiver {
 
     /// Called when the application gives a message back. `None` if the application does not hold
     /// the message; otherwise whether the sender has to be woken.
-    //= SM2-RNG-008, SM2-MSG-004
+    //= SM2-RNG-015, SM2-MSG-006
     #[inline]
     pub(in crate::link) fn release(
         &mut self,
@@ -282,12 +282,29 @@ impl RingReceiver {
         sequence: u64,
     ) -> Option<Result<Wake, Violation>> {
         let word = self.borrowed.remove(sequence)?;
+        Some(self.give_back(words, word))
+    }
+
+    /// The same for a message that is older than its lifespan.
+    //= SM2-RNG-015, SM2-QOS-010
+    pub(in crate::link) fn expire(
+        &mut self,
+        words: &impl RingMemory,
+        sequence: u64,
+    ) -> Option<Result<Wake, Violation>> {
+        let word = self.borrowed.remove(sequence)?;
+        let sequence = !word.sequence;
+        Some(self.give_back(words, Word { sequence, ..word }))
+    }
+
+    #[inline]
+    fn give_back(&mut self, words: &impl RingMemory, word: Word) -> Result<Wake, Violation> {
         let at = self.layout.back_word(self.given);
         self.given += 1;
         if words.swap(at, word.to_bits()) != EMPTY {
-            return Some(Err(violation!(BadWord, "SM2-RNG-008")));
+            return Err(violation!(BadWord, "SM2-RNG-015"));
         }
-        Some(Ok(wake_parked(words, At::SenderParked)))
+        Ok(wake_parked(words, At::SenderParked))
     }
 
     /// Whether the application holds a message in this segment.

@@ -36,6 +36,7 @@ fn contract(kind: Kind, on: &str, hash: Option<u64>) -> Contract {
                 latched: 0,
                 sealed: false,
                 deadline: Period::NONE,
+                lifespan: Period::NONE,
             },
         },
         Kind::Subscriber => Contract::Subscriber {

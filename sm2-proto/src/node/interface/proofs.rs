@@ -82,6 +82,7 @@ fn publisher(reliable: bool, sealed: bool) -> Contract {
             latched: 0,
             sealed,
             deadline: Period::NONE,
+            lifespan: Period::NONE,
         },
     }
 }

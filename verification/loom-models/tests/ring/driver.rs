@@ -77,7 +77,7 @@ pub(crate) fn links(reliable: bool, max_borrowed: u16, memory: &Memory) -> [Link
         ring: true,
         depth: memory.layout.depth(),
         max_borrowed,
-        max_len: MaxLen::DEFAULT, deadline: Period::NONE, };
+        max_len: MaxLen::DEFAULT, deadline: Period::NONE, lifespan: Period::NONE, };
     let mut ends = [Role::Sender, Role::Receiver].map(|role| Link::new(config(role)));
     exchange(&mut ends, memory);
     let attach = Input::Attach(memory.segment());

@@ -386,6 +386,7 @@ fn publisher(topic: &str) -> Contract {
             latched: 0,
             sealed: false,
             deadline: Period::NONE,
+            lifespan: Period::NONE,
         },
     }
 }

@@ -328,6 +328,7 @@ impl LinkScope {
             max_borrowed: self.max_borrowed[at],
             max_len: MaxLen::DEFAULT,
             deadline: Period::NONE,
+            lifespan: Period::NONE,
         }
     }
 }

@@ -65,6 +65,7 @@ impl<const N: usize> State<N> {
             max_borrowed: 1,
             max_len: MaxLen::GREATEST,
             deadline: Period::NONE,
+            lifespan: Period::NONE,
         };
         let (pooled, first): (bool, u64) = (!sealed && kani::any(), one_of(&FIRST));
         let mut books = Inbound::new(&config);
