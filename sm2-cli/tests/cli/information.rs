@@ -15,6 +15,7 @@ fn a_topic_is_shown_with_its_type_and_interfaces() {
         .publisher_builder::<[f64]>("acceleration")
         .depth(3)
         .latched(2)
+        .lifespan(Duration::from_secs(1))
         .declare()
         .unwrap();
     let (_listener, other) = listener(&domain, "acceleration", 1);
@@ -28,7 +29,13 @@ fn a_topic_is_shown_with_its_type_and_interfaces() {
         .find(|it| it["kind"] == "publisher")
         .unwrap();
     assert_eq!(publisher["node"], "imu");
-    let qos = json!({ "depth": 3, "reliable": false, "latched": 2, "sealed": false });
+    let qos = json!({
+        "depth": 3,
+        "reliable": false,
+        "latched": 2,
+        "sealed": false,
+        "lifespan_ns": 1_000_000_000,
+    });
     assert_eq!(publisher["qos"], qos);
     assert_eq!(publisher["links"], 1);
     let subscriber = interfaces
@@ -40,7 +47,7 @@ fn a_topic_is_shown_with_its_type_and_interfaces() {
 
     let text = domain.run(&["topic", "info", "acceleration"]).stdout();
     assert!(text.contains("schema  plain:list[f64]"), "{text}");
-    assert!(text.contains("depth 3, latched 2"), "{text}");
+    assert!(text.contains("depth 3, latched 2, lifespan 1s"), "{text}");
 }
 
 /// An emergency stop that nobody hears is counted.
