@@ -174,7 +174,7 @@ fn expire(rig: &mut Rig) {
     let _ = rig.ends[RECEIVER].expire(&rig.words, &taken).unwrap();
 }
 
-//= SM2-QOS-010, SM2-RNG-015, SM2-QOS-011 test
+//= SM2-QOS-010, SM2-RNG-016, SM2-QOS-011 test
 #[test]
 fn a_back_word_says_that_its_message_has_expired() {
     let mut rig = rig([5, 5]);
@@ -200,7 +200,7 @@ fn a_back_word_says_that_its_message_has_expired() {
     assert_eq!(rig.ends[SENDER].counters().expired, 3);
 }
 
-//= SM2-RNG-015 test
+//= SM2-RNG-016 test
 #[test]
 fn a_back_word_cannot_say_so_without_a_lifespan() {
     let mut rig = rig([0, 5]);

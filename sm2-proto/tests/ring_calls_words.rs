@@ -156,7 +156,7 @@ impl RingMemory for Between<'_> {
 }
 
 /// The call whose word was overwritten fails like all others, and each call fails once.
-//= SM2-RNG-015, SM2-SRV-005 test
+//= SM2-RNG-016, SM2-SRV-005 test
 #[test]
 fn a_server_that_writes_where_the_caller_does() {
     let mut pair = pair();

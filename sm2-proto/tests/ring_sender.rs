@@ -178,7 +178,7 @@ fn a_publication_that_the_pool_limit_drops() {
     assert_eq!((counters.dropped(), counters.delivered), (1, 1));
 }
 
-//= SM2-RNG-015, SM2-MSG-006 test
+//= SM2-RNG-016, SM2-MSG-006 test
 #[test]
 fn messages_come_back_in_any_order() {
     let mut rig = Rig::open(true, 3, 3);
@@ -430,13 +430,13 @@ fn messages_that_came_back_before_the_end_are_delivered() {
 }
 
 /// A word that is no message of the link is a violation, also just before the end.
-//= SM2-RNG-015 test
+//= SM2-RNG-016 test
 #[test]
 fn a_false_word_just_before_the_end_is_a_violation() {
     let mut rig = Rig::open(false, 4, 2);
     let _ = rig.send(1, 1).unwrap();
     rig.words.write(At::Back(0), word(0, 9, 9));
-    let end = End::Violation(violation!(BadWord, "SM2-RNG-015"));
+    let end = End::Violation(violation!(BadWord, "SM2-RNG-016"));
     assert_eq!(rig.settle_returned(), Err(Error::Ended(end)));
     assert_eq!(rig.settled(), [(10, Fate::Closed)]);
 }

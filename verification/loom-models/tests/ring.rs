@@ -32,7 +32,7 @@ const HELD: Terms = Terms {
     ..ALL
 };
 
-//= SM2-RNG-005, SM2-RNG-006, SM2-RNG-007, SM2-RNG-015, SM2-RNG-009 loom
+//= SM2-RNG-005, SM2-RNG-006, SM2-RNG-007, SM2-RNG-016, SM2-RNG-009 loom
 #[test]
 fn the_last_message_always_comes() {
     holds("ring: keep-last", Some(3), || ring::keep_last(LAST));

@@ -110,7 +110,7 @@ impl LinkDriver {
     }
 
     /// Gives a message back for the application.
-    //= SM2-RNG-015, SM2-MSG-005
+    //= SM2-RNG-016, SM2-MSG-005
     pub(in crate::driver) fn release(
         &mut self,
         sequence: u64,

@@ -274,7 +274,7 @@ impl RingReceiver {
 
     /// Called when the application gives a message back. `None` if the application does not hold
     /// the message; otherwise whether the sender has to be woken.
-    //= SM2-RNG-015, SM2-MSG-006
+    //= SM2-RNG-016, SM2-MSG-006
     #[inline]
     pub(in crate::link) fn release(
         &mut self,
@@ -286,7 +286,7 @@ impl RingReceiver {
     }
 
     /// The same for a message that is older than its lifespan.
-    //= SM2-RNG-015, SM2-QOS-010
+    //= SM2-RNG-016, SM2-QOS-010
     pub(in crate::link) fn expire(
         &mut self,
         words: &impl RingMemory,
@@ -302,7 +302,7 @@ impl RingReceiver {
         let at = self.layout.back_word(self.given);
         self.given += 1;
         if words.swap(at, word.to_bits()) != EMPTY {
-            return Err(violation!(BadWord, "SM2-RNG-015"));
+            return Err(violation!(BadWord, "SM2-RNG-016"));
         }
         Ok(wake_parked(words, At::SenderParked))
     }

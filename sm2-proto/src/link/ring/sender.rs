@@ -354,7 +354,7 @@ impl RingSender {
     }
 
     /// Settles the messages that the receiver gave back.
-    //= SM2-RNG-015
+    //= SM2-RNG-016
     pub(in crate::link) fn harvest(
         &mut self,
         words: &impl RingMemory,
@@ -368,7 +368,7 @@ impl RingSender {
             let bits = words.swap(at, EMPTY);
             self.returned += 1;
             let back = self.settle(bits);
-            let (key, fate) = back.ok_or(violation!(BadWord, "SM2-RNG-015"))?;
+            let (key, fate) = back.ok_or(violation!(BadWord, "SM2-RNG-016"))?;
             if fate == Fate::Expired {
                 self.counters.expired += 1;
             } else {
@@ -382,7 +382,7 @@ impl RingSender {
 
     /// Settles the message that these bits name, and returns its key and whether it was delivered or
     /// has expired. `None` if they name no unsettled message.
-    //= SM2-RNG-015
+    //= SM2-RNG-016
     #[inline]
     fn settle(&mut self, bits: u64) -> Option<(u64, Fate)> {
         let word = Word::from_bits(bits).ok()??;

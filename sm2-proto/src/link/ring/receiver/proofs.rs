@@ -219,7 +219,7 @@ fn a_look_at_any_words() {
 }
 
 /// RNG-HOSTILE: a message is given back once and within bounds, whatever the back word contained.
-//= SM2-RNG-015, SM2-MSG-006 kani
+//= SM2-RNG-016, SM2-MSG-006 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(6))]
 fn a_message_is_given_back_once() {
@@ -244,14 +244,14 @@ fn a_message_is_given_back_once() {
     assert!(words.accesses.get() <= 3);
     if released.is_some() {
         assert_eq!(
-            released == Some(Err(violation!(BadWord, "SM2-RNG-015"))),
+            released == Some(Err(violation!(BadWord, "SM2-RNG-016"))),
             words.answers[0] != 0
         );
         assert_eq!(receiver.release(&words, sequence), None);
     }
     kani::cover!(released == Some(Ok(Wake::Needed)), "with a bell");
     kani::cover!(
-        released == Some(Err(violation!(BadWord, "SM2-RNG-015"))),
+        released == Some(Err(violation!(BadWord, "SM2-RNG-016"))),
         "the word was not free"
     );
 }

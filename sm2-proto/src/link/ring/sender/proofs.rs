@@ -124,7 +124,7 @@ const STATES: [(u64, u64); 5] = [(0, 0), (1, 1), (2, 0), (2, 1), (3, 1)];
 
 /// RNG-HOSTILE: sends one more message while the words have any values. The call makes a bounded
 /// number of accesses, each message is settled at most once, and the counters stay consistent.
-//= SM2-RNG-005, SM2-RNG-006, SM2-RNG-015, SM2-QOS-011 kani
+//= SM2-RNG-005, SM2-RNG-006, SM2-RNG-016, SM2-QOS-011 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(12))]
 fn a_message_to_any_words() {
@@ -177,7 +177,7 @@ fn a_message_to_any_words() {
 
 /// RNG-HOSTILE: a word that claims to give a message back either names an unsettled message, or is
 /// a violation.
-//= SM2-RNG-015, SM2-MSG-006 kani
+//= SM2-RNG-016, SM2-MSG-006 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(12))]
 fn any_words_given_back() {
@@ -208,7 +208,7 @@ fn any_words_given_back() {
     sender.invariants();
     kani::cover!(result.is_ok() && settled.len() == 2, "two came back");
     kani::cover!(
-        result == Err(violation!(BadWord, "SM2-RNG-015")) && settled.len() == 1,
+        result == Err(violation!(BadWord, "SM2-RNG-016")) && settled.len() == 1,
         "the second is wrong"
     );
 }
