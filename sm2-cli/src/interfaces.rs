@@ -3,7 +3,7 @@
 use std::fmt;
 
 use serde::Serialize;
-use sm2_proto::{Contract, EntityId, Kind, Name, Refusal, TypeId, domain::InterfaceView};
+use sm2_proto::{Contract, EntityId, Kind, Name, Period, Refusal, TypeId, domain::InterfaceView};
 
 use crate::{columns::Columns, connect::Session, error::CliError, names, view::View};
 
@@ -58,6 +58,12 @@ pub(crate) struct Qos {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) max_borrowed: Option<u16>,
     pub(crate) sealed: bool,
+    /// The longest time between two messages, in nanoseconds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) deadline_ns: Option<u64>,
+    /// The age at which a message is not delivered any more, in nanoseconds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) lifespan_ns: Option<u64>,
 }
 
 /// The type that an interface has stated, and its schema.
@@ -194,18 +200,24 @@ impl Qos {
             latched: None,
             max_borrowed: None,
             sealed: contract.sealed(),
+            deadline_ns: None,
+            lifespan_ns: None,
         };
+        let set = |Period(ns)| (ns > 0).then_some(ns);
         match contract {
             Contract::Publisher { offer, .. } => Self {
                 depth: offer.depth,
                 reliable: Some(offer.reliable),
                 latched: Some(offer.latched),
+                deadline_ns: set(offer.deadline),
+                lifespan_ns: set(offer.lifespan),
                 ..blank
             },
             Contract::Subscriber { demand, .. } => Self {
                 depth: demand.depth,
                 reliable: Some(demand.reliable),
                 max_borrowed: Some(demand.max_borrowed),
+                deadline_ns: set(demand.deadline),
                 ..blank
             },
             Contract::Server { qos, .. } | Contract::Client { qos, .. } => Self {
@@ -217,7 +229,7 @@ impl Qos {
     }
 }
 
-/// `depth 8, reliable, latched 1, sealed`
+/// `depth 8, reliable, latched 1, sealed, deadline 10ms`
 impl fmt::Display for Qos {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "depth {}", self.depth)?;
@@ -232,6 +244,12 @@ impl fmt::Display for Qos {
         }
         if self.sealed {
             f.write_str(", sealed")?;
+        }
+        if let Some(deadline) = self.deadline_ns {
+            write!(f, ", deadline {}", Period(deadline))?;
+        }
+        if let Some(lifespan) = self.lifespan_ns {
+            write!(f, ", lifespan {}", Period(lifespan))?;
         }
         Ok(())
     }

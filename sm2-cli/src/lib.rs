@@ -32,6 +32,7 @@ mod interrupt;
 mod limits;
 mod manual;
 mod messages;
+mod missed_deadlines;
 mod names;
 mod node;
 mod output;

@@ -175,7 +175,7 @@ pub struct Update<'a> {
     change: Change<'a, ENTRY_FIELDS>,
 }
 
-//= SM2-CNT-009
+//= SM2-CNT-010
 impl Update<'_> {
     /// Sending side: counts a message (or call) of `len_bytes` that was published `at` this time.
     #[inline]
@@ -202,6 +202,11 @@ impl Update<'_> {
         self.add(field::LOST, messages);
     }
 
+    /// Receiving side: counts messages that were older than their lifespan when the application would have taken them.
+    pub fn expired(&mut self, messages: u64) {
+        self.add(field::EXPIRED, messages);
+    }
+
     /// Sending side: the fates of the link's messages so far.
     #[inline]
     pub fn fates(&mut self, fates: &Counters) {
@@ -213,6 +218,7 @@ impl Update<'_> {
         self.set(field::CLOSED, fates.closed);
         self.set(field::POOL_LIMIT, fates.pool_limit);
         self.set(field::TOO_LONG, fates.too_long);
+        self.set(field::EXPIRED, fates.expired);
         self.set(field::IN_FLIGHT, fates.in_flight);
     }
 
@@ -229,6 +235,11 @@ impl Update<'_> {
     /// Publisher: counts a message that was published while no link was open.
     pub fn unheard(&mut self) {
         self.add(field::UNHEARD, 1);
+    }
+
+    /// Publisher, subscriber or its end of a link: counts periods of the deadline that passed without a message.
+    pub fn missed_deadlines(&mut self, periods: u64) {
+        self.add(field::MISSED_DEADLINES, periods);
     }
 
     /// End of a link: the time at which the node became short of memory on the link, or that it is not.

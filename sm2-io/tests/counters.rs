@@ -73,7 +73,7 @@ fn a_file_that_only_its_author_can_write() {
     assert_eq!(view.entries().count(), 0);
 }
 
-//= SM2-CNT-009 test
+//= SM2-CNT-010 test
 #[test]
 fn what_is_counted_is_seen() {
     let mut page = CounterPage::new().unwrap();
@@ -103,16 +103,19 @@ fn what_is_counted_is_seen() {
             closed: 4,
             pool_limit: 6,
             too_long: 7,
+            expired: 8,
             in_flight: 5,
         };
         update.fates(&fates);
         let short_since = (message % 2 == 1).then_some(at);
         update.short_since(short_since);
         update.unheard();
+        update.missed_deadlines(3);
         drop(update);
         let mut update = receiver.update();
         update.taken(at, Instant(at.0 - 100 + message), 20);
         update.lost(2);
+        update.expired(2);
         drop(update);
 
         let place = (message as usize - 1) % 32;
@@ -122,11 +125,13 @@ fn what_is_counted_is_seen() {
         sent.fates = fates;
         sent.short_since = short_since;
         sent.unheard += 1;
+        sent.missed_deadlines += 3;
         sent.recent_ns[place] = at.0;
         got.messages = message;
         got.bytes += 20;
         got.last = at;
         got.lost += 2;
+        got.fates.expired += 2;
         got.delay_sum_ns += 100 - message;
         got.delay_max_ns = 99;
         got.recent_ns[place] = 100 - message;
@@ -315,7 +320,7 @@ fn files_that_are_not_of_counters() {
     }
 }
 
-//= SM2-CNT-009 test
+//= SM2-CNT-010 test
 //= SM2-CNT-005 test
 #[test]
 fn entries_that_are_not_as_they_should_be() {

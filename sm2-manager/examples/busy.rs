@@ -23,7 +23,7 @@ use sm2_io::{SeqPacket, wait_readable};
 use sm2_manager::{Manager, Options, Policy};
 use sm2_proto::{
     Contract, Datagram, DemandedQos, FdFacts, InterfaceId, Machine, Name, NodeId, OfferedQos,
-    TypeId,
+    Period, TypeId,
     control::{ToManager, ToNode, decode_to_node, encode_to_manager},
     limits::DATAGRAM_MAX,
     manager::{self, Credentials, Input, Output},
@@ -372,6 +372,8 @@ fn publisher(topic: &str) -> Contract {
         reliable: false,
         latched: 0,
         sealed: false,
+        deadline: Period::NONE,
+        lifespan: Period::NONE,
     };
     let topic = text(topic);
     Contract::Publisher { topic, data, offer }
@@ -383,6 +385,7 @@ fn subscriber(topic: &str) -> Contract {
         reliable: false,
         max_borrowed: 2,
         sealed: false,
+        deadline: Period::NONE,
     };
     Contract::Subscriber {
         topic: text(topic),

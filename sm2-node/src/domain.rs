@@ -13,7 +13,8 @@ pub use sm2_proto::control::{Change, Item, Key, Limits, LinkPeer, PolicyProblem,
 use sm2_proto::domain::{Ask, Mirror, nearest, why};
 pub use sm2_proto::domain::{Domain, Finding, Near, Verdict};
 pub use sm2_proto::{
-    Contract, DemandedQos, EntityId, InterfaceId, Kind, LinkId, NodeId, OfferedQos, ServiceQos,
+    Contract, DemandedQos, EntityId, InterfaceId, Kind, LinkId, NodeId, OfferedQos, Period,
+    ServiceQos,
 };
 use sm2_proto::{Instant, TypeId};
 

@@ -30,4 +30,12 @@ pub enum Event {
         /// The number of messages.
         messages: u64,
     },
+    /// Periods of a deadline have passed without a message (SM2-QOS-009). As long as messages are missing, this event
+    /// comes at the end of each period.
+    DeadlineMissed {
+        /// At a subscriber, the publisher whose messages are missing. `None` at a publisher: it has published nothing.
+        peer: Option<Arc<LinkPeer>>,
+        /// The number of periods since the last event.
+        periods: u64,
+    },
 }

@@ -142,7 +142,7 @@ impl<T: Message + ?Sized> Publisher<T> {
     }
 
     /// Returns the fates of all messages, summed over all current and past links: `offered = delivered +
-    /// overwritten + discarded + deadline + closed + pool_limit + in_flight` (SM2-QOS-007).
+    /// overwritten + discarded + deadline + closed + pool_limit + too_long + expired + in_flight` (SM2-QOS-011).
     pub fn counters(&self) -> Counters {
         self.core
             .handle
@@ -152,6 +152,11 @@ impl<T: Message + ?Sized> Publisher<T> {
     /// Returns how many messages were published while no subscriber was linked.
     pub fn unheard(&self) -> u64 {
         (self.core.handle).with_driven(|interface, _| interface.unheard)
+    }
+
+    /// Returns how many periods of the [deadline](PublisherBuilder::deadline) have passed without a message.
+    pub fn missed_deadlines(&self) -> u64 {
+        (self.core.handle).with_driven(|interface, _| interface.missed_deadlines())
     }
 
     /// Returns the size of the shared memory for its messages, in bytes. Pages that were never written occupy

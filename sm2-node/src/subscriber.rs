@@ -4,7 +4,7 @@ use std::marker::PhantomData;
 use std::sync::Arc;
 use std::time::Duration;
 
-use sm2_proto::{Contract, DemandedQos, Kind, TypeId};
+use sm2_proto::{Contract, DemandedQos, Kind, Period, TypeId};
 
 use crate::driver::{PoolLimit, SharedNode, Until};
 use crate::handle::Handle;
@@ -172,6 +172,12 @@ impl<T: Message + ?Sized> Subscriber<T> {
     pub fn lost(&self) -> u64 {
         self.handle.with_driven(|interface, _| interface.lost)
     }
+
+    /// Returns how many periods of the [deadline](SubscriberBuilder::deadline) have passed without a message, of all
+    /// publishers together.
+    pub fn missed_deadlines(&self) -> u64 {
+        (self.handle).with_driven(|interface, _| interface.missed_deadlines())
+    }
 }
 
 /// The quality of service of a subscriber.
@@ -195,6 +201,7 @@ impl<T: Message + ?Sized> SubscriberBuilder<T> {
                 reliable: false,
                 max_borrowed: 4,
                 sealed: false,
+                deadline: Period::NONE,
             },
             receives: PhantomData,
         }
@@ -221,6 +228,16 @@ impl<T: Message + ?Sized> SubscriberBuilder<T> {
     /// then need the fewest slots. Drop each sample before you take the next one.
     pub const fn max_borrowed(mut self, messages: u16) -> Self {
         self.demand.max_borrowed = messages;
+        self
+    }
+
+    /// Demands a message of each publisher at least once in each `period`; no demand by default. Matches only
+    /// publishers that offer a [deadline](crate::PublisherBuilder::deadline) of at most `period`.
+    ///
+    /// The first period of a publisher begins when its link opens. Each period that passes without a message counts
+    /// as [missed](Subscriber::missed_deadlines) and is an [event](crate::Event::DeadlineMissed) (SM2-QOS-009).
+    pub const fn deadline(mut self, period: Duration) -> Self {
+        self.demand.deadline = Period::new(period);
         self
     }
 

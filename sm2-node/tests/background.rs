@@ -129,15 +129,19 @@ fn an_idle_subscriber_learns_that_its_publisher_is_gone() {
     }
 }
 
-/// Calls handle the messages, so the thread sleeps through them.
+/// Calls handle the messages, and a message does not touch the timer of deadlines, so the thread sleeps through them.
+//= SM2-QOS-009 test
 #[test]
 fn messages_do_not_wake_the_thread() {
     for ring in LANES {
         let domain = Domain::new();
         let talker = domain.busy_node(ring, "quiet-talker");
-        let publisher = talker.publisher::<[u8]>("topic").unwrap();
+        let hour = Duration::from_secs(3_600);
+        let publisher = talker.publisher_builder::<[u8]>("topic").deadline(hour);
+        let publisher = publisher.declare().unwrap();
         let listener = domain.busy_node(ring, "quiet-hearer");
-        let subscriber = listener.subscriber::<[u8]>("topic").unwrap();
+        let subscriber = listener.subscriber_builder::<[u8]>("topic");
+        let subscriber = subscriber.deadline(hour).declare().unwrap();
         publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
         subscriber.wait_for_publishers_timeout(1, SOON).unwrap();
         until(|| threads("sm2:quiet-heare").len() == 1);

@@ -14,7 +14,7 @@ use nix::sys::memfd::{MFdFlags, memfd_create};
 use sm2_io::fault::{Call, Injector};
 use sm2_io::{Listener, RecvError, SeqPacket, wait_readable};
 use sm2_node::diagnostics::End;
-use sm2_node::domain::DemandedQos;
+use sm2_node::domain::{DemandedQos, Period};
 use sm2_node::{DeclareError, Publisher, Subscriber};
 use sm2_proto::{Contract, Seals, ViolationKind, violation};
 
@@ -125,6 +125,7 @@ fn a_subscriber_that_breaks_the_protocol_loses_its_link_alone() {
             reliable: false,
             max_borrowed: 1,
             sealed: false,
+            deadline: Period::NONE,
         },
     };
     let raw = Raw::declare(&domain, "raw", &contract);
@@ -141,7 +142,7 @@ fn a_subscriber_that_breaks_the_protocol_loses_its_link_alone() {
     let ended = &links[0];
     assert_eq!(
         ended.end,
-        Some(End::Violation(violation!(BadRelease, "SM2-MSG-004")))
+        Some(End::Violation(violation!(BadRelease, "SM2-MSG-006")))
     );
     assert_eq!(ended.peer.name.as_str(), "raw");
     assert_eq!((ended.counters.offered, ended.counters.closed), (1, 1));

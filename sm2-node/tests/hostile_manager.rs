@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use common::{SOON, until};
 use sm2_io::{Listener, RecvError, SeqPacket, wait_readable};
-use sm2_node::domain::{Contract, DemandedQos, InterfaceId, LinkId, LinkPeer, NodeId};
+use sm2_node::domain::{Contract, DemandedQos, InterfaceId, LinkId, LinkPeer, NodeId, Period};
 use sm2_node::{CallError, ConnectError, Name, Node, Publisher};
 use sm2_proto::control::{Changes, Page, ToManager, ToNode, decode_to_manager, encode_to_node};
 use sm2_proto::{Datagram, Farewell, FdFacts, LinkKey, Refusal, Seals, violation};
@@ -202,6 +202,7 @@ fn link() -> ToNode {
         reliable: false,
         max_borrowed: 4,
         sealed: false,
+        deadline: Period::NONE,
     };
     ToNode::Link {
         interface: INTERFACE,

@@ -82,7 +82,7 @@ fn take_while_driving(subscriber: &Subscriber<[u8]>, node: &Node) -> Sample<[u8]
 }
 
 //= SM2-QOS-001 test
-//= SM2-QOS-007 test
+//= SM2-QOS-011 test
 #[test]
 fn a_subscriber_that_never_reads_costs_only_itself_and_every_loss_is_counted() {
     let domain = Domain::new();

@@ -15,7 +15,7 @@ use std::fmt::{self, Debug, Display, Formatter};
 
 use sm2_proto::{
     Contract, Datagram, DemandedQos, Farewell, FdFacts, Instant, InterfaceId, LinkQos, Machine,
-    Name, NodeId, OfferedQos, TypeId, Violation,
+    Name, NodeId, OfferedQos, Period, TypeId, Violation,
     control::{decode_to_manager, decode_to_node},
     link::{
         self, Body, Config, Link, NoMemory, OutboundMessage, Payload, Role, Status, wire::Frame,
@@ -111,6 +111,8 @@ impl World {
                 reliable: false,
                 latched: 0,
                 sealed: false,
+                deadline: Period::NONE,
+                lifespan: Period::NONE,
             },
         };
         let subscriber = Contract::Subscriber {
@@ -121,6 +123,7 @@ impl World {
                 reliable: false,
                 max_borrowed: 2,
                 sealed: false,
+                deadline: Period::NONE,
             },
         };
         let program = |text, contract| Program {

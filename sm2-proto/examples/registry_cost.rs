@@ -9,7 +9,7 @@ use std::time::{Duration, Instant as Clock};
 
 use sm2_proto::{
     Code, Contract, Datagram, DemandedQos, Instant, InterfaceId, LinkId, Machine, Name, NodeId,
-    OfferedQos, TypeId,
+    OfferedQos, Period, TypeId,
     control::{ToManager, encode_to_manager},
     manager::{Credentials, Input, Manager, Output, Policy},
 };
@@ -90,6 +90,8 @@ impl Domain {
                 reliable: true,
                 latched: 0,
                 sealed: false,
+                deadline: Period::NONE,
+                lifespan: Period::NONE,
             };
             domain.send(
                 NodeId(at / PER_SESSION + 1),
@@ -114,6 +116,7 @@ impl Domain {
             reliable: true,
             max_borrowed: 2,
             sealed: false,
+            deadline: Period::NONE,
         };
         let declare = ToManager::Declare {
             interface,

@@ -4,7 +4,7 @@ use core::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Name, limits::QOS_MAX};
+use crate::{Name, Period, limits::QOS_MAX};
 
 /// A message type: its name and the hash of its schema.
 //= SM2-NAM-003
@@ -33,6 +33,10 @@ pub struct OfferedQos {
     pub latched: u16,
     /// Whether the publisher sends every message sealed.
     pub sealed: bool,
+    /// The longest time between two messages.
+    pub deadline: Period,
+    /// The age at which a message is not delivered any more.
+    pub lifespan: Period,
 }
 
 /// The QoS that a subscriber demands.
@@ -46,6 +50,8 @@ pub struct DemandedQos {
     pub max_borrowed: u16,
     /// Whether the subscriber takes sealed messages only.
     pub sealed: bool,
+    /// The longest time between two messages of a publisher.
+    pub deadline: Period,
 }
 
 /// The QoS that a server or client demands of its links.
@@ -186,6 +192,25 @@ impl Contract {
             Self::Publisher { offer, .. } => offer.sealed,
             Self::Subscriber { demand, .. } => demand.sealed,
             Self::Server { qos, .. } | Self::Client { qos, .. } => qos.sealed,
+        }
+    }
+
+    /// The deadline that a publisher offers or a subscriber demands. Servers and clients have none.
+    #[must_use]
+    pub const fn deadline(&self) -> Period {
+        match self {
+            Self::Publisher { offer, .. } => offer.deadline,
+            Self::Subscriber { demand, .. } => demand.deadline,
+            Self::Server { .. } | Self::Client { .. } => Period::NONE,
+        }
+    }
+
+    /// The lifespan of the messages that a publisher sends. All others have none.
+    #[must_use]
+    pub const fn lifespan(&self) -> Period {
+        match self {
+            Self::Publisher { offer, .. } => offer.lifespan,
+            Self::Subscriber { .. } | Self::Server { .. } | Self::Client { .. } => Period::NONE,
         }
     }
 

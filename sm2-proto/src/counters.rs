@@ -31,8 +31,8 @@ pub const MAX_ENTRIES: u32 = (MAX_FILE_BYTES / ENTRY_BYTES) as u32 - 1;
 /// The number of messages that an entry remembers one by one.
 pub const RECENT: usize = 32;
 
-/// The positions of an entry's fields (SM2-CNT-009).
-//= SM2-CNT-009
+/// The positions of an entry's fields (SM2-CNT-010).
+//= SM2-CNT-010
 #[allow(missing_docs, reason = "the fields of Entry say what they are")]
 pub mod field {
     /// 0: not in use; odd: being written; even: grows with each change (SM2-CNT-005).
@@ -60,8 +60,11 @@ pub mod field {
     pub const SHORT_SINCE: usize = 20;
     /// Messages that were published while no link was open.
     pub const UNHEARD: usize = 21;
+    /// Periods of the deadline that passed without a message.
+    pub const MISSED_DEADLINES: usize = 22;
+    pub const EXPIRED: usize = 23;
     /// The first of the fields that are zero, up to [`RECENT`].
-    pub const RESERVED: usize = 22;
+    pub const RESERVED: usize = 24;
     /// The first of [`super::RECENT`] fields.
     pub const RECENT: usize = 32;
 }
@@ -98,7 +101,7 @@ pub const fn header(entries: u32) -> [u64; ENTRY_FIELDS] {
 
 /// The index of message number `message` (the first is 1) among the recent ones.
 #[must_use]
-//= SM2-CNT-009
+//= SM2-CNT-010
 pub const fn recent_index(message: u64) -> usize {
     (message.wrapping_sub(1) % RECENT as u64) as usize
 }
@@ -118,7 +121,7 @@ pub struct Entry {
     pub last: Instant,
     /// Messages that were lost before the application saw them.
     pub lost: u64,
-    /// The fates of the messages on the sending side of a link; zeros elsewhere.
+    /// The fates of the messages on the sending side of a link. On the receiving side, the messages that have expired.
     pub fates: Counters,
     /// The sum of the delays from publication to taking, on the receiving side.
     pub delay_sum_ns: u64,
@@ -128,6 +131,8 @@ pub struct Entry {
     pub short_since: Option<Instant>,
     /// Messages of a publisher that were published while none of its links was open.
     pub unheard: u64,
+    /// Periods of the deadline that passed without a message, of a publisher, a subscriber or its end of a link.
+    pub missed_deadlines: u64,
     /// The last messages, by [`recent_index`]: a sending side notes the time of each publication, a
     /// receiving side its delay. See [`recent`](Self::recent).
     pub recent_ns: [u64; RECENT],
@@ -147,16 +152,17 @@ impl Default for Entry {
             delay_max_ns: 0,
             short_since: None,
             unheard: 0,
+            missed_deadlines: 0,
             recent_ns: [0; RECENT],
         }
     }
 }
 
 impl Entry {
-    /// Reads an entry. `None` if the entry is not in use, is being written, or breaks SM2-CNT-009:
+    /// Reads an entry. `None` if the entry is not in use, is being written, or breaks SM2-CNT-010:
     /// a kind that is unknown, an interface with a link, or a reserved field that is not zero.
     #[must_use]
-    //= SM2-CNT-009
+    //= SM2-CNT-010
     pub fn from_words(words: &[u64; ENTRY_FIELDS]) -> Option<Self> {
         let turn = words[field::TURN];
         if turn == 0
@@ -198,6 +204,7 @@ impl Entry {
                 closed: words[field::CLOSED],
                 pool_limit: words[field::POOL_LIMIT],
                 too_long: words[field::TOO_LONG],
+                expired: words[field::EXPIRED],
                 in_flight: words[field::IN_FLIGHT],
             },
             delay_sum_ns: words[field::DELAY_SUM],
@@ -207,13 +214,14 @@ impl Entry {
                 since => Some(Instant(since)),
             },
             unheard: words[field::UNHEARD],
+            missed_deadlines: words[field::MISSED_DEADLINES],
             recent_ns,
         })
     }
 
     /// The fields of this entry, with that [`TURN`](field::TURN).
     #[must_use]
-    //= SM2-CNT-009
+    //= SM2-CNT-010
     pub fn to_words(&self, turn: u64) -> [u64; ENTRY_FIELDS] {
         let mut words = [0; ENTRY_FIELDS];
         words[field::TURN] = turn;
@@ -237,17 +245,19 @@ impl Entry {
         words[field::IN_FLIGHT] = self.fates.in_flight;
         words[field::POOL_LIMIT] = self.fates.pool_limit;
         words[field::TOO_LONG] = self.fates.too_long;
+        words[field::EXPIRED] = self.fates.expired;
         words[field::DELAY_SUM] = self.delay_sum_ns;
         words[field::DELAY_MAX] = self.delay_max_ns;
         words[field::SHORT_SINCE] = self.short_since.map_or(0, |since| since.0);
         words[field::UNHEARD] = self.unheard;
+        words[field::MISSED_DEADLINES] = self.missed_deadlines;
         words[field::RECENT..].copy_from_slice(&self.recent_ns);
         words
     }
 
     /// The notes of at most [`RECENT`] last messages, the oldest first: times of publication on a
     /// sending side, delays on a receiving side.
-    //= SM2-CNT-009
+    //= SM2-CNT-010
     pub fn recent(&self) -> impl ExactSizeIterator<Item = u64> + Clone + '_ {
         let noted = self.messages.min(RECENT as u64);
         let oldest = self.messages - noted;

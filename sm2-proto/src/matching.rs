@@ -22,10 +22,12 @@ pub enum Mismatch {
     Type,
     /// The subscriber demands reliability, which the publisher does not offer.
     Reliability,
+    /// The subscriber demands a deadline, and the publisher offers none or a longer one.
+    Deadline,
 }
 
 /// Checks whether two interfaces match. Returns the QoS that the two sides alone ask for.
-//= SM2-MAT-001, SM2-MAT-003
+//= SM2-MAT-004, SM2-MAT-003
 pub fn match_contracts(one: &Contract, other: &Contract) -> Result<LinkQos, Mismatch> {
     if one.kind().counterpart() != other.kind() {
         return Err(Mismatch::Kind);
@@ -41,7 +43,13 @@ pub fn match_contracts(one: &Contract, other: &Contract) -> Result<LinkQos, Mism
     let reliable = match (one, other) {
         (Contract::Publisher { offer, .. }, Contract::Subscriber { demand, .. })
         | (Contract::Subscriber { demand, .. }, Contract::Publisher { offer, .. }) => {
-            reliability(offer.reliable, demand.reliable).ok_or(Mismatch::Reliability)?
+            if demand.reliable && !offer.reliable {
+                return Err(Mismatch::Reliability);
+            }
+            if !offer.deadline.fulfils(demand.deadline) {
+                return Err(Mismatch::Deadline);
+            }
+            demand.reliable
         }
         _ => true,
     };
@@ -49,14 +57,6 @@ pub fn match_contracts(one: &Contract, other: &Contract) -> Result<LinkQos, Mism
         reliable,
         sealed: one.sealed() || other.sealed(),
     })
-}
-
-/// The reliability of a link; `None` if the demand exceeds the offer.
-const fn reliability(offered: bool, demanded: bool) -> Option<bool> {
-    match (offered, demanded) {
-        (false, true) => None,
-        (_, demanded) => Some(demanded),
-    }
 }
 
 /// The types that an interface states: one for a topic, two for a service.

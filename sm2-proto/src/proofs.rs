@@ -6,8 +6,8 @@
 use core::time::Duration;
 
 use crate::{
-    Code, Contract, Datagram, DemandedQos, Farewell, FdFacts, Instant, Name, OfferedQos, Seals,
-    ServiceQos, TypeId, ViolationKind,
+    Code, Contract, Datagram, DemandedQos, Farewell, FdFacts, Instant, Mismatch, Name, OfferedQos,
+    Period, Seals, ServiceQos, TypeId, ViolationKind,
     counters::{
         ENTRY_BYTES, ENTRY_FIELDS, Entry, MAX_ENTRIES, MAX_FILE_BYTES, RECENT, Summary, entries_in,
         field, recent_index,
@@ -47,6 +47,7 @@ pub(crate) fn subscriber() -> Contract {
             reliable: false,
             max_borrowed: 1,
             sealed: false,
+            deadline: Period::NONE,
         },
     }
 }
@@ -68,6 +69,8 @@ fn contract(depth: u16, max_borrowed: u16) -> Contract {
                 reliable,
                 latched: max_borrowed,
                 sealed,
+                deadline: Period::NONE,
+                lifespan: Period::NONE,
             },
         },
         (true, false) => Contract::Subscriber {
@@ -78,6 +81,7 @@ fn contract(depth: u16, max_borrowed: u16) -> Contract {
                 reliable,
                 max_borrowed,
                 sealed,
+                deadline: Period::NONE,
             },
         },
         (false, true) => Contract::Server {
@@ -94,7 +98,7 @@ fn contract(depth: u16, max_borrowed: u16) -> Contract {
     }
 }
 
-//= SM2-MAT-001, SM2-MAT-003 kani
+//= SM2-MAT-004, SM2-MAT-003 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(4))]
 fn matching_is_symmetric() {
@@ -112,6 +116,44 @@ fn matching_is_symmetric() {
         kani::cover!(terms.reliable && terms.sealed, "reliable and sealed");
         kani::cover!(other.types().is_none(), "takes any type");
     }
+}
+
+/// Two interfaces that match but for their deadlines match if the offer is there and not longer.
+//= SM2-MAT-004, SM2-QOS-009 kani
+#[cfg_attr(kani, kani::proof)]
+#[cfg_attr(kani, kani::unwind(4))]
+fn deadlines_decide_a_match() {
+    let (offered, demanded): (u64, u64) = kani::any();
+    let publisher = Contract::Publisher {
+        topic: name(true),
+        data: type_id(true),
+        offer: OfferedQos {
+            depth: 1,
+            reliable: false,
+            latched: 0,
+            sealed: false,
+            deadline: Period(offered),
+            lifespan: Period::NONE,
+        },
+    };
+    let mut subscriber = subscriber();
+    if let Contract::Subscriber { demand, .. } = &mut subscriber {
+        demand.deadline = Period(demanded);
+    }
+    let found = match_contracts(&publisher, &subscriber);
+    assert_eq!(found, match_contracts(&subscriber, &publisher));
+    assert_eq!(
+        found.is_ok(),
+        demanded == 0 || (1..=demanded).contains(&offered)
+    );
+    kani::cover!(
+        found.is_ok() && demanded > 0 && offered < demanded,
+        "a shorter offer"
+    );
+    kani::cover!(
+        found == Err(Mismatch::Deadline) && offered > 0,
+        "a longer offer"
+    );
 }
 
 //= SM2-OPN-003, SM2-FRM-003 kani
@@ -150,7 +192,7 @@ fn counter_files_are_whole() {
     kani::cover!(in_range && !whole, "half an entry");
 }
 
-//= SM2-CNT-009 kani
+//= SM2-CNT-010 kani
 #[cfg_attr(kani, kani::proof)]
 fn recent_messages_follow_each_other() {
     let message = kani::any_where(|message: &u64| *message < u64::MAX);
@@ -161,7 +203,7 @@ fn recent_messages_follow_each_other() {
     kani::cover!(next == 0 && message > 0, "begins again");
 }
 
-//= SM2-CNT-009 kani
+//= SM2-CNT-010 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(66))]
 fn counter_entries_are_canonical() {
@@ -281,7 +323,7 @@ fn seals_are_all_needed() {
 }
 
 /// No count of messages, time or delay in a stranger's file makes a reader overflow or panic.
-//= SM2-CNT-009, SM2-CNT-005 kani
+//= SM2-CNT-010, SM2-CNT-005 kani
 #[cfg_attr(kani, kani::proof)]
 // 32 recent messages.
 #[cfg_attr(kani, kani::unwind(34))]
@@ -311,7 +353,7 @@ fn a_strangers_counters_can_be_read() {
 }
 
 /// Mean and deviation of any three durations are in their range.
-//= SM2-CNT-009 kani
+//= SM2-CNT-010 kani
 #[cfg_attr(kani, kani::proof)]
 // Three durations; the root of 128 bits takes 64 steps.
 #[cfg_attr(kani, kani::unwind(66))]
@@ -336,6 +378,7 @@ fn summaries_are_in_range() {
 #[cfg(test)]
 kani::explored! {
     matching_is_symmetric: 2,
+    deadlines_decide_a_match: 2,
     legal_contracts_have_legal_windows: 2,
     counter_files_are_whole: 2,
     recent_messages_follow_each_other: 1,

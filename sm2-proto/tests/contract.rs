@@ -6,8 +6,8 @@ use std::{
 };
 
 use sm2_proto::{
-    Code, Contract, Datagram, DemandedQos, Error, Instant, LinkId, Machine, Name, NodeId, TypeId,
-    VERSION,
+    Code, Contract, Datagram, DemandedQos, Error, Instant, LinkId, Machine, Name, NodeId, Period,
+    TypeId, VERSION,
     gateway::{
         Action, GatewayId, Hop, OfferId, Pattern, Rule, Rules, Subject,
         discovery::{self, Discovery},
@@ -95,6 +95,7 @@ fn link() -> Link {
             reliable: false,
             max_borrowed: 1,
             sealed: false,
+            deadline: Period::NONE,
         },
     };
     let config = link::Config::new(&contract, LINK, VERSION, false, false);

@@ -14,6 +14,7 @@ use support::{
     cases,
     contracts::{
         client, data, name, publisher, publisher_with, scan, server, subscriber, subscriber_with,
+        with_deadline,
     },
     items::{
         LIDAR, LINK, PLANNER, at, domain, entities, interface, items, link, node, refusal, sub,
@@ -108,9 +109,9 @@ fn who_is_not_there() {
     assert_eq!(party(at(9, 4)), "interface 4 of node 9");
 }
 
-//= SM2-MAT-001 test
+//= SM2-MAT-004 test
 #[test]
-fn kinds_and_reliability() {
+fn kinds_reliability_and_deadlines() {
     assert_eq!(
         text(&scan(), &scan(), &[]),
         "lidar's publisher of scan and planner's publisher of scan are both publishers.\n\
@@ -130,6 +131,19 @@ fn kinds_and_reliability() {
         "planner's subscriber of scan demands reliability, which lidar's publisher of scan does \
          not offer.\nMake the publisher reliable, or the subscriber best-effort."
     );
+    let said = |offered, demanded| {
+        let publisher = with_deadline(scan(), offered);
+        text(&publisher, &with_deadline(sub(), demanded), &[])
+    };
+    assert_eq!(
+        said(0, 10_000_000),
+        "planner's subscriber of scan demands a deadline of 10ms, and lidar's publisher of scan offers no \
+         deadline.\nLet the publisher offer a deadline of at most 10ms, or the subscriber demand a longer one."
+    );
+    assert!(
+        said(10_000_001, 10_000_000).contains("lidar's publisher of scan offers 10.000001ms.\n")
+    );
+    assert!(said(10_000_000, 10_000_000).contains(" match, "));
 }
 
 #[test]
@@ -431,7 +445,7 @@ proptest! {
 
     /// A verdict says *matches* of exactly those pairs that match, whichever interface is named
     /// first, and has a text for each finding.
-    //= SM2-MAT-001 test
+    //= SM2-MAT-004 test
     #[test]
     fn why_agrees_with_the_rule(items in vec(items(), 0..40), one in entities(), other in entities()) {
         let mut domain = Domain::new();

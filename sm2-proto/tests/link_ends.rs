@@ -4,8 +4,8 @@ mod link_support;
 
 use link_support::*;
 use sm2_proto::{
-    Code, Contract, Datagram, DemandedQos, Farewell, LinkId, Machine, Name, OfferedQos, ServiceQos,
-    TypeId,
+    Code, Contract, Datagram, DemandedQos, Farewell, LinkId, Machine, Name, OfferedQos, Period,
+    ServiceQos, TypeId,
     limits::QOS_MAX,
     link::{
         Config, End, Error, Fate, Input, Link, MaxLen, Misuse, NoMemory, Output, Role,
@@ -189,8 +189,8 @@ fn roles_have_their_inputs() {
     }
 }
 
-#[test]
-fn a_link_is_what_the_contract_says() {
+/// A publisher, a subscriber, a client and a server.
+fn contracts() -> [Contract; 4] {
     let name = |name: &str| Name::new(name).unwrap();
     let data = TypeId {
         name: name("bytes"),
@@ -201,12 +201,15 @@ fn a_link_is_what_the_contract_says() {
         reliable: true,
         latched: 3,
         sealed: false,
+        deadline: Period(11),
+        lifespan: Period(12),
     };
     let demand = DemandedQos {
         depth: 8,
         reliable: true,
         max_borrowed: 4,
         sealed: false,
+        deadline: Period(13),
     };
     let qos = ServiceQos {
         depth: 9,
@@ -214,7 +217,7 @@ fn a_link_is_what_the_contract_says() {
         sealed: false,
     };
     let (request, reply) = (data.clone(), data.clone());
-    let contracts = [
+    [
         Contract::Publisher {
             topic: name("t"),
             data: data.clone(),
@@ -236,28 +239,38 @@ fn a_link_is_what_the_contract_says() {
             reply,
             qos,
         },
-    ];
-    let expected = [(7, 1), (8, 4), (9, 2), (9, 2)];
-    for ((contract, role), (depth, max_borrowed)) in contracts.iter().zip(Role::ALL).zip(expected) {
+    ]
+}
+
+#[test]
+fn a_link_is_what_the_contract_says() {
+    let contracts = contracts();
+    let expected = [(7, 1, 11, 12), (8, 4, 13, 0), (9, 2, 0, 0), (9, 2, 0, 0)];
+    for ((contract, role), expected) in contracts.iter().zip(Role::ALL).zip(expected) {
+        let (depth, max_borrowed, deadline, lifespan) = expected;
         let id = LinkId {
             epoch: 1,
             serial: 2,
         };
         let config = Config::new(contract, id, 1, true, true);
-        let reliable = true;
         let same = Config {
             id,
             version: 1,
             role,
-            reliable,
+            reliable: true,
             sealed: true,
             ring: false,
             depth,
             max_borrowed,
             max_len: MaxLen::DEFAULT,
+            deadline: Period(deadline),
+            lifespan: Period(lifespan),
         };
         assert_eq!(config, same);
         assert_eq!(config.window(), contract.window());
+        // A receiver learns the lifespan of its messages from the publisher.
+        let of_peer = Period(if role == Role::Receiver { 12 } else { lifespan });
+        assert_eq!(config.with_peer(&contracts[0]).lifespan, of_peer);
     }
 }
 

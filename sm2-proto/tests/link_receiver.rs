@@ -35,7 +35,7 @@ fn discarded(sequences: &[u64]) -> Vec<u8> {
     release(sm2_proto::link::wire::Given::Discarded, sequences)
 }
 
-//= SM2-MSG-004, SM2-MSG-005 test
+//= SM2-MSG-006, SM2-MSG-005 test
 #[test]
 fn the_application_takes_the_oldest_and_holds_no_more_than_it_may() {
     let mut link = opened(reliable(Role::Receiver));
@@ -65,7 +65,7 @@ fn only_what_is_held_can_be_given_back() {
     assert_eq!(give_back(&mut link, 1), not_borrowed, "twice");
 }
 
-//= SM2-QOS-001, SM2-MSG-004 test
+//= SM2-QOS-001, SM2-MSG-006 test
 #[test]
 fn one_more_than_depth_displaces_the_oldest() {
     let mut link = opened(config(Role::Receiver));
@@ -125,7 +125,7 @@ fn what_is_displaced_before_anything_was_taken_is_lost() {
 }
 
 /// One RELEASE holds at most 512 sequence numbers, ascending, all with one fate.
-//= SM2-MSG-004 test
+//= SM2-MSG-006 test
 #[test]
 fn releases_are_batched() {
     let config = Config {

@@ -112,7 +112,7 @@ fn no_more_than_the_window_is_unreleased() {
     assert_eq!(link.in_flight(), 4);
 }
 
-//= SM2-QOS-001, SM2-QOS-007 test
+//= SM2-QOS-001, SM2-QOS-011 test
 #[test]
 fn keep_last_displaces_the_oldest_that_waits() {
     let mut link = opened(config(Role::Sender));
@@ -141,7 +141,7 @@ fn keep_last_displaces_the_oldest_that_waits() {
     assert_eq!(link.counters(), expected);
 }
 
-//= SM2-QOS-007, SM2-QOS-006 test
+//= SM2-QOS-011, SM2-QOS-006 test
 #[test]
 fn a_publication_that_the_pool_limit_drops_is_counted_until_a_release() {
     let mut link = opened(config(Role::Sender));
@@ -198,7 +198,7 @@ fn a_blocked_socket_displaces_only_what_the_window_does_not_admit() {
     assert_eq!(numbers(&drain(&mut link)), [(1, 1), (2, 2), (3, 3)]);
 }
 
-//= SM2-QOS-002, SM2-QOS-007 test
+//= SM2-QOS-002, SM2-QOS-011 test
 #[test]
 fn reliable_waits_for_room_or_skips() {
     let mut link = opened(reliable(Role::Sender));
@@ -226,7 +226,7 @@ fn reliable_waits_for_room_or_skips() {
     assert_eq!(link.counters(), expected);
 }
 
-//= SM2-MSG-004 test
+//= SM2-MSG-006 test
 #[test]
 fn an_illegal_release_settles_nothing_of_it() {
     for named in [&[1, 4][..], &[2, 1], &[1, 1], &[0, 1], &[]] {
@@ -240,7 +240,7 @@ fn an_illegal_release_settles_nothing_of_it() {
     }
 }
 
-//= SM2-MSG-004 test
+//= SM2-MSG-006 test
 #[test]
 fn release_names_at_most_512() {
     for (count, legal) in [(512, true), (513, false)] {
@@ -413,7 +413,7 @@ fn a_sealed_link_sends_no_pooled_message() {
 }
 
 /// A hostile peer cannot release a message that still waits for the window or the socket.
-//= SM2-MSG-003, SM2-MSG-004 test
+//= SM2-MSG-003, SM2-MSG-006 test
 #[test]
 fn what_was_not_sent_cannot_be_released() {
     let mut link = opened(config(Role::Sender));

@@ -24,7 +24,7 @@ use std::collections::BTreeSet;
 use link_support::{NOW, drain, message, offer, sent};
 use serde_json::{Map, Value, json};
 use sm2_proto::{
-    Code, Datagram, FdFacts, LinkId, Machine, Seals, ViolationKind,
+    Code, Datagram, FdFacts, LinkId, Machine, Period, Seals, ViolationKind,
     link::{
         Config, End, Error, FrameKind, Input, Link, MaxLen, Role, SegmentInfo, Status,
         wire::{Form, Frame, Given, MessageFrame},
@@ -152,6 +152,8 @@ fn config(vector: &Value) -> Config {
         max_len: (vector.get("max_len")).map_or(MaxLen::DEFAULT, |it| {
             MaxLen::from_bytes(1_024 * it.as_u64().unwrap())
         }),
+        deadline: Period::NONE,
+        lifespan: Period(vector.get("lifespan").map_or(0, |it| it.as_u64().unwrap())),
     }
 }
 
@@ -230,7 +232,7 @@ fn meaning(frame: &Frame<'_>) -> Map<String, Value> {
         Frame::Detach { segment } => json!({ "segment": segment }),
         Frame::Message(message) => of_message(message),
         Frame::Release { given, .. } => json!({
-            "fate": match given { Given::Consumed => "consumed", Given::Discarded => "discarded" },
+            "fate": fate(*given),
             "sequences": frame.sequences().collect::<Vec<_>>(),
         }),
         Frame::Cancel { call } => json!({ "id": call }),
@@ -304,4 +306,12 @@ fn unhex(text: &Value) -> Vec<u8> {
 
 fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+const fn fate(given: Given) -> &'static str {
+    match given {
+        Given::Consumed => "consumed",
+        Given::Discarded => "discarded",
+        Given::Expired => "expired",
+    }
 }

@@ -88,9 +88,9 @@ fn datagram_rows() -> Vec<Row> {
             &[],
         ),
         raw(
-            violation!(Malformed, "SM2-MSG-004"),
+            violation!(Malformed, "SM2-MSG-006"),
             sender(),
-            &[7, 2, 0, 0, 0, 0, 0, 0],
+            &[7, 3, 0, 0, 0, 0, 0, 0],
             &[],
         ),
         raw(
@@ -179,7 +179,7 @@ fn flow_rows() -> Vec<Row> {
             &data(4, 4),
         ),
         row(
-            violation!(BadRelease, "SM2-MSG-004"),
+            violation!(BadRelease, "SM2-MSG-006"),
             sender(),
             &Frame::Release {
                 given: Given::Consumed,
@@ -187,6 +187,7 @@ fn flow_rows() -> Vec<Row> {
                 rest: &[],
             },
         ),
+        expired_row(),
         row(
             violation!(UnknownSegment, "SM2-PAY-002"),
             receiver(),
@@ -219,6 +220,19 @@ fn flow_rows() -> Vec<Row> {
         ),
         too_long_row(),
     ]
+}
+
+/// A message without a lifespan cannot expire.
+fn expired_row() -> Row {
+    row(
+        violation!(BadRelease, "SM2-QOS-010"),
+        sender(),
+        &Frame::Release {
+            given: Given::Expired,
+            count: 0,
+            rest: &[],
+        },
+    )
 }
 
 fn too_long_row() -> Row {

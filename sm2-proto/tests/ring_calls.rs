@@ -111,7 +111,7 @@ fn a_call_and_its_reply() {
 }
 
 /// A call or reply without room waits at its sender, is counted, and is sent once there is room.
-//= SM2-RNG-015, SM2-QOS-007 test
+//= SM2-RNG-015, SM2-QOS-011 test
 #[test]
 fn calls_and_replies_that_wait_for_room() {
     let mut pair = pair();

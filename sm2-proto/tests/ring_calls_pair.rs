@@ -331,7 +331,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 600, ..ProptestConfig::default() })]
 
     /// Checks CALL-RING and CALL-CANCEL.
-    //= SM2-RNG-014, SM2-RNG-008, SM2-RNG-015, SM2-RNG-010, SM2-RNG-011, SM2-RNG-012 test
+    //= SM2-RNG-014, SM2-RNG-016, SM2-RNG-015, SM2-RNG-010, SM2-RNG-011, SM2-RNG-012 test
     //= SM2-SRV-003, SM2-SRV-005, SM2-OPN-008 test
     #[test]
     fn ring_calls_pair(

@@ -156,7 +156,7 @@ impl RingMemory for Between<'_> {
 }
 
 /// The call whose word was overwritten fails like all others, and each call fails once.
-//= SM2-RNG-008, SM2-SRV-005 test
+//= SM2-RNG-016, SM2-SRV-005 test
 #[test]
 fn a_server_that_writes_where_the_caller_does() {
     let mut pair = pair();
@@ -195,7 +195,7 @@ fn a_server_that_writes_where_the_caller_does() {
 }
 
 /// Calls that never reached the ring fail as well.
-//= SM2-QOS-007 test
+//= SM2-QOS-011 test
 #[test]
 fn calls_that_waited_are_closed_by_the_end() {
     let mut pair = pair();

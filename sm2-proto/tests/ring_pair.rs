@@ -43,7 +43,7 @@ fn op() -> impl Strategy<Value = Op> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 400, ..ProptestConfig::default() })]
 
-    //= SM2-RNG-014, SM2-RNG-005, SM2-RNG-006, SM2-RNG-007, SM2-RNG-008 test
+    //= SM2-RNG-014, SM2-RNG-005, SM2-RNG-006, SM2-RNG-007, SM2-RNG-016 test
     //= SM2-RNG-015, SM2-RNG-010, SM2-RNG-011, SM2-OPN-008, SM2-PAY-005 test
     #[test]
     fn ring_pair(

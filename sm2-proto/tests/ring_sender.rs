@@ -34,7 +34,7 @@ fn a_word_is_put_at_its_index() {
 
 /// A ring of depth n holds the last n messages. Each displaced message is settled once, and its
 /// slot is free.
-//= SM2-RNG-005, SM2-QOS-001, SM2-QOS-007 test
+//= SM2-RNG-005, SM2-QOS-001, SM2-QOS-011 test
 #[test]
 fn keep_last_is_exact() {
     let mut rig = Rig::open(false, 2, 1);
@@ -141,7 +141,7 @@ fn reliable_never_displaces() {
 
 /// A message whose sender gave up waiting is counted, and the link stays stalled until a message is
 /// given back.
-//= SM2-QOS-002, SM2-QOS-007 test
+//= SM2-QOS-002, SM2-QOS-011 test
 #[test]
 fn a_deadline_that_passed() {
     let mut rig = Rig::open(true, 1, 1);
@@ -178,7 +178,7 @@ fn a_publication_that_the_pool_limit_drops() {
     assert_eq!((counters.dropped(), counters.delivered), (1, 1));
 }
 
-//= SM2-RNG-008, SM2-MSG-004 test
+//= SM2-RNG-016, SM2-MSG-006 test
 #[test]
 fn messages_come_back_in_any_order() {
     let mut rig = Rig::open(true, 3, 3);
@@ -398,7 +398,7 @@ fn what_cannot_be_sent_changes_nothing() {
     assert_eq!(rig.words.take_accesses(), 0);
 }
 
-//= SM2-OPN-007, SM2-OPN-008, SM2-QOS-007, SM2-RNG-011 test
+//= SM2-OPN-007, SM2-OPN-008, SM2-QOS-011, SM2-RNG-011 test
 #[test]
 fn the_end_settles_all() {
     let mut rig = Rig::open(false, 2, 1);
@@ -421,7 +421,7 @@ fn the_end_settles_all() {
 
 /// Messages that come back before CLOSE or the end of the stream count as delivered, although no
 /// one harvested them before.
-//= SM2-QOS-007, SM2-RNG-011 test
+//= SM2-QOS-011, SM2-RNG-011 test
 #[test]
 fn messages_that_came_back_before_the_end_are_delivered() {
     for input in [Some(Farewell::Done.code()), None] {
@@ -453,13 +453,13 @@ fn messages_that_came_back_before_the_end_are_delivered() {
 }
 
 /// A word that is no message of the link is a violation, also just before the end.
-//= SM2-RNG-008 test
+//= SM2-RNG-016 test
 #[test]
 fn a_false_word_just_before_the_end_is_a_violation() {
     let mut rig = Rig::open(false, 4, 2);
     let _ = rig.send(1, 1).unwrap();
     rig.words.write(At::Back(0), word(0, 9, 9));
-    let end = End::Violation(violation!(BadWord, "SM2-RNG-008"));
+    let end = End::Violation(violation!(BadWord, "SM2-RNG-016"));
     assert_eq!(rig.settle_returned(), Err(Error::Ended(end)));
     assert_eq!(rig.settled(), [(10, Fate::Closed)]);
 }

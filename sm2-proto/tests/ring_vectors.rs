@@ -8,12 +8,12 @@ mod ring_support;
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use ring_support::{RECEIVER, Rig, SENDER, segment};
+use ring_support::{RECEIVER, Rig, SENDER, ring_config, segment};
 use serde_json::{Value, json};
 use sm2_proto::{
-    Violation,
+    Period, Violation,
     limits::SLOT_HEAD,
-    link::{End, Error, Fate, Input, LentRing, Misuse, NoDelivery, Payload, Wake},
+    link::{Config, End, Error, Fate, Input, LentRing, Misuse, NoDelivery, Payload, Role, Wake},
 };
 
 /// The outcome of an action.
@@ -30,7 +30,12 @@ fn every_ring_vector() {
         assert_eq!(vector["to"], "node", "{name}");
         let number = |key: &str| u16::try_from(vector[key].as_u64().unwrap()).unwrap();
         let reliable = vector["reliable"].as_bool().unwrap();
-        let mut rig = Rig::open(reliable, number("depth"), number("max_borrowed"));
+        let lifespan = vector.get("lifespan").and_then(Value::as_u64);
+        let config = |role| Config {
+            lifespan: Period(lifespan.unwrap_or(0)),
+            ..ring_config(role, reliable, number("depth"), number("max_borrowed"))
+        };
+        let mut rig = Rig::with([Role::Sender, Role::Receiver].map(config)).opened();
         let end = match vector["role"].as_str().unwrap() {
             "sender" => SENDER,
             "receiver" => RECEIVER,
@@ -58,7 +63,7 @@ fn every_ring_vector() {
 fn every_rule_of_words_has_a_ring_vector() {
     let vectors = vectors();
     let clauses: BTreeSet<_> = vectors.iter().map(|it| &it["clause"]).map(text).collect();
-    let expected = ["003", "004", "005", "006", "007", "008", "015"];
+    let expected = ["003", "004", "005", "006", "007", "015", "016"];
     assert_eq!(clauses, expected.map(|it| format!("SM2-RNG-{it}")).into());
     let violations = vectors.iter().filter_map(|it| it.get("violation"));
     let violations: BTreeSet<_> = violations.map(text).collect();
@@ -118,6 +123,7 @@ fn sent_or_settled(rig: &mut Rig, result: Result<Wake, Error>) -> Outcome {
     let name = |fate| match fate {
         Fate::Delivered => "delivered",
         Fate::Discarded => "discarded",
+        Fate::Expired => "expired",
         other => panic!("{other:?}"),
     };
     // The rig's key of a message is ten times its id.

@@ -143,7 +143,7 @@ pub fn number(answer: &str, key: &str) -> u64 {
     value.unwrap_or_else(|| panic!("no number {key} in {answer:?}"))
 }
 
-/// The fates of the messages of one link, counted by its sender (SM2-QOS-007).
+/// The fates of the messages of one link, counted by its sender (SM2-QOS-011).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Counted {
     /// The node at the other end.

@@ -221,6 +221,8 @@ pub struct Qos {
     pub max_borrowed: u16,
     /// `sealed`
     pub sealed: bool,
+    /// `deadline`
+    pub deadline: u64,
 }
 
 impl Qos {
@@ -231,6 +233,7 @@ impl Qos {
         latched: 0,
         max_borrowed: 2,
         sealed: false,
+        deadline: 0,
     };
     /// Plain and reliable.
     pub const RELIABLE: Self = Self {
@@ -276,7 +279,9 @@ pub fn publisher(topic: impl AsRef<[u8]>, qos: Qos) -> Vec<u8> {
 pub fn typed_publisher(topic: impl AsRef<[u8]>, data: &[u8], qos: Qos) -> Vec<u8> {
     let head = Fields::new().int(0).text(topic).raw(data);
     let offer = head.int(qos.depth.into()).flag(qos.reliable);
-    offer.int(qos.latched.into()).flag(qos.sealed).bytes()
+    let offer = offer.int(qos.latched.into()).flag(qos.sealed);
+    // No lifespan.
+    offer.int(qos.deadline).int(0).bytes()
 }
 
 /// A subscriber of raw bytes.
@@ -285,7 +290,7 @@ pub fn subscriber(topic: impl AsRef<[u8]>, qos: Qos) -> Vec<u8> {
     let head = Fields::new().int(1).text(topic);
     let demand = head.flag(true).raw(bytes_type()).int(qos.depth.into());
     let demand = demand.flag(qos.reliable).int(qos.max_borrowed.into());
-    demand.flag(qos.sealed).bytes()
+    demand.flag(qos.sealed).int(qos.deadline).bytes()
 }
 
 /// A server of raw bytes.

@@ -213,7 +213,7 @@ pub fn sealed(kind: u8, n: u64, len: u64) -> Vec<u8> {
     Head { form, len, ..head }.bytes()
 }
 
-/// RELEASE; fate 0 is consumed, 1 discarded.
+/// RELEASE; fate 0 is consumed, 1 discarded, 2 expired.
 #[must_use]
 pub fn release(fate: u8, sequences: &[u64]) -> Vec<u8> {
     let mut bytes = vec![kind::RELEASE, fate];

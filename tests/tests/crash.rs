@@ -161,7 +161,7 @@ fn work_goes_on_without_the_manager() {
 
 /// Reliable and best-effort links, checked by the numbers of the publications, while the Manager is
 /// killed.
-//= SM2-NOD-003, SM2-QOS-007 sys
+//= SM2-NOD-003, SM2-QOS-011 sys
 #[test]
 fn no_message_is_lost_when_the_manager_is_killed() {
     const BATCH: u64 = 500;

@@ -178,13 +178,13 @@ fn play(reliable: bool) {
     }
 }
 
-//= SM2-QOS-001, SM2-QOS-007, SM2-MSG-002, SM2-MSG-005 sys
+//= SM2-QOS-001, SM2-QOS-011, SM2-MSG-002, SM2-MSG-005 sys
 #[test]
 fn a_best_effort_subscriber_that_does_not_play_along_loses_alone() {
     play(false);
 }
 
-//= SM2-QOS-002, SM2-QOS-007, SM2-MSG-002, SM2-MSG-005 sys
+//= SM2-QOS-002, SM2-QOS-011, SM2-MSG-002, SM2-MSG-005 sys
 #[test]
 fn a_reliable_subscriber_that_does_not_play_along_loses_alone() {
     play(true);

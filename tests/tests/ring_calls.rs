@@ -161,7 +161,7 @@ impl RawCaller {
     }
 }
 
-//= SM2-RNG-004, SM2-RNG-007, SM2-RNG-008, SM2-RNG-012, SM2-SRV-002 sys
+//= SM2-RNG-004, SM2-RNG-007, SM2-RNG-016, SM2-RNG-012, SM2-SRV-002 sys
 #[test]
 fn a_client_that_writes_anything_anywhere_loses_its_link_alone() {
     let mut random = Random::new(1);

@@ -96,7 +96,7 @@ fn something(random: &mut Random, near: u64) -> u64 {
     }
 }
 
-//= SM2-RNG-004, SM2-RNG-007, SM2-RNG-008 sys
+//= SM2-RNG-004, SM2-RNG-007, SM2-RNG-016 sys
 #[test]
 fn a_publisher_that_writes_anything_anywhere_loses_its_link_alone() {
     const WRITES: usize = 2_000_000;
@@ -376,7 +376,7 @@ fn holes_in_a_ring_are_no_fault() {
 }
 
 /// Random words at random places while the talker publishes.
-//= SM2-RNG-005, SM2-RNG-008 sys
+//= SM2-RNG-005, SM2-RNG-016 sys
 #[test]
 fn a_subscriber_that_writes_anything_anywhere_loses_its_link_alone() {
     let mut random = Random::new(2);

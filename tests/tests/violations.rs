@@ -215,7 +215,7 @@ fn run_against_link(rows: Vec<LinkRow>, options: &[&str]) {
 //= SM2-WIR-001, SM2-WIR-002, SM2-PAY-001, SM2-PAY-002, SM2-PAY-003 sys
 //= SM2-PAY-009, SM2-PAY-005, SM2-PAY-008, SM2-SEG-001, SM2-SEG-002 sys
 //= SM2-SEG-003, SM2-SEG-004, SM2-SEG-005, SM2-MSG-001, SM2-MSG-002 sys
-//= SM2-MSG-003, SM2-MSG-004, SM2-SRV-002, SM2-SRV-003, SM2-SRV-004 sys
+//= SM2-MSG-003, SM2-MSG-006, SM2-SRV-002, SM2-SRV-003, SM2-SRV-004 sys
 #[test]
 fn a_peer_that_breaks_spec_loses_its_link_and_nothing_else_happens() {
     let mut rows = link_rows::rows();

@@ -12,7 +12,7 @@ use proptest::{
         Config, FileFailurePersistence, RngAlgorithm, TestCaseError, TestError, TestRng, TestRunner,
     },
 };
-use sm2_proto::{Contract, DemandedQos, Name, OfferedQos, ServiceQos, TypeId};
+use sm2_proto::{Contract, DemandedQos, Name, OfferedQos, Period, ServiceQos, TypeId};
 use sm2_verification::model::{
     Failure, Property,
     domain::{Action, Budget, Fault, Restriction, Scope, World},
@@ -53,6 +53,8 @@ fn contract() -> impl Strategy<Value = Contract> {
                     reliable,
                     latched: 0,
                     sealed,
+                    deadline: Period::NONE,
+                    lifespan: Period::NONE,
                 },
             }
         });
@@ -66,6 +68,7 @@ fn contract() -> impl Strategy<Value = Contract> {
                     reliable,
                     max_borrowed: 1,
                     sealed: false,
+                    deadline: Period::NONE,
                 },
             }
         });
@@ -144,7 +147,7 @@ fn checked(walk: &Walk, fault: Option<Fault>) -> Result<usize, TestCaseError> {
     go(walk, fault).map_err(|failure| TestCaseError::fail(failure.to_string()))
 }
 
-//= SM2-MAT-001, SM2-MAT-002, SM2-MAT-003, SM2-IFC-007, SM2-NOD-001, SM2-SES-005, SM2-SES-008 test
+//= SM2-MAT-004, SM2-MAT-002, SM2-MAT-003, SM2-IFC-007, SM2-NOD-001, SM2-SES-005, SM2-SES-008 test
 //= SM2-LNK-002, SM2-LNK-003, SM2-LNK-009, SM2-RES-002, SM2-RES-004, SM2-RES-007 test
 #[test]
 fn random_walks_end_as_matching_says() {

@@ -1,6 +1,6 @@
 //! `sm2 topic echo`: the messages of a topic, printed or written to files.
 
-use std::{fmt, io::Write, os::fd::AsFd, path::PathBuf};
+use std::{fmt, io::Write, os::fd::AsFd, path::PathBuf, time::Duration};
 
 use clap::Args;
 use serde::Serialize;
@@ -18,6 +18,7 @@ use crate::{
     messages::{self, Content, Schemas, Show},
     output::Output,
     size::Size,
+    time,
     wait::For,
 };
 
@@ -37,6 +38,9 @@ pub(crate) struct Arguments {
     /// Receive every message of reliable publishers; other publishers do not match
     #[arg(long)]
     reliable: bool,
+    /// Receive from publishers that offer a message at least once in this time, such as 100ms
+    #[arg(long, value_name = "TIME", value_parser = time::span)]
+    deadline: Option<Duration>,
     /// The longest message to receive; publishers do not send longer ones here [default: 1GiB]
     #[arg(long, value_name = "SIZE")]
     max_len: Option<Size>,
@@ -79,6 +83,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         .any_type()
         .depth(DEPTH)
         .reliable(arguments.reliable);
+    let builder = match arguments.deadline {
+        Some(period) => builder.deadline(period),
+        None => builder,
+    };
     let subscriber = match arguments.max_len {
         Some(Size(bytes)) => builder.max_len(bytes),
         None => builder,

@@ -2,7 +2,7 @@
 
 use clap::Args;
 use serde::Serialize;
-use sm2_proto::{Kind, Name};
+use sm2_proto::{Kind, Name, domain::InterfaceView};
 
 use crate::{
     args::{Domain, name},
@@ -10,6 +10,7 @@ use crate::{
     ended::Ended,
     error::CliError,
     interfaces::{self, Interface, Stated, table},
+    missed_deadlines::MissedDeadlines,
     output::Output,
     sampling::Sample,
     unheard::Unheard,
@@ -33,8 +34,8 @@ pub(crate) struct Arguments {
 const HELP: &str = "\
 Shows the type of the topic, and the schema by which `sm2 topic echo` reads its messages. Lists all
 its publishers and subscribers, including those that the Manager refused, and the publishers that
-published while no subscriber was linked, with the number of these messages. `sm2 why` explains why
-two of them are not linked.
+published while no subscriber was linked, with the number of these messages, and those that missed
+their deadlines. `sm2 why` explains why two of them are not linked.
 
 Exit status: 0 shown, 1 the topic has no publisher and no subscriber, 2 wrong usage.
 
@@ -53,6 +54,8 @@ struct Info {
     interfaces: Vec<Interface>,
     /// The publishers that published messages while no subscriber was linked.
     unheard: Vec<Unheard>,
+    /// The publishers and subscribers that missed their deadlines.
+    missed_deadlines: Vec<MissedDeadlines>,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
@@ -61,16 +64,21 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let view = View::new(&domain);
     let topic = &arguments.topic;
     let interfaces = interfaces::on(&view, TOPIC, "topic", topic)?;
-    let publishers = (domain.interfaces())
-        .filter(|it| it.contract.kind() == Kind::Publisher && it.contract.name() == topic);
-    let publishers: Vec<_> = publishers.map(|it| it.entity).collect();
-    let nodes = publishers.iter().map(|it| it.node).collect();
+    let both = |it: &InterfaceView<'_>| TOPIC.contains(&it.contract.kind());
+    let on_topic = (domain.interfaces()).filter(|it| both(it) && it.contract.name() == topic);
+    let (publishers, subscribers): (Vec<_>, Vec<_>) =
+        on_topic.partition(|it| it.contract.kind() == Kind::Publisher);
+    let publishers: Vec<_> = publishers.iter().map(|it| it.entity).collect();
+    let subscribers = subscribers.iter().map(|it| it.entity);
+    let all: Vec<_> = publishers.iter().copied().chain(subscribers).collect();
+    let nodes = all.iter().map(|it| it.node).collect();
     let sample = Sample::if_known(&session.node, &domain, &nodes);
     let info = Info {
         revision: domain.revision(),
         name: topic.to_string(),
         stated: Stated::of(&session, view.topic_type(topic))?,
         unheard: Unheard::find(&view, &sample, &publishers),
+        missed_deadlines: MissedDeadlines::find(&view, &sample, &all),
         interfaces,
     };
     let mut out = Output::new();
@@ -93,6 +101,9 @@ fn print(info: &Info, out: &mut Output) -> Result<(), CliError> {
     out.line(table(&info.interfaces))?;
     for publisher in &info.unheard {
         out.line(format_args!("{publisher}"))?;
+    }
+    for interface in &info.missed_deadlines {
+        out.line(format_args!("{interface}"))?;
     }
     Ok(())
 }

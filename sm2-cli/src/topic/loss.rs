@@ -18,10 +18,11 @@ pub(crate) struct Arguments {
 const HELP: &str = "\
 For each link since it was made: messages OFFERED to it, DELIVERED (released by the subscriber's
 program), OVERWRITTEN (by newer ones before they were sent), DISCARDED (replaced by newer ones before
-they were received), dropped at a DEADLINE, CLOSED (lost with the link), and IN FLIGHT. POOL LIMIT is the number of
-messages that were not sent because the subscriber held too much of the publisher's memory, TOO LONG of
-those that are longer than the subscriber accepts. OFFERED is the sum of all these. LOST is the number of
-messages that the subscriber has counted as lost.
+they were received), dropped at a DEADLINE, CLOSED (lost with the link), and IN FLIGHT. POOL LIMIT is
+the number of messages that were not sent because the subscriber held too much of the publisher's
+memory. TOO LONG counts those that are longer than the subscriber accepts, and EXPIRED those that were
+older than their lifespan. OFFERED is the sum of all these. LOST is the number of messages that the
+subscriber has counted as lost.
 
 The command reads counters that every node keeps: it does not subscribe, and publishers do not notice
 it. It waits for a topic that does not exist yet; with --count, for 10 s (see --timeout).
@@ -55,6 +56,7 @@ pub(crate) struct Fates {
     closed: u64,
     pool_limit: u64,
     too_long: u64,
+    expired: u64,
     pub(crate) in_flight: u64,
 }
 
@@ -67,6 +69,7 @@ impl Fates {
             .saturating_add(self.closed)
             .saturating_add(self.pool_limit)
             .saturating_add(self.too_long)
+            .saturating_add(self.expired)
     }
 }
 
@@ -81,6 +84,7 @@ impl From<&Counters> for Fates {
             closed: of.closed,
             pool_limit: of.pool_limit,
             too_long: of.too_long,
+            expired: of.expired,
             in_flight: of.in_flight,
         }
     }
@@ -88,11 +92,11 @@ impl From<&Counters> for Fates {
 
 struct Loss;
 
-impl Measure<12> for Loss {
+impl Measure<13> for Loss {
     const ROLE: &str = "loss";
     const OF: Kind = Kind::Publisher;
     const ROWS: &str = "links";
-    const HEADINGS: [&str; 12] = [
+    const HEADINGS: [&str; 13] = [
         "PUBLISHER",
         "SUBSCRIBER",
         "OFFERED",
@@ -103,6 +107,7 @@ impl Measure<12> for Loss {
         "CLOSED",
         "POOL LIMIT",
         "TOO LONG",
+        "EXPIRED",
         "IN FLIGHT",
         "LOST",
     ];
@@ -126,7 +131,7 @@ impl Measure<12> for Loss {
             .collect()
     }
 
-    fn cells(row: &Row) -> [String; 12] {
+    fn cells(row: &Row) -> [String; 13] {
         let fates = &row.fates;
         [
             row.publisher.clone(),
@@ -139,6 +144,7 @@ impl Measure<12> for Loss {
             fates.closed.to_string(),
             fates.pool_limit.to_string(),
             fates.too_long.to_string(),
+            fates.expired.to_string(),
             fates.in_flight.to_string(),
             cell(row.lost.map(|lost| lost as f64), 0),
         ]
@@ -147,5 +153,5 @@ impl Measure<12> for Loss {
 
 /// Runs the command.
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    measure::run::<12, Loss>(&arguments.common)
+    measure::run::<13, Loss>(&arguments.common)
 }

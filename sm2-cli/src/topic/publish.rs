@@ -111,6 +111,14 @@ fn declare(
         // `Feed::wait_for_room` waits instead, because a signal can end it.
         .publish_timeout(Duration::ZERO)
         .sealed(arguments.integrity == Integrity::Sealed);
+    let builder = match arguments.deadline {
+        Some(period) => builder.deadline(period),
+        None => builder,
+    };
+    let builder = match arguments.lifespan {
+        Some(age) => builder.lifespan(age),
+        None => builder,
+    };
     Ok(match arguments.pool_limit {
         Some(Size(bytes)) => builder.pool_limit(bytes),
         None => builder,

@@ -1,6 +1,9 @@
 //! `sm2 topic info` and `sm2 node info`.
 
+use std::time::Duration;
+
 use serde_json::json;
+use sm2_node::Event;
 
 use crate::common::{Domain, listener, talker};
 
@@ -12,6 +15,7 @@ fn a_topic_is_shown_with_its_type_and_interfaces() {
         .publisher_builder::<[f64]>("acceleration")
         .depth(3)
         .latched(2)
+        .lifespan(Duration::from_secs(1))
         .declare()
         .unwrap();
     let (_listener, other) = listener(&domain, "acceleration", 1);
@@ -25,7 +29,13 @@ fn a_topic_is_shown_with_its_type_and_interfaces() {
         .find(|it| it["kind"] == "publisher")
         .unwrap();
     assert_eq!(publisher["node"], "imu");
-    let qos = json!({ "depth": 3, "reliable": false, "latched": 2, "sealed": false });
+    let qos = json!({
+        "depth": 3,
+        "reliable": false,
+        "latched": 2,
+        "sealed": false,
+        "lifespan_ns": 1_000_000_000,
+    });
     assert_eq!(publisher["qos"], qos);
     assert_eq!(publisher["links"], 1);
     let subscriber = interfaces
@@ -37,11 +47,11 @@ fn a_topic_is_shown_with_its_type_and_interfaces() {
 
     let text = domain.run(&["topic", "info", "acceleration"]).stdout();
     assert!(text.contains("schema  plain:list[f64]"), "{text}");
-    assert!(text.contains("depth 3, latched 2"), "{text}");
+    assert!(text.contains("depth 3, latched 2, lifespan 1s"), "{text}");
 }
 
 /// An emergency stop that nobody hears is counted.
-//= SM2-CNT-009 sys
+//= SM2-CNT-010 sys
 #[test]
 fn messages_that_nobody_hears_are_shown() {
     let domain = Domain::new();
@@ -71,6 +81,41 @@ fn messages_that_nobody_hears_are_shown() {
     for arguments in [&info[..], &pair] {
         assert_eq!(domain.json(arguments)["unheard"], expected);
     }
+}
+
+/// The deadlines, and the periods in which there was no message.
+//= SM2-CNT-010, SM2-QOS-009 sys
+#[test]
+fn missed_deadlines_are_shown() {
+    let domain = Domain::new();
+    let (talker, listener) = (domain.node("talker"), domain.node("listener"));
+    let period = Duration::from_millis(5);
+    let publisher = talker.publisher_builder::<str>("scan").deadline(period);
+    let publisher = publisher.declare().unwrap();
+    let subscriber = listener.subscriber_builder::<str>("scan").deadline(period);
+    let subscriber = subscriber.declare().unwrap();
+    subscriber.wait_for_publishers(1).unwrap();
+    let events = subscriber.events();
+    while !matches!(events.next().unwrap(), Event::DeadlineMissed { .. }) {}
+    let info = domain.json(&["topic", "info", "scan"]);
+    assert_eq!(info["interfaces"][0]["qos"]["deadline_ns"], 5_000_000);
+    let missed = info["missed_deadlines"].as_array().unwrap();
+    assert_eq!(missed.len(), 2, "{missed:?}");
+    assert!(missed.iter().all(|it| it["periods"].as_u64() > Some(0)));
+    let text = domain.run(&["topic", "info", "scan"]).stdout();
+    assert!(text.contains("deadline 5ms"), "{text}");
+    for name in ["talker", "listener"] {
+        let told = format!("{name}:scan missed its deadline in ");
+        assert!(text.contains(&told), "{text}");
+    }
+    drop(publisher);
+    let _silent = talker.publisher::<str>("scan").unwrap();
+    let why = domain
+        .run(&["why", "talker:scan", "listener:scan"])
+        .stdout();
+    let told = "listener's subscriber of scan demands a deadline of 5ms, and talker's publisher of scan \
+                offers no deadline.";
+    assert!(why.contains(told), "{why}");
 }
 
 #[test]

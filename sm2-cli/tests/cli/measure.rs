@@ -6,7 +6,7 @@ use nix::sys::signal::Signal;
 use serde_json::{Value, json};
 use sm2_io::SeqPacket;
 use sm2_proto::{
-    Contract, InterfaceId, OfferedQos, TypeId,
+    Contract, InterfaceId, OfferedQos, Period, TypeId,
     control::{ToManager, encode_to_manager},
 };
 
@@ -189,6 +189,7 @@ fn loss_adds_up() {
         "closed",
         "pool_limit",
         "too_long",
+        "expired",
         "in_flight",
     ];
     assert_eq!(
@@ -239,6 +240,8 @@ fn silent_publisher(domain: &Domain, name: &str, topic: &str) -> SeqPacket {
         reliable: false,
         latched: 0,
         sealed: false,
+        deadline: Period::NONE,
+        lifespan: Period::NONE,
     };
     let topic = topic.parse().unwrap();
     let hello = ToManager::Hello {

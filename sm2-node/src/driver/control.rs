@@ -16,6 +16,7 @@ use super::event_sets::NodeSets;
 use super::interface::{ForControl, Interface};
 use super::limited_warning::LimitedWarning;
 use super::limits::SOCKETS;
+use super::qos_timer::QosTimer;
 use super::questions::Questions;
 use super::session::{Reconnect, Session};
 use super::shared_interface::SharedInterface;
@@ -38,6 +39,7 @@ pub(crate) struct Control {
     pub(super) link_room: LinkRoom,
     pub(super) session: Session,
     pub(super) reconnect: Reconnect,
+    pub(super) qos_timer: QosTimer,
     pub(super) questions: Questions,
     pub(super) counting: Counting,
     /// The schema texts that this node registers with each Manager, by type.
@@ -78,6 +80,7 @@ impl Control {
             link_room: LinkRoom::new(),
             session: Session::new(socket, name),
             reconnect: Reconnect::new(path, sets)?,
+            qos_timer: QosTimer::default(),
             questions: Questions::default(),
             counting: Counting::default(),
             schemas: BTreeMap::new(),
@@ -117,12 +120,16 @@ impl Control {
             gone,
             freed,
             wants_page,
+            tick_at,
         } = results;
         for token in gone {
             self.routes.remove(&token);
         }
         for entry in freed {
             self.counting.free(entry);
+        }
+        if let Some(at) = tick_at {
+            self.tick_at(id, at);
         }
         if wants_page {
             self.expect_page(sets);

@@ -11,7 +11,7 @@ use super::control::Control;
 use super::event_sets::NodeSets;
 use super::link::LinkDriver;
 use super::shared_interface::SharedInterface;
-use super::token::{LinkToken, SESSION, TIMER};
+use super::token::{LinkToken, QOS_TIMER, SESSION, TIMER};
 
 impl Control {
     /// Does the work of all pending events of the control set. Does a bounded amount of work and does not wait.
@@ -28,6 +28,7 @@ impl Control {
             match event.token {
                 SESSION => self.on_session_event(event, sets),
                 TIMER => self.on_timer(sets),
+                QOS_TIMER => self.on_qos_timer(sets),
                 _ => self.on_link_event(event, sets),
             }
         }

@@ -2,6 +2,7 @@
 
 mod calls;
 mod client;
+mod deadline;
 mod event_queue;
 mod events;
 mod limit;
@@ -13,16 +14,18 @@ mod server;
 mod settle;
 mod take;
 mod taken;
+mod tick;
 
 use std::collections::VecDeque;
 
 use sm2_io::{CounterEntry, Event};
 use sm2_proto::link::{Counters, Input, MaxLen};
-use sm2_proto::{Code, Contract, Farewell, LinkId, Name, Refusal};
+use sm2_proto::{Code, Contract, Farewell, Instant, LinkId, Name, Refusal};
 
 use self::calls::Calls;
 pub(crate) use self::calls::{CallId, Outcome};
 pub(crate) use self::client::Choice;
+use self::deadline::Deadline;
 use self::event_queue::EventQueue;
 use self::links::Links;
 pub(crate) use self::publish::Offered;
@@ -68,6 +71,7 @@ pub(crate) struct Interface {
     is_closed: bool,
     /// Events that the program has not taken.
     pub(crate) events: EventQueue,
+    deadline: Deadline,
     /// Results of calls that the control side has to handle.
     for_control: ForControl,
 }
@@ -83,13 +87,17 @@ pub(crate) struct ForControl {
     pub(super) freed: Vec<CounterEntry>,
     /// Whether the Manager has to be asked for a PAGE.
     pub(super) wants_page: bool,
+    /// When the interface has to be ticked, if that is earlier than before.
+    pub(super) tick_at: Option<Instant>,
 }
 
 impl ForControl {
     #[inline]
     fn is_empty(&self) -> bool {
         // One branch: each call asks this.
-        (self.ends.len() | self.gone.len() | self.freed.len()) == 0 && !self.wants_page
+        (self.ends.len() | self.gone.len() | self.freed.len()) == 0
+            && !self.wants_page
+            && self.tick_at.is_none()
     }
 }
 
@@ -109,6 +117,7 @@ impl Interface {
         entry: Option<CounterEntry>,
     ) -> Self {
         Self {
+            deadline: Deadline::of(&contract),
             contract,
             max_len,
             state: State::Declaring,

@@ -5,6 +5,8 @@
 
 mod background;
 mod counting;
+mod deadline;
+mod lifespan;
 mod mapped;
 mod outputs;
 mod receive;
@@ -69,10 +71,14 @@ pub(crate) struct LinkDriver {
     /// How many messages the application holds.
     held: usize,
     received: Received,
+    /// The losses before messages that have expired since the last message that was taken.
+    lost_with_expired: u64,
     /// Whether the program knows that the link has opened, and not that it has ended.
     pub(super) has_joined: bool,
     /// How many messages that the other side does not get were reported to the program.
     reported_drops: u64,
+    /// How many missed periods of the deadline were reported to the program.
+    reported_misses: u64,
     /// The entry of its counters, until the link is buried.
     pub(super) entry: Option<CounterEntry>,
     /// The values in the entry.
@@ -131,8 +137,10 @@ impl LinkDriver {
             suspended: None,
             held: 0,
             received: Received::default(),
+            lost_with_expired: 0,
             has_joined: false,
             reported_drops: 0,
+            reported_misses: 0,
             entry,
             noted: Counters::default(),
             last_call: 0,
@@ -297,6 +305,7 @@ impl LinkDriver {
             short_of_memory: self.short_of_memory,
             counters: self.counters(),
             received: self.received,
+            missed_deadlines: self.missed_deadlines(),
             end: self.end(),
         }
     }

@@ -228,6 +228,21 @@ impl SharedInterface {
         driver.sleepers.wake();
         (result, driver.interface.take_for_control())
     }
+
+    /// Ticks the deadlines for the control side. Only an event wakes the threads that wait for the interface.
+    pub(super) fn tick(&self, now: Instant) -> Option<ForControl> {
+        let mut driver = self.lock_for_control();
+        driver.now = now;
+        driver.change(&self.sets, |interface, context| interface.tick(context));
+        driver.interface.take_for_control()
+    }
+
+    /// Asks for the first tick of an interface that was declared.
+    pub(super) fn ask_for_tick(&self) -> Option<ForControl> {
+        let mut driver = self.lock_for_control();
+        driver.interface.ask_for_tick();
+        driver.interface.take_for_control()
+    }
 }
 
 impl LockedInterface<'_> {

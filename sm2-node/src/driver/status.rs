@@ -26,10 +26,12 @@ pub struct LinkStatus {
     /// Whether the kernel had no memory when the node last used the link's socket. The link goes on as soon as
     /// there is memory (SM2-TRN-014).
     pub short_of_memory: bool,
-    /// Counts of the messages that this side sent on the link, by outcome (SM2-QOS-007).
+    /// Counts of the messages that this side sent on the link, by outcome (SM2-QOS-011).
     pub counters: Counters,
     /// Counts of the messages from the other side.
     pub received: Received,
+    /// How many periods of the deadline that this subscriber demands have passed without a message (SM2-QOS-009).
+    pub missed_deadlines: u64,
     /// The reason why the link is over, if it is.
     pub end: Option<End>,
 }
@@ -43,6 +45,8 @@ pub struct Received {
     pub bytes: u64,
     /// Messages that were lost before the messages that the program took.
     pub lost: u64,
+    /// Messages that were older than their lifespan when the program would have taken them (SM2-QOS-010).
+    pub expired: u64,
 }
 
 impl Received {
@@ -63,5 +67,6 @@ pub(super) fn add_counters(sum: &mut Counters, more: &Counters) {
     sum.closed += more.closed;
     sum.pool_limit += more.pool_limit;
     sum.too_long += more.too_long;
+    sum.expired += more.expired;
     sum.in_flight += more.in_flight;
 }

@@ -23,3 +23,5 @@ pub(super) const SESSION: u64 = LinkToken::FIRST.0;
 pub(super) const TIMER: u64 = LinkToken::LAST.0;
 /// The token of all descriptors in the program set but the sets of interfaces, which have their numbers.
 pub(super) const PROGRAM: u64 = TIMER - 1;
+/// The token of the timer of deadlines.
+pub(super) const QOS_TIMER: u64 = PROGRAM - 1;

@@ -4,7 +4,7 @@ use std::marker::PhantomData;
 use std::sync::Arc;
 use std::time::Duration;
 
-use sm2_proto::{Contract, Kind, Name, OfferedQos, TypeId};
+use sm2_proto::{Contract, Kind, Name, OfferedQos, Period, TypeId};
 
 use super::Publisher;
 use super::untyped::UntypedPublisher;
@@ -48,6 +48,8 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
                 reliable: false,
                 latched: 0,
                 sealed: false,
+                deadline: Period::NONE,
+                lifespan: Period::NONE,
             },
             publish_timeout: PUBLISH_TIMEOUT_DEFAULT,
             memory: Memory {
@@ -90,6 +92,25 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
     /// (SM2-QOS-003): 0 to 1,024; 0 by default.
     pub const fn latched(mut self, messages: u16) -> Self {
         self.offer.latched = messages;
+        self
+    }
+
+    /// Promises a message at least once in each `period`; no promise by default. Only such a publisher matches a
+    /// subscriber that demands a [deadline](crate::SubscriberBuilder::deadline), which must not be shorter than
+    /// `period`.
+    ///
+    /// The first period begins when the publisher is declared. Each period that passes without a message counts as
+    /// [missed](Publisher::missed_deadlines) and is an [event](crate::Event::DeadlineMissed) (SM2-QOS-009).
+    pub const fn deadline(mut self, period: Duration) -> Self {
+        self.offer.deadline = Period::new(period);
+        self
+    }
+
+    /// Sets the age at which messages are not delivered any more; none by default. A message that is older is neither
+    /// sent nor handed out, latched or not, and counts as
+    /// [`expired`](sm2_proto::link::Counters::expired) on both sides (SM2-QOS-010).
+    pub const fn lifespan(mut self, age: Duration) -> Self {
+        self.offer.lifespan = Period::new(age);
         self
     }
 

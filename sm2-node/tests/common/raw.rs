@@ -5,7 +5,7 @@ use std::os::fd::{AsFd, BorrowedFd};
 use std::time::{Duration, Instant};
 
 use sm2_io::{RecvError, SeqPacket, wait_readable};
-use sm2_node::domain::{LinkId, OfferedQos};
+use sm2_node::domain::{LinkId, OfferedQos, Period};
 use sm2_node::{Message, Name, Subscriber};
 use sm2_proto::node::{Input, Node, Output};
 use sm2_proto::{Contract, Datagram, Machine};
@@ -113,6 +113,8 @@ pub(crate) fn raw_publisher(domain: &Domain) -> (Raw, Subscriber<[u8]>) {
             reliable: false,
             latched: 0,
             sealed: false,
+            deadline: Period::NONE,
+            lifespan: Period::NONE,
         },
     };
     let raw = Raw::declare(domain, "raw", &contract);

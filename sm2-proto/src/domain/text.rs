@@ -3,7 +3,7 @@
 use core::fmt;
 
 use super::{Finding, NearName, Part, Party, Reliability, Seal, TypePair, Verdict};
-use crate::{Code, EntityId, Farewell, Kind, NodeId, Refusal, text::Counted};
+use crate::{Code, EntityId, Farewell, Kind, NodeId, Period, Refusal, text::Counted};
 
 impl fmt::Display for Party {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -64,6 +64,7 @@ impl fmt::Display for Verdict {
                 "{other} demands reliability, which {one} does not offer.\n\
                  Make the publisher reliable, or the subscriber best-effort."
             ),
+            Finding::Deadline { offered, demanded } => self.write_deadlines(f, *offered, *demanded),
             Finding::Claimed { by, .. } => self.write_claimed(f, *by),
             Finding::Resuming { nodes } => {
                 write!(f, "{one} and {other} match, but the new Manager waits for ")?;
@@ -103,6 +104,27 @@ impl Verdict {
         } else {
             &self.one
         }
+    }
+
+    fn write_deadlines(
+        &self,
+        f: &mut fmt::Formatter<'_>,
+        offered: Period,
+        demanded: Period,
+    ) -> fmt::Result {
+        let Self { one, other, .. } = self;
+        write!(
+            f,
+            "{other} demands a deadline of {demanded}, and {one} offers "
+        )?;
+        match offered.get() {
+            None => f.write_str("no deadline.\n")?,
+            Some(_) => writeln!(f, "{offered}.")?,
+        }
+        write!(
+            f,
+            "Let the publisher offer a deadline of at most {demanded}, or the subscriber demand a longer one."
+        )
     }
 
     fn write_kinds(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

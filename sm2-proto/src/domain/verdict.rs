@@ -6,7 +6,8 @@ use serde::Serialize;
 
 use super::NearName;
 use crate::{
-    Code, EntityId, InterfaceId, Kind, LinkId, Name, NodeId, Refusal, TypeId, schema::Schema,
+    Code, EntityId, InterfaceId, Kind, LinkId, Name, NodeId, Period, Refusal, TypeId,
+    schema::Schema,
 };
 
 /// The reason why two interfaces are linked or not.
@@ -82,6 +83,13 @@ pub enum Finding {
     },
     /// The subscriber demands reliability, which the publisher does not offer.
     Reliability,
+    /// The subscriber demands a deadline, and the publisher offers none or a longer one.
+    Deadline {
+        /// The deadline that the publisher offers.
+        offered: Period,
+        /// The deadline that the subscriber demands.
+        demanded: Period,
+    },
     /// They match; one end has claimed their link, and the other has not yet.
     Claimed {
         /// The link's number.
@@ -185,7 +193,7 @@ pub enum Part {
 }
 
 impl Verdict {
-    /// Whether the contracts of the two match (SM2-MAT-001), so that only other rules can prevent a
+    /// Whether the contracts of the two match (SM2-MAT-004), so that only other rules can prevent a
     /// link.
     #[must_use]
     pub const fn matches(&self) -> bool {
@@ -204,7 +212,8 @@ impl Verdict {
             | Finding::Names { .. }
             | Finding::Refused { .. }
             | Finding::Types { .. }
-            | Finding::Reliability => false,
+            | Finding::Reliability
+            | Finding::Deadline { .. } => false,
         }
     }
 

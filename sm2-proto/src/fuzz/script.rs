@@ -3,8 +3,8 @@
 use alloc::{string::String, vec::Vec};
 
 use crate::{
-    Code, Contract, DemandedQos, EntityId, InterfaceId, LinkId, Name, NodeId, OfferedQos, Quota,
-    Refusal, ServiceQos, TypeId,
+    Code, Contract, DemandedQos, EntityId, InterfaceId, LinkId, Name, NodeId, OfferedQos, Period,
+    Quota, Refusal, ServiceQos, TypeId,
     control::{Change, Item, Key, Limits, UnlinkedReason},
     schema::Schema,
 };
@@ -133,6 +133,7 @@ impl<'a> Script<'a> {
             hash: 0,
         };
         let max_borrowed = 1;
+        let deadline = Period(u64::from(choice >> 5) % 3);
         let qos = ServiceQos {
             depth,
             max_borrowed,
@@ -143,12 +144,15 @@ impl<'a> Script<'a> {
             reliable,
             max_borrowed,
             sealed,
+            deadline,
         };
         let offer = OfferedQos {
             depth,
             reliable,
             latched: 0,
             sealed,
+            deadline,
+            lifespan: deadline,
         };
         Some(match choice % 4 {
             0 => Contract::Publisher {

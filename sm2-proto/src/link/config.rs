@@ -2,7 +2,7 @@
 
 use super::{MaxLen, RingLayout, Role};
 use crate::{
-    Contract, LinkId,
+    Contract, LinkId, Period,
     limits::{QOS_MAX, WINDOW_MAX},
 };
 
@@ -33,6 +33,10 @@ pub struct Config {
     pub max_borrowed: u16,
     /// The longest message that this end accepts. A sender does not use it.
     pub max_len: MaxLen,
+    /// A receiver counts the periods of this length that pass without a message. No other role uses it.
+    pub deadline: Period,
+    /// The lifespan of the publisher at either end of the link. A caller or server does not use it.
+    pub lifespan: Period,
 }
 
 impl Config {
@@ -64,7 +68,19 @@ impl Config {
             depth,
             max_borrowed,
             max_len: MaxLen::DEFAULT,
+            deadline: contract.deadline(),
+            lifespan: contract.lifespan(),
         }
+    }
+
+    /// The same configuration, with the lifespan of the publisher at the other end, if there is one.
+    //= SM2-QOS-010
+    #[must_use]
+    pub const fn with_peer(mut self, peer: &Contract) -> Self {
+        if matches!(self.role, Role::Receiver) {
+            self.lifespan = peer.lifespan();
+        }
+        self
     }
 
     /// How many unreleased messages this end accepts (its `window`, SM2-OPN-003).
@@ -113,6 +129,15 @@ impl Config {
             ring: self.ring && !self.sealed,
             depth: self.depth.clamp(1, QOS_MAX),
             max_borrowed: self.max_borrowed.clamp(1, QOS_MAX),
+            //= SM2-QOS-009
+            deadline: match self.role {
+                Role::Receiver => self.deadline,
+                Role::Sender | Role::Caller | Role::Server => Period::NONE,
+            },
+            lifespan: match self.role {
+                Role::Sender | Role::Receiver => self.lifespan,
+                Role::Caller | Role::Server => Period::NONE,
+            },
             ..self
         }
     }

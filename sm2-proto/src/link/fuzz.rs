@@ -19,7 +19,7 @@ use super::{
     Status,
     wire::{Form, Frame, Given, LANE_RING, LANE_SOCKET, MessageFrame, Open},
 };
-use crate::{Code, Datagram, FdFacts, Instant, LinkId, Seals, fuzz::Script};
+use crate::{Code, Datagram, FdFacts, Instant, LinkId, Machine, Seals, fuzz::Script};
 
 const LINK: LinkId = LinkId {
     epoch: 1,
@@ -30,7 +30,7 @@ const NOW: Instant = Instant(0);
 const STRIDE: u64 = 4_096;
 
 /// Runs the steps that the bytes encode. Panics if the machine broke its contract.
-//= SM2-WIR-001, SM2-QOS-007 fuzz
+//= SM2-WIR-001, SM2-QOS-011 fuzz
 pub(crate) fn frames(data: &[u8]) {
     check_round_trip(data, &[]);
     check_round_trip(data, &[FdFacts::default()]);
@@ -235,10 +235,10 @@ impl World {
             .iter()
             .flat_map(|sequence| sequence.to_le_bytes())
             .collect();
-        let given = if script.byte()? & 1 == 0 {
-            Given::Consumed
-        } else {
-            Given::Discarded
+        let given = match script.byte()? % 4 {
+            0 | 1 => Given::Consumed,
+            2 => Given::Discarded,
+            _ => Given::Expired,
         };
         self.frame(
             &Frame::Release {
@@ -334,9 +334,10 @@ impl World {
     }
 
     fn wish(&mut self, script: &mut Script<'_>) -> Option<()> {
-        match script.byte()? % 3 {
+        match script.byte()? % 4 {
             0 => self.input(Input::Skip),
-            1 => {
+            1 => self.tick(script)?,
+            2 => {
                 let call = self.call(script)?;
                 self.input(Input::Cancel { call });
             }
@@ -344,6 +345,17 @@ impl World {
                 segment: script.below(4)? as u32,
             }),
         }
+        Some(())
+    }
+
+    /// Ticks the deadline at any time. Only a receiver that has one counts.
+    fn tick(&mut self, script: &mut Script<'_>) -> Option<()> {
+        let now = Instant(u64::from(script.byte()?));
+        let before = self.link.missed_deadlines();
+        self.link.tick(now, &NoMemory);
+        let after = self.link.missed_deadlines();
+        assert!(after >= before && (after == before || self.link.config().role == Role::Receiver));
+        assert!(self.link.deadline().is_none_or(|due| due > now));
         Some(())
     }
 

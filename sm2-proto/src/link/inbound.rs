@@ -20,7 +20,7 @@ use super::{
     wire::{Form, Frame, Given, MessageFrame},
 };
 use crate::{
-    FdFacts, Violation,
+    FdFacts, Instant, Newest, Violation,
     limits::{INLINE_MAX, RELEASE_MAX, SEGMENTS_MAX},
 };
 
@@ -39,6 +39,8 @@ pub(super) struct Inbound {
     sequence: u64,
     /// The id of the last DATA that came.
     last_id: Option<u64>,
+    /// The time of the last DATA that came.
+    last_time: Option<Instant>,
     /// The id that the next DATA for the application has if no publication is lost.
     next_id: Option<u64>,
     segments: BTreeMap<u32, Segment>,
@@ -47,6 +49,7 @@ pub(super) struct Inbound {
     borrowed: BTreeMap<u64, Option<Slot>>,
     consumed: BTreeMap<u64, Option<Slot>>,
     discarded: BTreeMap<u64, Option<Slot>>,
+    expired: BTreeMap<u64, Option<Slot>>,
 }
 
 /// A segment of the other end.
@@ -93,12 +96,14 @@ impl Inbound {
             window: config.window() as usize,
             sequence: 0,
             last_id: None,
+            last_time: None,
             next_id: None,
             segments: BTreeMap::new(),
             ready: VecDeque::new(),
             borrowed: BTreeMap::new(),
             consumed: BTreeMap::new(),
             discarded: BTreeMap::new(),
+            expired: BTreeMap::new(),
         }
     }
 
@@ -248,6 +253,7 @@ impl Inbound {
         self.sequence = ready.delivery.sequence;
         if carrier == Carrier::Data {
             self.last_id = Some(ready.delivery.id);
+            self.last_time = Some(ready.delivery.time);
             self.next_id.get_or_insert(ready.delivery.id);
         }
         if let Some(Slot { segment, slot }) = ready.slot
@@ -294,13 +300,25 @@ impl Inbound {
         true
     }
 
+    /// Gives back a message that is older than its lifespan. Returns whether the application held it.
+    //= SM2-QOS-010
+    pub(super) fn expire(&mut self, sequence: u64) -> bool {
+        let Some(slot) = self.borrowed.remove(&sequence) else {
+            return false;
+        };
+        self.expired.insert(sequence, slot);
+        true
+    }
+
     /// Returns the next RELEASE to send.
-    //= SM2-MSG-004, SM2-MSG-005
+    //= SM2-MSG-006, SM2-MSG-005
     pub(super) fn poll(&mut self) -> Option<Packet> {
-        let (given, pending) = if self.discarded.is_empty() {
-            (Given::Consumed, &mut self.consumed)
-        } else {
+        let (given, pending) = if !self.discarded.is_empty() {
             (Given::Discarded, &mut self.discarded)
+        } else if !self.expired.is_empty() {
+            (Given::Expired, &mut self.expired)
+        } else {
+            (Given::Consumed, &mut self.consumed)
         };
         let count = pending.len().min(RELEASE_MAX) as u16;
         if count == 0 {
@@ -337,12 +355,21 @@ impl Inbound {
     pub(super) fn end(&mut self) {
         self.consumed.clear();
         self.discarded.clear();
+        self.expired.clear();
         self.segments.clear();
     }
 
     /// Called when the application gave a message back after the end.
     pub(super) fn forget(&mut self, sequence: u64) {
         self.borrowed.remove(&sequence);
+    }
+
+    /// The newest message that came.
+    pub(super) const fn newest(&self) -> Newest {
+        Newest {
+            sequence: self.sequence,
+            time: self.last_time,
+        }
     }
 
     /// The number of messages that the application has not taken.
@@ -352,7 +379,11 @@ impl Inbound {
     }
 
     fn unreleased(&self) -> usize {
-        self.ready.len() + self.borrowed.len() + self.consumed.len() + self.discarded.len()
+        self.ready.len()
+            + self.borrowed.len()
+            + self.consumed.len()
+            + self.discarded.len()
+            + self.expired.len()
     }
 
     /// Checks the invariants, which hold after each call.
@@ -361,7 +392,12 @@ impl Inbound {
         debug_assert!(!self.displaces || self.ready.len() <= self.depth);
         debug_assert!(self.borrowed.len() <= usize::from(self.max_borrowed));
         debug_assert!(self.segments.len() <= SEGMENTS_MAX);
-        let all = [&self.borrowed, &self.consumed, &self.discarded];
+        let all = [
+            &self.borrowed,
+            &self.consumed,
+            &self.discarded,
+            &self.expired,
+        ];
         let slots = all.into_iter().flat_map(BTreeMap::values).flatten().count();
         let slots = slots + self.ready.iter().filter_map(|it| it.slot).count();
         let busy: usize = self.segments.values().map(|it| it.busy.len()).sum();

@@ -13,7 +13,8 @@ use super::{
     wire::{Frame, LANE_RING, LANE_SOCKET, Open},
 };
 use crate::{
-    Code, Instant, Machine, Violation, limits::MESSAGE_MAX, machine::debug_assert_drained,
+    Code, DeadlineWatch, Instant, Machine, Violation, limits::MESSAGE_MAX,
+    machine::debug_assert_drained,
 };
 
 /// One end of one link. The [documentation of the module](crate::link) gives the order in which its
@@ -38,6 +39,8 @@ pub struct Link {
     pub(super) served: Served,
     /// The length of the longest message that the other end accepts, in bytes.
     pub(super) peer_max_len: u64,
+    /// The deadline, from the time at which the link opened.
+    pub(super) watch: Option<DeadlineWatch>,
 }
 
 /// The state of a link that is over.
@@ -70,6 +73,7 @@ impl Link {
             served: Served::default(),
             // Its OPEN has not come.
             peer_max_len: MESSAGE_MAX,
+            watch: None,
         }
     }
 
@@ -93,6 +97,9 @@ impl Link {
             }
             Input::TooLong => {
                 self.drop_publication(Outbound::drop_too_long, RingSender::drop_too_long)?
+            }
+            Input::Expired => {
+                self.drop_publication(Outbound::drop_expired, RingSender::drop_expired)?
             }
             Input::SegmentMissing => {
                 self.on_segment_missing();
@@ -317,12 +324,17 @@ impl Machine for Link {
     type End = End;
     type Misuse = Misuse;
 
-    /// `now` is not used in version 1. [`Error::Ended`]: the link was over before, or a violation in
+    /// [`Error::Ended`]: the link was over before, or a violation in
     /// this very input has ended it; the outputs carry the consequences. All other ends are no error
     /// of the input that brings them: only [`Output::Ended`] reports them.
-    fn handle(&mut self, _now: Instant, input: Input<'_>) -> Result<(), Error> {
+    fn handle(&mut self, now: Instant, input: Input<'_>) -> Result<(), Error> {
         let result = match self.state {
-            Ok(phase) => self.handle_live(phase, input),
+            Ok(phase) => {
+                let result = self.handle_live(phase, input);
+                self.start_deadline(now);
+                self.expire_unsent(now);
+                result
+            }
             Err(over) => {
                 self.handle_ended(over, &input);
                 Err(Error::Ended(over.end))
@@ -338,8 +350,8 @@ impl Machine for Link {
         output
     }
 
-    /// Always `None`: a link has no timer in version 1.
+    /// The time of the next [`tick`](Link::tick); `None` unless a receiver demands a deadline.
     fn deadline(&self) -> Option<Instant> {
-        None
+        self.period_end()
     }
 }

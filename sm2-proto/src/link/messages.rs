@@ -106,7 +106,7 @@ impl Link {
     /// # Errors
     /// [`Error::Misuse`]: the ring was not lent. [`Error::Ended`]: the link is over, perhaps by a
     /// violation that this call found.
-    //= SM2-RNG-011, SM2-QOS-007
+    //= SM2-RNG-011, SM2-QOS-011
     pub fn settle_returned(
         &mut self,
         memory: &impl LinkMemory,

@@ -5,7 +5,7 @@
 //! | feed | [`handle`](crate::Machine::handle) with each datagram, command of the application, change of the socket |
 //! | drain | [`poll`](crate::Machine::poll) until it returns `None`, after every feed |
 //! | messages | [`Link::send`], [`Link::take`], [`Link::release`], [`Link::has_room`], the same on both lanes |
-//! | deadline | [`deadline`](crate::Machine::deadline): a link has no timer in version 1 |
+//! | deadline | [`deadline`](crate::Machine::deadline): the next [`Link::tick`] of a receiver with a deadline |
 //! | inspect | [`Link::is_open`], [`Link::end`], [`Link::counters`], [`Link::placement`], … |
 //!
 //! The machine does no I/O, reads no clock and sees no descriptor. Its driver owns the socket, the
@@ -47,6 +47,7 @@
 //! | a receiver's driver | calls |
 //! | --- | --- |
 //! | for the next message | [`Link::take`], then [`Link::made_room`] (once for several) |
+//! | for each message that it took | [`Link::is_expired`]: if so, [`Link::expire`], and the next one |
 //! | when the application gives one back | [`Link::release`], or [`Link::release_all`] for several |
 //! | before it sleeps | [`Link::park`], and looks again |
 //!
@@ -64,12 +65,14 @@
 mod attachments;
 mod calls;
 mod config;
+mod deadline;
 mod frame_kind;
 #[cfg(any(test, feature = "fuzzing"))]
 pub(crate) mod fuzz;
 mod inbound;
 mod inspect;
 mod lane;
+mod lifespan;
 mod machine;
 mod max_len;
 mod memory;

@@ -4,6 +4,7 @@
 //! *unreleased* until RELEASE names it. Only waiting messages count against `depth` and can be
 //! displaced.
 
+mod lifespan;
 #[cfg(any(kani, test))]
 mod proofs;
 
@@ -20,7 +21,7 @@ use super::{
     wire::{Form, Frame, Given, MessageFrame},
 };
 use crate::{
-    Violation,
+    Period, Violation,
     limits::{CALLS_MAX, INLINE_MAX, RELEASE_MAX},
 };
 
@@ -31,6 +32,7 @@ pub(super) struct Outbound {
     displaces: bool,
     /// Whether pooled messages are illegal.
     sealed: bool,
+    lifespan: Period,
     /// How many messages may wait.
     depth: usize,
     /// How many messages may be admitted or unreleased. Zero until OPEN comes.
@@ -82,6 +84,7 @@ impl Outbound {
             carrier,
             displaces: !config.reliable,
             sealed: config.sealed,
+            lifespan: config.lifespan,
             depth,
             window: 0,
             waiting: VecDeque::new(),
@@ -224,24 +227,28 @@ impl Outbound {
     }
 
     /// Handles RELEASE. If any of its numbers is illegal, none of them has an effect.
-    //= SM2-MSG-004
+    //= SM2-MSG-006
     pub(super) fn release(
         &mut self,
         frame: &Frame<'_>,
         given: Given,
         mut each: impl FnMut(Released),
     ) -> Result<(), Violation> {
+        //= SM2-QOS-010
+        if given == Given::Expired && self.lifespan == Period::NONE {
+            return Err(violation!(BadRelease, "SM2-QOS-010"));
+        }
         let mut count = 0;
         let mut last = 0;
         for sequence in frame.sequences() {
             count += 1;
             if sequence <= last || count > RELEASE_MAX || !self.unreleased.contains_key(&sequence) {
-                return Err(violation!(BadRelease, "SM2-MSG-004"));
+                return Err(violation!(BadRelease, "SM2-MSG-006"));
             }
             last = sequence;
         }
         if count == 0 {
-            return Err(violation!(BadRelease, "SM2-MSG-004"));
+            return Err(violation!(BadRelease, "SM2-MSG-006"));
         }
         for sequence in frame.sequences() {
             if let Some(released) = self.take_unreleased(sequence, given) {
@@ -253,7 +260,7 @@ impl Outbound {
         Ok(())
     }
 
-    //= SM2-QOS-007
+    //= SM2-QOS-011
     fn take_unreleased(&mut self, sequence: u64, given: Given) -> Option<Released> {
         let Unreleased { key, id, slot } = self.unreleased.remove(&sequence)?;
         self.settle(slot, true);
@@ -265,6 +272,10 @@ impl Outbound {
             Given::Discarded => {
                 self.counters.discarded += 1;
                 Fate::Discarded
+            }
+            Given::Expired => {
+                self.counters.expired += 1;
+                Fate::Expired
             }
         };
         Some(Released { key, id, fate })
@@ -373,7 +384,7 @@ impl Outbound {
         self.waiting.len() + self.admitted.len() + self.unreleased.len()
     }
 
-    //= SM2-QOS-007
+    //= SM2-QOS-011
     pub(super) fn counters(&self) -> Counters {
         Counters {
             in_flight: self.in_flight() as u64,

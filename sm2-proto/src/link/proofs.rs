@@ -10,7 +10,7 @@ use super::{
     wire::{Form, Frame, MessageFrame},
 };
 use crate::{
-    Code, Datagram, FdFacts, Instant, LinkId, Machine, Seals, VERSION,
+    Code, Datagram, FdFacts, Instant, LinkId, Machine, Period, Seals, VERSION,
     limits::{MESSAGE_HEAD, MESSAGE_MAX, SEGMENT_BYTES_MAX, SLOTS_MAX},
     proofs::{below, one_of},
 };
@@ -35,6 +35,8 @@ pub(super) fn config(role: Role) -> Config {
         depth: 1,
         max_borrowed: 1,
         max_len: MaxLen::GREATEST,
+        deadline: Period::NONE,
+        lifespan: Period::NONE,
     }
 }
 
@@ -162,7 +164,7 @@ fn fixed_frames_are_canonical() {
 
 /// Sets one byte of a frame of zeros: checks which bytes are reserved, and which values are
 /// illegal.
-//= SM2-WIR-001, SM2-TRN-011, SM2-MSG-004 kani
+//= SM2-WIR-001, SM2-TRN-011, SM2-MSG-006 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(34))]
 fn each_reserved_byte_is_checked() {
@@ -178,11 +180,11 @@ fn each_reserved_byte_is_checked() {
         ..Datagram::new(&bytes[..exact])
     };
     let takes_file = [FrameKind::Attach as u8, FrameKind::Ring as u8].contains(&number);
-    let unknown_fate = number == FrameKind::Release as u8 && at == 1 && value > 1;
+    let unknown_fate = number == FrameKind::Release as u8 && at == 1 && value > 2;
     let expected = if reserved.contains(&at) && value != 0 {
         Err(violation!(ReservedNotZero, "SM2-WIR-001"))
     } else if unknown_fate {
-        Err(violation!(Malformed, "SM2-MSG-004"))
+        Err(violation!(Malformed, "SM2-MSG-006"))
     } else if (fds == 1) != takes_file {
         Err(violation!(FdCount, "SM2-TRN-011"))
     } else {
@@ -290,6 +292,8 @@ fn receiver_keeps_to_its_window() {
         depth: 1 + u16::from(kani::any::<bool>()),
         max_borrowed: 1,
         max_len: MaxLen::GREATEST,
+        deadline: Period::NONE,
+        lifespan: Period::NONE,
     };
     let mut inbound = Inbound::new(&config);
     let (mut came, mut unreleased, mut held) = (0, 0, None);

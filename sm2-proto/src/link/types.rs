@@ -25,6 +25,9 @@ pub enum Input<'a> {
     /// The driver does not send a publication on this link, because the publication is longer than
     /// [`Link::peer_max_len`](super::Link::peer_max_len). It counts as [`Counters::too_long`].
     TooLong,
+    /// The driver does not send a publication on this link, because the publication is older than its lifespan. It
+    /// counts as [`Counters::expired`].
+    Expired,
     /// Ring lane, after [`NoDelivery::UnknownSegment`](super::NoDelivery::UnknownSegment): the
     /// socket has no further datagram that could attach the segment of the message.
     SegmentMissing,
@@ -204,14 +207,16 @@ pub enum Fate {
     /// Longer than the other end accepts, which was not known when the message was queued: its OPEN
     /// came later.
     TooLong,
+    /// Older than its lifespan before the application took it.
+    Expired,
 }
 
 /// Counts of all messages of one link, by outcome: `offered = delivered + overwritten + discarded +
-/// deadline + closed + pool_limit + too_long + in_flight`.
+/// deadline + closed + pool_limit + too_long + expired + in_flight`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Counters {
     /// Every message that was passed to `send`, and every [`Input::Skip`], [`Input::PassOver`],
-    /// [`Input::PoolLimit`] and [`Input::TooLong`].
+    /// [`Input::PoolLimit`], [`Input::TooLong`] and [`Input::Expired`].
     pub offered: u64,
     /// See [`Fate::Delivered`].
     pub delivered: u64,
@@ -228,6 +233,9 @@ pub struct Counters {
     /// Not sent on this link because the other end does not accept messages of this length: see
     /// [`Input::TooLong`] and [`Fate::TooLong`].
     pub too_long: u64,
+    /// Older than its lifespan before it was sent, or before the other end took it: see [`Input::Expired`] and
+    /// [`Fate::Expired`].
+    pub expired: u64,
     /// Queued on this side, or sent and not yet released.
     pub in_flight: u64,
 }
@@ -243,6 +251,7 @@ impl Counters {
             .saturating_add(self.closed)
             .saturating_add(self.pool_limit)
             .saturating_add(self.too_long)
+            .saturating_add(self.expired)
     }
 }
 

@@ -138,6 +138,8 @@ pub enum Given {
     Consumed = 0,
     /// They were displaced before the application took them.
     Discarded = 1,
+    /// They were older than their lifespan when the application would have taken them.
+    Expired = 2,
 }
 
 impl<'a> Frame<'a> {
@@ -237,7 +239,7 @@ impl<'a> Frame<'a> {
         let (layout, rest) = Layout::<RELEASE>::split(bytes)?;
         layout.check_zero::<4, 4>()?;
         let given =
-            Given::from_number(layout.u8::<1>()).ok_or(violation!(Malformed, "SM2-MSG-004"))?;
+            Given::from_number(layout.u8::<1>()).ok_or(violation!(Malformed, "SM2-MSG-006"))?;
         Ok(Self::Release {
             given,
             count: layout.u16::<2>(),
@@ -427,7 +429,8 @@ impl Given {
         match number {
             0 => Some(Self::Consumed),
             1 => Some(Self::Discarded),
-            //= SM2-MSG-004
+            2 => Some(Self::Expired),
+            //= SM2-MSG-006
             _ => None,
         }
     }

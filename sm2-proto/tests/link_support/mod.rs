@@ -2,7 +2,7 @@
 #![allow(dead_code, reason = "each test binary uses its part")]
 
 use sm2_proto::{
-    Datagram, FdFacts, Instant, LinkId, Machine, Seals, Violation,
+    Datagram, FdFacts, Instant, LinkId, Machine, Period, Seals, Violation,
     link::{
         Body, Config, End, Error, Fate, Input, Link, MaxLen, NoMemory, OutboundMessage, Output,
         Packet, RingLayout, Role, SegmentInfo, Status, Wake,
@@ -33,6 +33,8 @@ pub(crate) fn config(role: Role) -> Config {
         depth: 2,
         max_borrowed: 1,
         max_len: MaxLen::GREATEST,
+        deadline: Period::NONE,
+        lifespan: Period::NONE,
     }
 }
 

@@ -388,6 +388,7 @@ impl Pair {
                 closed: tally(Some(Fate::Closed)),
                 pool_limit: 0,
                 too_long: tally(Some(Fate::TooLong)),
+                expired: tally(Some(Fate::Expired)),
                 in_flight: tally(None),
             };
             assert_eq!(at.link.counters(), expected);

@@ -22,7 +22,7 @@ impl Pair {
         }
     }
 
-    //= SM2-QOS-007 test
+    //= SM2-QOS-011 test
     fn check_counters(&self) {
         let sending = &self.sending;
         if !self.sound {
@@ -38,6 +38,7 @@ impl Pair {
             closed: 0,
             pool_limit: 0,
             too_long: 0,
+            expired: 0,
             in_flight: tally(None),
         };
         assert_eq!(sending.at.link.counters(), expected);

@@ -1,7 +1,7 @@
 //! Short constructors of names and contracts.
 #![allow(dead_code, reason = "each test uses a part")]
 
-use sm2_proto::{Contract, DemandedQos, Name, OfferedQos, ServiceQos, TypeId};
+use sm2_proto::{Contract, DemandedQos, Name, OfferedQos, Period, ServiceQos, TypeId};
 
 pub(crate) fn name(text: &str) -> Name {
     Name::new(text).expect("the test wrote a legal name")
@@ -27,6 +27,8 @@ pub(crate) fn publisher_with(topic: &str, data: &TypeId, reliable: bool, sealed:
             reliable,
             latched: 0,
             sealed,
+            deadline: Period::NONE,
+            lifespan: Period::NONE,
         },
     }
 }
@@ -54,8 +56,19 @@ pub(crate) fn subscriber_with(
             reliable,
             max_borrowed: 2,
             sealed,
+            deadline: Period::NONE,
         },
     }
+}
+
+/// The contract of a publisher or subscriber with this deadline, in nanoseconds.
+pub(crate) fn with_deadline(mut contract: Contract, deadline: u64) -> Contract {
+    match &mut contract {
+        Contract::Publisher { offer, .. } => offer.deadline = Period(deadline),
+        Contract::Subscriber { demand, .. } => demand.deadline = Period(deadline),
+        Contract::Server { .. } | Contract::Client { .. } => {}
+    }
+    contract
 }
 
 pub(crate) fn server(service: &str, request: &TypeId, reply: &TypeId) -> Contract {

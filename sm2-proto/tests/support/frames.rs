@@ -10,7 +10,7 @@ use proptest::{
 };
 use sm2_proto::{
     Code, Contract, DemandedQos, EntityId, InterfaceId, LinkId, LinkKey, Name, NodeId, OfferedQos,
-    Quota, Refusal, ServiceQos, TypeId,
+    Period, Quota, Refusal, ServiceQos, TypeId,
     control::{
         Change, Changes, Item, Key, Limit, Limits, LinkPeer, Page, PolicyProblem, ReloadOutcome,
         SchemaText, ToManager, ToNode, UnlinkedReason,
@@ -87,8 +87,15 @@ fn service_qos() -> impl Strategy<Value = ServiceQos> {
 }
 
 pub(crate) fn contracts() -> impl Strategy<Value = Contract> {
-    let flags = || (any::<bool>(), any::<bool>());
-    let publisher = (names(), types(), 1..=1_024_u16, 0..=1_024_u16, flags());
+    let periods = || prop_oneof![Just(0), 1..=u64::MAX].prop_map(Period);
+    let flags = || (any::<bool>(), any::<bool>(), periods());
+    let publisher = (
+        names(),
+        types(),
+        1..=1_024_u16,
+        0..=1_024_u16,
+        (flags(), periods()),
+    );
     let subscriber = (
         names(),
         option::of(types()),
@@ -97,30 +104,37 @@ pub(crate) fn contracts() -> impl Strategy<Value = Contract> {
         flags(),
     );
     prop_oneof![
-        publisher.prop_map(|(topic, data, depth, latched, (reliable, sealed))| {
-            Contract::Publisher {
-                topic,
-                data,
-                offer: OfferedQos {
-                    depth,
-                    reliable,
-                    latched,
-                    sealed,
-                },
+        publisher.prop_map(
+            |(topic, data, depth, latched, ((reliable, sealed, deadline), lifespan))| {
+                Contract::Publisher {
+                    topic,
+                    data,
+                    offer: OfferedQos {
+                        depth,
+                        reliable,
+                        latched,
+                        sealed,
+                        deadline,
+                        lifespan,
+                    },
+                }
             }
-        }),
-        subscriber.prop_map(|(topic, data, depth, max_borrowed, (reliable, sealed))| {
-            Contract::Subscriber {
-                topic,
-                data,
-                demand: DemandedQos {
-                    depth,
-                    reliable,
-                    max_borrowed,
-                    sealed,
-                },
+        ),
+        subscriber.prop_map(
+            |(topic, data, depth, max_borrowed, (reliable, sealed, deadline))| {
+                Contract::Subscriber {
+                    topic,
+                    data,
+                    demand: DemandedQos {
+                        depth,
+                        reliable,
+                        max_borrowed,
+                        sealed,
+                        deadline,
+                    },
+                }
             }
-        }),
+        ),
         (names(), types(), types(), service_qos()).prop_map(|(service, request, reply, qos)| {
             Contract::Server {
                 service,

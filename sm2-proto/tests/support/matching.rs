@@ -1,4 +1,4 @@
-//! The rules SM2-MAT-001 and SM2-MAT-003 written from SPEC alone, without the code of the machines:
+//! The rules SM2-MAT-004 and SM2-MAT-003 written from SPEC alone, without the code of the machines:
 //! whether two interfaces are to be linked, and with what QoS. The model in `verification/` uses
 //! this file as well.
 
@@ -11,7 +11,7 @@ pub(crate) struct LinkQos {
     pub(crate) sealed: bool,
 }
 
-/// SM2-MAT-001 and, for the two sides alone, SM2-MAT-003.
+/// SM2-MAT-004 and, for the two sides alone, SM2-MAT-003.
 pub(crate) fn qos(one: &Contract, other: &Contract) -> Option<LinkQos> {
     match (one, other) {
         (
@@ -27,7 +27,13 @@ pub(crate) fn qos(one: &Contract, other: &Contract) -> Option<LinkQos> {
                 reliable: demand.reliable,
                 sealed: offer.sealed || demand.sealed,
             };
-            (same && (offer.reliable || !demand.reliable)).then_some(qos)
+            let reliable = offer.reliable || !demand.reliable;
+            let in_time = match (offer.deadline.get(), demand.deadline.get()) {
+                (_, None) => true,
+                (None, Some(_)) => false,
+                (Some(offered), Some(demanded)) => offered <= demanded,
+            };
+            (same && reliable && in_time).then_some(qos)
         }
         (
             Contract::Server {

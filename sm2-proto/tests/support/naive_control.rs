@@ -337,6 +337,8 @@ impl Reader<'_> {
                     "reliable": self.bool()?,
                     "latched": self.qos(0)?,
                     "sealed": self.bool()?,
+                    "deadline": self.u64()?,
+                    "lifespan": self.u64()?,
                 },
             }}),
             1 => json!({"Subscriber": {
@@ -347,6 +349,7 @@ impl Reader<'_> {
                     "reliable": self.bool()?,
                     "max_borrowed": self.qos(1)?,
                     "sealed": self.bool()?,
+                    "deadline": self.u64()?,
                 },
             }}),
             2 => json!({"Server": {

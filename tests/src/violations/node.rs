@@ -403,6 +403,11 @@ fn bad_links() -> Rows {
             reliable(plain.clone()),
         )
         .link("that is reliable undemanded", "", reliable(willing))
+        .link(
+            "whose peer does not offer the deadline",
+            "deadline",
+            plain.clone(),
+        )
         .link("that is not sealed as demanded", "sealed", plain);
     all([rule])
 }

@@ -39,7 +39,7 @@ const BOTH: Terms = Terms {
     ..ALL
 };
 
-//= SM2-RNG-005, SM2-RNG-006, SM2-RNG-007, SM2-RNG-008, SM2-RNG-015 loom
+//= SM2-RNG-005, SM2-RNG-006, SM2-RNG-007, SM2-RNG-016, SM2-RNG-015 loom
 #[test]
 fn the_last_message_always_comes() {
     holds("ring: keep-last", Some(3), || ring::keep_last(LAST));

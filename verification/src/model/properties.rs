@@ -42,13 +42,13 @@ pub enum Property {
     /// SM2-MSG-002, SM2-QOS-001, SM2-QOS-002).
     MessagesInOrder,
     /// `DAT-REFS`: a slot is written again only after its release, and every slot and descriptor is
-    /// returned (SM2-PAY-005, SM2-MSG-004, SM2-SEG-005, SM2-OPN-008).
+    /// returned (SM2-PAY-005, SM2-MSG-006, SM2-SEG-005, SM2-OPN-008).
     SlotsComeBack,
     /// `LNK-WINDOW`: at most `window` messages are unreleased, and at most `max_borrowed` are held
     /// (SM2-MSG-003, SM2-MSG-005).
     WithinWindow,
     /// `LNK-FATES`: each message is settled once, with its true fate, and counted accordingly
-    /// (SM2-QOS-007).
+    /// (SM2-QOS-011).
     FatesAreTrue,
     /// `RPC-ONCE`: each call ends once, with its own reply or with the link (SM2-SRV-003,
     /// SM2-SRV-004, SM2-SRV-005).

@@ -10,6 +10,7 @@ use super::super::source::{Input, Split};
 use crate::{
     args::{Domain, Integrity, name, positive},
     size::{MESSAGE_MAX_BYTES, Size},
+    time,
 };
 
 /// `sm2 topic pub`.
@@ -44,6 +45,12 @@ pub(crate) struct Arguments {
     /// Wait for subscribers that want every message (`sm2 topic echo --reliable`)
     #[arg(long)]
     pub(super) reliable: bool,
+    /// Offer a message at least once in this time, such as 100ms, to subscribers that demand it
+    #[arg(long, value_name = "TIME", value_parser = time::span)]
+    pub(super) deadline: Option<Duration>,
+    /// Messages that are older than this, such as 100ms, are not delivered
+    #[arg(long, value_name = "TIME", value_parser = time::span)]
+    pub(super) lifespan: Option<Duration>,
     /// Reuse shared memory, or seal each message, so that nobody can change it after publishing
     #[arg(long, value_enum, default_value_t = Integrity::Pooled)]
     pub(super) integrity: Integrity,

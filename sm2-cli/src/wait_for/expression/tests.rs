@@ -1,5 +1,5 @@
 use sm2_proto::{
-    Contract, DemandedQos, EntityId, InterfaceId, NodeId, OfferedQos, TypeId, control::Item,
+    Contract, DemandedQos, EntityId, InterfaceId, NodeId, OfferedQos, Period, TypeId, control::Item,
 };
 
 use super::*;
@@ -36,6 +36,8 @@ fn domain() -> Domain {
             reliable: false,
             latched: 0,
             sealed: false,
+            deadline: Period::NONE,
+            lifespan: Period::NONE,
         },
     };
     let subscriber = Contract::Subscriber {
@@ -46,6 +48,7 @@ fn domain() -> Domain {
             reliable: false,
             max_borrowed: 1,
             sealed: false,
+            deadline: Period::NONE,
         },
     };
     let mut domain = Domain::new();

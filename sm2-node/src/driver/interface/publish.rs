@@ -224,6 +224,7 @@ impl Interface {
     /// Counts a publication, and whether a link was open for it.
     #[inline]
     pub(super) fn count_publication(&mut self, time: Instant, len: u64, is_heard: bool) {
+        self.meet_deadline(time);
         self.unheard += u64::from(!is_heard);
         note(self.entry.as_mut(), |entry| {
             entry.published(time, len);
@@ -329,7 +330,14 @@ impl Interface {
             }
         }
         while let Some(&key) = link.backlog.front() {
-            let len = self.outbox.label(key).map_or(0, |label| label.len);
+            let label = self.outbox.label(key);
+            let len = label.map_or(0, |label| label.len);
+            if label.is_some_and(|label| link.is_expired(label.time)) {
+                link.backlog.pop_front();
+                link.drop_expired(context, &mut self.outbox);
+                self.outbox.release(key);
+                continue;
+            }
             if !link.accepts(len) {
                 link.backlog.pop_front();
                 link.drop_too_long(len, context, &mut self.outbox);

@@ -51,6 +51,7 @@ impl Interface {
         if link.is_over_unnoticed() {
             self.bury(token);
         }
+        self.ask_for_tick();
         self.detach_segments(context);
         let Some(link) = self.links.get(token).filter(|it| it.buried) else {
             return;
@@ -114,6 +115,7 @@ impl Interface {
             self.for_control.ends.push((link.id, code));
         }
         let status = link.status();
+        self.keep_missed_deadlines(status.missed_deadlines);
         add_counters(&mut self.ended_sum, &status.counters);
         if self.ended.len() == HISTORY {
             self.ended.pop_front();

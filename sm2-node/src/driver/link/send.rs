@@ -184,6 +184,7 @@ impl LinkDriver {
     /// Settles the messages that the receiver gave back, and sends queued messages into the new
     /// room.
     pub(in crate::driver) fn harvest(&mut self, context: &mut Context<'_>, outbox: &mut Outbox) {
+        self.expire_unsent(context, outbox);
         while self.machine.end().is_none() {
             let settled = |key, fate| outbox.settle(MessageKey::from_raw(key), fate);
             let harvested = self.machine.harvest(&self.mapped, settled);

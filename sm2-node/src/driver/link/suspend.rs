@@ -32,9 +32,11 @@ impl LinkDriver {
         }
     }
 
+    /// How many messages were released. A message that has expired gives its memory back as well.
+    //= SM2-QOS-010
     fn released(&self) -> u64 {
         let counters = self.counters();
-        counters.delivered + counters.discarded
+        counters.delivered + counters.discarded + counters.expired
     }
 
     /// Counts a publication that the limit of memory keeps from this link.

@@ -1,11 +1,12 @@
 //! Taking the messages of a link, and giving them back, on whichever lane its machine has agreed
 //! on.
 
+use std::mem;
 use std::sync::Arc;
 
 use sm2_proto::control::LinkPeer;
-use sm2_proto::link::{Error, Input, Misuse, NoDelivery, Payload, Role, TooManyBorrowed};
-use sm2_proto::{Instant, Machine};
+use sm2_proto::link::{Delivery, Error, Input, Misuse, NoDelivery, Payload, Role, TooManyBorrowed};
+use sm2_proto::{Instant, Machine, Period};
 
 use super::LinkDriver;
 use crate::driver::context::Context;
@@ -15,6 +16,19 @@ use crate::driver::interface::{Header, Taken};
 use crate::driver::outbox::Outbox;
 use crate::driver::token::LinkToken;
 use crate::payload::Source;
+
+/// The next message of a link.
+#[derive(Debug)]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "few messages expire, and a box would need an allocation"
+)]
+enum Next {
+    /// The application has it.
+    Put,
+    /// It is older than its lifespan.
+    Expired(Delivery),
+}
 
 impl LinkDriver {
     /// Takes the next message for the application, and passes it to `put`, after its header to `count`. Returns
@@ -30,19 +44,23 @@ impl LinkDriver {
         let mut looked = false;
         loop {
             match self.take_next(count, put, context.now) {
-                Ok(true) => {
+                Ok(Some(next)) => {
                     // The parked word is not cleared, because another thread of this subscriber may
                     // sleep.
                     let wake = self.machine.made_room(&self.mapped);
                     self.wake(wake, context.sets);
                     // There may be outputs for cancelled or failed calls.
                     self.drain_if_due(context.sets, outbox);
+                    if let Next::Expired(delivery) = next {
+                        self.drop_taken(&delivery, context, outbox);
+                        continue;
+                    }
                     if self.end().is_some() {
                         self.forget_unused();
                     }
                     return Ok(true);
                 }
-                Ok(false) => {
+                Ok(None) => {
                     self.drain_if_due(context.sets, outbox);
                     return Ok(false);
                 }
@@ -71,17 +89,25 @@ impl LinkDriver {
         Ok(false)
     }
 
-    /// Passes the next message, with the memory of its payload, to `put`.
+    /// Takes the next message. Passes it, with the memory of its payload, to `put`, unless it is older than its
+    /// lifespan.
     #[inline]
     fn take_next(
         &mut self,
         count: &mut impl FnMut(&Header, &Arc<LinkPeer>),
         put: &mut impl FnMut(Taken),
         now: Instant,
-    ) -> Result<bool, NoDelivery> {
+    ) -> Result<Option<Next>, NoDelivery> {
+        let lifespan = self.machine.config().lifespan;
         let is_topic = self.role() == Role::Receiver;
-        let taken = self.machine.take_with(&self.mapped, |delivery| {
-            let header = Header::of(&delivery);
+        self.machine.take_with(&self.mapped, |delivery| {
+            //= SM2-QOS-010
+            if lifespan != Period::NONE && lifespan.has_passed(delivery.time, sm2_io::clock::now())
+            {
+                return Next::Expired(delivery);
+            }
+            let mut header = Header::of(&delivery);
+            header.lost += mem::take(&mut self.lost_with_expired);
             self.held += 1;
             self.received.add(&header);
             count(&header, &self.peer);
@@ -114,12 +140,12 @@ impl LinkDriver {
                 header,
                 source,
             });
-        });
-        Ok(taken?.is_some())
+            Next::Put
+        })
     }
 
     /// Gives the messages at these places of this link back for the application, as one batch.
-    //= SM2-RNG-008, SM2-RNG-015, SM2-MSG-005
+    //= SM2-RNG-016, SM2-RNG-015, SM2-MSG-005
     #[inline]
     pub(in crate::driver) fn release(
         &mut self,

@@ -253,6 +253,7 @@ impl Control {
                 ring,
                 max_len: interface.max_len,
                 ..Config::new(&interface.contract, link, version, reliable, sealed)
+                    .with_peer(&peer.contract)
             };
             let (peer, entry) = (Arc::clone(&peer), entry.take());
             let driver = LinkDriver::new(token, peer, (socket, room), config, entry, quota);

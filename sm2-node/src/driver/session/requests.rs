@@ -6,7 +6,7 @@ use std::sync::Arc;
 use sm2_proto::control::SchemaText;
 use sm2_proto::link::MaxLen;
 use sm2_proto::node::{self, End, Input};
-use sm2_proto::{Contract, InterfaceId, NodeId, Refusal, TypeId};
+use sm2_proto::{Contract, InterfaceId, NodeId, Period, Refusal, TypeId};
 
 use crate::driver::control::Control;
 use crate::driver::datagram::Incoming;
@@ -20,7 +20,7 @@ use crate::driver::shared_interface::{ControlSide, SharedInterface};
 pub(crate) enum NotDeclared {
     /// The session does not accept the declaration.
     Session(node::Error),
-    /// The system refuses the set of the interface.
+    /// The system refuses the set of the interface, or the timer of its deadline.
     Sets(io::Error),
 }
 
@@ -63,6 +63,9 @@ impl Control {
         control: Arc<dyn ControlSide>,
         sets: &Arc<NodeSets>,
     ) -> Result<Arc<SharedInterface>, NotDeclared> {
+        if contract.deadline() != Period::NONE {
+            (self.qos_timer.prepare(sets)).map_err(NotDeclared::Sets)?;
+        }
         let declared = self.session.declare(contract.clone());
         let id = declared.map_err(NotDeclared::Session)?;
         let links = LinkSets::new(sets, id).map_err(|error| {
@@ -79,6 +82,9 @@ impl Control {
             id, &self.name, control, links, interface,
         ));
         self.interfaces.insert(id, Arc::clone(&interface));
+        if let Some(results) = interface.ask_for_tick() {
+            self.handle(id, results, sets);
+        }
         self.drain_session(Incoming::default(), sets);
         Ok(interface)
     }

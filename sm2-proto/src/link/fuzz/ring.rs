@@ -13,7 +13,7 @@ use core::cell::Cell;
 use self::hostile::Hostile;
 use super::{super::wire::LANE_RING, LANE_SOCKET, LINK, World};
 use crate::{
-    Code, FdFacts, Instant, Seals,
+    Code, FdFacts, Instant, Period, Seals,
     fuzz::Script,
     limits::SLOT_HEAD,
     link::{
@@ -34,7 +34,7 @@ const fn segment(id: u32) -> SegmentInfo {
 }
 
 /// Runs the steps that the bytes encode. Panics if the machine broke its contract.
-//= SM2-RNG-005, SM2-RNG-006, SM2-RNG-007, SM2-RNG-008, SM2-RNG-011, SM2-RNG-012 fuzz
+//= SM2-RNG-005, SM2-RNG-006, SM2-RNG-007, SM2-RNG-016, SM2-RNG-011, SM2-RNG-012 fuzz
 pub(crate) fn words(data: &[u8]) {
     let mut script = Script::new(data);
     let Some(mut ring) = Ring::new(&mut script) else {
@@ -91,6 +91,8 @@ impl<'a> Ring<'a> {
                 0 => MaxLen::GREATEST,
                 _ => MaxLen::LEAST,
             },
+            deadline: Period::NONE,
+            lifespan: Period::NONE,
         };
         let window = u32::from(config.depth + config.max_borrowed);
         let layout = RingLayout::new(config.depth, window)?;

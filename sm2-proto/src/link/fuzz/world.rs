@@ -13,7 +13,7 @@ use super::{
     },
     LINK, NOW,
 };
-use crate::{Datagram, FdFacts, Machine, fuzz::Script};
+use crate::{Datagram, FdFacts, Machine, Period, fuzz::Script};
 
 /// One machine, and the state of its driver and its peer.
 pub(super) struct World {
@@ -56,6 +56,8 @@ impl World {
                 0 => MaxLen::GREATEST,
                 _ => MaxLen::LEAST,
             },
+            deadline: Period(u64::from(flags >> 6)),
+            lifespan: Period(u64::from(flags & 32)),
         };
         Some(Self::with(config))
     }

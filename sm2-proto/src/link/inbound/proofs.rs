@@ -199,7 +199,7 @@ fn a_message_is_admitted_exactly() {
 
 /// Each message is taken once, given back once and released once. Messages are released in order,
 /// and displaced messages before the messages that the application gave back.
-//= SM2-MSG-004, SM2-MSG-005, SM2-PAY-005 kani
+//= SM2-MSG-006, SM2-MSG-005, SM2-PAY-005 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(8))]
 fn each_message_is_released_once() {

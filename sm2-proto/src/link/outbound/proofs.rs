@@ -10,7 +10,7 @@ use super::{
     Status, Unreleased,
 };
 use crate::{
-    Instant, LinkId, VERSION,
+    Instant, LinkId, Period, VERSION,
     link::{FrameKind, MaxLen, Packet},
     proofs::{below, one_of},
 };
@@ -89,6 +89,8 @@ impl State {
             depth: 2,
             max_borrowed: 1,
             max_len: MaxLen::GREATEST,
+            deadline: Period::NONE,
+            lifespan: Period(1),
         };
         let mut books = Outbound::new(&config);
         let last = one_of(&SEQUENCES);
@@ -144,7 +146,7 @@ impl State {
 /// DAT-REFS: RELEASE is accepted exactly if all messages that it names are outstanding, in
 /// ascending order. If it is accepted, exactly these messages are settled once and their slots are
 /// free. Otherwise nothing changes.
-//= SM2-MSG-003, SM2-MSG-004, SM2-QOS-007 kani
+//= SM2-MSG-003, SM2-MSG-006, SM2-QOS-011 kani
 #[cfg_attr(kani, kani::proof)]
 // At most seven messages; trees of at most three entries; lists of at most three numbers.
 #[cfg_attr(kani, kani::unwind(10))]
@@ -163,7 +165,7 @@ fn release_is_exact() {
         bytes[8 * at..8 * at + 8].copy_from_slice(&sequence.to_le_bytes());
     }
     let named = &named[..count];
-    let given = one_of(&[Given::Consumed, Given::Discarded]);
+    let given = one_of(&[Given::Consumed, Given::Discarded, Given::Expired]);
     let frame = Frame::Release {
         given,
         count: count as u16,
@@ -185,7 +187,7 @@ fn release_is_exact() {
         "one of two was released before"
     );
     if !legal {
-        assert_eq!(verdict, Err(violation!(BadRelease, "SM2-MSG-004")));
+        assert_eq!(verdict, Err(violation!(BadRelease, "SM2-MSG-006")));
         assert!(state.books == before && settled.is_empty());
         return;
     }
@@ -193,12 +195,14 @@ fn release_is_exact() {
     let fate = match given {
         Given::Consumed => Fate::Delivered,
         Given::Discarded => Fate::Discarded,
+        Given::Expired => Fate::Expired,
     };
     let of = |number: &usize| (10 * *number as u64, 10 * *number as u64 + 1, fate);
     assert!(named.iter().map(of).eq(settled));
     let (was, is) = (before.counters(), state.books.counters());
     assert_eq!(was.in_flight, is.in_flight + count as u64);
-    let released = is.delivered + is.discarded - was.delivered - was.discarded;
+    let released = is.delivered + is.discarded + is.expired;
+    let released = released - was.delivered - was.discarded - was.expired;
     assert_eq!(released, count as u64);
     for number in named {
         assert!(
@@ -287,7 +291,7 @@ fn sent_messages_are_numbered() {
 
 /// One more message finds room, displaces the oldest waiting message, or is refused. OPEN and an
 /// expired deadline also keep the state consistent.
-//= SM2-QOS-001, SM2-QOS-002, SM2-QOS-007, SM2-OPN-003 kani
+//= SM2-QOS-001, SM2-QOS-002, SM2-QOS-011, SM2-OPN-003 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(10))]
 fn one_more_message_keeps_the_books() {
@@ -349,7 +353,7 @@ fn one_more_message_keeps_the_books() {
 }
 
 /// The end settles each unsettled message once, the oldest first.
-//= SM2-OPN-007, SM2-QOS-007 kani
+//= SM2-OPN-007, SM2-QOS-011 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(10))]
 fn the_end_settles_all() {

@@ -9,7 +9,7 @@ use super::{
     message::RingMessage,
     send_queue::SendQueue,
 };
-use crate::Violation;
+use crate::{Period, Violation};
 
 /// The rings of a link: one for each direction in which its role has messages.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -73,7 +73,9 @@ impl RingLane {
         match &mut self.outgoing {
             Some(outgoing) if outgoing.awaits(layout.window()) => {
                 let carrier = Carrier::to(config.role.counterpart());
-                *outgoing = Outgoing::Here(RingSender::new(layout, carrier, config.reliable));
+                let expires = config.lifespan != Period::NONE;
+                let sender = RingSender::new(layout, carrier, config.reliable, expires);
+                *outgoing = Outgoing::Here(sender);
                 Ok(())
             }
             _ => Err(violation!(BadRing, "SM2-RNG-014")),

@@ -14,7 +14,7 @@ use super::{
     At, EMPTY, RingLayout, RingMemory, SlotHead, Wake, Word, wake_parked,
 };
 use crate::{
-    Violation,
+    Instant, Newest, Violation,
     limits::{MESSAGE_MAX, RING_DISPLACED_MAX, SLOT_HEAD},
 };
 
@@ -31,6 +31,8 @@ pub(in crate::link) struct RingReceiver {
     next: u64,
     /// The id of the last message that was taken.
     last_id: Option<u64>,
+    /// The time of the last message that was taken.
+    last_time: Option<Instant>,
     /// How many messages the application gave back.
     given: u64,
     borrowed: Borrowed,
@@ -89,6 +91,7 @@ impl RingReceiver {
             max_len: max_len.bytes(),
             next: 1,
             last_id: None,
+            last_time: None,
             given: 0,
             borrowed: Borrowed::with_capacity(max_borrowed),
             left: None,
@@ -130,6 +133,26 @@ impl RingReceiver {
         let depth = u32::from(self.layout.depth());
         let words = (0..depth).filter(|index| words.load(At::Forward(*index)) != EMPTY);
         words.count()
+    }
+
+    /// The newest message: the newest one in the ring, or else the last one that was taken.
+    pub(in crate::link) fn newest(&self, words: &impl RingMemory) -> Newest {
+        let depth = u32::from(self.layout.depth());
+        let words =
+            (0..depth).filter_map(|it| Word::from_bits(words.load(At::Forward(it))).ok()?);
+        let ahead = words
+            .map(|it| it.sequence.wrapping_sub(self.next as u32))
+            .max();
+        match ahead {
+            Some(ahead) => Newest {
+                sequence: self.next.saturating_add(u64::from(ahead)),
+                time: None,
+            },
+            None => Newest {
+                sequence: self.next - 1,
+                time: self.last_time,
+            },
+        }
     }
 
     /// Takes the word of the next message out of the ring. The caller copies the head from the end of
@@ -234,6 +257,7 @@ impl RingReceiver {
             (Carrier::Request | Carrier::Reply, _) => 0,
         };
         self.last_id = Some(head.id);
+        self.last_time = Some(head.time);
         self.borrowed.push(sequence, word);
         if let Some(left) = &mut self.left {
             *left -= 1;
@@ -280,14 +304,33 @@ impl RingReceiver {
     }
 
     /// Puts the word of a message into the next back word.
-    //= SM2-RNG-008, SM2-MSG-004
+    //= SM2-MSG-006
     #[inline]
     fn release(&mut self, words: &impl RingMemory, sequence: u64) -> Result<(), NotReleased> {
         let word = self.borrowed.remove(sequence).ok_or(Misuse::NotBorrowed)?;
+        self.give_back(words, word)
+    }
+
+    /// Gives a message back that is older than its lifespan. Returns whether the sender has to be woken.
+    //= SM2-QOS-010
+    pub(in crate::link) fn expire(
+        &mut self,
+        words: &impl RingMemory,
+        sequence: u64,
+    ) -> Result<Wake, NotReleased> {
+        let word = self.borrowed.remove(sequence).ok_or(Misuse::NotBorrowed)?;
+        let sequence = !word.sequence;
+        self.give_back(words, Word { sequence, ..word })?;
+        Ok(wake_parked(words, At::SenderParked))
+    }
+
+    //= SM2-RNG-016
+    #[inline]
+    fn give_back(&mut self, words: &impl RingMemory, word: Word) -> Result<(), NotReleased> {
         let at = self.layout.back_word(self.given);
         self.given += 1;
         if words.swap(at, word.to_bits()) != EMPTY {
-            let violation = violation!(BadWord, "SM2-RNG-008");
+            let violation = violation!(BadWord, "SM2-RNG-016");
             return Err(NotReleased::Violation(violation));
         }
         Ok(())

@@ -1,5 +1,6 @@
 //! The sender's side of a ring: the words that it put, and the messages that are not settled.
 
+mod not_sent;
 #[cfg(any(kani, test))]
 mod proofs;
 
@@ -26,6 +27,8 @@ pub(in crate::link) struct RingSender {
     carrier: Carrier,
     /// Whether a message that was not taken is displaced by the message one round later.
     displaces: bool,
+    /// Whether messages have a lifespan, so that the receiver can give them back as expired.
+    expires: bool,
     /// The sequence number of the last message.
     sequence: u64,
     /// The word that this side last put at each index; [`EMPTY`] if it put none, or took the word
@@ -77,11 +80,17 @@ struct Unsettled {
 }
 
 impl RingSender {
-    pub(in crate::link) fn new(layout: RingLayout, carrier: Carrier, reliable: bool) -> Self {
+    pub(in crate::link) fn new(
+        layout: RingLayout,
+        carrier: Carrier,
+        reliable: bool,
+        expires: bool,
+    ) -> Self {
         Self {
             layout,
             carrier,
             displaces: !reliable,
+            expires,
             sequence: 0,
             forward: vec![EMPTY; usize::from(layout.depth())],
             returned: 0,
@@ -336,8 +345,8 @@ impl RingSender {
             return Err(violation!(BadWord, "SM2-RNG-005"));
         }
         // `settle` fails if this message was already given back, so no message is counted twice.
-        let key = self.settle(put);
-        let key = key.ok_or(violation!(BadWord, "SM2-RNG-005"))?;
+        let displaced = self.settle(put);
+        let (key, _) = displaced.ok_or(violation!(BadWord, "SM2-RNG-005"))?;
         self.displaced = self.displaced.saturating_add(1);
         self.counters.discarded += 1;
         settled(key, Fate::Discarded);
@@ -345,7 +354,7 @@ impl RingSender {
     }
 
     /// Settles the messages that the receiver gave back.
-    //= SM2-RNG-008
+    //= SM2-RNG-016
     pub(in crate::link) fn harvest(
         &mut self,
         words: &impl RingMemory,
@@ -358,61 +367,40 @@ impl RingSender {
             }
             let bits = words.swap(at, EMPTY);
             self.returned += 1;
-            let key = self.settle(bits);
-            let key = key.ok_or(violation!(BadWord, "SM2-RNG-008"))?;
-            self.counters.delivered += 1;
+            let back = self.settle(bits);
+            let (key, fate) = back.ok_or(violation!(BadWord, "SM2-RNG-016"))?;
+            if fate == Fate::Expired {
+                self.counters.expired += 1;
+            } else {
+                self.counters.delivered += 1;
+            }
             self.stalled = false;
-            settled(key, Fate::Delivered);
+            settled(key, fate);
         }
         Ok(())
     }
 
-    /// Settles the message that these bits name, and returns its key. `None` if they name no
-    /// unsettled message.
+    /// Settles the message that these bits name, and returns its key and whether it was delivered or
+    /// has expired. `None` if they name no unsettled message.
+    //= SM2-RNG-016
     #[inline]
-    fn settle(&mut self, bits: u64) -> Option<u64> {
+    fn settle(&mut self, bits: u64) -> Option<(u64, Fate)> {
         let word = Word::from_bits(bits).ok()??;
+        let expires = self.expires;
         let segment = self.segment_mut(u32::from(word.segment))?;
         let slot = segment.slots.get_mut(usize::from(word.slot))?;
-        match *slot {
-            Some(Unsettled { key, sequence }) if sequence as u32 == word.sequence => {
-                *slot = None;
-                segment.unreleased -= 1;
-                self.unreleased -= 1;
-                Some(key)
-            }
-            _ => None,
-        }
-    }
-
-    /// Counts a message whose deadline passed while the application waited for room.
-    //= SM2-QOS-002
-    pub(in crate::link) const fn skip(&mut self) {
-        self.counters.offered += 1;
-        self.counters.deadline += 1;
-        self.stalled = true;
-    }
-
-    /// Counts a publication that is not sent on this link.
-    pub(in crate::link) const fn pass_over(&mut self) {
-        self.counters.offered += 1;
-        self.counters.overwritten += 1;
-    }
-
-    /// Counts a publication that is not sent on this link because of the pool limit.
-    //= SM2-QOS-006
-    pub(in crate::link) const fn hold_back(&mut self) {
-        self.counters.offered += 1;
-        self.counters.pool_limit += 1;
-        self.stalled = true;
-    }
-
-    /// Counts a publication that is not sent on this link because it is longer than the other end
-    /// accepts.
-    //= SM2-QOS-008
-    pub(in crate::link) const fn drop_too_long(&mut self) {
-        self.counters.offered += 1;
-        self.counters.too_long += 1;
+        let Unsettled { key, sequence } = (*slot)?;
+        let fate = if sequence as u32 == word.sequence {
+            Fate::Delivered
+        } else if expires && sequence as u32 == !word.sequence {
+            Fate::Expired
+        } else {
+            return None;
+        };
+        *slot = None;
+        segment.unreleased -= 1;
+        self.unreleased -= 1;
+        Some((key, fate))
     }
 
     /// Counts a queued message that is not sent, because the link is over.
@@ -453,7 +441,7 @@ impl RingSender {
         self.unreleased as usize
     }
 
-    //= SM2-QOS-007
+    //= SM2-QOS-011
     #[inline]
     pub(in crate::link) fn counters(&self) -> Counters {
         Counters {

@@ -5,7 +5,7 @@ use alloc::sync::Arc;
 
 use super::{Channels, Contract, EntityId, Kind, Name, TypeId};
 use crate::{
-    DemandedQos, InterfaceId, NodeId, OfferedQos, Refusal, ServiceQos,
+    DemandedQos, InterfaceId, NodeId, OfferedQos, Period, Refusal, ServiceQos,
     proofs::{below, one_of},
 };
 
@@ -35,6 +35,8 @@ fn contract(kind: Kind, on: &str, hash: Option<u64>) -> Contract {
                 reliable: false,
                 latched: 0,
                 sealed: false,
+                deadline: Period::NONE,
+                lifespan: Period::NONE,
             },
         },
         Kind::Subscriber => Contract::Subscriber {
@@ -45,6 +47,7 @@ fn contract(kind: Kind, on: &str, hash: Option<u64>) -> Contract {
                 reliable: false,
                 max_borrowed: 1,
                 sealed: false,
+                deadline: Period::NONE,
             },
         },
         Kind::Server => Contract::Server {
@@ -81,7 +84,7 @@ const fn entity(node: u64) -> EntityId {
 
 /// A topic or service has one type as long as any interface states one. A topic and a service of
 /// one name do not affect each other. Matches are the counterparts, in ascending order.
-//= SM2-NAM-002, SM2-IFC-005, SM2-MAT-001 kani
+//= SM2-NAM-002, SM2-IFC-005, SM2-MAT-004 kani
 #[cfg_attr(kani, kani::proof)]
 // Three interfaces; names of one byte.
 #[cfg_attr(kani, kani::unwind(5))]

@@ -4,8 +4,8 @@ use alloc::collections::BTreeMap;
 
 use super::{Answer, Answered, Interface, Judged, Link, Misuse, Standing, State, Withdrawal};
 use crate::{
-    Contract, DemandedQos, InterfaceId, LinkId, LinkKey, LinkQos, Name, NodeId, OfferedQos, TypeId,
-    VERSION,
+    Contract, DemandedQos, InterfaceId, LinkId, LinkKey, LinkQos, Name, NodeId, OfferedQos, Period,
+    TypeId, VERSION,
     control::LinkPeer,
     proofs::{below, one_of},
 };
@@ -81,6 +81,8 @@ fn publisher(reliable: bool, sealed: bool) -> Contract {
             reliable,
             latched: 0,
             sealed,
+            deadline: Period::NONE,
+            lifespan: Period::NONE,
         },
     }
 }
@@ -98,6 +100,7 @@ fn subscriber(topic: Name, reliable: bool, sealed: bool) -> LinkPeer {
                 reliable,
                 max_borrowed: 1,
                 sealed,
+                deadline: Period::NONE,
             },
         },
     }

@@ -106,7 +106,7 @@ fn releases() -> Rows {
         ("513 messages", (1..=513).collect()),
         ("the last possible number", vec![u64::MAX]),
     ];
-    let mut rule = Rule::new(BadRelease, "SM2-MSG-004");
+    let mut rule = Rule::new(BadRelease, "SM2-MSG-006");
     for (what, sequences) in lists {
         rule = rule.fresh(Publisher, format!("RELEASE of {what}"), move |stage| {
             stage.published(3);
@@ -135,7 +135,15 @@ fn releases() -> Rows {
             stage.messages(1);
             stage.send(release(0, &[1]));
         });
-    all([rule])
+    let expired = Rule::new(BadRelease, "SM2-QOS-010").fresh(
+        Publisher,
+        "RELEASE of a message without a lifespan as expired",
+        |stage| {
+            stage.published(1);
+            stage.send(release(2, &[1]));
+        },
+    );
+    all([rule, expired])
 }
 
 fn replies() -> Rows {

@@ -103,7 +103,7 @@ fn values() -> Rows {
                 }
                 .bytes(),
             ),
-        Rule::new(Malformed, "SM2-MSG-004").sent(Publisher, "fate 2", release(2, &[1])),
+        Rule::new(Malformed, "SM2-MSG-006").sent(Publisher, "fate 3", release(3, &[1])),
         Rule::new(Malformed, "SM2-SRV-003").sent(
             Client,
             "status 4",

@@ -247,7 +247,7 @@ fn back_words() -> Rows {
         }),
         ("a slot that is none given back", |bits| bits | 0xffff),
     ];
-    let mut rule = Rule::new(BadWord, "SM2-RNG-008");
+    let mut rule = Rule::new(BadWord, "SM2-RNG-016");
     for real in [Publisher, ReliablePublisher] {
         for (what, forge) in forged {
             rule = rule.fresh(real, format!("{what} ({real:?})"), move |stage| {

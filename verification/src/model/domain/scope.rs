@@ -1,6 +1,8 @@
 //! The bounds of a search: the nodes, and the events that may happen.
 
-use sm2_proto::{Contract, DemandedQos, Name, OfferedQos, ServiceQos, TypeId, manager::Policy};
+use sm2_proto::{
+    Contract, DemandedQos, Name, OfferedQos, Period, ServiceQos, TypeId, manager::Policy,
+};
 
 use super::Restriction;
 
@@ -143,6 +145,7 @@ impl Scope {
                 eager: false,
                 ..Self::new("churn-2x2", crossed(), withdrawals(2))
             },
+            Self::new("deadline-3x1", deadlines(), withdrawals(1)),
             Self::new(
                 "close-churn-takeover-2x1",
                 fan(2, &[LIDAR]),
@@ -340,6 +343,19 @@ fn fan(nodes: usize, topics: &[&str]) -> Vec<Vec<Contract>> {
     all
 }
 
+/// A publisher that offers a deadline, and two subscribers: only the second demands one that the offer fulfils.
+fn deadlines() -> Vec<Vec<Contract>> {
+    let mut all = fan(3, &[LIDAR]);
+    for (contract, deadline) in all.iter_mut().flatten().zip([10, 9, 10]) {
+        match contract {
+            Contract::Publisher { offer, .. } => offer.deadline = Period(deadline),
+            Contract::Subscriber { demand, .. } => demand.deadline = Period(deadline),
+            Contract::Server { .. } | Contract::Client { .. } => {}
+        }
+    }
+    all
+}
+
 /// One server and two clients.
 fn service() -> Vec<Vec<Contract>> {
     vec![
@@ -369,6 +385,8 @@ fn publisher(topic: &str) -> Contract {
             reliable: true,
             latched: 0,
             sealed: false,
+            deadline: Period::NONE,
+            lifespan: Period::NONE,
         },
     }
 }
@@ -382,6 +400,7 @@ fn subscriber(topic: &str) -> Contract {
             reliable: false,
             max_borrowed: 1,
             sealed: false,
+            deadline: Period::NONE,
         },
     }
 }

@@ -286,7 +286,7 @@ impl Flow {
     }
 
     /// Records that a RELEASE that names this message was sent.
-    //= SM2-MSG-004 model
+    //= SM2-MSG-006 model
     pub(super) fn named(&mut self, sequence: u64, given: Given) -> Result<(), Failure> {
         let back = Stage::Back(sequence, given);
         let mut entries = self.entries.iter_mut();
@@ -301,7 +301,7 @@ impl Flow {
     }
 
     /// Records the fate that is reported to the sender. `over` is true if the link has ended.
-    //= SM2-MSG-004, SM2-QOS-007 model
+    //= SM2-MSG-006, SM2-QOS-011 model
     pub(super) fn settled(&mut self, id: u64, fate: Fate, over: bool) -> Result<Entry, Failure> {
         let mut entries = self.entries.iter_mut();
         let found = entries.find(|it| it.id == id && it.fate.is_none());
@@ -330,8 +330,8 @@ impl Flow {
                 tally.closed += 1;
                 over
             }
-            // Every message of the model is shorter than any maximum.
-            Fate::Deadline | Fate::TooLong => false,
+            // Every message of the model is shorter than any maximum, and has no lifespan.
+            Fate::Deadline | Fate::TooLong | Fate::Expired => false,
         };
         if is_true {
             return Ok(*entry);

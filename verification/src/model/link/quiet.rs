@@ -39,7 +39,7 @@ impl World {
     }
 
     /// The counters of the machine agree with the plain lists.
-    //= SM2-QOS-007 model
+    //= SM2-QOS-011 model
     fn check_books(&self, scope: &LinkScope, at: usize, end: &End) -> Result<(), Failure> {
         let (link, flow) = (&end.link, &self.flows[at]);
         let (counted, wanted) = (link.counters(), flow.counters());
@@ -92,7 +92,7 @@ impl World {
             let what = format!("calls {:?} of end {at} never end", end.calls);
             return fail(Property::CallsEndOnce, what);
         }
-        //= SM2-PAY-005, SM2-MSG-004, SM2-OPN-007 model
+        //= SM2-PAY-005, SM2-MSG-006, SM2-OPN-007 model
         if !end.pool.all_back() || !end.files.is_empty() || !end.held.is_empty() {
             let what = format!("end {at} has slots {:?}, files {:?}", end.pool, end.files);
             return fail(Property::SlotsComeBack, what);

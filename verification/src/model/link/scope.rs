@@ -1,7 +1,7 @@
 //! The bounds of a search: the link, and the events that may happen.
 
 use sm2_proto::{
-    LinkId,
+    LinkId, Period,
     link::{Config, MaxLen, Role},
 };
 
@@ -327,6 +327,8 @@ impl LinkScope {
             depth: self.depth[at],
             max_borrowed: self.max_borrowed[at],
             max_len: MaxLen::DEFAULT,
+            deadline: Period::NONE,
+            lifespan: Period::NONE,
         }
     }
 }

@@ -141,7 +141,7 @@ fn tamper(parcel: &Parcel, frame: Frame<'_>, fault: Fault) -> Option<Vec<Parcel>
         (Fault::OtherFate, Frame::Release { given, count, rest }) => {
             let given = match given {
                 Given::Consumed => Given::Discarded,
-                Given::Discarded => Given::Consumed,
+                Given::Discarded | Given::Expired => Given::Consumed,
             };
             Some(vec![parcel.changed(&Frame::Release { given, count, rest })])
         }

@@ -5,7 +5,7 @@ use super::{
     STRIDE,
 };
 use crate::{
-    Instant, LinkId, VERSION,
+    Instant, LinkId, Period, VERSION,
     link::{Config, MaxLen, Payload, Role, Status},
     proofs::one_of,
 };
@@ -64,6 +64,8 @@ impl<const N: usize> State<N> {
             depth: 1,
             max_borrowed: 1,
             max_len: MaxLen::GREATEST,
+            deadline: Period::NONE,
+            lifespan: Period::NONE,
         };
         let (pooled, first): (bool, u64) = (!sealed && kani::any(), one_of(&FIRST));
         let mut books = Inbound::new(&config);

@@ -218,7 +218,7 @@ fn a_look_at_any_words() {
 }
 
 /// RNG-HOSTILE: a message is given back once and within bounds, whatever the back word contained.
-//= SM2-RNG-008, SM2-MSG-004 kani
+//= SM2-RNG-016, SM2-MSG-006 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(6))]
 fn a_message_is_given_back_once() {
@@ -240,7 +240,7 @@ fn a_message_is_given_back_once() {
     let sequence = one_of(&[3, 4, u64::MAX]);
     let released = receiver.release_all(&words, [sequence]);
     let not_held = Err(NotReleased::Misuse(Misuse::NotBorrowed));
-    let not_free = Err(NotReleased::Violation(violation!(BadWord, "SM2-RNG-008")));
+    let not_free = Err(NotReleased::Violation(violation!(BadWord, "SM2-RNG-016")));
     assert_eq!(released != not_held, sequence == 4);
     assert!(words.accesses.get() <= 3);
     if released != not_held {

@@ -89,7 +89,7 @@ fn message(number: u64) -> RingMessage {
 /// back.
 fn sender(sent: u64, taken: u64, reliable: bool, words: &Answers) -> RingSender {
     let layout = RingLayout::new(2, 3).expect("a legal layout");
-    let mut sender = RingSender::new(layout, Carrier::Data, reliable);
+    let mut sender = RingSender::new(layout, Carrier::Data, reliable, false);
     assert_eq!(sender.attach(&SEGMENT), Ok(()));
     while sender.poll().is_some() {}
     for number in 1..=sent {
@@ -124,7 +124,7 @@ const STATES: [(u64, u64); 5] = [(0, 0), (1, 1), (2, 0), (2, 1), (3, 1)];
 
 /// RNG-HOSTILE: sends one more message while the words have any values. The call makes a bounded
 /// number of accesses, each message is settled at most once, and the counters stay consistent.
-//= SM2-RNG-005, SM2-RNG-006, SM2-RNG-008, SM2-QOS-007 kani
+//= SM2-RNG-005, SM2-RNG-006, SM2-RNG-016, SM2-QOS-011 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(12))]
 fn a_message_to_any_words() {
@@ -177,7 +177,7 @@ fn a_message_to_any_words() {
 
 /// RNG-HOSTILE: a word that claims to give a message back either names an unsettled message, or is
 /// a violation.
-//= SM2-RNG-008, SM2-MSG-004 kani
+//= SM2-RNG-016, SM2-MSG-006 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(12))]
 fn any_words_given_back() {
@@ -208,7 +208,7 @@ fn any_words_given_back() {
     sender.invariants();
     kani::cover!(result.is_ok() && settled.len() == 2, "two came back");
     kani::cover!(
-        result == Err(violation!(BadWord, "SM2-RNG-008")) && settled.len() == 1,
+        result == Err(violation!(BadWord, "SM2-RNG-016")) && settled.len() == 1,
         "the second is wrong"
     );
 }

@@ -64,6 +64,9 @@ pub(super) fn subscriber(
     if let Some(bytes) = words.number("max_len") {
         builder = builder.max_len(bytes);
     }
+    if words.flag("deadline") {
+        builder = builder.deadline(Duration::from_secs(1));
+    }
     builder.declare()
 }
 

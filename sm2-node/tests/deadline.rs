@@ -1,0 +1,142 @@
+//! Deadlines of publishers and subscribers: with and without the background thread, on both lanes.
+
+mod common;
+
+use std::time::Duration;
+
+use common::fixture::Fixture;
+use common::{SOON, meet, until};
+use sm2_node::domain::{Finding, Period};
+use sm2_node::{Event, Events, Node, Publisher, Subscriber};
+
+/// Long enough that a busy machine does not miss it.
+const HOUR: Duration = Duration::from_secs(3_600);
+const SHORT: Duration = Duration::from_millis(5);
+
+fn publisher(node: &Node, deadline: Duration) -> Publisher<u64> {
+    let builder = node.publisher_builder("topic").deadline(deadline);
+    builder.declare().unwrap()
+}
+
+fn subscriber(node: &Node, deadline: Duration) -> Subscriber<u64> {
+    let builder = node.subscriber_builder("topic").deadline(deadline);
+    builder.declare().unwrap()
+}
+
+/// Waits for the next missed deadline. Returns the name of the publisher that missed it.
+fn missed(events: &Events) -> Option<String> {
+    loop {
+        let event = events.next_timeout(SOON).unwrap().expect("an event");
+        if let Event::DeadlineMissed { peer, periods } = event {
+            assert!(periods > 0);
+            return peer.map(|it| it.name.to_string());
+        }
+    }
+}
+
+//= SM2-QOS-009 test
+#[test]
+fn both_sides_notice_a_publisher_that_is_silent() {
+    Fixture::each(|it| {
+        let (talker, listener) = (it.node("talker"), it.node("listener"));
+        let publisher = publisher(&talker, SHORT);
+        let subscriber = subscriber(&listener, SHORT);
+        meet(&publisher, &[&subscriber]);
+        let (sent, received) = (publisher.events(), subscriber.events());
+        for round in 0..3 {
+            // The event comes again at the end of each period, also after a message.
+            assert_eq!(missed(&sent), None, "round {round}");
+            let name = missed(&received);
+            assert_eq!(name.as_deref(), Some("talker"), "round {round}");
+            publisher.publish(&round).unwrap();
+            until(|| subscriber.try_recv().unwrap().is_some());
+        }
+        assert!(publisher.missed_deadlines() >= 3);
+        let [link] = &subscriber.links()[..] else {
+            panic!("one link");
+        };
+        assert!(link.missed_deadlines >= 3);
+        assert!(subscriber.missed_deadlines() >= link.missed_deadlines);
+        assert_eq!(
+            publisher.links()[0].missed_deadlines,
+            0,
+            "it counts its own"
+        );
+        // The count of a link outlives it.
+        let before = subscriber.missed_deadlines();
+        drop(publisher);
+        until(|| subscriber.links()[0].end.is_some());
+        assert!(subscriber.missed_deadlines() >= before);
+    });
+}
+
+//= SM2-QOS-009 test
+#[test]
+fn messages_in_time_are_no_event() {
+    Fixture::each(|it| {
+        let (talker, listener) = (it.node("talker"), it.node("listener"));
+        let publisher = publisher(&talker, HOUR);
+        let subscriber = subscriber(&listener, HOUR);
+        meet(&publisher, &[&subscriber]);
+        publisher.publish(&1).unwrap();
+        assert_eq!(publisher.missed_deadlines(), 0);
+        assert_eq!(subscriber.missed_deadlines(), 0);
+    });
+}
+
+/// Only the background thread is there to notice it.
+//= SM2-QOS-009 test
+#[test]
+fn a_sleeping_program_misses_no_missed_deadline() {
+    Fixture::each(|it| {
+        let (talker, listener) = (it.peer("talker"), it.peer("listener"));
+        let publisher = publisher(&talker, SHORT);
+        let subscriber = subscriber(&listener, SHORT);
+        meet(&publisher, &[&subscriber]);
+        let shows = |of: &dyn Fn() -> u64| until(|| of() > 0);
+        shows(&|| publisher.missed_deadlines());
+        shows(&|| subscriber.missed_deadlines());
+    });
+}
+
+/// On the socket lane, messages wait in the socket of a program that sleeps. The tick reads them, so that it sees
+/// those that came in time, and so they displace each other.
+//= SM2-QOS-009 test
+#[test]
+fn a_tick_reads_the_messages_of_a_sleeping_program() {
+    Fixture::each(|it| {
+        let (talker, listener) = (it.peer("talker"), it.peer("listener"));
+        let publisher = publisher(&talker, SHORT);
+        let subscriber = subscriber(&listener, SHORT);
+        meet(&publisher, &[&subscriber]);
+        until(|| {
+            publisher.publish(&1).unwrap();
+            publisher.counters().discarded > 0
+        });
+    });
+}
+
+//= SM2-QOS-009, SM2-MAT-004 test
+#[test]
+fn only_a_deadline_that_is_short_enough_matches() {
+    Fixture::each(|it| {
+        let (talker, listener) = (it.peer("talker"), it.node("listener"));
+        let second = Duration::from_secs(1);
+        let _offered = publisher(&talker, second);
+        let _none = talker.publisher::<u64>("topic").unwrap();
+        let demanding = subscriber(&listener, second - Duration::from_nanos(1));
+        let content = subscriber(&listener, second);
+        let careless = listener.subscriber::<u64>("topic").unwrap();
+        let linked = |it: &Subscriber<u64>| it.links().iter().filter(|it| it.open).count();
+        until(|| (linked(&content), linked(&careless)) == (1, 2));
+        assert_eq!(demanding.links().len(), 0);
+        // The nearest matches: both publishers.
+        let verdicts: Vec<_> = demanding.why().unwrap();
+        let demanded = Period(999_999_999);
+        for offered in [Period(1_000_000_000), Period::NONE] {
+            let expected = Finding::Deadline { offered, demanded };
+            let mut findings = verdicts.iter().map(|near| &near.verdict.finding);
+            assert!(findings.any(|it| *it == expected), "{verdicts:?}");
+        }
+    });
+}
