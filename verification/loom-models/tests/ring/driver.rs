@@ -10,7 +10,9 @@ use sm2_proto::link::{
     Misuse, NoDelivery, OutboundMessage, Output, Payload, RingLayout, RingMemory, Role, SlotHead,
     SlotRange, Status, Wake, doorbell,
 };
-use sm2_proto::{Period, Datagram, Farewell, FdFacts, Instant, LinkId, Machine, Seals, limits::SLOT_HEAD};
+use sm2_proto::{
+    Datagram, Farewell, FdFacts, Instant, LinkId, Machine, Period, Seals, limits::SLOT_HEAD,
+};
 
 use crate::memory::Memory;
 use crate::socket::{Read, Socket};
@@ -77,7 +79,10 @@ pub(crate) fn links(reliable: bool, max_borrowed: u16, memory: &Memory) -> [Link
         ring: true,
         depth: memory.layout.depth(),
         max_borrowed,
-        max_len: MaxLen::DEFAULT, deadline: Period::NONE, lifespan: Period::NONE, };
+        max_len: MaxLen::DEFAULT,
+        deadline: Period::NONE,
+        lifespan: Period::NONE,
+    };
     let mut ends = [Role::Sender, Role::Receiver].map(|role| Link::new(config(role)));
     exchange(&mut ends, memory);
     let attach = Input::Attach(memory.segment());
