@@ -6,5 +6,8 @@ mod readme {}
 #[doc = include_str!("../../docs/src/getting-started.md")]
 mod getting_started {}
 
+#[doc = include_str!("../../docs/src/qos.md")]
+mod qos {}
+
 #[doc = include_str!("../../docs/src/tutorials/robot.md")]
 mod robot {}
