@@ -36,6 +36,7 @@ pub(crate) fn session(data: &[u8]) {
         node: Node::new(name),
         session: Some(Session::default()),
         welcomed: false,
+        granted: BTreeSet::new(),
     };
     fuzz.drain();
     while fuzz.step().is_some() {}
@@ -99,7 +100,8 @@ impl Default for Session {
 
 impl Session {
     /// The node has taken a frame of the Manager as legal.
-    fn taken(&mut self, frame: &ToNode) {
+    /// `granted` has the interfaces that the Manager of any session has granted.
+    fn taken(&mut self, frame: &ToNode, granted: &mut BTreeSet<InterfaceId>) {
         match *frame {
             ToNode::Welcome { .. } => {
                 self.greeted = false;
@@ -110,8 +112,19 @@ impl Session {
                 };
             }
             ToNode::HelloRefused { .. } => self.greeted = false,
-            ToNode::DeclareRefused { interface, .. } => self.refused = Some(interface),
+            ToNode::DeclareRefused {
+                interface,
+                ref reason,
+            } => {
+                self.refused = Some(interface);
+                // The Manager keeps an interface that a policy denies, if the node had it before (SM2-RES-011).
+                let was_granted = granted.contains(&interface);
+                if reason.is_denial() && was_granted && !self.dropping.contains(&interface) {
+                    self.live.insert(interface);
+                }
+            }
             ToNode::Declared { interface, .. } => {
+                granted.insert(interface);
                 self.live.insert(interface);
             }
             ToNode::Link {
@@ -198,6 +211,8 @@ struct Fuzz<'a> {
     /// `None` between the end of a session and the next one.
     session: Option<Session>,
     welcomed: bool,
+    /// The interfaces that the Manager of any session has granted.
+    granted: BTreeSet<InterfaceId>,
 }
 
 impl Fuzz<'_> {
@@ -368,7 +383,7 @@ impl Fuzz<'_> {
             Ok(()) => {
                 let frame = decode_to_node(&datagram).expect("nothing else is taken");
                 if let Some(session) = &mut self.session {
-                    session.taken(&frame);
+                    session.taken(&frame, &mut self.granted);
                 }
             }
             Err(error) => {
