@@ -218,7 +218,8 @@ fn output_that_nobody_reads_ends_it_quietly() {
     for name in ["listener", "loop_epoll"] {
         let mut listener = Example::start(&domain, name, &[]);
         drop(listener.take_stdout());
-        let talker = domain.node(&format!("talker-to-{name}"));
+        let talker = Node::builder(&format!("talker-to-{name}")).socket(domain.socket());
+        let talker = talker.background(true).connect().unwrap();
         let publisher = talker.publisher_builder::<str>("chatter").latched(1);
         let publisher = publisher.declare().unwrap();
         // The talker's thread sends the message when the listener is linked.
