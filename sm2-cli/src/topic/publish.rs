@@ -108,8 +108,6 @@ fn declare(
         .type_id(message.data.clone())
         .depth(DEPTH)
         .reliable(arguments.reliable)
-        // `Feed::wait_for_room` waits instead, because a signal can end it.
-        .publish_timeout(Duration::ZERO)
         .sealed(arguments.integrity == Integrity::Sealed);
     let builder = match arguments.deadline {
         Some(period) => builder.deadline(period),
@@ -180,7 +178,7 @@ impl Feed<'_> {
     /// Publishes every message of every input once, or fewer if a signal comes.
     fn publish_round(&mut self, inputs: &[Input]) -> Result<(), CliError> {
         if let Some(value) = self.value {
-            if self.wait_for_turn()? {
+            if self.wait_for_tick()? {
                 self.publish(value)?;
             }
             return Ok(());
@@ -189,24 +187,39 @@ impl Feed<'_> {
         let mut messages = Messages::new(inputs.to_vec(), self.arguments.split(), gate);
         let mut message = Vec::new();
         while messages.next(&mut message)? {
-            if !self.wait_for_turn()? {
+            if !self.wait_for_tick()? || !self.publish(&message)? {
                 return Ok(());
             }
-            self.publish(&message)?;
         }
         Ok(())
     }
 
-    fn publish(&mut self, message: &[u8]) -> Result<(), CliError> {
-        let published = self.publisher.publish(message)?;
+    /// Publishes a message once every reliable subscriber has room for it, and waits at most [`TIMEOUT`] for that. A
+    /// subscriber without room then misses the message, and is not waited for until it receives one. Returns false,
+    /// and publishes nothing, if a signal comes.
+    fn publish(&mut self, message: &[u8]) -> Result<bool, CliError> {
+        let until = clock::now().after(TIMEOUT);
+        let published = loop {
+            if self.session.stopped().is_some() {
+                return Ok(false);
+            }
+            if let Some(published) = self.publisher.try_publish(message)? {
+                break published;
+            }
+            if clock::now() >= until {
+                break self.publisher.publish_timeout(message, Duration::ZERO)?;
+            }
+            self.publisher.wait_for_room_timeout(STEP)?;
+            self.session.is_connected();
+        };
         self.tally.links = self.tally.links.max(published.links);
         self.tally.messages += 1;
         self.tally.bytes += message.len() as u64;
-        Ok(())
+        Ok(true)
     }
 
-    /// Waits until the next message is due and has room. Returns false if a signal comes.
-    fn wait_for_turn(&mut self) -> Result<bool, CliError> {
+    /// Waits until the next message is due. Returns false if a signal comes.
+    fn wait_for_tick(&mut self) -> Result<bool, CliError> {
         match &mut self.ticks {
             Some(ticks) => {
                 while ticks.handle(clock::now()).is_none() {
@@ -219,21 +232,7 @@ impl Feed<'_> {
             // The first message is due now.
             none => *none = self.arguments.rate.map(|hz| self.arguments.ticks(hz)),
         }
-        self.wait_for_room()
-    }
-
-    /// Waits until every reliable subscriber has room for the next message, for at most [`TIMEOUT`]: a subscriber
-    /// without room then misses it, and is not waited for until it receives a message. Returns false if a signal
-    /// comes.
-    fn wait_for_room(&self) -> Result<bool, CliError> {
-        let until = clock::now().after(TIMEOUT);
-        while self.session.stopped().is_none() {
-            if self.publisher.wait_for_room_timeout(STEP)? || clock::now() >= until {
-                return Ok(true);
-            }
-            self.session.is_connected();
-        }
-        Ok(false)
+        Ok(true)
     }
 
     /// Waits until subscribers have received all messages: without limit while reliable subscribers make

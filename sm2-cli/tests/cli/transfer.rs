@@ -192,6 +192,32 @@ fn a_narrow_subscriber_gets_every_line() {
     assert_eq!(published.code(), 0);
 }
 
+/// A subscriber whose window admits more than the memory of the publisher holds.
+#[test]
+fn a_small_pool_loses_nothing() {
+    let domain = Domain::new();
+    let input = noise(9, 6_000_000);
+    let file = domain.path("input");
+    fs::write(&file, &input).unwrap();
+    let node = domain.node("wide");
+    let builder = node.subscriber_builder::<[u8]>("parts").reliable(true);
+    let subscriber = builder.depth(100).declare().unwrap();
+    let from = ["topic", "pub", "parts", "--from", file.to_str().unwrap()];
+    let options = ["--chunk", "100kB", "--pool-limit", "1MiB", "--reliable"];
+    let publish = domain.start(&[&from[..], &options].concat());
+    let mut received = Vec::new();
+    while received.len() < input.len() {
+        let sample = subscriber.recv_timeout(Duration::from_secs(30)).unwrap();
+        received.extend_from_slice(&sample.expect("a part"));
+        thread::sleep(Duration::from_millis(1));
+    }
+    assert!(received == input);
+    let published = publish.finish();
+    let summary = published.stderr();
+    assert!(summary.ends_with("60 delivered, 0 dropped\n"), "{summary}");
+    assert_eq!(published.code(), 0);
+}
+
 #[test]
 fn every_subscriber_gets_every_message() {
     let domain = Domain::new();
