@@ -52,6 +52,8 @@ pub(crate) struct LinkDriver {
     unsent: Option<Unsent>,
     /// The events that the control side handles.
     in_background: BackgroundInterest,
+    /// How often in a row calls found that the control side is woken for packets that it need not read.
+    needless_watches: u8,
     /// Whether a DOORBELL could not be sent for want of memory.
     bell_due: bool,
     /// Whether the kernel had no memory for the last packet, or to read the socket (SM2-TRN-014).
@@ -127,6 +129,7 @@ impl LinkDriver {
             own_ring,
             unsent: None,
             in_background: BackgroundInterest::Packets,
+            needless_watches: 0,
             bell_due: false,
             short_of_memory: false,
             noted_short: false,

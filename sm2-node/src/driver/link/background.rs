@@ -6,6 +6,9 @@
 use super::LinkDriver;
 use crate::driver::event_sets::{BackgroundInterest, LinkSets};
 
+/// How often in a row calls find that the background thread is woken for packets that it need not read.
+const PATIENCE: u8 = 16;
+
 impl LinkDriver {
     /// The events that nothing but the background thread may be there to handle.
     fn wanted_in_background(&self) -> BackgroundInterest {
@@ -18,14 +21,19 @@ impl LinkDriver {
         }
     }
 
-    /// Wakes the background thread for the events that it has to handle from now on. The thread itself stops waking
-    /// for packets ([`rest_in_background`](Self::rest_in_background)): a system call for each change would cost
-    /// more than a few needless wake-ups.
+    /// Wakes the background thread for the events that it has to handle from now on. A system call for each change
+    /// would cost more than a few needless wake-ups, so the thread is woken for packets until it handles one
+    /// ([`rest_in_background`](Self::rest_in_background)), or until calls have read [`PATIENCE`] of them before it.
     #[inline]
     pub(in crate::driver) fn watch_in_background(&mut self, sets: &LinkSets) {
         let wanted = self.wanted_in_background();
         if wanted != BackgroundInterest::End || self.in_background == BackgroundInterest::Room {
             self.set_background(wanted, sets);
+        } else if self.in_background == BackgroundInterest::Packets {
+            self.needless_watches += 1;
+            if self.needless_watches == PATIENCE {
+                self.set_background(wanted, sets);
+            }
         }
     }
 
@@ -35,6 +43,7 @@ impl LinkDriver {
     }
 
     fn set_background(&mut self, wanted: BackgroundInterest, sets: &LinkSets) {
+        self.needless_watches = 0;
         if wanted == self.in_background {
             return;
         }
