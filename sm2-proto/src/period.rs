@@ -44,6 +44,13 @@ impl Period {
         self.0 != 0 && now.0.saturating_sub(since.0) >= self.0
     }
 
+    /// As [`has_passed`](Self::has_passed), but reads the clock only if there is a time.
+    #[must_use]
+    #[inline]
+    pub fn has_passed_by(self, since: Instant, now: impl FnOnce() -> Instant) -> bool {
+        self != Self::NONE && self.has_passed(since, now())
+    }
+
     /// Whether an offer of this time fulfils a demand: there is no demand, or the offer is not longer.
     #[must_use]
     pub const fn fulfils(self, demand: Self) -> bool {

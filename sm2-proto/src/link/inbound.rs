@@ -291,22 +291,18 @@ impl Inbound {
         Ok(Some(delivery))
     }
 
-    /// Called when the application gave a message back. Returns whether the application held it.
-    pub(super) fn release(&mut self, sequence: u64) -> bool {
-        let Some(slot) = self.borrowed.remove(&sequence) else {
-            return false;
-        };
-        self.consumed.insert(sequence, slot);
-        true
-    }
-
-    /// Gives back a message that is older than its lifespan. Returns whether the application held it.
+    /// Gives back a message that the application took. Returns whether the application held it.
     //= SM2-QOS-010
-    pub(super) fn expire(&mut self, sequence: u64) -> bool {
+    pub(super) fn release(&mut self, sequence: u64, given: Given) -> bool {
         let Some(slot) = self.borrowed.remove(&sequence) else {
             return false;
         };
-        self.expired.insert(sequence, slot);
+        let pending = match given {
+            Given::Consumed => &mut self.consumed,
+            Given::Discarded => &mut self.discarded,
+            Given::Expired => &mut self.expired,
+        };
+        pending.insert(sequence, slot);
         true
     }
 

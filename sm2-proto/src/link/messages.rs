@@ -5,7 +5,7 @@ mod ring;
 
 use super::{
     At, Delivery, Error, Fate, Link, LinkMemory, Misuse, NoDelivery, OutboundMessage, Output,
-    RingMemory, Role, Wake, lane::Lane, machine::Over, socket_lane::SocketLane,
+    RingMemory, Role, Wake, lane::Lane, machine::Over, socket_lane::SocketLane, wire::Given,
 };
 use crate::limits::MESSAGE_MAX;
 
@@ -231,15 +231,26 @@ impl Link {
         memory: &impl LinkMemory,
         sequences: impl IntoIterator<Item = u64>,
     ) -> Result<Wake, Error> {
+        self.give_back(memory, sequences, Given::Consumed)
+    }
+
+    /// Gives messages back that the application has consumed, or that have expired.
+    #[inline]
+    pub(super) fn give_back(
+        &mut self,
+        memory: &impl LinkMemory,
+        sequences: impl IntoIterator<Item = u64>,
+        given: Given,
+    ) -> Result<Wake, Error> {
         match &self.lane {
-            Lane::Ring(_) => self.release_to_ring(memory, sequences),
+            Lane::Ring(_) => self.release_to_ring(memory, sequences, given),
             Lane::Undecided | Lane::Socket(_) => (sequences.into_iter())
-                .map(|sequence| self.release_by_socket(sequence))
+                .map(|sequence| self.release_by_socket(sequence, given))
                 .fold(Ok(Wake::NotNeeded), Result::and),
         }
     }
 
-    fn release_by_socket(&mut self, sequence: u64) -> Result<Wake, Error> {
+    fn release_by_socket(&mut self, sequence: u64, given: Given) -> Result<Wake, Error> {
         let result = match &mut self.lane {
             Lane::Ring(_) => Err(Misuse::NotOpen.into()),
             Lane::Undecided => match self.state {
@@ -248,7 +259,7 @@ impl Link {
             },
             Lane::Socket(socket) => match self.state {
                 Ok(_) if !self.config.role.receives() => Err(Misuse::WrongRole.into()),
-                Ok(_) if socket.inbound.release(sequence) => Ok(Wake::NotNeeded),
+                Ok(_) if socket.inbound.release(sequence, given) => Ok(Wake::NotNeeded),
                 Ok(_) => Err(Misuse::NotBorrowed.into()),
                 Err(Over { end, .. }) => {
                     socket.inbound.forget(sequence);

@@ -9,7 +9,7 @@ use crate::{
     link::{
         Carrier, FrameKind, SegmentInfo, Status,
         ring::RingSegments,
-        wire::{Form, MessageFrame},
+        wire::{Form, Given, MessageFrame},
     },
     proofs::{below, one_of},
 };
@@ -225,8 +225,8 @@ fn each_message_is_released_once() {
             let at = below(4);
             let sequence = state.first.wrapping_add(at as u64);
             let held = at < 3 && state.stages[at] == Stage::Borrowed;
-            assert_eq!(books.release(sequence), held);
-            assert!(!books.release(sequence), "given back once");
+            assert_eq!(books.release(sequence, Given::Consumed), held);
+            assert!(!books.release(sequence, Given::Consumed), "given back once");
             assert_eq!(
                 books.consumed.contains_key(&sequence),
                 at < 3 && matches!(state.stages[at], Stage::Borrowed | Stage::Consumed)

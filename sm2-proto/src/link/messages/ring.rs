@@ -6,6 +6,7 @@ use super::super::{
     lane::Lane,
     machine::Over,
     ring::{NotReleased, NotTaken, RingMessage, RingSendError, wake_parked},
+    wire::Given,
 };
 use crate::{Farewell, Violation};
 
@@ -115,18 +116,19 @@ impl Link {
         result
     }
 
-    /// [`Link::release`] on the ring lane.
+    /// Gives messages back on the ring lane.
     #[inline]
     pub(super) fn release_to_ring(
         &mut self,
         memory: &impl LinkMemory,
         sequences: impl IntoIterator<Item = u64>,
+        given: Given,
     ) -> Result<Wake, Error> {
         let Lane::Ring(ring) = &mut self.lane else {
             return Err(Misuse::NotOpen.into());
         };
         let released = match (&mut ring.incoming, memory.incoming()) {
-            (Some(receiver), Some(words)) => receiver.release_all(words, sequences),
+            (Some(receiver), Some(words)) => receiver.release_all(words, sequences, given),
             (Some(_), None) => Err(Misuse::NotLent.into()),
             (None, _) => Err(Misuse::WrongRole.into()),
         };

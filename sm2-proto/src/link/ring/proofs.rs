@@ -13,7 +13,7 @@ use crate::{
     limits::SLOT_HEAD,
     link::{
         Carrier, Delivery, Fate, MaxLen, Misuse, Payload, SegmentInfo, SlotRange, Status,
-        segments::Geometry,
+        segments::Geometry, wire::Given,
     },
     proofs::{below, one_of},
 };
@@ -281,7 +281,9 @@ impl Ends {
 
     fn release(&mut self) {
         if let Some(sequence) = self.held.pop() {
-            let released = self.receiver.release_all(&self.memory, [sequence]);
+            let released = self
+                .receiver
+                .release_all(&self.memory, [sequence], Given::Consumed);
             assert_eq!(released, Ok(Wake::NotNeeded));
         }
     }

@@ -9,7 +9,7 @@ use self::borrowed::Borrowed;
 use super::{
     super::{
         Delivery, MaxLen, Misuse, Payload, SlotRange, TooManyBorrowed, frame_kind::Carrier,
-        segments::Geometry,
+        segments::Geometry, wire::Given,
     },
     At, EMPTY, RingLayout, RingMemory, SlotHead, Wake, Word, wake_parked,
 };
@@ -295,38 +295,28 @@ impl RingReceiver {
         &mut self,
         words: &impl RingMemory,
         sequences: impl IntoIterator<Item = u64>,
+        given: Given,
     ) -> Result<Wake, NotReleased> {
         let mut result = Ok(());
         for sequence in sequences {
-            result = result.and(self.release(words, sequence));
+            result = result.and(self.release(words, sequence, given));
         }
         result.map(|()| wake_parked(words, At::SenderParked))
     }
 
     /// Puts the word of a message into the next back word.
-    //= SM2-MSG-006
+    //= SM2-RNG-016, SM2-MSG-006, SM2-QOS-010
     #[inline]
-    fn release(&mut self, words: &impl RingMemory, sequence: u64) -> Result<(), NotReleased> {
-        let word = self.borrowed.remove(sequence).ok_or(Misuse::NotBorrowed)?;
-        self.give_back(words, word)
-    }
-
-    /// Gives a message back that is older than its lifespan. Returns whether the sender has to be woken.
-    //= SM2-QOS-010
-    pub(in crate::link) fn expire(
+    fn release(
         &mut self,
         words: &impl RingMemory,
         sequence: u64,
-    ) -> Result<Wake, NotReleased> {
-        let word = self.borrowed.remove(sequence).ok_or(Misuse::NotBorrowed)?;
-        let sequence = !word.sequence;
-        self.give_back(words, Word { sequence, ..word })?;
-        Ok(wake_parked(words, At::SenderParked))
-    }
-
-    //= SM2-RNG-016
-    #[inline]
-    fn give_back(&mut self, words: &impl RingMemory, word: Word) -> Result<(), NotReleased> {
+        given: Given,
+    ) -> Result<(), NotReleased> {
+        let mut word = self.borrowed.remove(sequence).ok_or(Misuse::NotBorrowed)?;
+        if given == Given::Expired {
+            word.sequence = !word.sequence;
+        }
         let at = self.layout.back_word(self.given);
         self.given += 1;
         if words.swap(at, word.to_bits()) != EMPTY {

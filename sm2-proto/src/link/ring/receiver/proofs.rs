@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{
     Instant,
-    link::{Carrier, MaxLen, Payload, Status, segments::Geometry},
+    link::{Carrier, MaxLen, Payload, Status, segments::Geometry, wire::Given},
     proofs::{below, one_of},
 };
 
@@ -238,14 +238,17 @@ fn a_message_is_given_back_once() {
         depth: 2,
     };
     let sequence = one_of(&[3, 4, u64::MAX]);
-    let released = receiver.release_all(&words, [sequence]);
+    let released = receiver.release_all(&words, [sequence], Given::Consumed);
     let not_held = Err(NotReleased::Misuse(Misuse::NotBorrowed));
     let not_free = Err(NotReleased::Violation(violation!(BadWord, "SM2-RNG-016")));
     assert_eq!(released != not_held, sequence == 4);
     assert!(words.accesses.get() <= 3);
     if released != not_held {
         assert_eq!(released == not_free, words.answers[0] != 0);
-        assert_eq!(receiver.release_all(&words, [sequence]), not_held);
+        assert_eq!(
+            receiver.release_all(&words, [sequence], Given::Consumed),
+            not_held
+        );
     }
     kani::cover!(released == Ok(Wake::Needed), "with a bell");
     kani::cover!(released == not_free, "the word was not free");
