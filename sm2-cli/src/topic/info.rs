@@ -2,7 +2,7 @@
 
 use clap::Args;
 use serde::Serialize;
-use sm2_proto::{Kind, Name, domain::InterfaceView};
+use sm2_proto::Name;
 
 use crate::{
     args::{Domain, name},
@@ -64,20 +64,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let view = View::new(&domain);
     let topic = &arguments.topic;
     let interfaces = interfaces::on(&view, TOPIC, "topic", topic)?;
-    let both = |it: &InterfaceView<'_>| TOPIC.contains(&it.contract.kind());
-    let on_topic = (domain.interfaces()).filter(|it| both(it) && it.contract.name() == topic);
-    let (publishers, subscribers): (Vec<_>, Vec<_>) =
-        on_topic.partition(|it| it.contract.kind() == Kind::Publisher);
-    let publishers: Vec<_> = publishers.iter().map(|it| it.entity).collect();
-    let subscribers = subscribers.iter().map(|it| it.entity);
-    let all: Vec<_> = publishers.iter().copied().chain(subscribers).collect();
+    let on_topic = (domain.interfaces())
+        .filter(|it| TOPIC.contains(&it.contract.kind()) && it.contract.name() == topic);
+    let all: Vec<_> = on_topic.map(|it| it.entity).collect();
     let nodes = all.iter().map(|it| it.node).collect();
     let sample = Sample::if_known(&session.node, &domain, &nodes);
     let info = Info {
         revision: domain.revision(),
         name: topic.to_string(),
         stated: Stated::of(&session, view.topic_type(topic))?,
-        unheard: Unheard::find(&view, &sample, &publishers),
+        unheard: Unheard::find(&view, &sample, &all),
         missed_deadlines: MissedDeadlines::find(&view, &sample, &all),
         interfaces,
     };

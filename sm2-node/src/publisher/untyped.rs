@@ -1,5 +1,6 @@
 //! The part of a publisher that does not depend on the message type.
 
+use std::array;
 use std::borrow::Cow;
 use std::io;
 use std::os::fd::OwnedFd;
@@ -10,8 +11,8 @@ use sm2_io::Preallocated;
 use sm2_proto::Instant;
 
 #[cfg(feature = "tokio")]
-use crate::driver::Context;
-use crate::driver::{Forms, Interface, Offered};
+use crate::driver::{Context, Interface};
+use crate::driver::{Forms, Offered};
 use crate::handle::{Handle, until};
 use crate::published::Published;
 use crate::spare::{self, Fill, SpareMemory};
@@ -61,8 +62,7 @@ impl UntypedPublisher {
         timeout: Duration,
     ) -> Result<Published, PublishError> {
         let _order = self.order.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut published = Published::default();
-        if self.publish_to_rings(std::slice::from_ref(&bytes), &mut published) == 1 {
+        if let Some(published) = self.publish_one_to_rings(array::from_ref(&bytes)) {
             return Ok(published);
         }
         let publication = self.start(bytes, timeout)?;
@@ -75,27 +75,27 @@ impl UntypedPublisher {
         bytes: Cow<'_, [u8]>,
     ) -> Result<Option<Published>, PublishError> {
         let _order = self.order.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut published = Published::default();
-        if self.publish_to_rings(std::slice::from_ref(&bytes), &mut published) == 1 {
+        if let Some(published) = self.publish_one_to_rings(array::from_ref(&bytes)) {
             return Ok(Some(published));
         }
-        let has_room = |interface: &mut Interface| interface.has_room();
-        if !(self.handle).with_driven_if_due(|interface, _| has_room(interface)) {
+        if !(self.handle).with_driven_if_due(|interface, _| interface.has_room()) {
             return Ok(None);
         }
         let len = bytes.len() as u64;
         match self.store(bytes) {
             Ok(forms) => Ok(self.offer_to_all(forms, len)),
             // A reliable link that holds the memory is suspended now.
-            Err(_)
-                if !self
-                    .handle
-                    .with_undriven(|interface, _| has_room(interface)) =>
-            {
-                Ok(None)
-            }
+            Err(_) if !(self.handle).with_undriven(|interface, _| interface.has_room()) => Ok(None),
             Err(error) => self.miss(error, len).map(Some),
         }
+    }
+
+    /// Publishes a message if it is short and the rings of all links have room.
+    #[inline]
+    fn publish_one_to_rings(&self, message: &[Cow<'_, [u8]>; 1]) -> Option<Published> {
+        let mut published = Published::default();
+        let count = self.publish_to_rings(message, &mut published);
+        (count == 1).then_some(published)
     }
 
     /// Waits until a publication would not wait, for at most `timeout`. Returns whether that is so.

@@ -1,12 +1,10 @@
 //! The deadline of an interface.
 
-use sm2_proto::{Contract, DeadlineWatch, Instant, Kind, Period};
+use sm2_proto::{Contract, DeadlineWatch, Instant};
 
 /// The deadline of an interface.
 #[derive(Debug, Default)]
 pub(super) struct Deadline {
-    /// Whether the interface has a deadline.
-    pub(super) is_there: bool,
     /// The deadline that a publisher offers.
     pub(super) watch: Option<DeadlineWatch>,
     /// How many missed periods of the publisher were reported to the program.
@@ -20,13 +18,14 @@ pub(super) struct Deadline {
 impl Deadline {
     /// The deadline of an interface that is declared now.
     pub(super) fn of(contract: &Contract) -> Self {
-        let deadline = contract.deadline();
-        let is_there = deadline != Period::NONE;
-        let promises = is_there && contract.kind() == Kind::Publisher;
+        let watch = match contract {
+            Contract::Publisher { offer, .. } => {
+                DeadlineWatch::new(offer.deadline, sm2_io::clock::now())
+            }
+            Contract::Subscriber { .. } | Contract::Server { .. } | Contract::Client { .. } => None,
+        };
         Self {
-            is_there,
-            watch: (promises.then(sm2_io::clock::now))
-                .and_then(|now| DeadlineWatch::new(deadline, now)),
+            watch,
             ..Self::default()
         }
     }

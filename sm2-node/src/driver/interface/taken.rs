@@ -32,22 +32,13 @@ pub(crate) struct Header {
 impl Header {
     #[inline]
     pub(in crate::driver) const fn of(delivery: &Delivery) -> Self {
-        let &Delivery {
-            sequence,
-            id,
-            time,
-            status,
-            lost,
-            len,
-            payload: _,
-        } = delivery;
         Self {
-            sequence,
-            id,
-            time,
-            status,
-            lost,
-            len,
+            sequence: delivery.sequence,
+            id: delivery.id,
+            time: delivery.time,
+            status: delivery.status,
+            lost: delivery.lost,
+            len: delivery.len,
         }
     }
 }

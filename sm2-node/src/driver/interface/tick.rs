@@ -3,7 +3,7 @@
 use std::mem;
 use std::sync::Arc;
 
-use sm2_proto::{DeadlineWatch, Instant};
+use sm2_proto::{DeadlineWatch, Instant, Period};
 
 use super::Interface;
 use crate::Event;
@@ -60,7 +60,7 @@ impl Interface {
     /// Asks the control side for a tick at the end of the next period, if it does not know of one before.
     #[inline]
     pub(in crate::driver) fn ask_for_tick(&mut self) {
-        if !self.deadline.is_there {
+        if self.contract.deadline() == Period::NONE {
             return;
         }
         let own = self.deadline.watch.as_ref().map(DeadlineWatch::due);

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use sm2_proto::control::LinkPeer;
 use sm2_proto::link::{Delivery, Error, Input, Misuse, NoDelivery, Payload, Role, TooManyBorrowed};
-use sm2_proto::{Instant, Machine, Period};
+use sm2_proto::{Instant, Machine};
 
 use super::LinkDriver;
 use crate::driver::context::Context;
@@ -102,8 +102,7 @@ impl LinkDriver {
         let is_topic = self.role() == Role::Receiver;
         self.machine.take_with(&self.mapped, |delivery| {
             //= SM2-QOS-010
-            if lifespan != Period::NONE && lifespan.has_passed(delivery.time, sm2_io::clock::now())
-            {
+            if lifespan.has_passed_by(delivery.time, sm2_io::clock::now) {
                 return Next::Expired(delivery);
             }
             let mut header = Header::of(&delivery);
