@@ -64,6 +64,9 @@ pub(crate) struct Qos {
     /// The age at which a message is not delivered any more, in nanoseconds.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) lifespan_ns: Option<u64>,
+    /// The longest time between two signs of life of a publisher's program, in nanoseconds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) liveliness_ns: Option<u64>,
 }
 
 /// The type that an interface has stated, and its schema.
@@ -194,30 +197,28 @@ impl fmt::Display for Types {
 
 impl Qos {
     fn of(contract: &Contract) -> Self {
+        let set = |Period(ns)| (ns > 0).then_some(ns);
         let blank = Self {
             depth: 0,
             reliable: None,
             latched: None,
             max_borrowed: None,
             sealed: contract.sealed(),
-            deadline_ns: None,
-            lifespan_ns: None,
+            deadline_ns: set(contract.deadline()),
+            lifespan_ns: set(contract.lifespan()),
+            liveliness_ns: set(contract.lease()),
         };
-        let set = |Period(ns)| (ns > 0).then_some(ns);
         match contract {
             Contract::Publisher { offer, .. } => Self {
                 depth: offer.depth,
                 reliable: Some(offer.reliable),
                 latched: Some(offer.latched),
-                deadline_ns: set(offer.deadline),
-                lifespan_ns: set(offer.lifespan),
                 ..blank
             },
             Contract::Subscriber { demand, .. } => Self {
                 depth: demand.depth,
                 reliable: Some(demand.reliable),
                 max_borrowed: Some(demand.max_borrowed),
-                deadline_ns: set(demand.deadline),
                 ..blank
             },
             Contract::Server { qos, .. } | Contract::Client { qos, .. } => Self {
@@ -250,6 +251,9 @@ impl fmt::Display for Qos {
         }
         if let Some(lifespan) = self.lifespan_ns {
             write!(f, ", lifespan {}", Period(lifespan))?;
+        }
+        if let Some(lease) = self.liveliness_ns {
+            write!(f, ", liveliness {}", Period(lease))?;
         }
         Ok(())
     }

@@ -14,6 +14,7 @@
 mod stderr;
 
 mod args;
+mod broken_promises;
 mod built_in;
 mod columns;
 mod command;
@@ -32,7 +33,6 @@ mod interrupt;
 mod limits;
 mod manual;
 mod messages;
-mod missed_deadlines;
 mod names;
 mod node;
 mod output;

@@ -16,7 +16,7 @@ use sm2_proto::{
     domain::{Domain, LinkView},
 };
 
-use crate::error::CliError;
+use crate::{error::CliError, view::View};
 
 /// Reads the counters of nodes repeatedly.
 #[derive(Debug)]
@@ -179,6 +179,19 @@ impl Sample {
     /// The counters of an interface as a whole.
     pub(crate) fn interface(&self, domain: &Domain, entity: EntityId) -> Option<&Entry> {
         self.end(domain, entity, None)
+    }
+
+    /// Those of these interfaces for which `count` is not zero: their titles, and that number.
+    pub(crate) fn counted<'a>(
+        &'a self,
+        view: &'a View<'_>,
+        of: &'a [EntityId],
+        count: fn(&Entry) -> u64,
+    ) -> impl Iterator<Item = (String, u64)> + 'a {
+        of.iter().filter_map(move |&entity| {
+            let count = count(self.interface(view.domain, entity)?);
+            (count > 0).then(|| (view.title(entity), count))
+        })
     }
 
     /// The counters of the offering side of a link.

@@ -19,12 +19,10 @@ pub(crate) struct Unheard {
 impl Unheard {
     /// The publishers among these interfaces that have published to nobody.
     pub(crate) fn find(view: &View<'_>, sample: &Sample, of: &[EntityId]) -> Vec<Self> {
-        let found = of.iter().filter_map(|&publisher| {
-            let messages = sample.interface(view.domain, publisher)?.unheard;
-            (messages > 0).then(|| Self {
-                publisher: view.title(publisher),
-                messages,
-            })
+        let found = sample.counted(view, of, |entry| entry.unheard);
+        let found = found.map(|(publisher, messages)| Self {
+            publisher,
+            messages,
         });
         found.collect()
     }

@@ -175,7 +175,7 @@ pub struct Update<'a> {
     change: Change<'a, ENTRY_FIELDS>,
 }
 
-//= SM2-CNT-010
+//= SM2-CNT-011
 impl Update<'_> {
     /// Sending side: counts a message (or call) of `len_bytes` that was published `at` this time.
     #[inline]
@@ -240,6 +240,11 @@ impl Update<'_> {
     /// Publisher, subscriber or its end of a link: counts periods of the deadline that passed without a message.
     pub fn missed_deadlines(&mut self, periods: u64) {
         self.add(field::MISSED_DEADLINES, periods);
+    }
+
+    /// Publisher, subscriber or its end of a link: counts that the publisher stopped being alive.
+    pub fn lost_liveliness(&mut self) {
+        self.add(field::LOST_LIVELINESS, 1);
     }
 
     /// End of a link: the time at which the node became short of memory on the link, or that it is not.

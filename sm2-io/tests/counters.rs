@@ -73,7 +73,7 @@ fn a_file_that_only_its_author_can_write() {
     assert_eq!(view.entries().count(), 0);
 }
 
-//= SM2-CNT-010 test
+//= SM2-CNT-011 test
 #[test]
 fn what_is_counted_is_seen() {
     let mut page = CounterPage::new().unwrap();
@@ -113,6 +113,7 @@ fn what_is_counted_is_seen() {
         update.missed_deadlines(3);
         drop(update);
         let mut update = receiver.update();
+        update.lost_liveliness();
         update.taken(at, Instant(at.0 - 100 + message), 20);
         update.lost(2);
         update.expired(2);
@@ -130,7 +131,7 @@ fn what_is_counted_is_seen() {
         got.messages = message;
         got.bytes += 20;
         got.last = at;
-        got.lost += 2;
+        (got.lost, got.lost_liveliness) = (2 * message, message);
         got.fates.expired += 2;
         got.delay_sum_ns += 100 - message;
         got.delay_max_ns = 99;
@@ -320,7 +321,7 @@ fn files_that_are_not_of_counters() {
     }
 }
 
-//= SM2-CNT-010 test
+//= SM2-CNT-011 test
 //= SM2-CNT-005 test
 #[test]
 fn entries_that_are_not_as_they_should_be() {

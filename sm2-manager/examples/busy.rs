@@ -374,6 +374,7 @@ fn publisher(topic: &str) -> Contract {
         sealed: false,
         deadline: Period::NONE,
         lifespan: Period::NONE,
+        lease: Period::NONE,
     };
     let topic = text(topic);
     Contract::Publisher { topic, data, offer }
@@ -386,6 +387,7 @@ fn subscriber(topic: &str) -> Contract {
         max_borrowed: 2,
         sealed: false,
         deadline: Period::NONE,
+        lease: Period::NONE,
     };
     Contract::Subscriber {
         topic: text(topic),

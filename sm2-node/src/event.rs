@@ -38,4 +38,14 @@ pub enum Event {
         /// The number of periods since the last event.
         periods: u64,
     },
+    /// A publisher is not alive any more: neither a message nor an assertion has come within the lease (SM2-QOS-012).
+    LivelinessLost {
+        /// At a subscriber, the publisher. `None` at a publisher: its own program has shown no sign of life.
+        peer: Option<Arc<LinkPeer>>,
+    },
+    /// A publisher that was not alive is alive again.
+    LivelinessRegained {
+        /// As in [`LivelinessLost`](Self::LivelinessLost).
+        peer: Option<Arc<LinkPeer>>,
+    },
 }

@@ -159,6 +159,21 @@ impl<T: Message + ?Sized> Publisher<T> {
         (self.core.handle).with_driven(|interface, _| interface.missed_deadlines())
     }
 
+    /// Asserts that the program is alive, as each publication does. A publisher that offers a
+    /// [liveliness](PublisherBuilder::liveliness) and has nothing to publish calls this within its lease. At most
+    /// once in a quarter of its lease, this costs a system call for each subscriber that demands a liveliness.
+    pub fn assert_liveliness(&self) {
+        self.core.handle.with_driven(|interface, context| {
+            interface.assert_liveliness(sm2_io::clock::now(), context);
+        });
+    }
+
+    /// Returns how often this publisher stopped being alive: its program showed no sign of life within the lease of its
+    /// [liveliness](PublisherBuilder::liveliness).
+    pub fn lost_liveliness(&self) -> u64 {
+        (self.core.handle).with_driven(|interface, _| interface.lost_liveliness())
+    }
+
     /// Returns the size of the shared memory for its messages, in bytes. Pages that were never written occupy
     /// no memory.
     pub fn pool_bytes(&self) -> u64 {

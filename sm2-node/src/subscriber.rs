@@ -178,6 +178,12 @@ impl<T: Message + ?Sized> Subscriber<T> {
     pub fn missed_deadlines(&self) -> u64 {
         (self.handle).with_driven(|interface, _| interface.missed_deadlines())
     }
+
+    /// Returns how often publishers stopped being alive, of all publishers together: see
+    /// [`liveliness`](SubscriberBuilder::liveliness).
+    pub fn lost_liveliness(&self) -> u64 {
+        (self.handle).with_driven(|interface, _| interface.lost_liveliness())
+    }
 }
 
 /// The quality of service of a subscriber.
@@ -202,6 +208,7 @@ impl<T: Message + ?Sized> SubscriberBuilder<T> {
                 max_borrowed: 4,
                 sealed: false,
                 deadline: Period::NONE,
+                lease: Period::NONE,
             },
             receives: PhantomData,
         }
@@ -238,6 +245,18 @@ impl<T: Message + ?Sized> SubscriberBuilder<T> {
     /// as [missed](Subscriber::missed_deadlines) and is an [event](crate::Event::DeadlineMissed) (SM2-QOS-009).
     pub const fn deadline(mut self, period: Duration) -> Self {
         self.demand.deadline = Period::new(period);
+        self
+    }
+
+    /// Demands a sign of life of each publisher's program at least once in each `lease`; no demand by default. Matches
+    /// only publishers that offer a [liveliness](crate::PublisherBuilder::liveliness) of at most `lease`.
+    ///
+    /// When a lease passes without a message and without an
+    /// [assertion](crate::Publisher::assert_liveliness), this is an [event](crate::Event::LivelinessLost) and counts
+    /// as [lost](Subscriber::lost_liveliness); [`LinkStatus::alive`](crate::LinkStatus::alive) is `false` until the
+    /// publisher [is alive again](crate::Event::LivelinessRegained) (SM2-QOS-012).
+    pub const fn liveliness(mut self, lease: Duration) -> Self {
+        self.demand.lease = Period::new(lease);
         self
     }
 

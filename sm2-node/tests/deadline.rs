@@ -5,8 +5,9 @@ mod common;
 use std::time::Duration;
 
 use common::fixture::Fixture;
+use common::periods::only_short_offers_match;
 use common::{SOON, meet, until};
-use sm2_node::domain::{Finding, Period};
+use sm2_node::domain::Finding;
 use sm2_node::{Event, Events, Node, Publisher, Subscriber};
 
 /// Long enough that a busy machine does not miss it.
@@ -116,27 +117,12 @@ fn a_tick_reads_the_messages_of_a_sleeping_program() {
     });
 }
 
-//= SM2-QOS-009, SM2-MAT-004 test
+//= SM2-QOS-009, SM2-MAT-005 test
 #[test]
 fn only_a_deadline_that_is_short_enough_matches() {
     Fixture::each(|it| {
-        let (talker, listener) = (it.peer("talker"), it.node("listener"));
-        let second = Duration::from_secs(1);
-        let _offered = publisher(&talker, second);
-        let _none = talker.publisher::<u64>("topic").unwrap();
-        let demanding = subscriber(&listener, second - Duration::from_nanos(1));
-        let content = subscriber(&listener, second);
-        let careless = listener.subscriber::<u64>("topic").unwrap();
-        let linked = |it: &Subscriber<u64>| it.links().iter().filter(|it| it.open).count();
-        until(|| (linked(&content), linked(&careless)) == (1, 2));
-        assert_eq!(demanding.links().len(), 0);
-        // The nearest matches: both publishers.
-        let verdicts: Vec<_> = demanding.why().unwrap();
-        let demanded = Period(999_999_999);
-        for offered in [Period(1_000_000_000), Period::NONE] {
-            let expected = Finding::Deadline { offered, demanded };
-            let mut findings = verdicts.iter().map(|near| &near.verdict.finding);
-            assert!(findings.any(|it| *it == expected), "{verdicts:?}");
-        }
+        only_short_offers_match(it, publisher, subscriber, |offered, demanded| {
+            Finding::Deadline { offered, demanded }
+        });
     });
 }

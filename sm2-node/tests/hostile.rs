@@ -126,6 +126,7 @@ fn a_subscriber_that_breaks_the_protocol_loses_its_link_alone() {
             max_borrowed: 1,
             sealed: false,
             deadline: Period::NONE,
+            lease: Period::NONE,
         },
     };
     let raw = Raw::declare(&domain, "raw", &contract);

@@ -203,6 +203,7 @@ fn link() -> ToNode {
         max_borrowed: 4,
         sealed: false,
         deadline: Period::NONE,
+        lease: Period::NONE,
     };
     ToNode::Link {
         interface: INTERFACE,

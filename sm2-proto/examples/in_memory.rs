@@ -113,6 +113,7 @@ impl World {
                 sealed: false,
                 deadline: Period::NONE,
                 lifespan: Period::NONE,
+                lease: Period::NONE,
             },
         };
         let subscriber = Contract::Subscriber {
@@ -124,6 +125,7 @@ impl World {
                 max_borrowed: 2,
                 sealed: false,
                 deadline: Period::NONE,
+                lease: Period::NONE,
             },
         };
         let program = |text, contract| Program {

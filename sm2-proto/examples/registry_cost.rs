@@ -92,6 +92,7 @@ impl Domain {
                 sealed: false,
                 deadline: Period::NONE,
                 lifespan: Period::NONE,
+                lease: Period::NONE,
             };
             domain.send(
                 NodeId(at / PER_SESSION + 1),
@@ -117,6 +118,7 @@ impl Domain {
             max_borrowed: 2,
             sealed: false,
             deadline: Period::NONE,
+            lease: Period::NONE,
         };
         let declare = ToManager::Declare {
             interface,

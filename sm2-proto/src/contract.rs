@@ -37,6 +37,9 @@ pub struct OfferedQos {
     pub deadline: Period,
     /// The age at which a message is not delivered any more.
     pub lifespan: Period,
+    /// The longest time between two signs of life of the publisher's program. None: the publisher is alive as long as
+    /// its links are open.
+    pub lease: Period,
 }
 
 /// The QoS that a subscriber demands.
@@ -52,6 +55,8 @@ pub struct DemandedQos {
     pub sealed: bool,
     /// The longest time between two messages of a publisher.
     pub deadline: Period,
+    /// The longest time between two signs of life of a publisher's program.
+    pub lease: Period,
 }
 
 /// The QoS that a server or client demands of its links.
@@ -201,6 +206,16 @@ impl Contract {
         match self {
             Self::Publisher { offer, .. } => offer.deadline,
             Self::Subscriber { demand, .. } => demand.deadline,
+            Self::Server { .. } | Self::Client { .. } => Period::NONE,
+        }
+    }
+
+    /// The lease that a publisher offers or a subscriber demands. Servers and clients have none.
+    #[must_use]
+    pub const fn lease(&self) -> Period {
+        match self {
+            Self::Publisher { offer, .. } => offer.lease,
+            Self::Subscriber { demand, .. } => demand.lease,
             Self::Server { .. } | Self::Client { .. } => Period::NONE,
         }
     }

@@ -31,8 +31,8 @@ pub const MAX_ENTRIES: u32 = (MAX_FILE_BYTES / ENTRY_BYTES) as u32 - 1;
 /// The number of messages that an entry remembers one by one.
 pub const RECENT: usize = 32;
 
-/// The positions of an entry's fields (SM2-CNT-010).
-//= SM2-CNT-010
+/// The positions of an entry's fields (SM2-CNT-011).
+//= SM2-CNT-011
 #[allow(missing_docs, reason = "the fields of Entry say what they are")]
 pub mod field {
     /// 0: not in use; odd: being written; even: grows with each change (SM2-CNT-005).
@@ -63,8 +63,10 @@ pub mod field {
     /// Periods of the deadline that passed without a message.
     pub const MISSED_DEADLINES: usize = 22;
     pub const EXPIRED: usize = 23;
+    /// How often the publisher stopped being alive.
+    pub const LOST_LIVELINESS: usize = 24;
     /// The first of the fields that are zero, up to [`RECENT`].
-    pub const RESERVED: usize = 24;
+    pub const RESERVED: usize = 25;
     /// The first of [`super::RECENT`] fields.
     pub const RECENT: usize = 32;
 }
@@ -101,7 +103,7 @@ pub const fn header(entries: u32) -> [u64; ENTRY_FIELDS] {
 
 /// The index of message number `message` (the first is 1) among the recent ones.
 #[must_use]
-//= SM2-CNT-010
+//= SM2-CNT-011
 pub const fn recent_index(message: u64) -> usize {
     (message.wrapping_sub(1) % RECENT as u64) as usize
 }
@@ -133,6 +135,8 @@ pub struct Entry {
     pub unheard: u64,
     /// Periods of the deadline that passed without a message, of a publisher, a subscriber or its end of a link.
     pub missed_deadlines: u64,
+    /// How often the publisher stopped being alive, of a publisher, a subscriber or its end of a link.
+    pub lost_liveliness: u64,
     /// The last messages, by [`recent_index`]: a sending side notes the time of each publication, a
     /// receiving side its delay. See [`recent`](Self::recent).
     pub recent_ns: [u64; RECENT],
@@ -153,16 +157,17 @@ impl Default for Entry {
             short_since: None,
             unheard: 0,
             missed_deadlines: 0,
+            lost_liveliness: 0,
             recent_ns: [0; RECENT],
         }
     }
 }
 
 impl Entry {
-    /// Reads an entry. `None` if the entry is not in use, is being written, or breaks SM2-CNT-010:
+    /// Reads an entry. `None` if the entry is not in use, is being written, or breaks SM2-CNT-011:
     /// a kind that is unknown, an interface with a link, or a reserved field that is not zero.
     #[must_use]
-    //= SM2-CNT-010
+    //= SM2-CNT-011
     pub fn from_words(words: &[u64; ENTRY_FIELDS]) -> Option<Self> {
         let turn = words[field::TURN];
         if turn == 0
@@ -215,13 +220,14 @@ impl Entry {
             },
             unheard: words[field::UNHEARD],
             missed_deadlines: words[field::MISSED_DEADLINES],
+            lost_liveliness: words[field::LOST_LIVELINESS],
             recent_ns,
         })
     }
 
     /// The fields of this entry, with that [`TURN`](field::TURN).
     #[must_use]
-    //= SM2-CNT-010
+    //= SM2-CNT-011
     pub fn to_words(&self, turn: u64) -> [u64; ENTRY_FIELDS] {
         let mut words = [0; ENTRY_FIELDS];
         words[field::TURN] = turn;
@@ -251,13 +257,14 @@ impl Entry {
         words[field::SHORT_SINCE] = self.short_since.map_or(0, |since| since.0);
         words[field::UNHEARD] = self.unheard;
         words[field::MISSED_DEADLINES] = self.missed_deadlines;
+        words[field::LOST_LIVELINESS] = self.lost_liveliness;
         words[field::RECENT..].copy_from_slice(&self.recent_ns);
         words
     }
 
     /// The notes of at most [`RECENT`] last messages, the oldest first: times of publication on a
     /// sending side, delays on a receiving side.
-    //= SM2-CNT-010
+    //= SM2-CNT-011
     pub fn recent(&self) -> impl ExactSizeIterator<Item = u64> + Clone + '_ {
         let noted = self.messages.min(RECENT as u64);
         let oldest = self.messages - noted;

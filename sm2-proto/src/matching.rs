@@ -24,10 +24,12 @@ pub enum Mismatch {
     Reliability,
     /// The subscriber demands a deadline, and the publisher offers none or a longer one.
     Deadline,
+    /// The subscriber demands a lease, and the publisher offers none or a longer one.
+    Lease,
 }
 
 /// Checks whether two interfaces match. Returns the QoS that the two sides alone ask for.
-//= SM2-MAT-004, SM2-MAT-003
+//= SM2-MAT-005, SM2-MAT-003
 pub fn match_contracts(one: &Contract, other: &Contract) -> Result<LinkQos, Mismatch> {
     if one.kind().counterpart() != other.kind() {
         return Err(Mismatch::Kind);
@@ -48,6 +50,9 @@ pub fn match_contracts(one: &Contract, other: &Contract) -> Result<LinkQos, Mism
             }
             if !offer.deadline.fulfils(demand.deadline) {
                 return Err(Mismatch::Deadline);
+            }
+            if !offer.lease.fulfils(demand.lease) {
+                return Err(Mismatch::Lease);
             }
             demand.reliable
         }

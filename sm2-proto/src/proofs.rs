@@ -48,6 +48,7 @@ pub(crate) fn subscriber() -> Contract {
             max_borrowed: 1,
             sealed: false,
             deadline: Period::NONE,
+            lease: Period::NONE,
         },
     }
 }
@@ -71,6 +72,7 @@ fn contract(depth: u16, max_borrowed: u16) -> Contract {
                 sealed,
                 deadline: Period::NONE,
                 lifespan: Period::NONE,
+                lease: Period::NONE,
             },
         },
         (true, false) => Contract::Subscriber {
@@ -82,6 +84,7 @@ fn contract(depth: u16, max_borrowed: u16) -> Contract {
                 max_borrowed,
                 sealed,
                 deadline: Period::NONE,
+                lease: Period::NONE,
             },
         },
         (false, true) => Contract::Server {
@@ -98,7 +101,7 @@ fn contract(depth: u16, max_borrowed: u16) -> Contract {
     }
 }
 
-//= SM2-MAT-004, SM2-MAT-003 kani
+//= SM2-MAT-005, SM2-MAT-003 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(4))]
 fn matching_is_symmetric() {
@@ -119,11 +122,29 @@ fn matching_is_symmetric() {
 }
 
 /// Two interfaces that match but for their deadlines match if the offer is there and not longer.
-//= SM2-MAT-004, SM2-QOS-009 kani
+//= SM2-MAT-005, SM2-QOS-009 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(4))]
 fn deadlines_decide_a_match() {
-    let (offered, demanded): (u64, u64) = kani::any();
+    let (offered, demanded) = kani::any();
+    periods_decide_a_match([offered, 0], [demanded, 0], Mismatch::Deadline);
+}
+
+/// The same for leases.
+//= SM2-MAT-005, SM2-QOS-012 kani
+#[cfg_attr(kani, kani::proof)]
+#[cfg_attr(kani, kani::unwind(4))]
+fn leases_decide_a_match() {
+    let (offered, demanded) = kani::any();
+    periods_decide_a_match([0, offered], [0, demanded], Mismatch::Lease);
+}
+
+/// Matches interfaces with these deadlines and leases, of which one kind is zero.
+fn periods_decide_a_match(
+    [offered_deadline, offered_lease]: [u64; 2],
+    [demanded_deadline, demanded_lease]: [u64; 2],
+    mismatch: Mismatch,
+) {
     let publisher = Contract::Publisher {
         topic: name(true),
         data: type_id(true),
@@ -132,28 +153,27 @@ fn deadlines_decide_a_match() {
             reliable: false,
             latched: 0,
             sealed: false,
-            deadline: Period(offered),
+            deadline: Period(offered_deadline),
             lifespan: Period::NONE,
+            lease: Period(offered_lease),
         },
     };
     let mut subscriber = subscriber();
     if let Contract::Subscriber { demand, .. } = &mut subscriber {
-        demand.deadline = Period(demanded);
+        demand.deadline = Period(demanded_deadline);
+        demand.lease = Period(demanded_lease);
     }
     let found = match_contracts(&publisher, &subscriber);
     assert_eq!(found, match_contracts(&subscriber, &publisher));
-    assert_eq!(
-        found.is_ok(),
-        demanded == 0 || (1..=demanded).contains(&offered)
-    );
+    let offered = offered_deadline + offered_lease;
+    let demanded = demanded_deadline + demanded_lease;
+    let is_fulfilled = demanded == 0 || (1..=demanded).contains(&offered);
+    assert_eq!(found.err(), (!is_fulfilled).then_some(mismatch));
     kani::cover!(
-        found.is_ok() && demanded > 0 && offered < demanded,
+        is_fulfilled && demanded > 0 && offered < demanded,
         "a shorter offer"
     );
-    kani::cover!(
-        found == Err(Mismatch::Deadline) && offered > 0,
-        "a longer offer"
-    );
+    kani::cover!(!is_fulfilled && offered > 0, "a longer offer");
 }
 
 //= SM2-OPN-003, SM2-FRM-003 kani
@@ -192,7 +212,7 @@ fn counter_files_are_whole() {
     kani::cover!(in_range && !whole, "half an entry");
 }
 
-//= SM2-CNT-010 kani
+//= SM2-CNT-011 kani
 #[cfg_attr(kani, kani::proof)]
 fn recent_messages_follow_each_other() {
     let message = kani::any_where(|message: &u64| *message < u64::MAX);
@@ -203,7 +223,7 @@ fn recent_messages_follow_each_other() {
     kani::cover!(next == 0 && message > 0, "begins again");
 }
 
-//= SM2-CNT-010 kani
+//= SM2-CNT-011 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(66))]
 fn counter_entries_are_canonical() {
@@ -323,7 +343,7 @@ fn seals_are_all_needed() {
 }
 
 /// No count of messages, time or delay in a stranger's file makes a reader overflow or panic.
-//= SM2-CNT-010, SM2-CNT-005 kani
+//= SM2-CNT-011, SM2-CNT-005 kani
 #[cfg_attr(kani, kani::proof)]
 // 32 recent messages.
 #[cfg_attr(kani, kani::unwind(34))]
@@ -353,7 +373,7 @@ fn a_strangers_counters_can_be_read() {
 }
 
 /// Mean and deviation of any three durations are in their range.
-//= SM2-CNT-010 kani
+//= SM2-CNT-011 kani
 #[cfg_attr(kani, kani::proof)]
 // Three durations; the root of 128 bits takes 64 steps.
 #[cfg_attr(kani, kani::unwind(66))]
@@ -379,6 +399,7 @@ fn summaries_are_in_range() {
 kani::explored! {
     matching_is_symmetric: 2,
     deadlines_decide_a_match: 2,
+    leases_decide_a_match: 2,
     legal_contracts_have_legal_windows: 2,
     counter_files_are_whole: 2,
     recent_messages_follow_each_other: 1,

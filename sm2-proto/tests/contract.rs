@@ -96,6 +96,7 @@ fn link() -> Link {
             max_borrowed: 1,
             sealed: false,
             deadline: Period::NONE,
+            lease: Period::NONE,
         },
     };
     let config = link::Config::new(&contract, LINK, VERSION, false, false);

@@ -410,7 +410,7 @@ fn precedence() {
     trailing.push(0);
     // A bool follows the illegal depth: encodings are checked before ranges.
     let mut malformed = trailing.clone();
-    let at = malformed.len() - 4;
+    let at = malformed.len() - 5;
     malformed[at] = 2;
     // The name precedes the illegal depth.
     let mut bad_name = malformed.clone();

@@ -14,7 +14,7 @@ use support::{
     cases,
     contracts::{
         client, data, name, publisher, publisher_with, scan, server, subscriber, subscriber_with,
-        with_deadline,
+        with_deadline, with_lease,
     },
     items::{
         LIDAR, LINK, PLANNER, at, domain, entities, interface, items, link, node, refusal, sub,
@@ -109,9 +109,9 @@ fn who_is_not_there() {
     assert_eq!(party(at(9, 4)), "interface 4 of node 9");
 }
 
-//= SM2-MAT-004 test
+//= SM2-MAT-005 test
 #[test]
-fn kinds_reliability_and_deadlines() {
+fn kinds_reliability_deadlines_and_leases() {
     assert_eq!(
         text(&scan(), &scan(), &[]),
         "lidar's publisher of scan and planner's publisher of scan are both publishers.\n\
@@ -142,6 +142,17 @@ fn kinds_reliability_and_deadlines() {
     );
     assert!(
         said(10_000_001, 10_000_000).contains("lidar's publisher of scan offers 10.000001ms.\n")
+    );
+    assert!(said(10_000_000, 10_000_000).contains(" match, "));
+    let said = |offered, demanded| {
+        let publisher = with_lease(scan(), offered);
+        text(&publisher, &with_lease(sub(), demanded), &[])
+    };
+    assert_eq!(
+        said(0, 10_000_000),
+        "planner's subscriber of scan demands a liveliness lease of 10ms, and lidar's publisher of scan offers no \
+         liveliness lease.\nLet the publisher offer a liveliness lease of at most 10ms, or the subscriber demand a \
+         longer one."
     );
     assert!(said(10_000_000, 10_000_000).contains(" match, "));
 }
@@ -445,7 +456,7 @@ proptest! {
 
     /// A verdict says *matches* of exactly those pairs that match, whichever interface is named
     /// first, and has a text for each finding.
-    //= SM2-MAT-004 test
+    //= SM2-MAT-005 test
     #[test]
     fn why_agrees_with_the_rule(items in vec(items(), 0..40), one in entities(), other in entities()) {
         let mut domain = Domain::new();

@@ -17,6 +17,7 @@ use sm2_proto::{
 fn with_lifespan(config: Config, lifespan: u64) -> Config {
     Config {
         lifespan: Period(lifespan),
+        lease: Period::NONE,
         ..config
     }
 }

@@ -203,6 +203,7 @@ fn contracts() -> [Contract; 4] {
         sealed: false,
         deadline: Period(11),
         lifespan: Period(12),
+        lease: Period(14),
     };
     let demand = DemandedQos {
         depth: 8,
@@ -210,6 +211,7 @@ fn contracts() -> [Contract; 4] {
         max_borrowed: 4,
         sealed: false,
         deadline: Period(13),
+        lease: Period(15),
     };
     let qos = ServiceQos {
         depth: 9,
@@ -245,9 +247,14 @@ fn contracts() -> [Contract; 4] {
 #[test]
 fn a_link_is_what_the_contract_says() {
     let contracts = contracts();
-    let expected = [(7, 1, 11, 12), (8, 4, 13, 0), (9, 2, 0, 0), (9, 2, 0, 0)];
+    let expected = [
+        (7, 1, 11, 12, 0),
+        (8, 4, 13, 0, 15),
+        (9, 2, 0, 0, 0),
+        (9, 2, 0, 0, 0),
+    ];
     for ((contract, role), expected) in contracts.iter().zip(Role::ALL).zip(expected) {
-        let (depth, max_borrowed, deadline, lifespan) = expected;
+        let (depth, max_borrowed, deadline, lifespan, lease) = expected;
         let id = LinkId {
             epoch: 1,
             serial: 2,
@@ -265,12 +272,16 @@ fn a_link_is_what_the_contract_says() {
             max_len: MaxLen::DEFAULT,
             deadline: Period(deadline),
             lifespan: Period(lifespan),
+            lease: Period(lease),
         };
         assert_eq!(config, same);
         assert_eq!(config.window(), contract.window());
         // A receiver learns the lifespan of its messages from the publisher.
         let of_peer = Period(if role == Role::Receiver { 12 } else { lifespan });
         assert_eq!(config.with_peer(&contracts[0]).lifespan, of_peer);
+        // A sender learns from the subscriber whether it has to send ALIVE.
+        let of_peer = Period(if role == Role::Sender { 15 } else { lease });
+        assert_eq!(config.with_peer(&contracts[1]).lease, of_peer);
     }
 }
 

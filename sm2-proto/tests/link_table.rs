@@ -6,7 +6,7 @@ use link_support::{
     RING, config, drain, fds_for, feed, from_peer, open_to, opened_with, sent, with_ring,
 };
 use sm2_proto::{
-    Code, FdFacts, ViolationKind,
+    Code, FdFacts, Instant, Period, ViolationKind,
     link::{
         Config, End, Error, FrameKind, LaneKind, Link, Role, SegmentInfo,
         wire::{Carrier, Frame, Given},
@@ -31,6 +31,7 @@ Close          .                .                .                .
 Ring           expected-open    expected-open    expected-open    expected-open
 Doorbell       expected-open    expected-open    expected-open    expected-open
 Detached       expected-open    expected-open    expected-open    expected-open
+Alive          expected-open    expected-open    expected-open    expected-open
 
 open           Sender           Receiver         Caller           Server
 Open           unexpected-open  unexpected-open  unexpected-open  unexpected-open
@@ -45,6 +46,7 @@ Close          .                .                .                .
 Ring           wrong-lane       wrong-role       wrong-lane       wrong-lane
 Doorbell       wrong-lane       wrong-lane       wrong-lane       wrong-lane
 Detached       wrong-lane       wrong-role       wrong-lane       wrong-lane
+Alive          wrong-role       .                wrong-role       wrong-role
 
 open, ring     Sender           Receiver         Caller           Server
 Open           unexpected-open  unexpected-open  unexpected-open  unexpected-open
@@ -59,6 +61,7 @@ Close          .                .                .                .
 Ring           .                wrong-role       .                .
 Doorbell       .                .                .                .
 Detached       .                wrong-role       .                .
+Alive          wrong-role       .                wrong-role       wrong-role
 
 ended          Sender           Receiver         Caller           Server
 Open           ended            ended            ended            ended
@@ -73,6 +76,7 @@ Close          ended            ended            ended            ended
 Ring           ended            ended            ended            ended
 Doorbell       ended            ended            ended            ended
 Detached       ended            ended            ended            ended
+Alive          ended            ended            ended            ended
 ";
 
 /// The states with their names. Each is checked with and without an offer of the ring lane by
@@ -117,7 +121,10 @@ fn line(name: &str, cells: [String; 4]) -> String {
 }
 
 fn config_on(ring: bool, role: Role) -> Config {
-    if ring { with_ring(role) } else { config(role) }
+    let config = if ring { with_ring(role) } else { config(role) };
+    // Otherwise ALIVE is illegal (SM2-QOS-013).
+    let lease = Period(1);
+    Config { lease, ..config }
 }
 
 fn cell(state: State, ring: bool, role: Role, kind: FrameKind) -> String {
@@ -206,6 +213,7 @@ fn some_frame(role: Role, kind: FrameKind) -> (Vec<u8>, Vec<FdFacts>) {
         FrameKind::Ring => RING,
         FrameKind::Doorbell => Frame::Doorbell,
         FrameKind::Detached => Frame::Detached { segment: 1 },
+        FrameKind::Alive => Frame::Alive { time: Instant(1) },
     };
     assert_eq!(frame.kind(), kind);
     (frame.to_vec(), fds_for(&frame))

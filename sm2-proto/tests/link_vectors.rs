@@ -134,6 +134,7 @@ fn config(vector: &Value) -> Config {
     let number = |key: &str| u16::try_from(vector[key].as_u64().unwrap()).unwrap();
     let role = vector["role"].as_str().unwrap();
     let link = |key: &str| vector["link"][key].as_u64().unwrap();
+    let period = |key: &str| Period(vector.get(key).map_or(0, |it| it.as_u64().unwrap()));
     Config {
         id: LinkId {
             epoch: link("epoch"),
@@ -153,7 +154,8 @@ fn config(vector: &Value) -> Config {
             MaxLen::from_bytes(1_024 * it.as_u64().unwrap())
         }),
         deadline: Period::NONE,
-        lifespan: Period(vector.get("lifespan").map_or(0, |it| it.as_u64().unwrap())),
+        lifespan: period("lifespan"),
+        lease: period("lease"),
     }
 }
 
@@ -240,6 +242,7 @@ fn meaning(frame: &Frame<'_>) -> Map<String, Value> {
         Frame::Ring { depth, window } => json!({ "depth": depth, "window": window }),
         Frame::Doorbell => json!({}),
         Frame::Detached { segment } => json!({ "segment": segment }),
+        Frame::Alive { time } => json!({ "time": time.0 }),
     };
     let Value::Object(mut fields) = fields else {
         unreachable!()

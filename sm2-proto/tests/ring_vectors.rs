@@ -33,6 +33,7 @@ fn every_ring_vector() {
         let lifespan = vector.get("lifespan").and_then(Value::as_u64);
         let config = |role| Config {
             lifespan: Period(lifespan.unwrap_or(0)),
+            lease: Period::NONE,
             ..ring_config(role, reliable, number("depth"), number("max_borrowed"))
         };
         let mut rig = Rig::with([Role::Sender, Role::Receiver].map(config)).opened();

@@ -223,6 +223,8 @@ pub struct Qos {
     pub sealed: bool,
     /// `deadline`
     pub deadline: u64,
+    /// `lease`
+    pub lease: u64,
 }
 
 impl Qos {
@@ -234,6 +236,7 @@ impl Qos {
         max_borrowed: 2,
         sealed: false,
         deadline: 0,
+        lease: 0,
     };
     /// Plain and reliable.
     pub const RELIABLE: Self = Self {
@@ -280,8 +283,8 @@ pub fn typed_publisher(topic: impl AsRef<[u8]>, data: &[u8], qos: Qos) -> Vec<u8
     let head = Fields::new().int(0).text(topic).raw(data);
     let offer = head.int(qos.depth.into()).flag(qos.reliable);
     let offer = offer.int(qos.latched.into()).flag(qos.sealed);
-    // No lifespan.
-    offer.int(qos.deadline).int(0).bytes()
+    let lifespan = 0;
+    offer.int(qos.deadline).int(lifespan).int(qos.lease).bytes()
 }
 
 /// A subscriber of raw bytes.
@@ -290,7 +293,8 @@ pub fn subscriber(topic: impl AsRef<[u8]>, qos: Qos) -> Vec<u8> {
     let head = Fields::new().int(1).text(topic);
     let demand = head.flag(true).raw(bytes_type()).int(qos.depth.into());
     let demand = demand.flag(qos.reliable).int(qos.max_borrowed.into());
-    demand.flag(qos.sealed).int(qos.deadline).bytes()
+    let demand = demand.flag(qos.sealed);
+    demand.int(qos.deadline).int(qos.lease).bytes()
 }
 
 /// A server of raw bytes.

@@ -29,6 +29,8 @@ pub mod kind {
     pub const DOORBELL: u8 = 17;
     /// DETACHED
     pub const DETACHED: u8 = 18;
+    /// ALIVE
+    pub const ALIVE: u8 = 19;
 }
 
 /// The roles in OPEN.
@@ -256,6 +258,14 @@ pub fn ring(depth: u16, window: u32) -> Vec<u8> {
 #[must_use]
 pub fn doorbell() -> Vec<u8> {
     vec![kind::DOORBELL, 0, 0, 0, 0, 0, 0, 0]
+}
+
+/// ALIVE.
+#[must_use]
+pub fn alive(time: u64) -> Vec<u8> {
+    let mut bytes = vec![kind::ALIVE, 0, 0, 0, 0, 0, 0, 0];
+    bytes.extend(time.to_le_bytes());
+    bytes
 }
 
 /// DETACHED.

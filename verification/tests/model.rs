@@ -8,7 +8,7 @@ use sm2_verification::model::{
 };
 
 /// Scopes that are small enough for a debug build.
-const SMALL: [&str; 10] = [
+const SMALL: [&str; 11] = [
     "cold-2x2",
     "cold-crash-2x1",
     "churn-once-2x2",
@@ -19,6 +19,7 @@ const SMALL: [&str; 10] = [
     "reload-exclusive-3x1",
     "room-3x1",
     "deadline-3x1",
+    "liveliness-3x1",
 ];
 /// The scopes that a debug build can also search without reductions.
 const SMALLEST: [&str; 5] = [

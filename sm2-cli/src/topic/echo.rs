@@ -41,6 +41,9 @@ pub(crate) struct Arguments {
     /// Receive from publishers that offer a message at least once in this time, such as 100ms
     #[arg(long, value_name = "TIME", value_parser = time::span)]
     deadline: Option<Duration>,
+    /// Receive from publishers that offer a sign of life at least once in this time, such as 1s
+    #[arg(long, value_name = "TIME", value_parser = time::span)]
+    liveliness: Option<Duration>,
     /// The longest message to receive; publishers do not send longer ones here [default: 1GiB]
     #[arg(long, value_name = "SIZE")]
     max_len: Option<Size>,
@@ -85,6 +88,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         .reliable(arguments.reliable);
     let builder = match arguments.deadline {
         Some(period) => builder.deadline(period),
+        None => builder,
+    };
+    let builder = match arguments.liveliness {
+        Some(lease) => builder.liveliness(lease),
         None => builder,
     };
     let subscriber = match arguments.max_len {

@@ -6,11 +6,11 @@ use sm2_proto::Name;
 
 use crate::{
     args::{Domain, name},
+    broken_promises::{LostLiveliness, MissedDeadlines},
     connect::Session,
     ended::Ended,
     error::CliError,
     interfaces::{self, Interface, Stated, table},
-    missed_deadlines::MissedDeadlines,
     output::Output,
     sampling::Sample,
     unheard::Unheard,
@@ -34,8 +34,8 @@ pub(crate) struct Arguments {
 const HELP: &str = "\
 Shows the type of the topic, and the schema by which `sm2 topic echo` reads its messages. Lists all
 its publishers and subscribers, including those that the Manager refused, and the publishers that
-published while no subscriber was linked, with the number of these messages, and those that missed
-their deadlines. `sm2 why` explains why two of them are not linked.
+published while no subscriber was linked, with the number of these messages. It also lists those that
+missed their deadlines or lost liveliness. `sm2 why` explains why two of them are not linked.
 
 Exit status: 0 shown, 1 the topic has no publisher and no subscriber, 2 wrong usage.
 
@@ -56,6 +56,8 @@ struct Info {
     unheard: Vec<Unheard>,
     /// The publishers and subscribers that missed their deadlines.
     missed_deadlines: Vec<MissedDeadlines>,
+    /// The publishers that stopped being alive, and the subscribers that noticed it.
+    lost_liveliness: Vec<LostLiveliness>,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
@@ -75,6 +77,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         stated: Stated::of(&session, view.topic_type(topic))?,
         unheard: Unheard::find(&view, &sample, &all),
         missed_deadlines: MissedDeadlines::find(&view, &sample, &all),
+        lost_liveliness: LostLiveliness::find(&view, &sample, &all),
         interfaces,
     };
     let mut out = Output::new();
@@ -99,6 +102,9 @@ fn print(info: &Info, out: &mut Output) -> Result<(), CliError> {
         out.line(format_args!("{publisher}"))?;
     }
     for interface in &info.missed_deadlines {
+        out.line(format_args!("{interface}"))?;
+    }
+    for interface in &info.lost_liveliness {
         out.line(format_args!("{interface}"))?;
     }
     Ok(())

@@ -117,6 +117,10 @@ fn declare(
         Some(age) => builder.lifespan(age),
         None => builder,
     };
+    let builder = match arguments.liveliness {
+        Some(lease) => builder.liveliness(lease),
+        None => builder,
+    };
     Ok(match arguments.pool_limit {
         Some(Size(bytes)) => builder.pool_limit(bytes),
         None => builder,

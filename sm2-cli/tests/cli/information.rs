@@ -51,7 +51,7 @@ fn a_topic_is_shown_with_its_type_and_interfaces() {
 }
 
 /// An emergency stop that nobody hears is counted.
-//= SM2-CNT-010 sys
+//= SM2-CNT-011 sys
 #[test]
 fn messages_that_nobody_hears_are_shown() {
     let domain = Domain::new();
@@ -83,8 +83,37 @@ fn messages_that_nobody_hears_are_shown() {
     }
 }
 
+/// The leases, and how often a publisher stopped being alive.
+//= SM2-CNT-011, SM2-QOS-012 sys
+#[test]
+fn lost_liveliness_is_shown() {
+    let domain = Domain::new();
+    let (talker, listener) = (domain.node("talker"), domain.node("listener"));
+    let lease = Duration::from_millis(5);
+    let publisher = talker.publisher_builder::<str>("scan").liveliness(lease);
+    let publisher = publisher.declare().unwrap();
+    let subscriber = listener.subscriber_builder::<str>("scan").liveliness(lease);
+    let subscriber = subscriber.declare().unwrap();
+    subscriber.wait_for_publishers(1).unwrap();
+    for events in [publisher.events(), subscriber.events()] {
+        publisher.assert_liveliness();
+        while !matches!(events.next().unwrap(), Event::LivelinessLost { .. }) {}
+    }
+    let info = domain.json(&["topic", "info", "scan"]);
+    assert_eq!(info["interfaces"][0]["qos"]["liveliness_ns"], 5_000_000);
+    let lost = info["lost_liveliness"].as_array().unwrap();
+    assert_eq!(lost.len(), 2, "{lost:?}");
+    assert!(lost.iter().all(|it| it["times"].as_u64() > Some(0)));
+    let text = domain.run(&["topic", "info", "scan"]).stdout();
+    assert!(text.contains("liveliness 5ms"), "{text}");
+    for name in ["talker", "listener"] {
+        let told = format!("{name}:scan lost liveliness ");
+        assert!(text.contains(&told), "{text}");
+    }
+}
+
 /// The deadlines, and the periods in which there was no message.
-//= SM2-CNT-010, SM2-QOS-009 sys
+//= SM2-CNT-011, SM2-QOS-009 sys
 #[test]
 fn missed_deadlines_are_shown() {
     let domain = Domain::new();

@@ -242,6 +242,7 @@ fn silent_publisher(domain: &Domain, name: &str, topic: &str) -> SeqPacket {
         sealed: false,
         deadline: Period::NONE,
         lifespan: Period::NONE,
+        lease: Period::NONE,
     };
     let topic = topic.parse().unwrap();
     let hello = ToManager::Hello {

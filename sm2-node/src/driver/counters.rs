@@ -72,7 +72,7 @@ pub(super) fn note_taken(entry: Option<&mut CounterEntry>, now: Instant, header:
 }
 
 /// Changes an entry, if the interface or link has one.
-//= SM2-CNT-010
+//= SM2-CNT-011
 #[inline]
 pub(super) fn note(entry: Option<&mut CounterEntry>, change: impl FnOnce(&mut Update<'_>)) {
     if let Some(entry) = entry {

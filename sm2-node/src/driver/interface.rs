@@ -5,8 +5,10 @@ mod client;
 mod deadline;
 mod event_queue;
 mod events;
+mod lease;
 mod limit;
 mod links;
+mod liveliness;
 mod publish;
 mod ready;
 mod reports;
@@ -27,6 +29,7 @@ pub(crate) use self::calls::{CallId, Outcome};
 pub(crate) use self::client::Choice;
 use self::deadline::Deadline;
 use self::event_queue::EventQueue;
+use self::lease::Lease;
 use self::links::Links;
 pub(crate) use self::publish::Offered;
 pub(crate) use self::ready::Condition;
@@ -72,6 +75,7 @@ pub(crate) struct Interface {
     /// Events that the program has not taken.
     pub(crate) events: EventQueue,
     deadline: Deadline,
+    lease: Lease,
     /// Results of calls that the control side has to handle.
     for_control: ForControl,
 }
@@ -118,6 +122,7 @@ impl Interface {
     ) -> Self {
         Self {
             deadline: Deadline::of(&contract),
+            lease: Lease::of(&contract),
             contract,
             max_len,
             state: State::Declaring,

@@ -7,6 +7,7 @@ mod background;
 mod counting;
 mod deadline;
 mod lifespan;
+mod liveliness;
 mod mapped;
 mod outputs;
 mod receive;
@@ -309,6 +310,8 @@ impl LinkDriver {
             counters: self.counters(),
             received: self.received,
             missed_deadlines: self.missed_deadlines(),
+            alive: self.machine.is_peer_alive(),
+            lost_liveliness: self.lost_liveliness(),
             end: self.end(),
         }
     }

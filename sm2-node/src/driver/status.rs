@@ -32,6 +32,11 @@ pub struct LinkStatus {
     pub received: Received,
     /// How many periods of the deadline that this subscriber demands have passed without a message (SM2-QOS-009).
     pub missed_deadlines: u64,
+    /// Whether the publisher at the other end is alive (SM2-QOS-012). Always true for a subscriber that demands no
+    /// liveliness, and at all other interfaces.
+    pub alive: bool,
+    /// How often the publisher at the other end stopped being alive.
+    pub lost_liveliness: u64,
     /// The reason why the link is over, if it is.
     pub end: Option<End>,
 }

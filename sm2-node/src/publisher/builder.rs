@@ -50,6 +50,7 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
                 sealed: false,
                 deadline: Period::NONE,
                 lifespan: Period::NONE,
+                lease: Period::NONE,
             },
             publish_timeout: PUBLISH_TIMEOUT_DEFAULT,
             memory: Memory {
@@ -103,6 +104,19 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
     /// [missed](Publisher::missed_deadlines) and is an [event](crate::Event::DeadlineMissed) (SM2-QOS-009).
     pub const fn deadline(mut self, period: Duration) -> Self {
         self.offer.deadline = Period::new(period);
+        self
+    }
+
+    /// Promises a sign of life of the program at least once in each `lease`: a message, or
+    /// [`assert_liveliness`](Publisher::assert_liveliness). By default a publisher is alive as long as its links are
+    /// open, which the kernel watches. Only a publisher with a lease matches a subscriber that demands a
+    /// [liveliness](crate::SubscriberBuilder::liveliness), whose lease must not be shorter.
+    ///
+    /// The first lease begins when the publisher is declared. When a lease passes without a sign of life, this side and
+    /// each subscriber that demands a liveliness get an [event](crate::Event::LivelinessLost), and they get
+    /// [another](crate::Event::LivelinessRegained) when the publisher is alive again (SM2-QOS-012).
+    pub const fn liveliness(mut self, lease: Duration) -> Self {
+        self.offer.lease = Period::new(lease);
         self
     }
 

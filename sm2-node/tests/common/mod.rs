@@ -2,6 +2,7 @@
 #![allow(dead_code, reason = "each test uses its own part")]
 
 pub(crate) mod fixture;
+pub(crate) mod periods;
 pub(crate) mod raw;
 pub(crate) mod threads;
 pub(crate) mod wait;

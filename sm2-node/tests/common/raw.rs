@@ -115,6 +115,7 @@ pub(crate) fn raw_publisher(domain: &Domain) -> (Raw, Subscriber<[u8]>) {
             sealed: false,
             deadline: Period::NONE,
             lifespan: Period::NONE,
+            lease: Period::NONE,
         },
     };
     let raw = Raw::declare(domain, "raw", &contract);

@@ -59,12 +59,13 @@ impl fmt::Display for Verdict {
                 write!(f, "{one} and {other}: their types differ.")?;
                 differ.iter().try_for_each(|it| write!(f, "\n{it}"))
             }
-            Finding::Reliability => write!(
-                f,
-                "{other} demands reliability, which {one} does not offer.\n\
-                 Make the publisher reliable, or the subscriber best-effort."
-            ),
-            Finding::Deadline { offered, demanded } => self.write_deadlines(f, *offered, *demanded),
+            Finding::Reliability => self.write_reliability(f),
+            Finding::Deadline { offered, demanded } => {
+                self.write_periods(f, "deadline", *offered, *demanded)
+            }
+            Finding::Liveliness { offered, demanded } => {
+                self.write_periods(f, "liveliness lease", *offered, *demanded)
+            }
             Finding::Claimed { by, .. } => self.write_claimed(f, *by),
             Finding::Resuming { nodes } => {
                 write!(f, "{one} and {other} match, but the new Manager waits for ")?;
@@ -106,24 +107,34 @@ impl Verdict {
         }
     }
 
-    fn write_deadlines(
+    fn write_reliability(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { one, other, .. } = self;
+        write!(
+            f,
+            "{other} demands reliability, which {one} does not offer.\n\
+             Make the publisher reliable, or the subscriber best-effort."
+        )
+    }
+
+    fn write_periods(
         &self,
         f: &mut fmt::Formatter<'_>,
+        name: &str,
         offered: Period,
         demanded: Period,
     ) -> fmt::Result {
         let Self { one, other, .. } = self;
         write!(
             f,
-            "{other} demands a deadline of {demanded}, and {one} offers "
+            "{other} demands a {name} of {demanded}, and {one} offers "
         )?;
         match offered.get() {
-            None => f.write_str("no deadline.\n")?,
+            None => writeln!(f, "no {name}.")?,
             Some(_) => writeln!(f, "{offered}.")?,
         }
         write!(
             f,
-            "Let the publisher offer a deadline of at most {demanded}, or the subscriber demand a longer one."
+            "Let the publisher offer a {name} of at most {demanded}, or the subscriber demand a longer one."
         )
     }
 

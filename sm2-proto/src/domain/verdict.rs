@@ -90,6 +90,13 @@ pub enum Finding {
         /// The deadline that the subscriber demands.
         demanded: Period,
     },
+    /// The subscriber demands a lease, and the publisher offers none or a longer one.
+    Liveliness {
+        /// The lease that the publisher offers.
+        offered: Period,
+        /// The lease that the subscriber demands.
+        demanded: Period,
+    },
     /// They match; one end has claimed their link, and the other has not yet.
     Claimed {
         /// The link's number.
@@ -193,7 +200,7 @@ pub enum Part {
 }
 
 impl Verdict {
-    /// Whether the contracts of the two match (SM2-MAT-004), so that only other rules can prevent a
+    /// Whether the contracts of the two match (SM2-MAT-005), so that only other rules can prevent a
     /// link.
     #[must_use]
     pub const fn matches(&self) -> bool {
@@ -213,7 +220,8 @@ impl Verdict {
             | Finding::Refused { .. }
             | Finding::Types { .. }
             | Finding::Reliability
-            | Finding::Deadline { .. } => false,
+            | Finding::Deadline { .. }
+            | Finding::Liveliness { .. } => false,
         }
     }
 

@@ -11,7 +11,7 @@ use crate::{
 };
 
 /// The reason why the two interfaces are linked or not. Their order does not matter.
-//= SM2-MAT-004, SM2-MAT-003, SM2-WCH-004
+//= SM2-MAT-005, SM2-MAT-003, SM2-WCH-004
 #[must_use]
 pub fn why(domain: &Domain, one: EntityId, other: EntityId) -> Verdict {
     let (one, other) = sorted(domain, one, other);
@@ -56,7 +56,8 @@ fn find(domain: &Domain, one: &InterfaceView<'_>, other: &InterfaceView<'_>) -> 
             let near = names::near(one.contract.name(), other.contract.name());
             return Finding::Names { near };
         }
-        Some(Mismatch::Type | Mismatch::Reliability | Mismatch::Deadline) | None => {}
+        Some(Mismatch::Type | Mismatch::Reliability | Mismatch::Deadline | Mismatch::Lease)
+        | None => {}
     }
     // An interface that does not exist cannot be linked, whatever its type.
     let refused = [one, other].into_iter().find_map(|it| {
@@ -75,6 +76,10 @@ fn find(domain: &Domain, one: &InterfaceView<'_>, other: &InterfaceView<'_>) -> 
         (None, Some(Mismatch::Deadline)) => Finding::Deadline {
             offered: one.contract.deadline(),
             demanded: other.contract.deadline(),
+        },
+        (None, Some(Mismatch::Lease)) => Finding::Liveliness {
+            offered: one.contract.lease(),
+            demanded: other.contract.lease(),
         },
         (None, Some(_)) => Finding::Reliability,
         (None, None) => obstacle(domain, one.entity, other.entity),

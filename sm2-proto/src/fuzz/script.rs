@@ -145,6 +145,7 @@ impl<'a> Script<'a> {
             max_borrowed,
             sealed,
             deadline,
+            lease: deadline,
         };
         let offer = OfferedQos {
             depth,
@@ -153,6 +154,7 @@ impl<'a> Script<'a> {
             sealed,
             deadline,
             lifespan: deadline,
+            lease: deadline,
         };
         Some(match choice % 4 {
             0 => Contract::Publisher {

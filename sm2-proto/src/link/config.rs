@@ -37,6 +37,8 @@ pub struct Config {
     pub deadline: Period,
     /// The lifespan of the publisher at either end of the link. A caller or server does not use it.
     pub lifespan: Period,
+    /// The lease that the subscriber at either end of the link demands. A caller or server does not use it.
+    pub lease: Period,
 }
 
 impl Config {
@@ -70,15 +72,22 @@ impl Config {
             max_len: MaxLen::DEFAULT,
             deadline: contract.deadline(),
             lifespan: contract.lifespan(),
+            lease: match role {
+                Role::Receiver => contract.lease(),
+                Role::Sender | Role::Caller | Role::Server => Period::NONE,
+            },
         }
     }
 
-    /// The same configuration, with the lifespan of the publisher at the other end, if there is one.
-    //= SM2-QOS-010
+    /// The same configuration, with what the interface at the other end decides: the lifespan of a publisher, the
+    /// lease of a subscriber.
+    //= SM2-QOS-010, SM2-QOS-013
     #[must_use]
     pub const fn with_peer(mut self, peer: &Contract) -> Self {
-        if matches!(self.role, Role::Receiver) {
-            self.lifespan = peer.lifespan();
+        match self.role {
+            Role::Receiver => self.lifespan = peer.lifespan(),
+            Role::Sender => self.lease = peer.lease(),
+            Role::Caller | Role::Server => {}
         }
         self
     }
@@ -134,12 +143,18 @@ impl Config {
                 Role::Receiver => self.deadline,
                 Role::Sender | Role::Caller | Role::Server => Period::NONE,
             },
-            lifespan: match self.role {
-                Role::Sender | Role::Receiver => self.lifespan,
-                Role::Caller | Role::Server => Period::NONE,
-            },
+            lifespan: of_topic(self.role, self.lifespan),
+            lease: of_topic(self.role, self.lease),
             ..self
         }
+    }
+}
+
+/// The links of services have no such time.
+const fn of_topic(role: Role, period: Period) -> Period {
+    match role {
+        Role::Sender | Role::Receiver => period,
+        Role::Caller | Role::Server => Period::NONE,
     }
 }
 

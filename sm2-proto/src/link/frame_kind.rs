@@ -30,11 +30,13 @@ pub enum FrameKind {
     Doorbell = 17,
     /// The receiver no longer uses a segment.
     Detached = 18,
+    /// The publisher's program is alive.
+    Alive = 19,
 }
 
 impl FrameKind {
     /// Every kind, ordered by number.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::Open,
         Self::Attach,
         Self::Detach,
@@ -47,6 +49,7 @@ impl FrameKind {
         Self::Ring,
         Self::Doorbell,
         Self::Detached,
+        Self::Alive,
     ];
 
     /// The kind with this number.
@@ -63,7 +66,7 @@ impl FrameKind {
         match self {
             Self::Open | Self::Close | Self::Doorbell => true,
             Self::Attach | Self::Detach => matches!(role, Receiver | Caller | Server),
-            Self::Data => matches!(role, Receiver),
+            Self::Data | Self::Alive => matches!(role, Receiver),
             Self::Request | Self::Cancel => matches!(role, Server),
             Self::Reply => matches!(role, Caller),
             Self::Release => matches!(role, Sender | Caller | Server),
@@ -79,7 +82,9 @@ impl FrameKind {
         match self {
             Self::Data | Self::Request | Self::Reply | Self::Release => !ring,
             Self::Ring | Self::Doorbell | Self::Detached => ring,
-            Self::Open | Self::Attach | Self::Detach | Self::Cancel | Self::Close => true,
+            Self::Open | Self::Attach | Self::Detach | Self::Cancel | Self::Close | Self::Alive => {
+                true
+            }
         }
     }
 }

@@ -118,10 +118,10 @@ impl World {
         Some(())
     }
 
-    /// Sends frames of the ring lane, usually on a link of the socket lane, or feeds `Input::Attach`.
+    /// Sends ALIVE or frames of the ring lane, usually on a link of the socket lane, or feeds `Input::Attach`.
     fn peer_ring(&mut self, script: &mut Script<'_>) -> Option<()> {
         let segment = script.below(4)? as u32;
-        match script.byte()? % 4 {
+        match script.byte()? % 5 {
             0 => {
                 let (depth, window) = (script.near(2)? as u16, 1 + script.below(6)? as u32);
                 let facts = FdFacts {
@@ -133,6 +133,10 @@ impl World {
             }
             1 => self.frame(&Frame::Doorbell, &[]),
             2 => self.frame(&Frame::Detached { segment }, &[]),
+            3 => {
+                let time = Instant(u64::from(script.byte()?));
+                self.frame(&Frame::Alive { time }, &[]);
+            }
             _ => self.input(Input::Attach(SegmentInfo {
                 id: segment,
                 stride: STRIDE,
@@ -334,13 +338,14 @@ impl World {
     }
 
     fn wish(&mut self, script: &mut Script<'_>) -> Option<()> {
-        match script.byte()? % 4 {
+        match script.byte()? % 5 {
             0 => self.input(Input::Skip),
             1 => self.tick(script)?,
             2 => {
                 let call = self.call(script)?;
                 self.input(Input::Cancel { call });
             }
+            3 => self.input(Input::Assert(Instant(u64::from(script.byte()?)))),
             _ => self.input(Input::Retire {
                 segment: script.below(4)? as u32,
             }),
@@ -348,13 +353,16 @@ impl World {
         Some(())
     }
 
-    /// Ticks the deadline at any time. Only a receiver that has one counts.
+    /// Ticks the deadline and the lease at any time. Only a receiver that has one counts.
     fn tick(&mut self, script: &mut Script<'_>) -> Option<()> {
         let now = Instant(u64::from(script.byte()?));
         let before = self.link.missed_deadlines();
         self.link.tick(now, &NoMemory);
         let after = self.link.missed_deadlines();
-        assert!(after >= before && (after == before || self.link.config().role == Role::Receiver));
+        let is_receiver = self.link.config().role == Role::Receiver;
+        assert!(after >= before && (after == before || is_receiver));
+        assert!(self.link.is_peer_alive() || (is_receiver && self.link.lost_liveliness() > 0));
+        self.drain();
         assert!(self.link.deadline().is_none_or(|due| due > now));
         Some(())
     }

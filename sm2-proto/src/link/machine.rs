@@ -6,6 +6,7 @@ use super::{
     Attachment, Config, End, Error, Fate, Input, Misuse, Output, Packet, Role, SegmentInfo,
     calls::{Placed, Served},
     lane::Lane,
+    lease::Lease,
     outbound::{Outbound, OutboundFrame},
     phase::Phase,
     ring::RingSender,
@@ -41,6 +42,8 @@ pub struct Link {
     pub(super) peer_max_len: u64,
     /// The deadline, from the time at which the link opened.
     pub(super) watch: Option<DeadlineWatch>,
+    /// The liveliness of the publisher.
+    pub(super) lease: Lease,
 }
 
 /// The state of a link that is over.
@@ -74,6 +77,7 @@ impl Link {
             // Its OPEN has not come.
             peer_max_len: MESSAGE_MAX,
             watch: None,
+            lease: Lease::default(),
         }
     }
 
@@ -101,6 +105,7 @@ impl Link {
             Input::Expired => {
                 self.drop_publication(Outbound::drop_expired, RingSender::drop_expired)?
             }
+            Input::Assert(time) => self.assert_liveliness(time)?,
             Input::SegmentMissing => {
                 self.on_segment_missing();
                 if let Some(end) = self.end() {
@@ -260,6 +265,9 @@ impl Link {
         if packet.is_some() {
             return packet;
         }
+        if let Some(time) = self.lease.due.take() {
+            return Some(Packet::bare(Frame::Alive { time }.head()));
+        }
         if let Some(call) = self.placed.poll() {
             return Some(Packet::bare(Frame::Cancel { call }.head()));
         }
@@ -332,6 +340,7 @@ impl Machine for Link {
             Ok(phase) => {
                 let result = self.handle_live(phase, input);
                 self.start_deadline(now);
+                self.watch_liveliness(now);
                 self.expire_unsent(now);
                 result
             }
@@ -350,8 +359,10 @@ impl Machine for Link {
         output
     }
 
-    /// The time of the next [`tick`](Link::tick); `None` unless a receiver demands a deadline.
+    /// The time of the next [`tick`](Link::tick); `None` unless a receiver demands a deadline or a lease, or
+    /// ALIVE is held back.
     fn deadline(&self) -> Option<Instant> {
-        self.period_end()
+        let due = self.period_end().into_iter().chain(self.lease_end());
+        due.min()
     }
 }

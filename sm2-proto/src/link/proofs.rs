@@ -37,6 +37,7 @@ pub(super) fn config(role: Role) -> Config {
         max_len: MaxLen::GREATEST,
         deadline: Period::NONE,
         lifespan: Period::NONE,
+        lease: Period::NONE,
     }
 }
 
@@ -50,7 +51,7 @@ enum Lane {
 
 /// The table of SPEC section 7 and SM2-RNG-013. For each kind: its number; whether sender,
 /// receiver, caller and server receive it; and its lanes.
-const RECEIVED_BY: [(u8, [bool; 4], Lane); 12] = [
+const RECEIVED_BY: [(u8, [bool; 4], Lane); 13] = [
     (1, [true, true, true, true], Lane::Both),
     (2, [false, true, true, true], Lane::Both),
     (3, [false, true, true, true], Lane::Both),
@@ -63,11 +64,12 @@ const RECEIVED_BY: [(u8, [bool; 4], Lane); 12] = [
     (16, [true, false, true, true], Lane::Ring),
     (17, [true, true, true, true], Lane::Ring),
     (18, [true, false, true, true], Lane::Ring),
+    (19, [false, true, false, false], Lane::Both),
 ];
 
 //= SM2-OPN-001, SM2-WIR-002, SM2-RNG-013 kani
 #[cfg_attr(kani, kani::proof)]
-#[cfg_attr(kani, kani::unwind(14))]
+#[cfg_attr(kani, kani::unwind(15))]
 fn link_phase_table() {
     let (role, opening, ring) = (role(), kani::any(), kani::any());
     let phase = if opening { Phase::Opening } else { Phase::Open };
@@ -294,6 +296,7 @@ fn receiver_keeps_to_its_window() {
         max_len: MaxLen::GREATEST,
         deadline: Period::NONE,
         lifespan: Period::NONE,
+        lease: Period::NONE,
     };
     let mut inbound = Inbound::new(&config);
     let (mut came, mut unreleased, mut held) = (0, 0, None);
@@ -320,9 +323,7 @@ fn receiver_keeps_to_its_window() {
                         kani::cover!(displaced.is_some(), "displaced");
                         (came, unreleased) = (came + 1, unreleased + 1);
                     }
-                    Err(violation) => {
-                        assert!(full && violation == violation!(WindowExceeded, "SM2-MSG-003"));
-                    }
+                    Err(it) => assert!(full && it == violation!(WindowExceeded, "SM2-MSG-003")),
                 }
             }
             (true, false) => match inbound.take() {

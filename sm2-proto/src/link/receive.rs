@@ -52,6 +52,7 @@ impl Link {
             // DOORBELL has no content: the driver checks the ring after each wake-up.
             Frame::Doorbell => Ok(()),
             Frame::Detached { segment } => self.on_detached(segment),
+            Frame::Alive { time } => self.on_alive(time),
             //= SM2-OPN-005, SM2-COD-001
             Frame::Close(code) => {
                 self.finish(End::Peer(code));

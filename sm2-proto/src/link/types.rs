@@ -28,6 +28,9 @@ pub enum Input<'a> {
     /// The driver does not send a publication on this link, because the publication is older than its lifespan. It
     /// counts as [`Counters::expired`].
     Expired,
+    /// The publisher's program asserted its liveliness at this time. The machine sends ALIVE if the subscriber demands
+    /// a lease.
+    Assert(Instant),
     /// Ring lane, after [`NoDelivery::UnknownSegment`](super::NoDelivery::UnknownSegment): the
     /// socket has no further datagram that could attach the segment of the message.
     SegmentMissing,

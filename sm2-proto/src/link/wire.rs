@@ -24,6 +24,7 @@ const CLOSE: usize = 8;
 const RING: usize = 16;
 const DOORBELL: usize = 8;
 const DETACHED: usize = 8;
+const ALIVE: usize = 16;
 
 /// One link frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -68,6 +69,11 @@ pub enum Frame<'a> {
     Detached {
         /// The segment's number.
         segment: u32,
+    },
+    /// ALIVE.
+    Alive {
+        /// The time at which the publisher's program asserted its liveliness.
+        time: Instant,
     },
 }
 
@@ -165,6 +171,7 @@ impl<'a> Frame<'a> {
                 FrameKind::Ring => Self::ring(Layout::exactly(bytes)?)?,
                 FrameKind::Doorbell => Self::doorbell(Layout::exactly(bytes)?)?,
                 FrameKind::Detached => Self::detached(Layout::exactly(bytes)?)?,
+                FrameKind::Alive => Self::alive(Layout::exactly(bytes)?)?,
             };
         //= SM2-TRN-011
         datagram.check_fds(frame.fds())?;
@@ -281,6 +288,13 @@ impl<'a> Frame<'a> {
         })
     }
 
+    fn alive(layout: Layout<ALIVE>) -> Result<Self, Violation> {
+        layout.check_zero::<1, 7>()?;
+        Ok(Self::Alive {
+            time: Instant(layout.u64::<8>()),
+        })
+    }
+
     /// Checks that the bytes after the header have the length that the header states.
     //= SM2-WIR-001, SM2-PAY-001
     pub fn check_length(&self) -> Result<(), Violation> {
@@ -316,6 +330,7 @@ impl<'a> Frame<'a> {
             Self::Ring { .. } => FrameKind::Ring,
             Self::Doorbell => FrameKind::Doorbell,
             Self::Detached { .. } => FrameKind::Detached,
+            Self::Alive { .. } => FrameKind::Alive,
         }
     }
 
@@ -383,6 +398,9 @@ impl<'a> Frame<'a> {
             Self::Doorbell => Layout::<DOORBELL>::of(self.kind()).head(),
             Self::Detached { segment } => Layout::<DETACHED>::of(self.kind())
                 .with::<4, 4>(segment.to_le_bytes())
+                .head(),
+            Self::Alive { time } => Layout::<ALIVE>::of(self.kind())
+                .with::<8, 8>(time.0.to_le_bytes())
                 .head(),
         }
     }

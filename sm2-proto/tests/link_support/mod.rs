@@ -35,6 +35,7 @@ pub(crate) fn config(role: Role) -> Config {
         max_len: MaxLen::GREATEST,
         deadline: Period::NONE,
         lifespan: Period::NONE,
+        lease: Period::NONE,
     }
 }
 

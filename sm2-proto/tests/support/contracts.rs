@@ -29,6 +29,7 @@ pub(crate) fn publisher_with(topic: &str, data: &TypeId, reliable: bool, sealed:
             sealed,
             deadline: Period::NONE,
             lifespan: Period::NONE,
+            lease: Period::NONE,
         },
     }
 }
@@ -57,6 +58,7 @@ pub(crate) fn subscriber_with(
             max_borrowed: 2,
             sealed,
             deadline: Period::NONE,
+            lease: Period::NONE,
         },
     }
 }
@@ -66,6 +68,15 @@ pub(crate) fn with_deadline(mut contract: Contract, deadline: u64) -> Contract {
     match &mut contract {
         Contract::Publisher { offer, .. } => offer.deadline = Period(deadline),
         Contract::Subscriber { demand, .. } => demand.deadline = Period(deadline),
+        Contract::Server { .. } | Contract::Client { .. } => {}
+    }
+    contract
+}
+
+pub(crate) fn with_lease(mut contract: Contract, lease: u64) -> Contract {
+    match &mut contract {
+        Contract::Publisher { offer, .. } => offer.lease = Period(lease),
+        Contract::Subscriber { demand, .. } => demand.lease = Period(lease),
         Contract::Server { .. } | Contract::Client { .. } => {}
     }
     contract

@@ -88,7 +88,7 @@ fn service_qos() -> impl Strategy<Value = ServiceQos> {
 
 pub(crate) fn contracts() -> impl Strategy<Value = Contract> {
     let periods = || prop_oneof![Just(0), 1..=u64::MAX].prop_map(Period);
-    let flags = || (any::<bool>(), any::<bool>(), periods());
+    let flags = || (any::<bool>(), any::<bool>(), periods(), periods());
     let publisher = (
         names(),
         types(),
@@ -105,7 +105,7 @@ pub(crate) fn contracts() -> impl Strategy<Value = Contract> {
     );
     prop_oneof![
         publisher.prop_map(
-            |(topic, data, depth, latched, ((reliable, sealed, deadline), lifespan))| {
+            |(topic, data, depth, latched, ((reliable, sealed, deadline, lease), lifespan))| {
                 Contract::Publisher {
                     topic,
                     data,
@@ -116,12 +116,13 @@ pub(crate) fn contracts() -> impl Strategy<Value = Contract> {
                         sealed,
                         deadline,
                         lifespan,
+                        lease,
                     },
                 }
             }
         ),
         subscriber.prop_map(
-            |(topic, data, depth, max_borrowed, (reliable, sealed, deadline))| {
+            |(topic, data, depth, max_borrowed, (reliable, sealed, deadline, lease))| {
                 Contract::Subscriber {
                     topic,
                     data,
@@ -131,6 +132,7 @@ pub(crate) fn contracts() -> impl Strategy<Value = Contract> {
                         max_borrowed,
                         sealed,
                         deadline,
+                        lease,
                     },
                 }
             }

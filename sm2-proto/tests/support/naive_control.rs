@@ -339,6 +339,7 @@ impl Reader<'_> {
                     "sealed": self.bool()?,
                     "deadline": self.u64()?,
                     "lifespan": self.u64()?,
+                    "lease": self.u64()?,
                 },
             }}),
             1 => json!({"Subscriber": {
@@ -350,6 +351,7 @@ impl Reader<'_> {
                     "max_borrowed": self.qos(1)?,
                     "sealed": self.bool()?,
                     "deadline": self.u64()?,
+                    "lease": self.u64()?,
                 },
             }}),
             2 => json!({"Server": {

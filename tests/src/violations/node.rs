@@ -408,6 +408,11 @@ fn bad_links() -> Rows {
             "deadline",
             plain.clone(),
         )
+        .link(
+            "whose peer does not offer the lease",
+            "liveliness",
+            plain.clone(),
+        )
         .link("that is not sealed as demanded", "sealed", plain);
     all([rule])
 }

@@ -51,6 +51,9 @@ pub(crate) struct Arguments {
     /// Messages that are older than this, such as 100ms, are not delivered
     #[arg(long, value_name = "TIME", value_parser = time::span)]
     pub(super) lifespan: Option<Duration>,
+    /// Offer a sign of life at least once in this time, such as 1s, to subscribers that demand it. Each message is one
+    #[arg(long, value_name = "TIME", value_parser = time::span)]
+    pub(super) liveliness: Option<Duration>,
     /// Reuse shared memory, or seal each message, so that nobody can change it after publishing
     #[arg(long, value_enum, default_value_t = Integrity::Pooled)]
     pub(super) integrity: Integrity,

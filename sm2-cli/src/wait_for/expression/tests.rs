@@ -38,6 +38,7 @@ fn domain() -> Domain {
             sealed: false,
             deadline: Period::NONE,
             lifespan: Period::NONE,
+            lease: Period::NONE,
         },
     };
     let subscriber = Contract::Subscriber {
@@ -49,6 +50,7 @@ fn domain() -> Domain {
             max_borrowed: 1,
             sealed: false,
             deadline: Period::NONE,
+            lease: Period::NONE,
         },
     };
     let mut domain = Domain::new();

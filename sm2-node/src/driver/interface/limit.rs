@@ -132,7 +132,7 @@ impl Interface {
             return None;
         }
         self.published += 1;
-        self.count_publication(time, len, self.open_links() > 0);
+        self.count_publication(time, len, self.open_links() > 0, context);
         let mut published = Published::default();
         for link in self.links.iter_mut().filter(|link| link.is_open()) {
             if link.accepts(len) {

@@ -155,7 +155,7 @@ impl Interface {
         if forms.is_empty() {
             let is_heard = self.open_links() > 0;
             let offered = self.publish_to_nobody(len, context);
-            self.count_publication(time, len, is_heard);
+            self.count_publication(time, len, is_heard, context);
             return offered;
         }
         let id = self.published;
@@ -200,7 +200,7 @@ impl Interface {
             offered.has_ended |= link.is_over_unnoticed();
         }
         // After the words are in the rings: the receivers need not wait for it.
-        self.count_publication(time, len, is_heard);
+        self.count_publication(time, len, is_heard, context);
         self.detach_segments(context);
         offered
     }
@@ -223,8 +223,15 @@ impl Interface {
 
     /// Counts a publication, and whether a link was open for it.
     #[inline]
-    pub(super) fn count_publication(&mut self, time: Instant, len: u64, is_heard: bool) {
+    pub(super) fn count_publication(
+        &mut self,
+        time: Instant,
+        len: u64,
+        is_heard: bool,
+        context: &mut Context<'_>,
+    ) {
         self.meet_deadline(time);
+        self.assert_by_publication(time, context);
         self.unheard += u64::from(!is_heard);
         note(self.entry.as_mut(), |entry| {
             entry.published(time, len);

@@ -51,6 +51,7 @@ impl Interface {
         if link.is_over_unnoticed() {
             self.bury(token);
         }
+        self.note_liveliness_of(token);
         self.ask_for_tick();
         self.detach_segments(context);
         let Some(link) = self.links.get(token).filter(|it| it.buried) else {
@@ -116,6 +117,7 @@ impl Interface {
         }
         let status = link.status();
         self.keep_missed_deadlines(status.missed_deadlines);
+        self.keep_lost_liveliness(status.lost_liveliness);
         add_counters(&mut self.ended_sum, &status.counters);
         if self.ended.len() == HISTORY {
             self.ended.pop_front();

@@ -1,9 +1,9 @@
-//! Counting the missed deadlines of a publisher, and those of the links of a subscriber.
+//! Counting the missed deadlines of a publisher, and those of the links of a subscriber, and checking who is alive.
 
 use std::mem;
 use std::sync::Arc;
 
-use sm2_proto::{DeadlineWatch, Instant, Period};
+use sm2_proto::{DeadlineWatch, Instant, LeaseWatch, Period};
 
 use super::Interface;
 use crate::Event;
@@ -21,8 +21,8 @@ impl Interface {
         }
     }
 
-    /// Counts the periods that have passed without a message, and asks for the next tick.
-    //= SM2-QOS-009
+    /// Counts the periods that have passed without a message, checks who is alive, and asks for the next tick.
+    //= SM2-QOS-009, SM2-QOS-012
     pub(in crate::driver) fn tick(&mut self, context: &mut Context<'_>) {
         self.deadline.tick_at = None;
         if let Some(watch) = &mut self.deadline.watch {
@@ -37,6 +37,7 @@ impl Interface {
                 });
             }
         }
+        self.check_liveliness(context.now);
         let tokens: Vec<_> = self.tokens().collect();
         for token in tokens {
             self.with_link(token, context, |link, outbox, context| {
@@ -60,12 +61,13 @@ impl Interface {
     /// Asks the control side for a tick at the end of the next period, if it does not know of one before.
     #[inline]
     pub(in crate::driver) fn ask_for_tick(&mut self) {
-        if self.contract.deadline() == Period::NONE {
+        if self.contract.deadline() == Period::NONE && self.contract.lease() == Period::NONE {
             return;
         }
-        let own = self.deadline.watch.as_ref().map(DeadlineWatch::due);
+        let deadline = self.deadline.watch.as_ref().map(DeadlineWatch::due);
+        let lease = self.lease.watch.as_ref().map(LeaseWatch::due);
         let due = self.links.iter().filter_map(LinkDriver::deadline);
-        let Some(due) = due.chain(own).min() else {
+        let Some(due) = due.chain(deadline).chain(lease).min() else {
             return;
         };
         if self.deadline.tick_at.is_none_or(|known| due < known) {

@@ -1,4 +1,4 @@
-//! The deadline of a subscriber's link.
+//! The ticks of a link: the deadline of a subscriber, and the liveliness of a publisher.
 
 use std::mem;
 
@@ -15,16 +15,17 @@ impl LinkDriver {
         self.machine.deadline()
     }
 
-    /// Counts the periods that have passed without a message. On the socket lane the messages may wait in the socket.
-    //= SM2-QOS-009
+    /// Subscriber: counts the periods that have passed without a message, and checks whether the publisher is alive.
+    /// On the socket lane the messages may wait in the socket; ALIVE does so on both lanes. Publisher: sends ALIVE that
+    /// was held back.
+    //= SM2-QOS-009, SM2-QOS-012, SM2-QOS-013
     pub(in crate::driver) fn tick(&mut self, context: &mut Context<'_>, outbox: &mut Outbox) {
         if self.deadline().is_none_or(|due| context.now < due) {
             return;
         }
-        if self.is_woken_by_socket() {
-            self.receive_all(context, outbox);
-        }
+        self.receive_all(context, outbox);
         self.machine.tick(context.now, &self.mapped);
+        self.drain_idle(context.sets, outbox);
     }
 
     /// How many periods have passed without a message.

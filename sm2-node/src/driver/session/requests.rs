@@ -20,7 +20,7 @@ use crate::driver::shared_interface::{ControlSide, SharedInterface};
 pub(crate) enum NotDeclared {
     /// The session does not accept the declaration.
     Session(node::Error),
-    /// The system refuses the set of the interface, or the timer of its deadline.
+    /// The system refuses the set of the interface, or the timer of its deadline and lease.
     Sets(io::Error),
 }
 
@@ -63,7 +63,7 @@ impl Control {
         control: Arc<dyn ControlSide>,
         sets: &Arc<NodeSets>,
     ) -> Result<Arc<SharedInterface>, NotDeclared> {
-        if contract.deadline() != Period::NONE {
+        if contract.deadline() != Period::NONE || contract.lease() != Period::NONE {
             (self.qos_timer.prepare(sets)).map_err(NotDeclared::Sets)?;
         }
         let declared = self.session.declare(contract.clone());

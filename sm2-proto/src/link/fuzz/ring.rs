@@ -93,6 +93,7 @@ impl<'a> Ring<'a> {
             },
             deadline: Period::NONE,
             lifespan: Period::NONE,
+            lease: Period::NONE,
         };
         let window = u32::from(config.depth + config.max_borrowed);
         let layout = RingLayout::new(config.depth, window)?;

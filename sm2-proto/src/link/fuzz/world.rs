@@ -58,6 +58,7 @@ impl World {
             },
             deadline: Period(u64::from(flags >> 6)),
             lifespan: Period(u64::from(flags & 32)),
+            lease: Period(u64::from(flags >> 5 & 3)),
         };
         Some(Self::with(config))
     }

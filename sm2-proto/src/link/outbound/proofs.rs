@@ -91,6 +91,7 @@ impl State {
             max_len: MaxLen::GREATEST,
             deadline: Period::NONE,
             lifespan: Period(1),
+            lease: Period::NONE,
         };
         let mut books = Outbound::new(&config);
         let last = one_of(&SEQUENCES);

@@ -37,6 +37,7 @@ fn contract(kind: Kind, on: &str, hash: Option<u64>) -> Contract {
                 sealed: false,
                 deadline: Period::NONE,
                 lifespan: Period::NONE,
+                lease: Period::NONE,
             },
         },
         Kind::Subscriber => Contract::Subscriber {
@@ -48,6 +49,7 @@ fn contract(kind: Kind, on: &str, hash: Option<u64>) -> Contract {
                 max_borrowed: 1,
                 sealed: false,
                 deadline: Period::NONE,
+                lease: Period::NONE,
             },
         },
         Kind::Server => Contract::Server {
@@ -84,7 +86,7 @@ const fn entity(node: u64) -> EntityId {
 
 /// A topic or service has one type as long as any interface states one. A topic and a service of
 /// one name do not affect each other. Matches are the counterparts, in ascending order.
-//= SM2-NAM-002, SM2-IFC-005, SM2-MAT-004 kani
+//= SM2-NAM-002, SM2-IFC-005, SM2-MAT-005 kani
 #[cfg_attr(kani, kani::proof)]
 // Three interfaces; names of one byte.
 #[cfg_attr(kani, kani::unwind(5))]

@@ -83,6 +83,7 @@ fn publisher(reliable: bool, sealed: bool) -> Contract {
             sealed,
             deadline: Period::NONE,
             lifespan: Period::NONE,
+            lease: Period::NONE,
         },
     }
 }
@@ -101,6 +102,7 @@ fn subscriber(topic: Name, reliable: bool, sealed: bool) -> LinkPeer {
                 max_borrowed: 1,
                 sealed,
                 deadline: Period::NONE,
+                lease: Period::NONE,
             },
         },
     }

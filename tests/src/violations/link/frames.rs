@@ -13,7 +13,9 @@ use super::stage::{
     Rows, Rule, all,
 };
 use crate::{
-    link::{Head, attach, cancel, close, detach, form, inline, kind, pooled, release, sealed},
+    link::{
+        Head, alive, attach, cancel, close, detach, form, inline, kind, pooled, release, sealed,
+    },
     memory,
 };
 
@@ -63,7 +65,7 @@ fn transport() -> Rows {
         count = count.open(Subscriber, what, move |stage| stage.send_nulls(&bytes, fds));
     }
     let unknown = Rule::new(UnknownFrame, "SM2-WIR-001");
-    let unknown = [0, 10, 15, 19, 255]
+    let unknown = [0, 10, 15, 20, 255]
         .into_iter()
         .fold(unknown, |rule, number| {
             rule.sent(
@@ -106,9 +108,12 @@ fn roles() -> Rows {
             rule = rule.sent(real, format!("{frame} to a {real:?}"), bytes);
         }
     }
-    all([rule.open(Publisher, "ATTACH to a Publisher", |stage| {
+    let what = "ALIVE to a Subscriber that demands no lease";
+    let alive = Rule::new(WrongRole, "SM2-QOS-013").sent(Subscriber, what, alive(1));
+    let rule = rule.open(Publisher, "ATTACH to a Publisher", |stage| {
         stage.send_fd(attach(1, 4096, 1), &memory::segment(4096));
-    })])
+    });
+    all([rule, alive])
 }
 
 pub(super) fn precedence() -> Rows {

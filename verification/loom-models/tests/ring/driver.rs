@@ -82,6 +82,7 @@ pub(crate) fn links(reliable: bool, max_borrowed: u16, memory: &Memory) -> [Link
         max_len: MaxLen::DEFAULT,
         deadline: Period::NONE,
         lifespan: Period::NONE,
+        lease: Period::NONE,
     };
     let mut ends = [Role::Sender, Role::Receiver].map(|role| Link::new(config(role)));
     exchange(&mut ends, memory);

@@ -146,6 +146,7 @@ impl Scope {
                 ..Self::new("churn-2x2", crossed(), withdrawals(2))
             },
             Self::new("deadline-3x1", deadlines(), withdrawals(1)),
+            Self::new("liveliness-3x1", leases(), withdrawals(1)),
             Self::new(
                 "close-churn-takeover-2x1",
                 fan(2, &[LIDAR]),
@@ -345,11 +346,23 @@ fn fan(nodes: usize, topics: &[&str]) -> Vec<Vec<Contract>> {
 
 /// A publisher that offers a deadline, and two subscribers: only the second demands one that the offer fulfils.
 fn deadlines() -> Vec<Vec<Contract>> {
+    with_periods(|offer| &mut offer.deadline, |demand| &mut demand.deadline)
+}
+
+/// The same for leases.
+fn leases() -> Vec<Vec<Contract>> {
+    with_periods(|offer| &mut offer.lease, |demand| &mut demand.lease)
+}
+
+fn with_periods(
+    of_offer: fn(&mut OfferedQos) -> &mut Period,
+    of_demand: fn(&mut DemandedQos) -> &mut Period,
+) -> Vec<Vec<Contract>> {
     let mut all = fan(3, &[LIDAR]);
-    for (contract, deadline) in all.iter_mut().flatten().zip([10, 9, 10]) {
+    for (contract, period) in all.iter_mut().flatten().zip([10, 9, 10]) {
         match contract {
-            Contract::Publisher { offer, .. } => offer.deadline = Period(deadline),
-            Contract::Subscriber { demand, .. } => demand.deadline = Period(deadline),
+            Contract::Publisher { offer, .. } => *of_offer(offer) = Period(period),
+            Contract::Subscriber { demand, .. } => *of_demand(demand) = Period(period),
             Contract::Server { .. } | Contract::Client { .. } => {}
         }
     }
@@ -387,6 +400,7 @@ fn publisher(topic: &str) -> Contract {
             sealed: false,
             deadline: Period::NONE,
             lifespan: Period::NONE,
+            lease: Period::NONE,
         },
     }
 }
@@ -401,6 +415,7 @@ fn subscriber(topic: &str) -> Contract {
             max_borrowed: 1,
             sealed: false,
             deadline: Period::NONE,
+            lease: Period::NONE,
         },
     }
 }

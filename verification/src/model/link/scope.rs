@@ -329,6 +329,7 @@ impl LinkScope {
             max_len: MaxLen::DEFAULT,
             deadline: Period::NONE,
             lifespan: Period::NONE,
+            lease: Period::NONE,
         }
     }
 }

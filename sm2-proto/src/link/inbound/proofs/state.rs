@@ -66,6 +66,7 @@ impl<const N: usize> State<N> {
             max_len: MaxLen::GREATEST,
             deadline: Period::NONE,
             lifespan: Period::NONE,
+            lease: Period::NONE,
         };
         let (pooled, first): (bool, u64) = (!sealed && kani::any(), one_of(&FIRST));
         let mut books = Inbound::new(&config);

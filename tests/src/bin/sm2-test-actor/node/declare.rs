@@ -67,6 +67,9 @@ pub(super) fn subscriber(
     if words.flag("deadline") {
         builder = builder.deadline(Duration::from_secs(1));
     }
+    if words.flag("liveliness") {
+        builder = builder.liveliness(Duration::from_secs(1));
+    }
     builder.declare()
 }
 

@@ -1,0 +1,140 @@
+//! Liveliness of publishers: with and without the background thread, on both lanes.
+
+mod common;
+
+use std::time::Duration;
+
+use common::fixture::Fixture;
+use common::periods::only_short_offers_match;
+use common::{SOON, meet, until};
+use sm2_node::domain::Finding;
+use sm2_node::{Event, Events, Node, Publisher, Subscriber};
+
+/// Long enough that a busy machine does not miss it.
+const HOUR: Duration = Duration::from_secs(3_600);
+const SHORT: Duration = Duration::from_millis(20);
+
+fn publisher(node: &Node, lease: Duration) -> Publisher<u64> {
+    let builder = node.publisher_builder("topic").liveliness(lease);
+    builder.declare().unwrap()
+}
+
+fn subscriber(node: &Node, lease: Duration) -> Subscriber<u64> {
+    let builder = node.subscriber_builder("topic").liveliness(lease);
+    builder.declare().unwrap()
+}
+
+/// Waits for the next change of a liveliness. Returns whether the publisher is alive, and its node's name.
+fn change(events: &Events) -> (bool, Option<String>) {
+    loop {
+        let event = events.next_timeout(SOON).unwrap().expect("an event");
+        let (is_alive, peer) = match event {
+            Event::LivelinessLost { peer } => (false, peer),
+            Event::LivelinessRegained { peer } => (true, peer),
+            _ => continue,
+        };
+        return (is_alive, peer.map(|it| it.name.to_string()));
+    }
+}
+
+//= SM2-QOS-012, SM2-QOS-013 test
+#[test]
+fn both_sides_notice_a_program_that_stops_and_goes_on() {
+    Fixture::each(|it| {
+        let (talker, listener) = (it.node("talker"), it.node("listener"));
+        let publisher = publisher(&talker, SHORT);
+        let subscriber = subscriber(&listener, SHORT);
+        meet(&publisher, &[&subscriber]);
+        let (own, of_peer) = (publisher.events(), subscriber.events());
+        let talker = || Some("talker".to_owned());
+        for round in 0..4 {
+            assert_eq!(change(&own), (false, None), "round {round}");
+            assert_eq!(change(&of_peer), (false, talker()), "round {round}");
+            match round % 2 {
+                0 => publisher.assert_liveliness(),
+                _ => drop(publisher.publish(&round).unwrap()),
+            }
+            assert_eq!(change(&own), (true, None), "round {round}");
+            assert_eq!(change(&of_peer), (true, talker()), "round {round}");
+            let _ = subscriber.try_recv().unwrap();
+        }
+        assert!(publisher.lost_liveliness() >= 4);
+        let [link] = &subscriber.links()[..] else {
+            panic!("one link");
+        };
+        assert!(link.lost_liveliness >= 4 && subscriber.lost_liveliness() >= link.lost_liveliness);
+        assert!(
+            publisher.links()[0].alive,
+            "a publisher watches itself alone"
+        );
+        // The count of a link outlives it.
+        let before = subscriber.lost_liveliness();
+        drop(publisher);
+        until(|| subscriber.links()[0].end.is_some());
+        assert!(subscriber.lost_liveliness() >= before);
+    });
+}
+
+//= SM2-QOS-012 test
+#[test]
+fn a_program_that_shows_itself_in_time_is_alive() {
+    Fixture::each(|it| {
+        let (talker, listener) = (it.node("talker"), it.node("listener"));
+        let publisher = publisher(&talker, HOUR);
+        let subscriber = subscriber(&listener, HOUR);
+        meet(&publisher, &[&subscriber]);
+        publisher.publish(&1).unwrap();
+        publisher.assert_liveliness();
+        assert!(subscriber.links()[0].alive);
+        assert_eq!(
+            (publisher.lost_liveliness(), subscriber.lost_liveliness()),
+            (0, 0)
+        );
+    });
+}
+
+/// Only the background thread is there to notice it.
+//= SM2-QOS-012 test
+#[test]
+fn a_sleeping_program_misses_no_loss_of_liveliness() {
+    Fixture::each(|it| {
+        let (talker, listener) = (it.peer("talker"), it.peer("listener"));
+        let publisher = publisher(&talker, SHORT);
+        let subscriber = subscriber(&listener, SHORT);
+        meet(&publisher, &[&subscriber]);
+        until(|| publisher.lost_liveliness() > 0);
+        until(|| subscriber.lost_liveliness() > 0 && !subscriber.links()[0].alive);
+    });
+}
+
+/// The program of the subscriber reads nothing, so the socket accepts no more assertions at some point.
+//= SM2-QOS-013 test
+#[test]
+fn assertions_do_not_wait_for_a_subscriber_that_reads_nothing() {
+    Fixture::each(|it| {
+        let (talker, listener) = (it.peer("talker"), it.peer("listener"));
+        let publisher = publisher(&talker, HOUR);
+        let subscriber = subscriber(&listener, HOUR);
+        meet(&publisher, &[&subscriber]);
+        for _ in 0..2_000 {
+            publisher.assert_liveliness();
+        }
+        publisher.publish(&7).unwrap();
+        until(|| {
+            // It may wait for room, which a call makes if there is no background thread.
+            let _ = publisher.counters();
+            subscriber.try_recv().unwrap().is_some()
+        });
+        assert!(subscriber.links()[0].alive && subscriber.links()[0].open);
+    });
+}
+
+//= SM2-QOS-012, SM2-MAT-005 test
+#[test]
+fn only_a_lease_that_is_short_enough_matches() {
+    Fixture::each(|it| {
+        only_short_offers_match(it, publisher, subscriber, |offered, demanded| {
+            Finding::Liveliness { offered, demanded }
+        });
+    });
+}
