@@ -214,6 +214,34 @@ fn a_sender_tells_a_receiver_that_demands_a_lease() {
     assert_eq!(packets(&mut link), [alive(4).to_vec()]);
 }
 
+/// A publication that a receiver does not get is a sign of life all the same.
+//= SM2-QOS-013 test
+#[test]
+fn alive_is_sent_for_a_publication_that_is_not() {
+    let inputs = [
+        Input::PassOver,
+        Input::PoolLimit,
+        Input::TooLong,
+        Input::Expired,
+    ];
+    for (lease, expected) in [(0, vec![]), (10, vec![alive(7).to_vec()])] {
+        for input in inputs.clone() {
+            let mut link = opened(with_lease(config(Role::Sender), lease));
+            link.handle(Instant(7), input).unwrap();
+            assert_eq!(packets(&mut link), expected);
+        }
+    }
+    // There is room, so the publication is not skipped.
+    let reliable = Config {
+        reliable: true,
+        ..with_lease(config(Role::Sender), 10)
+    };
+    let mut link = opened(reliable);
+    let refused = link.handle(Instant(7), Input::Skip);
+    assert_eq!(refused, Err(Misuse::RoomLeft.into()));
+    assert!(packets(&mut link).is_empty());
+}
+
 /// A program that asserts its liveliness often does not fill the socket of a receiver that reads seldom.
 //= SM2-QOS-013 test
 #[test]

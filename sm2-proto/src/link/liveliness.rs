@@ -13,15 +13,20 @@ impl Link {
         if self.state != Ok(Phase::Open) {
             return Err(Misuse::NotOpen);
         }
+        self.show_life(time);
+        Ok(())
+    }
+
+    /// The publisher's program is alive at this time.
+    pub(super) fn show_life(&mut self, time: Instant) {
         if self.config.lease == Period::NONE {
-            return Ok(());
+            return;
         }
         if self.lease.due.is_none() && time < self.lease.next {
             self.lease.held = Some(time);
         } else {
             self.send_alive(time, time);
         }
-        Ok(())
     }
 
     /// Sends the assertion that was held back, once it is time.

@@ -338,7 +338,11 @@ impl Machine for Link {
     fn handle(&mut self, now: Instant, input: Input<'_>) -> Result<(), Error> {
         let result = match self.state {
             Ok(phase) => {
+                let shows_life = input.is_unsent_publication();
                 let result = self.handle_live(phase, input);
+                if shows_life && result.is_ok() {
+                    self.show_life(now);
+                }
                 self.start_deadline(now);
                 self.watch_liveliness(now);
                 self.expire_unsent(now);

@@ -59,6 +59,16 @@ pub enum Input<'a> {
     Close(Code),
 }
 
+impl Input<'_> {
+    /// Whether a publication is not sent on this link.
+    pub(super) const fn is_unsent_publication(&self) -> bool {
+        matches!(
+            self,
+            Self::Skip | Self::PassOver | Self::PoolLimit | Self::TooLong | Self::Expired
+        )
+    }
+}
+
 /// An action that the driver has to perform. Outputs that refer to *the datagram just handled* are
 /// returned before the next datagram may be fed.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]

@@ -25,6 +25,8 @@ impl Interface {
             if !was_alive {
                 self.assert_liveliness(time, context);
             }
+            // ALIVE may have been held back on a link that does not get the message.
+            self.ask_for_tick();
         }
     }
 
