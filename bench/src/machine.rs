@@ -54,7 +54,10 @@ fn versions(lock: &str) -> BTreeMap<String, String> {
             Some(line.trim_matches(['=', ' ', '"']).to_owned())
         };
         if let (Some(name), Some(version)) = (field("name"), field("version"))
-            && matches!(name.as_str(), "iceoryx2" | "sm2-node" | "zenoh")
+            && matches!(
+                name.as_str(),
+                "iceoryx2" | "rusteron-media-driver" | "sm2-node" | "zenoh"
+            )
         {
             versions.insert(name, version);
         }

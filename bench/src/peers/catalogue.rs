@@ -11,6 +11,8 @@ pub enum Family {
     Raw,
     /// Eclipse iceoryx2.
     Iceoryx2,
+    /// Aeron, over shared memory.
+    Aeron,
     /// Eclipse Zenoh.
     Zenoh,
     /// Cyclone DDS and Fast DDS.
@@ -47,6 +49,8 @@ pub struct PeerInfo {
     pub nodes: bool,
     /// True if the peer differs from another one only in sending many messages per call.
     pub batches: bool,
+    /// True if the peer takes part in `pingpong` and `throughput` alone.
+    pub one_to_one: bool,
     /// The hosts that the processes can be spread over.
     pub reach: Reach,
     /// A description in one line.
@@ -63,6 +67,7 @@ const fn peer(name: &'static str, family: Family, about: &'static str) -> PeerIn
         lossy: false,
         nodes: true,
         batches: false,
+        one_to_one: false,
         reach: Reach::Host,
         about,
     }
@@ -73,6 +78,14 @@ const fn batching(info: PeerInfo) -> PeerInfo {
     PeerInfo {
         batches: true,
         ..info
+    }
+}
+
+/// One publisher and one subscriber, in `pingpong` and `throughput` alone.
+const fn one_to_one(info: PeerInfo) -> PeerInfo {
+    PeerInfo {
+        one_to_one: true,
+        ..bare(info)
     }
 }
 
@@ -200,6 +213,11 @@ pub const PEERS: &[PeerInfo] = &[
         Family::Iceoryx2,
         "iceoryx2, the subscriber polls; safe overflow (its default: may drop)",
     )),
+    one_to_one(brokered(peer(
+        "aeron",
+        Family::Aeron,
+        "Aeron IPC, exclusive publication; both sides spin, the publisher retries; a media driver of its own",
+    ))),
     peer(
         "zenoh-tcp",
         Family::Zenoh,
@@ -277,6 +295,8 @@ impl PeerInfo {
             Family::Sm2 | Family::Raw | Family::Quinn => Ok(()),
             Family::Iceoryx2 if cfg!(feature = "iceoryx2") => Ok(()),
             Family::Iceoryx2 => Err(left_out("iceoryx2")),
+            Family::Aeron if cfg!(feature = "aeron") => Ok(()),
+            Family::Aeron => Err(left_out("aeron")),
             Family::Zenoh if cfg!(feature = "zenoh") => Ok(()),
             Family::Zenoh => Err(left_out("zenoh")),
             Family::Dds => dds::available(self.name),

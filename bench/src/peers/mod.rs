@@ -3,6 +3,8 @@
 //! To add one: a module with a type that implements [`Peer`], a line in [`Family`], in
 //! [`with_peer!`](crate::with_peer) and its lines in [`catalogue`].
 
+#[cfg(feature = "aeron")]
+pub mod aeron;
 pub mod catalogue;
 pub mod contract;
 pub mod dds;
@@ -33,6 +35,11 @@ macro_rules! with_peer {
             #[cfg(feature = "iceoryx2")]
             Some($crate::peers::Family::Iceoryx2) => {
                 type $peer = $crate::peers::iceoryx2::Iceoryx2;
+                $body
+            }
+            #[cfg(feature = "aeron")]
+            Some($crate::peers::Family::Aeron) => {
+                type $peer = $crate::peers::aeron::Aeron;
                 $body
             }
             #[cfg(feature = "zenoh")]

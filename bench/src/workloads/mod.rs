@@ -84,7 +84,7 @@ pub const WORKLOADS: &[Workload] = &[
         about: "64 B to 1 MB there and back: one-way latency",
         cases: pingpong::cases,
         shown: &["half_round_trip_p50", "one_way_by_stamp_p50"],
-        supports: everybody,
+        supports: sends_one_by_one,
         available: anywhere,
     },
     Workload {
@@ -159,6 +159,13 @@ const fn anywhere() -> Result<(), String> {
 }
 
 const fn everybody(peer: &PeerInfo) -> Result<(), &'static str> {
+    match peer.one_to_one {
+        true => Err("this program compares it in pingpong and throughput alone"),
+        false => sends_one_by_one(peer),
+    }
+}
+
+const fn sends_one_by_one(peer: &PeerInfo) -> Result<(), &'static str> {
     match (peer.batches, peer.reach) {
         (true, _) => Err("it differs from sm2 only with many messages per call"),
         (false, Reach::LinkAlone) => Err("it needs two hosts"),

@@ -50,3 +50,13 @@ fn the_number_of_nodes_can_be_said() {
     let labels: Vec<_> = cases.iter().map(|case| case.label()).collect();
     assert_eq!(labels, ["7nodes"]);
 }
+
+#[test]
+fn a_one_to_one_peer_runs_pingpong_and_throughput_alone() {
+    let aeron = PEERS.iter().find(|peer| peer.one_to_one).unwrap();
+    let run = WORKLOADS
+        .iter()
+        .filter(|workload| (workload.supports)(aeron).is_ok());
+    let names: Vec<_> = run.map(|workload| workload.name).collect();
+    assert_eq!(names, ["pingpong", "throughput"]);
+}
