@@ -253,8 +253,8 @@ impl<T: Message + ?Sized> SubscriberBuilder<T> {
     ///
     /// When a lease passes without a message and without an
     /// [assertion](crate::Publisher::assert_liveliness), this is an [event](crate::Event::LivelinessLost) and counts
-    /// as [lost](Subscriber::lost_liveliness); [`LinkStatus::alive`](crate::LinkStatus::alive) is `false` until the
-    /// publisher [is alive again](crate::Event::LivelinessRegained) (SM2-QOS-012).
+    /// as [lost](Subscriber::lost_liveliness). [`alive`](crate::diagnostics::LinkStatus::alive) of its link is `false`
+    /// until the publisher [is alive again](crate::Event::LivelinessRegained) (SM2-QOS-012).
     pub const fn liveliness(mut self, lease: Duration) -> Self {
         self.demand.lease = Period::new(lease);
         self
