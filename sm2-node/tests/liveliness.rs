@@ -116,7 +116,8 @@ fn a_sleeping_program_misses_no_loss_of_liveliness() {
     });
 }
 
-/// The program of the subscriber reads nothing, so the socket accepts no more assertions at some point.
+/// The program of the subscriber reads nothing. Packets for all assertions would fill the socket, and the message would
+/// find no room.
 //= SM2-QOS-013 test
 #[test]
 fn assertions_do_not_wait_for_a_subscriber_that_reads_nothing() {

@@ -113,8 +113,8 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
     /// [liveliness](crate::SubscriberBuilder::liveliness), whose lease must not be shorter.
     ///
     /// The first lease begins when the publisher is declared. When a lease passes without a sign of life, this side and
-    /// each subscriber that demands a liveliness get an [event](crate::Event::LivelinessLost), and they get
-    /// [another](crate::Event::LivelinessRegained) when the publisher is alive again (SM2-QOS-012).
+    /// each subscriber that demands a liveliness get an [event](crate::Event::LivelinessLost).
+    /// [Another one](crate::Event::LivelinessRegained) tells them that the publisher is alive again (SM2-QOS-012).
     pub const fn liveliness(mut self, lease: Duration) -> Self {
         self.offer.lease = Period::new(lease);
         self

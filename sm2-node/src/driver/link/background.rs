@@ -22,7 +22,7 @@ impl LinkDriver {
     }
 
     /// Wakes the background thread for the events that it has to handle from now on. A system call for each change
-    /// would cost more than a few needless wake-ups, so the thread is woken for packets until it handles one
+    /// would cost more than a few needless wake-ups. Packets therefore wake the thread until it handles one
     /// ([`rest_in_background`](Self::rest_in_background)), or until calls have read [`PATIENCE`] of them before it.
     #[inline]
     pub(in crate::driver) fn watch_in_background(&mut self, sets: &LinkSets) {
