@@ -87,6 +87,8 @@ pub(crate) fn start(role: &str, socket: &Path) -> Process {
 pub(crate) fn manager(socket: &Path, standby: bool) -> Process {
     let mut command = this_program("manager");
     command.arg("--socket").arg(socket);
-    command.args(["--standby", &standby.to_string()]);
+    if standby {
+        command.args(["--standby", "true"]);
+    }
     Process::start(command)
 }
