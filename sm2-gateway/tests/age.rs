@@ -111,15 +111,15 @@ fn offer(world: &mut World, topic: &Topic) {
     world.command(0, command);
 }
 
-/// Publishes all topics for the duration of the test, and logs how their messages arrive.
-fn run(link: &Profile, congestion: Congestion) -> [Log; 3] {
+/// Publishes all topics for this time, and logs how their messages arrive.
+fn run(link: &Profile, congestion: Congestion, length: Duration) -> [Log; 3] {
     let mut world = World::new(link, congestion);
     let begin = world.now;
     let payloads = TOPICS.map(|it| Bytes::from(vec![7; it.len_bytes]));
     let mut logs = TOPICS.map(|_| Log::default());
     let mut next = [begin; 3];
     let mut is_greeted = false;
-    while world.now < begin.after(LENGTH) {
+    while world.now < begin.after(length) {
         let until = next[0].min(next[1]).min(next[2]);
         for (at, event) in world.step(until) {
             match (at, event) {
@@ -172,7 +172,7 @@ fn what_arrives_is_young() {
     let carried = paper.rate_bit * share * (1.0 - f64::from(paper.loss_permille) / 1e3);
     let transmission = Duration::from_secs_f64(8.0 * IMAGE.len_bytes as f64 / carried);
     for congestion in [Congestion::Bbr, Congestion::Steady] {
-        let [image, pose, inertia] = run(&paper, congestion);
+        let [image, pose, inertia] = run(&paper, congestion, LENGTH);
         let seconds = (LENGTH - SETTLING).as_secs_f64();
         let bits = image.ages.len() as f64 * 8.0 * IMAGE.len_bytes as f64;
         let goodput = bits / seconds / carried;
@@ -206,4 +206,28 @@ fn what_arrives_is_young() {
         assert!((0.93..0.99).contains(&shares[1]), "lost as datagrams are");
         assert!(inertia.age(99) < Duration::from_millis(50));
     }
+}
+
+/// The window of a fast link is longer than one system call can send.
+#[test]
+fn a_fast_link_carries_everything() {
+    let cable = Profile {
+        rate_bit: 2e9,
+        loss_permille: 0,
+        delay: Duration::from_micros(50),
+        ..paper()
+    };
+    let length = SETTLING + Duration::from_secs(1);
+    let [image, pose, inertia] = run(&cable, Congestion::Steady, length);
+    for (log, topic) in [(&image, &IMAGE), (&pose, &POSE), (&inertia, &INERTIA)] {
+        let in_flight = log.published.len() as u64 - 1 - log.last.expect("a message arrived");
+        assert!(in_flight <= 1, "{in_flight} of {} bytes", topic.len_bytes);
+        assert_eq!(log.overtaken, 0, "{} bytes", topic.len_bytes);
+    }
+    assert!(
+        (29..=30).contains(&image.ages.len()),
+        "{}",
+        image.ages.len()
+    );
+    assert!(image.age(99) < Duration::from_millis(10));
 }

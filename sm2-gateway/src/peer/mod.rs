@@ -71,6 +71,9 @@ use crate::{
 /// A stream on which nothing arrives for this long is refused.
 //= SM2-GWM-011
 const STUCK_TIMEOUT: Duration = Duration::from_secs(30);
+/// The most bytes that one system call can send over UDP, in any number of datagrams: an IPv4 packet less the headers
+/// of IP and UDP. Linux refuses more (EMSGSIZE), and then all of these datagrams are lost.
+const TRANSMIT_MAX_BYTES: usize = 65_535 - 20 - 8;
 
 /// A connection with a peer.
 #[derive(Debug)]
@@ -235,7 +238,8 @@ impl Peer {
         self.connection.is_drained()
     }
 
-    /// Writes the next datagrams to `buffer`; `None` if there are none to send now.
+    /// Writes the next datagrams to `buffer`, at most `max_datagrams` and no more bytes than one system call can send;
+    /// `None` if there are none to send now.
     pub fn poll_transmit(
         &mut self,
         now: Instant,
@@ -243,6 +247,8 @@ impl Peer {
         buffer: &mut Vec<u8>,
     ) -> Option<Transmit> {
         let now = self.clock.at(now);
+        let mtu = usize::from(self.connection.current_mtu());
+        let max_datagrams = max_datagrams.min(TRANSMIT_MAX_BYTES / mtu).max(1);
         let transmit = loop {
             let next = (self.connection).poll_transmit(now.quic, max_datagrams, buffer);
             if let Some(transmit) = &next {

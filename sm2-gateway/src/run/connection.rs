@@ -201,8 +201,13 @@ impl Task {
             let Some(transmit) = self.peer.poll_transmit(now, segments, buffer) else {
                 return false;
             };
-            if self.shared.socket.send(&transmit, buffer).await.is_err() {
-                return false;
+            match self.shared.socket.send(&transmit, buffer).await {
+                Ok(None) => {}
+                Ok(Some(error)) => {
+                    let (address, len_bytes) = (self.peer.address(), transmit.size);
+                    tracing::debug!(%address, len_bytes, %error, "the kernel refuses datagrams");
+                }
+                Err(_) => return false,
             }
         }
         true

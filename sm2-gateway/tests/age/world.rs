@@ -16,6 +16,11 @@ use sm2_proto::{
     gateway::{Hop, SubjectKind},
 };
 
+/// How many datagrams a system call of Linux can send.
+const SEGMENTS_MAX: usize = 64;
+/// The most bytes of them together: an IPv4 packet less the headers of IP and UDP.
+const UDP_PAYLOAD_MAX: usize = 65_535 - 20 - 8;
+
 struct Side {
     endpoint: Endpoint,
     me: Me,
@@ -153,10 +158,17 @@ impl World {
             let Some((_, peer)) = &mut self.sides[at].peer else {
                 return;
             };
-            let Some(transmit) = peer.poll_transmit(self.now, 1, &mut buffer) else {
+            let Some(transmit) = peer.poll_transmit(self.now, SEGMENTS_MAX, &mut buffer) else {
                 return;
             };
-            self.carry(at, &buffer[..transmit.size]);
+            // Linux refuses a longer one (EMSGSIZE), which counts as a loss of all its datagrams.
+            if transmit.size > UDP_PAYLOAD_MAX {
+                continue;
+            }
+            let len_bytes = transmit.segment_size.unwrap_or(transmit.size);
+            for datagram in buffer[..transmit.size].chunks(len_bytes) {
+                self.carry(at, datagram);
+            }
         }
     }
 

@@ -65,12 +65,16 @@ impl Socket {
         self.state.max_gso_segments()
     }
 
-    /// Sends the datagrams of a connection. A datagram that the kernel refuses counts as lost, like one
-    /// that the network drops.
+    /// Sends the datagrams of a connection. If the kernel refuses them, returns its error: they are lost, like
+    /// datagrams that the network drops.
     ///
     /// # Errors
     /// The runtime has shut down.
-    pub async fn send(&self, transmit: &quinn_proto::Transmit, bytes: &[u8]) -> io::Result<()> {
+    pub async fn send(
+        &self,
+        transmit: &quinn_proto::Transmit,
+        bytes: &[u8],
+    ) -> io::Result<Option<io::Error>> {
         let transmit = quinn_udp::Transmit {
             destination: transmit.destination,
             ecn: transmit
@@ -89,7 +93,7 @@ impl Socket {
             match sent {
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
                 // Unreachable, too big, no such network: the connection detects the loss.
-                Ok(()) | Err(_) => return Ok(()),
+                refused => return Ok(refused.err()),
             }
         }
     }
