@@ -3,6 +3,7 @@
 use std::{collections::BTreeMap, net::SocketAddr, sync::Arc, time::Duration};
 
 use quinn_proto::{Connection, ConnectionHandle, EndpointEvent};
+use sm2_io::quic::Socket;
 use sm2_proto::{
     Instant, Machine,
     gateway::{
@@ -39,6 +40,8 @@ pub(super) struct Task {
     /// The peer that this side dialled; `None` if the other side dialled.
     dialled_peer: Option<GatewayId>,
     peer: Peer,
+    /// The socket that sends the datagrams of this peer alone, once the peer has greeted.
+    sender: Option<Socket>,
     /// The pending questions to the peer.
     pending_asks: BTreeMap<AskId, oneshot::Sender<Verdict>>,
     last_ask: AskId,
@@ -68,6 +71,7 @@ impl Task {
             number,
             dialled_peer,
             peer,
+            sender: None,
             pending_asks: BTreeMap::new(),
             last_ask: AskId(0),
             ended_at: None,
@@ -141,6 +145,18 @@ impl Task {
         }
     }
 
+    /// Sends with a socket of its own from now on. A link that takes no datagrams fills the buffer of its socket, and
+    /// must not hold up other peers.
+    fn use_own_socket(&mut self) {
+        match self.shared.socket.sender() {
+            Ok(socket) => self.sender = Some(socket),
+            Err(error) => {
+                let address = self.peer.address();
+                tracing::warn!(%address, %error, "no socket for this peer alone: if its link is stuck, others wait");
+            }
+        }
+    }
+
     fn ended(&mut self, reason: &Reason) {
         // Dropping the senders tells the askers that no answer comes.
         self.pending_asks.clear();
@@ -178,6 +194,7 @@ impl Task {
                 return;
             }
             Event::Ended(reason) => self.ended(reason),
+            Event::Session(session::Event::Greeted { .. }) => self.use_own_socket(),
             Event::Session(_)
             | Event::Message { .. }
             | Event::Request { .. }
@@ -194,14 +211,15 @@ impl Task {
 
     /// Sends datagrams. True if more datagrams may be ready to send.
     async fn transmit(&mut self, buffer: &mut Vec<u8>) -> bool {
-        let segments = self.shared.socket.max_segments();
+        let socket = self.sender.as_ref().unwrap_or(&self.shared.socket);
+        let segments = socket.max_segments();
         for _ in 0..BURST {
             buffer.clear();
             let now = sm2_io::clock::now();
             let Some(transmit) = self.peer.poll_transmit(now, segments, buffer) else {
                 return false;
             };
-            match self.shared.socket.send(&transmit, buffer).await {
+            match socket.send(&transmit, buffer).await {
                 Ok(None) => {}
                 Ok(Some(error)) => {
                     let (address, len_bytes) = (self.peer.address(), transmit.size);

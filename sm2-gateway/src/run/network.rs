@@ -127,7 +127,8 @@ impl Network {
                     }
                 }
                 Some(Arrival::Answer(transmit)) => {
-                    let _ = self.shared.socket.send(&transmit, answer).await;
+                    // A stranger must not make this task wait.
+                    let _ = self.shared.socket.try_send(&transmit, answer);
                 }
             }
         }

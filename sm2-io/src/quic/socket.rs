@@ -9,6 +9,7 @@ use quinn_proto::EcnCodepoint;
 use quinn_udp::{BATCH_SIZE, RecvMeta, UdpSocketState};
 use tokio::{io::Interest, net::UdpSocket};
 
+use crate::syscall::sockets::{receive_with_first, set_option, sockopt, udp_at_shared_address};
 use crate::syscall::{Call, guard};
 
 /// The size of the kernel's buffers, for times at which the gateway is busy.
@@ -21,6 +22,8 @@ const SLOT_BYTES: usize = 65_536;
 pub struct Socket {
     socket: UdpSocket,
     state: UdpSocketState,
+    /// Whether other sockets of this process can have the same address.
+    shares_address: bool,
 }
 
 /// A buffer for the datagrams of one system call.
@@ -42,13 +45,38 @@ impl Socket {
     pub fn bind(address: SocketAddr) -> io::Result<Self> {
         guard(Call::UdpBind)?;
         let socket = std::net::UdpSocket::bind(address)?;
+        socket.set_nonblocking(true)?;
+        // After `bind`, so that two gateways cannot have the same address.
+        let shares_address = share_address(&socket).is_ok();
+        Self::new(socket, shares_address)
+    }
+
+    /// Returns another socket with the same address, which has a send buffer of its own. It receives nothing: all
+    /// datagrams arrive at this one. A link that takes no datagrams fills one send buffer only.
+    ///
+    /// # Errors
+    /// `Unsupported` if the kernel does not let sockets share this address; too many descriptors; no memory.
+    ///
+    /// # Panics
+    /// Outside of a tokio runtime with I/O enabled.
+    pub fn sender(&self) -> io::Result<Self> {
+        if !self.shares_address {
+            return Err(io::ErrorKind::Unsupported.into());
+        }
+        let socket = udp_at_shared_address(self.local_addr()?)?;
+        Self::new(socket.into(), false)
+    }
+
+    fn new(socket: std::net::UdpSocket, shares_address: bool) -> io::Result<Self> {
         let state = UdpSocketState::new((&socket).into())?;
         // Smaller buffers are slower, but correct.
         let _ = state.set_recv_buffer_size((&socket).into(), KERNEL_BUFFER_BYTES);
         let _ = state.set_send_buffer_size((&socket).into(), KERNEL_BUFFER_BYTES);
-        socket.set_nonblocking(true)?;
-        let socket = UdpSocket::from_std(socket)?;
-        Ok(Self { socket, state })
+        Ok(Self {
+            socket: UdpSocket::from_std(socket)?,
+            state,
+            shares_address,
+        })
     }
 
     /// The local address.
@@ -75,6 +103,21 @@ impl Socket {
         transmit: &quinn_proto::Transmit,
         bytes: &[u8],
     ) -> io::Result<Option<io::Error>> {
+        loop {
+            self.socket.writable().await?;
+            match self.try_send(transmit, bytes) {
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
+                // Unreachable, too big, no such network: the connection detects the loss.
+                refused => return Ok(refused.err()),
+            }
+        }
+    }
+
+    /// Sends datagrams, but never waits.
+    ///
+    /// # Errors
+    /// `WouldBlock` if the send buffer is full; any error of `sendmsg(2)`. The datagrams are lost.
+    pub fn try_send(&self, transmit: &quinn_proto::Transmit, bytes: &[u8]) -> io::Result<()> {
         let transmit = quinn_udp::Transmit {
             destination: transmit.destination,
             ecn: transmit
@@ -84,18 +127,10 @@ impl Socket {
             segment_size: transmit.segment_size,
             src_ip: transmit.src_ip,
         };
-        loop {
-            self.socket.writable().await?;
-            let sent = self.socket.try_io(Interest::WRITABLE, || {
-                guard(Call::UdpSend)?;
-                self.state.try_send((&self.socket).into(), &transmit)
-            });
-            match sent {
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
-                // Unreachable, too big, no such network: the connection detects the loss.
-                refused => return Ok(refused.err()),
-            }
-        }
+        self.socket.try_io(Interest::WRITABLE, || {
+            guard(Call::UdpSend)?;
+            self.state.try_send((&self.socket).into(), &transmit)
+        })
     }
 
     /// Waits for datagrams.
@@ -126,6 +161,14 @@ impl Socket {
             }
         }
     }
+}
+
+/// Lets further sockets of this user have the address, and makes this one receive all datagrams.
+fn share_address(socket: &std::net::UdpSocket) -> io::Result<()> {
+    set_option(socket, sockopt::ReusePort, &true)?;
+    // The kernel takes the program only while another socket has the address.
+    let _other = udp_at_shared_address(socket.local_addr()?)?;
+    Ok(receive_with_first(socket)?)
 }
 
 impl Batch {

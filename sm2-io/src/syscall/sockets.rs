@@ -1,10 +1,14 @@
 //! System calls on sockets.
 
+#[cfg(feature = "quic")]
+use std::net::SocketAddr;
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, FromRawFd, OwnedFd};
 
 use nix::errno::Errno;
 use nix::fcntl::{FcntlArg, FdFlag, OFlag, fcntl};
 use nix::libc;
+#[cfg(feature = "quic")]
+use nix::sys::socket::SockaddrStorage;
 use nix::sys::socket::{self, AddressFamily, GetSockOpt, SetSockOpt, SockFlag, SockType};
 pub(crate) use nix::sys::socket::{UnixAddr, sockopt};
 
@@ -59,6 +63,39 @@ pub(crate) fn set_option<O: SetSockOpt>(
 ) -> nix::Result<()> {
     guard(Call::SetSockOpt)?;
     socket::setsockopt(&fd, option, value)
+}
+
+/// A UDP socket at an address that other sockets have, too; close-on-exec, non-blocking. They all need the option
+/// `SO_REUSEPORT`.
+#[cfg(feature = "quic")]
+pub(crate) fn udp_at_shared_address(address: SocketAddr) -> nix::Result<OwnedFd> {
+    guard(Call::UdpBind)?;
+    let family = match address {
+        SocketAddr::V4(_) => AddressFamily::Inet,
+        SocketAddr::V6(_) => AddressFamily::Inet6,
+    };
+    let socket = socket::socket(family, SockType::Datagram, FLAGS, None)?;
+    socket::setsockopt(&socket, sockopt::ReusePort, &true)?;
+    socket::bind(socket.as_raw_fd(), &SockaddrStorage::from(address))?;
+    Ok(socket)
+}
+
+/// Makes the first of the UDP sockets that share the address of this one receive all datagrams.
+#[cfg(feature = "quic")]
+pub(crate) fn receive_with_first(fd: impl AsFd) -> nix::Result<()> {
+    guard(Call::SetSockOpt)?;
+    // The kernel runs this program for each datagram. Its result is the index of the socket.
+    let mut first = [libc::sock_filter {
+        code: (libc::BPF_RET | libc::BPF_K) as u16,
+        jt: 0,
+        jf: 0,
+        k: 0,
+    }];
+    let program = libc::sock_fprog {
+        len: 1,
+        filter: first.as_mut_ptr(),
+    };
+    socket::setsockopt(&fd, sockopt::AttachReusePortCbpf, &program)
 }
 
 /// Whether the socket is a seqpacket socket.
