@@ -7,7 +7,7 @@ use super::LinkDriver;
 use crate::driver::event_sets::{BackgroundInterest, LinkSets};
 
 /// How often in a row calls find that the background thread is woken for packets that it need not read.
-const PATIENCE: u8 = 16;
+const NEEDLESS_WATCHES_MAX: u8 = 16;
 
 impl LinkDriver {
     /// The events that nothing but the background thread may be there to handle.
@@ -23,7 +23,7 @@ impl LinkDriver {
 
     /// Wakes the background thread for the events that it has to handle from now on. A system call for each change
     /// would cost more than a few needless wake-ups. Packets therefore wake the thread until it handles one
-    /// ([`rest_in_background`](Self::rest_in_background)), or until calls have read [`PATIENCE`] of them before it.
+    /// ([`rest_in_background`](Self::rest_in_background)), or until calls have read [`NEEDLESS_WATCHES_MAX`] of them before it.
     #[inline]
     pub(in crate::driver) fn watch_in_background(&mut self, sets: &LinkSets) {
         let wanted = self.wanted_in_background();
@@ -31,7 +31,7 @@ impl LinkDriver {
             self.set_background(wanted, sets);
         } else if self.in_background == BackgroundInterest::Packets {
             self.needless_watches += 1;
-            if self.needless_watches == PATIENCE {
+            if self.needless_watches == NEEDLESS_WATCHES_MAX {
                 self.set_background(wanted, sets);
             }
         }
