@@ -23,7 +23,7 @@ const BAD: usize = 8;
 /// Time for a link to become busy, and for connections to come back.
 const SETTLE: Duration = Duration::from_secs(2);
 /// Lengths in bytes, and messages per second.
-const STREAMS: [(usize, u32); 3] = [(1_000, 1_000), (100_000, 30), (1_000_000, 10)];
+const STREAMS: [(usize, u32); 3] = [(1_000, 1_000), (100_000, 30), (1_000_000, 30)];
 const DEPTHS: [u16; 3] = [1, 16, 1_024];
 
 type Done<T = ()> = Result<T, Box<dyn Error>>;
