@@ -100,6 +100,9 @@ pub struct Gateway {
 impl Gateway {
     /// Starts the tasks of a gateway.
     ///
+    /// The gateway communicates in the network namespace of the calling thread. If the threads of the runtime are in
+    /// another one, then all peers share one socket, and a peer whose link is stuck can hold up the others.
+    ///
     /// # Errors
     /// See [`RunError`].
     ///

@@ -9,7 +9,9 @@ use quinn_proto::EcnCodepoint;
 use quinn_udp::{BATCH_SIZE, RecvMeta, UdpSocketState};
 use tokio::{io::Interest, net::UdpSocket};
 
-use crate::syscall::sockets::{receive_with_first, set_option, sockopt, udp_at_shared_address};
+use crate::syscall::sockets::{
+    network_namespace, receive_with_first, set_option, sockopt, udp_at_shared_address,
+};
 use crate::syscall::{Call, guard};
 
 /// The size of the kernel's buffers, for times at which the gateway is busy.
@@ -55,7 +57,8 @@ impl Socket {
     /// datagrams arrive at this one. A link that takes no datagrams fills one send buffer only.
     ///
     /// # Errors
-    /// `Unsupported` if the kernel does not let sockets share this address; too many descriptors; no memory.
+    /// `Unsupported` if the kernel does not let sockets share this address, or if the calling thread is in another
+    /// network namespace than this socket; too many descriptors; no memory.
     ///
     /// # Panics
     /// Outside of a tokio runtime with I/O enabled.
@@ -64,6 +67,10 @@ impl Socket {
             return Err(io::ErrorKind::Unsupported.into());
         }
         let socket = udp_at_shared_address(self.local_addr()?)?;
+        if network_namespace(&socket)? != network_namespace(&self.socket)? {
+            let text = "this thread is in another network namespace than the socket";
+            return Err(io::Error::new(io::ErrorKind::Unsupported, text));
+        }
         Self::new(socket.into(), false)
     }
 

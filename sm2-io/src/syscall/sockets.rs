@@ -65,6 +65,26 @@ pub(crate) fn set_option<O: SetSockOpt>(
     socket::setsockopt(&fd, option, value)
 }
 
+/// The cookie of the network namespace that a socket belongs to.
+#[cfg(feature = "quic")]
+pub(crate) fn network_namespace(fd: impl AsFd) -> nix::Result<u64> {
+    guard(Call::GetSockOpt)?;
+    let mut cookie = 0_u64;
+    let mut len_bytes = libc::socklen_t::try_from(size_of_val(&cookie)).unwrap_or_default();
+    // SAFETY: the kernel writes at most `len_bytes` bytes to `cookie`; both live longer than the call.
+    let result = unsafe {
+        libc::getsockopt(
+            fd.as_fd().as_raw_fd(),
+            libc::SOL_SOCKET,
+            libc::SO_NETNS_COOKIE,
+            (&raw mut cookie).cast(),
+            &raw mut len_bytes,
+        )
+    };
+    Errno::result(result)?;
+    Ok(cookie)
+}
+
 /// A UDP socket at an address that other sockets have, too; close-on-exec, non-blocking. They all need the option
 /// `SO_REUSEPORT`.
 #[cfg(feature = "quic")]
