@@ -3,7 +3,8 @@
 use clap::{Parser, Subcommand};
 
 use crate::{
-    completions, demo, doctor, manual, node, policy, service, snapshot, top, topic, wait_for, why,
+    bag, completions, demo, doctor, manual, node, play, policy, record, service, snapshot, top,
+    topic, wait_for, why,
 };
 
 /// Inspect, feed and run an SM2 domain from a shell.
@@ -39,6 +40,13 @@ pub(crate) enum Command {
     Top(top::Arguments),
     /// Check this machine, the Manager and the domain
     Doctor(doctor::Arguments),
+    /// Record topics to a bag, an MCAP file
+    Record(record::Arguments),
+    /// Publish the messages of a bag again
+    Play(play::Arguments),
+    /// Show, check and recover bags; needs no Manager
+    #[command(subcommand, after_help = BAG_EXAMPLES)]
+    Bag(bag::Command),
     /// Carry topics and services to other domains and machines
     #[command(subcommand, after_help = sm2_gateway::program::examples("sm2 gateway"))]
     Gateway(sm2_gateway::program::Command),
@@ -98,6 +106,12 @@ const NODE_EXAMPLES: &str = "\
 Examples:
   sm2 node list
   sm2 node info talker";
+
+const BAG_EXAMPLES: &str = "\
+Examples:
+  sm2 bag info drive.mcap
+  sm2 bag check drive.mcap
+  sm2 bag recover drive.mcap";
 
 const POLICY_EXAMPLES: &str = "\
 A policy file states who may publish, subscribe, serve, call, see and read counters under which names.

@@ -85,6 +85,11 @@ impl Session {
         self.interrupt.signal()
     }
 
+    /// A descriptor that becomes readable when a signal comes.
+    pub(crate) fn signal_fd(&self) -> BorrowedFd<'_> {
+        self.interrupt.as_fd()
+    }
+
     /// Waits until one of `others` is ready, the node has work, a signal comes, or the time `until`. The node
     /// then does its work. Returns which of `others` are ready.
     ///

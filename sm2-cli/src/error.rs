@@ -6,6 +6,7 @@ use std::{
 };
 
 use nix::libc;
+use sm2_bag::{PlayError, ReadError, RecordError, RecoverError};
 use sm2_demo::DemoError;
 use sm2_io::DomainSocketError;
 use sm2_manager::PolicyFileError;
@@ -171,6 +172,29 @@ pub(crate) enum CliError {
         /// The reason of the operating system.
         source: io::Error,
     },
+    /// A recording failed.
+    #[error("{}: {source}", path.display())]
+    Record {
+        /// The bag.
+        path: PathBuf,
+        /// The reason.
+        source: RecordError,
+    },
+    /// A reliable topic that is not recorded.
+    #[error("--reliable {topic} is not among the topics to record: name it there, too")]
+    NotRecorded {
+        /// The topic.
+        topic: String,
+    },
+    /// A bag cannot be read.
+    #[error(transparent)]
+    ReadBag(#[from] ReadError),
+    /// A bag cannot be recovered.
+    #[error(transparent)]
+    RecoverBag(#[from] RecoverError),
+    /// A bag cannot be played.
+    #[error(transparent)]
+    Play(#[from] PlayError),
     /// The folder to publish has no files.
     #[error("folder {} holds no file to publish: put some in, or name another", path.display())]
     EmptyFolder {
@@ -271,6 +295,7 @@ impl CliError {
             Self::LoopOfInput
             | Self::Demo(DemoError::TooLong { .. })
             | Self::NoSuchCommand { .. }
+            | Self::NotRecorded { .. }
             | Self::NoTerminal
             | Self::Json(_)
             | Self::SchemaHash { .. }

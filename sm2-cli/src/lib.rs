@@ -14,6 +14,8 @@
 mod stderr;
 
 mod args;
+mod bag;
+mod bag_summary;
 mod broken_promises;
 mod built_in;
 mod columns;
@@ -36,7 +38,9 @@ mod messages;
 mod names;
 mod node;
 mod output;
+mod play;
 mod policy;
+mod record;
 #[cfg(test)]
 mod reference;
 mod sampling;
@@ -86,6 +90,9 @@ pub fn main() -> ExitCode {
         Command::Why(arguments) => why::run(&arguments),
         Command::Top(arguments) => top::run(&arguments),
         Command::Doctor(arguments) => doctor::run(&arguments),
+        Command::Record(arguments) => record::run(&arguments),
+        Command::Play(arguments) => play::run(&arguments),
+        Command::Bag(command) => bag::run(&command),
         Command::Policy(command) => policy::run(&command),
         Command::Completions(arguments) => completions::run(&arguments, Cli::command()),
         Command::Man(arguments) => manual::run(&arguments, Cli::command()),

@@ -1,5 +1,6 @@
 //! Tests of the `sm2` command with real processes, each in its own domain.
 
+mod bag;
 mod common;
 mod decoded;
 mod demo;

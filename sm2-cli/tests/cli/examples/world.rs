@@ -99,6 +99,19 @@ impl World {
             builder.connect().unwrap()
         };
         world.nodes = Some(Nodes::start(example, node));
+        if is_word_of(example, "drive") {
+            let record = [
+                "record",
+                "scan",
+                "chatter",
+                "-o",
+                "drive.mcap",
+                "--duration",
+                "500ms",
+            ];
+            let finished = Running::start(&mut world.sm2(&record)).finish();
+            assert_eq!(finished.code(), 0, "{finished:?}");
+        }
         world
     }
 

@@ -1,0 +1,197 @@
+//! The records of an MCAP file, one by one, with every length checked before memory is allocated for it.
+
+use std::borrow::Cow;
+use std::fs::File;
+use std::io;
+use std::os::unix::fs::FileExt;
+
+use mcap::records::{ChunkHeader, MessageHeader, Metadata, Record, op};
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use mcap::{McapError, McapResult, Schema};
+
+/// The length of the opcode and the length field of a record, in bytes.
+const RECORD_HEAD_BYTES: u64 = 9;
+
+/// The longest record inside of a chunk that is read, in bytes: the longest message that a subscriber accepts by
+/// default, and room for its head.
+const RECORD_MAX_BYTES: usize = (1 << 30) + 4_096;
+
+/// A record of the file.
+#[derive(Debug)]
+pub(crate) struct RawRecord {
+    pub(crate) opcode: u8,
+    /// The place of the record in the file, in bytes.
+    pub(crate) offset: u64,
+    /// The opcode, the length and the body.
+    bytes: Vec<u8>,
+}
+
+/// Reads the records of a file in their order.
+#[derive(Debug)]
+pub(crate) struct RecordReader<'a> {
+    file: &'a File,
+    /// The place of the next record.
+    offset: u64,
+    /// The length of the file.
+    end: u64,
+}
+
+impl<'a> RecordReader<'a> {
+    /// Reads the records that begin at `offset`.
+    pub(crate) const fn new(file: &'a File, offset: u64, end: u64) -> Self {
+        Self { file, offset, end }
+    }
+
+    /// The next record; `None` at the end of the file.
+    pub(crate) fn next(&mut self) -> McapResult<Option<RawRecord>> {
+        let left = self.end.saturating_sub(self.offset);
+        if left == 0 {
+            return Ok(None);
+        }
+        let mut head = [0; RECORD_HEAD_BYTES as usize];
+        self.read(&mut head)?;
+        let [opcode, len @ ..] = head;
+        let len = u64::from_le_bytes(len);
+        if len > left - RECORD_HEAD_BYTES {
+            return Err(McapError::UnexpectedEof);
+        }
+        let size = usize::try_from(RECORD_HEAD_BYTES + len);
+        let mut bytes = vec![0; size.map_err(|_| McapError::UnexpectedEof)?];
+        self.read(&mut bytes)?;
+        let offset = self.offset;
+        self.offset += bytes.len() as u64;
+        Ok(Some(RawRecord {
+            opcode,
+            offset,
+            bytes,
+        }))
+    }
+
+    fn read(&self, bytes: &mut [u8]) -> McapResult<()> {
+        let read = self.file.read_exact_at(bytes, self.offset);
+        read.map_err(|error| match error.kind() {
+            io::ErrorKind::UnexpectedEof => McapError::UnexpectedEof,
+            _ => McapError::Io(error),
+        })
+    }
+}
+
+/// A record that matters for the messages of a bag.
+#[derive(Debug)]
+pub(crate) enum Entry<'a> {
+    Schema(Schema<'a>),
+    Channel(mcap::records::Channel),
+    Message(MessageHeader, Cow<'a, [u8]>),
+    Metadata(Metadata),
+}
+
+impl RawRecord {
+    /// The length of the record in the file, in bytes.
+    pub(crate) const fn len_bytes(&self) -> u64 {
+        self.bytes.len() as u64
+    }
+
+    pub(crate) fn parse(&self) -> McapResult<Record<'_>> {
+        mcap::parse_record(self.opcode, &self.bytes[RECORD_HEAD_BYTES as usize..])
+    }
+
+    /// Passes this record to `each`, or the records inside if it is a chunk, whose checksum is verified first.
+    pub(crate) fn entries(
+        &self,
+        mut each: impl FnMut(Entry<'_>) -> McapResult<()>,
+    ) -> McapResult<()> {
+        let body = &self.bytes[RECORD_HEAD_BYTES as usize..];
+        if self.opcode != op::CHUNK {
+            return entry(self.opcode, body)?.map_or(Ok(()), each);
+        }
+        match self.parse()? {
+            Record::Chunk { header, data } if header.compression.is_empty() => {
+                uncompressed_entries(&header, &data, &mut each)
+            }
+            _ => self.compressed_entries(&mut each),
+        }
+    }
+
+    /// Passes the records of a compressed chunk to `each`.
+    fn compressed_entries(
+        &self,
+        each: &mut impl FnMut(Entry<'_>) -> McapResult<()>,
+    ) -> McapResult<()> {
+        let options = LinearReaderOptions::default()
+            .with_skip_start_magic(true)
+            .with_skip_end_magic(true)
+            .with_prevalidate_chunk_crcs(true)
+            .with_record_length_limit(RECORD_MAX_BYTES.max(self.bytes.len()));
+        let mut reader = LinearReader::new_with_options(options);
+        let mut left = self.bytes.as_slice();
+        while let Some(event) = reader.next_event() {
+            match event? {
+                LinearReadEvent::ReadRequest(want) => {
+                    let (now, later) = left.split_at(want.min(left.len()));
+                    reader.insert(now.len()).copy_from_slice(now);
+                    // An empty slice tells the reader that the record is over.
+                    reader.notify_read(now.len());
+                    left = later;
+                }
+                LinearReadEvent::Record { data, opcode } => {
+                    if let Some(entry) = entry(opcode, data)? {
+                        each(entry)?;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Passes the records of an uncompressed chunk to `each`. The reader of the crate would read beyond the end of a chunk
+/// whose last record has a wrong length.
+fn uncompressed_entries(
+    header: &ChunkHeader,
+    data: &[u8],
+    each: &mut impl FnMut(Entry<'_>) -> McapResult<()>,
+) -> McapResult<()> {
+    let (saved, calculated) = (header.uncompressed_crc, crc32fast::hash(data));
+    // 0: the writer computed no checksum.
+    if saved != 0 && saved != calculated {
+        return Err(McapError::BadChunkCrc { saved, calculated });
+    }
+    let mut left = data;
+    while let Some((head, rest)) = left.split_first_chunk::<{ RECORD_HEAD_BYTES as usize }>() {
+        let [opcode, len @ ..] = *head;
+        let len = usize::try_from(u64::from_le_bytes(len));
+        let len = len.map_err(|_| McapError::UnexpectedEoc)?;
+        let (body, after) = rest.split_at_checked(len).ok_or(McapError::UnexpectedEoc)?;
+        if let Some(entry) = entry(opcode, body)? {
+            each(entry)?;
+        }
+        left = after;
+    }
+    match left.is_empty() {
+        true => Ok(()),
+        false => Err(McapError::UnexpectedEoc),
+    }
+}
+
+/// Reads a record; `None` if it does not matter here.
+fn entry(opcode: u8, data: &[u8]) -> McapResult<Option<Entry<'_>>> {
+    // Others, such as attachments, are not parsed: the parser of the crate panics on short ones.
+    if !matches!(
+        opcode,
+        op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA
+    ) {
+        return Ok(None);
+    }
+    Ok(match mcap::parse_record(opcode, data)? {
+        Record::Schema { header, data } => Some(Entry::Schema(Schema {
+            id: header.id,
+            name: header.name,
+            encoding: header.encoding,
+            data,
+        })),
+        Record::Channel(channel) => Some(Entry::Channel(channel)),
+        Record::Message { header, data } => Some(Entry::Message(header, data)),
+        Record::Metadata(metadata) => Some(Entry::Metadata(metadata)),
+        _ => None,
+    })
+}

@@ -1,0 +1,148 @@
+//! The errors of the library.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use mcap::McapError;
+use sm2_node::domain::QueryError;
+use sm2_node::{ConnectError, DeclareError, PublishError, RecvError, WaitError};
+
+/// Why a recording did not start, or ended.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordError {
+    /// A topic cannot be subscribed to.
+    #[error(transparent)]
+    Declare(#[from] DeclareError),
+    /// The Manager does not describe the domain.
+    #[error(transparent)]
+    Query(#[from] QueryError),
+    /// A message cannot be received.
+    #[error(transparent)]
+    Receive(#[from] RecvError),
+    /// Waiting failed.
+    #[error(transparent)]
+    Wait(#[from] WaitError),
+    /// The operating system refuses something that the recorder needs.
+    #[error("cannot start to record: {0}")]
+    System(#[source] io::Error),
+    /// The file cannot be written. Everything before the last interval can be read: see [`recover`](fn@crate::recover).
+    #[error("cannot write the bag: {0}")]
+    Write(#[source] WriteError),
+}
+
+/// Why a bag cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum WriteError {
+    /// The operating system refuses to write.
+    #[error(transparent)]
+    Io(io::Error),
+    /// MCAP has no room for the record, such as a 65,537th channel.
+    #[error(transparent)]
+    Format(McapError),
+    /// The thread that writes the file panicked.
+    #[error("the thread that writes the file panicked")]
+    Panicked,
+}
+
+impl From<McapError> for WriteError {
+    fn from(error: McapError) -> Self {
+        match error {
+            McapError::Io(source) => Self::Io(source),
+            error => Self::Format(error),
+        }
+    }
+}
+
+impl From<io::Error> for WriteError {
+    fn from(source: io::Error) -> Self {
+        Self::Io(source)
+    }
+}
+
+/// Why a bag cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadError {
+    /// The operating system refuses to read.
+    #[error("cannot read {}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// The reason of the operating system.
+        source: io::Error,
+    },
+    /// The file does not begin like an MCAP file.
+    #[error("{} is not an MCAP file", path.display())]
+    NotABag {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A record of the file is damaged.
+    #[error("{} is damaged ({source}): `sm2 bag recover` copies its readable part", path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// The fault.
+        source: McapError,
+    },
+}
+
+impl ReadError {
+    /// The error for a part of the file.
+    pub(crate) fn of(path: &Path, source: McapError) -> Self {
+        let path = path.to_owned();
+        match source {
+            McapError::Io(source) => Self::Io { path, source },
+            source => Self::Damaged { path, source },
+        }
+    }
+}
+
+/// Why a bag was not recovered.
+#[derive(Debug, thiserror::Error)]
+pub enum RecoverError {
+    /// The damaged bag cannot be read at all.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// The new bag cannot be written.
+    #[error("cannot write {}: {source}", path.display())]
+    Write {
+        /// The new bag.
+        path: PathBuf,
+        /// The reason.
+        source: WriteError,
+    },
+}
+
+/// Why a bag is not played.
+#[derive(Debug, thiserror::Error)]
+pub enum PlayError {
+    /// The bag cannot be read.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// The bag has a channel that SM2 did not record.
+    #[error("{} has messages of topic {topic:?} that SM2 did not record: play other topics only", path.display())]
+    Foreign {
+        /// The bag.
+        path: PathBuf,
+        /// The topic.
+        topic: String,
+    },
+    /// The bag has no message of the chosen topics and times.
+    #[error("{} has no message to play: see `sm2 bag info`", path.display())]
+    Empty {
+        /// The bag.
+        path: PathBuf,
+    },
+    /// A node for a recorded publisher cannot connect.
+    #[error(transparent)]
+    Connect(#[from] ConnectError),
+    /// A topic cannot be published.
+    #[error(transparent)]
+    Declare(#[from] DeclareError),
+    /// A message cannot be published.
+    #[error(transparent)]
+    Publish(#[from] PublishError),
+    /// Waiting failed.
+    #[error(transparent)]
+    Wait(#[from] WaitError),
+}

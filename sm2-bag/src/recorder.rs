@@ -1,0 +1,380 @@
+//! Recording topics of a domain.
+
+mod topic;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::os::fd::BorrowedFd;
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use sm2_node::domain::{Contract, Watch};
+use sm2_node::wait_set::Interest;
+use sm2_node::{Node, RecvError, Timer, WaitSet};
+use sm2_proto::{Instant, Name};
+
+use self::topic::Topic;
+use crate::clock::ClockRelation;
+use crate::error::{RecordError, WriteError};
+use crate::queue::{HeldBy, Item, Payload, Queue, Written};
+use crate::report::Report;
+use crate::storage::Storage;
+use crate::writer::{BagWriter, Compression};
+
+/// Messages up to this length are copied when they are taken, so that small messages never hold the slots of their
+/// publishers. In bytes.
+const COPY_MAX_BYTES: usize = 64 << 10;
+/// How many longer messages of a topic the recorder holds in the slots of their publishers.
+const HELD_MAX: usize = 8;
+/// How many messages of a publisher wait for the recorder.
+const DEPTH: u16 = 64;
+/// How many messages of a topic are taken before the other topics have their turn.
+const BURST: usize = 64;
+/// A smaller step of the wall clock is its normal adjustment.
+const STEP_MIN: Duration = Duration::from_millis(10);
+
+/// The options of a recording.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// The topics.
+    pub topics: Topics,
+    /// The topics whose publishers wait for the recorder instead of displacing messages. Each one needs a reliable
+    /// publisher.
+    pub reliable: BTreeSet<Name>,
+    /// How many bytes of payloads may wait for the disk; 256 MiB by default. Messages beyond that are dropped, and
+    /// become a [gap](crate::GapReason::Budget).
+    pub budget_bytes: u64,
+    /// How often the recording is made safe against a power cut; every 100 ms by default.
+    pub sync_interval: Duration,
+    /// How chunks are compressed; not at all by default.
+    pub compression: Compression,
+}
+
+/// The topics to record.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Topics {
+    /// All topics that have a publisher, also those that come later.
+    All,
+    /// These topics, whether they have a publisher or not.
+    Named(BTreeSet<Name>),
+}
+
+impl Options {
+    /// The defaults for these topics.
+    #[must_use]
+    pub const fn new(topics: Topics) -> Self {
+        Self {
+            topics,
+            reliable: BTreeSet::new(),
+            budget_bytes: 256 << 20,
+            sync_interval: Duration::from_millis(100),
+            compression: Compression::None,
+        }
+    }
+}
+
+/// How far a recording is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Progress {
+    /// The number of topics with a subscriber.
+    pub topics: usize,
+    /// The number of messages in the file.
+    pub messages: u64,
+    /// The length of their payloads, in bytes.
+    pub bytes: u64,
+    /// The number of messages that are missing in the file.
+    pub lost: u64,
+    /// The length of the payloads that wait for the disk, in bytes.
+    pub waiting_bytes: u64,
+}
+
+/// Records topics of a domain.
+///
+/// A recorder is an ordinary keep-last subscriber of each topic: no publisher waits for it or for the disk, except for
+/// the [reliable](Options::reliable) topics. A thread of its own writes the file. If the disk is slower than the
+/// publishers, up to [`budget_bytes`](Options::budget_bytes) wait in memory, then messages are dropped and counted.
+pub struct Recorder<'fd> {
+    node: Node,
+    options: Options,
+    set: WaitSet<'fd, Event>,
+    watch: Watch,
+    topics: Vec<Topic>,
+    by_name: BTreeMap<Name, usize>,
+    clock: ClockRelation,
+    /// The last relation of the clocks that is in the bag.
+    last_clock: ClockRelation,
+    queue: Arc<Queue>,
+    writer: Option<JoinHandle<Option<Report>>>,
+    lost: u64,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Event {
+    /// A topic may have a message.
+    Topic(usize),
+    /// The domain may have changed.
+    Domain,
+    /// The caller's descriptor is ready.
+    Stop,
+    /// The clocks are compared.
+    Clock,
+}
+
+impl<'fd> Recorder<'fd> {
+    /// Starts to record into `storage`, which is empty. The descriptor `stop` ends [`step`](Self::step) when it is
+    /// readable.
+    ///
+    /// # Errors
+    ///
+    /// See [`RecordError`].
+    pub fn start(
+        node: &Node,
+        storage: impl Storage + 'static,
+        options: Options,
+        stop: BorrowedFd<'fd>,
+    ) -> Result<Self, RecordError> {
+        let clock = ClockRelation::now();
+        let bag =
+            BagWriter::new(storage, options.compression, clock).map_err(RecordError::Write)?;
+        let mut set = WaitSet::new().map_err(RecordError::System)?;
+        set.add_descriptor(stop, Interest::Readable, Event::Stop)
+            .and_then(|_| set.add_descriptor(node.clone(), Interest::Readable, Event::Domain))
+            .map_err(RecordError::System)?;
+        set.add_timer(Timer::every(options.sync_interval), Event::Clock);
+        let queue = Arc::new(Queue::default());
+        let (theirs, interval) = (Arc::clone(&queue), options.sync_interval);
+        let writer = sm2_io::spawn_without_signals("sm2-bag".to_owned(), move || {
+            match write(bag, &theirs, interval) {
+                Ok(report) => Some(report),
+                Err(error) => {
+                    theirs.fail(error);
+                    None
+                }
+            }
+        });
+        let mut recorder = Self {
+            node: node.clone(),
+            set,
+            watch: node.watch(),
+            topics: Vec::new(),
+            by_name: BTreeMap::new(),
+            clock,
+            last_clock: clock,
+            queue,
+            writer: Some(writer.map_err(RecordError::System)?),
+            lost: 0,
+            options,
+        };
+        if let Topics::Named(names) = recorder.options.topics.clone() {
+            for name in names {
+                recorder.subscribe(&name)?;
+            }
+        }
+        recorder.look_at_domain()?;
+        Ok(recorder)
+    }
+
+    /// Records for at most `timeout`, or until the descriptor `stop` is readable. Returns false in the second case.
+    ///
+    /// # Errors
+    ///
+    /// See [`RecordError`]. After an error, [`finish`](Self::finish) ends the file as well as it can.
+    pub fn step(&mut self, timeout: Duration) -> Result<bool, RecordError> {
+        let until = sm2_io::clock::now().after(timeout);
+        loop {
+            if self.queue.has_failed() {
+                let error = self.queue.take_error().unwrap_or(WriteError::Panicked);
+                return Err(RecordError::Write(error));
+            }
+            let left = until.since(sm2_io::clock::now());
+            let Some(ready) = self.set.wait_timeout(left)? else {
+                return Ok(true);
+            };
+            match ready.tag {
+                Event::Topic(topic) => self.take(topic, BURST)?,
+                Event::Domain => self.look_at_domain()?,
+                Event::Stop => return Ok(false),
+                Event::Clock => self.compare_clocks(),
+            }
+        }
+    }
+
+    /// How far the recording is.
+    #[must_use]
+    pub fn progress(&self) -> Progress {
+        let Written { messages, bytes } = self.queue.written();
+        Progress {
+            topics: self.topics.len(),
+            messages,
+            bytes,
+            lost: self.lost,
+            waiting_bytes: self.queue.waiting_bytes(),
+        }
+    }
+
+    /// Takes the messages that have already come, writes the summary, and ends the file.
+    ///
+    /// # Errors
+    ///
+    /// [`RecordError::Write`]. Everything before the last interval can be read even then.
+    pub fn finish(mut self) -> Result<Report, RecordError> {
+        let mut taken = Ok(());
+        for topic in 0..self.topics.len() {
+            // As many as can have waited when the recording ended: the publishers do not stop.
+            let publishers = self.topics[topic].publishers().max(1);
+            taken = taken.and(self.take(topic, usize::from(DEPTH) * publishers));
+        }
+        self.queue.close();
+        let report = self.writer.take().and_then(|it| it.join().ok().flatten());
+        match (report, self.queue.take_error()) {
+            (_, Some(error)) => Err(RecordError::Write(error)),
+            (None, None) => Err(RecordError::Write(WriteError::Panicked)),
+            (Some(report), None) => taken.map(|()| report),
+        }
+    }
+
+    /// Subscribes to the topics that have come.
+    fn look_at_domain(&mut self) -> Result<(), RecordError> {
+        self.node.spin_some().map_err(RecordError::System)?;
+        if self.options.topics != Topics::All {
+            return Ok(());
+        }
+        // The call that finds no change asks the Manager for the next one.
+        while !self.watch.try_wait()?.is_empty() {}
+        let interfaces = self.watch.domain().interfaces();
+        let topics: BTreeSet<_> = interfaces
+            .filter(|it| matches!(it.contract, Contract::Publisher { .. }))
+            .map(|it| it.contract.name().clone())
+            .collect();
+        for topic in &topics {
+            if !self.by_name.contains_key(topic) {
+                self.subscribe(topic)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn subscribe(&mut self, name: &Name) -> Result<(), RecordError> {
+        let builder = self.node.subscriber_builder::<[u8]>(name.as_str());
+        let subscriber = builder
+            .any_type()
+            .depth(DEPTH)
+            // One more than are held, so that the next message can always be taken.
+            .max_borrowed(HELD_MAX as u16 + 1)
+            .reliable(self.options.reliable.contains(name))
+            .declare()?;
+        let number = self.topics.len();
+        let added = self.set.add(&subscriber, Event::Topic(number));
+        added.map_err(RecordError::System)?;
+        self.by_name.insert(name.clone(), number);
+        self.topics.push(Topic::new(subscriber));
+        Ok(())
+    }
+
+    /// Takes up to `most` messages of a topic.
+    fn take(&mut self, number: usize, most: usize) -> Result<(), RecordError> {
+        for _ in 0..most {
+            let topic = &mut self.topics[number];
+            let sample = match topic.subscriber.try_recv() {
+                Ok(Some(sample)) => sample,
+                Ok(None) => return Ok(()),
+                // The writer gives back soon.
+                Err(RecvError::TooManyBorrowed { .. }) => return Ok(()),
+                Err(error) => return Err(error.into()),
+            };
+            let now = self.clock.wall_at(sm2_io::clock::now());
+            let Some(mut taken) = topic.note(&self.node, &sample, &self.clock, now) else {
+                continue;
+            };
+            if let Some(gap) = taken.displaced.take() {
+                self.lost += gap.messages;
+                self.queue.push(Item::Gap(Arc::clone(&taken.source), gap));
+            }
+            let len = sample.len();
+            let has_room = self.queue.waiting_bytes() + len as u64 <= self.options.budget_bytes;
+            let held_by = HeldBy(number);
+            let payload = if !has_room {
+                None
+            } else if len <= COPY_MAX_BYTES {
+                Some(Payload::Copied(sample.to_vec()))
+            } else if self.queue.held(held_by) < HELD_MAX {
+                Some(Payload::Held(sample, held_by))
+            } else {
+                None
+            };
+            match payload {
+                Some(payload) => {
+                    topic.note_recorded(&taken);
+                    self.queue.push(Item::Message {
+                        source: taken.source,
+                        times: taken.times,
+                        payload,
+                    });
+                }
+                None => {
+                    self.lost += 1;
+                    let gap = topic.dropped(&taken);
+                    self.queue.push(Item::Gap(taken.source, gap));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Notes a step of the wall clock.
+    fn compare_clocks(&mut self) {
+        let clock = ClockRelation::now();
+        if self.last_clock.step_to(&clock) >= STEP_MIN {
+            self.last_clock = clock;
+            self.queue.push(Item::Clock(clock));
+        }
+    }
+}
+
+/// Writes the items of the queue until it is closed.
+fn write(mut bag: BagWriter, queue: &Queue, interval: Duration) -> Result<Report, WriteError> {
+    let mut sync_at = sm2_io::clock::now().after(interval);
+    let mut is_clean = true;
+    loop {
+        let now = sm2_io::clock::now();
+        if now >= sync_at {
+            if !is_clean {
+                bag.sync()?;
+                is_clean = true;
+            }
+            sync_at = sm2_io::clock::now().after(interval);
+        }
+        let (item, goes_on) = queue.pop(time_until(sync_at, now, is_clean));
+        is_clean &= item.is_none();
+        match item {
+            Some(Item::Message {
+                source,
+                times,
+                payload,
+            }) => {
+                bag.message(&source, times, payload.bytes())?;
+                let len = payload.bytes().len();
+                let held = match &payload {
+                    Payload::Held(_, by) => Some(*by),
+                    Payload::Copied(_) => None,
+                };
+                drop(payload);
+                queue.note_written(len, held);
+            }
+            Some(Item::Gap(source, gap)) => bag.gap(&source, gap)?,
+            Some(Item::Clock(clock)) => bag.clock(clock)?,
+            None => {}
+        }
+        if !goes_on {
+            return bag.finish();
+        }
+    }
+}
+
+/// How long the writer may wait for an item. Without work it does not wake up.
+fn time_until(sync_at: Instant, now: Instant, is_clean: bool) -> Duration {
+    match is_clean {
+        true => Duration::from_secs(3_600),
+        false => sync_at.since(now),
+    }
+}

@@ -1,0 +1,92 @@
+//! Writing the readable part of a damaged bag to a new file.
+
+use std::fs::{File, OpenOptions};
+use std::io::{BufWriter, Seek, Write};
+use std::path::Path;
+
+use mcap::records::op;
+use mcap::{MAGIC, McapResult, WriteOptions, Writer};
+
+use crate::bag::Bag;
+use crate::chunk::{Entry, RecordReader};
+use crate::error::{RecoverError, WriteError};
+use crate::report::{Counts, Report};
+use crate::scan::Scan;
+
+/// Copies everything before the first damage of the bag `from` to the new bag `to`, with a summary. Returns the summary
+/// of the new bag.
+///
+/// # Errors
+///
+/// [`RecoverError`]; also if `to` exists.
+pub fn recover(from: &Path, to: &Path) -> Result<Report, RecoverError> {
+    // Checks that it is a bag.
+    Bag::open(from)?;
+    let read = |source| crate::ReadError::Io {
+        path: from.to_owned(),
+        source,
+    };
+    let file = File::open(from).map_err(read)?;
+    let end = file.metadata().map_err(read)?.len();
+    let scan = Scan::of(&file, end);
+    let write = |source| RecoverError::Write {
+        path: to.to_owned(),
+        source,
+    };
+    let create = OpenOptions::new().write(true).create_new(true).open(to);
+    let created = create.map_err(|error| write(error.into()))?;
+    let copied = copy(&file, &scan, &created).and_then(|()| Ok(created.sync_data()?));
+    copied.map_err(write)?;
+    Ok(Bag::open(to)?.report())
+}
+
+/// Copies the records that a scan has read.
+fn copy(from: &File, scan: &Scan, to: &File) -> Result<(), WriteError> {
+    let mut writer = WriteOptions::new()
+        .profile("sm2")
+        .library(concat!("sm2-bag/", env!("CARGO_PKG_VERSION")))
+        .compression(None)
+        .calculate_data_section_crc(false)
+        .create(BufWriter::new(to))?;
+    let end = match &scan.damage {
+        Some((offset, _)) => *offset,
+        None => from.metadata()?.len(),
+    };
+    let mut reader = RecordReader::new(from, MAGIC.len() as u64, end);
+    while let Some(record) = reader.next()? {
+        match record.opcode {
+            op::DATA_END => break,
+            op::CHUNK | op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA => {
+                record.entries(|entry| write_entry(&mut writer, entry))?;
+            }
+            _ => {}
+        }
+    }
+    for (channel, counts) in &scan.counts {
+        writer.write_metadata(&mcap::records::Metadata {
+            name: Counts::RECORD.to_owned(),
+            metadata: counts.metadata(*channel),
+        })?;
+    }
+    writer.finish()?;
+    writer.into_inner().flush()?;
+    Ok(())
+}
+
+fn write_entry<W: Write + Seek>(writer: &mut Writer<W>, entry: Entry<'_>) -> McapResult<()> {
+    match entry {
+        Entry::Schema(it) => {
+            writer.add_schema_with_id(it.id, &it.name, &it.encoding, &it.data)?;
+        }
+        Entry::Channel(it) => {
+            let (id, schema) = (it.id, it.schema_id);
+            let (topic, encoding) = (&it.topic, &it.message_encoding);
+            writer.add_channel_with_id(id, schema, topic, encoding, &it.metadata)?;
+        }
+        Entry::Message(header, data) => writer.write_to_known_channel(&header, &data)?,
+        // The counts are those of the new bag.
+        Entry::Metadata(it) if it.name == Counts::RECORD => {}
+        Entry::Metadata(it) => writer.write_metadata(&it)?,
+    }
+    Ok(())
+}

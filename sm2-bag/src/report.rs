@@ -1,0 +1,116 @@
+//! The summary of a bag.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use crate::gap::Gap;
+
+/// The summary of a bag: its topics, times and gaps.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Report {
+    /// The topics with their types, sorted by name.
+    pub topics: Vec<TopicReport>,
+    /// The `log_time` of the first message, in nanoseconds of the wall clock.
+    pub start_ns: Option<u64>,
+    /// The `log_time` of the last message, in nanoseconds of the wall clock.
+    pub end_ns: Option<u64>,
+    /// Whether the recording ended in order. Otherwise the bag was read up to its last chunk that is whole, and its
+    /// counts are of that part.
+    pub complete: bool,
+}
+
+/// A topic of a bag.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct TopicReport {
+    /// The topic.
+    pub name: String,
+    /// The name of the type.
+    pub r#type: String,
+    /// The number of messages in the bag.
+    pub messages: u64,
+    /// The length of all their payloads, in bytes.
+    pub bytes: u64,
+    /// The number of messages that are missing in the bag: the sum over all gaps.
+    pub lost: u64,
+    /// Where messages are missing.
+    pub gaps: Vec<Gap>,
+}
+
+/// The counts of one channel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Counts {
+    pub(crate) messages: u64,
+    pub(crate) bytes: u64,
+}
+
+impl Counts {
+    /// The name of its metadata record.
+    pub(crate) const RECORD: &str = "sm2.channel";
+
+    pub(crate) fn add(&mut self, len_bytes: usize) {
+        self.messages += 1;
+        self.bytes += len_bytes as u64;
+    }
+
+    pub(crate) fn metadata(self, channel: u16) -> BTreeMap<String, String> {
+        [
+            ("id", channel.to_string()),
+            ("messages", self.messages.to_string()),
+            ("bytes", self.bytes.to_string()),
+        ]
+        .map(|(key, value)| (key.to_owned(), value))
+        .into()
+    }
+
+    pub(crate) fn from_metadata(metadata: &BTreeMap<String, String>) -> Option<(u16, Self)> {
+        let counts = Self {
+            messages: metadata.get("messages")?.parse().ok()?,
+            bytes: metadata.get("bytes")?.parse().ok()?,
+        };
+        Some((metadata.get("id")?.parse().ok()?, counts))
+    }
+}
+
+/// Adds up the channels and gaps of a bag.
+#[derive(Debug, Default)]
+pub(crate) struct ReportBuilder {
+    /// By topic and type.
+    topics: BTreeMap<(String, String), TopicReport>,
+}
+
+impl ReportBuilder {
+    pub(crate) fn add_channel(&mut self, topic: &str, data: &str, counts: Counts) {
+        let key = (topic.to_owned(), data.to_owned());
+        let report = self.topics.entry(key).or_insert_with(|| TopicReport {
+            name: topic.to_owned(),
+            r#type: data.to_owned(),
+            ..TopicReport::default()
+        });
+        report.messages += counts.messages;
+        report.bytes += counts.bytes;
+    }
+
+    /// Adds a gap to the first type of its topic: a publisher whose messages are missing is a channel of the bag.
+    pub(crate) fn add_gap(&mut self, topic: &str, gap: &Gap) {
+        let mut topics = self.topics.values_mut();
+        let Some(report) = topics.find(|it| it.name == topic) else {
+            return;
+        };
+        report.lost += gap.messages;
+        let mut before = report.gaps.iter_mut().rev();
+        let same = before.find(|it| it.publisher == gap.publisher && it.reason == gap.reason);
+        if !same.is_some_and(|it| it.extend(gap)) {
+            report.gaps.push(gap.clone());
+        }
+    }
+
+    pub(crate) fn finish(self, times: Option<(u64, u64)>, complete: bool) -> Report {
+        Report {
+            topics: self.topics.into_values().collect(),
+            start_ns: times.map(|it| it.0),
+            end_ns: times.map(|it| it.1),
+            complete,
+        }
+    }
+}

@@ -1,0 +1,74 @@
+//! A domain, and recordings of it.
+#![allow(dead_code, reason = "each test uses its own part")]
+
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::os::fd::AsFd;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use sm2_bag::{Options, Recorder, Report, Storage, Topics};
+use sm2_manager::Background;
+use sm2_node::{Name, Node, Shutdown};
+
+/// Long enough for a machine that is busy with other tests.
+pub(crate) const SOON: Duration = Duration::from_secs(20);
+
+pub(crate) struct Domain {
+    _manager: Background,
+    pub(crate) folder: tempfile::TempDir,
+}
+
+impl Domain {
+    pub(crate) fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let options = sm2_manager::Options::default();
+        Self {
+            _manager: Background::start(&folder.path().join("sock"), options).unwrap(),
+            folder,
+        }
+    }
+
+    pub(crate) fn node(&self, name: &str) -> Node {
+        let socket = self.folder.path().join("sock");
+        Node::builder(name).socket(socket).connect().unwrap()
+    }
+
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// A new bag.
+    pub(crate) fn create(&self, name: &str) -> File {
+        File::create_new(self.path(name)).unwrap()
+    }
+}
+
+/// These topics.
+pub(crate) fn named(names: &[&str]) -> Topics {
+    let names: BTreeSet<_> = names.iter().map(|it| Name::new(it).unwrap()).collect();
+    Topics::Named(names)
+}
+
+/// Records while `publish` runs, which gets a function that records until its condition holds.
+pub(crate) fn record(
+    node: &Node,
+    storage: impl Storage + 'static,
+    options: Options,
+    publish: impl FnOnce(&mut dyn FnMut(&mut dyn FnMut(&Recorder<'_>) -> bool)),
+) -> Report {
+    let shutdown = Shutdown::new().unwrap();
+    let mut recorder = Recorder::start(node, storage, options, shutdown.as_fd()).unwrap();
+    publish(&mut |done| {
+        let until = Instant::now() + SOON;
+        while !done(&recorder) {
+            assert!(
+                Instant::now() < until,
+                "not in time: {:?}",
+                recorder.progress()
+            );
+            recorder.step(Duration::from_millis(5)).unwrap();
+        }
+    });
+    recorder.finish().unwrap()
+}

@@ -1,0 +1,145 @@
+//! Bags that were torn or overwritten.
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+use std::time::Duration;
+
+use sm2_bag::{Bag, Compression, Damage, Filter, Options, ReadError, RecoverError, check, recover};
+
+use self::common::{Domain, named, record};
+
+/// How many messages the torn bags have.
+const MESSAGES: u64 = 200;
+
+/// A bag of many short chunks.
+fn bag(compression: Compression, messages: u64) -> (Domain, Vec<u8>) {
+    let domain = Domain::new();
+    let talker = domain.node("talker");
+    let numbers = talker.publisher::<u64>("numbers").unwrap();
+    let node = domain.node("recorder");
+    let options = Options {
+        compression,
+        sync_interval: Duration::from_millis(1),
+        ..Options::new(named(&["numbers"]))
+    };
+    record(&node, domain.create("bag"), options, |record_until| {
+        record_until(&mut |_| numbers.links().iter().any(|it| it.open));
+        for number in 0..messages {
+            numbers.publish(&number).unwrap();
+            record_until(&mut |it| it.progress().messages > number);
+        }
+    });
+    let bytes = fs::read(domain.path("bag")).unwrap();
+    (domain, bytes)
+}
+
+/// The numbers in a bag.
+fn numbers(path: &Path) -> Result<Vec<u64>, ReadError> {
+    let bag = Bag::open(path)?;
+    let messages = bag.messages(&Filter::default());
+    let numbers = messages.map(|it| Ok(u64::from_le_bytes(it?.data.try_into().unwrap())));
+    let numbers: Result<Vec<_>, ReadError> = numbers.collect();
+    let numbers = numbers?;
+    let said: u64 = bag.report().topics.iter().map(|it| it.messages).sum();
+    assert_eq!(numbers.len() as u64, said);
+    Ok(numbers)
+}
+
+#[test]
+fn a_torn_bag_has_everything_before_the_tear() {
+    for compression in [Compression::None, Compression::Zstd] {
+        let (domain, bytes) = bag(compression, MESSAGES);
+        let (torn, whole) = (domain.path("torn"), domain.path("whole"));
+        let mut longest = 0;
+        let mut seed = 1_u64;
+        for _ in 0..250 {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            let len = (seed >> 33) as usize % bytes.len();
+            fs::write(&torn, &bytes[..len]).unwrap();
+            let read = match numbers(&torn) {
+                Ok(read) => read,
+                Err(error) => {
+                    assert!(
+                        len < 8 && matches!(error, ReadError::NotABag { .. }),
+                        "{len}: {error}"
+                    );
+                    continue;
+                }
+            };
+            let count = read.len() as u64;
+            assert!(read.iter().copied().eq(0..count), "{len}: {read:?}");
+            longest = longest.max(count);
+            let verdict = check(&torn).unwrap();
+            assert!(
+                verdict.damages.contains(&Damage::Incomplete),
+                "{len}: {:?}",
+                verdict.damages
+            );
+            let _ = fs::remove_file(&whole);
+            let recovered = recover(&torn, &whole).unwrap();
+            assert!(recovered.complete);
+            assert_eq!(numbers(&whole).unwrap(), read, "{len}");
+            assert_eq!(check(&whole).unwrap().damages, [], "{len}");
+        }
+        assert!(longest > MESSAGES / 2, "{longest}");
+    }
+}
+
+#[test]
+fn a_longer_prefix_never_has_fewer_messages() {
+    let (domain, bytes) = bag(Compression::None, MESSAGES);
+    let torn = domain.path("torn");
+    let mut before = 0;
+    for len in (8..bytes.len()).step_by(97) {
+        fs::write(&torn, &bytes[..len]).unwrap();
+        let count = numbers(&torn).unwrap().len();
+        assert!(count >= before, "{len}: {count} < {before}");
+        before = count;
+    }
+    assert!(before > MESSAGES as usize / 2);
+}
+
+#[test]
+fn nothing_else_is_a_bag() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("file");
+    for content in [&b""[..], b"\x89MCAP", b"ustar and so on"] {
+        fs::write(&path, content).unwrap();
+        assert!(matches!(Bag::open(&path), Err(ReadError::NotABag { .. })));
+    }
+    let absent = folder.path().join("absent");
+    assert!(matches!(check(&absent), Err(ReadError::Io { .. })));
+    fs::write(&path, b"\x89MCAP0\r\n").unwrap();
+    let taken = recover(&path, &path);
+    assert!(
+        matches!(taken, Err(RecoverError::Write { .. })),
+        "{taken:?}"
+    );
+    assert_eq!(fs::read(&path).unwrap(), b"\x89MCAP0\r\n");
+}
+
+#[test]
+fn a_bag_with_a_changed_byte_has_no_other_messages() {
+    for compression in [Compression::None, Compression::Lz4, Compression::Zstd] {
+        let (domain, bytes) = bag(compression, 10);
+        let path = domain.path("damaged");
+        for at in 0..bytes.len() {
+            let mut damaged = bytes.clone();
+            // One bit, another one at each place.
+            damaged[at] ^= 1 << (at % 8);
+            fs::write(&path, &damaged).unwrap();
+            let Ok(verdict) = check(&path) else {
+                continue;
+            };
+            if verdict.damages.is_empty() {
+                let read = numbers(&path).unwrap();
+                assert!(
+                    read.iter().copied().eq(0..10),
+                    "{compression:?}, byte {at}: {read:?}"
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,151 @@
+//! Disks that are slow or full.
+
+mod common;
+
+use std::fs::File;
+use std::io::{self, Seek, SeekFrom, Write};
+use std::os::fd::AsFd;
+use std::sync::{Arc, Condvar, Mutex};
+use std::time::Duration;
+
+use sm2_bag::{
+    Bag, GapReason, Options, RecordError, Recorder, Storage, WriteError, check, recover,
+};
+use sm2_node::Shutdown;
+
+use self::common::{Domain, named, record};
+
+/// A file whose writes wait while the gate is closed, and fail beyond a limit.
+struct Disk {
+    file: File,
+    gate: Arc<Gate>,
+    left: usize,
+}
+
+#[derive(Default)]
+struct Gate {
+    is_closed: Mutex<bool>,
+    changed: Condvar,
+}
+
+impl Gate {
+    fn set(&self, is_closed: bool) {
+        *self.is_closed.lock().unwrap() = is_closed;
+        self.changed.notify_all();
+    }
+
+    fn pass(&self) {
+        let is_closed = self.is_closed.lock().unwrap();
+        drop(self.changed.wait_while(is_closed, |it| *it).unwrap());
+    }
+}
+
+impl Write for Disk {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.gate.pass();
+        if bytes.len() > self.left {
+            return Err(io::ErrorKind::StorageFull.into());
+        }
+        self.left -= bytes.len();
+        self.file.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+impl Seek for Disk {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.file.seek(to)
+    }
+}
+
+impl Storage for Disk {
+    fn sync(&mut self) -> io::Result<()> {
+        self.gate.pass();
+        self.file.sync()
+    }
+}
+
+#[test]
+fn a_frozen_disk_costs_messages_that_are_counted_and_nobody_waits() {
+    let domain = Domain::new();
+    let talker = domain.node("talker");
+    let data = talker.publisher::<[u8]>("data").unwrap();
+    let node = domain.node("recorder");
+    let gate = Arc::new(Gate::default());
+    let disk = Disk {
+        file: domain.create("bag"),
+        gate: Arc::clone(&gate),
+        left: usize::MAX,
+    };
+    let options = Options {
+        budget_bytes: 50_000,
+        ..Options::new(named(&["data"]))
+    };
+    let report = record(&node, disk, options, |record_until| {
+        record_until(&mut |_| data.links().iter().any(|it| it.open));
+        data.publish(&[0; 1_000]).unwrap();
+        record_until(&mut |it| it.progress().messages == 1);
+        gate.set(true);
+        // The writer stops at the end of its interval at the latest.
+        for number in 1..=300 {
+            data.publish(&[number as u8; 1_000]).unwrap();
+            record_until(&mut |it| {
+                let progress = it.progress();
+                assert!(progress.waiting_bytes <= 50_000);
+                progress.messages + progress.lost + progress.waiting_bytes / 1_000 > number
+            });
+        }
+        gate.set(false);
+        record_until(&mut |it| it.progress().waiting_bytes == 0);
+        data.publish(&[7; 1_000]).unwrap();
+        record_until(&mut |it| it.progress().messages + it.progress().lost == 302);
+    });
+    let topic = &report.topics[0];
+    assert_eq!(topic.messages + topic.lost, 302);
+    assert!(topic.lost > 0);
+    let reasons: Vec<_> = topic.gaps.iter().map(|it| it.reason).collect();
+    assert_eq!(reasons, [GapReason::Budget]);
+    let bag = Bag::open(&domain.path("bag")).unwrap();
+    assert_eq!(bag.report(), report);
+    assert_eq!(check(bag.path()).unwrap().damages, []);
+}
+
+#[test]
+fn a_full_disk_ends_the_recording_and_what_was_written_can_be_read() {
+    let domain = Domain::new();
+    let talker = domain.node("talker");
+    let data = talker.publisher::<[u8]>("data").unwrap();
+    let node = domain.node("recorder");
+    let disk = Disk {
+        file: domain.create("bag"),
+        gate: Arc::default(),
+        left: 20_000,
+    };
+    let shutdown = Shutdown::new().unwrap();
+    let options = Options {
+        sync_interval: Duration::from_millis(1),
+        ..Options::new(named(&["data"]))
+    };
+    let mut recorder = Recorder::start(&node, disk, options, shutdown.as_fd()).unwrap();
+    let error = loop {
+        data.publish(&[1; 1_000]).unwrap();
+        if let Err(error) = recorder.step(Duration::from_millis(5)) {
+            break error;
+        }
+    };
+    let RecordError::Write(WriteError::Io(error)) = error else {
+        panic!("{error}");
+    };
+    assert_eq!(error.kind(), io::ErrorKind::StorageFull);
+    assert!(recorder.finish().is_err());
+    let bag = Bag::open(&domain.path("bag")).unwrap();
+    let report = bag.report();
+    assert!(!report.complete && report.topics[0].messages > 0);
+    let recovered = recover(bag.path(), &domain.path("whole")).unwrap();
+    assert!(recovered.complete);
+    assert_eq!(recovered.topics, report.topics);
+    assert_eq!(check(&domain.path("whole")).unwrap().damages, []);
+}

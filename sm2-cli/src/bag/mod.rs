@@ -1,0 +1,33 @@
+//! `sm2 bag`: shows, checks and recovers recordings.
+
+mod check;
+mod info;
+mod recover;
+
+use clap::Subcommand;
+
+use crate::{ended::Ended, error::CliError};
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Show the topics, the times and the gaps of a bag
+    Info(info::Arguments),
+    /// Read a bag completely, and verify its checksums and its summary
+    Check(check::Arguments),
+    /// Write the readable part of a damaged bag to a new one
+    Recover(recover::Arguments),
+}
+
+/// Runs a command.
+///
+/// # Errors
+///
+/// Any [`CliError`].
+pub(crate) fn run(command: &Command) -> Result<Ended, CliError> {
+    match command {
+        Command::Info(arguments) => info::run(arguments),
+        Command::Check(arguments) => check::run(arguments),
+        Command::Recover(arguments) => recover::run(arguments),
+    }
+}

@@ -1,0 +1,49 @@
+//! `sm2 bag recover`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use crate::{bag_summary::show, ended::Ended, error::CliError, output::Output};
+
+/// `sm2 bag recover`.
+#[derive(Args, Debug)]
+#[command(after_help = HELP)]
+pub(crate) struct Arguments {
+    /// The damaged bag, which is not changed
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// The new bag [default: FILE with the ending .recovered.mcap]
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Print the summary of the new bag as one line of JSON
+    #[arg(long)]
+    json: bool,
+}
+
+const HELP: &str = "\
+The new bag has everything before the first damage, and a summary. An existing file is never overwritten.
+
+Exit status: 0 the new bag is written, 1 failed, 2 wrong usage.
+
+Examples:
+  sm2 bag recover drive.mcap
+  sm2 bag recover drive.mcap -o whole.mcap";
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// [`CliError::RecoverBag`], [`CliError::Output`].
+pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    let default = || arguments.file.with_extension("recovered.mcap");
+    let path = arguments.output.clone().unwrap_or_else(default);
+    let report = sm2_bag::recover(&arguments.file, &path)?;
+    let mut out = Output::new();
+    match arguments.json {
+        true => out.json(&report)?,
+        false => show(&mut out, &path, &report)?,
+    }
+    out.flush()?;
+    Ok(Ended::Done)
+}

@@ -1,0 +1,58 @@
+//! The summary of a bag as text, for `sm2 record` and `sm2 bag`.
+
+use std::{fmt::Write as _, path::Path, time::Duration};
+
+use sm2_bag::{GapReason, Report};
+use sm2_proto::text::Counted;
+
+use crate::{error::CliError, output::Output, size::Size, time::Span};
+
+/// Prints the summary of a bag.
+///
+/// # Errors
+///
+/// [`CliError::Output`].
+pub(crate) fn show(out: &mut Output, path: &Path, report: &Report) -> Result<(), CliError> {
+    let mut text = path.display().to_string();
+    if let (Some(start), Some(end)) = (report.start_ns, report.end_ns) {
+        let begin = i64::try_from(start).ok();
+        let begin = begin.and_then(|it| jiff::Timestamp::from_nanosecond(it.into()).ok());
+        let length = Span(Duration::from_nanos(end.saturating_sub(start)));
+        // Writing to a string cannot fail.
+        let _ = write!(text, ": {length}");
+        if let Some(begin) = begin {
+            let _ = write!(text, " from {begin:.3}");
+        }
+    }
+    if !report.complete {
+        text += " (INCOMPLETE: the recording did not end in order; `sm2 bag recover` writes a complete bag)";
+    }
+    out.line(text)?;
+    for topic in &report.topics {
+        out.line(format_args!(
+            "  {} ({}): {}, {}, lost {}",
+            topic.name,
+            topic.r#type,
+            Counted::new(topic.messages, "message"),
+            Size(topic.bytes),
+            topic.lost
+        ))?;
+        for gap in &topic.gaps {
+            let at = gap
+                .from_ns
+                .saturating_sub(report.start_ns.unwrap_or(gap.from_ns));
+            let reason = match gap.reason {
+                GapReason::Displaced => "newer messages displaced them",
+                GapReason::Budget => "the disk was too slow",
+            };
+            out.line(format_args!(
+                "    {} of {} missing at {} for {}: {reason}",
+                gap.messages,
+                gap.publisher,
+                Span(Duration::from_nanos(at)),
+                Span(Duration::from_nanos(gap.to_ns.saturating_sub(gap.from_ns))),
+            ))?;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,173 @@
+//! `sm2 record`, `sm2 play` and `sm2 bag`.
+
+use std::fs;
+
+use nix::sys::signal::Signal;
+use serde_json::{Value, json};
+
+use crate::common::{Domain, Running, sm2, until};
+
+/// Publishes ten lines of text to a recorder.
+fn publish(domain: &Domain) {
+    let lines: String = (0..10).map(|it| format!("line {it}\n")).collect();
+    fs::write(domain.path("lines"), lines).unwrap();
+    let from = domain.path("lines");
+    let text = [
+        "topic",
+        "pub",
+        "chatter",
+        "--from",
+        from.to_str().unwrap(),
+        "--lines",
+        "--wait",
+        "1",
+        "--reliable",
+    ];
+    let finished = domain.run(&text);
+    assert_eq!(finished.code(), 0, "{finished:?}");
+}
+
+fn bag(arguments: &[&str]) -> (i32, String, String) {
+    let finished = Running::start(&mut sm2(&[&["bag"], arguments].concat())).finish();
+    (finished.code(), finished.stdout(), finished.stderr())
+}
+
+/// The names and counts of the topics in a summary.
+fn counts(summary: &str) -> Value {
+    let summary: Value = serde_json::from_str(summary).unwrap();
+    let topics = summary["topics"].as_array().unwrap().iter();
+    let counts: Vec<_> = topics
+        .map(|it| json!([it["name"], it["messages"], it["lost"]]))
+        .collect();
+    json!([counts, summary["complete"]])
+}
+
+#[test]
+fn a_recording_is_shown_checked_and_played() {
+    let domain = Domain::new();
+    let path = domain.path("talk.mcap");
+    let file = path.to_str().unwrap();
+    let recorder = domain.start(&[
+        "record",
+        "chatter",
+        "--reliable",
+        "chatter",
+        "-o",
+        file,
+        "--json",
+    ]);
+    domain.wait_for("chatter", "subscribers", 1);
+    publish(&domain);
+    recorder.signal(Signal::SIGINT);
+    let finished = recorder.finish();
+    assert_eq!(finished.code(), 0, "{finished:?}");
+    assert!(
+        finished.stderr().contains("talk.mcap (Ctrl-C ends)"),
+        "{finished:?}"
+    );
+    let expected = json!([[["chatter", 10, 0]], true]);
+    assert_eq!(counts(&finished.stdout()), expected);
+
+    let (code, info, _) = bag(&["info", file, "--json"]);
+    assert_eq!((code, counts(&info)), (0, expected));
+    assert_eq!(info, finished.stdout());
+    let (code, text, _) = bag(&["info", file]);
+    assert_eq!(code, 0);
+    assert!(
+        text.contains("chatter (bytes): 10 messages, 60 bytes, lost 0"),
+        "{text}"
+    );
+    let (code, text, _) = bag(&["check", file]);
+    assert_eq!(code, 0, "{text}");
+    assert!(text.ends_with("no damage\n"), "{text}");
+
+    let echo = domain.start(&["topic", "echo", "again", "--reliable", "--count", "10"]);
+    domain.wait_for("again", "subscribers", 1);
+    let played = domain.json(&[
+        "play",
+        file,
+        "--remap",
+        "chatter=again",
+        "--rate",
+        "0",
+        "--wait",
+        "1",
+    ]);
+    let topic = json!({"name": "again", "messages": 10, "unheard": 0, "missed": 0});
+    assert_eq!(played, json!({"topics": [topic], "complete": true}));
+    let echoed = echo.finish();
+    let lines: Vec<_> = (0..10).map(|it| format!("line {it}")).collect();
+    let seen: Vec<_> = echoed.stdout().lines().map(str::to_owned).collect();
+    assert_eq!(seen, lines);
+
+    // An existing file is not overwritten.
+    let again = domain.run(&["record", "chatter", "-o", file]);
+    assert_eq!(again.code(), 1);
+    assert!(again.stderr().contains("cannot create"), "{again:?}");
+}
+
+#[test]
+fn a_killed_recording_can_be_read_and_recovered() {
+    let domain = Domain::new();
+    let path = domain.path("killed.mcap");
+    let file = path.to_str().unwrap();
+    let recorder = domain.start(&["record", "--all", "-o", file, "--sync", "1ms"]);
+    until("the file is there", || path.exists());
+    publish(&domain);
+    until("all messages are in the file", || {
+        let (code, info, _) = bag(&["info", file, "--json"]);
+        code == 0 && counts(&info)[0] == json!([["chatter", 10, 0]])
+    });
+    recorder.signal(Signal::SIGKILL);
+    recorder.finish();
+    let (code, text, _) = bag(&["info", file]);
+    assert_eq!(code, 0);
+    assert!(text.contains("INCOMPLETE"), "{text}");
+    let (code, text, _) = bag(&["check", file]);
+    assert_eq!(code, 1);
+    assert!(
+        text.contains("damage: the recording did not end in order"),
+        "{text}"
+    );
+    let played = domain.run(&["play", file, "--rate", "0"]);
+    assert_eq!(played.code(), 0, "{played:?}");
+    assert!(
+        played.stderr().contains("killed.mcap is incomplete"),
+        "{played:?}"
+    );
+    let (code, recovered, _) = bag(&["recover", file, "--json"]);
+    assert_eq!(
+        (code, counts(&recovered)),
+        (0, json!([[["chatter", 10, 0]], true]))
+    );
+    let whole = domain.path("killed.recovered.mcap");
+    assert_eq!(bag(&["check", whole.to_str().unwrap()]).0, 0);
+}
+
+#[test]
+fn wrong_use_is_told() {
+    let domain = Domain::new();
+    let refused = domain.run(&["record", "chatter", "--reliable", "scan"]);
+    assert_eq!(refused.code(), 2);
+    assert!(
+        refused
+            .stderr()
+            .contains("--reliable scan is not among the topics"),
+        "{refused:?}"
+    );
+    let neither = domain.run(&["record"]);
+    assert_eq!(neither.code(), 2, "{neither:?}");
+    let path = domain.path("text");
+    fs::write(&path, "no bag").unwrap();
+    for arguments in [&["info"][..], &["check"], &["recover"]] {
+        let (code, _, error) = bag(&[arguments, &[path.to_str().unwrap()]].concat());
+        assert_eq!(code, 1);
+        assert!(error.contains("text is not an MCAP file"), "{error}");
+    }
+    let absent = domain.run(&["play", "absent.mcap"]);
+    assert_eq!(absent.code(), 1);
+    assert!(
+        absent.stderr().contains("cannot read absent.mcap"),
+        "{absent:?}"
+    );
+}
