@@ -100,6 +100,8 @@ pub struct Recorder<'fd> {
     watch: Watch,
     topics: Vec<Topic>,
     by_name: BTreeMap<Name, usize>,
+    /// The topics that the Manager does not let this node subscribe to.
+    refused: BTreeSet<Name>,
     clock: ClockRelation,
     /// The last relation of the clocks that is in the bag.
     last_clock: ClockRelation,
@@ -158,6 +160,7 @@ impl<'fd> Recorder<'fd> {
             watch: node.watch(),
             topics: Vec::new(),
             by_name: BTreeMap::new(),
+            refused: BTreeSet::new(),
             clock,
             last_clock: clock,
             queue,
@@ -247,8 +250,16 @@ impl<'fd> Recorder<'fd> {
             .map(|it| it.contract.name().clone())
             .collect();
         for topic in &topics {
-            if !self.by_name.contains_key(topic) {
-                self.subscribe(topic)?;
+            if self.by_name.contains_key(topic) || self.refused.contains(topic) {
+                continue;
+            }
+            match self.subscribe(topic) {
+                // The access policy may deny this topic. The others are recorded.
+                Err(RecordError::Declare(error)) => {
+                    tracing::error!(%topic, %error, "the topic is not recorded");
+                    self.refused.insert(topic.clone());
+                }
+                result => result?,
             }
         }
         Ok(())
@@ -280,6 +291,11 @@ impl<'fd> Recorder<'fd> {
                 Ok(None) => return Ok(()),
                 // The writer gives back soon.
                 Err(RecvError::TooManyBorrowed { .. }) => return Ok(()),
+                // The other publishers are recorded further on.
+                Err(error @ RecvError::Map { .. }) => {
+                    tracing::error!(topic = %topic.subscriber.topic(), %error, "a message is not recorded");
+                    return Ok(());
+                }
                 Err(error) => return Err(error.into()),
             };
             let now = self.clock.wall_at(sm2_io::clock::now());

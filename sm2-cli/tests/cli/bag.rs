@@ -171,3 +171,27 @@ fn wrong_use_is_told() {
         "{absent:?}"
     );
 }
+
+#[test]
+fn a_topic_that_the_policy_denies_does_not_end_the_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let policy = folder.path().join("policy.toml");
+    let rule = "default = \"allow\"\n[[rule]]\neffect = \"deny\"\nactions = [\"subscribe\"]\nnames = [\"secret\"]\n";
+    fs::write(&policy, rule).unwrap();
+    let domain = Domain::with(&["--policy", policy.to_str().unwrap()]);
+    let node = domain.node("talker");
+    let _secret = node.publisher::<str>("secret").unwrap();
+    let path = domain.path("all.mcap");
+    let recorder = domain.start(&["record", "--all", "-o", path.to_str().unwrap(), "--json"]);
+    until("the topic is refused", || {
+        recorder.stderr().contains("the topic is not recorded")
+    });
+    publish(&domain);
+    recorder.signal(Signal::SIGTERM);
+    let finished = recorder.finish();
+    assert_eq!(finished.code(), 0, "{finished:?}");
+    assert_eq!(
+        counts(&finished.stdout()),
+        json!([[["chatter", 10, 0]], true])
+    );
+}
