@@ -12,7 +12,7 @@ use sm2_io::clock;
 use sm2_proto::{Instant, Name, text::Counted};
 
 use crate::{
-    args::{Domain, name},
+    args::{Domain, name, positive},
     bag_summary::show,
     connect::Session,
     ended::Ended,
@@ -35,9 +35,9 @@ pub(crate) struct Arguments {
     /// The file to write, or the folder for a new file [default: bag-DATE-TIME.mcap, in UTC]
     #[arg(short, long, value_name = "FILE|FOLDER")]
     output: Option<PathBuf>,
-    /// End after this time, such as 60s or 5m
-    #[arg(long, value_name = "TIME", value_parser = time::span)]
-    duration: Option<Duration>,
+    /// End after this number of seconds
+    #[arg(long, value_name = "N", value_parser = positive)]
+    seconds: Option<f64>,
     /// A topic whose publishers wait for the recorder; it must be among the topics (may be given again)
     #[arg(long, value_name = "TOPIC", value_parser = name)]
     reliable: Vec<Name>,
@@ -67,12 +67,12 @@ counted and shown at the end, and the bag has their times and reasons.
 After a power cut or kill -9, everything up to the last --sync interval can be read: `sm2 bag info` and
 `sm2 play` use the bag as it is, and `sm2 bag recover` writes a complete one.
 
-Exit status: 0 ended by Ctrl-C, SIGTERM or --duration, and the bag is complete; 1 failed; 2 wrong usage.
+Exit status: 0 ended by Ctrl-C, SIGTERM or --seconds, and the bag is complete; 1 failed; 2 wrong usage.
 
 Examples:
-  sm2 record camera log --duration 2s
-  sm2 record --all -o all.mcap --duration 1s
-  sm2 record chatter --reliable chatter -o chat.mcap --duration 1s --json";
+  sm2 record camera log --seconds 2
+  sm2 record --all -o all.mcap --seconds 1
+  sm2 record chatter --reliable chatter -o chat.mcap --seconds 1 --json";
 
 /// How often the progress is shown.
 const PROGRESS: Duration = Duration::from_secs(1);
@@ -86,7 +86,7 @@ enum Chosen {
     Zstd,
 }
 
-/// Runs the command until a signal comes or `--duration` has passed.
+/// Runs the command until a signal comes or `--seconds` has passed.
 ///
 /// # Errors
 ///
@@ -142,8 +142,9 @@ fn record(
     session: &Session,
     recorder: &mut Recorder<'_>,
 ) -> Result<(), sm2_bag::RecordError> {
-    let until = match arguments.duration {
-        Some(duration) => clock::now().after(duration),
+    let length = |seconds| Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX);
+    let until = match arguments.seconds {
+        Some(seconds) => clock::now().after(length(seconds)),
         None => Instant(u64::MAX),
     };
     let is_shown = std::io::IsTerminal::is_terminal(&std::io::stderr());

@@ -106,8 +106,8 @@ impl World {
                 "chatter",
                 "-o",
                 "drive.mcap",
-                "--duration",
-                "500ms",
+                "--seconds",
+                "0.5",
             ];
             let finished = Running::start(&mut world.sm2(&record)).finish();
             assert_eq!(finished.code(), 0, "{finished:?}");
