@@ -26,7 +26,7 @@ pub enum RecordError {
     #[error("cannot start to record: {0}")]
     System(#[source] io::Error),
     /// The file cannot be written. Everything before the last interval can be read: see [`recover`](fn@crate::recover).
-    #[error("cannot write the bag: {0}")]
+    #[error("cannot write the bag: {0}; the messages before can be read: see `sm2 bag recover`")]
     Write(#[source] WriteError),
 }
 
