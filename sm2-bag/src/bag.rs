@@ -40,24 +40,14 @@ impl Bag {
     ///
     /// [`ReadError`], if the file cannot be read or is no MCAP file.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
-        let failed = |source| ReadError::Io {
-            path: path.to_owned(),
-            source,
-        };
-        let mut file = File::open(path).map_err(failed)?;
-        let end = file.metadata().map_err(failed)?.len();
-        let mut magic = [0; MAGIC.len()];
-        if end < MAGIC.len() as u64 || file.read_exact_at(&mut magic, 0).is_err() || magic != MAGIC
-        {
-            return Err(ReadError::NotABag { path: path.into() });
-        }
+        let (mut file, end) = open_file(path)?;
         match summary(&mut file, end) {
             Ok(Some(summary)) => {
                 if let Some(bag) = Self::of_summary(path, &file, summary, end)? {
                     return Ok(bag);
                 }
             }
-            Err(McapError::Io(error)) => return Err(failed(error)),
+            Err(error @ McapError::Io(_)) => return Err(ReadError::of(path, error)),
             // The file has no summary, or its summary is damaged.
             Ok(None) | Err(_) => {}
         }
@@ -179,6 +169,21 @@ impl Bag {
     pub(crate) const fn summary(&self) -> &Summary {
         &self.summary
     }
+}
+
+/// Opens a file that begins like an MCAP file. Returns it with its length in bytes.
+pub(crate) fn open_file(path: &Path) -> Result<(File, u64), ReadError> {
+    let failed = |source| ReadError::Io {
+        path: path.to_owned(),
+        source,
+    };
+    let file = File::open(path).map_err(failed)?;
+    let end = file.metadata().map_err(failed)?.len();
+    let mut magic = [0; MAGIC.len()];
+    if end < MAGIC.len() as u64 || file.read_exact_at(&mut magic, 0).is_err() || magic != MAGIC {
+        return Err(ReadError::NotABag { path: path.into() });
+    }
+    Ok((file, end))
 }
 
 /// Reads the summary of a file; `None` if it has none.

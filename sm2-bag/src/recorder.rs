@@ -2,7 +2,7 @@
 
 mod topic;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::os::fd::BorrowedFd;
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -99,9 +99,8 @@ pub struct Recorder<'fd> {
     set: WaitSet<'fd, Event>,
     watch: Watch,
     topics: Vec<Topic>,
-    by_name: BTreeMap<Name, usize>,
-    /// The topics that the Manager does not let this node subscribe to.
-    refused: BTreeSet<Name>,
+    /// The topics that are recorded, and those that the Manager does not let this node subscribe to.
+    known: BTreeSet<Name>,
     clock: ClockRelation,
     /// The last relation of the clocks that is in the bag.
     last_clock: ClockRelation,
@@ -159,8 +158,7 @@ impl<'fd> Recorder<'fd> {
             set,
             watch: node.watch(),
             topics: Vec::new(),
-            by_name: BTreeMap::new(),
-            refused: BTreeSet::new(),
+            known: BTreeSet::new(),
             clock,
             last_clock: clock,
             queue,
@@ -250,14 +248,14 @@ impl<'fd> Recorder<'fd> {
             .map(|it| it.contract.name().clone())
             .collect();
         for topic in &topics {
-            if self.by_name.contains_key(topic) || self.refused.contains(topic) {
+            if self.known.contains(topic) {
                 continue;
             }
             match self.subscribe(topic) {
                 // The access policy may deny this topic. The others are recorded.
                 Err(RecordError::Declare(error)) => {
                     tracing::error!(%topic, %error, "the topic is not recorded");
-                    self.refused.insert(topic.clone());
+                    self.known.insert(topic.clone());
                 }
                 result => result?,
             }
@@ -277,7 +275,7 @@ impl<'fd> Recorder<'fd> {
         let number = self.topics.len();
         let added = self.set.add(&subscriber, Event::Topic(number));
         added.map_err(RecordError::System)?;
-        self.by_name.insert(name.clone(), number);
+        self.known.insert(name.clone());
         self.topics.push(Topic::new(subscriber));
         Ok(())
     }

@@ -5,13 +5,14 @@ use std::io::{BufWriter, Seek, Write};
 use std::path::Path;
 
 use mcap::records::op;
-use mcap::{MAGIC, McapResult, WriteOptions, Writer};
+use mcap::{MAGIC, McapResult, Writer};
 
-use crate::bag::Bag;
+use crate::bag::{Bag, open_file};
 use crate::chunk::{Entry, RecordReader};
 use crate::error::{RecoverError, WriteError};
 use crate::report::{Counts, Report};
 use crate::scan::Scan;
+use crate::writer::{Compression, write_options};
 
 /// Copies everything before the first damage of the bag `from` to the new bag `to`, with a summary. Returns the summary
 /// of the new bag.
@@ -20,14 +21,7 @@ use crate::scan::Scan;
 ///
 /// [`RecoverError`]; also if `to` exists.
 pub fn recover(from: &Path, to: &Path) -> Result<Report, RecoverError> {
-    // Checks that it is a bag.
-    Bag::open(from)?;
-    let read = |source| crate::ReadError::Io {
-        path: from.to_owned(),
-        source,
-    };
-    let file = File::open(from).map_err(read)?;
-    let end = file.metadata().map_err(read)?.len();
+    let (file, end) = open_file(from)?;
     let scan = Scan::of(&file, end);
     let write = |source| RecoverError::Write {
         path: to.to_owned(),
@@ -42,12 +36,7 @@ pub fn recover(from: &Path, to: &Path) -> Result<Report, RecoverError> {
 
 /// Copies the records that a scan has read.
 fn copy(from: &File, scan: &Scan, to: &File) -> Result<(), WriteError> {
-    let mut writer = WriteOptions::new()
-        .profile("sm2")
-        .library(concat!("sm2-bag/", env!("CARGO_PKG_VERSION")))
-        .compression(None)
-        .calculate_data_section_crc(false)
-        .create(BufWriter::new(to))?;
+    let mut writer = write_options(Compression::None).create(BufWriter::new(to))?;
     let end = match &scan.damage {
         Some((offset, _)) => *offset,
         None => from.metadata()?.len(),

@@ -72,6 +72,12 @@ impl Counts {
     }
 }
 
+/// Extends the first and the last time of a bag by the time of a message.
+pub(crate) fn widen(times: &mut Option<(u64, u64)>, time: u64) {
+    let (from, to) = times.unwrap_or((time, time));
+    *times = Some((from.min(time), to.max(time)));
+}
+
 /// Adds up the channels and gaps of a bag.
 #[derive(Debug, Default)]
 pub(crate) struct ReportBuilder {

@@ -8,7 +8,7 @@ use mcap::records::{ChunkIndex, Metadata, Record, op};
 use mcap::{Channel, MAGIC, McapError, McapResult, Schema, Summary};
 
 use crate::chunk::{Entry, RawRecord, RecordReader};
-use crate::report::Counts;
+use crate::report::{Counts, widen};
 
 /// The content of a bag, as its records say.
 #[derive(Debug, Default)]
@@ -131,11 +131,6 @@ struct Added {
     counts: HashMap<u16, Counts>,
     times: Option<(u64, u64)>,
     metadata: Vec<Metadata>,
-}
-
-fn widen(times: &mut Option<(u64, u64)>, time: u64) {
-    let (from, to) = times.unwrap_or((time, time));
-    *times = Some((from.min(time), to.max(time)));
 }
 
 /// The entry of a chunk in the summary.

@@ -1,14 +1,13 @@
 //! Checking a bag for damage.
 
 use std::fmt;
-use std::fs::File;
 use std::path::Path;
 
 use mcap::Summary;
 use mcap::records::ChunkIndex;
 use serde::Serialize;
 
-use crate::bag::Bag;
+use crate::bag::{Bag, open_file};
 use crate::error::ReadError;
 use crate::messages::Filter;
 use crate::report::Report;
@@ -64,12 +63,8 @@ impl fmt::Display for Damage {
 /// [`ReadError`], if the file cannot be read or is no MCAP file.
 pub fn check(path: &Path) -> Result<Verdict, ReadError> {
     let bag = Bag::open(path)?;
-    let failed = |source| ReadError::Io {
-        path: path.to_owned(),
-        source,
-    };
-    let file = File::open(path).map_err(failed)?;
-    let scan = Scan::of(&file, file.metadata().map_err(failed)?.len());
+    let (file, end) = open_file(path)?;
+    let scan = Scan::of(&file, end);
     let mut damages = Vec::new();
     if !bag.is_complete() {
         damages.push(Damage::Incomplete);

@@ -10,7 +10,7 @@ use mcap::{WriteOptions, Writer};
 use crate::clock::ClockRelation;
 use crate::error::WriteError;
 use crate::gap::{Gap, GapReason};
-use crate::report::{Counts, Report, ReportBuilder};
+use crate::report::{Counts, Report, ReportBuilder, widen};
 use crate::source::Source;
 use crate::storage::{SharedStorage, Storage};
 
@@ -27,6 +27,16 @@ pub enum Compression {
     Lz4,
     /// Zstandard: small.
     Zstd,
+}
+
+/// The options of the MCAP writer for all bags.
+pub(crate) fn write_options(compression: Compression) -> WriteOptions {
+    WriteOptions::new()
+        .profile("sm2")
+        .library(concat!("sm2-bag/", env!("CARGO_PKG_VERSION")))
+        .compression(compression.into())
+        // The chunks have checksums.
+        .calculate_data_section_crc(false)
 }
 
 /// A message to write.
@@ -58,13 +68,7 @@ impl BagWriter {
     ) -> Result<Self, WriteError> {
         let storage = SharedStorage::new(storage);
         let file = BufWriter::with_capacity(BUFFER_BYTES, storage.clone());
-        let mcap = WriteOptions::new()
-            .profile("sm2")
-            .library(concat!("sm2-bag/", env!("CARGO_PKG_VERSION")))
-            .compression(compression.into())
-            // The chunks have checksums.
-            .calculate_data_section_crc(false)
-            .create(file)?;
+        let mcap = write_options(compression).create(file)?;
         let mut writer = Self {
             mcap,
             storage,
@@ -103,8 +107,7 @@ impl BagWriter {
         };
         self.mcap.write_to_known_channel(&header, data)?;
         self.counts.entry(channel_id).or_default().add(data.len());
-        let (from, to) = self.times.unwrap_or((log_time, log_time));
-        self.times = Some((from.min(log_time), to.max(log_time)));
+        widen(&mut self.times, log_time);
         Ok(())
     }
 
