@@ -14,9 +14,14 @@ use sm2_tests::{
     TIMEOUT,
     census::{Census, anonymous_kib},
     process::{Exit, Process, this_program},
+    random::Random,
 };
 
-use crate::{report::Report, shortage::Shortage, tally::Tally};
+use crate::{
+    report::Report,
+    shortage::{Kind, Shortage},
+    tally::Tally,
+};
 
 /// The run cannot continue. The report has the reason.
 #[derive(Debug)]
@@ -39,10 +44,16 @@ impl fmt::Display for Holds {
     }
 }
 
+/// The first line of each process with a role: its program and libraries are loaded. The loader of a program without
+/// descriptors ends the process.
+pub(crate) const STARTED: &str = "started";
+
 /// A process with its role, which is killed with this.
 pub(crate) struct Child {
     pub(crate) name: String,
     process: Process,
+    /// Whether it has said [`STARTED`].
+    has_started: bool,
     tally: Tally,
     stopped_until: Option<Instant>,
     shortage: Option<(Shortage, Instant)>,
@@ -84,6 +95,7 @@ impl Child {
         Self {
             name: name.to_owned(),
             process: Process::start(command),
+            has_started: false,
             tally: Tally::default(),
             stopped_until: None,
             shortage: None,
@@ -131,6 +143,8 @@ impl Child {
             if let Some(tally) = tally {
                 report.add(&self.tally, &tally);
                 self.tally = tally;
+            } else if line == STARTED {
+                self.has_started = true;
             } else if line.starts_with("wrong ") {
                 report.wrong(&format!("{}: {line}", self.name));
             } else {
@@ -187,17 +201,18 @@ impl Child {
         }
     }
 
-    /// Begins a shortage for a time.
-    pub(crate) fn shorten(&mut self, shortage: Shortage, length: Duration) {
-        self.shortage = Some((shortage, Instant::now() + length));
+    /// Begins a shortage for a time. Returns false if the process is already short of something, starts or has ended.
+    pub(crate) fn shorten(&mut self, kind: Kind, length: Duration, random: &mut Random) -> bool {
+        if self.shortage.is_some() || !self.has_started {
+            return false;
+        }
+        let shortage = Shortage::begin(self.process.pid(), kind, random);
+        self.shortage = shortage.map(|it| (it, Instant::now() + length));
+        self.shortage.is_some()
     }
 
     pub(crate) const fn can_lack_addresses(&self) -> bool {
         self.can_lack_addresses
-    }
-
-    pub(crate) const fn is_short(&self) -> bool {
-        self.shortage.is_some()
     }
 
     /// Ends the shortage.
@@ -225,5 +240,26 @@ impl Child {
             let log = self.process.stderr();
             report.error(&format!("{} ended with {exit:?}: {log}", self.name));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_process_that_starts_runs_short_of_nothing() {
+        let mut child = Child::spawn("a child", Command::new("cat"));
+        let mut report = Report::new();
+        let mut random = Random::new(1);
+        let mut shorten = |child: &mut Child| {
+            child.shorten(Kind::Descriptors, Duration::from_secs(3_600), &mut random)
+        };
+        assert!(!shorten(&mut child));
+        child.say(STARTED);
+        child.say("answer");
+        child.answer("answer", &mut report).unwrap();
+        assert!(shorten(&mut child));
+        assert!(!shorten(&mut child), "it is short of descriptors already");
     }
 }

@@ -4,12 +4,7 @@ use std::time::{Duration, Instant};
 
 use sm2_tests::random::Random;
 
-use crate::{
-    child::Child,
-    report::Report,
-    shortage::{Kind, Shortage},
-    world::World,
-};
+use crate::{child::Child, report::Report, shortage::Kind, world::World};
 
 /// The pauses between two disturbances, in milliseconds.
 const PAUSES_MS: [u64; 4] = [5, 50, 150, 400];
@@ -109,11 +104,9 @@ impl Disturbance {
             true => Kind::Addresses,
             false => Kind::Descriptors,
         };
-        if !child.is_short()
-            && let Some(shortage) = Shortage::begin(child.process().pid(), kind, &mut self.random)
-        {
+        let length = self.length();
+        if child.shorten(kind, length, &mut self.random) {
             report.faults += 1;
-            child.shorten(shortage, self.length());
         }
     }
 

@@ -52,6 +52,7 @@ fn main() -> ExitCode {
     // The processes of the run are started from this program, with a role.
     if let Some(role) = arguments.next_if(|it| !it.starts_with('-')) {
         let options = Options::parse(arguments);
+        println!("{}", child::STARTED);
         return match role.as_str() {
             "manager" => sm2_tests::manager::run(&options),
             "gateway" => sm2_tests::gateway::run(&options),
