@@ -30,6 +30,8 @@ pub struct Bag {
     times: Option<(u64, u64)>,
     gaps: Vec<(String, Gap)>,
     clocks: Vec<ClockRelation>,
+    metadata: Vec<Metadata>,
+    is_unchunked: bool,
     complete: bool,
 }
 
@@ -97,6 +99,8 @@ impl Bag {
             counts,
             times,
             metadata,
+            // The counts are those of this crate, which writes chunks.
+            is_unchunked: false,
             damage: None,
         };
         Ok(Some(Self::new(path, file, scan, true)))
@@ -114,6 +118,8 @@ impl Bag {
             clocks: named(ClockRelation::RECORD)
                 .filter_map(ClockRelation::from_metadata)
                 .collect(),
+            metadata: scan.metadata,
+            is_unchunked: scan.is_unchunked,
             summary: scan.summary,
             counts: scan.counts,
             times: scan.times,
@@ -161,9 +167,21 @@ impl Bag {
     }
 
     /// The messages in the order of their `log_time`.
-    #[must_use]
-    pub fn messages(&self, filter: &Filter) -> Messages<'_> {
-        Messages::new(&self.file, &self.path, &self.summary, filter)
+    ///
+    /// # Errors
+    ///
+    /// [`ReadError::Unchunked`], if another program wrote messages that are in no chunk.
+    pub fn messages(&self, filter: &Filter) -> Result<Messages<'_>, ReadError> {
+        if self.is_unchunked {
+            let path = self.path.clone();
+            return Err(ReadError::Unchunked { path });
+        }
+        Ok(Messages::new(&self.file, &self.path, &self.summary, filter))
+    }
+
+    /// The metadata records, in their order.
+    pub(crate) fn metadata(&self) -> &[Metadata] {
+        &self.metadata
     }
 
     pub(crate) const fn summary(&self) -> &Summary {

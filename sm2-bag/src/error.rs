@@ -76,6 +76,12 @@ pub enum ReadError {
         /// The file.
         path: PathBuf,
     },
+    /// Messages stand outside of the chunks, so that no index finds them. SM2 writes no such file.
+    #[error("{} has messages outside of chunks: `sm2 bag recover` copies them into chunks", path.display())]
+    Unchunked {
+        /// The file.
+        path: PathBuf,
+    },
     /// A record of the file is damaged.
     #[error("{} is damaged ({source}): `sm2 bag recover` copies its readable part", path.display())]
     Damaged {
@@ -97,12 +103,18 @@ impl ReadError {
     }
 }
 
-/// Why a bag was not recovered.
+/// Why the messages of bags were not copied to a new bag.
 #[derive(Debug, thiserror::Error)]
-pub enum RecoverError {
-    /// The damaged bag cannot be read at all.
+pub enum CopyError {
+    /// A bag cannot be read.
     #[error(transparent)]
     Read(#[from] ReadError),
+    /// No bag has a topic of the filter.
+    #[error("no bag has topic {topic:?}: see `sm2 bag info`")]
+    NoTopic {
+        /// The topic.
+        topic: String,
+    },
     /// The new bag cannot be written.
     #[error("cannot write {}: {source}", path.display())]
     Write {

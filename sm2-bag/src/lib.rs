@@ -9,6 +9,7 @@
 //! | publish the messages of a bag again | [`Player`] |
 //! | check a bag for damage | [`check`](fn@check) |
 //! | write the readable part of a damaged bag to a new file | [`recover`](fn@recover) |
+//! | write chosen messages of one or more bags to a new file | [`copy`](fn@copy) |
 //!
 //! # The content of a bag
 //!
@@ -39,6 +40,7 @@
 mod bag;
 mod chunk;
 mod clock;
+mod copy;
 mod error;
 mod gap;
 mod messages;
@@ -56,7 +58,8 @@ mod writer;
 pub use crate::{
     bag::Bag,
     clock::ClockRelation,
-    error::{PlayError, ReadError, RecordError, RecoverError, WriteError},
+    copy::copy,
+    error::{CopyError, PlayError, ReadError, RecordError, WriteError},
     gap::{Gap, GapReason},
     messages::{BagMessage, Filter, Messages},
     player::{PlayOptions, PlayReport, PlayedTopic, Player},

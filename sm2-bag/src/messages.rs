@@ -22,6 +22,13 @@ pub struct Filter {
     pub to_ns: Option<u64>,
 }
 
+impl Filter {
+    /// Whether messages of this topic pass.
+    pub(crate) fn has_topic(&self, topic: &str) -> bool {
+        self.topics.is_empty() || self.topics.contains(topic)
+    }
+}
+
 /// A message of a bag.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BagMessage {
@@ -67,8 +74,7 @@ impl<'a> Messages<'a> {
             .collect();
         chunks.sort_unstable();
         let channels = summary.channels.iter();
-        let is_wanted = |topic: &String| filter.topics.is_empty() || filter.topics.contains(topic);
-        let channels = channels.filter(|it| is_wanted(&it.1.topic));
+        let channels = channels.filter(|it| filter.has_topic(&it.1.topic));
         Self {
             file,
             path,

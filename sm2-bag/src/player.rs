@@ -103,8 +103,7 @@ impl<'a> Player<'a> {
         let mut nodes = HashMap::new();
         let mut publishers = HashMap::new();
         for (channel, source) in bag.sources() {
-            let chosen = &options.filter.topics;
-            if !chosen.is_empty() && !chosen.contains(&channel.topic) {
+            if !options.filter.has_topic(&channel.topic) {
                 continue;
             }
             let foreign = || PlayError::Foreign {
@@ -155,7 +154,7 @@ impl<'a> Player<'a> {
         }
         let mut start = None;
         let mut count = 0;
-        for message in self.bag.messages(&self.options.filter) {
+        for message in self.bag.messages(&self.options.filter)? {
             let message = message?;
             let (began, first) = *start.get_or_insert((sm2_io::clock::now(), message.log_time));
             let due = self.due(began, message.log_time.saturating_sub(first));

@@ -9,7 +9,7 @@ use mcap::{MAGIC, McapResult, Writer};
 
 use crate::bag::{Bag, open_file};
 use crate::chunk::{Entry, RecordReader};
-use crate::error::{RecoverError, WriteError};
+use crate::error::{CopyError, WriteError};
 use crate::report::{Counts, Report};
 use crate::scan::Scan;
 use crate::writer::{Compression, write_options};
@@ -19,11 +19,11 @@ use crate::writer::{Compression, write_options};
 ///
 /// # Errors
 ///
-/// [`RecoverError`]; also if `to` exists.
-pub fn recover(from: &Path, to: &Path) -> Result<Report, RecoverError> {
+/// [`CopyError`]; also if `to` exists.
+pub fn recover(from: &Path, to: &Path) -> Result<Report, CopyError> {
     let (file, end) = open_file(from)?;
     let scan = Scan::of(&file, end);
-    let write = |source| RecoverError::Write {
+    let write = |source| CopyError::Write {
         path: to.to_owned(),
         source,
     };

@@ -18,6 +18,8 @@ pub(crate) struct Scan {
     pub(crate) counts: BTreeMap<u16, Counts>,
     /// The `log_time` of the first and of the last message.
     pub(crate) times: Option<(u64, u64)>,
+    /// Whether a message stands outside of the chunks.
+    pub(crate) is_unchunked: bool,
     /// The metadata records, in their order.
     pub(crate) metadata: Vec<Metadata>,
     /// The place and the reason at which reading ended, if it was not the end of the data.
@@ -66,6 +68,7 @@ impl Scan {
                 self.summary.chunk_indexes.push(index);
             }
             op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA => {
+                self.is_unchunked |= record.opcode == op::MESSAGE;
                 record.entries(|entry| self.entry(entry, &mut added))?;
             }
             // A zero opcode is not legal: this part of the file was never written.

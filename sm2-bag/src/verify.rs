@@ -96,7 +96,7 @@ fn summary_damage(bag: &Bag, scan: &Scan) -> Result<Option<Damage>, ReadError> {
     let total: u64 = scan.counts.values().map(|it| it.messages).sum();
     let said: u64 = bag.report().topics.iter().map(|it| it.messages).sum();
     let mut indexed = 0;
-    for message in bag.messages(&Filter::default()) {
+    for message in bag.messages(&Filter::default())? {
         message?;
         indexed += 1;
     }

@@ -6,7 +6,7 @@ use std::fs;
 use std::path::Path;
 use std::time::Duration;
 
-use sm2_bag::{Bag, Compression, Damage, Filter, Options, ReadError, RecoverError, check, recover};
+use sm2_bag::{Bag, Compression, CopyError, Damage, Filter, Options, ReadError, check, recover};
 
 use self::common::{Domain, named, record};
 
@@ -38,7 +38,7 @@ fn bag(compression: Compression, messages: u64) -> (Domain, Vec<u8>) {
 /// The numbers in a bag.
 fn numbers(path: &Path) -> Result<Vec<u64>, ReadError> {
     let bag = Bag::open(path)?;
-    let messages = bag.messages(&Filter::default());
+    let messages = bag.messages(&Filter::default())?;
     let numbers = messages.map(|it| Ok(u64::from_le_bytes(it?.data.try_into().unwrap())));
     let numbers: Result<Vec<_>, ReadError> = numbers.collect();
     let numbers = numbers?;
@@ -113,10 +113,7 @@ fn nothing_else_is_a_bag() {
     assert!(matches!(check(&absent), Err(ReadError::Io { .. })));
     fs::write(&path, b"\x89MCAP0\r\n").unwrap();
     let taken = recover(&path, &path);
-    assert!(
-        matches!(taken, Err(RecoverError::Write { .. })),
-        "{taken:?}"
-    );
+    assert!(matches!(taken, Err(CopyError::Write { .. })), "{taken:?}");
     assert_eq!(fs::read(&path).unwrap(), b"\x89MCAP0\r\n");
 }
 

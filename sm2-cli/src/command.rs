@@ -44,7 +44,7 @@ pub(crate) enum Command {
     Record(record::Arguments),
     /// Publish the messages of a bag again
     Play(play::Arguments),
-    /// Show, check and recover bags; needs no Manager
+    /// Show, check, recover and copy bags; needs no Manager
     #[command(subcommand, after_help = BAG_EXAMPLES)]
     Bag(bag::Command),
     /// Carry topics and services to other domains and machines
@@ -111,7 +111,8 @@ const BAG_EXAMPLES: &str = "\
 Examples:
   sm2 bag info drive.mcap
   sm2 bag check drive.mcap
-  sm2 bag recover drive.mcap";
+  sm2 bag recover drive.mcap
+  sm2 bag filter drive.mcap --topic scan -o scan.mcap";
 
 const POLICY_EXAMPLES: &str = "\
 A policy file states who may publish, subscribe, serve, call, see and read counters under which names.

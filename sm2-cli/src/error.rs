@@ -6,7 +6,7 @@ use std::{
 };
 
 use nix::libc;
-use sm2_bag::{PlayError, ReadError, RecordError, RecoverError};
+use sm2_bag::{CopyError, PlayError, ReadError, RecordError};
 use sm2_demo::DemoError;
 use sm2_io::DomainSocketError;
 use sm2_manager::PolicyFileError;
@@ -189,9 +189,9 @@ pub(crate) enum CliError {
     /// A bag cannot be read.
     #[error(transparent)]
     ReadBag(#[from] ReadError),
-    /// A bag cannot be recovered.
+    /// The messages of bags cannot be copied to a new bag.
     #[error(transparent)]
-    RecoverBag(#[from] RecoverError),
+    CopyBag(#[from] CopyError),
     /// A bag cannot be played.
     #[error(transparent)]
     Play(#[from] PlayError),

@@ -15,12 +15,14 @@ mod stderr;
 
 mod args;
 mod bag;
+mod bag_choice;
 mod bag_summary;
 mod broken_promises;
 mod built_in;
 mod columns;
 mod command;
 mod completions;
+mod compression;
 mod connect;
 mod decode;
 mod demo;

@@ -1,19 +1,15 @@
 //! `sm2 play`: publishes the messages of a bag again.
 
-use std::{path::PathBuf, time::Duration};
+use std::path::PathBuf;
 
 use clap::Args;
-use sm2_bag::{Bag, Filter, PlayOptions, Player};
+use sm2_bag::{Bag, PlayOptions, Player};
 use sm2_node::Node;
 use sm2_proto::{Name, text::Counted};
 
 use crate::{
-    args::{Domain, name},
-    connect::Session,
-    ended::Ended,
-    error::CliError,
+    args::{Domain, name}, bag_choice::Choice, connect::Session, ended::Ended, error::CliError,
     output::Output,
-    time,
 };
 
 /// `sm2 play`.
@@ -23,18 +19,11 @@ pub(crate) struct Arguments {
     /// The bag
     #[arg(value_name = "FILE")]
     file: PathBuf,
-    /// Play these topics only (may be given again)
-    #[arg(long = "topic", value_name = "TOPIC", value_parser = name)]
-    topics: Vec<Name>,
     /// The speed: 1 as recorded, 2 twice as fast, 0 as fast as possible
     #[arg(long, value_name = "FACTOR", default_value = "1", value_parser = rate)]
     rate: f64,
-    /// Begin at this time after the start of the bag, such as 10s
-    #[arg(long, value_name = "TIME", value_parser = time::span_or_zero)]
-    start: Option<Duration>,
-    /// End at this time after the start of the bag
-    #[arg(long, value_name = "TIME", value_parser = time::span)]
-    end: Option<Duration>,
+    #[command(flatten)]
+    choice: Choice,
     /// Publish the messages of topic FROM on topic TO (may be given again)
     #[arg(long, value_name = "FROM=TO", value_parser = remapping)]
     remap: Vec<(Name, Name)>,
@@ -80,15 +69,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         stderr_line!("sm2: {path} is incomplete: playing the part that is whole");
     }
     let session = Session::open(&arguments.domain, "play")?;
-    let begin = report.start_ns.unwrap_or_default();
-    let at =
-        |time: Duration| begin.saturating_add(u64::try_from(time.as_nanos()).unwrap_or(u64::MAX));
     let options = PlayOptions {
-        filter: Filter {
-            topics: arguments.topics.iter().map(Name::to_string).collect(),
-            from_ns: arguments.start.map(at),
-            to_ns: arguments.end.map(at),
-        },
+        filter: arguments.choice.filter(&report),
         rate: arguments.rate,
         remap: arguments.remap.iter().cloned().collect(),
         original_names: arguments.as_original,

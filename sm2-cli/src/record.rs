@@ -6,14 +6,15 @@ use std::{
     time::Duration,
 };
 
-use clap::{Args, ValueEnum};
-use sm2_bag::{Compression, Options, Progress, Recorder, Topics};
+use clap::Args;
+use sm2_bag::{Options, Progress, Recorder, Topics};
 use sm2_io::clock;
 use sm2_proto::{Instant, Name, text::Counted};
 
 use crate::{
     args::{Domain, name, positive},
     bag_summary::show,
+    compression::Compression,
     connect::Session,
     ended::Ended,
     error::CliError,
@@ -48,8 +49,8 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "TIME", default_value = "100ms", value_parser = time::span)]
     sync: Duration,
     /// How the file is compressed
-    #[arg(long, value_enum, default_value_t = Chosen::None)]
-    compression: Chosen,
+    #[arg(long, value_enum, default_value_t = Compression::None)]
+    compression: Compression,
     /// Print the summary at the end as one line of JSON
     #[arg(long)]
     json: bool,
@@ -77,15 +78,6 @@ Examples:
 /// How often the progress is shown.
 const PROGRESS: Duration = Duration::from_secs(1);
 
-/// [`Compression`], as an argument.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Chosen {
-    // These are no doc comments: clap would add them to the help.
-    None,
-    Lz4,
-    Zstd,
-}
-
 /// Runs the command until a signal comes or `--seconds` has passed.
 ///
 /// # Errors
@@ -111,11 +103,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         options.budget_bytes = bytes;
     }
     options.sync_interval = arguments.sync;
-    options.compression = match arguments.compression {
-        Chosen::None => Compression::None,
-        Chosen::Lz4 => Compression::Lz4,
-        Chosen::Zstd => Compression::Zstd,
-    };
+    options.compression = arguments.compression.into();
     let failed = |source| CliError::Record {
         path: path.clone(),
         source,

@@ -1,6 +1,7 @@
-//! `sm2 bag`: shows, checks and recovers recordings.
+//! `sm2 bag`: shows, checks, recovers and copies recordings.
 
 mod check;
+mod copy;
 mod info;
 mod recover;
 
@@ -17,6 +18,12 @@ pub(crate) enum Command {
     Check(check::Arguments),
     /// Write the readable part of a damaged bag to a new one
     Recover(recover::Arguments),
+    /// Copy chosen topics and times of a bag to a new one
+    Filter(copy::FilterArguments),
+    /// Copy a bag to a new one with another compression
+    Convert(copy::ConvertArguments),
+    /// Copy several bags to a new one, in the order of their times
+    Merge(copy::MergeArguments),
 }
 
 /// Runs a command.
@@ -29,5 +36,8 @@ pub(crate) fn run(command: &Command) -> Result<Ended, CliError> {
         Command::Info(arguments) => info::run(arguments),
         Command::Check(arguments) => check::run(arguments),
         Command::Recover(arguments) => recover::run(arguments),
+        Command::Filter(arguments) => copy::filter(arguments),
+        Command::Convert(arguments) => copy::convert(arguments),
+        Command::Merge(arguments) => copy::merge(arguments),
     }
 }

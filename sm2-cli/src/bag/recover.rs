@@ -34,7 +34,7 @@ Examples:
 ///
 /// # Errors
 ///
-/// [`CliError::RecoverBag`], [`CliError::Output`].
+/// [`CliError::CopyBag`], [`CliError::Output`].
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let default = || arguments.file.with_extension("recovered.mcap");
     let path = arguments.output.clone().unwrap_or_else(default);

@@ -145,6 +145,56 @@ fn a_killed_recording_can_be_read_and_recovered() {
 }
 
 #[test]
+fn copies_have_the_chosen_messages() {
+    let domain = Domain::new();
+    let path = domain.path("talk.mcap");
+    let file = path.to_str().unwrap();
+    let recorder = domain.start(&["record", "--all", "-o", file, "--sync", "1ms"]);
+    until("the file is there", || path.exists());
+    publish(&domain);
+    until("all messages are in the file", || {
+        let (code, info, _) = bag(&["info", file, "--json"]);
+        code == 0 && counts(&info)[0] == json!([["chatter", 10, 0]])
+    });
+    recorder.signal(Signal::SIGKILL);
+    recorder.finish();
+
+    let new = |name: &str| domain.path(name).to_str().unwrap().to_owned();
+    let [small, part, both] = [new("small.mcap"), new("part.mcap"), new("both.mcap")];
+    let zstd = ["--compression", "zstd", "-o", &small, "--json"];
+    let (code, summary, told) = bag(&[&["convert", file], &zstd[..]].concat());
+    assert_eq!(
+        (code, counts(&summary)),
+        (0, json!([[["chatter", 10, 0]], true]))
+    );
+    assert!(told.contains("talk.mcap is incomplete: copying"), "{told}");
+    let (code, summary, told) = bag(&["merge", &small, &small, "-o", &both, "--json"]);
+    assert_eq!(
+        (code, counts(&summary)),
+        (0, json!([[["chatter", 20, 0]], true]))
+    );
+    assert_eq!(told, "");
+    let (code, text, _) = bag(&["filter", &small, "--end", "1ns", "-o", &part]);
+    assert_eq!(code, 0);
+    assert!(
+        text.contains("chatter (bytes): 1 message, 6 bytes"),
+        "{text}"
+    );
+    for whole in [&small, &part, &both] {
+        assert_eq!(bag(&["check", whole]).0, 0, "{whole}");
+    }
+
+    let (code, _, told) = bag(&["filter", &small, "--topic", "scan", "-o", &new("scan.mcap")]);
+    assert_eq!(code, 1);
+    assert!(told.contains("no bag has topic \"scan\""), "{told}");
+    let (code, _, told) = bag(&["filter", &small, "-o", &small]);
+    assert_eq!(code, 1);
+    assert!(told.contains("cannot write"), "{told}");
+    assert_eq!(bag(&["merge", &small, "-o", &new("one.mcap")]).0, 2);
+    assert_eq!(bag(&["convert", &small, "-o", &new("same.mcap")]).0, 2);
+}
+
+#[test]
 fn wrong_use_is_told() {
     let domain = Domain::new();
     let refused = domain.run(&["record", "chatter", "--reliable", "scan"]);

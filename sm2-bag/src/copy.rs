@@ -1,0 +1,157 @@
+//! Writing chosen messages of one or more bags to a new file.
+
+use std::collections::BTreeMap;
+use std::fs::{File, OpenOptions};
+use std::io::{BufWriter, Write};
+use std::path::Path;
+
+use mcap::records::{MessageHeader, Metadata};
+use mcap::{Channel, McapResult, Writer};
+
+use crate::bag::Bag;
+use crate::error::{CopyError, WriteError};
+use crate::gap::Gap;
+use crate::messages::{Filter, Messages};
+use crate::report::{Counts, Report};
+use crate::writer::{Compression, write_options};
+
+/// Writes the messages of `bags` that pass `filter` to the new bag `to`, in the order of their `log_time`. Messages of
+/// the same time keep the order of the bags. Gaps are copied if their topic and a part of their time pass the filter,
+/// other metadata are copied always, attachments never. Returns the summary of the new bag, which is removed if copying
+/// fails.
+///
+/// # Errors
+///
+/// [`CopyError`]; also if `to` exists.
+pub fn copy(
+    bags: &[Bag],
+    to: &Path,
+    filter: &Filter,
+    compression: Compression,
+) -> Result<Report, CopyError> {
+    for topic in &filter.topics {
+        let mut sources = bags.iter().flat_map(Bag::sources);
+        if !sources.any(|(channel, _)| channel.topic == *topic) {
+            let topic = topic.clone();
+            return Err(CopyError::NoTopic { topic });
+        }
+    }
+    let create = OpenOptions::new().write(true).create_new(true).open(to);
+    let created = create.map_err(|error| write_error(to, error.into()))?;
+    if let Err(error) = write(bags, &created, to, filter, compression) {
+        // The first error says more.
+        let _ = std::fs::remove_file(to);
+        return Err(error);
+    }
+    Ok(Bag::open(to)?.report())
+}
+
+fn write_error(path: &Path, source: WriteError) -> CopyError {
+    let path = path.to_owned();
+    CopyError::Write { path, source }
+}
+
+fn write(
+    bags: &[Bag],
+    file: &File,
+    path: &Path,
+    filter: &Filter,
+    compression: Compression,
+) -> Result<(), CopyError> {
+    let failed = |error: mcap::McapError| write_error(path, error.into());
+    let writer = write_options(compression).create(BufWriter::new(file));
+    let mut new = NewBag {
+        writer: writer.map_err(failed)?,
+        channels: BTreeMap::new(),
+        counts: BTreeMap::new(),
+    };
+    for (number, bag) in bags.iter().enumerate() {
+        // A topic without a message may have gaps.
+        for (channel, _) in bag.sources().filter(|it| filter.has_topic(&it.0.topic)) {
+            new.add_channel(number, &channel).map_err(failed)?;
+        }
+        let records = bag.metadata().iter().filter(|it| is_chosen(it, filter));
+        for record in records {
+            new.writer.write_metadata(record).map_err(failed)?;
+        }
+    }
+    let messages = bags.iter().map(|bag| bag.messages(filter));
+    let mut messages: Vec<Messages<'_>> = messages.collect::<Result<_, _>>()?;
+    // The next message of each bag, by time and then by the order of the bags.
+    let mut next = BTreeMap::new();
+    for (number, messages) in messages.iter_mut().enumerate() {
+        if let Some(message) = messages.next().transpose()? {
+            next.insert((message.log_time, number), message);
+        }
+    }
+    while let Some(((_, number), message)) = next.pop_first() {
+        let header = MessageHeader {
+            channel_id: new.channels[&(number, message.channel.id)],
+            sequence: message.sequence,
+            log_time: message.log_time,
+            publish_time: message.publish_time,
+        };
+        new.message(&header, &message.data).map_err(failed)?;
+        if let Some(message) = messages[number].next().transpose()? {
+            next.insert((message.log_time, number), message);
+        }
+    }
+    new.finish().map_err(failed)?;
+    file.sync_data()
+        .map_err(|error| write_error(path, error.into()))
+}
+
+/// Whether a metadata record belongs into a copy.
+fn is_chosen(record: &Metadata, filter: &Filter) -> bool {
+    match record.name.as_str() {
+        // The counts are those of the new bag.
+        Counts::RECORD => false,
+        Gap::RECORD => Gap::from_metadata(&record.metadata).is_none_or(|(topic, gap)| {
+            filter.has_topic(&topic)
+                && filter.from_ns.is_none_or(|from| from <= gap.to_ns)
+                && filter.to_ns.is_none_or(|to| gap.from_ns < to)
+        }),
+        _ => true,
+    }
+}
+
+/// The bag that is written.
+struct NewBag<'a> {
+    writer: Writer<BufWriter<&'a File>>,
+    /// The channels by the number of their bag and their number in it.
+    channels: BTreeMap<(usize, u16), u16>,
+    counts: BTreeMap<u16, Counts>,
+}
+
+impl NewBag<'_> {
+    /// Adds a channel of a bag, or finds the same one of another bag.
+    fn add_channel(&mut self, bag: usize, channel: &Channel<'_>) -> McapResult<()> {
+        let schema = match &channel.schema {
+            Some(it) => self.writer.add_schema(&it.name, &it.encoding, &it.data)?,
+            None => 0,
+        };
+        let (topic, encoding) = (&channel.topic, &channel.message_encoding);
+        let added = (self.writer).add_channel(schema, topic, encoding, &channel.metadata)?;
+        self.channels.insert((bag, channel.id), added);
+        Ok(())
+    }
+
+    fn message(&mut self, header: &MessageHeader, data: &[u8]) -> McapResult<()> {
+        self.writer.write_to_known_channel(header, data)?;
+        let counts = self.counts.entry(header.channel_id).or_default();
+        counts.add(data.len());
+        Ok(())
+    }
+
+    fn finish(mut self) -> McapResult<()> {
+        for (channel, counts) in &self.counts {
+            self.writer.write_metadata(&Metadata {
+                name: Counts::RECORD.to_owned(),
+                metadata: counts.metadata(*channel),
+            })?;
+        }
+        self.writer.finish()?;
+        self.writer.into_inner().flush()?;
+        Ok(())
+    }
+}

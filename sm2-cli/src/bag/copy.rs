@@ -1,0 +1,156 @@
+//! `sm2 bag filter`, `convert` and `merge`: copies of bags.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use sm2_bag::{Bag, Filter};
+
+use crate::{
+    bag_choice::Choice, bag_summary::show, compression::Compression, ended::Ended, error::CliError,
+    output::Output,
+};
+
+/// `sm2 bag filter`.
+#[derive(Args, Debug)]
+#[command(after_help = FILTER_HELP)]
+pub(crate) struct FilterArguments {
+    /// The bag, which is not changed
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    #[command(flatten)]
+    choice: Choice,
+    /// How the new bag is compressed
+    #[arg(long, value_enum, default_value_t = Compression::None)]
+    compression: Compression,
+    #[command(flatten)]
+    target: Target,
+}
+
+/// `sm2 bag convert`.
+#[derive(Args, Debug)]
+#[command(after_help = CONVERT_HELP)]
+pub(crate) struct ConvertArguments {
+    /// The bag, which is not changed
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// How the new bag is compressed
+    #[arg(long, value_enum)]
+    compression: Compression,
+    #[command(flatten)]
+    target: Target,
+}
+
+/// `sm2 bag merge`.
+#[derive(Args, Debug)]
+#[command(after_help = MERGE_HELP)]
+pub(crate) struct MergeArguments {
+    /// The bags, which are not changed
+    #[arg(value_name = "FILE", required = true, num_args = 2..)]
+    files: Vec<PathBuf>,
+    /// How the new bag is compressed
+    #[arg(long, value_enum, default_value_t = Compression::None)]
+    compression: Compression,
+    #[command(flatten)]
+    target: Target,
+}
+
+/// The new bag.
+#[derive(Args, Debug)]
+struct Target {
+    /// The new bag
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// Print the summary of the new bag as one line of JSON
+    #[arg(long)]
+    json: bool,
+}
+
+const FILTER_HELP: &str = "\
+The new bag has the chosen messages with their times, and the gaps of their topics and times. An existing
+file is never overwritten. An incomplete bag is copied up to its last part that is whole.
+
+Exit status: 0 the new bag is written, 1 failed, 2 wrong usage.
+
+Examples:
+  sm2 bag filter drive.mcap --topic chatter -o chatter.mcap
+  sm2 bag filter drive.mcap --start 100ms --end 300ms --compression zstd -o part.mcap --json";
+
+const CONVERT_HELP: &str = "\
+The new bag has all messages, gaps and times of the old one. An existing file is never overwritten.
+An incomplete bag is copied up to its last part that is whole.
+
+Exit status: 0 the new bag is written, 1 failed, 2 wrong usage.
+
+Examples:
+  sm2 bag convert drive.mcap --compression zstd -o small.mcap";
+
+const MERGE_HELP: &str = "\
+The new bag has the messages of all bags in the order of their times. A publisher that is in several bags
+with the same type and QoS is one channel of the new bag. An existing file is never overwritten.
+Incomplete bags are copied up to their last part that is whole.
+
+Exit status: 0 the new bag is written, 1 failed, 2 wrong usage.
+
+Examples:
+  sm2 bag merge drive.mcap drive.mcap -o twice.mcap";
+
+/// Runs `sm2 bag filter`.
+///
+/// # Errors
+///
+/// [`CliError::ReadBag`], [`CliError::CopyBag`], [`CliError::Output`].
+pub(super) fn filter(arguments: &FilterArguments) -> Result<Ended, CliError> {
+    let bag = open(&arguments.file)?;
+    let filter = arguments.choice.filter(&bag.report());
+    write(&[bag], &filter, arguments.compression, &arguments.target)
+}
+
+/// Runs `sm2 bag convert`.
+///
+/// # Errors
+///
+/// [`CliError::ReadBag`], [`CliError::CopyBag`], [`CliError::Output`].
+pub(super) fn convert(arguments: &ConvertArguments) -> Result<Ended, CliError> {
+    let bag = open(&arguments.file)?;
+    let (all, compression) = (Filter::default(), arguments.compression);
+    write(&[bag], &all, compression, &arguments.target)
+}
+
+/// Runs `sm2 bag merge`.
+///
+/// # Errors
+///
+/// [`CliError::ReadBag`], [`CliError::CopyBag`], [`CliError::Output`].
+pub(super) fn merge(arguments: &MergeArguments) -> Result<Ended, CliError> {
+    let bags: Vec<_> = (arguments.files.iter())
+        .map(|it| open(it))
+        .collect::<Result<_, _>>()?;
+    let (all, compression) = (Filter::default(), arguments.compression);
+    write(&bags, &all, compression, &arguments.target)
+}
+
+/// Opens a bag, and tells if it is incomplete.
+fn open(path: &Path) -> Result<Bag, CliError> {
+    let bag = Bag::open(path)?;
+    if !bag.is_complete() {
+        let path = path.display();
+        stderr_line!("sm2: {path} is incomplete: copying the part that is whole");
+    }
+    Ok(bag)
+}
+
+fn write(
+    bags: &[Bag],
+    filter: &Filter,
+    compression: Compression,
+    target: &Target,
+) -> Result<Ended, CliError> {
+    let report = sm2_bag::copy(bags, &target.output, filter, compression.into())?;
+    let mut out = Output::new();
+    match target.json {
+        true => out.json(&report)?,
+        false => show(&mut out, &target.output, &report)?,
+    }
+    out.flush()?;
+    Ok(Ended::Done)
+}
