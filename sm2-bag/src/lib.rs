@@ -10,6 +10,7 @@
 //! | check a bag for damage | [`check`](fn@check) |
 //! | write the readable part of a damaged bag to a new file | [`recover`](fn@recover) |
 //! | write chosen messages of one or more bags to a new file | [`copy`](fn@copy) |
+//! | compare the payloads of two bags | [`diff`](fn@diff) |
 //!
 //! # The content of a bag
 //!
@@ -41,6 +42,7 @@ mod bag;
 mod chunk;
 mod clock;
 mod copy;
+mod diff;
 mod error;
 mod gap;
 mod messages;
@@ -59,6 +61,7 @@ pub use crate::{
     bag::Bag,
     clock::ClockRelation,
     copy::copy,
+    diff::{Difference, diff},
     error::{CopyError, PlayError, ReadError, RecordError, WriteError},
     gap::{Gap, GapReason},
     messages::{BagMessage, Filter, Messages},

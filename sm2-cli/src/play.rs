@@ -8,7 +8,11 @@ use sm2_node::Node;
 use sm2_proto::{Name, text::Counted};
 
 use crate::{
-    args::{Domain, name}, bag_choice::Choice, connect::Session, ended::Ended, error::CliError,
+    args::{Domain, name},
+    bag_choice::Choice,
+    connect::Session,
+    ended::Ended,
+    error::CliError,
     output::Output,
 };
 

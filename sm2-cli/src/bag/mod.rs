@@ -1,8 +1,10 @@
-//! `sm2 bag`: shows, checks, recovers and copies recordings.
+//! `sm2 bag`: shows, checks, recovers, copies and compares recordings.
 
 mod check;
 mod copy;
+mod diff;
 mod info;
+mod list;
 mod recover;
 
 use clap::Subcommand;
@@ -12,6 +14,8 @@ use crate::{ended::Ended, error::CliError};
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
+    /// List the bags of a folder
+    Ls(list::Arguments),
     /// Show the topics, the times and the gaps of a bag
     Info(info::Arguments),
     /// Read a bag completely, and verify its checksums and its summary
@@ -24,6 +28,8 @@ pub(crate) enum Command {
     Convert(copy::ConvertArguments),
     /// Copy several bags to a new one, in the order of their times
     Merge(copy::MergeArguments),
+    /// Find the first difference between the payloads of two bags
+    Diff(diff::Arguments),
 }
 
 /// Runs a command.
@@ -33,11 +39,13 @@ pub(crate) enum Command {
 /// Any [`CliError`].
 pub(crate) fn run(command: &Command) -> Result<Ended, CliError> {
     match command {
+        Command::Ls(arguments) => list::run(arguments),
         Command::Info(arguments) => info::run(arguments),
         Command::Check(arguments) => check::run(arguments),
         Command::Recover(arguments) => recover::run(arguments),
         Command::Filter(arguments) => copy::filter(arguments),
         Command::Convert(arguments) => copy::convert(arguments),
         Command::Merge(arguments) => copy::merge(arguments),
+        Command::Diff(arguments) => diff::run(arguments),
     }
 }

@@ -195,6 +195,63 @@ fn copies_have_the_chosen_messages() {
 }
 
 #[test]
+fn bags_are_listed_and_compared() {
+    let domain = Domain::new();
+    let new = |name: &str| domain.path(name).to_str().unwrap().to_owned();
+    let [first, part] = [new("first.mcap"), new("part.mcap")];
+    let recorder = domain.start(&[
+        "record",
+        "chatter",
+        "--reliable",
+        "chatter",
+        "-o",
+        &first,
+        "--json",
+    ]);
+    domain.wait_for("chatter", "subscribers", 1);
+    publish(&domain);
+    recorder.signal(Signal::SIGINT);
+    assert_eq!(recorder.finish().code(), 0);
+    assert_eq!(bag(&["filter", &first, "--end", "1ns", "-o", &part]).0, 0);
+
+    let (code, text, _) = bag(&["diff", &first, &first]);
+    assert_eq!((code, &*text), (0, "the payloads are the same\n"));
+    assert_eq!(bag(&["diff", &first, &first, "--json"]).1, "null\n");
+    let (code, text, _) = bag(&["diff", &part, &first]);
+    let expected = "only the second bag has message 1 of chatter\n";
+    assert_eq!((code, &*text), (1, expected));
+    let (_, text, _) = bag(&["diff", &first, &part, "--json"]);
+    let difference: Value = serde_json::from_str(&text).unwrap();
+    let expected = json!({"difference": "count", "topic": "chatter", "message": 1, "only_in": 0});
+    assert_eq!(difference, expected);
+
+    let folder = new("");
+    let (code, text, _) = bag(&["ls", &folder]);
+    assert_eq!(code, 0);
+    let rows = text.lines().map(|it| it.split_whitespace().collect());
+    let rows: Vec<Vec<_>> = rows.collect();
+    assert_eq!(rows.len(), 3, "{text}");
+    assert_eq!(rows[1][0], first);
+    assert_eq!(rows[1][rows[1].len() - 4..], ["1", "10", "0", "complete"]);
+    assert_eq!(rows[2][0], part);
+    fs::write(domain.path("wrong.mcap"), "a letter").unwrap();
+    let (code, text, told) = bag(&["ls", &folder, "--json"]);
+    assert_eq!(code, 1);
+    assert!(told.contains("wrong.mcap is not an MCAP file"), "{told}");
+    let listed: Value = serde_json::from_str(&text).unwrap();
+    let messages: Vec<_> = listed["bags"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|it| &it["messages"])
+        .collect();
+    assert_eq!(messages, [10, 1]);
+    let (code, _, told) = bag(&["ls", &new("nowhere")]);
+    assert_eq!(code, 1);
+    assert!(told.contains("cannot read the folder"), "{told}");
+}
+
+#[test]
 fn wrong_use_is_told() {
     let domain = Domain::new();
     let refused = domain.run(&["record", "chatter", "--reliable", "scan"]);

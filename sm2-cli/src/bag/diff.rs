@@ -1,0 +1,57 @@
+//! `sm2 bag diff`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use sm2_bag::Bag;
+
+use crate::{ended::Ended, error::CliError, output::Output};
+
+/// `sm2 bag diff`.
+#[derive(Args, Debug)]
+#[command(after_help = HELP)]
+pub(crate) struct Arguments {
+    /// The first bag
+    #[arg(value_name = "FIRST")]
+    first: PathBuf,
+    /// The second bag
+    #[arg(value_name = "SECOND")]
+    second: PathBuf,
+    /// Print one line of JSON: null if the payloads are the same
+    #[arg(long)]
+    json: bool,
+}
+
+const HELP: &str = "\
+Compares the payloads of each topic, in the order of their times. Times, publishers and gaps may differ.
+Messages and bytes are counted from 0.
+
+Exit status: 0 the payloads are the same, 1 they differ, 2 wrong usage.
+
+Examples:
+  sm2 bag diff drive.mcap drive.mcap";
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// [`CliError::ReadBag`], [`CliError::Output`].
+pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    let (first, second) = (Bag::open(&arguments.first)?, Bag::open(&arguments.second)?);
+    for bag in [&first, &second].into_iter().filter(|it| !it.is_complete()) {
+        let path = bag.path().display();
+        stderr_line!("sm2: {path} is incomplete: comparing the part that is whole");
+    }
+    let difference = sm2_bag::diff([&first, &second])?;
+    let mut out = Output::new();
+    match (arguments.json, &difference) {
+        (true, difference) => out.json(difference)?,
+        (false, Some(difference)) => out.line(difference)?,
+        (false, None) => out.line("the payloads are the same")?,
+    }
+    out.flush()?;
+    Ok(match difference {
+        None => Ended::Done,
+        Some(_) => Ended::No,
+    })
+}

@@ -1,0 +1,141 @@
+//! `sm2 bag ls`.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+use clap::Args;
+use serde::Serialize;
+use sm2_bag::Bag;
+
+use crate::{
+    columns::Columns, ended::Ended, error::CliError, output::Output, size::Size, time::Span,
+};
+
+/// `sm2 bag ls`.
+#[derive(Args, Debug)]
+#[command(after_help = HELP)]
+pub(crate) struct Arguments {
+    /// The folder; its own folders are not searched
+    #[arg(value_name = "FOLDER", default_value = ".")]
+    folder: PathBuf,
+    /// Print one line of JSON
+    #[arg(long)]
+    json: bool,
+}
+
+const HELP: &str = "\
+The bags are the files with the ending .mcap, in the order of their names. A bag whose recorder was
+killed is INCOMPLETE. A file that cannot be read is told on standard error.
+
+Exit status: 0 all bags are listed, 1 a file cannot be read, 2 wrong usage.
+
+Examples:
+  sm2 bag ls
+  sm2 bag ls . --json";
+
+/// The object that `--json` prints.
+#[derive(Serialize)]
+struct Bags {
+    bags: Vec<Listed>,
+}
+
+#[derive(Serialize)]
+struct Listed {
+    path: PathBuf,
+    /// The length of the file.
+    file_bytes: u64,
+    topics: usize,
+    messages: u64,
+    lost: u64,
+    start_ns: Option<u64>,
+    end_ns: Option<u64>,
+    complete: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// [`CliError::File`], [`CliError::Output`].
+pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    let paths = bag_paths(&arguments.folder)?;
+    let mut ended = Ended::Done;
+    let mut bags = Vec::new();
+    for path in paths {
+        match listed(&path) {
+            Ok(bag) => bags.push(bag),
+            Err(error) => {
+                stderr_line!("sm2: {error}");
+                ended = Ended::No;
+            }
+        }
+    }
+    let mut out = Output::new();
+    match arguments.json {
+        true => out.json(&Bags { bags })?,
+        false => out.line(table(&bags))?,
+    }
+    out.flush()?;
+    Ok(ended)
+}
+
+/// The paths of the bags in a folder, sorted.
+fn bag_paths(folder: &Path) -> Result<Vec<PathBuf>, CliError> {
+    let failed = |source| CliError::file("read the folder", folder, source);
+    let mut paths = Vec::new();
+    for entry in fs::read_dir(folder).map_err(failed)? {
+        let path = entry.map_err(failed)?.path();
+        if path.extension().is_some_and(|it| it == "mcap") && path.is_file() {
+            paths.push(path);
+        }
+    }
+    paths.sort();
+    Ok(paths)
+}
+
+fn listed(path: &Path) -> Result<Listed, CliError> {
+    let report = Bag::open(path)?.report();
+    let metadata = fs::metadata(path);
+    let metadata = metadata.map_err(|error| CliError::file("read", path, error))?;
+    Ok(Listed {
+        path: path.to_owned(),
+        file_bytes: metadata.len(),
+        topics: report.topics.len(),
+        messages: report.topics.iter().map(|it| it.messages).sum(),
+        lost: report.topics.iter().map(|it| it.lost).sum(),
+        start_ns: report.start_ns,
+        end_ns: report.end_ns,
+        complete: report.complete,
+    })
+}
+
+fn table(bags: &[Listed]) -> Columns<7> {
+    let mut table = Columns::new([
+        "BAG", "SIZE", "LENGTH", "TOPICS", "MESSAGES", "LOST", "STATE",
+    ]);
+    for bag in bags {
+        let length = match (bag.start_ns, bag.end_ns) {
+            (Some(start), Some(end)) => {
+                Span(Duration::from_nanos(end.saturating_sub(start))).to_string()
+            }
+            _ => "-".to_owned(),
+        };
+        let state = match bag.complete {
+            true => "complete",
+            false => "INCOMPLETE",
+        };
+        table.push([
+            bag.path.display().to_string(),
+            Size(bag.file_bytes).to_string(),
+            length,
+            bag.topics.to_string(),
+            bag.messages.to_string(),
+            bag.lost.to_string(),
+            state.to_owned(),
+        ]);
+    }
+    table
+}
