@@ -1,0 +1,195 @@
+//! A power cut costs the last interval, whatever part of it has reached the disk.
+
+mod common;
+
+use std::fs::{self, File};
+use std::io::{self, Seek, SeekFrom, Write};
+use std::os::unix::fs::FileExt;
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread;
+use std::time::Duration;
+
+use sm2_bag::{Bag, Compression, Filter, Options, Storage, recover};
+
+use self::common::{Domain, named, record};
+
+const MESSAGES: u64 = 100;
+/// How many power cuts are tried for each compression.
+const CUTS: usize = 500;
+/// A disk writes sectors.
+const SECTOR_LEN: u64 = 512;
+
+/// An operation of a recorder on its file.
+#[derive(Clone, Debug)]
+enum Operation {
+    Write(u64, Vec<u8>),
+    /// With the number of messages that had been written by then, or fewer.
+    Sync(u64),
+}
+
+/// A file that remembers its operations.
+struct Logged {
+    file: File,
+    operations: Arc<Mutex<Vec<Operation>>>,
+    written: Arc<AtomicU64>,
+}
+
+impl Logged {
+    fn note(&self, operation: Operation) {
+        self.operations.lock().unwrap().push(operation);
+    }
+}
+
+impl Write for Logged {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let at = self.file.stream_position()?;
+        let len = self.file.write(bytes)?;
+        self.note(Operation::Write(at, bytes[..len].to_vec()));
+        Ok(len)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+impl Seek for Logged {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.file.seek(to)
+    }
+}
+
+impl Storage for Logged {
+    fn sync(&mut self) -> io::Result<()> {
+        self.note(Operation::Sync(self.written.load(Ordering::SeqCst)));
+        Ok(())
+    }
+}
+
+/// Records the numbers from 0, and returns the operations.
+fn operations(domain: &Domain, compression: Compression) -> Vec<Operation> {
+    let talker = domain.node("talker");
+    let numbers = talker.publisher::<u64>("numbers").unwrap();
+    let node = domain.node("recorder");
+    let (operations, written) = (Arc::default(), Arc::<AtomicU64>::default());
+    let storage = Logged {
+        file: domain.create("bag"),
+        operations: Arc::clone(&operations),
+        written: Arc::clone(&written),
+    };
+    let options = Options {
+        compression,
+        // Long enough for several messages.
+        sync_interval: Duration::from_millis(10),
+        ..Options::new(named(&["numbers"]))
+    };
+    record(&node, storage, options, |record_until| {
+        record_until(&mut |_| numbers.links().iter().any(|it| it.open));
+        for number in 0..MESSAGES {
+            numbers.publish(&number).unwrap();
+            let mut is_taken = false;
+            record_until(&mut |it| {
+                // The writer has written the messages before this one.
+                written.store(it.progress().messages, Ordering::SeqCst);
+                std::mem::replace(&mut is_taken, true)
+            });
+            thread::sleep(Duration::from_millis(1));
+        }
+        record_until(&mut |it| it.progress().messages == MESSAGES);
+    });
+    fs::remove_file(domain.path("bag")).unwrap();
+    let done = operations.lock().unwrap();
+    done.clone()
+}
+
+/// The number of messages in a bag, which are the first ones. A file without its first bytes is no bag.
+fn readable(path: &Path) -> u64 {
+    let Ok(bag) = Bag::open(path) else {
+        return 0;
+    };
+    let messages = bag.messages(&Filter::default()).unwrap();
+    let mut count = 0;
+    for message in messages {
+        let data = message.unwrap().data;
+        assert_eq!(data, u64::to_le_bytes(count));
+        count += 1;
+    }
+    count
+}
+
+#[test]
+fn a_power_cut_costs_no_more_than_the_last_interval() {
+    for compression in [Compression::None, Compression::Lz4, Compression::Zstd] {
+        let domain = Domain::new();
+        let operations = operations(&domain, compression);
+        let (path, whole) = (domain.path("cut"), domain.path("whole"));
+        let mut seed = 7_u64;
+        let mut random = |below: usize| {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (seed >> 33) as usize % below
+        };
+        let mut partial = 0;
+        for _ in 0..CUTS {
+            let end = random(operations.len() + 1);
+            let (safe, promised) = last_sync(&operations[..end]);
+            let file = File::create(&path).unwrap();
+            for operation in &operations[..safe] {
+                if let Operation::Write(at, bytes) = operation {
+                    file.write_all_at(bytes, *at).unwrap();
+                }
+            }
+            let synchronized = readable(&path);
+            assert!(synchronized >= promised, "{synchronized} of {promised}");
+            // Any sectors of the later writes have reached the disk, and any length of the file.
+            for operation in &operations[safe..end] {
+                let Operation::Write(at, bytes) = operation else {
+                    continue;
+                };
+                for sector in sectors(*at, bytes) {
+                    if random(2) == 0 {
+                        file.write_all_at(sector.1, sector.0).unwrap();
+                    }
+                }
+                if random(2) == 0 {
+                    let len = file.metadata().unwrap().len().max(at + bytes.len() as u64);
+                    file.set_len(len).unwrap();
+                }
+            }
+            let left = readable(&path);
+            assert!(left >= synchronized, "{left} of {synchronized}");
+            partial += u64::from(0 < left && left < MESSAGES);
+            if left > 0 {
+                recover(&path, &whole).unwrap();
+                assert_eq!(readable(&whole), left);
+                fs::remove_file(&whole).unwrap();
+            }
+        }
+        assert!(partial > CUTS as u64 / 10, "{compression:?}: {partial}");
+    }
+}
+
+/// The place of the last synchronization, and the number of messages that were written by then.
+fn last_sync(operations: &[Operation]) -> (usize, u64) {
+    let mut before = operations.iter().enumerate().rev();
+    let last = before.find_map(|(at, it)| match it {
+        Operation::Sync(written) => Some((at, *written)),
+        Operation::Write(..) => None,
+    });
+    last.unwrap_or((0, 0))
+}
+
+/// The parts of a write that stand in different sectors of the disk.
+fn sectors(at: u64, bytes: &[u8]) -> Vec<(u64, &[u8])> {
+    let mut parts = Vec::new();
+    let (mut at, mut rest) = (at, bytes);
+    while !rest.is_empty() {
+        let len = ((SECTOR_LEN - at % SECTOR_LEN) as usize).min(rest.len());
+        let (part, more) = rest.split_at(len);
+        parts.push((at, part));
+        at += len as u64;
+        rest = more;
+    }
+    parts
+}
