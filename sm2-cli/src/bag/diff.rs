@@ -26,7 +26,7 @@ const HELP: &str = "\
 Compares the payloads of each topic, in the order of their times. Times, publishers and gaps may differ.
 Messages and bytes are counted from 0.
 
-Exit status: 0 the payloads are the same, 1 they differ, 2 wrong usage.
+Exit status: 0 the payloads are the same, 1 they differ or a bag cannot be read, 2 wrong usage.
 
 Examples:
   sm2 bag diff drive.mcap drive.mcap";
