@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
-use std::io::{BufWriter, Write};
+use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
 use mcap::records::{MessageHeader, Metadata};
@@ -36,9 +36,18 @@ pub fn copy(
             return Err(CopyError::NoTopic { topic });
         }
     }
-    let create = OpenOptions::new().write(true).create_new(true).open(to);
-    let created = create.map_err(|error| write_error(to, error.into()))?;
-    if let Err(error) = write(bags, &created, to, filter, compression) {
+    create(to, |file| write(bags, file, to, filter, compression))
+}
+
+/// Creates the bag `to`, and removes it if writing fails. Returns its summary.
+pub(crate) fn create(
+    to: &Path,
+    write: impl FnOnce(&File) -> Result<(), CopyError>,
+) -> Result<Report, CopyError> {
+    let failed = |error: io::Error| write_error(to, error.into());
+    let created = OpenOptions::new().write(true).create_new(true).open(to);
+    let file = created.map_err(failed)?;
+    if let Err(error) = write(&file).and_then(|()| file.sync_data().map_err(failed)) {
         // The first error says more.
         let _ = std::fs::remove_file(to);
         return Err(error);
@@ -46,7 +55,7 @@ pub fn copy(
     Ok(Bag::open(to)?.report())
 }
 
-fn write_error(path: &Path, source: WriteError) -> CopyError {
+pub(crate) fn write_error(path: &Path, source: WriteError) -> CopyError {
     let path = path.to_owned();
     CopyError::Write { path, source }
 }
@@ -96,9 +105,7 @@ fn write(
             next.insert((message.log_time, number), message);
         }
     }
-    new.finish().map_err(failed)?;
-    file.sync_data()
-        .map_err(|error| write_error(path, error.into()))
+    new.finish().map_err(failed)
 }
 
 /// Whether a metadata record belongs into a copy.

@@ -1,21 +1,22 @@
 //! Writing the readable part of a damaged bag to a new file.
 
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::{BufWriter, Seek, Write};
 use std::path::Path;
 
 use mcap::records::op;
 use mcap::{MAGIC, McapResult, Writer};
 
-use crate::bag::{Bag, open_file};
+use crate::bag::open_file;
 use crate::chunk::{Entry, RecordReader};
+use crate::copy::{create, write_error};
 use crate::error::{CopyError, WriteError};
 use crate::report::{Counts, Report};
 use crate::scan::Scan;
 use crate::writer::{Compression, write_options};
 
 /// Copies everything before the first damage of the bag `from` to the new bag `to`, with a summary. Returns the summary
-/// of the new bag.
+/// of the new bag, which is removed if copying fails.
 ///
 /// # Errors
 ///
@@ -23,15 +24,9 @@ use crate::writer::{Compression, write_options};
 pub fn recover(from: &Path, to: &Path) -> Result<Report, CopyError> {
     let (file, end) = open_file(from)?;
     let scan = Scan::of(&file, end);
-    let write = |source| CopyError::Write {
-        path: to.to_owned(),
-        source,
-    };
-    let create = OpenOptions::new().write(true).create_new(true).open(to);
-    let created = create.map_err(|error| write(error.into()))?;
-    let copied = copy(&file, &scan, &created).and_then(|()| Ok(created.sync_data()?));
-    copied.map_err(write)?;
-    Ok(Bag::open(to)?.report())
+    create(to, |created| {
+        copy(&file, &scan, created).map_err(|error| write_error(to, error))
+    })
 }
 
 /// Copies the records that a scan has read.

@@ -20,18 +20,27 @@ impl Storage for File {
     }
 }
 
-/// Storage that the MCAP writer owns, and that its user can still synchronize.
+/// Storage that the MCAP writer owns, and that its user can still synchronize and close.
 #[derive(Clone)]
-pub(crate) struct SharedStorage(Arc<Mutex<Box<dyn Storage>>>);
+pub(crate) struct SharedStorage(Arc<Mutex<Option<Box<dyn Storage>>>>);
 
 impl SharedStorage {
     pub(crate) fn new(storage: impl Storage + 'static) -> Self {
-        Self(Arc::new(Mutex::new(Box::new(storage))))
+        Self(Arc::new(Mutex::new(Some(Box::new(storage)))))
     }
 
-    fn with<R>(&self, work: impl FnOnce(&mut dyn Storage) -> R) -> R {
+    /// Does something with the storage, unless it is closed.
+    fn with<R>(&self, work: impl FnOnce(&mut dyn Storage) -> io::Result<R>) -> io::Result<R> {
         let mut storage = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        work(&mut **storage)
+        match &mut *storage {
+            Some(storage) => work(&mut **storage),
+            None => Err(io::ErrorKind::BrokenPipe.into()),
+        }
+    }
+
+    /// Closes the storage: it takes no further bytes.
+    pub(crate) fn close(&self) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = None;
     }
 
     pub(crate) fn sync(&self) -> io::Result<()> {

@@ -194,6 +194,13 @@ impl BagWriter {
     }
 }
 
+impl Drop for BagWriter {
+    /// The MCAP writer writes a summary when it is dropped. After an error, the bag would look complete.
+    fn drop(&mut self) {
+        self.storage.close();
+    }
+}
+
 impl From<Compression> for Option<mcap::Compression> {
     fn from(compression: Compression) -> Self {
         match compression {

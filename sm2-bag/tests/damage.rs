@@ -54,7 +54,7 @@ fn a_torn_bag_has_everything_before_the_tear() {
         let (torn, whole) = (domain.path("torn"), domain.path("whole"));
         let mut longest = 0;
         let mut seed = 1_u64;
-        for _ in 0..250 {
+        for _ in 0..500 {
             seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
             let len = (seed >> 33) as usize % bytes.len();
             fs::write(&torn, &bytes[..len]).unwrap();

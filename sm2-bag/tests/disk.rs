@@ -1,4 +1,4 @@
-//! Disks that are slow or full.
+//! Disks that are slow, full or broken.
 
 mod common;
 
@@ -8,6 +8,7 @@ use std::os::fd::AsFd;
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
 
+use nix::errno::Errno;
 use sm2_bag::{
     Bag, GapReason, Options, RecordError, Recorder, Storage, WriteError, check, recover,
 };
@@ -19,7 +20,10 @@ use self::common::{Domain, named, record};
 struct Disk {
     file: File,
     gate: Arc<Gate>,
-    left: usize,
+    /// How many bytes can be written, and how often the file can be synchronized.
+    left: (usize, usize),
+    /// The error beyond that.
+    error: Errno,
 }
 
 #[derive(Default)]
@@ -43,10 +47,8 @@ impl Gate {
 impl Write for Disk {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         self.gate.pass();
-        if bytes.len() > self.left {
-            return Err(io::ErrorKind::StorageFull.into());
-        }
-        self.left -= bytes.len();
+        let left = self.left.0.checked_sub(bytes.len());
+        self.left.0 = left.ok_or(self.error)?;
         self.file.write(bytes)
     }
 
@@ -64,6 +66,7 @@ impl Seek for Disk {
 impl Storage for Disk {
     fn sync(&mut self) -> io::Result<()> {
         self.gate.pass();
+        self.left.1 = self.left.1.checked_sub(1).ok_or(self.error)?;
         self.file.sync()
     }
 }
@@ -78,7 +81,8 @@ fn a_frozen_disk_costs_messages_that_are_counted_and_nobody_waits() {
     let disk = Disk {
         file: domain.create("bag"),
         gate: Arc::clone(&gate),
-        left: usize::MAX,
+        left: (usize::MAX, usize::MAX),
+        error: Errno::ENOSPC,
     };
     let options = Options {
         budget_bytes: 50_000,
@@ -114,7 +118,18 @@ fn a_frozen_disk_costs_messages_that_are_counted_and_nobody_waits() {
 }
 
 #[test]
-fn a_full_disk_ends_the_recording_and_what_was_written_can_be_read() {
+fn a_disk_that_fails_ends_the_recording_and_what_was_written_can_be_read() {
+    for (bytes, syncs, error) in [
+        (20_000, usize::MAX, Errno::ENOSPC),
+        (20_000, usize::MAX, Errno::EIO),
+        (usize::MAX, 5, Errno::EIO),
+    ] {
+        fail(bytes, syncs, error);
+    }
+}
+
+/// Records to a disk that fails after some bytes and synchronizations.
+fn fail(bytes: usize, syncs: usize, expected: Errno) {
     let domain = Domain::new();
     let talker = domain.node("talker");
     let data = talker.publisher::<[u8]>("data").unwrap();
@@ -122,7 +137,8 @@ fn a_full_disk_ends_the_recording_and_what_was_written_can_be_read() {
     let disk = Disk {
         file: domain.create("bag"),
         gate: Arc::default(),
-        left: 20_000,
+        left: (bytes, syncs),
+        error: expected,
     };
     let shutdown = Shutdown::new().unwrap();
     let options = Options {
@@ -139,7 +155,7 @@ fn a_full_disk_ends_the_recording_and_what_was_written_can_be_read() {
     let RecordError::Write(WriteError::Io(error)) = error else {
         panic!("{error}");
     };
-    assert_eq!(error.kind(), io::ErrorKind::StorageFull);
+    assert_eq!(error.raw_os_error(), Some(expected as i32));
     assert!(recorder.finish().is_err());
     let bag = Bag::open(&domain.path("bag")).unwrap();
     let report = bag.report();
