@@ -13,7 +13,7 @@ use crate::error::{CopyError, WriteError};
 use crate::gap::Gap;
 use crate::messages::{Filter, Messages};
 use crate::report::{Counts, Report};
-use crate::writer::{Compression, write_options};
+use crate::writer::{Compression, write_counts, write_options};
 
 /// Writes the messages of `bags` that pass `filter` to the new bag `to`, in the order of their `log_time`. Messages of
 /// the same time keep the order of the bags. Gaps are copied if their topic and a part of their time pass the filter,
@@ -114,9 +114,7 @@ fn is_chosen(record: &Metadata, filter: &Filter) -> bool {
         // The counts are those of the new bag.
         Counts::RECORD => false,
         Gap::RECORD => Gap::from_metadata(&record.metadata).is_none_or(|(topic, gap)| {
-            filter.has_topic(&topic)
-                && filter.from_ns.is_none_or(|from| from <= gap.to_ns)
-                && filter.to_ns.is_none_or(|to| gap.from_ns < to)
+            filter.has_topic(&topic) && filter.overlaps(gap.from_ns, gap.to_ns)
         }),
         _ => true,
     }
@@ -151,12 +149,7 @@ impl NewBag<'_> {
     }
 
     fn finish(mut self) -> McapResult<()> {
-        for (channel, counts) in &self.counts {
-            self.writer.write_metadata(&Metadata {
-                name: Counts::RECORD.to_owned(),
-                metadata: counts.metadata(*channel),
-            })?;
-        }
+        write_counts(&mut self.writer, &self.counts)?;
         self.writer.finish()?;
         self.writer.into_inner().flush()?;
         Ok(())

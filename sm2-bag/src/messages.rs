@@ -27,6 +27,11 @@ impl Filter {
     pub(crate) fn has_topic(&self, topic: &str) -> bool {
         self.topics.is_empty() || self.topics.contains(topic)
     }
+
+    /// Whether a part of the time from `first_ns` to `last_ns`, both included, passes.
+    pub(crate) fn overlaps(&self, first_ns: u64, last_ns: u64) -> bool {
+        self.from_ns.is_none_or(|from| from <= last_ns) && self.to_ns.is_none_or(|to| first_ns < to)
+    }
 }
 
 /// A message of a bag.
@@ -62,12 +67,8 @@ pub struct Messages<'a> {
 
 impl<'a> Messages<'a> {
     pub(crate) fn new(file: &'a File, path: &'a Path, summary: &Summary, filter: &Filter) -> Self {
-        let is_chosen = |it: &&ChunkIndex| {
-            filter
-                .from_ns
-                .is_none_or(|from| from <= it.message_end_time)
-                && filter.to_ns.is_none_or(|to| it.message_start_time < to)
-        };
+        let is_chosen =
+            |it: &&ChunkIndex| filter.overlaps(it.message_start_time, it.message_end_time);
         let chosen = summary.chunk_indexes.iter().filter(is_chosen);
         let mut chunks: Vec<_> = chosen
             .map(|it| (it.message_start_time, it.chunk_start_offset))
@@ -114,10 +115,8 @@ impl<'a> Messages<'a> {
             };
             self.count += 1;
             let time = header.log_time;
-            let is_within = self.filter.from_ns.is_none_or(|from| from <= time)
-                && self.filter.to_ns.is_none_or(|to| time < to);
             if let Some(channel) = self.channels.get(&header.channel_id)
-                && is_within
+                && self.filter.overlaps(time, time)
             {
                 let message = BagMessage {
                     channel: Arc::clone(channel),

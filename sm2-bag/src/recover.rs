@@ -13,7 +13,7 @@ use crate::copy::{create, write_error};
 use crate::error::{CopyError, WriteError};
 use crate::report::{Counts, Report};
 use crate::scan::Scan;
-use crate::writer::{Compression, write_options};
+use crate::writer::{Compression, write_counts, write_options};
 
 /// Copies everything before the first damage of the bag `from` to the new bag `to`, with a summary. Returns the summary
 /// of the new bag, which is removed if copying fails.
@@ -46,12 +46,7 @@ fn copy(from: &File, scan: &Scan, to: &File) -> Result<(), WriteError> {
             _ => {}
         }
     }
-    for (channel, counts) in &scan.counts {
-        writer.write_metadata(&mcap::records::Metadata {
-            name: Counts::RECORD.to_owned(),
-            metadata: counts.metadata(*channel),
-        })?;
-    }
+    write_counts(&mut writer, &scan.counts)?;
     writer.finish()?;
     writer.into_inner().flush()?;
     Ok(())

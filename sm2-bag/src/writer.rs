@@ -1,11 +1,11 @@
 //! Writing a bag.
 
 use std::collections::{BTreeMap, HashMap};
-use std::io::BufWriter;
+use std::io::{BufWriter, Seek, Write};
 use std::sync::Arc;
 
 use mcap::records::{MessageHeader, Metadata};
-use mcap::{WriteOptions, Writer};
+use mcap::{McapResult, WriteOptions, Writer};
 
 use crate::clock::ClockRelation;
 use crate::error::WriteError;
@@ -37,6 +37,20 @@ pub(crate) fn write_options(compression: Compression) -> WriteOptions {
         .compression(compression.into())
         // The chunks have checksums.
         .calculate_data_section_crc(false)
+}
+
+/// Writes the counts of all channels, which a complete bag has.
+pub(crate) fn write_counts<W: Write + Seek>(
+    writer: &mut Writer<W>,
+    counts: &BTreeMap<u16, Counts>,
+) -> McapResult<()> {
+    for (channel, counts) in counts {
+        writer.write_metadata(&Metadata {
+            name: Counts::RECORD.to_owned(),
+            metadata: counts.metadata(*channel),
+        })?;
+    }
+    Ok(())
 }
 
 /// A message to write.
@@ -177,9 +191,7 @@ impl BagWriter {
     /// Writes the summary, and ends the bag.
     pub(crate) fn finish(mut self) -> Result<Report, WriteError> {
         self.sync()?;
-        for (channel, counts) in self.counts.clone() {
-            self.metadata(Counts::RECORD, counts.metadata(channel))?;
-        }
+        write_counts(&mut self.mcap, &self.counts)?;
         self.mcap.finish()?;
         self.storage.sync()?;
         let mut report = ReportBuilder::default();

@@ -1,6 +1,6 @@
 //! `sm2 record`, `sm2 play` and `sm2 bag`.
 
-use std::fs;
+use std::{fs, path::Path};
 
 use nix::sys::signal::Signal;
 use serde_json::{Value, json};
@@ -106,20 +106,25 @@ fn a_recording_is_shown_checked_and_played() {
     assert!(again.stderr().contains("cannot create"), "{again:?}");
 }
 
-#[test]
-fn a_killed_recording_can_be_read_and_recovered() {
-    let domain = Domain::new();
-    let path = domain.path("killed.mcap");
-    let file = path.to_str().unwrap();
+/// Records ten messages of `chatter`, and kills the recorder once they are in the file.
+fn record_and_kill(domain: &Domain, file: &str) {
     let recorder = domain.start(&["record", "--all", "-o", file, "--sync", "1ms"]);
-    until("the file is there", || path.exists());
-    publish(&domain);
+    until("the file is there", || Path::new(file).exists());
+    publish(domain);
     until("all messages are in the file", || {
         let (code, info, _) = bag(&["info", file, "--json"]);
         code == 0 && counts(&info)[0] == json!([["chatter", 10, 0]])
     });
     recorder.signal(Signal::SIGKILL);
     recorder.finish();
+}
+
+#[test]
+fn a_killed_recording_can_be_read_and_recovered() {
+    let domain = Domain::new();
+    let path = domain.path("killed.mcap");
+    let file = path.to_str().unwrap();
+    record_and_kill(&domain, file);
     let (code, text, _) = bag(&["info", file]);
     assert_eq!(code, 0);
     assert!(text.contains("INCOMPLETE"), "{text}");
@@ -149,15 +154,7 @@ fn copies_have_the_chosen_messages() {
     let domain = Domain::new();
     let path = domain.path("talk.mcap");
     let file = path.to_str().unwrap();
-    let recorder = domain.start(&["record", "--all", "-o", file, "--sync", "1ms"]);
-    until("the file is there", || path.exists());
-    publish(&domain);
-    until("all messages are in the file", || {
-        let (code, info, _) = bag(&["info", file, "--json"]);
-        code == 0 && counts(&info)[0] == json!([["chatter", 10, 0]])
-    });
-    recorder.signal(Signal::SIGKILL);
-    recorder.finish();
+    record_and_kill(&domain, file);
 
     let new = |name: &str| domain.path(name).to_str().unwrap().to_owned();
     let [small, part, both] = [new("small.mcap"), new("part.mcap"), new("both.mcap")];
