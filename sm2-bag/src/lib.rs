@@ -70,7 +70,7 @@ pub use crate::{
     recover::recover,
     report::{Report, TopicReport},
     source::Source,
-    storage::Storage,
+    storage::{BagFile, Storage},
     verify::{Damage, Verdict, check},
     writer::Compression,
 };

@@ -19,11 +19,8 @@ use crate::error::{RecordError, WriteError};
 use crate::queue::{HeldBy, Item, Payload, Queue, Written};
 use crate::report::Report;
 use crate::storage::Storage;
-use crate::writer::{BagWriter, Compression};
+use crate::writer::{BagWriter, COPY_MAX_BYTES, Compression};
 
-/// Messages up to this length are copied when they are taken, so that small messages never hold the slots of their
-/// publishers. In bytes.
-const COPY_MAX_BYTES: usize = 64 << 10;
 /// How many longer messages of a topic the recorder holds in the slots of their publishers.
 const HELD_MAX: usize = 8;
 /// How many messages of a publisher wait for the recorder.
@@ -135,8 +132,8 @@ impl<'fd> Recorder<'fd> {
         stop: BorrowedFd<'fd>,
     ) -> Result<Self, RecordError> {
         let clock = ClockRelation::now();
-        let bag =
-            BagWriter::new(storage, options.compression, clock).map_err(RecordError::Write)?;
+        let bag = BagWriter::new(Box::new(storage), options.compression, clock)
+            .map_err(RecordError::Write)?;
         let mut set = WaitSet::new().map_err(RecordError::System)?;
         set.add_descriptor(stop, Interest::Readable, Event::Stop)
             .and_then(|_| set.add_descriptor(node.clone(), Interest::Readable, Event::Domain))

@@ -1,11 +1,35 @@
 //! The file that a recorder writes.
 
-use std::fs::File;
-use std::io::{self, Seek, SeekFrom, Write};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::fs::{File, OpenOptions};
+use std::io;
+use std::os::unix::fs::{FileExt, OpenOptionsExt};
+use std::path::Path;
+
+use nix::errno::Errno;
+use nix::fcntl::OFlag;
+
+/// The length of a block, in bytes. Disks that want longer ones are rare, and refuse (`EINVAL`).
+pub(crate) const BLOCK_BYTES: usize = 4_096;
 
 /// The file that a recorder writes. Tests put a disk that is full, slow or torn in its place.
-pub trait Storage: Write + Seek + Send {
+pub trait Storage: Send {
+    /// Writes all `bytes` at `offset`, in bytes from the start of the file.
+    ///
+    /// # Errors
+    ///
+    /// Any error of `pwrite(2)`. A part of the bytes may have been written.
+    fn write_at(&mut self, bytes: &[u8], offset: u64) -> io::Result<()>;
+
+    /// Writes whole blocks of 4,096 bytes. The address of `blocks` and `offset` are multiples of 4,096 as well, so that
+    /// the disk can read the memory of the caller.
+    ///
+    /// # Errors
+    ///
+    /// As those of [`write_at`](Self::write_at).
+    fn write_blocks_at(&mut self, blocks: &[u8], offset: u64) -> io::Result<()> {
+        self.write_at(blocks, offset)
+    }
+
     /// Writes everything to the disk that was written before.
     ///
     /// # Errors
@@ -15,51 +39,74 @@ pub trait Storage: Write + Seek + Send {
 }
 
 impl Storage for File {
+    fn write_at(&mut self, bytes: &[u8], offset: u64) -> io::Result<()> {
+        self.write_all_at(bytes, offset)
+    }
+
     fn sync(&mut self) -> io::Result<()> {
         self.sync_data()
     }
 }
 
-/// Storage that the MCAP writer owns, and that its user can still synchronize and close.
-#[derive(Clone)]
-pub(crate) struct SharedStorage(Arc<Mutex<Option<Box<dyn Storage>>>>);
+/// A new file to which the disk copies large payloads straight from the memory of the messages (`O_DIRECT`). Everything
+/// else goes through the page cache; so does all if the file system has no `O_DIRECT`.
+#[derive(Debug)]
+pub struct BagFile {
+    file: File,
+    /// The same file.
+    direct: Option<File>,
+}
 
-impl SharedStorage {
-    pub(crate) fn new(storage: impl Storage + 'static) -> Self {
-        Self(Arc::new(Mutex::new(Some(Box::new(storage)))))
+impl BagFile {
+    /// Creates the file.
+    ///
+    /// # Errors
+    ///
+    /// Any error of `open(2)`; also if the file exists.
+    pub fn create(path: &Path) -> io::Result<Self> {
+        let file = OpenOptions::new().write(true).create_new(true).open(path)?;
+        let flags = OFlag::O_DIRECT.bits();
+        let opened = OpenOptions::new()
+            .write(true)
+            .custom_flags(flags)
+            .open(path);
+        let direct = match opened {
+            Ok(direct) => Some(direct),
+            Err(error) if is_unsupported(&error) => None,
+            Err(error) => return Err(error),
+        };
+        Ok(Self { file, direct })
     }
 
-    /// Does something with the storage, unless it is closed.
-    fn with<R>(&self, work: impl FnOnce(&mut dyn Storage) -> io::Result<R>) -> io::Result<R> {
-        let mut storage = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        match &mut *storage {
-            Some(storage) => work(&mut **storage),
-            None => Err(io::ErrorKind::BrokenPipe.into()),
+    /// Whether payloads have gone to the disk without the page cache so far.
+    #[must_use]
+    pub const fn is_direct(&self) -> bool {
+        self.direct.is_some()
+    }
+}
+
+impl Storage for BagFile {
+    fn write_at(&mut self, bytes: &[u8], offset: u64) -> io::Result<()> {
+        self.file.write_all_at(bytes, offset)
+    }
+
+    fn write_blocks_at(&mut self, blocks: &[u8], offset: u64) -> io::Result<()> {
+        if let Some(direct) = &self.direct {
+            match direct.write_all_at(blocks, offset) {
+                Err(error) if is_unsupported(&error) => self.direct = None,
+                result => return result,
+            }
         }
+        self.write_at(blocks, offset)
     }
 
-    /// Closes the storage: it takes no further bytes.
-    pub(crate) fn close(&self) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = None;
-    }
-
-    pub(crate) fn sync(&self) -> io::Result<()> {
-        self.with(|storage| storage.sync())
+    fn sync(&mut self) -> io::Result<()> {
+        // Both descriptors are of the same file.
+        self.file.sync_data()
     }
 }
 
-impl Write for SharedStorage {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.with(|storage| storage.write(bytes))
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.with(|storage| storage.flush())
-    }
-}
-
-impl Seek for SharedStorage {
-    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
-        self.with(|storage| storage.seek(to))
-    }
+/// Whether the file system or the disk refuses `O_DIRECT`.
+fn is_unsupported(error: &io::Error) -> bool {
+    error.raw_os_error() == Some(Errno::EINVAL as i32)
 }

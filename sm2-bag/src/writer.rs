@@ -1,23 +1,35 @@
 //! Writing a bag.
 
+mod appender;
+mod memory;
+mod record;
+
 use std::collections::{BTreeMap, HashMap};
-use std::io::{BufWriter, Seek, Write};
+use std::io::{Seek, Write};
 use std::sync::Arc;
 
-use mcap::records::{MessageHeader, Metadata};
-use mcap::{McapResult, WriteOptions, Writer};
+use mcap::records::{ChunkIndex, MessageHeader, Metadata, Statistics};
+use mcap::{McapResult, Summary, WriteOptions, Writer};
 
+use self::appender::Appender;
+use self::memory::Memory;
+use self::record::LongChunk;
 use crate::clock::ClockRelation;
 use crate::error::WriteError;
 use crate::gap::{Gap, GapReason};
 use crate::report::{Counts, Report, ReportBuilder, widen};
 use crate::source::Source;
-use crate::storage::{SharedStorage, Storage};
+use crate::storage::Storage;
 
-/// How much is written with one system call, in bytes.
-const BUFFER_BYTES: usize = 1 << 20;
+/// Messages up to this length are copied when they are taken, so that short messages never hold the slots of their
+/// publishers, and are put into common chunks. Longer ones are chunks of their own, which are written from the slots. In
+/// bytes.
+pub(crate) const COPY_MAX_BYTES: usize = 64 << 10;
+/// A chunk ends when its payloads have this length, in bytes.
+const CHUNK_BYTES: usize = 1 << 20;
 
-/// How the chunks of a bag are compressed.
+/// How the chunks of a bag are compressed. A recorder never compresses messages above 64 KiB: they go to the disk as they
+/// are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Compression {
     /// Not at all.
@@ -61,10 +73,17 @@ pub(crate) struct MessageTimes {
     pub(crate) publish_time: u64,
 }
 
-/// Writes a bag.
+/// Writes a bag. After an error, nothing more may be written, and the bag stays without a summary.
 pub(crate) struct BagWriter {
-    mcap: Writer<BufWriter<SharedStorage>>,
-    storage: SharedStorage,
+    /// Makes chunks of the short messages.
+    mcap: Writer<Memory>,
+    /// The records of `mcap` that are not in the file yet.
+    memory: Memory,
+    /// The length of the payloads in the open chunk, in bytes.
+    open_bytes: usize,
+    file: Appender,
+    /// The chunks that `mcap` does not know.
+    long_chunks: Vec<ChunkIndex>,
     channels: HashMap<Arc<Source>, u16>,
     counts: BTreeMap<u16, Counts>,
     times: Option<(u64, u64)>,
@@ -76,16 +95,20 @@ pub(crate) struct BagWriter {
 
 impl BagWriter {
     pub(crate) fn new(
-        storage: impl Storage + 'static,
+        storage: Box<dyn Storage>,
         compression: Compression,
         clock: ClockRelation,
     ) -> Result<Self, WriteError> {
-        let storage = SharedStorage::new(storage);
-        let file = BufWriter::with_capacity(BUFFER_BYTES, storage.clone());
-        let mcap = write_options(compression).create(file)?;
+        let memory = Memory::default();
+        let mcap = write_options(compression)
+            .chunk_size(None)
+            .create(memory.clone())?;
         let mut writer = Self {
             mcap,
-            storage,
+            memory,
+            open_bytes: 0,
+            file: Appender::new(storage),
+            long_chunks: Vec::new(),
             channels: HashMap::new(),
             counts: BTreeMap::new(),
             times: None,
@@ -119,9 +142,38 @@ impl BagWriter {
             log_time,
             publish_time,
         };
-        self.mcap.write_to_known_channel(&header, data)?;
+        match data.len() > COPY_MAX_BYTES {
+            true => self.long_message(&header, data)?,
+            false => self.mcap.write_to_known_channel(&header, data)?,
+        }
         self.counts.entry(channel_id).or_default().add(data.len());
         widen(&mut self.times, log_time);
+        self.open_bytes += data.len();
+        if self.open_bytes >= CHUNK_BYTES {
+            self.end_chunk()?;
+            self.file.flush()?;
+        }
+        Ok(())
+    }
+
+    /// Writes a message that is a chunk of its own.
+    fn long_message(&mut self, header: &MessageHeader, data: &[u8]) -> Result<(), WriteError> {
+        // The messages and the channels before it stand before it in the file.
+        self.end_chunk()?;
+        let chunk = LongChunk::new(self.file.end(), header, data);
+        self.file.append(&chunk.head);
+        self.file.append_long(data)?;
+        self.file.append(&chunk.tail);
+        self.long_chunks.push(chunk.index);
+        self.memory.set_offset(self.file.end());
+        Ok(())
+    }
+
+    /// Ends the chunk of short messages.
+    fn end_chunk(&mut self) -> Result<(), WriteError> {
+        self.mcap.flush()?;
+        self.file.append(&self.memory.take());
+        self.open_bytes = 0;
         Ok(())
     }
 
@@ -184,16 +236,19 @@ impl BagWriter {
         for ((topic, ..), gap) in std::mem::take(&mut self.open_gaps) {
             self.write_gap(topic, gap)?;
         }
-        self.mcap.flush()?;
-        Ok(self.storage.sync()?)
+        self.end_chunk()?;
+        Ok(self.file.sync()?)
     }
 
     /// Writes the summary, and ends the bag.
     pub(crate) fn finish(mut self) -> Result<Report, WriteError> {
+        // The messages are safe even if the disk has no room for the summary.
         self.sync()?;
         write_counts(&mut self.mcap, &self.counts)?;
-        self.mcap.finish()?;
-        self.storage.sync()?;
+        self.end_chunk()?;
+        let summary = self.summary()?;
+        self.file.append(&record::end(self.file.end(), &summary));
+        self.file.sync()?;
         let mut report = ReportBuilder::default();
         for (source, id) in &self.channels {
             let counts = self.counts.get(id).copied().unwrap_or_default();
@@ -204,12 +259,26 @@ impl BagWriter {
         }
         Ok(report.finish(self.times, true))
     }
-}
 
-impl Drop for BagWriter {
-    /// The MCAP writer writes a summary when it is dropped. After an error, the bag would look complete.
-    fn drop(&mut self) {
-        self.storage.close();
+    /// The summary of the MCAP writer, with the long messages.
+    fn summary(&mut self) -> Result<Summary, WriteError> {
+        // The writer puts its own summary into the memory, from which nobody takes it.
+        let mut summary = self.mcap.finish()?;
+        let chunks = &mut summary.chunk_indexes;
+        chunks.append(&mut self.long_chunks);
+        chunks.sort_by_key(|it| it.chunk_start_offset);
+        let (from, to) = self.times.unwrap_or_default();
+        let counts = self.counts.iter().map(|(id, it)| (*id, it.messages));
+        let channel_message_counts = BTreeMap::from_iter(counts);
+        summary.stats = summary.stats.map(|stats| Statistics {
+            message_count: channel_message_counts.values().sum(),
+            chunk_count: summary.chunk_indexes.len() as u32,
+            message_start_time: from,
+            message_end_time: to,
+            channel_message_counts,
+            ..stats
+        });
+        Ok(summary)
     }
 }
 

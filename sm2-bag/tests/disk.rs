@@ -3,7 +3,7 @@
 mod common;
 
 use std::fs::File;
-use std::io::{self, Seek, SeekFrom, Write};
+use std::io;
 use std::os::fd::AsFd;
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
@@ -44,26 +44,14 @@ impl Gate {
     }
 }
 
-impl Write for Disk {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+impl Storage for Disk {
+    fn write_at(&mut self, bytes: &[u8], offset: u64) -> io::Result<()> {
         self.gate.pass();
         let left = self.left.0.checked_sub(bytes.len());
         self.left.0 = left.ok_or(self.error)?;
-        self.file.write(bytes)
+        Storage::write_at(&mut self.file, bytes, offset)
     }
 
-    fn flush(&mut self) -> io::Result<()> {
-        self.file.flush()
-    }
-}
-
-impl Seek for Disk {
-    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
-        self.file.seek(to)
-    }
-}
-
-impl Storage for Disk {
     fn sync(&mut self) -> io::Result<()> {
         self.gate.pass();
         self.left.1 = self.left.1.checked_sub(1).ok_or(self.error)?;

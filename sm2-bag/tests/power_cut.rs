@@ -3,7 +3,7 @@
 mod common;
 
 use std::fs::{self, File};
-use std::io::{self, Seek, SeekFrom, Write};
+use std::io;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -29,9 +29,8 @@ enum Operation {
     Sync(u64),
 }
 
-/// A file that remembers its operations.
+/// A file that remembers its operations, and has no other content.
 struct Logged {
-    file: File,
     operations: Arc<Mutex<Vec<Operation>>>,
     written: Arc<AtomicU64>,
 }
@@ -42,40 +41,39 @@ impl Logged {
     }
 }
 
-impl Write for Logged {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let at = self.file.stream_position()?;
-        let len = self.file.write(bytes)?;
-        self.note(Operation::Write(at, bytes[..len].to_vec()));
-        Ok(len)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.file.flush()
-    }
-}
-
-impl Seek for Logged {
-    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
-        self.file.seek(to)
-    }
-}
-
 impl Storage for Logged {
+    fn write_at(&mut self, bytes: &[u8], offset: u64) -> io::Result<()> {
+        self.note(Operation::Write(offset, bytes.to_vec()));
+        Ok(())
+    }
+
     fn sync(&mut self) -> io::Result<()> {
         self.note(Operation::Sync(self.written.load(Ordering::SeqCst)));
         Ok(())
     }
 }
 
-/// Records the numbers from 0, and returns the operations.
+/// The length of a message. Some are long, so that they are written from their slots.
+fn len_bytes(number: u64) -> usize {
+    match number % 25 {
+        0 => 70_000 + number as usize * 100,
+        _ => 8,
+    }
+}
+
+/// A message that only its number determines.
+fn payload(number: u64) -> Vec<u8> {
+    let words = (0..).flat_map(|at: u64| (number + at).to_le_bytes());
+    words.take(len_bytes(number)).collect()
+}
+
+/// Records the messages from number 0, and returns the operations.
 fn operations(domain: &Domain, compression: Compression) -> Vec<Operation> {
     let talker = domain.node("talker");
-    let numbers = talker.publisher::<u64>("numbers").unwrap();
+    let numbers = talker.publisher::<[u8]>("numbers").unwrap();
     let node = domain.node("recorder");
     let (operations, written) = (Arc::default(), Arc::<AtomicU64>::default());
     let storage = Logged {
-        file: domain.create("bag"),
         operations: Arc::clone(&operations),
         written: Arc::clone(&written),
     };
@@ -88,7 +86,7 @@ fn operations(domain: &Domain, compression: Compression) -> Vec<Operation> {
     record(&node, storage, options, |record_until| {
         record_until(&mut |_| numbers.links().iter().any(|it| it.open));
         for number in 0..MESSAGES {
-            numbers.publish(&number).unwrap();
+            numbers.publish(&payload(number)).unwrap();
             let mut is_taken = false;
             record_until(&mut |it| {
                 // The writer has written the messages before this one.
@@ -99,7 +97,6 @@ fn operations(domain: &Domain, compression: Compression) -> Vec<Operation> {
         }
         record_until(&mut |it| it.progress().messages == MESSAGES);
     });
-    fs::remove_file(domain.path("bag")).unwrap();
     let done = operations.lock().unwrap();
     done.clone()
 }
@@ -113,7 +110,7 @@ fn readable(path: &Path) -> u64 {
     let mut count = 0;
     for message in messages {
         let data = message.unwrap().data;
-        assert_eq!(data, u64::to_le_bytes(count));
+        assert!(data == payload(count), "message {count}");
         count += 1;
     }
     count

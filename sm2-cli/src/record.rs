@@ -1,13 +1,12 @@
 //! `sm2 record`: records topics to a bag.
 
 use std::{
-    fs::OpenOptions,
     path::{Path, PathBuf},
     time::Duration,
 };
 
 use clap::Args;
-use sm2_bag::{Options, Progress, Recorder, Topics};
+use sm2_bag::{BagFile, Options, Progress, Recorder, Topics};
 use sm2_io::clock;
 use sm2_proto::{Instant, Name, text::Counted};
 
@@ -48,7 +47,7 @@ pub(crate) struct Arguments {
     /// How often the recording is made safe against a power cut
     #[arg(long, value_name = "TIME", default_value = "100ms", value_parser = time::span)]
     sync: Duration,
-    /// How the file is compressed
+    /// How messages up to 64 KiB are compressed; longer ones go to the disk as they are
     #[arg(long, value_enum, default_value_t = Compression::None)]
     compression: Compression,
     /// Print the summary at the end as one line of JSON
@@ -64,6 +63,9 @@ The file is in the MCAP format, which other tools read as well. An existing file
 Publishers do not wait for the recorder or for its disk, except those of --reliable topics. If the disk is
 too slow, up to --budget bytes of messages wait in memory; then messages are dropped. Missing messages are
 counted and shown at the end, and the bag has their times and reasons.
+
+Messages above 64 KiB go to the disk straight from the memory of their publishers, if the file system has
+O_DIRECT.
 
 After a power cut or kill -9, everything up to the last --sync interval can be read: `sm2 bag info` and
 `sm2 play` use the bag as it is, and `sm2 bag recover` writes a complete one.
@@ -95,8 +97,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     }
     let session = Session::open(&arguments.domain, "record")?;
     let path = path(arguments.output.as_deref());
-    let created = OpenOptions::new().write(true).create_new(true).open(&path);
-    let file = created.map_err(|error| CliError::file("create", &path, error))?;
+    let file = BagFile::create(&path).map_err(|error| CliError::file("create", &path, error))?;
     let mut options = Options::new(topics);
     options.reliable = arguments.reliable.iter().cloned().collect();
     if let Some(Size(bytes)) = arguments.budget {
