@@ -29,6 +29,17 @@ pub fn copy(
     filter: &Filter,
     compression: Compression,
 ) -> Result<Report, CopyError> {
+    copy_with(bags, to, filter, compression, &[])
+}
+
+/// As [`copy`]. The new bag begins with these metadata records.
+pub(crate) fn copy_with(
+    bags: &[Bag],
+    to: &Path,
+    filter: &Filter,
+    compression: Compression,
+    metadata: &[Metadata],
+) -> Result<Report, CopyError> {
     for topic in &filter.topics {
         let mut sources = bags.iter().flat_map(Bag::sources);
         if !sources.any(|(channel, _)| channel.topic == *topic) {
@@ -36,7 +47,9 @@ pub fn copy(
             return Err(CopyError::NoTopic { topic });
         }
     }
-    create(to, |file| write(bags, file, to, filter, compression))
+    create(to, |file| {
+        write(bags, file, to, filter, compression, metadata)
+    })
 }
 
 /// Creates the bag `to`, and removes it if writing fails. Returns its summary.
@@ -66,6 +79,7 @@ fn write(
     path: &Path,
     filter: &Filter,
     compression: Compression,
+    metadata: &[Metadata],
 ) -> Result<(), CopyError> {
     let failed = |error: mcap::McapError| write_error(path, error.into());
     let writer = write_options(compression).create(BufWriter::new(file));
@@ -74,6 +88,9 @@ fn write(
         channels: BTreeMap::new(),
         counts: BTreeMap::new(),
     };
+    for record in metadata {
+        new.writer.write_metadata(record).map_err(failed)?;
+    }
     for (number, bag) in bags.iter().enumerate() {
         // A topic without a message may have gaps.
         for (channel, _) in bag.sources().filter(|it| filter.has_topic(&it.0.topic)) {

@@ -25,6 +25,11 @@ pub enum RecordError {
     /// The operating system refuses something that the recorder needs.
     #[error("cannot start to record: {0}")]
     System(#[source] io::Error),
+    /// The disk has less room than it shall keep. The bag is complete up to then.
+    #[error(
+        "the recording has ended, because the disk is nearly full (see --min-free); what was recorded is complete"
+    )]
+    DiskFull,
     /// The file cannot be written. Everything before the last interval can be read: see [`recover`](fn@crate::recover).
     #[error("cannot write the bag: {0}; the messages before can be read: see `sm2 bag recover`")]
     Write(#[source] WriteError),

@@ -4,7 +4,8 @@
 //!
 //! | to | use |
 //! | --- | --- |
-//! | record topics of a domain | [`Recorder`] |
+//! | record topics of a domain | [`Recorder`], into one file ([`BagFile`]) or into a [`Folder`] |
+//! | keep the last seconds when something happens | [`BlackBox`] |
 //! | read a bag: its summary, its messages | [`Bag`] |
 //! | publish the messages of a bag again | [`Player`] |
 //! | check a bag for damage | [`check`](fn@check) |
@@ -25,6 +26,7 @@
 //! | `sequence` | the low half of the publisher's number of the message |
 //! | metadata `sm2.clock` | the relation of the wall clock to the monotonic clock: [`ClockRelation`] |
 //! | metadata `sm2.gap` | messages that are missing: [`Gap`] |
+//! | metadata `sm2.incident` | the trigger and the times of a [`BlackBox`] |
 //! | metadata `sm2.channel` | the counts of one channel, at the end of a complete bag |
 //!
 //! Both times follow the wall clock as it was at the start of the recording, so they never step. If the wall clock
@@ -39,11 +41,13 @@
 #![deny(clippy::disallowed_types)]
 
 mod bag;
+mod black_box;
 mod chunk;
 mod clock;
 mod copy;
 mod diff;
 mod error;
+mod folder;
 mod gap;
 mod messages;
 mod player;
@@ -59,14 +63,16 @@ mod writer;
 
 pub use crate::{
     bag::Bag,
+    black_box::{BlackBox, BlackBoxOptions, BlackBoxStep, Incident, Trigger},
     clock::ClockRelation,
     copy::copy,
     diff::{Difference, diff},
     error::{CopyError, PlayError, ReadError, RecordError, WriteError},
+    folder::Folder,
     gap::{Gap, GapReason},
     messages::{BagMessage, Filter, Messages},
     player::{PlayOptions, PlayReport, PlayedTopic, Player},
-    recorder::{Options, Progress, Recorder, Topics},
+    recorder::{Options, Progress, Recorder, Split, Step, Topics},
     recover::recover,
     report::{Report, TopicReport},
     source::Source,

@@ -22,6 +22,8 @@ pub(crate) enum Item {
     },
     Gap(Arc<Source>, Gap),
     Clock(ClockRelation),
+    /// The file ends, with everything up to this time of the wall clock.
+    EndFile(u64),
 }
 
 /// The payload of a message that waits.
@@ -71,6 +73,7 @@ struct State {
     is_closed: bool,
     failed: Option<WriteError>,
     has_failed: bool,
+    is_disk_full: bool,
 }
 
 impl Queue {
@@ -148,6 +151,15 @@ impl Queue {
 
     pub(crate) fn has_failed(&self) -> bool {
         self.lock().has_failed
+    }
+
+    /// The disk shall take no more than what waits already.
+    pub(crate) fn note_disk_full(&self) {
+        self.lock().is_disk_full = true;
+    }
+
+    pub(crate) fn is_disk_full(&self) -> bool {
+        self.lock().is_disk_full
     }
 
     /// The error of the writer, if it failed and nobody has taken the error.

@@ -1,5 +1,6 @@
 //! Recording topics of a domain.
 
+mod parts;
 mod topic;
 
 use std::collections::BTreeSet;
@@ -9,17 +10,20 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use sm2_node::domain::{Contract, Watch};
-use sm2_node::wait_set::Interest;
+use sm2_node::wait_set::{Interest, Waitable};
 use sm2_node::{Node, RecvError, Timer, WaitSet};
 use sm2_proto::{Instant, Name};
 
+pub use self::parts::Split;
+use self::parts::{Output, Parts};
 use self::topic::Topic;
 use crate::clock::ClockRelation;
 use crate::error::{RecordError, WriteError};
+use crate::folder::Folder;
 use crate::queue::{HeldBy, Item, Payload, Queue, Written};
 use crate::report::Report;
 use crate::storage::Storage;
-use crate::writer::{BagWriter, COPY_MAX_BYTES, Compression};
+use crate::writer::{COPY_MAX_BYTES, Compression};
 
 /// How many longer messages of a topic the recorder holds in the slots of their publishers.
 const HELD_MAX: usize = 8;
@@ -45,6 +49,9 @@ pub struct Options {
     pub sync_interval: Duration,
     /// How chunks are compressed; not at all by default.
     pub compression: Compression,
+    /// How many bytes of the disk stay free: the recording ends before; 1 GiB by default. More than
+    /// [`budget_bytes`](Self::budget_bytes), because messages that wait are still written.
+    pub min_free_bytes: u64,
 }
 
 /// The topics to record.
@@ -66,6 +73,7 @@ impl Options {
             budget_bytes: 256 << 20,
             sync_interval: Duration::from_millis(100),
             compression: Compression::None,
+            min_free_bytes: 1 << 30,
         }
     }
 }
@@ -83,6 +91,20 @@ pub struct Progress {
     pub lost: u64,
     /// The length of the payloads that wait for the disk, in bytes.
     pub waiting_bytes: u64,
+}
+
+/// Why [`Recorder::step`] has returned.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// The time is over.
+    Timeout,
+    /// The descriptor `stop` is readable.
+    Stopped,
+    /// The domain may have changed, or a [further source](Recorder::wake_on) may have something.
+    Woken,
+    /// The disk is full up to the [reserve](Options::min_free_bytes). Nothing more is taken;
+    /// [`finish`](Recorder::finish) completes the bag.
+    DiskFull,
 }
 
 /// Records topics of a domain.
@@ -116,6 +138,8 @@ enum Event {
     Stop,
     /// The clocks are compared.
     Clock,
+    /// A source of the caller is ready.
+    Other,
 }
 
 impl<'fd> Recorder<'fd> {
@@ -131,9 +155,33 @@ impl<'fd> Recorder<'fd> {
         options: Options,
         stop: BorrowedFd<'fd>,
     ) -> Result<Self, RecordError> {
+        Self::start_to(node, Output::File(Box::new(storage)), options, stop)
+    }
+
+    /// Starts to record into the files of a folder. Otherwise as [`start`](Self::start).
+    ///
+    /// # Errors
+    ///
+    /// See [`RecordError`].
+    pub fn start_in(
+        node: &Node,
+        folder: Folder,
+        split: Split,
+        options: Options,
+        stop: BorrowedFd<'fd>,
+    ) -> Result<Self, RecordError> {
+        Self::start_to(node, Output::Folder(folder, split), options, stop)
+    }
+
+    fn start_to(
+        node: &Node,
+        output: Output,
+        options: Options,
+        stop: BorrowedFd<'fd>,
+    ) -> Result<Self, RecordError> {
         let clock = ClockRelation::now();
-        let bag = BagWriter::new(Box::new(storage), options.compression, clock)
-            .map_err(RecordError::Write)?;
+        let parts = Parts::new(output, options.compression, options.min_free_bytes, clock);
+        let parts = parts.map_err(RecordError::Write)?;
         let mut set = WaitSet::new().map_err(RecordError::System)?;
         set.add_descriptor(stop, Interest::Readable, Event::Stop)
             .and_then(|_| set.add_descriptor(node.clone(), Interest::Readable, Event::Domain))
@@ -142,7 +190,7 @@ impl<'fd> Recorder<'fd> {
         let queue = Arc::new(Queue::default());
         let (theirs, interval) = (Arc::clone(&queue), options.sync_interval);
         let writer = sm2_io::spawn_without_signals("sm2-bag".to_owned(), move || {
-            match write(bag, &theirs, interval) {
+            match write(parts, &theirs, interval, clock) {
                 Ok(report) => Some(report),
                 Err(error) => {
                     theirs.fail(error);
@@ -172,29 +220,72 @@ impl<'fd> Recorder<'fd> {
         Ok(recorder)
     }
 
-    /// Records for at most `timeout`, or until the descriptor `stop` is readable. Returns false in the second case.
+    /// Records for at most `timeout`, or until something else happens: see [`Step`].
     ///
     /// # Errors
     ///
     /// See [`RecordError`]. After an error, [`finish`](Self::finish) ends the file as well as it can.
-    pub fn step(&mut self, timeout: Duration) -> Result<bool, RecordError> {
+    pub fn step(&mut self, timeout: Duration) -> Result<Step, RecordError> {
         let until = sm2_io::clock::now().after(timeout);
         loop {
             if self.queue.has_failed() {
                 let error = self.queue.take_error().unwrap_or(WriteError::Panicked);
                 return Err(RecordError::Write(error));
             }
+            if self.queue.is_disk_full() {
+                return Ok(Step::DiskFull);
+            }
             let left = until.since(sm2_io::clock::now());
             let Some(ready) = self.set.wait_timeout(left)? else {
-                return Ok(true);
+                return Ok(Step::Timeout);
             };
             match ready.tag {
                 Event::Topic(topic) => self.take(topic, BURST)?,
-                Event::Domain => self.look_at_domain()?,
-                Event::Stop => return Ok(false),
+                Event::Domain => {
+                    self.look_at_domain()?;
+                    return Ok(Step::Woken);
+                }
+                Event::Stop => return Ok(Step::Stopped),
                 Event::Clock => self.compare_clocks(),
+                Event::Other => return Ok(Step::Woken),
             }
         }
+    }
+
+    /// Lets [`step`](Self::step) return when `source` may have something.
+    ///
+    /// # Errors
+    ///
+    /// Any error of the operating system.
+    pub fn wake_on(&mut self, source: &impl Waitable) -> std::io::Result<()> {
+        self.set.add(source, Event::Other).map(|_| ())
+    }
+
+    /// As [`wake_on`](Self::wake_on), for a descriptor that becomes readable.
+    ///
+    /// # Errors
+    ///
+    /// Any error of the operating system.
+    pub fn wake_on_descriptor(&mut self, descriptor: BorrowedFd<'fd>) -> std::io::Result<()> {
+        let added = self
+            .set
+            .add_descriptor(descriptor, Interest::Readable, Event::Other);
+        added.map(|_| ())
+    }
+
+    /// The time of the wall clock as it was at the start of the recording, in nanoseconds since 1970 (UTC).
+    pub(crate) fn now_ns(&self) -> u64 {
+        self.clock.wall_at(sm2_io::clock::now())
+    }
+
+    /// Whether a node is in the domain.
+    pub(crate) fn has_node(&self, name: &Name) -> bool {
+        self.watch.domain().node_named(name.as_str()).is_some()
+    }
+
+    /// Lets the next message begin a new file of the folder. The file before it has everything up to now.
+    pub(crate) fn end_file(&self) {
+        self.queue.push(Item::EndFile(self.now_ns()));
     }
 
     /// How far the recording is.
@@ -234,11 +325,11 @@ impl<'fd> Recorder<'fd> {
     /// Subscribes to the topics that have come.
     fn look_at_domain(&mut self) -> Result<(), RecordError> {
         self.node.spin_some().map_err(RecordError::System)?;
+        // The call that finds no change asks the Manager for the next one.
+        while !self.watch.try_wait()?.is_empty() {}
         if self.options.topics != Topics::All {
             return Ok(());
         }
-        // The call that finds no change asks the Manager for the next one.
-        while !self.watch.try_wait()?.is_empty() {}
         let interfaces = self.watch.domain().interfaces();
         let topics: BTreeSet<_> = interfaces
             .filter(|it| matches!(it.contract, Contract::Publisher { .. }))
@@ -343,15 +434,23 @@ impl<'fd> Recorder<'fd> {
 }
 
 /// Writes the items of the queue until it is closed.
-fn write(mut bag: BagWriter, queue: &Queue, interval: Duration) -> Result<Report, WriteError> {
+fn write(
+    mut parts: Parts,
+    queue: &Queue,
+    interval: Duration,
+    clock: ClockRelation,
+) -> Result<Report, WriteError> {
     let mut sync_at = sm2_io::clock::now().after(interval);
     let mut is_clean = true;
     loop {
         let now = sm2_io::clock::now();
         if now >= sync_at {
             if !is_clean {
-                bag.sync()?;
+                parts.sync()?;
                 is_clean = true;
+                if parts.is_disk_full()? {
+                    queue.note_disk_full();
+                }
             }
             sync_at = sm2_io::clock::now().after(interval);
         }
@@ -363,7 +462,7 @@ fn write(mut bag: BagWriter, queue: &Queue, interval: Duration) -> Result<Report
                 times,
                 payload,
             }) => {
-                bag.message(&source, times, payload.bytes())?;
+                parts.message(&source, times, payload.bytes())?;
                 let len = payload.bytes().len();
                 let held = match &payload {
                     Payload::Held(_, by) => Some(*by),
@@ -372,12 +471,13 @@ fn write(mut bag: BagWriter, queue: &Queue, interval: Duration) -> Result<Report
                 drop(payload);
                 queue.note_written(len, held);
             }
-            Some(Item::Gap(source, gap)) => bag.gap(&source, gap)?,
-            Some(Item::Clock(clock)) => bag.clock(clock)?,
+            Some(Item::Gap(source, gap)) => parts.gap(&source, gap)?,
+            Some(Item::Clock(clock)) => parts.clock(clock)?,
+            Some(Item::EndFile(now_ns)) => parts.end_file(now_ns)?,
             None => {}
         }
         if !goes_on {
-            return bag.finish();
+            return parts.finish(clock.wall_at(sm2_io::clock::now()));
         }
     }
 }

@@ -83,6 +83,8 @@ pub(crate) fn widen(times: &mut Option<(u64, u64)>, time: u64) {
 pub(crate) struct ReportBuilder {
     /// By topic and type.
     topics: BTreeMap<(String, String), TopicReport>,
+    /// The times of the bags that were added.
+    times: Option<(u64, u64)>,
 }
 
 impl ReportBuilder {
@@ -109,6 +111,28 @@ impl ReportBuilder {
         if !same.is_some_and(|it| it.extend(gap)) {
             report.gaps.push(gap.clone());
         }
+    }
+
+    /// Adds another bag.
+    pub(crate) fn add_report(&mut self, report: &Report) {
+        for topic in &report.topics {
+            let TopicReport {
+                messages, bytes, ..
+            } = *topic;
+            self.add_channel(&topic.name, &topic.r#type, Counts { messages, bytes });
+            for gap in &topic.gaps {
+                self.add_gap(&topic.name, gap);
+            }
+        }
+        for time in report.start_ns.into_iter().chain(report.end_ns) {
+            widen(&mut self.times, time);
+        }
+    }
+
+    /// The sum of the bags that were added.
+    pub(crate) fn finish_all(self, complete: bool) -> Report {
+        let times = self.times;
+        self.finish(times, complete)
     }
 
     pub(crate) fn finish(self, times: Option<(u64, u64)>, complete: bool) -> Report {

@@ -7,6 +7,7 @@ use std::path::Path;
 
 use nix::errno::Errno;
 use nix::fcntl::OFlag;
+use nix::sys::statvfs::fstatvfs;
 
 /// The length of a block, in bytes. Disks that want longer ones are rare, and refuse (`EINVAL`).
 pub(crate) const BLOCK_BYTES: usize = 4_096;
@@ -36,6 +37,15 @@ pub trait Storage: Send {
     ///
     /// Any error of `fdatasync(2)`.
     fn sync(&mut self) -> io::Result<()>;
+
+    /// How many bytes the disk can still take; `None` if that is unknown.
+    ///
+    /// # Errors
+    ///
+    /// Any error of `fstatvfs(3)`.
+    fn free_bytes(&self) -> io::Result<Option<u64>> {
+        Ok(None)
+    }
 }
 
 impl Storage for File {
@@ -75,6 +85,7 @@ impl BagFile {
             Err(error) if is_unsupported(&error) => None,
             Err(error) => return Err(error),
         };
+        sync_parent(path)?;
         Ok(Self { file, direct })
     }
 
@@ -104,9 +115,27 @@ impl Storage for BagFile {
         // Both descriptors are of the same file.
         self.file.sync_data()
     }
+
+    fn free_bytes(&self) -> io::Result<Option<u64>> {
+        let disk = fstatvfs(&self.file)?;
+        Ok(Some(disk.blocks_available() * disk.fragment_size()))
+    }
 }
 
 /// Whether the file system or the disk refuses `O_DIRECT`.
 fn is_unsupported(error: &io::Error) -> bool {
     error.raw_os_error() == Some(Errno::EINVAL as i32)
+}
+
+/// Makes the entry of a new file safe against a power cut.
+fn sync_parent(path: &Path) -> io::Result<()> {
+    let parent = match path.parent() {
+        Some(parent) if parent != Path::new("") => parent,
+        _ => Path::new("."),
+    };
+    match File::open(parent)?.sync_all() {
+        // Some file systems cannot synchronize folders.
+        Err(error) if error.kind() == io::ErrorKind::InvalidInput => Ok(()),
+        result => result,
+    }
 }

@@ -22,14 +22,14 @@ use crate::source::Source;
 use crate::storage::Storage;
 
 /// Messages up to this length are copied when they are taken, so that short messages never hold the slots of their
-/// publishers, and are put into common chunks. Longer ones are chunks of their own, which are written from the slots. In
-/// bytes.
+/// publishers, and are put into common chunks. Longer ones are chunks of their own, which are written from the slots.
+/// In bytes.
 pub(crate) const COPY_MAX_BYTES: usize = 64 << 10;
 /// A chunk ends when its payloads have this length, in bytes.
 const CHUNK_BYTES: usize = 1 << 20;
 
-/// How the chunks of a bag are compressed. A recorder never compresses messages above 64 KiB: they go to the disk as they
-/// are.
+/// How the chunks of a bag are compressed. A recorder never compresses messages above 64 KiB: they go to the disk as
+/// they are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Compression {
     /// Not at all.
@@ -117,6 +117,21 @@ impl BagWriter {
         };
         writer.clock(clock)?;
         Ok(writer)
+    }
+
+    /// The length of the file so far, without its summary, in bytes.
+    pub(crate) fn len_bytes(&self) -> u64 {
+        self.file.end() + self.open_bytes as u64
+    }
+
+    /// The `log_time` of the first and of the last message.
+    pub(crate) const fn times(&self) -> Option<(u64, u64)> {
+        self.times
+    }
+
+    /// How many bytes the disk can still take; `None` if that is unknown.
+    pub(crate) fn free_bytes(&self) -> Result<Option<u64>, WriteError> {
+        Ok(self.file.free_bytes()?)
     }
 
     /// Writes a relation of the clocks.
@@ -240,8 +255,8 @@ impl BagWriter {
         Ok(self.file.sync()?)
     }
 
-    /// Writes the summary, and ends the bag.
-    pub(crate) fn finish(mut self) -> Result<Report, WriteError> {
+    /// Writes the summary, and ends the bag. Nothing more may be written.
+    pub(crate) fn finish(&mut self) -> Result<Report, WriteError> {
         // The messages are safe even if the disk has no room for the summary.
         self.sync()?;
         write_counts(&mut self.mcap, &self.counts)?;

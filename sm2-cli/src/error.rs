@@ -180,6 +180,14 @@ pub(crate) enum CliError {
         /// The reason.
         source: RecordError,
     },
+    /// The messages around a trigger were not written.
+    #[error("{} was not written, after a trigger by {reason}; the ring has its messages", path.display())]
+    Incident {
+        /// The bag.
+        path: PathBuf,
+        /// The trigger.
+        reason: String,
+    },
     /// A reliable topic that is not recorded.
     #[error("--reliable {topic} is not among the topics to record: name it there, too")]
     NotRecorded {

@@ -1,15 +1,23 @@
 //! `sm2 record`: records topics to a bag.
 
+mod black_box;
+mod common;
+mod trigger;
+
 use std::{
     path::{Path, PathBuf},
     time::Duration,
 };
 
-use clap::Args;
-use sm2_bag::{BagFile, Options, Progress, Recorder, Topics};
+use clap::{Args, Subcommand};
+use sm2_bag::{BagFile, Folder, Options, RecordError, Recorder, Split, Step, Topics};
 use sm2_io::clock;
-use sm2_proto::{Instant, Name, text::Counted};
+use sm2_proto::{Instant, Name};
 
+use self::{
+    black_box::BlackBoxArguments,
+    common::{PROGRESS, Shown, new_name},
+};
 use crate::{
     args::{Domain, name, positive},
     bag_summary::show,
@@ -24,8 +32,10 @@ use crate::{
 
 /// `sm2 record`.
 #[derive(Args, Debug)]
-#[command(after_help = HELP)]
+#[command(after_help = HELP, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub(crate) struct Arguments {
+    #[command(subcommand)]
+    action: Option<Action>,
     /// The topics, also those that have no publisher yet
     #[arg(value_name = "TOPIC", value_parser = name, required_unless_present = "all", conflicts_with = "all")]
     topics: Vec<Name>,
@@ -50,11 +60,32 @@ pub(crate) struct Arguments {
     /// How messages up to 64 KiB are compressed; longer ones go to the disk as they are
     #[arg(long, value_enum, default_value_t = Compression::None)]
     compression: Compression,
+    /// Begin a new file before one becomes longer than this; the output is a folder then
+    #[arg(long, value_name = "SIZE")]
+    split_size: Option<Size>,
+    /// Begin a new file after this time; the output is a folder then
+    #[arg(long, value_name = "TIME", value_parser = time::span)]
+    split_time: Option<Duration>,
+    /// Remove the oldest bag-*.mcap of the output folder before all together become longer than this
+    #[arg(long, value_name = "SIZE")]
+    max_size: Option<Size>,
+    /// End when the disk has less room than this [default: 1GiB]
+    #[arg(long, value_name = "SIZE")]
+    min_free: Option<Size>,
+    #[command(flatten)]
+    black_box: BlackBoxArguments,
     /// Print the summary at the end as one line of JSON
     #[arg(long)]
     json: bool,
     #[command(flatten)]
     domain: Domain,
+}
+
+/// The commands below `sm2 record`.
+#[derive(Debug, Subcommand)]
+enum Action {
+    /// Let `sm2 record --last` write its last messages
+    Trigger(trigger::Arguments),
 }
 
 const HELP: &str = "\
@@ -70,81 +101,156 @@ O_DIRECT.
 After a power cut or kill -9, everything up to the last --sync interval can be read: `sm2 bag info` and
 `sm2 play` use the bag as it is, and `sm2 bag recover` writes a complete one.
 
-Exit status: 0 ended by Ctrl-C, SIGTERM or --seconds, and the bag is complete; 1 failed; 2 wrong usage.
+With --split-size, --split-time or --max-size, the output is a folder of bags. The content of all of them is
+shown at the end. If the disk has less room than --min-free, --max-size removes the oldest bags; otherwise the
+recording ends, and its bag is complete.
+
+With --last, the output is a folder (default: the working directory). The last messages are kept in the files
+of a ring. Each trigger writes those before it, and those of --after, to incident-DATE-TIME.mcap. The triggers are
+`sm2 record trigger`, a call of --service (a string, answered by the path of the bag), SIGUSR1, --on-message,
+--on-lost and --on-deadline. After kill -9 the ring is still there, and `sm2 bag merge` puts it together.
+
+Exit status: 0 ended by Ctrl-C, SIGTERM or --seconds, and all bags are complete; 1 failed, or the disk is full;
+2 wrong usage.
 
 Examples:
   sm2 record camera log --seconds 2
   sm2 record --all -o all.mcap --seconds 1
-  sm2 record chatter --reliable chatter -o chat.mcap --seconds 1 --json";
+  sm2 record chatter --reliable chatter -o chat.mcap --seconds 1 --json
+  sm2 record --all -o drives --split-size 1GB --max-size 20GB --seconds 1
+  sm2 record --all --last 30s --on-lost talker --seconds 1";
 
-/// How often the progress is shown.
-const PROGRESS: Duration = Duration::from_secs(1);
-
+/// The names of new bags begin with this.
+const BAG: &str = "bag";
+/// A folder with a limit has at least this number of files.
+const RING_FILES: u64 = 8;
 /// Runs the command until a signal comes or `--seconds` has passed.
 ///
 /// # Errors
 ///
 /// [`CliError::Record`], [`CliError::File`], [`CliError::NotRecorded`] and the errors of connecting.
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let topics = match arguments.all {
-        true => Topics::All,
-        false => Topics::Named(arguments.topics.iter().cloned().collect()),
-    };
+    if let Some(Action::Trigger(arguments)) = &arguments.action {
+        return trigger::run(arguments);
+    }
     let mut reliable = arguments.reliable.iter();
     if let Some(topic) = reliable.find(|it| !arguments.all && !arguments.topics.contains(it)) {
         let topic = topic.to_string();
         return Err(CliError::NotRecorded { topic });
     }
     let session = Session::open(&arguments.domain, "record")?;
-    let path = path(arguments.output.as_deref());
-    let file = BagFile::create(&path).map_err(|error| CliError::file("create", &path, error))?;
-    let mut options = Options::new(topics);
-    options.reliable = arguments.reliable.iter().cloned().collect();
-    if let Some(Size(bytes)) = arguments.budget {
-        options.budget_bytes = bytes;
-    }
-    options.sync_interval = arguments.sync;
-    options.compression = arguments.compression.into();
-    let failed = |source| CliError::Record {
-        path: path.clone(),
-        source,
-    };
-    let mut recorder =
-        Recorder::start(&session.node, file, options, session.signal_fd()).map_err(failed)?;
-    stderr_line!("recording to {} (Ctrl-C ends)", path.display());
-    let recorded = record(arguments, &session, &mut recorder);
-    let finished = recorder.finish();
-    recorded.map_err(failed)?;
-    let report = finished.map_err(failed)?;
-    let mut out = Output::new();
-    match arguments.json {
-        true => out.json(&report)?,
-        false => show(&mut out, &path, &report)?,
-    }
-    out.flush()?;
-    Ok(Ended::Done)
-}
-
-/// Records, and shows the progress on a terminal.
-fn record(
-    arguments: &Arguments,
-    session: &Session,
-    recorder: &mut Recorder<'_>,
-) -> Result<(), sm2_bag::RecordError> {
     let length = |seconds| Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX);
     let until = match arguments.seconds {
         Some(seconds) => clock::now().after(length(seconds)),
         None => Instant(u64::MAX),
     };
+    let options = arguments.options();
+    if let Some(last) = arguments.black_box.last {
+        let output = arguments.output.as_deref().unwrap_or(Path::new("."));
+        let (output, end) = ((output, options), (until, arguments.json));
+        return black_box::run(&arguments.black_box, last, output, end, &session);
+    }
+    let stop = session.signal_fd();
+    let (path, started) = match arguments.split() {
+        None => {
+            let path = path(arguments.output.as_deref());
+            let created = BagFile::create(&path);
+            let file = created.map_err(|error| CliError::file("create", &path, error))?;
+            let started = Recorder::start(&session.node, file, options, stop);
+            (path, started)
+        }
+        Some(split) => {
+            let (path, folder) = arguments.folder()?;
+            let started = Recorder::start_in(&session.node, folder, split, options, stop);
+            (path, started)
+        }
+    };
+    let failed = |source| CliError::Record {
+        path: path.clone(),
+        source,
+    };
+    let mut recorder = started.map_err(failed)?;
+    stderr_line!("recording to {} (Ctrl-C ends)", path.display());
+    let recorded = record(until, &session, &mut recorder);
+    let finished = recorder.finish();
+    // A recording that ended early has its summary as well.
+    if let Ok(report) = &finished {
+        let mut out = Output::new();
+        match arguments.json {
+            true => out.json(report)?,
+            false => show(&mut out, &path, report)?,
+        }
+        out.flush()?;
+    }
+    recorded.map_err(failed)?;
+    finished.map_err(failed)?;
+    Ok(Ended::Done)
+}
+
+impl Arguments {
+    fn options(&self) -> Options {
+        let topics = match self.all {
+            true => Topics::All,
+            false => Topics::Named(self.topics.iter().cloned().collect()),
+        };
+        let defaults = Options::new(topics);
+        Options {
+            reliable: self.reliable.iter().cloned().collect(),
+            budget_bytes: self.budget.map_or(defaults.budget_bytes, |it| it.0),
+            sync_interval: self.sync,
+            compression: self.compression.into(),
+            min_free_bytes: self.min_free.map_or(defaults.min_free_bytes, |it| it.0),
+            ..defaults
+        }
+    }
+
+    /// When a new file begins; `None` if there is one file only.
+    fn split(&self) -> Option<Split> {
+        let is_split = self.split_size.or(self.max_size).is_some() || self.split_time.is_some();
+        let ring = self.max_size.map(|it| it.0 / RING_FILES);
+        let size = self.split_size.map(|it| it.0);
+        is_split.then_some(Split {
+            // A ring removes whole files.
+            bytes: size.into_iter().chain(ring).min(),
+            time: self.split_time,
+        })
+    }
+
+    /// The folder for the files.
+    fn folder(&self) -> Result<(PathBuf, Folder), CliError> {
+        let path = (self.output.clone()).unwrap_or_else(|| new_name("bags").into());
+        let failed = |error| CliError::file("use the folder", &path, error);
+        let folder = Folder::new(&path, &new_name(BAG)).map_err(failed)?;
+        let folder = match self.max_size {
+            Some(Size(limit)) => folder
+                .keep_bytes(limit, &format!("{BAG}-"))
+                .map_err(failed)?,
+            None => folder,
+        };
+        Ok((path, folder))
+    }
+}
+
+/// Records, and shows the progress on a terminal.
+fn record(
+    until: Instant,
+    session: &Session,
+    recorder: &mut Recorder<'_>,
+) -> Result<(), RecordError> {
     let is_shown = std::io::IsTerminal::is_terminal(&std::io::stderr());
+    let mut show_at = clock::now().after(PROGRESS);
     while session.stopped().is_none() && clock::now() < until {
-        let left = until.since(clock::now()).min(PROGRESS);
-        if !recorder.step(left)? {
-            break;
+        match recorder.step(until.min(show_at).since(clock::now()))? {
+            Step::Timeout | Step::Woken => {}
+            Step::Stopped => break,
+            Step::DiskFull => return Err(RecordError::DiskFull),
         }
         session.is_connected();
-        if is_shown {
-            stderr_line!("{}", Shown(recorder.progress()));
+        if clock::now() >= show_at {
+            show_at = clock::now().after(PROGRESS);
+            if is_shown {
+                stderr_line!("{}", Shown(recorder.progress()));
+            }
         }
     }
     Ok(())
@@ -152,34 +258,10 @@ fn record(
 
 /// The path of the file: as given, in the folder that was given, or in the working directory.
 fn path(output: Option<&Path>) -> PathBuf {
-    // UTC.
-    let now = jiff::Timestamp::now();
-    let new = format!("bag-{}.mcap", now.strftime("%Y-%m-%d-%H%M%S"));
+    let new = format!("{}.mcap", new_name(BAG));
     match output {
         None => new.into(),
         Some(folder) if folder.is_dir() => folder.join(new),
         Some(file) => file.to_owned(),
-    }
-}
-
-struct Shown(Progress);
-
-impl std::fmt::Display for Shown {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Progress {
-            topics,
-            messages,
-            bytes,
-            lost,
-            waiting_bytes,
-        } = self.0;
-        write!(
-            f,
-            "{}: {} ({}), lost {lost}, {} waiting for the disk",
-            Counted::new(topics as u64, "topic"),
-            Counted::new(messages, "message"),
-            Size(bytes),
-            Size(waiting_bytes)
-        )
     }
 }

@@ -26,6 +26,10 @@ impl Appender {
         self.offset + self.waiting.len() as u64
     }
 
+    pub(super) fn free_bytes(&self) -> io::Result<Option<u64>> {
+        self.storage.free_bytes()
+    }
+
     /// Appends a short part.
     pub(super) fn append(&mut self, bytes: &[u8]) {
         self.waiting.extend_from_slice(bytes);

@@ -91,7 +91,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         .any_types()
         .declare()?;
     let until = clock::now().after(arguments.timeout);
-    let Some([request_type, reply_type]) = server(arguments, &session, &client, until)? else {
+    let Some([request_type, reply_type]) = server(&arguments.service, &session, &client, until)?
+    else {
         return Ok(stopped(&session));
     };
     let mut schemas = Schemas::default();
@@ -134,13 +135,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
 }
 
 /// The result of a call that a signal ended.
-fn stopped(session: &Session) -> Ended {
+pub(crate) fn stopped(session: &Session) -> Ended {
     session.stopped().map_or(Ended::No, Ended::Stopped)
 }
 
 /// Waits for a server, and returns its types. `None` if a signal came.
-fn server(
-    arguments: &Arguments,
+pub(crate) fn server(
+    service: &Name,
     session: &Session,
     client: &Client<[u8], [u8]>,
     until: Instant,
@@ -161,14 +162,13 @@ fn server(
             return Ok(types);
         }
         if clock::now() >= until {
-            return Err(no_server(arguments, session));
+            return Err(no_server(service, session));
         }
         session.step(&[(client.as_fd(), For::Reading)], Some(until))?;
     }
 }
 
-fn no_server(arguments: &Arguments, session: &Session) -> CliError {
-    let service = &arguments.service;
+fn no_server(service: &Name, session: &Session) -> CliError {
     // An error of the Manager is reported elsewhere.
     let hint = session.snapshot().map_or_else(
         |_| String::new(),
@@ -185,7 +185,7 @@ fn no_server(arguments: &Arguments, session: &Session) -> CliError {
 }
 
 /// Sends the request and waits for the reply. `None` if a signal came; the call is then cancelled.
-fn call(
+pub(crate) fn call(
     session: &Session,
     client: &Client<[u8], [u8]>,
     request: &[u8],

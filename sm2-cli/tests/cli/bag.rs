@@ -27,13 +27,13 @@ fn publish(domain: &Domain) {
     assert_eq!(finished.code(), 0, "{finished:?}");
 }
 
-fn bag(arguments: &[&str]) -> (i32, String, String) {
+pub(crate) fn bag(arguments: &[&str]) -> (i32, String, String) {
     let finished = Running::start(&mut sm2(&[&["bag"], arguments].concat())).finish();
     (finished.code(), finished.stdout(), finished.stderr())
 }
 
 /// The names and counts of the topics in a summary.
-fn counts(summary: &str) -> Value {
+pub(crate) fn counts(summary: &str) -> Value {
     let summary: Value = serde_json::from_str(summary).unwrap();
     let topics = summary["topics"].as_array().unwrap().iter();
     let counts: Vec<_> = topics
@@ -104,6 +104,51 @@ fn a_recording_is_shown_checked_and_played() {
     let again = domain.run(&["record", "chatter", "-o", file]);
     assert_eq!(again.code(), 1);
     assert!(again.stderr().contains("cannot create"), "{again:?}");
+}
+
+#[test]
+fn a_recording_is_divided_into_the_files_of_a_folder() {
+    let domain = Domain::new();
+    let path = domain.path("drives");
+    let folder = path.to_str().unwrap();
+    let options = ["--split-time", "1ns", "--max-size", "1GB", "--json"];
+    let arguments = ["record", "chatter", "--reliable", "chatter", "-o", folder];
+    let recorder = domain.start(&[&arguments[..], &options].concat());
+    domain.wait_for("chatter", "subscribers", 1);
+    publish(&domain);
+    recorder.signal(Signal::SIGINT);
+    let finished = recorder.finish();
+    assert_eq!(finished.code(), 0, "{finished:?}");
+    let expected = json!([[["chatter", 10, 0]], true]);
+    assert_eq!(counts(&finished.stdout()), expected);
+    let entries = fs::read_dir(&path).unwrap();
+    let mut bags: Vec<_> = entries.map(|it| it.unwrap().path()).collect();
+    bags.sort();
+    assert!(bags.len() > 1, "{bags:?}");
+    let merged = domain.path("merged.mcap");
+    let mut merge = vec!["merge"];
+    merge.extend(bags.iter().map(|it| it.to_str().unwrap()));
+    merge.extend(["-o", merged.to_str().unwrap()]);
+    let (code, text, error) = bag(&merge);
+    assert_eq!(code, 0, "{text}{error}");
+    let (_, info, _) = bag(&["info", merged.to_str().unwrap(), "--json"]);
+    assert_eq!(counts(&info), expected);
+}
+
+#[test]
+fn a_recording_ends_when_the_disk_is_nearly_full() {
+    let domain = Domain::new();
+    let path = domain.path("full.mcap");
+    let file = path.to_str().unwrap();
+    let recorder = domain.start(&["record", "chatter", "-o", file, "--min-free", "1TiB"]);
+    domain.wait_for("chatter", "subscribers", 1);
+    publish(&domain);
+    let finished = recorder.finish();
+    assert_eq!(finished.code(), 1, "{finished:?}");
+    let error = finished.stderr();
+    assert!(error.contains("the disk is nearly full"), "{error}");
+    let (code, text, _) = bag(&["check", file]);
+    assert_eq!(code, 0, "{text}");
 }
 
 /// Records ten messages of `chatter`, and kills the recorder once they are in the file.

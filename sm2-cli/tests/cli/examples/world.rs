@@ -112,6 +112,10 @@ impl World {
             let finished = Running::start(&mut world.sm2(&record)).finish();
             assert_eq!(finished.code(), 0, "{finished:?}");
         }
+        if is_word_of(example, "trigger") {
+            let recorder = Running::start(&mut world.sm2(&["record", "--all", "--last", "60s"]));
+            world.daemons.push(recorder);
+        }
         world
     }
 

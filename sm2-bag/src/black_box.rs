@@ -1,0 +1,253 @@
+//! A recording of the last seconds, which is kept when something happens.
+
+mod incident;
+mod triggers;
+
+use std::io;
+use std::os::fd::BorrowedFd;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use sm2_node::Node;
+use sm2_proto::Instant;
+
+pub use self::incident::Incident;
+use self::incident::{Copying, Window};
+pub use self::triggers::Trigger;
+use self::triggers::Triggers;
+use crate::error::RecordError;
+use crate::folder::Folder;
+use crate::recorder::{Options, Progress, Recorder, Split, Step};
+
+/// How often a black box looks whether the file of an incident is complete.
+const LOOK: Duration = Duration::from_millis(20);
+/// The ring of a black box is divided into this many files, so that little more than the last seconds is kept.
+const RING_FILES: u32 = 8;
+/// The shortest time of a file in the ring.
+const FILE_MIN: Duration = Duration::from_secs(1);
+
+/// The options of a black box.
+#[derive(Clone, Debug)]
+pub struct BlackBoxOptions {
+    /// The recording.
+    pub record: Options,
+    /// How much before a trigger is kept.
+    pub last: Duration,
+    /// How much after a trigger is kept.
+    pub after: Duration,
+    /// The triggers.
+    pub triggers: Vec<Trigger>,
+    /// The folder for the bags of incidents. It must exist.
+    pub output: PathBuf,
+    /// The folder for the files of the ring, which no other program uses. In a memory file system (such as
+    /// `/dev/shm`), nothing is written to a disk before a trigger.
+    pub ring: PathBuf,
+}
+
+/// Why [`BlackBox::step`] has returned.
+#[derive(Debug)]
+pub enum BlackBoxStep {
+    /// The time is over.
+    Timeout,
+    /// The descriptor `stop` is readable.
+    Stopped,
+    /// A descriptor of [`wake_on_descriptor`](BlackBox::wake_on_descriptor) may be ready.
+    Woken,
+    /// The disk of the ring is full up to the [reserve](Options::min_free_bytes).
+    DiskFull,
+    /// Something has triggered: its name, and the bag that will be written.
+    Triggered(String, PathBuf),
+    /// The bag of an incident is complete, or could not be written.
+    Written(Incident),
+}
+
+/// Keeps the last seconds of a domain's messages in a ring of files. A [trigger](Trigger) writes them, and those of the
+/// next seconds, to a bag of their own. Each trigger gets a bag, also while another one is being written.
+///
+/// After a crash of the recorder, the ring is still there: [`copy`](fn@crate::copy) puts its files together.
+pub struct BlackBox<'fd> {
+    recorder: Recorder<'fd>,
+    ring: Folder,
+    last: Duration,
+    after: Duration,
+    output: PathBuf,
+    triggers: Triggers,
+    /// The incidents whose last seconds have not passed, the oldest one first.
+    open: Vec<Window>,
+    copying: Vec<Copying>,
+}
+
+impl<'fd> BlackBox<'fd> {
+    /// Starts. The descriptor `stop` ends [`step`](Self::step) when it is readable.
+    ///
+    /// # Errors
+    ///
+    /// See [`RecordError`].
+    pub fn start(
+        node: &Node,
+        options: BlackBoxOptions,
+        stop: BorrowedFd<'fd>,
+    ) -> Result<Self, RecordError> {
+        let BlackBoxOptions {
+            record,
+            last,
+            after,
+            triggers,
+            output,
+            ring,
+        } = options;
+        let file_time = (last / RING_FILES).max(FILE_MIN);
+        // A file is removed when its last message is too old for a trigger that comes now.
+        let ring = Folder::new(&ring, "ring").map_err(RecordError::System)?;
+        let ring = ring.keep_for(last);
+        let split = Split {
+            bytes: None,
+            time: Some(file_time),
+        };
+        let mut recorder = Recorder::start_in(node, ring.clone(), split, record, stop)?;
+        let triggers = Triggers::start(node, triggers, &mut recorder)?;
+        Ok(Self {
+            recorder,
+            ring,
+            last,
+            after,
+            output,
+            triggers,
+            open: Vec::new(),
+            copying: Vec::new(),
+        })
+    }
+
+    /// Keeps the last seconds and the next ones. Returns the bag that will be written.
+    pub fn trigger(&mut self, reason: &str) -> PathBuf {
+        let now = self.recorder.now_ns();
+        // The bag of another incident may not be there yet.
+        let open = self.open.iter().map(|it| &it.path);
+        let taken: Vec<_> = open.chain(self.copying.iter().map(|it| &it.path)).collect();
+        let window = Window::new(now, (self.last, self.after), reason, &self.output, &taken);
+        self.ring.pin(window.from_ns);
+        let path = window.path.clone();
+        self.open.push(window);
+        path
+    }
+
+    /// Records for at most `timeout`, or until something else happens: see [`BlackBoxStep`].
+    ///
+    /// # Errors
+    ///
+    /// See [`RecordError`].
+    pub fn step(&mut self, timeout: Duration) -> Result<BlackBoxStep, RecordError> {
+        let until = sm2_io::clock::now().after(timeout);
+        loop {
+            if let Some(step) = self.due()? {
+                return Ok(step);
+            }
+            let now = sm2_io::clock::now();
+            if now >= until {
+                return Ok(BlackBoxStep::Timeout);
+            }
+            let next = self.next_time().min(until);
+            match self.recorder.step(next.since(now))? {
+                Step::Timeout => {}
+                Step::Woken => return Ok(self.due()?.unwrap_or(BlackBoxStep::Woken)),
+                Step::Stopped => return Ok(BlackBoxStep::Stopped),
+                Step::DiskFull => return Ok(BlackBoxStep::DiskFull),
+            }
+        }
+    }
+
+    /// Something that has triggered, or an incident that is complete.
+    fn due(&mut self) -> Result<Option<BlackBoxStep>, RecordError> {
+        if let Some(reason) = self.triggers.next(&self.recorder)? {
+            let path = self.trigger(&reason);
+            self.triggers.answer(&path);
+            return Ok(Some(BlackBoxStep::Triggered(reason, path)));
+        }
+        Ok(self.write().map(BlackBoxStep::Written))
+    }
+
+    /// Lets [`step`](Self::step) return when `descriptor` becomes readable.
+    ///
+    /// # Errors
+    ///
+    /// Any error of the operating system.
+    pub fn wake_on_descriptor(&mut self, descriptor: BorrowedFd<'fd>) -> io::Result<()> {
+        self.recorder.wake_on_descriptor(descriptor)
+    }
+
+    /// How far the recording is, and how many files the ring has.
+    #[must_use]
+    pub fn progress(&self) -> Progress {
+        self.recorder.progress()
+    }
+
+    /// The time at which something is due.
+    fn next_time(&self) -> Instant {
+        let now = sm2_io::clock::now();
+        let window = self.open.first().map(|window| {
+            let left = window.to_ns.saturating_sub(self.recorder.now_ns());
+            now.after(Duration::from_nanos(left).max(LOOK))
+        });
+        let copy = (!self.copying.is_empty()).then(|| now.after(LOOK));
+        let times = [window, copy, self.triggers.deadline()];
+        times
+            .into_iter()
+            .flatten()
+            .min()
+            .unwrap_or(Instant(u64::MAX))
+    }
+
+    /// Writes the incidents whose last seconds have passed. Returns one that is complete.
+    fn write(&mut self) -> Option<Incident> {
+        let now = self.recorder.now_ns();
+        if let Some(window) = self.open.first_mut()
+            && now >= window.to_ns
+        {
+            match self.ring.files(window.from_ns, window.to_ns) {
+                Some(files) => {
+                    let window = self.open.remove(0);
+                    self.copying.push(Copying::start(window, files));
+                }
+                // The last messages are in the file that is being written.
+                None if !window.has_ended_file => {
+                    window.has_ended_file = true;
+                    self.recorder.end_file();
+                }
+                None => {}
+            }
+        }
+        let at = self.copying.iter().position(Copying::is_done)?;
+        let incident = self.copying.remove(at).join();
+        self.ring.release(incident.from_ns);
+        Some(incident)
+    }
+
+    /// Ends. Incidents whose last seconds have not passed are written up to now. Then the ring is removed.
+    ///
+    /// # Errors
+    ///
+    /// See [`RecordError`]. The ring remains then.
+    pub fn finish(self) -> Result<Vec<Incident>, RecordError> {
+        let Self {
+            recorder,
+            ring,
+            open,
+            copying,
+            ..
+        } = self;
+        let now = recorder.now_ns();
+        let recorded = recorder.finish();
+        let late = open.into_iter().map(|window| {
+            let files = ring.files(window.from_ns, window.to_ns.min(now));
+            // After an error, the last file has no summary, and can be read nevertheless.
+            Copying::start(window, files.unwrap_or_else(|| ring.all_files()))
+        });
+        let all: Vec<_> = copying.into_iter().chain(late).collect();
+        let incidents: Vec<_> = all.into_iter().map(Copying::join).collect();
+        recorded?;
+        if incidents.iter().all(|it| it.result.is_ok()) {
+            ring.remove().map_err(RecordError::System)?;
+        }
+        Ok(incidents)
+    }
+}

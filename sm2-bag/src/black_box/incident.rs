@@ -1,0 +1,147 @@
+//! Writing the bag of an incident.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use mcap::records::Metadata;
+
+use crate::bag::Bag;
+use crate::copy::copy_with;
+use crate::error::{CopyError, WriteError};
+use crate::messages::Filter;
+use crate::report::Report;
+use crate::writer::Compression;
+
+/// The name of the metadata record that says why a bag was written.
+const RECORD: &str = "sm2.incident";
+
+/// An incident, and the bag with the messages around it.
+#[derive(Debug)]
+pub struct Incident {
+    /// The bag.
+    pub path: PathBuf,
+    /// The trigger.
+    pub reason: String,
+    /// The summary of the bag, unless it could not be written.
+    pub result: Result<Report, CopyError>,
+    pub(super) from_ns: u64,
+}
+
+/// The time around a trigger.
+#[derive(Debug)]
+pub(super) struct Window {
+    pub(super) from_ns: u64,
+    pub(super) to_ns: u64,
+    /// Whether the recorder was told to end the file in which the time ends.
+    pub(super) has_ended_file: bool,
+    at_ns: u64,
+    reason: String,
+    pub(super) path: PathBuf,
+}
+
+impl Window {
+    pub(super) fn new(
+        at_ns: u64,
+        (last, after): (Duration, Duration),
+        reason: &str,
+        folder: &Path,
+        taken: &[&PathBuf],
+    ) -> Self {
+        let time = jiff::Timestamp::from_nanosecond(at_ns.into()).unwrap_or_default();
+        let stem = format!("incident-{}", time.strftime("%Y-%m-%d-%H%M%S"));
+        let names = (1..).map(|number| match number {
+            1 => format!("{stem}.mcap"),
+            number => format!("{stem}-{number}.mcap"),
+        });
+        let mut paths = names.map(|name| folder.join(name));
+        let is_free = |path: &PathBuf| !path.exists() && !taken.contains(&path);
+        Self {
+            from_ns: at_ns.saturating_sub(last.as_nanos() as u64),
+            to_ns: at_ns.saturating_add(after.as_nanos() as u64),
+            has_ended_file: false,
+            at_ns,
+            reason: reason.to_owned(),
+            path: paths.find(is_free).unwrap_or_default(),
+        }
+    }
+
+    fn metadata(&self) -> Metadata {
+        let content = [
+            ("reason", self.reason.clone()),
+            ("time_ns", self.at_ns.to_string()),
+            ("from_ns", self.from_ns.to_string()),
+            ("to_ns", self.to_ns.to_string()),
+        ];
+        Metadata {
+            name: RECORD.to_owned(),
+            metadata: BTreeMap::from(content.map(|(key, value)| (key.to_owned(), value))),
+        }
+    }
+
+    /// Copies the messages of this time out of the ring.
+    fn copy(&self, files: &[PathBuf]) -> Result<Report, CopyError> {
+        let bags: Vec<_> = files
+            .iter()
+            .map(|it| Bag::open(it))
+            .collect::<Result<_, _>>()?;
+        let filter = Filter {
+            from_ns: Some(self.from_ns),
+            to_ns: Some(self.to_ns),
+            ..Filter::default()
+        };
+        copy_with(
+            &bags,
+            &self.path,
+            &filter,
+            Compression::None,
+            &[self.metadata()],
+        )
+    }
+}
+
+/// A thread that writes the bag of an incident.
+pub(super) struct Copying {
+    pub(super) path: PathBuf,
+    reason: String,
+    from_ns: u64,
+    thread: std::io::Result<JoinHandle<Result<Report, CopyError>>>,
+}
+
+impl Copying {
+    pub(super) fn start(window: Window, files: Vec<PathBuf>) -> Self {
+        let (path, reason, from_ns) = (window.path.clone(), window.reason.clone(), window.from_ns);
+        let work = move || window.copy(&files);
+        Self {
+            path,
+            reason,
+            from_ns,
+            thread: sm2_io::spawn_without_signals("sm2-incident".to_owned(), work),
+        }
+    }
+
+    pub(super) fn is_done(&self) -> bool {
+        (self.thread.as_ref()).map_or(true, JoinHandle::is_finished)
+    }
+
+    /// Waits for the thread.
+    pub(super) fn join(self) -> Incident {
+        let failed = |source| CopyError::Write {
+            path: self.path.clone(),
+            source,
+        };
+        let result = match self.thread {
+            Ok(thread) => thread
+                .join()
+                .unwrap_or_else(|_| Err(failed(WriteError::Panicked))),
+            Err(error) => Err(failed(error.into())),
+        };
+        Incident {
+            path: self.path,
+            reason: self.reason,
+            result,
+            from_ns: self.from_ns,
+        }
+    }
+}

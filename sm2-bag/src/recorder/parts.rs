@@ -1,0 +1,153 @@
+//! The files of a recording.
+
+use std::io;
+use std::sync::Arc;
+use std::time::Duration;
+
+use crate::clock::ClockRelation;
+use crate::error::WriteError;
+use crate::folder::Folder;
+use crate::gap::Gap;
+use crate::report::{Report, ReportBuilder};
+use crate::source::Source;
+use crate::storage::Storage;
+use crate::writer::{BagWriter, Compression, MessageTimes};
+
+/// When a recording begins a new file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Split {
+    /// Before a file becomes longer than this, in bytes.
+    pub bytes: Option<u64>,
+    /// When the messages of a file are this long after its first one.
+    pub time: Option<Duration>,
+}
+
+/// Where a recording goes.
+pub(crate) enum Output {
+    File(Box<dyn Storage>),
+    Folder(Folder, Split),
+}
+
+/// Writes the files of a recording, one after the other.
+pub(crate) struct Parts {
+    bag: BagWriter,
+    /// The folder, unless there is one file only.
+    folder: Option<(Folder, Split)>,
+    compression: Compression,
+    min_free_bytes: u64,
+    /// The relation of the clocks at the start, and after the last step of the wall clock.
+    clocks: (ClockRelation, ClockRelation),
+    /// The content of the files that are complete.
+    done: ReportBuilder,
+}
+
+impl Parts {
+    pub(crate) fn new(
+        output: Output,
+        compression: Compression,
+        min_free_bytes: u64,
+        clock: ClockRelation,
+    ) -> Result<Self, WriteError> {
+        let (storage, folder) = match output {
+            Output::File(storage) => (storage, None),
+            Output::Folder(folder, split) => (next_file(&folder, split)?, Some((folder, split))),
+        };
+        Ok(Self {
+            bag: BagWriter::new(storage, compression, clock)?,
+            folder,
+            compression,
+            min_free_bytes,
+            clocks: (clock, clock),
+            done: ReportBuilder::default(),
+        })
+    }
+
+    pub(crate) fn message(
+        &mut self,
+        source: &Arc<Source>,
+        times: MessageTimes,
+        data: &[u8],
+    ) -> Result<(), WriteError> {
+        if self.is_full(times.log_time, data.len() as u64) {
+            self.end_file(times.log_time)?;
+        }
+        self.bag.message(source, times, data)
+    }
+
+    /// Whether a message belongs to the next file.
+    fn is_full(&self, time: u64, len_bytes: u64) -> bool {
+        let Some((_, split)) = &self.folder else {
+            return false;
+        };
+        let Some((first, _)) = self.bag.times() else {
+            return false;
+        };
+        let is_long = split
+            .bytes
+            .is_some_and(|it| self.bag.len_bytes() + len_bytes > it);
+        let age = Duration::from_nanos(time.saturating_sub(first));
+        is_long || split.time.is_some_and(|it| age >= it)
+    }
+
+    pub(crate) fn gap(&mut self, source: &Arc<Source>, gap: Gap) -> Result<(), WriteError> {
+        self.bag.gap(source, gap)
+    }
+
+    pub(crate) fn clock(&mut self, clock: ClockRelation) -> Result<(), WriteError> {
+        self.clocks.1 = clock;
+        self.bag.clock(clock)
+    }
+
+    /// Ends an interval: what was written before can be read after a power cut.
+    pub(crate) fn sync(&mut self) -> Result<(), WriteError> {
+        self.bag.sync()
+    }
+
+    /// Whether the disk has less room than it shall keep. The oldest files of a ring are removed first.
+    pub(crate) fn is_disk_full(&self) -> Result<bool, WriteError> {
+        loop {
+            let free = self.bag.free_bytes()?;
+            if free.is_none_or(|it| it >= self.min_free_bytes) {
+                return Ok(false);
+            }
+            let can_remove = match &self.folder {
+                Some((folder, _)) if folder.is_ring() => folder.remove_oldest()?,
+                _ => false,
+            };
+            if !can_remove {
+                return Ok(true);
+            }
+        }
+    }
+
+    /// Ends the file, and begins the next one. Nothing happens without a folder.
+    pub(crate) fn end_file(&mut self, now_ns: u64) -> Result<(), WriteError> {
+        let Some((folder, split)) = &self.folder else {
+            return Ok(());
+        };
+        let len_bytes = self.bag.len_bytes();
+        let times = self.bag.times();
+        self.done.add_report(&self.bag.finish()?);
+        folder.end_file(len_bytes, times, now_ns)?;
+        let (start, last) = self.clocks;
+        self.bag = BagWriter::new(next_file(folder, *split)?, self.compression, start)?;
+        if last != start {
+            self.bag.clock(last)?;
+        }
+        Ok(())
+    }
+
+    /// Ends the last file. Returns the content of all files together.
+    pub(crate) fn finish(mut self, now_ns: u64) -> Result<Report, WriteError> {
+        let (len_bytes, times) = (self.bag.len_bytes(), self.bag.times());
+        self.done.add_report(&self.bag.finish()?);
+        if let Some((folder, _)) = &self.folder {
+            folder.end_file(len_bytes, times, now_ns)?;
+        }
+        Ok(self.done.finish_all(true))
+    }
+}
+
+fn next_file(folder: &Folder, split: Split) -> io::Result<Box<dyn Storage>> {
+    Ok(Box::new(folder.next_file(split.bytes.unwrap_or_default())?))
+}

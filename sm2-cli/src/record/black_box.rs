@@ -1,0 +1,209 @@
+//! `sm2 record --last`: keeps the last seconds of topics when something happens.
+
+use std::{
+    fs, io,
+    io::Read,
+    os::{fd::AsFd, unix::net::UnixStream},
+    path::Path,
+    time::Duration,
+};
+
+use clap::Args;
+use serde_json::json;
+use signal_hook::{consts::SIGUSR1, low_level::pipe};
+use sm2_bag::{BlackBox, BlackBoxOptions, BlackBoxStep, Incident, Options, RecordError, Trigger};
+use sm2_io::clock;
+use sm2_proto::{Instant, Name};
+
+use super::{
+    common::{PROGRESS, Shown, new_name},
+    trigger::SERVICE,
+};
+use crate::{
+    args::name, bag_summary::show, connect::Session, ended::Ended, error::CliError, output::Output,
+    time,
+};
+
+/// The options of a black box.
+#[derive(Args, Debug)]
+#[command(next_help_heading = "Black box")]
+pub(super) struct BlackBoxArguments {
+    /// Keep the last messages, of this time, and write them to a bag when something triggers
+    #[arg(long, value_name = "TIME", value_parser = time::span)]
+    #[arg(conflicts_with_all = ["split_size", "split_time", "max_size"])]
+    pub(super) last: Option<Duration>,
+    /// How much after a trigger is written as well
+    #[arg(long, value_name = "TIME", default_value = "5s", value_parser = time::span_or_zero, requires = "last")]
+    after: Duration,
+    /// Trigger on each message of this topic (may be given again)
+    #[arg(long, value_name = "TOPIC", value_parser = name, requires = "last")]
+    on_message: Vec<Name>,
+    /// Trigger when this node, once it was there, has left the domain (may be given again)
+    #[arg(long, value_name = "NODE", value_parser = name, requires = "last")]
+    on_lost: Vec<Name>,
+    /// Trigger when a topic has had messages, but none for this time (may be given again)
+    #[arg(long, value_name = "TOPIC=TIME", value_parser = deadline, requires = "last")]
+    on_deadline: Vec<(Name, Duration)>,
+    /// The service that triggers
+    #[arg(long, value_name = "NAME", value_parser = name, default_value = SERVICE, requires = "last")]
+    service: Name,
+    /// The folder for the last messages, such as one in /dev/shm [default: a new one in the folder of the bags]
+    #[arg(long, value_name = "FOLDER", requires = "last")]
+    ring: Option<std::path::PathBuf>,
+}
+
+/// Parses `TOPIC=TIME`.
+fn deadline(text: &str) -> Result<(Name, Duration), String> {
+    let (topic, span) = text
+        .split_once('=')
+        .ok_or("give a topic and a time, such as scan=200ms")?;
+    Ok((name(topic)?, time::span(span)?))
+}
+
+/// Runs until a signal comes or the time `until`.
+///
+/// # Errors
+///
+/// [`CliError::Record`], [`CliError::Incident`], [`CliError::File`].
+pub(super) fn run(
+    arguments: &BlackBoxArguments,
+    last: Duration,
+    (output, record): (&Path, Options),
+    (until, json): (Instant, bool),
+    session: &Session,
+) -> Result<Ended, CliError> {
+    fs::create_dir_all(output).map_err(|error| CliError::file("create", output, error))?;
+    let ring = arguments.ring.clone();
+    let ring = ring.unwrap_or_else(|| output.join(new_name("ring")));
+    let failed = |source| CliError::Record {
+        path: ring.clone(),
+        source,
+    };
+    let options = BlackBoxOptions {
+        record,
+        last,
+        after: arguments.after,
+        triggers: arguments.triggers(),
+        output: output.to_owned(),
+        ring: ring.clone(),
+    };
+    let signal = Signal::install().map_err(CliError::system("catch SIGUSR1"))?;
+    let mut black_box =
+        BlackBox::start(&session.node, options, session.signal_fd()).map_err(failed)?;
+    let added = black_box.wake_on_descriptor(signal.0.as_fd());
+    added.map_err(CliError::system("wait for SIGUSR1"))?;
+    stderr_line!(
+        "keeping the last {} in {} (`sm2 record trigger`, SIGUSR1; Ctrl-C ends)",
+        time::Span(last),
+        ring.display()
+    );
+    let mut out = Output::new();
+    let mut failure = Ok(());
+    let kept = keep(&mut black_box, &signal, session, until, &mut |incident| {
+        report(&mut out, incident, json, &mut failure)
+    });
+    let incidents = black_box.finish();
+    let kept = kept?;
+    for incident in incidents.map_err(failed)? {
+        report(&mut out, incident, json, &mut failure)?;
+    }
+    kept.map_err(failed)?;
+    failure.map(|()| Ended::Done)
+}
+
+/// Records, and passes each incident that is complete to `done`.
+fn keep(
+    black_box: &mut BlackBox<'_>,
+    signal: &Signal,
+    session: &Session,
+    until: Instant,
+    done: &mut dyn FnMut(Incident) -> Result<(), CliError>,
+) -> Result<Result<(), RecordError>, CliError> {
+    let is_shown = io::IsTerminal::is_terminal(&io::stderr());
+    let mut show_at = clock::now().after(PROGRESS);
+    while session.stopped().is_none() && clock::now() < until {
+        let left = until.min(show_at).since(clock::now());
+        match black_box.step(left) {
+            Ok(BlackBoxStep::Stopped) => break,
+            Ok(BlackBoxStep::Timeout) => {}
+            Ok(BlackBoxStep::Woken) => {
+                if signal.has_come() {
+                    let path = black_box.trigger("SIGUSR1");
+                    stderr_line!("triggered by SIGUSR1: {}", path.display());
+                }
+            }
+            Ok(BlackBoxStep::Triggered(reason, path)) => {
+                stderr_line!("triggered by {reason}: {}", path.display());
+            }
+            Ok(BlackBoxStep::Written(incident)) => done(incident)?,
+            Ok(BlackBoxStep::DiskFull) => return Ok(Err(RecordError::DiskFull)),
+            Err(error) => return Ok(Err(error)),
+        }
+        session.is_connected();
+        if clock::now() >= show_at {
+            show_at = clock::now().after(PROGRESS);
+            if is_shown {
+                stderr_line!("{}", Shown(black_box.progress()));
+            }
+        }
+    }
+    Ok(Ok(()))
+}
+
+/// Prints the bag of an incident. The first one that could not be written is the result of the command.
+fn report(
+    out: &mut Output,
+    incident: Incident,
+    json: bool,
+    failure: &mut Result<(), CliError>,
+) -> Result<(), CliError> {
+    let Incident {
+        path,
+        reason,
+        result,
+        ..
+    } = incident;
+    match result {
+        Ok(report) if json => {
+            out.json(&json!({ "path": path, "reason": reason, "bag": report }))?;
+        }
+        Ok(report) => show(out, &path, &report)?,
+        Err(error) => {
+            stderr_line!("sm2: {error}");
+            if failure.is_ok() {
+                *failure = Err(CliError::Incident { path, reason });
+            }
+        }
+    }
+    out.flush()
+}
+
+impl BlackBoxArguments {
+    fn triggers(&self) -> Vec<Trigger> {
+        let messages = self.on_message.iter().cloned().map(Trigger::Message);
+        let nodes = self.on_lost.iter().cloned().map(Trigger::LostNode);
+        let deadlines = self.on_deadline.iter().cloned();
+        let deadlines = deadlines.map(|(topic, time)| Trigger::MissedDeadline(topic, time));
+        let service = Trigger::Service(self.service.clone());
+        let others = messages.chain(nodes).chain(deadlines);
+        others.chain([service]).collect()
+    }
+}
+
+/// SIGUSR1, as a descriptor that is readable after it.
+struct Signal(UnixStream);
+
+impl Signal {
+    fn install() -> io::Result<Self> {
+        let (read, written_by_handler) = UnixStream::pair()?;
+        read.set_nonblocking(true)?;
+        pipe::register(SIGUSR1, written_by_handler)?;
+        Ok(Self(read))
+    }
+
+    /// Whether the signal has come since the last call.
+    fn has_come(&self) -> bool {
+        let mut bytes = [0; 64];
+        matches!((&self.0).read(&mut bytes), Ok(len) if len > 0)
+    }
+}

@@ -1,0 +1,72 @@
+//! `sm2 record trigger`: lets a black box keep its last seconds.
+
+use std::time::Duration;
+
+use clap::Args;
+use sm2_io::clock;
+use sm2_proto::Name;
+
+use crate::{
+    args::{Domain, name},
+    connect::Session,
+    ended::Ended,
+    error::CliError,
+    output::Output,
+    service::{call, server, stopped},
+    time,
+};
+
+/// The service of `sm2 record --last` for triggers.
+pub(super) const SERVICE: &str = "record/trigger";
+
+/// `sm2 record trigger`.
+#[derive(Args, Debug)]
+#[command(after_help = HELP)]
+pub(crate) struct Arguments {
+    /// Why; it is noted in the bag [default: the service and this command's node]
+    #[arg(value_name = "REASON", default_value = "", hide_default_value = true)]
+    reason: String,
+    /// The service of the recorder
+    #[arg(long, value_name = "NAME", value_parser = name, default_value = SERVICE)]
+    service: Name,
+    /// The timeout for the recorder's answer
+    #[arg(long, value_name = "TIME", default_value = "5s", value_parser = time::span)]
+    timeout: Duration,
+    #[command(flatten)]
+    domain: Domain,
+}
+
+const HELP: &str = "\
+Prints the path of the bag that the recorder will write. The bag is complete when the time after the trigger
+has passed and the recorder has reported it.
+
+Exit status: 0 triggered; 1 no `sm2 record --last` has answered; 2 wrong usage; 130 Ctrl-C.
+
+Examples:
+  sm2 record trigger
+  sm2 record trigger 'collision at the door' --timeout 10s";
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// [`CliError::NoServer`], [`CliError::Call`], and the errors of connecting.
+pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    let session = Session::open(&arguments.domain, "trigger")?;
+    let client = session
+        .node
+        .client_builder::<[u8], [u8]>(arguments.service.as_str())
+        .any_types()
+        .declare()?;
+    let until = clock::now().after(arguments.timeout);
+    if server(&arguments.service, &session, &client, until)?.is_none() {
+        return Ok(stopped(&session));
+    }
+    let Some(reply) = call(&session, &client, arguments.reason.as_bytes(), until)? else {
+        return Ok(stopped(&session));
+    };
+    let mut out = Output::new();
+    out.line(String::from_utf8_lossy(&reply))?;
+    out.flush()?;
+    Ok(Ended::Done)
+}

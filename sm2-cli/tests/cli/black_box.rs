@@ -1,0 +1,138 @@
+//! `sm2 record --last` and `sm2 record trigger`.
+
+use std::{fs, path::Path};
+
+use nix::sys::signal::Signal;
+use serde_json::{Value, json};
+
+use crate::{
+    bag::{bag, counts},
+    common::{Domain, Running, until},
+};
+
+/// Publishes a line of text.
+fn publish(domain: &Domain, topic: &str, line: &str) {
+    let from = domain.path("line");
+    fs::write(&from, format!("{line}\n")).unwrap();
+    let from = from.to_str().unwrap();
+    let options = ["--from", from, "--lines", "--wait", "1"];
+    let arguments = [&["topic", "pub", topic], &options[..]].concat();
+    let finished = domain.run(&arguments);
+    assert_eq!(finished.code(), 0, "{finished:?}");
+}
+
+/// Waits until standard error has a text this many times.
+fn wait_for(recorder: &Running, text: &str, times: usize) {
+    until(text, || recorder.stderr().matches(text).count() == times);
+}
+
+/// The reason and the messages of `chatter` of each incident.
+fn incidents(output: &str) -> Vec<(String, u64)> {
+    let lines = output
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap());
+    let incident = |it: Value| {
+        assert!(Path::new(it["path"].as_str().unwrap()).exists());
+        assert_eq!(it["bag"]["complete"], true);
+        let topics = it["bag"]["topics"].as_array().unwrap().clone();
+        let mut chatter = topics.iter().filter(|it| it["name"] == "chatter");
+        let messages = chatter
+            .next()
+            .map_or(0, |it| it["messages"].as_u64().unwrap());
+        (it["reason"].as_str().unwrap().to_owned(), messages)
+    };
+    lines.map(incident).collect()
+}
+
+#[test]
+fn a_black_box_writes_what_was_before_each_trigger() {
+    let domain = Domain::new();
+    let path = domain.path("out");
+    let folder = path.to_str().unwrap();
+    let victim = domain.start(&["topic", "echo", "nothing"]);
+    let nodes = || domain.json(&["snapshot"]).to_string();
+    until("the victim is there", || nodes().contains("sm2-echo-"));
+    let snapshot = nodes();
+    let at = snapshot.find("sm2-echo-").unwrap();
+    let is_name = |it: &char| it.is_ascii_alphanumeric() || *it == '-';
+    let name: String = snapshot[at..].chars().take_while(is_name).collect();
+    let arguments = [
+        "record", "chatter", "--last", "60s", "--after", "0", "-o", folder,
+    ];
+    let triggers = ["--on-message", "alarm", "--on-lost", &name, "--json"];
+    let recorder = domain.start(&[&arguments[..], &triggers].concat());
+    domain.wait_for("chatter", "subscribers", 1);
+    publish(&domain, "chatter", "first");
+
+    let called = domain.run(&["record", "trigger", "collision"]);
+    assert_eq!(called.code(), 0, "{called:?}");
+    let bag = called.stdout();
+    assert!(
+        bag.contains("incident-") && bag.ends_with(".mcap\n"),
+        "{bag}"
+    );
+    wait_for(&recorder, "triggered by collision", 1);
+
+    publish(&domain, "chatter", "second");
+    recorder.signal(Signal::SIGUSR1);
+    wait_for(&recorder, "triggered by SIGUSR1", 1);
+    publish(&domain, "alarm", "fire");
+    wait_for(&recorder, "triggered by message of alarm", 1);
+    victim.signal(Signal::SIGKILL);
+    victim.finish();
+    wait_for(&recorder, &format!("triggered by lost node {name}"), 1);
+
+    recorder.signal(Signal::SIGTERM);
+    let finished = recorder.finish();
+    assert_eq!(finished.code(), 0, "{finished:?}");
+    let mut incidents = incidents(&finished.stdout());
+    incidents.sort();
+    let expected = [
+        ("SIGUSR1".to_owned(), 2),
+        ("collision".to_owned(), 1),
+        (format!("lost node {name}"), 2),
+        ("message of alarm".to_owned(), 2),
+    ];
+    assert_eq!(incidents, expected);
+    // The ring is gone.
+    assert_eq!(fs::read_dir(&path).unwrap().count(), 4);
+}
+
+#[test]
+fn a_ring_is_left_after_a_kill_and_no_recorder_answers() {
+    let domain = Domain::new();
+    let path = domain.path("out");
+    let ring = domain.path("ring");
+    let arguments = ["record", "chatter", "--last", "60s", "--sync", "1ms"];
+    let (folder, ring_folder) = (path.to_str().unwrap(), ring.to_str().unwrap());
+    let output = ["-o", folder, "--ring", ring_folder];
+    let recorder = domain.start(&[&arguments[..], &output].concat());
+    domain.wait_for("chatter", "subscribers", 1);
+    publish(&domain, "chatter", "first");
+    let file = ring.join("ring-0001.mcap");
+    until("the message is in the ring", || {
+        let (code, info, _) = bag(&["info", file.to_str().unwrap(), "--json"]);
+        code == 0 && counts(&info)[0] == json!([["chatter", 1, 0]])
+    });
+    recorder.signal(Signal::SIGKILL);
+    recorder.finish();
+    assert!(file.exists());
+
+    let called = domain.run(&["record", "trigger", "--timeout", "200ms"]);
+    assert_eq!(called.code(), 1, "{called:?}");
+    let error = called.stderr();
+    assert!(error.contains("record/trigger"), "{error}");
+}
+
+#[test]
+fn a_black_box_has_no_other_limits() {
+    let domain = Domain::new();
+    for arguments in [
+        &["record", "--all", "--last", "1s", "--split-size", "1MB"][..],
+        &["record", "--all", "--on-message", "alarm"],
+        &["record", "--all", "--last", "1s", "--on-deadline", "scan"],
+    ] {
+        let finished = domain.run(arguments);
+        assert_eq!(finished.code(), 2, "{arguments:?}: {finished:?}");
+    }
+}
