@@ -1,9 +1,12 @@
 //! The messages that wait for the disk.
 
 use std::collections::VecDeque;
+use std::io;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use nix::errno::Errno;
+use nix::sys::eventfd::{EfdFlags, EventFd};
 use sm2_node::Sample;
 
 use crate::clock::ClockRelation;
@@ -56,10 +59,12 @@ pub(crate) struct Written {
 }
 
 /// The items between the thread that receives and the thread that writes.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Queue {
     state: Mutex<State>,
     changed: Condvar,
+    /// Readable when a reliable topic that was refused may find room.
+    room: Arc<EventFd>,
 }
 
 #[derive(Debug, Default)]
@@ -74,9 +79,42 @@ struct State {
     failed: Option<WriteError>,
     has_failed: bool,
     is_disk_full: bool,
+    /// Whether a reliable topic was refused.
+    is_refused: bool,
 }
 
 impl Queue {
+    pub(crate) fn new() -> io::Result<Self> {
+        let flags = EfdFlags::EFD_NONBLOCK | EfdFlags::EFD_CLOEXEC;
+        Ok(Self {
+            state: Mutex::default(),
+            changed: Condvar::new(),
+            room: Arc::new(EventFd::from_flags(flags)?),
+        })
+    }
+
+    /// A descriptor that is readable when a topic that was refused may find [room](Self::has_room).
+    pub(crate) const fn room(&self) -> &Arc<EventFd> {
+        &self.room
+    }
+
+    /// Lets the descriptor wait for the next room.
+    pub(crate) fn take_room_signal(&self) -> io::Result<()> {
+        match self.room.read() {
+            Ok(_) | Err(Errno::EAGAIN) => Ok(()),
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    /// Whether another message of a topic can wait. If not, the descriptor tells when the topic shall try again.
+    pub(crate) fn has_room(&self, budget_bytes: u64, held_by: HeldBy, held_max: usize) -> bool {
+        let mut state = self.lock();
+        let held = state.held.get(held_by.0).copied().unwrap_or_default();
+        let has_room = held < held_max && state.waiting_bytes < budget_bytes;
+        state.is_refused |= !has_room;
+        has_room
+    }
+
     fn lock(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -132,6 +170,10 @@ impl Queue {
             && let Some(count) = state.held.get_mut(topic)
         {
             *count -= 1;
+        }
+        if std::mem::take(&mut state.is_refused) {
+            // It fails only if the number overflows, and the descriptor is readable then.
+            let _ = self.room.write(1);
         }
     }
 

@@ -2,6 +2,7 @@
 
 mod parts;
 mod topic;
+mod writing;
 
 use std::collections::BTreeSet;
 use std::os::fd::BorrowedFd;
@@ -12,11 +13,12 @@ use std::time::Duration;
 use sm2_node::domain::{Contract, Watch};
 use sm2_node::wait_set::{Interest, Waitable};
 use sm2_node::{Node, RecvError, Timer, WaitSet};
-use sm2_proto::{Instant, Name};
+use sm2_proto::Name;
 
 pub use self::parts::Split;
 use self::parts::{Output, Parts};
 use self::topic::Topic;
+use self::writing::write;
 use crate::clock::ClockRelation;
 use crate::error::{RecordError, WriteError};
 use crate::folder::Folder;
@@ -138,6 +140,8 @@ enum Event {
     Stop,
     /// The clocks are compared.
     Clock,
+    /// The writer has room for reliable topics again.
+    Room,
     /// A source of the caller is ready.
     Other,
 }
@@ -187,7 +191,9 @@ impl<'fd> Recorder<'fd> {
             .and_then(|_| set.add_descriptor(node.clone(), Interest::Readable, Event::Domain))
             .map_err(RecordError::System)?;
         set.add_timer(Timer::every(options.sync_interval), Event::Clock);
-        let queue = Arc::new(Queue::default());
+        let queue = Arc::new(Queue::new().map_err(RecordError::System)?);
+        set.add_descriptor(Arc::clone(queue.room()), Interest::Readable, Event::Room)
+            .map_err(RecordError::System)?;
         let (theirs, interval) = (Arc::clone(&queue), options.sync_interval);
         let writer = sm2_io::spawn_without_signals("sm2-bag".to_owned(), move || {
             match write(parts, &theirs, interval, clock) {
@@ -247,6 +253,7 @@ impl<'fd> Recorder<'fd> {
                 }
                 Event::Stop => return Ok(Step::Stopped),
                 Event::Clock => self.compare_clocks(),
+                Event::Room => self.resume()?,
                 Event::Other => return Ok(Step::Woken),
             }
         }
@@ -362,16 +369,38 @@ impl<'fd> Recorder<'fd> {
             .declare()?;
         let number = self.topics.len();
         let added = self.set.add(&subscriber, Event::Topic(number));
-        added.map_err(RecordError::System)?;
+        let key = added.map_err(RecordError::System)?;
         self.known.insert(name.clone());
-        self.topics.push(Topic::new(subscriber));
+        let is_reliable = self.options.reliable.contains(name);
+        self.topics.push(Topic::new(subscriber, key, is_reliable));
+        Ok(())
+    }
+
+    /// Takes messages of the reliable topics again that waited for room.
+    fn resume(&mut self) -> Result<(), RecordError> {
+        self.queue.take_room_signal().map_err(RecordError::System)?;
+        for (number, topic) in self.topics.iter_mut().enumerate() {
+            if topic.key.is_none() {
+                let added = self.set.add(&topic.subscriber, Event::Topic(number));
+                topic.key = Some(added.map_err(RecordError::System)?);
+            }
+        }
         Ok(())
     }
 
     /// Takes up to `most` messages of a topic.
     fn take(&mut self, number: usize, most: usize) -> Result<(), RecordError> {
+        let budget = self.options.budget_bytes;
+        let held_by = HeldBy(number);
         for _ in 0..most {
             let topic = &mut self.topics[number];
+            if topic.is_reliable && !self.queue.has_room(budget, held_by, HELD_MAX) {
+                // Its messages stay with their publishers, which wait.
+                if let Some(key) = topic.key.take() {
+                    self.set.remove(key);
+                }
+                return Ok(());
+            }
             let sample = match topic.subscriber.try_recv() {
                 Ok(Some(sample)) => sample,
                 Ok(None) => return Ok(()),
@@ -393,8 +422,7 @@ impl<'fd> Recorder<'fd> {
                 self.queue.push(Item::Gap(Arc::clone(&taken.source), gap));
             }
             let len = sample.len();
-            let has_room = self.queue.waiting_bytes() + len as u64 <= self.options.budget_bytes;
-            let held_by = HeldBy(number);
+            let has_room = topic.is_reliable || self.queue.waiting_bytes() + len as u64 <= budget;
             let payload = if !has_room {
                 None
             } else if len <= COPY_MAX_BYTES {
@@ -430,62 +458,5 @@ impl<'fd> Recorder<'fd> {
             self.last_clock = clock;
             self.queue.push(Item::Clock(clock));
         }
-    }
-}
-
-/// Writes the items of the queue until it is closed.
-fn write(
-    mut parts: Parts,
-    queue: &Queue,
-    interval: Duration,
-    clock: ClockRelation,
-) -> Result<Report, WriteError> {
-    let mut sync_at = sm2_io::clock::now().after(interval);
-    let mut is_clean = true;
-    loop {
-        let now = sm2_io::clock::now();
-        if now >= sync_at {
-            if !is_clean {
-                parts.sync()?;
-                is_clean = true;
-                if parts.is_disk_full()? {
-                    queue.note_disk_full();
-                }
-            }
-            sync_at = sm2_io::clock::now().after(interval);
-        }
-        let (item, goes_on) = queue.pop(time_until(sync_at, now, is_clean));
-        is_clean &= item.is_none();
-        match item {
-            Some(Item::Message {
-                source,
-                times,
-                payload,
-            }) => {
-                parts.message(&source, times, payload.bytes())?;
-                let len = payload.bytes().len();
-                let held = match &payload {
-                    Payload::Held(_, by) => Some(*by),
-                    Payload::Copied(_) => None,
-                };
-                drop(payload);
-                queue.note_written(len, held);
-            }
-            Some(Item::Gap(source, gap)) => parts.gap(&source, gap)?,
-            Some(Item::Clock(clock)) => parts.clock(clock)?,
-            Some(Item::EndFile(now_ns)) => parts.end_file(now_ns)?,
-            None => {}
-        }
-        if !goes_on {
-            return parts.finish(clock.wall_at(sm2_io::clock::now()));
-        }
-    }
-}
-
-/// How long the writer may wait for an item. Without work it does not wake up.
-fn time_until(sync_at: Instant, now: Instant, is_clean: bool) -> Duration {
-    match is_clean {
-        true => Duration::from_secs(3_600),
-        false => sync_at.since(now),
     }
 }

@@ -12,7 +12,7 @@ use nix::errno::Errno;
 use sm2_bag::{
     Bag, GapReason, Options, RecordError, Recorder, Storage, WriteError, check, recover,
 };
-use sm2_node::Shutdown;
+use sm2_node::{Name, Shutdown};
 
 use self::common::{Domain, named, record};
 
@@ -103,6 +103,52 @@ fn a_frozen_disk_costs_messages_that_are_counted_and_nobody_waits() {
     let bag = Bag::open(&domain.path("bag")).unwrap();
     assert_eq!(bag.report(), report);
     assert_eq!(check(bag.path()).unwrap().damages, []);
+}
+
+#[test]
+fn the_publisher_of_a_reliable_topic_waits_for_a_frozen_disk() {
+    let domain = Domain::new();
+    let talker = domain.node("talker");
+    let node = domain.node("recorder");
+    // Many short messages fill the memory; a few long ones fill the slots that may wait.
+    for (name, len) in [("short", 1_000), ("long", 100_000)] {
+        let data = talker.publisher_builder::<[u8]>(name);
+        let data = data.reliable(true).declare().unwrap();
+        let gate = Arc::new(Gate::default());
+        let disk = Disk {
+            file: domain.create(&format!("{name}.mcap")),
+            gate: Arc::clone(&gate),
+            left: (usize::MAX, usize::MAX),
+            error: Errno::ENOSPC,
+        };
+        let options = Options {
+            budget_bytes: 50_000,
+            reliable: [Name::new(name).unwrap()].into(),
+            ..Options::new(named(&[name]))
+        };
+        let mut sent = 0;
+        let report = record(&node, disk, options, |record_until| {
+            record_until(&mut |_| data.links().iter().any(|it| it.open));
+            gate.set(true);
+            let mut refused = 0;
+            while refused < 100 {
+                match data.try_publish(&vec![0; len]).unwrap() {
+                    Some(_) => (sent, refused) = (sent + 1, 0),
+                    None => refused += 1,
+                }
+                let mut is_over = false;
+                record_until(&mut |it| {
+                    assert!(it.progress().waiting_bytes <= 50_000 + len as u64);
+                    std::mem::replace(&mut is_over, true)
+                });
+            }
+            gate.set(false);
+            record_until(&mut |it| it.progress().messages == sent);
+        });
+        let topic = &report.topics[0];
+        assert!(sent > 1, "{name}: {sent}");
+        assert_eq!((topic.messages, topic.lost), (sent, 0), "{name}");
+    }
 }
 
 #[test]

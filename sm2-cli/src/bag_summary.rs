@@ -7,6 +7,9 @@ use sm2_proto::text::Counted;
 
 use crate::{error::CliError, output::Output, size::Size, time::Span};
 
+/// How many gaps of a topic the text has.
+const GAPS_SHOWN: usize = 10;
+
 /// Prints the summary of a bag.
 ///
 /// # Errors
@@ -37,7 +40,7 @@ pub(crate) fn show(out: &mut Output, path: &Path, report: &Report) -> Result<(),
             Size(topic.bytes),
             topic.lost
         ))?;
-        for gap in &topic.gaps {
+        for gap in topic.gaps.iter().take(GAPS_SHOWN) {
             let at = gap
                 .from_ns
                 .saturating_sub(report.start_ns.unwrap_or(gap.from_ns));
@@ -51,6 +54,13 @@ pub(crate) fn show(out: &mut Output, path: &Path, report: &Report) -> Result<(),
                 gap.publisher,
                 Span(Duration::from_nanos(at)),
                 Span(Duration::from_nanos(gap.to_ns.saturating_sub(gap.from_ns))),
+            ))?;
+        }
+        let more = topic.gaps.len().saturating_sub(GAPS_SHOWN) as u64;
+        if more > 0 {
+            out.line(format_args!(
+                "    {} more (--json has all of them)",
+                Counted::new(more, "gap")
             ))?;
         }
     }

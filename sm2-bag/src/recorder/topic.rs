@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use sm2_node::domain::Contract;
+use sm2_node::wait_set::Key;
 use sm2_node::{Node, Sample, Subscriber};
 use sm2_proto::{Name, OfferedQos, Period, TypeId};
 
@@ -26,6 +27,10 @@ const UNKNOWN_OFFER: OfferedQos = OfferedQos {
 /// A topic that is recorded, and its publishers.
 pub(super) struct Topic {
     pub(super) subscriber: Subscriber<[u8]>,
+    /// The place of the subscriber in the wait set; `None` while the queue has no room for this reliable topic.
+    pub(super) key: Option<Key>,
+    /// Whether its publishers wait when the queue has no room.
+    pub(super) is_reliable: bool,
     publishers: HashMap<(Name, TypeId), Publisher>,
 }
 
@@ -45,9 +50,11 @@ pub(super) struct Taken {
 }
 
 impl Topic {
-    pub(super) fn new(subscriber: Subscriber<[u8]>) -> Self {
+    pub(super) fn new(subscriber: Subscriber<[u8]>, key: Key, is_reliable: bool) -> Self {
         Self {
             subscriber,
+            key: Some(key),
+            is_reliable,
             publishers: HashMap::new(),
         }
     }
