@@ -11,6 +11,7 @@ mod gateway;
 mod generated;
 mod help;
 mod information;
+mod kills;
 mod lists;
 mod max_len;
 mod measure;
