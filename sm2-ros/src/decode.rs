@@ -1,0 +1,112 @@
+//! Decodes a message by the definition of its type.
+
+use sm2_ros_idl::{Base, FieldType, Message, Primitive, Set, Shape, TypeName};
+
+use crate::reader::Reader;
+use crate::{DecodeError, Value};
+
+/// Decodes a message of the type `name`. The first `keep` elements of each array and sequence are kept, and the
+/// others are checked and counted.
+///
+/// # Errors
+///
+/// [`DecodeError`] with the path to the field whose bytes are wrong, or with the type that `set` lacks.
+pub fn decode<'a>(
+    set: &Set,
+    name: &TypeName,
+    bytes: &'a [u8],
+    keep: usize,
+) -> Result<Value<'a>, DecodeError> {
+    // No type contains itself, and the nesting has a limit, so the recursion below has one.
+    set.closure(name)?;
+    let mut decoder = Decoder {
+        set,
+        reader: Reader::new(bytes)?,
+        keep,
+    };
+    let value = decoder.message(set.get(name)?)?;
+    decoder.reader.end()?;
+    Ok(value)
+}
+
+struct Decoder<'s, 'a> {
+    set: &'s Set,
+    reader: Reader<'a>,
+    keep: usize,
+}
+
+impl<'a> Decoder<'_, 'a> {
+    fn message(&mut self, message: &Message) -> Result<Value<'a>, DecodeError> {
+        if message.fields.is_empty() {
+            // IDL has no structure without fields: ROS 2 sends a byte.
+            self.reader.take(1)?;
+        }
+        let mut fields = Vec::with_capacity(message.fields.len());
+        for field in &message.fields {
+            let value = self.field(&field.ty);
+            let value = value.map_err(|error| error.within(&field.name))?;
+            fields.push((field.name.clone(), value));
+        }
+        Ok(Value::Struct(fields))
+    }
+
+    fn field(&mut self, ty: &FieldType) -> Result<Value<'a>, DecodeError> {
+        let len = match ty.shape {
+            Shape::One => return self.value(&ty.base),
+            Shape::Array(len) => len,
+            Shape::Sequence(max) => self.reader.len(max)?,
+        };
+        // Every element has at least one byte, so a hostile length ends here.
+        let len = len as usize;
+        if len > self.reader.remaining() {
+            return Err(self.reader.wrong(crate::Fault::Short));
+        }
+        let mut items = Vec::new();
+        for at in 0..len {
+            if at >= self.keep
+                && let Base::Primitive(primitive) = ty.base
+                && primitive != Primitive::Bool
+            {
+                // Each element is as long as its alignment, and the first one is aligned.
+                self.reader.align(primitive.size_bytes())?;
+                let rest = (len - at).saturating_mul(primitive.size_bytes());
+                self.reader.take(rest)?;
+                break;
+            }
+            let item = self.value(&ty.base);
+            let item = item.map_err(|error| error.within(&format!("[{at}]")))?;
+            if at < self.keep {
+                items.push(item);
+            }
+        }
+        let more = (len - items.len()) as u64;
+        Ok(Value::List { items, more })
+    }
+
+    fn value(&mut self, base: &Base) -> Result<Value<'a>, DecodeError> {
+        let reader = &mut self.reader;
+        Ok(match base {
+            Base::Primitive(primitive) => match primitive {
+                Primitive::Bool => Value::Bool(reader.bool()?),
+                Primitive::Byte | Primitive::Char | Primitive::Uint8 => {
+                    Value::Unsigned(u8::from_le_bytes(reader.number()?).into())
+                }
+                Primitive::Uint16 => Value::Unsigned(u16::from_le_bytes(reader.number()?).into()),
+                Primitive::Uint32 => Value::Unsigned(u32::from_le_bytes(reader.number()?).into()),
+                Primitive::Uint64 => Value::Unsigned(u64::from_le_bytes(reader.number()?)),
+                Primitive::Int8 => Value::Signed(i8::from_le_bytes(reader.number()?).into()),
+                Primitive::Int16 => Value::Signed(i16::from_le_bytes(reader.number()?).into()),
+                Primitive::Int32 => Value::Signed(i32::from_le_bytes(reader.number()?).into()),
+                Primitive::Int64 => Value::Signed(i64::from_le_bytes(reader.number()?)),
+                Primitive::Float32 => Value::F32(f32::from_le_bytes(reader.number()?)),
+                Primitive::Float64 => Value::F64(f64::from_le_bytes(reader.number()?)),
+            },
+            Base::String { max_bytes } => Value::Text(reader.text(*max_bytes)?.into()),
+            Base::WString { max_units } => Value::Text(reader.wide_text(*max_units)?),
+            Base::Message(name) => {
+                let set = self.set;
+                self.message(set.get(name)?)?
+            }
+        })
+    }
+}

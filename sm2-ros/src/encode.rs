@@ -1,0 +1,240 @@
+//! Encodes JSON as a message, by the definition of its type.
+
+use serde_json::Value as Json;
+use sm2_ros_idl::{Base, Field, FieldType, Message, Primitive, Set, Shape, TypeName};
+
+use crate::EncodeError;
+use crate::writer::Writer;
+
+/// Encodes a JSON object as a message of the type `name`. Fields that the object lacks have the default value
+/// of the definition, or else zero, the empty text or the empty sequence. The texts `NaN`, `inf` and `-inf` are
+/// floating-point numbers, too.
+///
+/// # Errors
+///
+/// [`EncodeError`] with the path to the value that does not fit its type, or with the type that `set` lacks.
+pub fn encode(set: &Set, name: &TypeName, value: &Json) -> Result<Vec<u8>, EncodeError> {
+    // No type contains itself, and the nesting has a limit, so the recursion below has one.
+    set.closure(name)?;
+    let mut encoder = Encoder {
+        set,
+        writer: Writer::new(),
+    };
+    encoder.message(set.get(name)?, Some(value))?;
+    Ok(encoder.writer.into_bytes())
+}
+
+struct Encoder<'s> {
+    set: &'s Set,
+    writer: Writer,
+}
+
+impl Encoder<'_> {
+    fn message(&mut self, message: &Message, given: Option<&Json>) -> Result<(), EncodeError> {
+        let object = match given {
+            None => None,
+            Some(Json::Object(object)) => Some(object),
+            Some(other) => return Err(wrong("an object with the fields", other)),
+        };
+        let mut names = object.into_iter().flat_map(|it| it.keys());
+        if let Some(field) = names.find(|it| message.fields.iter().all(|f| *f.name != ***it)) {
+            return Err(EncodeError::Field {
+                path: String::new(),
+                ty: message.name.to_string(),
+                field: field.clone(),
+            });
+        }
+        if message.fields.is_empty() {
+            // IDL has no structure without fields: ROS 2 sends a byte.
+            self.room(1)?;
+            self.writer.number([0]);
+        }
+        for field in &message.fields {
+            let given = object.and_then(|it| it.get(&*field.name));
+            let written = match (given, default_of(field)) {
+                (None, Some(default)) => default.and_then(|it| self.field(&field.ty, Some(&it))),
+                (given, _) => self.field(&field.ty, given),
+            };
+            written.map_err(|error| error.within(&field.name))?;
+        }
+        Ok(())
+    }
+
+    fn field(&mut self, ty: &FieldType, given: Option<&Json>) -> Result<(), EncodeError> {
+        let items = match (ty.shape, given) {
+            (Shape::One, _) => return self.value(&ty.base, given),
+            (_, None) => None,
+            (_, Some(Json::Array(items))) => Some(items),
+            (_, Some(other)) => return Err(wrong("an array", other)),
+        };
+        let count = items.map(Vec::len);
+        let len = match ty.shape {
+            Shape::Array(len) => {
+                let len = len as usize;
+                if count.is_some_and(|count| count != len) {
+                    return Err(wrong_len(&format!("{len} elements"), count));
+                }
+                // Every element has at least one byte.
+                self.room(len)?;
+                len
+            }
+            Shape::Sequence(max) => {
+                let len = count.unwrap_or(0);
+                if max.is_some_and(|max| len > max as usize) {
+                    let max = max.unwrap_or(0);
+                    return Err(wrong_len(&format!("at most {max} elements"), count));
+                }
+                self.room(8)?;
+                self.writer.len(len);
+                len
+            }
+            Shape::One => 1,
+        };
+        for at in 0..len {
+            let item = items.and_then(|it| it.get(at));
+            let written = self.value(&ty.base, item);
+            written.map_err(|error| error.within(&format!("[{at}]")))?;
+        }
+        Ok(())
+    }
+
+    fn value(&mut self, base: &Base, given: Option<&Json>) -> Result<(), EncodeError> {
+        match base {
+            Base::Primitive(primitive) => {
+                self.room(2 * primitive.size_bytes())?;
+                self.primitive(*primitive, given)
+            }
+            Base::String { max_bytes } => {
+                let text = text(given, *max_bytes, str::len)?;
+                self.room(text.len() + 9)?;
+                self.writer.text(text);
+                Ok(())
+            }
+            Base::WString { max_units } => {
+                let text = text(given, *max_units, |it| it.encode_utf16().count())?;
+                self.room(2 * text.len() + 9)?;
+                self.writer.wide_text(text);
+                Ok(())
+            }
+            Base::Message(name) => {
+                let set = self.set;
+                self.message(set.get(name)?, given)
+            }
+        }
+    }
+
+    fn primitive(&mut self, primitive: Primitive, given: Option<&Json>) -> Result<(), EncodeError> {
+        macro_rules! write {
+            ($type:ty, $take:expr) => {{
+                let number: $type = match given {
+                    None => Default::default(),
+                    Some(given) => match $take(given) {
+                        Some(number) => number,
+                        None => return Err(wrong(primitive.name(), given)),
+                    },
+                };
+                self.writer.number(number.to_le_bytes());
+            }};
+        }
+        macro_rules! integer {
+            ($type:ty, $as:ident) => {
+                write!($type, |it: &Json| it.$as()?.try_into().ok())
+            };
+        }
+        match primitive {
+            Primitive::Bool => write!(u8, |it: &Json| it.as_bool().map(u8::from)),
+            Primitive::Byte | Primitive::Char | Primitive::Uint8 => integer!(u8, as_u64),
+            Primitive::Uint16 => integer!(u16, as_u64),
+            Primitive::Uint32 => integer!(u32, as_u64),
+            Primitive::Uint64 => integer!(u64, as_u64),
+            Primitive::Int8 => integer!(i8, as_i64),
+            Primitive::Int16 => integer!(i16, as_i64),
+            Primitive::Int32 => integer!(i32, as_i64),
+            Primitive::Int64 => integer!(i64, as_i64),
+            // The nearest number of 32 bits is meant.
+            Primitive::Float32 => write!(f32, |it: &Json| float(it).map(|it| it as f32)),
+            Primitive::Float64 => write!(f64, float),
+        }
+        Ok(())
+    }
+
+    fn room(&self, bytes: usize) -> Result<(), EncodeError> {
+        match self.writer.has_room(bytes) {
+            true => Ok(()),
+            false => Err(EncodeError::TooLong {
+                path: String::new(),
+                max: Writer::MAX_BYTES,
+            }),
+        }
+    }
+}
+
+fn float(given: &Json) -> Option<f64> {
+    match given {
+        Json::String(text) => match text.as_str() {
+            "NaN" => Some(f64::NAN),
+            "inf" => Some(f64::INFINITY),
+            "-inf" => Some(f64::NEG_INFINITY),
+            _ => None,
+        },
+        other => other.as_f64(),
+    }
+}
+
+fn text(
+    given: Option<&Json>,
+    max: Option<u32>,
+    len: impl Fn(&str) -> usize,
+) -> Result<&str, EncodeError> {
+    let text = match given {
+        None => "",
+        Some(Json::String(text)) => text,
+        Some(other) => return Err(wrong("a text", other)),
+    };
+    match max {
+        Some(max) if len(text) > max as usize => Err(wrong_len(
+            &format!("a text of at most {max}"),
+            Some(len(text)),
+        )),
+        _ => Ok(text),
+    }
+}
+
+/// The default value of a field as JSON, if the definition has one.
+fn default_of(field: &Field) -> Option<Result<Json, EncodeError>> {
+    let text = field.default.as_deref()?;
+    let is_text = matches!(field.ty.base, Base::String { .. } | Base::WString { .. });
+    Some(match (is_text, field.ty.shape) {
+        (true, Shape::One) => Ok(Json::from(unquoted(text))),
+        _ => {
+            let json = serde_json::from_str(text)
+                .or_else(|_| serde_json::from_str(&text.to_ascii_lowercase()))
+                .or_else(|_| serde_json::from_str(&text.replace('\'', "\"")));
+            json.map_err(|_| wrong("a default value", &Json::from(text)))
+        }
+    })
+}
+
+fn unquoted(text: &str) -> &str {
+    let inner = |quote| text.strip_prefix(quote)?.strip_suffix(quote);
+    inner('"').or_else(|| inner('\'')).unwrap_or(text)
+}
+
+fn wrong(expected: &str, found: &Json) -> EncodeError {
+    /// The most characters of a found value that an error shows.
+    const CHARS: usize = 40;
+    let found = found.to_string();
+    EncodeError::Value {
+        path: String::new(),
+        expected: expected.to_owned(),
+        found: found.chars().take(CHARS).collect(),
+    }
+}
+
+fn wrong_len(expected: &str, found: Option<usize>) -> EncodeError {
+    EncodeError::Value {
+        path: String::new(),
+        expected: expected.to_owned(),
+        found: found.unwrap_or(0).to_string(),
+    }
+}

@@ -1,0 +1,122 @@
+//! Errors of decoding the bytes of a message, and of encoding JSON as a message.
+
+use sm2_ros_idl::SetError;
+
+/// Bytes that are not a message of the type.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum DecodeError {
+    /// The value at one place is wrong.
+    #[error("{path}: {fault}, at byte {at}")]
+    Value {
+        /// The path of fields to the value.
+        path: String,
+        /// The offset from the start of the message, in bytes.
+        at: usize,
+        /// The fault.
+        fault: Fault,
+    },
+    /// The definition of the type is incomplete.
+    #[error(transparent)]
+    Set(#[from] SetError),
+}
+
+/// The fault of the bytes at one offset.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Fault {
+    /// The first four bytes are not those of CDR.
+    #[error("expected the bytes 00 00 or 00 01 of CDR, followed by two bytes of options")]
+    Header,
+    /// The message ends inside a value.
+    #[error("the message is cut short")]
+    Short,
+    /// Bytes follow the last value.
+    #[error("{0} bytes too many")]
+    LeftOver(usize),
+    /// A boolean is neither 0 nor 1.
+    #[error("{0} is no boolean")]
+    Bool(u8),
+    /// A text does not end in a byte 0.
+    #[error("a text without a zero at its end")]
+    Unterminated,
+    /// A text is not UTF-8 or UTF-16.
+    #[error("text that is not Unicode")]
+    Unicode,
+    /// A text or sequence is longer than its definition allows.
+    #[error("{len} elements, where the definition allows {max}")]
+    Limit {
+        /// The length in the message.
+        len: u32,
+        /// The limit of the definition.
+        max: u32,
+    },
+}
+
+impl DecodeError {
+    pub(crate) const fn new(at: usize, fault: Fault) -> Self {
+        let path = String::new();
+        Self::Value { path, at, fault }
+    }
+
+    /// Puts a step in front of the path, for an error inside a field or element.
+    pub(crate) fn within(mut self, step: &str) -> Self {
+        if let Self::Value { path, .. } = &mut self {
+            within(path, step);
+        }
+        self
+    }
+}
+
+/// JSON that is not a message of the type.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum EncodeError {
+    /// The value at one place is wrong.
+    #[error("{path}: expected {expected}, found {found}")]
+    Value {
+        /// The path of fields to the value.
+        path: String,
+        /// The expected value.
+        expected: String,
+        /// The value that was found.
+        found: String,
+    },
+    /// The type has no field of this name.
+    #[error("{path}: the type {ty} has no field {field}")]
+    Field {
+        /// The path of fields to the structure.
+        path: String,
+        /// The type of the structure.
+        ty: String,
+        /// The name.
+        field: String,
+    },
+    /// A default value or a missing array needs more than the longest message.
+    #[error("{path}: the message would be longer than {max} bytes")]
+    TooLong {
+        /// The path of fields to the value.
+        path: String,
+        /// The limit, in bytes.
+        max: usize,
+    },
+    /// The definition of the type is incomplete.
+    #[error(transparent)]
+    Set(#[from] SetError),
+}
+
+impl EncodeError {
+    pub(crate) fn within(mut self, step: &str) -> Self {
+        match &mut self {
+            Self::Value { path, .. } | Self::Field { path, .. } | Self::TooLong { path, .. } => {
+                within(path, step);
+            }
+            Self::Set(_) => {}
+        }
+        self
+    }
+}
+
+fn within(path: &mut String, step: &str) {
+    if !path.is_empty() && !path.starts_with('[') {
+        path.insert(0, '.');
+    }
+    path.insert_str(0, step);
+}

@@ -1,0 +1,144 @@
+//! Messages in CDR, and bytes that are none. `sm2-ros/oracle` compares all types with another implementation.
+
+use serde_json::{Value as Json, json};
+use sm2_ros::{DecodeError, EncodeError, Fault, Value, decode, encode};
+use sm2_ros_idl::{Set, TypeName};
+
+fn name() -> TypeName {
+    "p/msg/T".parse().unwrap()
+}
+
+fn set(text: &str) -> Set {
+    let mut set = Set::default();
+    set.add(&name(), text).unwrap();
+    set
+}
+
+fn bytes(text: &str, value: &Json) -> Vec<u8> {
+    encode(&set(text), &name(), value).unwrap()
+}
+
+fn fault(text: &str, bytes: &[u8]) -> (String, usize, Fault) {
+    match decode(&set(text), &name(), bytes, usize::MAX) {
+        Err(DecodeError::Value { path, at, fault }) => (path, at, fault),
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn numbers_are_aligned_behind_the_header() {
+    let text = "uint8 a\nfloat64 b\nuint16[] c\nstring d";
+    let value = json!({"a": 1, "b": 1.0, "c": [2, 3], "d": "x"});
+    let expected = [
+        &[0, 1, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0][..],
+        &1f64.to_le_bytes(),
+        &[2, 0, 0, 0, 2, 0, 3, 0, 2, 0, 0, 0, b'x', 0],
+    ];
+    let bytes = bytes(text, &value);
+    assert_eq!(bytes, expected.concat());
+    let decoded = decode(&set(text), &name(), &bytes, usize::MAX).unwrap();
+    assert_eq!(decoded.to_json(), value);
+}
+
+#[test]
+fn both_byte_orders_are_read() {
+    let text = "uint32 a\nwstring b";
+    let little = [0, 1, 0, 0, 1, 2, 0, 0, 1, 0, 0, 0, 0xe4, 0];
+    let big = [0, 0, 0, 0, 0, 0, 2, 1, 0, 0, 0, 1, 0, 0xe4];
+    for bytes in [little, big] {
+        let value = decode(&set(text), &name(), &bytes, usize::MAX).unwrap();
+        assert_eq!(value.to_json(), json!({"a": 0x201, "b": "ä"}));
+    }
+}
+
+#[test]
+fn missing_fields_have_their_defaults() {
+    let text =
+        "int8 a 7\nstring b 'x y'\nfloat32[2] c [1.5, -2]\nbool d True\nuint8[3] e\nstring f";
+    let bytes = bytes(text, &json!({}));
+    let value = decode(&set(text), &name(), &bytes, usize::MAX).unwrap();
+    let expected =
+        json!({"a": 7, "b": "x y", "c": [1.5, -2.0], "d": true, "e": [0, 0, 0], "f": ""});
+    assert_eq!(value.to_json(), expected);
+}
+
+#[test]
+fn elements_that_are_not_kept_are_counted() {
+    let text = "float64[] a\nbool[] b\nstring[] c";
+    let value = json!({"a": [1, 2, 3], "b": [true, false], "c": ["x", "y", "z"]});
+    let bytes = bytes(text, &value);
+    let decoded = decode(&set(text), &name(), &bytes, 1).unwrap();
+    let Value::Struct(fields) = decoded else {
+        panic!("{decoded:?}");
+    };
+    let more = fields.iter().map(|(_, value)| match value {
+        Value::List { items, more } => (items.len(), *more),
+        other => panic!("{other:?}"),
+    });
+    assert_eq!(more.collect::<Vec<_>>(), [(1, 2), (1, 1), (1, 2)]);
+}
+
+#[test]
+fn wrong_bytes_have_a_place_and_a_reason() {
+    let head = [0, 1, 0, 0];
+    let with = |rest: &[u8]| [&head[..], rest].concat();
+    let at = |path: &str, at, fault| (path.to_owned(), at, fault);
+    assert_eq!(fault("int8 a", &[1, 0, 0, 0]), at("", 0, Fault::Header));
+    assert_eq!(fault("int32 a", &with(&[1, 0])), at("a", 4, Fault::Short));
+    assert_eq!(
+        fault("int8 a", &with(&[0; 5])),
+        at("", 5, Fault::LeftOver(4))
+    );
+    assert_eq!(fault("bool a", &with(&[2])), at("a", 5, Fault::Bool(2)));
+    assert_eq!(
+        fault("bool[2] a", &with(&[1, 3])),
+        at("a[1]", 6, Fault::Bool(3))
+    );
+    let text = [1, 0, 0, 0, b'x'];
+    assert_eq!(
+        fault("string a", &with(&text)),
+        at("a", 9, Fault::Unterminated)
+    );
+    let text = [2, 0, 0, 0, 0xff, 0];
+    assert_eq!(fault("string a", &with(&text)), at("a", 10, Fault::Unicode));
+    let (len, max) = (3, 2);
+    assert_eq!(
+        fault("int8[<=2] a", &with(&[3, 0, 0, 0, 1, 2, 3])),
+        at("a", 8, Fault::Limit { len, max })
+    );
+}
+
+/// A length of 4 GiB in a message of a few bytes is refused before memory is allocated.
+#[test]
+fn a_hostile_length_costs_nothing() {
+    let bytes = [0, 1, 0, 0, 0xff, 0xff, 0xff, 0xff, 0, 0, 0, 0];
+    for text in [
+        "uint8[] a",
+        "float64[] a",
+        "string[] a",
+        "string a",
+        "wstring a",
+    ] {
+        assert_eq!(fault(text, &bytes).2, Fault::Short, "{text}");
+    }
+    assert_eq!(fault("float64[4294967295] a", &bytes).2, Fault::Short);
+    let error = encode(&set("float64[4294967295] a"), &name(), &json!({})).unwrap_err();
+    assert!(matches!(error, EncodeError::TooLong { .. }), "{error}");
+}
+
+#[test]
+fn values_that_do_not_fit_have_a_path() {
+    let mut set = set("U[] u\nuint8 a");
+    let other = "p/msg/U".parse().unwrap();
+    set.add(&other, "string<=2 s").unwrap();
+    let error = |value: Json| encode(&set, &name(), &value).unwrap_err().to_string();
+    assert_eq!(
+        error(json!({"u": [{}, {"s": "abc"}]})),
+        "u[1].s: expected a text of at most 2, found 3"
+    );
+    assert_eq!(error(json!({"a": 256})), "a: expected uint8, found 256");
+    assert_eq!(
+        error(json!({"u": [{"x": 1}]})),
+        "u[0]: the type p/msg/U has no field x"
+    );
+}
