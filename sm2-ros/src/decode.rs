@@ -3,16 +3,17 @@
 use sm2_ros_idl::{Base, FieldType, Message, Primitive, Set, Shape, TypeName};
 
 use crate::reader::Reader;
-use crate::{DecodeError, Value};
+use crate::{DecodeError, Fault, Value};
 
 /// Decodes a message of the type `name`. The first `keep` elements of each array and sequence are kept, and the
-/// others are checked and counted.
+/// others are checked and counted. The value borrows its texts from `bytes`, and the names of its fields from `set`.
 ///
 /// # Errors
 ///
 /// [`DecodeError`] with the path to the field whose bytes are wrong, or with the type that `set` lacks.
+/// [`Fault::Values`] if more than 2^22 values would be kept.
 pub fn decode<'a>(
-    set: &Set,
+    set: &'a Set,
     name: &TypeName,
     bytes: &'a [u8],
     keep: usize,
@@ -23,20 +24,27 @@ pub fn decode<'a>(
         set,
         reader: Reader::new(bytes)?,
         keep,
+        values: 0,
     };
     let value = decoder.message(set.get(name)?)?;
     decoder.reader.end()?;
     Ok(value)
 }
 
-struct Decoder<'s, 'a> {
-    set: &'s Set,
+/// The most values that are kept. Definitions can nest types 64 deep around a single byte, so the length of the
+/// message alone does not limit the memory enough.
+const VALUES_MAX: usize = 1 << 22;
+
+struct Decoder<'a> {
+    set: &'a Set,
     reader: Reader<'a>,
     keep: usize,
+    /// The number of values that are kept so far, and of those that are being decoded.
+    values: usize,
 }
 
-impl<'a> Decoder<'_, 'a> {
-    fn message(&mut self, message: &Message) -> Result<Value<'a>, DecodeError> {
+impl<'a> Decoder<'a> {
+    fn message(&mut self, message: &'a Message) -> Result<Value<'a>, DecodeError> {
         if message.fields.is_empty() {
             // IDL has no structure without fields: ROS 2 sends a byte.
             self.reader.take(1)?;
@@ -45,12 +53,12 @@ impl<'a> Decoder<'_, 'a> {
         for field in &message.fields {
             let value = self.field(&field.ty);
             let value = value.map_err(|error| error.within(&field.name))?;
-            fields.push((field.name.clone(), value));
+            fields.push((&*field.name, value));
         }
         Ok(Value::Struct(fields))
     }
 
-    fn field(&mut self, ty: &FieldType) -> Result<Value<'a>, DecodeError> {
+    fn field(&mut self, ty: &'a FieldType) -> Result<Value<'a>, DecodeError> {
         let len = match ty.shape {
             Shape::One => return self.value(&ty.base),
             Shape::Array(len) => len,
@@ -59,7 +67,7 @@ impl<'a> Decoder<'_, 'a> {
         // Every element has at least one byte, so a hostile length ends here.
         let len = len as usize;
         if len > self.reader.remaining() {
-            return Err(self.reader.wrong(crate::Fault::Short));
+            return Err(self.reader.wrong(Fault::Short));
         }
         let mut items = Vec::new();
         for at in 0..len {
@@ -73,17 +81,24 @@ impl<'a> Decoder<'_, 'a> {
                 self.reader.take(rest)?;
                 break;
             }
+            let before = self.values;
             let item = self.value(&ty.base);
             let item = item.map_err(|error| error.within(&format!("[{at}]")))?;
             if at < self.keep {
                 items.push(item);
+            } else {
+                self.values = before;
             }
         }
         let more = (len - items.len()) as u64;
         Ok(Value::List { items, more })
     }
 
-    fn value(&mut self, base: &Base) -> Result<Value<'a>, DecodeError> {
+    fn value(&mut self, base: &'a Base) -> Result<Value<'a>, DecodeError> {
+        self.values += 1;
+        if self.values > VALUES_MAX {
+            return Err(self.reader.wrong(Fault::Values));
+        }
         let reader = &mut self.reader;
         Ok(match base {
             Base::Primitive(primitive) => match primitive {
@@ -104,8 +119,8 @@ impl<'a> Decoder<'_, 'a> {
             Base::String { max_bytes } => Value::Text(reader.text(*max_bytes)?.into()),
             Base::WString { max_units } => Value::Text(reader.wide_text(*max_units)?),
             Base::Message(name) => {
-                let set = self.set;
-                self.message(set.get(name)?)?
+                let message = self.set.get(name)?;
+                self.message(message)?
             }
         })
     }

@@ -41,6 +41,9 @@ pub enum Fault {
     /// A text is not UTF-8 or UTF-16.
     #[error("text that is not Unicode")]
     Unicode,
+    /// The message has more values than the decoder keeps.
+    #[error("more values than are kept; keep fewer elements of each sequence")]
+    Values,
     /// A text or sequence is longer than its definition allows.
     #[error("{len} elements, where the definition allows {max}")]
     Limit {

@@ -27,7 +27,7 @@ pub enum Value<'a> {
         more: u64,
     },
     /// A message, with the names of its fields.
-    Struct(Vec<(Box<str>, Self)>),
+    Struct(Vec<(&'a str, Self)>),
 }
 
 impl Value<'_> {
@@ -50,7 +50,7 @@ impl Value<'_> {
             Self::List { items, .. } => items.iter().map(Value::to_json).collect(),
             Self::Struct(fields) => {
                 let fields = fields.iter();
-                let fields = fields.map(|(name, value)| (String::from(&**name), value.to_json()));
+                let fields = fields.map(|(name, value)| (String::from(*name), value.to_json()));
                 Json::Object(fields.collect::<Map<_, _>>())
             }
         }

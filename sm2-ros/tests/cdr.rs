@@ -36,7 +36,8 @@ fn numbers_are_aligned_behind_the_header() {
     ];
     let bytes = bytes(text, &value);
     assert_eq!(bytes, expected.concat());
-    let decoded = decode(&set(text), &name(), &bytes, usize::MAX).unwrap();
+    let set = set(text);
+    let decoded = decode(&set, &name(), &bytes, usize::MAX).unwrap();
     assert_eq!(decoded.to_json(), value);
 }
 
@@ -46,7 +47,8 @@ fn both_byte_orders_are_read() {
     let little = [0, 1, 0, 0, 1, 2, 0, 0, 1, 0, 0, 0, 0xe4, 0];
     let big = [0, 0, 0, 0, 0, 0, 2, 1, 0, 0, 0, 1, 0, 0xe4];
     for bytes in [little, big] {
-        let value = decode(&set(text), &name(), &bytes, usize::MAX).unwrap();
+        let set = set(text);
+        let value = decode(&set, &name(), &bytes, usize::MAX).unwrap();
         assert_eq!(value.to_json(), json!({"a": 0x201, "b": "ä"}));
     }
 }
@@ -56,7 +58,8 @@ fn missing_fields_have_their_defaults() {
     let text =
         "int8 a 7\nstring b 'x y'\nfloat32[2] c [1.5, -2]\nbool d True\nuint8[3] e\nstring f";
     let bytes = bytes(text, &json!({}));
-    let value = decode(&set(text), &name(), &bytes, usize::MAX).unwrap();
+    let set = set(text);
+    let value = decode(&set, &name(), &bytes, usize::MAX).unwrap();
     let expected =
         json!({"a": 7, "b": "x y", "c": [1.5, -2.0], "d": true, "e": [0, 0, 0], "f": ""});
     assert_eq!(value.to_json(), expected);
@@ -67,7 +70,8 @@ fn elements_that_are_not_kept_are_counted() {
     let text = "float64[] a\nbool[] b\nstring[] c";
     let value = json!({"a": [1, 2, 3], "b": [true, false], "c": ["x", "y", "z"]});
     let bytes = bytes(text, &value);
-    let decoded = decode(&set(text), &name(), &bytes, 1).unwrap();
+    let set = set(text);
+    let decoded = decode(&set, &name(), &bytes, 1).unwrap();
     let Value::Struct(fields) = decoded else {
         panic!("{decoded:?}");
     };
@@ -124,6 +128,27 @@ fn a_hostile_length_costs_nothing() {
     assert_eq!(fault("float64[4294967295] a", &bytes).2, Fault::Short);
     let error = encode(&set("float64[4294967295] a"), &name(), &json!({})).unwrap_err();
     assert!(matches!(error, EncodeError::TooLong { .. }), "{error}");
+}
+
+/// 64 types inside each other around one byte: the message is short, and its values are not.
+#[test]
+fn the_number_of_values_has_a_limit() {
+    let mut set = set("T1[] a");
+    for at in 1..64 {
+        let (part, text) = (format!("p/msg/T{at}"), format!("T{} a", at + 1));
+        let text = if at == 63 { "uint8 a" } else { &text };
+        set.add(&part.parse().unwrap(), text).unwrap();
+    }
+    let len = 70_000;
+    let mut bytes = vec![0, 1, 0, 0];
+    bytes.extend_from_slice(&u32::to_le_bytes(len));
+    bytes.resize(8 + len as usize, 7);
+    let error = decode(&set, &name(), &bytes, usize::MAX).unwrap_err();
+    let DecodeError::Value { fault, .. } = error else {
+        panic!("{error}");
+    };
+    assert_eq!(fault, Fault::Values);
+    assert!(decode(&set, &name(), &bytes, 10).is_ok());
 }
 
 #[test]
