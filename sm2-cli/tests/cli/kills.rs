@@ -23,7 +23,8 @@ fn message(number: u64) -> Vec<u8> {
     message
 }
 
-/// The numbers of the messages in a bag, which are consecutive and not damaged. A file without its first bytes has none.
+/// The numbers of the messages in a bag, which are consecutive and not damaged. A file without its first bytes has
+/// none.
 fn readable(path: &Path) -> Vec<u64> {
     let mut numbers = Vec::new();
     let Ok(bag) = Bag::open(path) else {
@@ -50,7 +51,7 @@ fn kill(domain: &Domain, path: &Path, after: Duration) -> Vec<u64> {
     recorder.signal(Signal::SIGKILL);
     recorder.finish();
     let left = readable(path);
-    // Whatever could be read before can still be read.
+    // The messages that could be read before the kill can still be read.
     assert!(left.starts_with(&before), "{left:?} of {before:?}");
     left
 }
