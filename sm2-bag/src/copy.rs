@@ -11,7 +11,8 @@ use mcap::{Channel, McapResult, Writer};
 use crate::bag::Bag;
 use crate::error::{CopyError, WriteError};
 use crate::gap::Gap;
-use crate::messages::{Filter, Messages};
+use crate::merged::Merged;
+use crate::messages::Filter;
 use crate::report::{Counts, Report};
 use crate::writer::{Compression, write_counts, write_options};
 
@@ -101,16 +102,8 @@ fn write(
             new.writer.write_metadata(record).map_err(failed)?;
         }
     }
-    let messages = bags.iter().map(|bag| bag.messages(filter));
-    let mut messages: Vec<Messages<'_>> = messages.collect::<Result<_, _>>()?;
-    // The next message of each bag, by time and then by the order of the bags.
-    let mut next = BTreeMap::new();
-    for (number, messages) in messages.iter_mut().enumerate() {
-        if let Some(message) = messages.next().transpose()? {
-            next.insert((message.log_time, number), message);
-        }
-    }
-    while let Some(((_, number), message)) = next.pop_first() {
+    for message in Merged::new(bags, filter)? {
+        let (number, message) = message?;
         let header = MessageHeader {
             channel_id: new.channels[&(number, message.channel.id)],
             sequence: message.sequence,
@@ -118,9 +111,6 @@ fn write(
             publish_time: message.publish_time,
         };
         new.message(&header, &message.data).map_err(failed)?;
-        if let Some(message) = messages[number].next().transpose()? {
-            next.insert((message.log_time, number), message);
-        }
     }
     new.finish().map_err(failed)
 }

@@ -7,7 +7,7 @@
 //! | record topics of a domain | [`Recorder`], into one file ([`BagFile`]) or into a [`Folder`] |
 //! | keep the last seconds when something happens | [`BlackBox`] |
 //! | read a bag: its summary, its messages | [`Bag`] |
-//! | publish the messages of a bag again | [`Player`] |
+//! | publish the messages of one or more bags again | [`Player`] |
 //! | check a bag for damage | [`check`](fn@check) |
 //! | write the readable part of a damaged bag to a new file | [`recover`](fn@recover) |
 //! | write chosen messages of one or more bags to a new file | [`copy`](fn@copy) |
@@ -49,6 +49,7 @@ mod diff;
 mod error;
 mod folder;
 mod gap;
+mod merged;
 mod messages;
 mod player;
 mod queue;

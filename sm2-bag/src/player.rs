@@ -1,7 +1,8 @@
-//! Publishing the messages of a bag again.
+//! Publishing the messages of bags again.
 
 use std::collections::{BTreeMap, HashMap};
 use std::os::fd::BorrowedFd;
+use std::path::PathBuf;
 use std::time::Duration;
 
 use serde::Serialize;
@@ -11,7 +12,8 @@ use sm2_proto::{Instant, Name};
 
 use crate::bag::Bag;
 use crate::error::PlayError;
-use crate::messages::{BagMessage, Filter};
+use crate::merged::Merged;
+use crate::messages::Filter;
 use crate::source::Source;
 
 /// A wait for subscribers or for room is cut into steps of this length, so that the caller's descriptor ends it soon.
@@ -69,14 +71,16 @@ pub struct PlayedTopic {
     pub missed: u64,
 }
 
-/// Publishes the messages of a bag in the order and at the pace of their `log_time`.
+/// Publishes the messages of one or more bags in the order and at the pace of their `log_time`.
 ///
 /// Each recorded publisher has a publisher with the same type and QoS, in a node of its own name. Before the first
 /// message, the player waits until the subscribers that the domain has are linked.
 pub struct Player<'a> {
-    bag: &'a Bag,
+    bags: &'a [Bag],
     options: PlayOptions,
-    publishers: HashMap<u16, Played>,
+    publishers: Vec<Played>,
+    /// The publishers by the number of their bag, and the number of their channel in it.
+    channels: HashMap<(usize, u16), usize>,
     set: WaitSet<'a, ()>,
     /// The nodes of the publishers.
     _nodes: HashMap<Name, Node>,
@@ -88,56 +92,67 @@ struct Played {
 }
 
 impl<'a> Player<'a> {
-    /// Declares the publishers. `connect` returns a node of a name. The descriptor `stop` ends
-    /// [`play`](Self::play) when it is readable.
+    /// Declares the publishers. A publisher that is in several bags is declared once, with the QoS of the first one.
+    /// `connect` returns a node of a name. The descriptor `stop` ends [`play`](Self::play) when it is readable.
     ///
     /// # Errors
     ///
     /// See [`PlayError`].
     pub fn new(
-        bag: &'a Bag,
+        bags: &'a [Bag],
         options: PlayOptions,
         mut connect: impl FnMut(&str) -> Result<Node, ConnectError>,
         stop: BorrowedFd<'a>,
     ) -> Result<Self, PlayError> {
         let mut nodes = HashMap::new();
-        let mut publishers = HashMap::new();
-        for (channel, source) in bag.sources() {
+        let mut publishers = Vec::new();
+        let mut known = HashMap::new();
+        let mut channels = HashMap::new();
+        let all = bags.iter().enumerate();
+        for (number, channel, source) in
+            all.flat_map(|(number, bag)| bag.sources().map(move |it| (number, it.0, it.1)))
+        {
             if !options.filter.has_topic(&channel.topic) {
                 continue;
             }
             let foreign = || PlayError::Foreign {
-                path: bag.path().to_owned(),
+                path: bags[number].path().to_owned(),
                 topic: channel.topic.clone(),
             };
             let source = source.ok_or_else(foreign)?;
-            if !nodes.contains_key(&source.publisher) {
-                let prefix = if options.original_names { "" } else { "play/" };
-                let node = connect(&format!("{prefix}{}", source.publisher))?;
-                nodes.insert(source.publisher.clone(), node);
-            }
-            let node = &nodes[&source.publisher];
-            let topic = options.remap.get(&source.topic).unwrap_or(&source.topic);
-            let publisher = declare(node, topic, &source)?;
-            let played = Played {
+            let Source {
+                topic,
                 publisher,
-                messages: 0,
-            };
-            publishers.insert(channel.id, played);
+                data,
+                ..
+            } = &source;
+            let key = (topic.clone(), publisher.clone(), data.clone());
+            if !known.contains_key(&key) {
+                if !nodes.contains_key(publisher) {
+                    let prefix = if options.original_names { "" } else { "play/" };
+                    nodes.insert(publisher.clone(), connect(&format!("{prefix}{publisher}"))?);
+                }
+                let topic = options.remap.get(topic).unwrap_or(topic);
+                known.insert(key.clone(), publishers.len());
+                publishers.push(Played {
+                    publisher: declare(&nodes[publisher], topic, &source)?,
+                    messages: 0,
+                });
+            }
+            channels.insert((number, channel.id), known[&key]);
         }
-        let empty = || PlayError::Empty {
-            path: bag.path().to_owned(),
-        };
         if publishers.is_empty() {
-            return Err(empty());
+            let path = first_path(bags);
+            return Err(PlayError::Empty { path });
         }
         let mut set = WaitSet::new().map_err(sm2_node::WaitError::Io)?;
         let added = set.add_descriptor(stop, Interest::Readable, ());
         added.map_err(sm2_node::WaitError::Io)?;
         Ok(Self {
-            bag,
+            bags,
             options,
             publishers,
+            channels,
             set,
             _nodes: nodes,
         })
@@ -154,17 +169,18 @@ impl<'a> Player<'a> {
         }
         let mut start = None;
         let mut count = 0;
-        for message in self.bag.messages(&self.options.filter)? {
-            let message = message?;
+        for message in Merged::new(self.bags, &self.options.filter)? {
+            let (bag, message) = message?;
             let (began, first) = *start.get_or_insert((sm2_io::clock::now(), message.log_time));
             let due = self.due(began, message.log_time.saturating_sub(first));
-            if !self.wait_until(due)? || !self.publish(&message)? {
+            let publisher = self.channels.get(&(bag, message.channel.id)).copied();
+            if !self.wait_until(due)? || !self.publish(publisher, &message.data)? {
                 return Ok(self.report(false));
             }
             count += 1;
         }
         if count == 0 {
-            let path = self.bag.path().to_owned();
+            let path = first_path(self.bags);
             return Err(PlayError::Empty { path });
         }
         let complete = self.flush()?;
@@ -206,7 +222,7 @@ impl<'a> Player<'a> {
                 };
                 open < demanded.max(there)
             };
-            if !self.publishers.values().any(lacks) {
+            if !self.publishers.iter().any(lacks) {
                 return Ok(true);
             }
             let soon = sm2_io::clock::now().after(Duration::from_millis(1));
@@ -218,20 +234,18 @@ impl<'a> Player<'a> {
 
     /// Publishes a message once every reliable subscriber has room, or at the end of the timeout. Returns false if the
     /// caller ends playing.
-    fn publish(&mut self, message: &BagMessage) -> Result<bool, PlayError> {
+    fn publish(&mut self, publisher: Option<usize>, data: &[u8]) -> Result<bool, PlayError> {
         let until = sm2_io::clock::now().after(self.options.room_timeout);
         loop {
-            let Some(played) = self.publishers.get_mut(&message.channel.id) else {
+            let Some(played) = publisher.and_then(|it| self.publishers.get_mut(it)) else {
                 return Ok(true);
             };
-            if played.publisher.try_publish(&message.data)?.is_some() {
+            if played.publisher.try_publish(data)?.is_some() {
                 played.messages += 1;
                 return Ok(true);
             }
             if sm2_io::clock::now() >= until {
-                played
-                    .publisher
-                    .publish_timeout(&message.data, Duration::ZERO)?;
+                played.publisher.publish_timeout(data, Duration::ZERO)?;
                 played.messages += 1;
                 return Ok(true);
             }
@@ -246,7 +260,7 @@ impl<'a> Player<'a> {
     fn flush(&mut self) -> Result<bool, PlayError> {
         let until = sm2_io::clock::now().after(self.options.room_timeout);
         let mut flushed = true;
-        for played in self.publishers.values() {
+        for played in &self.publishers {
             let left = until.since(sm2_io::clock::now());
             flushed &= played.publisher.flush_timeout(left)?;
         }
@@ -255,7 +269,7 @@ impl<'a> Player<'a> {
 
     fn report(&self, complete: bool) -> PlayReport {
         let mut topics = BTreeMap::<_, PlayedTopic>::new();
-        for played in self.publishers.values() {
+        for played in &self.publishers {
             let topic = topics
                 .entry(played.publisher.topic().to_string())
                 .or_default();
@@ -272,6 +286,13 @@ impl<'a> Player<'a> {
             complete,
         }
     }
+}
+
+/// The path that errors name.
+fn first_path(bags: &[Bag]) -> PathBuf {
+    bags.first()
+        .map(|it| it.path().to_owned())
+        .unwrap_or_default()
 }
 
 /// Declares the publisher of a recorded one.

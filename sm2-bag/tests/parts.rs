@@ -6,10 +6,14 @@ use std::fs::{self, File};
 use std::io;
 use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
+use std::thread;
 use std::time::Duration;
 
-use sm2_bag::{Bag, Filter, Folder, Options, Recorder, Report, Split, Step, Storage, check};
-use sm2_node::{Name, Publisher, Shutdown};
+use sm2_bag::{
+    Bag, Filter, Folder, Options, PlayOptions, Player, Recorder, Report, Split, Step, Storage,
+    check,
+};
+use sm2_node::{Name, Node, Publisher, Shutdown};
 
 use self::common::{Domain, SOON, named};
 
@@ -92,6 +96,47 @@ fn a_file_ends_before_it_is_too_long() {
     assert_eq!((topic.messages, topic.lost), (95, 0));
     assert_eq!(topic.bytes, 95 * MESSAGE_LEN as u64);
     assert!(report.complete && report.start_ns < report.end_ns);
+}
+
+#[test]
+fn the_files_of_a_folder_are_played_as_one() {
+    let domain = Domain::new();
+    let path = domain.path("drive");
+    let split = Split {
+        bytes: Some(100_000),
+        time: None,
+    };
+    record_in(&domain, Folder::new(&path, "bag").unwrap(), split, 50);
+    // The order of the bags does not matter.
+    let paths = bags(&path);
+    let bags: Vec<_> = paths
+        .iter()
+        .rev()
+        .map(|it| Bag::open(it).unwrap())
+        .collect();
+    assert!(bags.len() > 3);
+    let listener = domain.node("listener").subscriber_builder::<[u8]>("data");
+    let listener = listener.reliable(true).depth(64).declare().unwrap();
+    let shutdown = Shutdown::new().unwrap();
+    let connect = |name: &str| Node::builder(name).socket(domain.path("sock")).connect();
+    let options = PlayOptions {
+        rate: 0.0,
+        ..PlayOptions::default()
+    };
+    let mut player = Player::new(&bags, options, connect, shutdown.as_fd()).unwrap();
+    thread::scope(|scope| {
+        scope.spawn(|| {
+            for number in 0..50_u64 {
+                let message = listener.recv_timeout(SOON).unwrap().unwrap();
+                assert_eq!(message[..8], number.to_le_bytes());
+            }
+        });
+        let played = player.play().unwrap();
+        assert_eq!((played.topics.len(), played.topics[0].messages), (1, 50));
+        assert!(played.complete);
+    });
+    // One publisher, although each bag has a channel of its own.
+    assert_eq!(listener.links().len(), 1);
 }
 
 #[test]

@@ -3,6 +3,7 @@
 mod common;
 
 use std::os::fd::AsFd;
+use std::slice;
 use std::sync::mpsc;
 use std::thread;
 use std::time::Duration;
@@ -148,7 +149,8 @@ fn what_is_played_is_what_was_recorded() {
     };
     let shutdown = Shutdown::new().unwrap();
     let connect = |name: &str| Node::builder(name).socket(other.path("sock")).connect();
-    let mut player = Player::new(&bag, options, connect, shutdown.as_fd()).unwrap();
+    let mut player =
+        Player::new(slice::from_ref(&bag), options, connect, shutdown.as_fd()).unwrap();
     let played = player.play().unwrap();
     assert!(played.complete);
     let topics = played.topics.iter();
@@ -184,7 +186,7 @@ fn a_player_ends_when_it_is_told_to() {
     };
     let shutdown = Shutdown::new().unwrap();
     let connect = |name: &str| Node::builder(name).socket(domain.path("sock")).connect();
-    let mut player = Player::new(&bag, slow, connect, shutdown.as_fd()).unwrap();
+    let mut player = Player::new(slice::from_ref(&bag), slow, connect, shutdown.as_fd()).unwrap();
     thread::scope(|scope| {
         scope.spawn(|| {
             thread::sleep(Duration::from_millis(50));
@@ -201,7 +203,7 @@ fn a_player_ends_when_it_is_told_to() {
         },
         ..PlayOptions::default()
     };
-    let refused = Player::new(&bag, none, connect, shutdown.as_fd()).err();
+    let refused = Player::new(slice::from_ref(&bag), none, connect, shutdown.as_fd()).err();
     assert!(
         matches!(refused, Some(PlayError::Empty { .. })),
         "{refused:?}"

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use clap::Args;
-use sm2_bag::{Filter, Report};
+use sm2_bag::Filter;
 use sm2_proto::Name;
 
 use crate::{args::name, time};
@@ -23,9 +23,9 @@ pub(crate) struct Choice {
 }
 
 impl Choice {
-    /// The chosen messages of the bag with this summary.
-    pub(crate) fn filter(&self, report: &Report) -> Filter {
-        let begin = report.start_ns.unwrap_or_default();
+    /// The chosen messages of bags that start at this time, in nanoseconds of the wall clock; `None` without messages.
+    pub(crate) fn filter(&self, start_ns: Option<u64>) -> Filter {
+        let begin = start_ns.unwrap_or_default();
         let at = |time: Duration| {
             begin.saturating_add(u64::try_from(time.as_nanos()).unwrap_or(u64::MAX))
         };

@@ -1,4 +1,4 @@
-//! `sm2 play`: publishes the messages of a bag again.
+//! `sm2 play`: publishes the messages of bags again.
 
 use std::path::PathBuf;
 
@@ -20,9 +20,9 @@ use crate::{
 #[derive(Args, Debug)]
 #[command(after_help = HELP)]
 pub(crate) struct Arguments {
-    /// The bag
-    #[arg(value_name = "FILE")]
-    file: PathBuf,
+    /// The bags; several are played as one, in the order of the times of their messages
+    #[arg(value_name = "FILE", required = true)]
+    files: Vec<PathBuf>,
     /// The speed: 1 as recorded, 2 twice as fast, 0 as fast as possible
     #[arg(long, value_name = "FACTOR", default_value = "1", value_parser = rate)]
     rate: f64,
@@ -58,7 +58,8 @@ Exit status: 0 all messages were published, or Ctrl-C with --loop; 1 failed; 2 w
 
 Examples:
   sm2 play drive.mcap --rate 0
-  sm2 play drive.mcap --topic chatter --remap chatter=old/chatter --rate 2 --json";
+  sm2 play drive.mcap --topic chatter --remap chatter=old/chatter --rate 2 --json
+  sm2 play drive.mcap drive.mcap --rate 0";
 
 /// Runs the command.
 ///
@@ -66,15 +67,16 @@ Examples:
 ///
 /// [`CliError::Play`], [`CliError::ReadBag`], and the errors of connecting.
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let bag = Bag::open(&arguments.file)?;
-    let report = bag.report();
-    if !report.complete {
+    let bags: Vec<_> =
+        (arguments.files.iter().map(|it| Bag::open(it))).collect::<Result<_, _>>()?;
+    for bag in bags.iter().filter(|it| !it.is_complete()) {
         let path = bag.path().display();
         stderr_line!("sm2: {path} is incomplete: playing the part that is whole");
     }
+    let starts = bags.iter().filter_map(|it| it.report().start_ns);
     let session = Session::open(&arguments.domain, "play")?;
     let options = PlayOptions {
-        filter: arguments.choice.filter(&report),
+        filter: arguments.choice.filter(starts.min()),
         rate: arguments.rate,
         remap: arguments.remap.iter().cloned().collect(),
         original_names: arguments.as_original,
@@ -88,7 +90,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
             .manager_timeout(arguments.domain.connect_timeout)
             .connect()
     };
-    let mut player = Player::new(&bag, options, connect, session.signal_fd())?;
+    let mut player = Player::new(&bags, options, connect, session.signal_fd())?;
     let played = loop {
         let played = player.play()?;
         if !arguments.again || session.stopped().is_some() {

@@ -101,7 +101,7 @@ Examples:
 /// [`CliError::ReadBag`], [`CliError::CopyBag`], [`CliError::Output`].
 pub(super) fn filter(arguments: &FilterArguments) -> Result<Ended, CliError> {
     let bag = open(&arguments.file)?;
-    let filter = arguments.choice.filter(&bag.report());
+    let filter = arguments.choice.filter(bag.report().start_ns);
     write(&[bag], &filter, arguments.compression, &arguments.target)
 }
 
