@@ -175,7 +175,7 @@ impl<'fd> BlackBox<'fd> {
         self.recorder.wake_on_descriptor(descriptor)
     }
 
-    /// How far the recording is, and how many files the ring has.
+    /// How far the recording is.
     #[must_use]
     pub fn progress(&self) -> Progress {
         self.recorder.progress()

@@ -10,7 +10,7 @@ use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{McapError, McapResult, Schema};
 
 /// The length of the opcode and the length field of a record, in bytes.
-const RECORD_HEAD_BYTES: u64 = 9;
+pub(crate) const RECORD_HEAD_BYTES: usize = 9;
 
 /// The longest record inside of a chunk that is read, in bytes: the longest message that a subscriber accepts by
 /// default, and room for its head.
@@ -48,14 +48,14 @@ impl<'a> RecordReader<'a> {
         if left == 0 {
             return Ok(None);
         }
-        let mut head = [0; RECORD_HEAD_BYTES as usize];
+        let mut head = [0; RECORD_HEAD_BYTES];
         self.read(&mut head)?;
         let [opcode, len @ ..] = head;
         let len = u64::from_le_bytes(len);
-        if len > left - RECORD_HEAD_BYTES {
+        if len > left - RECORD_HEAD_BYTES as u64 {
             return Err(McapError::UnexpectedEof);
         }
-        let size = usize::try_from(RECORD_HEAD_BYTES + len);
+        let size = usize::try_from(RECORD_HEAD_BYTES as u64 + len);
         let mut bytes = vec![0; size.map_err(|_| McapError::UnexpectedEof)?];
         self.read(&mut bytes)?;
         let offset = self.offset;
@@ -92,7 +92,7 @@ impl RawRecord {
     }
 
     pub(crate) fn parse(&self) -> McapResult<Record<'_>> {
-        mcap::parse_record(self.opcode, &self.bytes[RECORD_HEAD_BYTES as usize..])
+        mcap::parse_record(self.opcode, &self.bytes[RECORD_HEAD_BYTES..])
     }
 
     /// Passes this record to `each`, or the records inside if it is a chunk, whose checksum is verified first.
@@ -100,7 +100,7 @@ impl RawRecord {
         &self,
         mut each: impl FnMut(Entry<'_>) -> McapResult<()>,
     ) -> McapResult<()> {
-        let body = &self.bytes[RECORD_HEAD_BYTES as usize..];
+        let body = &self.bytes[RECORD_HEAD_BYTES..];
         if self.opcode != op::CHUNK {
             return entry(self.opcode, body)?.map_or(Ok(()), each);
         }
@@ -157,7 +157,7 @@ fn uncompressed_entries(
         return Err(McapError::BadChunkCrc { saved, calculated });
     }
     let mut left = data;
-    while let Some((head, rest)) = left.split_first_chunk::<{ RECORD_HEAD_BYTES as usize }>() {
+    while let Some((head, rest)) = left.split_first_chunk::<RECORD_HEAD_BYTES>() {
         let [opcode, len @ ..] = *head;
         let len = usize::try_from(u64::from_le_bytes(len));
         let len = len.map_err(|_| McapError::UnexpectedEoc)?;

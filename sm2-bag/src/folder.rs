@@ -106,12 +106,6 @@ impl Folder {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The path of the folder.
-    #[must_use]
-    pub fn path(&self) -> PathBuf {
-        self.lock().path.clone()
-    }
-
     /// The number of files that the recording has begun, and the number of files that were removed.
     #[must_use]
     pub fn counts(&self) -> (u32, u32) {

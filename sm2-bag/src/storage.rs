@@ -88,12 +88,6 @@ impl BagFile {
         sync_parent(path)?;
         Ok(Self { file, direct })
     }
-
-    /// Whether payloads have gone to the disk without the page cache so far.
-    #[must_use]
-    pub const fn is_direct(&self) -> bool {
-        self.direct.is_some()
-    }
 }
 
 impl Storage for BagFile {

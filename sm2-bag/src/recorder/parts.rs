@@ -122,15 +122,12 @@ impl Parts {
 
     /// Ends the file, and begins the next one. Nothing happens without a folder.
     pub(crate) fn end_file(&mut self, now_ns: u64) -> Result<(), WriteError> {
-        let Some((folder, split)) = &self.folder else {
+        let Some((folder, split)) = self.folder.clone() else {
             return Ok(());
         };
-        let len_bytes = self.bag.len_bytes();
-        let times = self.bag.times();
-        self.done.add_report(&self.bag.finish()?);
-        folder.end_file(len_bytes, times, now_ns)?;
+        self.complete(now_ns)?;
         let (start, last) = self.clocks;
-        self.bag = BagWriter::new(next_file(folder, *split)?, self.compression, start)?;
+        self.bag = BagWriter::new(next_file(&folder, split)?, self.compression, start)?;
         if last != start {
             self.bag.clock(last)?;
         }
@@ -139,12 +136,18 @@ impl Parts {
 
     /// Ends the last file. Returns the content of all files together.
     pub(crate) fn finish(mut self, now_ns: u64) -> Result<Report, WriteError> {
+        self.complete(now_ns)?;
+        Ok(self.done.finish_all(true))
+    }
+
+    /// Completes the file, which has everything up to `now_ns`.
+    fn complete(&mut self, now_ns: u64) -> Result<(), WriteError> {
         let (len_bytes, times) = (self.bag.len_bytes(), self.bag.times());
         self.done.add_report(&self.bag.finish()?);
         if let Some((folder, _)) = &self.folder {
             folder.end_file(len_bytes, times, now_ns)?;
         }
-        Ok(self.done.finish_all(true))
+        Ok(())
     }
 }
 

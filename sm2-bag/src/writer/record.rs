@@ -10,13 +10,12 @@ use mcap::records::{
 };
 use mcap::{MAGIC, Summary};
 
+use crate::chunk::RECORD_HEAD_BYTES;
 use crate::storage::BLOCK_BYTES;
 
 /// The opcode of a record without meaning, from the range that MCAP leaves to programs.
 const PADDING: u8 = 0x80;
 
-/// The length of the opcode and the length field of a record, in bytes.
-const RECORD_HEAD_BYTES: usize = 9;
 /// The length of the head of a chunk without compression, in bytes.
 const CHUNK_HEAD_BYTES: usize = 8 + 8 + 8 + 4 + 4 + 8;
 /// The length of the head of a message, in bytes.
