@@ -16,7 +16,7 @@ use sm2_proto::{Instant, Name};
 
 use self::{
     black_box::BlackBoxArguments,
-    common::{PROGRESS, Shown, new_name},
+    common::{Ticker, new_name},
 };
 use crate::{
     args::{Domain, name, positive},
@@ -237,21 +237,15 @@ fn record(
     session: &Session,
     recorder: &mut Recorder<'_>,
 ) -> Result<(), RecordError> {
-    let is_shown = std::io::IsTerminal::is_terminal(&std::io::stderr());
-    let mut show_at = clock::now().after(PROGRESS);
+    let mut ticker = Ticker::new();
     while session.stopped().is_none() && clock::now() < until {
-        match recorder.step(until.min(show_at).since(clock::now()))? {
+        match recorder.step(ticker.left(until))? {
             Step::Timeout | Step::Woken => {}
             Step::Stopped => break,
             Step::DiskFull => return Err(RecordError::DiskFull),
         }
         session.is_connected();
-        if clock::now() >= show_at {
-            show_at = clock::now().after(PROGRESS);
-            if is_shown {
-                stderr_line!("{}", Shown(recorder.progress()));
-            }
-        }
+        ticker.tick(|| recorder.progress());
     }
     Ok(())
 }

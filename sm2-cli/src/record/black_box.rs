@@ -16,7 +16,7 @@ use sm2_io::clock;
 use sm2_proto::{Instant, Name};
 
 use super::{
-    common::{PROGRESS, Shown, new_name},
+    common::{Ticker, new_name},
     trigger::SERVICE,
 };
 use crate::{
@@ -119,11 +119,9 @@ fn keep(
     until: Instant,
     done: &mut dyn FnMut(Incident) -> Result<(), CliError>,
 ) -> Result<Result<(), RecordError>, CliError> {
-    let is_shown = io::IsTerminal::is_terminal(&io::stderr());
-    let mut show_at = clock::now().after(PROGRESS);
+    let mut ticker = Ticker::new();
     while session.stopped().is_none() && clock::now() < until {
-        let left = until.min(show_at).since(clock::now());
-        match black_box.step(left) {
+        match black_box.step(ticker.left(until)) {
             Ok(BlackBoxStep::Stopped) => break,
             Ok(BlackBoxStep::Timeout) => {}
             Ok(BlackBoxStep::Woken) => {
@@ -140,12 +138,7 @@ fn keep(
             Err(error) => return Ok(Err(error)),
         }
         session.is_connected();
-        if clock::now() >= show_at {
-            show_at = clock::now().after(PROGRESS);
-            if is_shown {
-                stderr_line!("{}", Shown(black_box.progress()));
-            }
-        }
+        ticker.tick(|| black_box.progress());
     }
     Ok(Ok(()))
 }

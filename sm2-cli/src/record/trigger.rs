@@ -12,7 +12,7 @@ use crate::{
     ended::Ended,
     error::CliError,
     output::Output,
-    service::{call, server, stopped},
+    service::{call, client, server, stopped},
     time,
 };
 
@@ -53,11 +53,7 @@ Examples:
 /// [`CliError::NoServer`], [`CliError::Call`], and the errors of connecting.
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let session = Session::open(&arguments.domain, "trigger")?;
-    let client = session
-        .node
-        .client_builder::<[u8], [u8]>(arguments.service.as_str())
-        .any_types()
-        .declare()?;
+    let client = client(&session, &arguments.service)?;
     let until = clock::now().after(arguments.timeout);
     if server(&arguments.service, &session, &client, until)?.is_none() {
         return Ok(stopped(&session));

@@ -85,11 +85,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let value: Option<serde_json::Value> = value.transpose().map_err(CliError::Json)?;
     let given = arguments.from.as_deref().map(read).transpose()?;
     let session = Session::open(&arguments.domain, "call")?;
-    let client = session
-        .node
-        .client_builder::<[u8], [u8]>(arguments.service.as_str())
-        .any_types()
-        .declare()?;
+    let client = client(&session, &arguments.service)?;
     let until = clock::now().after(arguments.timeout);
     let Some([request_type, reply_type]) = server(&arguments.service, &session, &client, until)?
     else {
@@ -132,6 +128,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     }
     out.flush()?;
     Ok(Ended::Done)
+}
+
+/// A client of any types.
+pub(crate) fn client(session: &Session, service: &Name) -> Result<Client<[u8], [u8]>, CliError> {
+    let builder = session.node.client_builder(service.as_str());
+    Ok(builder.any_types().declare()?)
 }
 
 /// The result of a call that a signal ended.
