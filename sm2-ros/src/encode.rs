@@ -80,8 +80,7 @@ impl Encoder<'_> {
             }
             Shape::Sequence(max) => {
                 let len = count.unwrap_or(0);
-                if max.is_some_and(|max| len > max as usize) {
-                    let max = max.unwrap_or(0);
+                if let Some(max) = max.filter(|max| len > *max as usize) {
                     return Err(wrong_len(&format!("at most {max} elements"), count));
                 }
                 self.room(8)?;

@@ -50,16 +50,13 @@ impl Set {
             set.insert(parse::message(name, section)?);
             let Some(line) = separator else { break };
             let header = lines.next().and_then(|(_, line)| line.strip_prefix("MSG:"));
-            let reason = || Reason::Header;
-            let header = header.ok_or_else(|| DefinitionError {
+            let wrong = |reason| DefinitionError {
                 line: line + 1,
-                reason: reason(),
-            })?;
+                reason,
+            };
+            let header = header.ok_or_else(|| wrong(Reason::Header))?;
             let name = TypeName::referred(header.trim(), "");
-            next = Some(name.map_err(|error| DefinitionError {
-                line: line + 1,
-                reason: error.into(),
-            })?);
+            next = Some(name.map_err(|error| wrong(error.into()))?);
         }
         Ok(set)
     }

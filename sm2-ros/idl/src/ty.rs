@@ -140,20 +140,18 @@ primitives! {
 
 impl fmt::Display for Base {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Primitive(primitive) => f.write_str(primitive.name()),
-            Self::String { max_bytes: None } => f.write_str("string"),
-            Self::String {
-                max_bytes: Some(max),
-            } => write!(f, "string<={max}"),
-            Self::WString { max_units: None } => f.write_str("wstring"),
-            Self::WString {
-                max_units: Some(max),
-            } => write!(f, "wstring<={max}"),
+        let (word, max) = match self {
+            Self::Primitive(primitive) => (primitive.name(), None),
+            Self::String { max_bytes } => ("string", *max_bytes),
+            Self::WString { max_units } => ("wstring", *max_units),
             Self::Message(name) if name.kind() == crate::Kind::Msg => {
-                write!(f, "{}/{}", name.package(), name.name())
+                return write!(f, "{}/{}", name.package(), name.name());
             }
-            Self::Message(name) => write!(f, "{name}"),
+            Self::Message(name) => return write!(f, "{name}"),
+        };
+        match max {
+            Some(max) => write!(f, "{word}<={max}"),
+            None => f.write_str(word),
         }
     }
 }
