@@ -9,6 +9,7 @@
 //! | [`manager::Manager`] | a domain: its nodes, interfaces and links |
 //! | [`node::Node`] | a node's session with its Manager |
 //! | [`link::Link`] | one end of a link: topics and services alike |
+//! | [`lockstep::Conductor`], [`lockstep::Member`] | the two sides of a lockstep, in which domain time advances |
 //! | [`gateway::session::Session`] | a gateway's session with a peer |
 //! | [`gateway::router::Router`] | the routes of a gateway: which offers it makes, uses and passes on |
 //! | [`gateway::discovery::Discovery`] | the peers of a gateway: which one to dial, where and when |
@@ -50,6 +51,7 @@ mod violation;
 
 mod backoff;
 mod clause;
+pub mod clock;
 mod code;
 mod contract;
 pub mod control;
@@ -65,6 +67,7 @@ mod ids;
 mod lease_watch;
 pub mod limits;
 pub mod link;
+pub mod lockstep;
 mod machine;
 pub mod manager;
 mod matching;

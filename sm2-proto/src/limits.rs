@@ -72,3 +72,7 @@ const _: () = assert!(QOS_MAX as u32 * 2 <= WINDOW_MAX);
 const _: () = assert!(MESSAGE_MAX <= SEGMENT_BYTES_MAX);
 const _: () = assert!(SCHEMA_TEXT_MAX + NAME_MAX + 32 < DATAGRAM_MAX);
 const _: () = assert!(PAGE_BYTES + 8 * (NAME_MAX + 16) < DATAGRAM_MAX);
+/// The most members of a lockstep (SM2-LCK-010).
+pub const LOCKSTEP_MEMBERS_MAX: usize = 1_024;
+/// The most rounds of a step of a lockstep (SM2-LCK-009).
+pub const LOCKSTEP_ROUNDS_MAX: u64 = 10_000;

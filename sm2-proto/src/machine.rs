@@ -21,7 +21,8 @@ use crate::Instant;
 /// | `node::Node`, `link::Link` | all but `Datagram`, because outputs refer to the datagram just handled |
 /// | `gateway::router::Router` | `Taken` |
 /// | `gateway::discovery::Discovery` | `Failed` |
-/// | `gateway::session::Session`, `gateway::schedule::Schedule` | none |
+/// | `gateway::session::Session`, `gateway::schedule::Schedule`, `lockstep::Conductor` | none |
+/// | `lockstep::Member` | none; it has one output at a time |
 ///
 /// A debug assertion in `handle` checks this. The exceptions report that the output just polled
 /// could not be carried out, or are commands that a driver gives while it carries out an output.

@@ -32,7 +32,8 @@ use sm2_proto::fuzz;
 type Body = Result<fn(&[u8]), &'static str>;
 
 /// Every target of `fuzz/`.
-const TARGETS: [(&str, Body); 14] = [
+const TARGETS: [(&str, Body); 17] = [
+    ("bag_file", Err("sm2-bag")),
     ("command_line", Err("sm2-cli")),
     ("control_codec", Ok(fuzzed::control_codec)),
     ("counters_page", Err("sm2-cli")),
@@ -45,6 +46,8 @@ const TARGETS: [(&str, Body); 14] = [
     ("manager_session", Ok(fuzz::manager_session)),
     ("node_session", Ok(fuzz::node_session)),
     ("ring_words", Ok(fuzz::ring_words)),
+    ("ros_definition", Err("sm2-ros")),
+    ("ros_message", Err("sm2-ros")),
     ("schema_text", Err("sm2-cli")),
     ("takeover", Ok(fuzzed::takeover)),
 ];

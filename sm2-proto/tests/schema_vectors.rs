@@ -5,7 +5,7 @@ use sm2_proto::schema::Schema;
 
 const VECTORS: &str = include_str!("../../tests/vectors/schema.json");
 
-//= SM2-TYP-001 test
+//= SM2-TYP-001, SM2-TYP-002 test
 #[test]
 fn every_text_is_read_or_refused_as_its_vector_says() {
     let vectors: Vec<Value> = serde_json::from_str(VECTORS).unwrap();

@@ -3,7 +3,10 @@
 use alloc::{format, string::String};
 use core::fmt;
 
-use super::tree::{Encoding, Field, Type};
+use super::{
+    definition::{Definition, Rihs01},
+    tree::{Encoding, Field, Root, Type},
+};
 
 /// The first place where two schemas differ.
 ///
@@ -26,12 +29,50 @@ impl fmt::Display for Difference {
     }
 }
 
-pub(super) fn of(here: (&Encoding, &Type), there: (&Encoding, &Type)) -> Option<Difference> {
+pub(super) fn of(here: (&Encoding, &Root), there: (&Encoding, &Root)) -> Option<Difference> {
     if here.0 != there.0 {
         let side = |it: &Encoding| format!("encoded as {}", it.name());
         return difference("", side(here.0), side(there.0));
     }
-    types("", here.1, there.1)
+    match (here.1, there.1) {
+        (Root::Type(here), Root::Type(there)) => types("", here, there),
+        (Root::Definition(here), Root::Definition(there)) => definitions(here, there),
+        // The encodings differ: a definition has encoding `cdr`, and a type has another one.
+        _ => None,
+    }
+}
+
+/// The first line that differs, or else the hashes.
+fn definitions(here: &Definition, there: &Definition) -> Option<Difference> {
+    let mut lines = [here, there].map(|it| it.text().lines());
+    // The name of the type that the lines belong to.
+    let mut path = "";
+    loop {
+        match lines.each_mut().map(Iterator::next) {
+            [None, None] => break,
+            [Some(here), Some(there)] if here == there => {
+                path = here.strip_prefix("MSG: ").unwrap_or(path);
+            }
+            sides => return difference(&shown(path), side(sides[0]), side(sides[1])),
+        }
+    }
+    if here.rihs01() == there.rihs01() {
+        return None;
+    }
+    let hash = |it: &Definition| format!("{}", Rihs01(it.rihs01()));
+    difference("", hash(here), hash(there))
+}
+
+/// One side of a difference: a line that a program prints, or the end of the definition.
+fn side(line: Option<&str>) -> String {
+    line.map_or_else(
+        || "no more lines".into(),
+        |line| format!("`{}`", shown(line)),
+    )
+}
+
+fn shown(text: &str) -> String {
+    format!("{}", text.escape_debug())
 }
 
 fn types(path: &str, here: &Type, there: &Type) -> Option<Difference> {

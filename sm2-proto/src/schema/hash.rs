@@ -57,6 +57,18 @@ pub const fn message(encoding: &str, structure: u64) -> u64 {
     Hasher::new().text(encoding).text(":").hex(structure).0
 }
 
+/// The hash of a message type of ROS 2 in encoding `cdr`, from the 32 bytes of its RIHS01 hash.
+#[must_use]
+pub const fn cdr(rihs01: &[u8; 32]) -> u64 {
+    let mut hasher = Hasher::new().text("cdr:RIHS01_");
+    let mut rest = rihs01.as_slice();
+    while let [byte, tail @ ..] = rest {
+        hasher = hasher.digit(*byte >> 4).digit(*byte & 0xf);
+        rest = tail;
+    }
+    hasher.0
+}
+
 const fn members(open: &str, members: &[(&str, u64)]) -> u64 {
     let mut hasher = Hasher::new().text(open);
     let mut rest = members;
@@ -91,8 +103,12 @@ impl Hasher {
         let mut shift = 64;
         while shift > 0 {
             shift -= 4;
-            self = self.byte(b"0123456789abcdef"[(value >> shift) as usize & 0xf]);
+            self = self.digit((value >> shift) as u8 & 0xf);
         }
         self
+    }
+
+    const fn digit(self, value: u8) -> Self {
+        self.byte(b"0123456789abcdef"[value as usize & 0xf])
     }
 }

@@ -4,10 +4,14 @@
 //! `postcard:struct{frame:string,points:list[struct{0:f64,1:f64,}],}`. The text proves itself: the
 //! hash of the type, which programs compare, follows from it ([`Schema::hash`]).
 //!
+//! Messages of ROS 2 have a text of another form, with the definition of their type
+//! ([`Root::Definition`]).
+//!
 //! [`Schema::parse`] is the only way to make a [`Schema`]. So every schema has at most
 //! [`SCHEMA_DEPTH_MAX`](crate::limits::SCHEMA_DEPTH_MAX) levels, legal names, and the text
 //! ([`Display`](fmt::Display)) from which it was made.
 
+mod definition;
 mod difference;
 #[cfg(feature = "fuzzing")]
 pub(crate) mod fuzz;
@@ -20,16 +24,17 @@ mod tree;
 
 use core::fmt;
 
+pub use self::definition::Definition;
 pub use self::difference::Difference;
 pub use self::layout::{Layout, NoLayout};
 pub use self::parse::{ParseError, Reason, is_name};
-pub use self::tree::{Encoding, Field, Scalar, Type, Variant};
+pub use self::tree::{Encoding, Field, Root, Scalar, Type, Variant};
 
 /// The schema of a message type: an encoding and the type that is encoded.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Schema {
     encoding: Encoding,
-    root: Type,
+    root: Root,
 }
 
 impl Schema {
@@ -37,7 +42,8 @@ impl Schema {
     ///
     /// # Errors
     ///
-    /// [`ParseError`] for any text that is not exactly that of a schema (SM2-TYP-001).
+    /// [`ParseError`] for any text that is not exactly that of a schema (SM2-TYP-001,
+    /// SM2-TYP-002).
     pub fn parse(text: &str) -> Result<Self, ParseError> {
         let (encoding, root) = parse::schema(text)?;
         Ok(Self { encoding, root })
@@ -49,16 +55,19 @@ impl Schema {
         &self.encoding
     }
 
-    /// The type that is encoded.
+    /// The type that is encoded, or its definition.
     #[must_use]
-    pub const fn root(&self) -> &Type {
+    pub const fn root(&self) -> &Root {
         &self.root
     }
 
     /// The hash of the type that has this schema (SM2-NAM-003).
     #[must_use]
     pub fn hash(&self) -> u64 {
-        hash::message(self.encoding.name(), self.root.hash())
+        match &self.root {
+            Root::Type(ty) => hash::message(self.encoding.name(), ty.hash()),
+            Root::Definition(definition) => hash::cdr(definition.rihs01()),
+        }
     }
 
     /// The first difference between this schema and another one, if they differ.
@@ -71,7 +80,11 @@ impl Schema {
 
 impl fmt::Display for Schema {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}:{}", self.encoding.name(), self.root)
+        write!(f, "{}:", self.encoding.name())?;
+        match &self.root {
+            Root::Type(ty) => write!(f, "{ty}"),
+            Root::Definition(definition) => write!(f, "{definition}"),
+        }
     }
 }
 

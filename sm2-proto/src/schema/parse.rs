@@ -2,7 +2,10 @@
 
 use alloc::{boxed::Box, collections::BTreeSet, vec::Vec};
 
-use super::tree::{Encoding, Field, Scalar, Type, Variant};
+use super::{
+    definition::{Definition, RIHS01},
+    tree::{Encoding, Field, Root, Scalar, Type, Variant},
+};
 use crate::limits::{SCHEMA_DEPTH_MAX, SCHEMA_TEXT_MAX};
 
 /// The longest name of an encoding, in bytes.
@@ -45,13 +48,19 @@ pub enum Reason {
     /// Only one character can follow, and another one does.
     #[error("expected `{0}`")]
     Expected(char),
+    /// The hash of a definition is malformed.
+    #[error("expected {RIHS01} and 64 hexadecimal digits, 0-9 and a-f")]
+    Rihs01,
+    /// A definition has a control character, or an empty line.
+    #[error("expected a character of a definition: a printable one, or a line feed behind one")]
+    Character,
     /// The schema ends before the text.
     #[error("expected the end")]
     End,
 }
 
 //= SM2-TYP-001
-pub(super) fn schema(text: &str) -> Result<(Encoding, Type), ParseError> {
+pub(super) fn schema(text: &str) -> Result<(Encoding, Root), ParseError> {
     let mut parser = Parser {
         text,
         at: 0,
@@ -70,7 +79,10 @@ pub(super) fn schema(text: &str) -> Result<(Encoding, Type), ParseError> {
     }
     let encoding = Encoding::named(name);
     parser.expect(':')?;
-    let root = parser.ty()?;
+    let root = match encoding {
+        Encoding::Cdr => Root::Definition(parser.definition()?),
+        _ => Root::Type(parser.ty()?),
+    };
     if parser.at < text.len() {
         return Err(parser.wrong(Reason::End));
     }
@@ -89,6 +101,31 @@ const fn is_name_char(c: char) -> bool {
     c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '\u{a0}'..)
 }
 
+const fn is_hex_digit(c: char) -> bool {
+    matches!(c, '0'..='9' | 'a'..='f')
+}
+
+/// The 32 bytes that 64 hexadecimal digits stand for.
+fn bytes_of(digits: &str) -> Option<[u8; 32]> {
+    let mut bytes = [0; 32];
+    let (pairs, []) = digits.as_bytes().as_chunks::<2>() else {
+        return None;
+    };
+    if pairs.len() != bytes.len() {
+        return None;
+    }
+    for (byte, pair) in bytes.iter_mut().zip(pairs) {
+        let pair = core::str::from_utf8(pair).ok()?;
+        *byte = u8::from_str_radix(pair, 16).ok()?;
+    }
+    Some(bytes)
+}
+
+/// The rule needs no tables of Unicode, like that for names.
+const fn is_definition_char(c: char) -> bool {
+    matches!(c, ' '..='~' | '\u{a0}'..)
+}
+
 /// Reads the text in one pass. `depth` bounds the stack, and the length of the text bounds the
 /// memory: each node of the tree takes at least two bytes of text.
 struct Parser<'a> {
@@ -99,6 +136,32 @@ struct Parser<'a> {
 }
 
 impl<'a> Parser<'a> {
+    /// A line with the hash, and lines of text until the end.
+    //= SM2-TYP-002
+    fn definition(&mut self) -> Result<Definition, ParseError> {
+        let at = self.at;
+        let wrong = ParseError {
+            at,
+            reason: Reason::Rihs01,
+        };
+        let digits = self.rest().strip_prefix(RIHS01).ok_or(wrong)?;
+        self.at = self.text.len() - digits.len();
+        let digits = self.take_while(is_hex_digit);
+        let rihs01 = bytes_of(digits).ok_or(wrong)?;
+        self.expect('\n')?;
+        let text = self.rest().into();
+        while !self.rest().is_empty() {
+            if self.take_while(is_definition_char).is_empty() {
+                return Err(self.wrong(Reason::Character));
+            }
+            match self.rest().chars().next() {
+                Some(c) if c != '\n' => return Err(self.wrong(Reason::Character)),
+                _ => self.expect('\n')?,
+            }
+        }
+        Ok(Definition { rihs01, text })
+    }
+
     fn ty(&mut self) -> Result<Type, ParseError> {
         let start = self.at;
         match self.take_while(|c| c.is_ascii_lowercase() || c.is_ascii_digit()) {
@@ -186,7 +249,7 @@ impl<'a> Parser<'a> {
 
     fn len(&mut self) -> Result<u64, ParseError> {
         let at = self.at;
-        let digits = self.take_while(|c| c.is_ascii_digit() || matches!(c, 'a'..='f'));
+        let digits = self.take_while(is_hex_digit);
         match u64::from_str_radix(digits, 16) {
             Ok(len) if digits.len() == 16 => Ok(len),
             _ => Err(ParseError {

@@ -106,8 +106,44 @@ fn texts_have_one_meaning() {
     }
 }
 
+/// A definition with one byte changed has no schema text any more, or another one. The hash of the
+/// type follows from the first line.
+//= SM2-NAM-003, SM2-TYP-002 kani
+#[cfg_attr(kani, kani::proof)]
+#[cfg_attr(kani, kani::unwind(92))]
+fn definitions_have_one_meaning() {
+    const LINE: usize = 75;
+    let text = concat!(
+        "cdr:RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18\n",
+        "string data\n",
+    );
+    let mut bytes = [0; 88];
+    bytes.copy_from_slice(text.as_bytes());
+    let at = below(text.len());
+    let was = bytes[at];
+    bytes[at] = kani::any_where(|byte: &u8| byte.is_ascii());
+    let changed = bytes[at] != was;
+    let Ok(text) = core::str::from_utf8(&bytes) else {
+        panic!("it is ASCII");
+    };
+    let schema = Schema::parse(text);
+    assert!(changed || schema.is_ok());
+    kani::cover!(schema.is_ok() && changed, "another schema");
+    kani::cover!(schema.is_err(), "none");
+    if let Ok(schema) = schema {
+        assert!(schema.to_string() == text);
+        assert_eq!(schema.hash(), fnv(&text[..LINE]));
+        assert!(
+            text[LINE + 1..]
+                .bytes()
+                .all(|byte| byte == b'\n' || !byte.is_ascii_control())
+        );
+    }
+}
+
 #[cfg(test)]
 kani::explored! {
     hashes_follow_from_the_parts: 2,
     texts_have_one_meaning: 2,
+    definitions_have_one_meaning: 2,
 }

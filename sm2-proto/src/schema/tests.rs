@@ -11,6 +11,11 @@ use proptest::{collection, prelude::*, sample::select};
 use super::*;
 use crate::limits::{MESSAGE_MAX, SCHEMA_DEPTH_MAX, SCHEMA_TEXT_MAX};
 
+mod definitions;
+
+/// The line between two definitions of ROS 2.
+const SEPARATOR: &str =
+    "================================================================================";
 const IMU: &str = "plain:struct{stamp_ns:u64,acceleration:array[f64;0000000000000003],}";
 const PATH: &str = "postcard:struct{frame:string,points:list[struct{0:f64,1:f64,}],\
     mode:enum{Idle:struct{},Follow:struct{type:u8,},Go:struct{0:struct{0:f64,1:f64,},},},\
@@ -18,6 +23,13 @@ const PATH: &str = "postcard:struct{frame:string,points:list[struct{0:f64,1:f64,
 
 fn parsed(text: &str) -> Schema {
     Schema::parse(text).unwrap_or_else(|error| panic!("{text}: {error}"))
+}
+
+fn ty(schema: &Schema) -> &Type {
+    match schema.root() {
+        Root::Type(ty) => ty,
+        Root::Definition(_) => panic!("{schema}"),
+    }
 }
 
 fn wrong(text: &str) -> (usize, Reason) {
@@ -29,8 +41,8 @@ fn wrong(text: &str) -> (usize, Reason) {
 
 #[test]
 fn a_variant_shows_its_fields() {
-    let Type::Enum(variants) = parsed("postcard:enum{Idle:struct{},Go:struct{fast:bool,},}").root
-    else {
+    let schema = parsed("postcard:enum{Idle:struct{},Go:struct{fast:bool,},}");
+    let Type::Enum(variants) = ty(&schema) else {
         panic!("an enumeration");
     };
     let names = |it: &Variant| it.fields().iter().map(|it| it.name().to_string()).collect();
@@ -46,7 +58,7 @@ fn a_text_and_its_tree_are_the_same() {
     }
     let imu = parsed(IMU);
     assert_eq!(imu.encoding(), &Encoding::Plain);
-    let Type::Struct(fields) = imu.root() else {
+    let Type::Struct(fields) = ty(&imu) else {
         panic!("{imu:?}");
     };
     assert_eq!(fields[0].name(), "stamp_ns");
@@ -129,7 +141,7 @@ fn depth_and_length_have_their_limits() {
 }
 
 fn layout(text: &str) -> Result<Layout, NoLayout> {
-    Layout::of(parsed(&format!("plain:{text}")).root())
+    Layout::of(ty(&parsed(&format!("plain:{text}"))))
 }
 
 #[test]
@@ -162,7 +174,7 @@ fn encodings_by_their_names() {
     assert_eq!(encoding("plain:u8"), Encoding::Plain);
     assert_eq!(encoding("postcard:u8"), Encoding::Postcard);
     assert_eq!(encoding("json:u8"), Encoding::Json);
-    assert_eq!(encoding("cdr:u8"), Encoding::Other("cdr".into()));
+    assert_eq!(encoding("xcdr:u8"), Encoding::Other("xcdr".into()));
 }
 
 /// Brackets beside each other are not inside each other.
@@ -331,12 +343,25 @@ fn types() -> impl Strategy<Value = Type> {
 fn schemas() -> impl Strategy<Value = Schema> {
     let encodings = select(vec!["plain", "postcard", "json", "other-1"]);
     let encodings = encodings.prop_map(Encoding::named);
-    (encodings, types()).prop_map(|(encoding, root)| Schema { encoding, root })
+    let trees = (encodings, types().prop_map(Root::Type));
+    let lines = prop_oneof![Just(SEPARATOR.into()), "[ -~\u{a0}-\u{ffff}]{1,12}"];
+    let definitions = (any::<[u8; 32]>(), collection::vec(lines, 0..6));
+    let definitions = definitions.prop_map(|(rihs01, lines)| {
+        let text = lines.iter().map(|line| format!("{line}\n"));
+        let text = text.collect::<String>().into();
+        let root = Root::Definition(Definition { rihs01, text });
+        (Encoding::Cdr, root)
+    });
+    let schemas = prop_oneof![4 => trees, 1 => definitions];
+    schemas.prop_map(|(encoding, root)| Schema { encoding, root })
 }
 
 /// The hash by the rule of SPEC Annex A: each part of the text becomes its hash, the
 /// innermost first.
 fn hash_of_text(text: &str) -> u64 {
+    if text.starts_with("cdr:") {
+        return hash::text(text.lines().next().unwrap());
+    }
     let (encoding, mut rest) = text.split_once(':').unwrap();
     let part = format!("{:016x}", hash_of_part(&mut rest));
     assert_eq!(rest, "");
@@ -378,7 +403,7 @@ fn hash_of_part(rest: &mut &str) -> u64 {
 }
 
 proptest! {
-    //= SM2-TYP-001 test
+    //= SM2-TYP-001, SM2-TYP-002 test
     #[test]
     fn any_tree_is_read_from_its_text(schema in schemas()) {
         let text = schema.to_string();
@@ -386,7 +411,9 @@ proptest! {
         prop_assert_eq!(schema.difference(&schema), None);
         prop_assert_eq!(schema.hash(), hash_of_text(&text));
         // Any text is read without a panic.
-        let _ = Layout::of(schema.root());
+        if let Root::Type(ty) = schema.root() {
+            let _ = Layout::of(ty);
+        }
     }
 
     #[test]
@@ -398,11 +425,12 @@ proptest! {
         }
     }
 
-    //= SM2-TYP-001 test
+    //= SM2-TYP-001, SM2-TYP-002 test
     #[test]
     fn no_text_makes_it_panic(text in ".{0,60}", schema in schemas(), at in any::<u16>()) {
         let _ = Schema::parse(&text);
         let _ = Schema::parse(&format!("plain:{text}"));
+        let _ = Schema::parse(&format!("cdr:{text}"));
         // Texts that are nearly legal are not read as another schema.
         let mut near: Vec<char> = schema.to_string().chars().collect();
         let at = usize::from(at) % near.len();

@@ -3,7 +3,16 @@
 use alloc::{boxed::Box, vec::Vec};
 use core::fmt;
 
-use super::hash;
+use super::{definition::Definition, hash};
+
+/// The part of a schema that states what is encoded.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Root {
+    /// The type that is encoded (SM2-TYP-001).
+    Type(Type),
+    /// The definition of a message of ROS 2 (SM2-TYP-002). The encoding is [`Encoding::Cdr`].
+    Definition(Definition),
+}
 
 /// The way in which a value becomes bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -14,6 +23,8 @@ pub enum Encoding {
     Postcard,
     /// JSON, as serde writes it.
     Json,
+    /// The CDR of ROS 2.
+    Cdr,
     /// An encoding that SPEC does not define.
     Other(Box<str>),
 }
@@ -26,6 +37,7 @@ impl Encoding {
             Self::Plain => "plain",
             Self::Postcard => "postcard",
             Self::Json => "json",
+            Self::Cdr => "cdr",
             Self::Other(name) => name,
         }
     }
@@ -35,6 +47,7 @@ impl Encoding {
             "plain" => Self::Plain,
             "postcard" => Self::Postcard,
             "json" => Self::Json,
+            "cdr" => Self::Cdr,
             _ => Self::Other(name.into()),
         }
     }

@@ -1,0 +1,28 @@
+//! Lockstep: domain time advances when each member has handled its inputs (SPEC section 16.2).
+//!
+//! | machine | one for |
+//! | --- | --- |
+//! | [`Conductor`] | the steps of a replay or a simulation: begins them, and sends turns to the members |
+//! | [`Member`] | a node that takes its inputs in lockstep |
+//!
+//! A member's call and its reply are [`Done`] and [`Turn`]. The states of a member, as both sides see it:
+//!
+//! | state | input | next state | output |
+//! | --- | --- | --- | --- |
+//! | free | the service is there | waiting | call: join |
+//! | waiting | a legal turn | working | the turn |
+//! | waiting | another turn | over | |
+//! | waiting | the call failed | free | |
+//! | working | finished | waiting | call: done |
+//! | working | the service is gone | working | |
+//! | over | any | over | |
+
+mod conductor;
+mod member;
+mod message;
+
+pub use self::{
+    conductor::{Conductor, Input, Misuse, Output, Refused, TooManyRounds},
+    member::{IllegalTurn, Member, MemberInput, MemberMisuse, MemberOutput},
+    message::{Done, Turn},
+};
