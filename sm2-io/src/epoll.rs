@@ -218,6 +218,23 @@ impl From<&EpollEvent> for Event {
     }
 }
 
+/// Looks at `fd` without waiting. Returns whether it is readable, and whether it is writable, as in
+/// an [`Event`]; only for what `interest` names, but hang-ups and errors are always readable.
+///
+/// # Errors
+///
+/// Any error of `ppoll(2)`, such as no memory.
+pub fn poll_now(fd: BorrowedFd<'_>, interest: Interest) -> io::Result<(bool, bool)> {
+    let mut flags = PollFlags::empty();
+    flags.set(PollFlags::POLLIN, interest.readable);
+    flags.set(PollFlags::POLLOUT, interest.writable);
+    let mut fds = [PollFd::new(fd, flags)];
+    events::poll(&mut fds, Some(Duration::ZERO))?;
+    let seen = fds[0].revents().unwrap_or(PollFlags::empty());
+    let readable = PollFlags::POLLIN | PollFlags::POLLHUP | PollFlags::POLLERR;
+    Ok((seen.intersects(readable), seen.contains(PollFlags::POLLOUT)))
+}
+
 /// Waits until at least one of `fds` is readable or hung up, for at most `timeout` (`None`: no
 /// limit). For callers without an [`Epoll`] of their own. Allocates only for more than eight
 /// descriptors.

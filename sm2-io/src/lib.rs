@@ -16,7 +16,7 @@
 //! | [`mapping`] | [`SealedMapping`], [`PooledMapping`]: reading shared memory |
 //! | [`ring`] | [`Ring`]: words that two processes write |
 //! | [`counters`] | [`CounterPage`], [`CounterView`]: the counters of a node, readable by tools |
-//! | [`epoll`] | [`Epoll`], [`wait_readable`]: waiting for descriptors |
+//! | [`epoll`] | [`Epoll`], [`wait_readable`], [`poll_now`]: waiting for descriptors |
 //! | [`waker`] | [`Waker`]: waking a loop from another thread |
 //! | [`latch`] | [`Latch`]: a signal that stays set |
 //! | [`timer`] | [`Timer`]: waking a loop at a given time |
@@ -86,7 +86,7 @@ pub use domain_socket::{
     BindOptions, DomainLock, DomainSocket, DomainSocketError, NotReclaimed, UnlockedSocket,
     socket_path,
 };
-pub use epoll::{Epoll, Event, Events, Interest, wait_readable};
+pub use epoll::{Epoll, Event, Events, Interest, poll_now, wait_readable};
 pub use latch::Latch;
 pub use mapping::{PooledMapping, Scratch, SealedMapping};
 pub use memfd::{InspectedFd, Preallocated, SealedLoan, Segment, VerifyError};

@@ -1,12 +1,14 @@
 //! Waiting with epoll: the reported events, and the end of a wait.
 
-use std::io::{self, IoSlice};
+use std::io::{self, IoSlice, Write};
+use std::net::Shutdown;
 use std::os::fd::AsFd;
+use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
 use nix::time::{ClockId, clock_gettime};
 use sm2_io::clock::now;
-use sm2_io::{Epoll, Event, Events, Interest, SeqPacket, Waker, wait_readable};
+use sm2_io::{Epoll, Event, Events, Interest, SeqPacket, Waker, poll_now, wait_readable};
 
 const NO_TIME: Option<Duration> = Some(Duration::ZERO);
 
@@ -236,4 +238,31 @@ fn the_clock_is_the_hosts() {
     let (before, moment, after) = (kernel(), now(), kernel());
     let moment = Duration::from_nanos(moment.0);
     assert!(before <= moment && moment <= after);
+}
+
+/// A look reports as an epoll does, for each interest, in each state of a socket.
+#[test]
+fn a_look_sees_what_an_epoll_reports() {
+    let same_as_an_epoll = |fd: &UnixStream| {
+        for interest in [
+            Interest::READABLE,
+            Interest::WRITABLE,
+            Interest::BOTH,
+            Interest::NONE,
+        ] {
+            let epoll = Epoll::new().unwrap();
+            epoll.add(fd, 7, interest).unwrap();
+            let reported = poll(&epoll).pop().map(|it| (it.readable, it.writable));
+            let seen = poll_now(fd.as_fd(), interest).unwrap();
+            assert_eq!(seen, reported.unwrap_or_default(), "{interest:?}");
+        }
+    };
+    let (a, mut b) = UnixStream::pair().unwrap();
+    same_as_an_epoll(&a);
+    b.write_all(b"x").unwrap();
+    same_as_an_epoll(&a);
+    b.shutdown(Shutdown::Write).unwrap();
+    same_as_an_epoll(&a);
+    drop(b);
+    same_as_an_epoll(&a);
 }

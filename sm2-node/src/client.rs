@@ -1,6 +1,5 @@
 //! Calling a service.
 
-use std::borrow::Cow;
 use std::fmt;
 use std::marker::PhantomData;
 use std::ops::Deref;
@@ -20,6 +19,7 @@ use crate::handle::declaration::{
 use crate::handle::methods::interface_methods;
 use crate::handle::receive::{Receipt, Received};
 use crate::handle::{Handle, until};
+use crate::outgoing::Outgoing;
 use crate::{CallError, DeclareError, Message, StoreError, Wait};
 
 /// Sends requests of type `Q` to the servers of a service, and gets replies of type `R`.
@@ -93,9 +93,9 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
     }
 
     fn send_until(&self, request: &Q, deadline: Option<Instant>) -> Result<Call<R>, CallError> {
-        let bytes = request.bytes().map_err(StoreError::Encode)?;
-        let needs = self.server(bytes.len() as u64, deadline)?;
-        self.send_to(needs, bytes, deadline)
+        let request = Outgoing::new(request).map_err(StoreError::Encode)?;
+        let needs = self.server(request.len() as u64, deadline)?;
+        self.send_to(needs, request, deadline)
     }
 
     /// Sends a request if a server is linked; `None` while the link to the first server is being opened.
@@ -114,10 +114,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
         drop(locked);
         match choice {
             Choice::Opening => Ok(None),
-            Choice::Link { needs, .. } => {
-                let bytes = Cow::Borrowed(bytes);
-                self.send_to(needs, bytes, deadline).map(Some)
-            }
+            Choice::Link { needs, .. } => self.send_to(needs, bytes.into(), deadline).map(Some),
             other => Err(self.no_server(other, len)),
         }
     }
@@ -125,11 +122,11 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
     fn send_to(
         &self,
         needs: Needs,
-        bytes: Cow<'_, [u8]>,
+        request: Outgoing<'_>,
         deadline: Option<Instant>,
     ) -> Result<Call<R>, CallError> {
-        let len = bytes.len() as u64;
-        let forms = self.handle.store(bytes, needs)?;
+        let len = request.len() as u64;
+        let forms = self.handle.store(request, needs)?;
         // Chooses the server again, because other calls may have been sent meanwhile.
         let call =
             self.handle

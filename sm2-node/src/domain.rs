@@ -4,6 +4,7 @@
 //! [`Node::snapshot`] returns a [`Domain`], [`Node::watch`] a [`Watch`], [`Node::why`] a [`Verdict`].
 
 use std::fmt;
+use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -18,7 +19,7 @@ pub use sm2_proto::{
 };
 use sm2_proto::{Instant, TypeId};
 
-use crate::driver::{Answer, Followed, Lost, Question, SharedNode, Ticket};
+use crate::driver::{Answer, ControlBell, Followed, Lost, Question, SharedNode, Ticket};
 pub use crate::error::{QueryError, ReloadError};
 use crate::handle::{Handle, until};
 use crate::node::Node;
@@ -45,6 +46,7 @@ impl Node {
     pub fn watch(&self) -> Watch {
         Watch {
             reader: Reader::new(&self.shared),
+            bell: None,
         }
     }
 
@@ -156,11 +158,15 @@ impl Handle {
 /// Follows a domain: holds its state at one revision, and advances to later revisions when
 /// [asked](Self::wait).
 ///
+/// A [`WaitSet`](crate::WaitSet::add_watch) can wait for the changes of a domain together with other things.
+///
 /// A slow reader receives larger steps, never a backlog. After another Manager has taken over, the next step
 /// is the difference between the last state of the old Manager and the first state of the new one. Nodes have
 /// new numbers then.
 pub struct Watch {
     reader: Reader,
+    /// The descriptor for wait sets; `None` before the watch was added to one.
+    bell: Option<Arc<ControlBell>>,
 }
 
 impl Watch {
@@ -198,8 +204,32 @@ impl Watch {
         self.wait_until(Some(Instant(0)))
     }
 
-    //= SM2-WCH-001, SM2-WCH-003
+    /// The node, and the descriptor for a wait set: readable while [`try_wait`](Self::try_wait) may find changes.
+    pub(crate) fn bell(&mut self) -> io::Result<(&SharedNode, Arc<ControlBell>)> {
+        let bell = match &self.bell {
+            Some(bell) => Arc::clone(bell),
+            None => Arc::new(ControlBell::new(&self.reader.shared)?),
+        };
+        self.bell = Some(Arc::clone(&bell));
+        Ok((&self.reader.shared, bell))
+    }
+
     fn wait_until(&mut self, until: Option<Instant>) -> Result<Vec<Change>, QueryError> {
+        // First, so that a change after the look below rings it again.
+        if let Some(bell) = &self.bell {
+            bell.silence();
+        }
+        let changes = self.read(until);
+        if let Some(bell) = &self.bell
+            && !matches!(&changes, Ok(none) if none.is_empty())
+        {
+            bell.ring();
+        }
+        changes
+    }
+
+    //= SM2-WCH-001, SM2-WCH-003
+    fn read(&mut self, until: Option<Instant>) -> Result<Vec<Change>, QueryError> {
         loop {
             let changes = match self.reader.step(until) {
                 Ok(changes) => changes,

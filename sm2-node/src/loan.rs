@@ -99,7 +99,7 @@ impl<'p, T: Plain + ?Sized> Loan<'p, T> {
         match memory {
             // Subscribers may have released memory since.
             Memory::Heap(buffer) if self.len > self.publisher.handle.inline_max => {
-                return (self.publisher).publish_bytes(buffer.as_slice().into(), timeout);
+                return (self.publisher).publish(buffer.as_slice().into(), timeout);
             }
             Memory::Heap(buffer) => forms.inline = Some(Bytes::from_owner(buffer)),
             Memory::Slot(lease) => {

@@ -7,7 +7,7 @@ use sm2_proto::text::Counted;
 use sm2_proto::{Name, TypeId};
 
 use crate::Payload;
-use crate::payload::MessageBytes;
+use crate::payload::{MessageBytes, SharedBytes};
 
 /// A type that topics and services can carry.
 ///
@@ -142,6 +142,35 @@ pub trait Message: 'static {
     /// [`EncodeError`] if this value has no encoding.
     fn bytes(&self) -> Result<Cow<'_, [u8]>, EncodeError>;
 
+    /// The number of bytes that [`encode_into`](Self::encode_into) writes. `None`, the default, if the length is
+    /// unknown before the message is encoded, or if this value has no encoding.
+    ///
+    /// A type that knows the length is encoded directly into the memory that its receivers read, if it is long.
+    #[must_use]
+    #[inline]
+    fn encoded_len(&self) -> Option<usize> {
+        None
+    }
+
+    /// Encodes the message into `bytes`, as many as [`encoded_len`](Self::encoded_len) says. Their values are
+    /// unspecified before, and all of them are sent.
+    ///
+    /// # Errors
+    ///
+    /// [`EncodeError`] if this value has no encoding, or one of another length.
+    fn encode_into(&self, bytes: &mut [u8]) -> Result<(), EncodeError> {
+        let encoded = self.bytes()?;
+        if encoded.len() != bytes.len() {
+            let (is, was) = (encoded.len(), bytes.len());
+            return Err(EncodeError {
+                type_name: Self::NAME,
+                reason: format!("it has {is} bytes, but encoded_len returned {was}"),
+            });
+        }
+        bytes.copy_from_slice(&encoded);
+        Ok(())
+    }
+
     /// Decodes a message.
     ///
     /// # Errors
@@ -149,12 +178,24 @@ pub trait Message: 'static {
     /// [`PayloadError`] if the bytes are not a message of this type.
     fn view(payload: Payload) -> Result<Self::View, PayloadError>;
 
+    /// Decodes a message by copying its parts out of the memory where its publisher put it. `None`, the default, if the
+    /// type needs a [`Payload`]; then [`view`](Self::view) is called, after the whole message was copied if it is in a
+    /// slot.
+    #[must_use]
+    #[inline]
+    fn decode(_bytes: &SharedBytes<'_>) -> Option<Result<Self::View, PayloadError>> {
+        None
+    }
+
     /// As [`view`](Self::view), for a type that is read in place. The result may refer to a slot, so the
     /// caller must drop the result before it releases the slot.
     #[doc(hidden)]
     #[inline]
     fn view_in_place(bytes: MessageBytes) -> Result<Self::View, PayloadError> {
-        Self::view(bytes.into_payload())
+        match Self::decode(&SharedBytes::new(&bytes)) {
+            Some(view) => view,
+            None => Self::view(bytes.into_payload()),
+        }
     }
 
     /// Returns the type as it is declared to the Manager.

@@ -99,6 +99,66 @@ impl Deref for MessageBytes {
     }
 }
 
+/// The bytes of a received message, which a publisher that breaks the rules may still change. They are copied out part
+/// by part: see [`Message::decode`](crate::Message::decode).
+///
+/// A copy does not change. Therefore, check a copy and not the bytes: read a length once, and compare the copy of the
+/// length with [`len`](Self::len).
+#[derive(Debug)]
+pub struct SharedBytes<'a>(&'a MessageBytes);
+
+impl<'a> SharedBytes<'a> {
+    pub(crate) const fn new(bytes: &'a MessageBytes) -> Self {
+        Self(bytes)
+    }
+
+    /// The length of the message, in bytes.
+    #[must_use]
+    #[inline]
+    pub fn len(&self) -> usize {
+        match self.0 {
+            MessageBytes::Stable(payload) => payload.len(),
+            MessageBytes::Pooled(bytes) => bytes.len(),
+        }
+    }
+
+    /// Whether the message has no bytes.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Copies the bytes from `start` on. Returns false if they are not all inside the message.
+    #[must_use]
+    #[inline]
+    pub fn copy_to(&self, start: usize, to: &mut [u8]) -> bool {
+        match self.0 {
+            MessageBytes::Pooled(bytes) => bytes.copy_to(start, to),
+            MessageBytes::Stable(payload) => {
+                match payload.get(start..).and_then(|it| it.get(..to.len())) {
+                    Some(bytes) => {
+                        to.copy_from_slice(bytes);
+                        true
+                    }
+                    None => false,
+                }
+            }
+        }
+    }
+
+    /// Returns a copy of `len` bytes from `start` on; `None` if they are not all inside the message.
+    #[must_use]
+    pub fn to_vec(&self, start: usize, len: usize) -> Option<Vec<u8>> {
+        match self.0 {
+            MessageBytes::Pooled(bytes) => bytes.copy_part(start, len),
+            MessageBytes::Stable(payload) => {
+                let bytes = payload.get(start..)?.get(..len)?;
+                Some(bytes.to_vec())
+            }
+        }
+    }
+}
+
 /// The location of the bytes of a message that was taken from its link.
 #[derive(Debug)]
 pub(crate) enum Source {

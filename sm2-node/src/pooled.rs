@@ -32,10 +32,37 @@ impl PooledBytes {
         })
     }
 
+    /// The number of bytes.
+    #[inline]
+    pub(crate) const fn len(&self) -> usize {
+        // It is inside a mapping, so it is a length of this machine.
+        self.len as usize
+    }
+
     /// A private copy of the bytes.
     pub(crate) fn copy(&self) -> Vec<u8> {
         let copy = self.segment.copy_to_vec(self.offset, self.len);
         copy.expect("`new` checked the range; a mapping keeps its size")
+    }
+
+    /// A private copy of `len` bytes from `start` on; `None` if they are not all inside.
+    pub(crate) fn copy_part(&self, start: usize, len: usize) -> Option<Vec<u8>> {
+        let start = self.place(start, len)?;
+        self.segment.copy_to_vec(start, len as u64)
+    }
+
+    /// Copies the bytes from `start` on. Returns false if they are not all inside.
+    #[inline]
+    pub(crate) fn copy_to(&self, start: usize, to: &mut [u8]) -> bool {
+        let start = self.place(start, to.len());
+        start.is_some_and(|start| self.segment.copy_to(start, to))
+    }
+
+    /// The offset in the segment of `len` bytes from `start` on; `None` if they are not all inside the message.
+    #[inline]
+    fn place(&self, start: usize, len: usize) -> Option<u64> {
+        let end = start.checked_add(len)?;
+        (end <= self.len()).then(|| self.offset + start as u64)
     }
 }
 

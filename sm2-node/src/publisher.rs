@@ -10,6 +10,7 @@ use self::untyped::UntypedPublisher;
 use crate::handle::Handle;
 use crate::handle::methods::interface_methods;
 use crate::loan::Loan;
+use crate::outgoing::Outgoing;
 use crate::plain::size_for;
 use crate::published::Published;
 use crate::{Message, Plain, PublishError, StoreError, WaitError};
@@ -81,8 +82,8 @@ impl<T: Message + ?Sized> Publisher<T> {
         message: &T,
         timeout: Duration,
     ) -> Result<Published, PublishError> {
-        let bytes = message.bytes().map_err(StoreError::Encode)?;
-        self.core.publish_bytes(bytes, timeout)
+        let message = Outgoing::new(message).map_err(StoreError::Encode)?;
+        self.core.publish(message, timeout)
     }
 
     /// Sends one message to all subscribers, or to none of them.
@@ -95,8 +96,8 @@ impl<T: Message + ?Sized> Publisher<T> {
     ///
     /// See [`PublishError`].
     pub fn try_publish(&self, message: &T) -> Result<Option<Published>, PublishError> {
-        let bytes = message.bytes().map_err(StoreError::Encode)?;
-        self.core.try_publish_bytes(bytes)
+        let message = Outgoing::new(message).map_err(StoreError::Encode)?;
+        self.core.try_publish(message)
     }
 
     /// Waits, without a time limit, until every reliable subscriber has room for one message. The next

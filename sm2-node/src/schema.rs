@@ -35,7 +35,7 @@ use std::fmt::Write as _;
 use sm2_proto::TypeId;
 use sm2_proto::limits::SCHEMA_TEXT_MAX;
 pub use sm2_proto::schema::hash::{
-    array, enumeration, list, map, message, option, set, structure, text,
+    array, cdr, enumeration, list, map, message, option, set, structure, text,
 };
 
 pub use crate::error::SchemaError;

@@ -1,6 +1,5 @@
 //! Answering the calls of a service.
 
-use std::borrow::Cow;
 use std::fmt;
 use std::marker::PhantomData;
 use std::ops::Deref;
@@ -19,6 +18,7 @@ use crate::handle::declaration::{
 };
 use crate::handle::methods::interface_methods;
 use crate::handle::receive::{Receipt, Received};
+use crate::outgoing::Outgoing;
 use crate::{DeclareError, Message, RecvError, ReplyError, StoreError, Wait};
 
 /// The error text for a client whose request was dropped.
@@ -143,8 +143,8 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Request<Q, R> {
             ..
         } = self;
         // The request's memory stays valid until the reply is sent: the reply may refer to it.
-        let result = match reply.bytes() {
-            Ok(bytes) => pending.reply(bytes, Status::Ok),
+        let result = match Outgoing::new(reply) {
+            Ok(reply) => pending.reply(reply, Status::Ok),
             Err(error) => {
                 let _ = pending.fail(&error.to_string());
                 Err(StoreError::Encode(error).into())
@@ -215,7 +215,7 @@ struct Pending {
 }
 
 impl Pending {
-    fn reply(mut self, bytes: Cow<'_, [u8]>, status: Status) -> Result<(), ReplyError> {
+    fn reply(mut self, reply: Outgoing<'_>, status: Status) -> Result<(), ReplyError> {
         let call = self.call;
         let link = {
             let locked = self.handle.interface.lock_driven_for(call.token);
@@ -231,11 +231,11 @@ impl Pending {
             self.answered = true;
             return Err(error);
         };
-        let len = bytes.len() as u64;
+        let len = reply.len() as u64;
         if len > max_len {
             return Err(self.refuse(len, max_len));
         }
-        let forms = self.handle.store(bytes, needs)?;
+        let forms = self.handle.store(reply, needs)?;
         let sent = self
             .handle
             .with_undriven(|interface, context| interface.reply(call, forms, len, status, context));
@@ -261,7 +261,7 @@ impl Pending {
     }
 
     fn fail(self, reason: &str) -> Result<(), ReplyError> {
-        self.reply(Cow::Borrowed(reason.as_bytes()), Status::Failed)
+        self.reply(reason.as_bytes().into(), Status::Failed)
     }
 }
 

@@ -15,12 +15,13 @@ use sm2_io::{Epoll, Events, is_shortage};
 use sm2_proto::Instant;
 
 use self::sources::{Kind, Sources};
+pub(crate) use self::waitable::Source;
 use self::watches::Watches;
 
 pub use self::ready::{Cause, Interest, Key, Readiness, Ready};
 pub use self::waitable::Waitable;
-use crate::driver::{Condition, SHORTAGE_PAUSE, UndrivenControl, Until, WaitFailure};
-use crate::{Node, Shutdown, Timer, WaitError};
+use crate::driver::{Condition, SHORTAGE_PAUSE, SharedNode, UndrivenControl, Until, WaitFailure};
+use crate::{Node, Shutdown, Timer, WaitError, domain};
 
 /// How many descriptors one system call reports.
 const EVENTS: usize = 64;
@@ -78,6 +79,7 @@ const EVENTS: usize = 64;
 /// | timer | once for each tick, or for all missed ticks ([`MissedTicks`](crate::MissedTicks)) | |
 /// | [once](Timer::once) | once, then the timer leaves the set | |
 /// | descriptor | again and again | it is not ready any more |
+/// | changes of a domain | again and again | [`try_wait`](domain::Watch::try_wait) finds nothing more |
 ///
 /// The sources that are ready at the same time are reported in turn. Between the report and the call of the program,
 /// another thread may take the message: the `try_…` method then returns `None`. While the program holds as many
@@ -184,6 +186,19 @@ impl<'fd, T: Clone> WaitSet<'fd, T> {
         Ok(key)
     }
 
+    /// Adds the changes of a domain, and [drives](Self::drive) the node of `watch`. The messages of that node do not
+    /// wake the set.
+    ///
+    /// # Errors
+    ///
+    /// Errors of `eventfd(2)` and `epoll_ctl(2)`: too many descriptors, no memory, or `AlreadyExists` for a watch that
+    /// is in the set.
+    pub fn add_watch(&mut self, watch: &mut domain::Watch, tag: T) -> io::Result<Key> {
+        let (node, bell) = watch.bell()?;
+        self.drive_node(node)?;
+        self.add_descriptor(bell, Interest::Readable, tag)
+    }
+
     /// Ends every wait of the set when this shutdown is requested, also if a source is ready.
     ///
     /// # Errors
@@ -201,7 +216,11 @@ impl<'fd, T: Clone> WaitSet<'fd, T> {
     ///
     /// Errors of `epoll_ctl(2)`: no memory.
     pub fn drive(&mut self, node: &Node) -> io::Result<()> {
-        match UndrivenControl::of_node(&node.shared) {
+        self.drive_node(&node.shared)
+    }
+
+    fn drive_node(&mut self, node: &SharedNode) -> io::Result<()> {
+        match UndrivenControl::of_node(node) {
             Some(control) => {
                 let token = self.next_token();
                 self.watches.drive(&self.epoll, control, true, token)
@@ -239,6 +258,21 @@ impl<'fd, T: Clone> WaitSet<'fd, T> {
             Some(Kind::Timer(_)) | None => {}
         }
         Ok(())
+    }
+
+    /// Looks at a source of which the set has reported `cause`. Returns why it is ready now: its state may have changed
+    /// since. Only descriptors can change it: the others are asked for an item.
+    pub(crate) fn confirm(&self, key: Key, cause: Cause) -> io::Result<Option<Cause>> {
+        let Some(Kind::Descriptor { fd, interest, .. }) = self.sources.kind(key) else {
+            return Ok(Some(cause));
+        };
+        let (readable, writable) = match sm2_io::poll_now(fd.as_fd(), (*interest).into()) {
+            // The next wait reports it again.
+            Err(error) if is_shortage(&error) => return Ok(None),
+            ready => ready?,
+        };
+        let ready = Readiness { readable, writable };
+        Ok((readable || writable).then_some(Cause::Descriptor(ready)))
     }
 
     /// Whether the set has this source.

@@ -347,6 +347,25 @@ fn types_that_are_declared_can_be_described() {
     drop(publisher);
 }
 
+//= SM2-SCH-001, SM2-SCH-002, SM2-TYP-002 test
+#[test]
+fn a_definition_of_ros_2_can_be_registered_and_described() {
+    let domain = Domain::new();
+    let (node, tool) = (domain.node("node"), domain.node("tool"));
+    let first = "cdr:RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18";
+    let text = format!("{first}\nstring data\n");
+    let data = TypeId {
+        name: sm2_node::Name::new("std_msgs/msg/String").unwrap(),
+        hash: sm2_node::schema::text(first),
+    };
+    let no_line_feed = node.register_schema(data.clone(), text.trim_end());
+    assert!(no_line_feed.is_err());
+    let another_hash = text.replace("df66", "df67");
+    assert!(node.register_schema(data.clone(), &another_hash).is_err());
+    node.register_schema(data.clone(), &text).unwrap();
+    until(|| tool.describe(&data).unwrap().as_deref() == Some(&text));
+}
+
 /// The entries of a node's counters, read by another node.
 fn counters_of(node: &Node, tool: &Node) -> Vec<Entry> {
     let mut view = None;

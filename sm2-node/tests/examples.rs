@@ -167,6 +167,21 @@ fn robot() {
     assert!(text.contains("brightness"), "{text}");
 }
 
+/// Without a conductor, inputs are handled as they arrive.
+#[test]
+fn filter_lockstep() {
+    let domain = Domain::new();
+    let node = domain.node("sensor");
+    let mean = node.subscriber::<f32>("mean").unwrap();
+    let distance = node.publisher::<f32>("distance").unwrap();
+    let example = Example::start(&domain, "filter_lockstep", &[]);
+    distance.wait_for_subscribers_timeout(1, SOON).unwrap();
+    distance.publish(&8.0).unwrap();
+    common::until(|| *common::next(&mean) == 1.0);
+    example.signal(Signal::SIGINT);
+    assert_eq!(example.output(), "");
+}
+
 /// An error is one line on standard error that says what to do.
 #[test]
 fn an_error_is_one_line() {
@@ -180,6 +195,7 @@ fn an_error_is_one_line() {
         "add_client",
         "map_latched",
         "robot",
+        "filter_lockstep",
         "loop_epoll",
         "loop_mio",
         "loop_io_uring",

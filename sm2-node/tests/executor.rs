@@ -286,6 +286,32 @@ fn a_descriptor_that_was_read_meanwhile_is_not_ready() {
     });
 }
 
+/// Two callbacks of a group read the same socket, which is reported for both at once. The first one takes all, so the
+/// other one does not run. A third callback, which is reported with them, ends the executor.
+#[test]
+fn a_descriptor_that_another_callback_has_read_is_not_ready() {
+    let shutdown = Shutdown::new().unwrap();
+    let (ours, mut theirs) = UnixStream::pair().unwrap();
+    ours.set_nonblocking(true).unwrap();
+    let twin = ours.try_clone().unwrap();
+    theirs.write_all(&[0]).unwrap();
+    let mut executor = Executor::new().unwrap();
+    executor.end_with(&shutdown).unwrap();
+    let group = executor.group(0);
+    for mut reader in [&ours, &twin] {
+        group.on_ready(reader, Interest::Readable, move |taken, _| {
+            *taken += reader.read(&mut [0])?;
+            Ok(())
+        });
+    }
+    group.on_ready(&theirs, Interest::Writable, |_, _| {
+        shutdown.request();
+        Ok(())
+    });
+    executor.run().unwrap();
+    assert_eq!(group.with(|taken| *taken), 1);
+}
+
 /// A server is ready with a request that nobody wants any more, so its callback does not run. Its group goes on.
 #[test]
 fn a_source_that_is_ready_for_nothing_does_not_hold_up_its_group() {

@@ -40,6 +40,36 @@ fn a_subscriber_is_ready_until_nothing_is_left() {
 }
 
 #[test]
+fn changes_of_a_domain_are_reported_and_messages_are_not() {
+    Fixture::each(|it| {
+        let node = it.node("listener");
+        let subscriber = node.subscriber::<u64>("topic").unwrap();
+        let publisher = it.peer("talker").publisher::<u64>("topic").unwrap();
+        meet(&publisher, &[&subscriber]);
+        let mut watch = node.watch();
+        let mut set = WaitSet::new().unwrap();
+        let key = set.add_watch(&mut watch, ()).unwrap();
+        let mut has_topic = |watch: &mut sm2_node::domain::Watch, name: &str| loop {
+            assert_eq!(next(&mut set).key, key);
+            while !watch.try_wait().unwrap().is_empty() {}
+            let mut interfaces = watch.domain().interfaces();
+            if interfaces.any(|it| it.contract.name().as_str() == name) {
+                break is_quiet(&mut set);
+            }
+        };
+        assert!(has_topic(&mut watch, "topic"));
+        let _other = it.peer("other").publisher::<u64>("another").unwrap();
+        assert!(has_topic(&mut watch, "another"));
+        publisher.publish(&1).unwrap();
+        assert!(is_quiet(&mut set));
+        assert!(subscriber.recv_timeout(LONG).unwrap().is_some());
+        assert!(set.remove(key));
+        let _third = it.peer("third").publisher::<u64>("third").unwrap();
+        assert!(is_quiet(&mut set));
+    });
+}
+
+#[test]
 fn a_source_that_is_removed_while_it_is_ready_is_not_reported() {
     Fixture::each(|it| {
         let node = it.node("listener");

@@ -145,6 +145,24 @@ impl PooledMapping {
         Some(copy)
     }
 
+    /// Copies the bytes from `start` on. Returns false if they are not all inside.
+    #[must_use]
+    #[inline]
+    pub fn copy_to(&self, start: u64, to: &mut [u8]) -> bool {
+        let Some(bytes) = self.range(start, to.len() as u64) else {
+            return false;
+        };
+        // SAFETY: as in `copy_to_vec`; the destination is memory of this process, of the length that `range` checked,
+        // and no part of a mapping that only has addresses.
+        unsafe {
+            let source = bytes.cast::<u8>().as_ptr();
+            std::ptr::copy_nonoverlapping(source, to.as_mut_ptr(), to.len());
+        }
+        // The compiler must not read the source again in place of the copy.
+        compiler_fence(Ordering::SeqCst);
+        true
+    }
+
     /// Prefetches the cache line at `start`, which is about to be read.
     #[inline]
     pub fn prefetch(&self, start: u64) {

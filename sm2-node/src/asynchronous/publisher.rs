@@ -12,6 +12,7 @@ use tokio::time::Sleep;
 
 use super::{IntoAsync, Watched};
 use crate::driver::Offered;
+use crate::outgoing::Outgoing;
 use crate::publisher::untyped::Publication;
 use crate::{Message, PublishError, Published, Publisher, StoreError};
 
@@ -82,8 +83,8 @@ impl<T: Message + ?Sized> AsyncPublisher<T> {
 
     fn start(&mut self, message: &T) -> Result<(), PublishError> {
         let core = &self.publisher.get().core;
-        let bytes = message.bytes().map_err(StoreError::Encode)?;
-        match core.start(bytes, core.publish_timeout)? {
+        let message = Outgoing::new(message).map_err(StoreError::Encode)?;
+        match core.start(message, core.publish_timeout)? {
             Publication::Done(published) => self.published = Some(published),
             Publication::Waiting { offered, deadline } => {
                 let remaining = deadline.since(sm2_io::clock::now());

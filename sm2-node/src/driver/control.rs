@@ -97,6 +97,12 @@ impl Control {
         })
     }
 
+    /// Whether a link of the node is being opened.
+    pub(crate) fn is_opening(&self) -> bool {
+        let mut interfaces = self.interfaces.values();
+        interfaces.any(|it| it.lock().interface().is_opening())
+    }
+
     /// Changes an interface, wakes the threads that wait for it, and handles the results. `None` if the interface
     /// does not exist any more.
     pub(super) fn with_interface<R>(

@@ -97,6 +97,11 @@ impl NodeSets {
         (self.shutdown.as_ref()).is_some_and(Shutdown::is_requested)
     }
 
+    /// The shutdown that ends every wait.
+    pub(crate) const fn shutdown_handle(&self) -> Option<&Shutdown> {
+        self.shutdown.as_ref()
+    }
+
     /// The descriptor that ends every wait.
     pub(super) fn shutdown(&self) -> Option<BorrowedFd<'_>> {
         self.shutdown.as_ref().map(AsFd::as_fd)

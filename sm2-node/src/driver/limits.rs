@@ -29,7 +29,3 @@ pub(super) const ENDED_WITH_MESSAGES: usize = 64;
 
 /// How many changes are kept for a follower that does not fetch them.
 pub(super) const CHANGES: usize = 4_096;
-
-/// Messages of up to this length are copied under the node's lock, because taking the lock a second
-/// time would take longer than the copy.
-pub(super) const COPY_UNDER_LOCK_MAX: usize = 16 << 10;

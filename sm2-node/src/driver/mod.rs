@@ -20,7 +20,7 @@
 //! | `counters`, `status` | what tools and programs can read about interfaces and links |
 //! | `event_sets` | which descriptors wake calls, and which wake the background thread |
 //! | `wait`, `sleep`, `sleepers` | threads that wait without a lock |
-//! | `bell`, `watch`, `undriven_control` | waiting in the loop of a program, and in a wait set |
+//! | `bell`, `control_bell`, `watch`, `undriven_control` | waiting in the loop of a program, and in a wait set |
 //! | `limits`, `limited_warning` | how much work one call does, how much is kept and logged |
 //!
 //! The order of locks: a thread that holds the lock of the control side may take that of an interface. A thread that
@@ -36,6 +36,7 @@ mod background;
 mod bell;
 mod context;
 mod control;
+mod control_bell;
 mod counters;
 mod datagram;
 mod drive;
@@ -64,6 +65,7 @@ mod watch;
 pub(crate) use self::bell::Bell;
 pub(crate) use self::context::Context;
 pub(crate) use self::control::Control;
+pub(crate) use self::control_bell::ControlBell;
 pub(crate) use self::event_sets::NodeSets;
 pub(crate) use self::interface::{
     CallId, Choice, Condition, Full, Header, Interface, Offered, Outcome, State, Taken,

@@ -6,7 +6,7 @@ use std::ops::{Deref, DerefMut};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use sm2_io::{Event, Events};
+use sm2_io::{Event, Events, Waker};
 use sm2_proto::{Instant, InterfaceId, Name};
 
 use super::context::Context;
@@ -116,9 +116,11 @@ impl SharedInterface {
         Arc::clone(&self.control)
     }
 
-    /// Locks the interface and drives its links, because one of its descriptors had an event.
-    pub(super) fn lock_for_event(&self) -> LockedInterface<'_> {
+    /// Locks the interface and drives its links, because one of its descriptors had an event. The caller is the sleeper
+    /// of `waker`, and looks under this lock.
+    pub(super) fn lock_for_event(&self, waker: &Arc<Waker>) -> LockedInterface<'_> {
         let mut locked = self.lock();
+        locked.sleepers.attend(waker);
         let now = sm2_io::clock::now();
         (locked.now, locked.last_drive) = (now, now);
         locked.drive();

@@ -25,7 +25,7 @@ use crate::quota::MappingQuota;
 /// A node, as its handles share it. The last handle ends the node.
 #[derive(Debug)]
 pub(crate) struct SharedNode {
-    state: Arc<NodeState>,
+    pub(super) state: Arc<NodeState>,
     /// `None` if the calls of the program drive the node.
     background: Option<BackgroundThread>,
     /// The last field, so that the Manager is dropped after this node has closed its session.

@@ -67,7 +67,16 @@ pub(super) struct Sleepers {
 #[derive(Debug)]
 struct Sleeper {
     waker: Arc<Waker>,
-    woken: bool,
+    state: State,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    Asleep,
+    /// It holds the lock and will look before it sleeps again: it needs no signal.
+    Attentive,
+    /// Its waker was signalled.
+    Woken,
 }
 
 impl Sleepers {
@@ -81,8 +90,8 @@ impl Sleepers {
     /// Wakes all sleepers.
     pub(super) fn wake(&mut self) {
         for sleeper in &mut self.all {
-            if !sleeper.woken {
-                sleeper.woken = true;
+            if sleeper.state == State::Asleep {
+                sleeper.state = State::Woken;
                 sleeper.waker.wake();
             }
         }
@@ -92,7 +101,7 @@ impl Sleepers {
         let waker = self.spare.take()?;
         self.all.push(Sleeper {
             waker: Arc::clone(&waker),
-            woken: false,
+            state: State::Asleep,
         });
         Ok(waker)
     }
@@ -109,14 +118,30 @@ impl Sleepers {
         self.all.len()
     }
 
+    /// Notes that the sleeper has the lock, and calls [`calm`](Self::calm) before it releases it. An event that its own
+    /// call finds costs no signal then.
+    pub(super) fn attend(&mut self, waker: &Arc<Waker>) {
+        if let Some(sleeper) = self.find(waker)
+            && sleeper.state == State::Asleep
+        {
+            sleeper.state = State::Attentive;
+        }
+    }
+
     /// Notes that the sleeper has seen all events until now. Returns whether it was woken for one.
     pub(super) fn calm(&mut self, waker: &Arc<Waker>) -> bool {
-        let sleeper = self.all.iter_mut().find(|it| Arc::ptr_eq(&it.waker, waker));
-        let Some(sleeper) = sleeper.filter(|it| it.woken) else {
+        let Some(sleeper) = self.find(waker) else {
             return false;
         };
-        sleeper.woken = false;
-        sleeper.waker.drain();
-        true
+        let was_woken = sleeper.state == State::Woken;
+        sleeper.state = State::Asleep;
+        if was_woken {
+            sleeper.waker.drain();
+        }
+        was_woken
+    }
+
+    fn find(&mut self, waker: &Arc<Waker>) -> Option<&mut Sleeper> {
+        self.all.iter_mut().find(|it| Arc::ptr_eq(&it.waker, waker))
     }
 }

@@ -13,3 +13,18 @@ fn a_burst_of_sleepers_leaves_few_descriptors() {
     wakers.iter().for_each(|it| sleepers.leave(it));
     assert_eq!((sleepers.count(), spare.count()), (0, SPARES));
 }
+
+#[test]
+fn only_a_sleeper_that_sleeps_is_signalled() {
+    let spare = Arc::new(SpareWakers::new().unwrap());
+    let mut sleepers = Sleepers::new(&spare);
+    let waker = sleepers.enter().unwrap();
+    sleepers.attend(&waker);
+    sleepers.wake();
+    assert!(!sleepers.calm(&waker), "it looks by itself");
+    sleepers.wake();
+    sleepers.attend(&waker);
+    assert!(sleepers.calm(&waker), "it was signalled before");
+    sleepers.wake();
+    assert!(sleepers.calm(&waker));
+}

@@ -52,7 +52,7 @@ impl Watch {
         &self,
         look: impl FnMut(&mut Interface, &mut Context<'_>) -> bool,
     ) -> bool {
-        self.look_in(self.interface.lock_for_event(), look)
+        self.look_in(self.interface.lock_for_event(&self.waker), look)
     }
 
     /// Looks for what the caller waits for. `look` returns whether it has found everything. If it has not, the

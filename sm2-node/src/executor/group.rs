@@ -91,7 +91,8 @@ impl<'a, S: Send + 'a> Group<'a, S> {
         self.add(Ticks, callback, register)
     }
 
-    /// Runs `callback` while a descriptor is ready: see [`WaitSet::add_descriptor`].
+    /// Runs `callback` while a descriptor is ready: see [`WaitSet::add_descriptor`]. The descriptor is ready when the
+    /// callback starts, also if another callback of this group or another thread of the executor has just read from it.
     pub fn on_ready<F>(
         &self,
         fd: impl AsFd + Send + 'a,

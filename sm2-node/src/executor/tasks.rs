@@ -70,11 +70,13 @@ impl<'a> Tasks<'a> {
                 self.set.suspend(due.key);
                 continue;
             }
+            // The callback may have run in another thread since the source was reported: then it may have read all.
+            let cause = self.set.confirm(due.key, due.cause)?;
             if !self.set.contains(due.key) {
                 // A call, or a timer that does not repeat: this was all.
                 self.all.remove(&due.id);
             }
-            if task.take(due.cause) {
+            if cause.is_some_and(|cause| task.take(cause)) {
                 return Ok(Some(task));
             }
             self.resume(task.turn().give_back())?;

@@ -1,53 +1,62 @@
 //! Storing a message in the forms that its links need.
 
-use std::borrow::Cow;
-
-use bytes::Bytes;
 use sm2_io::Preallocated;
 use sm2_proto::limits::MESSAGE_MAX;
 
 use super::Handle;
-use crate::StoreError;
 use crate::driver::{Forms, Interface, Needs, NoSlot};
+use crate::outgoing::Outgoing;
 use crate::pool::Lease;
+use crate::spare::Fill;
+use crate::{EncodeError, StoreError};
 
 impl Handle {
     /// Stores a message in the forms that its links need.
-    pub(crate) fn store(&self, bytes: Cow<'_, [u8]>, needs: Needs) -> Result<Forms, StoreError> {
-        self.store_with(bytes, needs, |_| None)
+    pub(crate) fn store(&self, message: Outgoing<'_>, needs: Needs) -> Result<Forms, StoreError> {
+        self.store_with(message, needs, |_, _| None)
     }
 
     /// As [`store`](Self::store), with prepared memory for a sealed message, if there is any.
     #[inline]
     pub(crate) fn store_with(
         &self,
-        bytes: Cow<'_, [u8]>,
+        message: Outgoing<'_>,
         needs: Needs,
-        spare: impl FnOnce(usize) -> Option<Preallocated>,
+        spare: impl FnOnce(usize, Fill) -> Option<Preallocated>,
     ) -> Result<Forms, StoreError> {
         let mut forms = Forms::default();
         if needs.nobody() {
             return Ok(forms);
         }
-        let short = bytes.len() <= self.inline_max;
+        let len = message.len();
+        let short = len <= self.inline_max;
         // First the steps that can fail and need no undoing.
         if needs.sealed && !short {
-            check_len(bytes.len() as u64)?;
-            self.check_file(bytes.len() as u64)?;
-            forms.sealed = Some(crate::spare::seal(spare(bytes.len()), &bytes)?);
+            check_len(len as u64)?;
+            self.check_file(len as u64)?;
+            forms.sealed = Some(message.seal(spare)?);
         }
         if needs.slot || (needs.pooled && !short) {
-            let mut lease = self.lease(bytes.len())?;
-            lease.memory.bytes_mut(bytes.len()).copy_from_slice(&bytes);
+            let mut lease = self.lease(len)?;
+            let written = message.write_to(lease.memory.bytes_mut(len));
             forms.pooled = Some(lease);
+            if let Err(error) = written {
+                return Err(self.not_encoded(forms, error));
+            }
         }
         if short && needs.inline() {
-            forms.inline = Some(match bytes {
-                Cow::Borrowed(bytes) => Bytes::copy_from_slice(bytes),
-                Cow::Owned(bytes) => bytes.into(),
-            });
+            match message.into_bytes() {
+                Ok(bytes) => forms.inline = Some(bytes),
+                Err(error) => return Err(self.not_encoded(forms, error)),
+            }
         }
         Ok(forms)
+    }
+
+    /// Frees the memory of a message that was not encoded into it.
+    fn not_encoded(&self, forms: Forms, error: EncodeError) -> StoreError {
+        self.with_undriven(|interface, context| interface.drop_forms(forms, context));
+        StoreError::Encode(error)
     }
 
     /// Allocates a slot for `len` bytes.

@@ -1,10 +1,10 @@
 //! Publishing many messages under one lock.
 
-use std::borrow::Cow;
 use std::sync::PoisonError;
 
 use super::Publisher;
 use super::untyped::UntypedPublisher;
+use crate::outgoing::Outgoing;
 use crate::published::Published;
 use crate::{Message, PublishError, StoreError};
 
@@ -28,13 +28,13 @@ impl<T: Message + ?Sized> Publisher<T> {
     where
         T: 'a,
     {
-        let mut messages = messages.into_iter().map(Message::bytes);
+        let mut messages = messages.into_iter().map(Outgoing::new);
         let mut run = Vec::with_capacity(RUN);
         let mut sum = Published::default();
         loop {
             // Without the lock, because the iterator is the program's code.
-            let encoded = messages.by_ref().take(RUN).try_for_each(|bytes| {
-                run.push(bytes?);
+            let encoded = messages.by_ref().take(RUN).try_for_each(|message| {
+                run.push(message?);
                 Ok(())
             });
             let is_last = run.len() < RUN;
@@ -51,7 +51,7 @@ impl UntypedPublisher {
     /// Publishes and removes all of these messages.
     fn publish_run(
         &self,
-        run: &mut Vec<Cow<'_, [u8]>>,
+        run: &mut Vec<Outgoing<'_>>,
         sum: &mut Published,
     ) -> Result<(), PublishError> {
         let _order = self.order.lock().unwrap_or_else(PoisonError::into_inner);
@@ -59,21 +59,17 @@ impl UntypedPublisher {
         loop {
             let sent = self.publish_to_rings(rest.as_slice(), sum);
             // The next message is long, or a reliable link has no room for it.
-            let Some(bytes) = rest.by_ref().nth(sent) else {
+            let Some(message) = rest.by_ref().nth(sent) else {
                 return Ok(());
             };
-            let publication = self.start(bytes, self.publish_timeout)?;
+            let publication = self.start(message, self.publish_timeout)?;
             sum.add(self.complete(publication)?);
         }
     }
 
     /// Publishes messages under one lock, as long as they are short and the rings of all links have room.
     /// Returns how many were published.
-    pub(super) fn publish_to_rings(
-        &self,
-        messages: &[Cow<'_, [u8]>],
-        sum: &mut Published,
-    ) -> usize {
+    pub(super) fn publish_to_rings(&self, messages: &[Outgoing<'_>], sum: &mut Published) -> usize {
         let now = sm2_io::clock::now();
         let (mut locked, is_driven) = self.handle.interface.lock_if_due(now);
         locked.change_unharvested(|interface, context| {

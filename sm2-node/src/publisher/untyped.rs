@@ -1,7 +1,6 @@
 //! The part of a publisher that does not depend on the message type.
 
 use std::array;
-use std::borrow::Cow;
 use std::io;
 use std::os::fd::OwnedFd;
 use std::sync::{Mutex, PoisonError};
@@ -14,6 +13,7 @@ use sm2_proto::Instant;
 use crate::driver::{Context, Interface};
 use crate::driver::{Forms, Offered};
 use crate::handle::{Handle, until};
+use crate::outgoing::Outgoing;
 use crate::published::Published;
 use crate::spare::{self, Fill, SpareMemory};
 use crate::{PublishError, StoreError, Wait, WaitError};
@@ -56,33 +56,33 @@ impl UntypedPublisher {
     }
 
     /// Publishes a message, and waits at most `timeout` for reliable links without room.
-    pub(crate) fn publish_bytes(
+    pub(crate) fn publish(
         &self,
-        bytes: Cow<'_, [u8]>,
+        message: Outgoing<'_>,
         timeout: Duration,
     ) -> Result<Published, PublishError> {
         let _order = self.order.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(published) = self.publish_one_to_rings(array::from_ref(&bytes)) {
+        if let Some(published) = self.publish_one_to_rings(array::from_ref(&message)) {
             return Ok(published);
         }
-        let publication = self.start(bytes, timeout)?;
+        let publication = self.start(message, timeout)?;
         self.complete(publication)
     }
 
     /// Publishes a message unless the publication would wait: then `None`, and no link gets the message.
-    pub(super) fn try_publish_bytes(
+    pub(super) fn try_publish(
         &self,
-        bytes: Cow<'_, [u8]>,
+        message: Outgoing<'_>,
     ) -> Result<Option<Published>, PublishError> {
         let _order = self.order.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(published) = self.publish_one_to_rings(array::from_ref(&bytes)) {
+        if let Some(published) = self.publish_one_to_rings(array::from_ref(&message)) {
             return Ok(Some(published));
         }
         if !(self.handle).with_driven_if_due(|interface, _| interface.has_room()) {
             return Ok(None);
         }
-        let len = bytes.len() as u64;
-        match self.store(bytes) {
+        let len = message.len() as u64;
+        match self.store(message) {
             Ok(forms) => Ok(self.offer_to_all(forms, len)),
             // A reliable link that holds the memory is suspended now.
             Err(_) if !(self.handle).with_undriven(|interface, _| interface.has_room()) => Ok(None),
@@ -92,7 +92,7 @@ impl UntypedPublisher {
 
     /// Publishes a message if it is short and the rings of all links have room.
     #[inline]
-    fn publish_one_to_rings(&self, message: &[Cow<'_, [u8]>; 1]) -> Option<Published> {
+    fn publish_one_to_rings(&self, message: &[Outgoing<'_>; 1]) -> Option<Published> {
         let mut published = Published::default();
         let count = self.publish_to_rings(message, &mut published);
         (count == 1).then_some(published)
@@ -110,24 +110,24 @@ impl UntypedPublisher {
     /// Sends a message to all links that have room now.
     pub(crate) fn start(
         &self,
-        bytes: Cow<'_, [u8]>,
+        message: Outgoing<'_>,
         timeout: Duration,
     ) -> Result<Publication, PublishError> {
-        let len = bytes.len() as u64;
-        match self.store(bytes) {
+        let len = message.len() as u64;
+        match self.store(message) {
             Ok(forms) => Ok(self.offer(forms, len, timeout)),
             Err(error) => self.miss(error, len).map(Publication::Done),
         }
     }
 
     /// Stores a message in the forms that the links need.
-    fn store(&self, bytes: Cow<'_, [u8]>) -> Result<Forms, StoreError> {
-        let len = bytes.len() as u64;
+    fn store(&self, message: Outgoing<'_>) -> Result<Forms, StoreError> {
+        let len = message.len() as u64;
         let needs = self
             .handle
             .with_driven_if_due(|interface, _| interface.needs(len));
-        let spare = |len| self.take_spare(len, Fill::Copy);
-        self.handle.store_with(bytes, needs, spare)
+        let spare = |len, fill| self.take_spare(len, fill);
+        self.handle.store_with(message, needs, spare)
     }
 
     /// Counts a message without memory as lost on all links if subscribers hold the memory.

@@ -1,17 +1,15 @@
 //! Publishing a message on all links of a publisher, and keeping it for links that open later.
 
-use std::borrow::Cow;
-
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant};
 
 use super::Interface;
 use crate::driver::context::Context;
 use crate::driver::counters::note;
-use crate::driver::limits::COPY_UNDER_LOCK_MAX;
 use crate::driver::link::LinkDriver;
 use crate::driver::outbox::{Forms, Label, MessageKey, Needs};
 use crate::driver::token::LinkToken;
+use crate::outgoing::{COPY_UNDER_LOCK_MAX, Outgoing};
 use crate::published::Published;
 
 /// A publication that was not sent to all links yet.
@@ -60,13 +58,16 @@ impl Interface {
     #[inline]
     pub(crate) fn publish_to_rings(
         &mut self,
-        messages: &[Cow<'_, [u8]>],
+        messages: &[Outgoing<'_>],
         time: Instant,
         context: &mut Context<'_>,
         sum: &mut Published,
     ) -> usize {
         let mut count = 0;
-        for bytes in messages {
+        for message in messages {
+            let Outgoing::Encoded(bytes) = message else {
+                break;
+            };
             if bytes.len() > COPY_UNDER_LOCK_MAX || !self.has_room_in_rings() {
                 break;
             }
