@@ -7,18 +7,18 @@ Hashes: types that rosbags has in its store for ROS 2 Jazzy are compared with th
 definition. The text that SM2 wrote for each type is parsed by rosbags as well, and its hash is compared.
 
 CDR: rosbags encodes random messages of each type. SM2 decodes them to JSON, which must have the same
-values, and encodes the JSON, which must give the same bytes. rosbags must read SM2's bytes as well.
+values, and encodes the JSON, which must give the same bytes. SM2's Rust type must decode the message and
+encode it to the same bytes as well. rosbags must read SM2's bytes.
 """
 
 import json
 import math
-import random
 import re
 import subprocess
 import sys
 
 import numpy
-from rosbags.interfaces import Nodetype
+from messages import random_message
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -77,55 +77,6 @@ def check_hashes(entries):
     return wrong + (stored < 131)
 
 
-RANDOM = random.Random(1)
-SPECIAL = {
-    "float32": [0.0, -0.0, 1.5, math.inf, -math.inf, float(numpy.float32(0.1))],
-    "float64": [0.0, -0.0, 0.1, math.inf, -math.inf, 1e300],
-}
-
-
-def scalar(kind):
-    """A random number, boolean or text."""
-    base, limit = kind
-    if base == "string":
-        text = "".join(RANDOM.choice("abc Z\u00e4\u20ac\U0001f916\"\\\n") for _ in range(RANDOM.randrange(9)))
-        return text[: limit // 4] if limit else text
-    if base == "bool":
-        return RANDOM.random() < 0.5
-    if base in SPECIAL:
-        return RANDOM.choice(SPECIAL[base])
-    if base in ("byte", "char"):
-        # rosbags packs them with a sign, so the upper half has no common form.
-        return RANDOM.randrange(128)
-    info = numpy.iinfo(base)
-    return RANDOM.choice([int(info.min), int(info.max), RANDOM.randint(int(info.min), int(info.max))])
-
-
-def random_value(store, desc):
-    """A random value of a field, in the form that rosbags takes."""
-    node, rest = desc
-    if node == Nodetype.BASE:
-        return scalar(rest)
-    if node == Nodetype.NAME:
-        return random_message(store, rest)
-    element, count = rest
-    if node == Nodetype.SEQUENCE:
-        count = RANDOM.randrange(min(count or 5, 5) + 1)
-    values = [random_value(store, element) for _ in range(count)]
-    if element[0] == Nodetype.BASE and element[1][0] != "string":
-        dtype = {"byte": "uint8", "char": "uint8"}.get(element[1][0], element[1][0])
-        return numpy.array(values, dtype=dtype)
-    return values
-
-
-def random_message(store, name):
-    """A random message of a type."""
-    values = {field: random_value(store, desc) for field, desc in store.fielddefs[name][1]}
-    # The byte of a structure without fields has no meaning.
-    unnamed = "structure_needs_at_least_one_member"
-    return store.types[name](**{field: 0 if field == unnamed else value for field, value in values.items()})
-
-
 def plain(value):
     """A message of rosbags in the form of JSON."""
     if isinstance(value, numpy.ndarray):
@@ -157,15 +108,22 @@ def check_cdr(entries, transcode, folder):
     answers = done.stdout.splitlines()
     print(done.stderr, end="")
     wrong = len(messages) - len(answers)
+    typed_count = 0
     for (name, message, data), answer in zip(messages, answers):
-        digits, text = answer.split(" ", 1)
+        digits, typed, text = answer.split(" ", 2)
         ours = bytes.fromhex(digits)
+        # A service or action itself has no Rust type.
+        typed_count += typed != "-"
+        is_typed = typed in ("-", digits)
         read = store.deserialize_cdr(ours, mangle(name)) if ours == data else None
-        if ours != data or json.loads(text) != plain(message) or plain(read) != plain(message):
+        if ours != data or not is_typed or json.loads(text) != plain(message) or plain(read) != plain(message):
             wrong += 1
-            print(f"{name}: rosbags wrote {data.hex()}, SM2 {digits} from {text}; meant {plain(message)}")
-    print(f"CDR: compared {len(messages)} messages of {len(entries)} types; {wrong} differ")
-    return wrong
+            print(f"{name}: rosbags wrote {data.hex()}, SM2 {digits} and {typed} from {text}; meant {plain(message)}")
+    print(
+        f"CDR: compared {len(messages)} messages of {len(entries)} types, "
+        f"{typed_count} of them with Rust types; {wrong} differ"
+    )
+    return wrong + (typed_count < 3600)
 
 
 def main():

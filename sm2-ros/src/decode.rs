@@ -2,7 +2,7 @@
 
 use sm2_ros_idl::{Base, FieldType, Message, Primitive, Set, Shape, TypeName};
 
-use crate::reader::Reader;
+use crate::cdr::Reader;
 use crate::{DecodeError, Fault, Value};
 
 /// Decodes a message of the type `name`. The first `keep` elements of each array and sequence are kept, and the
@@ -37,7 +37,7 @@ const VALUES_MAX: usize = 1 << 22;
 
 struct Decoder<'a> {
     set: &'a Set,
-    reader: Reader<'a>,
+    reader: Reader<&'a [u8]>,
     keep: usize,
     /// The number of values that are kept so far, and of those that are being decoded.
     values: usize,
@@ -47,7 +47,7 @@ impl<'a> Decoder<'a> {
     fn message(&mut self, message: &'a Message) -> Result<Value<'a>, DecodeError> {
         if message.fields.is_empty() {
             // IDL has no structure without fields: ROS 2 sends a byte.
-            self.reader.take(1)?;
+            self.reader.skip(1)?;
         }
         let mut fields = Vec::with_capacity(message.fields.len());
         for field in &message.fields {
@@ -78,7 +78,7 @@ impl<'a> Decoder<'a> {
                 // Each element is as long as its alignment, and the first one is aligned.
                 self.reader.align(primitive.size_bytes())?;
                 let rest = (len - at).saturating_mul(primitive.size_bytes());
-                self.reader.take(rest)?;
+                self.reader.skip(rest)?;
                 break;
             }
             let before = self.values;
@@ -104,20 +104,20 @@ impl<'a> Decoder<'a> {
             Base::Primitive(primitive) => match primitive {
                 Primitive::Bool => Value::Bool(reader.bool()?),
                 Primitive::Byte | Primitive::Char | Primitive::Uint8 => {
-                    Value::Unsigned(u8::from_le_bytes(reader.number()?).into())
+                    Value::Unsigned(reader.number::<u8>()?.into())
                 }
-                Primitive::Uint16 => Value::Unsigned(u16::from_le_bytes(reader.number()?).into()),
-                Primitive::Uint32 => Value::Unsigned(u32::from_le_bytes(reader.number()?).into()),
-                Primitive::Uint64 => Value::Unsigned(u64::from_le_bytes(reader.number()?)),
-                Primitive::Int8 => Value::Signed(i8::from_le_bytes(reader.number()?).into()),
-                Primitive::Int16 => Value::Signed(i16::from_le_bytes(reader.number()?).into()),
-                Primitive::Int32 => Value::Signed(i32::from_le_bytes(reader.number()?).into()),
-                Primitive::Int64 => Value::Signed(i64::from_le_bytes(reader.number()?)),
-                Primitive::Float32 => Value::F32(f32::from_le_bytes(reader.number()?)),
-                Primitive::Float64 => Value::F64(f64::from_le_bytes(reader.number()?)),
+                Primitive::Uint16 => Value::Unsigned(reader.number::<u16>()?.into()),
+                Primitive::Uint32 => Value::Unsigned(reader.number::<u32>()?.into()),
+                Primitive::Uint64 => Value::Unsigned(reader.number()?),
+                Primitive::Int8 => Value::Signed(reader.number::<i8>()?.into()),
+                Primitive::Int16 => Value::Signed(reader.number::<i16>()?.into()),
+                Primitive::Int32 => Value::Signed(reader.number::<i32>()?.into()),
+                Primitive::Int64 => Value::Signed(reader.number()?),
+                Primitive::Float32 => Value::F32(reader.number()?),
+                Primitive::Float64 => Value::F64(reader.number()?),
             },
             Base::String { max_bytes } => Value::Text(reader.text(*max_bytes)?.into()),
-            Base::WString { max_units } => Value::Text(reader.wide_text(*max_units)?),
+            Base::WString { max_units } => Value::Text(reader.wide_string(*max_units)?.into()),
             Base::Message(name) => {
                 let message = self.set.get(name)?;
                 self.message(message)?

@@ -4,7 +4,7 @@ use serde_json::Value as Json;
 use sm2_ros_idl::{Base, Field, FieldType, Message, Primitive, Set, Shape, TypeName};
 
 use crate::EncodeError;
-use crate::writer::Writer;
+use crate::cdr::Writer;
 
 /// Encodes a JSON object as a message of the type `name`. Fields that the object lacks have the default value
 /// of the definition, or else zero, the empty text or the empty sequence. The texts `NaN`, `inf` and `-inf` are
@@ -18,15 +18,25 @@ pub fn encode(set: &Set, name: &TypeName, value: &Json) -> Result<Vec<u8>, Encod
     set.closure(name)?;
     let mut encoder = Encoder {
         set,
-        writer: Writer::new(),
+        writer: Writer::new(Vec::new()),
+        missing: 0,
     };
     encoder.message(set.get(name)?, Some(value))?;
-    Ok(encoder.writer.into_bytes())
+    Ok(encoder.writer.into_sink())
 }
+
+/// The longest message that is written, in bytes. Definitions can ask for more by themselves, with large
+/// arrays.
+const MAX_BYTES: usize = 1 << 26;
+/// The most values that are written without JSON for them; a default value counts by its length as well. Definitions
+/// can ask for more than the bytes of the message show, with arrays of arrays and long default values.
+const MISSING_MAX: usize = 1 << 22;
 
 struct Encoder<'s> {
     set: &'s Set,
-    writer: Writer,
+    writer: Writer<Vec<u8>>,
+    /// The number of values so far that the JSON lacks.
+    missing: usize,
 }
 
 impl Encoder<'_> {
@@ -47,12 +57,12 @@ impl Encoder<'_> {
         if message.fields.is_empty() {
             // IDL has no structure without fields: ROS 2 sends a byte.
             self.room(1)?;
-            self.writer.number([0]);
+            self.writer.number(0_u8);
         }
         for field in &message.fields {
             let given = object.and_then(|it| it.get(&*field.name));
-            let written = match (given, default_of(field)) {
-                (None, Some(default)) => default.and_then(|it| self.field(&field.ty, Some(&it))),
+            let written = match (given, field.default.as_deref()) {
+                (None, Some(text)) => self.default(field, text),
                 (given, _) => self.field(&field.ty, given),
             };
             written.map_err(|error| error.within(&field.name))?;
@@ -60,12 +70,23 @@ impl Encoder<'_> {
         Ok(())
     }
 
+    fn default(&mut self, field: &Field, text: &str) -> Result<(), EncodeError> {
+        self.spend(text.len())?;
+        self.field(&field.ty, Some(&default_of(field, text)?))
+    }
+
     fn field(&mut self, ty: &FieldType, given: Option<&Json>) -> Result<(), EncodeError> {
-        let items = match (ty.shape, given) {
-            (Shape::One, _) => return self.value(&ty.base, given),
-            (_, None) => None,
-            (_, Some(Json::Array(items))) => Some(items),
-            (_, Some(other)) => return Err(wrong("an array", other)),
+        let items = match (ty.shape, given, &ty.base) {
+            (Shape::One, ..) => return self.value(&ty.base, given),
+            (Shape::Array(len), None, Base::Primitive(primitive)) => {
+                let (len, size) = (len as usize, primitive.size_bytes());
+                self.room(len.saturating_mul(size).saturating_add(size))?;
+                self.writer.zeros(len, size);
+                return Ok(());
+            }
+            (_, None, _) => None,
+            (_, Some(Json::Array(items)), _) => Some(items),
+            (_, Some(other), _) => return Err(wrong("an array", other)),
         };
         let count = items.map(Vec::len);
         let len = match ty.shape {
@@ -84,7 +105,7 @@ impl Encoder<'_> {
                     return Err(wrong_len(&format!("at most {max} elements"), count));
                 }
                 self.room(8)?;
-                self.writer.len(len);
+                self.writer.len(len, None)?;
                 len
             }
             Shape::One => 1,
@@ -98,6 +119,9 @@ impl Encoder<'_> {
     }
 
     fn value(&mut self, base: &Base, given: Option<&Json>) -> Result<(), EncodeError> {
+        if given.is_none() {
+            self.spend(1)?;
+        }
         match base {
             Base::Primitive(primitive) => {
                 self.room(2 * primitive.size_bytes())?;
@@ -106,14 +130,12 @@ impl Encoder<'_> {
             Base::String { max_bytes } => {
                 let text = text(given, *max_bytes, str::len)?;
                 self.room(text.len() + 9)?;
-                self.writer.text(text);
-                Ok(())
+                self.writer.text(text, None)
             }
             Base::WString { max_units } => {
                 let text = text(given, *max_units, |it| it.encode_utf16().count())?;
                 self.room(2 * text.len() + 9)?;
-                self.writer.wide_text(text);
-                Ok(())
+                self.writer.wide_text(text, None)
             }
             Base::Message(name) => {
                 let set = self.set;
@@ -132,7 +154,7 @@ impl Encoder<'_> {
                         None => return Err(wrong(primitive.name(), given)),
                     },
                 };
-                self.writer.number(number.to_le_bytes());
+                self.writer.number(number);
             }};
         }
         macro_rules! integer {
@@ -158,13 +180,24 @@ impl Encoder<'_> {
     }
 
     fn room(&self, bytes: usize) -> Result<(), EncodeError> {
-        match self.writer.has_room(bytes) {
-            true => Ok(()),
-            false => Err(EncodeError::TooLong {
-                path: String::new(),
-                max: Writer::MAX_BYTES,
-            }),
+        if bytes <= MAX_BYTES.saturating_sub(self.writer.len_bytes()) {
+            return Ok(());
         }
+        Err(EncodeError::TooLong {
+            path: String::new(),
+            max: MAX_BYTES,
+        })
+    }
+
+    fn spend(&mut self, values: usize) -> Result<(), EncodeError> {
+        self.missing += values;
+        if self.missing <= MISSING_MAX {
+            return Ok(());
+        }
+        Err(EncodeError::Missing {
+            path: String::new(),
+            max: MISSING_MAX,
+        })
     }
 }
 
@@ -199,19 +232,16 @@ fn text(
     }
 }
 
-/// The default value of a field as JSON, if the definition has one.
-fn default_of(field: &Field) -> Option<Result<Json, EncodeError>> {
-    let text = field.default.as_deref()?;
+/// The default value of a field as JSON.
+fn default_of(field: &Field, text: &str) -> Result<Json, EncodeError> {
     let is_text = matches!(field.ty.base, Base::String { .. } | Base::WString { .. });
-    Some(match (is_text, field.ty.shape) {
-        (true, Shape::One) => Ok(Json::from(unquoted(text))),
-        _ => {
-            let json = serde_json::from_str(text)
-                .or_else(|_| serde_json::from_str(&text.to_ascii_lowercase()))
-                .or_else(|_| serde_json::from_str(&text.replace('\'', "\"")));
-            json.map_err(|_| wrong("a default value", &Json::from(text)))
-        }
-    })
+    if is_text && field.ty.shape == Shape::One {
+        return Ok(Json::from(unquoted(text)));
+    }
+    let json = serde_json::from_str(text)
+        .or_else(|_| serde_json::from_str(&text.to_ascii_lowercase()))
+        .or_else(|_| serde_json::from_str(&text.replace('\'', "\"")));
+    json.map_err(|_| wrong("a default value", &Json::from(text)))
 }
 
 fn unquoted(text: &str) -> &str {

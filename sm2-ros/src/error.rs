@@ -1,4 +1,4 @@
-//! Errors of decoding the bytes of a message, and of encoding JSON as a message.
+//! Errors of decoding the bytes of a message, and of encoding a message.
 
 use sm2_ros_idl::SetError;
 
@@ -60,8 +60,10 @@ impl DecodeError {
         Self::Value { path, at, fault }
     }
 
-    /// Puts a step in front of the path, for an error inside a field or element.
-    pub(crate) fn within(mut self, step: &str) -> Self {
+    /// Puts a step in front of the path, for an error inside a field or element (`[3]`).
+    #[must_use]
+    #[cold]
+    pub fn within(mut self, step: &str) -> Self {
         if let Self::Value { path, .. } = &mut self {
             within(path, step);
         }
@@ -69,7 +71,7 @@ impl DecodeError {
     }
 }
 
-/// JSON that is not a message of the type.
+/// A value that is not a message of the type.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum EncodeError {
     /// The value at one place is wrong.
@@ -92,6 +94,24 @@ pub enum EncodeError {
         /// The name.
         field: String,
     },
+    /// A text or sequence is longer than its definition allows.
+    #[error("{path}: {len} elements, where the definition allows {max}")]
+    Limit {
+        /// The path of fields to the value.
+        path: String,
+        /// The length of the value.
+        len: usize,
+        /// The limit of the definition, or of CDR.
+        max: u32,
+    },
+    /// The memory for the message does not have the length of the message.
+    #[error("the message has {len} bytes, and its memory {room}: use the length of `encoded_len`")]
+    Room {
+        /// The length of the message, in bytes.
+        len: usize,
+        /// The length of the memory, in bytes.
+        room: usize,
+    },
     /// A default value or a missing array needs more than the longest message.
     #[error("{path}: the message would be longer than {max} bytes")]
     TooLong {
@@ -100,18 +120,31 @@ pub enum EncodeError {
         /// The limit, in bytes.
         max: usize,
     },
+    /// The value lacks more fields and elements than are filled in.
+    #[error("{path}: more than {max} values are missing")]
+    Missing {
+        /// The path of fields to the value.
+        path: String,
+        /// The limit.
+        max: usize,
+    },
     /// The definition of the type is incomplete.
     #[error(transparent)]
     Set(#[from] SetError),
 }
 
 impl EncodeError {
-    pub(crate) fn within(mut self, step: &str) -> Self {
+    /// Puts a step in front of the path, for an error inside a field or element (`[3]`).
+    #[must_use]
+    #[cold]
+    pub fn within(mut self, step: &str) -> Self {
         match &mut self {
-            Self::Value { path, .. } | Self::Field { path, .. } | Self::TooLong { path, .. } => {
-                within(path, step);
-            }
-            Self::Set(_) => {}
+            Self::Value { path, .. }
+            | Self::Field { path, .. }
+            | Self::Limit { path, .. }
+            | Self::Missing { path, .. }
+            | Self::TooLong { path, .. } => within(path, step),
+            Self::Room { .. } | Self::Set(_) => {}
         }
         self
     }

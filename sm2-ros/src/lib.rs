@@ -12,14 +12,50 @@
 //! remain before memory is allocated for it.
 #![forbid(unsafe_code)]
 
+// For the generated code, which refers to `::sm2_ros`.
+extern crate self as sm2_ros;
+
+pub mod cdr;
 mod decode;
 mod encode;
 mod error;
-mod reader;
+#[cfg(feature = "fuzzing")]
+pub mod fuzz;
+#[cfg(feature = "messages")]
+#[doc(hidden)]
+pub mod message;
+mod types;
 mod value;
-mod writer;
 
 pub use decode::decode;
 pub use encode::encode;
 pub use error::{DecodeError, EncodeError, Fault};
+#[cfg(feature = "messages")]
+#[doc(hidden)]
+pub use sm2_node;
+pub use types::{Action, Service, Type, TypeVisitor, Viewed, view};
+#[cfg(feature = "messages")]
+pub use types::{Client, Server};
 pub use value::Value;
+
+#[cfg(feature = "common-interfaces")]
+include_types!();
+
+/// Includes the types that `sm2-ros-build` has generated, as modules `package::msg::Type`.
+#[macro_export]
+macro_rules! include_types {
+    () => {
+        $crate::include_types!("sm2_ros_types.rs");
+    };
+    ($file:literal) => {
+        include!(concat!(env!("OUT_DIR"), "/", $file));
+    };
+}
+
+/// Implements nothing: the feature `messages` is off.
+#[cfg(not(feature = "messages"))]
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __message {
+    ($type:ty) => {};
+}

@@ -130,6 +130,25 @@ fn a_hostile_length_costs_nothing() {
     assert!(matches!(error, EncodeError::TooLong { .. }), "{error}");
 }
 
+/// Arrays of arrays that the JSON lacks are refused after a bounded number of steps, and so are long default values.
+#[test]
+fn a_message_of_missing_values_has_a_limit() {
+    for (whole, part) in [
+        ("U[3000] a", "V[3000] b"),
+        ("U[200000] a", "int8[] b [                              ]"),
+    ] {
+        let mut set = set(whole);
+        set.add(&"p/msg/U".parse().unwrap(), part).unwrap();
+        set.add(&"p/msg/V".parse().unwrap(), "").unwrap();
+        let error = encode(&set, &name(), &json!({})).unwrap_err();
+        assert!(matches!(error, EncodeError::Missing { .. }), "{error}");
+    }
+    // An array of numbers is one value.
+    let bytes = encode(&set("uint16[5000000] a"), &name(), &json!({})).unwrap();
+    assert_eq!(bytes.len(), 10_000_004);
+    assert!(bytes[4..].iter().all(|byte| *byte == 0));
+}
+
 /// 64 types inside each other around one byte: the message is short, and its values are not.
 #[test]
 fn the_number_of_values_has_a_limit() {

@@ -1,8 +1,8 @@
 //! The types that one definition file stands for: a message, or the derived types of a service or action.
 
 use crate::{
-    Base, DefinitionError, Field, FieldType, Kind, Message, Primitive, Reason, Shape, TypeName,
-    parse,
+    Base, DefinitionError, Field, FieldType, Kind, Message, NameError, Primitive, Reason, Shape,
+    TypeName, parse,
 };
 
 /// Reads a file. A service has the types `_Request`, `_Response`, `_Event` and itself; an action has `_Goal`,
@@ -32,50 +32,58 @@ pub(crate) fn messages(name: &TypeName, text: &str) -> Result<Vec<Message>, Defi
     }
     let parts = suffixes.iter().zip(sections);
     let mut messages = parts
-        .map(|(suffix, lines)| parse::message(name.suffixed(suffix), lines.into_iter()))
+        .map(|(suffix, lines)| {
+            let name = name.suffixed(suffix).map_err(in_first_line)?;
+            parse::message(name, lines.into_iter())
+        })
         .collect::<Result<Vec<_>, _>>()?;
-    match name.kind() {
-        Kind::Msg => {}
+    let derived = match name.kind() {
+        Kind::Msg => Ok(()),
         Kind::Srv => service(&mut messages, name),
-        Kind::Action => {
-            action(&mut messages, name).map_err(|reason| DefinitionError { line: 1, reason })?
-        }
-    }
+        Kind::Action => action(&mut messages, name),
+    };
+    derived.map_err(in_first_line)?;
     Ok(messages)
 }
 
-/// Adds the event and the service itself, which have no definition of their own.
-fn service(messages: &mut Vec<Message>, name: &TypeName) {
-    let part = |suffix| Base::Message(name.suffixed(suffix));
-    let info = TypeName::new("service_msgs", Kind::Msg, "ServiceEventInfo").map(Base::Message);
-    let at_most_one = Shape::Sequence(Some(1));
-    let event = [
-        info.ok().map(|info| field("info", info, Shape::One)),
-        Some(field("request", part("_Request"), at_most_one)),
-        Some(field("response", part("_Response"), at_most_one)),
-    ];
-    messages.push(derived(
-        name.suffixed("_Event"),
-        event.into_iter().flatten(),
-    ));
-    let whole = [
-        field("request_message", part("_Request"), Shape::One),
-        field("response_message", part("_Response"), Shape::One),
-        field("event_message", part("_Event"), Shape::One),
-    ];
-    messages.push(derived(name.clone(), whole));
+/// The error of a derived type, whose name may be too long. No line of the text is wrong.
+fn in_first_line(error: NameError) -> DefinitionError {
+    DefinitionError {
+        line: 1,
+        reason: error.into(),
+    }
 }
 
-fn action(messages: &mut Vec<Message>, name: &TypeName) -> Result<(), Reason> {
+/// Adds the event and the service itself, which have no definition of their own.
+fn service(messages: &mut Vec<Message>, name: &TypeName) -> Result<(), NameError> {
+    let part = |suffix| name.suffixed(suffix).map(Base::Message);
+    let info = TypeName::new("service_msgs", Kind::Msg, "ServiceEventInfo")?;
+    let at_most_one = Shape::Sequence(Some(1));
+    let event = [
+        field("info", Base::Message(info), Shape::One),
+        field("request", part("_Request")?, at_most_one),
+        field("response", part("_Response")?, at_most_one),
+    ];
+    messages.push(derived(name.suffixed("_Event")?, event));
+    let whole = [
+        field("request_message", part("_Request")?, Shape::One),
+        field("response_message", part("_Response")?, Shape::One),
+        field("event_message", part("_Event")?, Shape::One),
+    ];
+    messages.push(derived(name.clone(), whole));
+    Ok(())
+}
+
+fn action(messages: &mut Vec<Message>, name: &TypeName) -> Result<(), NameError> {
     let one = |label, base| field(label, base, Shape::One);
-    let part = |suffix| Base::Message(name.suffixed(suffix));
+    let part = |suffix| name.suffixed(suffix).map(Base::Message);
     let uuid = TypeName::new("unique_identifier_msgs", Kind::Msg, "UUID")?;
     let stamp = TypeName::new("builtin_interfaces", Kind::Msg, "Time")?;
     let goal_id = || one("goal_id", Base::Message(uuid.clone()));
     let fields = [
         (
             "_SendGoal_Request",
-            vec![goal_id(), one("goal", part("_Goal"))],
+            vec![goal_id(), one("goal", part("_Goal")?)],
         ),
         (
             "_SendGoal_Response",
@@ -89,24 +97,26 @@ fn action(messages: &mut Vec<Message>, name: &TypeName) -> Result<(), Reason> {
             "_GetResult_Response",
             vec![
                 one("status", Base::Primitive(Primitive::Int8)),
-                one("result", part("_Result")),
+                one("result", part("_Result")?),
             ],
         ),
         (
             "_FeedbackMessage",
-            vec![goal_id(), one("feedback", part("_Feedback"))],
+            vec![goal_id(), one("feedback", part("_Feedback")?)],
         ),
     ];
-    messages.extend(fields.map(|(suffix, fields)| derived(name.suffixed(suffix), fields)));
-    service(messages, &name.suffixed("_SendGoal"));
-    service(messages, &name.suffixed("_GetResult"));
+    for (suffix, fields) in fields {
+        messages.push(derived(name.suffixed(suffix)?, fields));
+    }
+    service(messages, &name.suffixed("_SendGoal")?)?;
+    service(messages, &name.suffixed("_GetResult")?)?;
     let whole = [
-        one("goal", part("_Goal")),
-        one("result", part("_Result")),
-        one("feedback", part("_Feedback")),
-        one("send_goal_service", part("_SendGoal")),
-        one("get_result_service", part("_GetResult")),
-        one("feedback_message", part("_FeedbackMessage")),
+        one("goal", part("_Goal")?),
+        one("result", part("_Result")?),
+        one("feedback", part("_Feedback")?),
+        one("send_goal_service", part("_SendGoal")?),
+        one("get_result_service", part("_GetResult")?),
+        one("feedback_message", part("_FeedbackMessage")?),
     ];
     messages.push(derived(name.clone(), whole));
     Ok(())
@@ -117,6 +127,7 @@ fn derived(name: TypeName, fields: impl IntoIterator<Item = Field>) -> Message {
         name,
         fields: fields.into_iter().collect(),
         constants: Vec::new(),
+        comment: Box::default(),
     }
 }
 
@@ -125,5 +136,6 @@ fn field(name: &str, base: Base, shape: Shape) -> Field {
         name: name.into(),
         ty: FieldType { base, shape },
         default: None,
+        comment: Box::default(),
     }
 }

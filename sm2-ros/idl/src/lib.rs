@@ -9,6 +9,7 @@
 //! proportion to the length of the text.
 #![forbid(unsafe_code)]
 
+mod comment;
 mod error;
 mod folder;
 mod hash;

@@ -101,11 +101,8 @@ impl TypeName {
     }
 
     /// The type of the same package and kind whose name has this suffix.
-    pub(crate) fn suffixed(&self, suffix: &str) -> Self {
-        Self {
-            name: format!("{}{suffix}", self.name).into(),
-            ..self.clone()
-        }
+    pub(crate) fn suffixed(&self, suffix: &str) -> Result<Self, NameError> {
+        Self::new(&self.package, self.kind, &format!("{}{suffix}", self.name))
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use crate::comment::Comments;
 use crate::{Base, Constant, DefinitionError, Field, FieldType, Message, Primitive, Reason};
 use crate::{Shape, TypeName};
 
@@ -14,19 +15,27 @@ pub(crate) fn message<'a>(
         name,
         fields: Vec::new(),
         constants: Vec::new(),
+        comment: Box::default(),
     };
     let mut names = BTreeSet::new();
+    let mut comments = Comments::default();
     for (line, text) in lines {
-        let text = without_comment(text).trim();
+        let (text, comment) = split_comment(text);
+        let is_indented = text.starts_with([' ', '\t']);
+        let text = text.trim();
         if text.is_empty() || text.starts_with('@') {
+            comments.line(&mut message, comment, is_indented);
             continue;
         }
+        comments.end_member(&mut message);
         let name = member(&mut message, text).map_err(|reason| DefinitionError { line, reason })?;
         if !names.insert(name) {
             let reason = Reason::NameTwice(name.to_owned());
             return Err(DefinitionError { line, reason });
         }
+        comments.begin_member(comment);
     }
+    comments.end_member(&mut message);
     Ok(message)
 }
 
@@ -52,11 +61,13 @@ fn member<'a>(message: &mut Message, text: &'a str) -> Result<&'a str, Reason> {
                 "" => return Err(Reason::ConstantValue),
                 value => value.into(),
             },
+            comment: Box::default(),
         }),
         None => message.fields.push(Field {
             name: name.into(),
             ty,
             default: (!value.is_empty()).then(|| value.into()),
+            comment: Box::default(),
         }),
     }
     Ok(name)
@@ -111,13 +122,13 @@ fn is_member_name(text: &str) -> bool {
         && text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
 }
 
-/// The line up to a `#` that is not inside quotes.
-fn without_comment(line: &str) -> &str {
+/// The line up to a `#` that is not inside quotes, and the comment behind it, if there is one.
+fn split_comment(line: &str) -> (&str, Option<&str>) {
     let mut quote = None;
     let mut escaped = false;
     for (at, c) in line.char_indices() {
         match (quote, c) {
-            (None, '#') => return &line[..at],
+            (None, '#') => return (&line[..at], Some(&line[at + 1..])),
             (None, '"' | '\'') => quote = Some(c),
             (Some(_), '\\') if !escaped => {
                 escaped = true;
@@ -129,8 +140,8 @@ fn without_comment(line: &str) -> &str {
         escaped = false;
     }
     // An apostrophe in a value without quotes opens nothing.
-    match quote {
-        Some(_) => line.split('#').next().unwrap_or(line),
-        None => line,
+    match line.split_once('#').filter(|_| quote.is_some()) {
+        Some((text, comment)) => (text, Some(comment)),
+        None => (line, None),
     }
 }

@@ -31,7 +31,18 @@ impl Set {
         Ok(text)
     }
 
-    /// Reads such a text, from any program. The first definition is that of `name`.
+    /// Writes the schema text of a type in SM2's encoding `cdr` (SPEC Annex A): the RIHS01 hash, and the
+    /// [text](Self::text).
+    ///
+    /// # Errors
+    ///
+    /// As [`closure`](Self::closure).
+    pub fn schema_text(&self, name: &TypeName) -> Result<String, SetError> {
+        let (hash, text) = (self.hash(name)?, self.text(name)?);
+        Ok(format!("cdr:{hash}\n{text}"))
+    }
+
+    /// Reads the [text](Self::text) of a type, from any program. The first definition is that of `name`.
     ///
     /// # Errors
     ///

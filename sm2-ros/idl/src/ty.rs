@@ -13,6 +13,8 @@ pub struct Message {
     pub fields: Vec<Field>,
     /// The constants, which are not part of a message's bytes.
     pub constants: Vec<Constant>,
+    /// The comment at the start of the definition, before an empty line.
+    pub comment: Box<str>,
 }
 
 /// A field of a message.
@@ -24,6 +26,8 @@ pub struct Field {
     pub ty: FieldType,
     /// The default value, as the definition writes it.
     pub default: Option<Box<str>>,
+    /// The lines of comment above it and behind it.
+    pub comment: Box<str>,
 }
 
 /// A constant of a definition.
@@ -35,6 +39,8 @@ pub struct Constant {
     pub ty: Base,
     /// The value, as the definition writes it.
     pub value: Box<str>,
+    /// The lines of comment above it and behind it.
+    pub comment: Box<str>,
 }
 
 /// The type of a field.

@@ -118,6 +118,24 @@ fn wrong_lines_have_a_reason() {
     assert_eq!((error.line, error.reason), (3, Reason::Header));
 }
 
+/// The names of the parts of a service or action are names, too.
+#[test]
+fn a_name_has_room_for_its_suffixes() {
+    let longest = |kind, suffix: &str| {
+        let own = "T".repeat(120 - suffix.len());
+        TypeName::new("p", kind, &own).unwrap()
+    };
+    for (kind, suffix, text) in [
+        (Kind::Srv, "_Response", "---\n"),
+        (Kind::Action, "_GetResult_Response", "---\n---\n"),
+    ] {
+        Set::default().add(&longest(kind, suffix), text).unwrap();
+        let suffix = &suffix[..suffix.len() - 1];
+        let error = Set::default().add(&longest(kind, suffix), text);
+        assert!(matches!(error.unwrap_err().reason, Reason::Type(_)));
+    }
+}
+
 #[test]
 fn types_that_are_missing_or_endless_are_refused() {
     let mut set = Set::default();
@@ -140,4 +158,44 @@ fn types_that_are_missing_or_endless_are_refused() {
     let first = name("p/msg/T0");
     assert_eq!(set.hash(&first), Err(SetError::TooDeep(first)));
     assert!(set.hash(&name("p/msg/T50")).is_ok());
+}
+
+#[test]
+fn a_schema_text_has_the_hash_and_the_definition() {
+    let text = set().schema_text(&name("std_msgs/msg/String")).unwrap();
+    let expected = "cdr:RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18\nstring data\n";
+    assert_eq!(text, expected);
+}
+
+#[test]
+fn comments_belong_to_what_they_describe() {
+    let text = "\
+# A wheel.
+#   It turns.
+
+# Where it is.
+uint8 LEFT=0   # on the left
+uint8 RIGHT=1
+
+# Radians per second,
+# forwards.
+
+float64 speed  # measured
+               # each time
+string name \"#1\"
+# The end.
+";
+    let mut set = Set::default();
+    let name = name("p/msg/T");
+    set.add(&name, text).unwrap();
+    let message = set.get(&name).unwrap();
+    assert_eq!(&*message.comment, "A wheel.\n  It turns.");
+    let constants = message.constants.iter().map(|it| &*it.comment);
+    assert_eq!(
+        constants.collect::<Vec<_>>(),
+        ["Where it is.\non the left", ""]
+    );
+    let fields = message.fields.iter().map(|it| &*it.comment);
+    let speed = "Radians per second,\nforwards.\n\nmeasured\neach time";
+    assert_eq!(fields.collect::<Vec<_>>(), [speed, ""]);
 }
