@@ -2,23 +2,24 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{self, Read, Seek, SeekFrom};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use mcap::records::{Metadata, MetadataIndex};
-use mcap::sans_io::summary_reader::{SummaryReadEvent, SummaryReader, SummaryReaderOptions};
+use mcap::records::{Metadata, MetadataIndex, op};
 use mcap::{Channel, MAGIC, McapError, McapResult, Summary};
 
-use crate::chunk::{Entry, RecordReader};
+use crate::chunk::{Entry, RawRecord, RecordReader};
 use crate::clock::ClockRelation;
 use crate::error::ReadError;
+use crate::foreign::{self, ForeignReason};
 use crate::gap::Gap;
 use crate::messages::{Filter, Messages};
+use crate::observer::{Observer, unobserved};
 use crate::report::{Counts, Report, ReportBuilder};
 use crate::scan::Scan;
 use crate::source::Source;
+use crate::summary;
 
 /// A bag, open for reading. Its messages stay on the disk until they are read.
 #[derive(Debug)]
@@ -42,29 +43,37 @@ impl Bag {
     ///
     /// [`ReadError`], if the file cannot be read or is no MCAP file.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
-        let (mut file, end) = open_file(path)?;
-        match summary(&mut file, end) {
-            Ok(Some(summary)) => {
-                if let Some(bag) = Self::of_summary(path, &file, summary, end)? {
-                    return Ok(bag);
-                }
-            }
-            Err(error @ McapError::Io(_)) => return Err(ReadError::of(path, error)),
-            // The file has no summary, or its summary is damaged.
-            Ok(None) | Err(_) => {}
-        }
-        let scan = Scan::of(&file, end);
-        let complete = scan.damage.is_none() && end_is_magic(&file, end);
-        Ok(Self::new(path, file, scan, complete))
+        Self::open_observed(path, &mut unobserved)
     }
 
-    /// The bag with this summary. `None` if it lacks the counts of a channel, because another program wrote it.
-    fn of_summary(
+    /// As [`open`](Self::open). The observer is told about the chunks of a bag without a summary.
+    ///
+    /// # Errors
+    ///
+    /// [`ReadError`].
+    pub fn open_observed(path: &Path, observer: &mut Observer<'_>) -> Result<Self, ReadError> {
+        let (file, end) = open_file(path)?;
+        match Self::of_summary(path, &file, end)? {
+            Some(bag) => Ok(bag),
+            None => {
+                let scan = Scan::of(&file, end, observer)?;
+                Ok(Self::of_scan(path, file, end, scan))
+            }
+        }
+    }
+
+    /// Reads the summary of a file of `end` bytes. `None` if there is none, if it is damaged, or if it lacks the counts
+    /// of a channel, because another program wrote it.
+    pub(crate) fn of_summary(
         path: &Path,
         file: &File,
-        summary: Summary,
         end: u64,
     ) -> Result<Option<Self>, ReadError> {
+        let summary = match summary::read(file, end) {
+            Ok(Some(summary)) => summary,
+            Err(error @ McapError::Io(_)) => return Err(ReadError::of(path, error)),
+            Ok(None) | Err(_) => return Ok(None),
+        };
         let mut metadata = Vec::new();
         for index in &summary.metadata_indexes {
             // A place that holds something else makes the summary worthless.
@@ -104,6 +113,12 @@ impl Bag {
             damage: None,
         };
         Ok(Some(Self::new(path, file, scan, true)))
+    }
+
+    /// The bag with these records.
+    pub(crate) fn of_scan(path: &Path, file: File, end: u64, scan: Scan) -> Self {
+        let complete = scan.damage.is_none() && end_is_magic(&file, end);
+        Self::new(path, file, scan, complete)
     }
 
     fn new(path: &Path, file: File, scan: Scan, complete: bool) -> Self {
@@ -154,10 +169,21 @@ impl Bag {
         self.complete
     }
 
-    /// The publishers that were recorded. A channel of another program has none.
-    pub fn sources(&self) -> impl Iterator<Item = (Arc<Channel<'static>>, Option<Source>)> {
+    /// The publishers that were recorded. A channel of a program of ROS 2 stands for one publisher of the node `bag`;
+    /// channels of other programs have none.
+    pub fn sources(
+        &self,
+    ) -> impl Iterator<Item = (Arc<Channel<'static>>, Result<Source, ForeignReason>)> {
         let channels = self.summary.channels.values();
-        channels.map(|it| (Arc::clone(it), Source::of_channel(it)))
+        channels.map(|it| {
+            let source = Source::of_channel(it).map_or_else(|| foreign::source(it), Ok);
+            (Arc::clone(it), source)
+        })
+    }
+
+    /// The channels.
+    pub(crate) fn channels(&self) -> impl Iterator<Item = &Arc<Channel<'static>>> {
+        self.summary.channels.values()
     }
 
     /// The relations of the wall clock to the monotonic clock: at the start, and after each step of the wall clock.
@@ -166,7 +192,8 @@ impl Bag {
         &self.clocks
     }
 
-    /// The messages in the order of their `log_time`.
+    /// The messages in the order of their `log_time`. A compressed chunk whose content is longer than 1 GiB is damage:
+    /// a recorder compresses no message above 64 KiB.
     ///
     /// # Errors
     ///
@@ -204,37 +231,10 @@ pub(crate) fn open_file(path: &Path) -> Result<(File, u64), ReadError> {
     Ok((file, end))
 }
 
-/// Reads the summary of a file; `None` if it has none.
-fn summary(file: &mut File, end: u64) -> McapResult<Option<Summary>> {
-    let limit = usize::try_from(end).unwrap_or(usize::MAX);
-    let options = SummaryReaderOptions::default()
-        .with_file_size(end)
-        .with_record_length_limit(limit);
-    let mut reader = SummaryReader::new_with_options(options);
-    while let Some(event) = reader.next_event() {
-        match event? {
-            SummaryReadEvent::ReadRequest(want) => {
-                let read = file.read(reader.insert(want.min(limit)))?;
-                reader.notify_read(read);
-            }
-            SummaryReadEvent::SeekRequest(SeekFrom::Start(to)) if to > end => {
-                return Err(McapError::UnexpectedEof);
-            }
-            SummaryReadEvent::SeekRequest(to) => match file.seek(to) {
-                Ok(at) => reader.notify_seeked(at),
-                // A file that is shorter than a footer.
-                Err(error) if error.kind() == io::ErrorKind::InvalidInput => {
-                    return Err(McapError::UnexpectedEof);
-                }
-                Err(error) => return Err(error.into()),
-            },
-        }
-    }
-    Ok(reader.finish())
-}
-
 fn read_metadata(file: &File, index: &MetadataIndex, end: u64) -> McapResult<Option<Metadata>> {
-    let Some(record) = RecordReader::new(file, index.offset, end).next()? else {
+    let record = RecordReader::new(file, index.offset, end).next()?;
+    let is_indexed = |it: &RawRecord| it.opcode == op::METADATA && it.len_bytes() == index.length;
+    let Some(record) = record.filter(is_indexed) else {
         return Ok(None);
     };
     let mut found = None;

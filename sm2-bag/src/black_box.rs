@@ -163,7 +163,7 @@ impl<'fd> BlackBox<'fd> {
             self.triggers.answer(&path);
             return Ok(Some(BlackBoxStep::Triggered(reason, path)));
         }
-        Ok(self.write().map(BlackBoxStep::Written))
+        Ok(self.write()?.map(BlackBoxStep::Written))
     }
 
     /// Lets [`step`](Self::step) return when `descriptor` becomes readable.
@@ -198,7 +198,7 @@ impl<'fd> BlackBox<'fd> {
     }
 
     /// Writes the incidents whose last seconds have passed. Returns one that is complete.
-    fn write(&mut self) -> Option<Incident> {
+    fn write(&mut self) -> Result<Option<Incident>, RecordError> {
         let now = self.recorder.now_ns();
         if let Some(window) = self.open.first_mut()
             && now >= window.to_ns
@@ -211,15 +211,17 @@ impl<'fd> BlackBox<'fd> {
                 // The last messages are in the file that is being written.
                 None if !window.has_ended_file => {
                     window.has_ended_file = true;
-                    self.recorder.end_file();
+                    self.recorder.end_file()?;
                 }
                 None => {}
             }
         }
-        let at = self.copying.iter().position(Copying::is_done)?;
+        let Some(at) = self.copying.iter().position(Copying::is_done) else {
+            return Ok(None);
+        };
         let incident = self.copying.remove(at).join();
         self.ring.release(incident.from_ns);
-        Some(incident)
+        Ok(Some(incident))
     }
 
     /// Ends. Incidents whose last seconds have not passed are written up to now. Then the ring is removed.

@@ -9,12 +9,21 @@ use mcap::records::{ChunkHeader, MessageHeader, Metadata, Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{McapError, McapResult, Schema};
 
+use crate::lengths;
+
 /// The length of the opcode and the length field of a record, in bytes.
 pub(crate) const RECORD_HEAD_BYTES: usize = 9;
+/// The length of the head of a chunk without compression, in bytes.
+pub(crate) const CHUNK_HEAD_BYTES: usize = 8 + 8 + 8 + 4 + 4 + 8;
+/// The length of the head of a message, in bytes.
+pub(crate) const MESSAGE_HEAD_BYTES: usize = 2 + 4 + 8 + 8;
+/// The length of everything in a chunk of one message that stands before the payload, in bytes.
+pub(crate) const LONG_HEAD_BYTES: usize =
+    RECORD_HEAD_BYTES + CHUNK_HEAD_BYTES + RECORD_HEAD_BYTES + MESSAGE_HEAD_BYTES;
 
-/// The longest record inside of a chunk that is read, in bytes: the longest message that a subscriber accepts by
-/// default, and room for its head.
-const RECORD_MAX_BYTES: usize = (1 << 30) + 4_096;
+/// The longest content of a compressed chunk that is read, in bytes: the longest message that a subscriber accepts by
+/// default, and room for its head. A few bytes can stand for so many.
+pub(crate) const CHUNK_MAX_BYTES: usize = (1 << 30) + 4_096;
 
 /// A record of the file.
 #[derive(Debug)]
@@ -48,14 +57,18 @@ impl<'a> RecordReader<'a> {
         if left == 0 {
             return Ok(None);
         }
+        // The end can be before that of the file.
+        let head_bytes = RECORD_HEAD_BYTES as u64;
+        let len_max = left.checked_sub(head_bytes);
+        let len_max = len_max.ok_or(McapError::UnexpectedEof)?;
         let mut head = [0; RECORD_HEAD_BYTES];
         self.read(&mut head)?;
         let [opcode, len @ ..] = head;
         let len = u64::from_le_bytes(len);
-        if len > left - RECORD_HEAD_BYTES as u64 {
+        if len > len_max {
             return Err(McapError::UnexpectedEof);
         }
-        let size = usize::try_from(RECORD_HEAD_BYTES as u64 + len);
+        let size = usize::try_from(head_bytes + len);
         let mut bytes = vec![0; size.map_err(|_| McapError::UnexpectedEof)?];
         self.read(&mut bytes)?;
         let offset = self.offset;
@@ -68,11 +81,24 @@ impl<'a> RecordReader<'a> {
     }
 
     fn read(&self, bytes: &mut [u8]) -> McapResult<()> {
-        let read = self.file.read_exact_at(bytes, self.offset);
-        read.map_err(|error| match error.kind() {
-            io::ErrorKind::UnexpectedEof => McapError::UnexpectedEof,
-            _ => McapError::Io(error),
-        })
+        of_read(self.file.read_exact_at(bytes, self.offset))
+    }
+}
+
+/// The result of a read. A file that is shorter than its records say is damaged.
+pub(crate) fn of_read(read: io::Result<()>) -> McapResult<()> {
+    read.map_err(|error| match error.kind() {
+        io::ErrorKind::UnexpectedEof => McapError::UnexpectedEof,
+        _ => McapError::Io(error),
+    })
+}
+
+/// Compares the checksum of a chunk with that of its records.
+pub(crate) const fn verify_crc(saved: u32, calculated: u32) -> McapResult<()> {
+    // 0: the writer computed no checksum.
+    match saved == 0 || saved == calculated {
+        true => Ok(()),
+        false => Err(McapError::BadChunkCrc { saved, calculated }),
     }
 }
 
@@ -92,7 +118,7 @@ impl RawRecord {
     }
 
     pub(crate) fn parse(&self) -> McapResult<Record<'_>> {
-        mcap::parse_record(self.opcode, &self.bytes[RECORD_HEAD_BYTES..])
+        parse(self.opcode, &self.bytes[RECORD_HEAD_BYTES..])
     }
 
     /// Passes this record to `each`, or the records inside if it is a chunk, whose checksum is verified first.
@@ -108,6 +134,9 @@ impl RawRecord {
             Record::Chunk { header, data } if header.compression.is_empty() => {
                 uncompressed_entries(&header, &data, &mut each)
             }
+            Record::Chunk { header, .. } if header.uncompressed_size > CHUNK_MAX_BYTES as u64 => {
+                Err(McapError::ChunkTooLarge(header.uncompressed_size))
+            }
             _ => self.compressed_entries(&mut each),
         }
     }
@@ -121,7 +150,7 @@ impl RawRecord {
             .with_skip_start_magic(true)
             .with_skip_end_magic(true)
             .with_prevalidate_chunk_crcs(true)
-            .with_record_length_limit(RECORD_MAX_BYTES.max(self.bytes.len()));
+            .with_record_length_limit(CHUNK_MAX_BYTES.max(self.bytes.len()));
         let mut reader = LinearReader::new_with_options(options);
         let mut left = self.bytes.as_slice();
         while let Some(event) = reader.next_event() {
@@ -151,11 +180,7 @@ fn uncompressed_entries(
     data: &[u8],
     each: &mut impl FnMut(Entry<'_>) -> McapResult<()>,
 ) -> McapResult<()> {
-    let (saved, calculated) = (header.uncompressed_crc, crc32fast::hash(data));
-    // 0: the writer computed no checksum.
-    if saved != 0 && saved != calculated {
-        return Err(McapError::BadChunkCrc { saved, calculated });
-    }
+    verify_crc(header.uncompressed_crc, crc32fast::hash(data))?;
     let mut left = data;
     while let Some((head, rest)) = left.split_first_chunk::<RECORD_HEAD_BYTES>() {
         let [opcode, len @ ..] = *head;
@@ -173,6 +198,12 @@ fn uncompressed_entries(
     }
 }
 
+/// Reads a record whose lengths fit into it.
+fn parse(opcode: u8, body: &[u8]) -> McapResult<Record<'_>> {
+    lengths::check(opcode, body)?;
+    mcap::parse_record(opcode, body)
+}
+
 /// Reads a record; `None` if it does not matter here.
 fn entry(opcode: u8, data: &[u8]) -> McapResult<Option<Entry<'_>>> {
     // Others, such as attachments, are not parsed: the parser of the crate panics on short ones.
@@ -182,7 +213,7 @@ fn entry(opcode: u8, data: &[u8]) -> McapResult<Option<Entry<'_>>> {
     ) {
         return Ok(None);
     }
-    Ok(match mcap::parse_record(opcode, data)? {
+    Ok(match parse(opcode, data)? {
         Record::Schema { header, data } => Some(Entry::Schema(Schema {
             id: header.id,
             name: header.name,
@@ -194,4 +225,25 @@ fn entry(opcode: u8, data: &[u8]) -> McapResult<Option<Entry<'_>>> {
         Record::Metadata(metadata) => Some(Entry::Metadata(metadata)),
         _ => None,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The parser of the crate `mcap` has another error for it, and allocates 4 GiB before.
+    #[test]
+    fn a_text_is_not_longer_than_its_record() {
+        let long_topic = [&[0; 4][..], &u32::MAX.to_le_bytes(), b"topic"].concat();
+        let error = entry(op::CHANNEL, &long_topic).unwrap_err();
+        assert!(matches!(error, McapError::UnexpectedEoc), "{error}");
+        let long_compression = [&[0; RECORD_HEAD_BYTES + 28][..], &[0xff; 4]].concat();
+        let record = RawRecord {
+            opcode: op::CHUNK,
+            offset: 0,
+            bytes: long_compression,
+        };
+        let error = record.parse().unwrap_err();
+        assert!(matches!(error, McapError::UnexpectedEoc), "{error}");
+    }
 }

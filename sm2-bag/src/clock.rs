@@ -1,9 +1,14 @@
 //! The relation of the wall clock to the monotonic clock.
 
 use std::collections::BTreeMap;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
+use sm2_node::clock::DomainTime;
 use sm2_proto::Instant;
+
+/// Reads a wall clock. A recorder reads [that of the machine](sm2_node::clock::wall_time), and tests give it one that
+/// steps.
+pub type WallClock = fn() -> DomainTime;
 
 /// A moment, read from both clocks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,12 +23,12 @@ impl ClockRelation {
     /// The name of its metadata record.
     pub(crate) const RECORD: &str = "sm2.clock";
 
-    /// Reads both clocks of this machine.
-    pub(crate) fn now() -> Self {
-        let wall = SystemTime::now().duration_since(UNIX_EPOCH);
+    /// Reads the monotonic clock of this machine, and this wall clock.
+    pub(crate) fn read(wall_clock: WallClock) -> Self {
+        let DomainTime(wall_ns) = wall_clock();
         Self {
             monotonic: sm2_io::clock::now(),
-            wall_ns: u64::try_from(wall.unwrap_or_default().as_nanos()).unwrap_or(u64::MAX),
+            wall_ns,
         }
     }
 

@@ -10,9 +10,12 @@ use mcap::{Channel, McapResult, Writer};
 
 use crate::bag::Bag;
 use crate::error::{CopyError, WriteError};
+use crate::foreign::topic_name;
 use crate::gap::Gap;
 use crate::merged::Merged;
 use crate::messages::Filter;
+use crate::observer::{Observer, note, unobserved};
+use crate::profile::Profile;
 use crate::report::{Counts, Report};
 use crate::writer::{Compression, write_counts, write_options};
 
@@ -30,27 +33,52 @@ pub fn copy(
     filter: &Filter,
     compression: Compression,
 ) -> Result<Report, CopyError> {
-    copy_with(bags, to, filter, compression, &[])
+    copy_observed(bags, to, filter, compression, &mut unobserved)
 }
 
-/// As [`copy`]. The new bag begins with these metadata records.
-pub(crate) fn copy_with(
+/// As [`copy`]. The observer is told about the payloads.
+///
+/// # Errors
+///
+/// [`CopyError`]; also if `to` exists.
+pub fn copy_observed(
     bags: &[Bag],
     to: &Path,
     filter: &Filter,
     compression: Compression,
-    metadata: &[Metadata],
+    observer: &mut Observer<'_>,
 ) -> Result<Report, CopyError> {
-    for topic in &filter.topics {
-        let mut sources = bags.iter().flat_map(Bag::sources);
-        if !sources.any(|(channel, _)| channel.topic == *topic) {
+    let options = CopyOptions {
+        filter,
+        compression,
+        metadata: &[],
+    };
+    copy_with(bags, to, &options, observer)
+}
+
+/// The content of a copy.
+pub(crate) struct CopyOptions<'a> {
+    pub(crate) filter: &'a Filter,
+    pub(crate) compression: Compression,
+    /// The records with which the new bag begins.
+    pub(crate) metadata: &'a [Metadata],
+}
+
+/// As [`copy_observed`].
+pub(crate) fn copy_with(
+    bags: &[Bag],
+    to: &Path,
+    options: &CopyOptions<'_>,
+    observer: &mut Observer<'_>,
+) -> Result<Report, CopyError> {
+    for topic in &options.filter.topics {
+        let mut channels = bags.iter().flat_map(Bag::channels);
+        if !channels.any(|it| topic_name(&it.topic) == topic_name(topic)) {
             let topic = topic.clone();
             return Err(CopyError::NoTopic { topic });
         }
     }
-    create(to, |file| {
-        write(bags, file, to, filter, compression, metadata)
-    })
+    create(to, |file| write(bags, file, to, options, observer))
 }
 
 /// Creates the bag `to`, and removes it if writing fails. Returns its summary.
@@ -78,24 +106,27 @@ fn write(
     bags: &[Bag],
     file: &File,
     path: &Path,
-    filter: &Filter,
-    compression: Compression,
-    metadata: &[Metadata],
+    options: &CopyOptions<'_>,
+    observer: &mut Observer<'_>,
 ) -> Result<(), CopyError> {
+    let filter = options.filter;
     let failed = |error: mcap::McapError| write_error(path, error.into());
-    let writer = write_options(compression).create(BufWriter::new(file));
+    let channels = bags.iter().flat_map(Bag::channels);
+    let chosen = channels.filter(|it| filter.has_topic(&it.topic));
+    let profile = Profile::of_channels(chosen.map(AsRef::as_ref));
+    let writer = write_options(options.compression, profile).create(BufWriter::new(file));
     let mut new = NewBag {
         writer: writer.map_err(failed)?,
         channels: BTreeMap::new(),
         counts: BTreeMap::new(),
     };
-    for record in metadata {
+    for record in options.metadata {
         new.writer.write_metadata(record).map_err(failed)?;
     }
     for (number, bag) in bags.iter().enumerate() {
         // A topic without a message may have gaps.
-        for (channel, _) in bag.sources().filter(|it| filter.has_topic(&it.0.topic)) {
-            new.add_channel(number, &channel).map_err(failed)?;
+        for channel in bag.channels().filter(|it| filter.has_topic(&it.topic)) {
+            new.add_channel(number, channel).map_err(failed)?;
         }
         let records = bag.metadata().iter().filter(|it| is_chosen(it, filter));
         for record in records {
@@ -110,7 +141,9 @@ fn write(
             log_time: message.log_time,
             publish_time: message.publish_time,
         };
-        new.message(&header, &message.data).map_err(failed)?;
+        let data = message.payload.into_vec()?;
+        new.message(&header, &data).map_err(failed)?;
+        note(observer, data.len() as u64)?;
     }
     new.finish().map_err(failed)
 }

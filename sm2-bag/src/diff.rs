@@ -2,12 +2,14 @@
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::fmt;
+use std::hash::{BuildHasher, RandomState};
 
 use serde::Serialize;
 
 use crate::bag::Bag;
 use crate::error::ReadError;
-use crate::messages::{BagMessage, Filter};
+use crate::messages::Filter;
+use crate::observer::{Observer, note, unobserved};
 
 /// The first difference of two bags, in the order of their messages.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -66,13 +68,26 @@ impl fmt::Display for Difference {
     }
 }
 
-/// Compares the payloads of two bags, topic by topic. Times, publishers and gaps may differ. The messages that are
-/// ahead of those of the same topic in the other bag are kept in memory.
+/// Compares the payloads of two bags, topic by topic. Times, publishers and gaps may differ. Of each message that is
+/// ahead of those of the same topic in the other bag, the length and a hash of 64 bits are kept in memory. The keys of
+/// the hash are random, so two payloads that differ count as the same with a probability of 2^-64.
 ///
 /// # Errors
 ///
 /// [`ReadError`].
 pub fn diff(bags: [&Bag; 2]) -> Result<Option<Difference>, ReadError> {
+    diff_observed(bags, &mut unobserved)
+}
+
+/// As [`diff`]. The observer is told about the payloads.
+///
+/// # Errors
+///
+/// [`ReadError`].
+pub fn diff_observed(
+    bags: [&Bag; 2],
+    observer: &mut Observer<'_>,
+) -> Result<Option<Difference>, ReadError> {
     let topics = bags.map(|bag| {
         let channels = bag.sources().map(|(channel, _)| channel.topic.clone());
         channels.collect::<BTreeSet<_>>()
@@ -86,6 +101,7 @@ pub fn diff(bags: [&Bag; 2]) -> Result<Option<Difference>, ReadError> {
     let filter = Filter::default();
     let mut messages = [bags[0].messages(&filter)?, bags[1].messages(&filter)?];
     let mut compared = BTreeMap::<String, Compared>::new();
+    let keys = RandomState::new();
     loop {
         let mut at_end = true;
         for (bag, messages) in messages.iter_mut().enumerate() {
@@ -93,14 +109,14 @@ pub fn diff(bags: [&Bag; 2]) -> Result<Option<Difference>, ReadError> {
                 continue;
             };
             at_end = false;
+            note(observer, message.data.len() as u64)?;
             let topic = &message.channel.topic;
             let of_topic = match compared.get_mut(topic) {
                 Some(it) => it,
                 None => compared.entry(topic.clone()).or_default(),
             };
-            let difference = of_topic.add(bag, message);
-            if difference.is_some() {
-                return Ok(difference);
+            if !of_topic.add(bag, Digest::of(&message.data, &keys)) {
+                return payload_difference(bags, topic, of_topic.same).map(Some);
             }
         }
         if at_end {
@@ -111,36 +127,45 @@ pub fn diff(bags: [&Bag; 2]) -> Result<Option<Difference>, ReadError> {
     Ok(rest.find_map(|(topic, it)| it.rest(topic)))
 }
 
+/// The part of a payload that is compared.
+#[derive(Clone, Copy, PartialEq, Eq)]
+struct Digest {
+    len: usize,
+    hash: u64,
+}
+
+impl Digest {
+    fn of(data: &[u8], keys: &RandomState) -> Self {
+        Self {
+            len: data.len(),
+            hash: keys.hash_one(data),
+        }
+    }
+}
+
 /// The comparison of one topic.
 #[derive(Default)]
 struct Compared {
     /// How many messages are the same.
     same: u64,
     /// The messages of the bag that is ahead, and its number.
-    ahead: VecDeque<BagMessage>,
+    ahead: VecDeque<Digest>,
     ahead_bag: usize,
 }
 
 impl Compared {
-    /// Compares a message with its counterpart, or keeps it until that comes.
-    fn add(&mut self, bag: usize, message: BagMessage) -> Option<Difference> {
-        if self.ahead.is_empty() || self.ahead_bag == bag {
-            self.ahead_bag = bag;
-            self.ahead.push_back(message);
-            return None;
+    /// Compares a message with its counterpart, or keeps it until that comes. Returns false if they differ.
+    fn add(&mut self, bag: usize, message: Digest) -> bool {
+        if self.ahead_bag != bag
+            && let Some(other) = self.ahead.pop_front()
+        {
+            let is_same = other == message;
+            self.same += u64::from(is_same);
+            return is_same;
         }
-        let other = self.ahead.pop_front()?;
-        match first_difference(&other.data, &message.data) {
-            Some(byte) => Some(Difference::Payload {
-                topic: message.channel.topic.clone(),
-                message: self.same,
-                byte,
-            }),
-            None => {
-                self.same += 1;
-                None
-            }
-        }
+        self.ahead_bag = bag;
+        self.ahead.push_back(message);
+        true
     }
 
     /// The difference after the last message of both bags.
@@ -153,8 +178,40 @@ impl Compared {
     }
 }
 
+/// Reads a message of both bags again, whose payloads differ.
+fn payload_difference(bags: [&Bag; 2], topic: &str, message: u64) -> Result<Difference, ReadError> {
+    let [first, second] = bags.map(|bag| payload(bag, topic, message));
+    Ok(Difference::Payload {
+        topic: topic.to_owned(),
+        message,
+        byte: first_difference(&first?, &second?),
+    })
+}
+
+/// The payload of the message with this number.
+fn payload(bag: &Bag, topic: &str, message: u64) -> Result<Vec<u8>, ReadError> {
+    let filter = Filter {
+        topics: [topic.to_owned()].into(),
+        ..Filter::default()
+    };
+    let mut before = message;
+    for message in bag.messages(&filter)? {
+        let message = message?;
+        // A filter also chooses the topic with a slash at its start.
+        if message.channel.topic != topic {
+            continue;
+        }
+        if before == 0 {
+            return Ok(message.data);
+        }
+        before -= 1;
+    }
+    // The file has changed since the message was read.
+    Ok(Vec::new())
+}
+
 /// The place of the first byte that differs.
-fn first_difference(a: &[u8], b: &[u8]) -> Option<usize> {
+fn first_difference(a: &[u8], b: &[u8]) -> usize {
     let differs = a.iter().zip(b).position(|(a, b)| a != b);
-    differs.or_else(|| (a.len() != b.len()).then_some(a.len().min(b.len())))
+    differs.unwrap_or(a.len().min(b.len()))
 }

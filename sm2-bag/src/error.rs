@@ -6,6 +6,9 @@ use std::path::{Path, PathBuf};
 use mcap::McapError;
 use sm2_node::domain::QueryError;
 use sm2_node::{ConnectError, DeclareError, PublishError, RecvError, WaitError};
+use sm2_proto::lockstep::TooManyRounds;
+
+use crate::foreign::ForeignReason;
 
 /// Why a recording did not start, or ended.
 #[derive(Debug, thiserror::Error)]
@@ -95,6 +98,9 @@ pub enum ReadError {
         /// The fault.
         source: McapError,
     },
+    /// The [`Observer`](crate::Observer) ended the work.
+    #[error("the work with the bag was ended")]
+    Stopped,
 }
 
 impl ReadError {
@@ -136,13 +142,18 @@ pub enum PlayError {
     /// The bag cannot be read.
     #[error(transparent)]
     Read(#[from] ReadError),
-    /// The bag has a channel that SM2 did not record.
-    #[error("{} has messages of topic {topic:?} that SM2 did not record: play other topics only", path.display())]
+    /// The bag has a channel that another program recorded, and SM2 cannot publish its messages.
+    #[error(
+        "{} has messages of topic {topic:?} that SM2 cannot publish ({reason}): play other topics only",
+        path.display()
+    )]
     Foreign {
         /// The bag.
         path: PathBuf,
         /// The topic.
         topic: String,
+        /// The reason.
+        reason: Box<ForeignReason>,
     },
     /// The bag has no message of the chosen topics and times.
     #[error("{} has no message to play: see `sm2 bag info`", path.display())]
@@ -162,4 +173,10 @@ pub enum PlayError {
     /// Waiting failed.
     #[error(transparent)]
     Wait(#[from] WaitError),
+    /// The calls of members of the lockstep cannot be received.
+    #[error(transparent)]
+    Receive(#[from] RecvError),
+    /// A step of the lockstep does not end.
+    #[error(transparent)]
+    Lockstep(#[from] TooManyRounds),
 }

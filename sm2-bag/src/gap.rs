@@ -52,7 +52,7 @@ impl Gap {
             && next.from_ns <= self.to_ns;
         if continues {
             self.to_ns = self.to_ns.max(next.to_ns);
-            self.messages += next.messages;
+            self.messages = self.messages.saturating_add(next.messages);
         }
         continues
     }

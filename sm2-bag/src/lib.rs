@@ -17,11 +17,13 @@
 //!
 //! | MCAP | content |
 //! | --- | --- |
-//! | profile | `sm2` |
+//! | profile | `sm2`; `ros2` if every channel has a type of ROS 2 when the first chunk is written |
 //! | channel | one publisher of one topic; its metadata are those of [`Source`] |
 //! | schema | the name of the type, encoding `sm2`, and the schema text (SPEC Annex A) |
-//! | message encoding | the encoding in the schema text: `plain`, `postcard`, `json`; `bytes` without a text |
-//! | `log_time` | the time of reception, in nanoseconds of the wall clock |
+//! | schema of a ROS 2 type | the name of the type, encoding `ros2msg`, and the definition |
+//! | channel of a ROS 2 type | also the hash of the type, and the publisher's QoS in the form of rosbag2 |
+//! | message encoding | the encoding in the schema text: `plain`, `postcard`, `json`, `cdr`; `bytes` without a text |
+//! | `log_time` | the time of reception, in nanoseconds of the wall clock (of a polled topic: see below) |
 //! | `publish_time` | the time of publication, in nanoseconds of the wall clock |
 //! | `sequence` | the low half of the publisher's number of the message |
 //! | metadata `sm2.clock` | the relation of the wall clock to the monotonic clock: [`ClockRelation`] |
@@ -31,6 +33,16 @@
 //!
 //! Both times follow the wall clock as it was at the start of the recording, so they never step. If the wall clock
 //! steps during the recording, a further `sm2.clock` has its new relation to the monotonic clock.
+//!
+//! Best-effort topics with 40 to 1,000 messages per second are polled every 2 ms. The `log_time` of their messages is
+//! the time of publication, if that is after the last poll. So messages of several topics stay in their order.
+//!
+//! # Bags of ROS 2
+//!
+//! Bags of rosbag2 and of the Python package `rosbags` are read and played as well: channels with the message encoding
+//! `cdr` and the schema encoding `ros2msg`. The hash of the type is computed from its definition. Topics lose the slash
+//! at their start. The publisher's node is `bag`; its QoS is reliable with a depth of 64, and the metadata
+//! `offered_qos_profiles` can make it best effort or latched.
 //!
 //! # After a crash
 //!
@@ -48,36 +60,50 @@ mod copy;
 mod diff;
 mod error;
 mod folder;
+mod foreign;
+#[cfg(feature = "fuzzing")]
+pub mod fuzz;
 mod gap;
+mod lengths;
 mod merged;
 mod messages;
+mod observer;
+mod payload;
 mod player;
+mod profile;
 mod queue;
 mod recorder;
 mod recover;
 mod report;
+mod ros_qos;
 mod scan;
 mod source;
 mod storage;
+mod summary;
 mod verify;
 mod writer;
 
 pub use crate::{
     bag::Bag,
     black_box::{BlackBox, BlackBoxOptions, BlackBoxStep, Incident, Trigger},
-    clock::ClockRelation,
-    copy::copy,
-    diff::{Difference, diff},
+    clock::{ClockRelation, WallClock},
+    copy::{copy, copy_observed},
+    diff::{Difference, diff, diff_observed},
     error::{CopyError, PlayError, ReadError, RecordError, WriteError},
     folder::Folder,
+    foreign::ForeignReason,
     gap::{Gap, GapReason},
     messages::{BagMessage, Filter, Messages},
-    player::{PlayOptions, PlayReport, PlayedTopic, Player},
+    observer::Observer,
+    player::{
+        PlayCommand, PlayCommandError, PlayControl, PlayOptions, PlayReport, PlayStatus,
+        PlayedTopic, Player,
+    },
     recorder::{Options, Progress, Recorder, Split, Step, Topics},
-    recover::recover,
+    recover::{recover, recover_observed},
     report::{Report, TopicReport},
     source::Source,
-    storage::{BagFile, Storage},
-    verify::{Damage, Verdict, check},
+    storage::{BagFile, Storage, SyncWork},
+    verify::{Damage, Verdict, check, check_observed},
     writer::Compression,
 };

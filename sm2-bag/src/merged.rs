@@ -4,43 +4,47 @@ use std::collections::BTreeMap;
 
 use crate::bag::Bag;
 use crate::error::ReadError;
-use crate::messages::{BagMessage, Filter, Messages};
+use crate::messages::{Filter, FoundMessage, Messages};
 
 /// The messages of several bags in the order of their `log_time`, each with the number of its bag. Messages of the same
 /// time keep the order of the bags.
 pub(crate) struct Merged<'a> {
     bags: Vec<Messages<'a>>,
-    /// The next message of each bag.
-    next: BTreeMap<(u64, usize), BagMessage>,
+    /// The next message of each bag but those of `unread`.
+    next: BTreeMap<(u64, usize), FoundMessage<'a>>,
+    /// The bags whose next message has to be found.
+    unread: Vec<usize>,
 }
 
 impl<'a> Merged<'a> {
     pub(crate) fn new(bags: &'a [Bag], filter: &Filter) -> Result<Self, ReadError> {
         let messages = bags.iter().map(|bag| bag.messages(filter));
-        let mut merged = Self {
+        Ok(Self {
             bags: messages.collect::<Result<_, _>>()?,
             next: BTreeMap::new(),
-        };
-        for number in 0..merged.bags.len() {
-            merged.read(number)?;
-        }
-        Ok(merged)
+            unread: (0..bags.len()).collect(),
+        })
     }
 
-    /// Reads the next message of a bag.
-    fn read(&mut self, number: usize) -> Result<(), ReadError> {
-        if let Some(message) = self.bags[number].next().transpose()? {
-            self.next.insert((message.log_time, number), message);
+    /// The next message. A bag is read as late as possible, so that its damage comes after the messages before it.
+    fn find(&mut self) -> Result<Option<(usize, FoundMessage<'a>)>, ReadError> {
+        while let Some(number) = self.unread.pop() {
+            if let Some(message) = self.bags[number].find()? {
+                self.next.insert((message.log_time, number), message);
+            }
         }
-        Ok(())
+        let Some(((_, number), message)) = self.next.pop_first() else {
+            return Ok(None);
+        };
+        self.unread.push(number);
+        Ok(Some((number, message)))
     }
 }
 
-impl Iterator for Merged<'_> {
-    type Item = Result<(usize, BagMessage), ReadError>;
+impl<'a> Iterator for Merged<'a> {
+    type Item = Result<(usize, FoundMessage<'a>), ReadError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        let ((_, number), message) = self.next.pop_first()?;
-        Some(self.read(number).map(|()| (number, message)))
+        self.find().transpose()
     }
 }

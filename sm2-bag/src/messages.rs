@@ -5,16 +5,18 @@ use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
 
-use mcap::records::{ChunkIndex, op};
+use mcap::records::{ChunkIndex, MessageHeader, op};
 use mcap::{Channel, McapError, McapResult, Summary};
 
-use crate::chunk::{Entry, RecordReader};
+use crate::chunk::{CHUNK_MAX_BYTES, Entry, RawRecord, RecordReader};
 use crate::error::ReadError;
+use crate::foreign::topic_name;
+use crate::payload::{LongPayload, Payload};
 
 /// The messages to read.
 #[derive(Clone, Debug, Default)]
 pub struct Filter {
-    /// The topics; empty for all.
+    /// The topics, with or without the slash at the start that bags of ROS 2 have; empty for all.
     pub topics: BTreeSet<String>,
     /// The first `log_time`.
     pub from_ns: Option<u64>,
@@ -25,7 +27,8 @@ pub struct Filter {
 impl Filter {
     /// Whether messages of this topic pass.
     pub(crate) fn has_topic(&self, topic: &str) -> bool {
-        self.topics.is_empty() || self.topics.contains(topic)
+        let name = topic_name(topic);
+        self.topics.is_empty() || self.topics.contains(name) || self.topics.contains(topic)
     }
 
     /// Whether a part of the time from `first_ns` to `last_ns`, both included, passes.
@@ -49,18 +52,43 @@ pub struct BagMessage {
     pub data: Vec<u8>,
 }
 
-/// Reads the messages of a bag. Keeps one chunk in memory, or those whose times overlap. The checksum of each chunk is
-/// verified, and nothing that the summary says decides how much memory is allocated.
+/// A message of a bag whose payload may still be in the file.
+#[derive(Debug)]
+pub(crate) struct FoundMessage<'a> {
+    pub(crate) channel: Arc<Channel<'static>>,
+    pub(crate) sequence: u32,
+    pub(crate) log_time: u64,
+    pub(crate) publish_time: u64,
+    pub(crate) payload: Payload<'a>,
+}
+
+impl FoundMessage<'_> {
+    fn read(self) -> Result<BagMessage, ReadError> {
+        Ok(BagMessage {
+            channel: self.channel,
+            sequence: self.sequence,
+            log_time: self.log_time,
+            publish_time: self.publish_time,
+            data: self.payload.into_vec()?,
+        })
+    }
+}
+
+/// Reads the messages of a bag. Keeps one chunk in memory, or those whose times overlap: at most 2 GiB more than the
+/// file has. A message above 64 KiB that is alone in an uncompressed chunk stays in the file until its turn. The
+/// checksum of each chunk is verified, and nothing that the summary says decides how much memory is allocated.
 #[derive(Debug)]
 pub struct Messages<'a> {
     file: &'a File,
     path: &'a Path,
     channels: BTreeMap<u16, Arc<Channel<'static>>>,
     filter: Filter,
-    /// The times of the first messages and the places of the chunks that are not read yet, by time.
-    chunks: VecDeque<(u64, u64)>,
+    /// The times of the first messages, the places and the lengths of the chunks that are not read yet, by time.
+    chunks: VecDeque<(u64, u64, u64)>,
     /// The messages of the chunks that were read, by time and then by their order in the file.
-    pending: BTreeMap<(u64, u64), BagMessage>,
+    pending: BTreeMap<(u64, u64, u64), FoundMessage<'a>>,
+    /// The memory of these messages, in bytes.
+    pending_bytes: u64,
     /// How many messages were read.
     count: u64,
 }
@@ -71,7 +99,10 @@ impl<'a> Messages<'a> {
             |it: &&ChunkIndex| filter.overlaps(it.message_start_time, it.message_end_time);
         let chosen = summary.chunk_indexes.iter().filter(is_chosen);
         let mut chunks: Vec<_> = chosen
-            .map(|it| (it.message_start_time, it.chunk_start_offset))
+            .map(|it| {
+                let (start, len) = (it.chunk_start_offset, it.chunk_length);
+                (it.message_start_time, start, len)
+            })
             .collect();
         chunks.sort_unstable();
         let channels = summary.channels.iter();
@@ -83,53 +114,95 @@ impl<'a> Messages<'a> {
             filter: filter.clone(),
             chunks: chunks.into(),
             pending: BTreeMap::new(),
+            pending_bytes: 0,
             count: 0,
         }
     }
 
-    fn read(&mut self) -> McapResult<Option<BagMessage>> {
+    /// The next message, as [`next`](Iterator::next). Its payload may still be in the file.
+    pub(crate) fn find(&mut self) -> Result<Option<FoundMessage<'a>>, ReadError> {
+        let found = self.next_pending();
+        found.map_err(|source| ReadError::of(self.path, source))
+    }
+
+    fn next_pending(&mut self) -> McapResult<Option<FoundMessage<'a>>> {
         loop {
-            let next = self.pending.first_entry();
+            let next = self.pending.first_key_value().map(|(key, _)| key.0);
             match (next, self.chunks.front().copied()) {
                 // A chunk that begins later has no earlier message.
-                (Some(next), None) => return Ok(Some(next.remove())),
-                (Some(next), Some((start, _))) if next.key().0 < start => {
-                    return Ok(Some(next.remove()));
+                (Some(next), Some((start, ..))) if next >= start => {}
+                (Some(_), _) => {
+                    let message = self.pending.pop_first().map(|(_, message)| message);
+                    self.pending_bytes -= message.as_ref().map_or(0, memory_bytes);
+                    return Ok(message);
                 }
-                (_, Some((_, offset))) => {
-                    self.chunks.pop_front();
-                    self.read_chunk(offset)?;
-                }
+                (None, Some(_)) => {}
                 (None, None) => return Ok(None),
+            }
+            if let Some((_, offset, len)) = self.chunks.pop_front() {
+                self.read_chunk(offset, len)?;
             }
         }
     }
 
-    fn read_chunk(&mut self, offset: u64) -> McapResult<()> {
+    fn read_chunk(&mut self, offset: u64, len: u64) -> McapResult<()> {
         let end = self.file.metadata()?.len();
-        let record = RecordReader::new(self.file, offset, end).next()?;
-        let record = record.filter(|it| it.opcode == op::CHUNK);
-        record.ok_or(McapError::BadIndex)?.entries(|entry| {
-            let Entry::Message(header, data) = entry else {
-                return Ok(());
+        if let Some((header, payload)) = LongPayload::of_chunk(self.file, self.path, offset, end)? {
+            return match self.is_chosen(&header) {
+                true => {
+                    self.add(&header, offset, Payload::Long(payload));
+                    Ok(())
+                }
+                // Its head may be damaged.
+                false => payload.verify(),
             };
-            self.count += 1;
-            let time = header.log_time;
-            if let Some(channel) = self.channels.get(&header.channel_id)
-                && self.filter.overlaps(time, time)
+        }
+        let record = RecordReader::new(self.file, offset, end).next()?;
+        let is_indexed = |it: &RawRecord| it.opcode == op::CHUNK && it.len_bytes() == len;
+        let record = record.filter(is_indexed);
+        record.ok_or(McapError::BadIndex)?.entries(|entry| {
+            if let Entry::Message(header, data) = entry
+                && self.is_chosen(&header)
             {
-                let message = BagMessage {
-                    channel: Arc::clone(channel),
-                    sequence: header.sequence,
-                    log_time: time,
-                    publish_time: header.publish_time,
-                    data: data.into_owned(),
-                };
-                self.pending.insert((time, self.count), message);
+                self.add(&header, offset, Payload::Read(data.into_owned()));
+                // Messages that are not compressed are not longer than the file.
+                if self.pending_bytes > end.saturating_add(2 * CHUNK_MAX_BYTES as u64) {
+                    return Err(McapError::ChunkTooLarge(self.pending_bytes));
+                }
             }
             Ok(())
         })
     }
+
+    /// Whether a message passes the filter.
+    fn is_chosen(&self, header: &MessageHeader) -> bool {
+        let time = header.log_time;
+        self.channels.contains_key(&header.channel_id) && self.filter.overlaps(time, time)
+    }
+
+    /// Adds a message that passes the filter, from the chunk at `offset`.
+    fn add(&mut self, header: &MessageHeader, offset: u64, payload: Payload<'a>) {
+        self.count += 1;
+        let message = FoundMessage {
+            channel: Arc::clone(&self.channels[&header.channel_id]),
+            sequence: header.sequence,
+            log_time: header.log_time,
+            publish_time: header.publish_time,
+            payload,
+        };
+        self.pending_bytes += memory_bytes(&message);
+        let place = (header.log_time, offset, self.count);
+        self.pending.insert(place, message);
+    }
+}
+
+/// The memory of a message that waits for its turn, in bytes.
+const fn memory_bytes(message: &FoundMessage<'_>) -> u64 {
+    let len = match &message.payload {
+        Payload::Read(data) => data.len(),
+        Payload::Long(_) => 0,
+    };
+    (size_of::<FoundMessage<'_>>() + len) as u64
 }
 
 impl Iterator for Messages<'_> {
@@ -137,9 +210,7 @@ impl Iterator for Messages<'_> {
 
     /// The next message. After an error, the messages of the damaged chunk are left out.
     fn next(&mut self) -> Option<Self::Item> {
-        let path = self.path;
-        let read = self.read();
-        read.map_err(|source| ReadError::of(path, source))
-            .transpose()
+        let found = self.find().transpose()?;
+        Some(found.and_then(FoundMessage::read))
     }
 }

@@ -1,94 +1,53 @@
 //! Publishing the messages of bags again.
 
+mod conductor;
+mod control;
+mod options;
+mod outgoing;
+mod pace;
+mod publishers;
+mod service;
+mod timeline;
+
 use std::collections::{BTreeMap, HashMap};
 use std::os::fd::BorrowedFd;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use serde::Serialize;
-use sm2_node::wait_set::Interest;
-use sm2_node::{ConnectError, Node, Publisher, WaitSet};
-use sm2_proto::{Instant, Name};
+use sm2_node::{ConnectError, Node, Publisher, WaitError};
+use sm2_proto::Name;
 
+pub use self::control::{PlayCommand, PlayCommandError, PlayControl, PlayStatus};
+pub use self::options::{PlayOptions, PlayReport, PlayedTopic};
+use self::outgoing::Outgoing;
+use self::publishers::{Declared, Played};
+use self::timeline::Timeline;
 use crate::bag::Bag;
 use crate::error::PlayError;
 use crate::merged::Merged;
-use crate::messages::Filter;
-use crate::source::Source;
 
 /// A wait for subscribers or for room is cut into steps of this length, so that the caller's descriptor ends it soon.
 const STEP: Duration = Duration::from_millis(100);
 
-/// How a bag is played.
-#[derive(Clone, Debug)]
-pub struct PlayOptions {
-    /// The topics and times.
-    pub filter: Filter,
-    /// The speed: 1 as recorded, 2 twice as fast; 0 as fast as possible. Not negative.
-    pub rate: f64,
-    /// The names of topics that are published under another name.
-    pub remap: BTreeMap<Name, Name>,
-    /// Whether nodes have their original names. Otherwise `play/` stands before them.
-    pub original_names: bool,
-    /// How many subscribers of each topic to wait for before the first message.
-    pub subscribers: usize,
-    /// How long to wait for reliable subscribers that have no room; 10 s by default.
-    pub room_timeout: Duration,
-}
-
-impl Default for PlayOptions {
-    fn default() -> Self {
-        Self {
-            filter: Filter::default(),
-            rate: 1.0,
-            remap: BTreeMap::new(),
-            original_names: false,
-            subscribers: 0,
-            room_timeout: Duration::from_secs(10),
-        }
-    }
-}
-
-/// The result of playing.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct PlayReport {
-    /// The topics, sorted by name.
-    pub topics: Vec<PlayedTopic>,
-    /// Whether all messages were published. Otherwise the caller ended it.
-    pub complete: bool,
-}
-
-/// The counts of one topic that was played.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct PlayedTopic {
-    /// The topic.
-    pub name: String,
-    /// The number of messages that were published.
-    pub messages: u64,
-    /// How many of them were published while no subscriber was linked.
-    pub unheard: u64,
-    /// How many messages subscribers missed, on all links together.
-    pub missed: u64,
-}
+/// The name of the node of the conductor and of the source of domain time, behind the prefix.
+const CONDUCTOR: &str = "conductor";
 
 /// Publishes the messages of one or more bags in the order and at the pace of their `log_time`.
 ///
 /// Each recorded publisher has a publisher with the same type and QoS, in a node of its own name. Before the first
 /// message, the player waits until the subscribers that the domain has are linked.
+///
+/// Other threads [control](Self::control) it, and other programs by a [service](Self::serve).
 pub struct Player<'a> {
     bags: &'a [Bag],
     options: PlayOptions,
     publishers: Vec<Played>,
     /// The publishers by the number of their bag, and the number of their channel in it.
     channels: HashMap<(usize, u16), usize>,
-    set: WaitSet<'a, ()>,
-    /// The nodes of the publishers.
+    omits_clock: bool,
+    timeline: Timeline<'a>,
+    /// The nodes of the publishers, and that of the conductor.
     _nodes: HashMap<Name, Node>,
-}
-
-struct Played {
-    publisher: Publisher<[u8]>,
-    messages: u64,
 }
 
 impl<'a> Player<'a> {
@@ -104,58 +63,61 @@ impl<'a> Player<'a> {
         mut connect: impl FnMut(&str) -> Result<Node, ConnectError>,
         stop: BorrowedFd<'a>,
     ) -> Result<Self, PlayError> {
-        let mut nodes = HashMap::new();
-        let mut publishers = Vec::new();
-        let mut known = HashMap::new();
-        let mut channels = HashMap::new();
-        let all = bags.iter().enumerate();
-        for (number, channel, source) in
-            all.flat_map(|(number, bag)| bag.sources().map(move |it| (number, it.0, it.1)))
-        {
-            if !options.filter.has_topic(&channel.topic) {
-                continue;
-            }
-            let foreign = || PlayError::Foreign {
-                path: bags[number].path().to_owned(),
-                topic: channel.topic.clone(),
-            };
-            let source = source.ok_or_else(foreign)?;
-            let Source {
-                topic,
-                publisher,
-                data,
-                ..
-            } = &source;
-            let key = (topic.clone(), publisher.clone(), data.clone());
-            if !known.contains_key(&key) {
-                if !nodes.contains_key(publisher) {
-                    let prefix = if options.original_names { "" } else { "play/" };
-                    nodes.insert(publisher.clone(), connect(&format!("{prefix}{publisher}"))?);
-                }
-                let topic = options.remap.get(topic).unwrap_or(topic);
-                known.insert(key.clone(), publishers.len());
-                publishers.push(Played {
-                    publisher: declare(&nodes[publisher], topic, &source)?,
-                    messages: 0,
-                });
-            }
-            channels.insert((number, channel.id), known[&key]);
-        }
+        let Declared {
+            mut nodes,
+            publishers,
+            channels,
+            omits_clock,
+        } = Declared::new(bags, &options, &mut connect)?;
         if publishers.is_empty() {
             let path = first_path(bags);
             return Err(PlayError::Empty { path });
         }
-        let mut set = WaitSet::new().map_err(sm2_node::WaitError::Io)?;
-        let added = set.add_descriptor(stop, Interest::Readable, ());
-        added.map_err(sm2_node::WaitError::Io)?;
+        let control = PlayControl::new(options.rate, options.paused);
+        let timeline = control.and_then(|it| Timeline::new(stop, it));
+        let mut timeline = timeline.map_err(WaitError::Io)?;
+        if options.is_clock_source() {
+            let node = connect(&format!("{}{CONDUCTOR}", options.prefix()))?;
+            timeline.publish_time(&node)?;
+            if options.lockstep.is_some() {
+                timeline.conduct(&node)?;
+            }
+            nodes.insert(node.name().clone(), node);
+        }
         Ok(Self {
             bags,
             options,
             publishers,
             channels,
-            set,
+            omits_clock,
+            timeline,
             _nodes: nodes,
         })
+    }
+
+    /// Whether recorded messages are left out because they would be a second source of domain time: see
+    /// [`PlayOptions::clock`].
+    #[must_use]
+    pub const fn omits_clock(&self) -> bool {
+        self.omits_clock
+    }
+
+    /// Returns a handle by which any thread controls the player.
+    #[must_use]
+    pub fn control(&self) -> PlayControl {
+        self.timeline.control().clone()
+    }
+
+    /// Declares a service by which other programs control the player. The request is a string, the text of a
+    /// [`PlayCommand`]. The reply is a string as well, a [`PlayStatus`] in JSON; it comes when the player has followed
+    /// the command, so after a step the message is published. While [`play`](Self::play) does not run, no call is
+    /// answered.
+    ///
+    /// # Errors
+    ///
+    /// [`PlayError::Declare`], [`PlayError::Wait`].
+    pub fn serve(&mut self, node: &Node, service: &Name) -> Result<(), PlayError> {
+        self.timeline.serve(node, service)
     }
 
     /// Publishes all messages.
@@ -164,49 +126,51 @@ impl<'a> Player<'a> {
     ///
     /// See [`PlayError`].
     pub fn play(&mut self) -> Result<PlayReport, PlayError> {
-        if !self.wait_for_subscribers()? {
-            return Ok(self.report(false));
-        }
-        let mut start = None;
-        let mut count = 0;
-        for message in Merged::new(self.bags, &self.options.filter)? {
-            let (bag, message) = message?;
-            let (began, first) = *start.get_or_insert((sm2_io::clock::now(), message.log_time));
-            let due = self.due(began, message.log_time.saturating_sub(first));
-            let publisher = self.channels.get(&(bag, message.channel.id)).copied();
-            if !self.wait_until(due)? || !self.publish(publisher, &message.data)? {
-                return Ok(self.report(false));
-            }
-            count += 1;
-        }
-        if count == 0 {
-            let path = first_path(self.bags);
-            return Err(PlayError::Empty { path });
-        }
-        let complete = self.flush()?;
+        let played = self.publish_all();
+        let ended = self.timeline.end();
+        let complete = played?;
+        ended?;
         Ok(self.report(complete))
     }
 
-    /// The time at which a message is due that was recorded `age_ns` after the first one.
-    fn due(&self, began: Instant, age_ns: u64) -> Instant {
-        if self.options.rate == 0.0 {
-            return began;
+    /// Publishes all messages. Returns false if the caller ends playing, or if messages are left.
+    fn publish_all(&mut self) -> Result<bool, PlayError> {
+        let members = self.options.lockstep.unwrap_or(0);
+        if !self.timeline.wait_for_members(members)? || !self.wait_for_subscribers()? {
+            return Ok(false);
         }
-        let age = age_ns as f64 / self.options.rate;
-        began.after(Duration::from_nanos(age as u64))
-    }
-
-    /// Waits until a time. Returns false if the caller ends playing.
-    fn wait_until(&mut self, due: Instant) -> Result<bool, PlayError> {
-        loop {
-            let left = due.since(sm2_io::clock::now());
-            if self.set.wait_timeout(left)?.is_some() {
+        let mut is_empty = true;
+        for message in Merged::new(self.bags, &self.options.filter)? {
+            let (bag, message) = message?;
+            let Some(&publisher) = self.channels.get(&(bag, message.channel.id)) else {
+                // Recorded domain time, which the player publishes itself.
+                continue;
+            };
+            is_empty = false;
+            let time = message.log_time;
+            let played = &mut self.publishers[publisher];
+            // Before the wait, which a slow disk or a damaged bag would otherwise make late.
+            let outgoing = Outgoing::read(&played.publisher, message.payload)?;
+            let room_timeout = self.options.room_timeout;
+            if !self.timeline.advance(time)?
+                || !publish(
+                    &mut self.timeline,
+                    &played.publisher,
+                    time,
+                    outgoing,
+                    room_timeout,
+                )?
+            {
                 return Ok(false);
             }
-            if due <= sm2_io::clock::now() {
-                return Ok(true);
-            }
+            played.messages += 1;
+            self.timeline.published(time);
         }
+        if is_empty {
+            let path = first_path(self.bags);
+            return Err(PlayError::Empty { path });
+        }
+        Ok(self.timeline.finish()? && self.flush()?)
     }
 
     /// Waits until the subscribers that are there, and those that the options demand, are linked.
@@ -214,43 +178,18 @@ impl<'a> Player<'a> {
         let demanded = self.options.subscribers;
         let until = sm2_io::clock::now().after(self.options.room_timeout);
         loop {
+            let is_early = sm2_io::clock::now() < until;
             let lacks = |it: &Played| {
                 let open = it.publisher.links().iter().filter(|link| link.open).count();
-                let there = match sm2_io::clock::now() < until {
-                    true => it.publisher.matched(),
-                    false => 0,
-                };
+                let there = if is_early { it.publisher.matched() } else { 0 };
                 open < demanded.max(there)
             };
-            if !self.publishers.iter().any(lacks) {
+            let lacks_listener = is_early && self.timeline.lacks_listener();
+            if !lacks_listener && !self.publishers.iter().any(lacks) {
                 return Ok(true);
             }
             let soon = sm2_io::clock::now().after(Duration::from_millis(1));
-            if !self.wait_until(soon)? {
-                return Ok(false);
-            }
-        }
-    }
-
-    /// Publishes a message once every reliable subscriber has room, or at the end of the timeout. Returns false if the
-    /// caller ends playing.
-    fn publish(&mut self, publisher: Option<usize>, data: &[u8]) -> Result<bool, PlayError> {
-        let until = sm2_io::clock::now().after(self.options.room_timeout);
-        loop {
-            let Some(played) = publisher.and_then(|it| self.publishers.get_mut(it)) else {
-                return Ok(true);
-            };
-            if played.publisher.try_publish(data)?.is_some() {
-                played.messages += 1;
-                return Ok(true);
-            }
-            if sm2_io::clock::now() >= until {
-                played.publisher.publish_timeout(data, Duration::ZERO)?;
-                played.messages += 1;
-                return Ok(true);
-            }
-            played.publisher.wait_for_room_timeout(STEP)?;
-            if !self.wait_until(Instant(0))? {
+            if !self.timeline.wait_until(soon)? {
                 return Ok(false);
             }
         }
@@ -283,9 +222,35 @@ impl<'a> Player<'a> {
             .map(|(name, it)| PlayedTopic { name, ..it });
         PlayReport {
             topics: topics.collect(),
+            left: self.timeline.left().map(ToString::to_string).collect(),
             complete,
         }
     }
+}
+
+/// Publishes a message once every reliable subscriber has room, or at the end of the timeout. Returns false if the
+/// caller ends playing.
+fn publish(
+    timeline: &mut Timeline<'_>,
+    publisher: &Publisher<[u8]>,
+    time: u64,
+    mut outgoing: Outgoing<'_>,
+    room_timeout: Duration,
+) -> Result<bool, PlayError> {
+    let until = sm2_io::clock::now().after(room_timeout);
+    while sm2_io::clock::now() < until {
+        let left = until.since(sm2_io::clock::now());
+        match outgoing.publish_or_wait(publisher, left.min(STEP))? {
+            None => return Ok(true),
+            Some(back) => outgoing = back,
+        }
+        // A pause holds this message up as well.
+        if !timeline.wait_for(time)? {
+            return Ok(false);
+        }
+    }
+    outgoing.publish(publisher)?;
+    Ok(true)
 }
 
 /// The path that errors name.
@@ -293,33 +258,4 @@ fn first_path(bags: &[Bag]) -> PathBuf {
     bags.first()
         .map(|it| it.path().to_owned())
         .unwrap_or_default()
-}
-
-/// Declares the publisher of a recorded one.
-fn declare(node: &Node, topic: &Name, source: &Source) -> Result<Publisher<[u8]>, PlayError> {
-    if let Some(text) = &source.schema {
-        // A text that does not fit its type only costs tools the names of the fields.
-        if let Err(error) = node.register_schema(source.data.clone(), text) {
-            tracing::warn!(%topic, %error, "the bag has a schema that does not fit its type");
-        }
-    }
-    let offer = source.offer;
-    let mut builder = node
-        .publisher_builder::<[u8]>(topic.as_str())
-        .type_id(source.data.clone())
-        .depth(offer.depth)
-        .reliable(offer.reliable)
-        .latched(offer.latched)
-        .sealed(offer.sealed);
-    // As recorded, so that the same subscribers match. At a slower pace, deadlines are missed.
-    if let Some(deadline) = offer.deadline.get() {
-        builder = builder.deadline(deadline);
-    }
-    if let Some(lifespan) = offer.lifespan.get() {
-        builder = builder.lifespan(lifespan);
-    }
-    if let Some(lease) = offer.lease.get() {
-        builder = builder.liveliness(lease);
-    }
-    Ok(builder.declare()?)
 }

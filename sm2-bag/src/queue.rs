@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 use std::io;
+use std::ops::Range;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -14,6 +15,11 @@ use crate::error::WriteError;
 use crate::gap::Gap;
 use crate::source::Source;
 use crate::writer::MessageTimes;
+
+/// The writer is woken for a batch with copies of this length, in bytes, or with this many items. The items of shorter
+/// batches wait for the end of the interval, so that the writer does not wake for each message.
+const BATCH_BYTES: u64 = 256 << 10;
+const BATCH_ITEMS: usize = 1_024;
 
 /// Work for the thread that writes the file.
 #[derive(Debug)]
@@ -32,9 +38,9 @@ pub(crate) enum Item {
 /// The payload of a message that waits.
 #[derive(Debug)]
 pub(crate) enum Payload {
-    /// A copy: the slot is free again.
-    Copied(Vec<u8>),
-    /// The message itself, in the slot of its publisher.
+    /// The place of a copy in its [`Batch`]: the slot is free again.
+    Copied(Range<usize>),
+    /// The message itself.
     Held(Sample<[u8]>, HeldBy),
 }
 
@@ -42,13 +48,11 @@ pub(crate) enum Payload {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct HeldBy(pub(crate) usize);
 
-impl Payload {
-    pub(crate) fn bytes(&self) -> &[u8] {
-        match self {
-            Self::Copied(bytes) => bytes,
-            Self::Held(sample, _) => sample,
-        }
-    }
+/// Items in their order, with the copied payloads. Its memory is used again.
+#[derive(Debug, Default)]
+pub(crate) struct Batch {
+    pub(crate) items: Vec<Item>,
+    pub(crate) copies: Vec<u8>,
 }
 
 /// How far the writer is.
@@ -65,31 +69,60 @@ pub(crate) struct Queue {
     changed: Condvar,
     /// Readable when a reliable topic that was refused may find room.
     room: Arc<EventFd>,
+    /// How many bytes of payloads may wait.
+    budget_bytes: u64,
 }
 
 #[derive(Debug, Default)]
 struct State {
-    items: VecDeque<Item>,
+    /// The batches that wait. New items go into the last one.
+    batches: VecDeque<Batch>,
+    /// An empty batch whose memory is used again.
+    spare: Option<Batch>,
+    /// The event that the writer waits for; `None` while it works, or is about to.
+    awaited: Option<Awaited>,
+    /// Whether the writer shall take the items before the end of the interval.
+    is_urgent: bool,
     /// The length of all payloads that were pushed and not written yet, in bytes.
     waiting_bytes: u64,
     /// How many messages of each topic are held.
     held: Vec<usize>,
     written: Written,
     is_closed: bool,
-    failed: Option<WriteError>,
-    has_failed: bool,
+    failure: Failure,
     is_disk_full: bool,
     /// Whether a reliable topic was refused.
     is_refused: bool,
 }
 
+/// An event for which the writer wakes up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Awaited {
+    /// Any item: everything before it is on the disk.
+    Item,
+    /// Only an urgent item, because the end of the interval wakes the writer.
+    Urgent,
+}
+
+/// Whether writing has failed.
+#[derive(Debug, Default)]
+enum Failure {
+    #[default]
+    None,
+    /// Nobody has taken the error yet.
+    New(WriteError),
+    Taken,
+}
+
 impl Queue {
-    pub(crate) fn new() -> io::Result<Self> {
+    /// A queue for a recorder that lets `budget_bytes` of payloads wait.
+    pub(crate) fn new(budget_bytes: u64) -> io::Result<Self> {
         let flags = EfdFlags::EFD_NONBLOCK | EfdFlags::EFD_CLOEXEC;
         Ok(Self {
             state: Mutex::default(),
             changed: Condvar::new(),
             room: Arc::new(EventFd::from_flags(flags)?),
+            budget_bytes,
         })
     }
 
@@ -107,32 +140,91 @@ impl Queue {
     }
 
     /// Whether another message of a topic can wait. If not, the descriptor tells when the topic shall try again.
-    pub(crate) fn has_room(&self, budget_bytes: u64, held_by: HeldBy, held_max: usize) -> bool {
+    pub(crate) fn has_room(&self, held_by: HeldBy, held_max: usize) -> bool {
         let mut state = self.lock();
         let held = state.held.get(held_by.0).copied().unwrap_or_default();
-        let has_room = held < held_max && state.waiting_bytes < budget_bytes;
-        state.is_refused |= !has_room;
+        let has_room = held < held_max && state.waiting_bytes < self.budget_bytes;
+        if !has_room {
+            state.is_refused = true;
+            self.wake(&mut state, true);
+        }
         has_room
+    }
+
+    /// Whether a message of this length may wait.
+    pub(crate) fn fits(&self, len_bytes: usize) -> bool {
+        let mut state = self.lock();
+        let fits = state.waiting_bytes + len_bytes as u64 <= self.budget_bytes;
+        if !fits {
+            self.wake(&mut state, true);
+        }
+        fits
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Adds an item. The writer ends the queue with an error if it fails; then the item is dropped.
+    /// Adds an item. After an error of the writer, the item is dropped.
     pub(crate) fn push(&self, item: Item) {
         let mut state = self.lock();
-        if let Item::Message { payload, .. } = &item {
-            state.waiting_bytes += payload.bytes().len() as u64;
-            if let Payload::Held(_, HeldBy(topic)) = payload {
-                if state.held.len() <= *topic {
-                    state.held.resize(topic + 1, 0);
-                }
-                state.held[*topic] += 1;
-            }
+        if state.has_failed() {
+            return;
         }
-        state.items.push_back(item);
-        self.changed.notify_one();
+        let mut is_urgent = matches!(item, Item::EndFile(_));
+        if let Item::Message {
+            payload: Payload::Held(message, HeldBy(topic)),
+            ..
+        } = &item
+        {
+            // Its publisher may need the slot.
+            is_urgent = true;
+            state.waiting_bytes += message.len() as u64;
+            if state.held.len() <= *topic {
+                state.held.resize(topic + 1, 0);
+            }
+            state.held[*topic] += 1;
+        }
+        let batch = state.open_batch();
+        batch.items.push(item);
+        is_urgent |= batch.items.len() >= BATCH_ITEMS;
+        self.wake(&mut state, is_urgent);
+    }
+
+    /// Adds a copy of a message. After an error of the writer, nothing is added.
+    pub(crate) fn push_copy(&self, source: Arc<Source>, times: MessageTimes, data: &[u8]) {
+        let mut state = self.lock();
+        if state.has_failed() {
+            return;
+        }
+        state.waiting_bytes += data.len() as u64;
+        let batch = state.open_batch();
+        let start = batch.copies.len();
+        batch.copies.extend_from_slice(data);
+        let payload = Payload::Copied(start..batch.copies.len());
+        batch.items.push(Item::Message {
+            source,
+            times,
+            payload,
+        });
+        // Far from the budget, because the writer needs time to wake up.
+        let is_urgent = batch.items.len() >= BATCH_ITEMS
+            || state.waiting_bytes >= BATCH_BYTES.min(self.budget_bytes / 4);
+        self.wake(&mut state, is_urgent);
+    }
+
+    /// Wakes the writer if it waits for such an event.
+    fn wake(&self, state: &mut State, is_urgent: bool) {
+        state.is_urgent |= is_urgent;
+        let wakes = match state.awaited {
+            None => false,
+            Some(Awaited::Item) => true,
+            Some(Awaited::Urgent) => state.is_urgent,
+        };
+        if wakes {
+            state.awaited = None;
+            self.changed.notify_one();
+        }
     }
 
     /// The length of the payloads that wait, in bytes.
@@ -149,15 +241,27 @@ impl Queue {
         self.lock().written
     }
 
-    /// Waits for an item for at most `timeout`. The second value is whether more items can come.
-    pub(crate) fn pop(&self, timeout: Duration) -> (Option<Item>, bool) {
-        let state = self.lock();
-        let is_idle = |state: &mut State| state.items.is_empty() && !state.is_closed;
-        let waited = self.changed.wait_timeout_while(state, timeout, is_idle);
-        let (mut state, _) = waited.unwrap_or_else(PoisonError::into_inner);
-        let item = state.items.pop_front();
-        let goes_on = !state.is_closed || !state.items.is_empty();
-        (item, goes_on)
+    /// Waits for this event for at most `timeout`, and puts the oldest items into `batch`, whose items were handled.
+    /// Returns whether more items can come.
+    pub(crate) fn pop(&self, batch: &mut Batch, awaited: Awaited, timeout: Duration) -> bool {
+        batch.items.clear();
+        batch.copies.clear();
+        let mut state = self.lock();
+        state.spare = Some(std::mem::take(batch));
+        let has_event = match awaited {
+            Awaited::Item => !state.batches.is_empty(),
+            Awaited::Urgent => state.is_urgent,
+        };
+        if !has_event && !state.is_closed {
+            state.awaited = Some(awaited);
+            let is_idle = |state: &mut State| state.awaited.is_some();
+            let waited = self.changed.wait_timeout_while(state, timeout, is_idle);
+            (state, _) = waited.unwrap_or_else(PoisonError::into_inner);
+            state.awaited = None;
+        }
+        *batch = state.batches.pop_front().unwrap_or_default();
+        state.is_urgent &= !state.batches.is_empty();
+        !state.is_closed || !state.batches.is_empty()
     }
 
     /// Notes that a payload was written. The caller has dropped it.
@@ -179,20 +283,21 @@ impl Queue {
 
     /// No further item comes.
     pub(crate) fn close(&self) {
-        self.lock().is_closed = true;
+        let mut state = self.lock();
+        state.is_closed = true;
+        state.awaited = None;
         self.changed.notify_one();
     }
 
     /// Notes that writing failed, and drops all items.
     pub(crate) fn fail(&self, error: WriteError) {
         let mut state = self.lock();
-        state.failed = Some(error);
-        state.has_failed = true;
-        state.items.clear();
+        state.failure = Failure::New(error);
+        state.batches.clear();
     }
 
     pub(crate) fn has_failed(&self) -> bool {
-        self.lock().has_failed
+        self.lock().has_failed()
     }
 
     /// The disk shall take no more than what waits already.
@@ -206,6 +311,90 @@ impl Queue {
 
     /// The error of the writer, if it failed and nobody has taken the error.
     pub(crate) fn take_error(&self) -> Option<WriteError> {
-        self.lock().failed.take()
+        let mut state = self.lock();
+        if !state.has_failed() {
+            return None;
+        }
+        match std::mem::replace(&mut state.failure, Failure::Taken) {
+            Failure::New(error) => Some(error),
+            Failure::None | Failure::Taken => None,
+        }
+    }
+}
+
+impl State {
+    const fn has_failed(&self) -> bool {
+        !matches!(self.failure, Failure::None)
+    }
+
+    /// The batch for the next item.
+    fn open_batch(&mut self) -> &mut Batch {
+        let is_full =
+            |it: &Batch| it.items.len() >= BATCH_ITEMS || it.copies.len() as u64 >= BATCH_BYTES;
+        if self.batches.back().is_none_or(is_full) {
+            self.batches
+                .push_back(self.spare.take().unwrap_or_default());
+        }
+        self.batches.back_mut().expect("one was added")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NOW: Duration = Duration::ZERO;
+
+    fn clock() -> Item {
+        Item::Clock(ClockRelation::read(sm2_node::clock::wall_time))
+    }
+
+    #[test]
+    fn items_after_a_failure_are_dropped() {
+        let queue = Queue::new(1_000).unwrap();
+        queue.push(clock());
+        queue.fail(WriteError::Panicked);
+        queue.push(clock());
+        let mut batch = Batch::default();
+        assert!(queue.pop(&mut batch, Awaited::Item, NOW));
+        assert!(batch.items.is_empty());
+        assert!(matches!(queue.take_error(), Some(WriteError::Panicked)));
+        assert!(queue.take_error().is_none());
+        assert!(queue.has_failed());
+    }
+
+    #[test]
+    fn the_writer_is_woken_once_for_a_full_batch() {
+        let queue = Queue::new(1_000).unwrap();
+        let wakes = || queue.lock().awaited.is_none();
+        queue.lock().awaited = Some(Awaited::Urgent);
+        for _ in 0..BATCH_ITEMS - 1 {
+            queue.push(clock());
+        }
+        assert!(!wakes());
+        queue.push(clock());
+        assert!(wakes());
+        queue.push(clock());
+        let mut batch = Batch::default();
+        for len in [BATCH_ITEMS, 1, 0] {
+            assert!(queue.pop(&mut batch, Awaited::Urgent, NOW));
+            assert_eq!(batch.items.len(), len);
+        }
+        queue.lock().awaited = Some(Awaited::Item);
+        queue.push(clock());
+        assert!(wakes());
+    }
+
+    #[test]
+    fn the_end_of_a_file_is_urgent() {
+        let queue = Queue::new(1_000).unwrap();
+        queue.push(clock());
+        queue.push(Item::EndFile(7));
+        queue.close();
+        let mut batch = Batch::default();
+        assert!(!queue.pop(&mut batch, Awaited::Urgent, NOW));
+        let [Item::Clock(_), Item::EndFile(7)] = &batch.items[..] else {
+            panic!("{:?}", batch.items);
+        };
     }
 }

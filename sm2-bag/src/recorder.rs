@@ -1,6 +1,8 @@
 //! Recording topics of a domain.
 
+mod options;
 mod parts;
+mod polled;
 mod topic;
 mod writing;
 
@@ -12,12 +14,14 @@ use std::time::Duration;
 
 use sm2_node::domain::{Contract, Watch};
 use sm2_node::wait_set::{Interest, Waitable};
-use sm2_node::{Node, RecvError, Timer, WaitSet};
-use sm2_proto::Name;
+use sm2_node::{Node, Sample, Timer, WaitSet};
+use sm2_proto::{Instant, Name};
 
+pub use self::options::{Options, Progress, Step, Topics};
 pub use self::parts::Split;
 use self::parts::{Output, Parts};
-use self::topic::Topic;
+use self::polled::{Frequency, Polled, intervals};
+use self::topic::{Topic, Wait};
 use self::writing::write;
 use crate::clock::ClockRelation;
 use crate::error::{RecordError, WriteError};
@@ -25,7 +29,7 @@ use crate::folder::Folder;
 use crate::queue::{HeldBy, Item, Payload, Queue, Written};
 use crate::report::Report;
 use crate::storage::Storage;
-use crate::writer::{COPY_MAX_BYTES, Compression};
+use crate::writer::COPY_MAX_BYTES;
 
 /// How many longer messages of a topic the recorder holds in the slots of their publishers.
 const HELD_MAX: usize = 8;
@@ -35,79 +39,6 @@ const DEPTH: u16 = 64;
 const BURST: usize = 64;
 /// A smaller step of the wall clock is its normal adjustment.
 const STEP_MIN: Duration = Duration::from_millis(10);
-
-/// The options of a recording.
-#[derive(Clone, Debug)]
-pub struct Options {
-    /// The topics.
-    pub topics: Topics,
-    /// The topics whose publishers wait for the recorder instead of displacing messages. Each one needs a reliable
-    /// publisher.
-    pub reliable: BTreeSet<Name>,
-    /// How many bytes of payloads may wait for the disk; 256 MiB by default. Messages beyond that are dropped, and
-    /// become a [gap](crate::GapReason::Budget).
-    pub budget_bytes: u64,
-    /// How often the recording is made safe against a power cut; every 100 ms by default.
-    pub sync_interval: Duration,
-    /// How chunks are compressed; not at all by default.
-    pub compression: Compression,
-    /// How many bytes of the disk stay free: the recording ends before; 1 GiB by default. More than
-    /// [`budget_bytes`](Self::budget_bytes), because messages that wait are still written.
-    pub min_free_bytes: u64,
-}
-
-/// The topics to record.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Topics {
-    /// All topics that have a publisher, also those that come later.
-    All,
-    /// These topics, whether they have a publisher or not.
-    Named(BTreeSet<Name>),
-}
-
-impl Options {
-    /// The defaults for these topics.
-    #[must_use]
-    pub const fn new(topics: Topics) -> Self {
-        Self {
-            topics,
-            reliable: BTreeSet::new(),
-            budget_bytes: 256 << 20,
-            sync_interval: Duration::from_millis(100),
-            compression: Compression::None,
-            min_free_bytes: 1 << 30,
-        }
-    }
-}
-
-/// How far a recording is.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Progress {
-    /// The number of topics with a subscriber.
-    pub topics: usize,
-    /// The number of messages in the file.
-    pub messages: u64,
-    /// The length of their payloads, in bytes.
-    pub bytes: u64,
-    /// The number of messages that are missing in the file.
-    pub lost: u64,
-    /// The length of the payloads that wait for the disk, in bytes.
-    pub waiting_bytes: u64,
-}
-
-/// Why [`Recorder::step`] has returned.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Step {
-    /// The time is over.
-    Timeout,
-    /// The descriptor `stop` is readable.
-    Stopped,
-    /// The domain may have changed, or a [further source](Recorder::wake_on) may have something.
-    Woken,
-    /// The disk is full up to the [reserve](Options::min_free_bytes). Nothing more is taken;
-    /// [`finish`](Recorder::finish) completes the bag.
-    DiskFull,
-}
 
 /// Records topics of a domain.
 ///
@@ -120,6 +51,10 @@ pub struct Recorder<'fd> {
     set: WaitSet<'fd, Event>,
     watch: Watch,
     topics: Vec<Topic>,
+    /// The topics that are polled, by the interval.
+    polled: Vec<Polled>,
+    /// The messages of one call; empty between calls.
+    samples: Vec<Sample<[u8]>>,
     /// The topics that are recorded, and those that the Manager does not let this node subscribe to.
     known: BTreeSet<Name>,
     clock: ClockRelation,
@@ -134,6 +69,8 @@ pub struct Recorder<'fd> {
 enum Event {
     /// A topic may have a message.
     Topic(usize),
+    /// Frequent topics are polled: those with the interval of this number.
+    Poll(usize),
     /// The domain may have changed.
     Domain,
     /// The caller's descriptor is ready.
@@ -183,15 +120,16 @@ impl<'fd> Recorder<'fd> {
         options: Options,
         stop: BorrowedFd<'fd>,
     ) -> Result<Self, RecordError> {
-        let clock = ClockRelation::now();
+        let clock = ClockRelation::read(options.wall_clock);
         let parts = Parts::new(output, options.compression, options.min_free_bytes, clock);
         let parts = parts.map_err(RecordError::Write)?;
         let mut set = WaitSet::new().map_err(RecordError::System)?;
+        let mut watch = node.watch();
         set.add_descriptor(stop, Interest::Readable, Event::Stop)
-            .and_then(|_| set.add_descriptor(node.clone(), Interest::Readable, Event::Domain))
+            .and_then(|_| set.add_watch(&mut watch, Event::Domain))
             .map_err(RecordError::System)?;
         set.add_timer(Timer::every(options.sync_interval), Event::Clock);
-        let queue = Arc::new(Queue::new().map_err(RecordError::System)?);
+        let queue = Arc::new(Queue::new(options.budget_bytes).map_err(RecordError::System)?);
         set.add_descriptor(Arc::clone(queue.room()), Interest::Readable, Event::Room)
             .map_err(RecordError::System)?;
         let (theirs, interval) = (Arc::clone(&queue), options.sync_interval);
@@ -207,8 +145,10 @@ impl<'fd> Recorder<'fd> {
         let mut recorder = Self {
             node: node.clone(),
             set,
-            watch: node.watch(),
+            watch,
             topics: Vec::new(),
+            polled: intervals(options.sync_interval).map(Polled::new).collect(),
+            samples: Vec::new(),
             known: BTreeSet::new(),
             clock,
             last_clock: clock,
@@ -246,7 +186,8 @@ impl<'fd> Recorder<'fd> {
                 return Ok(Step::Timeout);
             };
             match ready.tag {
-                Event::Topic(topic) => self.take(topic, BURST)?,
+                Event::Topic(topic) => self.receive(topic)?,
+                Event::Poll(interval) => self.poll(interval)?,
                 Event::Domain => {
                     self.look_at_domain()?;
                     return Ok(Step::Woken);
@@ -291,8 +232,10 @@ impl<'fd> Recorder<'fd> {
     }
 
     /// Lets the next message begin a new file of the folder. The file before it has everything up to now.
-    pub(crate) fn end_file(&self) {
+    pub(crate) fn end_file(&mut self) -> Result<(), RecordError> {
+        self.poll_all()?;
         self.queue.push(Item::EndFile(self.now_ns()));
+        Ok(())
     }
 
     /// How far the recording is.
@@ -314,11 +257,17 @@ impl<'fd> Recorder<'fd> {
     ///
     /// [`RecordError::Write`]. Everything before the last interval can be read even then.
     pub fn finish(mut self) -> Result<Report, RecordError> {
-        let mut taken = Ok(());
+        let mut taken = self.poll_all();
         for topic in 0..self.topics.len() {
             // As many as can have waited when the recording ended: the publishers do not stop.
-            let publishers = self.topics[topic].publishers().max(1);
-            taken = taken.and(self.take(topic, usize::from(DEPTH) * publishers));
+            let mut left = usize::from(DEPTH) * self.topics[topic].publishers().max(1);
+            while left > 0 && taken.is_ok() {
+                match self.take(topic, left) {
+                    Ok(0) => break,
+                    Ok(count) => left -= count,
+                    Err(error) => taken = Err(error),
+                }
+            }
         }
         self.queue.close();
         let report = self.writer.take().and_then(|it| it.join().ok().flatten());
@@ -331,10 +280,12 @@ impl<'fd> Recorder<'fd> {
 
     /// Subscribes to the topics that have come.
     fn look_at_domain(&mut self) -> Result<(), RecordError> {
-        self.node.spin_some().map_err(RecordError::System)?;
         // The call that finds no change asks the Manager for the next one.
-        while !self.watch.try_wait()?.is_empty() {}
-        if self.options.topics != Topics::All {
+        let mut has_changed = false;
+        while !self.watch.try_wait()?.is_empty() {
+            has_changed = true;
+        }
+        if !has_changed || self.options.topics != Topics::All {
             return Ok(());
         }
         let interfaces = self.watch.domain().interfaces();
@@ -379,81 +330,128 @@ impl<'fd> Recorder<'fd> {
     /// Takes messages of the reliable topics again that waited for room.
     fn resume(&mut self) -> Result<(), RecordError> {
         self.queue.take_room_signal().map_err(RecordError::System)?;
-        for (number, topic) in self.topics.iter_mut().enumerate() {
-            if topic.key.is_none() {
-                let added = self.set.add(&topic.subscriber, Event::Topic(number));
-                topic.key = Some(added.map_err(RecordError::System)?);
+        for number in 0..self.topics.len() {
+            if self.topics[number].wait == Wait::Room {
+                self.wait_for(number)?;
             }
         }
         Ok(())
     }
 
-    /// Takes up to `most` messages of a topic.
-    fn take(&mut self, number: usize, most: usize) -> Result<(), RecordError> {
-        let budget = self.options.budget_bytes;
-        let held_by = HeldBy(number);
-        for _ in 0..most {
-            let topic = &mut self.topics[number];
-            if topic.is_reliable && !self.queue.has_room(budget, held_by, HELD_MAX) {
-                // Its messages stay with their publishers, which wait.
-                if let Some(key) = topic.key.take() {
-                    self.set.remove(key);
-                }
-                return Ok(());
-            }
-            let sample = match topic.subscriber.try_recv() {
-                Ok(Some(sample)) => sample,
-                Ok(None) => return Ok(()),
-                // The writer gives back soon.
-                Err(RecvError::TooManyBorrowed { .. }) => return Ok(()),
-                // The other publishers are recorded further on.
-                Err(error @ RecvError::Map { .. }) => {
-                    tracing::error!(topic = %topic.subscriber.topic(), %error, "a message is not recorded");
-                    return Ok(());
-                }
-                Err(error) => return Err(error.into()),
-            };
-            let now = self.clock.wall_at(sm2_io::clock::now());
-            let Some(mut taken) = topic.note(&self.node, &sample, &self.clock, now) else {
+    /// Waits for the next message of a topic.
+    fn wait_for(&mut self, number: usize) -> Result<(), RecordError> {
+        let topic = &mut self.topics[number];
+        let added = self.set.add(&topic.subscriber, Event::Topic(number));
+        topic.wait = Wait::Message(added.map_err(RecordError::System)?);
+        Ok(())
+    }
+
+    /// Takes messages of a topic that may have some. The set reports it again if there are more.
+    fn receive(&mut self, number: usize) -> Result<(), RecordError> {
+        let count = self.take(number, BURST)?;
+        let topic = &mut self.topics[number];
+        let (before, now) = (topic.wait, sm2_io::clock::now());
+        let Some(frequency) = Frequency::of(topic, count, now) else {
+            return Ok(());
+        };
+        for (interval, polled) in self.polled.iter_mut().enumerate() {
+            if !polled.add(number, topic, frequency, now) {
                 continue;
-            };
-            if let Some(gap) = taken.displaced.take() {
-                self.lost += gap.messages;
-                self.queue.push(Item::Gap(Arc::clone(&taken.source), gap));
             }
-            let len = sample.len();
-            let has_room = topic.is_reliable || self.queue.waiting_bytes() + len as u64 <= budget;
-            let payload = if !has_room {
-                None
-            } else if len <= COPY_MAX_BYTES {
-                Some(Payload::Copied(sample.to_vec()))
-            } else if self.queue.held(held_by) < HELD_MAX {
-                Some(Payload::Held(sample, held_by))
-            } else {
-                None
-            };
-            match payload {
-                Some(payload) => {
-                    topic.note_recorded(&taken);
-                    self.queue.push(Item::Message {
-                        source: taken.source,
-                        times: taken.times,
-                        payload,
-                    });
-                }
-                None => {
-                    self.lost += 1;
-                    let gap = topic.dropped(&taken);
-                    self.queue.push(Item::Gap(taken.source, gap));
-                }
+            if let Wait::Message(key) = before {
+                self.set.remove(key);
             }
+            if polled.timer.is_none() {
+                let timer = Timer::every(polled.interval);
+                polled.timer = Some(self.set.add_timer(timer, Event::Poll(interval)));
+            }
+            break;
         }
         Ok(())
+    }
+
+    /// Takes the messages of all frequent topics.
+    fn poll_all(&mut self) -> Result<(), RecordError> {
+        (0..self.polled.len()).try_for_each(|interval| self.poll(interval))
+    }
+
+    /// Takes the messages of the topics with the interval of this number.
+    fn poll(&mut self, interval: usize) -> Result<(), RecordError> {
+        let polled = &mut self.polled[interval];
+        let ended = polled.poll(&mut self.topics, BURST);
+        let mut found = polled.take_found();
+        if polled.is_empty()
+            && let Some(timer) = polled.timer.take()
+        {
+            self.set.remove(timer);
+        }
+        for message in found.drain(..) {
+            self.note(message.topic, message.sample, message.at);
+        }
+        self.polled[interval].keep(found);
+        for number in ended? {
+            self.wait_for(number)?;
+        }
+        Ok(())
+    }
+
+    /// Takes the messages of a topic that one call finds, at most `most`. Returns their number.
+    fn take(&mut self, number: usize, most: usize) -> Result<usize, RecordError> {
+        let topic = &mut self.topics[number];
+        let mut most = most;
+        if topic.is_reliable {
+            if !self.queue.has_room(HeldBy(number), HELD_MAX) {
+                // Its messages stay with their publishers, which wait.
+                if let Wait::Message(key) = std::mem::replace(&mut topic.wait, Wait::Room) {
+                    self.set.remove(key);
+                }
+                return Ok(0);
+            }
+            // Each further message needs room, too.
+            most = 1;
+        }
+        let mut samples = std::mem::take(&mut self.samples);
+        let taken = topic.take(&mut samples, most);
+        for sample in samples.drain(..) {
+            self.note(number, sample, sm2_io::clock::now());
+        }
+        self.samples = samples;
+        Ok(taken?)
+    }
+
+    /// Passes a message that came at this time to the writer, or notes that it is missing.
+    fn note(&mut self, number: usize, sample: Sample<[u8]>, at: Instant) {
+        let topic = &mut self.topics[number];
+        let now = self.clock.wall_at(at);
+        let Some(mut taken) = topic.note(&self.node, &sample, &self.clock, now) else {
+            return;
+        };
+        if let Some(gap) = taken.displaced.take() {
+            self.lost += gap.messages;
+            self.queue.push(Item::Gap(Arc::clone(&taken.source), gap));
+        }
+        let held_by = HeldBy(number);
+        let has_room = topic.is_reliable || self.queue.fits(sample.len());
+        if has_room && sample.len() <= COPY_MAX_BYTES {
+            topic.note_recorded(&taken);
+            (self.queue).push_copy(taken.source, taken.times, &sample);
+        } else if has_room && self.queue.held(held_by) < HELD_MAX {
+            topic.note_recorded(&taken);
+            self.queue.push(Item::Message {
+                source: taken.source,
+                times: taken.times,
+                payload: Payload::Held(sample, held_by),
+            });
+        } else {
+            self.lost += 1;
+            let gap = topic.dropped(&taken);
+            self.queue.push(Item::Gap(taken.source, gap));
+        }
     }
 
     /// Notes a step of the wall clock.
     fn compare_clocks(&mut self) {
-        let clock = ClockRelation::now();
+        let clock = ClockRelation::read(self.options.wall_clock);
         if self.last_clock.step_to(&clock) >= STEP_MIN {
             self.last_clock = clock;
             self.queue.push(Item::Clock(clock));

@@ -11,6 +11,8 @@ use crate::bag::open_file;
 use crate::chunk::{Entry, RecordReader};
 use crate::copy::{create, write_error};
 use crate::error::{CopyError, WriteError};
+use crate::observer::{Observer, note, unobserved};
+use crate::profile::Profile;
 use crate::report::{Counts, Report};
 use crate::scan::Scan;
 use crate::writer::{Compression, write_counts, write_options};
@@ -22,16 +24,41 @@ use crate::writer::{Compression, write_counts, write_options};
 ///
 /// [`CopyError`]; also if `to` exists.
 pub fn recover(from: &Path, to: &Path) -> Result<Report, CopyError> {
+    recover_observed(from, to, &mut unobserved)
+}
+
+/// As [`recover`]. The readable part is read twice.
+///
+/// # Errors
+///
+/// [`CopyError`]; also if `to` exists.
+pub fn recover_observed(
+    from: &Path,
+    to: &Path,
+    observer: &mut Observer<'_>,
+) -> Result<Report, CopyError> {
     let (file, end) = open_file(from)?;
-    let scan = Scan::of(&file, end);
+    let scan = Scan::of(&file, end, observer)?;
     create(to, |created| {
-        copy(&file, &scan, created).map_err(|error| write_error(to, error))
+        let mut stopped = Ok(());
+        let copied = copy(&file, &scan, created, &mut |bytes| {
+            stopped = note(observer, bytes);
+            stopped.is_ok()
+        });
+        stopped?;
+        copied.map_err(|error| write_error(to, error))
     })
 }
 
-/// Copies the records that a scan has read.
-fn copy(from: &File, scan: &Scan, to: &File) -> Result<(), WriteError> {
-    let mut writer = write_options(Compression::None).create(BufWriter::new(to))?;
+/// Copies the records that a scan has read, as long as `goes_on` returns true, which gets the length of each record.
+pub(crate) fn copy(
+    from: &File,
+    scan: &Scan,
+    to: &File,
+    goes_on: &mut dyn FnMut(u64) -> bool,
+) -> Result<(), WriteError> {
+    let profile = Profile::of_channels(scan.summary.channels.values().map(AsRef::as_ref));
+    let mut writer = write_options(Compression::None, profile).create(BufWriter::new(to))?;
     let end = match &scan.damage {
         Some((offset, _)) => *offset,
         None => from.metadata()?.len(),
@@ -44,6 +71,9 @@ fn copy(from: &File, scan: &Scan, to: &File) -> Result<(), WriteError> {
                 record.entries(|entry| write_entry(&mut writer, entry))?;
             }
             _ => {}
+        }
+        if !goes_on(record.len_bytes()) {
+            return Ok(());
         }
     }
     write_counts(&mut writer, &scan.counts)?;

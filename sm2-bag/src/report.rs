@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use crate::gap::Gap;
+use crate::gap::{Gap, GapReason};
 
 /// The summary of a bag: its topics, times and gaps.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
@@ -83,6 +83,8 @@ pub(crate) fn widen(times: &mut Option<(u64, u64)>, time: u64) {
 pub(crate) struct ReportBuilder {
     /// By topic and type.
     topics: BTreeMap<(String, String), TopicReport>,
+    /// The places of the last gaps of each topic, publisher and reason.
+    last_gaps: BTreeMap<(String, String, GapReason), usize>,
     /// The times of the bags that were added.
     times: Option<(u64, u64)>,
 }
@@ -95,20 +97,28 @@ impl ReportBuilder {
             r#type: data.to_owned(),
             ..TopicReport::default()
         });
-        report.messages += counts.messages;
-        report.bytes += counts.bytes;
+        // A hostile bag can claim any counts.
+        report.messages = report.messages.saturating_add(counts.messages);
+        report.bytes = report.bytes.saturating_add(counts.bytes);
     }
 
     /// Adds a gap to the first type of its topic: a publisher whose messages are missing is a channel of the bag.
     pub(crate) fn add_gap(&mut self, topic: &str, gap: &Gap) {
-        let mut topics = self.topics.values_mut();
-        let Some(report) = topics.find(|it| it.name == topic) else {
+        let first = (topic.to_owned(), String::new());
+        let Some((_, report)) = self.topics.range_mut(first..).next() else {
             return;
         };
-        report.lost += gap.messages;
-        let mut before = report.gaps.iter_mut().rev();
-        let same = before.find(|it| it.publisher == gap.publisher && it.reason == gap.reason);
-        if !same.is_some_and(|it| it.extend(gap)) {
+        if report.name != topic {
+            return;
+        }
+        report.lost = report.lost.saturating_add(gap.messages);
+        let key = (topic.to_owned(), gap.publisher.clone(), gap.reason);
+        let before = self
+            .last_gaps
+            .get(&key)
+            .and_then(|at| report.gaps.get_mut(*at));
+        if !before.is_some_and(|it| it.extend(gap)) {
+            self.last_gaps.insert(key, report.gaps.len());
             report.gaps.push(gap.clone());
         }
     }
@@ -142,5 +152,49 @@ impl ReportBuilder {
             end_ns: times.map(|it| it.1),
             complete,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A bag can claim any numbers.
+    #[test]
+    fn sums_have_a_limit() {
+        let counts = Counts {
+            messages: u64::MAX,
+            bytes: u64::MAX,
+        };
+        let gap = |publisher: &str, from_ns| Gap {
+            publisher: publisher.to_owned(),
+            from_ns,
+            to_ns: from_ns + 1,
+            messages: u64::MAX,
+            reason: GapReason::Budget,
+        };
+        let mut report = ReportBuilder::default();
+        for data in ["a", "b", "b"] {
+            report.add_channel("topic", data, counts);
+        }
+        for (publisher, from_ns) in [("x", 0), ("y", 0), ("x", 1), ("y", 5), ("x", 2)] {
+            report.add_gap("topic", &gap(publisher, from_ns));
+        }
+        report.add_gap("other", &gap("x", 3));
+        let report = report.finish(None, true);
+        assert_eq!(report.topics[1].messages, u64::MAX);
+        // The gaps are those of the first type, and only gaps that follow each other become one.
+        let [first, second] = &report.topics[..] else {
+            panic!("{report:?}");
+        };
+        assert_eq!((first.lost, &second.gaps[..]), (u64::MAX, &[][..]));
+        let gaps = first
+            .gaps
+            .iter()
+            .map(|it| (&*it.publisher, it.from_ns, it.to_ns));
+        assert_eq!(
+            gaps.collect::<Vec<_>>(),
+            [("x", 0, 3), ("y", 0, 1), ("y", 5, 6)]
+        );
     }
 }

@@ -8,6 +8,8 @@ use mcap::records::{ChunkIndex, Metadata, Record, op};
 use mcap::{Channel, MAGIC, McapError, McapResult, Schema, Summary};
 
 use crate::chunk::{Entry, RawRecord, RecordReader};
+use crate::error::ReadError;
+use crate::observer::{Observer, note};
 use crate::report::{Counts, widen};
 
 /// The content of a bag, as its records say.
@@ -28,34 +30,41 @@ pub(crate) struct Scan {
 
 impl Scan {
     /// Reads all records of a file that begins with the magic bytes, until the end of the data or the first damage.
-    pub(crate) fn of(file: &File, end: u64) -> Self {
+    pub(crate) fn of(
+        file: &File,
+        end: u64,
+        observer: &mut Observer<'_>,
+    ) -> Result<Self, ReadError> {
         let mut scan = Self::default();
         let mut reader = RecordReader::new(file, MAGIC.len() as u64, end);
         let mut offset = MAGIC.len() as u64;
         loop {
             match reader.next() {
-                Ok(Some(record)) if record.opcode == op::DATA_END => return scan,
+                Ok(Some(record)) if record.opcode == op::DATA_END => return Ok(scan),
                 Ok(Some(record)) => match scan.add(&record) {
-                    Ok(()) => offset = record.offset + record.len_bytes(),
+                    Ok(()) => {
+                        offset = record.offset + record.len_bytes();
+                        note(observer, record.len_bytes())?;
+                    }
                     Err(error) => {
                         scan.damage = Some((record.offset, error));
-                        return scan;
+                        return Ok(scan);
                     }
                 },
                 Ok(None) => {
                     scan.damage = Some((offset, McapError::UnexpectedEof));
-                    return scan;
+                    return Ok(scan);
                 }
                 Err(error) => {
                     scan.damage = Some((offset, error));
-                    return scan;
+                    return Ok(scan);
                 }
             }
         }
     }
 
     /// Adds a record, or nothing of it if it is damaged.
-    fn add(&mut self, record: &RawRecord) -> McapResult<()> {
+    pub(crate) fn add(&mut self, record: &RawRecord) -> McapResult<()> {
         let mut added = Added::default();
         match record.opcode {
             op::CHUNK => {

@@ -12,6 +12,9 @@ use nix::sys::statvfs::fstatvfs;
 /// The length of a block, in bytes. Disks that want longer ones are rare, and refuse (`EINVAL`).
 pub(crate) const BLOCK_BYTES: usize = 4_096;
 
+/// Writes everything to the disk that was written before it was made.
+pub type SyncWork = Box<dyn FnOnce() -> io::Result<()> + Send>;
+
 /// The file that a recorder writes. Tests put a disk that is full, slow or torn in its place.
 pub trait Storage: Send {
     /// Writes all `bytes` at `offset`, in bytes from the start of the file.
@@ -37,6 +40,16 @@ pub trait Storage: Send {
     ///
     /// Any error of `fdatasync(2)`.
     fn sync(&mut self) -> io::Result<()>;
+
+    /// Begins a [`sync`](Self::sync): another thread runs the result while this one goes on writing. `None`, the
+    /// default: writing waits for `sync`.
+    ///
+    /// # Errors
+    ///
+    /// Any error of `dup(2)`.
+    fn begin_sync(&mut self) -> io::Result<Option<SyncWork>> {
+        Ok(None)
+    }
 
     /// How many bytes the disk can still take; `None` if that is unknown.
     ///
@@ -108,6 +121,11 @@ impl Storage for BagFile {
     fn sync(&mut self) -> io::Result<()> {
         // Both descriptors are of the same file.
         self.file.sync_data()
+    }
+
+    fn begin_sync(&mut self) -> io::Result<Option<SyncWork>> {
+        let file = self.file.try_clone()?;
+        Ok(Some(Box::new(move || file.sync_data())))
     }
 
     fn free_bytes(&self) -> io::Result<Option<u64>> {

@@ -10,6 +10,7 @@ use serde::Serialize;
 use crate::bag::{Bag, open_file};
 use crate::error::ReadError;
 use crate::messages::Filter;
+use crate::observer::{Observer, unobserved};
 use crate::report::Report;
 use crate::scan::Scan;
 
@@ -56,34 +57,54 @@ impl fmt::Display for Damage {
     }
 }
 
-/// Reads a bag completely, verifies all checksums, and compares the summary with the records.
+/// Reads a bag completely and once, verifies all checksums, and compares the summary with the records.
 ///
 /// # Errors
 ///
 /// [`ReadError`], if the file cannot be read or is no MCAP file.
 pub fn check(path: &Path) -> Result<Verdict, ReadError> {
-    let bag = Bag::open(path)?;
+    check_observed(path, &mut unobserved)
+}
+
+/// As [`check`].
+///
+/// # Errors
+///
+/// [`ReadError`].
+pub fn check_observed(path: &Path, observer: &mut Observer<'_>) -> Result<Verdict, ReadError> {
     let (file, end) = open_file(path)?;
-    let scan = Scan::of(&file, end);
-    let mut damages = Vec::new();
-    if !bag.is_complete() {
-        damages.push(Damage::Incomplete);
-    }
-    if let Some((offset, error)) = &scan.damage {
-        damages.push(Damage::Unreadable {
+    let scan = Scan::of(&file, end, observer)?;
+    let unreadable = scan
+        .damage
+        .as_ref()
+        .map(|(offset, error)| Damage::Unreadable {
             offset: *offset,
             reason: error.to_string(),
         });
-    }
+    let mut damages = Vec::new();
+    let bag = match Bag::of_summary(path, &file, end)? {
+        Some(bag) => {
+            damages.extend(unreadable.or_else(|| summary_damage(&bag, &scan)));
+            bag
+        }
+        None => {
+            let bag = Bag::of_scan(path, file, end, scan);
+            damages.extend((!bag.is_complete()).then_some(Damage::Incomplete));
+            damages.extend(unreadable);
+            if damages.is_empty() {
+                // Messages outside of chunks are refused.
+                bag.messages(&Filter::default())?;
+            }
+            bag
+        }
+    };
     let report = bag.report();
-    if bag.is_complete() && scan.damage.is_none() {
-        damages.extend(summary_damage(&bag, &scan)?);
-    }
     Ok(Verdict { damages, report })
 }
 
-/// Compares the summary of a bag with its records.
-fn summary_damage(bag: &Bag, scan: &Scan) -> Result<Option<Damage>, ReadError> {
+/// Compares the summary of a bag with its records. Messages in chunks are found by the channels and by the places and
+/// times of the chunks, so nothing else of the summary can hide one.
+fn summary_damage(bag: &Bag, scan: &Scan) -> Option<Damage> {
     let (says, has) = (bag.summary(), &scan.summary);
     let places = |summary: &Summary| -> Vec<_> {
         let chunks = summary.chunk_indexes.iter();
@@ -94,22 +115,19 @@ fn summary_damage(bag: &Bag, scan: &Scan) -> Result<Option<Damage>, ReadError> {
         chunks.map(place).collect()
     };
     let total: u64 = scan.counts.values().map(|it| it.messages).sum();
-    let said: u64 = bag.report().topics.iter().map(|it| it.messages).sum();
-    let mut indexed = 0;
-    for message in bag.messages(&Filter::default())? {
-        message?;
-        indexed += 1;
-    }
+    let report = bag.report();
+    let said = report.topics.iter().map(|it| it.messages);
+    let said = said.fold(0, u64::saturating_add);
     let reason = if says.channels != has.channels || says.schemas != has.schemas {
         "it describes other channels or types".to_owned()
     } else if places(says) != places(has) {
         "it names other places or times of the chunks".to_owned()
     } else if said != total {
         format!("it says {said} messages, and there are {total}")
-    } else if indexed != total {
-        format!("{indexed} messages can be found by it, and there are {total}")
+    } else if scan.is_unchunked {
+        "there are messages outside of chunks, which it cannot name".to_owned()
     } else {
-        return Ok(None);
+        return None;
     };
-    Ok(Some(Damage::Summary { reason }))
+    Some(Damage::Summary { reason })
 }

@@ -1,8 +1,10 @@
 //! Writing a bag.
 
 mod appender;
+mod disk;
 mod memory;
 mod record;
+mod syncing;
 
 use std::collections::{BTreeMap, HashMap};
 use std::io::{Seek, Write};
@@ -10,13 +12,16 @@ use std::sync::Arc;
 
 use mcap::records::{ChunkIndex, MessageHeader, Metadata, Statistics};
 use mcap::{McapResult, Summary, WriteOptions, Writer};
+use sm2_node::Sample;
 
 use self::appender::Appender;
+pub(crate) use self::disk::Done;
 use self::memory::Memory;
 use self::record::LongChunk;
 use crate::clock::ClockRelation;
 use crate::error::WriteError;
 use crate::gap::{Gap, GapReason};
+use crate::profile::Profile;
 use crate::report::{Counts, Report, ReportBuilder, widen};
 use crate::source::Source;
 use crate::storage::Storage;
@@ -42,10 +47,10 @@ pub enum Compression {
 }
 
 /// The options of the MCAP writer for all bags.
-pub(crate) fn write_options(compression: Compression) -> WriteOptions {
+pub(crate) fn write_options(compression: Compression, profile: Profile) -> WriteOptions {
     WriteOptions::new()
-        .profile("sm2")
-        .library(concat!("sm2-bag/", env!("CARGO_PKG_VERSION")))
+        .profile(profile.name())
+        .library(profile.library())
         .compression(compression.into())
         // The chunks have checksums.
         .calculate_data_section_crc(false)
@@ -85,6 +90,9 @@ pub(crate) struct BagWriter {
     /// The chunks that `mcap` does not know.
     long_chunks: Vec<ChunkIndex>,
     channels: HashMap<Arc<Source>, u16>,
+    /// The same by the address of the source, which stays in memory as long as it is here: a source has a long text,
+    /// which is not hashed for each message.
+    known_sources: HashMap<usize, (Arc<Source>, u16)>,
     counts: BTreeMap<u16, Counts>,
     times: Option<(u64, u64)>,
     /// The gaps since the last interval, which are written at its end.
@@ -100,16 +108,18 @@ impl BagWriter {
         clock: ClockRelation,
     ) -> Result<Self, WriteError> {
         let memory = Memory::default();
-        let mcap = write_options(compression)
+        // The header stays in memory until the first chunk ends: see `end_chunk`.
+        let mcap = write_options(compression, Profile::Sm2)
             .chunk_size(None)
             .create(memory.clone())?;
         let mut writer = Self {
             mcap,
             memory,
             open_bytes: 0,
-            file: Appender::new(storage),
+            file: Appender::start(storage)?,
             long_chunks: Vec::new(),
             channels: HashMap::new(),
+            known_sources: HashMap::new(),
             counts: BTreeMap::new(),
             times: None,
             open_gaps: BTreeMap::new(),
@@ -130,7 +140,7 @@ impl BagWriter {
     }
 
     /// How many bytes the disk can still take; `None` if that is unknown.
-    pub(crate) fn free_bytes(&self) -> Result<Option<u64>, WriteError> {
+    pub(crate) fn free_bytes(&mut self) -> Result<Option<u64>, WriteError> {
         Ok(self.file.free_bytes()?)
     }
 
@@ -139,31 +149,17 @@ impl BagWriter {
         self.metadata(ClockRelation::RECORD, clock.metadata())
     }
 
+    /// Writes a message of at most 64 KiB.
     pub(crate) fn message(
         &mut self,
         source: &Arc<Source>,
         times: MessageTimes,
         data: &[u8],
     ) -> Result<(), WriteError> {
-        let channel_id = self.channel(source)?;
-        let MessageTimes {
-            sequence,
-            log_time,
-            publish_time,
-        } = times;
-        let header = MessageHeader {
-            channel_id,
-            sequence,
-            log_time,
-            publish_time,
-        };
-        match data.len() > COPY_MAX_BYTES {
-            true => self.long_message(&header, data)?,
-            false => self.mcap.write_to_known_channel(&header, data)?,
-        }
-        self.counts.entry(channel_id).or_default().add(data.len());
-        widen(&mut self.times, log_time);
+        let header = self.header(source, times)?;
+        self.mcap.write_to_known_channel(&header, data)?;
         self.open_bytes += data.len();
+        self.count(&header, data.len());
         if self.open_bytes >= CHUNK_BYTES {
             self.end_chunk()?;
             self.file.flush()?;
@@ -171,29 +167,81 @@ impl BagWriter {
         Ok(())
     }
 
-    /// Writes a message that is a chunk of its own.
-    fn long_message(&mut self, header: &MessageHeader, data: &[u8]) -> Result<(), WriteError> {
+    /// Writes a message that is a chunk of its own. Until it is `done`, the message keeps its slot.
+    pub(crate) fn long_message(
+        &mut self,
+        source: &Arc<Source>,
+        times: MessageTimes,
+        message: Sample<[u8]>,
+        done: Done,
+    ) -> Result<(), WriteError> {
+        let header = self.header(source, times)?;
         // The messages and the channels before it stand before it in the file.
         self.end_chunk()?;
-        let chunk = LongChunk::new(self.file.end(), header, data);
+        let (len, crc) = (message.len(), crc32fast::hash(&message));
+        let chunk = LongChunk::new(self.file.end(), &header, len, crc);
         self.file.append(&chunk.head);
-        self.file.append_long(data)?;
+        self.file.append_long(message, done)?;
         self.file.append(&chunk.tail);
         self.long_chunks.push(chunk.index);
         self.memory.set_offset(self.file.end());
+        self.count(&header, len);
         Ok(())
+    }
+
+    fn header(
+        &mut self,
+        source: &Arc<Source>,
+        times: MessageTimes,
+    ) -> Result<MessageHeader, WriteError> {
+        let MessageTimes {
+            sequence,
+            log_time,
+            publish_time,
+        } = times;
+        Ok(MessageHeader {
+            channel_id: self.channel(source)?,
+            sequence,
+            log_time,
+            publish_time,
+        })
+    }
+
+    fn count(&mut self, header: &MessageHeader, len_bytes: usize) {
+        let counts = self.counts.entry(header.channel_id).or_default();
+        counts.add(len_bytes);
+        widen(&mut self.times, header.log_time);
     }
 
     /// Ends the chunk of short messages.
     fn end_chunk(&mut self) -> Result<(), WriteError> {
         self.mcap.flush()?;
-        self.file.append(&self.memory.take());
+        let mut bytes = self.memory.take();
+        if self.file.end() == 0 {
+            // The file is only appended to, so the profile cannot change later. Most topics have published something
+            // before the first chunk ends.
+            let profile = Profile::of_sources(self.channels.keys().map(AsRef::as_ref));
+            let head = head(profile)?;
+            bytes[..head.len()].copy_from_slice(&head);
+        }
+        self.file.append(&bytes);
         self.open_bytes = 0;
         Ok(())
     }
 
     /// The channel of a publisher.
     fn channel(&mut self, source: &Arc<Source>) -> Result<u16, WriteError> {
+        let address = Arc::as_ptr(source).addr();
+        if let Some((_, id)) = self.known_sources.get(&address) {
+            return Ok(*id);
+        }
+        let id = self.add_channel(source)?;
+        (self.known_sources).insert(address, (Arc::clone(source), id));
+        Ok(id)
+    }
+
+    /// Adds a channel, or finds that of an equal source.
+    fn add_channel(&mut self, source: &Arc<Source>) -> Result<u16, WriteError> {
         if let Some(id) = self.channels.get(source) {
             return Ok(*id);
         }
@@ -246,19 +294,30 @@ impl BagWriter {
         Ok(self.mcap.write_metadata(&Metadata { name, metadata })?)
     }
 
-    /// Ends an interval: what was written before can be read after a power cut.
-    pub(crate) fn sync(&mut self) -> Result<(), WriteError> {
+    /// Ends an interval. When [`end_sync`](Self::end_sync) returns, everything that was written before can be read
+    /// after a power cut. The error may be that of the interval before.
+    pub(crate) fn begin_sync(&mut self) -> Result<(), WriteError> {
+        self.end_interval()?;
+        Ok(self.file.begin_sync()?)
+    }
+
+    /// Waits until everything is on the disk that was written before [`begin_sync`](Self::begin_sync).
+    pub(crate) fn end_sync(&mut self) -> Result<(), WriteError> {
+        Ok(self.file.end_sync()?)
+    }
+
+    fn end_interval(&mut self) -> Result<(), WriteError> {
         for ((topic, ..), gap) in std::mem::take(&mut self.open_gaps) {
             self.write_gap(topic, gap)?;
         }
-        self.end_chunk()?;
-        Ok(self.file.sync()?)
+        self.end_chunk()
     }
 
     /// Writes the summary, and ends the bag. Nothing more may be written.
     pub(crate) fn finish(&mut self) -> Result<Report, WriteError> {
         // The messages are safe even if the disk has no room for the summary.
-        self.sync()?;
+        self.end_interval()?;
+        self.file.sync()?;
         write_counts(&mut self.mcap, &self.counts)?;
         self.end_chunk()?;
         let summary = self.summary()?;
@@ -295,6 +354,13 @@ impl BagWriter {
         });
         Ok(summary)
     }
+}
+
+/// The start of a bag up to the end of its header. All profiles have the same length.
+fn head(profile: Profile) -> Result<Vec<u8>, WriteError> {
+    let memory = Memory::default();
+    let _writer = write_options(Compression::None, profile).create(memory.clone())?;
+    Ok(memory.take())
 }
 
 impl From<Compression> for Option<mcap::Compression> {

@@ -8,13 +8,15 @@ use std::time::Duration;
 
 use sm2_bag::{Bag, Compression, CopyError, Damage, Filter, Options, ReadError, check, recover};
 
-use self::common::{Domain, named, record};
+use self::common::{Domain, memory_folder, named, record};
 
 /// How many messages the torn bags have.
-const MESSAGES: u64 = 200;
+const MESSAGES: u64 = 40;
+/// How many messages the bags have of which each byte is changed once.
+const FEW: u64 = 5;
 
-/// A bag of many short chunks.
-fn bag(compression: Compression, messages: u64) -> (Domain, Vec<u8>) {
+/// A bag with a chunk for each message.
+fn bag(compression: Compression, messages: u64) -> Vec<u8> {
     let domain = Domain::new();
     let talker = domain.node("talker");
     let numbers = talker.publisher::<u64>("numbers").unwrap();
@@ -31,8 +33,7 @@ fn bag(compression: Compression, messages: u64) -> (Domain, Vec<u8>) {
             record_until(&mut |it| it.progress().messages > number);
         }
     });
-    let bytes = fs::read(domain.path("bag")).unwrap();
-    (domain, bytes)
+    fs::read(domain.path("bag")).unwrap()
 }
 
 /// The numbers in a bag.
@@ -50,8 +51,9 @@ fn numbers(path: &Path) -> Result<Vec<u64>, ReadError> {
 #[test]
 fn a_torn_bag_has_everything_before_the_tear() {
     for compression in [Compression::None, Compression::Zstd] {
-        let (domain, bytes) = bag(compression, MESSAGES);
-        let (torn, whole) = (domain.path("torn"), domain.path("whole"));
+        let bytes = bag(compression, MESSAGES);
+        let folder = memory_folder();
+        let (torn, whole) = (folder.path().join("torn"), folder.path().join("whole"));
         let mut longest = 0;
         let mut seed = 1_u64;
         for _ in 0..500 {
@@ -89,10 +91,11 @@ fn a_torn_bag_has_everything_before_the_tear() {
 
 #[test]
 fn a_longer_prefix_never_has_fewer_messages() {
-    let (domain, bytes) = bag(Compression::None, MESSAGES);
-    let torn = domain.path("torn");
+    let bytes = bag(Compression::None, MESSAGES);
+    let folder = memory_folder();
+    let torn = folder.path().join("torn");
     let mut before = 0;
-    for len in (8..bytes.len()).step_by(97) {
+    for len in (8..bytes.len()).step_by(19) {
         fs::write(&torn, &bytes[..len]).unwrap();
         let count = numbers(&torn).unwrap().len();
         assert!(count >= before, "{len}: {count} < {before}");
@@ -120,8 +123,9 @@ fn nothing_else_is_a_bag() {
 #[test]
 fn a_bag_with_a_changed_byte_has_no_other_messages() {
     for compression in [Compression::None, Compression::Lz4, Compression::Zstd] {
-        let (domain, bytes) = bag(compression, 10);
-        let path = domain.path("damaged");
+        let bytes = bag(compression, FEW);
+        let folder = memory_folder();
+        let path = folder.path().join("damaged");
         for at in 0..bytes.len() {
             let mut damaged = bytes.clone();
             // One bit, another one at each place.
@@ -133,10 +137,58 @@ fn a_bag_with_a_changed_byte_has_no_other_messages() {
             if verdict.damages.is_empty() {
                 let read = numbers(&path).unwrap();
                 assert!(
-                    read.iter().copied().eq(0..10),
+                    read.iter().copied().eq(0..FEW),
                     "{compression:?}, byte {at}: {read:?}"
                 );
             }
         }
     }
+}
+
+/// A record of an MCAP file.
+fn record_of(opcode: u8, body: &[u8]) -> Vec<u8> {
+    let len = u64::try_from(body.len()).unwrap().to_le_bytes();
+    [&[opcode][..], &len, body].concat()
+}
+
+/// A file with these records, and a summary of those behind them.
+fn file_of(records: &[u8], summary: &[u8]) -> Vec<u8> {
+    const MAGIC: &[u8] = b"\x89MCAP0\r\n";
+    let start = (MAGIC.len() + records.len()) as u64;
+    let footer = [&start.to_le_bytes()[..], &[0; 12]].concat();
+    [MAGIC, records, summary, &record_of(2, &footer), MAGIC].concat()
+}
+
+/// The parser of the crate `mcap` panics on an attachment without room for its checksum.
+#[test]
+fn a_short_attachment_in_the_summary_is_ignored() {
+    let folder = memory_folder();
+    let path = folder.path().join("attachment");
+    let file = file_of(&record_of(1, &[0; 8]), &record_of(9, &[0; 32]));
+    fs::write(&path, file).unwrap();
+    assert_eq!(Bag::open(&path).unwrap().report().topics, []);
+}
+
+/// A summary with several entries for one chunk would multiply the memory of its messages.
+#[test]
+fn chunks_that_overlap_are_read_once() {
+    let bytes = bag(Compression::None, FEW);
+    let folder = memory_folder();
+    let path = folder.path().join("overlap");
+    let index_opcode = 8;
+    // The summary is behind the last chunk. Its first entry of a chunk is put there once more.
+    let footer = bytes.len() - 8 - 29;
+    let start = u64::from_le_bytes(bytes[footer + 9..][..8].try_into().unwrap());
+    let start = usize::try_from(start).unwrap();
+    let mut at = start;
+    while bytes[at] != index_opcode {
+        let len = u64::from_le_bytes(bytes[at + 1..][..8].try_into().unwrap());
+        at += 9 + usize::try_from(len).unwrap();
+    }
+    let len = u64::from_le_bytes(bytes[at + 1..][..8].try_into().unwrap());
+    let entry = bytes[at..][..9 + usize::try_from(len).unwrap()].to_vec();
+    let mut twice = bytes.clone();
+    twice.splice(at..at, entry);
+    fs::write(&path, twice).unwrap();
+    assert!(numbers(&path).unwrap().into_iter().eq(0..FEW));
 }

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use nix::errno::Errno;
 use sm2_bag::{
-    Bag, GapReason, Options, RecordError, Recorder, Storage, WriteError, check, recover,
+    Bag, GapReason, Options, RecordError, Recorder, Storage, SyncWork, WriteError, check, recover,
 };
 use sm2_node::{Name, Shutdown};
 
@@ -198,4 +198,52 @@ fn fail(bytes: usize, syncs: usize, expected: Errno) {
     assert!(recovered.complete);
     assert_eq!(recovered.topics, report.topics);
     assert_eq!(check(&domain.path("whole")).unwrap().damages, []);
+}
+
+/// A disk that fails while the recorder goes on writing: the recording ends with the error.
+#[test]
+fn a_disk_that_fails_to_synchronize_ends_the_recording() {
+    struct Failing(File);
+
+    impl Storage for Failing {
+        fn write_at(&mut self, bytes: &[u8], offset: u64) -> io::Result<()> {
+            Storage::write_at(&mut self.0, bytes, offset)
+        }
+
+        fn sync(&mut self) -> io::Result<()> {
+            self.0.sync()
+        }
+
+        fn begin_sync(&mut self) -> io::Result<Option<SyncWork>> {
+            Ok(Some(Box::new(|| Err(Errno::EIO.into()))))
+        }
+    }
+
+    let domain = Domain::new();
+    let data = domain.node("talker").publisher::<[u8]>("data").unwrap();
+    let shutdown = Shutdown::new().unwrap();
+    let options = Options {
+        sync_interval: Duration::from_millis(1),
+        ..Options::new(named(&["data"]))
+    };
+    let disk = Failing(domain.create("bag"));
+    let node = domain.node("recorder");
+    let mut recorder = Recorder::start(&node, disk, options, shutdown.as_fd()).unwrap();
+    // One message only: the interval after it tells.
+    let mut is_sent = false;
+    let error = loop {
+        match recorder.step(Duration::from_millis(5)) {
+            Ok(_) => {}
+            Err(error) => break error,
+        }
+        if !is_sent && data.links().iter().any(|it| it.open) {
+            data.publish(&[1]).unwrap();
+            is_sent = true;
+        }
+    };
+    let RecordError::Write(WriteError::Io(error)) = &error else {
+        panic!("{error}");
+    };
+    assert_eq!(error.raw_os_error(), Some(Errno::EIO as i32));
+    assert!(is_sent);
 }

@@ -11,13 +11,15 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
-use sm2_bag::{Bag, Compression, Filter, Options, Storage, recover};
+use sm2_bag::{Bag, Compression, Filter, Options, Storage, SyncWork, recover};
 
-use self::common::{Domain, named, record};
+use self::common::{Domain, memory_folder, named, record};
 
 const MESSAGES: u64 = 100;
 /// How many power cuts are tried for each compression.
 const CUTS: usize = 500;
+/// Long enough for several messages.
+const INTERVAL: Duration = Duration::from_millis(10);
 /// A disk writes sectors.
 const SECTOR_LEN: u64 = 512;
 
@@ -25,19 +27,36 @@ const SECTOR_LEN: u64 = 512;
 #[derive(Clone, Debug)]
 enum Operation {
     Write(u64, Vec<u8>),
-    /// With the number of messages that had been written by then, or fewer.
-    Sync(u64),
+    /// Everything before the operation `safe` is on the disk.
+    Sync {
+        safe: usize,
+        /// The number of messages that had been written at the synchronization before: the recorder began this one
+        /// later.
+        written: u64,
+    },
 }
 
 /// A file that remembers its operations, and has no other content.
 struct Logged {
     operations: Arc<Mutex<Vec<Operation>>>,
-    written: Arc<AtomicU64>,
+    /// How many messages the recorder has written, or fewer; and how many it had at the last synchronization.
+    written: (Arc<AtomicU64>, u64),
+    /// Whether writing goes on during a synchronization.
+    is_concurrent: bool,
 }
 
 impl Logged {
     fn note(&self, operation: Operation) {
         self.operations.lock().unwrap().push(operation);
+    }
+
+    /// The synchronization that begins now.
+    fn synchronization(&mut self) -> Operation {
+        let now = self.written.0.load(Ordering::SeqCst);
+        Operation::Sync {
+            safe: self.operations.lock().unwrap().len(),
+            written: std::mem::replace(&mut self.written.1, now),
+        }
     }
 }
 
@@ -48,8 +67,22 @@ impl Storage for Logged {
     }
 
     fn sync(&mut self) -> io::Result<()> {
-        self.note(Operation::Sync(self.written.load(Ordering::SeqCst)));
+        let operation = self.synchronization();
+        self.note(operation);
         Ok(())
+    }
+
+    fn begin_sync(&mut self) -> io::Result<Option<SyncWork>> {
+        if !self.is_concurrent {
+            return Ok(None);
+        }
+        let (operation, operations) = (self.synchronization(), Arc::clone(&self.operations));
+        Ok(Some(Box::new(move || {
+            // Longer than an interval, so the next one is written meanwhile.
+            thread::sleep(2 * INTERVAL);
+            operations.lock().unwrap().push(operation);
+            Ok(())
+        })))
     }
 }
 
@@ -67,26 +100,31 @@ fn payload(number: u64) -> Vec<u8> {
     words.take(len_bytes(number)).collect()
 }
 
-/// Records the messages from number 0, and returns the operations.
-fn operations(domain: &Domain, compression: Compression) -> Vec<Operation> {
+/// Records these messages, and returns the operations.
+fn operations(
+    payloads: &[Vec<u8>],
+    compression: Compression,
+    is_concurrent: bool,
+) -> Vec<Operation> {
+    let domain = Domain::new();
     let talker = domain.node("talker");
     let numbers = talker.publisher::<[u8]>("numbers").unwrap();
     let node = domain.node("recorder");
     let (operations, written) = (Arc::default(), Arc::<AtomicU64>::default());
     let storage = Logged {
         operations: Arc::clone(&operations),
-        written: Arc::clone(&written),
+        written: (Arc::clone(&written), 0),
+        is_concurrent,
     };
     let options = Options {
         compression,
-        // Long enough for several messages.
-        sync_interval: Duration::from_millis(10),
+        sync_interval: INTERVAL,
         ..Options::new(named(&["numbers"]))
     };
     record(&node, storage, options, |record_until| {
         record_until(&mut |_| numbers.links().iter().any(|it| it.open));
-        for number in 0..MESSAGES {
-            numbers.publish(&payload(number)).unwrap();
+        for payload in payloads {
+            numbers.publish(payload).unwrap();
             let mut is_taken = false;
             record_until(&mut |it| {
                 // The writer has written the messages before this one.
@@ -101,27 +139,38 @@ fn operations(domain: &Domain, compression: Compression) -> Vec<Operation> {
     done.clone()
 }
 
-/// The number of messages in a bag, which are the first ones. A file without its first bytes is no bag.
-fn readable(path: &Path) -> u64 {
+/// The number of messages in a bag, which are the first of `payloads`. A file without its first bytes is no bag.
+fn readable(path: &Path, payloads: &[Vec<u8>]) -> u64 {
     let Ok(bag) = Bag::open(path) else {
         return 0;
     };
     let messages = bag.messages(&Filter::default()).unwrap();
     let mut count = 0;
     for message in messages {
-        let data = message.unwrap().data;
-        assert!(data == payload(count), "message {count}");
+        assert!(message.unwrap().data == payloads[count], "message {count}");
         count += 1;
     }
-    count
+    count as u64
 }
 
 #[test]
 fn a_power_cut_costs_no_more_than_the_last_interval() {
-    for compression in [Compression::None, Compression::Lz4, Compression::Zstd] {
-        let domain = Domain::new();
-        let operations = operations(&domain, compression);
-        let (path, whole) = (domain.path("cut"), domain.path("whole"));
+    let payloads: Vec<_> = (0..MESSAGES).map(payload).collect();
+    let folder = memory_folder();
+    let (path, whole) = (folder.path().join("cut"), folder.path().join("whole"));
+    for (compression, is_concurrent) in [
+        (Compression::None, false),
+        (Compression::None, true),
+        (Compression::Lz4, true),
+        (Compression::Zstd, false),
+    ] {
+        let operations = operations(&payloads, compression, is_concurrent);
+        let is_overtaken = |(at, it): (usize, &Operation)| match it {
+            Operation::Sync { safe, .. } => *safe < at,
+            Operation::Write(..) => false,
+        };
+        let overtaken = operations.iter().enumerate().filter(|it| is_overtaken(*it));
+        assert_eq!(overtaken.count() > 0, is_concurrent);
         let mut seed = 7_u64;
         let mut random = |below: usize| {
             seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
@@ -137,7 +186,7 @@ fn a_power_cut_costs_no_more_than_the_last_interval() {
                     file.write_all_at(bytes, *at).unwrap();
                 }
             }
-            let synchronized = readable(&path);
+            let synchronized = readable(&path, &payloads);
             assert!(synchronized >= promised, "{synchronized} of {promised}");
             // Any sectors of the later writes have reached the disk, and any length of the file.
             for operation in &operations[safe..end] {
@@ -154,12 +203,12 @@ fn a_power_cut_costs_no_more_than_the_last_interval() {
                     file.set_len(len).unwrap();
                 }
             }
-            let left = readable(&path);
+            let left = readable(&path, &payloads);
             assert!(left >= synchronized, "{left} of {synchronized}");
             partial += u64::from(0 < left && left < MESSAGES);
             if left > 0 {
                 recover(&path, &whole).unwrap();
-                assert_eq!(readable(&whole), left);
+                assert_eq!(readable(&whole, &payloads), left);
                 fs::remove_file(&whole).unwrap();
             }
         }
@@ -167,11 +216,11 @@ fn a_power_cut_costs_no_more_than_the_last_interval() {
     }
 }
 
-/// The place of the last synchronization, and the number of messages that were written by then.
+/// The number of operations before the last synchronization, and the number of messages that were written by then.
 fn last_sync(operations: &[Operation]) -> (usize, u64) {
-    let mut before = operations.iter().enumerate().rev();
-    let last = before.find_map(|(at, it)| match it {
-        Operation::Sync(written) => Some((at, *written)),
+    let mut before = operations.iter().rev();
+    let last = before.find_map(|it| match it {
+        Operation::Sync { safe, written } => Some((*safe, *written)),
         Operation::Write(..) => None,
     });
     last.unwrap_or((0, 0))

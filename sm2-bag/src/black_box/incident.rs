@@ -8,9 +8,10 @@ use std::time::Duration;
 use mcap::records::Metadata;
 
 use crate::bag::Bag;
-use crate::copy::copy_with;
+use crate::copy::{CopyOptions, copy_with};
 use crate::error::{CopyError, WriteError};
 use crate::messages::Filter;
+use crate::observer::unobserved;
 use crate::report::Report;
 use crate::writer::Compression;
 
@@ -91,13 +92,12 @@ impl Window {
             to_ns: Some(self.to_ns),
             ..Filter::default()
         };
-        copy_with(
-            &bags,
-            &self.path,
-            &filter,
-            Compression::None,
-            &[self.metadata()],
-        )
+        let options = CopyOptions {
+            filter: &filter,
+            compression: Compression::None,
+            metadata: &[self.metadata()],
+        };
+        copy_with(&bags, &self.path, &options, &mut unobserved)
     }
 }
 

@@ -4,6 +4,8 @@ use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
+use sm2_node::Sample;
+
 use crate::clock::ClockRelation;
 use crate::error::WriteError;
 use crate::folder::Folder;
@@ -11,7 +13,7 @@ use crate::gap::Gap;
 use crate::report::{Report, ReportBuilder};
 use crate::source::Source;
 use crate::storage::Storage;
-use crate::writer::{BagWriter, Compression, MessageTimes};
+use crate::writer::{BagWriter, Compression, Done, MessageTimes};
 
 /// When a recording begins a new file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -68,10 +70,27 @@ impl Parts {
         times: MessageTimes,
         data: &[u8],
     ) -> Result<(), WriteError> {
-        if self.is_full(times.log_time, data.len() as u64) {
-            self.end_file(times.log_time)?;
-        }
+        self.make_room(times.log_time, data.len())?;
         self.bag.message(source, times, data)
+    }
+
+    pub(crate) fn long_message(
+        &mut self,
+        source: &Arc<Source>,
+        times: MessageTimes,
+        message: Sample<[u8]>,
+        done: Done,
+    ) -> Result<(), WriteError> {
+        self.make_room(times.log_time, message.len())?;
+        self.bag.long_message(source, times, message, done)
+    }
+
+    /// Begins the next file if a message belongs to it.
+    fn make_room(&mut self, time: u64, len: usize) -> Result<(), WriteError> {
+        match self.is_full(time, len as u64) {
+            true => self.end_file(time),
+            false => Ok(()),
+        }
     }
 
     /// Whether a message belongs to the next file.
@@ -98,13 +117,19 @@ impl Parts {
         self.bag.clock(clock)
     }
 
-    /// Ends an interval: what was written before can be read after a power cut.
-    pub(crate) fn sync(&mut self) -> Result<(), WriteError> {
-        self.bag.sync()
+    /// Ends an interval. When [`end_sync`](Self::end_sync) returns, everything that was written before can be read
+    /// after a power cut. The error may be that of the interval before.
+    pub(crate) fn begin_sync(&mut self) -> Result<(), WriteError> {
+        self.bag.begin_sync()
+    }
+
+    /// Waits until the last interval is on the disk.
+    pub(crate) fn end_sync(&mut self) -> Result<(), WriteError> {
+        self.bag.end_sync()
     }
 
     /// Whether the disk has less room than it shall keep. The oldest files of a ring are removed first.
-    pub(crate) fn is_disk_full(&self) -> Result<bool, WriteError> {
+    pub(crate) fn is_disk_full(&mut self) -> Result<bool, WriteError> {
         loop {
             let free = self.bag.free_bytes()?;
             if free.is_none_or(|it| it >= self.min_free_bytes) {

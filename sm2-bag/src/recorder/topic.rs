@@ -1,12 +1,11 @@
 //! One topic of a recording.
 
-use std::collections::HashMap;
 use std::sync::Arc;
 
 use sm2_node::domain::Contract;
 use sm2_node::wait_set::Key;
-use sm2_node::{Node, Sample, Subscriber};
-use sm2_proto::{Name, OfferedQos, Period, TypeId};
+use sm2_node::{Node, RecvError, Sample, Subscriber};
+use sm2_proto::{Instant, Name, OfferedQos, Period, TypeId};
 
 use crate::clock::ClockRelation;
 use crate::gap::{Gap, GapReason};
@@ -27,11 +26,37 @@ const UNKNOWN_OFFER: OfferedQos = OfferedQos {
 /// A topic that is recorded, and its publishers.
 pub(super) struct Topic {
     pub(super) subscriber: Subscriber<[u8]>,
-    /// The place of the subscriber in the wait set; `None` while the queue has no room for this reliable topic.
-    pub(super) key: Option<Key>,
+    pub(super) wait: Wait,
+    pub(super) polling: Polling,
     /// Whether its publishers wait when the queue has no room.
     pub(super) is_reliable: bool,
-    publishers: HashMap<(Name, TypeId), Publisher>,
+    /// Few, and most often one.
+    publishers: Vec<Publisher>,
+}
+
+/// The frequency of a topic, which decides whether it is polled.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Polling {
+    /// The number of messages since a time, while the recorder waits for each of them.
+    pub(super) since: Instant,
+    pub(super) messages: u64,
+    /// When a poll found messages for the last time.
+    pub(super) taken_at: Instant,
+    /// How many messages a poll may find.
+    pub(super) most: u64,
+    /// Whether messages were displaced between two polls. The topic is never polled again.
+    pub(super) has_lost: bool,
+}
+
+/// The event for which the recorder waits before it takes messages of a topic.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Wait {
+    /// The next message: this is the place of the subscriber in the wait set.
+    Message(Key),
+    /// The next poll.
+    Poll,
+    /// Room in the queue, for a reliable topic.
+    Room,
 }
 
 struct Publisher {
@@ -46,17 +71,38 @@ pub(super) struct Taken {
     pub(super) times: MessageTimes,
     /// The messages before it that newer ones displaced.
     pub(super) displaced: Option<Gap>,
-    key: (Name, TypeId),
+    /// The place of its publisher.
+    publisher: usize,
 }
 
 impl Topic {
     pub(super) fn new(subscriber: Subscriber<[u8]>, key: Key, is_reliable: bool) -> Self {
         Self {
             subscriber,
-            key: Some(key),
+            wait: Wait::Message(key),
+            polling: Polling::default(),
             is_reliable,
-            publishers: HashMap::new(),
+            publishers: Vec::new(),
         }
+    }
+
+    /// Appends the messages that one call finds, at most `most`, to `samples`, which is empty. Returns their number.
+    pub(super) fn take(
+        &self,
+        samples: &mut Vec<Sample<[u8]>>,
+        most: usize,
+    ) -> Result<usize, RecvError> {
+        match self.subscriber.try_recv_many(samples, most) {
+            // The writer gives back soon.
+            Ok(_) | Err(RecvError::TooManyBorrowed { .. }) => {}
+            // The other publishers are recorded further on.
+            Err(error @ RecvError::Map { .. }) => {
+                let topic = self.subscriber.topic();
+                tracing::error!(%topic, %error, "a message is not recorded");
+            }
+            Err(error) => return Err(error),
+        }
+        Ok(samples.len())
     }
 
     /// Describes a message that was taken at `now`, a time of the wall clock. `None` if its sender is no publisher,
@@ -68,12 +114,16 @@ impl Topic {
         clock: &ClockRelation,
         now: u64,
     ) -> Option<Taken> {
-        let key = (sample.publisher().clone(), sample.type_id()?.clone());
-        if !self.publishers.contains_key(&key) {
-            let publisher = self.publisher(node, &key);
-            self.publishers.insert(key.clone(), publisher);
-        }
-        let Publisher { source, last_time } = self.publishers.get(&key)?;
+        let (name, data) = (sample.publisher(), sample.type_id()?);
+        let is_it = |it: &Publisher| it.source.publisher == *name && it.source.data == *data;
+        let number = match self.publishers.iter().position(is_it) {
+            Some(number) => number,
+            None => {
+                self.publishers.push(self.publisher(node, name, data));
+                self.publishers.len() - 1
+            }
+        };
+        let Publisher { source, last_time } = &self.publishers[number];
         let displaced = (sample.lost() > 0).then(|| Gap {
             publisher: source.publisher.to_string(),
             from_ns: last_time.unwrap_or(now),
@@ -90,12 +140,12 @@ impl Topic {
                 publish_time: clock.wall_at(sample.source_time()),
             },
             displaced,
-            key,
+            publisher: number,
         })
     }
 
     /// Describes the publisher of a message.
-    fn publisher(&self, node: &Node, (name, data): &(Name, TypeId)) -> Publisher {
+    fn publisher(&self, node: &Node, name: &Name, data: &TypeId) -> Publisher {
         let links = self.subscriber.links();
         let offer = links.iter().find_map(|link| match &link.peer.contract {
             Contract::Publisher {
@@ -118,6 +168,17 @@ impl Topic {
         }
     }
 
+    /// The length of the shortest queue between a publisher and the recorder, in messages.
+    pub(super) fn shortest_queue(&self) -> u16 {
+        let depth = |contract: &Contract| match contract {
+            Contract::Publisher { offer, .. } => Some(offer.depth),
+            _ => None,
+        };
+        let links = self.subscriber.links();
+        let depths = links.iter().filter_map(|it| depth(&it.peer.contract));
+        depths.min().unwrap_or_default()
+    }
+
     /// How many publishers the topic has had.
     pub(super) fn publishers(&self) -> usize {
         self.publishers.len()
@@ -125,14 +186,12 @@ impl Topic {
 
     /// The message will be in the bag.
     pub(super) fn note_recorded(&mut self, taken: &Taken) {
-        if let Some(publisher) = self.publishers.get_mut(&taken.key) {
-            publisher.last_time = Some(taken.times.log_time);
-        }
+        self.publishers[taken.publisher].last_time = Some(taken.times.log_time);
     }
 
     /// The gap that a message leaves for which there is no memory.
     pub(super) fn dropped(&self, taken: &Taken) -> Gap {
-        let last = self.publishers.get(&taken.key).and_then(|it| it.last_time);
+        let last = self.publishers[taken.publisher].last_time;
         Gap {
             publisher: taken.source.publisher.to_string(),
             from_ns: last.unwrap_or(taken.times.log_time),

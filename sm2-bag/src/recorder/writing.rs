@@ -1,5 +1,6 @@
 //! The thread that writes the files.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use sm2_proto::Instant;
@@ -7,51 +8,66 @@ use sm2_proto::Instant;
 use super::parts::Parts;
 use crate::clock::ClockRelation;
 use crate::error::WriteError;
-use crate::queue::{Item, Payload, Queue};
+use crate::queue::{Awaited, Batch, Item, Payload, Queue};
 use crate::report::Report;
 
 /// Writes the items of the queue until it is closed.
 pub(super) fn write(
     mut parts: Parts,
-    queue: &Queue,
+    queue: &Arc<Queue>,
     interval: Duration,
     clock: ClockRelation,
 ) -> Result<Report, WriteError> {
     let mut sync_at = sm2_io::clock::now().after(interval);
-    let mut is_clean = true;
+    let mut state = State::Synced;
+    let mut batch = Batch::default();
     loop {
         let now = sm2_io::clock::now();
         if now >= sync_at {
-            if !is_clean {
-                parts.sync()?;
-                is_clean = true;
-                if parts.is_disk_full()? {
-                    queue.note_disk_full();
+            match state {
+                State::Synced => {}
+                State::Syncing => {
+                    parts.end_sync()?;
+                    state = State::Synced;
+                }
+                State::Written => {
+                    parts.begin_sync()?;
+                    state = State::Syncing;
+                    if parts.is_disk_full()? {
+                        queue.note_disk_full();
+                    }
                 }
             }
             sync_at = sm2_io::clock::now().after(interval);
         }
-        let (item, goes_on) = queue.pop(time_until(sync_at, now, is_clean));
-        is_clean &= item.is_none();
-        match item {
-            Some(Item::Message {
-                source,
-                times,
-                payload,
-            }) => {
-                parts.message(&source, times, payload.bytes())?;
-                let len = payload.bytes().len();
-                let held = match &payload {
-                    Payload::Held(_, by) => Some(*by),
-                    Payload::Copied(_) => None,
-                };
-                drop(payload);
-                queue.note_written(len, held);
+        let (awaited, timeout) = next_event(sync_at, now, state);
+        let goes_on = queue.pop(&mut batch, awaited, timeout);
+        if !batch.items.is_empty() {
+            state = State::Written;
+        }
+        let Batch { items, copies } = &mut batch;
+        for item in items.drain(..) {
+            match item {
+                Item::Message {
+                    source,
+                    times,
+                    payload,
+                } => match payload {
+                    Payload::Copied(place) => {
+                        let data = &copies[place];
+                        parts.message(&source, times, data)?;
+                        queue.note_written(data.len(), None);
+                    }
+                    Payload::Held(message, by) => {
+                        let (queue, len) = (Arc::clone(queue), message.len());
+                        let done = Box::new(move || queue.note_written(len, Some(by)));
+                        parts.long_message(&source, times, message, done)?;
+                    }
+                },
+                Item::Gap(source, gap) => parts.gap(&source, gap)?,
+                Item::Clock(clock) => parts.clock(clock)?,
+                Item::EndFile(now_ns) => parts.end_file(now_ns)?,
             }
-            Some(Item::Gap(source, gap)) => parts.gap(&source, gap)?,
-            Some(Item::Clock(clock)) => parts.clock(clock)?,
-            Some(Item::EndFile(now_ns)) => parts.end_file(now_ns)?,
-            None => {}
         }
         if !goes_on {
             return parts.finish(clock.wall_at(sm2_io::clock::now()));
@@ -59,10 +75,21 @@ pub(super) fn write(
     }
 }
 
-/// How long the writer may wait for an item. Without work it does not wake up.
-fn time_until(sync_at: Instant, now: Instant, is_clean: bool) -> Duration {
-    match is_clean {
-        true => Duration::from_secs(3_600),
-        false => sync_at.since(now),
+/// How much of the file is safe against a power cut.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    /// Everything.
+    Synced,
+    /// Everything will be, unless the disk fails.
+    Syncing,
+    /// Something was written since the last interval ended.
+    Written,
+}
+
+/// The event that the writer waits for, and for how long. Without work it does not wake up.
+fn next_event(sync_at: Instant, now: Instant, state: State) -> (Awaited, Duration) {
+    match state {
+        State::Synced => (Awaited::Item, Duration::from_secs(3_600)),
+        State::Syncing | State::Written => (Awaited::Urgent, sync_at.since(now)),
     }
 }

@@ -10,19 +10,11 @@ use mcap::records::{
 };
 use mcap::{MAGIC, Summary};
 
-use crate::chunk::RECORD_HEAD_BYTES;
+use crate::chunk::{CHUNK_HEAD_BYTES, LONG_HEAD_BYTES, MESSAGE_HEAD_BYTES, RECORD_HEAD_BYTES};
 use crate::storage::BLOCK_BYTES;
 
 /// The opcode of a record without meaning, from the range that MCAP leaves to programs.
 const PADDING: u8 = 0x80;
-
-/// The length of the head of a chunk without compression, in bytes.
-const CHUNK_HEAD_BYTES: usize = 8 + 8 + 8 + 4 + 4 + 8;
-/// The length of the head of a message, in bytes.
-const MESSAGE_HEAD_BYTES: usize = 2 + 4 + 8 + 8;
-/// The length of everything in a chunk of one message that stands before the payload, in bytes.
-const LONG_HEAD_BYTES: usize =
-    RECORD_HEAD_BYTES + CHUNK_HEAD_BYTES + RECORD_HEAD_BYTES + MESSAGE_HEAD_BYTES;
 
 /// A chunk of one long message.
 pub(super) struct LongChunk {
@@ -34,8 +26,9 @@ pub(super) struct LongChunk {
 }
 
 impl LongChunk {
-    /// Describes the chunk whose padding begins at `offset`. Its payload begins with a block of the file.
-    pub(super) fn new(offset: u64, header: &MessageHeader, data: &[u8]) -> Self {
+    /// Describes the chunk whose padding begins at `offset`. Its payload, which has this length in bytes and this
+    /// CRC-32, begins with a block of the file.
+    pub(super) fn new(offset: u64, header: &MessageHeader, len: usize, crc: u32) -> Self {
         let mut head = Vec::with_capacity(BLOCK_BYTES + LONG_HEAD_BYTES);
         let before = offset as usize + RECORD_HEAD_BYTES + LONG_HEAD_BYTES;
         let padding = before.next_multiple_of(BLOCK_BYTES) - before;
@@ -44,18 +37,18 @@ impl LongChunk {
 
         let start = offset + head.len() as u64;
         let mut message = Vec::with_capacity(RECORD_HEAD_BYTES + MESSAGE_HEAD_BYTES);
-        put_head(&mut message, op::MESSAGE, MESSAGE_HEAD_BYTES + data.len());
+        put_head(&mut message, op::MESSAGE, MESSAGE_HEAD_BYTES + len);
         message.extend(body(header));
-        let mut crc = crc32fast::Hasher::new();
-        crc.update(&message);
-        crc.update(data);
-        let size = message.len() + data.len();
+        let mut whole = crc32fast::Hasher::new();
+        whole.update(&message);
+        whole.combine(&crc32fast::Hasher::new_with_initial_len(crc, len as u64));
+        let size = message.len() + len;
         put_head(&mut head, op::CHUNK, CHUNK_HEAD_BYTES + size);
         head.extend(body(&ChunkHeader {
             message_start_time: header.log_time,
             message_end_time: header.log_time,
             uncompressed_size: size as u64,
-            uncompressed_crc: crc.finalize(),
+            uncompressed_crc: whole.finalize(),
             compression: String::new(),
             compressed_size: size as u64,
         }));

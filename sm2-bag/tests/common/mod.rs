@@ -44,6 +44,11 @@ impl Domain {
     }
 }
 
+/// A folder in memory where the system has one: a test that writes thousands of files does not wait for a disk.
+pub(crate) fn memory_folder() -> tempfile::TempDir {
+    tempfile::tempdir_in("/dev/shm").unwrap_or_else(|_| tempfile::tempdir().unwrap())
+}
+
 /// These topics.
 pub(crate) fn named(names: &[&str]) -> Topics {
     let names: BTreeSet<_> = names.iter().map(|it| Name::new(it).unwrap()).collect();

@@ -1,0 +1,99 @@
+//! How a bag is played, and the result.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use serde::Serialize;
+use sm2_proto::Name;
+
+use crate::foreign::topic_name;
+use crate::messages::Filter;
+
+/// How a bag is played.
+#[derive(Clone, Debug)]
+pub struct PlayOptions {
+    /// The topics and times.
+    pub filter: Filter,
+    /// The speed: 1 as recorded, 2 twice as fast; 0 as fast as possible. Not negative.
+    pub rate: f64,
+    /// Whether to begin with a pause: see [`PlayCommand`](crate::PlayCommand).
+    pub paused: bool,
+    /// The names of topics that are published under another name.
+    pub remap: BTreeMap<Name, Name>,
+    /// Whether nodes have their original names. Otherwise `play/` stands before them.
+    pub original_names: bool,
+    /// How many subscribers of each topic to wait for before the first message.
+    pub subscribers: usize,
+    /// How long to wait for reliable subscribers that have no room; 10 s by default.
+    pub room_timeout: Duration,
+    /// Whether the player is the source of domain time. Recorded messages that would be published on the topic `clock`
+    /// are left out then: a domain has one source.
+    pub clock: bool,
+    /// The number of members of a lockstep (SPEC 16.2) to wait for before the first message. The player is then its
+    /// conductor and the source of domain time, all its publishers are reliable, and a bag is played once. `None`
+    /// plays without lockstep.
+    pub lockstep: Option<usize>,
+}
+
+impl Default for PlayOptions {
+    fn default() -> Self {
+        Self {
+            filter: Filter::default(),
+            rate: 1.0,
+            paused: false,
+            remap: BTreeMap::new(),
+            original_names: false,
+            subscribers: 0,
+            room_timeout: Duration::from_secs(10),
+            clock: false,
+            lockstep: None,
+        }
+    }
+}
+
+impl PlayOptions {
+    /// The text before the names of nodes.
+    pub(super) const fn prefix(&self) -> &'static str {
+        if self.original_names { "" } else { "play/" }
+    }
+
+    /// Whether the player publishes domain time.
+    pub(super) const fn is_clock_source(&self) -> bool {
+        self.clock || self.lockstep.is_some()
+    }
+
+    /// The topic on which the messages of a recorded topic are published.
+    pub(super) fn published_topic<'a>(&'a self, recorded: &'a str) -> &'a str {
+        let recorded = topic_name(recorded);
+        let remapped = self
+            .remap
+            .iter()
+            .find(|(from, _)| from.as_str() == recorded);
+        remapped.map_or(recorded, |(_, to)| to.as_str())
+    }
+}
+
+/// The result of playing.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct PlayReport {
+    /// The topics, sorted by name.
+    pub topics: Vec<PlayedTopic>,
+    /// The members of the lockstep that left before the end.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub left: Vec<String>,
+    /// Whether all messages were published. Otherwise the caller ended it.
+    pub complete: bool,
+}
+
+/// The counts of one topic that was played.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct PlayedTopic {
+    /// The topic.
+    pub name: String,
+    /// The number of messages that were published.
+    pub messages: u64,
+    /// How many of them were published while no subscriber was linked.
+    pub unheard: u64,
+    /// How many messages subscribers missed, on all links together.
+    pub missed: u64,
+}

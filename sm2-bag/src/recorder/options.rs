@@ -1,0 +1,87 @@
+//! The options of a recording, and its progress.
+
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+use sm2_node::clock::wall_time;
+use sm2_proto::Name;
+
+use crate::clock::WallClock;
+use crate::writer::Compression;
+
+/// The options of a recording.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// The topics.
+    pub topics: Topics,
+    /// The topics whose publishers wait for the recorder instead of displacing messages. Each one needs a reliable
+    /// publisher.
+    pub reliable: BTreeSet<Name>,
+    /// How many bytes of payloads may wait for the disk; 256 MiB by default. Messages beyond that are dropped, and
+    /// become a [gap](crate::GapReason::Budget). Short messages that are in records already do not count; they are less
+    /// than 8 MiB.
+    pub budget_bytes: u64,
+    /// How often the recording is made safe against a power cut; every 100 ms by default.
+    pub sync_interval: Duration,
+    /// How chunks are compressed; not at all by default.
+    pub compression: Compression,
+    /// How many bytes of the disk stay free: the recording ends before; 1 GiB by default. More than
+    /// [`budget_bytes`](Self::budget_bytes), because messages that wait are still written.
+    pub min_free_bytes: u64,
+    /// The wall clock; that of the machine by default.
+    pub wall_clock: WallClock,
+}
+
+/// The topics to record.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Topics {
+    /// All topics that have a publisher, also those that come later.
+    All,
+    /// These topics, whether they have a publisher or not.
+    Named(BTreeSet<Name>),
+}
+
+impl Options {
+    /// The defaults for these topics.
+    #[must_use]
+    pub const fn new(topics: Topics) -> Self {
+        Self {
+            topics,
+            reliable: BTreeSet::new(),
+            budget_bytes: 256 << 20,
+            sync_interval: Duration::from_millis(100),
+            compression: Compression::None,
+            min_free_bytes: 1 << 30,
+            wall_clock: wall_time,
+        }
+    }
+}
+
+/// How far a recording is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Progress {
+    /// The number of topics with a subscriber.
+    pub topics: usize,
+    /// The number of messages in the file.
+    pub messages: u64,
+    /// The length of their payloads, in bytes.
+    pub bytes: u64,
+    /// The number of messages that are missing in the file.
+    pub lost: u64,
+    /// The length of the payloads that wait for the disk, in bytes.
+    pub waiting_bytes: u64,
+}
+
+/// Why [`Recorder::step`](super::Recorder::step) has returned.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// The time is over.
+    Timeout,
+    /// The descriptor `stop` is readable.
+    Stopped,
+    /// The domain may have changed, or a [further source](super::Recorder::wake_on) may have something.
+    Woken,
+    /// The disk is full up to the [reserve](Options::min_free_bytes). Nothing more is taken;
+    /// [`finish`](super::Recorder::finish) completes the bag.
+    DiskFull,
+}
