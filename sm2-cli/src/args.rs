@@ -59,3 +59,11 @@ pub(crate) fn positive(text: &str) -> Result<f64, String> {
         _ => Err("give a number above 0, such as 30 or 0.5".into()),
     }
 }
+
+/// Parses the speed of a replay: 0 or more.
+pub(crate) fn rate(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(rate) if rate.is_finite() && rate >= 0.0 => Ok(rate),
+        _ => Err("give a factor of 0 or more, such as 2 or 0.5".into()),
+    }
+}

@@ -16,8 +16,10 @@ use sm2_node::{
     CallError, ConnectError, DeclareError, PublishError, RecvError, StoreError, WaitError,
 };
 use sm2_proto::{Kind, Name, text::Counted};
+use sm2_ros_idl::FolderError;
 
 use crate::{
+    decode::CodecError,
     ended::WRONG_USAGE,
     interrupt::Stopped,
     size::{MESSAGE_MAX_BYTES, Size},
@@ -97,6 +99,26 @@ pub(crate) enum CliError {
         /// The fault.
         reason: String,
     },
+    /// The schema of a type is a definition of ROS 2 that is wrong.
+    #[error("messages of type {data} cannot be read or written by their definition: {reason}")]
+    Definition {
+        /// The type.
+        data: String,
+        /// The fault.
+        reason: CodecError,
+    },
+    /// `--type` of a subscriber names a type that nothing defines.
+    #[error(
+        "there is no definition of {name}: name a built-in type or one of ROS 2's common interfaces, or give the \
+         folder of its package with --definitions"
+    )]
+    NoDefinition {
+        /// The name of the type.
+        name: Name,
+    },
+    /// A folder of `--definitions` cannot be read.
+    #[error("cannot read the definitions of --definitions: {0}")]
+    Definitions(#[from] FolderError),
     /// The given value is not JSON.
     #[error(
         "the value is not JSON ({0}): quote it for the shell, such as '{{\"x\": 1}}' or '\"text\"'"
@@ -194,6 +216,9 @@ pub(crate) enum CliError {
         /// The topic.
         topic: String,
     },
+    /// `sm2 play control` has a factor for another command than `rate`.
+    #[error("only `sm2 play control rate` takes a factor")]
+    NotForRate,
     /// A bag cannot be read.
     #[error(transparent)]
     ReadBag(#[from] ReadError),
@@ -304,6 +329,7 @@ impl CliError {
             | Self::Demo(DemoError::TooLong { .. })
             | Self::NoSuchCommand { .. }
             | Self::NotRecorded { .. }
+            | Self::NotForRate
             | Self::NoTerminal
             | Self::Json(_)
             | Self::SchemaHash { .. }

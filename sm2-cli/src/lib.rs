@@ -45,12 +45,14 @@ mod policy;
 mod record;
 #[cfg(test)]
 mod reference;
+mod ros_types;
 mod sampling;
 mod service;
 mod size;
 mod snapshot;
 mod stopped;
 mod text;
+mod ticker;
 mod time;
 mod top;
 mod topic;

@@ -9,8 +9,9 @@ use sm2_proto::{TypeId, schema::Schema};
 
 use crate::{
     connect::Session,
-    decode::{self, Limits, Value, decode, encode},
+    decode::{self, Codec, CodecError, Limits, Value},
     error::CliError,
+    ros_types::Definitions,
     text::{self, Hex},
 };
 
@@ -29,19 +30,74 @@ pub(crate) struct Show {
 /// The schemas that were already asked for.
 #[derive(Debug, Default)]
 pub(crate) struct Schemas {
-    known: HashMap<TypeId, Option<Schema>>,
+    known: HashMap<TypeId, Option<Result<Codec, CodecError>>>,
+    /// The definitions of types that no node has registered.
+    definitions: Definitions,
 }
 
 impl Schemas {
-    /// The schema of a type. `None` if no node has registered it.
-    pub(crate) fn of(&mut self, session: &Session, data: &TypeId) -> Option<&Schema> {
-        if !self.known.contains_key(data) {
-            // Without a Manager there is no answer. The next message asks again.
-            let text = session.describe(data).ok()?;
-            let schema = text.and_then(|text| Schema::parse(&text).ok());
-            self.known.insert(data.clone(), schema);
+    pub(crate) fn new(definitions: &Definitions) -> Self {
+        Self {
+            known: HashMap::new(),
+            definitions: definitions.clone(),
         }
-        self.known.get(data)?.as_ref()
+    }
+
+    /// The schema of a type, to encode a message. `None` if no node has registered it.
+    ///
+    /// # Errors
+    ///
+    /// [`CliError::Definition`] if it is a wrong definition of ROS 2.
+    pub(crate) fn of(
+        &mut self,
+        session: &Session,
+        data: &TypeId,
+    ) -> Result<Option<&Codec>, CliError> {
+        self.ask(session, data);
+        match self.known.get(data) {
+            Some(Some(Ok(codec))) => Ok(Some(codec)),
+            Some(Some(Err(error))) => Err(definition(data, error)),
+            Some(None) | None => Ok(None),
+        }
+    }
+
+    /// The schema of a type, to show messages. If it is a wrong definition of ROS 2, standard error says so once, and
+    /// the messages are shown as those of a type without a schema.
+    pub(crate) fn shown(&mut self, session: &Session, data: &TypeId) -> Option<&Codec> {
+        let is_new = self.ask(session, data);
+        match self.known.get(data)? {
+            Some(Ok(codec)) => Some(codec),
+            Some(Err(error)) => {
+                if is_new {
+                    stderr_line!("sm2: {}", definition(data, error));
+                }
+                None
+            }
+            None => None,
+        }
+    }
+
+    /// Asks for the schema of a type, unless it is known. Returns whether there is a new answer.
+    fn ask(&mut self, session: &Session, data: &TypeId) -> bool {
+        if self.known.contains_key(data) {
+            return false;
+        }
+        // Without a Manager there is no answer. The next message asks again.
+        let Ok(text) = session.describe(data) else {
+            return false;
+        };
+        let schema = text.or_else(|| self.defined(data));
+        let schema = schema.and_then(|text| Schema::parse(&text).ok());
+        let codec = schema.map(|schema| Codec::new(&data.name, schema));
+        self.known.insert(data.clone(), codec);
+        true
+    }
+
+    /// The schema text of a type of ROS 2 that no node has registered.
+    fn defined(&self, data: &TypeId) -> Option<String> {
+        // A folder of `--definitions` that cannot be read is an error where the command reads `--type`.
+        let known = self.definitions.of_ros(&data.name).ok().flatten()?;
+        known.schema.filter(|_| known.data == *data)
     }
 }
 
@@ -58,10 +114,10 @@ pub(crate) enum Content<'a> {
 
 impl<'a> Content<'a> {
     /// The most readable form of a message.
-    pub(crate) fn new(message: &'a [u8], schema: Option<&'a Schema>, show: Show) -> Self {
+    pub(crate) fn new(message: &'a [u8], schema: Option<&'a Codec>, show: Show) -> Self {
         let decoded = match (schema, show) {
             (_, Show { hex: true, .. }) => return Self::Hex(Hex(message, "").to_string()),
-            (Some(schema), Show { raw: false, .. }) => decode(schema, message, usize::MAX).ok(),
+            (Some(schema), Show { raw: false, .. }) => schema.decode_all(message).ok(),
             _ => None,
         };
         match (decoded, str::from_utf8(message)) {
@@ -73,7 +129,7 @@ impl<'a> Content<'a> {
 }
 
 /// A message as lines of text, with a newline at the end.
-pub(crate) fn lines(message: &[u8], schema: Option<&Schema>, show: Show) -> Vec<u8> {
+pub(crate) fn lines(message: &[u8], schema: Option<&Codec>, show: Show) -> Vec<u8> {
     let mut lines = Vec::new();
     if show.hex {
         lines = Hex(message, "").to_string().into_bytes();
@@ -82,7 +138,7 @@ pub(crate) fn lines(message: &[u8], schema: Option<&Schema>, show: Show) -> Vec<
     }
     let decoded = schema.filter(|_| !show.raw).map(|schema| {
         // The decoder counts the elements that are not shown.
-        decode(schema, message, Limits::SCREEN.elements)
+        schema.decode(message, Limits::SCREEN.elements)
     });
     match decoded {
         Some(Ok(value)) if !matches!(value, Value::Text(_)) => {
@@ -106,7 +162,7 @@ pub(crate) fn lines(message: &[u8], schema: Option<&Schema>, show: Show) -> Vec<
 pub(crate) fn bytes_of(
     value: &serde_json::Value,
     data: &TypeId,
-    schema: Option<&Schema>,
+    schema: Option<&Codec>,
 ) -> Result<Vec<u8>, CliError> {
     let Some(schema) = schema else {
         return match value {
@@ -123,10 +179,18 @@ pub(crate) fn bytes_of(
             })),
         };
     };
-    encode(schema, value).map_err(|error| CliError::Encode {
+    schema.encode(value).map_err(|error| CliError::Encode {
         data: data.to_string(),
         reason: error.to_string(),
     })
+}
+
+/// The error for a definition of ROS 2 by which messages of the type cannot be read or written.
+pub(crate) fn definition(data: &TypeId, error: &CodecError) -> CliError {
+    CliError::Definition {
+        data: data.to_string(),
+        reason: error.clone(),
+    }
 }
 
 /// Whether this is the type `bytes`, which has no schema.

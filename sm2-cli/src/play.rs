@@ -1,14 +1,18 @@
 //! `sm2 play`: publishes the messages of bags again.
 
+mod control;
+mod keys;
+
 use std::path::PathBuf;
 
-use clap::Args;
-use sm2_bag::{Bag, PlayOptions, Player};
+use clap::{Args, Subcommand};
+use sm2_bag::{Bag, PlayOptions, PlayReport, Player};
 use sm2_node::Node;
 use sm2_proto::{Name, text::Counted};
 
+use self::keys::{HINT, Keys};
 use crate::{
-    args::{Domain, name},
+    args::{Domain, name, rate},
     bag_choice::Choice,
     connect::Session,
     ended::Ended,
@@ -18,8 +22,10 @@ use crate::{
 
 /// `sm2 play`.
 #[derive(Args, Debug)]
-#[command(after_help = HELP)]
+#[command(after_help = HELP, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub(crate) struct Arguments {
+    #[command(subcommand)]
+    action: Option<Action>,
     /// The bags; several are played as one, in the order of the times of their messages
     #[arg(value_name = "FILE", required = true)]
     files: Vec<PathBuf>,
@@ -40,11 +46,30 @@ pub(crate) struct Arguments {
     /// Play again and again, until Ctrl-C
     #[arg(long = "loop")]
     again: bool,
+    /// Be the source of domain time: nodes that use it follow the times of the messages
+    #[arg(long)]
+    clock: bool,
+    /// Wait for this number of members, and then let domain time go on only when all of them have handled their inputs
+    #[arg(long, value_name = "MEMBERS", conflicts_with = "again")]
+    lockstep: Option<usize>,
+    /// Begin with a pause
+    #[arg(long)]
+    paused: bool,
+    /// The service for `sm2 play control`
+    #[arg(long, value_name = "NAME", value_parser = name, default_value = control::SERVICE)]
+    service: Name,
     /// Print the result as one line of JSON
     #[arg(long)]
     json: bool,
     #[command(flatten)]
     domain: Domain,
+}
+
+/// The commands below `sm2 play`.
+#[derive(Debug, Subcommand)]
+enum Action {
+    /// Pause, step or speed up a running `sm2 play`
+    Control(control::Arguments),
 }
 
 const HELP: &str = "\
@@ -54,7 +79,21 @@ next message for at most 10 s. Messages that subscribers missed are counted at t
 
 An incomplete bag is played up to its last part that is whole.
 
-Exit status: 0 all messages were published, or Ctrl-C with --loop; 1 failed; 2 wrong usage; 130 Ctrl-C.
+With --clock, nodes that use domain time follow the times of the messages. With --lockstep, the domain time
+also waits for the members: nodes that handle their inputs in turns. Their outputs are then the same in each
+replay, at any --rate. A domain has one source of time, so both leave out what was recorded on topic clock,
+unless --remap gives it another name.
+
+Keys on a terminal, without --json: space pauses and resumes; s or the right arrow publishes the next message
+of a pause; + and - double and halve the rate; q ends. `sm2 play control` does the same from another shell,
+and so does a call of --service with a string: pause, resume, step, or rate and a number. During a pause,
+nothing is published and domain time stands still. In lockstep, a step has all messages of the next time.
+
+MCAP files of ROS 2 (rosbag2, or the Python package rosbags) are played as well, if they have definitions in
+ros2msg. Topics lose the slash at their start, and the node of the publishers is `play/bag`.
+
+Exit status: 0 all messages were published, the key q, or Ctrl-C with --loop; 1 failed; 2 wrong usage;
+130 Ctrl-C.
 
 Examples:
   sm2 play drive.mcap --rate 0
@@ -67,20 +106,41 @@ Examples:
 ///
 /// [`CliError::Play`], [`CliError::ReadBag`], and the errors of connecting.
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    if let Some(Action::Control(arguments)) = &arguments.action {
+        return control::run(arguments);
+    }
     let bags: Vec<_> =
         (arguments.files.iter().map(|it| Bag::open(it))).collect::<Result<_, _>>()?;
     for bag in bags.iter().filter(|it| !it.is_complete()) {
         let path = bag.path().display();
         stderr_line!("sm2: {path} is incomplete: playing the part that is whole");
     }
-    let starts = bags.iter().filter_map(|it| it.report().start_ns);
     let session = Session::open(&arguments.domain, "play")?;
+    let played = play(arguments, &bags, &session)?;
+    let mut out = Output::new();
+    match arguments.json {
+        true => out.json(&played)?,
+        false => show(&mut out, &played)?,
+    }
+    out.flush()?;
+    Ok(match session.stopped() {
+        Some(signal) if !arguments.again => Ended::Stopped(signal),
+        _ => Ended::Done,
+    })
+}
+
+/// Plays the bags, with `--loop` until a signal or a key ends it.
+fn play(arguments: &Arguments, bags: &[Bag], session: &Session) -> Result<PlayReport, CliError> {
+    let starts = bags.iter().filter_map(|it| it.report().start_ns);
     let options = PlayOptions {
         filter: arguments.choice.filter(starts.min()),
         rate: arguments.rate,
+        paused: arguments.paused,
         remap: arguments.remap.iter().cloned().collect(),
         original_names: arguments.as_original,
         subscribers: arguments.wait,
+        clock: arguments.clock,
+        lockstep: arguments.lockstep,
         ..PlayOptions::default()
     };
     let socket = arguments.domain.path()?;
@@ -90,40 +150,47 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
             .manager_timeout(arguments.domain.connect_timeout)
             .connect()
     };
-    let mut player = Player::new(&bags, options, connect, session.signal_fd())?;
-    let played = loop {
-        let played = player.play()?;
-        if !arguments.again || session.stopped().is_some() {
-            break played;
-        }
+    let mut player = Player::new(bags, options, connect, session.signal_fd())?;
+    if player.omits_clock() {
+        stderr_line!(
+            "sm2: the recorded topic clock is left out: domain time is that of this replay"
+        );
+    }
+    // A policy may allow the topics, but not the service.
+    if let Err(error) = player.serve(&session.node, &arguments.service) {
+        stderr_line!("sm2: `sm2 play control` does not reach this replay: {error}");
+    }
+    let control = player.control();
+    let keys = match arguments.json {
+        true => None,
+        false => Keys::start(control.clone(), session).map_err(CliError::system("read keys"))?,
     };
-    let mut out = Output::new();
-    if arguments.json {
-        out.json(&played)?;
-    } else {
-        for topic in &played.topics {
-            out.line(format_args!(
-                "{}: {}, {} without a subscriber, {} missed by subscribers",
-                topic.name,
-                Counted::new(topic.messages, "message"),
-                topic.unheard,
-                topic.missed
-            ))?;
+    if keys.is_some() {
+        stderr_line!("{HINT}");
+    }
+    loop {
+        let played = player.play()?;
+        if !arguments.again || session.stopped().is_some() || control.has_ended() {
+            return Ok(played);
         }
     }
-    out.flush()?;
-    Ok(match session.stopped() {
-        Some(signal) if !arguments.again => Ended::Stopped(signal),
-        _ => Ended::Done,
-    })
 }
 
-/// Parses a speed.
-fn rate(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(rate) if rate.is_finite() && rate >= 0.0 => Ok(rate),
-        _ => Err("give a factor of 0 or more, such as 2 or 0.5".into()),
+/// Prints the result.
+fn show(out: &mut Output, played: &PlayReport) -> Result<(), CliError> {
+    for member in &played.left {
+        out.line(format_args!("{member} left the lockstep before the end"))?;
     }
+    for topic in &played.topics {
+        out.line(format_args!(
+            "{}: {}, {} without a subscriber, {} missed by subscribers",
+            topic.name,
+            Counted::new(topic.messages, "message"),
+            topic.unheard,
+            topic.missed
+        ))?;
+    }
+    Ok(())
 }
 
 /// Parses `FROM=TO`.

@@ -16,7 +16,7 @@ use sm2_proto::{Instant, Name};
 
 use self::{
     black_box::BlackBoxArguments,
-    common::{Ticker, new_name},
+    common::{Shown, new_name},
 };
 use crate::{
     args::{Domain, name, positive},
@@ -27,6 +27,7 @@ use crate::{
     error::CliError,
     output::Output,
     size::Size,
+    ticker::Ticker,
     time,
 };
 
@@ -245,7 +246,7 @@ fn record(
             Step::DiskFull => return Err(RecordError::DiskFull),
         }
         session.is_connected();
-        ticker.tick(|| recorder.progress());
+        ticker.tick(|| Shown(recorder.progress()));
     }
     Ok(())
 }

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::work::Work;
 use crate::{bag_summary::show, ended::Ended, error::CliError, output::Output};
 
 /// `sm2 bag check`.
@@ -30,7 +31,9 @@ Examples:
 ///
 /// [`CliError::ReadBag`], [`CliError::Output`].
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let verdict = sm2_bag::check(&arguments.file)?;
+    let mut work = Work::begin([arguments.file.as_path()])?;
+    let verdict = sm2_bag::check_observed(&arguments.file, &mut |it| work.note(it));
+    let verdict = verdict.map_err(|it| work.error(it))?;
     let mut out = Output::new();
     if arguments.json {
         out.json(&verdict)?;

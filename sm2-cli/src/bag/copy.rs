@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use sm2_bag::{Bag, Filter};
 
+use super::work::Work;
 use crate::{
     bag_choice::Choice, bag_summary::show, compression::Compression, ended::Ended, error::CliError,
     output::Output,
@@ -100,9 +101,11 @@ Examples:
 ///
 /// [`CliError::ReadBag`], [`CliError::CopyBag`], [`CliError::Output`].
 pub(super) fn filter(arguments: &FilterArguments) -> Result<Ended, CliError> {
-    let bag = open(&arguments.file)?;
+    let mut work = Work::begin([arguments.file.as_path()])?;
+    let bag = open(&arguments.file, &mut work)?;
     let filter = arguments.choice.filter(bag.report().start_ns);
-    write(&[bag], &filter, arguments.compression, &arguments.target)
+    let compression = arguments.compression;
+    write(&[bag], &filter, compression, &arguments.target, &mut work)
 }
 
 /// Runs `sm2 bag convert`.
@@ -111,9 +114,10 @@ pub(super) fn filter(arguments: &FilterArguments) -> Result<Ended, CliError> {
 ///
 /// [`CliError::ReadBag`], [`CliError::CopyBag`], [`CliError::Output`].
 pub(super) fn convert(arguments: &ConvertArguments) -> Result<Ended, CliError> {
-    let bag = open(&arguments.file)?;
+    let mut work = Work::begin([arguments.file.as_path()])?;
+    let bag = open(&arguments.file, &mut work)?;
     let (all, compression) = (Filter::default(), arguments.compression);
-    write(&[bag], &all, compression, &arguments.target)
+    write(&[bag], &all, compression, &arguments.target, &mut work)
 }
 
 /// Runs `sm2 bag merge`.
@@ -122,16 +126,18 @@ pub(super) fn convert(arguments: &ConvertArguments) -> Result<Ended, CliError> {
 ///
 /// [`CliError::ReadBag`], [`CliError::CopyBag`], [`CliError::Output`].
 pub(super) fn merge(arguments: &MergeArguments) -> Result<Ended, CliError> {
+    let mut work = Work::begin(arguments.files.iter().map(AsRef::as_ref))?;
     let bags: Vec<_> = (arguments.files.iter())
-        .map(|it| open(it))
+        .map(|it| open(it, &mut work))
         .collect::<Result<_, _>>()?;
     let (all, compression) = (Filter::default(), arguments.compression);
-    write(&bags, &all, compression, &arguments.target)
+    write(&bags, &all, compression, &arguments.target, &mut work)
 }
 
 /// Opens a bag, and tells if it is incomplete.
-fn open(path: &Path) -> Result<Bag, CliError> {
-    let bag = Bag::open(path)?;
+fn open(path: &Path, work: &mut Work) -> Result<Bag, CliError> {
+    let bag = Bag::open_observed(path, &mut |it| work.note(it));
+    let bag = bag.map_err(|it| work.error(it))?;
     if !bag.is_complete() {
         let path = path.display();
         stderr_line!("sm2: {path} is incomplete: copying the part that is whole");
@@ -144,8 +150,11 @@ fn write(
     filter: &Filter,
     compression: Compression,
     target: &Target,
+    work: &mut Work,
 ) -> Result<Ended, CliError> {
-    let report = sm2_bag::copy(bags, &target.output, filter, compression.into())?;
+    let (to, compression) = (&target.output, compression.into());
+    let report = sm2_bag::copy_observed(bags, to, filter, compression, &mut |it| work.note(it));
+    let report = report.map_err(|it| work.error(it))?;
     let mut out = Output::new();
     match target.json {
         true => out.json(&report)?,

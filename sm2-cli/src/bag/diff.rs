@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use sm2_bag::Bag;
 
+use super::work::Work;
 use crate::{ended::Ended, error::CliError, output::Output};
 
 /// `sm2 bag diff`.
@@ -37,12 +38,19 @@ Examples:
 ///
 /// [`CliError::ReadBag`], [`CliError::Output`].
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let (first, second) = (Bag::open(&arguments.first)?, Bag::open(&arguments.second)?);
+    let paths = [arguments.first.as_path(), &arguments.second];
+    let mut work = Work::begin(paths)?;
+    let mut open = |path| {
+        let bag = Bag::open_observed(path, &mut |it| work.note(it));
+        bag.map_err(|it| work.error(it))
+    };
+    let (first, second) = (open(paths[0])?, open(paths[1])?);
     for bag in [&first, &second].into_iter().filter(|it| !it.is_complete()) {
         let path = bag.path().display();
         stderr_line!("sm2: {path} is incomplete: comparing the part that is whole");
     }
-    let difference = sm2_bag::diff([&first, &second])?;
+    let difference = sm2_bag::diff_observed([&first, &second], &mut |it| work.note(it));
+    let difference = difference.map_err(|it| work.error(it))?;
     let mut out = Output::new();
     match (arguments.json, &difference) {
         (true, difference) => out.json(difference)?,

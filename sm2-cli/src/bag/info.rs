@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use sm2_bag::Bag;
 
+use super::work::Work;
 use crate::{bag_summary::show, ended::Ended, error::CliError, output::Output};
 
 /// `sm2 bag info`.
@@ -37,7 +38,9 @@ Examples:
 ///
 /// [`CliError::ReadBag`], [`CliError::Output`].
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let bag = Bag::open(&arguments.file)?;
+    let mut work = Work::begin([arguments.file.as_path()])?;
+    let bag = Bag::open_observed(&arguments.file, &mut |it| work.note(it));
+    let bag = bag.map_err(|it| work.error(it))?;
     let mut out = Output::new();
     match arguments.json {
         true => out.json(&bag.report())?,

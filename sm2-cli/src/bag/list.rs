@@ -104,12 +104,17 @@ fn listed(path: &Path) -> Result<Listed, CliError> {
         path: path.to_owned(),
         file_bytes: metadata.len(),
         topics: report.topics.len(),
-        messages: report.topics.iter().map(|it| it.messages).sum(),
-        lost: report.topics.iter().map(|it| it.lost).sum(),
+        messages: sum(report.topics.iter().map(|it| it.messages)),
+        lost: sum(report.topics.iter().map(|it| it.lost)),
         start_ns: report.start_ns,
         end_ns: report.end_ns,
         complete: report.complete,
     })
+}
+
+/// The sum of counts. A hostile bag can claim any.
+fn sum(counts: impl Iterator<Item = u64>) -> u64 {
+    counts.fold(0, u64::saturating_add)
 }
 
 fn table(bags: &[Listed]) -> Columns<7> {

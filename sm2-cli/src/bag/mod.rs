@@ -6,6 +6,7 @@ mod diff;
 mod info;
 mod list;
 mod recover;
+mod work;
 
 use clap::Subcommand;
 

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::work::Work;
 use crate::{bag_summary::show, ended::Ended, error::CliError, output::Output};
 
 /// `sm2 bag recover`.
@@ -38,7 +39,10 @@ Examples:
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let default = || arguments.file.with_extension("recovered.mcap");
     let path = arguments.output.clone().unwrap_or_else(default);
-    let report = sm2_bag::recover(&arguments.file, &path)?;
+    // The readable part is read twice.
+    let mut work = Work::begin([arguments.file.as_path(); 2])?;
+    let report = sm2_bag::recover_observed(&arguments.file, &path, &mut |it| work.note(it));
+    let report = report.map_err(|it| work.error(it))?;
     let mut out = Output::new();
     match arguments.json {
         true => out.json(&report)?,

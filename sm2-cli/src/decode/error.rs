@@ -40,6 +40,9 @@ pub(crate) enum DecodeError {
     /// An encoding that this program does not know.
     #[error("its encoding {0} is not known here")]
     Encoding(Box<str>),
+    /// No message of this type of ROS 2.
+    #[error("{}", ros_text(.0))]
+    Ros(#[from] sm2_ros::DecodeError),
 }
 
 /// The fault of the bytes at one offset.
@@ -73,6 +76,17 @@ impl DecodeError {
         Self::Value { path, at, wrong }
     }
 
+    /// Whether the message has more values than the decoder keeps.
+    pub(super) const fn is_too_many(&self) -> bool {
+        matches!(
+            self,
+            Self::Ros(sm2_ros::DecodeError::Value {
+                fault: sm2_ros::Fault::Values,
+                ..
+            })
+        )
+    }
+
     /// Puts a step in front of the path, for an error in a part of the message.
     pub(super) fn within(mut self, step: impl FnOnce() -> String) -> Self {
         if let Self::Value { path, .. } = &mut self {
@@ -99,6 +113,9 @@ pub(crate) enum EncodeError {
     /// An encoding that this program does not know.
     #[error("its encoding {0} is not known here: give the message as a file")]
     Encoding(Box<str>),
+    /// No message of this type of ROS 2.
+    #[error("{}", ros_text(.0))]
+    Ros(#[from] sm2_ros::EncodeError),
 }
 
 impl EncodeError {
@@ -136,6 +153,15 @@ fn brief(text: &str) -> String {
 /// The step to a field or variant. Control characters of its name are escaped: any node can register a name.
 pub(super) fn step(name: &str) -> String {
     format!(".{}", name.escape_debug())
+}
+
+/// The text of an error of `sm2-ros`. The path of an error of the whole message is empty there.
+fn ros_text(error: &impl std::fmt::Display) -> String {
+    let text = error.to_string();
+    match text.starts_with(": ") {
+        true => name_of("") + &text,
+        false => text,
+    }
 }
 
 fn name_of(path: &str) -> String {

@@ -1,6 +1,7 @@
 //! Messages of types that this program was not built with, read and written by their schemas.
 //!
-//! [`decode`] is for `sm2 topic echo`, [`encode`] for JSON from the command line, [`show()`] for the terminal.
+//! A [`Codec`] decodes for `sm2 topic echo`, and encodes JSON from the command line; [`show()`] is for the terminal.
+//! Messages of ROS 2 (SM2-TYP-002) are read and written by `sm2-ros`, all others here.
 //!
 //! | type | JSON, in and out |
 //! | --- | --- |
@@ -9,6 +10,7 @@
 //! | enumeration | `"Name"`, or `{"Name": fields}` |
 //! | map | object, if keys are texts, characters, whole numbers or booleans; else an array of pairs |
 //! | optional | the value or `null` |
+mod codec;
 mod error;
 mod json;
 mod reader;
@@ -17,8 +19,9 @@ mod show;
 mod value;
 mod writer;
 
-use sm2_proto::schema::{Encoding, Layout, Schema, Type};
+use sm2_proto::schema::{Encoding, Layout, Root, Schema, Type};
 
+pub(crate) use self::codec::{Codec, CodecError};
 pub(crate) use self::error::{DecodeError, EncodeError};
 pub(crate) use self::show::{Limits, show};
 pub(crate) use self::value::Value;
@@ -37,7 +40,9 @@ pub(crate) fn decode<'a>(
     bytes: &'a [u8],
     keep: usize,
 ) -> Result<Value<'a>, DecodeError> {
-    let root = schema.root();
+    let Root::Type(root) = schema.root() else {
+        return Err(DecodeError::Encoding(schema.encoding().name().into()));
+    };
     match schema.encoding() {
         Encoding::Plain if *root == Type::Text => match str::from_utf8(bytes) {
             Ok(text) => Ok(Value::Text(text.into())),
@@ -54,7 +59,7 @@ pub(crate) fn decode<'a>(
         }
         Encoding::Postcard => Reader::new(bytes, Form::Postcard, keep).whole(root),
         Encoding::Json => json::decode(root, bytes, keep),
-        Encoding::Other(name) => Err(DecodeError::Encoding(name.clone())),
+        other => Err(DecodeError::Encoding(other.name().into())),
     }
 }
 
@@ -64,7 +69,9 @@ pub(crate) fn decode<'a>(
 ///
 /// [`EncodeError`] with the path to the value that does not fit the schema.
 pub(crate) fn encode(schema: &Schema, given: &serde_json::Value) -> Result<Vec<u8>, EncodeError> {
-    let root = schema.root();
+    let Root::Type(root) = schema.root() else {
+        return Err(EncodeError::Encoding(schema.encoding().name().into()));
+    };
     match schema.encoding() {
         Encoding::Plain if *root == Type::Text => match given {
             serde_json::Value::String(text) => Ok(text.clone().into_bytes()),
@@ -79,7 +86,7 @@ pub(crate) fn encode(schema: &Schema, given: &serde_json::Value) -> Result<Vec<u
             writer::encoded(writer::Form::Json, root, given)?;
             Ok(given.to_string().into_bytes())
         }
-        Encoding::Other(name) => Err(EncodeError::Encoding(name.clone())),
+        other => Err(EncodeError::Encoding(other.name().into())),
     }
 }
 

@@ -1,3 +1,4 @@
+mod codec;
 mod encode;
 mod hostile;
 mod plain;

@@ -16,12 +16,12 @@ use sm2_io::clock;
 use sm2_proto::{Instant, Name};
 
 use super::{
-    common::{Ticker, new_name},
+    common::{Shown, new_name},
     trigger::SERVICE,
 };
 use crate::{
     args::name, bag_summary::show, connect::Session, ended::Ended, error::CliError, output::Output,
-    time,
+    ticker::Ticker, time,
 };
 
 /// The options of a black box.
@@ -92,6 +92,7 @@ pub(super) fn run(
         BlackBox::start(&session.node, options, session.signal_fd()).map_err(failed)?;
     let added = black_box.wake_on_descriptor(signal.0.as_fd());
     added.map_err(CliError::system("wait for SIGUSR1"))?;
+    arguments.warn_of_absent(session)?;
     stderr_line!(
         "keeping the last {} in {} (`sm2 record trigger`, SIGUSR1; Ctrl-C ends)",
         time::Span(last),
@@ -138,7 +139,7 @@ fn keep(
             Err(error) => return Ok(Err(error)),
         }
         session.is_connected();
-        ticker.tick(|| black_box.progress());
+        ticker.tick(|| Shown(black_box.progress()));
     }
     Ok(Ok(()))
 }
@@ -172,6 +173,19 @@ fn report(
 }
 
 impl BlackBoxArguments {
+    /// Names the nodes of `--on-lost` that are not there: they may come later, or their names may be wrong.
+    fn warn_of_absent(&self, session: &Session) -> Result<(), CliError> {
+        if self.on_lost.is_empty() {
+            return Ok(());
+        }
+        let domain = session.snapshot()?;
+        let absent = |node: &&Name| domain.node_named(node.as_str()).is_none();
+        for node in self.on_lost.iter().filter(absent) {
+            stderr_line!("sm2: no node {node} is there: it triggers when it has come and left");
+        }
+        Ok(())
+    }
+
     fn triggers(&self) -> Vec<Trigger> {
         let messages = self.on_message.iter().cloned().map(Trigger::Message);
         let nodes = self.on_lost.iter().cloned().map(Trigger::LostNode);

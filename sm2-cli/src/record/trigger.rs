@@ -3,7 +3,6 @@
 use std::time::Duration;
 
 use clap::Args;
-use sm2_io::clock;
 use sm2_proto::Name;
 
 use crate::{
@@ -12,7 +11,7 @@ use crate::{
     ended::Ended,
     error::CliError,
     output::Output,
-    service::{call, client, server, stopped},
+    service::{ask, stopped},
     time,
 };
 
@@ -53,12 +52,8 @@ Examples:
 /// [`CliError::NoServer`], [`CliError::Call`], and the errors of connecting.
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let session = Session::open(&arguments.domain, "trigger")?;
-    let client = client(&session, &arguments.service)?;
-    let until = clock::now().after(arguments.timeout);
-    if server(&arguments.service, &session, &client, until)?.is_none() {
-        return Ok(stopped(&session));
-    }
-    let Some(reply) = call(&session, &client, arguments.reason.as_bytes(), until)? else {
+    let (service, timeout) = (&arguments.service, arguments.timeout);
+    let Some(reply) = ask(&session, service, arguments.reason.as_bytes(), timeout)? else {
         return Ok(stopped(&session));
     };
     let mut out = Output::new();

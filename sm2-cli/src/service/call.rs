@@ -97,7 +97,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         (None, Some(value)) => {
             let schema = match is_bytes(&request_type) {
                 true => None,
-                false => schemas.of(&session, &request_type),
+                false => schemas.of(&session, &request_type)?,
             };
             bytes_of(&value, &request_type, schema)?
         }
@@ -110,7 +110,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let took = clock::now().since(start);
     let decodes = !arguments.show.raw && !arguments.show.hex && !is_bytes(&reply_type);
     let schema = match decodes {
-        true => schemas.of(&session, &reply_type),
+        true => schemas.shown(&session, &reply_type),
         false => None,
     };
     let mut out = Output::new();
@@ -130,8 +130,23 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     Ok(Ended::Done)
 }
 
+/// Calls a service of any types with these bytes. `None` if a signal came.
+pub(crate) fn ask(
+    session: &Session,
+    service: &Name,
+    request: &[u8],
+    timeout: Duration,
+) -> Result<Option<Reply<[u8]>>, CliError> {
+    let client = client(session, service)?;
+    let until = clock::now().after(timeout);
+    match server(service, session, &client, until)? {
+        Some(_) => call(session, &client, request, until),
+        None => Ok(None),
+    }
+}
+
 /// A client of any types.
-pub(crate) fn client(session: &Session, service: &Name) -> Result<Client<[u8], [u8]>, CliError> {
+fn client(session: &Session, service: &Name) -> Result<Client<[u8], [u8]>, CliError> {
     let builder = session.node.client_builder(service.as_str());
     Ok(builder.any_types().declare()?)
 }
@@ -142,7 +157,7 @@ pub(crate) fn stopped(session: &Session) -> Ended {
 }
 
 /// Waits for a server, and returns its types. `None` if a signal came.
-pub(crate) fn server(
+fn server(
     service: &Name,
     session: &Session,
     client: &Client<[u8], [u8]>,
@@ -187,7 +202,7 @@ fn no_server(service: &Name, session: &Session) -> CliError {
 }
 
 /// Sends the request and waits for the reply. `None` if a signal came; the call is then cancelled.
-pub(crate) fn call(
+fn call(
     session: &Session,
     client: &Client<[u8], [u8]>,
     request: &[u8],

@@ -6,7 +6,7 @@ mod list;
 
 use clap::Subcommand;
 
-pub(crate) use self::call::{call, client, server, stopped};
+pub(crate) use self::call::{ask, stopped};
 use crate::{ended::Ended, error::CliError};
 
 /// The commands.

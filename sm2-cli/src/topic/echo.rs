@@ -6,17 +6,19 @@ use clap::Args;
 use serde::Serialize;
 use sm2_io::clock;
 use sm2_node::{Sample, Subscriber};
-use sm2_proto::{Kind, Name, text::Counted};
+use sm2_proto::{Kind, Name, TypeId, text::Counted};
 
 use super::{folder::Folder, wait_hint};
 use crate::{
     args::{Domain, name},
+    built_in::BuiltIn,
     connect::Session,
     ended::Ended,
     error::CliError,
     interrupt::Stopped,
     messages::{self, Content, Schemas, Show},
     output::Output,
+    ros_types::Definitions,
     size::Size,
     time,
     wait::For,
@@ -44,6 +46,12 @@ pub(crate) struct Arguments {
     /// Receive from publishers that offer a sign of life at least once in this time, such as 1s
     #[arg(long, value_name = "TIME", value_parser = time::span)]
     liveliness: Option<Duration>,
+    /// The type of the messages: a built-in type such as text, or one of ROS 2, such as sensor_msgs/msg/Image.
+    /// Publishers with another definition of the type are not received [default: any type]
+    #[arg(long = "type", value_name = "NAME", value_parser = name)]
+    data: Option<Name>,
+    #[command(flatten)]
+    definitions: Definitions,
     /// The longest message to receive; publishers do not send longer ones here [default: 1GiB]
     #[arg(long, value_name = "SIZE")]
     max_len: Option<Size>,
@@ -60,7 +68,8 @@ const HELP: &str = "\
 A message whose type has a schema is printed with its fields. Text is printed as it is, if it is UTF-8
 without control characters other than newline and tab. Of any other message, the length and the first
 bytes are printed. JSON has the whole message: as `value` if its type has a schema, as `text` if it is
-UTF-8, else as `hex`; or as `file`, the path of the file that --to-dir wrote.
+UTF-8, else as `hex`; or as `file`, the path of the file that --to-dir wrote. If a message of ROS 2 has
+byte sequences, such as an image, or more than four million values, each list is cut after 32 elements.
 
 echo continues while the Manager is replaced, and reports that on standard error.
 
@@ -83,9 +92,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let builder = session
         .node
         .subscriber_builder::<[u8]>(arguments.topic.as_str())
-        .any_type()
         .depth(DEPTH)
         .reliable(arguments.reliable);
+    let builder = match &arguments.data {
+        Some(name) => builder.type_id(data_type(arguments, &session, name)?),
+        None => builder.any_type(),
+    };
     let builder = match arguments.deadline {
         Some(period) => builder.deadline(period),
         None => builder,
@@ -111,6 +123,17 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         Some(signal) if arguments.count.is_some() => Ended::Stopped(signal),
         _ => Ended::Done,
     })
+}
+
+/// The type of `--type`. Its schema is registered, so that others can read and write its messages.
+fn data_type(arguments: &Arguments, session: &Session, name: &Name) -> Result<TypeId, CliError> {
+    let Some(BuiltIn { data, schema }) = arguments.definitions.known(name)? else {
+        return Err(CliError::NoDefinition { name: name.clone() });
+    };
+    if let Some(text) = schema {
+        session.node.register_schema(data.clone(), &text)?;
+    }
+    Ok(data)
 }
 
 /// Prints messages. Returns the signal that ended the loop, if one did.
@@ -184,7 +207,7 @@ impl<'a> Sink<'a> {
         Ok(Self {
             arguments,
             session,
-            schemas: Schemas::default(),
+            schemas: Schemas::new(&arguments.definitions),
             out: Output::new(),
             folder,
         })
@@ -204,7 +227,7 @@ impl<'a> Sink<'a> {
         let data = sample
             .type_id()
             .filter(|data| decodes && !messages::is_bytes(data));
-        let schema = data.and_then(|data| schemas.of(session, data));
+        let schema = data.and_then(|data| schemas.shown(session, data));
         match (arguments.json, path) {
             (true, Some(path)) => {
                 let content = Content::File(path.to_string_lossy());

@@ -10,6 +10,11 @@ use crate::common::{Domain, Running, sm2, until};
 /// Publishes ten lines of text to a recorder.
 fn publish(domain: &Domain) {
     let lines: String = (0..10).map(|it| format!("line {it}\n")).collect();
+    publish_lines(domain, &lines);
+}
+
+/// Publishes a message for each line to a recorder of `chatter`.
+pub(crate) fn publish_lines(domain: &Domain, lines: &str) {
     fs::write(domain.path("lines"), lines).unwrap();
     let from = domain.path("lines");
     let text = [

@@ -59,8 +59,13 @@ fn a_black_box_writes_what_was_before_each_trigger() {
     let arguments = [
         "record", "chatter", "--last", "60s", "--after", "0", "-o", folder,
     ];
-    let triggers = ["--on-message", "alarm", "--on-lost", &name, "--json"];
-    let recorder = domain.start(&[&arguments[..], &triggers].concat());
+    let triggers = ["--on-message", "alarm", "--on-lost", &name];
+    let absent = ["--on-lost", "nobody", "--json"];
+    let recorder = domain.start(&[&arguments[..], &triggers, &absent].concat());
+    recorder.await_stderr("keeping the last");
+    let told = recorder.stderr();
+    assert_eq!(told.matches("no node").count(), 1, "{told}");
+    assert!(told.contains("no node nobody is there"), "{told}");
     domain.wait_for("chatter", "subscribers", 1);
     publish(&domain, "chatter", "first");
 

@@ -1,12 +1,14 @@
 //! Tests of the `sm2` command with real processes, each in its own domain.
 
 mod bag;
+mod bag_work;
 mod black_box;
 mod common;
 mod decoded;
 mod demo;
 mod doctor;
 mod examples;
+mod foreign;
 mod gateway;
 mod generated;
 mod help;
@@ -15,7 +17,9 @@ mod kills;
 mod lists;
 mod max_len;
 mod measure;
+mod play;
 mod policy;
+mod ros;
 mod services;
 mod signals;
 mod snapshot;

@@ -147,7 +147,10 @@ fn a_length_that_does_not_fit_is_an_error() {
         "its schema is of no plain type: plain messages hold numbers, booleans, characters, \
          arrays and structures only"
     );
-    assert_eq!(error("cdr:u8", &[0]), "its encoding cdr is not known here");
+    assert_eq!(
+        error("cbor:u8", &[0]),
+        "its encoding cbor is not known here"
+    );
 }
 
 /// Elements of size zero: a message of no bytes may have any number of them.

@@ -9,6 +9,7 @@ use sm2_proto::{Name, schema::Schema};
 use super::super::source::{Input, Split};
 use crate::{
     args::{Domain, Integrity, name, positive},
+    ros_types::Definitions,
     size::{MESSAGE_MAX_BYTES, Size},
     time,
 };
@@ -62,12 +63,14 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "SIZE")]
     pub(super) pool_limit: Option<Size>,
     /// The type of the messages [default: with --value the topic's, else bytes]. Without a hash, the topic's
-    /// type of this name, else a built-in type such as text or f64-list
+    /// type of this name, else a built-in type such as text or f64-list, else one of ROS 2
     #[arg(long = "type", value_name = "NAME[:HASH]", value_parser = data_type)]
     pub(super) data: Option<DataType>,
     /// The schema of --type, as `sm2 topic info` prints it. It determines the hash of the type
     #[arg(long, value_name = "TEXT", requires = "data", value_parser = schema)]
     pub(super) schema: Option<Schema>,
+    #[command(flatten)]
+    pub(super) definitions: Definitions,
     /// Start when this number of subscribers is linked
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub(super) wait: usize,
@@ -105,6 +108,7 @@ Examples:
   sm2 topic pub log --from /var/log/syslog --lines --reliable
   sm2 topic pub range --type f64 --value 1.5 --rate 10 --loop
   sm2 topic pub goal --type nav/Goal --schema 'plain:struct{x:f64,y:f64,}' --value '{\"x\": 1.5, \"y\": 0}'
+  sm2 topic pub pose --type geometry_msgs/msg/Pose2D --value '{\"x\": 1.5}' --rate 10 --loop
   sm2 topic pub blob --from - --chunk 1MiB --reliable < disk.img";
 
 impl Arguments {

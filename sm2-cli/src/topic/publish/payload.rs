@@ -5,10 +5,11 @@ use sm2_proto::{Name, TypeId, schema::Schema};
 
 use super::arguments::Arguments;
 use crate::{
-    built_in::{self, BuiltIn},
+    built_in::BuiltIn,
     connect::Session,
+    decode::Codec,
     error::CliError,
-    messages::{Schemas, bytes_of, is_bytes},
+    messages::{Schemas, bytes_of, definition, is_bytes},
     view::View,
 };
 
@@ -31,7 +32,7 @@ pub(super) fn value(arguments: &Arguments) -> Result<Option<Value>, CliError> {
 impl Payload {
     /// # Errors
     ///
-    /// [`CliError::Query`], [`CliError::NoSchema`], [`CliError::Encode`].
+    /// [`CliError::Query`], [`CliError::NoSchema`], [`CliError::Definition`], [`CliError::Encode`].
     pub(super) fn new(
         arguments: &Arguments,
         session: &Session,
@@ -40,12 +41,16 @@ impl Payload {
         let Declared { data, schema } = declared(arguments, session, value.is_some())?;
         let bytes = match (value, &schema) {
             (None, _) => None,
-            (Some(value), Some(schema)) => Some(bytes_of(value, &data, Some(schema))?),
+            (Some(value), Some(schema)) => {
+                let codec = Codec::new(&data.name, schema.clone());
+                let codec = codec.map_err(|error| definition(&data, &error))?;
+                Some(bytes_of(value, &data, Some(&codec))?)
+            }
             (Some(value), None) => {
-                let mut schemas = Schemas::default();
+                let mut schemas = Schemas::new(&arguments.definitions);
                 let schema = match is_bytes(&data) {
                     true => None,
-                    false => schemas.of(session, &data),
+                    false => schemas.of(session, &data)?,
                 };
                 Some(bytes_of(value, &data, schema)?)
             }
@@ -67,7 +72,7 @@ struct Declared {
 }
 
 /// The type to declare. Without a hash in the arguments, the type is that of the topic, else the built-in
-/// type of this name.
+/// type of this name, else that of ROS 2. With `--definitions`, the topic cannot replace the type that they define.
 fn declared(
     arguments: &Arguments,
     session: &Session,
@@ -98,9 +103,19 @@ fn declared(
             Some(hash) => Ok(given(&data.name, hash, None)),
             None if data.name.as_str() == "bytes" => Ok(bytes()),
             None => {
+                let known = known(&data.name, arguments)?;
                 let in_use = in_use()?.filter(|it| it.data.name == data.name);
-                let known = in_use.or_else(|| built_in(&data.name));
-                Ok(known.unwrap_or_else(|| given(&data.name, 0, None)))
+                Ok(match (in_use, known) {
+                    (Some(in_use), Some(known))
+                        if in_use.data != known.data && arguments.definitions.is_empty() =>
+                    {
+                        in_use
+                    }
+                    // The text need not be in the domain.
+                    (_, Some(known)) => known,
+                    (Some(in_use), None) => in_use,
+                    (None, None) => given(&data.name, 0, None),
+                })
             }
         },
         (None, _) if takes_topics => Ok(in_use()?.unwrap_or_else(bytes)),
@@ -108,10 +123,13 @@ fn declared(
     }
 }
 
-fn built_in(name: &Name) -> Option<Declared> {
-    let BuiltIn { data, schema } = built_in::named(name)?;
-    let schema = schema.and_then(|text| Schema::parse(&text).ok());
-    Some(Declared { data, schema })
+/// The type that the name alone determines.
+fn known(name: &Name, arguments: &Arguments) -> Result<Option<Declared>, CliError> {
+    let known = arguments.definitions.known(name)?;
+    Ok(known.map(|BuiltIn { data, schema }| {
+        let schema = schema.and_then(|text| Schema::parse(&text).ok());
+        Declared { data, schema }
+    }))
 }
 
 /// The hash of the schema. Another hash in `--type` is an error.

@@ -21,13 +21,14 @@ use tempfile::TempDir;
 use crate::common::{Running, until};
 
 /// The topics of bytes that examples name.
-const TOPICS: [&str; 7] = [
+const TOPICS: [&str; 8] = [
     "chatter",
     "camera",
     "log",
     "camera/front",
     "goal",
     "blob",
+    "pose",
     "range",
 ];
 
@@ -99,7 +100,8 @@ impl World {
             builder.connect().unwrap()
         };
         world.nodes = Some(Nodes::start(example, node));
-        if is_word_of(example, "drive") {
+        let is_control = is_word_of(example, "control");
+        if is_word_of(example, "drive") || is_control {
             let record = [
                 "record",
                 "scan",
@@ -111,6 +113,11 @@ impl World {
             ];
             let finished = Running::start(&mut world.sm2(&record)).finish();
             assert_eq!(finished.code(), 0, "{finished:?}");
+        }
+        if is_control {
+            let play = ["play", "drive.mcap", "--paused"];
+            let player = Running::start(&mut world.sm2(&play));
+            world.daemons.push(player);
         }
         if is_word_of(example, "trigger") {
             let recorder = Running::start(&mut world.sm2(&["record", "--all", "--last", "60s"]));
