@@ -29,6 +29,7 @@ use crate::{
     domain::DomainLocation,
     hub::{DEFAULT_SEND_QOS, Policy},
     peer::{Limit, Limits},
+    rule_words::{ActionWord, DirectionWord, KindWord},
     shadow::RuleSet,
 };
 
@@ -131,29 +132,6 @@ struct RuleTable {
     messages_per_s: Option<NonZeroU32>,
     bytes_per_s: Option<NonZeroU64>,
     max_age_ms: Option<u64>,
-}
-
-#[derive(Clone, Copy, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-enum ActionWord {
-    Allow,
-    Deny,
-}
-
-#[derive(Clone, Copy, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-enum KindWord {
-    Topic,
-    Service,
-}
-
-#[derive(Clone, Copy, Default, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-enum DirectionWord {
-    In,
-    Out,
-    #[default]
-    Both,
 }
 
 impl Config {
@@ -451,20 +429,10 @@ impl Source<'_> {
             None => DEFAULT_SEND_QOS.priority,
         };
         let rule = Rule {
-            action: match table.action {
-                ActionWord::Allow => Action::Allow,
-                ActionWord::Deny => Action::Deny,
-            },
-            kind: table.kind.map(|it| match it {
-                KindWord::Topic => SubjectKind::Topic,
-                KindWord::Service => SubjectKind::Service,
-            }),
+            action: table.action.into(),
+            kind: table.kind.map(SubjectKind::from),
             names,
-            direction: match table.direction {
-                DirectionWord::In => Some(Direction::In),
-                DirectionWord::Out => Some(Direction::Out),
-                DirectionWord::Both => None,
-            },
+            direction: table.direction.into(),
             peers: peers.transpose()?,
         };
         let qos = SendQos {

@@ -7,6 +7,7 @@
 //! | request reports from the gateways of a domain | [`report`] |
 //! | ask whether a peer offers a topic or service | [`availability`] |
 //! | compare rules with other rules | [`shadow`] |
+//! | read rules in the configuration of another program | [`rule_words`] |
 //! | export metrics to Prometheus | `metrics`, with the feature of that name |
 //! | drive one connection in a loop of your own, or in a simulation | [`peer`] |
 //! | drive the routes and calls between domain and peers likewise | [`hub`] |
@@ -36,6 +37,7 @@ pub mod peer;
 pub mod program;
 pub mod report;
 mod retry;
+pub mod rule_words;
 mod run;
 pub mod shadow;
 mod tally;

@@ -9,5 +9,8 @@ mod getting_started {}
 #[doc = include_str!("../../docs/src/qos.md")]
 mod qos {}
 
+#[doc = include_str!("../../docs/src/ros2-types.md")]
+mod ros2_types {}
+
 #[doc = include_str!("../../docs/src/tutorials/robot.md")]
 mod robot {}

@@ -3,6 +3,7 @@
 
 use std::{
     collections::BTreeSet,
+    sync::{Mutex, MutexGuard, PoisonError},
     thread,
     time::{Duration, Instant},
 };
@@ -22,11 +23,22 @@ const NODES_PER_PROCESS: usize = 5;
 const HEARS: [&str; 2] = ["1", "8"];
 const KILLS: usize = 50;
 
+/// The deadlines of the Managers, in seconds: a machine that is busy with other work delays some of the nodes for
+/// longer than the defaults.
+const PATIENCE: [&str; 4] = ["--greeting-timeout", "60", "--recovery-timeout", "60"];
+
+/// One load at a time: two of them starve nodes on two cores.
+static LOADED: Mutex<()> = Mutex::new(());
+
 /// The nodes under load: fifty with 100 links, and two with one that carries 10 MB at 30 Hz.
-struct Load(Vec<Process>);
+struct Load {
+    processes: Vec<Process>,
+    _alone: MutexGuard<'static, ()>,
+}
 
 impl Load {
     fn start(domain: &TempDomain) -> Self {
+        let alone = LOADED.lock().unwrap_or_else(PoisonError::into_inner);
         let flow = |prefix: &str, options: &[(&str, usize)], hears: &str| {
             let mut command = actor("flow");
             command.arg("--socket").arg(domain.socket());
@@ -60,7 +72,10 @@ impl Load {
         };
         all.push(flow("big", &two(0, 30, 1), ""));
         all.push(flow("big", &two(1, 0, 0), "1"));
-        let mut load = Self(all);
+        let mut load = Self {
+            processes: all,
+            _alone: alone,
+        };
         load.step("linked", "go");
         load.step("flowing", "");
         load
@@ -68,17 +83,21 @@ impl Load {
 
     /// Waits for a line of each process, and then sends a line to each.
     fn step(&mut self, heard: &str, say: &str) {
-        for process in &self.0 {
+        for process in &self.processes {
             assert_eq!(process.expect_line(), heard);
         }
-        self.0.iter_mut().for_each(|process| process.say(say));
+        self.processes
+            .iter_mut()
+            .for_each(|process| process.say(say));
     }
 
     /// Ends the flow. Every message must have arrived once, in order, on the first link between its
     /// two nodes.
     fn stop(&mut self) {
-        self.0.iter_mut().for_each(|process| process.say("stop"));
-        let reports: Vec<String> = self.0.iter().map(Process::expect_line).collect();
+        self.processes
+            .iter_mut()
+            .for_each(|process| process.say("stop"));
+        let reports: Vec<String> = self.processes.iter().map(Process::expect_line).collect();
         let sum = |key: &str, reports: &[String]| -> u64 {
             reports.iter().map(|report| number(report, key)).sum()
         };
@@ -165,6 +184,11 @@ fn declaration(observer: &Node, round: usize) -> Duration {
     start.elapsed()
 }
 
+/// Starts a Manager that takes over.
+fn start(domain: &TempDomain, way: &str) -> ManagerProcess {
+    domain.manager_start(&[&PATIENCE[..], &[way, "true"]].concat())
+}
+
 /// The Managers of a domain: one serves, and one stands by.
 struct Pair {
     active: ManagerProcess,
@@ -173,8 +197,8 @@ struct Pair {
 
 impl Pair {
     fn start(domain: &TempDomain) -> Self {
-        let active = domain.manager();
-        let standby = domain.manager_start(&["--standby", "true"]);
+        let active = domain.manager_with(&PATIENCE);
+        let standby = start(domain, "--standby");
         standby.log_says("standing by");
         Self { active, standby }
     }
@@ -187,7 +211,7 @@ impl Pair {
     /// Waits until the standby serves, and starts another standby.
     fn refill(&mut self, domain: &TempDomain) {
         self.standby.log_says("serving");
-        let standby = domain.manager_start(&["--standby", "true"]);
+        let standby = start(domain, "--standby");
         standby.log_says("standing by");
         self.active = std::mem::replace(&mut self.standby, standby);
     }
@@ -258,12 +282,12 @@ fn both_managers_killed_and_one_started_later() {
 #[test]
 fn a_hand_over_is_not_noticed() {
     let domain = TempDomain::new();
-    let mut active = domain.manager();
+    let mut active = domain.manager_with(&PATIENCE);
     let mut load = Load::start(&domain);
     let observer = observer(&domain);
     let before = State::of(&observer.snapshot().expect("a snapshot"));
     for round in 0..10 {
-        let next = domain.manager_start(&["--replace", "true"]);
+        let next = start(&domain, "--replace");
         declaration(&observer, round);
         next.log_says("serving");
         let exit = active.wait();

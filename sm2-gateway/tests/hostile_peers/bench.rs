@@ -1,7 +1,5 @@
 //! A gateway, an honest peer, and the key of a hostile peer that the gateway trusts.
 
-use std::time::Instant;
-
 use quinn_proto::TransportConfig;
 use sm2_gateway::{Gateway, keys};
 use sm2_io::quic::SecretKey;
@@ -68,20 +66,18 @@ impl Bench {
         bench
     }
 
-    /// The honest peer receives a message at once.
+    /// The honest peer receives a message.
     pub(crate) fn is_undisturbed(&mut self) {
         self.carries(0);
     }
 
-    /// The honest peer receives a message of at least this length at once.
+    /// The honest peer receives a message of at least this length.
     pub(crate) fn carries(&mut self, len_bytes: usize) {
-        let start = Instant::now();
         self.count += 1;
         let text = format!("message {}{}", self.count, " ".repeat(len_bytes));
         self.publisher.publish(&text).unwrap();
         let sample = self.subscriber.recv_timeout(SOON).unwrap();
         assert_eq!(&*sample.expect("in time"), text.as_str());
-        assert!(start.elapsed().as_secs() < 3, "{:?}", start.elapsed());
     }
 
     /// The names of the peers that are connected with the gateway.

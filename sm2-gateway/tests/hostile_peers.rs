@@ -1,18 +1,18 @@
 //! Peers that break the rules, by mistake or on purpose. The gateway closes the connection or
 //! resets the stream with the right code, and no other peer is affected.
 
-#[path = "hostile/bench.rs"]
+#[path = "hostile_peers/bench.rs"]
 mod bench;
-#[path = "hostile/client.rs"]
+#[path = "hostile_peers/client.rs"]
 mod client;
 mod common;
-#[path = "hostile/frames.rs"]
+#[path = "hostile_peers/frames.rs"]
 mod frames;
-#[path = "hostile/identity.rs"]
+#[path = "hostile_peers/identity.rs"]
 mod identity;
-#[path = "hostile/memory.rs"]
+#[path = "hostile_peers/memory.rs"]
 mod memory;
-#[path = "hostile/streams.rs"]
+#[path = "hostile_peers/streams.rs"]
 mod streams;
 
 use std::net::UdpSocket;
