@@ -63,7 +63,7 @@ const WAIT: &[Change] = &[
         "let sets = if short_of_memory { &[] } else { sets };",
         "let sets = &sets[..0];",
     ),
-    ("woken_for_ever", "sleeper.woken = false;", ""),
+    ("woken_for_ever", "sleeper.state = State::Asleep;", ""),
     ("not_parked", "            locked.park();\n", ""),
     (
         "no_look_after_parking",

@@ -95,7 +95,7 @@ fn mutant() -> Mutant {
         check: Check::Harness {
             name: "sm2_proto::a::b".to_owned(),
         },
-        slow: false,
+        full: false,
     }
 }
 

@@ -1,5 +1,5 @@
 //! `mutants [--list | --quick | NAME...]`: makes the named faults of `mutants.toml`, or all of them, and
-//! shows the check that finds each. `--quick` leaves out faults whose checks take long to build. If
+//! shows the check that finds each. `--quick` leaves out those marked `full`. If
 //! `SM2_VERIFICATION_RESULTS` names a file, a line for each fault is added to it.
 //!
 //! Exit status: 0 if all faults were found, 1 if one was not found or cannot be made any more, 2 for an
@@ -21,7 +21,7 @@ use sm2_verification::{
 const USAGE: &str = "usage: mutants [--list | --quick | NAME...]
 Makes faults in a copy of the workspace, and shows which check finds each.
   --list   only say which there are
-  --quick  leave out those whose checks take long to build";
+  --quick  leave out those marked `full`";
 
 fn main() -> ExitCode {
     match run() {
@@ -65,7 +65,7 @@ fn run() -> Result<ExitCode, Box<dyn std::error::Error>> {
         return Ok(ExitCode::FAILURE);
     }
     let wanted = |it: &&Mutant| match names.is_empty() {
-        true => !(quick && it.slow),
+        true => !(quick && it.full),
         false => names.contains(&it.name),
     };
     let mutants: Vec<&Mutant> = catalogue.mutants.iter().filter(wanted).collect();

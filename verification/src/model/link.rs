@@ -19,7 +19,7 @@ pub use self::{
     scope::{Budget, Fault, Form, LinkScope},
     world::World,
 };
-use super::{Failure, Golden, Property, System};
+use super::{Failure, Golden, Property, System, command::Scope};
 
 /// The expected counts.
 pub const COUNTS: Golden = Golden {
@@ -51,6 +51,22 @@ impl System for LinkScope {
 
     fn step(&self, world: &World, action: Action) -> Result<World, Failure> {
         world.step(self, action)
+    }
+}
+
+impl Scope for LinkScope {
+    const COUNTS: Golden = COUNTS;
+
+    fn all() -> Vec<Self> {
+        Self::all()
+    }
+
+    fn name(&self) -> &'static str {
+        self.name
+    }
+
+    fn is_quick(&self) -> bool {
+        self.quick
     }
 }
 

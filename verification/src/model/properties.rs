@@ -58,6 +58,15 @@ pub enum Property {
     /// `LNK-QUIET`: once all is quiet, both ends are open or both have ended, and no message that
     /// must be delivered is pending (SM2-OPN-001, SM2-MSG-005).
     LinkComesToRest,
+    /// `LCK-NOFALSE`: a correct conductor refuses no call of a correct member, and a correct member
+    /// gets no illegal turn (SM2-LCK-007, SM2-LCK-008).
+    LockstepAccusesNobody,
+    /// `LCK-INPUTS`: at the end of a step, no member has an input of the step that it has not handled; as
+    /// long as nobody joins or leaves, the inputs of each turn do not depend on the order of events
+    /// (SM2-LCK-003, SM2-LCK-004, SM2-LCK-005).
+    InputsAreFixed,
+    /// `LCK-REST`: a step ends, also if members die or join (SM2-LCK-002, SM2-LCK-003, SM2-LCK-007).
+    StepsEnd,
 }
 
 /// A property that does not hold.

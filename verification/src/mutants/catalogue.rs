@@ -39,9 +39,9 @@ pub struct Mutant {
     pub to: String,
     /// The check that must find it.
     pub check: Check,
-    /// True if the check takes long to build, so that quick runs leave it out.
+    /// True if quick runs leave it out, so that they need few builds.
     #[serde(default)]
-    pub slow: bool,
+    pub full: bool,
 }
 
 /// A check that finds a mutant by failing.

@@ -9,7 +9,7 @@ use sm2_proto::Instant;
 
 use super::context::Context;
 use super::interface::Interface;
-use crate::kernel::{BorrowedFd, Epoll};
+use crate::kernel::{BorrowedFd, Epoll, Waker};
 
 use super::super::sleepers::Sleepers;
 use super::sleepers;
@@ -89,8 +89,11 @@ impl SharedInterface {
         locked
     }
 
-    pub(crate) fn lock_for_event(&self) -> LockedInterface<'_> {
-        self.lock_driven()
+    pub(crate) fn lock_for_event(&self, waker: &Arc<Waker>) -> LockedInterface<'_> {
+        let mut locked = self.lock();
+        locked.0.sleepers.attend(waker);
+        locked.drive();
+        locked
     }
 
     pub(crate) fn drive(&self) {

@@ -18,6 +18,7 @@ mod run;
 mod screen;
 mod step;
 mod table;
+mod tested;
 mod verdict;
 
 use std::collections::BTreeSet;

@@ -10,6 +10,7 @@ use sm2_verification::properties::Engine;
 
 use crate::process::{Ended, Interrupts};
 use crate::step::{Reports, Step};
+use crate::tested::Tested;
 
 const FUZZ_SECONDS: &str = "SM2_CI_FUZZ_SECONDS";
 
@@ -19,6 +20,7 @@ const fn programs(engine: Engine) -> &'static [&'static str] {
         Engine::Model => &[
             "cargo run -q --locked -p sm2-verification --profile model --bin model --",
             "cargo run -q --locked -p sm2-verification --profile model --bin link-model --",
+            "cargo run -q --locked -p sm2-verification --profile model --bin lockstep-model --",
         ],
         Engine::Angr => &["verification/symbolic/run"],
         Engine::Mutants => &["cargo run -q --locked -p sm2-verification --bin mutants --"],
@@ -88,10 +90,10 @@ impl Plan {
             Engine::Test | Engine::Proptest | Engine::Vector => self.tests(root)?,
             Engine::Loom => itself("verification/loom"),
             Engine::LibFuzzer => {
-                let seconds = if self.quick { "20" } else { "60" };
+                let seconds = if self.quick { "10" } else { "60" };
                 let seconds = env::var(FUZZ_SECONDS).unwrap_or_else(|_| seconds.to_owned());
                 let step = Step::new(&format!(".ci/fuzz {seconds}"), Reports::Itself);
-                let names = self.wanted().filter(|_| !self.whole);
+                let names = self.wanted().filter(|_| self.quick || !self.whole);
                 vec![step.with(names)]
             }
             Engine::Kani => itself("verification/kani"),
@@ -127,10 +129,16 @@ impl Plan {
         self.rows.iter().filter(wanted).map(|(name, _)| name)
     }
 
+    /// The test targets. A target that an earlier run has passed does not run again.
     fn tests(&self, root: &Path) -> io::Result<Vec<Step>> {
+        let tested = Tested::read()?;
         let step = |name: &String| {
-            let reports = Reports::Tests(self.engine, name.clone());
-            test_line(root, name).map(|line| Step::new(&line, reports))
+            let (engine, harness) = (self.engine, name.clone());
+            if let Some(tests) = passed(tested.as_ref(), root, name)? {
+                return Ok(Step::new(name, Reports::Passed(engine, harness, tests)));
+            }
+            let line = test_line(root, name)?;
+            Ok(Step::new(&line, Reports::Tests(engine, harness)))
         };
         self.wanted().map(step).collect()
     }
@@ -142,10 +150,17 @@ impl Plan {
         if full.is_empty() {
             return Ok(Ok(BTreeSet::new()));
         }
-        if let Engine::Test | Engine::Proptest | Engine::Vector = self.engine {
-            let is_there = |name: &&String| root.join(file_of(name)).is_file();
-            return Ok(Ok(full.into_iter().filter(is_there).cloned().collect()));
-        }
+        let file = match self.engine {
+            Engine::Test | Engine::Proptest | Engine::Vector => |name: &str| file_of(name).into(),
+            Engine::LibFuzzer => |name: &str| format!("fuzz/fuzz_targets/{name}.rs"),
+            _ => return self.listed_by_programs(root, stop),
+        };
+        let is_there = |name: &&String| root.join(file(name)).is_file();
+        Ok(Ok(full.into_iter().filter(is_there).cloned().collect()))
+    }
+
+    /// The checks that the programs of the engine list.
+    fn listed_by_programs(&self, root: &Path, stop: &Interrupts) -> io::Result<Listed> {
         let mut all = BTreeSet::new();
         for program in programs(self.engine) {
             match self.list(program, root, stop)? {
@@ -176,6 +191,30 @@ fn file_of(name: &str) -> &str {
     name.split_once("::").map_or(name, |(file, _)| file)
 }
 
+/// The number of tests of `crate/tests/target.rs` or `crate/src/module.rs`, or `...rs::test`, that an earlier run has
+/// passed. `None` if there was none, it has none of them, or other packages have a target of this name.
+fn passed(tested: Option<&Tested>, root: &Path, name: &str) -> io::Result<Option<usize>> {
+    let Some(tested) = tested else {
+        return Ok(None);
+    };
+    let (file, test) = name.split_once("::").unwrap_or((name, ""));
+    let tests = if let Some(module) = module_of(file) {
+        let part = format!("{module}::{test}");
+        tested.passed_of("src/lib.rs", |it| it.contains(&part))
+    } else {
+        let (_, target) = target_of(file);
+        if packages_with(root, target)? != 1 {
+            return Ok(None);
+        }
+        let file = format!("tests/{target}.rs");
+        match test {
+            "" => tested.passed(&file).unwrap_or(0),
+            test => tested.passed_of(&file, |it| it == test),
+        }
+    };
+    Ok((tests > 0).then_some(tests))
+}
+
 /// The command for `crate/tests/target.rs`, or for a module `crate/src/module.rs`; and for one
 /// test of such a file, `...rs::test`.
 ///
@@ -183,20 +222,13 @@ fn file_of(name: &str) -> &str {
 /// `cargo test --workspace`.
 fn test_line(root: &Path, name: &str) -> io::Result<String> {
     let (file, test) = name.split_once("::").unwrap_or((name, ""));
-    let path = file.trim_end_matches(".rs");
-    if let Some((_, module)) = path.split_once("/src/") {
-        let module = module.trim_end_matches("/mod").replace('/', "::");
+    if let Some(module) = module_of(file) {
         return Ok(format!(
             "cargo test --locked --workspace --lib {module}::{test}"
         ));
     }
-    let (package, target) = path.rsplit_once("/tests/").unwrap_or((path, ""));
-    let mut packages = 0;
-    for entry in fs::read_dir(root)? {
-        let namesake = entry?.path().join("tests").join(target);
-        packages += usize::from(namesake.with_extension("rs").is_file());
-    }
-    let of = match packages {
+    let (package, target) = target_of(file);
+    let of = match packages_with(root, target)? {
         1 => "--workspace".to_owned(),
         _ => format!("--manifest-path {package}/Cargo.toml"),
     };
@@ -205,6 +237,28 @@ fn test_line(root: &Path, name: &str) -> io::Result<String> {
         "" => all,
         test => format!("{all} -- --exact {test}"),
     })
+}
+
+/// The path of a module as tests name it; `None` for a test target.
+fn module_of(file: &str) -> Option<String> {
+    let (_, module) = file.trim_end_matches(".rs").split_once("/src/")?;
+    Some(module.trim_end_matches("/mod").replace('/', "::"))
+}
+
+/// The package and the name of a test target.
+fn target_of(file: &str) -> (&str, &str) {
+    let path = file.trim_end_matches(".rs");
+    path.rsplit_once("/tests/").unwrap_or((path, ""))
+}
+
+/// The number of packages in the folders of `root` that have a test target of this name.
+fn packages_with(root: &Path, target: &str) -> io::Result<usize> {
+    let mut packages = 0;
+    for entry in fs::read_dir(root)? {
+        let namesake = entry?.path().join("tests").join(target);
+        packages += usize::from(namesake.with_extension("rs").is_file());
+    }
+    Ok(packages)
 }
 
 /// Cargo's target folder.

@@ -11,6 +11,7 @@ use sm2_verification::properties::Engine;
 
 use crate::process::{self, Ended, Interrupts};
 use crate::screen::Screen;
+use crate::tested::passed;
 
 /// The variable with the file to which runners append their results.
 const RESULTS: &str = "SM2_VERIFICATION_RESULTS";
@@ -31,6 +32,8 @@ pub(crate) enum Reports {
     Built(Engine),
     /// The program is a test target.
     Tests(Engine, String),
+    /// There is no program: an earlier run has passed this number of tests.
+    Passed(Engine, String, usize),
 }
 
 impl Step {
@@ -62,6 +65,13 @@ impl Step {
         stop: &Interrupts,
         screen: &mut Screen,
     ) -> io::Result<Ended> {
+        if let Reports::Passed(engine, name, tests) = &self.reports {
+            append(
+                results,
+                &format!("{engine}\t{name}\tok\t0.0\t{tests} tests\n"),
+            )?;
+            return Ok(Ended::Well);
+        }
         let before = fs::metadata(log)?.len();
         let start = Instant::now();
         let turn = || screen.progress(|| process::lines(results));
@@ -82,7 +92,7 @@ impl Step {
                 .unwrap_or_default(),
         );
         let (engine, harness, covered) = match &self.reports {
-            Reports::Itself => return Ok(ended),
+            Reports::Itself | Reports::Passed(..) => return Ok(ended),
             Reports::After(engine, words) => {
                 let covered = text.lines().find_map(|it| it.split_once(words));
                 (
@@ -92,20 +102,24 @@ impl Step {
                 )
             }
             Reports::Built(engine) => (engine, engine.word(), Some("linked".to_owned())),
-            Reports::Tests(engine, name) => (engine, name.as_str(), passed(&text)),
+            Reports::Tests(engine, name) => (engine, name.as_str(), passed_text(&text)),
         };
         let held = ended == Ended::Well && covered.is_some();
         let verdict = if held { "ok" } else { "FAILED" };
         let covered = covered.unwrap_or_else(|| "nothing".to_owned());
         // Only the time of the tests themselves, without that of their build.
         let time_s = finished(&text).unwrap_or_else(|| start.elapsed().as_secs_f64());
-        let line = format!("{engine}\t{harness}\t{verdict}\t{time_s:.1}\t{covered}\n");
-        OpenOptions::new()
-            .append(true)
-            .open(results)?
-            .write_all(line.as_bytes())?;
+        append(
+            results,
+            &format!("{engine}\t{harness}\t{verdict}\t{time_s:.1}\t{covered}\n"),
+        )?;
         Ok(ended)
     }
+}
+
+fn append(results: &Path, line: &str) -> io::Result<()> {
+    let mut file = OpenOptions::new().append(true).open(results)?;
+    file.write_all(line.as_bytes())
 }
 
 impl fmt::Display for Step {
@@ -116,13 +130,8 @@ impl fmt::Display for Step {
 }
 
 /// The number of passed tests, as text; `None` if there is none.
-fn passed(log: &str) -> Option<String> {
-    let count = |line: &str| {
-        let (_, rest) = line.split_once("test result: ")?;
-        let (_, rest) = rest.split_once(". ")?;
-        rest.split_once(" passed")?.0.parse::<usize>().ok()
-    };
-    let passed: usize = log.lines().filter_map(count).sum();
+fn passed_text(log: &str) -> Option<String> {
+    let passed: usize = log.lines().filter_map(passed).sum();
     (passed > 0).then(|| format!("{passed} tests"))
 }
 
