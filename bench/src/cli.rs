@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand};
 
 use crate::{
+    disk,
     job::{Cores, ROLE_COMMAND, Read},
     payload::HEADER_BYTES,
     peers::{self, PeerInfo},
@@ -67,6 +68,17 @@ pub struct RunArguments {
     /// In `bad-link`, add a case in which the link pauses at times, for 102 ms or 1,030 ms
     #[arg(long)]
     pub pauses: bool,
+    /// In `record` and `seek`, the folder of the recorded files, on a disk [default: the system's folder for temporary
+    /// files]
+    #[arg(long, value_name = "DIR", value_parser = disk_folder)]
+    pub folder: Option<PathBuf>,
+    /// In `record` and `seek`, the amount of data of each recording, in GB; `record` needs twice the room [default: 4
+    /// and 20]
+    #[arg(long, value_name = "N", value_parser = gigabytes)]
+    pub gigabytes: Option<f64>,
+    /// In `record` and `seek`, publish this number of frames per second [default: as many as the recorder takes]
+    #[arg(long, value_name = "HZ", value_parser = rate)]
+    pub frame_rate: Option<f64>,
     /// Print one JSON object per peer and figure, one per line, instead of tables
     #[arg(long)]
     pub json: bool,
@@ -106,6 +118,28 @@ fn positive(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(seconds) if (0.01..=3_600.0).contains(&seconds) => Ok(seconds),
         _ => Err("a number of seconds from 0.01 to 3600 is needed".to_owned()),
+    }
+}
+
+fn disk_folder(text: &str) -> Result<PathBuf, String> {
+    let folder = PathBuf::from(text);
+    match disk::check(&folder) {
+        Ok(()) => Ok(folder),
+        Err(error) => Err(error.to_string()),
+    }
+}
+
+fn gigabytes(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(gigabytes) if (0.01..=10_000.0).contains(&gigabytes) => Ok(gigabytes),
+        _ => Err("a number of GB from 0.01 to 10000 is needed".to_owned()),
+    }
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(rate) if (0.01..=10_000.0).contains(&rate) => Ok(rate),
+        _ => Err("a number of frames per second from 0.01 to 10000 is needed".to_owned()),
     }
 }
 

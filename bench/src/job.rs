@@ -10,6 +10,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::stats::Spread;
 
+pub use record::{DiskWork, Framed, Frames, Recorded, Recording, Seek, SmallTopics, Sought};
+
+mod record;
+
 /// The hidden subcommand of the processes of a run; its argument is a [`Job`] as JSON.
 pub const ROLE_COMMAND: &str = "role";
 
@@ -162,6 +166,16 @@ pub enum Role {
     },
     /// Writes and reads messages within one process, to measure the memory alone.
     Memory(MemoryWork),
+    /// Publishes a number of frames.
+    Frames(Frames),
+    /// Publishes small messages on many channels.
+    SmallTopics(SmallTopics),
+    /// Records channels into a file.
+    Recorder(Recording),
+    /// Writes blocks to a file, to measure the disk alone.
+    DiskWriter(DiskWork),
+    /// Searches a bag for the first message from a time on.
+    Seeker(Seek),
 }
 
 /// The messages of a publisher.
@@ -266,6 +280,17 @@ pub enum Outcome {
         /// Durations of one write with all its reads.
         one_way_ns: Spread,
     },
+    /// The result of a publisher of frames.
+    Framed(Framed),
+    /// The result of [`Role::SmallTopics`].
+    SmallTopics {
+        /// The number of messages that were published on each channel.
+        published: Vec<u64>,
+    },
+    /// The result of a recorder, or of a writer of blocks.
+    Recorded(Recorded),
+    /// The result of [`Role::Seeker`].
+    Sought(Sought),
 }
 
 /// The messages that a subscriber received.

@@ -6,6 +6,7 @@
 //! | `cli`, `run`, `report`, `plot` | the director's command line, loop and output |
 //! | `workloads/` | the workloads, one file for each |
 //! | `world` | the processes of one case |
+//! | `disk`, `recorded` | the folder of recorded files, and their content |
 //! | `link/` | a bad link between two hosts on this machine |
 //! | `roles/` | the loops of the processes, the same for every peer |
 //! | `peers/` | the peers, one file for each |
@@ -21,6 +22,7 @@ use results::Results;
 mod cli;
 mod clock;
 mod control;
+mod disk;
 mod format;
 mod interrupt;
 mod job;
@@ -31,6 +33,7 @@ mod measure;
 mod payload;
 mod peers;
 mod plot;
+mod recorded;
 mod report;
 mod results;
 mod roles;

@@ -30,6 +30,28 @@ pub fn pss_bytes(pid: Pid) -> io::Result<u64> {
     Ok(pss * 1_024)
 }
 
+/// The peak of the resident memory of this process so far, in bytes.
+///
+/// # Errors
+///
+/// The kernel does not tell.
+pub fn peak_bytes() -> io::Result<u64> {
+    let text = fs::read_to_string("/proc/self/status")?;
+    let peak = number_after(&text, "VmHWM:").ok_or(io::ErrorKind::InvalidData)?;
+    Ok(peak * 1_024)
+}
+
+/// The bytes that this process has fetched from disks so far.
+///
+/// # Errors
+///
+/// The kernel does not tell.
+pub fn fetched_bytes() -> io::Result<u64> {
+    let text = fs::read_to_string("/proc/self/io")?;
+    let fetched = number_after(&text, "read_bytes:");
+    Ok(fetched.ok_or(io::ErrorKind::InvalidData)?)
+}
+
 /// The number of voluntary context switches of all threads of a process so far: the number of times
 /// that they went to sleep.
 ///
@@ -56,7 +78,7 @@ fn number_after(text: &str, name: &str) -> Option<u64> {
 
 #[cfg(test)]
 mod tests {
-    use super::{cpu_ns, number_after, pss_bytes, sleeps};
+    use super::{cpu_ns, fetched_bytes, number_after, peak_bytes, pss_bytes, sleeps};
     use nix::unistd::Pid;
 
     #[test]
@@ -73,6 +95,8 @@ mod tests {
         assert!(pss_bytes(me).unwrap() > 100_000);
         assert!(cpu_ns(me).unwrap() > 0);
         assert!(sleeps(me).is_ok());
+        assert!(peak_bytes().unwrap() >= pss_bytes(me).unwrap() / 2);
+        assert!(fetched_bytes().is_ok());
     }
 
     #[test]

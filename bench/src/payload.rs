@@ -153,6 +153,12 @@ fn compare_words(start: u64, body: &[u8]) -> bool {
     iter::zip(rest, word.to_le_bytes()).all(|(byte, expected)| *byte == expected)
 }
 
+/// A number that looks random, the same one for equal arguments.
+#[must_use]
+pub const fn scattered(number: u64) -> u64 {
+    mixed(number)
+}
+
 /// The finaliser of splitmix64: each bit of the number changes about half of the bits of the result.
 const fn mixed(number: u64) -> u64 {
     let mut mixed = number.wrapping_add(STEP);

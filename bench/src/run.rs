@@ -25,6 +25,9 @@ pub fn run(arguments: &RunArguments) -> Results {
         size: arguments.size,
         nodes: arguments.nodes.map(usize::from),
         pauses: arguments.pauses,
+        folder: arguments.folder.clone(),
+        gigabytes: arguments.gigabytes,
+        frame_rate: arguments.frame_rate,
     };
     let began = SystemTime::now().duration_since(UNIX_EPOCH);
     let mut results = Results {

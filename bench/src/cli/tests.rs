@@ -59,10 +59,25 @@ fn numbers_that_make_no_sense_are_refused() {
         "--size 31",
         "--nodes 1",
         "--read some",
+        "--folder /dev/shm",
+        "--folder /nowhere",
+        "--gigabytes 0",
+        "--gigabytes x",
+        "--frame-rate 0",
     ] {
         assert!(
             parsed(&format!("sm2-bench run nodes {wrong}")).is_err(),
             "{wrong}"
         );
     }
+}
+
+#[test]
+fn a_recording_is_understood() {
+    let arguments = run("sm2-bench run record --folder / --gigabytes 0.5 --frame-rate 30");
+    assert_eq!(arguments.folder, Some("/".into()));
+    assert_eq!(arguments.gigabytes, Some(0.5));
+    assert_eq!(arguments.frame_rate, Some(30.0));
+    let complaint = complaint("sm2-bench run record --folder /dev/shm");
+    assert!(complaint.contains("in memory"), "{complaint}");
 }

@@ -51,6 +51,8 @@ pub struct PeerInfo {
     pub batches: bool,
     /// True if the peer takes part in `pingpong` and `throughput` alone.
     pub one_to_one: bool,
+    /// True if the peer takes part in `record` alone.
+    pub record_alone: bool,
     /// The hosts that the processes can be spread over.
     pub reach: Reach,
     /// A description in one line.
@@ -68,6 +70,7 @@ const fn peer(name: &'static str, family: Family, about: &'static str) -> PeerIn
         nodes: true,
         batches: false,
         one_to_one: false,
+        record_alone: false,
         reach: Reach::Host,
         about,
     }
@@ -85,6 +88,14 @@ const fn batching(info: PeerInfo) -> PeerInfo {
 const fn one_to_one(info: PeerInfo) -> PeerInfo {
     PeerInfo {
         one_to_one: true,
+        ..bare(info)
+    }
+}
+
+/// A recorder, in `record` alone.
+const fn recorder(info: PeerInfo) -> PeerInfo {
+    PeerInfo {
+        record_alone: true,
         ..bare(info)
     }
 }
@@ -268,6 +279,21 @@ pub const PEERS: &[PeerInfo] = &[
         Family::Quinn,
         "QUIC by quinn with the congestion controller BBR, otherwise as raw-quinn",
     )),
+    recorder(brokered(peer(
+        "mcap-writer",
+        Family::Sm2,
+        "SM2's topics, recorded by the writer of the crate mcap: BufWriter<File>, its chunks, no compression",
+    ))),
+    recorder(peer(
+        "zenoh-shm-mcap",
+        Family::Zenoh,
+        "Zenoh's topics over its shared memory, recorded as by mcap-writer",
+    )),
+    recorder(brokered(peer(
+        "raw-disk",
+        Family::Sm2,
+        "no recorder: one process writes as many bytes with O_DIRECT; all other topics are SM2's",
+    ))),
 ];
 
 /// The peer of this name.

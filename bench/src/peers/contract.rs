@@ -5,7 +5,7 @@ use std::{error::Error, fmt};
 
 use crate::{
     clock::{now_ns, sleep_until},
-    job::{Channel, Domain, Read},
+    job::{Channel, Domain, Read, Recording},
 };
 
 /// The connection of a process to a peer's network: a node, a session, a participant.
@@ -76,6 +76,17 @@ pub trait Peer: Sized {
     ) -> Result<(), PeerError> {
         let _ = (channel, answer, ready);
         Err(PeerError::new("serve", "this peer has no services"))
+    }
+
+    /// Records channels into a file until the director sends `stop`. When this returns, the file is complete and on the
+    /// disk. Calls `ready` when publishers can connect. Only called for peers that take part in `record`.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be written, or messages cannot be received.
+    fn record(&self, recording: &Recording, ready: impl FnOnce()) -> Result<(), PeerError> {
+        let _ = (recording, ready);
+        Err(PeerError::new("record", "this peer has no recorder"))
     }
 }
 

@@ -10,6 +10,7 @@ pub mod contract;
 pub mod dds;
 #[cfg(feature = "iceoryx2")]
 pub mod iceoryx2;
+pub mod mcap_file;
 pub mod quinn;
 pub mod raw;
 pub mod sm2;

@@ -13,10 +13,11 @@ use super::contract::{
 use crate::{
     clock::now_ns,
     control::{Stage, reached},
-    job::{Channel, Domain},
+    job::{Channel, Domain, Recording},
 };
 
 mod gateway;
+mod record;
 
 /// Timeout for connections, calls and reliable messages.
 const TIMEOUT: Duration = Duration::from_nanos(TIMEOUT_NS);
@@ -29,6 +30,9 @@ pub struct Sm2 {
     node: Node,
     mode: Mode,
 }
+
+/// The peer that records SM2's topics with the crate `mcap`.
+const MCAP: &str = "mcap-writer";
 
 /// The longest message that is copied, in bytes: copying it is faster than taking a loan.
 const SHORT: usize = 1_024;
@@ -44,6 +48,8 @@ struct Mode {
     sealed: bool,
     wait: Wait,
     batch: bool,
+    /// True if the recorder is a program with the crate `mcap` instead of `sm2-bag`.
+    mcap: bool,
 }
 
 impl Mode {
@@ -58,6 +64,7 @@ impl Mode {
                 Wait::Park
             },
             batch: peer == "sm2-batch",
+            mcap: peer == MCAP,
         }
     }
 }
@@ -167,6 +174,13 @@ impl Peer for Sm2 {
             request.reply(reply).map_err(failed("reply"))?;
         }
         Ok(())
+    }
+
+    fn record(&self, recording: &Recording, ready: impl FnOnce()) -> Result<(), PeerError> {
+        match self.mode.mcap {
+            true => record::mcap(&self.node, recording, ready),
+            false => record::bag(&self.node, recording, ready),
+        }
     }
 }
 

@@ -29,10 +29,12 @@ use super::contract::{Call, Flow, Handler, Peer, PeerError, Publish, Subscribe, 
 use crate::{
     clock::{now_ns, sleep_until},
     control::{Stage, wait_for},
-    job::{Channel, Domain, Read, Side},
+    job::{Channel, Domain, Read, Recording, Side},
     link,
     payload::HEADER_BYTES,
 };
+
+mod record;
 
 /// Timeout for connections and calls.
 const TIMEOUT: Duration = Duration::from_nanos(TIMEOUT_NS);
@@ -80,7 +82,7 @@ impl Setup {
             mode,
             listen: listen.map(here).into_iter().collect(),
             connect: connect.map(here).into_iter().collect(),
-            shm: domain.peer == "zenoh-shm",
+            shm: matches!(domain.peer.as_str(), "zenoh-shm" | "zenoh-shm-mcap"),
         }
     }
 
@@ -249,6 +251,10 @@ impl Peer for Zenoh {
         ready();
         wait_for(Stage::Stop);
         Ok(())
+    }
+
+    fn record(&self, recording: &Recording, ready: impl FnOnce()) -> Result<(), PeerError> {
+        record::record(self, recording, ready)
     }
 }
 

@@ -14,11 +14,14 @@ use crate::{
     with_peer,
 };
 
+mod disk;
 mod failure;
 mod memory;
 mod node;
 mod reception;
+mod record;
 mod round_trips;
+mod seek;
 mod service;
 mod stream;
 mod watch;
@@ -86,5 +89,10 @@ fn play(job: &str) -> Result<Outcome, Failure> {
         Role::Node { number, count } => node::node::<P>(&domain, number, count),
         Role::Joiner { channel, started_ns } => node::join::<P>(&domain, &channel, started_ns),
         Role::Memory(work) => Ok(memory::work(&work)),
+        Role::Frames(frames) => record::frames::<P>(&domain, &frames),
+        Role::SmallTopics(topics) => record::small_topics::<P>(&domain, &topics),
+        Role::Recorder(recording) => record::record::<P>(&domain, &recording),
+        Role::DiskWriter(work) => disk::write(&work),
+        Role::Seeker(seek) => seek::seek(&seek),
     })
 }

@@ -1,5 +1,7 @@
 //! The cases of a workload, and their figures.
 
+use std::path::PathBuf;
+
 use crate::{job::Read, peers::PeerInfo, world::Failure};
 
 /// Options of the command line that apply to all cases.
@@ -15,6 +17,12 @@ pub struct Options {
     pub nodes: Option<usize>,
     /// True to add a case in which the link pauses at times.
     pub pauses: bool,
+    /// The folder of recorded files; `None` is the system's folder for temporary files.
+    pub folder: Option<PathBuf>,
+    /// The amount of data that is recorded, in GB; `None` is the workload's default.
+    pub gigabytes: Option<f64>,
+    /// Frames per second that are recorded; `None` is as fast as the recorder takes them.
+    pub frame_rate: Option<f64>,
 }
 
 /// A measurement that can run on any peer.

@@ -15,6 +15,9 @@ mod fig5;
 mod join;
 mod nodes;
 mod pingpong;
+mod record;
+mod recording;
+mod seek;
 mod service;
 mod stream;
 mod throughput;
@@ -146,6 +149,45 @@ pub const WORKLOADS: &[Workload] = &[
         supports: crosses_a_link,
         available: link::available,
     },
+    Workload {
+        name: "record",
+        about: "10 MB frames, none lost, and 50 topics of 200 B at 100 Hz, recorded beside another subscriber",
+        cases: record::cases,
+        shown: &[
+            "written",
+            "disk_alone",
+            "ratio_to_disk",
+            "frames_lost",
+            "small_lost",
+            "torn",
+            "recorder_cpu",
+            "cpu_at_1GBps",
+            "publisher_blocked",
+            "other_p99_with",
+            "other_p99_without",
+            "other_p99_ratio",
+        ],
+        supports: records,
+        available: anywhere,
+    },
+    Workload {
+        name: "seek",
+        about: "the first message from a random time on in a bag of 20 GB, without the page cache",
+        cases: seek::cases,
+        shown: &[
+            "first_message_p50",
+            "first_message_max",
+            "first_frame_p50",
+            "first_frame_max",
+            "open_p50",
+            "open_max",
+            "peak_rss",
+            "fetched_mean",
+            "bag",
+        ],
+        supports: has_bags,
+        available: anywhere,
+    },
 ];
 
 /// The workload of this name.
@@ -166,6 +208,9 @@ const fn everybody(peer: &PeerInfo) -> Result<(), &'static str> {
 }
 
 const fn sends_one_by_one(peer: &PeerInfo) -> Result<(), &'static str> {
+    if peer.record_alone {
+        return Err(RECORD_ALONE);
+    }
     match (peer.batches, peer.reach) {
         (true, _) => Err("it differs from sm2 only with many messages per call"),
         (false, Reach::LinkAlone) => Err("it needs two hosts"),
@@ -189,10 +234,28 @@ fn moves_messages(peer: &PeerInfo) -> Result<(), &'static str> {
     }
 }
 
+/// The reason why a recorder does not run the other workloads.
+const RECORD_ALONE: &str = "it is a recorder: it runs in record alone";
+
 fn loses_nothing(peer: &PeerInfo) -> Result<(), &'static str> {
-    match peer.lossy {
-        true => Err("it drops messages by design"),
-        false => Ok(()),
+    match (peer.record_alone, peer.lossy) {
+        (true, _) => Err(RECORD_ALONE),
+        (false, true) => Err("it drops messages by design"),
+        (false, false) => Ok(()),
+    }
+}
+
+fn records(peer: &PeerInfo) -> Result<(), &'static str> {
+    match peer.record_alone || peer.name == "sm2" {
+        true => Ok(()),
+        false => Err("it is no recorder"),
+    }
+}
+
+fn has_bags(peer: &PeerInfo) -> Result<(), &'static str> {
+    match peer.name {
+        "sm2" => Ok(()),
+        _ => Err("its files are not read by sm2-bag, or by the same code"),
     }
 }
 

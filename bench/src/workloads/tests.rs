@@ -8,6 +8,9 @@ fn options() -> Options {
         size: 1_000,
         nodes: None,
         pauses: true,
+        folder: None,
+        gigabytes: None,
+        frame_rate: None,
     }
 }
 
@@ -59,4 +62,33 @@ fn a_one_to_one_peer_runs_pingpong_and_throughput_alone() {
         .filter(|workload| (workload.supports)(aeron).is_ok());
     let names: Vec<_> = run.map(|workload| workload.name).collect();
     assert_eq!(names, ["pingpong", "throughput"]);
+}
+
+#[test]
+fn a_recorder_runs_record_alone() {
+    for recorder in PEERS.iter().filter(|peer| peer.record_alone) {
+        let run = WORKLOADS
+            .iter()
+            .filter(|workload| (workload.supports)(recorder).is_ok());
+        let names: Vec<_> = run.map(|workload| workload.name).collect();
+        assert_eq!(names, ["record"], "{}", recorder.name);
+    }
+    let record = find("record").unwrap();
+    let run = PEERS.iter().filter(|peer| (record.supports)(peer).is_ok());
+    let names: Vec<_> = run.map(|peer| peer.name).collect();
+    assert_eq!(names, ["sm2", "mcap-writer", "zenoh-shm-mcap", "raw-disk"]);
+}
+
+#[test]
+fn a_recording_needs_a_disk() {
+    let memory = Options {
+        folder: Some("/dev/shm".into()),
+        gigabytes: Some(0.01),
+        ..options()
+    };
+    for name in ["record", "seek"] {
+        let cases = (find(name).unwrap().cases)(&memory);
+        let failure = cases[0].run(&PEERS[0]).unwrap_err().to_string();
+        assert!(failure.contains("in memory"), "{failure}");
+    }
 }

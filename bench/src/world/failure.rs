@@ -1,8 +1,8 @@
 //! Reasons why a case failed.
 
-use std::{io, time::Duration};
+use std::{fmt::Display, io, time::Duration};
 
-use crate::{job::ProcessEvent, link::LinkError};
+use crate::{disk::DiskError, job::ProcessEvent, link::LinkError};
 
 /// The reason why a case has no figures.
 #[derive(Debug, thiserror::Error)]
@@ -53,6 +53,15 @@ pub enum Failure {
     /// There is no link between the hosts of the case.
     #[error(transparent)]
     Link(#[from] LinkError),
+    /// There is no folder for the files of the case.
+    #[error(transparent)]
+    Disk(#[from] DiskError),
+    /// A recorded file cannot be read.
+    #[error("cannot read the recorded file: {reason}")]
+    Content {
+        /// The reason.
+        reason: String,
+    },
     /// A system call that every case needs has failed.
     #[error("cannot {action}: {source}")]
     Io {
@@ -71,6 +80,12 @@ fn in_brackets(text: &str) -> String {
 }
 
 impl Failure {
+    /// Makes a failure of an error of a recorded file.
+    pub fn content(error: impl Display) -> Self {
+        let reason = error.to_string();
+        Self::Content { reason }
+    }
+
     pub(super) fn io(action: &'static str) -> impl FnOnce(io::Error) -> Self {
         move |source| Self::Io { action, source }
     }
