@@ -1,0 +1,304 @@
+//! The bridge: one thread, which waits for the domain, its topics and the network at the same time.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use sm2_node::domain::Watch;
+use sm2_node::wait_set::Interest;
+use sm2_node::{Node, Shutdown, WaitError, WaitSet};
+use sm2_proto::Name;
+use sm2_proto::gateway::Direction;
+use zenoh::query::Query;
+
+use crate::config::Config;
+use crate::convention::Convention;
+use crate::counts::Counts;
+use crate::domain::{Service, Topic, published};
+use crate::error::BridgeError;
+use crate::incoming::Incoming;
+use crate::network::{Event, Message, Network};
+use crate::origin::Origin;
+use crate::outgoing::{Outgoing, subscribe};
+use crate::ready::Ready;
+use crate::sides::{Sides, has_bridge};
+
+/// How many messages of the network are published at once, so that the topics of the domain go on meanwhile.
+const BURST: usize = 64;
+
+/// A bridge between a domain and a network.
+///
+/// Dropping it ends it.
+pub struct Bridge {
+    config: Config,
+    /// The node `bridge/NAME`, which subscribes.
+    node: Node,
+    /// The node `remote/NAME`, which publishes.
+    remote: Node,
+    watch: Watch,
+    set: WaitSet<'static, Ready>,
+    network: Network,
+    convention: Convention,
+    outgoing: BTreeMap<Topic, Outgoing>,
+    incoming: BTreeMap<Topic, Incoming>,
+    origin: Origin,
+    counts: Counts,
+}
+
+impl Bridge {
+    /// Joins the domain, and opens a session of Zenoh.
+    ///
+    /// # Errors
+    ///
+    /// See [`BridgeError`].
+    pub fn start(config: &Config) -> Result<Self, BridgeError> {
+        let name = &config.name;
+        let node_name = |role: &str| Name::new(&format!("{role}/{name}"));
+        let node = config.domain.connect(node_name("bridge")?.as_str())?;
+        let remote = config.domain.connect(node_name("remote")?.as_str())?;
+        let network = Network::open(&config.zenoh)?;
+        let mut set = WaitSet::new()?;
+        let mut watch = node.watch();
+        set.add_watch(&mut watch, Ready::Domain)?;
+        set.add_descriptor(
+            Arc::clone(network.ready()),
+            Interest::Readable,
+            Ready::Network,
+        )?;
+        Ok(Self {
+            config: config.clone(),
+            node,
+            remote,
+            watch,
+            set,
+            convention: Convention::start(config, &network)?,
+            network,
+            outgoing: BTreeMap::new(),
+            incoming: BTreeMap::new(),
+            origin: Origin {
+                bridge: name.clone(),
+                epoch: sm2_node::clock::wall_time().0,
+                number: 0,
+            },
+            counts: Counts::default(),
+        })
+    }
+
+    /// The messages since the start.
+    #[must_use]
+    pub fn counts(&self) -> Counts {
+        Counts {
+            dropped: self.network.dropped(),
+            ..self.counts
+        }
+    }
+
+    /// Carries messages until `shutdown` is requested.
+    ///
+    /// # Errors
+    ///
+    /// See [`BridgeError`].
+    pub fn run(&mut self, shutdown: &Shutdown) -> Result<(), BridgeError> {
+        self.follow_domain()?;
+        self.set.end_with(shutdown)?;
+        loop {
+            match self.set.wait() {
+                Ok(ready) => match ready.tag {
+                    Ready::Domain => self.follow_domain()?,
+                    Ready::Network => self.follow_network()?,
+                    Ready::Topic(topic) => self.forward(&topic),
+                    Ready::Server(service) => self.forward_requests(&service),
+                    Ready::Call(number) => self.forward_reply(number),
+                },
+                Err(WaitError::Shutdown) => return Ok(()),
+                Err(error) => return Err(BridgeError::Wait(error)),
+            }
+        }
+    }
+
+    /// Offers the topics of the domain to the network, and subscribes to those that the domain wants.
+    fn follow_domain(&mut self) -> Result<(), BridgeError> {
+        while !self.watch.try_wait()?.is_empty() {}
+        let is_allowed = |(topic, _): &Topic| self.config.allows(topic, Direction::Out);
+        let mut wanted = published(self.watch.domain());
+        wanted.retain(is_allowed);
+        let all = self.outgoing.keys();
+        let gone: Vec<_> = all.filter(|it| !wanted.contains(it)).cloned().collect();
+        for topic in gone {
+            self.unsubscribe(&topic);
+            self.outgoing.remove(&topic);
+        }
+        for topic in wanted {
+            if self.outgoing.contains_key(&topic) {
+                continue;
+            }
+            let (origin, domain) = (self.origin.clone(), self.watch.domain());
+            let declared =
+                (self.convention).declare(&topic, origin, domain, &self.node, &self.network)?;
+            if let Some(outgoing) = declared {
+                self.outgoing.insert(topic.clone(), outgoing);
+                self.follow_matching(&topic);
+            }
+        }
+        self.follow_ros2()
+    }
+
+    /// Offers the topics and services of nodes of ROS 2 to the domain, and subscribes to those that it wants. By the
+    /// convention of SM2, the first message of a topic offers it, and one subscription is for all.
+    fn follow_ros2(&mut self) -> Result<(), BridgeError> {
+        let Convention::Ros2(ros2) = &mut self.convention else {
+            return Ok(());
+        };
+        let sides = Sides {
+            config: &self.config,
+            domain: self.watch.domain(),
+            node: &self.node,
+            remote: &self.remote,
+            network: &self.network,
+        };
+        let offered = ros2.offered(&sides);
+        ros2.follow_subscribers(&sides, &offered)?;
+        ros2.follow_services(&sides, &mut self.set)?;
+        (self.incoming).retain(|topic, it| offered.get(topic) == Some(&it.latched));
+        for (topic, latched) in offered {
+            if !self.incoming.contains_key(&topic) {
+                self.declare_incoming(topic, latched);
+            }
+        }
+        Ok(())
+    }
+
+    /// Passes calls of the domain to the network.
+    fn forward_requests(&mut self, service: &Arc<Service>) {
+        if let Convention::Ros2(ros2) = &mut self.convention {
+            self.counts.sent += ros2.requests(service, &self.network, &self.origin, &mut self.set);
+        }
+    }
+
+    /// Passes a reply of the domain to the network.
+    fn forward_reply(&mut self, number: u64) {
+        if let Convention::Ros2(ros2) = &mut self.convention {
+            self.counts.sent += u64::from(ros2.reply(number));
+        }
+    }
+
+    /// Subscribes to a topic of the domain while the network has subscribers.
+    fn follow_matching(&mut self, topic: &Topic) {
+        let Some(outgoing) = self.outgoing.get_mut(topic) else {
+            return;
+        };
+        match (outgoing.is_wanted(), outgoing.taken.is_some()) {
+            (true, false) => {
+                let subscriber = match subscribe(&self.node, topic) {
+                    Ok(subscriber) => subscriber,
+                    Err(error) => {
+                        tracing::warn!(topic = %topic.0, %error, "cannot subscribe");
+                        return;
+                    }
+                };
+                match self
+                    .set
+                    .add(&subscriber, Ready::Topic(Arc::new(topic.clone())))
+                {
+                    Ok(key) => outgoing.taken = Some((subscriber, key)),
+                    Err(error) => {
+                        tracing::warn!(topic = %topic.0, %error, "cannot wait for messages")
+                    }
+                }
+            }
+            (false, true) => self.unsubscribe(topic),
+            _ => {}
+        }
+    }
+
+    fn unsubscribe(&mut self, topic: &Topic) {
+        let outgoing = self.outgoing.get_mut(topic);
+        if let Some((_, key)) = outgoing.and_then(|it| it.taken.take()) {
+            self.set.remove(key);
+        }
+    }
+
+    /// Passes messages of a topic to the network.
+    fn forward(&mut self, topic: &Topic) {
+        let Some(outgoing) = self.outgoing.get_mut(topic) else {
+            return;
+        };
+        if let Err(error) = outgoing.forward(&mut self.counts) {
+            tracing::warn!(topic = %topic.0, %error, "cannot take a message");
+            self.unsubscribe(topic);
+        }
+    }
+
+    fn follow_network(&mut self) -> Result<(), BridgeError> {
+        self.network.clear_ready()?;
+        for topic in self.network.take_changed() {
+            self.follow_matching(&topic);
+        }
+        if let Convention::Ros2(ros2) = &mut self.convention
+            && let Some(tokens) = self.network.take_tokens()
+        {
+            ros2.read_graph(&tokens);
+            self.follow_ros2()?;
+        }
+        if let Convention::Ros2(ros2) = &mut self.convention {
+            self.counts.received += ros2.replies(&self.network, &mut self.set)?;
+        }
+        for _ in 0..BURST {
+            match self.network.next() {
+                Some(Event::Message(message)) => self.receive(&message),
+                Some(Event::Query(service, query)) => self.query(&service, query)?,
+                None => return Ok(()),
+            }
+        }
+        self.network.wake();
+        Ok(())
+    }
+
+    /// Publishes a message of the network in the domain.
+    fn receive(&mut self, message: &Message) {
+        let Some((topic, origin)) = self.convention.read(message) else {
+            self.counts.refused += 1;
+            return;
+        };
+        if !self.config.allows(&topic.0, Direction::In) {
+            self.counts.denied += 1;
+            return;
+        }
+        // A message without an origin comes from a program that is no bridge.
+        if origin.is_some_and(|it| has_bridge(self.watch.domain(), &it.bridge)) {
+            self.counts.returned += 1;
+            return;
+        }
+        if !self.incoming.contains_key(&topic) {
+            self.declare_incoming(topic.clone(), 0);
+        }
+        let published = self.incoming.get(&topic);
+        let published = published.map(|it| it.publish(&message.payload.to_bytes()));
+        match published {
+            Some(Ok(())) => self.counts.received += 1,
+            Some(Err(error)) => {
+                self.counts.refused += 1;
+                tracing::warn!(topic = %topic.0, %error, "cannot publish a message in the domain");
+            }
+            None => self.counts.refused += 1,
+        }
+    }
+
+    /// Passes a call of the network to the domain.
+    fn query(&mut self, service: &Service, query: Query) -> Result<(), BridgeError> {
+        let Convention::Ros2(ros2) = &mut self.convention else {
+            return Ok(());
+        };
+        self.counts.received += 1;
+        ros2.query(service, query, &mut self.set)
+    }
+
+    /// Declares the publisher of a topic of the network.
+    fn declare_incoming(&mut self, topic: Topic, latched: u16) {
+        match Incoming::declare(&self.remote, self.watch.domain(), &topic, latched) {
+            Ok(incoming) => drop(self.incoming.insert(topic, incoming)),
+            Err(error) => {
+                tracing::warn!(topic = %topic.0, %error, "cannot publish in the domain");
+            }
+        }
+    }
+}

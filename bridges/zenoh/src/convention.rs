@@ -1,0 +1,89 @@
+//! The form that topics, types and attachments have in the network: that of SM2, or that of ROS 2.
+
+use sm2_node::Node;
+use sm2_node::domain::Domain;
+use sm2_proto::gateway::Direction;
+use zenoh::pubsub::Subscriber;
+
+use crate::config::{Config, Mode};
+use crate::domain::{Topic, offer};
+use crate::error::BridgeError;
+use crate::network::{Message, Network, Subject};
+use crate::origin::Origin;
+use crate::outgoing::{Form, Outgoing};
+use crate::plain;
+use crate::ros2::{self, Ros2};
+
+/// The convention that the configuration names, and its state.
+pub(crate) enum Convention {
+    Plain {
+        prefix: String,
+        /// `None` if the rules let nothing in.
+        _subscriber: Option<Subscriber<()>>,
+    },
+    Ros2(Box<Ros2>),
+}
+
+impl Convention {
+    pub(crate) fn start(config: &Config, network: &Network) -> Result<Self, BridgeError> {
+        Ok(match &config.mode {
+            Mode::Plain { prefix } => {
+                let mut rules = config.rules.0.iter();
+                let has_in = rules.any(|it| it.direction != Some(Direction::Out));
+                let subscribe = || network.subscribe_all(format!("{prefix}/**"));
+                Self::Plain {
+                    prefix: prefix.clone(),
+                    _subscriber: has_in.then(subscribe).transpose()?,
+                }
+            }
+            Mode::Ros2 { domain_id } => {
+                Self::Ros2(Box::new(Ros2::start(&config.name, *domain_id, network)?))
+            }
+        })
+    }
+
+    /// Declares a topic of the domain in the network. `None` if its type has no name there.
+    pub(crate) fn declare(
+        &mut self,
+        topic: &Topic,
+        origin: Origin,
+        domain: &Domain,
+        node: &Node,
+        network: &Network,
+    ) -> Result<Option<Outgoing>, BridgeError> {
+        Ok(match self {
+            Self::Plain { prefix, .. } => {
+                let key = plain::key(prefix, &topic.0);
+                let publisher = network.publisher(key, plain::encoding(&topic.1), topic, 0)?;
+                Some(Outgoing::new(publisher, Form::Plain, false, origin))
+            }
+            Self::Ros2(ros2) => {
+                let offer = offer(domain, topic);
+                let is_latched = offer.is_some_and(|it| it.latched > 0);
+                let declared = ros2.publisher(topic, offer, node, network)?;
+                declared.map(|it| {
+                    let (gid, _token) = (it.gid, it.token);
+                    Outgoing::new(it.publisher, Form::Ros2 { gid, _token }, is_latched, origin)
+                })
+            }
+        })
+    }
+
+    /// Reads the topic of a message, and its origin if a bridge has put it into the network. `None` if the domain has
+    /// no names for the topic or its type.
+    pub(crate) fn read(&self, message: &Message) -> Option<(Topic, Option<Origin>)> {
+        let attachment = message.attachment.as_ref().map(|it| it.to_bytes());
+        let attachment = attachment.as_deref().unwrap_or_default();
+        match (self, &message.subject) {
+            (Self::Plain { prefix, .. }, Subject::Key(key)) => {
+                let topic = plain::topic(prefix, key)?;
+                let data = plain::type_of(&message.encoding)?;
+                Some(((topic, data), Origin::decode(attachment).ok()))
+            }
+            (Self::Ros2(_), Subject::Topic(topic)) => {
+                Some((Topic::clone(topic), ros2::origin(attachment)))
+            }
+            _ => None,
+        }
+    }
+}

@@ -1,0 +1,243 @@
+//! The session of Zenoh, and the events of its threads.
+
+mod inbox;
+
+use std::collections::BTreeSet;
+use std::io;
+use std::sync::Arc;
+use std::sync::mpsc::Receiver;
+use std::time::Duration;
+
+use nix::sys::eventfd::EventFd;
+use zenoh::bytes::{Encoding, ZBytes};
+use zenoh::key_expr::KeyExpr;
+use zenoh::liveliness::LivelinessToken;
+use zenoh::pubsub::Subscriber;
+use zenoh::qos::CongestionControl;
+use zenoh::query::{ConsolidationMode, QueryTarget, Queryable};
+use zenoh::sample::{Locality, Sample, SampleKind};
+use zenoh::session::ZenohId;
+use zenoh::{Session, Wait};
+use zenoh_ext::{
+    AdvancedPublisher, AdvancedPublisherBuilderExt as _, AdvancedSubscriber,
+    AdvancedSubscriberBuilderExt as _, CacheConfig, HistoryConfig, MissDetectionConfig,
+};
+
+use self::inbox::Inbox;
+use crate::domain::{Service, Topic};
+use crate::error::BridgeError;
+
+pub(crate) use self::inbox::{Event, Message, Subject};
+
+/// How long a call may take.
+pub(crate) const CALL_MAX: Duration = Duration::from_secs(3_600);
+/// How many old messages of each publisher a subscription asks for.
+const HISTORY: usize = 64;
+/// How long after the last message a publisher with old messages tells its number, as in rmw_zenoh.
+const HEARTBEAT: Duration = Duration::from_millis(500);
+
+/// The session.
+pub(crate) struct Network {
+    session: Session,
+    inbox: Inbox,
+    events: Receiver<Event>,
+}
+
+/// A subscription to one topic. Ends when it is dropped.
+pub(crate) enum TopicSubscriber {
+    Live(#[expect(dead_code, reason = "it is only kept")] Subscriber<()>),
+    WithHistory(#[expect(dead_code, reason = "it is only kept")] AdvancedSubscriber<()>),
+}
+
+impl Network {
+    /// Opens a session.
+    pub(crate) fn open(config: &zenoh::Config) -> Result<Self, BridgeError> {
+        let session = zenoh::open(config.clone()).wait();
+        let session = session.map_err(BridgeError::zenoh("open a session"))?;
+        let (inbox, events) = Inbox::new()?;
+        Ok(Self {
+            session,
+            inbox,
+            events,
+        })
+    }
+
+    /// The number of the session.
+    pub(crate) fn id(&self) -> ZenohId {
+        self.session.zid()
+    }
+
+    /// Subscribes to all topics of a key expression.
+    pub(crate) fn subscribe_all(&self, key: String) -> Result<Subscriber<()>, BridgeError> {
+        let inbox = self.inbox.clone();
+        let subscriber = self.session.declare_subscriber(key);
+        let subscriber = subscriber.allowed_origin(Locality::Remote);
+        let subscriber = subscriber.callback(move |sample| {
+            let subject = Subject::Key(sample.key_expr().to_string());
+            inbox.put_sample(subject, &sample);
+        });
+        (subscriber.wait()).map_err(BridgeError::zenoh("subscribe"))
+    }
+
+    /// Subscribes to a topic. With `history`, asks its publishers for the messages that they keep for late joiners.
+    pub(crate) fn subscribe(
+        &self,
+        key: String,
+        topic: Topic,
+        history: bool,
+    ) -> Result<TopicSubscriber, BridgeError> {
+        let (inbox, topic) = (self.inbox.clone(), Arc::new(topic));
+        let subscriber = self.session.declare_subscriber(key);
+        let subscriber = subscriber.allowed_origin(Locality::Remote);
+        let subscriber = subscriber
+            .callback(move |sample| inbox.put_sample(Subject::Topic(Arc::clone(&topic)), &sample));
+        let subscriber = match history {
+            false => subscriber.wait().map(TopicSubscriber::Live),
+            true => {
+                let config = HistoryConfig::default().detect_late_publishers();
+                let subscriber = subscriber.history(config.max_samples(HISTORY));
+                subscriber.wait().map(TopicSubscriber::WithHistory)
+            }
+        };
+        subscriber.map_err(BridgeError::zenoh("subscribe"))
+    }
+
+    /// Declares a publisher of a topic, which has [changed](Self::take_changed) when its subscribers come or go. It
+    /// keeps the last `latched` messages for late joiners.
+    pub(crate) fn publisher(
+        &self,
+        key: String,
+        encoding: Encoding,
+        topic: &Topic,
+        latched: u16,
+    ) -> Result<AdvancedPublisher<'static>, BridgeError> {
+        let publisher = self.session.declare_publisher(key).encoding(encoding);
+        let publisher = publisher
+            // A subscriber of this session may match every key.
+            .allowed_destination(Locality::Remote)
+            // A slow network must not stop the bridge: it drops messages.
+            .congestion_control(CongestionControl::Drop)
+            .advanced();
+        let publisher = match latched {
+            0 => publisher,
+            _ => publisher
+                .publisher_detection()
+                .cache(CacheConfig::default().max_samples(latched.into()))
+                .sample_miss_detection(
+                    MissDetectionConfig::default().sporadic_heartbeat(HEARTBEAT),
+                ),
+        };
+        let publisher = publisher.wait();
+        let publisher = publisher.map_err(BridgeError::zenoh("declare a publisher"))?;
+        let (inbox, topic) = (self.inbox.clone(), topic.clone());
+        let listener = publisher
+            .matching_listener()
+            .callback(move |_| inbox.note_change(topic.clone()))
+            .background()
+            .wait();
+        listener.map_err(BridgeError::zenoh("follow the subscribers"))?;
+        Ok(publisher)
+    }
+
+    /// Offers a service of the domain.
+    pub(crate) fn serve(
+        &self,
+        key: String,
+        service: Service,
+    ) -> Result<Queryable<()>, BridgeError> {
+        let (inbox, service) = (self.inbox.clone(), Arc::new(service));
+        let queryable = self.session.declare_queryable(key).complete(true);
+        let queryable = queryable.allowed_origin(Locality::Remote);
+        let queryable =
+            queryable.callback(move |query| inbox.put(Event::Query(Arc::clone(&service), query)));
+        (queryable.wait()).map_err(BridgeError::zenoh("offer a service"))
+    }
+
+    /// Calls a service of the network. The reply comes with [`next_reply`](Self::next_reply) and this number.
+    pub(crate) fn call(
+        &self,
+        key: &str,
+        payload: &[u8],
+        attachment: Vec<u8>,
+        number: u64,
+    ) -> Result<(), BridgeError> {
+        let answer = self.inbox.answer(number);
+        let call = self.session.get(key).payload(payload);
+        let call = call
+            .attachment(attachment)
+            // As rmw_zenoh calls.
+            .target(QueryTarget::AllComplete)
+            .consolidation(ConsolidationMode::None)
+            .allowed_destination(Locality::Remote)
+            .timeout(CALL_MAX)
+            .callback(move |reply| {
+                let payload = reply.result().ok().map(|it| it.payload().clone());
+                if payload.is_some() {
+                    answer.give(payload);
+                }
+            });
+        call.wait().map_err(BridgeError::zenoh("call a service"))
+    }
+
+    /// Declares a liveliness token.
+    pub(crate) fn declare_token(
+        &self,
+        key: KeyExpr<'static>,
+    ) -> Result<LivelinessToken, BridgeError> {
+        let token = self.session.liveliness().declare_token(key).wait();
+        token.map_err(BridgeError::zenoh("declare a token"))
+    }
+
+    /// Follows the liveliness tokens of a key expression for the time of the session.
+    pub(crate) fn follow_tokens(&self, key: String) -> Result<(), BridgeError> {
+        let inbox = self.inbox.clone();
+        let note = move |sample: Sample| {
+            let is_alive = sample.kind() == SampleKind::Put;
+            let key = sample.key_expr().as_str();
+            inbox.note_token(key, is_alive);
+        };
+        let listener = self.session.liveliness().declare_subscriber(key);
+        let listener = listener.history(true).callback(note).background().wait();
+        listener.map_err(BridgeError::zenoh("follow the endpoints"))
+    }
+
+    /// The tokens that are alive, if they have changed since the last call.
+    pub(crate) fn take_tokens(&self) -> Option<BTreeSet<String>> {
+        self.inbox.take_tokens()
+    }
+
+    /// A descriptor that is readable when there may be a message or a change.
+    pub(crate) const fn ready(&self) -> &Arc<EventFd> {
+        self.inbox.ready()
+    }
+
+    /// Lets the descriptor wait for what comes later than this call.
+    pub(crate) fn clear_ready(&self) -> io::Result<()> {
+        self.inbox.clear_ready()
+    }
+
+    /// Makes the descriptor readable: there may be more.
+    pub(crate) fn wake(&self) {
+        self.inbox.wake();
+    }
+
+    /// The next message or call.
+    pub(crate) fn next(&self) -> Option<Event> {
+        self.inbox.take(&self.events)
+    }
+
+    /// The next reply to a call of the domain: the number of the call, and the payload. `None` stands for no reply.
+    pub(crate) fn next_reply(&self) -> Option<(u64, Option<ZBytes>)> {
+        self.inbox.take_reply()
+    }
+
+    /// The topics whose first subscriber has come, or whose last one has left.
+    pub(crate) fn take_changed(&self) -> BTreeSet<Topic> {
+        self.inbox.take_changed()
+    }
+
+    /// How many messages and calls came while too many others waited.
+    pub(crate) fn dropped(&self) -> u64 {
+        self.inbox.dropped()
+    }
+}

@@ -1,0 +1,150 @@
+//! A topic of the domain that goes to the network.
+
+use std::thread;
+use std::time::Duration;
+
+use bytes::Bytes;
+use sm2_gateway::is_remote;
+use sm2_node::clock::wall_time;
+use sm2_node::wait_set::Key;
+use sm2_node::{Node, RecvError, Sample, Subscriber, now};
+use zenoh::Wait;
+use zenoh::liveliness::LivelinessToken;
+use zenoh_ext::AdvancedPublisher;
+
+use crate::counts::Counts;
+use crate::domain::Topic;
+use crate::origin::Origin;
+use crate::ros2::{self, Gid};
+
+/// How many messages of each publisher wait for the bridge.
+const DEPTH: u16 = 64;
+/// How many messages are borrowed at most: those that wait in Zenoh.
+const MAX_BORROWED: u16 = 16;
+/// How long the bridge waits for Zenoh to give one of them back.
+const BORROWED_PAUSE: Duration = Duration::from_millis(1);
+/// How many messages are taken at once, so that no topic delays the others.
+const BURST: usize = 64;
+
+/// A topic with publishers in the domain.
+pub(crate) struct Outgoing {
+    publisher: AdvancedPublisher<'static>,
+    form: Form,
+    /// Whether Zenoh keeps messages for late joiners.
+    is_latched: bool,
+    /// While there are subscribers in the network: the subscriber in the domain, and its place in the wait set.
+    pub(crate) taken: Option<(Subscriber<[u8]>, Key)>,
+    /// That of the last message.
+    origin: Origin,
+}
+
+/// The form of the attachments of a topic.
+pub(crate) enum Form {
+    Plain,
+    /// That of ROS 2. The token shows the publisher to nodes of ROS 2.
+    Ros2 {
+        gid: Gid,
+        _token: LivelinessToken,
+    },
+}
+
+impl Form {
+    fn attachment(&self, sample: &Sample<[u8]>, origin: &Origin) -> Vec<u8> {
+        match self {
+            Self::Plain => origin.encode(),
+            Self::Ros2 { gid, .. } => {
+                let age = now().since(sample.source_time()).as_nanos();
+                let age = u64::try_from(age).unwrap_or(u64::MAX);
+                ros2::encode(wall_time().0.saturating_sub(age), gid, origin)
+            }
+        }
+    }
+}
+
+impl Outgoing {
+    pub(crate) const fn new(
+        publisher: AdvancedPublisher<'static>,
+        form: Form,
+        is_latched: bool,
+        origin: Origin,
+    ) -> Self {
+        Self {
+            publisher,
+            form,
+            is_latched,
+            taken: None,
+            origin,
+        }
+    }
+
+    /// Whether the network has a subscriber, or may have one that wants the messages of today.
+    pub(crate) fn is_wanted(&self) -> bool {
+        if self.is_latched {
+            return true;
+        }
+        let status = self.publisher.matching_status().wait();
+        // Without an answer, a message is worth the attempt.
+        status.map_or(true, |it| it.matching())
+    }
+
+    /// Passes the messages that have come to the network, as far as one burst goes.
+    pub(crate) fn forward(&mut self, counts: &mut Counts) -> Result<(), RecvError> {
+        let Some((subscriber, _)) = &self.taken else {
+            return Ok(());
+        };
+        for _ in 0..BURST {
+            let sample = match subscriber.try_recv() {
+                Ok(Some(sample)) => sample,
+                Ok(None) => return Ok(()),
+                // The set would report the topic at once.
+                Err(RecvError::TooManyBorrowed { .. }) => {
+                    thread::sleep(BORROWED_PAUSE);
+                    return Ok(());
+                }
+                Err(error) => return Err(error),
+            };
+            counts.lost += sample.lost();
+            if is_remote(sample.publisher()) {
+                continue;
+            }
+            self.origin.number += 1;
+            let attachment = self.form.attachment(&sample, &self.origin);
+            let payload = match self.is_latched {
+                // Zenoh keeps it for long, and a subscriber may borrow a few messages only.
+                true => Bytes::copy_from_slice(&sample),
+                false => Bytes::from_owner(Borrowed(sample)),
+            };
+            let put = self.publisher.put(payload).attachment(attachment);
+            match put.wait() {
+                Ok(()) => counts.sent += 1,
+                Err(error) => {
+                    counts.refused += 1;
+                    tracing::warn!(key = %self.publisher.key_expr(), %error, "Zenoh refuses a message");
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Declares the subscriber of a topic.
+pub(crate) fn subscribe(
+    node: &Node,
+    (topic, data): &Topic,
+) -> Result<Subscriber<[u8]>, sm2_node::DeclareError> {
+    let builder = node.subscriber_builder::<[u8]>(topic.as_str());
+    builder
+        .type_id(data.clone())
+        .depth(DEPTH)
+        .max_borrowed(MAX_BORROWED)
+        .declare()
+}
+
+/// A message in the slot of its publisher.
+struct Borrowed(Sample<[u8]>);
+
+impl AsRef<[u8]> for Borrowed {
+    fn as_ref(&self) -> &[u8] {
+        &self.0
+    }
+}

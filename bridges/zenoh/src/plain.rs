@@ -1,0 +1,78 @@
+//! The form of SM2: the names of the domain below a prefix, and its types as schemas of encodings.
+
+use sm2_node::Message as _;
+use sm2_proto::{Name, TypeId};
+use zenoh::bytes::Encoding;
+
+/// The start of the schema of an encoding.
+const SCHEMA: &str = "sm2:";
+
+/// The key expression of a topic.
+pub(crate) fn key(prefix: &str, topic: &Name) -> String {
+    format!("{prefix}/{topic}")
+}
+
+/// The topic of a key expression. `None` if it has another prefix, or if the rest is not a name.
+pub(crate) fn topic(prefix: &str, key: &str) -> Option<Name> {
+    let rest = key.strip_prefix(prefix)?.strip_prefix('/')?;
+    Name::new(rest).ok()
+}
+
+/// The encoding of messages of a type.
+pub(crate) fn encoding(data: &TypeId) -> Encoding {
+    Encoding::ZENOH_BYTES.with_schema(format!("{SCHEMA}{}:{:016x}", data.name, data.hash))
+}
+
+/// The type of a message with this encoding; that of bytes for one that no bridge has put. `None` if the schema is
+/// damaged.
+pub(crate) fn type_of(encoding: &Encoding) -> Option<TypeId> {
+    let text = encoding.to_string();
+    let Some((_, schema)) = text.split_once(&format!(";{SCHEMA}")) else {
+        return Some(<[u8]>::type_id());
+    };
+    let (name, hash) = schema.split_once(':')?;
+    let is_canonical = hash.len() == 16 && !hash.bytes().any(|it| it.is_ascii_uppercase());
+    Some(TypeId {
+        name: Name::new(name).ok()?,
+        hash: u64::from_str_radix(hash, 16)
+            .ok()
+            .filter(|_| is_canonical)?,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn types_and_topics_come_back() {
+        let data = TypeId {
+            name: Name::new("sensor_msgs/msg/Image").unwrap(),
+            hash: 0x12,
+        };
+        assert_eq!(
+            encoding(&data).to_string(),
+            "zenoh/bytes;sm2:sensor_msgs/msg/Image:0000000000000012"
+        );
+        assert_eq!(type_of(&encoding(&data)), Some(data));
+        assert_eq!(type_of(&Encoding::TEXT_PLAIN), Some(<[u8]>::type_id()));
+        for damaged in [
+            "sm2:a",
+            "sm2:a:12",
+            "sm2:a:000000000000001G",
+            "sm2:a:000000000000001A",
+            "sm2:a b:0000000000000012",
+        ] {
+            assert_eq!(
+                type_of(&Encoding::ZENOH_BYTES.with_schema(damaged)),
+                None,
+                "{damaged}"
+            );
+        }
+        let name = Name::new("camera/image").unwrap();
+        assert_eq!(topic("sm2", &key("sm2", &name)), Some(name));
+        for foreign in ["sm2", "sm2/", "sm22/a", "other/a", "sm2/a.b", "sm2/@adv/x"] {
+            assert_eq!(topic("sm2", foreign), None, "{foreign}");
+        }
+    }
+}

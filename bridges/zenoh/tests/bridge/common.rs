@@ -1,0 +1,125 @@
+//! A domain, a router of Zenoh, and bridges between them.
+
+use std::net::TcpListener;
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+use hiroz::Builder;
+use hiroz::context::{ZContext, ZContextBuilder};
+use sm2_bridge_zenoh::{Bridge, Config, Counts};
+use sm2_manager::Background;
+use sm2_node::{Node, Publisher, Shutdown, Subscriber};
+use zenoh::{Session, Wait};
+
+/// Long enough for a machine that is busy with other tests.
+pub(crate) const SOON: Duration = Duration::from_secs(20);
+
+/// When a message is sent once more: Zenoh drops a long one if its queue is full for 50 ms, as on a busy machine.
+pub(crate) const RETRY: Duration = Duration::from_secs(2);
+
+/// A rule that lets all pass.
+pub(crate) const ALL: &str = "[[rule]]\naction = \"allow\"\nnames = \"**\"\n";
+/// The start of the configuration of a bridge to nodes of ROS 2.
+pub(crate) const SEVEN: &str = "name = \"seven\"\nmode = \"ros2\"";
+
+/// A domain, and a process of the network to which bridges connect.
+pub(crate) struct World {
+    _manager: Background,
+    folder: tempfile::TempDir,
+    pub(crate) endpoint: String,
+    pub(crate) network: Session,
+}
+
+impl World {
+    pub(crate) fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let options = sm2_manager::Options::default();
+        let manager = Background::start(&folder.path().join("sock"), options).unwrap();
+        let free = TcpListener::bind("127.0.0.1:0")
+            .unwrap()
+            .local_addr()
+            .unwrap();
+        let endpoint = format!("tcp/{free}");
+        let mut config = zenoh::Config::default();
+        config.insert_json5("mode", "\"router\"").unwrap();
+        config
+            .insert_json5("listen/endpoints", &format!("[\"{endpoint}\"]"))
+            .unwrap();
+        config
+            .insert_json5("scouting/multicast/enabled", "false")
+            .unwrap();
+        Self {
+            _manager: manager,
+            folder,
+            endpoint,
+            network: zenoh::open(config).wait().unwrap(),
+        }
+    }
+
+    pub(crate) fn node(&self, name: &str) -> Node {
+        let socket = self.folder.path().join("sock");
+        Node::builder(name).socket(socket).connect().unwrap()
+    }
+
+    /// A configuration with these lines at its start, for a bridge that connects to `endpoint`.
+    pub(crate) fn config(&self, head: &str, endpoint: &str, rules: &str) -> Config {
+        let text = format!(
+            "{head}\nsocket = \"sock\"\n[zenoh]\nmode = \"client\"\nconnect = [\"{endpoint}\"]\n{rules}",
+        );
+        Config::parse(&self.folder.path().join("bridge.toml"), &text).unwrap()
+    }
+
+    pub(crate) fn bridge(&self, head: &str, rules: &str) -> Running {
+        self.bridge_to(&self.endpoint, head, rules)
+    }
+
+    pub(crate) fn bridge_to(&self, endpoint: &str, head: &str, rules: &str) -> Running {
+        let mut bridge = Bridge::start(&self.config(head, endpoint, rules)).unwrap();
+        let shutdown = Shutdown::new().unwrap();
+        let requested = shutdown.clone();
+        let thread = thread::spawn(move || {
+            bridge.run(&requested).unwrap();
+            bridge.counts()
+        });
+        Running { shutdown, thread }
+    }
+}
+
+/// A bridge in a thread.
+pub(crate) struct Running {
+    shutdown: Shutdown,
+    thread: JoinHandle<Counts>,
+}
+
+impl Running {
+    pub(crate) fn end(self) -> Counts {
+        self.shutdown.request();
+        self.thread.join().unwrap()
+    }
+}
+
+#[track_caller]
+pub(crate) fn wait_until(mut is_done: impl FnMut() -> bool) {
+    let until = Instant::now() + SOON;
+    while !is_done() {
+        assert!(Instant::now() < until, "not in time");
+        thread::sleep(Duration::from_millis(5));
+    }
+}
+
+pub(crate) fn is_linked(publisher: &Publisher<[u8]>) -> bool {
+    publisher.links().iter().any(|it| it.open)
+}
+
+pub(crate) fn receive(subscriber: &Subscriber<[u8]>) -> Vec<u8> {
+    let sample = subscriber.recv_timeout(SOON).unwrap().expect("a message");
+    sample.to_vec()
+}
+
+/// Nodes of ROS 2 in the network of a bridge.
+pub(crate) fn ros(world: &World) -> ZContext {
+    let builder = ZContextBuilder::default().with_mode("client");
+    let builder = builder.disable_multicast_scouting();
+    let builder = builder.with_connect_endpoints([world.endpoint.clone()]);
+    builder.build().unwrap()
+}
