@@ -1,7 +1,5 @@
 //! A black box keeps what was before a trigger, and what comes soon after it.
 
-mod common;
-
 use std::fs;
 use std::os::fd::AsFd;
 use std::path::Path;
@@ -13,7 +11,7 @@ use sm2_bag::{
 };
 use sm2_node::{Name, Node, Publisher, Shutdown};
 
-use self::common::{Domain, SOON, named};
+use crate::common::{Domain, SOON, named};
 
 fn name(text: &str) -> Name {
     Name::new(text).unwrap()

@@ -1,7 +1,5 @@
 //! Copies of bags have the chosen messages, in their order.
 
-mod common;
-
 use std::fs;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
@@ -11,7 +9,7 @@ use sm2_bag::{
     Bag, Compression, CopyError, Filter, GapReason, Options, ReadError, check, copy, recover,
 };
 
-use self::common::{Domain, named, record};
+use crate::common::{Domain, named, record};
 
 const COMPRESSIONS: [Compression; 3] = [Compression::None, Compression::Lz4, Compression::Zstd];
 

@@ -1,14 +1,12 @@
 //! Bags that were torn or overwritten.
 
-mod common;
-
 use std::fs;
 use std::path::Path;
 use std::time::Duration;
 
 use sm2_bag::{Bag, Compression, CopyError, Damage, Filter, Options, ReadError, check, recover};
 
-use self::common::{Domain, memory_folder, named, record};
+use crate::common::{Domain, memory_folder, named, record};
 
 /// How many messages the torn bags have.
 const MESSAGES: u64 = 40;

@@ -1,7 +1,5 @@
 //! Long payloads go to the disk from the slots of their publishers.
 
-mod common;
-
 use std::fs::{self, File};
 use std::io;
 use std::path::Path;
@@ -10,7 +8,7 @@ use std::sync::{Arc, Mutex};
 use sm2_bag::{Bag, BagFile, Filter, Options, Report, Storage, check};
 use sm2_node::Name;
 
-use self::common::{Domain, SOON, named, record};
+use crate::common::{Domain, SOON, named, record};
 
 const BLOCK_LEN: usize = 4_096;
 /// The lengths of the messages, in bytes: short ones, and long ones with and without a last part of a block.

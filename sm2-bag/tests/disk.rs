@@ -1,7 +1,5 @@
 //! Disks that are slow, full or broken.
 
-mod common;
-
 use std::fs::File;
 use std::io;
 use std::os::fd::AsFd;
@@ -14,7 +12,7 @@ use sm2_bag::{
 };
 use sm2_node::{Name, Shutdown};
 
-use self::common::{Domain, named, record};
+use crate::common::{Domain, named, record};
 
 /// A file whose writes wait while the gate is closed, and fail beyond a limit.
 struct Disk {

@@ -1,7 +1,5 @@
 //! A replay in lockstep gives the same outputs at any speed.
 
-mod common;
-
 use std::os::fd::AsFd;
 use std::thread;
 use std::time::Duration;
@@ -12,7 +10,7 @@ use sm2_node::executor::Failure;
 use sm2_node::lockstep::{Inputs, InputsError};
 use sm2_node::{Node, Publisher, Sample, Shutdown};
 
-use self::common::{Domain, named, record};
+use crate::common::{Domain, named, record};
 
 const MESSAGES: u64 = 20;
 

@@ -1,7 +1,5 @@
 //! Long work is observed, and ended.
 
-mod common;
-
 use std::ops::ControlFlow;
 use std::time::Duration;
 
@@ -10,7 +8,7 @@ use sm2_bag::{
     copy_observed, diff_observed, recover_observed,
 };
 
-use self::common::{Domain, named, record};
+use crate::common::{Domain, named, record};
 
 const MESSAGES: u64 = 20;
 const MESSAGE_BYTES: u64 = 100_000;

@@ -1,7 +1,5 @@
 //! A recording that is divided into files, and the room that it leaves.
 
-mod common;
-
 use std::fs::{self, File};
 use std::io;
 use std::os::fd::AsFd;
@@ -15,7 +13,7 @@ use sm2_bag::{
 };
 use sm2_node::{Name, Node, Publisher, Shutdown};
 
-use self::common::{Domain, SOON, named};
+use crate::common::{Domain, SOON, named};
 
 const MESSAGE_LEN: usize = 10_000;
 

@@ -1,7 +1,5 @@
 //! A player that publishes domain time is its only source.
 
-mod common;
-
 use std::os::fd::AsFd;
 use std::slice;
 
@@ -9,7 +7,7 @@ use sm2_bag::{Bag, Options, PlayOptions, Player};
 use sm2_node::clock::{ClockSource, DomainTime};
 use sm2_node::{Name, Node, Shutdown, Subscriber};
 
-use self::common::{Domain, named, record};
+use crate::common::{Domain, named, record};
 
 /// Records a domain with a source of time, whose readings say 1 to 5 ns.
 fn record_clock(domain: &Domain) {

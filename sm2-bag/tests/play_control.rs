@@ -1,7 +1,5 @@
 //! A player is paused, stepped and given another rate.
 
-mod common;
-
 use std::os::fd::AsFd;
 use std::slice;
 use std::thread;
@@ -14,7 +12,7 @@ use sm2_node::clock::DomainTime;
 use sm2_node::lockstep::Inputs;
 use sm2_node::{Call, Client, ConnectError, Name, Node, Sample, Shutdown, Subscriber};
 
-use self::common::{Domain, SOON, named, record};
+use crate::common::{Domain, SOON, named, record};
 
 const MESSAGES: u64 = 6;
 

@@ -1,7 +1,5 @@
 //! Long messages are read from the bag to the memory that subscribers read.
 
-mod common;
-
 use std::fs;
 use std::os::fd::AsFd;
 use std::path::Path;
@@ -12,7 +10,7 @@ use sm2_bag::{
 };
 use sm2_node::{Name, Node, Shutdown, Subscriber};
 
-use self::common::{Domain, SOON, memory_folder, named, record};
+use crate::common::{Domain, SOON, memory_folder, named, record};
 
 /// Around the length from which on messages are chunks of their own, and long ones.
 const LENS: [usize; 6] = [10, 65_536, 65_537, 300_000, 1_000_001, 2_000_000];

@@ -1,7 +1,5 @@
 //! A power cut costs the last interval, whatever part of it has reached the disk.
 
-mod common;
-
 use std::fs::{self, File};
 use std::io;
 use std::os::unix::fs::FileExt;
@@ -13,7 +11,7 @@ use std::time::Duration;
 
 use sm2_bag::{Bag, Compression, Filter, Options, Storage, SyncWork, recover};
 
-use self::common::{Domain, memory_folder, named, record};
+use crate::common::{Domain, memory_folder, named, record};
 
 const MESSAGES: u64 = 100;
 /// How many power cuts are tried for each compression.

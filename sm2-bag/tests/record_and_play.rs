@@ -1,7 +1,5 @@
 //! The messages of a recording are in the bag, and are published again.
 
-mod common;
-
 use std::os::fd::AsFd;
 use std::slice;
 use std::sync::mpsc;
@@ -14,7 +12,7 @@ use sm2_bag::{
 };
 use sm2_node::{Message, Name, Node, Shutdown};
 
-use self::common::{Domain, SOON, named, record};
+use crate::common::{Domain, SOON, named, record};
 
 #[derive(Message, serde::Serialize, serde::Deserialize)]
 #[message(name = "sensor/Scan", encoding = "postcard")]

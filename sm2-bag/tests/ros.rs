@@ -1,7 +1,5 @@
 //! Bags with types of ROS 2.
 
-mod common;
-
 use std::collections::BTreeSet;
 use std::fs;
 use std::os::fd::AsFd;
@@ -14,7 +12,7 @@ use sm2_bag::{
 };
 use sm2_node::{Message, Name, Node, Publisher, Shutdown, TypeId};
 
-use self::common::{Domain, SOON, named, record};
+use crate::common::{Domain, SOON, named, record};
 
 const STRING: &str = "std_msgs/msg/String";
 const STRING_SCHEMA: &str =

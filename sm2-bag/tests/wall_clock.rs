@@ -1,14 +1,12 @@
 //! A wall clock that steps during a recording.
 
-mod common;
-
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use sm2_bag::{Bag, Filter, Options, check};
 use sm2_node::clock::{DomainTime, wall_time};
 
-use self::common::{Domain, named, record};
+use crate::common::{Domain, named, record};
 
 const HOUR_NS: u64 = 3_600_000_000_000;
 

@@ -1,8 +1,7 @@
 //! Measures the age of messages at the far end of a link that carries an eighth of what is
 //! published: the link of the paper's Fig. 2, in virtual time.
 
-#[path = "age/world.rs"]
-mod world;
+pub(crate) mod world;
 
 use std::time::Duration;
 

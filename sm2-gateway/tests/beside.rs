@@ -1,11 +1,9 @@
 //! The messages that a peer gets beside peers whose links are slow or cut, in virtual time. All connections share the
 //! memory of one gateway. `examples/beside` measures the same with real links.
 
-#[path = "age/world.rs"]
-mod world;
-
 use std::time::Duration;
 
+use crate::age::world::World;
 use bytes::Bytes;
 use sm2_gateway::{
     hub::DEFAULT_SEND_QOS,
@@ -20,7 +18,6 @@ use sm2_proto::{
         session::{self, ControlCommand},
     },
 };
-use world::World;
 
 const OFFER: OfferId = OfferId(1);
 const SETTLING: Duration = Duration::from_millis(500);

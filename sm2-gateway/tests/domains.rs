@@ -1,7 +1,5 @@
 //! Two domains whose gateways are connected by QUIC on the local host.
 
-mod common;
-
 use std::{
     sync::{
         Arc,
@@ -10,7 +8,7 @@ use std::{
     time::Duration,
 };
 
-use common::{ALL, Domain, SOON, report, runtime, until};
+use crate::common::{ALL, Domain, SOON, report, runtime, until};
 use sm2_gateway::{Config, Gateway};
 use sm2_node::{CallError, ReplyError};
 

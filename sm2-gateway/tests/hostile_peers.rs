@@ -1,24 +1,17 @@
 //! Peers that break the rules, by mistake or on purpose. The gateway closes the connection or
 //! resets the stream with the right code, and no other peer is affected.
 
-#[path = "hostile_peers/bench.rs"]
 mod bench;
-#[path = "hostile_peers/client.rs"]
 mod client;
-mod common;
-#[path = "hostile_peers/frames.rs"]
 mod frames;
-#[path = "hostile_peers/identity.rs"]
 mod identity;
-#[path = "hostile_peers/memory.rs"]
 mod memory;
-#[path = "hostile_peers/streams.rs"]
 mod streams;
 
 use std::net::UdpSocket;
 
+use crate::common::until;
 use bench::{Bench, EPOCH, hello, topic};
-use common::until;
 use quinn_proto::{Dir, TransportConfig, VarInt};
 use sm2_node::Message;
 use sm2_proto::gateway::{Beacon, Frame, Header, HeaderKind, OfferId};

@@ -1,12 +1,8 @@
 //! The hub alone: inputs, and the outputs that they lead to.
 
-#[path = "hub/calls.rs"]
 mod calls;
-#[path = "hub/epochs.rs"]
 mod epochs;
-#[path = "hub/latched.rs"]
 mod latched;
-#[path = "hub/reload.rs"]
 mod reload;
 
 use bytes::Bytes;

@@ -1,13 +1,12 @@
 //! Metrics over HTTP, for clients that ask correctly while others do not.
 
-mod common;
-
+use crate::common;
 use std::{
     io::{ErrorKind, Read, Write},
     net::{SocketAddr, TcpStream},
 };
 
-use common::{ALL, Domain, SOON, runtime, until};
+use crate::common::{ALL, Domain, SOON, runtime, until};
 use sm2_gateway::Gateway;
 use tokio::{net::TcpListener, runtime::Runtime};
 

@@ -1,10 +1,8 @@
 //! A peer with more offers, messages and calls than there is room for.
 
-#[path = "age/world.rs"]
-mod world;
-
 use std::{sync::Arc, time::Duration};
 
+use crate::age::world::World;
 use bytes::Bytes;
 use sm2_gateway::{
     Counts,
@@ -21,7 +19,6 @@ use sm2_proto::{
     },
     limits::OFFERS_MAX,
 };
-use world::World;
 
 fn world() -> World {
     let link = Profile {

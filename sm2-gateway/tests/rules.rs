@@ -1,7 +1,6 @@
 //! Rules have the same meaning in `explain`, in the offers and wants of the hub, and in the
 //! comparison of two rule sets.
 
-#[path = "rules/naive.rs"]
 mod naive;
 
 use std::collections::{BTreeMap, BTreeSet};

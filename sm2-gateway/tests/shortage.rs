@@ -1,10 +1,8 @@
 //! Gateways whose system calls fail because the kernel is short of memory.
 
-mod common;
-
 use std::{mem, thread, time::Duration};
 
-use common::{ALL, Domain, SOON, report, runtime, until};
+use crate::common::{ALL, Domain, SOON, report, runtime, until};
 use nix::libc;
 use sm2_io::fault::{Call, Fault, Injector};
 use tokio::runtime::Runtime;

@@ -8,29 +8,17 @@
 //! handshake by a few bytes, because TLS and QUIC take keys, connection ids and grease from the
 //! system.
 
-#[path = "simulation/domain.rs"]
 mod domain;
-#[path = "simulation/ledger.rs"]
 mod ledger;
-#[path = "simulation/link.rs"]
 mod link;
-#[path = "simulation/network.rs"]
 mod network;
-#[path = "simulation/node.rs"]
 mod node;
-#[path = "simulation/ops.rs"]
 mod ops;
-#[path = "simulation/queue.rs"]
 mod queue;
-#[path = "simulation/quiet.rs"]
 mod quiet;
-#[path = "simulation/random.rs"]
 mod random;
-#[path = "simulation/rules.rs"]
 mod rules;
-#[path = "simulation/script.rs"]
 mod script;
-#[path = "simulation/trace.rs"]
 mod trace;
 
 use std::{

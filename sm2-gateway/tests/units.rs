@@ -2,10 +2,9 @@
 
 #[path = "../../packaging/systemd/check.rs"]
 mod check;
-mod common;
 
+use crate::common::{Domain, Process, until};
 use check::{SYSTEM, Units, is_hardened};
-use common::{Domain, Process, until};
 
 const GATEWAY: Units = Units {
     program: "sm2-gateway",

@@ -1,11 +1,10 @@
 //! Large mappings start at a multiple of 2 MiB, and are unmapped. Alone in its process: another thread could
 //! take the address range that was chosen.
 
-mod common;
-
-use common::map_sealed;
+use crate::common::map_sealed;
 use sm2_io::memfd::sealed_from_bytes;
 use sm2_io::{SealedLoan, Segment};
+use sm2_test_support::ran_alone;
 
 const HUGE: usize = 2 << 20;
 
@@ -18,6 +17,12 @@ fn mappings() -> usize {
 
 #[test]
 fn large_mappings_are_aligned_and_all_are_unmapped() {
+    if ran_alone(concat!(
+        module_path!(),
+        "::large_mappings_are_aligned_and_all_are_unmapped"
+    )) {
+        return;
+    }
     for len in [HUGE, HUGE + 1, 3 * HUGE, 5 * HUGE + 4097] {
         let mut loan = SealedLoan::new(len as u64).unwrap();
         assert_eq!(loan.as_mut_slice().as_ptr().addr() % HUGE, 0);

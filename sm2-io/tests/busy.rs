@@ -1,8 +1,8 @@
 //! Sealing while another mapping holds the pages. In its own file, because it searches the descriptors of the
 //! whole process for the loan.
 
-mod common;
-
+use crate::common;
+use sm2_test_support::ran_alone;
 use std::fs::{self, OpenOptions};
 use std::os::fd::{AsFd, OwnedFd};
 
@@ -24,6 +24,12 @@ fn the_loan() -> OwnedFd {
 
 #[test]
 fn a_loan_whose_pages_are_held_is_sealed_all_the_same() {
+    if ran_alone(concat!(
+        module_path!(),
+        "::a_loan_whose_pages_are_held_is_sealed_all_the_same"
+    )) {
+        return;
+    }
     let mut loan = SealedLoan::new(10_000).unwrap();
     loan.as_mut_slice().fill(7);
     // The kernel refuses the seal as long as another writable mapping exists.

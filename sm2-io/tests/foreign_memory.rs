@@ -1,13 +1,11 @@
 //! Another process tries to change memory between its verification and its use. Each attempt fails, or does
 //! not affect copies.
 
-mod common;
-
 use std::fs::File;
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
 
-use common::{map_pooled, pooled_file, ring_file, sealed_file};
+use crate::common::{map_pooled, pooled_file, ring_file, sealed_file};
 use nix::fcntl::{FcntlArg, SealFlag, fcntl};
 use nix::libc;
 use nix::sys::memfd::{MFdFlags, memfd_create};

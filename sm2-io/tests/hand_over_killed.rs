@@ -1,6 +1,7 @@
 //! Processes compete for one domain, hand it over, and are killed at arbitrary instructions. In its own file:
 //! a child process holds copies of all descriptors until it calls `exec`.
 
+use sm2_test_support::ran_alone;
 use std::io::{BufRead, BufReader, Read};
 use std::os::fd::OwnedFd;
 use std::os::unix::fs::symlink;
@@ -28,7 +29,12 @@ impl Drop for Started {
 
 fn start(test: &str, path: &Path, stdin: Stdio) -> (Started, BufReader<ChildStdout>) {
     let mut child = Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", test, "--ignored", "--nocapture"])
+        .args([
+            "--exact",
+            &format!("hand_over_killed::{test}"),
+            "--ignored",
+            "--nocapture",
+        ])
         .env(PATH, path)
         .stdin(stdin)
         .stdout(Stdio::piped())
@@ -47,6 +53,9 @@ fn until(lines: &mut BufReader<ChildStdout>, end: &str) -> bool {
 //= SM2-RES-010 test
 #[test]
 fn never_two_owners() {
+    if ran_alone(concat!(module_path!(), "::never_two_owners")) {
+        return;
+    }
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("sm2/default.sock");
     std::fs::create_dir(path.parent().unwrap()).unwrap();
@@ -185,6 +194,12 @@ fn fail(why: &str) -> ! {
 /// signal there.
 #[test]
 fn who_takes_over_a_listening_socket_is_who_listens() {
+    if ran_alone(concat!(
+        module_path!(),
+        "::who_takes_over_a_listening_socket_is_who_listens"
+    )) {
+        return;
+    }
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("default.sock");
     let socket: OwnedFd = Listener::bind(&path, 5).unwrap().into();

@@ -1,14 +1,13 @@
 //! Memory that mapping a file costs its receiver.
 
-mod common;
-
+use sm2_test_support::ran_alone;
 use std::fs::{self, File};
 use std::os::unix::fs::{FileExt, MetadataExt};
 
 use nix::fcntl::{FcntlArg, SealFlag, fcntl};
 use nix::sys::memfd::{MFdFlags, memfd_create};
 
-use common::map_sealed;
+use crate::common::map_sealed;
 
 const MIB: u64 = 1 << 20;
 
@@ -42,6 +41,12 @@ fn resident(address: *const u8) -> u64 {
 //= SM2-PAY-010 test
 #[test]
 fn a_hole_costs_its_receiver_nothing() {
+    if ran_alone(concat!(
+        module_path!(),
+        "::a_hole_costs_its_receiver_nothing"
+    )) {
+        return;
+    }
     const LEN: u64 = 1024 * MIB;
     let cases: [&[u64]; 4] = [&[], &[0], &[LEN - MIB], &[0, LEN - MIB]];
     for starts in cases {
@@ -61,6 +66,12 @@ fn a_hole_costs_its_receiver_nothing() {
 //= SM2-PAY-010 test
 #[test]
 fn a_message_without_holes_is_present_at_once() {
+    if ran_alone(concat!(
+        module_path!(),
+        "::a_message_without_holes_is_present_at_once"
+    )) {
+        return;
+    }
     let file = sealed(64 * MIB, &[0, MIB]);
     let before = allocated(&file);
     let mapping = map_sealed(&file, 2 * MIB, true);

@@ -1,13 +1,11 @@
 //! Memory that is made present before it is used, in huge pages if the machine has them. The assertions hold
 //! with and without huge pages.
 
-mod common;
-
 use std::fs::File;
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
 use std::os::unix::fs::MetadataExt;
 
-use common::{map_pooled, map_sealed};
+use crate::common::{map_pooled, map_sealed};
 use sm2_io::memfd::{facts, sealed_from_bytes};
 use sm2_io::{Preallocated, SealedLoan, Segment};
 use sm2_proto::Seals;

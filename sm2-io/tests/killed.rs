@@ -1,6 +1,7 @@
 //! An owner that is killed. In its own file: a child process holds copies of all descriptors until it calls
 //! `exec`, which would disturb other tests.
 
+use sm2_test_support::ran_alone;
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
 
@@ -10,10 +11,16 @@ const PATH_OF_VICTIM: &str = "SM2_IO_TEST_VICTIM";
 
 #[test]
 fn an_owner_that_is_killed_gives_way() {
+    if ran_alone(concat!(
+        module_path!(),
+        "::an_owner_that_is_killed_gives_way"
+    )) {
+        return;
+    }
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("sm2/default.sock");
     let mut victim = Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "the_victim", "--ignored", "--nocapture"])
+        .args(["--exact", "killed::the_victim", "--ignored", "--nocapture"])
         .env(PATH_OF_VICTIM, &path)
         .stdout(Stdio::piped())
         .spawn()

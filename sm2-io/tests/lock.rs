@@ -1,5 +1,6 @@
 //! Memory that is never swapped out. In its own file: the test lowers a limit of the process.
 
+use sm2_test_support::ran_alone;
 use std::io;
 
 use nix::libc;
@@ -27,6 +28,12 @@ fn drop_capabilities() {
 
 #[test]
 fn a_segment_is_locked_up_to_the_limit() {
+    if ran_alone(concat!(
+        module_path!(),
+        "::a_segment_is_locked_up_to_the_limit"
+    )) {
+        return;
+    }
     let limit = 64 << 10;
     drop_capabilities();
     setrlimit(Resource::RLIMIT_MEMLOCK, limit, limit).unwrap();

@@ -1,14 +1,12 @@
 //! Sealed files never change; facts about descriptors.
 
-mod common;
-
 use std::fs::{File, OpenOptions};
 use std::io::{self, IoSlice};
 use std::num::NonZeroUsize;
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use std::os::unix::fs::{FileExt, MetadataExt, OpenOptionsExt};
 
-use common::{map_pooled, map_sealed, pooled_file, sealed_file};
+use crate::common::{map_pooled, map_sealed, pooled_file, sealed_file};
 use nix::errno::Errno;
 use nix::fcntl::{FallocateFlags, fallocate};
 use nix::libc;

@@ -1,9 +1,7 @@
 //! A kernel without huge pages, and without calls that make pages present (before Linux 5.14). A seccomp
 //! filter simulates that kernel for the calling thread.
-#![cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 
-mod common;
-
+use crate::common;
 use std::os::fd::AsFd;
 
 use nix::libc;

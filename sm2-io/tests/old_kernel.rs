@@ -1,6 +1,5 @@
 //! A kernel without the newest system calls and flags. A seccomp filter simulates an older kernel for the
 //! calling thread.
-#![cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 
 use std::os::fd::AsFd;
 use std::time::Duration;

@@ -1,7 +1,6 @@
 //! Sealing while the kernel holds references to pages, for example in a pipe or during disk I/O.
 
-mod common;
-
+use crate::common;
 use std::os::fd::{AsFd, AsRawFd};
 
 use nix::libc;

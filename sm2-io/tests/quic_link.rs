@@ -1,5 +1,4 @@
 //! The throughput of a connection over a lossy link, in virtual time.
-#![cfg(feature = "quic")]
 
 use std::{
     cmp::Reverse,

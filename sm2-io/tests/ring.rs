@@ -1,14 +1,12 @@
 //! The file of a ring, which two processes write: its seals, its size, and the offsets of its words.
 
-mod common;
-
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read};
 use std::os::fd::{AsFd, AsRawFd, OwnedFd};
 use std::os::unix::fs::FileExt;
 use std::process::{Command, Stdio};
 
-use common::ring_file;
+use crate::common::ring_file;
 use nix::errno::Errno;
 use nix::fcntl::{FallocateFlags, FcntlArg, SealFlag, fallocate, fcntl};
 use nix::unistd::ftruncate;
@@ -185,7 +183,7 @@ const IS_THE_OTHER: &str = "SM2_IO_TEST_RING";
 fn another_process_sees_the_words_and_writes_some() {
     let (ring, fd) = Ring::create(layout(8, 12)).expect("a ring");
     let mut other = Command::new(std::env::current_exe().expect("this test"))
-        .args(["--exact", "the_other_process"])
+        .args(["--exact", "ring::the_other_process"])
         .env(IS_THE_OTHER, "")
         .stdin(Stdio::from(fd))
         .stdout(Stdio::null())

@@ -1,5 +1,6 @@
 //! The effect of signals. Alone in its process: a signal's disposition is shared by all threads.
 
+use sm2_test_support::ran_alone;
 use std::io::IoSlice;
 use std::os::fd::AsFd;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,6 +19,12 @@ fn on(signal: Signal, handler: SigHandler) {
 
 #[test]
 fn sending_to_a_closed_socket_does_not_kill() {
+    if ran_alone(concat!(
+        module_path!(),
+        "::sending_to_a_closed_socket_does_not_kill"
+    )) {
+        return;
+    }
     // Rust programs start with SIGPIPE ignored, but programs that embed this library may not. Linux raises it
     // for streams only, so this test passes even without MSG_NOSIGNAL.
     on(Signal::SIGPIPE, SigHandler::SigDfl);
@@ -29,6 +36,12 @@ fn sending_to_a_closed_socket_does_not_kill() {
 
 #[test]
 fn a_signal_ends_a_wait_with_nothing() {
+    if ran_alone(concat!(
+        module_path!(),
+        "::a_signal_ends_a_wait_with_nothing"
+    )) {
+        return;
+    }
     on(Signal::SIGUSR1, SigHandler::Handler(do_nothing));
     let waker = Waker::new().unwrap();
     let epoll = Epoll::new().unwrap();

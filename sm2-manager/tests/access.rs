@@ -1,14 +1,13 @@
 //! The access policy of a domain: where a Manager finds it, and what it does without it.
 
-mod common;
-
+use crate::common;
 use std::{
     fs::{self, Permissions},
     os::unix::fs::{PermissionsExt, symlink},
     path::PathBuf,
 };
 
-use common::{Program, TestDomain};
+use crate::common::{Program, TestDomain};
 use nix::sys::signal::Signal;
 use sm2_manager::{Background, Options, StartError};
 use sm2_node::{ConnectError, DeclareError, Node};

@@ -1,8 +1,6 @@
 //! Socket activation as systemd does it: the test binds the socket, passes it as descriptor 3, and receives
 //! the states that the Manager reports.
 
-mod common;
-
 use std::{
     os::{
         fd::OwnedFd,
@@ -12,7 +10,7 @@ use std::{
     time::Duration,
 };
 
-use common::{Client, Program, TIMEOUT, TestDomain};
+use crate::common::{Client, Program, TIMEOUT, TestDomain};
 use nix::sys::signal::Signal;
 use sm2_io::{Listener, SeqPacket};
 use sm2_proto::{Farewell, node::End};

@@ -1,7 +1,6 @@
 //! Descriptors that nodes send to a Manager: it keeps one counters file per session, and closes all others.
 
-mod common;
-
+use crate::common;
 use std::{
     fs::{self, File},
     io::IoSlice,
@@ -14,7 +13,7 @@ use std::{
     time::Duration,
 };
 
-use common::{Program, TIMEOUT, TestDomain};
+use crate::common::{Program, TIMEOUT, TestDomain};
 use nix::unistd::{Uid, chown, geteuid};
 use sm2_io::{CounterPage, CounterView, RecvError, SeqPacket, memfd, wait_readable};
 use sm2_proto::{

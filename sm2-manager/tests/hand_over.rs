@@ -1,7 +1,6 @@
 //! A Manager takes over from another one that serves, and the domain is served without a gap.
 
-mod common;
-
+use crate::common;
 use std::{
     io::ErrorKind,
     os::unix::process::CommandExt,
@@ -9,7 +8,7 @@ use std::{
     thread,
 };
 
-use common::{Client, Program, TestDomain};
+use crate::common::{Client, Program, TestDomain};
 use nix::{sys::signal::Signal, unistd::geteuid};
 use sm2_io::SeqPacket;
 use sm2_manager::{Background, Options};

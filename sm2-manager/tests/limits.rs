@@ -1,8 +1,6 @@
 //! Limits of programs that embed a Manager.
 
-mod common;
-
-use common::TestDomain;
+use crate::common::TestDomain;
 use sm2_io::Listener;
 use sm2_manager::{Limit, LimitError, Manager, Options, Policy, Standby, StartError};
 

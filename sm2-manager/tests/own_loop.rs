@@ -243,7 +243,12 @@ fn nodes_of_other_processes_talk_through_it() {
     let domain = Domain::start();
     let listener = Process::start(
         Command::new(std::env::current_exe().unwrap())
-            .args(["--exact", "the_listener", "--ignored", "--nocapture"])
+            .args([
+                "--exact",
+                "own_loop::the_listener",
+                "--ignored",
+                "--nocapture",
+            ])
             .env(SOCKET, domain.socket()),
     );
     let node = domain.node("talker");

@@ -1,13 +1,11 @@
 //! The program at paths that it can use and at others.
 
-mod common;
-
 use std::{
     fs::{self, Permissions},
     os::unix::{fs::PermissionsExt, process::CommandExt},
 };
 
-use common::{Program, TestDomain};
+use crate::common::{Program, TestDomain};
 use nix::{sys::signal::Signal, unistd::geteuid};
 
 //= SM2-TRN-008 sys

@@ -1,7 +1,6 @@
 //! Another access policy for a Manager that serves.
 
-mod common;
-
+use crate::common;
 use std::{
     fs::{self, Permissions},
     os::unix::fs::PermissionsExt,
@@ -9,7 +8,7 @@ use std::{
     time::Duration,
 };
 
-use common::{Program, TestDomain, eventually};
+use crate::common::{Program, TestDomain, eventually};
 use nix::sys::signal::Signal;
 use sm2_manager::{Background, Options};
 use sm2_node::{

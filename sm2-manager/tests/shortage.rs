@@ -1,7 +1,5 @@
 //! A Manager whose system calls fail because the kernel is short of memory or descriptors.
 
-mod common;
-
 use std::{
     io::IoSlice,
     os::fd::AsFd,
@@ -9,7 +7,7 @@ use std::{
     thread::{self, JoinHandle},
 };
 
-use common::{TIMEOUT, TestDomain, eventually};
+use crate::common::{TIMEOUT, TestDomain, eventually};
 use nix::libc;
 use sm2_io::{
     RecvError, SeqPacket,

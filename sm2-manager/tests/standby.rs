@@ -1,10 +1,9 @@
 //! When a Manager ends, in whatever way, a standby takes over.
 
-mod common;
-
+use crate::common;
 use std::{fs, process};
 
-use common::TestDomain;
+use crate::common::TestDomain;
 use nix::sys::signal::Signal;
 use sm2_io::DomainLock;
 use sm2_manager::{Background, Options, Outcome, Role, Standby, StartError};

@@ -1,12 +1,10 @@
 //! Futures, streams and sinks over a real Manager.
 
-mod common;
-
 use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
 
-use common::{Domain, LANES, SOON, pair};
+use crate::common::{Domain, LANES, SOON, pair};
 use futures_util::{SinkExt, StreamExt, poll};
 use nix::libc;
 use sm2_io::fault::{Call, Fault, Injector};

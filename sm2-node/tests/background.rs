@@ -1,14 +1,12 @@
 //! The background thread: what a node does while its program does something else. Every node here has the thread,
 //! whatever the environment says.
 
-mod common;
-
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use std::{fs, thread};
 
-use common::threads::{me, sleeps, status, threads};
-use common::{Domain, LANES, SOON, next, until};
+use crate::common::threads::{me, sleeps, status, threads};
+use crate::common::{Domain, LANES, SOON, next, until};
 use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
 use nix::unistd::Pid;
 use sm2_node::{Node, NodeBuilder};

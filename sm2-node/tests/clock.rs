@@ -1,12 +1,10 @@
 //! Domain time: sources, jumps, pauses, and timers that follow them.
 
-mod common;
-
 use std::thread;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use common::fixture::Fixture;
-use common::until;
+use crate::common::fixture::Fixture;
+use crate::common::until;
 use sm2_node::clock::{Clock, ClockSource, DomainTime};
 use sm2_node::{WaitSet, now};
 

@@ -1,10 +1,10 @@
 //! A subscriber unmaps memory that its publisher no longer uses. In its own file: the test counts the
 //! mappings of the whole process.
 
-mod common;
-
-use common::{Domain, meet, pattern, until};
+use crate::common;
+use crate::common::{Domain, meet, pattern, until};
 use sm2_node::Subscriber;
+use sm2_test_support::ran_alone;
 
 fn segments() -> usize {
     let maps = std::fs::read_to_string("/proc/self/maps").unwrap();
@@ -17,6 +17,12 @@ fn segments() -> usize {
 //= SM2-OPN-008 test
 #[test]
 fn what_is_not_used_again_is_unmapped_without_another_message() {
+    if ran_alone(concat!(
+        module_path!(),
+        "::what_is_not_used_again_is_unmapped_without_another_message"
+    )) {
+        return;
+    }
     for ring in [true, false] {
         let domain = Domain::new();
         let node = |name: &str| domain.node_on(ring, name);

@@ -1,6 +1,6 @@
 //! Queries about the domain.
 
-mod common;
+use crate::common;
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};

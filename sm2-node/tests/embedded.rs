@@ -1,13 +1,11 @@
 //! Domains without a daemon: nodes that embed a Manager.
 
-mod common;
-
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-use common::{SOON, back, next, until};
+use crate::common::{SOON, back, next, until};
 use sm2_manager::Options;
 use sm2_node::Node;
 
@@ -76,7 +74,11 @@ fn when_the_process_of_the_manager_is_killed_another_takes_over() {
     let folder = tempfile::tempdir().unwrap();
     let socket = folder.path().join("test.sock");
     let mut process = Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "a_process_with_a_manager", "--nocapture"])
+        .args([
+            "--exact",
+            "embedded::a_process_with_a_manager",
+            "--nocapture",
+        ])
         .env(SOCKET, &socket)
         .stdout(Stdio::piped())
         .spawn()

@@ -1,11 +1,9 @@
 //! In an event loop, each descriptor is sufficient for its interface. (Complete programs with such loops are
 //! examples: see `tests/examples.rs`.)
 
-mod common;
-
 use std::time::Instant;
 
-use common::{Domain, SOON, until};
+use crate::common::{Domain, SOON, until};
 use sm2_io::{Epoll, Events, Interest};
 
 const SERVER: u64 = 0;

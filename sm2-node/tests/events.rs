@@ -1,12 +1,10 @@
 //! Events of publishers, subscribers, servers and clients: with and without the background thread, on both lanes.
 
-mod common;
-
 use std::time::Duration;
 
-use common::fixture::Fixture;
-use common::threads::while_asleep;
-use common::{Domain, SOON, meet, until};
+use crate::common::fixture::Fixture;
+use crate::common::threads::while_asleep;
+use crate::common::{Domain, SOON, meet, until};
 use sm2_node::diagnostics::End;
 use sm2_node::{Event, Events, Node, Shutdown, WaitError};
 use sm2_proto::Farewell;

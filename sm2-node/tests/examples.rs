@@ -1,13 +1,12 @@
 //! Runs every example as a user does.
 
-mod common;
-
+use crate::common;
 use std::io::{BufRead, BufReader};
 use std::path::PathBuf;
 use std::process::{Child, ChildStdout, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use common::{Domain, SOON};
+use crate::common::{Domain, SOON};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use sm2_node::Node;

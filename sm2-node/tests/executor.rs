@@ -1,7 +1,5 @@
 //! Executors: with one thread and several, with and without the background thread, on both lanes.
 
-mod common;
-
 use std::io::{Read, Write};
 use std::os::unix::net::UnixStream;
 use std::sync::Mutex;
@@ -10,9 +8,9 @@ use std::sync::mpsc::channel;
 use std::thread;
 use std::time::Duration;
 
-use common::fixture::{Fixture, Peer};
-use common::threads::{me, sleeps, status};
-use common::{Domain, SOON, meet, until};
+use crate::common::fixture::{Fixture, Peer};
+use crate::common::threads::{me, sleeps, status};
+use crate::common::{Domain, SOON, meet, until};
 use sm2_node::wait_set::Interest;
 use sm2_node::{Event, Executor, Shutdown, Timer, now};
 

@@ -1,7 +1,5 @@
 //! How executors and their callbacks end: by an error, a panic, a removal, or for good.
 
-mod common;
-
 use std::io::Read;
 use std::os::unix::net::UnixStream;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -11,8 +9,8 @@ use std::sync::mpsc::channel;
 use std::thread;
 use std::time::Duration;
 
-use common::until;
-use common::wait::LONG;
+use crate::common::until;
+use crate::common::wait::LONG;
 use sm2_node::executor::{ExecutorError, Failure};
 use sm2_node::wait_set::Interest;
 use sm2_node::{Executor, Shutdown, Timer};

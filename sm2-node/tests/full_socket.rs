@@ -1,11 +1,9 @@
 //! A subscriber that does not read its socket for a while, so that packets wait for the socket.
 
-mod common;
-
 use std::io::IoSlice;
 use std::time::Duration;
 
-use common::{Domain, SOON, meet, pattern};
+use crate::common::{Domain, SOON, meet, pattern};
 use sm2_io::SeqPacket;
 
 /// How many short datagrams a socket accepts before it is full.

@@ -1,14 +1,12 @@
 //! Peers that break the protocol: only their link ends.
 
-mod common;
-
 use std::fs::File;
 use std::io::IoSlice;
 use std::os::fd::AsFd;
 use std::time::{Duration, Instant};
 
-use common::raw::{RECEIVER, Raw, attach, pooled, raw_publisher, topic};
-use common::{Domain, SOON, pattern};
+use crate::common::raw::{RECEIVER, Raw, attach, pooled, raw_publisher, topic};
+use crate::common::{Domain, SOON, pattern};
 use nix::fcntl::{FcntlArg, SealFlag, fcntl};
 use nix::sys::memfd::{MFdFlags, memfd_create};
 use sm2_io::fault::{Call, Injector};

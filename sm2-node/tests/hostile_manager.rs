@@ -1,14 +1,12 @@
 //! Managers that break the protocol or refuse the node while it reconnects. The node leaves them, its links
 //! stay open, and it declares everything to the next Manager.
 
-mod common;
-
 use std::io::IoSlice;
 use std::os::fd::AsFd;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use common::{SOON, until};
+use crate::common::{SOON, until};
 use sm2_io::{Listener, RecvError, SeqPacket, wait_readable};
 use sm2_node::domain::{Contract, DemandedQos, InterfaceId, LinkId, LinkPeer, NodeId, Period};
 use sm2_node::{CallError, ConnectError, Name, Node, Publisher};

@@ -1,10 +1,9 @@
 //! No descriptor and no mapping stays behind. In its own file: the test counts those of the whole process.
 
-mod common;
-
+use sm2_test_support::ran_alone;
 use std::time::{Duration, Instant};
 
-use common::{Domain, SOON, pattern};
+use crate::common::{Domain, SOON, pattern};
 use sm2_node::{Publisher, Subscriber};
 
 fn descriptors() -> usize {
@@ -21,6 +20,12 @@ fn shared_mappings() -> usize {
 //= SM2-OPN-007 test
 #[test]
 fn no_descriptor_and_no_mapping_stays_behind() {
+    if ran_alone(concat!(
+        module_path!(),
+        "::no_descriptor_and_no_mapping_stays_behind"
+    )) {
+        return;
+    }
     let domain = Domain::new();
     let before = (descriptors(), shared_mappings());
     for round in 0..20 {

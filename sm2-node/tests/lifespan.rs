@@ -1,12 +1,10 @@
 //! The lifespan of messages: with and without the background thread, on both lanes, in all forms of payload.
 
-mod common;
-
 use std::thread;
 use std::time::Duration;
 
-use common::fixture::Fixture;
-use common::{SOON, meet, until};
+use crate::common::fixture::Fixture;
+use crate::common::{SOON, meet, until};
 use sm2_node::{Node, Publisher};
 
 /// Long enough that a busy machine does not miss it.

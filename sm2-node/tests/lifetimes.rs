@@ -1,13 +1,11 @@
 //! Objects that are dropped in different orders, threads that share a node, and a node without a Manager.
 
-mod common;
-
 use std::borrow::Cow;
 use std::sync::{Mutex, mpsc};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use common::{Domain, SOON, meet, next, pair, pattern};
+use crate::common::{Domain, SOON, meet, next, pair, pattern};
 use sm2_node::{EncodeError, Message, Payload, PayloadError};
 
 //= SM2-OPN-007, SM2-OPN-008 test

@@ -1,12 +1,10 @@
 //! Liveliness of publishers: with and without the background thread, on both lanes.
 
-mod common;
-
 use std::time::{Duration, Instant};
 
-use common::fixture::Fixture;
-use common::periods::only_short_offers_match;
-use common::{SOON, meet, until};
+use crate::common::fixture::Fixture;
+use crate::common::periods::only_short_offers_match;
+use crate::common::{SOON, meet, until};
 use sm2_node::domain::Finding;
 use sm2_node::{Event, Events, Node, Publisher, Subscriber};
 

@@ -1,11 +1,10 @@
 //! Memory that the operating system refuses to lock. This test is alone in its file because it
 //! lowers a limit of its process.
 
-mod common;
-
+use sm2_test_support::ran_alone;
 use std::io;
 
-use common::Domain;
+use crate::common::Domain;
 use nix::libc;
 use nix::sys::resource::{Resource, setrlimit};
 use sm2_node::DeclareError;
@@ -22,6 +21,12 @@ fn drop_capabilities() {
 
 #[test]
 fn a_refusal_says_the_limit_and_what_to_do() {
+    if ran_alone(concat!(
+        module_path!(),
+        "::a_refusal_says_the_limit_and_what_to_do"
+    )) {
+        return;
+    }
     let limit = 1 << 20;
     let domain = Domain::new();
     drop_capabilities();

@@ -1,12 +1,10 @@
 //! A node and a change of its Manager: what continues without a Manager, and what the next one learns.
 
-mod common;
-
 use std::sync::mpsc;
 use std::thread;
 use std::time::Duration;
 
-use common::{Domain, SOON, away, back, default_pair, meet, next, pattern, until};
+use crate::common::{Domain, SOON, away, back, default_pair, meet, next, pattern, until};
 use sm2_node::{CallError, ConnectError, DeclareError, Node, Publisher, Subscriber, WaitError};
 
 /// A publisher, and a subscriber whose samples carry numbers.

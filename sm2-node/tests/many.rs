@@ -1,13 +1,11 @@
 //! Many messages at a time: `publish_all` and `recv_each` have the effects of `publish` and `recv`.
 
-mod common;
-
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::thread;
 use std::time::Duration;
 
-use common::{Domain, meet, pattern, until};
+use crate::common::{Domain, meet, pattern, until};
 use serde::{Deserialize, Serialize, de, ser};
 use sm2_node::{Message, PublishError, Publisher, RecvError, Schema, StoreError, Subscriber};
 

@@ -1,12 +1,10 @@
 //! The bound of the bytes that a process maps for its peers. In its own file, because other tests map bytes, too.
 
-mod common;
-
 use std::os::fd::AsFd;
 use std::time::Duration;
 
-use common::raw::{attach, pooled, raw_publisher};
-use common::{Domain, SOON, pattern};
+use crate::common::raw::{attach, pooled, raw_publisher};
+use crate::common::{Domain, SOON, pattern};
 use sm2_proto::Farewell;
 
 /// A publisher that attaches sparse segments leaves room for a newcomer, and loses its link when it

@@ -1,10 +1,8 @@
 //! Messages that are longer than their receiver accepts.
 
-mod common;
-
 use std::time::Duration;
 
-use common::{Domain, Endpoint, SOON, meet, next, pattern, until};
+use crate::common::{Domain, Endpoint, SOON, meet, next, pattern, until};
 use sm2_node::{
     CallError, Client, PublishError, Published, Publisher, ReplyError, Server, Subscriber,
 };

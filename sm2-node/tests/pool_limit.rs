@@ -1,10 +1,8 @@
 //! Subscribers that keep their samples do not take a publisher's memory from the others.
 
-mod common;
-
 use std::time::{Duration, Instant};
 
-use common::{Domain, meet, next, pattern};
+use crate::common::{Domain, meet, next, pattern};
 use sm2_node::{
     POOL_LIMIT_BYTES, POOL_LIMIT_MESSAGES, Publisher, PublisherBuilder, Sample, Subscriber,
 };

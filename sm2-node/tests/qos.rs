@@ -1,11 +1,9 @@
 //! Quality of service: messages that are kept, wait or are lost, and their counters.
 
-mod common;
-
 use std::thread;
 use std::time::{Duration, Instant};
 
-use common::{Domain, SOON, default_pair, meet, next, pair, pattern, ring_lane};
+use crate::common::{Domain, SOON, default_pair, meet, next, pair, pattern, ring_lane};
 use sm2_node::{Node, RecvError, Sample, Subscriber};
 
 //= SM2-QOS-003 test

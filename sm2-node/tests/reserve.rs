@@ -1,8 +1,7 @@
 //! Memory that is reserved for messages.
 
-mod common;
-
-use common::{Domain, meet, next, pattern};
+use crate::common;
+use crate::common::{Domain, meet, next, pattern};
 use sm2_node::{DeclareError, Publisher, PublisherBuilder, StoreError};
 
 type Change = fn(PublisherBuilder<[u8]>) -> PublisherBuilder<[u8]>;

@@ -1,13 +1,12 @@
 //! The memory of messages. In its own file: the test examines all segments of its process.
 
-mod common;
-
+use sm2_test_support::ran_alone;
 use std::collections::BTreeMap;
 use std::fs;
 use std::os::unix::fs::MetadataExt;
 use std::time::Duration;
 
-use common::{Domain, Endpoint, meet, next};
+use crate::common::{Domain, Endpoint, meet, next};
 use sm2_node::{Publisher, Sample, Subscriber};
 
 const LEN: usize = 10_000_000;
@@ -57,6 +56,12 @@ fn take(subscribers: &[Subscriber<[u8]>], held: &mut [Option<Sample<[u8]>>], mar
 
 #[test]
 fn few_slots_are_ever_touched_and_those_of_a_rush_are_given_back() {
+    if ran_alone(concat!(
+        module_path!(),
+        "::few_slots_are_ever_touched_and_those_of_a_rush_are_given_back"
+    )) {
+        return;
+    }
     let domain = Domain::new();
     let talker = domain.node("talker");
     let builder = talker.publisher_builder::<[u8]>("topic");

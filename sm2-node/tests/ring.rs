@@ -1,9 +1,7 @@
 //! The ring lane as programs see it: late subscribers and publishers with both lanes get every byte, and
 //! published messages outlive their publisher. (Waiting is tested in `ring_waits.rs`.)
 
-mod common;
-
-use common::{Domain, Endpoint, SOON, meet, next, pattern, until};
+use crate::common::{Domain, Endpoint, SOON, meet, next, pattern, until};
 use sm2_node::{Publisher, RecvError, Sample, Subscriber};
 
 /// A publisher and a subscriber that both offer the ring lane, or both do not.

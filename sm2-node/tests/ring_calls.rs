@@ -1,14 +1,12 @@
 //! Calls on both lanes as programs see them: the lane in use, wake-ups, and exactly one end for each call.
 //! (`services.rs` has the tests that do not depend on lanes.)
 
-mod common;
-
 use std::os::fd::AsFd;
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use common::{Domain, LANES, SOON, WAYS, pattern, until};
+use crate::common::{Domain, LANES, SOON, WAYS, pattern, until};
 use sm2_io::wait_readable;
 use sm2_node::asynchronous::IntoAsync;
 use sm2_node::diagnostics::LinkStatus;

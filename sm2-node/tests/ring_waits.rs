@@ -1,8 +1,7 @@
 //! No thread misses the event that it waits for, in any way of waiting and on both lanes: a message, room, or
 //! the end of the peer that would have made room.
 
-mod common;
-
+use crate::common;
 use std::os::fd::AsFd;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -10,7 +9,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use common::{Domain, LANES, SOON, WAYS, next};
+use crate::common::{Domain, LANES, SOON, WAYS, next};
 use sm2_io::wait_readable;
 use sm2_node::asynchronous::IntoAsync;
 use sm2_node::{Published, Publisher, Sample, Subscriber, Wait};

@@ -1,14 +1,13 @@
 //! Publications that are bounded in time, or that wait for no one: with and without the background thread, on both
 //! lanes.
 
-mod common;
-
+use crate::common;
 use std::time::Duration;
 
-use common::fixture::Fixture;
-use common::threads::while_asleep;
-use common::wait::{LONG, is_quiet};
-use common::{SOON, meet, next, pattern};
+use crate::common::fixture::Fixture;
+use crate::common::threads::while_asleep;
+use crate::common::wait::{LONG, is_quiet};
+use crate::common::{SOON, meet, next, pattern};
 use sm2_node::{Node, Published, Publisher, Subscriber, WaitError, WaitSet};
 
 /// A publisher that waits for as long as it takes.

@@ -1,11 +1,11 @@
 //! A stream of sealed messages, and the memory that is prepared for them. In its own file: the test examines
 //! all descriptors of its process.
 
-mod common;
-
+use crate::common;
+use sm2_test_support::ran_alone;
 use std::time::Duration;
 
-use common::{Domain, meet, next, pattern};
+use crate::common::{Domain, meet, next, pattern};
 use sm2_node::{Publisher, Subscriber};
 
 /// Returns how many files of sealed messages this process has open.
@@ -36,6 +36,12 @@ fn send(publisher: &Publisher<[u8]>, subscriber: &Subscriber<[u8]>, message: &[u
 
 #[test]
 fn a_stream_of_sealed_messages_has_one_file_ready_and_a_single_one_none() {
+    if ran_alone(concat!(
+        module_path!(),
+        "::a_stream_of_sealed_messages_has_one_file_ready_and_a_single_one_none"
+    )) {
+        return;
+    }
     let domain = Domain::new();
     let lengths = [
         5_000, 5_001, 4_999, 100_000, 100_000, 140_000, 90_000, 600_000, 2_500_000, 2_400_000,

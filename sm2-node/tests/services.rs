@@ -1,11 +1,9 @@
 //! Services with a real Manager, in one process.
 
-mod common;
-
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use common::{Domain, SOON, pattern};
+use crate::common::{Domain, SOON, pattern};
 use sm2_node::{CallError, Client, DeclareError, Message, Node, ReplyError, Server};
 
 /// Runs a server on its own thread, until a request of one byte `0` stops it.

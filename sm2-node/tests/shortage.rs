@@ -1,12 +1,10 @@
 //! Nodes whose system calls fail because the kernel is short of memory.
 
-mod common;
-
 use std::os::fd::AsFd;
 use std::thread;
 use std::time::Duration;
 
-use common::{Domain, Endpoint, LANES, SOON, meet, next, pattern, ring_lane, until};
+use crate::common::{Domain, Endpoint, LANES, SOON, meet, next, pattern, ring_lane, until};
 use nix::libc;
 use sm2_io::fault::{Call, Fault, Injector};
 use sm2_node::diagnostics::LinkStatus;

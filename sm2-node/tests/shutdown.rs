@@ -1,13 +1,11 @@
 //! A shutdown ends every wait of a node, with and without its background thread, on both lanes.
 
-mod common;
-
 use std::time::Duration;
 
-use common::fixture::Fixture;
-use common::threads::{until_asleep, while_asleep};
-use common::wait::LONG;
-use common::{Domain, SOON, WAYS, away, meet, next, until};
+use crate::common::fixture::Fixture;
+use crate::common::threads::{until_asleep, while_asleep};
+use crate::common::wait::LONG;
+use crate::common::{Domain, SOON, WAYS, away, meet, next, until};
 use sm2_node::domain::QueryError;
 use sm2_node::{
     CallError, ConnectError, DeclareError, MissedTicks, Node, PublishError, Rate, RecvError,

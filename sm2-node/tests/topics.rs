@@ -1,8 +1,6 @@
 //! Topics: messages of all sizes, and errors of declarations.
 
-mod common;
-
-use common::{Domain, SOON, meet, next, pair, pattern};
+use crate::common::{Domain, SOON, meet, next, pair, pattern};
 use sm2_node::zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 use sm2_node::{DeclareError, Message, Node, Publisher, Subscriber};
 

@@ -1,17 +1,15 @@
 //! Wait sets: with and without the background thread, on both lanes.
 
-mod common;
-
 use std::io::{Read, Write};
 use std::os::unix::net::UnixStream;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use common::fixture::{Fixture, Peer};
-use common::threads::{sleeps, while_asleep};
-use common::wait::{LONG, is_quiet, next};
-use common::{SOON, meet, until};
+use crate::common::fixture::{Fixture, Peer};
+use crate::common::threads::{sleeps, while_asleep};
+use crate::common::wait::{LONG, is_quiet, next};
+use crate::common::{SOON, meet, until};
 use sm2_node::wait_set::{Cause, Interest};
 use sm2_node::{Event, Shutdown, Timer, WaitError, WaitSet, now};
 

@@ -1,12 +1,10 @@
 //! The system calls of a wait in a set: their number, and a lack of memory for them.
 
-mod common;
-
 use std::time::Duration;
 
-use common::fixture::Fixture;
-use common::wait::next;
-use common::{Domain, SOON, meet};
+use crate::common::fixture::Fixture;
+use crate::common::wait::next;
+use crate::common::{Domain, SOON, meet};
 use nix::libc::ENOMEM;
 use sm2_io::fault::{Call, Fault, Injector};
 use sm2_node::{Node, Timer, WaitSet};

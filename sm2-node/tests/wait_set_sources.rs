@@ -1,14 +1,12 @@
 //! The sources of wait sets: when each kind is reported, and when it is not any more.
 
-mod common;
-
 use std::io::{Read, Write};
 use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
-use common::fixture::Fixture;
-use common::wait::{LONG, is_quiet, next};
-use common::{SOON, meet};
+use crate::common::fixture::Fixture;
+use crate::common::wait::{LONG, is_quiet, next};
+use crate::common::{SOON, meet};
 use sm2_node::wait_set::{Cause, Interest, Readiness, Ready};
 use sm2_node::{CallError, Instant, MissedTicks, Timer, WaitSet, now};
 

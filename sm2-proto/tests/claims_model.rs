@@ -1,21 +1,15 @@
 //! Random claims of a few sessions, honest and not, against an oracle of SPEC section 11 that
 //! consists of a few lists: the links, the claims that wait, and the frames to each node.
 
-#[path = "support/claims_oracle.rs"]
-mod claims_oracle;
-#[path = "support/claims_play.rs"]
-mod claims_play;
-mod support;
-
-use claims_oracle::Said;
-use claims_play::{INTERFACES, Op, Play, SLOTS};
-use proptest::{collection::vec, prelude::*};
-use sm2_proto::Contract;
-use sm2_proto::LinkKey;
-use support::{
+use crate::claims_oracle::Said;
+use crate::claims_play::{INTERFACES, Op, Play, SLOTS};
+use crate::support::{
     cases,
     contracts::{data, publisher_with, subscriber_with},
 };
+use proptest::{collection::vec, prelude::*};
+use sm2_proto::Contract;
+use sm2_proto::LinkKey;
 
 fn contract() -> impl Strategy<Value = Contract> {
     any::<[bool; 4]>().prop_map(|[offers, other, reliable, sealed]| {

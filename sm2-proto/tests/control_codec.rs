@@ -1,15 +1,12 @@
 //! The codec of control frames. Every frame decodes to itself, every other datagram is refused with
 //! the right violation, and a second decoder agrees on both.
 
-#[path = "support/direction.rs"]
-mod direction;
-#[path = "support/frames.rs"]
-mod frames;
-#[path = "support/naive_control.rs"]
-mod naive;
-mod support;
+use crate::frames;
+use crate::naive;
+use crate::support;
 
-use direction::{TO_MANAGER, TO_NODE, datagram, json};
+use crate::direction::{TO_MANAGER, TO_NODE, datagram, json};
+use crate::support::{bench::hello, cases};
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
     Contract, Datagram, Name,
@@ -19,7 +16,6 @@ use sm2_proto::{
     limits::{DATAGRAM_MAX, NAME_MAX, SCHEMA_TEXT_MAX},
     violation,
 };
-use support::{bench::hello, cases};
 
 proptest! {
     #![proptest_config(cases(400))]

@@ -8,9 +8,7 @@
 //! descriptor that is no file of counters. The vector is either a `frame`, in SPEC's words, or a
 //! `violation`. `answer` lists the frames that a node sends at once.
 
-#[path = "support/naive_control.rs"]
-mod naive;
-mod support;
+use crate::naive;
 
 use std::{collections::BTreeSet, sync::Arc};
 

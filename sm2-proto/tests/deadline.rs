@@ -1,13 +1,10 @@
 //! Deadlines: which offers fulfil which demands, and which periods count as missed (SM2-QOS-009).
 
-mod link_support;
-mod ring_support;
-
 use std::time::Duration;
 
-use link_support::{config, drain, open_to, opened, with_ring};
+use crate::link_support::{config, drain, open_to, opened, with_ring};
+use crate::ring_support::{RECEIVER, Rig};
 use proptest::{collection::vec, prelude::*};
-use ring_support::{RECEIVER, Rig};
 use sm2_proto::{
     Code, Datagram, DeadlineWatch, Instant, Machine, Newest, Period,
     link::{

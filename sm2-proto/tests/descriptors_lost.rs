@@ -1,19 +1,18 @@
 //! A process without a free descriptor loses those of the frames that it receives. It loses the
 //! effect of these frames, and nothing else.
 
-mod support;
-
+use crate::support;
+use crate::support::{
+    bench::{Bench, Event, UNLIMITED, seen_by, unlink},
+    contracts::{scan, subscriber},
+    session::{NOW, drain, interface_in, link, link_id, ready, receive, sent, unlink as unlink_1},
+};
 use sm2_proto::{
     Code, Contract, Datagram, Farewell, FdFacts, InterfaceId, LinkId, Machine, NodeId, Seals,
     control::{Item, ToManager, ToNode, UnlinkedReason, encode_to_manager, encode_to_node},
     manager::{Cause, Input},
     node::{self, Node, Output},
     violation,
-};
-use support::{
-    bench::{Bench, Event, UNLIMITED, seen_by, unlink},
-    contracts::{scan, subscriber},
-    session::{NOW, drain, interface_in, link, link_id, ready, receive, sent, unlink as unlink_1},
 };
 
 const MILLI: u64 = 1_000_000;

@@ -1,15 +1,13 @@
 //! A mirror that follows its Manager.
 
-mod support;
-
+use crate::support::{
+    cases,
+    items::{LIDAR, PLANNER, items, node},
+};
 use proptest::{collection::vec, option, prelude::*};
 use sm2_proto::{
     control::{Change, Item},
     domain::{Ask, BrokenAnswer, Domain, Mirror},
-};
-use support::{
-    cases,
-    items::{LIDAR, PLANNER, items, node},
 };
 
 //= SM2-WCH-003 test

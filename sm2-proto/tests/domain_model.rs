@@ -7,17 +7,15 @@
 //! Checked at the end: no state is kept of nodes that are gone, and rogues have changed nothing
 //! that other nodes see.
 
-mod support;
-
+use crate::support::{
+    cases,
+    contracts::{client, data, name, publisher_with, server, service_qos, subscriber_with},
+    world::World,
+};
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
     Code, Contract, Datagram, InterfaceId, LinkId,
     control::{ToManager, decode_to_manager, encode_to_manager},
-};
-use support::{
-    cases,
-    contracts::{client, data, name, publisher_with, server, service_qos, subscriber_with},
-    world::World,
 };
 
 /// One event. The numbers pick among the nodes, interfaces and links that it can happen to.

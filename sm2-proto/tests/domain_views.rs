@@ -1,15 +1,13 @@
 //! The nodes, interfaces and links of a domain, and the used part of its quotas.
 
-mod support;
-
+use crate::support::{
+    contracts::{scan, subscriber},
+    items::{LIDAR, LINK, PLANNER, at, domain, interface, link, refusal, sub},
+};
 use sm2_proto::{
     LinkId, NodeId, Refusal,
     control::{Item, Limits, UnlinkedReason},
     domain::{SessionUsage, UserUsage},
-};
-use support::{
-    contracts::{scan, subscriber},
-    items::{LIDAR, LINK, PLANNER, at, domain, interface, link, refusal, sub},
 };
 
 #[test]

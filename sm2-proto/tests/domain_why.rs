@@ -1,16 +1,6 @@
 //! The texts of a domain's mirror about two interfaces, word for word.
 
-mod support;
-
-use proptest::{collection::vec, prelude::*};
-use sm2_proto::{
-    Code, Contract, EntityId, NodeId, Quota, Refusal, TypeId,
-    control::{Item, Limits, UnlinkedReason},
-    domain::{Domain, Finding, NEAR_MAX, NearName, nearest, why},
-    match_contracts,
-    schema::Schema,
-};
-use support::{
+use crate::support::{
     cases,
     contracts::{
         client, data, name, publisher, publisher_with, scan, server, subscriber, subscriber_with,
@@ -19,6 +9,14 @@ use support::{
     items::{
         LIDAR, LINK, PLANNER, at, domain, entities, interface, items, link, node, refusal, sub,
     },
+};
+use proptest::{collection::vec, prelude::*};
+use sm2_proto::{
+    Code, Contract, EntityId, NodeId, Quota, Refusal, TypeId,
+    control::{Item, Limits, UnlinkedReason},
+    domain::{Domain, Finding, NEAR_MAX, NearName, nearest, why},
+    match_contracts,
+    schema::Schema,
 };
 
 /// The text about lidar's and planner's first interfaces.

@@ -1,30 +1,8 @@
 //! Replays the seeds and findings of `fuzz/` through the bodies of the fuzz targets.
 
-#[path = "support/claims_oracle.rs"]
-mod claims_oracle;
-#[path = "support/claims_play.rs"]
-mod claims_play;
-#[path = "support/direction.rs"]
-#[allow(dead_code, reason = "a part is for random tests")]
-mod direction;
-#[path = "link_support/driver.rs"]
-mod driver;
-mod fuzzed;
-#[path = "support/gateway/mod.rs"]
-mod gateway;
-mod link_support;
-#[path = "support/naive_control.rs"]
-mod naive;
-#[path = "link_support/ops.rs"]
-#[allow(dead_code, reason = "a part is for random tests")]
-mod ops;
-#[path = "link_support/pair.rs"]
-mod pair;
+use crate::fuzzed;
 #[path = "../../fuzz/replay.rs"]
 mod replay;
-mod support;
-#[path = "support/takeover/mod.rs"]
-mod takeover;
 
 use sm2_proto::fuzz;
 

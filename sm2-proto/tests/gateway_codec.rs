@@ -2,22 +2,18 @@
 //! SPEC alone. Both accept the same bytes with the same meaning, and refuse all others for the same
 //! reason.
 
-#[path = "support/gateway_frames.rs"]
-mod frames;
-#[path = "support/gateway/mod.rs"]
-mod gateway;
-mod support;
+use crate::any_gateway_frames as frames;
 
-use gateway::{agreement, json, naive};
+use crate::gateway::{agreement, json, naive};
+use crate::support::{
+    cases,
+    contracts::{data, name},
+    edit::edit,
+};
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
     gateway::{BEACON_LEN, Frame, GatewayId, HEADER_LEN, Hop, OfferId, Subject},
     limits::GATEWAY_FRAME_MAX,
-};
-use support::{
-    cases,
-    contracts::{data, name},
-    edit::edit,
 };
 
 /// A byte that a frame often has, or any other.

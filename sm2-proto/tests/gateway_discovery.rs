@@ -1,9 +1,8 @@
 //! Discovery: which peers a gateway dials, where and when, and its own beacons.
 
-mod support;
-
 use std::{collections::BTreeMap, net::SocketAddr};
 
+use crate::support::cases;
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
     Instant, Machine,
@@ -13,7 +12,6 @@ use sm2_proto::{
     },
     limits::BEACONS_PER_S,
 };
-use support::cases;
 
 const ME: GatewayId = GatewayId([0; 32]);
 const PEER: GatewayId = GatewayId([1; 32]);

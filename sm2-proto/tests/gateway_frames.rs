@@ -1,10 +1,10 @@
 //! The encodings of frames of the control stream and of headers.
 
-#[path = "support/gateway_frames.rs"]
-mod frames;
-mod support;
-
-use frames::any_frame;
+use crate::any_gateway_frames::any_frame;
+use crate::support::{
+    cases,
+    contracts::{data, name},
+};
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
     gateway::{
@@ -13,10 +13,6 @@ use sm2_proto::{
     },
     limits::{GATEWAY_FRAME_MAX, HOPS_MAX, MESSAGE_MAX},
     violation,
-};
-use support::{
-    cases,
-    contracts::{data, name},
 };
 
 fn hop(gateway: u8) -> Hop {

@@ -1,19 +1,15 @@
 //! Routers: the outputs of one of them, and the routes of several in any arrangement.
 
-#[path = "gateway_routes/ends.rs"]
 mod ends;
-#[path = "gateway_routes/pieces.rs"]
 mod pieces;
-mod support;
-#[path = "gateway_routes/world.rs"]
 mod world;
 
+use crate::support::contracts::{data, name};
 use sm2_proto::gateway::{
     Action, Direction, GatewayId, Hop, OfferId, Pattern, Rule, Rules, Subject,
     router::{Input, Output, Router, Source},
 };
 use sm2_proto::{Instant, Machine, limits::HOPS_MAX};
-use support::contracts::{data, name};
 
 fn id(of: usize) -> GatewayId {
     GatewayId([of as u8; 32])

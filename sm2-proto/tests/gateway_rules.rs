@@ -1,7 +1,6 @@
 //! Patterns and rules, compared with an oracle that applies each definition directly.
 
-mod support;
-
+use crate::support::{cases, contracts::name};
 use proptest::{collection::vec, prelude::*, sample::select};
 use sm2_proto::{
     Name,
@@ -11,7 +10,6 @@ use sm2_proto::{
     },
     violation,
 };
-use support::{cases, contracts::name};
 
 const PEERS: [GatewayId; 2] = [GatewayId([1; 32]), GatewayId([2; 32])];
 

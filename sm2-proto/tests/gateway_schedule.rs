@@ -1,11 +1,8 @@
 //! The scheduler of messages to a peer, compared with plain lists, and with a link that carries
 //! packets in its order.
 
-#[path = "gateway_schedule/bounds.rs"]
 mod bounds;
-#[path = "gateway_schedule/lists.rs"]
 mod lists;
-mod support;
 
 use std::{
     collections::{BTreeMap, btree_map::Entry},
@@ -13,6 +10,7 @@ use std::{
     time::Duration,
 };
 
+use crate::support::cases;
 use lists::{Compared, TOPICS, all_started, op, qos};
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
@@ -25,7 +23,6 @@ use sm2_proto::{
     },
     limits::MESSAGES_IN_FLIGHT_MAX,
 };
-use support::cases;
 
 const FREE: SendQos = SendQos {
     depth: 1,

@@ -1,18 +1,13 @@
 //! The session between gateways: each frame in each state, and two sessions with frames and streams
 //! in flight between them.
 
-#[path = "gateway_session/calls.rs"]
 mod calls;
-#[path = "gateway_session/example.rs"]
 mod example;
-#[path = "gateway_session/misuse.rs"]
 mod misuse;
-#[path = "gateway_session/offers.rs"]
 mod offers;
-#[path = "gateway_session/pair.rs"]
 mod pair;
-mod support;
 
+use crate::support::contracts::{data, name};
 use sm2_proto::{
     Error, Instant, Machine,
     gateway::{
@@ -26,7 +21,6 @@ use sm2_proto::{
     limits::QUESTIONS_MAX,
     violation,
 };
-use support::contracts::{data, name};
 
 const EPOCH: u64 = 70;
 const ONE: OfferId = OfferId(1);

@@ -6,12 +6,9 @@
 //! with `>` in front, frames that it sent on its own. Then the peer has made `offers` offers,
 //! numbered from 1, and the receiver has made a `call` of one of them on the stream of the vector.
 
-#[path = "support/gateway/mod.rs"]
-mod gateway;
-
 use std::collections::BTreeSet;
 
-use gateway::{agreement, json};
+use crate::gateway::{agreement, json};
 use serde::Deserialize;
 use serde_json::Value;
 use sm2_proto::{

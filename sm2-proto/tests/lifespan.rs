@@ -1,13 +1,12 @@
 //! The lifespan of messages: those that are older are neither sent nor handed out (SM2-QOS-010).
 
-mod link_support;
-mod ring_support;
+use crate::link_support;
 
-use link_support::{
+use crate::link_support::{
     config, data, drain, feed, message, offer, open_with, opened, opened_with, release,
     release_all, reliable, send, sent, settled, with_ring,
 };
-use ring_support::{RECEIVER, Rig, SENDER};
+use crate::ring_support::{RECEIVER, Rig, SENDER};
 use sm2_proto::{
     Code, Instant, Machine, Period, ViolationKind,
     link::{Config, Counters, End, Error, Fate, Input, Link, Misuse, NoMemory, Role, wire::Given},

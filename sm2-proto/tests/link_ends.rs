@@ -1,8 +1,6 @@
 //! How a link begins and ends: SPEC section 6, and the contract of the machine.
 
-mod link_support;
-
-use link_support::*;
+use crate::link_support::*;
 use sm2_proto::{
     Code, Contract, Datagram, DemandedQos, Farewell, LinkId, Machine, Name, OfferedQos, Period,
     ServiceQos, TypeId,

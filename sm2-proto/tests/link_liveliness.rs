@@ -1,11 +1,8 @@
 //! Liveliness: who counts as alive at which time (SM2-QOS-012), and ALIVE (SM2-QOS-013).
 
-mod link_support;
-mod ring_support;
-
-use link_support::{config, drain, feed, open_to, opened, sent, with_ring};
+use crate::link_support::{config, drain, feed, open_to, opened, sent, with_ring};
+use crate::ring_support::{RECEIVER, Rig, SENDER};
 use proptest::{collection::vec, prelude::*};
-use ring_support::{RECEIVER, Rig, SENDER};
 use sm2_proto::{
     Code, Datagram, Instant, LeaseWatch, Machine, Newest, Period,
     link::{

@@ -5,17 +5,8 @@
 //! once, and that the counters add up. Keep-last keeps the newest messages, reliable links lose
 //! none, each call gets one reply, and no slot is written while it is read.
 
-mod link_support;
-
-#[path = "link_support/driver.rs"]
-mod driver;
-#[path = "link_support/ops.rs"]
-mod ops;
-#[path = "link_support/pair.rs"]
-mod pair;
-
-use ops::{Op, PairConfig, op, pair_config};
-use pair::Pair;
+use crate::ops::{Op, PairConfig, op, pair_config};
+use crate::pair::Pair;
 use proptest::prelude::*;
 
 proptest! {

@@ -1,8 +1,6 @@
 //! The receiving end's view of messages: SPEC section 8.
 
-mod link_support;
-
-use link_support::*;
+use crate::link_support::*;
 use sm2_proto::{
     FdFacts, Machine,
     limits::INLINE_MAX,

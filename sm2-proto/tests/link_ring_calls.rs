@@ -1,16 +1,8 @@
 //! Calls on the ring lane, step by step: SPEC sections 8.5 and 9.
 
-mod link_support;
-mod ring_support;
-
-#[path = "ring_support/calls.rs"]
-mod calls;
-#[path = "ring_support/world.rs"]
-mod world;
-
+use crate::link_support::{NOW, opened, with_ring};
+use crate::ring_support::calls::{CALLER, Calls, Outcome, SERVER, segment};
 use bytes::Bytes;
-use calls::{CALLER, Calls, Outcome, SERVER, segment};
-use link_support::{NOW, opened, with_ring};
 use sm2_proto::{
     Datagram, FdFacts, Instant, Machine,
     limits::CALLS_MAX,

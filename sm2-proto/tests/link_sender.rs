@@ -1,9 +1,7 @@
 //! The sending end's view of messages: SPEC section 8.
 
-mod link_support;
-
+use crate::link_support::*;
 use bytes::Bytes;
-use link_support::*;
 use sm2_proto::{
     Instant, Machine,
     limits::{INLINE_MAX, MESSAGE_MAX},

@@ -1,8 +1,6 @@
 //! Calls as seen by both ends: SPEC section 9.
 
-mod link_support;
-
-use link_support::*;
+use crate::link_support::*;
 use sm2_proto::{
     Machine,
     limits::CALLS_MAX,

@@ -1,8 +1,6 @@
 //! The table of frames that are legal in each state, for each role, on one page.
 
-mod link_support;
-
-use link_support::{
+use crate::link_support::{
     RING, config, drain, fds_for, feed, from_peer, open_to, opened_with, sent, with_ring,
 };
 use sm2_proto::{

@@ -17,11 +17,9 @@
 //! A datagram with `count` arrives that many times. Each time, the little-endian number at each
 //! offset in `grows` is one greater than before.
 
-mod link_support;
-
 use std::collections::BTreeSet;
 
-use link_support::{NOW, drain, message, offer, sent};
+use crate::link_support::{NOW, drain, message, offer, sent};
 use serde_json::{Map, Value, json};
 use sm2_proto::{
     Code, Datagram, FdFacts, LinkId, Machine, Period, Seals, ViolationKind,

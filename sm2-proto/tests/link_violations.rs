@@ -1,13 +1,11 @@
 //! One row for each violation by the other end: the smallest wrong input, the CLOSE that answers
 //! it, and a check that the link has ended for good.
 
-mod link_support;
-#[path = "link_violations/ring.rs"]
 mod ring;
 
 use std::collections::BTreeSet;
 
-use link_support::*;
+use crate::link_support::*;
 use sm2_proto::{
     Code, Datagram, FdFacts, Machine, Seals, Violation, ViolationKind,
     link::{

@@ -1,9 +1,13 @@
 //! The access policy at the Manager: what it refuses, and what sessions see.
 
-mod support;
-
 use std::collections::BTreeMap;
 
+use crate::support::{
+    access::snapshot,
+    bench::{Bench, Event, UNLIMITED, seen_by},
+    cases,
+    contracts::{client, data, name, publisher, server, subscriber},
+};
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
     Contract, EntityId, FdFacts, InterfaceId, NodeId, Quota, Refusal, Seals,
@@ -11,12 +15,6 @@ use sm2_proto::{
     gateway::Pattern,
     manager::{Input, Policy},
     policy::{AccessPolicy, Action, ActionSet, Binding, Effect, Exclusive, Members, Rule, Tables},
-};
-use support::{
-    access::snapshot,
-    bench::{Bench, Event, UNLIMITED, seen_by},
-    cases,
-    contracts::{client, data, name, publisher, server, subscriber},
 };
 
 /// Users of these tests.

@@ -1,24 +1,20 @@
 //! Take-over: the links of an earlier Manager that are adopted, and the pairs that are linked anew
 //! (SPEC section 11).
 
-#[path = "support/claims.rs"]
-mod claims;
-mod support;
-
 use std::time::Duration;
 
-use claims::{
+use crate::claims::{
     DEMANDING, KEY, LINK, OFFERING, back, back_as, both_back, claimed, entity, link_item,
     links_made, relations, wanted,
+};
+use crate::support::{
+    bench::{Bench, Event, UNLIMITED, claim, seen_by, unlink},
+    contracts::{client, data, publisher_with, scan, server, subscriber, subscriber_with},
 };
 use sm2_proto::{
     Code, Contract, InterfaceId, LinkId, LinkKey, Machine, NodeId,
     control::{Item, ToManager, ToNode, UnlinkedReason},
     manager::{Input, Policy},
-};
-use support::{
-    bench::{Bench, Event, UNLIMITED, claim, seen_by, unlink},
-    contracts::{client, data, publisher_with, scan, server, subscriber, subscriber_with},
 };
 
 //= SM2-RES-004, SM2-RES-002, SM2-RES-007 test

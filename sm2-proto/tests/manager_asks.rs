@@ -1,8 +1,10 @@
 //! The counters and the texts of types that nodes hand to the Manager, and that other nodes ask
 //! for.
 
-mod support;
-
+use crate::support::{
+    bench::{Bench, Event, UNLIMITED},
+    contracts::name,
+};
 use sm2_proto::{
     Datagram, FdFacts, NodeId, Seals, TypeId, Violation,
     control::{SchemaText, ToManager, ToNode, encode_to_manager},
@@ -10,10 +12,6 @@ use sm2_proto::{
     manager::{Cause, Input, Policy},
     schema::Schema,
     violation,
-};
-use support::{
-    bench::{Bench, Event, UNLIMITED},
-    contracts::name,
 };
 
 const COUNTERS: FdFacts = FdFacts {

@@ -1,25 +1,22 @@
 //! Take-over: the claims that a resuming session may make, and the ways in which claims end (SPEC
 //! section 11).
 
-#[path = "support/claims.rs"]
-mod claims;
-mod support;
-
+use crate::support;
 use std::time::Duration;
 
-use claims::{
+use crate::claims::{
     DEMANDING, KEY, LINK, OFFERING, back, both_back, claimed, entity, items, links_made, relations,
     violation, wanted,
+};
+use crate::support::{
+    bench::{Bench, EPOCH, Event, UNLIMITED, claim, resuming, unlink, unlinked},
+    contracts::{data, publisher, scan, subscriber},
 };
 use sm2_proto::{
     Code, Farewell, InterfaceId, LinkId, LinkKey, Machine, Quota, Refusal,
     control::{Item, ToManager, ToNode, UnlinkedReason},
     manager::{Cause, Input, Policy},
     violation,
-};
-use support::{
-    bench::{Bench, EPOCH, Event, UNLIMITED, claim, resuming, unlink, unlinked},
-    contracts::{data, publisher, scan, subscriber},
 };
 
 //= SM2-RES-003 test

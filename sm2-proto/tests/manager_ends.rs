@@ -1,18 +1,16 @@
 //! The sessions that the Manager gives up, and the state that is left when a session or the Manager
 //! ends.
 
-mod support;
-
 use std::time::Duration;
 
+use crate::support::{
+    bench::{Bench, Event, UNLIMITED, hello, unlink, unlinked, withdraw},
+    contracts::{scan, subscriber},
+};
 use sm2_proto::{
     Code, Farewell, Instant, Machine, NodeId, Refusal,
     control::ToNode,
     manager::{Cause, Credentials, Input, Manager, Misuse, Policy},
-};
-use support::{
-    bench::{Bench, Event, UNLIMITED, hello, unlink, unlinked, withdraw},
-    contracts::{scan, subscriber},
 };
 
 //= SM2-TRN-009, SM2-SES-006 test

@@ -1,19 +1,18 @@
 //! Flow control for LINK frames: how many a session is sent ahead of its socket, which links wait,
 //! and the cost of one input. The cost is counted in outputs and pairs, not in time.
 
-mod support;
-
+use crate::support;
 use std::collections::{BTreeMap, BTreeSet};
 
+use crate::support::{
+    bench::{Bench, EPOCH, Event, UNLIMITED, resuming, seen_by, unlink, unlinked, withdraw},
+    contracts::{client, data, scan, server, subscriber},
+};
 use sm2_proto::{
     Datagram, InterfaceId, LinkId, Machine, NodeId,
     control::{ToManager, ToNode, encode_to_manager},
     manager::{Cause, Input, Output, Policy},
     violation,
-};
-use support::{
-    bench::{Bench, EPOCH, Event, UNLIMITED, resuming, seen_by, unlink, unlinked, withdraw},
-    contracts::{client, data, scan, server, subscriber},
 };
 
 const AHEAD: usize = 4;

@@ -1,19 +1,17 @@
 //! The pairs that the Manager links, the QoS of the links, and the ways in which links end.
 
-mod support;
-
-use sm2_proto::{
-    Code, Contract, InterfaceId, Machine,
-    control::{LinkPeer, ToNode},
-    manager::{Cause, Input, Policy},
-    violation,
-};
-use support::{
+use crate::support::{
     bench::{Bench, EPOCH, Event, UNLIMITED, seen_by, unlink},
     contracts::{
         client, data, name, publisher, publisher_with, scan, server, service_qos, subscriber,
         subscriber_with,
     },
+};
+use sm2_proto::{
+    Code, Contract, InterfaceId, Machine,
+    control::{LinkPeer, ToNode},
+    manager::{Cause, Input, Policy},
+    violation,
 };
 
 /// The QoS with which a link between users `a` and `b` is made.

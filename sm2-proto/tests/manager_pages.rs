@@ -1,16 +1,14 @@
 //! QUERY: a domain that is larger than a datagram, read a page at a time.
 
-mod support;
-
+use crate::support::{
+    bench::{Bench, EPOCH, Event, claim, resuming},
+    contracts::{data, name, publisher, server, subscriber},
+};
 use sm2_proto::{
     Code, Contract, EntityId, InterfaceId, LinkId, NodeId, Refusal,
     control::{Item, Key, Page, ToManager, ToNode, UnlinkedReason, encode_to_node},
     limits::{DATAGRAM_MAX, PAGE_BYTES},
     manager::Policy,
-};
-use support::{
-    bench::{Bench, EPOCH, Event, claim, resuming},
-    contracts::{data, name, publisher, server, subscriber},
 };
 
 fn query(bench: &mut Bench, node: NodeId, after: Option<Key>) -> Page {

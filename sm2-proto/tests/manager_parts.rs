@@ -1,16 +1,14 @@
 //! Work that is done in parts: how much one input does, what other sessions see between two parts,
 //! and that nothing is lost or done twice. Work is counted in outputs, not in time.
 
-mod support;
-
+use crate::support::{
+    bench::{Bench, Event, UNLIMITED, claim, resuming, seen_by, unlink, unlinked},
+    contracts::{scan, subscriber},
+};
 use sm2_proto::{
     Code, Farewell, InterfaceId, LinkId, Machine, NodeId,
     control::{Item, Page, ToManager, ToNode},
     manager::{Cause, Input, Policy},
-};
-use support::{
-    bench::{Bench, Event, UNLIMITED, claim, resuming, seen_by, unlink, unlinked},
-    contracts::{scan, subscriber},
 };
 
 /// Two links are made in one part, or eight of them end. The first part of a DECLARE makes eight.

@@ -1,16 +1,14 @@
 //! The Manager's refusals, and each quota exactly at its limit.
 
-mod support;
-
+use crate::support::{
+    bench::{Bench, EPOCH, Event, UNLIMITED, seen_by, unlink},
+    contracts::{client, data, name, publisher, scan, server, subscriber},
+};
 use sm2_proto::{
     Code, Farewell, InterfaceId, NodeId, Quota, Refusal,
     control::{ToManager, ToNode},
     manager::{Cause, Policy},
     violation,
-};
-use support::{
-    bench::{Bench, EPOCH, Event, UNLIMITED, seen_by, unlink},
-    contracts::{client, data, name, publisher, scan, server, subscriber},
 };
 
 fn refusal(events: &[Event]) -> Option<&Refusal> {

@@ -1,20 +1,18 @@
 //! Another access policy for a domain that runs: links end, sessions see other items, and what the
 //! policy allows again comes back.
 
-mod support;
-
 use std::time::Duration;
 
+use crate::support::{
+    access::{access, banning, deny, patterns, settle, snapshot, tables},
+    bench::{Bench, Event, UNLIMITED, claim, resuming, seen_by, unlink, unlinked},
+    contracts::{data, name, publisher, subscriber},
+};
 use sm2_proto::{
     Farewell, Instant, InterfaceId, LinkId, Machine, NodeId, Refusal,
     control::{Item, ToManager, ToNode},
     manager::{Cause, Input, Policy},
     policy::{Action, Exclusive, Tables},
-};
-use support::{
-    access::{access, banning, deny, patterns, settle, snapshot, tables},
-    bench::{Bench, Event, UNLIMITED, claim, resuming, seen_by, unlink, unlinked},
-    contracts::{data, name, publisher, subscriber},
 };
 
 const USER: u32 = 5;

@@ -1,7 +1,10 @@
 //! RELOAD: a session has the access policy read again, and learns when it is applied.
 
-mod support;
-
+use crate::support::{
+    access::{access, banning, deny, settle, tables},
+    bench::{Bench, Event, UNLIMITED, hello, seen_by},
+    contracts::{data, publisher, subscriber},
+};
 use sm2_proto::{
     Farewell, NodeId,
     control::{PolicyProblem, ReloadOutcome, ToManager, ToNode},
@@ -9,11 +12,6 @@ use sm2_proto::{
     manager::{Cause, Input},
     policy::Action,
     violation,
-};
-use support::{
-    access::{access, banning, deny, settle, tables},
-    bench::{Bench, Event, UNLIMITED, hello, seen_by},
-    contracts::{data, publisher, subscriber},
 };
 
 const ROOT: u32 = 0;

@@ -1,8 +1,13 @@
 //! SPEC section 4.1, cell by cell: the effect of each frame in each state. A violation ends the
 //! session that committed it and affects no other one.
 
-mod support;
-
+use crate::support::{
+    access::{access, deny, settle, tables},
+    bench::{
+        Bench, EPOCH, Event, claim, hello, resuming, seen_by, suspended, unlink, unlinked, withdraw,
+    },
+    contracts::{data, name, publisher, subscriber},
+};
 use sm2_proto::{
     Code, Contract, Datagram, FdFacts, InterfaceId, LinkId, NodeId, Seals, TypeId, Violation,
     control::{SchemaText, ToManager, ToNode, encode_to_manager},
@@ -10,13 +15,6 @@ use sm2_proto::{
     policy::Action,
     schema::Schema,
     violation,
-};
-use support::{
-    access::{access, deny, settle, tables},
-    bench::{
-        Bench, EPOCH, Event, claim, hello, resuming, seen_by, suspended, unlink, unlinked, withdraw,
-    },
-    contracts::{data, name, publisher, subscriber},
 };
 
 /// Rows are states, columns are frames.

@@ -1,9 +1,13 @@
 //! WATCH: a node that reads pages and then changes has the current state of the domain.
 
-mod support;
-
+use crate::support;
 use std::collections::BTreeMap;
 
+use crate::support::{
+    bench::{Bench, EPOCH, Event, UNLIMITED, claim, resuming, seen_by, unlinked, withdraw},
+    cases,
+    contracts::{data, publisher, scan, server, subscriber},
+};
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
     Code, Contract, EntityId, InterfaceId, LinkId, NodeId,
@@ -11,11 +15,6 @@ use sm2_proto::{
     limits::DATAGRAM_MAX,
     manager::{Cause, Input, Policy},
     violation,
-};
-use support::{
-    bench::{Bench, EPOCH, Event, UNLIMITED, claim, resuming, seen_by, unlinked, withdraw},
-    cases,
-    contracts::{data, publisher, scan, server, subscriber},
 };
 
 fn watch(after: u64) -> ToManager {

@@ -1,10 +1,7 @@
 //! The maximum length of a message that each end names in OPEN, on both lanes.
 
-mod link_support;
-mod ring_support;
-
-use link_support::*;
-use ring_support::{RECEIVER, Rig, SENDER, ring_config, segment};
+use crate::link_support::*;
+use crate::ring_support::{RECEIVER, Rig, SENDER, ring_config, segment};
 use sm2_proto::{
     Machine, ViolationKind,
     limits::MESSAGE_MAX,

@@ -1,19 +1,17 @@
 //! The requests of a node to its Manager, and answers that were not requested (SPEC section 4.5).
 
-mod support;
-
-use sm2_proto::{
-    Code, Machine, NodeId, TypeId,
-    control::{Changes, ReloadOutcome, SchemaText, ToManager, ToNode},
-    node::{Input, Misuse, Node, Output},
-    violation,
-};
-use support::{
+use crate::support::{
     contracts::{data, name},
     session::{
         LATER, NOW, changes, come_back, contract, declared, drain, page, ready, receive, reloaded,
         schema, sent, violation, welcome, welcome_in,
     },
+};
+use sm2_proto::{
+    Code, Machine, NodeId, TypeId,
+    control::{Changes, ReloadOutcome, SchemaText, ToManager, ToNode},
+    node::{Input, Misuse, Node, Output},
+    violation,
 };
 
 //= SM2-IFC-007 test

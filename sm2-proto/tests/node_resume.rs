@@ -1,21 +1,19 @@
 //! A node whose Manager ends, and the interfaces and links that it claims from the next one (SPEC
 //! section 11).
 
-mod support;
-
-use sm2_proto::{
-    Code, InterfaceId, LinkId, LinkKey, Machine, NodeId, Refusal,
-    control::{ToManager, ToNode},
-    node::{End, Input, Misuse, Node, Output},
-    violation,
-};
-use support::{
+use crate::support::{
     contracts::{name, subscriber},
     session::{
         EPOCH, LATER, NOW, ask, changes, claim, claim_of, come_back, contract, declared, described,
         drain, interface_in, link, link_id, page, ready, receive, refused, reloaded, sent, unlink,
         violation, welcome, welcome_in, withdrawn,
     },
+};
+use sm2_proto::{
+    Code, InterfaceId, LinkId, LinkKey, Machine, NodeId, Refusal,
+    control::{ToManager, ToNode},
+    node::{End, Input, Misuse, Node, Output},
+    violation,
 };
 
 fn hello(resuming: bool) -> ToManager {

@@ -1,9 +1,15 @@
 //! A node's sessions with Managers that break the rules, and with correct ones.
 
-#[path = "support/frames.rs"]
-mod frames;
-mod support;
+use crate::frames;
 
+use crate::support::{
+    cases,
+    contracts::{data, name, publisher_with, subscriber},
+    session::{
+        EPOCH, NOW, contract, declared, drain, interface_in, link, link_id, page, ready, receive,
+        refused, schema, sent, unlink, violation, welcome, withdrawn,
+    },
+};
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
     Code, Contract, Datagram, InterfaceId, Machine, NodeId, Refusal,
@@ -11,14 +17,6 @@ use sm2_proto::{
     limits::LINKS_MAX,
     node::{End, Error, Input, Misuse, Node, Output},
     violation,
-};
-use support::{
-    cases,
-    contracts::{data, name, publisher_with, subscriber},
-    session::{
-        EPOCH, NOW, contract, declared, drain, interface_in, link, link_id, page, ready, receive,
-        refused, schema, sent, unlink, violation, welcome, withdrawn,
-    },
 };
 
 //= SM2-NOD-001 test

@@ -1,19 +1,17 @@
 //! SPEC sections 4.2, 4.3 and 11, cell by cell, from the node's side.
 
-mod support;
-
-use sm2_proto::{
-    Code, Farewell, InterfaceId, Machine, NodeId, Refusal,
-    control::{ToManager, ToNode},
-    node::{End, Error, Input, Node, Output},
-};
-use support::{
+use crate::support::{
     bench::{suspended, unlinked},
     contracts::name,
     session::{
         NOW, ask, changes, claim, come_back, declared, denied, described, drain, interface_in,
         link, link_id, page, ready, receive, refused, reloaded, sent, unlink, welcome, withdrawn,
     },
+};
+use sm2_proto::{
+    Code, Farewell, InterfaceId, Machine, NodeId, Refusal,
+    control::{ToManager, ToNode},
+    node::{End, Error, Input, Node, Output},
 };
 
 const SESSION: &str = "

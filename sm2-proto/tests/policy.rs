@@ -1,9 +1,8 @@
 //! Access rights, compared with an oracle that applies each definition directly.
 
-#[path = "policy/naive.rs"]
 mod naive;
-mod support;
 
+use crate::support::{cases, contracts::name};
 use proptest::prelude::*;
 use sm2_proto::{
     gateway::Pattern,
@@ -13,7 +12,6 @@ use sm2_proto::{
         PolicyError, Rule, RuleId, Subject, Tables, User,
     },
 };
-use support::{cases, contracts::name};
 
 fn patterns(texts: &[&str]) -> Vec<Pattern> {
     texts.iter().map(|it| Pattern::new(it).unwrap()).collect()

@@ -1,21 +1,19 @@
 //! Random policies for a domain that runs, compared with a Manager that had the last one all the time.
 
-mod support;
-
 use std::collections::{BTreeMap, BTreeSet};
 
+use crate::support::{
+    access::{access, banning, deny, settle, snapshot, tables},
+    bench::{Bench, Event, UNLIMITED, seen_by},
+    cases,
+    contracts::{data, publisher, subscriber},
+};
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
     Contract, Farewell, InterfaceId, LinkId, NodeId, Refusal,
     control::{Change, Item, Key, ToManager, ToNode},
     manager::{Input, Policy},
     policy::{AccessPolicy, Action, Tables},
-};
-use support::{
-    access::{access, banning, deny, settle, snapshot, tables},
-    bench::{Bench, Event, UNLIMITED, seen_by},
-    cases,
-    contracts::{data, publisher, subscriber},
 };
 
 const USER: u32 = 5;

@@ -2,18 +2,8 @@
 //! other's operations. They are joined by two rings and by sockets that lose nothing. There is no
 //! common order between sockets and rings.
 
-mod link_support;
-mod ring_support;
-
-#[path = "ring_support/between.rs"]
-mod between;
-#[path = "ring_support/calls.rs"]
-mod calls;
-#[path = "ring_support/world.rs"]
-mod world;
-
-use between::Between;
-use calls::{CALLER, Calls, Outcome, SERVER};
+use crate::ring_support::between::Between;
+use crate::ring_support::calls::{CALLER, Calls, Outcome, SERVER};
 use proptest::prelude::*;
 use sm2_proto::{
     Farewell,

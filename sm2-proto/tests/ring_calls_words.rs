@@ -1,16 +1,11 @@
 //! Words and frames that no correct caller or server produces, and the violation that each causes.
 
-mod link_support;
-mod ring_support;
+use crate::link_support;
+use crate::ring_support;
 
-#[path = "ring_support/calls.rs"]
-mod calls;
-#[path = "ring_support/world.rs"]
-mod world;
-
-use calls::{CALLER, Calls, Outcome, SERVER, segment};
-use link_support::{NOW, RING, accept, drain, open_to, opened, with_ring};
-use ring_support::{Memory, word};
+use crate::link_support::{NOW, RING, accept, drain, open_to, opened, with_ring};
+use crate::ring_support::calls::{CALLER, Calls, Outcome, SERVER, segment};
+use crate::ring_support::{Memory, word};
 use sm2_proto::{
     Datagram, Instant, Machine, Violation,
     limits::CALLS_MAX,

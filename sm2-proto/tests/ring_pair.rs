@@ -2,19 +2,7 @@
 //! other's operations, and compares them with plain lists of the sent, taken and displaced
 //! messages. The ends are joined by one ring and by sockets that lose nothing.
 
-mod link_support;
-mod ring_support;
-
-#[path = "ring_support/between.rs"]
-mod between;
-#[path = "ring_support/checks.rs"]
-mod checks;
-#[path = "ring_support/ends.rs"]
-mod ends;
-#[path = "ring_support/pair.rs"]
-mod pair;
-
-use pair::{Op, Pair};
+use crate::ring_support::pair::{Op, Pair};
 use proptest::prelude::*;
 
 fn op() -> impl Strategy<Value = Op> {

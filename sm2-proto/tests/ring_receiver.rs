@@ -1,12 +1,9 @@
 //! The receiving end's view of messages on the ring lane: SPEC section 8.5.
 
-mod link_support;
-mod ring_support;
-
 use std::cell::{Cell, RefCell};
 
-use link_support::{NOW, pooled};
-use ring_support::{Memory, RECEIVER, Rig, SENDER, head, segment, word};
+use crate::link_support::{NOW, pooled};
+use crate::ring_support::{Memory, RECEIVER, Rig, SENDER, head, segment, word};
 use sm2_proto::{
     Farewell, Instant, Machine, ViolationKind,
     limits::SLOT_HEAD,

@@ -1,10 +1,7 @@
 //! The sending end's view of messages on the ring lane: SPEC section 8.5.
 
-mod link_support;
-mod ring_support;
-
-use link_support::{NOW, ring_file};
-use ring_support::{RECEIVER, Rig, SENDER, segment, word};
+use crate::link_support::{NOW, ring_file};
+use crate::ring_support::{RECEIVER, Rig, SENDER, segment, word};
 use sm2_proto::{
     Datagram, Farewell, Instant, Machine,
     limits::MESSAGE_MAX,

@@ -1,10 +1,9 @@
 //! The setup of a ring, and the layout of its file: SPEC section 8.5.
 
-mod link_support;
-mod ring_support;
+use crate::link_support;
 
-use link_support::{NOW, RING, accept, drain, message, opened, reliable, sent, with_ring};
-use ring_support::{RECEIVER, Rig, SENDER, ring_config, segment, word};
+use crate::link_support::{NOW, RING, accept, drain, message, opened, reliable, sent, with_ring};
+use crate::ring_support::{RECEIVER, Rig, SENDER, ring_config, segment, word};
 use sm2_proto::{
     Instant, Machine,
     limits::{RING_SEGMENTS_MAX, SLOT_HEAD},

@@ -3,12 +3,9 @@
 //! `tests/vectors/README.md` describes the fields. The other end of each link exists only to open
 //! the link: `image` and `before` replace all words that it would have written.
 
-mod link_support;
-mod ring_support;
-
 use std::collections::{BTreeMap, BTreeSet};
 
-use ring_support::{RECEIVER, Rig, SENDER, ring_config, segment};
+use crate::ring_support::{RECEIVER, Rig, SENDER, ring_config, segment};
 use serde_json::{Value, json};
 use sm2_proto::{
     Period, Violation,

@@ -1,9 +1,7 @@
 //! Every kind of word, head and order of words that SPEC section 8.5 forbids, at either end.
 
-mod link_support;
-mod ring_support;
-
-use ring_support::{RECEIVER, Rig, SENDER, head, segment, word};
+use crate::ring_support;
+use crate::ring_support::{RECEIVER, Rig, SENDER, head, segment, word};
 use sm2_proto::{
     Code, Instant, Violation, ViolationKind,
     limits::{MESSAGE_MAX, SLOT_HEAD},

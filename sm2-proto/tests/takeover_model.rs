@@ -5,17 +5,13 @@
 //! pair that is to be linked has exactly one link, which is the one that it had as long as neither
 //! end closed it; the nodes hold what the Manager shows; and `sm2_proto::domain` explains it.
 
-mod support;
-#[path = "support/takeover/mod.rs"]
-mod takeover;
-
-use proptest::{collection::vec, prelude::*};
-use sm2_proto::{Contract, manager::Policy};
-use support::{
+use crate::support::{
     cases,
     contracts::{data, publisher_with, subscriber_with},
 };
-use takeover::{NODES, World};
+use crate::takeover::{NODES, World};
+use proptest::{collection::vec, prelude::*};
+use sm2_proto::{Contract, manager::Policy};
 
 /// One event. The numbers pick among the nodes, interfaces and links that it can happen to.
 #[derive(Clone, Debug)]

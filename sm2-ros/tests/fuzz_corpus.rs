@@ -1,5 +1,4 @@
 //! Replays the seeds and findings of `fuzz/` through the bodies of the fuzz targets, and some random inputs.
-#![cfg(feature = "fuzzing")]
 
 #[path = "../../fuzz/replay.rs"]
 mod replay;

@@ -1,5 +1,4 @@
 //! Nodes that exchange ROS 2's types over topics and services.
-#![cfg(all(feature = "common-interfaces", feature = "messages"))]
 
 use std::time::Duration;
 

@@ -1,5 +1,4 @@
 //! The Rust types of all common interfaces against the codec that works by definitions.
-#![cfg(feature = "common-interfaces")]
 
 use proptest::prelude::*;
 use proptest::test_runner::{Config, TestRunner};

@@ -1,5 +1,4 @@
 //! Messages that are read in place.
-#![cfg(feature = "common-interfaces")]
 
 use sm2_ros::cdr::{Numbers, from_slice, to_vec};
 use sm2_ros::geometry_msgs::msg::PolygonStamped;

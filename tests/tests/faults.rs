@@ -14,17 +14,13 @@
 //! `SM2_FAULTS=all cargo nextest run -p sm2-tests --test faults --no-capture`. `SM2_FAULTS=CALL:NTH:ERRNO` runs
 //! one fault of each side.
 
-#[path = "faults/accusations.rs"]
 mod accusations;
-#[path = "faults/gateways.rs"]
 mod gateways;
-#[path = "faults/scenarios.rs"]
 mod scenarios;
-#[path = "faults/topic.rs"]
 mod topic;
-#[path = "faults/world.rs"]
 mod world;
 
+use sm2_test_support::ran_alone;
 use std::{
     collections::BTreeMap,
     env,
@@ -134,35 +130,71 @@ fn survives_at(sides: &[Side], name: &str, scenario: fn(&mut World)) {
 
 #[test]
 fn publishing_through_rings_survives_each_fault() {
+    if ran_alone(concat!(
+        module_path!(),
+        "::publishing_through_rings_survives_each_fault"
+    )) {
+        return;
+    }
     survives("ring", scenarios::ring);
 }
 
 #[test]
 fn publishing_through_sockets_survives_each_fault() {
+    if ran_alone(concat!(
+        module_path!(),
+        "::publishing_through_sockets_survives_each_fault"
+    )) {
+        return;
+    }
     survives("socket", scenarios::socket);
 }
 
 #[test]
 fn publishing_sealed_files_survives_each_fault() {
+    if ran_alone(concat!(
+        module_path!(),
+        "::publishing_sealed_files_survives_each_fault"
+    )) {
+        return;
+    }
     survives("sealed", scenarios::sealed);
 }
 
 #[test]
 fn a_latched_message_survives_each_fault() {
+    if ran_alone(concat!(
+        module_path!(),
+        "::a_latched_message_survives_each_fault"
+    )) {
+        return;
+    }
     survives("latched", scenarios::latched);
 }
 
 #[test]
 fn a_call_survives_each_fault() {
+    if ran_alone(concat!(module_path!(), "::a_call_survives_each_fault")) {
+        return;
+    }
     survives("call", scenarios::call);
 }
 
 #[test]
 fn a_change_of_the_manager_survives_each_fault() {
+    if ran_alone(concat!(
+        module_path!(),
+        "::a_change_of_the_manager_survives_each_fault"
+    )) {
+        return;
+    }
     survives("change", scenarios::change);
 }
 
 #[test]
 fn gateways_survive_each_fault() {
+    if ran_alone(concat!(module_path!(), "::gateways_survive_each_fault")) {
+        return;
+    }
     survives_at(&[Side::Gateways], "gateways", gateways::gateways);
 }

@@ -1,6 +1,7 @@
 //! A process with hundreds of nodes and few descriptors. This test is alone in its file because it changes a limit of
 //! its process.
 
+use sm2_test_support::ran_alone;
 use std::fs;
 
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
@@ -25,6 +26,12 @@ fn open_links(subscribers: &[Subscriber<[u8]>]) -> usize {
 //= SM2-LNK-010, SM2-TRN-012 sys
 #[test]
 fn the_nodes_of_a_process_share_its_descriptors() {
+    if ran_alone(concat!(
+        module_path!(),
+        "::the_nodes_of_a_process_share_its_descriptors"
+    )) {
+        return;
+    }
     let domain = TempDomain::new();
     let _manager = domain.manager();
     let mut crowd = Actor::start(&domain.socket(), "crowd");

@@ -5,25 +5,15 @@
 //! A check of Rust files by themselves is one more function in [`FILE_CHECKS`]; a banned phrase is
 //! one more line in `prose.rs`.
 
-#[path = "tidy/cycles.rs"]
 mod cycles;
-#[path = "tidy/edges.rs"]
 mod edges;
-#[path = "tidy/known.rs"]
 mod known;
-#[path = "tidy/made_up.rs"]
 mod made_up;
-#[path = "tidy/modules.rs"]
 mod modules;
-#[path = "tidy/packages.rs"]
 mod packages;
-#[path = "tidy/prose.rs"]
 mod prose;
-#[path = "tidy/repetition.rs"]
 mod repetition;
-#[path = "tidy/sizes.rs"]
 mod sizes;
-#[path = "tidy/sources.rs"]
 mod sources;
 
 use std::{

@@ -13,6 +13,7 @@ pub mod model;
 pub mod mutants;
 pub mod properties;
 pub mod results;
+pub mod test_targets;
 
 /// The folder above this crate when Cargo runs us, else the current one.
 #[must_use]

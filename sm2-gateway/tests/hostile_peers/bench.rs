@@ -10,11 +10,8 @@ use sm2_proto::{
 };
 use tokio::runtime::Runtime;
 
-use crate::{
-    client::Client,
-    common::{ALL, Domain, SOON, report, runtime},
-    identity::honest_tls,
-};
+use super::{client::Client, identity::honest_tls};
+use crate::common::{ALL, Domain, SOON, report, runtime};
 
 pub(crate) const EPOCH: u64 = 1 << 62;
 /// The limits of the gateway for one payload, and for all payloads of a peer.

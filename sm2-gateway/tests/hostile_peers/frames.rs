@@ -7,13 +7,13 @@ use sm2_proto::{
     gateway::{AskId, Frame, GatewayId, OfferId, PeerFarewell, PeerViolationKind, Verdict},
 };
 
-use crate::{
+use super::{
     bench::{Bench, EPOCH, hello, offer, topic},
     client::Client,
-    common::until,
     identity::{Shown, tls},
     text,
 };
+use crate::common::until;
 
 /// The QUIC error code of TLS alert 0 (RFC 9001, section 4.8).
 const CRYPTO: u64 = 0x100;

@@ -13,13 +13,13 @@ use sm2_proto::{
     limits::{MESSAGES_IN_FLIGHT_MAX, OFFERS_MAX, QUESTIONS_MAX},
 };
 
-use crate::{
+use super::{
     bench::{EPOCH, hello, offer},
     client::Client,
-    common::{ALL, Domain, Process},
     identity::honest_tls,
     message, text,
 };
+use crate::common::{ALL, Domain, Process};
 
 const MESSAGE_BYTES: usize = 8 << 20;
 const MEMORY_BYTES: usize = 32 << 20;

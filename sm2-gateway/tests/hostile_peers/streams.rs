@@ -8,7 +8,7 @@ use sm2_proto::gateway::{
     Frame, Header, HeaderKind, OfferId, Outcome, PeerFarewell, PeerViolationKind, Subject,
 };
 
-use crate::{
+use super::{
     bench::{Bench, EPOCH, MEMORY_BYTES, MESSAGE_BYTES, hello, topic},
     client::Client,
     message, text,

@@ -12,7 +12,7 @@ use sm2_proto::{
     gateway::{GatewayId, Outcome, Subject, SubjectKind},
 };
 
-use crate::{ledger::Ledger, network::MS, random::Random};
+use super::{ledger::Ledger, network::MS, random::Random};
 
 /// The nodes of a domain, which outlive a crash of the gateway.
 #[derive(Clone, Debug, Default)]

@@ -10,7 +10,7 @@ use sm2_proto::{
     gateway::{Direction, GatewayId, Hop, Outcome, Subject},
 };
 
-use crate::rules::RuleSet;
+use super::rules::RuleSet;
 
 const HOPS_MAX: usize = 8;
 /// How many of the last events a failing test prints.

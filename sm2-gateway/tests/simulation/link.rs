@@ -12,7 +12,7 @@ use sm2_proto::{
     gateway::{GatewayId, Hop, OfferId, Subject, discovery},
 };
 
-use crate::{
+use super::{
     network::MS,
     node::{Message, Node, World},
     queue::Queue,

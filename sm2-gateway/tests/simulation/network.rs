@@ -8,7 +8,7 @@ use std::{
 
 use sm2_proto::Instant;
 
-use crate::random::Random;
+use super::random::Random;
 
 pub(crate) const MS: u64 = 1_000_000;
 /// The longest queue of a slow link, as the time that it takes to send. Later datagrams are

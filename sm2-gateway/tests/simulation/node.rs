@@ -17,7 +17,7 @@ use sm2_proto::{
     },
 };
 
-use crate::{
+use super::{
     domain::{Domain, Nodes},
     ledger::Ledger,
     link::{DRAIN, Link},
@@ -309,7 +309,7 @@ impl Node {
 
     fn hub_outputs(&mut self, now: Instant, world: &mut World) {
         while let Some(output) = self.hub.poll() {
-            let text = crate::trace::text(&output);
+            let text = super::trace::text(&output);
             world.ledger.trace.add(now, self.index, &text);
             self.output(now, output, world);
         }

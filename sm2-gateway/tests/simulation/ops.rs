@@ -7,7 +7,7 @@ use sm2_proto::{
     gateway::{Beacon, GatewayId, Subject, SubjectKind},
 };
 
-use crate::{
+use super::{
     network::{Conditions, Datagram, MS},
     node::{Node, World},
     rules::RuleSet,

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use sm2_proto::Instant;
 
-use crate::{network::MS, random::Random};
+use super::{network::MS, random::Random};
 
 /// Items from one task to another, with the time when each can be taken.
 pub(crate) struct Queue<T>(VecDeque<(Instant, T)>);

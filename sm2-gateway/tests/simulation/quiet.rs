@@ -2,7 +2,7 @@
 
 use sm2_proto::gateway::{Outcome, SubjectKind, session::Initiator};
 
-use crate::{ops::ask, script::Simulation};
+use super::{ops::ask, script::Simulation};
 
 impl Simulation {
     /// Runs all checks.

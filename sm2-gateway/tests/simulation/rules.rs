@@ -10,7 +10,7 @@ use sm2_proto::{
     },
 };
 
-use crate::random::Random;
+use super::random::Random;
 
 const TOPICS: [&str; 3] = ["a/x", "a/y", "b"];
 const SERVICES: [&str; 2] = ["a/x", "s"];

@@ -9,7 +9,7 @@ use sm2_proto::{
     gateway::{GatewayId, Subject, SubjectKind},
 };
 
-use crate::{
+use super::{
     domain::Nodes,
     ledger::Ledger,
     network::{Conditions, MS, Network},

@@ -12,7 +12,8 @@ use sm2_proto::{
     limits::OFFERS_MAX,
 };
 
-use super::{Bench, hop, id, open, path, rule, support::cases, topic};
+use super::{Bench, hop, id, open, path, rule, topic};
+use crate::support::cases;
 
 /// How many peers offer as much as a peer may.
 pub(crate) const PEERS: usize = 4;

@@ -11,11 +11,8 @@ use sm2_proto::{
     },
 };
 
-use super::{
-    hop, id, index, open, rule,
-    support::{cases, contracts::name},
-    topic,
-};
+use super::{hop, id, index, open, rule, topic};
+use crate::support::{cases, contracts::name};
 
 /// A message from one router to another.
 #[derive(Clone, Debug)]

@@ -11,7 +11,8 @@ use sm2_proto::{
     },
 };
 
-use super::{MESSAGE, REQUEST, hop, session, subject, support::cases};
+use super::{MESSAGE, REQUEST, hop, session, subject};
+use crate::support::cases;
 
 /// Two sessions. Bytes of the control stream arrive in order, other streams in any order.
 struct Pair {

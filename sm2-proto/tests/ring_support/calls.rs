@@ -20,10 +20,10 @@ use sm2_proto::{
 mod both;
 
 pub(crate) use self::both::Calls;
-pub(crate) use crate::world::segment;
+pub(crate) use crate::ring_support::world::segment;
 use crate::{
     link_support::NOW,
-    world::{SLOTS, World},
+    ring_support::world::{SLOTS, World},
 };
 
 pub(crate) const CALLER: usize = 0;

@@ -2,7 +2,7 @@
 
 use sm2_proto::link::{Counters, EMPTY, End, Fate, LaneKind, Word};
 
-use crate::pair::Pair;
+use crate::ring_support::pair::Pair;
 
 impl Pair {
     /// Checks the invariants that hold between any two operations.

@@ -19,8 +19,8 @@ use sm2_proto::{
 };
 
 use crate::{
-    between::Between,
     link_support::{NOW, pooled, ring_file},
+    ring_support::between::Between,
     ring_support::{Memory, head},
 };
 

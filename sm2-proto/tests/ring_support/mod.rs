@@ -1,6 +1,13 @@
 //! Two ends of a link of the ring lane, the words between them, and their drivers.
 #![allow(dead_code, reason = "each test binary uses its part")]
 
+pub(crate) mod between;
+pub(crate) mod calls;
+pub(crate) mod checks;
+pub(crate) mod ends;
+pub(crate) mod pair;
+pub(crate) mod world;
+
 use std::{
     cell::{Cell, RefCell},
     collections::{BTreeMap, VecDeque},

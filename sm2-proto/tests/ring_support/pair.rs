@@ -8,9 +8,9 @@ use sm2_proto::{
 };
 
 use crate::{
-    between::Between,
-    ends::{Driver, Receiving, Sending, Sent, Shared},
     link_support::NOW,
+    ring_support::between::Between,
+    ring_support::ends::{Driver, Receiving, Sending, Sent, Shared},
     ring_support::{Memory, head, ring_config},
 };
 

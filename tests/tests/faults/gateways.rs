@@ -9,7 +9,7 @@ use sm2_node::Node;
 use sm2_proto::gateway::GatewayId;
 use tokio::runtime::{Builder, Runtime};
 
-use crate::{
+use super::{
     scenarios::LENGTHS,
     topic::Topic,
     world::{World, patient},

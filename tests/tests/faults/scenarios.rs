@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use sm2_node::{Client, Node, Publisher, Server, Subscriber};
 
-use crate::{
+use super::{
     topic::Topic,
     world::{World, patient, until},
 };

@@ -6,7 +6,7 @@ use sm2_node::{Publisher, Subscriber, diagnostics::LinkStatus};
 use sm2_proto::link::End;
 use sm2_tests::pattern::{is_intact, message};
 
-use crate::world::{World, patient, until};
+use super::world::{World, patient, until};
 
 /// A publisher and a subscriber of two nodes.
 pub(crate) struct Topic {

@@ -41,7 +41,7 @@ struct Running {
 impl World {
     /// Starts a domain. The faults of the nodes begin after the Manager has started.
     pub(crate) fn start(side: Side, fault: Option<Fault>) -> Self {
-        crate::accusations::collect();
+        super::accusations::collect();
         let faults = Injector::counting();
         faults.set(fault);
         let mut world = Self {

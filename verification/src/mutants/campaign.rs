@@ -80,7 +80,7 @@ impl<'a> Campaign<'a> {
         let programs = self.programs(&checks)?;
         let mut broken = Vec::new();
         for check in checks {
-            let program: &PathBuf = &programs[&check.target()];
+            let program: &PathBuf = &programs[&check.target(&self.cargo.root)?];
             match self.cargo.run(check, program)? {
                 Ran::Held => {}
                 Ran::Failed(said) | Ran::Missed(said) => broken.push((check, said)),
@@ -93,7 +93,8 @@ impl<'a> Campaign<'a> {
     /// Builds the programs of all checks, with one build for each package.
     fn programs(&self, checks: &[&Check]) -> Result<Programs, MutantsError> {
         let mut groups: BTreeMap<(String, bool), Vec<Target>> = BTreeMap::new();
-        for target in checks.iter().map(|it| it.target()) {
+        for check in checks {
+            let target = check.target(&self.cargo.root)?;
             let is_program = matches!(target.unit, Unit::Program(_));
             let group = groups.entry((target.package.clone(), is_program));
             let group = group.or_default();
@@ -119,7 +120,7 @@ impl<'a> Campaign<'a> {
     }
 
     fn verdict(&self, check: &Check) -> Result<Verdict, MutantsError> {
-        let target = check.target();
+        let target = check.target(&self.cargo.root)?;
         let programs = match self.cargo.build(std::slice::from_ref(&target))? {
             Ok(programs) => programs,
             Err(error) => return Ok(Verdict::NotCompiled(error)),

@@ -13,6 +13,7 @@ use std::{
 use serde::Deserialize;
 
 use super::{Check, MutantsError};
+use crate::test_targets::TestTarget;
 
 /// A check that runs longer than this hangs. Without a fault, the slowest check takes a tenth of it.
 const LIMIT: Duration = Duration::from_secs(120);
@@ -35,8 +36,12 @@ pub(super) struct Target {
 pub(super) enum Unit {
     /// The tests within the library.
     Lib,
-    /// A file of tests.
-    Test(String),
+    /// A program of tests.
+    Test {
+        name: String,
+        /// True if it needs the feature `slow`.
+        is_slow: bool,
+    },
     /// A program.
     Program(String),
 }
@@ -87,7 +92,10 @@ impl Cargo {
             command.args(["--package", &target.package]);
             match &target.unit {
                 Unit::Lib => command.arg("--lib"),
-                Unit::Test(name) => command.args(["--test", name]),
+                Unit::Test { name, is_slow } => {
+                    command.args(["--test", name]);
+                    command.args(is_slow.then_some("--features=slow"))
+                }
                 Unit::Program(name) => command.args(["--bin", name]),
             };
         }
@@ -119,7 +127,9 @@ impl Cargo {
         let errors = output.try_clone().map_err(MutantsError::file(&said))?;
         let mut command = self.command(program, &folder);
         command.env("CARGO_MANIFEST_DIR", &folder);
-        command.args(check.arguments()).stdin(Stdio::null());
+        command
+            .args(check.arguments(&self.root)?)
+            .stdin(Stdio::null());
         command.stdout(output).stderr(errors);
         let status = finish(&mut command).map_err(MutantsError::start(program))?;
         let said = fs::read(&said).map_err(MutantsError::file(&said))?;
@@ -166,36 +176,49 @@ fn finish(command: &mut Command) -> io::Result<Option<ExitStatus>> {
 
 impl Check {
     /// The target to build for the check.
-    pub(super) fn target(&self) -> Target {
+    pub(super) fn target(&self, root: &Path) -> Result<Target, MutantsError> {
         let (package, unit) = match self {
             Self::Harness { .. } => ("sm2-proto", Unit::Lib),
             Self::Model { .. } => ("sm2-verification", Unit::Program("model".to_owned())),
-            Self::Test {
-                package, target, ..
-            } => {
-                let unit = match target.as_str() {
-                    "lib" => Unit::Lib,
-                    name => Unit::Test(name.to_owned()),
+            Self::Test { package, .. } => {
+                let unit = match self.program(root)? {
+                    Some(TestTarget { name, is_slow, .. }) => Unit::Test { name, is_slow },
+                    None => Unit::Lib,
                 };
                 (package.as_str(), unit)
             }
         };
-        Target {
+        Ok(Target {
             package: package.to_owned(),
             unit,
+        })
+    }
+
+    /// The program with the file of the test; `None` if the check is no test of such a file.
+    fn program(&self, root: &Path) -> Result<Option<TestTarget>, MutantsError> {
+        match self {
+            Self::Test { target, .. } if target != "lib" => {
+                let package = root.join(self.folder());
+                let found = TestTarget::of(&package, target);
+                found.map(Some).map_err(MutantsError::file(&package))
+            }
+            _ => Ok(None),
         }
     }
 
-    fn arguments(&self) -> Vec<String> {
-        match self {
+    fn arguments(&self, root: &Path) -> Result<Vec<String>, MutantsError> {
+        Ok(match self {
             Self::Harness { name } => {
                 let path = name.split_once("::").map_or(name.as_str(), |it| it.1);
                 let (module, function) = path.rsplit_once("::").unwrap_or(("", path));
                 vec!["--exact".into(), format!("{module}::explored::{function}")]
             }
             Self::Model { scope, .. } => vec![scope.clone()],
-            Self::Test { test, .. } => vec!["--exact".into(), test.clone()],
-        }
+            Self::Test { test, .. } => {
+                let prefix = self.program(root)?.map(|it| it.prefix);
+                vec!["--exact".into(), prefix.unwrap_or_default() + test]
+            }
+        })
     }
 
     fn judge(&self, status: Option<ExitStatus>, said: &str) -> Ran {
@@ -279,7 +302,7 @@ impl Message {
             |kind: &str, name: &str| target.kind.iter().any(|it| it == kind) && target.name == name;
         let found = match unit {
             Unit::Lib => is_test && !target.kind.iter().any(|it| it == "test" || it == "bin"),
-            Unit::Test(name) => is_test && is_it("test", name),
+            Unit::Test { name, .. } => is_test && is_it("test", name),
             Unit::Program(name) => !is_test && is_it("bin", name),
         };
         self.executable.clone().filter(|_| found)
@@ -306,7 +329,10 @@ mod tests {
         let check = Check::Harness {
             name: "sm2_proto::a::proofs::one".to_owned(),
         };
-        assert_eq!(check.arguments()[1], "a::proofs::explored::one");
+        assert_eq!(
+            check.arguments(Path::new("")).expect("arguments")[1],
+            "a::proofs::explored::one"
+        );
         let none = check.judge(ended(0), "running 0 tests\ntest result: ok. 0 passed");
         assert!(matches!(none, Ran::Missed(_)), "{none:?}");
         assert_eq!(check.judge(ended(0), "running 1 test\n"), Ran::Held);

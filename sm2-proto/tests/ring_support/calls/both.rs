@@ -10,8 +10,8 @@ use sm2_proto::{
 use super::{CALLER, SERVER, Side};
 use crate::{
     link_support::NOW,
+    ring_support::world::World,
     ring_support::{Memory, ring_config},
-    world::World,
 };
 
 /// Both ends, and the world between them.

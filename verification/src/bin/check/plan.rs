@@ -6,7 +6,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use sm2_verification::properties::Engine;
+use sm2_verification::{properties::Engine, test_targets::TestTarget};
 
 use crate::process::{Ended, Interrupts};
 use crate::step::{Reports, Step};
@@ -192,7 +192,7 @@ fn file_of(name: &str) -> &str {
 }
 
 /// The number of tests of `crate/tests/target.rs` or `crate/src/module.rs`, or `...rs::test`, that an earlier run has
-/// passed. `None` if there was none, it has none of them, or other packages have a target of this name.
+/// passed. `None` if there was no such run, or it has none of them.
 fn passed(tested: Option<&Tested>, root: &Path, name: &str) -> io::Result<Option<usize>> {
     let Some(tested) = tested else {
         return Ok(None);
@@ -200,17 +200,14 @@ fn passed(tested: Option<&Tested>, root: &Path, name: &str) -> io::Result<Option
     let (file, test) = name.split_once("::").unwrap_or((name, ""));
     let tests = if let Some(module) = module_of(file) {
         let part = format!("{module}::{test}");
-        tested.passed_of("src/lib.rs", |it| it.contains(&part))
+        tested.passed_in_libraries(|it| it.contains(&part))
     } else {
-        let (_, target) = target_of(file);
-        if packages_with(root, target)? != 1 {
-            return Ok(None);
-        }
-        let file = format!("tests/{target}.rs");
-        match test {
-            "" => tested.passed(&file).unwrap_or(0),
-            test => tested.passed_of(&file, |it| it == test),
-        }
+        let (package, file) = target_of(file);
+        let TestTarget { name, prefix, .. } = TestTarget::of(&root.join(package), file)?;
+        tested.passed_of(&name, |it| {
+            let rest = it.strip_prefix(&prefix);
+            rest.is_some_and(|it| test.is_empty() || it == test)
+        })
     };
     Ok((tests > 0).then_some(tests))
 }
@@ -218,8 +215,7 @@ fn passed(tested: Option<&Tested>, root: &Path, name: &str) -> io::Result<Option
 /// The command for `crate/tests/target.rs`, or for a module `crate/src/module.rs`; and for one
 /// test of such a file, `...rs::test`.
 ///
-/// The command builds the whole workspace if the name is unique in it, so that it can use the build of
-/// `cargo test --workspace`.
+/// The command selects the whole workspace, so that it uses the build of `cargo test --workspace`.
 fn test_line(root: &Path, name: &str) -> io::Result<String> {
     let (file, test) = name.split_once("::").unwrap_or((name, ""));
     if let Some(module) = module_of(file) {
@@ -227,15 +223,19 @@ fn test_line(root: &Path, name: &str) -> io::Result<String> {
             "cargo test --locked --workspace --lib {module}::{test}"
         ));
     }
-    let (package, target) = target_of(file);
-    let of = match packages_with(root, target)? {
-        1 => "--workspace".to_owned(),
-        _ => format!("--manifest-path {package}/Cargo.toml"),
+    let (package, file) = target_of(file);
+    let target = TestTarget::of(&root.join(package), file)?;
+    let (name, prefix) = (&target.name, &target.prefix);
+    let features = if target.is_slow {
+        " --features slow"
+    } else {
+        ""
     };
-    let all = format!("cargo test --locked {of} --test {target}");
-    Ok(match test {
-        "" => all,
-        test => format!("{all} -- --exact {test}"),
+    let all = format!("cargo test --locked --workspace{features} --test {name}");
+    Ok(match (prefix.as_str(), test) {
+        ("", "") => all,
+        (prefix, "") => format!("{all} -- {prefix}"),
+        (prefix, test) => format!("{all} -- --exact {prefix}{test}"),
     })
 }
 
@@ -245,20 +245,10 @@ fn module_of(file: &str) -> Option<String> {
     Some(module.trim_end_matches("/mod").replace('/', "::"))
 }
 
-/// The package and the name of a test target.
+/// The package and the name of a file of tests.
 fn target_of(file: &str) -> (&str, &str) {
     let path = file.trim_end_matches(".rs");
     path.rsplit_once("/tests/").unwrap_or((path, ""))
-}
-
-/// The number of packages in the folders of `root` that have a test target of this name.
-fn packages_with(root: &Path, target: &str) -> io::Result<usize> {
-    let mut packages = 0;
-    for entry in fs::read_dir(root)? {
-        let namesake = entry?.path().join("tests").join(target);
-        packages += usize::from(namesake.with_extension("rs").is_file());
-    }
-    Ok(packages)
 }
 
 /// Cargo's target folder.

@@ -19,35 +19,37 @@ impl Tested {
             .map(|it| it.map(Self))
     }
 
-    /// The lines that the test targets of this source file printed: `tests/NAME.rs`, or `src/lib.rs` of all packages.
-    fn lines(&self, file: &str) -> impl Iterator<Item = &str> + use<'_> {
-        let starts = [
-            format!("Running {file} ("),
-            format!("Running unittests {file} ("),
-        ];
-        let mut is_inside = false;
-        self.0.lines().map(str::trim_start).filter(move |line| {
+    /// The number of tests that passed in the programs whose first line `is_it`, of those that are `asked` for by
+    /// their names.
+    fn count(&self, is_it: impl Fn(&str) -> bool, asked: impl Fn(&str) -> bool) -> usize {
+        let (mut is_inside, mut passed) = (false, 0);
+        for line in self.0.lines().map(str::trim_start) {
             if line.starts_with("Running ") || line.starts_with("Doc-tests ") {
-                is_inside = starts.iter().any(|it| line.starts_with(it));
+                is_inside = is_it(line);
             }
-            is_inside
-        })
+            let name = line.strip_prefix("test ");
+            let name = name.and_then(|it| it.strip_suffix(" ... ok"));
+            passed += usize::from(is_inside && name.is_some_and(&asked));
+        }
+        passed
     }
 
-    /// The number of tests of a source file that passed.
-    pub(crate) fn passed(&self, file: &str) -> Option<usize> {
-        let passed = self.lines(file).filter_map(passed);
-        passed.reduce(|all, count| all + count)
+    /// The number of tests of the libraries that passed, of those that are `asked` for.
+    pub(crate) fn passed_in_libraries(&self, asked: impl Fn(&str) -> bool) -> usize {
+        self.count(
+            |line| line.starts_with("Running unittests src/lib.rs ("),
+            asked,
+        )
     }
 
-    /// The number of tests of a source file that passed, of those that are `asked` for by their names.
-    pub(crate) fn passed_of(&self, file: &str, asked: impl Fn(&str) -> bool) -> usize {
-        let name = |line: &str| {
-            line.strip_prefix("test ")?
-                .strip_suffix(" ... ok")
-                .map(&asked)
-        };
-        self.lines(file).filter(|it| name(it) == Some(true)).count()
+    /// The number of tests of a program that passed, of those that are `asked` for. Cargo adds a hash to the name of
+    /// the program.
+    pub(crate) fn passed_of(&self, program: &str, asked: impl Fn(&str) -> bool) -> usize {
+        let part = format!("/deps/{program}-");
+        self.count(
+            |line| line.starts_with("Running tests/") && line.contains(&part),
+            asked,
+        )
     }
 }
 
@@ -63,17 +65,19 @@ mod tests {
     use super::Tested;
 
     #[test]
-    fn tests_are_found_below_the_line_of_their_file() {
+    fn tests_are_found_below_the_line_of_their_program() {
         let text = "
      Running unittests src/lib.rs (target/debug/deps/a-1)
 test words::one ... ok
 test other ... ok
      Running unittests src/lib.rs (target/debug/deps/b-1)
 test words::two ... ok
-     Running tests/words.rs (target/debug/deps/words-1)
-test one ... ok
-test two ... FAILED
-test one_more ... ok
+     Running tests/main.rs (target/debug/deps/words-1)
+test a::one ... ok
+test a::two ... FAILED
+test b::one ... ok
+     Running tests/main.rs (target/debug/deps/other-1)
+test a::one ... ok
 
 test result: FAILED. 2 passed; 1 failed; 0 ignored
 
@@ -81,12 +85,11 @@ test result: FAILED. 2 passed; 1 failed; 0 ignored
 test one ... ok
 ";
         let tested = Tested(text.to_owned());
-        assert_eq!(
-            tested.passed_of("src/lib.rs", |it| it.contains("words::")),
-            2
-        );
-        assert_eq!(tested.passed_of("tests/words.rs", |it| it == "one"), 1);
-        assert_eq!(tested.passed("tests/words.rs"), Some(2));
-        assert_eq!(tested.passed("tests/two.rs"), None);
+        let in_words = tested.passed_in_libraries(|it| it.contains("words::"));
+        assert_eq!(in_words, 2);
+        assert_eq!(tested.passed_of("words", |it| it == "a::one"), 1);
+        assert_eq!(tested.passed_of("words", |it| it == "a::two"), 0);
+        assert_eq!(tested.passed_of("words", |_| true), 2);
+        assert_eq!(tested.passed_of("word", |_| true), 0);
     }
 }

@@ -1,0 +1,23 @@
+//! The integration tests of recording and playing.
+//!
+//! One program: its tests share one build and one link.
+
+mod common;
+
+mod black_box;
+mod copy;
+mod damage;
+mod diff;
+mod direct;
+mod disk;
+mod fuzz_corpus;
+mod lockstep;
+mod observer;
+mod parts;
+mod play_clock;
+mod play_control;
+mod play_long;
+mod power_cut;
+mod record_and_play;
+mod ros;
+mod wall_clock;

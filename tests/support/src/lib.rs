@@ -1,0 +1,32 @@
+//! What the tests of all crates share: one time limit, printed seeds, skipped tests that are seen, and processes of
+//! their own.
+//!
+//! It depends on no other crate, so that every crate can use it.
+
+mod own_process;
+mod seed;
+mod skip;
+
+use std::time::{Duration, Instant};
+
+pub use own_process::ran_alone;
+pub use seed::seed;
+pub use skip::{skip, skip_without};
+
+/// The time limit of everything that has to succeed. It is far beyond what a loaded machine needs, and costs nothing
+/// when the test passes.
+pub const SOON: Duration = Duration::from_secs(60);
+
+/// Returns once `is_so` does, which it tries every millisecond.
+///
+/// # Panics
+///
+/// It still does not after [`SOON`].
+#[track_caller]
+pub fn until(what: &str, mut is_so: impl FnMut() -> bool) {
+    let end = Instant::now() + SOON;
+    while !is_so() {
+        assert!(Instant::now() < end, "{what}: not within {SOON:?}");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
