@@ -13,19 +13,38 @@ use crate::step::{Reports, Step};
 use crate::tested::Tested;
 
 const FUZZ_SECONDS: &str = "SM2_CI_FUZZ_SECONDS";
+/// `1` in `.ci/full`, which builds all tests with the feature `slow`.
+const FULL: &str = "SM2_CI_FULL";
 
 /// The programs of engines that take names, or `--quick`, or `--list`.
-const fn programs(engine: Engine) -> &'static [&'static str] {
-    match engine {
-        Engine::Model => &[
-            "cargo run -q --locked -p sm2-verification --profile model --bin model --",
-            "cargo run -q --locked -p sm2-verification --profile model --bin link-model --",
-            "cargo run -q --locked -p sm2-verification --profile model --bin lockstep-model --",
-        ],
-        Engine::Angr => &["verification/symbolic/run"],
-        Engine::Mutants => &["cargo run -q --locked -p sm2-verification --bin mutants --"],
-        _ => &[],
-    }
+fn programs(engine: Engine) -> io::Result<Vec<String>> {
+    Ok(match engine {
+        Engine::Model => ["model", "link-model", "lockstep-model"]
+            .map(|it| {
+                format!("cargo run -q --locked -p sm2-verification --profile model --bin {it} --")
+            })
+            .into(),
+        Engine::Angr => vec!["verification/symbolic/run".to_owned()],
+        Engine::Mutants => vec![sibling("mutants")?],
+        _ => Vec::new(),
+    })
+}
+
+/// The path of a program that Cargo has built together with this one.
+fn sibling(name: &str) -> io::Result<String> {
+    let path = env::current_exe()?.with_file_name(name);
+    Ok(path.display().to_string())
+}
+
+/// `cargo test` as the step `test` of `.ci/run` calls it, so that nothing is built again.
+fn cargo_test(is_slow: bool) -> String {
+    let is_full = env::var_os(FULL).is_some_and(|it| it == "1");
+    let features = if is_slow || is_full {
+        " --features slow"
+    } else {
+        ""
+    };
+    format!("cargo test --locked --workspace{features}")
 }
 
 /// The commands to run for an engine.
@@ -79,14 +98,14 @@ impl Plan {
         let engine = self.engine;
         Ok(Ok(match engine {
             Engine::Clauses => vec![Step::new(
-                "cargo run -q --locked -p sm2-verification --bin clauses",
+                &sibling("clauses")?,
                 Reports::After(engine, "check links; "),
             )],
             Engine::NoStd => {
                 let line = "cargo build --release --locked --manifest-path verification/no-std/Cargo.toml --target-dir";
                 vec![Step::new(line, Reports::Built(engine)).with([target(root).join("no-std")])]
             }
-            Engine::StandIn => itself("cargo test --locked -p sm2-proto --lib explored"),
+            Engine::StandIn => itself(&format!("{} --lib explored", cargo_test(false))),
             Engine::Test | Engine::Proptest | Engine::Vector => self.tests(root)?,
             Engine::Loom => itself("verification/loom"),
             Engine::LibFuzzer => {
@@ -104,14 +123,14 @@ impl Plan {
     /// The programs that list their checks, each with its selected checks.
     fn listing(&self, root: &Path, stop: &Interrupts) -> io::Result<Result<Vec<Step>, String>> {
         let mut steps = Vec::new();
-        for program in programs(self.engine) {
-            let step = Step::new(program, Reports::Itself);
+        for program in programs(self.engine)? {
+            let step = Step::new(&program, Reports::Itself);
             if self.whole {
                 let quick = self.quick.then_some("--quick");
                 steps.push(step.with(quick));
                 continue;
             }
-            let listed = match self.list(program, root, stop)? {
+            let listed = match self.list(&program, root, stop)? {
                 Ok(listed) => listed,
                 Err(why) => return Ok(Err(why)),
             };
@@ -162,8 +181,8 @@ impl Plan {
     /// The checks that the programs of the engine list.
     fn listed_by_programs(&self, root: &Path, stop: &Interrupts) -> io::Result<Listed> {
         let mut all = BTreeSet::new();
-        for program in programs(self.engine) {
-            match self.list(program, root, stop)? {
+        for program in programs(self.engine)? {
+            match self.list(&program, root, stop)? {
                 Ok(listed) => all.extend(listed),
                 Err(why) => return Ok(Err(why)),
             }
@@ -219,19 +238,12 @@ fn passed(tested: Option<&Tested>, root: &Path, name: &str) -> io::Result<Option
 fn test_line(root: &Path, name: &str) -> io::Result<String> {
     let (file, test) = name.split_once("::").unwrap_or((name, ""));
     if let Some(module) = module_of(file) {
-        return Ok(format!(
-            "cargo test --locked --workspace --lib {module}::{test}"
-        ));
+        return Ok(format!("{} --lib {module}::{test}", cargo_test(false)));
     }
     let (package, file) = target_of(file);
     let target = TestTarget::of(&root.join(package), file)?;
     let (name, prefix) = (&target.name, &target.prefix);
-    let features = if target.is_slow {
-        " --features slow"
-    } else {
-        ""
-    };
-    let all = format!("cargo test --locked --workspace{features} --test {name}");
+    let all = format!("{} --test {name}", cargo_test(target.is_slow));
     Ok(match (prefix.as_str(), test) {
         ("", "") => all,
         (prefix, "") => format!("{all} -- {prefix}"),
