@@ -7,10 +7,11 @@
 
 use crate::ops::{Op, PairConfig, op, pair_config};
 use crate::pair::Pair;
+use crate::support::cases;
 use proptest::prelude::*;
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 1_000, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: cases(1_000).cases, ..ProptestConfig::default() })]
 
     //= SM2-MSG-001, SM2-MSG-002, SM2-MSG-003, SM2-MSG-006, SM2-MSG-005 test
     //= SM2-PAY-002, SM2-PAY-005, SM2-SEG-004, SM2-SEG-005 test

@@ -4,6 +4,7 @@
 
 use crate::ring_support::between::Between;
 use crate::ring_support::calls::{CALLER, Calls, Outcome, SERVER};
+use crate::support::cases;
 use proptest::prelude::*;
 use sm2_proto::{
     Farewell,
@@ -318,7 +319,7 @@ impl Run {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 600, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: cases(600).cases, ..ProptestConfig::default() })]
 
     /// Checks CALL-RING and CALL-CANCEL.
     //= SM2-RNG-014, SM2-RNG-016, SM2-RNG-015, SM2-RNG-010, SM2-RNG-011, SM2-RNG-012 test

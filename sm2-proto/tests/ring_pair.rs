@@ -3,6 +3,7 @@
 //! messages. The ends are joined by one ring and by sockets that lose nothing.
 
 use crate::ring_support::pair::{Op, Pair};
+use crate::support::cases;
 use proptest::prelude::*;
 
 fn op() -> impl Strategy<Value = Op> {
@@ -29,7 +30,7 @@ fn op() -> impl Strategy<Value = Op> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 400, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: cases(400).cases, ..ProptestConfig::default() })]
 
     //= SM2-RNG-014, SM2-RNG-005, SM2-RNG-006, SM2-RNG-007, SM2-RNG-016 test
     //= SM2-RNG-015, SM2-RNG-010, SM2-RNG-011, SM2-OPN-008, SM2-PAY-005 test

@@ -14,13 +14,13 @@ pub(crate) mod world;
 
 use proptest::test_runner::Config;
 
-/// This many cases, unless `PROPTEST_CASES` sets another number.
-pub(crate) fn cases(default: u32) -> Config {
+/// This many cases with the feature `slow`, an eighth of them without, unless `PROPTEST_CASES` sets another number.
+pub(crate) fn cases(all: u32) -> Config {
     let chosen = std::env::var_os("PROPTEST_CASES").is_some();
-    let cases = if chosen {
-        Config::default().cases
-    } else {
-        default
+    let cases = match (chosen, cfg!(feature = "slow")) {
+        (true, _) => Config::default().cases,
+        (false, true) => all,
+        (false, false) => all.div_ceil(8),
     };
     Config {
         cases,

@@ -37,11 +37,7 @@ pub(super) enum Unit {
     /// The tests within the library.
     Lib,
     /// A program of tests.
-    Test {
-        name: String,
-        /// True if it needs the feature `slow`.
-        is_slow: bool,
-    },
+    Test(String),
     /// A program.
     Program(String),
 }
@@ -87,15 +83,14 @@ impl Cargo {
         } else {
             &["build"]
         });
+        // With all cases of random tests, and with the tests that take long.
+        command.args(tests.then_some("--features=slow"));
         command.args(["--locked", "--message-format=json"]);
         for target in targets {
             command.args(["--package", &target.package]);
             match &target.unit {
                 Unit::Lib => command.arg("--lib"),
-                Unit::Test { name, is_slow } => {
-                    command.args(["--test", name]);
-                    command.args(is_slow.then_some("--features=slow"))
-                }
+                Unit::Test(name) => command.args(["--test", name]),
                 Unit::Program(name) => command.args(["--bin", name]),
             };
         }
@@ -182,7 +177,7 @@ impl Check {
             Self::Model { .. } => ("sm2-verification", Unit::Program("model".to_owned())),
             Self::Test { package, .. } => {
                 let unit = match self.program(root)? {
-                    Some(TestTarget { name, is_slow, .. }) => Unit::Test { name, is_slow },
+                    Some(TestTarget { name, .. }) => Unit::Test(name),
                     None => Unit::Lib,
                 };
                 (package.as_str(), unit)
@@ -302,7 +297,7 @@ impl Message {
             |kind: &str, name: &str| target.kind.iter().any(|it| it == kind) && target.name == name;
         let found = match unit {
             Unit::Lib => is_test && !target.kind.iter().any(|it| it == "test" || it == "bin"),
-            Unit::Test { name, .. } => is_test && is_it("test", name),
+            Unit::Test(name) => is_test && is_it("test", name),
             Unit::Program(name) => !is_test && is_it("bin", name),
         };
         self.executable.clone().filter(|_| found)
