@@ -104,4 +104,40 @@ mod tests {
         let left: Vec<_> = std::iter::from_fn(|| lane.pop(end)).collect();
         assert_eq!(left, (0..200).collect::<Vec<u32>>());
     }
+
+    /// The numbers of those of `count` datagrams that a link with 4 % loss carries in one direction.
+    fn carried(count: u32, salt: u64) -> Vec<u32> {
+        let epoch = Instant::now();
+        let profile = Profile::wifi();
+        let mut lane = Lane::new(&profile, epoch, salt);
+        let mut now = epoch;
+        for number in 0..count {
+            now += Duration::from_micros(100);
+            if let Some(sent) = lane.shape(now, 100, profile.loss_permille) {
+                lane.push(sent, number);
+            }
+        }
+        let end = now + Duration::from_secs(60);
+        std::iter::from_fn(|| lane.pop(end)).collect()
+    }
+
+    /// In virtual time, since a socket or the kernel can lose more on a busy machine.
+    #[test]
+    fn losses_are_as_frequent_as_the_profile_says_and_independent() {
+        const COUNT: u32 = 10_000;
+        let ways = [1, 2].map(|salt| carried(COUNT, salt));
+        for numbers in &ways {
+            assert!(numbers.windows(2).all(|it| it[0] < it[1]), "in order, once");
+            let lost = COUNT as usize - numbers.len();
+            assert!((300..=500).contains(&lost), "{lost}");
+            // With independent losses, 4 % of the gaps are longer than one.
+            let gaps = numbers.windows(2).filter(|it| it[1] - it[0] > 1).count();
+            assert!(
+                lost > gaps && 10 * lost < 11 * gaps,
+                "{lost} at {gaps} places"
+            );
+        }
+        assert_ne!(ways[0], ways[1], "each direction loses others");
+        assert_eq!(carried(COUNT, 1), ways[0], "the same in each run");
+    }
 }

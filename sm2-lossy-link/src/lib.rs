@@ -230,6 +230,19 @@ impl LossyLink {
         self.change(|now| now.1 = false)
     }
 
+    /// The number of datagrams that were lost at random or by a cut, in both directions, since the loss was last set and
+    /// the link last cut or restored. A relay also counts those that found the queue full. With a loss of 0, namespaces
+    /// count nothing.
+    ///
+    /// # Errors
+    /// `nft` has failed.
+    pub fn lost(&self) -> Result<u64, Unavailable> {
+        match &self.medium {
+            Medium::Namespaces(network) => network.lost(),
+            Medium::Relay(controls) => Ok(controls.lost.load(Ordering::Relaxed)),
+        }
+    }
+
     fn change(&self, change: impl FnOnce(&mut (u32, bool))) -> Result<(), Unavailable> {
         let mut now = self.now.lock().unwrap_or_else(PoisonError::into_inner);
         change(&mut now);
@@ -241,6 +254,7 @@ impl LossyLink {
                     .loss_permille
                     .store(loss_permille, Ordering::Relaxed);
                 controls.is_cut.store(is_cut, Ordering::Relaxed);
+                controls.lost.store(0, Ordering::Relaxed);
                 Ok(())
             }
         }

@@ -96,25 +96,43 @@ impl Network {
         );
         tell(host, "ip", &["-batch", "-"], &add)?;
         tell(host, "ip", &["-batch", "-"], &up(DEVICE, side, HOST))?;
-        tell(&self.link, "ip", &["-batch", "-"], &up(name, side, LINK))
+        tell(&self.link, "ip", &["-batch", "-"], &up(name, side, LINK))?;
+        Ok(())
     }
 
     /// Sets the random loss; if the link is cut, all packets are lost.
     pub(crate) fn lose(&self, loss_permille: u32, is_cut: bool) -> Result<(), Unavailable> {
-        let rule = match (is_cut, loss_permille) {
-            (true, _) => "drop".to_owned(),
-            (false, 0) => "accept".to_owned(),
-            (false, loss) => {
-                format!("meta l4proto {{ tcp, udp, icmp }} numgen random mod 1000 < {loss} drop")
-            }
+        let rules = match (is_cut, loss_permille) {
+            // ARP and the discovery of neighbours are no lost datagrams.
+            (true, _) => vec![
+                "meta l4proto udp counter drop".to_owned(),
+                "drop".to_owned(),
+            ],
+            (false, 0) => vec!["accept".to_owned()],
+            (false, loss) => vec![format!(
+                "meta l4proto {{ tcp, udp, icmp }} numgen random mod 1000 < {loss} counter drop"
+            )],
         };
+        let from = "iifname { \"near\", \"far\" }";
+        let rules: String = rules.iter().map(|it| format!("{from} {it}\n")).collect();
         // One transaction, so that a rule is in force at all times.
         let rules = format!(
             "table inet bad_link\ndelete table inet bad_link\ntable inet bad_link {{\n\
              chain arriving {{\ntype filter hook prerouting priority 0; policy accept;\n\
-             iifname {{ \"near\", \"far\" }} {rule}\n}}\n}}\n"
+             {rules}}}\n}}\n"
         );
-        tell(&self.link, "nft", &["-f", "-"], &rules)
+        tell(&self.link, "nft", &["-f", "-"], &rules)?;
+        Ok(())
+    }
+
+    /// The number of packets that were lost since the loss was set. Without loss, nothing is counted.
+    pub(crate) fn lost(&self) -> Result<u64, Unavailable> {
+        let list = ["list", "chain", "inet", "bad_link", "arriving"];
+        let listed = tell(&self.link, "nft", &list, "")?;
+        let mut words = listed.split_whitespace();
+        let counted = words.by_ref().find(|it| *it == "packets");
+        let count = counted.and_then(|_| words.next()?.parse().ok());
+        Ok(count.unwrap_or(0))
     }
 }
 
@@ -176,13 +194,13 @@ fn up(device: &str, side: Side, end: u8) -> String {
     text
 }
 
-/// Runs a program in a namespace, with `text` as its standard input.
+/// Runs a program in a namespace, with `text` as its standard input. Returns its standard output.
 fn tell(
     namespace: &Namespace,
     program: &'static str,
     arguments: &[&str],
     text: &str,
-) -> Result<(), Unavailable> {
+) -> Result<String, Unavailable> {
     let run = || {
         // Users' paths often lack the folders in which these programs are installed.
         let path = std::env::var("PATH").unwrap_or_else(|_| "/usr/bin:/bin".to_owned());
@@ -191,7 +209,7 @@ fn tell(
             .args(arguments)
             .env("PATH", path)
             .stdin(Stdio::piped())
-            .stdout(Stdio::null())
+            .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()?;
         if let Some(mut input) = child.stdin.take() {
@@ -201,7 +219,9 @@ fn tell(
         child.wait_with_output()
     };
     match namespace.enter(run)? {
-        Ok(output) if output.status.success() => Ok(()),
+        Ok(output) if output.status.success() => {
+            Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+        }
         Ok(output) => {
             let said = String::from_utf8_lossy(&output.stderr);
             let reason = said.lines().next().unwrap_or("it gave no reason");

@@ -10,7 +10,7 @@ use std::{
     os::fd::AsFd,
     sync::{
         Arc,
-        atomic::{AtomicBool, AtomicU32, Ordering},
+        atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering},
         mpsc,
     },
     thread::{self, JoinHandle},
@@ -36,11 +36,13 @@ const KERNEL_BUFFER_BYTES: usize = 8 << 20;
 /// The interval at which the thread checks whether to end.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// Settings that can change while the relay runs.
+/// Settings that can change while the relay runs, and what becomes of them.
 #[derive(Debug, Default)]
 pub(crate) struct Controls {
     pub(crate) loss_permille: AtomicU32,
     pub(crate) is_cut: AtomicBool,
+    /// The number of lost datagrams since the settings were changed.
+    pub(crate) lost: AtomicU64,
 }
 
 /// The settings of a relay.
@@ -249,8 +251,13 @@ impl Wire {
         };
         let loss_permille = controls.loss_permille.load(Ordering::Relaxed);
         let is_cut = controls.is_cut.load(Ordering::Relaxed);
+        let controls = Arc::clone(controls);
         let sent = self.lane(direction).shape(now, len_bytes, loss_permille);
-        sent.filter(|_| !is_cut)
+        let sent = sent.filter(|_| !is_cut);
+        if sent.is_none() {
+            controls.lost.fetch_add(1, Ordering::Relaxed);
+        }
+        sent
     }
 
     const fn lane(&mut self, direction: Direction) -> &mut Lane<InFlight> {
