@@ -23,11 +23,10 @@ fn folder() -> PathBuf {
 
 /// Runs `systemd-analyze`; `None` if it is not installed.
 fn analyze(arguments: &mut Command) -> Option<Output> {
-    let output = arguments.output().ok();
-    if output.is_none() {
-        println!("skipped: systemd-analyze is not installed");
-    }
+    let output = arguments.output();
     output
+        .inspect_err(|error| sm2_test_support::skip_without("systemd-analyze", error))
+        .ok()
 }
 
 impl Units {
