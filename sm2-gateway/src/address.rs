@@ -1,6 +1,10 @@
 //! Addresses of peers in configurations.
 
-use std::{fmt, net::SocketAddr, str::FromStr};
+use std::{
+    fmt, io,
+    net::{SocketAddr, ToSocketAddrs},
+    str::FromStr,
+};
 
 /// An address with a port, or a host name with a port, which is looked up at each attempt to connect.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -62,6 +66,14 @@ impl fmt::Display for Address {
             Self::Host(host) => f.write_str(host),
         }
     }
+}
+
+/// Returns the addresses of a host and port.
+pub(crate) type LookUp = fn(&str) -> io::Result<Vec<SocketAddr>>;
+
+/// Asks the system, which may ask the DNS.
+pub(crate) fn system_look_up(host: &str) -> io::Result<Vec<SocketAddr>> {
+    host.to_socket_addrs().map(Iterator::collect)
 }
 
 #[cfg(test)]

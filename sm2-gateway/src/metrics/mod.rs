@@ -44,14 +44,8 @@ use crate::channel::hub::HubHandle;
 
 /// Limit of concurrent connections; further ones wait to be accepted.
 const CONNECTIONS: usize = 8;
-/// Timeout of a connection.
-const CONNECTION_TIMEOUT: Duration = Duration::from_secs(5);
-/// Timeout of the head of a request.
-const HEAD_TIMEOUT: Duration = Duration::from_secs(2);
 /// Size limit of the head of a request.
 const HEAD_BYTES: usize = 8 << 10;
-/// Timeout of a report.
-const REPORT_TIMEOUT: Duration = Duration::from_secs(2);
 /// How long a text is reused.
 const CACHE_TIME: Duration = Duration::from_millis(100);
 /// Pause after an error of `accept`, such as a lack of descriptors.
@@ -60,19 +54,43 @@ const RETRY_DELAY: Duration = Duration::from_millis(100);
 const OPEN_METRICS: HeaderValue =
     HeaderValue::from_static("application/openmetrics-text; version=1.0.0; charset=utf-8");
 
+/// The timeouts of the server, which tests change.
+#[doc(hidden)]
+#[derive(Clone, Copy, Debug)]
+pub struct Timeouts {
+    /// Timeout of a connection.
+    pub connection: Duration,
+    /// Timeout of the head of a request.
+    pub head: Duration,
+    /// Timeout of a report.
+    pub report: Duration,
+}
+
+impl Default for Timeouts {
+    fn default() -> Self {
+        Self {
+            connection: Duration::from_secs(5),
+            head: Duration::from_secs(2),
+            report: Duration::from_secs(2),
+        }
+    }
+}
+
 /// State that all connections share.
 #[derive(Debug)]
 struct Source {
     hub: HubHandle,
+    timeouts: Timeouts,
     /// The last text and its time.
     last: Mutex<Option<(Instant, Bytes)>>,
 }
 
 /// Accepts connections until the hub task ends.
-pub(crate) async fn serve(listener: TcpListener, hub: HubHandle) {
+pub(crate) async fn serve(listener: TcpListener, hub: HubHandle, timeouts: Timeouts) {
     let permits = Arc::new(Semaphore::new(CONNECTIONS));
     let source = Arc::new(Source {
         hub: hub.clone(),
+        timeouts,
         last: Mutex::default(),
     });
     loop {
@@ -88,7 +106,7 @@ pub(crate) async fn serve(listener: TcpListener, hub: HubHandle) {
                 let source = Arc::clone(&source);
                 tokio::spawn(async move {
                     // A connection that exceeds the timeout is closed.
-                    let _ = timeout(CONNECTION_TIMEOUT, answer(stream, source)).await;
+                    let _ = timeout(timeouts.connection, answer(stream, source)).await;
                     drop(permit);
                 });
             }
@@ -102,13 +120,14 @@ pub(crate) async fn serve(listener: TcpListener, hub: HubHandle) {
 
 /// Serves one request.
 async fn answer(stream: TcpStream, source: Arc<Source>) {
+    let head = source.timeouts.head;
     let service = service_fn(|request| {
         let source = Arc::clone(&source);
         async move { Ok::<_, Infallible>(source.respond(&request).await) }
     });
     let served = http1::Builder::new()
         .timer(TokioTimer::new())
-        .header_read_timeout(HEAD_TIMEOUT)
+        .header_read_timeout(head)
         .max_buf_size(HEAD_BYTES)
         .keep_alive(false)
         .serve_connection(TokioIo::new(stream), service)
@@ -153,7 +172,7 @@ impl Source {
         {
             return Some(text.clone());
         }
-        let report = timeout(REPORT_TIMEOUT, self.hub.report())
+        let report = timeout(self.timeouts.report, self.hub.report())
             .await
             .ok()?
             .ok()?;

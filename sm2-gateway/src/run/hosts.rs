@@ -3,22 +3,34 @@
 use std::{
     collections::BTreeMap,
     io,
-    net::{IpAddr, SocketAddr, ToSocketAddrs},
+    net::{IpAddr, SocketAddr},
 };
 
 use super::thread::on_thread;
-use crate::channel::network::{NetworkEvent, NetworkHandle};
+use crate::{
+    address::LookUp,
+    channel::network::{NetworkEvent, NetworkHandle},
+};
 use sm2_proto::gateway::GatewayId;
 
 /// The host names of each peer.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Hosts {
+    look_up: LookUp,
     names: BTreeMap<GatewayId, Vec<String>>,
     /// Counts the choices: the addresses of a host are tried round robin.
     choices: usize,
 }
 
 impl Hosts {
+    pub(super) const fn new(look_up: LookUp) -> Self {
+        Self {
+            look_up,
+            names: BTreeMap::new(),
+            choices: 0,
+        }
+    }
+
     pub(super) fn forget(&mut self) {
         self.names.clear();
     }
@@ -43,10 +55,10 @@ impl Hosts {
             });
             return;
         };
+        let (look_up, name) = (self.look_up, host.clone());
         tokio::spawn(async move {
-            let name = host.clone();
-            let look_up = move || name.to_socket_addrs().map(Iterator::collect);
-            let addresses = on_thread("host", look_up).await.and_then(|it| it);
+            let addresses = on_thread("host", move || look_up(&name)).await;
+            let addresses = addresses.and_then(|it| it);
             network.send(NetworkEvent::Resolved {
                 peer,
                 host,
@@ -99,12 +111,13 @@ const fn can_reach(local: IpAddr, address: SocketAddr) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::address::system_look_up;
 
     const PEER: GatewayId = GatewayId([1; 32]);
 
     #[test]
     fn each_address_that_can_be_reached_has_its_turn() {
-        let mut hosts = Hosts::default();
+        let mut hosts = Hosts::new(system_look_up);
         hosts.add(PEER, "robot:1".to_owned());
         let four: SocketAddr = "192.0.2.1:1".parse().unwrap();
         let six: SocketAddr = "[2001:db8::1]:1".parse().unwrap();

@@ -36,7 +36,7 @@ use sm2_proto::gateway::{GatewayId, Hop};
 use tokio::sync::watch;
 
 pub use self::beacons::BeaconsError;
-use self::{beacons::Beacons, gateway_state::GatewayState};
+use self::{beacons::Beacons, gateway_state::GatewayState, hosts::Hosts};
 use crate::{
     channel::{
         self,
@@ -155,8 +155,10 @@ impl Gateway {
         let (shadow, shadows) = watch::channel(None);
         tokio::spawn(shadow::run(shadows, Arc::clone(&shared)));
         let peers = config.peers.clone();
+        let look_up = config.look_up;
         tokio::spawn(async move {
-            let network = network::Network::new(endpoint, beacons, shared, address);
+            let hosts = Hosts::new(look_up);
+            let network = network::Network::new(endpoint, beacons, shared, address, hosts);
             let error = network.run(peers, network_inbox).await;
             let _ = ending.send(error.err().map(Arc::new));
         });
@@ -211,7 +213,19 @@ impl Gateway {
     /// [`metrics`](crate::metrics).
     #[cfg(feature = "metrics")]
     pub fn serve_metrics(&self, listener: tokio::net::TcpListener) {
-        tokio::spawn(crate::metrics::serve(listener, self.hub.clone()));
+        self.serve_metrics_within(listener, crate::metrics::Timeouts::default());
+    }
+
+    /// As [`serve_metrics`](Self::serve_metrics), with other timeouts: for tests.
+    #[doc(hidden)]
+    #[cfg(feature = "metrics")]
+    pub fn serve_metrics_within(
+        &self,
+        listener: tokio::net::TcpListener,
+        timeouts: crate::metrics::Timeouts,
+    ) {
+        let hub = self.hub.clone();
+        tokio::spawn(crate::metrics::serve(listener, hub, timeouts));
     }
 
     /// Completes when the gateway has stopped by itself, with the reason.

@@ -55,6 +55,7 @@ impl Network {
         beacons: Option<Beacons>,
         shared: Arc<GatewayState>,
         local: SocketAddr,
+        hosts: Hosts,
     ) -> Self {
         let hop = shared.me.hop;
         let now = sm2_io::clock::now();
@@ -66,7 +67,7 @@ impl Network {
             local,
             discovery,
             peers: Vec::new(),
-            hosts: Hosts::default(),
+            hosts,
             connections: BTreeMap::new(),
             last: ConnectionId::default(),
         }
