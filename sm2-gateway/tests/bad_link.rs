@@ -1,11 +1,8 @@
-//! Two domains with a bad link between them. Faults of the network never affect a local node, and
+//! Two domains with a bad link of the kernel between them. Faults of the network never affect a local node, and
 //! the other domain receives what the network lets through. No assertion depends on the speed of
 //! the machine; rates and ages are printed for people.
 
-use crate::common;
 mod camera;
 mod datagrams;
-mod killed;
 mod roaming;
-mod traffic;
 mod world;

@@ -31,6 +31,28 @@ const STREAMS: [(usize, Duration); 3] = [
     (1_000_000, Duration::from_millis(100)),
 ];
 
+/// The streams of the test. Most of them take long to simulate.
+fn streams() -> &'static [(usize, Duration)] {
+    if cfg!(feature = "slow") {
+        &STREAMS
+    } else {
+        &STREAMS[1..2]
+    }
+}
+
+/// The depths of the subscribers.
+const DEPTHS: &[u16] = if cfg!(feature = "slow") {
+    &[1, 16, 1_024]
+} else {
+    &[16]
+};
+/// How many bad links there are.
+const BAD: &[usize] = if cfg!(feature = "slow") {
+    &[1, 8]
+} else {
+    &[8]
+};
+
 /// The quality of a link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Link {
@@ -163,8 +185,8 @@ fn carried(links: &[Link], (len_bytes, period): (usize, Duration), depth: u16) -
 
 #[test]
 fn a_peer_gets_the_same_beside_bad_ones() {
-    for stream in STREAMS {
-        for depth in [1, 16, 1_024] {
+    for &stream in streams() {
+        for &depth in DEPTHS {
             let (alone, published) = carried(&[Link::Good], stream, depth);
             // Most arrive: the congestion controller starts slowly.
             assert!(
@@ -172,7 +194,7 @@ fn a_peer_gets_the_same_beside_bad_ones() {
                 "{stream:?} {depth}: {alone} of {published}"
             );
             for bad in [Link::Slow, Link::Narrow, Link::Cut] {
-                for count in [1, 8] {
+                for &count in BAD {
                     let links = [vec![Link::Good], vec![bad; count]].concat();
                     let (beside, _) = carried(&links, stream, depth);
                     println!("{stream:?}, depth {depth}, {count} {bad:?}: {beside} of {alone}");

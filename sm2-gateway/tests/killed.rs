@@ -1,9 +1,15 @@
 //! A gateway is killed and another one takes its place. Local nodes are not affected.
 
-use super::{
-    common::{ALL, Domain, Process, runtime, until},
+use sm2_test_support::until;
+
+use crate::{
+    common::{ALL, Domain, Process, runtime},
     traffic::{Listener, Talker, assert_complete, assert_newer},
 };
+
+/// True if the other one starts only when the domains have lost what is remote, which takes the 5 s after which a
+/// silent connection ends.
+const IS_MISSED: bool = cfg!(feature = "slow");
 
 #[test]
 fn a_gateway_that_is_killed_takes_only_what_is_remote_with_it() {
@@ -41,9 +47,11 @@ fn a_gateway_that_is_killed_takes_only_what_is_remote_with_it() {
     });
     let ids = nodes.each_ref().map(|it| (it.id(), it.epoch()));
     killed.kill();
-    until("what is remote leaves both domains", || {
-        remote.iter().all(|it| it.links() == 0)
-    });
+    if IS_MISSED {
+        until("what is remote leaves both domains", || {
+            remote.iter().all(Listener::is_cut_off)
+        });
+    }
     let before = (heard(&local), heard(&remote));
     until("local nodes hear each other", || {
         heard(&local)
@@ -51,15 +59,18 @@ fn a_gateway_that_is_killed_takes_only_what_is_remote_with_it() {
             .zip(&before.0)
             .all(|(now, then)| now > then)
     });
-    assert_eq!(heard(&remote), before.1);
+    if IS_MISSED {
+        assert_eq!(heard(&remote), before.1);
+    }
+    let sent = [pose.count(), order.count()];
     let _another = Process::start(&file);
     until("what is remote is back", || {
-        heard(&remote)
-            .iter()
-            .zip(&before.1)
-            .all(|(now, then)| now > then)
+        remote.iter().zip(sent).all(|(it, sent)| it.has_newer(sent))
     });
-    assert!(remote.iter().all(|it| it.links() == 1 && it.ended() == 1));
+    until("one link each", || remote.iter().all(|it| it.links() == 1));
+    if IS_MISSED {
+        assert!(remote.iter().all(|it| it.ended() == 1));
+    }
     assert!(local.iter().all(|it| it.links() == 1 && it.ended() == 0));
     assert_eq!(nodes.each_ref().map(|it| (it.id(), it.epoch())), ids);
     let counts = [pose.stop(), order.stop()];

@@ -5,18 +5,24 @@
 mod common;
 
 mod age;
-mod bad_link;
 mod beside;
 mod config;
 mod domains;
 mod duplicates;
 mod hostile_peers;
 mod hub;
+#[cfg(feature = "program")]
+mod killed;
+#[cfg(feature = "metrics")]
 mod metrics;
+mod numbered;
 mod offers;
+mod relay;
 mod rules;
 mod shortage;
 mod silence;
 mod simulation;
 mod stuck_link;
+mod traffic;
+#[cfg(feature = "program")]
 mod units;

@@ -6,7 +6,7 @@ mod naive;
 use std::collections::{BTreeMap, BTreeSet};
 
 use naive::{PEERS, decide, file, id, is_good, is_name, is_pattern, kind, lines, parse, text};
-use proptest::{collection::btree_set, prelude::*};
+use proptest::{collection::btree_set, prelude::*, test_runner::RngSeed};
 use sm2_gateway::{
     Config, ConfigError,
     hub::{Hub, Input, LocalCommand, LocalEvent, Output},
@@ -194,7 +194,11 @@ fn goes(lines: &[naive::Line], seen: &Seen, of: &Key, direction: Direction, peer
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(512))]
+    #![proptest_config(ProptestConfig {
+        cases: 512,
+        rng_seed: RngSeed::Fixed(sm2_test_support::seed()),
+        ..ProptestConfig::default()
+    })]
 
     /// A rule file is either refused, with the line of a wrong pattern, or `explain` agrees with
     /// the plain list.

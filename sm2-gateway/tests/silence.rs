@@ -1,22 +1,32 @@
-//! A stream of which a part arrives and then nothing more, in virtual time.
+//! A peer that sends or reads nothing where it should, in virtual time.
 
-use std::{collections::BTreeMap, net::SocketAddr, time::Duration};
+use std::{collections::BTreeMap, net::SocketAddr, sync::Arc, time::Duration};
 
-use quinn_proto::{Connection, ConnectionHandle, Dir, StreamEvent, StreamId};
+use bytes::BytesMut;
+use quinn_proto::{
+    Connection, ConnectionError, ConnectionHandle, DatagramEvent, Dir, EndpointConfig, StreamEvent,
+    StreamId, TransportConfig, VarInt, crypto::rustls::QuicClientConfig,
+};
 use sm2_gateway::{
     clock::Clock,
+    hub::DEFAULT_SEND_QOS,
     peer::{Command, Input, Limits, Me, Output, Peer},
 };
 use sm2_io::quic::{Arrival, Congestion, Endpoint, SecretKey, Trusted};
 use sm2_proto::{
     Instant, Machine, Name, TypeId,
     gateway::{
-        Frame, Header, HeaderKind, Hop, OfferId, StreamEnd, Subject, session::ControlCommand,
+        Frame, GatewayId, Header, HeaderKind, Hop, OfferId, PeerFarewell, StreamEnd, Subject,
+        session::ControlCommand,
     },
 };
 
+use crate::hostile_peers::identity::honest_tls;
+
 /// A stream on which nothing arrives for this time is stopped.
 const SILENCE: Duration = Duration::from_secs(30);
+/// A connection on which no HELLO arrives for this time is closed.
+const GREETING: Duration = Duration::from_secs(2);
 const MOMENT: Duration = Duration::from_millis(100);
 const OFFER: OfferId = OfferId(1);
 
@@ -25,50 +35,62 @@ struct World {
     now: Instant,
     clock: Clock,
     me: Me,
-    endpoints: [Endpoint; 2],
+    /// The id of the hand.
+    id: GatewayId,
     addresses: [SocketAddr; 2],
+    hand_endpoint: quinn_proto::Endpoint,
     hand: (ConnectionHandle, Connection),
+    gateway_endpoint: Endpoint,
     gateway: Option<(ConnectionHandle, Peer)>,
     /// The streams that the gateway has stopped, with its codes.
     stopped: Vec<(StreamId, u64)>,
+    /// The code with which the gateway has closed the connection.
+    closed: Option<u64>,
 }
 
 impl World {
-    /// A world in which the gateway wants an offer of the hand.
-    fn new() -> Self {
+    /// A world in which the hand has sent nothing since the handshake.
+    fn silent(transport: TransportConfig) -> Self {
         let clock = Clock::of_the_machine();
         let now = sm2_io::clock::now();
-        let keys = [(); 2].map(|()| SecretKey::generate().unwrap());
-        let ids = [keys[0].id(), keys[1].id()];
+        let [key, gateway_key] = [(); 2].map(|()| SecretKey::generate().unwrap());
+        let gateway = gateway_key.id();
         let trusted = Trusted::default();
-        trusted.set(ids.iter().copied());
-        let mut seed = 0;
-        let mut endpoints = keys.map(|key| {
-            seed += 1;
-            Endpoint::new(
-                key,
-                trusted.clone(),
-                Congestion::default(),
-                Some([seed; 32]),
-            )
-            .unwrap()
-        });
+        trusted.set([key.id()]);
+        let gateway_endpoint =
+            Endpoint::new(gateway_key, trusted, Congestion::default(), Some([2; 32]));
+        let config = Arc::new(EndpointConfig::default());
+        let mut hand_endpoint = quinn_proto::Endpoint::new(config, None, true, Some([1; 32]));
+        let tls = QuicClientConfig::try_from(honest_tls(&key)).unwrap();
+        let mut config = quinn_proto::ClientConfig::new(Arc::new(tls));
+        config.transport_config(Arc::new(transport));
         let addresses = [1, 2].map(|host| SocketAddr::from(([10, 0, 0, host], 7_633)));
-        let hop = |gateway| Hop { gateway, epoch: 1 };
-        let hand = endpoints[0].connect(clock.at(now).quic, ids[1], addresses[1]);
+        let quic = clock.at(now).quic;
+        let hand = hand_endpoint.connect(quic, config, addresses[1], "gateway.invalid");
         let mut world = Self {
             now,
             clock,
             me: Me {
-                hop: hop(ids[1]),
+                hop: Hop { gateway, epoch: 1 },
                 name: Name::new("gateway").unwrap(),
             },
-            endpoints,
+            id: key.id(),
             addresses,
             hand: hand.unwrap(),
+            hand_endpoint,
+            gateway_endpoint: gateway_endpoint.unwrap(),
             gateway: None,
             stopped: Vec::new(),
+            closed: None,
         };
+        world.settle();
+        assert!(world.gateway.is_some());
+        world
+    }
+
+    /// A world in which the gateway wants an offer of the hand.
+    fn new(transport: TransportConfig) -> Self {
+        let mut world = Self::silent(transport);
         world.pass(MOMENT);
         let control = world.hand.1.streams().open(Dir::Bi).unwrap();
         let hello = Frame::Hello {
@@ -88,7 +110,10 @@ impl World {
                 reliable: false,
                 latched: 0,
             },
-            path: vec![hop(ids[0])],
+            path: vec![Hop {
+                gateway: world.id,
+                epoch: 1,
+            }],
         };
         world.write(control, &[hello.to_bytes(), offer.to_bytes()].concat());
         let depth = 1;
@@ -115,7 +140,7 @@ impl World {
             let Ok(()) = peer.handle(self.now, input);
             while let Some(output) = peer.poll() {
                 if let Output::Endpoint(event) = output {
-                    let answer = self.endpoints[1].event(*handle, event);
+                    let answer = self.gateway_endpoint.event(*handle, event);
                     next = answer.map(Input::Quic).or(next);
                 }
             }
@@ -125,7 +150,8 @@ impl World {
     /// Delivers a datagram to the gateway.
     fn deliver_to_gateway(&mut self, bytes: &[u8]) {
         let (quic, mut answer) = (self.clock.at(self.now).quic, Vec::new());
-        let arrival = self.endpoints[1].handle(quic, self.addresses[0], None, bytes, &mut answer);
+        let endpoint = &mut self.gateway_endpoint;
+        let arrival = endpoint.handle(quic, self.addresses[0], None, bytes, &mut answer);
         match arrival {
             Some(Arrival::New(handle, connection)) => {
                 let (clock, me) = (self.clock, self.me.clone());
@@ -140,8 +166,10 @@ impl World {
     /// Delivers a datagram to the hand.
     fn deliver_to_hand(&mut self, bytes: &[u8]) {
         let (quic, mut answer) = (self.clock.at(self.now).quic, Vec::new());
-        let arrival = self.endpoints[0].handle(quic, self.addresses[1], None, bytes, &mut answer);
-        if let Some(Arrival::Event(_, event)) = arrival {
+        let (from, bytes) = (self.addresses[1], BytesMut::from(bytes));
+        let endpoint = &mut self.hand_endpoint;
+        let arrival = endpoint.handle(quic, from, None, None, bytes, &mut answer);
+        if let Some(DatagramEvent::ConnectionEvent(_, event)) = arrival {
             self.hand.1.handle_event(event);
         }
     }
@@ -164,16 +192,30 @@ impl World {
                 continue;
             }
             while let Some(event) = self.hand.1.poll() {
-                if let quinn_proto::Event::Stream(StreamEvent::Stopped { id, error_code }) = event {
-                    self.stopped.push((id, error_code.into_inner()));
-                }
+                self.happened(event);
             }
             let Some(event) = self.hand.1.poll_endpoint_events() else {
                 return;
             };
-            if let Some(answer) = self.endpoints[0].event(self.hand.0, event) {
+            if let Some(answer) = self.hand_endpoint.handle_event(self.hand.0, event) {
                 self.hand.1.handle_event(answer);
             }
+        }
+    }
+
+    /// Takes an event of the hand.
+    fn happened(&mut self, event: quinn_proto::Event) {
+        match event {
+            quinn_proto::Event::Stream(StreamEvent::Stopped { id, error_code }) => {
+                self.stopped.push((id, error_code.into_inner()));
+            }
+            quinn_proto::Event::ConnectionLost { reason } => match reason {
+                ConnectionError::ApplicationClosed(close) => {
+                    self.closed = Some(close.error_code.into_inner());
+                }
+                other => panic!("{other:?}"),
+            },
+            _ => {}
         }
     }
 
@@ -208,7 +250,7 @@ impl World {
 //= SM2-GWM-011 test
 #[test]
 fn a_stream_on_which_nothing_arrives_is_stopped() {
-    let mut world = World::new();
+    let mut world = World::new(TransportConfig::default());
     let header = Header {
         kind: HeaderKind::Message {
             sequence: 1,
@@ -233,4 +275,47 @@ fn a_stream_on_which_nothing_arrives_is_stopped() {
     let expired = u64::from(StreamEnd::Expired.code().0);
     assert_eq!(world.stopped, [(begun, expired)]);
     assert_eq!(world.refused(), 1);
+}
+
+//= SM2-GWF-001 test
+#[test]
+fn a_peer_that_does_not_greet_is_closed() {
+    let mut world = World::silent(TransportConfig::default());
+    world.pass(GREETING - MOMENT);
+    assert_eq!(world.closed, None);
+    world.pass(2 * MOMENT);
+    let code = PeerFarewell::GreetingTimeout.code().0;
+    assert_eq!(world.closed, Some(u64::from(code)));
+}
+
+/// 2,000 offers with names and types of 250 bytes fit into the stream of a peer that has room for them, and into the
+/// 1 MiB of the gateway for a peer that reads nothing they do not.
+//= SM2-GWF-003 test
+#[test]
+fn a_peer_that_does_not_read_the_control_stream_is_closed() {
+    let stalled = u64::from(PeerFarewell::Stalled.code().0);
+    for (window, closed) in [(8 << 20, None), (1_000, Some(stalled))] {
+        let mut transport = TransportConfig::default();
+        transport.stream_receive_window(VarInt::from_u32(window));
+        let mut world = World::new(transport);
+        for number in 0..2_000 {
+            let command = Command::Offer {
+                offer: OfferId(1 + number),
+                subject: Subject::Topic {
+                    name: Name::new(&format!("{}{number:04}", "n".repeat(246))).unwrap(),
+                    data: TypeId {
+                        name: Name::new(&"t".repeat(250)).unwrap(),
+                        hash: 1,
+                    },
+                    reliable: false,
+                    latched: 0,
+                },
+                path: vec![world.me.hop],
+                qos: DEFAULT_SEND_QOS,
+            };
+            world.feed(Input::Command(command));
+        }
+        world.pass(MOMENT);
+        assert_eq!(world.closed, closed, "a window of {window} bytes");
+    }
 }

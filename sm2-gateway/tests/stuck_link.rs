@@ -4,32 +4,44 @@ use std::{
     io::{ErrorKind, Write},
     net::{SocketAddr, UdpSocket},
     process::{Command, Stdio},
-    time::Duration,
 };
 
 use quinn_proto::Transmit;
 use sm2_io::quic::{Batch, Socket};
 use sm2_lossy_link::Namespace;
+use sm2_test_support::{SOON, skip, skip_without};
+use tokio::time::timeout;
 
 /// More than the buffers of a socket hold.
 const DATAGRAMS: usize = 20_000;
 const LEN_BYTES: usize = 1_200;
-/// For a datagram that arrives at another socket.
-const TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Runs the command in the namespace of the calling thread. False if it is missing or fails.
+/// Runs the commands in the namespace of the calling thread. If they fail, reports the test as skipped and returns
+/// false.
 fn run(program: &str, commands: &str) -> bool {
     let child = Command::new(program)
         .args(["-batch", "-"])
         .stdin(Stdio::piped())
         .stderr(Stdio::null())
         .spawn();
-    let Ok(mut child) = child else { return false };
+    let mut child = match child {
+        Ok(child) => child,
+        Err(error) => {
+            skip_without(program, error);
+            return false;
+        }
+    };
     let written = child
         .stdin
         .take()
         .map(|mut it| it.write_all(commands.as_bytes()));
-    written.is_some_and(|it| it.is_ok()) && child.wait().is_ok_and(|it| it.success())
+    let is_done = written.is_some_and(|it| it.is_ok()) && child.wait().is_ok_and(|it| it.success());
+    if !is_done {
+        skip(format_args!(
+            "`{program}` fails, for example because the kernel has no tbf"
+        ));
+    }
+    is_done
 }
 
 fn to(destination: SocketAddr) -> Transmit {
@@ -51,8 +63,9 @@ fn runtime() -> tokio::runtime::Runtime {
 
 #[test]
 fn a_link_that_takes_nothing_holds_up_one_socket() {
-    let Ok(namespace) = Namespace::new() else {
-        return eprintln!("skipped: no right to make network namespaces");
+    let namespace = match Namespace::new() {
+        Ok(namespace) => namespace,
+        Err(error) => return skip(format_args!("no network namespace: {error}")),
     };
     let work = || {
         // The queue of `stuck` sends one byte a second, and holds more than the buffer of a socket.
@@ -65,22 +78,25 @@ fn a_link_that_takes_nothing_holds_up_one_socket() {
             "qdisc add dev stuck root tbf rate 8bit burst 10kb limit 100mb\n",
         );
         if !is_set_up {
-            return eprintln!("skipped: `ip` and `tc` are missing, or the kernel has no tbf");
+            return;
         }
         runtime().block_on(async {
             let main = Socket::bind(SocketAddr::from(([0, 0, 0, 0], 0))).unwrap();
             let (one, other) = (main.sender().unwrap(), main.sender().unwrap());
             let stuck = to(SocketAddr::from(([10, 78, 1, 2], 7_633)));
             let bytes = [7; LEN_BYTES];
-            assert!(one.send(&stuck, &bytes).await.unwrap().is_none());
+            let sent = timeout(SOON, one.send(&stuck, &bytes)).await;
+            assert!(sent.expect("room").unwrap().is_none());
             let mut filled = (0..DATAGRAMS).map(|_| one.try_send(&stuck, &bytes));
             let full = filled.find_map(Result::err).expect("the buffer is full");
             assert_eq!(full.kind(), ErrorKind::WouldBlock);
 
             let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
+            receiver.set_read_timeout(Some(SOON)).unwrap();
             let good = to(receiver.local_addr().unwrap());
             for socket in [&main, &other] {
-                assert!(socket.send(&good, &bytes).await.unwrap().is_none());
+                let sent = timeout(SOON, socket.send(&good, &bytes)).await;
+                assert!(sent.expect("not held up").unwrap().is_none());
                 let (len, from) = receiver.recv_from(&mut [0; LEN_BYTES]).unwrap();
                 assert_eq!(len, LEN_BYTES);
                 assert_eq!(from.port(), main.local_addr().unwrap().port());
@@ -102,7 +118,7 @@ fn senders_receive_nothing() {
             // Without the filter, the kernel chooses a socket by the address of the sender.
             let peer = UdpSocket::bind("127.0.0.1:0").unwrap();
             peer.send_to(&[number], address).unwrap();
-            let received = tokio::time::timeout(TIMEOUT, main.recv(&mut batch)).await;
+            let received = timeout(SOON, main.recv(&mut batch)).await;
             received.expect("the datagram arrives").unwrap();
             let received: Vec<_> = batch.datagrams().map(|(_, _, it)| it.to_vec()).collect();
             assert_eq!(received, [[number]]);

@@ -1,4 +1,5 @@
 //! Publisher and subscriber threads, and logs of the messages that they sent and received.
+#![allow(dead_code, reason = "each program uses its own part")]
 
 use std::{
     sync::{
@@ -13,9 +14,11 @@ use sm2_node::{Node, Publisher, Subscriber};
 
 /// How often a thread checks whether it has to stop.
 const LOOK: Duration = Duration::from_millis(100);
-/// How many messages may wait for a local subscriber: enough for a machine that is busy for two
-/// seconds.
-const DEPTH: u16 = 64;
+/// How many messages may wait for a local subscriber: enough for a machine that is busy for several seconds, if the
+/// messages are short, for 20 seconds.
+const fn depth(len_bytes: usize) -> u16 {
+    if len_bytes < 100_000 { 1_024 } else { 256 }
+}
 
 /// A message that was published.
 #[derive(Clone, Copy, Debug)]
@@ -38,6 +41,7 @@ type Log<T> = Arc<Mutex<Vec<T>>>;
 
 /// Publishes until it is stopped.
 pub(crate) struct Talker {
+    len_bytes: usize,
     pub(crate) sent: Log<Sent>,
     stop: Arc<AtomicBool>,
     thread: JoinHandle<()>,
@@ -47,7 +51,7 @@ impl Talker {
     pub(crate) fn start(node: &Node, topic: &str, len_bytes: usize, hz: u32) -> Self {
         let publisher: Publisher<[u8]> = node
             .publisher_builder(topic)
-            .depth(DEPTH)
+            .depth(depth(len_bytes))
             .declare()
             .unwrap();
         let sent: Log<Sent> = Log::default();
@@ -71,7 +75,17 @@ impl Talker {
                 next += Duration::from_secs(1) / hz;
             }
         });
-        Self { sent, stop, thread }
+        Self {
+            len_bytes,
+            sent,
+            stop,
+            thread,
+        }
+    }
+
+    /// The number of messages sent.
+    pub(crate) fn count(&self) -> u64 {
+        self.sent.lock().unwrap().len() as u64
     }
 
     /// Stops the publisher. Returns the number of its messages.
@@ -82,11 +96,21 @@ impl Talker {
     }
 }
 
+/// The links of a listener.
+#[derive(Clone, Copy, Debug, Default)]
+struct Links {
+    /// How many publishers the subscriber is linked with.
+    up: usize,
+    /// How many links have ended.
+    ended: usize,
+    /// How often in a row nothing came while no link was up. Nothing is left to take then.
+    idle: usize,
+}
+
 /// Receives until it is stopped.
 pub(crate) struct Listener {
     pub(crate) seen: Log<Seen>,
-    /// How many publishers the subscriber is linked with, and how many of its links have ended.
-    links: Arc<Mutex<(usize, usize)>>,
+    links: Arc<Mutex<Links>>,
     stop: Arc<AtomicBool>,
     thread: JoinHandle<()>,
 }
@@ -94,7 +118,7 @@ pub(crate) struct Listener {
 impl Listener {
     /// Starts a listener that wants all messages.
     pub(crate) fn all(node: &Node, topic: &str, talker: &Talker) -> Self {
-        Self::start(node, topic, talker, DEPTH)
+        Self::start(node, topic, talker, depth(talker.len_bytes))
     }
 
     /// Starts a listener that wants only the newest message.
@@ -106,7 +130,7 @@ impl Listener {
         let builder = node.subscriber_builder(topic).depth(depth);
         let subscriber: Subscriber<[u8]> = builder.declare().unwrap();
         let seen: Log<Seen> = Log::default();
-        let links = Arc::new(Mutex::new((0, 0)));
+        let links = Arc::new(Mutex::new(Links::default()));
         let stop = Arc::new(AtomicBool::new(false));
         let sent = Arc::clone(&talker.sent);
         let (log, count, until) = (Arc::clone(&seen), Arc::clone(&links), Arc::clone(&stop));
@@ -114,11 +138,20 @@ impl Listener {
             loop {
                 let all = subscriber.links();
                 let ended = all.iter().filter(|it| it.end.is_some()).count();
-                *count.lock().unwrap() = (all.len() - ended, ended);
+                let up = all.len() - ended;
+                {
+                    let mut links = count.lock().unwrap();
+                    let idle = if up == 0 { links.idle } else { 0 };
+                    *links = Links { up, ended, idle };
+                }
                 match subscriber.recv_timeout(LOOK).unwrap() {
-                    Some(sample) => log.lock().unwrap().push(judge(&sample, &sent)),
+                    Some(sample) => {
+                        count.lock().unwrap().idle = 0;
+                        log.lock().unwrap().push(judge(&sample, &sent));
+                    }
                     // Messages that arrived before the stop were all taken.
                     None if until.load(Ordering::Relaxed) => return,
+                    None if up == 0 => count.lock().unwrap().idle += 1,
                     None => {}
                 }
             }
@@ -133,12 +166,23 @@ impl Listener {
 
     /// The number of links that are up.
     pub(crate) fn links(&self) -> usize {
-        self.links.lock().unwrap().0
+        self.links.lock().unwrap().up
+    }
+
+    /// True if no link is up, and all messages of earlier links were taken: twice nothing came without a link.
+    pub(crate) fn is_cut_off(&self) -> bool {
+        self.links.lock().unwrap().idle >= 2
+    }
+
+    /// True if a message came that is newer than this number.
+    pub(crate) fn has_newer(&self, number: u64) -> bool {
+        let seen = self.seen.lock().unwrap();
+        seen.iter().any(|it| it.number > Some(number))
     }
 
     /// The number of links that have ended.
     pub(crate) fn ended(&self) -> usize {
-        self.links.lock().unwrap().1
+        self.links.lock().unwrap().ended
     }
 
     /// The number of messages received.

@@ -3,8 +3,9 @@
 #[path = "../../packaging/systemd/check.rs"]
 mod check;
 
-use crate::common::{Domain, Process, until};
+use crate::common::{Domain, Process};
 use check::{SYSTEM, Units, is_hardened};
+use sm2_test_support::until;
 
 const GATEWAY: Units = Units {
     program: "sm2-gateway",

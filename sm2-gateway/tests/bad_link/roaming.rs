@@ -4,11 +4,10 @@ use std::process::Command;
 
 use sm2_lossy_link::{DEVICE, Profile, Side, host_address};
 
-use super::{
-    common::until,
-    traffic::{Listener, Talker, assert_newer},
-    world::{self, World},
-};
+use sm2_test_support::until;
+
+use super::world::{self, World};
+use crate::traffic::{Listener, Talker, assert_newer};
 
 #[test]
 fn a_gateway_whose_address_changes_is_heard_again() {

@@ -7,10 +7,11 @@ use std::{
 };
 
 use sm2_gateway::Gateway;
-use sm2_lossy_link::{LossyLink, Profile, Side};
+use sm2_lossy_link::{LossyLink, Profile, Side, Unavailable};
+use sm2_test_support::{skip, skip_without, until};
 use tokio::runtime::Runtime;
 
-use super::common::{ALL, Domain, report, runtime, until};
+use crate::common::{ALL, Domain, report, runtime};
 
 /// Serializes the tests that generate much traffic, so that they do not disturb each other.
 static ALONE: Mutex<()> = Mutex::new(());
@@ -26,11 +27,16 @@ pub(crate) fn say(text: &str) {
     let _ = writeln!(io::stderr(), "{text}");
 }
 
-/// Makes a link of namespaces. Where that is not possible, prints the reason and returns `None`,
+/// Makes a link of namespaces. Where that is not possible, reports the reason and returns `None`,
 /// and the test has nothing to check.
 pub(crate) fn link(profile: Profile) -> Option<LossyLink> {
     LossyLink::namespaces(profile)
-        .inspect_err(|reason| say(&format!("skipped, no bad link: {reason}")))
+        .inspect_err(|reason| match reason {
+            Unavailable::Missing(program) => skip_without(program, reason),
+            Unavailable::Failed { .. } | Unavailable::NotRoot | Unavailable::System(_) => {
+                skip(format_args!("no bad link: {reason}"));
+            }
+        })
         .ok()
 }
 

@@ -1,15 +1,10 @@
 //! Domains with one gateway each.
 #![allow(dead_code, unused_imports, reason = "each test uses its own part")]
 
+#[cfg(feature = "program")]
 mod process;
 
-use std::{
-    fmt::Write,
-    fs,
-    net::SocketAddr,
-    path::PathBuf,
-    time::{Duration, Instant},
-};
+use std::{fmt::Write, fs, net::SocketAddr, path::PathBuf};
 
 use sm2_gateway::{Config, Gateway, Report, keys};
 use sm2_manager::{Background, Options};
@@ -17,10 +12,8 @@ use sm2_node::Node;
 use sm2_proto::gateway::GatewayId;
 use tokio::runtime::Runtime;
 
+#[cfg(feature = "program")]
 pub(crate) use self::process::Process;
-
-/// Long enough for a machine that is busy with other tests.
-pub(crate) const SOON: Duration = Duration::from_secs(20);
 
 /// A domain, and the files that its gateway needs.
 pub(crate) struct Domain {
@@ -107,13 +100,4 @@ pub(crate) fn runtime() -> Runtime {
 
 pub(crate) fn report(runtime: &Runtime, gateway: &Gateway) -> Report {
     runtime.block_on(gateway.report()).unwrap()
-}
-
-/// Waits until the condition is true.
-pub(crate) fn until(what: &str, mut is_so: impl FnMut() -> bool) {
-    let deadline = Instant::now() + SOON;
-    while !is_so() {
-        assert!(Instant::now() < deadline, "{what}: not in time");
-        std::thread::sleep(Duration::from_millis(5));
-    }
 }

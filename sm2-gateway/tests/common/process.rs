@@ -2,9 +2,15 @@
 
 use std::{
     fs,
+    io::{BufRead, BufReader},
+    net::SocketAddr,
     path::Path,
     process::{Child, Command, Stdio},
+    sync::mpsc,
+    thread,
 };
+
+use sm2_test_support::SOON;
 
 /// A gateway in a separate process, which is killed when the test ends.
 pub(crate) struct Process(Child);
@@ -15,6 +21,28 @@ impl Process {
         let command = command.arg("run").arg(config);
         let command = command.stdout(Stdio::null()).stderr(Stdio::null());
         Self(command.spawn().unwrap())
+    }
+
+    /// Starts a gateway, and returns the address of its socket, which it logs.
+    pub(crate) fn listening(config: &Path) -> (Self, SocketAddr) {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_sm2-gateway"));
+        let command = command.arg("run").arg(config).env("SM2_LOG", "info");
+        let command = command.stdout(Stdio::null()).stderr(Stdio::piped());
+        let mut child = command.spawn().unwrap();
+        let log = BufReader::new(child.stderr.take().unwrap());
+        let process = Self(child);
+        let (found, addresses) = mpsc::channel();
+        // Reads to the end, so that the process can log more.
+        thread::spawn(move || {
+            for line in log.lines().map_while(Result::ok) {
+                let mut words = line.split(' ');
+                let address = words.find_map(|it| it.strip_prefix("address="));
+                // Nobody needs a second one.
+                let _ = address.map(|it| found.send(it.parse().unwrap()));
+            }
+        });
+        let address = addresses.recv_timeout(SOON).expect("a log of the address");
+        (process, address)
     }
 
     /// Kills the process with SIGKILL.
@@ -30,11 +58,15 @@ impl Process {
         value.unwrap().trim().to_owned()
     }
 
-    /// Reads a memory line of `/proc/PID/status`, in bytes.
-    pub(crate) fn memory(&self, line: &str) -> usize {
-        let kib = self.status(&format!("{line}:"));
-        let kib = kib.split_whitespace().next().unwrap();
-        kib.parse::<usize>().unwrap() << 10
+    /// The bytes of memory that the process has for itself, in RAM or swapped. The pages of its program do not count:
+    /// the kernel reads and drops them as it likes.
+    pub(crate) fn private_bytes(&self) -> usize {
+        let kib = |line| {
+            let value = self.status(line);
+            let kib = value.split_whitespace().next().unwrap();
+            kib.parse::<usize>().unwrap()
+        };
+        (kib("RssAnon:") + kib("VmSwap:")) << 10
     }
 }
 

@@ -4,6 +4,7 @@ use std::{
     collections::BTreeMap,
     net::{SocketAddr, UdpSocket},
     sync::Arc,
+    thread,
     time::{Duration, Instant},
 };
 
@@ -12,12 +13,15 @@ use quinn_proto::{
     Connection, ConnectionError, ConnectionHandle, DatagramEvent, Dir, Endpoint, EndpointConfig,
     Event, ReadError, StreamEvent, StreamId, TransportConfig, VarInt, WriteError,
 };
-use sm2_proto::gateway::{Frame, FrameReader, Header};
+use sm2_proto::{
+    Name,
+    gateway::{AskId, Frame, FrameReader, Header, SubjectKind},
+};
 
-use crate::common::SOON;
+use sm2_test_support::SOON;
 
-/// How long a test waits to see that the other side does nothing.
-const WHILE: Duration = Duration::from_millis(300);
+/// The time between two looks for datagrams.
+const MOMENT: Duration = Duration::from_micros(200);
 
 pub(crate) struct Client {
     socket: UdpSocket,
@@ -32,6 +36,8 @@ pub(crate) struct Client {
     /// The bytes of the control stream.
     reader: FrameReader,
     pub(crate) frames: Vec<Frame>,
+    /// The number of the last question that [`settle`](Self::settle) has asked.
+    asked: AskId,
     /// Streams that the other side has stopped reading, with its error code.
     pub(crate) stopped: BTreeMap<StreamId, u64>,
     /// The bytes of other streams, and how each stream has ended.
@@ -48,8 +54,7 @@ impl Client {
         transport: TransportConfig,
     ) -> Self {
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
-        let wait = Some(Duration::from_millis(2));
-        socket.set_read_timeout(wait).unwrap();
+        socket.set_nonblocking(true).unwrap();
         let mut endpoint = Endpoint::new(Arc::new(EndpointConfig::default()), None, true, None);
         let tls = quinn_proto::crypto::rustls::QuicClientConfig::try_from(tls).unwrap();
         let mut config = quinn_proto::ClientConfig::new(Arc::new(tls));
@@ -67,6 +72,7 @@ impl Client {
             control: None,
             reader: FrameReader::default(),
             frames: Vec::new(),
+            asked: AskId(1 << 32),
             stopped: BTreeMap::new(),
             came: BTreeMap::new(),
         }
@@ -82,16 +88,28 @@ impl Client {
                 "{what}: not in time; {:?} {frames:?}",
                 self.lost
             );
-            self.turn();
+            self.wait();
         }
     }
 
-    /// Gives the other side time to act.
-    pub(crate) fn wait(&mut self) {
-        let end = Instant::now() + WHILE;
-        while Instant::now() < end {
-            self.turn();
-        }
+    /// Waits until the other side has handled everything that was sent before: it has answered a question.
+    pub(crate) fn settle(&mut self) {
+        self.ask();
+        self.until("the answer", Self::is_answered);
+    }
+
+    /// Asks a question.
+    pub(crate) fn ask(&mut self) {
+        self.asked.0 += 1;
+        let name = Name::new("settled").unwrap();
+        let (ask, kind) = (self.asked, SubjectKind::Topic);
+        self.frame(&Frame::Ask { ask, kind, name });
+    }
+
+    /// True if the last question was answered.
+    pub(crate) fn is_answered(&mut self) -> bool {
+        let mut frames = self.frames.iter();
+        frames.any(|it| matches!(it, Frame::Answer { ask, .. } if *ask == self.asked))
     }
 
     /// Waits until the connection and its control stream are open.
@@ -111,8 +129,14 @@ impl Client {
         self.say(&frame.to_bytes());
     }
 
+    /// Opens a stream, as soon as the other side allows one more.
     pub(crate) fn open(&mut self, dir: Dir) -> StreamId {
-        self.connection.streams().open(dir).expect("more streams")
+        let mut opened = None;
+        self.until("room for a stream", |it| {
+            opened = it.connection.streams().open(dir);
+            opened.is_some()
+        });
+        opened.unwrap()
     }
 
     /// Writes as many bytes as flow control allows.
@@ -131,7 +155,7 @@ impl Client {
         while !bytes.is_empty() && self.lost.is_none() {
             match self.connection.send_stream(id).write(bytes) {
                 Ok(len) => bytes = &bytes[len..],
-                Err(WriteError::Blocked) => {}
+                Err(WriteError::Blocked) => self.wait(),
                 Err(_) => return,
             }
             self.turn();
@@ -175,8 +199,15 @@ impl Client {
         }
     }
 
-    /// Sends and receives datagrams.
-    pub(crate) fn turn(&mut self) {
+    /// Sends and receives datagrams, and sleeps a moment if nothing was there.
+    fn wait(&mut self) {
+        if !self.turn() {
+            thread::sleep(MOMENT);
+        }
+    }
+
+    /// Sends and receives datagrams. True if one has arrived.
+    pub(crate) fn turn(&mut self) -> bool {
         let mut buffer = Vec::new();
         while let Some(transmit) = (self.connection).poll_transmit(Instant::now(), 1, &mut buffer) {
             let _ = self
@@ -185,7 +216,8 @@ impl Client {
             buffer.clear();
         }
         let mut bytes = [0; 2_048];
-        if let Ok((len, from)) = self.socket.recv_from(&mut bytes) {
+        let received = self.socket.recv_from(&mut bytes).ok();
+        if let Some((len, from)) = received {
             let bytes = BytesMut::from(&bytes[..len]);
             let (now, answer) = (Instant::now(), &mut Vec::new());
             if let Some(DatagramEvent::ConnectionEvent(_, event)) =
@@ -206,6 +238,7 @@ impl Client {
         while let Some(event) = self.connection.poll() {
             self.event(event);
         }
+        received.is_some()
     }
 
     fn event(&mut self, event: Event) {

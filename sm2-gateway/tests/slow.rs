@@ -1,0 +1,6 @@
+//! The tests of the gateway that take long: `.ci/full` runs them.
+
+mod bad_link;
+mod common;
+mod numbered;
+mod traffic;
