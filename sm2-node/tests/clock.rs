@@ -4,7 +4,8 @@ use std::thread;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use crate::common::fixture::Fixture;
-use crate::common::until;
+use crate::common::threads::while_asleep;
+use crate::common::{SOON, until};
 use sm2_node::clock::{Clock, ClockSource, DomainTime};
 use sm2_node::{WaitSet, now};
 
@@ -103,13 +104,12 @@ fn a_reading_wakes_sleepers() {
         let (source, clock) = stopped(it);
         let mut timer = clock.every(SECOND);
         // The clock moves into a thread and back: it is for one thread at a time.
-        let (tick, clock) = thread::scope(|scope| {
-            let sleeper = scope.spawn(|| (timer.sleep(&clock).unwrap(), clock));
-            thread::sleep(Duration::from_millis(20));
-            assert!(!sleeper.is_finished());
-            source.set(DomainTime(REAL_TIME), 0).unwrap();
-            sleeper.join().unwrap()
-        });
+        let (tick, clock) = while_asleep(
+            || (timer.sleep(&clock).unwrap(), clock),
+            |_| {
+                source.set(DomainTime(REAL_TIME), 0).unwrap();
+            },
+        );
         assert_eq!(tick.number, 1);
 
         let mut set = WaitSet::new().unwrap();
@@ -119,7 +119,7 @@ fn a_reading_wakes_sleepers() {
         }
         thread::scope(|scope| {
             scope.spawn(|| source.set(DomainTime(2 * REAL_TIME), 0).unwrap());
-            assert!(set.wait_timeout(10 * SECOND).unwrap().is_some());
+            assert!(set.wait_timeout(SOON).unwrap().is_some());
         });
         until(|| timer.try_tick(&clock).is_some());
     });
@@ -136,14 +136,17 @@ fn a_reading_wakes_all_sleepers_of_a_node() {
         for clock in &clocks {
             until(|| clock.reading().is_some());
         }
-        thread::scope(|scope| {
-            let sleepers = clocks.map(|clock| {
-                let mut timer = clock.every(SECOND);
-                scope.spawn(move || timer.sleep(&clock).unwrap().number)
-            });
-            thread::sleep(Duration::from_millis(20));
+        let [one, two, three] = clocks.map(|clock| {
+            move || {
+                let tick = clock.every(SECOND).sleep(&clock).unwrap();
+                assert_eq!(tick.number, 1);
+            }
+        });
+        let wake = || {
             source.set(DomainTime(REAL_TIME), 0).unwrap();
-            assert_eq!(sleepers.map(|it| it.join().unwrap()), [1; 3]);
+        };
+        while_asleep(one, |_| {
+            while_asleep(two, |_| while_asleep(three, |_| wake()));
         });
     });
 }

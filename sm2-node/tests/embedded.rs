@@ -12,7 +12,14 @@ use sm2_node::Node;
 fn node(name: &str, socket: &Path) -> Node {
     let builder = Node::builder(name).socket(socket);
     let builder = builder.embed_manager(Options::default());
+    let builder = builder.manager_timeout(SOON);
     builder.startup_timeout(SOON).connect().unwrap()
+}
+
+/// A node without a Manager of its own.
+fn plain(name: &str, socket: &Path) -> Node {
+    let builder = Node::builder(name).socket(socket);
+    builder.manager_timeout(SOON).connect().unwrap()
 }
 
 #[test]
@@ -21,7 +28,7 @@ fn the_first_node_brings_the_manager_and_the_second_takes_over() {
     let socket = folder.path().join("test.sock");
     let first = node("first", &socket);
     let second = node("second", &socket);
-    let plain = Node::builder("plain").socket(&socket).connect().unwrap();
+    let plain = plain("plain", &socket);
     let publisher = plain.publisher::<str>("topic").unwrap();
     let subscriber = second.subscriber::<str>("topic").unwrap();
     let epoch = second.epoch();
@@ -88,7 +95,7 @@ fn when_the_process_of_the_manager_is_killed_another_takes_over() {
     let mut lines = output.lines().map(Result::unwrap);
     assert!(lines.any(|line| line == "ready"));
     let second = node("second", &socket);
-    let other = Node::builder("other").socket(&socket).connect().unwrap();
+    let other = plain("other", &socket);
     let publisher = second.publisher::<u64>("topic").unwrap();
     let subscriber = other.subscriber::<u64>("topic").unwrap();
     until(|| {

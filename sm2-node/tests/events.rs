@@ -6,7 +6,7 @@ use crate::common::fixture::Fixture;
 use crate::common::threads::while_asleep;
 use crate::common::{Domain, SOON, meet, until};
 use sm2_node::diagnostics::End;
-use sm2_node::{Event, Events, Node, Shutdown, WaitError};
+use sm2_node::{Event, Events, Shutdown, WaitError};
 use sm2_proto::Farewell;
 
 fn next(events: &Events) -> Event {
@@ -165,7 +165,7 @@ fn an_event_wakes_a_thread() {
 fn a_shutdown_ends_the_wait_for_an_event() {
     let domain = Domain::new();
     let shutdown = Shutdown::new().unwrap();
-    let builder = Node::builder("talker").socket(domain.socket());
+    let builder = domain.builder("talker");
     let node = builder.shutdown(&shutdown).connect().unwrap();
     let events = node.publisher::<u64>("topic").unwrap().events();
     let ended = while_asleep(|| events.next(), |_| shutdown.request());

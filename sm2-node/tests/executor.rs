@@ -9,6 +9,7 @@ use std::thread;
 use std::time::Duration;
 
 use crate::common::fixture::{Fixture, Peer};
+use crate::common::limit::Limit;
 use crate::common::threads::{me, sleeps, status};
 use crate::common::{Domain, SOON, meet, until};
 use sm2_node::wait_set::Interest;
@@ -113,7 +114,7 @@ fn callbacks_run_for_all_kinds_of_sources() {
 fn callbacks_of_a_group_exclude_each_other() {
     each(|it, threads| {
         const TOPICS: [&str; 3] = ["a", "b", "c"];
-        const MESSAGES: u64 = 300;
+        const MESSAGES: u64 = if cfg!(feature = "slow") { 300 } else { 50 };
         let (node, peer) = (it.node("listener"), it.peer("talker"));
         let inside = AtomicBool::new(false);
         let taken = [const { AtomicU64::new(0) }; 3];
@@ -158,6 +159,7 @@ fn callbacks_of_a_group_exclude_each_other() {
 /// Each callback waits for the other one.
 #[test]
 fn callbacks_of_different_groups_run_at_the_same_time() {
+    let _limit = Limit::new();
     let shutdown = Shutdown::new().unwrap();
     let mut executor = Executor::new().unwrap();
     executor.end_with(&shutdown).unwrap();
@@ -257,6 +259,7 @@ fn a_busy_group_does_not_keep_the_waiting_thread_awake() {
 /// While the callback is about to read, another thread sees the descriptor ready. That must not run the callback again.
 #[test]
 fn a_descriptor_that_was_read_meanwhile_is_not_ready() {
+    let _limit = Limit::new();
     let shutdown = Shutdown::new().unwrap();
     let (ours, mut theirs) = UnixStream::pair().unwrap();
     ours.set_nonblocking(true).unwrap();
@@ -288,6 +291,7 @@ fn a_descriptor_that_was_read_meanwhile_is_not_ready() {
 /// other one does not run. A third callback, which is reported with them, ends the executor.
 #[test]
 fn a_descriptor_that_another_callback_has_read_is_not_ready() {
+    let _limit = Limit::new();
     let shutdown = Shutdown::new().unwrap();
     let (ours, mut theirs) = UnixStream::pair().unwrap();
     ours.set_nonblocking(true).unwrap();

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use crate::common::{SOON, until};
 use sm2_io::{Listener, RecvError, SeqPacket, wait_readable};
 use sm2_node::domain::{Contract, DemandedQos, InterfaceId, LinkId, LinkPeer, NodeId, Period};
-use sm2_node::{CallError, ConnectError, Name, Node, Publisher};
+use sm2_node::{CallError, ConnectError, Name, Node, NodeBuilder, Publisher};
 use sm2_proto::control::{Changes, Page, ToManager, ToNode, decode_to_manager, encode_to_node};
 use sm2_proto::{Datagram, Farewell, FdFacts, LinkKey, Refusal, Seals, violation};
 
@@ -44,7 +44,7 @@ impl Manager {
     fn with_linked_node() -> (Self, Publisher<u8>, SeqPacket) {
         let (mut manager, path) = Self::listening();
         let connecting = std::thread::spawn(move || {
-            let node = Node::builder("node").socket(path).connect().unwrap();
+            let node = builder(path).connect().unwrap();
             let publisher = node.publisher::<u8>("topic").unwrap();
             (node, publisher)
         });
@@ -167,6 +167,11 @@ impl Manager {
         assert_eq!(node.epoch(), Some(epoch));
         session
     }
+}
+
+fn builder(path: PathBuf) -> NodeBuilder {
+    let builder = Node::builder("node").socket(path);
+    builder.manager_timeout(SOON)
 }
 
 fn send(session: &SeqPacket, frame: &ToNode) {
@@ -405,8 +410,8 @@ fn links_of_the_manager_that_is_still_there_are_not_claimed() {
 fn a_node_that_was_never_welcomed_tries_again_only_if_its_manager_went() {
     let (manager, path) = Manager::listening();
     let connect = || {
-        let builder = Node::builder("node").socket(path.clone());
-        std::thread::spawn(move || builder.manager_timeout(SOON).connect())
+        let builder = builder(path.clone());
+        std::thread::spawn(move || builder.connect())
     };
     let goodbye = |farewell: Farewell| ToNode::Goodbye {
         code: farewell.code(),
@@ -452,7 +457,7 @@ fn a_call_does_not_wait_for_a_link_that_was_announced_and_never_comes() {
     let (manager, path) = Manager::listening();
     let (result, called) = std::sync::mpsc::channel();
     std::thread::spawn(move || {
-        let node = Node::builder("node").socket(path).connect().unwrap();
+        let node = builder(path).connect().unwrap();
         let client = node.client::<u8, u8>("service").unwrap();
         let _ = result.send(client.call(&1).map(drop));
     });

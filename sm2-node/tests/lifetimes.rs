@@ -5,8 +5,9 @@ use std::sync::{Mutex, mpsc};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use crate::common::{Domain, SOON, meet, next, pair, pattern};
+use crate::common::{Domain, SOON, meet, next, pair, pattern, until};
 use sm2_node::{EncodeError, Message, Payload, PayloadError};
+use sm2_proto::Contract;
 
 //= SM2-OPN-007, SM2-OPN-008 test
 #[test]
@@ -108,8 +109,13 @@ fn what_was_sent_before_the_publisher_went_is_received() {
             publisher.publish(&pattern(5000, seed)).unwrap();
         }
         drop(publisher);
-        // Lets the Manager's frame arrive before the link is read.
-        thread::sleep(Duration::from_millis(20));
+        // The Manager's frame arrives before the link is read: the Manager sends it when it forgets the publisher.
+        let watcher = domain.node("watcher");
+        until(|| {
+            let domain = watcher.snapshot().unwrap();
+            let is_publisher = |it: &Contract| matches!(it, Contract::Publisher { .. });
+            !domain.interfaces().any(|it| is_publisher(it.contract))
+        });
         for seed in 0..8 {
             assert!(*next(&subscriber) == *pattern(5000, seed), "{seed}");
         }
@@ -199,7 +205,7 @@ fn a_thread_that_sleeps_is_woken_by_the_one_that_read_its_message() {
             thread::sleep(Duration::from_micros(200));
         }
         publisher.publish(b"x").unwrap();
-        let deadline = Instant::now() + SOON / 2;
+        let deadline = Instant::now() + SOON;
         let sequence = loop {
             // As fast as possible, so that this thread is always awake.
             listener.spin_some().unwrap();
@@ -223,16 +229,21 @@ fn a_descriptor_is_readable_while_there_may_be_a_message() {
     let subscriber = listener.subscriber::<str>("a").unwrap();
     meet(&publisher, &[&subscriber]);
     let readable = |timeout| sm2_io::wait_readable(&[subscriber.as_fd()], Some(timeout)).unwrap();
+    // It may be readable more than once without a message, but not for ever.
+    let quiet = || {
+        until(|| {
+            assert!(subscriber.try_recv().unwrap().is_none());
+            !readable(Duration::ZERO)
+        });
+    };
     // At first the descriptor is readable, because no call has checked for messages yet.
     assert!(readable(SOON));
-    assert!(subscriber.try_recv().unwrap().is_none());
-    assert!(!readable(Duration::from_millis(5)));
+    quiet();
     publisher.publish("one").unwrap();
     assert!(readable(SOON));
     // Another call reads the message from the socket. It is still available to the subscriber.
     listener.spin_some().unwrap();
     assert!(readable(SOON));
     assert_eq!(&*subscriber.try_recv().unwrap().unwrap(), "one");
-    assert!(subscriber.try_recv().unwrap().is_none());
-    assert!(!readable(Duration::from_millis(5)));
+    quiet();
 }

@@ -1,4 +1,4 @@
-//! The bound of the bytes that a process maps for its peers. In its own file, because other tests map bytes, too.
+//! The bound of the bytes that a process maps for its peers. In its own process, because other tests map bytes, too.
 
 use std::os::fd::AsFd;
 use std::time::Duration;
@@ -6,12 +6,19 @@ use std::time::Duration;
 use crate::common::raw::{attach, pooled, raw_publisher};
 use crate::common::{Domain, SOON, pattern};
 use sm2_proto::Farewell;
+use sm2_test_support::ran_alone;
 
 /// A publisher that attaches sparse segments leaves room for a newcomer, and loses its link when it
 /// attaches one more than its part.
 //= SM2-SEG-007 test
 #[test]
 fn a_peer_cannot_use_up_the_addresses_of_others() {
+    if ran_alone(concat!(
+        module_path!(),
+        "::a_peer_cannot_use_up_the_addresses_of_others"
+    )) {
+        return;
+    }
     const STRIDE: u64 = 1 << 32;
     const SLOTS: u32 = 16;
     let domain = Domain::new();

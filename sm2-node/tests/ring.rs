@@ -101,12 +101,19 @@ fn each_lane_gets_every_byte_of_one_publisher() {
     }
 }
 
+/// A message in a segment of its own.
+const LONGEST: usize = if cfg!(feature = "slow") {
+    3 << 20
+} else {
+    1 << 20
+};
+
 /// Messages that were stored for no link, for a sealed link, or for the socket lane. A subscriber that comes
 /// later needs them in a slot with a head.
 //= SM2-QOS-003 test
 #[test]
 fn a_late_subscriber_gets_what_was_stored_in_any_form() {
-    let lengths = [0, 10, 5_000, 100_000, 3 << 20];
+    let lengths = [0, 10, 5_000, 100_000, LONGEST];
     for (before, sealed) in [("nobody", false), ("sealed", true), ("socket", false)] {
         for inline_max in [0, 61_440] {
             let domain = Domain::new();
@@ -206,12 +213,19 @@ fn many_at_a_time_are_in_order_over_both_lanes_and_within_the_limits() {
     assert_eq!(listener.try_recv_many(&mut samples, 5).unwrap(), 0);
 }
 
+/// A message with a slot of several pages.
+const LONG: usize = if cfg!(feature = "slow") {
+    3 << 20
+} else {
+    100_000
+};
+
 /// Messages that are held or not taken, with and without their node, are compared byte by byte.
 //= SM2-RNG-011 test
 #[test]
 fn what_was_published_outlives_its_publisher() {
     for ring in [true, false] {
-        for len in [100, 5_000, 3 << 20] {
+        for len in [100, 5_000, LONG] {
             let domain = Domain::new();
             let (publisher, subscriber) = linked(&domain, ring);
             for seed in 1..=4 {
@@ -323,6 +337,7 @@ fn messages_of_all_sizes_in_any_order_need_no_more_than_the_pool() {
 #[test]
 fn segments_may_be_more_than_there_are_numbers_for_them() {
     const LIMIT: u64 = 8 << 10;
+    const AFTERWARDS: u32 = if cfg!(feature = "slow") { 600 } else { 100 };
     for ring in [true, false] {
         let domain = Domain::new();
         let publisher = publisher_with_pool(&domain, ring, LIMIT);
@@ -342,7 +357,7 @@ fn segments_may_be_more_than_there_are_numbers_for_them() {
             rings(&subscriber).len() & rings(&publisher).len() == 1
                 && rings(&publisher) == [("second".to_owned(), ring)]
         });
-        for n in 0..600 {
+        for n in 0..AFTERWARDS {
             slot_by_slot(&publisher, &subscriber, len(n), n as u8);
             assert_eq!(publisher.pool_bytes(), LIMIT);
         }

@@ -6,14 +6,15 @@ use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use crate::common::{Domain, LANES, SOON, WAYS, pattern, until};
+use crate::common::{Domain, LANES, SOON, WAYS, next_request, pattern, until};
 use sm2_io::wait_readable;
 use sm2_node::asynchronous::IntoAsync;
 use sm2_node::diagnostics::LinkStatus;
 use sm2_node::{CallError, Client, ClientBuilder, Reply, Request, Server, ServerBuilder};
 
-/// Longer than all calls of a test take on a busy machine.
-const LONG: Duration = Duration::from_secs(30);
+/// The calls of a test that looks for a lost wake-up.
+const CALLS: u64 = if cfg!(feature = "slow") { 300 } else { 30 };
+
 fn serving(domain: &Domain, ring: bool) -> ServerBuilder<[u8], [u8]> {
     domain.node_on(ring, "server").server_builder("service")
 }
@@ -65,10 +66,17 @@ fn echo(server: Server<[u8], [u8]>, mut next: impl FnMut() + Send + 'static) -> 
     })
 }
 
+/// A message in a segment of its own.
+const LONGEST: usize = if cfg!(feature = "slow") {
+    3 << 20
+} else {
+    1 << 20
+};
+
 //= SM2-RNG-013, SM2-RNG-014 test
 #[test]
 fn the_ring_lane_is_used_if_both_offer_it_and_nothing_has_to_be_sealed() {
-    let sizes = [0, 1, 4_032, 4_033, 4_096, 4_097, 61_441, 3 << 20];
+    let sizes = [0, 1, 4_032, 4_033, 4_096, 4_097, 61_441, LONGEST];
     for (ours, theirs) in [(true, true), (true, false), (false, true), (false, false)] {
         for sealed in [false, true] {
             let domain = Domain::new();
@@ -80,14 +88,14 @@ fn the_ring_lane_is_used_if_both_offer_it_and_nothing_has_to_be_sealed() {
             for (seed, len) in (1..).zip(sizes) {
                 let bytes = pattern(len, seed);
                 let call = client.send_timeout(&bytes, SOON).unwrap();
-                let request = server.recv().unwrap();
+                let request = next_request(&server);
                 assert!(*request == *bytes, "{len} bytes");
                 let turned: Vec<u8> = request.iter().rev().copied().collect();
                 request.reply(&turned).unwrap();
                 assert!(*call.wait().unwrap() == *turned, "{len} bytes");
             }
             let failing = client.send_timeout(b"x", SOON).unwrap();
-            server.recv().unwrap().fail("not today").unwrap();
+            next_request(&server).fail("not today").unwrap();
             let error = failing.wait().unwrap_err();
             assert!(matches!(error, CallError::Failed { reason, .. } if reason == "not today"));
             for links in [client.links(), server.links()] {
@@ -101,7 +109,7 @@ fn the_ring_lane_is_used_if_both_offer_it_and_nothing_has_to_be_sealed() {
 //= SM2-RNG-015 test
 #[test]
 fn each_way_of_waiting_gets_its_requests_and_its_replies() {
-    const ROUNDS: u64 = 300;
+    const ROUNDS: u64 = CALLS;
     for lane in LANES {
         for (ours, theirs) in WAYS.into_iter().flat_map(|a| WAYS.map(|b| (a, b))) {
             let domain = Domain::new();
@@ -128,7 +136,7 @@ fn each_way_of_waiting_gets_its_requests_and_its_replies() {
 //= SM2-RNG-015 test
 #[test]
 fn polled_descriptors_are_readable_for_every_request_and_reply() {
-    const ROUNDS: u64 = 500;
+    const ROUNDS: u64 = if cfg!(feature = "slow") { 500 } else { 100 };
     for lane in LANES {
         let domain = Domain::new();
         let (server, client) = linked(serving(&domain, lane), calling(&domain, lane));
@@ -147,7 +155,7 @@ fn polled_descriptors_are_readable_for_every_request_and_reply() {
             server
         });
         for number in 0..ROUNDS {
-            let mut call = client.send(&number.to_le_bytes()).unwrap();
+            let mut call = client.send_timeout(&number.to_le_bytes(), SOON).unwrap();
             dawdle(number / 3);
             let reply: Reply<[u8]> = loop {
                 if let Some(reply) = call.try_wait().unwrap() {
@@ -163,7 +171,7 @@ fn polled_descriptors_are_readable_for_every_request_and_reply() {
 
 #[test]
 fn futures_are_woken_for_every_request_and_reply() {
-    const ROUNDS: u64 = 300;
+    const ROUNDS: u64 = CALLS;
     for lane in LANES {
         let domain = Domain::new();
         let (server, client) = linked(serving(&domain, lane), calling(&domain, lane));
@@ -202,7 +210,7 @@ fn calls_that_wait_for_room_are_all_answered() {
             let (server, client) = linked(server, client);
             let server = echo(server, || {});
             let calls: Vec<_> = (1..=200_u64)
-                .map(|number| client.send_timeout(&number.to_le_bytes(), LONG).unwrap())
+                .map(|number| client.send_timeout(&number.to_le_bytes(), SOON).unwrap())
                 .collect();
             // The last call first: the replies of the others wait.
             for (index, call) in calls.into_iter().enumerate().rev() {
@@ -215,13 +223,16 @@ fn calls_that_wait_for_room_are_all_answered() {
     }
 }
 
+/// How often each way of waiting meets new segments.
+const SEGMENT_ROUNDS: u64 = if cfg!(feature = "slow") { 4 } else { 1 };
+
 /// Replies in memory that is new to the client, which reads its socket for the segment. It may also read the
 /// bell of another reply there.
 //= SM2-RNG-015 test
 #[test]
 fn replies_that_bring_their_segments() {
     for way in WAYS {
-        for round in 0..4 {
+        for round in 0..SEGMENT_ROUNDS {
             let domain = Domain::new();
             let server = serving(&domain, true).depth(100).wait(way);
             let client = calling(&domain, true).max_borrowed(1_000).wait(way);
@@ -233,7 +244,7 @@ fn replies_that_bring_their_segments() {
             });
             let size = |seed: u64| 4_000 << (seed % 6);
             let calls: Vec<_> = (1..=90)
-                .map(|seed| (client.send_timeout(&pattern(size(seed), seed), LONG)).unwrap())
+                .map(|seed| (client.send_timeout(&pattern(size(seed), seed), SOON)).unwrap())
                 .collect();
             for (index, call) in calls.into_iter().enumerate().rev() {
                 let seed = index as u64 + 1;
@@ -258,7 +269,7 @@ fn threads_that_share_a_client() {
             let threads = [1, 2, 3_u64].map(|which| {
                 let client = Arc::clone(&client);
                 thread::spawn(move || {
-                    for number in 0..150 {
+                    for number in 0..CALLS / 2 {
                         let bytes = pattern(20, 1_000 * which + number);
                         assert!(*client.call_timeout(&bytes, SOON).unwrap() == *bytes);
                         dawdle(number);
@@ -269,7 +280,7 @@ fn threads_that_share_a_client() {
                 thread.join().unwrap();
             }
             client.call_timeout(&[], SOON).unwrap();
-            assert_eq!(server.join().unwrap(), 450);
+            assert_eq!(server.join().unwrap(), 3 * (CALLS / 2));
         }
     }
 }
@@ -285,7 +296,7 @@ fn a_call_is_cancelled_wherever_it_is() {
         let (server, client) = linked(server, calling(&domain, lane));
         let call = || client.send_timeout(b"x", SOON).unwrap();
         let (working, underway, waiting, last) = (call(), call(), call(), call());
-        let request = server.recv().unwrap();
+        let request = next_request(&server);
         // On the socket lane, the server handles CANCELs in their order: the last one shows that all arrived.
         for call in [&underway, &waiting, &working] {
             call.cancel();
@@ -324,7 +335,7 @@ fn replies_outlive_their_server() {
         let call = |byte| client.send_timeout(&[byte], SOON).unwrap();
         let (calls, left) = ([1, 2, 3].map(call), [4, 5].map(call));
         for _ in 0..3 {
-            let request = server.recv().unwrap();
+            let request = next_request(&server);
             let bytes = pattern(10_000, request[0].into());
             request.reply(&bytes).unwrap();
         }
@@ -348,7 +359,7 @@ fn requests_do_not_outlive_their_client() {
         let domain = Domain::new();
         let (server, client) = linked(serving(&domain, lane), calling(&domain, lane));
         let calls = [1, 2, 3].map(|byte| client.send_timeout(&[byte], SOON).unwrap());
-        let request = server.recv().unwrap();
+        let request = next_request(&server);
         drop(client);
         drop(calls);
         until(|| request.is_cancelled());

@@ -15,7 +15,8 @@ use sm2_node::asynchronous::IntoAsync;
 use sm2_node::{Published, Publisher, Sample, Subscriber, Wait};
 
 /// Longer than any test takes: a thread that waits so long was not woken.
-const EVER: Duration = Duration::from_secs(600);
+const EVER: Duration = Duration::from_secs(3_600);
+
 fn subscriber(domain: &Domain, ring: bool, way: Wait) -> Subscriber<u64> {
     let builder = domain.node_on(ring, "listener").subscriber_builder("topic");
     builder.wait(way).declare().unwrap()
@@ -36,13 +37,10 @@ fn talker(domain: &Domain, ring: bool, rounds: u64) -> (Arc<AtomicU64>, thread::
     let acknowledged = Arc::clone(&taken);
     let thread = thread::spawn(move || {
         publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
-        let start = Instant::now();
         for number in 1..=rounds {
+            let late = Instant::now() + SOON;
             while acknowledged.load(Ordering::Acquire) < number - 1 {
-                assert!(
-                    start.elapsed() < 15 * SOON,
-                    "message {number} was not taken"
-                );
+                assert!(Instant::now() < late, "message {number} was not taken");
                 thread::yield_now();
             }
             dawdle(number);
@@ -66,7 +64,7 @@ fn take_all(rounds: u64, taken: &AtomicU64, mut next: impl FnMut(u64) -> Sample<
 //= SM2-RNG-015 test
 #[test]
 fn each_way_of_waiting_gets_what_comes() {
-    const ROUNDS: u64 = 400;
+    const ROUNDS: u64 = if cfg!(feature = "slow") { 400 } else { 100 };
     for ring in LANES {
         for way in WAYS {
             let domain = Domain::new();
@@ -112,7 +110,7 @@ fn whoever_waits_for_a_time_waits_no_longer() {
 //= SM2-RNG-015 test
 #[test]
 fn a_polled_descriptor_is_readable_for_every_message() {
-    const ROUNDS: u64 = 1_000;
+    const ROUNDS: u64 = if cfg!(feature = "slow") { 1_000 } else { 200 };
     for ring in LANES {
         let domain = Domain::new();
         let subscriber = subscriber(&domain, ring, Wait::Park);
@@ -133,7 +131,7 @@ fn a_polled_descriptor_is_readable_for_every_message() {
 /// The same with `try_recv_many`, for a loop that polls.
 #[test]
 fn a_polled_descriptor_is_readable_for_who_takes_many() {
-    const ROUNDS: u64 = 500;
+    const ROUNDS: u64 = if cfg!(feature = "slow") { 500 } else { 100 };
     for ring in LANES {
         let domain = Domain::new();
         let subscriber = subscriber(&domain, ring, Wait::Park);
@@ -152,7 +150,7 @@ fn a_polled_descriptor_is_readable_for_who_takes_many() {
 
 #[test]
 fn a_future_is_woken_for_every_message() {
-    const ROUNDS: u64 = 500;
+    const ROUNDS: u64 = if cfg!(feature = "slow") { 500 } else { 100 };
     for ring in LANES {
         let domain = Domain::new();
         let subscriber = subscriber(&domain, ring, Wait::Park);
@@ -200,7 +198,7 @@ fn patient(
             sender.send(publisher.publish(&number).unwrap()).unwrap();
         }
         // Messages that wait on this side would be lost when the publisher is dropped.
-        assert!(publisher.flush_timeout(15 * SOON).unwrap());
+        assert!(publisher.flush_timeout(SOON).unwrap());
     });
     (subscriber, published, thread)
 }
@@ -209,7 +207,7 @@ fn patient(
 //= SM2-RNG-015 test
 #[test]
 fn a_publisher_that_waits_for_room_is_woken_by_who_makes_some() {
-    const ROUNDS: u64 = 1_000;
+    const ROUNDS: u64 = if cfg!(feature = "slow") { 1_000 } else { 200 };
     for ring in LANES {
         let domain = Domain::new();
         let (subscriber, published, thread) = patient(&domain, ring, ROUNDS);

@@ -36,7 +36,7 @@ fn it_ends_recv_in_a_thread_that_spins() {
     for way in WAYS {
         let domain = Domain::new();
         let shutdown = Shutdown::new().unwrap();
-        let builder = Node::builder("listener").socket(domain.socket());
+        let builder = domain.builder("listener");
         let node = builder.shutdown(&shutdown).connect().unwrap();
         let subscriber = node.subscriber_builder::<str>("topic").wait(way);
         let subscriber = subscriber.declare().unwrap();
@@ -149,7 +149,7 @@ fn it_ends_waits_for_the_manager() {
     for background in [true, false] {
         let mut domain = Domain::new();
         let shutdown = Shutdown::new().unwrap();
-        let builder = Node::builder("talker").socket(domain.socket());
+        let builder = domain.builder("talker");
         let builder = builder.background(background).manager_timeout(LONG);
         let node = builder.shutdown(&shutdown).connect().unwrap();
         domain.stop();
@@ -199,7 +199,7 @@ fn a_signal_handler_ends_a_wait() {
     let id = unsafe {
         signal_hook::low_level::register(signal_hook::consts::SIGUSR1, move || on_signal.request())
     };
-    let builder = Node::builder("listener").socket(domain.socket());
+    let builder = domain.builder("listener");
     let node = builder.shutdown(&shutdown).connect().unwrap();
     let subscriber = node.subscriber_builder::<str>("topic").wait(Wait::Park);
     let subscriber = subscriber.declare().unwrap();

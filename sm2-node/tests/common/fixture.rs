@@ -29,7 +29,7 @@ impl Fixture {
     }
 
     pub(crate) fn builder(&self, name: &str) -> NodeBuilder {
-        let builder = Node::builder(name).socket(self.domain.socket());
+        let builder = self.domain.builder(name);
         builder.background(self.background).ring_lane(self.ring)
     }
 

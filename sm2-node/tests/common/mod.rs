@@ -2,6 +2,7 @@
 #![allow(dead_code, reason = "each test uses its own part")]
 
 pub(crate) mod fixture;
+pub(crate) mod limit;
 pub(crate) mod periods;
 pub(crate) mod raw;
 pub(crate) mod threads;
@@ -10,12 +11,17 @@ pub(crate) mod wait;
 use std::thread;
 use std::time::{Duration, Instant};
 
+use nix::sys::signal::{Signal, kill};
+use nix::sys::wait::{WaitPidFlag, WaitStatus, waitpid};
+use nix::unistd::Pid;
 use sm2_manager::{Background, Options, Policy};
 use sm2_node::diagnostics::LinkStatus;
-use sm2_node::{Message, Node, Publisher, Sample, Subscriber, Wait};
+use sm2_node::{
+    Client, Message, Node, NodeBuilder, Publisher, Request, Sample, Server, Subscriber, Wait,
+};
+pub(crate) use sm2_test_support::SOON;
 
-/// A timeout that is long enough on a machine that runs other tests at the same time.
-pub(crate) const SOON: Duration = Duration::from_secs(20);
+use self::limit::Limit;
 
 /// With and without the ring lane.
 pub(crate) const LANES: [bool; 2] = [true, false];
@@ -31,6 +37,7 @@ pub(crate) struct Domain {
     manager: Option<Background>,
     folder: tempfile::TempDir,
     policy: Policy,
+    _limit: Limit,
 }
 
 impl Domain {
@@ -43,6 +50,7 @@ impl Domain {
             manager: None,
             folder: tempfile::tempdir().unwrap(),
             policy,
+            _limit: Limit::new(),
         };
         domain.start();
         domain
@@ -52,14 +60,19 @@ impl Domain {
         self.folder.path().join("test.sock")
     }
 
+    /// The options of a node that waits for its Manager as long as a busy machine may need.
+    pub(crate) fn builder(&self, name: &str) -> NodeBuilder {
+        let builder = Node::builder(name).socket(self.socket());
+        builder.manager_timeout(SOON)
+    }
+
     pub(crate) fn node(&self, name: &str) -> Node {
-        Node::builder(name).socket(self.socket()).connect().unwrap()
+        self.builder(name).connect().unwrap()
     }
 
     /// Connects a node that offers the ring lane, or not.
     pub(crate) fn node_on(&self, ring: bool, name: &str) -> Node {
-        let builder = Node::builder(name).socket(self.socket());
-        builder.ring_lane(ring).connect().unwrap()
+        self.builder(name).ring_lane(ring).connect().unwrap()
     }
 
     /// Starts a Manager. Existing nodes reconnect by themselves when they are called.
@@ -113,13 +126,14 @@ pub(crate) fn until(mut is_so: impl FnMut() -> bool) {
 /// Returns bytes that depend on the position and on the message.
 pub(crate) fn pattern(len: usize, seed: u64) -> Vec<u8> {
     let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
-    let word = |_| {
+    let mut bytes = vec![0; len.next_multiple_of(8)];
+    // Word by word, because tests make long messages without optimization.
+    for word in bytes.chunks_exact_mut(8) {
         state ^= state << 13;
         state ^= state >> 7;
         state ^= state << 17;
-        state.to_le_bytes()
-    };
-    let mut bytes: Vec<u8> = (0..len.div_ceil(8)).flat_map(word).collect();
+        word.copy_from_slice(&state.to_le_bytes());
+    }
     bytes.truncate(len);
     bytes
 }
@@ -154,6 +168,18 @@ impl<T: Message + ?Sized> Endpoint for Subscriber<T> {
     }
 }
 
+impl<Q: Message + ?Sized, R: Message + ?Sized> Endpoint for Client<Q, R> {
+    fn links(&self) -> Vec<LinkStatus> {
+        Client::links(self)
+    }
+}
+
+impl<Q: Message + ?Sized, R: Message + ?Sized> Endpoint for Server<Q, R> {
+    fn links(&self) -> Vec<LinkStatus> {
+        Server::links(self)
+    }
+}
+
 /// Drives several nodes of one thread until all their links are open.
 pub(crate) fn meet(publisher: &dyn Endpoint, subscribers: &[&dyn Endpoint]) {
     let deadline = Instant::now() + SOON;
@@ -174,6 +200,34 @@ pub(crate) fn default_pair(domain: &Domain) -> (Publisher<[u8]>, Subscriber<[u8]
         |node| node.publisher("topic").unwrap(),
         |node| node.subscriber("topic").unwrap(),
     )
+}
+
+/// Waits for the next request.
+pub(crate) fn next_request<Q: Message + ?Sized, R: Message + ?Sized>(
+    server: &Server<Q, R>,
+) -> Request<Q, R> {
+    server.recv_timeout(SOON).unwrap().expect("a request")
+}
+
+/// Waits until a child that was made by `fork(2)` has ended without an error.
+pub(crate) fn until_exited(child: Pid) {
+    let deadline = Instant::now() + SOON;
+    loop {
+        match waitpid(child, Some(WaitPidFlag::WNOHANG)).unwrap() {
+            WaitStatus::StillAlive if Instant::now() < deadline => {
+                thread::sleep(Duration::from_millis(1));
+            }
+            WaitStatus::StillAlive => {
+                kill(child, Signal::SIGKILL).unwrap();
+                waitpid(child, None).unwrap();
+                panic!("the child does not end");
+            }
+            ended => {
+                assert_eq!(ended, WaitStatus::Exited(child, 0));
+                return;
+            }
+        }
+    }
 }
 
 pub(crate) fn next<T: Message + ?Sized>(subscriber: &Subscriber<T>) -> Sample<T> {
