@@ -11,7 +11,7 @@ use sm2_proto::control::LinkPeer;
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
-use crate::driver::{CallId, Interface, PoolLimit, SharedNode, Until};
+use crate::driver::{CallId, Interface, Needs, PoolLimit, SharedNode, Until};
 use crate::handle::Handle;
 use crate::handle::declaration::{
     Declaration, inline_max_setter, max_len_setter, schema_of, sealed_setter, wait_setter,
@@ -23,6 +23,9 @@ use crate::{DeclareError, Message, RecvError, ReplyError, StoreError, Wait};
 
 /// The error text for a client whose request was dropped.
 const DROPPED: &str = "the server dropped the request without an answer";
+
+/// The beginning of the error text for a client whose reply could not be stored.
+const NOT_STORED: &str = "the server could not store the reply";
 
 /// Receives requests of type `Q` and replies with messages of type `R`.
 ///
@@ -235,7 +238,10 @@ impl Pending {
         if len > max_len {
             return Err(self.refuse(len, max_len));
         }
-        let forms = self.handle.store(reply, needs)?;
+        let forms = match self.handle.store(reply, needs) {
+            Ok(forms) => forms,
+            Err(error) => return Err(self.not_stored(error, needs)),
+        };
         let sent = self
             .handle
             .with_undriven(|interface, context| interface.reply(call, forms, len, status, context));
@@ -248,16 +254,38 @@ impl Pending {
     //= SM2-SRV-008
     fn refuse(mut self, len: u64, max_len: u64) -> ReplyError {
         let reason = format!("the reply has {len} bytes, but the client accepts at most {max_len}");
-        let call = self.call;
-        self.handle.with_undriven(|interface, context| {
-            interface.reply_failed(call, reason.into(), context);
-        });
-        self.answered = true;
+        self.explain(reason.into());
         ReplyError::TooLong {
             client: self.client.name.clone(),
             len,
             max_len,
         }
+    }
+
+    /// Tells the client that the reply could not be stored, and why.
+    fn not_stored(mut self, error: StoreError, needs: Needs) -> ReplyError {
+        let reason = format!("{NOT_STORED}: {error}");
+        let (call, len) = (self.call, reason.len() as u64);
+        // On the ring lane the reason needs a slot as well. A short text may fit into one that is there.
+        match self.handle.store(reason.as_bytes().into(), needs) {
+            Ok(forms) => {
+                self.handle.with_undriven(|interface, context| {
+                    interface.reply(call, forms, len, Status::Failed, context)
+                });
+                self.answered = true;
+            }
+            Err(_) => self.explain(NOT_STORED.into()),
+        }
+        error.into()
+    }
+
+    /// Answers the call with this reason in place of a reply.
+    fn explain(&mut self, reason: Bytes) {
+        let call = self.call;
+        self.handle.with_undriven(|interface, context| {
+            interface.reply_failed(call, reason, context);
+        });
+        self.answered = true;
     }
 
     fn fail(self, reason: &str) -> Result<(), ReplyError> {

@@ -4,11 +4,16 @@ use std::os::fd::AsFd;
 use std::thread;
 use std::time::Duration;
 
-use crate::common::{Domain, Endpoint, LANES, SOON, meet, next, pattern, ring_lane, until};
+use crate::common::threads::{me, until_asleep};
+use crate::common::{
+    Domain, Endpoint, LANES, SOON, meet, next, next_request, pattern, ring_lane, until,
+};
 use nix::libc;
 use sm2_io::fault::{Call, Fault, Injector};
 use sm2_node::diagnostics::LinkStatus;
-use sm2_node::{DeclareError, Node, Publisher, RecvError, Subscriber};
+use sm2_node::{
+    CallError, DeclareError, Node, Publisher, RecvError, ReplyError, StoreError, Subscriber,
+};
 
 /// The next `times` calls, which fail.
 const fn fault(call: Call, errno: i32, times: u64) -> Fault {
@@ -26,7 +31,7 @@ fn fail(faults: &Injector, call: Call, errno: i32, times: u64) {
 
 /// A node that the calls of this thread drive alone: faults are injected into the calls of one thread.
 fn node(domain: &Domain, ring: bool, name: &str) -> Node {
-    let builder = Node::builder(name).socket(domain.socket());
+    let builder = domain.builder(name);
     let builder = builder.ring_lane(ring).background(false);
     builder.connect().unwrap()
 }
@@ -168,9 +173,14 @@ fn a_wait_outlasts_a_shortage_of_memory() {
     let _installed = faults.install();
     for (call, times) in [(Call::RecvMsg, 5), (Call::EpollWait, 5), (Call::Poll, 2)] {
         fail(&faults, call, libc::ENOMEM, times);
+        let waiting = me();
         let late = thread::scope(|scope| {
             let late = scope.spawn(|| {
-                thread::sleep(Duration::from_millis(20));
+                match call {
+                    // Only a packet makes the thread read its socket.
+                    Call::RecvMsg => until_asleep(waiting),
+                    _ => until(|| faults.hits() == times),
+                }
                 publisher.publish(b"late").unwrap();
             });
             let came = subscriber.recv_timeout(SOON).unwrap();
@@ -242,7 +252,7 @@ fn a_program_that_polls_hears_of_messages_after_a_shortage() {
             fail(&faults, call, errno, 2);
             let came = thread::scope(|scope| {
                 let late = scope.spawn(|| {
-                    thread::sleep(Duration::from_millis(20));
+                    until(|| faults.hits() == 2);
                     publisher.publish(b"late").unwrap();
                 });
                 let came = loop {
@@ -283,6 +293,63 @@ fn a_wait_does_not_spin_while_memory_is_short() {
         assert!((1..=210).contains(&tries), "{call:?} {tries}");
         faults.set(None);
         assert_eq!(*next(&subscriber), *b"unread");
+    }
+}
+
+/// A client hears that its reply could not be stored, and why. The program of the server does, too. On the ring lane, the
+/// text needs a slot. The slot of an earlier reply has room for the whole text, or for its beginning.
+#[test]
+fn a_client_hears_that_its_reply_could_not_be_stored() {
+    let shortages = [
+        (Call::MemfdCreate, libc::EMFILE),
+        (Call::Mmap, libc::ENOMEM),
+    ];
+    for (ring, sealed, len) in [
+        (true, false, 180),
+        (true, false, 2),
+        (false, false, 2),
+        (false, true, 2),
+    ] {
+        let domain = Domain::new();
+        let server = node(&domain, ring, "server").server_builder::<str, [u8]>("service");
+        let server = server.sealed(sealed).declare().unwrap();
+        let client = node(&domain, ring, "client").client::<str, [u8]>("service");
+        let client = client.unwrap();
+        meet(&client, &[&server]);
+        let ask = || {
+            let asked = client.send_timeout("how?", SOON).unwrap();
+            (asked, next_request(&server))
+        };
+        let (asked, request) = ask();
+        request.reply(&pattern(len, 1)).unwrap();
+        assert!(*asked.wait().unwrap() == *pattern(len, 1));
+        // A sealed reply is written without a mapping.
+        let shortages = if sealed { &shortages[..1] } else { &shortages };
+        for &(call, errno) in shortages {
+            let case = format!("{call:?} {errno} ring {ring} sealed {sealed} length {len}");
+            let (asked, request) = ask();
+            let faults = Injector::counting();
+            let installed = faults.install();
+            fail(&faults, call, errno, u64::MAX);
+            let error = request.reply(&pattern(300_000, 1)).unwrap_err();
+            drop(installed);
+            let stored = matches!(&error, ReplyError::Store(StoreError::Io(_)));
+            assert!(stored && faults.hits() > 0, "{case}: {error:?}");
+            let told = match asked.wait() {
+                Err(CallError::Failed { reason, .. }) => reason,
+                other => panic!("{case}: {:?}", other.map(drop)),
+            };
+            let short = "the server could not store the reply";
+            let whole = format!("{short}: {error}");
+            assert_eq!(
+                told,
+                if ring && len == 2 { short } else { &whole },
+                "{case}"
+            );
+        }
+        let (asked, request) = ask();
+        request.reply(&pattern(300_000, 2)).unwrap();
+        assert!(*asked.wait().unwrap() == *pattern(300_000, 2));
     }
 }
 
