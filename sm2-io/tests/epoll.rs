@@ -9,6 +9,7 @@ use std::time::Duration;
 use nix::time::{ClockId, clock_gettime};
 use sm2_io::clock::now;
 use sm2_io::{Epoll, Event, Events, Interest, SeqPacket, Waker, poll_now, wait_readable};
+use sm2_test_support::SOON;
 
 const NO_TIME: Option<Duration> = Some(Duration::ZERO);
 
@@ -206,14 +207,14 @@ fn waiting_without_a_set() {
         assert!(!wait_readable(&fds, NO_TIME).unwrap());
         for waker in &wakers {
             waker.wake();
-            assert!(wait_readable(&fds, None).unwrap());
+            assert!(wait_readable(&fds, Some(SOON)).unwrap());
             waker.drain();
         }
         assert!(!wait_readable(&fds, NO_TIME).unwrap());
     }
     let (a, b) = SeqPacket::pair().unwrap();
     drop(a);
-    assert!(wait_readable(&[b.as_fd()], None).unwrap(), "hung up");
+    assert!(wait_readable(&[b.as_fd()], Some(SOON)).unwrap(), "hung up");
 }
 
 #[test]
@@ -226,7 +227,7 @@ fn a_waker_wakes_another_thread_and_merges_calls() {
     assert!(waker.drain());
     assert!(!waker.drain());
     std::thread::scope(|scope| {
-        let waiter = scope.spawn(|| wait_readable(&[waker.as_fd()], None).unwrap());
+        let waiter = scope.spawn(|| wait_readable(&[waker.as_fd()], Some(SOON)).unwrap());
         waker.wake();
         assert!(waiter.join().unwrap());
     });

@@ -1,21 +1,22 @@
 //! Processes compete for one domain, hand it over, and are killed at arbitrary instructions. In its own file:
 //! a child process holds copies of all descriptors until it calls `exec`.
 
-use sm2_test_support::ran_alone;
+use sm2_test_support::{SOON, ran_alone, seed};
 use std::io::{BufRead, BufReader, Read};
 use std::os::fd::OwnedFd;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdout, Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::sync::mpsc::{Receiver, channel};
+use std::time::Instant;
 
 use sm2_io::{BindOptions, DomainSocket, DomainSocketError, Listener, SeqPacket};
 
 const PATH: &str = "SM2_IO_TEST_HAND_OVER";
-const KILLS: usize = 200;
-/// A timeout that only a failure reaches.
-const LONG: Duration = Duration::from_secs(30);
+const KILLS: usize = if cfg!(feature = "slow") { 200 } else { 30 };
+/// Tells a contender the seed of its random choices.
+const SEED: &str = "SM2_IO_TEST_HAND_OVER_SEED";
 
 /// A child process that is killed when dropped.
 struct Started(Child);
@@ -27,7 +28,7 @@ impl Drop for Started {
     }
 }
 
-fn start(test: &str, path: &Path, stdin: Stdio) -> (Started, BufReader<ChildStdout>) {
+fn start(test: &str, path: &Path, stdin: Stdio, choices: u64) -> (Started, Receiver<String>) {
     let mut child = Command::new(std::env::current_exe().unwrap())
         .args([
             "--exact",
@@ -36,17 +37,31 @@ fn start(test: &str, path: &Path, stdin: Stdio) -> (Started, BufReader<ChildStdo
             "--nocapture",
         ])
         .env(PATH, path)
+        .env(SEED, choices.to_string())
         .stdin(stdin)
         .stdout(Stdio::piped())
         .spawn()
         .unwrap();
-    let lines = BufReader::new(child.stdout.take().unwrap());
+    let stdout = BufReader::new(child.stdout.take().unwrap());
+    let (sender, lines) = channel();
+    std::thread::spawn(move || {
+        let mut lines = stdout.lines().map_while(Result::ok);
+        lines.all(|line| sender.send(line).is_ok())
+    });
     (Started(child), lines)
 }
 
-/// Reads until a line ends with `end`. Returns `false` at the end of the output.
-fn until(lines: &mut BufReader<ChildStdout>, end: &str) -> bool {
-    lines.lines().any(|line| line.unwrap().ends_with(end))
+/// Reads until a line ends with `end`. Returns `false` at the end of the output, or if there is no such line in time.
+fn until(lines: &Receiver<String>, end: &str) -> bool {
+    let late = Instant::now() + SOON;
+    loop {
+        let left = late.saturating_duration_since(Instant::now());
+        match lines.recv_timeout(left) {
+            Ok(line) if line.ends_with(end) => return true,
+            Ok(_) => {}
+            Err(_) => return false,
+        }
+    }
 }
 
 //= SM2-TRN-008 test
@@ -59,18 +74,28 @@ fn never_two_owners() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("sm2/default.sock");
     std::fs::create_dir(path.parent().unwrap()).unwrap();
-    let contend = || start("a_contender", &path, Stdio::piped());
+    let first = seed();
+    let mut started = 0;
+    let mut contend = || {
+        started += 1;
+        let choices = first.wrapping_add(started);
+        start("a_contender", &path, Stdio::piped(), choices)
+    };
     let mut contenders: Vec<_> = (0..3).map(|_| contend()).collect();
     for kill in 0..KILLS {
-        let (_, lines) = &mut contenders[kill % 3];
+        let (_, lines) = &contenders[kill % 3];
         // The process continues meanwhile, so the kill hits it at an arbitrary instruction.
         assert!(until(lines, "owned"), "a contender failed: see above");
         contenders[kill % 3] = contend();
     }
-    for (mut contender, mut lines) in contenders {
+    for (mut contender, _) in contenders {
         drop(contender.0.stdin.take());
-        lines.read_to_end(&mut Vec::new()).unwrap();
-        assert!(contender.0.wait().unwrap().success());
+        let mut status = None;
+        sm2_test_support::until("the end of a contender", || {
+            status = contender.0.try_wait().unwrap();
+            status.is_some()
+        });
+        assert!(status.unwrap().success());
     }
     // Files that killed processes left do not prevent acquiring the path.
     let endpoint = BindOptions::acquire(&path).unwrap();
@@ -95,8 +120,8 @@ fn a_contender() {
             let _ = std::io::stdin().read(&mut [0]);
             stop.store(true, Ordering::Relaxed);
         });
-        let seed = std::process::id();
-        let (mut random, mut owned, late) = (seed, 0, Instant::now() + LONG);
+        let seed = std::env::var(SEED).unwrap().parse::<u64>().unwrap() as u32;
+        let (mut random, mut owned, late) = (seed, 0, Instant::now() + SOON);
         while !stop.load(Ordering::Relaxed) {
             random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             match BindOptions::acquire(&path) {
@@ -128,7 +153,7 @@ fn contend(endpoint: DomainSocket, token: &Path, way: u32, stop: &AtomicBool, te
     }
     if way == 2 {
         // Waits until a successor has come.
-        let late = Instant::now() + LONG;
+        let late = Instant::now() + SOON;
         while !hand_over.is_replaced() && !stop.load(Ordering::Relaxed) {
             if Instant::now() > late {
                 fail("nobody came");
@@ -148,7 +173,7 @@ fn contend(endpoint: DomainSocket, token: &Path, way: u32, stop: &AtomicBool, te
 /// is gone.
 fn own(token: &Path) {
     let me = std::process::id().to_string();
-    let late = Instant::now() + LONG;
+    let late = Instant::now() + SOON;
     while let Err(error) = symlink(&me, token) {
         if error.kind() != std::io::ErrorKind::AlreadyExists {
             fail(&format!("token: {error}"));
@@ -208,8 +233,8 @@ fn who_takes_over_a_listening_socket_is_who_listens() {
         client.peer_credentials().unwrap().pid.cast_unsigned()
     };
     assert_eq!(listens(), std::process::id());
-    let (child, mut lines) = start("an_activated_one", &path, socket.into());
-    assert!(until(&mut lines, "adopted"));
+    let (child, lines) = start("an_activated_one", &path, socket.into(), 0);
+    assert!(until(&lines, "adopted"));
     assert_eq!(listens(), child.0.id());
     assert!(matches!(
         BindOptions::acquire(&path),

@@ -6,7 +6,7 @@ use std::num::NonZeroUsize;
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use std::os::unix::fs::{FileExt, MetadataExt, OpenOptionsExt};
 
-use crate::common::{map_pooled, map_sealed, pooled_file, sealed_file};
+use crate::common::{map_pooled, map_sealed, pooled_file, sealed_file, until_exited};
 use nix::errno::Errno;
 use nix::fcntl::{FallocateFlags, fallocate};
 use nix::libc;
@@ -346,7 +346,7 @@ fn a_child_process_does_not_keep_a_loan_from_being_sealed() {
     };
     let sealed = loan.seal();
     drop(end);
-    nix::sys::wait::waitpid(child, None).unwrap();
+    until_exited(child);
     assert_sealed(&sealed.unwrap(), &[1; 100]);
 }
 

@@ -3,9 +3,36 @@
 #![allow(dead_code, reason = "each test uses some of it")]
 
 use std::os::fd::{AsFd, OwnedFd};
+use std::time::{Duration, Instant};
+
+use nix::sys::signal::{Signal, kill};
+use nix::sys::wait::{WaitPidFlag, WaitStatus, waitpid};
+use nix::unistd::Pid;
+use sm2_test_support::SOON;
 
 use sm2_io::memfd::{PooledFile, RingFile, SealedFile};
 use sm2_io::{InspectedFd, PooledMapping, SealedMapping};
+
+/// Waits until a child that was made by `fork(2)` has ended without an error.
+pub(crate) fn until_exited(child: Pid) {
+    let deadline = Instant::now() + SOON;
+    loop {
+        match waitpid(child, Some(WaitPidFlag::WNOHANG)).unwrap() {
+            WaitStatus::StillAlive if Instant::now() < deadline => {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            WaitStatus::StillAlive => {
+                kill(child, Signal::SIGKILL).unwrap();
+                waitpid(child, None).unwrap();
+                panic!("the child does not end");
+            }
+            ended => {
+                assert_eq!(ended, WaitStatus::Exited(child, 0));
+                return;
+            }
+        }
+    }
+}
 
 fn owned(fd: impl AsFd) -> OwnedFd {
     fd.as_fd().try_clone_to_owned().unwrap()
