@@ -296,8 +296,8 @@ fn a_wait_does_not_spin_while_memory_is_short() {
     }
 }
 
-/// A client hears that its reply could not be stored, and why. The program of the server does, too. On the ring lane, the
-/// text needs a slot. The slot of an earlier reply has room for the whole text, or for its beginning.
+/// A client hears that its reply could not be stored, and why. The program of the server does, too. On the ring lane,
+/// the text needs a slot. The slot of an earlier reply has room for the whole text, or for its beginning.
 #[test]
 fn a_client_hears_that_its_reply_could_not_be_stored() {
     let shortages = [

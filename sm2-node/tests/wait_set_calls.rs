@@ -7,8 +7,8 @@ use nix::libc::ENOMEM;
 use sm2_io::fault::{Call, Fault, Injector};
 use sm2_node::{Publisher, Subscriber, Timer, WaitSet};
 
-/// The system calls of a wait that finds a message, and of one that finds nothing. The least of several rounds: an event
-/// that is left from before may add some.
+/// The system calls of a wait that finds a message, and of one that finds nothing. The least of several rounds: an
+/// event that is left from before may add some.
 fn least_calls(set: &mut WaitSet<'_, ()>, pair: (&Publisher<u64>, &Subscriber<u64>)) -> (u64, u64) {
     let (publisher, subscriber) = pair;
     let injector = Injector::counting();
@@ -36,8 +36,8 @@ fn least_calls(set: &mut WaitSet<'_, ()>, pair: (&Publisher<u64>, &Subscriber<u6
     least
 }
 
-/// One call finds a message among many sources, and one reads the sockets of its subscriber. At the end of the messages,
-/// there is no call but the one that finds nothing.
+/// One call finds a message among many sources, and one reads the sockets of its subscriber. At the end of the
+/// messages, there is no call but the one that finds nothing.
 #[test]
 fn a_wait_costs_the_same_for_any_number_of_sources() {
     let domain = Domain::new();
