@@ -10,6 +10,10 @@ use sm2_proto::Instant;
 /// steps.
 pub type WallClock = fn() -> DomainTime;
 
+/// Reads a monotonic clock. A recorder reads [that of the machine](sm2_io::clock::now), and tests give it one that they
+/// move on.
+pub type MonotonicClock = fn() -> Instant;
+
 /// A moment, read from both clocks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ClockRelation {
@@ -23,11 +27,11 @@ impl ClockRelation {
     /// The name of its metadata record.
     pub(crate) const RECORD: &str = "sm2.clock";
 
-    /// Reads the monotonic clock of this machine, and this wall clock.
-    pub(crate) fn read(wall_clock: WallClock) -> Self {
+    /// Reads both clocks.
+    pub(crate) fn read(wall_clock: WallClock, monotonic_clock: MonotonicClock) -> Self {
         let DomainTime(wall_ns) = wall_clock();
         Self {
-            monotonic: sm2_io::clock::now(),
+            monotonic: monotonic_clock(),
             wall_ns,
         }
     }

@@ -86,7 +86,7 @@ mod writer;
 pub use crate::{
     bag::Bag,
     black_box::{BlackBox, BlackBoxOptions, BlackBoxStep, Incident, Trigger},
-    clock::{ClockRelation, WallClock},
+    clock::{ClockRelation, MonotonicClock, WallClock},
     copy::{copy, copy_observed},
     diff::{Difference, diff, diff_observed},
     error::{CopyError, PlayError, ReadError, RecordError, WriteError},

@@ -346,7 +346,8 @@ mod tests {
     const NOW: Duration = Duration::ZERO;
 
     fn clock() -> Item {
-        Item::Clock(ClockRelation::read(sm2_node::clock::wall_time))
+        let wall_clock = sm2_node::clock::wall_time;
+        Item::Clock(ClockRelation::read(wall_clock, sm2_io::clock::now))
     }
 
     #[test]

@@ -120,7 +120,7 @@ impl<'fd> Recorder<'fd> {
         options: Options,
         stop: BorrowedFd<'fd>,
     ) -> Result<Self, RecordError> {
-        let clock = ClockRelation::read(options.wall_clock);
+        let clock = ClockRelation::read(options.wall_clock, options.monotonic_clock);
         let parts = Parts::new(output, options.compression, options.min_free_bytes, clock);
         let parts = parts.map_err(RecordError::Write)?;
         let mut set = WaitSet::new().map_err(RecordError::System)?;
@@ -133,8 +133,9 @@ impl<'fd> Recorder<'fd> {
         set.add_descriptor(Arc::clone(queue.room()), Interest::Readable, Event::Room)
             .map_err(RecordError::System)?;
         let (theirs, interval) = (Arc::clone(&queue), options.sync_interval);
+        let monotonic_clock = options.monotonic_clock;
         let writer = sm2_io::spawn_without_signals("sm2-bag".to_owned(), move || {
-            match write(parts, &theirs, interval, clock) {
+            match write(parts, &theirs, interval, (clock, monotonic_clock)) {
                 Ok(report) => Some(report),
                 Err(error) => {
                     theirs.fail(error);
@@ -223,7 +224,7 @@ impl<'fd> Recorder<'fd> {
 
     /// The time of the wall clock as it was at the start of the recording, in nanoseconds since 1970 (UTC).
     pub(crate) fn now_ns(&self) -> u64 {
-        self.clock.wall_at(sm2_io::clock::now())
+        self.clock.wall_at((self.options.monotonic_clock)())
     }
 
     /// Whether a node is in the domain.
@@ -350,7 +351,7 @@ impl<'fd> Recorder<'fd> {
     fn receive(&mut self, number: usize) -> Result<(), RecordError> {
         let count = self.take(number, BURST)?;
         let topic = &mut self.topics[number];
-        let (before, now) = (topic.wait, sm2_io::clock::now());
+        let (before, now) = (topic.wait, (self.options.monotonic_clock)());
         let Some(frequency) = Frequency::of(topic, count, now) else {
             return Ok(());
         };
@@ -377,8 +378,9 @@ impl<'fd> Recorder<'fd> {
 
     /// Takes the messages of the topics with the interval of this number.
     fn poll(&mut self, interval: usize) -> Result<(), RecordError> {
+        let now = (self.options.monotonic_clock)();
         let polled = &mut self.polled[interval];
-        let ended = polled.poll(&mut self.topics, BURST);
+        let ended = polled.poll(&mut self.topics, BURST, now);
         let mut found = polled.take_found();
         if polled.is_empty()
             && let Some(timer) = polled.timer.take()
@@ -413,7 +415,7 @@ impl<'fd> Recorder<'fd> {
         let mut samples = std::mem::take(&mut self.samples);
         let taken = topic.take(&mut samples, most);
         for sample in samples.drain(..) {
-            self.note(number, sample, sm2_io::clock::now());
+            self.note(number, sample, (self.options.monotonic_clock)());
         }
         self.samples = samples;
         Ok(taken?)
@@ -451,7 +453,8 @@ impl<'fd> Recorder<'fd> {
 
     /// Notes a step of the wall clock.
     fn compare_clocks(&mut self) {
-        let clock = ClockRelation::read(self.options.wall_clock);
+        let options = &self.options;
+        let clock = ClockRelation::read(options.wall_clock, options.monotonic_clock);
         if self.last_clock.step_to(&clock) >= STEP_MIN {
             self.last_clock = clock;
             self.queue.push(Item::Clock(clock));

@@ -6,7 +6,7 @@ use std::time::Duration;
 use sm2_node::clock::wall_time;
 use sm2_proto::Name;
 
-use crate::clock::WallClock;
+use crate::clock::{MonotonicClock, WallClock};
 use crate::writer::Compression;
 
 /// The options of a recording.
@@ -30,6 +30,9 @@ pub struct Options {
     pub min_free_bytes: u64,
     /// The wall clock; that of the machine by default.
     pub wall_clock: WallClock,
+    /// The clock of the times of messages, files and incidents; the monotonic clock of the machine by default. Timeouts
+    /// always follow the clock of the machine.
+    pub monotonic_clock: MonotonicClock,
 }
 
 /// The topics to record.
@@ -53,6 +56,7 @@ impl Options {
             compression: Compression::None,
             min_free_bytes: 1 << 30,
             wall_clock: wall_time,
+            monotonic_clock: sm2_io::clock::now,
         }
     }
 }

@@ -102,8 +102,8 @@ impl Polled {
         true
     }
 
-    /// Takes the messages of all polled topics, at most `most` of each: [`take_found`](Self::take_found) returns them,
-    /// also those before an error. Returns the topics that are not polled any more.
+    /// Takes the messages of all polled topics at `now`, at most `most` of each: [`take_found`](Self::take_found) returns
+    /// them, also those before an error. Returns the topics that are not polled any more.
     ///
     /// # Errors
     ///
@@ -112,8 +112,8 @@ impl Polled {
         &mut self,
         topics: &mut [Topic],
         most: usize,
+        now: Instant,
     ) -> Result<Vec<usize>, RecvError> {
-        let now = sm2_io::clock::now();
         let last = std::mem::replace(&mut self.last, now);
         let mut ended = Vec::new();
         for &number in &self.topics {
@@ -259,7 +259,8 @@ mod tests {
                     topic.polling.taken_at = sm2_io::clock::now();
                 }
             }
-            let ended = self.polled.poll(&mut self.topics, 64).unwrap();
+            let now = sm2_io::clock::now();
+            let ended = self.polled.poll(&mut self.topics, 64, now).unwrap();
             let found = self.polled.take_found();
             let times: Vec<_> = found.iter().map(|it| it.at).collect();
             assert!(

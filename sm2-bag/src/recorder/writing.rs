@@ -6,7 +6,7 @@ use std::time::Duration;
 use sm2_proto::Instant;
 
 use super::parts::Parts;
-use crate::clock::ClockRelation;
+use crate::clock::{ClockRelation, MonotonicClock};
 use crate::error::WriteError;
 use crate::queue::{Awaited, Batch, Item, Payload, Queue};
 use crate::report::Report;
@@ -16,7 +16,7 @@ pub(super) fn write(
     mut parts: Parts,
     queue: &Arc<Queue>,
     interval: Duration,
-    clock: ClockRelation,
+    (clock, monotonic_clock): (ClockRelation, MonotonicClock),
 ) -> Result<Report, WriteError> {
     let mut sync_at = sm2_io::clock::now().after(interval);
     let mut state = State::Synced;
@@ -70,7 +70,7 @@ pub(super) fn write(
             }
         }
         if !goes_on {
-            return parts.finish(clock.wall_at(sm2_io::clock::now()));
+            return parts.finish(clock.wall_at(monotonic_clock()));
         }
     }
 }
