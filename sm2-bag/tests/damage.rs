@@ -5,6 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use sm2_bag::{Bag, Compression, CopyError, Damage, Filter, Options, ReadError, check, recover};
+use sm2_test_support::seed;
 
 use crate::common::{Domain, memory_folder, named, record};
 
@@ -12,6 +13,13 @@ use crate::common::{Domain, memory_folder, named, record};
 const MESSAGES: u64 = 40;
 /// How many messages the bags have of which each byte is changed once.
 const FEW: u64 = 5;
+
+/// How many tears are tried for each compression.
+const TEARS: usize = if cfg!(feature = "slow") { 500 } else { 25 };
+/// A longer prefix has so many more bytes.
+const PREFIX_STEP: usize = if cfg!(feature = "slow") { 19 } else { 95 };
+/// One byte of so many is changed: an odd number, so that each bit has its turn.
+const BYTE_STEP: usize = if cfg!(feature = "slow") { 1 } else { 19 };
 
 /// A bag with a chunk for each message.
 fn bag(compression: Compression, messages: u64) -> Vec<u8> {
@@ -53,10 +61,15 @@ fn a_torn_bag_has_everything_before_the_tear() {
         let folder = memory_folder();
         let (torn, whole) = (folder.path().join("torn"), folder.path().join("whole"));
         let mut longest = 0;
-        let mut seed = 1_u64;
-        for _ in 0..500 {
-            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-            let len = (seed >> 33) as usize % bytes.len();
+        let mut state = seed();
+        let random = std::iter::repeat_with(|| {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
+            (state >> 33) as usize % bytes.len()
+        });
+        // Nearly everything is left by the first tear.
+        for len in [bytes.len() - 1].into_iter().chain(random.take(TEARS)) {
             fs::write(&torn, &bytes[..len]).unwrap();
             let read = match numbers(&torn) {
                 Ok(read) => read,
@@ -93,7 +106,7 @@ fn a_longer_prefix_never_has_fewer_messages() {
     let folder = memory_folder();
     let torn = folder.path().join("torn");
     let mut before = 0;
-    for len in (8..bytes.len()).step_by(19) {
+    for len in (8 + seed() as usize % PREFIX_STEP..bytes.len()).step_by(PREFIX_STEP) {
         fs::write(&torn, &bytes[..len]).unwrap();
         let count = numbers(&torn).unwrap().len();
         assert!(count >= before, "{len}: {count} < {before}");
@@ -124,7 +137,7 @@ fn a_bag_with_a_changed_byte_has_no_other_messages() {
         let bytes = bag(compression, FEW);
         let folder = memory_folder();
         let path = folder.path().join("damaged");
-        for at in 0..bytes.len() {
+        for at in (seed() as usize % BYTE_STEP..bytes.len()).step_by(BYTE_STEP) {
             let mut damaged = bytes.clone();
             // One bit, another one at each place.
             damaged[at] ^= 1 << (at % 8);

@@ -34,9 +34,7 @@ fn record_all(domain: &Domain, storage: impl Storage + 'static) -> Report {
     record(&recorder, storage, options, |record_until| {
         record_until(&mut |_| camera.links().iter().any(|it| it.open));
         for number in 0..LENS.len() {
-            while camera.try_publish(&payload(number)).unwrap().is_none() {
-                record_until(&mut |_| true);
-            }
+            record_until(&mut |_| camera.try_publish(&payload(number)).unwrap().is_some());
         }
         record_until(&mut |it| it.progress().messages == LENS.len() as u64);
     })

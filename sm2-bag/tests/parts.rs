@@ -13,7 +13,7 @@ use sm2_bag::{
 };
 use sm2_node::{Name, Node, Publisher, Shutdown};
 
-use crate::common::{Domain, SOON, named};
+use crate::common::{Domain, SOON, named, until};
 
 const MESSAGE_LEN: usize = 10_000;
 
@@ -33,20 +33,23 @@ fn record_in(domain: &Domain, folder: Folder, split: Split, count: u64) -> Repor
     for number in 0..count {
         let mut message = vec![0; MESSAGE_LEN];
         message[..8].copy_from_slice(&number.to_le_bytes());
-        while data.try_publish(&message).unwrap().is_none() {
+        until("there is room for a message", || {
             recorder.step(Duration::from_millis(1)).unwrap();
-        }
+            data.try_publish(&message).unwrap().is_some()
+        });
     }
-    while recorder.progress().messages < count {
+    until("all messages are written", || {
         recorder.step(Duration::from_millis(1)).unwrap();
-    }
+        recorder.progress().messages == count
+    });
     recorder.finish().unwrap()
 }
 
 fn wait_for_link(data: &Publisher<[u8]>, recorder: &mut Recorder<'_>) {
-    while !data.links().iter().any(|it| it.open) {
+    until("the recorder is linked", || {
         recorder.step(Duration::from_millis(1)).unwrap();
-    }
+        data.links().iter().any(|it| it.open)
+    });
 }
 
 /// The bags of a folder in the order of their names.
@@ -228,13 +231,11 @@ fn a_recording_ends_in_order_before_the_disk_is_full() {
     let mut recorder = Recorder::start(&node, disk, options, shutdown.as_fd()).unwrap();
     wait_for_link(&data, &mut recorder);
     let mut sent = 0;
-    loop {
+    until("the disk is full", || {
         data.publish(&[1; MESSAGE_LEN]).unwrap();
         sent += 1;
-        if recorder.step(Duration::from_millis(5)).unwrap() == Step::DiskFull {
-            break;
-        }
-    }
+        recorder.step(Duration::from_millis(5)).unwrap() == Step::DiskFull
+    });
     assert!(sent > 40, "{sent}");
     let report = recorder.finish().unwrap();
     let topic = &report.topics[0];

@@ -49,7 +49,9 @@ fn record_each(domain: &Domain, name: &str, publishers: &[(&Publisher<[u8]>, &[u
         for (publisher, message) in publishers {
             publisher.publish(message).unwrap();
         }
-        record_until(&mut |it| it.progress().messages == publishers.len() as u64);
+        // The messages are taken, and wait for the end of the chunk.
+        let all: usize = publishers.iter().map(|it| it.1.len()).sum();
+        record_until(&mut |it| it.progress().bytes + it.progress().waiting_bytes == all as u64);
     })
 }
 

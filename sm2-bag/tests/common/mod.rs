@@ -10,9 +10,7 @@ use std::time::{Duration, Instant};
 use sm2_bag::{Options, Recorder, Report, Storage, Topics};
 use sm2_manager::Background;
 use sm2_node::{Name, Node, Shutdown};
-
-/// Long enough for a machine that is busy with other tests.
-pub(crate) const SOON: Duration = Duration::from_secs(20);
+pub(crate) use sm2_test_support::{SOON, until};
 
 pub(crate) struct Domain {
     _manager: Background,
