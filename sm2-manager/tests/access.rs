@@ -42,7 +42,7 @@ fn policy(domain: &TestDomain, name: &str, text: &str) -> PathBuf {
 
 fn connect(domain: &TestDomain, name: &str) -> Result<Node, ConnectError> {
     let builder = Node::builder(name).socket(domain.socket());
-    builder.manager_timeout(common::TIMEOUT).connect()
+    builder.manager_timeout(common::SOON).connect()
 }
 
 fn denied(rule: &str) -> Refusal {

@@ -10,7 +10,7 @@ use std::{
     time::Duration,
 };
 
-use crate::common::{Client, Program, TIMEOUT, TestDomain};
+use crate::common::{Client, Program, SOON, TestDomain};
 use nix::sys::signal::Signal;
 use sm2_io::{Listener, SeqPacket};
 use sm2_proto::{Farewell, node::End};
@@ -27,7 +27,7 @@ impl Init {
         let domain = TestDomain::new();
         let socket = Listener::bind(&domain.socket(), 16).unwrap().into();
         let notify = UnixDatagram::bind(domain.folder().join("notify")).unwrap();
-        notify.set_read_timeout(Some(TIMEOUT)).unwrap();
+        notify.set_read_timeout(Some(SOON)).unwrap();
         Self {
             domain,
             socket,

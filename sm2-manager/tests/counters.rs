@@ -13,7 +13,7 @@ use std::{
     time::Duration,
 };
 
-use crate::common::{Program, TIMEOUT, TestDomain};
+use crate::common::{Program, SOON, TestDomain};
 use nix::unistd::{Uid, chown, geteuid};
 use sm2_io::{CounterPage, CounterView, RecvError, SeqPacket, memfd, wait_readable};
 use sm2_proto::{
@@ -68,7 +68,7 @@ impl Raw {
     /// Returns the next frame and its descriptor.
     #[track_caller]
     fn next(&self) -> (ToNode, Option<OwnedFd>) {
-        self.try_next(TIMEOUT).expect("a frame")
+        self.try_next(SOON).expect("a frame")
     }
 
     fn try_next(&self, timeout: Duration) -> Option<(ToNode, Option<OwnedFd>)> {
@@ -96,7 +96,7 @@ impl Raw {
         let (ToNode::Goodbye { code }, None) = self.next() else {
             panic!("GOODBYE expected");
         };
-        assert!(self.try_next(TIMEOUT).is_none(), "the end");
+        assert!(self.try_next(SOON).is_none(), "the end");
         code
     }
 }

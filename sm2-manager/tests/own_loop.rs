@@ -14,9 +14,8 @@ use sm2_io::{CounterPage, CounterView, RecvError, SendError, SeqPacket, wait_rea
 use sm2_node::{Node, Publisher, Subscriber};
 use sm2_proto::control::{ToManager, ToNode, decode_to_node, encode_to_manager};
 use sm2_proto::{Code, Datagram, Farewell, FdFacts, InterfaceId, Name, NodeId, ViolationKind};
+use sm2_test_support::SOON;
 
-/// Long enough for a machine that runs other tests at the same time.
-const SOON: Duration = Duration::from_secs(20);
 /// The environment variable that names the socket for the other process of a test.
 const SOCKET: &str = "SM2_OWN_LOOP_TEST_SOCKET";
 
@@ -149,7 +148,8 @@ fn example() -> PathBuf {
 }
 
 fn node(socket: &Path, name: &str) -> Node {
-    Node::builder(name).socket(socket).connect().unwrap()
+    let builder = Node::builder(name).socket(socket);
+    builder.manager_timeout(SOON).connect().unwrap()
 }
 
 /// Both nodes belong to this thread, so both must be called until their link is open.
@@ -278,7 +278,7 @@ fn the_listener() {
     let subscriber = node.subscriber_builder::<u64>("topic").depth(1_024);
     let subscriber = subscriber.declare().unwrap();
     for _ in 0..500 {
-        let sample = subscriber.recv().unwrap();
+        let sample = subscriber.recv_timeout(SOON).unwrap().expect("a message");
         println!("{} says {}", sample.publisher(), *sample);
     }
 }

@@ -43,7 +43,7 @@ impl Stream {
     fn new(domain: &TestDomain, sealed: bool) -> Self {
         let connect = |name: &str| {
             let builder = Node::builder(name).socket(domain.socket());
-            builder.manager_timeout(common::TIMEOUT).connect().unwrap()
+            builder.manager_timeout(common::SOON).connect().unwrap()
         };
         let (talker, listener) = (connect("talker"), connect("listener"));
         let publisher = talker.publisher_builder("numbers").sealed(sealed).depth(8);
@@ -162,8 +162,8 @@ fn a_node_has_the_policy_read_again() {
     let domain = TestDomain::new();
     let manager = Background::start(&domain.socket(), Options::default()).unwrap();
     let tool = Node::builder("tool").socket(domain.socket());
-    let tool = tool.manager_timeout(common::TIMEOUT).connect().unwrap();
-    let reload = || tool.reload_policy(common::TIMEOUT);
+    let tool = tool.manager_timeout(common::SOON).connect().unwrap();
+    let reload = || tool.reload_policy(common::SOON);
     assert!(matches!(reload(), Err(ReloadError::NoPolicy)));
     let stream = Stream::new(&domain, false);
     stream.publish(3);

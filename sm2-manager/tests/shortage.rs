@@ -7,7 +7,7 @@ use std::{
     thread::{self, JoinHandle},
 };
 
-use crate::common::{TIMEOUT, TestDomain, eventually};
+use crate::common::{SOON, TestDomain, eventually};
 use nix::libc;
 use sm2_io::{
     RecvError, SeqPacket,
@@ -42,7 +42,7 @@ impl Short {
             let _installed = injector.install();
             manager.run().unwrap()
         });
-        let (stopper, hand_over) = handles.recv().unwrap();
+        let (stopper, hand_over) = handles.recv_timeout(SOON).unwrap();
         Self {
             domain,
             faults,
@@ -54,7 +54,7 @@ impl Short {
 
     fn node(&self, name: &str) -> Node {
         let builder = Node::builder(name).socket(self.domain.socket());
-        builder.connect().unwrap()
+        builder.manager_timeout(SOON).connect().unwrap()
     }
 
     fn fail(&self, call: Call, errno: i32, times: u64) {
@@ -123,7 +123,7 @@ impl Pair {
 
     fn carries(&self, value: u32) {
         assert_eq!(self.publisher.publish(&value).unwrap().links, 1);
-        let sample = self.subscriber.recv_timeout(TIMEOUT).unwrap();
+        let sample = self.subscriber.recv_timeout(SOON).unwrap();
         assert_eq!(sample.map(|it| *it), Some(value));
     }
 }
@@ -205,7 +205,7 @@ fn read(socket: &SeqPacket) -> ToNode {
                 return decode_to_node(&Datagram::new(&buffer[..received.len])).unwrap();
             }
             Err(RecvError::WouldBlock) => {
-                let ready = wait_readable(&[socket.as_fd()], Some(TIMEOUT)).unwrap();
+                let ready = wait_readable(&[socket.as_fd()], Some(SOON)).unwrap();
                 assert!(ready, "the Manager sends no frame");
             }
             Err(error) => panic!("{error}"),

@@ -24,18 +24,7 @@ use sm2_proto::{
     node::{End, Input, Node, Output},
 };
 
-/// Any wait that takes longer counts as a deadlock.
-pub(crate) const TIMEOUT: Duration = Duration::from_secs(60);
-
-/// Waits until `done` returns true.
-#[track_caller]
-pub(crate) fn eventually(what: &str, mut done: impl FnMut() -> bool) {
-    let start = Instant::now();
-    while !done() {
-        assert!(start.elapsed() < TIMEOUT, "timeout: {what}");
-        thread::sleep(Duration::from_millis(1));
-    }
-}
+pub(crate) use sm2_test_support::{SOON, until as eventually};
 
 /// A temporary folder for one domain.
 pub(crate) struct TestDomain {
@@ -310,9 +299,9 @@ impl Client {
 
     #[track_caller]
     fn until(&mut self, mut done: impl FnMut(&Self) -> bool) {
-        let start = Instant::now();
+        let late = Instant::now() + SOON;
         while !done(self) {
-            assert!(start.elapsed() < TIMEOUT, "the Manager says nothing");
+            assert!(Instant::now() < late, "the Manager says nothing");
             let pause = Some(Duration::from_secs(1));
             if wait_readable(&[self.socket.as_fd()], pause).unwrap() {
                 self.receive();
