@@ -1,7 +1,5 @@
 //! Nodes that exchange ROS 2's types over topics and services.
 
-use std::time::Duration;
-
 use serde_json::json;
 use sm2_manager::{Background, Options};
 use sm2_node::{Message, Node, PublishError, RecvError, StoreError};
@@ -10,10 +8,8 @@ use sm2_ros::sensor_msgs::msg::Image;
 use sm2_ros::std_srvs::srv::{SetBool, SetBoolRequest, SetBoolResponse};
 use sm2_ros::{Service, Type, encode, view};
 use sm2_ros_idl::Set;
+use sm2_test_support::SOON;
 use tempfile::TempDir;
-
-/// Longer than any wait of these tests on a busy machine.
-const SOON: Duration = Duration::from_secs(20);
 
 /// Two nodes of one domain.
 struct Pair {

@@ -14,6 +14,9 @@ fn set() -> Set {
     set
 }
 
+/// How many messages of each type are tried.
+const MESSAGES: usize = if cfg!(feature = "slow") { 8 } else { 2 };
+
 /// A random message as JSON: 64 bits of `seed` choose each value.
 fn message(set: &Set, name: &TypeName, next: &mut dyn FnMut() -> u64) -> serde_json::Value {
     let fields = &set.get(name).unwrap().fields;
@@ -70,7 +73,7 @@ impl TypeVisitor for RoundTrips<'_> {
         assert_eq!(self.set.schema_text(&name).unwrap(), T::SCHEMA, "{name}");
         let default = encode(self.set, &name, &json!({})).unwrap();
         assert_eq!(to_vec(&T::default()).unwrap(), default, "{name}");
-        for _ in 0..8 {
+        for _ in 0..MESSAGES {
             let state = &mut self.state;
             let value = message(self.set, &name, &mut || {
                 // Numerical Recipes' linear congruential generator; its upper half is random enough.
