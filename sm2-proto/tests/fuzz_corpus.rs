@@ -47,7 +47,12 @@ fn every_target() {
     assert_eq!(replay::corpora(), names);
     for (target, body) in TARGETS {
         if let Err(elsewhere) = body {
-            let test = format!("../{elsewhere}/tests/fuzz_corpus.rs");
+            let folder = if elsewhere == "sm2-cli" {
+                "tests/cli"
+            } else {
+                "tests"
+            };
+            let test = format!("../{elsewhere}/{folder}/fuzz_corpus.rs");
             let text = std::fs::read_to_string(&test).expect("it replays that target");
             assert!(text.contains(&format!("\"{target}\"")), "{test}: {target}");
         }
