@@ -9,8 +9,9 @@
 //! - each message arrived undamaged, or one end says that it is missing;
 //! - every process has ended, and the files in the folder of the domain are those of a run without an error.
 //!
-//! The tests run a fixed sample. `SM2_INJECT=all` runs everything, and prints its progress:
-//! `SM2_INJECT=all cargo test -p sm2-cli --test injected -- --nocapture`. `SM2_INJECT=CALL:NTH:ERRNO` runs one
+//! Two scenarios run the first fault of each call. With the feature `slow`, all scenarios run a larger sample.
+//! `SM2_INJECT=all` runs everything, and prints its progress:
+//! `SM2_INJECT=all cargo test -p sm2-cli --features slow --test injected -- --nocapture`. `SM2_INJECT=CALL:NTH:ERRNO` runs one
 //! fault, such as `mmap:30:ENOMEM`. `SM2_BINARIES=target/release` takes `sm2`, `sm2-manager` and `sm2-gateway` from
 //! that folder; without it, all programs are the command `sm2` that Cargo has built for the tests.
 
@@ -28,17 +29,17 @@ use std::{
     panic::{self, AssertUnwindSafe},
 };
 
+use sm2_test_support::skip_without;
 use strace::{Fault, Victim};
 
-/// How many faults of a scenario are in the sample.
+/// How many faults of a scenario are in the sample of slow tests.
 const SAMPLE: usize = 8;
 
 /// Runs a scenario, which returns the files that it leaves behind, with the faults of its victim. `always` are faults
 /// that are in every sample, because they were found to do harm.
 fn survives(name: &str, scenario: fn(&Victim) -> Vec<String>, always: &[&str]) {
     if let Err(reason) = strace::is_available() {
-        println!("skipped: {reason}");
-        return;
+        return skip_without("strace", reason);
     }
     let wanted = env::var("SM2_INJECT").ok();
     let all = wanted.as_deref() == Some("all");
@@ -52,6 +53,7 @@ fn survives(name: &str, scenario: fn(&Victim) -> Vec<String>, always: &[&str]) {
     let faults: Vec<Fault> = match only {
         Some(fault) => vec![fault],
         None if all => counted,
+        None if cfg!(not(feature = "slow")) => strace::first_of_each(counted),
         None => {
             let step = counted.len().div_ceil(SAMPLE);
             counted.into_iter().step_by(step).chain(always).collect()
@@ -88,16 +90,19 @@ fn a_publisher_survives_each_fault() {
 }
 
 #[test]
+#[cfg_attr(not(feature = "slow"), ignore = "slow")]
 fn a_subscriber_survives_each_fault() {
     survives("subscribe", scenarios::subscribe, &[]);
 }
 
 #[test]
+#[cfg_attr(not(feature = "slow"), ignore = "slow")]
 fn a_subscriber_that_writes_files_survives_each_fault() {
     survives("files", scenarios::files, &[]);
 }
 
 #[test]
+#[cfg_attr(not(feature = "slow"), ignore = "slow")]
 fn a_call_survives_each_fault() {
     survives("call", scenarios::call, &[]);
 }
@@ -108,6 +113,7 @@ fn a_manager_survives_each_fault() {
 }
 
 #[test]
+#[cfg_attr(not(feature = "slow"), ignore = "slow")]
 fn a_manager_that_takes_over_survives_each_fault() {
     survives(
         "take over",
@@ -117,11 +123,13 @@ fn a_manager_that_takes_over_survives_each_fault() {
 }
 
 #[test]
+#[cfg_attr(not(feature = "slow"), ignore = "slow")]
 fn a_manager_that_hands_over_survives_each_fault() {
     survives("hand over", scenarios::hand_over, &[]);
 }
 
 #[test]
+#[cfg_attr(not(feature = "slow"), ignore = "slow")]
 fn a_gateway_survives_each_fault() {
     survives(
         "gateway",

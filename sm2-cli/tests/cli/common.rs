@@ -1,13 +1,13 @@
 //! Real `sm2` processes in the test's own domain.
 
 use std::{
+    ffi::OsStr,
     fmt, fs,
     io::Read,
     path::{Path, PathBuf},
     process::{Child, Command, ExitStatus, Stdio},
     sync::{Arc, Mutex},
     thread::{self, JoinHandle},
-    time::{Duration, Instant},
 };
 
 use nix::{
@@ -15,15 +15,15 @@ use nix::{
     unistd::Pid,
 };
 use serde_json::Value;
+pub(crate) use sm2_test_support::{SOON, until};
 use tempfile::TempDir;
 
-/// The time after which a wait fails. Nothing in these tests takes so long.
-const TIMEOUT: Duration = Duration::from_secs(60);
-
-/// The `sm2` command, in an environment without a domain.
+/// The `sm2` command, in an environment without a domain, and in a folder in which nobody can make files: the tests
+/// leave none in the repository.
 pub(crate) fn sm2(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_sm2"));
     command.args(arguments).stdin(Stdio::null());
+    command.current_dir("/proc");
     for variable in ["SM2_SOCKET", "SM2_DOMAIN", "SM2_LOG"] {
         command.env_remove(variable);
     }
@@ -63,6 +63,7 @@ impl Domain {
     /// A command that talks to this domain.
     pub(crate) fn command(&self, arguments: &[&str]) -> Command {
         let mut command = sm2(arguments);
+        command.current_dir(self.folder.path());
         command.arg("--socket").arg(self.path("sm2.sock"));
         command
     }
@@ -105,7 +106,7 @@ impl Domain {
     /// Connects a node of this process.
     pub(crate) fn node(&self, name: &str) -> sm2_node::Node {
         let builder = sm2_node::Node::builder(name).socket(self.path("sm2.sock"));
-        builder.manager_timeout(TIMEOUT).connect().unwrap()
+        builder.manager_timeout(SOON).connect().unwrap()
     }
 
     pub(crate) fn stop_manager(&mut self) {
@@ -297,13 +298,12 @@ impl Reader {
     }
 }
 
-/// Waits until a condition holds.
-pub(crate) fn until(what: &str, mut is: impl FnMut() -> bool) {
-    let end = Instant::now() + TIMEOUT;
-    while !is() {
-        assert!(Instant::now() < end, "waited in vain until {what}");
-        thread::sleep(Duration::from_millis(5));
-    }
+/// Copies a program, by another process. If this process wrote the file, a child that another thread is just starting
+/// would hold it open for writing, and the kernel does not execute such a file.
+pub(crate) fn copy(from: impl AsRef<OsStr>, to: &Path) {
+    let mut copy = Command::new("cp");
+    let copy = copy.arg(from).arg(to);
+    assert!(copy.status().unwrap().success());
 }
 
 /// The names and contents of a folder's files, in the order of their names.

@@ -1,6 +1,6 @@
 //! Replays the seeds and findings of `fuzz/` through the bodies of the fuzz targets.
 
-#[path = "../../fuzz/replay.rs"]
+#[path = "../../../fuzz/replay.rs"]
 mod replay;
 
 use sm2_cli::fuzz;

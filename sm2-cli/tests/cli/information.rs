@@ -1,12 +1,10 @@
 //! `sm2 topic info` and `sm2 node info`.
 
-use std::thread;
 use std::time::Duration;
 
 use serde_json::json;
-use sm2_node::Event;
 
-use crate::common::{Domain, listener, talker};
+use crate::common::{Domain, SOON, listener, talker, until};
 
 #[test]
 fn a_topic_is_shown_with_its_type_and_interfaces() {
@@ -75,9 +73,10 @@ fn messages_that_nobody_hears_are_shown() {
     // A message on a link is not counted.
     let listener = domain.node("listener");
     let subscriber = listener.subscriber::<str>("stop").unwrap();
-    subscriber.wait_for_publishers(1).unwrap();
+    subscriber.wait_for_publishers_timeout(1, SOON).unwrap();
     publisher.publish("go").unwrap();
-    assert_eq!(&*subscriber.recv().unwrap(), "go");
+    let received = subscriber.recv_timeout(SOON).unwrap();
+    assert_eq!(&*received.expect("a message"), "go");
     let pair = ["why", "talker:stop", "listener:stop"];
     for arguments in [&info[..], &pair] {
         assert_eq!(domain.json(arguments)["unheard"], expected);
@@ -95,10 +94,10 @@ fn lost_liveliness_is_shown() {
     let publisher = publisher.declare().unwrap();
     let subscriber = listener.subscriber_builder::<str>("scan").liveliness(lease);
     let subscriber = subscriber.declare().unwrap();
-    subscriber.wait_for_publishers(1).unwrap();
-    while publisher.lost_liveliness() == 0 || subscriber.lost_liveliness() == 0 {
-        thread::sleep(lease);
-    }
+    subscriber.wait_for_publishers_timeout(1, SOON).unwrap();
+    until("both have lost liveliness", || {
+        publisher.lost_liveliness() > 0 && subscriber.lost_liveliness() > 0
+    });
     let info = domain.json(&["topic", "info", "scan"]);
     assert_eq!(info["interfaces"][0]["qos"]["liveliness_ns"], 5_000_000);
     let lost = info["lost_liveliness"].as_array().unwrap();
@@ -123,14 +122,17 @@ fn missed_deadlines_are_shown() {
     let publisher = publisher.declare().unwrap();
     let subscriber = listener.subscriber_builder::<str>("scan").deadline(period);
     let subscriber = subscriber.declare().unwrap();
-    subscriber.wait_for_publishers(1).unwrap();
-    let events = subscriber.events();
-    while !matches!(events.next().unwrap(), Event::DeadlineMissed { .. }) {}
-    let info = domain.json(&["topic", "info", "scan"]);
-    assert_eq!(info["interfaces"][0]["qos"]["deadline_ns"], 5_000_000);
-    let missed = info["missed_deadlines"].as_array().unwrap();
-    assert_eq!(missed.len(), 2, "{missed:?}");
-    assert!(missed.iter().all(|it| it["periods"].as_u64() > Some(0)));
+    subscriber.wait_for_publishers_timeout(1, SOON).unwrap();
+    until("both have missed a deadline", || {
+        for node in [&talker, &listener] {
+            node.spin_some().unwrap();
+        }
+        let info = domain.json(&["topic", "info", "scan"]);
+        assert_eq!(info["interfaces"][0]["qos"]["deadline_ns"], 5_000_000);
+        let missed = info["missed_deadlines"].as_array().unwrap();
+        assert!(missed.iter().all(|it| it["periods"].as_u64() > Some(0)));
+        missed.len() == 2
+    });
     let text = domain.run(&["topic", "info", "scan"]).stdout();
     assert!(text.contains("deadline 5ms"), "{text}");
     for name in ["talker", "listener"] {

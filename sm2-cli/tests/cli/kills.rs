@@ -10,10 +10,13 @@ use std::{
 
 use nix::sys::signal::Signal;
 use sm2_bag::{Bag, Filter, recover};
+use sm2_test_support::seed;
 
 use crate::common::{Domain, until};
 
-const KILLS: usize = 200;
+const KILLS: usize = if cfg!(feature = "slow") { 200 } else { 10 };
+/// Each kill with such a number waits for a long message. The others come at random moments.
+const LONG_EVERY: usize = 5;
 
 /// Every tenth message is long, so that it is written from its slot. Each one begins with its number.
 fn message(number: u64) -> Vec<u8> {
@@ -40,13 +43,30 @@ fn readable(path: &Path) -> Vec<u64> {
     numbers
 }
 
-/// Records until the bag has some messages, kills the recorder, and returns the numbers of the messages in the bag.
-fn kill(domain: &Domain, path: &Path, after: Duration) -> Vec<u64> {
+/// When a recorder is killed.
+enum Moment {
+    /// When the bag has a long message.
+    Long,
+    /// So long after the file has been made.
+    After(Duration),
+}
+
+fn long_ones(numbers: &[u64]) -> usize {
+    numbers.iter().filter(|it| it.is_multiple_of(10)).count()
+}
+
+/// Records, kills the recorder, and returns the numbers of the messages in the bag.
+fn kill(domain: &Domain, path: &Path, moment: &Moment) -> Vec<u64> {
     let file = path.to_str().unwrap();
     let arguments = ["record", "numbers", "--reliable", "numbers", "-o", file];
     let recorder = domain.start(&[&arguments[..], &["--sync", "5ms"]].concat());
     until("the file is there", || path.exists());
-    thread::sleep(after);
+    match moment {
+        Moment::Long => until("a long message is in the bag", || {
+            long_ones(&readable(path)) > 0
+        }),
+        Moment::After(time) => thread::sleep(*time),
+    }
     let before = readable(path);
     recorder.signal(Signal::SIGKILL);
     recorder.finish();
@@ -66,7 +86,7 @@ impl Drop for End<'_> {
 }
 
 #[test]
-fn two_hundred_kills_leave_bags_that_can_be_read() {
+fn kills_leave_bags_that_can_be_read() {
     let domain = Domain::new();
     let node = domain.node("talker");
     let numbers = node.publisher_builder::<[u8]>("numbers");
@@ -85,12 +105,19 @@ fn two_hundred_kills_leave_bags_that_can_be_read() {
         });
         let (path, whole) = (domain.path("killed.mcap"), domain.path("whole.mcap"));
         let mut long = 0;
+        let mut state = seed();
         for kill_number in 0..KILLS {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
             // The moments are spread over starting, linking and writing.
-            let after = Duration::from_micros(kill_number as u64 * 7_919 % 60_000);
-            let left = kill(&domain, &path, after);
+            let moment = match kill_number % LONG_EVERY {
+                0 => Moment::Long,
+                _ => Moment::After(Duration::from_micros((state >> 33) % 60_000)),
+            };
+            let left = kill(&domain, &path, &moment);
             if !left.is_empty() {
-                long += left.iter().filter(|it| it.is_multiple_of(10)).count();
+                long += long_ones(&left);
                 assert!(recover(&path, &whole).unwrap().complete);
                 assert_eq!(readable(&whole), left);
                 fs::remove_file(&whole).unwrap();

@@ -9,6 +9,7 @@ mod demo;
 mod doctor;
 mod examples;
 mod foreign;
+mod fuzz_corpus;
 mod gateway;
 mod generated;
 mod help;

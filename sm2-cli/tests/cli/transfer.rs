@@ -2,7 +2,7 @@
 
 use std::{fs, io::Write, process::Stdio, thread, time::Duration};
 
-use crate::common::{Domain, Running, files, noise};
+use crate::common::{Domain, Running, SOON, files, noise};
 
 /// Contents from empty to large, text and binary.
 fn contents() -> Vec<Vec<u8>> {
@@ -177,10 +177,7 @@ fn a_narrow_subscriber_gets_every_line() {
     let from = ["topic", "pub", "lines", "--from", file.to_str().unwrap()];
     let publish = domain.start(&[&from[..], &["--lines", "--reliable", "--type", "text"]].concat());
     for number in 0..300 {
-        let sample = subscriber
-            .recv_timeout(Duration::from_secs(30))
-            .unwrap()
-            .expect("a line");
+        let sample = subscriber.recv_timeout(SOON).unwrap().expect("a line");
         assert_eq!(*sample, *number.to_string());
         if number % 10 == 0 {
             thread::sleep(Duration::from_millis(1));
@@ -207,7 +204,7 @@ fn a_small_pool_loses_nothing() {
     let publish = domain.start(&[&from[..], &options].concat());
     let mut received = Vec::new();
     while received.len() < input.len() {
-        let sample = subscriber.recv_timeout(Duration::from_secs(30)).unwrap();
+        let sample = subscriber.recv_timeout(SOON).unwrap();
         received.extend_from_slice(&sample.expect("a part"));
         thread::sleep(Duration::from_millis(1));
     }

@@ -2,7 +2,9 @@
 
 use std::{fs, os::unix::net::UnixListener, process::Command};
 
-use crate::common::{Domain, Finished, Running, sm2, talker};
+use sm2_test_support::skip;
+
+use crate::common::{Domain, Finished, Running, copy, sm2, talker};
 
 fn run(arguments: &[&str]) -> Finished {
     Running::start(&mut sm2(arguments)).finish()
@@ -68,7 +70,7 @@ fn a_socket_of_somebody_else_is_told_with_a_cure() {
     let socket = socket.to_str().unwrap();
     // Only root can run the test as another user: as `nobody`, with a copy of the program.
     let program = domain.path("sm2");
-    fs::copy(env!("CARGO_BIN_EXE_sm2"), &program).unwrap();
+    copy(env!("CARGO_BIN_EXE_sm2"), &program);
     let open = std::os::unix::fs::PermissionsExt::from_mode(0o755);
     fs::set_permissions(domain.path("."), open).unwrap();
     let mut command = Command::new("setpriv");
@@ -77,7 +79,7 @@ fn a_socket_of_somebody_else_is_told_with_a_cure() {
         .arg(&program)
         .args(["topic", "list", "--socket", socket]);
     if !nix::unistd::geteuid().is_root() || command.output().is_err() {
-        eprintln!("not tried: this needs root and setpriv");
+        skip("this needs root and setpriv");
         return;
     }
     let denied = Running::start(&mut command).finish();

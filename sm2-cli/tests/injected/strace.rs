@@ -74,6 +74,13 @@ impl fmt::Display for Fault {
     }
 }
 
+/// The first fault of each call.
+pub(crate) fn first_of_each(faults: Vec<Fault>) -> Vec<Fault> {
+    let mut faults = faults;
+    faults.dedup_by(|a, b| a.call == b.call);
+    faults
+}
+
 /// The program of a scenario whose calls are counted or fail: the options of `strace` for it, if there are any.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Victim(Vec<String>);

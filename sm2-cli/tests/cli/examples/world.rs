@@ -2,7 +2,6 @@
 
 use std::{
     env, fs,
-    net::UdpSocket,
     os::unix::fs::PermissionsExt,
     path::{Path, PathBuf},
     process::{Command, Stdio},
@@ -18,7 +17,10 @@ use serde::{Deserialize, Serialize};
 use sm2_node::{Message, Node, Publisher, Schema, Subscriber};
 use tempfile::TempDir;
 
-use crate::common::{Running, until};
+use crate::{
+    common::{Running, copy, until},
+    gateway::address,
+};
 
 /// The topics of bytes that examples name.
 const TOPICS: [&str; 8] = [
@@ -50,6 +52,31 @@ struct Point {
     y: f64,
 }
 
+/// Programs in place of those that not every machine has.
+pub(super) struct Shims(TempDir);
+
+impl Shims {
+    pub(super) fn new() -> Self {
+        let shims = Self(tempfile::tempdir().unwrap());
+        // jq prints each report at once; without jq its input is printed.
+        shims.make(
+            "jq",
+            "jq=$(PATH=/usr/local/bin:/usr/bin:/bin command -v jq) || exec cat\n\
+             exec \"$jq\" --unbuffered \"$@\"",
+        );
+        // Not every machine has man; a page starts with its title.
+        shims.make("man", "grep '^[.]TH'");
+        shims
+    }
+
+    fn make(&self, name: &str, script: &str) {
+        let (text, program) = (self.0.path().join("text"), self.0.path().join(name));
+        fs::write(&text, format!("#!/bin/sh\n{script}\n")).unwrap();
+        fs::set_permissions(&text, PermissionsExt::from_mode(0o755)).unwrap();
+        copy(&text, &program);
+    }
+}
+
 /// A machine for one example: folders, domains and nodes of its own.
 pub(super) struct World {
     nodes: Option<Nodes>,
@@ -57,6 +84,7 @@ pub(super) struct World {
     daemons: Vec<Running>,
     /// The domain of the example.
     domain: &'static str,
+    shims: PathBuf,
     /// Removed last, when nobody uses it any more.
     folder: TempDir,
 }
@@ -70,7 +98,7 @@ pub(super) fn is_word_of(example: &str, word: &str) -> bool {
 
 impl World {
     /// The world that an example needs.
-    pub(super) fn new(example: &str) -> Self {
+    pub(super) fn new(example: &str, shims: &Shims) -> Self {
         let needs_gateways = is_word_of(example, "ask") || is_word_of(example, "peers");
         let mut world = Self {
             nodes: None,
@@ -79,6 +107,7 @@ impl World {
                 true => "base",
                 false => "default",
             },
+            shims: shims.0.path().to_owned(),
             folder: tempfile::tempdir().unwrap(),
         };
         world.make_files(example);
@@ -134,11 +163,10 @@ impl World {
         }
         let tools = Path::new(env!("CARGO_BIN_EXE_sm2")).parent().unwrap();
         let path = env::var("PATH").unwrap_or_default();
-        let shims = self.path("bin");
         command
             .env(
                 "PATH",
-                format!("{}:{}:{path}", shims.display(), tools.display()),
+                format!("{}:{}:{path}", self.shims.display(), tools.display()),
             )
             .env("HOME", self.path("home"))
             .env("XDG_RUNTIME_DIR", self.path("run"))
@@ -165,7 +193,6 @@ impl World {
 
     fn make_files(&self, example: &str) {
         for folder in [
-            "bin",
             "run",
             "work/frames",
             "home/.config/fish/completions",
@@ -188,20 +215,6 @@ impl World {
         }
         let policy = "default = \"allow\"\n";
         fs::write(self.path("work/policy.toml"), policy).unwrap();
-        // jq prints each report at once; without jq its input is printed.
-        self.make_tool(
-            "jq",
-            "jq=$(PATH=/usr/local/bin:/usr/bin:/bin command -v jq) || exec cat\n\
-             exec \"$jq\" --unbuffered \"$@\"",
-        );
-        // Not every machine has man; a page starts with its title.
-        self.make_tool("man", "grep '^[.]TH'");
-    }
-
-    fn make_tool(&self, name: &str, script: &str) {
-        let path = self.path("bin").join(name);
-        fs::write(&path, format!("#!/bin/sh\n{script}\n")).unwrap();
-        fs::set_permissions(&path, PermissionsExt::from_mode(0o755)).unwrap();
     }
 
     fn sm2(&self, arguments: &[&str]) -> Command {
@@ -235,16 +248,13 @@ impl World {
             return;
         }
         let robot_id = done(&mut self.sm2(&["gateway", "keygen", "robot.key"]));
-        let free = UdpSocket::bind("127.0.0.1:0").unwrap();
-        let robot = free.local_addr().unwrap().to_string();
-        drop(free);
-        for (file, name, domain, listen, names) in [
-            ("robot.toml", "robot", "default", &*robot, "**"),
-            ("stricter.toml", "robot", "default", &*robot, "camera/**"),
-            ("base.toml", "base", "base", "127.0.0.1:0", "**"),
+        for (file, name, domain, names) in [
+            ("robot.toml", "robot", "default", "**"),
+            ("stricter.toml", "robot", "default", "camera/**"),
+            ("base.toml", "base", "base", "**"),
         ] {
             let text = format!(
-                "name = \"{name}\"\nlisten = \"{listen}\"\nkey = \"{name}.key\"\ndomain = \"{domain}\"\n\
+                "name = \"{name}\"\nlisten = \"127.0.0.1:0\"\nkey = \"{name}.key\"\ndomain = \"{domain}\"\n\
                  [[rule]]\naction = \"allow\"\nnames = \"{names}\"\n"
             );
             fs::write(self.path("work").join(file), text).unwrap();
@@ -256,18 +266,21 @@ impl World {
         for file in ["robot.toml", "stricter.toml"] {
             done(&mut self.sm2(&[&trust[..], &[file, "base", base_id.trim()]].concat()));
         }
-        let peer = ["base.toml", "robot", robot_id.trim(), &*robot];
-        done(&mut self.sm2(&[&trust[..], &peer].concat()));
-        if run {
-            for file in ["robot.toml", "base.toml"] {
-                let gateway = Running::start(&mut self.sm2(&["gateway", "run", file]));
-                self.daemons.push(gateway);
-            }
-            until("the gateway of the example's domain answers", || {
-                let peers = Running::start(&mut self.sm2(&["gateway", "peers"])).finish();
-                peers.code() == 0
-            });
+        let peer = ["base.toml", "robot", robot_id.trim()];
+        let trust_robot = [&trust[..], &peer].concat();
+        if !run {
+            done(&mut self.sm2(&trust_robot));
+            return;
         }
+        let robot = Running::start(&mut self.sm2(&["gateway", "run", "robot.toml"]));
+        done(self.sm2(&trust_robot).arg(address(&robot)));
+        self.daemons.push(robot);
+        let base = Running::start(&mut self.sm2(&["gateway", "run", "base.toml"]));
+        self.daemons.push(base);
+        until("the gateway of the example's domain answers", || {
+            let peers = Running::start(&mut self.sm2(&["gateway", "peers"])).finish();
+            peers.code() == 0
+        });
     }
 }
 
