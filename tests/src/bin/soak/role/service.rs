@@ -127,8 +127,17 @@ impl Calling {
     }
 }
 
-/// The death of a server, and a lack of memory or descriptors, are no faults. A gateway that has lost its peer
-/// reports that as a failure, and the bad link may be too slow.
+/// The beginning of the reason of a server that had no memory or descriptors for its reply, as sm2-node words it.
+const NOT_STORED: &str = "the server could not store the reply";
+
+/// Whether this is the reason of a server that could not store its reply: alone, or with the error behind a colon.
+fn is_not_stored(reason: &str) -> bool {
+    let rest = reason.strip_prefix(NOT_STORED);
+    rest.is_some_and(|it| it.is_empty() || it.starts_with(": "))
+}
+
+/// The death of a server, and a lack of memory or descriptors at either end, are no faults. A gateway that has lost
+/// its peer reports that as a failure, and the bad link may be too slow.
 fn judge(error: &CallError, is_remote: bool, tally: &mut Tally) {
     match error {
         CallError::Failed { .. } | CallError::DeadlineExceeded { .. } if is_remote => {}
@@ -136,6 +145,7 @@ fn judge(error: &CallError, is_remote: bool, tally: &mut Tally) {
         | CallError::NoServer { .. }
         | CallError::Store(_)
         | CallError::Map { .. } => {}
+        CallError::Failed { reason, .. } if is_not_stored(reason) => {}
         CallError::DeadlineExceeded { .. } => tally.unaccounted(1, &error.to_string()),
         error => tally.error(&error.to_string()),
     }
@@ -160,5 +170,41 @@ impl Work for Calling {
 
     fn links(&self) -> Vec<LinkStatus> {
         self.client.links()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use sm2_proto::Name;
+
+    use super::*;
+
+    /// Whether a client in the domain of its server reports this reason as an error.
+    fn is_reported(reason: &str) -> bool {
+        let mut tally = Tally::default();
+        let error = CallError::Failed {
+            service: Name::new("echo").unwrap(),
+            reason: reason.to_owned(),
+        };
+        judge(&error, false, &mut tally);
+        tally.errors > 0
+    }
+
+    #[test]
+    fn of_the_failures_of_a_server_only_a_reply_that_was_not_stored_is_no_fault() {
+        for reason in [
+            NOT_STORED.to_owned(),
+            format!("{NOT_STORED}: Too many open files (os error 24)"),
+        ] {
+            assert!(!is_reported(&reason), "{reason}");
+        }
+        for reason in [
+            "the server dropped the request without an answer".to_owned(),
+            format!("{NOT_STORED}s"),
+            format!("echo: {NOT_STORED}"),
+            String::new(),
+        ] {
+            assert!(is_reported(&reason), "{reason}");
+        }
     }
 }
