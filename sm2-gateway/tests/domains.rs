@@ -140,13 +140,18 @@ fn a_message_that_is_too_long_is_refused_and_counted() {
     let published = publisher.publish(&"x".repeat(1_025)).unwrap();
     assert_eq!((published.links, published.too_long), (0, 1));
     publisher.publish(&"x".repeat(1_001)).unwrap();
+    let counts = || {
+        let peers = report(&runtime, &left).peers;
+        let mut subjects = peers.into_iter().flat_map(|it| it.subjects);
+        let map = subjects.find(|it| it.name == "map");
+        map.map(|it| (it.counts.refused, it.counts.offered))
+    };
+    // The next message must not supersede this one.
+    until("refused", || counts() == Some((1, 0)));
     publisher.publish(&"x".repeat(1_000)).unwrap();
     let sample = subscriber.recv_timeout(SOON).unwrap().expect("in time");
     assert_eq!(sample.len(), 1_000);
-    let report = report(&runtime, &left);
-    let map = report.peers[0].subjects.iter().find(|it| it.name == "map");
-    let map = map.unwrap().counts;
-    assert_eq!((map.refused, map.offered), (1, 1));
+    assert_eq!(counts(), Some((1, 1)));
     // A reply in this domain and a request from this domain have the same limit.
     let client = listener.client::<str, str>("echo").unwrap();
     client.wait_for_servers_timeout(1, SOON).unwrap();

@@ -52,6 +52,8 @@ impl Talker {
         let publisher: Publisher<[u8]> = node
             .publisher_builder(topic)
             .depth(depth(len_bytes))
+            // The half of it is for subscribers that have not taken their messages yet.
+            .pool_limit(4 * u64::from(depth(len_bytes)) * len_bytes as u64)
             .declare()
             .unwrap();
         let sent: Log<Sent> = Log::default();
