@@ -10,6 +10,7 @@ mod documents;
 mod exhaustion;
 mod faults;
 mod isolation;
+mod manager_descriptors;
 mod manager_life;
 mod manager_load;
 mod many_nodes;
