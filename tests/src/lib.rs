@@ -44,7 +44,7 @@ pub mod ring;
 pub mod violations;
 
 /// The timeout of all waits; exceeding it counts as a deadlock.
-pub const TIMEOUT: Duration = Duration::from_secs(60);
+pub const TIMEOUT: Duration = sm2_test_support::SOON;
 
 /// Waits until `done` returns true.
 ///

@@ -1,9 +1,6 @@
 //! Random choices that can be reproduced: the seed is printed, and `SM2_TEST_SEED` sets it.
 
-use std::{
-    hash::{BuildHasher, Hasher, RandomState},
-    ops::Range,
-};
+use std::ops::Range;
 
 /// A generator (SplitMix64).
 #[derive(Clone, Debug)]
@@ -11,18 +8,9 @@ pub struct Random(u64);
 
 impl Random {
     /// A generator seeded by `SM2_TEST_SEED`, or by a new seed. Prints the seed.
-    ///
-    /// # Panics
-    ///
-    /// If the variable holds no number.
     #[must_use]
     pub fn seeded() -> Self {
-        let seed = match std::env::var("SM2_TEST_SEED") {
-            Ok(seed) => seed.parse().expect("SM2_TEST_SEED is a number"),
-            Err(_) => RandomState::new().build_hasher().finish(),
-        };
-        println!("SM2_TEST_SEED={seed}");
-        Self(seed)
+        Self(sm2_test_support::seed())
     }
 
     /// The generator with this seed.

@@ -98,7 +98,7 @@ impl RawPeer {
     /// The next datagram, or `None` at the end of the stream.
     #[must_use]
     #[track_caller]
-    pub fn recv(&self) -> Option<Frame> {
+    pub fn next_frame(&self) -> Option<Frame> {
         self.readable();
         self.try_recv().expect("something is there")
     }
@@ -122,7 +122,7 @@ impl RawPeer {
     /// The next datagram, which must arrive.
     #[track_caller]
     pub fn expect(&self) -> Frame {
-        self.recv().expect("the stream has ended")
+        self.next_frame().expect("the stream has ended")
     }
 
     /// True if there is nothing to read, not even the end of the stream.
@@ -345,14 +345,14 @@ impl RawNode {
     /// Reads to the end of the stream. Only answers to RELOAD and GOODBYE may precede it.
     #[track_caller]
     pub fn ended(&self) -> Option<Code> {
-        let mut frame = self.peer.recv()?;
+        let mut frame = self.peer.next_frame()?;
         while let Ok(ToNode::Reloaded { .. }) = decode(&frame) {
-            frame = self.peer.recv()?;
+            frame = self.peer.next_frame()?;
         }
         let Ok(ToNode::Goodbye { code }) = decode(&frame) else {
             panic!("GOODBYE expected: {frame:?}");
         };
-        let after = self.peer.recv();
+        let after = self.peer.next_frame();
         assert!(after.is_none(), "sent after GOODBYE: {after:?}");
         Some(code)
     }
@@ -399,9 +399,9 @@ impl RawLink {
     /// Reads until CLOSE, which ends the stream. Returns its code, or `None` if there was no CLOSE.
     #[track_caller]
     pub fn closed(&self) -> Option<u16> {
-        while let Some(frame) = self.end.recv() {
+        while let Some(frame) = self.end.next_frame() {
             if frame.bytes[0] == link::kind::CLOSE {
-                let after = self.end.recv();
+                let after = self.end.next_frame();
                 assert!(after.is_none(), "sent after CLOSE: {after:?}");
                 assert_eq!(frame.bytes.len(), 8, "CLOSE: {frame:?}");
                 return Some(u16::from_le_bytes([frame.bytes[2], frame.bytes[3]]));

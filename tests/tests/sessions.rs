@@ -33,7 +33,10 @@ fn a_name_belongs_to_one_ready_session() {
     second.greet("arm/right");
     assert_eq!(first.nodes(), ["arm/left", "arm/right"]);
     first.send(control::goodbye(0));
-    assert!(first.peer().recv().is_none(), "GOODBYE is not answered");
+    assert!(
+        first.peer().next_frame().is_none(),
+        "GOODBYE is not answered"
+    );
     assert_eq!(manager.node("arm/left").nodes(), ["arm/right", "arm/left"]);
 }
 
@@ -177,7 +180,7 @@ fn an_empty_datagram_is_the_end() {
     let node = manager.node("empty");
     let socket = node.peer().socket().as_fd().as_raw_fd();
     send(socket, &[], MsgFlags::empty()).expect("an empty datagram");
-    assert!(node.peer().recv().is_none(), "ended without a word");
+    assert!(node.peer().next_frame().is_none(), "ended without a word");
     assert_eq!(honest.nodes(), ["honest"]);
 }
 
@@ -205,7 +208,7 @@ fn a_manager_keeps_no_end_of_a_link() {
     for (ours, theirs) in links {
         // No other process holds the ends: closing one end closes the other.
         ours.end.close();
-        assert!(theirs.end.recv().is_none());
+        assert!(theirs.end.next_frame().is_none());
     }
 }
 

@@ -42,6 +42,8 @@ pub struct NodeStage {
     pub linked: Cell<bool>,
     /// True if the node waits for an answer, which will be an error.
     pub waiting: Cell<bool>,
+    /// True if that is the answer to a declaration. Its error comes only when no Manager has taken over in time.
+    pub declaring: Cell<bool>,
 }
 
 /// The interface that [`NodeStage::declare`] makes.
@@ -62,6 +64,7 @@ impl NodeStage {
             links: RefCell::new(Vec::new()),
             linked: Cell::new(false),
             waiting: Cell::new(true),
+            declaring: Cell::new(false),
         }
     }
 
@@ -94,6 +97,7 @@ impl NodeStage {
         actor.say(&format!("sub t t {options}"));
         assert_eq!(self.expect()[..2], [1, SUBSCRIBER as u8], "DECLARE");
         self.waiting.set(true);
+        self.declaring.set(true);
     }
 
     /// Makes the node declare a subscriber, and grants it.
@@ -102,6 +106,7 @@ impl NodeStage {
         self.send(declared(SUBSCRIBER, 0));
         assert!(self.actor.borrow().answer().starts_with("ok"));
         self.waiting.set(false);
+        self.declaring.set(false);
     }
 
     /// LINK with one end of a new link; the other end is ours.

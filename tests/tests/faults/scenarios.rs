@@ -4,9 +4,11 @@ use std::time::Duration;
 
 use sm2_node::{Client, Node, Publisher, Server, Subscriber};
 
+use sm2_test_support::until;
+
 use super::{
     topic::Topic,
-    world::{World, patient, until},
+    world::{World, patient},
 };
 
 /// A message that fits into a packet, and one that does not.

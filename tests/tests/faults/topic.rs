@@ -6,7 +6,9 @@ use sm2_node::{Publisher, Subscriber, diagnostics::LinkStatus};
 use sm2_proto::link::End;
 use sm2_tests::pattern::{is_intact, message};
 
-use super::world::{World, patient, until};
+use sm2_test_support::until;
+
+use super::world::{World, patient};
 
 /// A publisher and a subscriber of two nodes.
 pub(crate) struct Topic {

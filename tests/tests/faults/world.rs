@@ -12,9 +12,7 @@ use std::{
 use sm2_io::fault::{Call, Fault, Injector, Installed};
 use sm2_manager::{Manager, Options, Outcome, Stopper};
 use sm2_node::Node;
-
-/// A scenario has to reach each of its goals in this time.
-const PATIENCE: Duration = Duration::from_secs(20);
+use sm2_test_support::SOON;
 
 /// The thread whose calls fail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -82,7 +80,7 @@ impl World {
             started.send(manager.stopper()).unwrap();
             manager.run().unwrap()
         });
-        let stopper = stopper.recv().unwrap();
+        let stopper = stopper.recv_timeout(SOON).unwrap();
         self.manager = Some(Running { stopper, thread });
     }
 
@@ -126,7 +124,7 @@ impl Drop for World {
 /// Tries until it succeeds, as a program does.
 #[track_caller]
 pub(crate) fn patient<T, E: Error>(what: &str, mut attempt: impl FnMut() -> Result<T, E>) -> T {
-    let start = Instant::now();
+    let end = Instant::now() + SOON;
     loop {
         match attempt() {
             Ok(done) => return done,
@@ -135,19 +133,9 @@ pub(crate) fn patient<T, E: Error>(what: &str, mut attempt: impl FnMut() -> Resu
                     !error.to_string().is_empty(),
                     "{what}: an error without a text"
                 );
-                assert!(start.elapsed() < PATIENCE, "{what}: {error}");
+                assert!(Instant::now() < end, "{what}: {error}");
             }
         }
         thread::sleep(Duration::from_millis(1));
-    }
-}
-
-/// Looks until something is so.
-#[track_caller]
-pub(crate) fn until(what: &str, mut is_so: impl FnMut() -> bool) {
-    let start = Instant::now();
-    while !is_so() {
-        assert!(start.elapsed() < PATIENCE, "waited in vain for {what}");
-        thread::sleep(Duration::from_micros(200));
     }
 }

@@ -82,7 +82,7 @@ fn sessions(socket: &Path) {
         let node = RawNode::connect(socket);
         // The Manager may hang up.
         let _ = (node.peer()).try_send(&control::hello(format!("silent/{number}")), &[]);
-        drop(node.peer().recv());
+        drop(node.peer().next_frame());
         all.push(node);
     }
     println!("ready");
@@ -101,7 +101,7 @@ fn churn(socket: &Path, name: &str) {
         demanding.declare(interface, &control::subscriber("churn", Qos::PLAIN));
     }
     // The links are ended as soon as they are made.
-    thread::spawn(move || while demanding.peer().recv().is_some() {});
+    thread::spawn(move || while demanding.peer().next_frame().is_some() {});
     let offering = RawNode::welcomed(socket, &format!("{name}/offering"));
     println!("ready");
     for interface in 1.. {

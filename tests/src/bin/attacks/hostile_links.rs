@@ -27,7 +27,7 @@ fn link(node: &RawNode, interface: u64, qos: Qos) -> RawPeer {
             let fd = fds.into_iter().next().expect("a socket");
             let end = RawPeer::new(SeqPacket::from_fd(fd).expect("a socket"));
             end.send(Open::new(role::SENDER, link, 0).bytes());
-            let _ = end.recv();
+            let _ = end.next_frame();
             return end;
         }
     }
@@ -41,7 +41,7 @@ pub(crate) fn violator(socket: &Path, name: &str) {
         let end = link(&node, interface, Qos::PLAIN);
         // A message in a segment that was never attached.
         let _ = end.try_send(&pooled(kind::DATA, 1, 77, 0, 10), &[]);
-        while end.recv().is_some() {}
+        while end.next_frame().is_some() {}
         node.send(control::withdraw(interface));
     }
 }
@@ -54,7 +54,7 @@ pub(crate) fn sparse_files(socket: &Path, name: &str) {
     println!("ready");
     for number in 1.. {
         end.send_fds(sealed(kind::DATA, number, FILE_BYTES), &[file.as_fd()]);
-        let _ = end.recv();
+        let _ = end.next_frame();
     }
 }
 

@@ -53,7 +53,7 @@ fn main() -> ExitCode {
         return ExitCode::from(2);
     }
     let options = Options::parse(all.into_iter());
-    let seconds = Duration::from_secs(options.get_or("--seconds", 3));
+    let seconds = Duration::from_secs_f64(options.get_or("--seconds", 3.0));
     let repeats = options.get_or("--repeats", 3);
     let only: String = options.get_or("--only", String::new());
     let mut is_good = true;

@@ -9,7 +9,7 @@ use std::{os::fd::AsFd, process::ExitCode, thread, time::Duration};
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
 use sm2_node::{Node, Publisher, Subscriber};
 
-use sm2_tests::{input::Input, options::Options};
+use sm2_tests::{TIMEOUT, input::Input, options::Options};
 
 const TOPICS: usize = 5;
 
@@ -54,6 +54,7 @@ fn member(index: usize, total: usize, socket: &str) -> Member {
     let name = format!("crowd/{index}");
     let node = Node::builder(&name)
         .socket(socket)
+        .manager_timeout(TIMEOUT)
         .connect()
         .expect("a session");
     let publish = |topic| {

@@ -10,7 +10,8 @@
 //! | `stop [N]` | ends the work; a subscriber first waits for publication N of the survivor | a report |
 //! | `close` | withdraws its interface, and then only drives its node | `closed` |
 //!
-//! With `--go true` it does not wait for `go`.
+//! With `--go true` it does not wait for `go`. A server with the role `holder` takes one request, answers the line
+//! `holding`, and never replies.
 
 use std::{
     collections::{HashMap, VecDeque},
@@ -35,11 +36,11 @@ const CALLS: usize = 4;
 pub(crate) fn run(options: &Options) -> ExitCode {
     let name: String = options.get("--name").expect("--name");
     let socket: String = options.get("--socket").expect("--socket");
-    let builder = Node::builder(&name).socket(socket);
+    let builder = Node::builder(&name).socket(socket).manager_timeout(TIMEOUT);
     let node = builder.connect().expect("a session");
     let mut control = Control {
         input: Input::new(),
-        random: Random::new(u64::from(std::process::id())),
+        random: Random::new(options.get_or("--seed", 1)),
     };
     println!("connected");
     if !options.get_or("--go", false) {
@@ -50,6 +51,7 @@ pub(crate) fn run(options: &Options) -> ExitCode {
         "pub" => publish(&node, &mut control),
         "sub" => subscribe(&node, &mut control),
         "server" => serve(&node, &mut control),
+        "holder" => hold(&node),
         "client" => call(&node, &mut control),
         other => panic!("no role {other:?}"),
     }
@@ -180,6 +182,19 @@ fn serve(node: &Node, control: &mut Control) {
         "close",
         || while let Ok(Some(_)) = server.try_recv() {},
     );
+}
+
+/// Takes a request, and keeps it without a reply.
+fn hold(node: &Node) {
+    let server = node.server::<[u8], [u8]>("storm").expect("a server");
+    println!("working");
+    let request = server.recv_timeout(TIMEOUT).expect("received");
+    let _held = request.expect("a request");
+    println!("holding");
+    loop {
+        node.spin_once_timeout(TIMEOUT)
+            .expect("the node's own wait");
+    }
 }
 
 fn call(node: &Node, control: &mut Control) {
