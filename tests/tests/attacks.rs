@@ -2,12 +2,15 @@
 
 use std::process::{Command, Stdio};
 
+/// The length of a window.
+const SECONDS: &str = if cfg!(feature = "slow") { "1" } else { "0.1" };
+
 /// The figures are for a quiet machine and an optimised build, so only their presence is tested.
 #[test]
 fn the_attacks_can_be_measured() {
     let attack = "two subscribers that never release a message";
     let output = Command::new(env!("CARGO_BIN_EXE_attacks"))
-        .args(["--seconds", "1", "--repeats", "1", "--only", attack])
+        .args(["--seconds", SECONDS, "--repeats", "1", "--only", attack])
         .stdin(Stdio::null())
         .output()
         .unwrap();
