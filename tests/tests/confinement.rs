@@ -19,6 +19,7 @@ use nix::{
 };
 use sm2_gateway::keys;
 use sm2_proto::gateway::GatewayId;
+use sm2_test_support::{skip, skip_without};
 use sm2_tests::{
     actor::Actor,
     domain::TempDomain,
@@ -96,7 +97,7 @@ struct Confinement {
 }
 
 impl Confinement {
-    /// `None` if processes cannot be confined here; prints the reason.
+    /// `None` if processes cannot be confined here; reports the reason.
     fn new() -> Option<Self> {
         let domain = TempDomain::new();
         let program = domain.folder().join("actor");
@@ -117,11 +118,14 @@ impl Confinement {
         } else {
             match confinement.probe(Network::None).output() {
                 Ok(output) if output.status.success() => return Some(confinement),
-                Ok(output) => String::from_utf8_lossy(&output.stderr).into_owned(),
+                Ok(output) => {
+                    skip_without("bwrap", String::from_utf8_lossy(&output.stderr));
+                    return None;
+                }
                 Err(error) => error.to_string(),
             }
         };
-        println!("skipped: {why}");
+        skip(why);
         None
     }
 

@@ -27,7 +27,7 @@ const STRANGER: u32 = 65_534;
 /// run as two users.
 fn open_domain() -> Option<TempDomain> {
     if !geteuid().is_root() {
-        println!("skipped: only root can start processes of another user");
+        sm2_test_support::skip("only root can start processes of another user");
         return None;
     }
     let domain = TempDomain::new();
