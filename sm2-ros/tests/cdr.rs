@@ -134,7 +134,11 @@ fn a_hostile_length_costs_nothing() {
 #[test]
 fn a_message_of_missing_values_has_a_limit() {
     let blanks = format!("int8[] b [{}]", " ".repeat(3_000));
-    for (whole, part) in [("U[3000] a", "V[3000] b"), ("U[2000] a", &blanks)] {
+    let mut cases = vec![("U[2000] a", &*blanks)];
+    if cfg!(feature = "slow") {
+        cases.push(("U[3000] a", "V[3000] b"));
+    }
+    for (whole, part) in cases {
         let mut set = set(whole);
         set.add(&"p/msg/U".parse().unwrap(), part).unwrap();
         set.add(&"p/msg/V".parse().unwrap(), "").unwrap();
@@ -143,8 +147,7 @@ fn a_message_of_missing_values_has_a_limit() {
     }
     // An array of numbers is one value.
     let bytes = encode(&set("uint16[5000000] a"), &name(), &json!({})).unwrap();
-    assert_eq!(bytes.len(), 10_000_004);
-    assert!(bytes[4..].iter().all(|byte| *byte == 0));
+    assert!(bytes[4..] == vec![0; 10_000_000]);
 }
 
 /// The values inside values count.
