@@ -102,8 +102,8 @@ impl Polled {
         true
     }
 
-    /// Takes the messages of all polled topics at `now`, at most `most` of each: [`take_found`](Self::take_found) returns
-    /// them, also those before an error. Returns the topics that are not polled any more.
+    /// Takes the messages of all polled topics at `now`, at most `most` of each: [`take_found`](Self::take_found)
+    /// returns them, also those before an error. Returns the topics that are not polled any more.
     ///
     /// # Errors
     ///
