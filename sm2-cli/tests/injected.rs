@@ -11,9 +11,11 @@
 //!
 //! Two scenarios run the first fault of each call. With the feature `slow`, all scenarios run a larger sample.
 //! `SM2_INJECT=all` runs everything, and prints its progress:
-//! `SM2_INJECT=all cargo test -p sm2-cli --features slow --test injected -- --nocapture`. `SM2_INJECT=CALL:NTH:ERRNO` runs one
-//! fault, such as `mmap:30:ENOMEM`. `SM2_BINARIES=target/release` takes `sm2`, `sm2-manager` and `sm2-gateway` from
-//! that folder; without it, all programs are the command `sm2` that Cargo has built for the tests.
+//! `SM2_INJECT=all cargo test -p sm2-cli --features slow --test injected -- --nocapture`.
+//! `SM2_INJECT=CALL:NTH:ERRNO` runs one fault, such as `mmap:30:ENOMEM`.
+//!
+//! `SM2_BINARIES=target/release` takes `sm2`, `sm2-manager` and `sm2-gateway` from that folder; without it, all
+//! programs are the command `sm2` that Cargo has built for the tests.
 
 #[path = "injected/programs.rs"]
 mod programs;

@@ -7,8 +7,8 @@ use nix::sys::signal::Signal;
 use crate::common::{Domain, Running, sm2, until};
 
 /// Long enough that several of them are not compressed before the signal comes.
-const MESSAGE_BYTES: u64 = 30_000_000;
-const COPIES: usize = 20;
+const MESSAGE_BYTES: u64 = 10_000_000;
+const COPIES: usize = 60;
 
 /// Records one message of bytes that cannot be compressed.
 fn record_message(domain: &Domain, file: &str) {

@@ -4,6 +4,7 @@ use std::{fs, path::Path};
 
 use nix::sys::signal::Signal;
 use serde_json::{Value, json};
+use sm2_bag::{Bag, Filter};
 
 use crate::{
     bag::{bag, counts},
@@ -24,6 +25,24 @@ fn publish(domain: &Domain, topic: &str, line: &str) {
 /// Waits until standard error has a text this many times.
 fn wait_for(recorder: &Running, text: &str, times: usize) {
     until(text, || recorder.stderr().matches(text).count() == times);
+}
+
+/// Waits until the files of a ring have so many messages of `chatter`, which come before the next trigger then.
+fn wait_for_messages(ring: &Path, count: usize) {
+    until("the messages are in the ring", || {
+        let files = fs::read_dir(ring).unwrap();
+        let messages = files.map(|file| {
+            // A new file has no first bytes yet.
+            let bag = Bag::open(&file.unwrap().path()).ok()?;
+            let filter = Filter {
+                topics: ["chatter".to_owned()].into(),
+                ..Filter::default()
+            };
+            let messages = bag.messages(&filter).ok()?;
+            Some(messages.flatten().count())
+        });
+        messages.flatten().sum::<usize>() == count
+    });
 }
 
 /// The reason and the messages of `chatter` of each incident.
@@ -56,18 +75,21 @@ fn a_black_box_writes_what_was_before_each_trigger() {
     let at = snapshot.find("sm2-echo-").unwrap();
     let is_name = |it: &char| it.is_ascii_alphanumeric() || *it == '-';
     let name: String = snapshot[at..].chars().take_while(is_name).collect();
+    let ring = domain.path("ring");
     let arguments = [
         "record", "chatter", "--last", "60s", "--after", "0", "-o", folder,
     ];
+    let into = ["--sync", "1ms", "--ring", ring.to_str().unwrap()];
     let triggers = ["--on-message", "alarm", "--on-lost", &name];
     let absent = ["--on-lost", "nobody", "--json"];
-    let recorder = domain.start(&[&arguments[..], &triggers, &absent].concat());
+    let recorder = domain.start(&[&arguments[..], &into, &triggers, &absent].concat());
     recorder.await_stderr("keeping the last");
     let told = recorder.stderr();
     assert_eq!(told.matches("no node").count(), 1, "{told}");
     assert!(told.contains("no node nobody is there"), "{told}");
     domain.wait_for("chatter", "subscribers", 1);
     publish(&domain, "chatter", "first");
+    wait_for_messages(&ring, 1);
 
     let called = domain.run(&["record", "trigger", "collision"]);
     assert_eq!(called.code(), 0, "{called:?}");
@@ -79,6 +101,7 @@ fn a_black_box_writes_what_was_before_each_trigger() {
     wait_for(&recorder, "triggered by collision", 1);
 
     publish(&domain, "chatter", "second");
+    wait_for_messages(&ring, 2);
     recorder.signal(Signal::SIGUSR1);
     wait_for(&recorder, "triggered by SIGUSR1", 1);
     publish(&domain, "alarm", "fire");
@@ -99,8 +122,8 @@ fn a_black_box_writes_what_was_before_each_trigger() {
         ("message of alarm".to_owned(), 2),
     ];
     assert_eq!(incidents, expected);
-    // The ring is gone.
     assert_eq!(fs::read_dir(&path).unwrap().count(), 4);
+    assert!(!ring.exists());
 }
 
 #[test]
