@@ -1,4 +1,4 @@
-//! A test of the repository itself: dependencies between files, sizes, repetition, sentences.
+//! A test of the repository itself: dependencies between files, sizes, repetition, sentences, time limits of tests.
 //!
 //! Each check returns findings; `known.rs` lists the offenders that still exist. A list can only
 //! shrink: a finding that is not listed fails, and so does an entry that finds nothing any more.
@@ -8,7 +8,9 @@
 mod cycles;
 mod edges;
 mod known;
+mod limits;
 mod made_up;
+mod made_up_limits;
 mod modules;
 mod packages;
 mod prose;
@@ -132,6 +134,19 @@ fn sentences_name_their_subjects() {
     }
     let advice = "CONTRIBUTING, Style, has the rules of sentences.";
     compare(offences, known::SENTENCES, advice);
+}
+
+#[test]
+fn no_test_depends_on_the_speed_of_the_machine() {
+    let repository = repository();
+    let mut offences = Offences::new();
+    for (path, source) in repository.rust() {
+        for finding in limits::hasty_tests(path, source) {
+            note(&mut offences, path, 1, &finding.to_string());
+        }
+    }
+    let advice = "CONTRIBUTING, Tests that load cannot break, has the rules.";
+    compare(offences, known::HASTY_TESTS, advice);
 }
 
 #[test]

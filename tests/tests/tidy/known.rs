@@ -9,6 +9,20 @@ pub(crate) const SIZES: &[(&str, usize)] = &[];
 /// File, and how many of its runs of ten lines or more stand elsewhere, too, at most.
 pub(crate) const REPETITIONS: &[(&str, usize)] = &[];
 
+/// File, and how many of its lines break a rule of `limits.rs` at most.
+pub(crate) const HASTY_TESTS: &[(&str, usize)] = &[
+    ("bridges/zenoh/tests/bridge/common.rs", 2),
+    ("sm2-bag/tests/record_and_play.rs", 1),
+    ("sm2-gateway/tests/stuck_link.rs", 1),
+    ("sm2-manager/tests/own_loop.rs", 1),
+    ("sm2-node/tests/common/threads.rs", 1),
+    ("sm2-node/tests/executor_ends.rs", 1),
+    ("sm2-node/tests/manager_change.rs", 1),
+    ("sm2-node/tests/ring_calls.rs", 1),
+    ("sm2-node/tests/ring_waits.rs", 1),
+    ("sm2-node/tests/shutdown.rs", 3),
+];
+
 /// Folder of a package (`.` for files of none), and how many of its sentences break a rule of
 /// `prose.rs` at most.
 pub(crate) const SENTENCES: &[(&str, usize)] = &[];
