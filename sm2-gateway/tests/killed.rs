@@ -73,7 +73,12 @@ fn a_gateway_that_is_killed_takes_only_what_is_remote_with_it() {
     }
     assert!(local.iter().all(|it| it.links() == 1 && it.ended() == 0));
     assert_eq!(nodes.each_ref().map(|it| (it.id(), it.epoch())), ids);
-    let counts = [pose.stop(), order.stop()];
+    assert_undisturbed(local, remote, [pose.stop(), order.stop()]);
+    runtime.block_on(left.stop());
+}
+
+/// Asserts that the local subscribers have all messages, of which there are so many, and the remote ones none twice.
+fn assert_undisturbed(local: [Listener; 2], remote: [Listener; 2], counts: [u64; 2]) {
     for ((listener, count), who) in local.into_iter().zip(counts).zip(["beside", "there"]) {
         let seen = listener.stop();
         let first = seen[0].number.expect("not damaged");
@@ -82,5 +87,4 @@ fn a_gateway_that_is_killed_takes_only_what_is_remote_with_it() {
     for listener in remote {
         assert_newer("remote", &listener.stop());
     }
-    runtime.block_on(left.stop());
 }

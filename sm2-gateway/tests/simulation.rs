@@ -58,7 +58,8 @@ fn run(arrangement: Arrangement, seed: u64) -> Outcome {
     let ledger = &simulation.world.ledger;
     if let Err(panic) = ran {
         eprintln!(
-            "{}{arrangement:?} {seed} failed at {} ms: SM2_SIM_SEED={seed} cargo test -p sm2-gateway --test gateway simulation",
+            "{}{arrangement:?} {seed} failed at {} ms: \
+             SM2_SIM_SEED={seed} cargo test --workspace --test gateway simulation",
             ledger.trace.tail(),
             simulation.now.0 / network::MS,
         );

@@ -230,9 +230,8 @@ impl LossyLink {
         self.change(|now| now.1 = false)
     }
 
-    /// The number of datagrams that were lost at random or by a cut, in both directions, since the loss was last set and
-    /// the link last cut or restored. A relay also counts those that found the queue full. With a loss of 0, namespaces
-    /// count nothing.
+    /// The number of datagrams that were lost at random or by a cut, in both directions, since the last change of the
+    /// link. A relay also counts those that found the queue full. With a loss of 0, namespaces count nothing.
     ///
     /// # Errors
     /// `nft` has failed.

@@ -10,6 +10,7 @@ use sm2_gateway::{Config, Gateway, Report, keys};
 use sm2_manager::{Background, Options};
 use sm2_node::Node;
 use sm2_proto::gateway::GatewayId;
+use sm2_test_support::until;
 use tokio::runtime::Runtime;
 
 #[cfg(feature = "program")]
@@ -98,6 +99,14 @@ pub(crate) fn runtime() -> Runtime {
     { builder }.worker_threads(2).enable_all().build().unwrap()
 }
 
+/// A report with the parts of all connections. The gateway waits 250 ms for them, which a busy machine can exceed.
 pub(crate) fn report(runtime: &Runtime, gateway: &Gateway) -> Report {
-    runtime.block_on(gateway.report()).unwrap()
+    let mut whole = None;
+    until("a whole report", || {
+        let report = runtime.block_on(gateway.report()).unwrap();
+        let is_whole = report.peers.iter().all(|it| it.address.is_some());
+        whole = is_whole.then_some(report);
+        is_whole
+    });
+    whole.unwrap()
 }
