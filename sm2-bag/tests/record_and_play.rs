@@ -132,7 +132,7 @@ fn what_is_played_is_what_was_recorded() {
     let (ready, started) = mpsc::channel();
     let node = other.node("listener");
     let listener = thread::spawn(move || listen(&node, &ready));
-    started.recv().unwrap();
+    started.recv_timeout(SOON).unwrap();
     let bag = Bag::open(&domain.path("bag")).unwrap();
     let options = PlayOptions {
         rate: 0.0,
