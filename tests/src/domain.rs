@@ -22,6 +22,9 @@ use crate::{
     raw::RawNode,
 };
 
+/// How long a connection may take to greet, unless a test sets another limit. A busy machine exceeds the default.
+const GREETING_TIMEOUT: [&str; 2] = ["--greeting-timeout", "60"];
+
 /// A domain in a folder of its own, which is removed when this is dropped.
 #[derive(Debug)]
 pub struct TempDomain {
@@ -97,7 +100,9 @@ impl TempDomain {
 
     fn command(&self, options: &[&str]) -> Command {
         let mut command = actor("manager");
-        command.arg("--socket").arg(self.socket()).args(options);
+        command.arg("--socket").arg(self.socket());
+        // The last value of an option counts.
+        command.args(GREETING_TIMEOUT).args(options);
         command
     }
 
