@@ -18,6 +18,8 @@
 //!   their seals forbid holes.
 //! - A slot can be *abandoned*: it must never be written again, because a receiver may still read it. Its
 //!   segment then serves no further message, and is freed when its last slot is back.
+//! - All segments can be [replaced](Pool::replace_all): a process that the access policy has cut off may still map
+//!   them. They serve no further message, not even one whose slot is already leased, and reserved slots are made up for.
 //! - A segment can be *reserved*: it exists from the beginning, does not count against the limit, serves
 //!   messages of any length that fits, and is never freed for being idle. If one of its slots is abandoned,
 //!   only that slot is lost; it is replaced when it is needed.
@@ -72,6 +74,8 @@ pub(crate) struct Pool<M> {
     outside: u64,
     /// Slots of reserved segments that are lost.
     lost: Lost,
+    /// Number of segments that were replaced and still have slots in use.
+    replaced: usize,
     idle: Duration,
     swept: Instant,
 }
@@ -106,6 +110,8 @@ struct Segment<M> {
     /// Number of slots that will never come back.
     gone: u32,
     retired: bool,
+    /// Whether a process that must not read further messages may map the segment. It is retired then.
+    replaced: bool,
     /// Whether a slot was taken or given back since the last sweep.
     touched: bool,
 }
@@ -144,6 +150,7 @@ impl<M> Pool<M> {
                 stride: 0,
                 slots: 0,
             },
+            replaced: 0,
             idle: IDLE_DEFAULT,
             swept: Instant(0),
         }
@@ -253,6 +260,7 @@ impl<M> Pool<M> {
                 free,
                 gone: 0,
                 retired: false,
+                replaced: false,
                 touched: true,
             },
         );
@@ -285,7 +293,9 @@ impl<M> Pool<M> {
         self.used -= stride;
         let place = self.place(id);
         self.segments[place].touched = true;
-        if reserved {
+        if self.segments[place].retired {
+            // Its slots are made up for already, if it is reserved.
+        } else if reserved {
             self.lost = Lost {
                 stride,
                 slots: self.lost.slots + 1,
@@ -294,6 +304,33 @@ impl<M> Pool<M> {
             self.retire(place);
         }
         self.lose(place)
+    }
+
+    /// Retires all segments: no further message is written to them. Returns the numbers of those that are freed. Slots
+    /// of reserved segments are replaced when they are needed.
+    pub(crate) fn replace_all(&mut self) -> Vec<u32> {
+        let mut freed = Vec::new();
+        for place in (0..self.segments.len()).rev() {
+            let segment = &mut self.segments[place];
+            if segment.geometry.reserved && !segment.retired {
+                let Geometry { stride, slots, .. } = segment.geometry;
+                // Lost slots of it are counted already.
+                let slots = self.lost.slots + slots - segment.gone;
+                self.lost = Lost { stride, slots };
+            }
+            self.replaced += usize::from(!segment.replaced);
+            segment.replaced = true;
+            self.retire(place);
+            freed.extend(self.remove_if_over(place));
+        }
+        self.check_invariants();
+        freed
+    }
+
+    /// Whether no message may be written to this slot any more, although it was leased.
+    #[inline]
+    pub(crate) fn is_replaced(&self, lease: &Lease<M>) -> bool {
+        self.replaced > 0 && self.segments[self.place(lease.segment.id)].replaced
     }
 
     /// Frees all segments without a slot in use. Returns their numbers.
@@ -404,19 +441,27 @@ impl<M> Pool<M> {
 
     /// Records that one slot of a segment will never come back.
     fn lose(&mut self, place: usize) -> Option<u32> {
-        let segment = &mut self.segments[place];
-        segment.gone += 1;
-        let over = segment.gone == segment.geometry.slots;
-        let geometry = segment.geometry;
-        if over {
-            self.segments.remove(place);
-            self.bytes -= geometry.bytes();
-            if geometry.reserved {
-                self.reserved_bytes -= geometry.bytes();
-            }
-        }
+        self.segments[place].gone += 1;
+        let over = self.remove_if_over(place);
         self.check_invariants();
-        over.then_some(geometry.id)
+        over
+    }
+
+    /// Removes a segment if none of its slots will come back. Returns its number then.
+    fn remove_if_over(&mut self, place: usize) -> Option<u32> {
+        let segment = &self.segments[place];
+        if segment.gone < segment.geometry.slots {
+            return None;
+        }
+        let Segment {
+            geometry, replaced, ..
+        } = self.segments.remove(place);
+        self.bytes -= geometry.bytes();
+        if geometry.reserved {
+            self.reserved_bytes -= geometry.bytes();
+        }
+        self.replaced -= usize::from(replaced);
+        Some(geometry.id)
     }
 
     fn place(&self, id: u32) -> usize {
@@ -434,11 +479,15 @@ impl<M> Pool<M> {
                 let accounted = segment.free.len() + segment.gone as usize;
                 assert!(accounted <= segment.geometry.slots as usize);
                 assert!(segment.retired || reserved || segment.gone == 0);
-                assert!(!segment.retired || (segment.free.is_empty() && !reserved));
+                assert!(!segment.retired || segment.free.is_empty());
+                assert!(!segment.retired || segment.replaced || !reserved);
+                assert!(segment.retired || !segment.replaced);
             }
             let strides = self.segments.iter().map(|it| it.geometry.stride);
             assert!(strides.is_sorted());
             assert!(self.segments.len() <= SEGMENTS_MAX);
+            let replaced = self.segments.iter().filter(|it| it.replaced).count();
+            assert_eq!(self.replaced, replaced);
             let bytes = self.segments.iter().map(|it| it.geometry.bytes());
             assert_eq!(self.bytes, bytes.sum::<u64>());
             assert!(self.bytes - self.reserved_bytes <= self.limit_bytes);

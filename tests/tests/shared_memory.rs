@@ -1,15 +1,20 @@
 //! Guarantees for the memory that a receiver reads while other processes write, close and die.
 
-use std::os::fd::AsFd;
+use std::{
+    fs::{self, File},
+    os::{fd::AsFd, unix::fs::FileExt},
+};
 
+use nix::sys::signal::Signal;
 use sm2_io::Segment;
+use sm2_proto::{Farewell, control::ToNode};
 use sm2_tests::{
     actor::{Actor, number},
     census,
     control::{self, Qos},
     domain::TempDomain,
     eventually,
-    link::{attach, close, kind, pooled, role, sealed},
+    link::{attach, close, kind, pooled, release, role, sealed},
     memory, pattern,
     raw::{RawLink, RawNode},
 };
@@ -153,4 +158,71 @@ fn what_is_held_is_not_written_anew_when_its_link_ends() {
         }
         assert_eq!(holder.tell("check t"), "got=3 damaged=0", "{cause}");
     }
+}
+
+/// The bytes of all segments that a raw receiver gets.
+fn contents(files: &[File]) -> Vec<Vec<u8>> {
+    let content = |file: &File| {
+        let mut bytes = vec![0; usize::try_from(file.metadata().unwrap().len()).unwrap()];
+        file.read_exact_at(&mut bytes, 0).unwrap();
+        bytes
+    };
+    files.iter().map(content).collect()
+}
+
+/// A receiver that the policy cuts off keeps its mapping, whatever it was told. No further message is written to it,
+/// while the other receivers go on.
+//= SM2-ACC-018 sys
+#[test]
+fn a_denied_receiver_finds_no_further_message_in_its_mapping() {
+    let domain = TempDomain::new();
+    let policy = domain.folder().join("robot.toml");
+    fs::write(&policy, "default = \"allow\"\n").unwrap();
+    let mut manager = domain.manager_with(&["--policy", policy.to_str().unwrap()]);
+    let mut talker = Actor::start(&domain.socket(), "talker");
+    talker.tell("pub t t inline_max=0");
+    let mut listener = Actor::start(&domain.socket(), "listener");
+    listener.tell("sub t t depth=64");
+    let spy = RawNode::welcomed(&domain.socket(), "spy");
+    spy.declare(1, &control::subscriber("t", Qos::PLAIN));
+    let link = spy.linked();
+    link.open(role::RECEIVER, 4);
+    talker.tell("wait t 2");
+    talker.tell("publish t 3 10000");
+    listener.tell("take t 3");
+    let mut files = Vec::new();
+    let mut messages = 0;
+    while messages < 3 {
+        let frame = link.end.expect();
+        if frame.bytes[0] == kind::DATA {
+            messages += 1;
+            let sequence = u64::from_le_bytes(frame.bytes[16..24].try_into().unwrap());
+            // Its slot may serve the next message.
+            link.end.send(release(0, &[sequence]));
+        }
+        files.extend(frame.fds.into_iter().map(File::from));
+    }
+    assert_eq!(files.len(), 1, "the segment of the messages");
+
+    let deny = "default = \"allow\"\n[[rule]]\neffect = \"deny\"\nactions = [\"subscribe\"]\nnames = [\"**\"]\nnodes = [\"spy\"]\n";
+    fs::write(&policy, deny).unwrap();
+    manager.signal(Signal::SIGHUP);
+    let mut answered = 0;
+    while answered < 2 {
+        match spy.next() {
+            ToNode::DeclareRefused { .. } => spy.send(control::suspended(1)),
+            ToNode::Unlink { link, code, .. } => {
+                assert_eq!(code, Farewell::Denied.code());
+                spy.send(control::unlinked(1, link, code.0));
+            }
+            other => panic!("{other:?}"),
+        }
+        answered += 1;
+    }
+    manager.log_says("the new access policy is applied");
+    let before = contents(&files);
+    talker.tell("publish t 40 10000");
+    let taken = listener.tell("take t 40");
+    assert!(taken.ends_with("last=43 lost=0 damaged=0"), "{taken}");
+    assert!(before == contents(&files), "a denied process has read on");
 }

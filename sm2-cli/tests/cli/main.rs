@@ -20,6 +20,7 @@ mod max_len;
 mod measure;
 mod play;
 mod policy;
+mod policy_memory;
 mod ros;
 mod services;
 mod signals;

@@ -232,6 +232,10 @@ impl Interface {
         let found = links.find(|link| link.id == id && (is_denied || !link.buried));
         let token = found.map(LinkDriver::token);
         drop(links);
+        // The other side may map all segments, even if its link has ended before.
+        if is_denied {
+            self.outbox.replace_segments();
+        }
         if let Some(token) = token {
             self.with_link(token, context, |link, outbox, context| {
                 link.unlink(code, context, outbox)

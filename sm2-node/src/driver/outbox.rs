@@ -67,6 +67,8 @@ impl Outbox {
 
     /// Stores a message. The caller holds the message until it [releases](Self::release) it.
     pub(crate) fn store(&mut self, mut forms: Forms, label: Label) -> MessageKey {
+        let lease = forms.pooled.take();
+        forms.pooled = lease.and_then(|it| self.out_of_replaced(it, label.len));
         if let Some(lease) = &mut forms.pooled {
             write_head(lease, label, Status::Ok);
         }

@@ -277,12 +277,49 @@ fn an_abandoned_slot_of_a_reserved_segment_is_made_up_for() {
     assert_eq!(pool.bytes(), 2 * (128 << 10));
 }
 
+/// No slot of a replaced segment serves another message, neither a free one nor one that comes back.
+//= SM2-ACC-018 test
+#[test]
+fn replaced_segments_serve_no_further_message() {
+    let mut pool = Pool::new(1 << 20);
+    let [held, other] = [(); 2].map(|()| taken(&mut pool, 1_000).unwrap());
+    assert!(!pool.is_replaced(&held));
+    assert_eq!(pool.replace_all(), []);
+    assert!(pool.is_replaced(&held) && pool.is_replaced(&other));
+    let fresh = taken(&mut pool, 1_000).unwrap();
+    assert_ne!(fresh.segment.id, held.segment.id);
+    assert!(!pool.is_replaced(&fresh));
+    let old = held.segment.id;
+    assert_eq!(pool.give_back(held), None);
+    assert_eq!(pool.abandon(other), Some(old), "the last of its slots");
+    assert_eq!(pool.give_back(fresh), None);
+    let unused = taken(&mut pool, 1_000).unwrap();
+    assert_eq!(pool.give_back(unused), None);
+    assert_eq!(pool.replace_all(), [1], "no slot is in use");
+    assert_eq!((pool.bytes(), pool.used()), (0, 0));
+}
+
+#[test]
+fn replaced_slots_that_were_reserved_are_made_up_for() {
+    let mut pool = reserved(100_000, 3, 0);
+    let [lost, held] = [(); 2].map(|()| pool.take(100_000).unwrap());
+    assert_eq!(pool.abandon(lost), None);
+    assert_eq!(pool.replace_all(), []);
+    let made_up = pool.plan(100_000).unwrap();
+    assert_eq!((made_up.slots, made_up.reserved), (3, true));
+    pool.add(made_up, marks(made_up));
+    assert_eq!(pool.abandon(held), Some(0));
+    assert!((0..3).all(|_| pool.take(100_000).is_some()));
+    assert_eq!(pool.plan(100_000), Err(Full), "no more than was reserved");
+}
+
 #[derive(Clone, Debug)]
 enum Step {
     Take { len: u64 },
     GiveBack { which: prop::sample::Index },
     Abandon { which: prop::sample::Index },
     Unused,
+    Replace,
     Sweep { after: u64 },
 }
 
@@ -294,6 +331,7 @@ fn step() -> impl Strategy<Value = Step> {
         6 => which().prop_map(|which| Step::GiveBack { which }),
         1 => which().prop_map(|which| Step::Abandon { which }),
         1 => Just(Step::Unused),
+        1 => Just(Step::Replace),
         2 => (0..4_u64).prop_map(|after| Step::Sweep { after }),
     ]
 }
@@ -339,10 +377,8 @@ impl Model {
         *used -= 1;
         *last = self.step;
         *gone += u32::from(lost);
-        let over = match geometry.reserved {
-            true => *gone == geometry.slots,
-            false => *used == 0 && self.retired.contains(&id),
-        };
+        let all_gone = geometry.reserved && *gone == geometry.slots;
+        let over = all_gone || (*used == 0 && self.retired.contains(&id));
         over.then(|| {
             self.forget(id);
             id
@@ -431,6 +467,19 @@ proptest! {
                     for (geometry, used, ..) in model.segments.values() {
                         prop_assert!(*used > 0 || geometry.reserved);
                     }
+                }
+                Step::Replace => {
+                    let freed = pool.replace_all();
+                    model.retired = model.segments.keys().copied().collect();
+                    let unused = model.segments.iter();
+                    let unused = unused.filter(|(_, (_, used, ..))| *used == 0);
+                    let unused: Vec<_> = unused.map(|(id, _)| *id).collect();
+                    for id in unused {
+                        prop_assert!(freed.contains(&id));
+                        model.forget(id);
+                    }
+                    // A segment that was reserved and never used is not in the model.
+                    prop_assert!(freed.iter().all(|id| !model.segments.contains_key(id)));
                 }
                 Step::Sweep { after } => {
                     model.now += after;

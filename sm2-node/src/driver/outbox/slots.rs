@@ -88,6 +88,33 @@ impl Outbox {
         }
     }
 
+    /// Lets all further messages go to new segments: a process that the access policy has cut off may map those that
+    /// exist.
+    //= SM2-ACC-018
+    pub(crate) fn replace_segments(&mut self) {
+        let over = self.pool.replace_all();
+        self.close(over);
+    }
+
+    /// Moves a message of `len` bytes out of a slot whose segment was replaced after the slot was leased. Returns `None`
+    /// if there is no slot for it.
+    pub(super) fn out_of_replaced(&mut self, lease: Lease<Slot>, len: u64) -> Option<Lease<Slot>> {
+        if !self.pool.is_replaced(&lease) {
+            return Some(lease);
+        }
+        let moved = self.lease(len).ok().map(|mut moved| {
+            // Both leases are for this length, so the range is inside the slots.
+            let len = len as usize;
+            moved
+                .memory
+                .bytes_mut(len)
+                .copy_from_slice(lease.memory.bytes(len));
+            moved
+        });
+        self.unlease(lease);
+        moved
+    }
+
     /// Takes back a slot that was never sent.
     pub(crate) fn unlease(&mut self, lease: Lease<Slot>) {
         let over = self.pool.give_back(lease);
