@@ -210,3 +210,48 @@ fn a_node_has_the_policy_read_again() {
     stream.publish(1);
     manager.stop().unwrap();
 }
+
+const WITHOUT_OTHER: &str = "\
+default = \"allow\"
+
+[[rule]]
+effect = \"deny\"
+actions = [\"subscribe\"]
+names = [\"frames\"]
+nodes = [\"other\"]
+";
+
+/// A loan that was taken before its segment was replaced is published from another one.
+//= SM2-ACC-018 sys
+#[test]
+fn a_loan_outlasts_the_denial_of_another_subscriber() {
+    let domain = TestDomain::new();
+    let manager = Background::start(&domain.socket(), Options::default()).unwrap();
+    let connect = |name: &str| {
+        let builder = Node::builder(name).socket(domain.socket());
+        let builder = builder.manager_timeout(common::TIMEOUT).background(true);
+        builder.connect().unwrap()
+    };
+    let [talker, listener, other] = ["talker", "listener", "other"].map(connect);
+    let publisher = talker.publisher::<[u8]>("frames").unwrap();
+    let allowed = listener.subscriber_builder::<[u8]>("frames").depth(8);
+    let allowed = allowed.declare().unwrap();
+    let denied = other.subscriber::<[u8]>("frames").unwrap();
+    publisher
+        .wait_for_subscribers_timeout(2, common::TIMEOUT)
+        .unwrap();
+    let mut loan = publisher.loan_slice(10_000).unwrap();
+    loan.fill(1);
+    write(&domain.folder().join("domain.sock.policy"), WITHOUT_OTHER);
+    talker.reload_policy(common::TIMEOUT).unwrap();
+    let open = publisher.links().iter().filter(|it| it.open).count();
+    assert!(!denied.is_registered() && open == 1);
+    loan[9_999] = 2;
+    loan.publish().unwrap();
+    publisher.publish(&[3; 10_000]).unwrap();
+    let take = || allowed.recv_timeout(common::TIMEOUT).unwrap().unwrap();
+    let first = take();
+    assert!(first[..9_999].iter().all(|&it| it == 1) && first[9_999] == 2);
+    assert!(take().iter().all(|&it| it == 3));
+    manager.stop().unwrap();
+}
