@@ -31,6 +31,14 @@ readonly outside=(verification/no-std verification/loom-models verification/view
 # The longest subject of a commit, in characters, and the last commit that exceeds it.
 readonly subject_max=72 old_subjects=aa5f24603213cf5070f4fc1db0b3a3346c00c204
 
+# The modules of the programs `node` and `end_to_end` whose course depends on the ring lane, and on background threads;
+# the others choose both themselves, or have no node. Tests in processes of their own inherit the variables.
+readonly with_both=(asynchronous domain embedded event_loop events examples executor hostile hostile_manager leaks
+    lifetimes manager_change mapped_bytes max_len qos reserve resident services shutdown topics
+    crash isolation shared_memory takeover takeover_gap)
+readonly with_ring=(shortage wait_set_calls)
+readonly with_background=(detach full_socket many pool_limit ring ring_calls ring_waits sealed)
+
 # The feature of the slow tests, in tier 2.
 slow=()
 [ "$full" = 0 ] || slow=(--features slow)
@@ -178,9 +186,11 @@ step_test() {
 # the time, so they run side by side.
 step_modes() {
     local of=(--workspace "${slow[@]}" --no-fail-fast --test node --test end_to_end --) ring failed=0
-    SM2_RING_LANE=off run_tests "$logs/ring-off.log" "${of[@]}" "${ring_modules[@]}" >/dev/null 2>&1 &
+    SM2_RING_LANE=off run_tests "$logs/ring-off.log" "${of[@]}" \
+        "${with_both[@]/%/::}" "${with_ring[@]/%/::}" >/dev/null 2>&1 &
     ring=$!
-    SM2_BACKGROUND=off run_tests "$logs/background-off.log" "${of[@]}" "${background_modules[@]}" || failed=1
+    SM2_BACKGROUND=off run_tests "$logs/background-off.log" "${of[@]}" \
+        "${with_both[@]/%/::}" "${with_background[@]/%/::}" || failed=1
     wait "$ring" || failed=1
     cat "$logs/ring-off.log"
     return "$failed"

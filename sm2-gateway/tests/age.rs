@@ -116,7 +116,7 @@ fn offer(world: &mut World, topic: &Topic) {
     world.command(0, command);
 }
 
-/// Publishes all topics for this time, and logs how their messages arrive. Those that arrive within the time for
+/// Publishes all topics for this time, and logs how their messages arrive. Messages that arrive within the time for
 /// settling are not counted.
 fn run(link: &Profile, congestion: Congestion, settling: Duration, length: Duration) -> [Log; 3] {
     let mut world = World::new(link, congestion);

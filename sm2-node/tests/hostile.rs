@@ -85,7 +85,7 @@ fn left(answer: &'static [u8], timeout: Duration) -> Option<(Node, SeqPacket, De
 //= SM2-NOD-001 test
 #[test]
 fn a_manager_that_breaks_the_protocol_is_left() {
-    // WITHDRAWN for an interface that was never declared. The node waits in vain for another Manager.
+    // WITHDRAWN for an interface that was never declared. No other Manager comes for the node.
     let mut timeout = Duration::from_millis(200);
     let (node, session, error) = loop {
         match left(&[6, 9], timeout) {

@@ -204,13 +204,13 @@ fn what_is_declared_without_a_manager_waits_for_the_next_one() {
     });
 }
 
-/// The time limit of calls that wait for a Manager in vain.
+/// The time limit of calls for which no Manager comes.
 const VAIN: Duration = Duration::from_millis(if cfg!(feature = "slow") { 400 } else { 100 });
 
 #[test]
 fn what_is_declared_in_vain_is_withdrawn() {
     let mut domain = Domain::new();
-    // The time limit is for the calls that wait in vain. On a busy machine, others may need more than one try.
+    // The time limit is for the calls that no Manager answers. On a busy machine, others may need more than one try.
     let connect = || {
         let builder = domain.builder("node");
         let node = builder.manager_timeout(VAIN).connect().ok()?;

@@ -250,11 +250,11 @@ fn a_deadline_ends_the_call_on_both_sides() {
     assert_eq!(client.links()[0].counters.in_flight, 0);
 }
 
+/// A request at its server, and the call of its client.
+type Taken = (Request<[u8], [u8]>, Call<[u8]>);
+
 /// Sends calls with longer and longer timeouts, until the server takes one before its deadline.
-fn taken_in_time(
-    server: &Server<[u8], [u8]>,
-    client: &Client<[u8], [u8]>,
-) -> (Request<[u8], [u8]>, Call<[u8]>) {
+fn taken_in_time(server: &Server<[u8], [u8]>, client: &Client<[u8], [u8]>) -> Taken {
     let mut timeout = Duration::from_millis(30);
     while timeout < SOON {
         let call = client.send_timeout(b"slow", timeout).unwrap();

@@ -2,7 +2,11 @@
 //!
 //! The lists restate the rules of SPEC: the calls, their outcomes, and the slots that must not be
 //! written.
-#![allow(dead_code, reason = "each test binary uses its part")]
+#![allow(
+    dead_code,
+    unused_imports,
+    reason = "tests and benchmarks use their parts"
+)]
 
 use std::collections::{BTreeMap, BTreeSet};
 

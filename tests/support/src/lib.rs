@@ -1,5 +1,5 @@
-//! What the tests of all crates share: one time limit, printed seeds, skipped tests that are seen, and processes of
-//! their own.
+//! The parts that the tests of all crates share: one time limit, printed seeds, skipped tests that are seen, and
+//! processes of their own.
 //!
 //! It depends on no other crate, so that every crate can use it.
 
@@ -10,7 +10,7 @@ mod skip;
 use std::time::{Duration, Instant};
 
 pub use own_process::ran_alone;
-pub use seed::seed;
+pub use seed::{below, seed};
 pub use skip::{skip, skip_without};
 
 /// The time limit of everything that has to succeed. It is far beyond what a loaded machine needs, and costs nothing

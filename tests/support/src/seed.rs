@@ -27,3 +27,13 @@ pub fn seed() -> u64 {
     println!("{SEED}={seed}");
     seed
 }
+
+/// A number below `end` that follows from the [seed](seed()).
+///
+/// # Panics
+///
+/// `end` is 0.
+#[must_use]
+pub fn below(end: usize) -> usize {
+    usize::try_from(seed() % end as u64).expect("it is below a usize")
+}

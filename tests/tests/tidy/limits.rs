@@ -192,10 +192,10 @@ impl Limits {
             },
             Expr::Paren(it) => self.claim(&it.expr),
             Expr::Unary(it) if matches!(it.op, UnOp::Not(_)) => {}
-            Expr::MethodCall(it) if it.method == "contains" => {
-                if it.args.iter().any(|it| self.is_elapsed(it)) {
-                    self.note(expr, ELAPSED);
-                }
+            Expr::MethodCall(it)
+                if it.method == "contains" && it.args.iter().any(|it| self.is_elapsed(it)) =>
+            {
+                self.note(expr, ELAPSED);
             }
             Expr::MethodCall(it) if it.method == "is_ok" => self.demand(&it.receiver, 1),
             Expr::MethodCall(it) if it.method == "is_some" => self.demand(&it.receiver, 1),
