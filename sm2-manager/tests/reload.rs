@@ -15,6 +15,7 @@ use sm2_node::{
     Node, Publisher, Subscriber,
     domain::{PolicyProblem, ReloadError},
 };
+use sm2_test_support::SOON;
 
 const OPEN: &str = "default = \"allow\"\n";
 const QUIET: &str = "\
@@ -229,7 +230,7 @@ fn a_loan_outlasts_the_denial_of_another_subscriber() {
     let manager = Background::start(&domain.socket(), Options::default()).unwrap();
     let connect = |name: &str| {
         let builder = Node::builder(name).socket(domain.socket());
-        let builder = builder.manager_timeout(common::TIMEOUT).background(true);
+        let builder = builder.manager_timeout(SOON).background(true);
         builder.connect().unwrap()
     };
     let [talker, listener, other] = ["talker", "listener", "other"].map(connect);
@@ -237,19 +238,17 @@ fn a_loan_outlasts_the_denial_of_another_subscriber() {
     let allowed = listener.subscriber_builder::<[u8]>("frames").depth(8);
     let allowed = allowed.declare().unwrap();
     let denied = other.subscriber::<[u8]>("frames").unwrap();
-    publisher
-        .wait_for_subscribers_timeout(2, common::TIMEOUT)
-        .unwrap();
+    publisher.wait_for_subscribers_timeout(2, SOON).unwrap();
     let mut loan = publisher.loan_slice(10_000).unwrap();
     loan.fill(1);
     write(&domain.folder().join("domain.sock.policy"), WITHOUT_OTHER);
-    talker.reload_policy(common::TIMEOUT).unwrap();
+    talker.reload_policy(SOON).unwrap();
     let open = publisher.links().iter().filter(|it| it.open).count();
     assert!(!denied.is_registered() && open == 1);
     loan[9_999] = 2;
     loan.publish().unwrap();
     publisher.publish(&[3; 10_000]).unwrap();
-    let take = || allowed.recv_timeout(common::TIMEOUT).unwrap().unwrap();
+    let take = || allowed.recv_timeout(SOON).unwrap().unwrap();
     let first = take();
     assert!(first[..9_999].iter().all(|&it| it == 1) && first[9_999] == 2);
     assert!(take().iter().all(|&it| it == 3));
