@@ -19,7 +19,7 @@
 //! - A slot can be *abandoned*: it must never be written again, because a receiver may still read it. Its
 //!   segment then serves no further message, and is freed when its last slot is back.
 //! - All segments can be [replaced](Pool::replace_all): a process that the access policy has cut off may still map
-//!   them. They serve no further message, not even one whose slot is already leased, and reserved slots are made up for.
+//!   them. They serve no further message, not even one whose slot is already leased. Reserved slots are made up for.
 //! - A segment can be *reserved*: it exists from the beginning, does not count against the limit, serves
 //!   messages of any length that fits, and is never freed for being idle. If one of its slots is abandoned,
 //!   only that slot is lost; it is replaced when it is needed.
@@ -27,10 +27,16 @@
 use std::time::Duration;
 
 use sm2_proto::Instant;
-use sm2_proto::limits::{MESSAGE_MAX, SEGMENT_BYTES_MAX, SEGMENTS_MAX, SLOTS_MAX, STRIDE_UNIT};
+use sm2_proto::limits::{MESSAGE_MAX, SEGMENT_BYTES_MAX, SEGMENTS_MAX, SLOTS_MAX};
 
 #[cfg(test)]
+mod replaced_tests;
+mod sizes;
+#[cfg(test)]
 mod tests;
+
+use self::sizes::first_slots;
+pub(crate) use self::sizes::stride_for;
 
 /// Number of bytes at the end of each slot that are reserved for the message's head.
 pub(crate) const HEAD_BYTES: u64 = sm2_proto::limits::SLOT_HEAD as u64;
@@ -48,15 +54,6 @@ pub(crate) const IDLE_DEFAULT: Duration = Duration::from_secs(5);
 
 /// The upper bound of segment numbers, which have 15 bits (SM2-RNG-003).
 const IDS: u32 = 1 << 15;
-
-/// The size of the smallest slot: two cache lines, which processors fetch together.
-const STRIDE_MIN: u64 = 128;
-
-/// Sizes of slots from this size on are multiples of it.
-const PAGE: u64 = 4 << 10;
-
-/// The same for large slots.
-const HUGE_PAGE: u64 = 2 << 20;
 
 /// Free slots. Each has a handle of type `M` to its memory.
 #[derive(Debug)]
@@ -492,34 +489,5 @@ impl<M> Pool<M> {
             assert_eq!(self.bytes, bytes.sum::<u64>());
             assert!(self.bytes - self.reserved_bytes <= self.limit_bytes);
         }
-    }
-}
-
-/// Returns the size of the slot for a message of `len` bytes and its head.
-pub(crate) const fn stride_for(len: u64) -> u64 {
-    let least = len.saturating_add(HEAD_BYTES);
-    let whole = if least > STRIDE_MIN {
-        least.next_power_of_two()
-    } else {
-        STRIDE_MIN
-    };
-    let half_step = whole / 4 * 3;
-    let size = if least <= half_step { half_step } else { whole };
-    let unit = match size {
-        ..PAGE => STRIDE_UNIT,
-        PAGE..HUGE_PAGE => PAGE,
-        HUGE_PAGE.. => HUGE_PAGE,
-    };
-    size.next_multiple_of(unit)
-}
-
-/// Returns how many slots the first segment of a class has.
-const fn first_slots(stride: u64) -> u32 {
-    match stride {
-        // One page of slots.
-        0..=0x80 => 32,
-        0x81..=0x1_0000 => 16,
-        0x1_0001..=0x10_0000 => 4,
-        _ => 1,
     }
 }

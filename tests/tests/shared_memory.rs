@@ -160,6 +160,16 @@ fn what_is_held_is_not_written_anew_when_its_link_ends() {
     }
 }
 
+const WITHOUT_SPY: &str = "\
+default = \"allow\"
+
+[[rule]]
+effect = \"deny\"
+actions = [\"subscribe\"]
+names = [\"**\"]
+nodes = [\"spy\"]
+";
+
 /// The bytes of all segments that a raw receiver gets.
 fn contents(files: &[File]) -> Vec<Vec<u8>> {
     let content = |file: &File| {
@@ -204,8 +214,7 @@ fn a_denied_receiver_finds_no_further_message_in_its_mapping() {
     }
     assert_eq!(files.len(), 1, "the segment of the messages");
 
-    let deny = "default = \"allow\"\n[[rule]]\neffect = \"deny\"\nactions = [\"subscribe\"]\nnames = [\"**\"]\nnodes = [\"spy\"]\n";
-    fs::write(&policy, deny).unwrap();
+    fs::write(&policy, WITHOUT_SPY).unwrap();
     manager.signal(Signal::SIGHUP);
     let mut answered = 0;
     while answered < 2 {

@@ -9,7 +9,7 @@ use sm2_proto::{Farewell, control::ToNode};
 use sm2_tests::{
     control::{self, Qos},
     link::{kind, release, role},
-    raw::RawNode,
+    raw::{RawLink, RawNode},
 };
 
 use crate::common::{Domain, until};
@@ -28,6 +28,23 @@ fn content(file: &File) -> Vec<u8> {
     let mut bytes = vec![0; usize::try_from(file.metadata().unwrap().len()).unwrap()];
     file.read_exact_at(&mut bytes, 0).unwrap();
     bytes
+}
+
+/// Takes three messages and releases them. Returns the segments that came along.
+fn segments(link: &RawLink) -> Vec<File> {
+    let mut files = Vec::new();
+    let mut messages = 0;
+    while messages < 3 {
+        let frame = link.end.expect();
+        if frame.bytes[0] == kind::DATA {
+            messages += 1;
+            let sequence = u64::from_le_bytes(frame.bytes[16..24].try_into().unwrap());
+            // Its slot may serve the next message.
+            link.end.send(release(0, &[sequence]));
+        }
+        files.extend(frame.fds.into_iter().map(File::from));
+    }
+    files
 }
 
 /// Once `sm2 policy reload` has returned, the publisher's program writes nothing to the memory that the spy maps.
@@ -65,18 +82,7 @@ fn a_denied_subscriber_reads_nothing_more_from_its_mapping() {
         }
     };
     receive(3);
-    let mut files = Vec::new();
-    let mut messages = 0;
-    while messages < 3 {
-        let frame = link.end.expect();
-        if frame.bytes[0] == kind::DATA {
-            messages += 1;
-            let sequence = u64::from_le_bytes(frame.bytes[16..24].try_into().unwrap());
-            // Its slot may serve the next message.
-            link.end.send(release(0, &[sequence]));
-        }
-        files.extend(frame.fds.into_iter().map(File::from));
-    }
+    let mut files = segments(&link);
     assert!(!files.is_empty(), "the messages are in segments");
 
     fs::write(&policy, DENY).unwrap();

@@ -4,16 +4,18 @@ use std::collections::BTreeMap;
 
 use proptest::prelude::*;
 
+use super::sizes::{HUGE_PAGE, PAGE, STRIDE_MIN};
 use super::*;
+use sm2_proto::limits::STRIDE_UNIT;
 
 /// A handle that identifies its slot, to detect mix-ups.
-type Mark = (u32, u32);
+pub(super) type Mark = (u32, u32);
 
-fn marks(geometry: Geometry) -> impl Iterator<Item = Mark> {
+pub(super) fn marks(geometry: Geometry) -> impl Iterator<Item = Mark> {
     (0..geometry.slots).map(move |slot| (geometry.id, slot))
 }
 
-fn taken(pool: &mut Pool<Mark>, len: u64) -> Result<Lease<Mark>, Full> {
+pub(super) fn taken(pool: &mut Pool<Mark>, len: u64) -> Result<Lease<Mark>, Full> {
     if let Some(lease) = pool.take(len) {
         return Ok(lease);
     }
@@ -23,7 +25,7 @@ fn taken(pool: &mut Pool<Mark>, len: u64) -> Result<Lease<Mark>, Full> {
 }
 
 /// Returns a pool with a reserved segment of `slots` slots for messages of `len` bytes.
-fn reserved(len: u64, slots: u32, limit_bytes: u64) -> Pool<Mark> {
+pub(super) fn reserved(len: u64, slots: u32, limit_bytes: u64) -> Pool<Mark> {
     let mut pool = Pool::new(limit_bytes);
     let geometry = pool.plan_reserved(len, slots).unwrap();
     pool.add(geometry, marks(geometry));
@@ -275,42 +277,6 @@ fn an_abandoned_slot_of_a_reserved_segment_is_made_up_for() {
     assert_eq!(pool.give_back(fourth), None);
     assert_eq!(pool.give_back(fifth), None);
     assert_eq!(pool.bytes(), 2 * (128 << 10));
-}
-
-/// No slot of a replaced segment serves another message, neither a free one nor one that comes back.
-//= SM2-ACC-018 test
-#[test]
-fn replaced_segments_serve_no_further_message() {
-    let mut pool = Pool::new(1 << 20);
-    let [held, other] = [(); 2].map(|()| taken(&mut pool, 1_000).unwrap());
-    assert!(!pool.is_replaced(&held));
-    assert!(pool.replace_all().is_empty());
-    assert!(pool.is_replaced(&held) && pool.is_replaced(&other));
-    let fresh = taken(&mut pool, 1_000).unwrap();
-    assert_ne!(fresh.segment.id, held.segment.id);
-    assert!(!pool.is_replaced(&fresh));
-    let old = held.segment.id;
-    assert_eq!(pool.give_back(held), None);
-    assert_eq!(pool.abandon(other), Some(old), "the last of its slots");
-    assert_eq!(pool.give_back(fresh), None);
-    let unused = taken(&mut pool, 1_000).unwrap();
-    assert_eq!(pool.give_back(unused), None);
-    assert_eq!(pool.replace_all(), [1], "no slot is in use");
-    assert_eq!((pool.bytes(), pool.used()), (0, 0));
-}
-
-#[test]
-fn replaced_slots_that_were_reserved_are_made_up_for() {
-    let mut pool = reserved(100_000, 3, 0);
-    let [lost, held] = [(); 2].map(|()| pool.take(100_000).unwrap());
-    assert_eq!(pool.abandon(lost), None);
-    assert!(pool.replace_all().is_empty());
-    let made_up = pool.plan(100_000).unwrap();
-    assert_eq!((made_up.slots, made_up.reserved), (3, true));
-    pool.add(made_up, marks(made_up));
-    assert_eq!(pool.abandon(held), Some(0));
-    assert!((0..3).all(|_| pool.take(100_000).is_some()));
-    assert_eq!(pool.plan(100_000), Err(Full), "no more than was reserved");
 }
 
 #[derive(Clone, Debug)]

@@ -96,8 +96,8 @@ impl Outbox {
         self.close(over);
     }
 
-    /// Moves a message of `len` bytes out of a slot whose segment was replaced after the slot was leased. Returns `None`
-    /// if there is no slot for it.
+    /// Moves a message of `len` bytes out of a slot whose segment was replaced after the slot was leased. Returns
+    /// `None` if there is no slot for it.
     pub(super) fn out_of_replaced(&mut self, lease: Lease<Slot>, len: u64) -> Option<Lease<Slot>> {
         if !self.pool.is_replaced(&lease) {
             return Some(lease);
