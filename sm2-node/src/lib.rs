@@ -121,7 +121,8 @@
 //! - No timer is needed: the node's own timers make the same descriptors readable. The only exception is the
 //!   deadline of a call without a reply, which [`Call::try_wait`] reports.
 //! - [`Publisher::publish`] waits for reliable subscribers, for at most the
-//!   [`PublisherBuilder::publish_timeout`]. A loop that must not wait sets `Duration::ZERO`.
+//!   [`PublisherBuilder::publish_timeout`] and within the [`PublisherBuilder::wait_share_percent`]. A loop
+//!   that must not wait sets `Duration::ZERO`.
 //! - [`Client::send`] waits while the link to the first server is being opened, and `declare` waits for the
 //!   Manager. A loop calls both at its start.
 //!
@@ -190,7 +191,7 @@
 //! # Further reading
 //!
 //! [`Node`], [`Publisher`], [`Subscriber`], [`Server`], [`Client`] and their builders; [`mod@domain`] and
-//! [`diagnostics`] for tools; the examples; `SPEC.md` for the protocol. Names such as `SM2-QOS-002` refer to
+//! [`diagnostics`] for tools; the examples; `SPEC.md` for the protocol. Names such as `SM2-QOS-014` refer to
 //! its clauses.
 #![deny(unsafe_code)]
 #![deny(clippy::disallowed_types)]

@@ -8,8 +8,8 @@ pub struct Published {
     /// How many links accepted the message.
     pub links: usize,
     /// How many reliable links miss this message. Links that had no room until the deadline, or hold too much of
-    /// the pool, are not waited for again until they release a message (SM2-QOS-002, SM2-QOS-006). The others do
-    /// not accept messages of this length: see [`too_long`](Self::too_long).
+    /// the pool, owe from then on: nothing waits for them (SM2-QOS-015, SM2-QOS-017). The others do not accept
+    /// messages of this length: see [`too_long`](Self::too_long).
     pub missed: usize,
     /// How many links, best-effort ones included, miss this message because it is longer than the
     /// [`max_len`](crate::SubscriberBuilder::max_len) of their subscribers (SM2-QOS-008).

@@ -56,9 +56,10 @@ impl<T: Message + ?Sized> Publisher<T> {
 
     /// Sends one message to all subscribers whose links are open.
     ///
-    /// Waits only if a reliable subscriber has no room, and then for at most the
-    /// [`publish_timeout`](PublisherBuilder::publish_timeout). A subscriber that misses the message
-    /// is not an error, because all others have it: see [`Published`].
+    /// Waits only if a reliable subscriber has no room and does not owe, and then for at most the
+    /// [`publish_timeout`](PublisherBuilder::publish_timeout) and within the
+    /// [share](PublisherBuilder::wait_share_percent) of the publisher: see [`PublisherBuilder::reliable`]. A
+    /// subscriber that misses the message is not an error, because all others have it: see [`Published`].
     ///
     /// # Errors
     ///
@@ -71,8 +72,8 @@ impl<T: Message + ?Sized> Publisher<T> {
     ///
     /// All subscribers that have room get the message first. Then the call waits for all reliable ones without room at
     /// the same time. A subscriber without room at the end of the timeout misses the message
-    /// ([`Published::missed`]), and no later publication waits for it until it releases a message. With
-    /// `Duration::ZERO` the call waits for no subscriber.
+    /// ([`Published::missed`]), and no later publication waits for it until it has released all messages that were in
+    /// flight to it (SM2-QOS-015). With `Duration::ZERO` the call waits for no subscriber.
     ///
     /// # Errors
     ///
@@ -89,8 +90,8 @@ impl<T: Message + ?Sized> Publisher<T> {
     /// Sends one message to all subscribers, or to none of them.
     ///
     /// Returns `None` if [`publish`](Self::publish) would wait: a reliable subscriber has no room. No subscriber gets
-    /// the message then, and nothing is counted. A reliable subscriber that had no room until the end of an earlier
-    /// timeout is not considered until it releases a message: it misses this message, too.
+    /// the message then, and nothing is counted. A reliable subscriber that missed a message and owes (SM2-QOS-015) is
+    /// not considered: without room, it misses this message, too.
     ///
     /// # Errors
     ///
@@ -104,8 +105,8 @@ impl<T: Message + ?Sized> Publisher<T> {
     /// [`publish`](Self::publish) does not wait, and the next [`try_publish`](Self::try_publish) sends the message,
     /// unless another thread publishes or a subscriber joins in between.
     ///
-    /// Does not wait for subscribers that are not reliable, nor for a reliable one that had no room until the end of an
-    /// earlier timeout and has released no message since. A [`Shutdown`](crate::Shutdown) ends the wait.
+    /// Does not wait for subscribers that are not reliable, nor for a reliable one that missed a message and owes
+    /// (SM2-QOS-015). A [`Shutdown`](crate::Shutdown) ends the wait.
     ///
     /// # Errors
     ///
@@ -148,6 +149,12 @@ impl<T: Message + ?Sized> Publisher<T> {
         self.core
             .handle
             .with_driven(|interface, _| interface.counters())
+    }
+
+    /// Returns how long publications of this publisher have waited for reliable subscribers, in sum: see
+    /// [`wait_share_percent`](PublisherBuilder::wait_share_percent).
+    pub fn waited(&self) -> Duration {
+        self.core.waited()
     }
 
     /// Returns how many messages were published while no subscriber was linked.

@@ -222,8 +222,10 @@ impl<T: Message + ?Sized> SubscriberBuilder<T> {
 
     /// Requests reliable delivery; `false` by default. No message displaces another one: the publisher waits
     /// until this subscriber has room, for at most its
-    /// [`publish_timeout`](crate::PublisherBuilder::publish_timeout) (SM2-QOS-002). A reliable subscriber
-    /// matches only reliable publishers.
+    /// [`publish_timeout`](crate::PublisherBuilder::publish_timeout) and within its
+    /// [share](crate::PublisherBuilder::wait_share_percent) (SM2-QOS-014, SM2-QOS-016). A subscriber that missed a
+    /// message is not waited for until it has released all messages that it had then (SM2-QOS-015). A gap is shown by
+    /// [`Sample::lost`](crate::Sample::lost). A reliable subscriber matches only reliable publishers.
     pub const fn reliable(mut self, reliable: bool) -> Self {
         self.demand.reliable = reliable;
         self

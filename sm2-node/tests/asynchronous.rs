@@ -200,7 +200,7 @@ fn a_sink_waits_for_a_reliable_subscriber_without_blocking_the_thread() {
     });
 }
 
-//= SM2-QOS-002 test
+//= SM2-QOS-014 test
 #[test]
 fn a_publication_that_finds_no_room_in_time_says_so() {
     let domain = Domain::new();

@@ -5,6 +5,7 @@
 mod common;
 
 mod asynchronous;
+mod back_pressure;
 mod background;
 mod clock;
 mod deadline;

@@ -142,7 +142,7 @@ fn a_subscriber_that_never_reads_costs_only_itself_and_every_loss_is_counted() {
     assert_eq!(asleep.lost() + seen, rounds);
 }
 
-//= SM2-QOS-002 test
+//= SM2-QOS-014 test
 #[test]
 fn a_reliable_publisher_waits_until_its_deadline_for_each_link_alone() {
     let domain = Domain::new();
@@ -187,7 +187,7 @@ fn a_reliable_publisher_waits_until_its_deadline_for_each_link_alone() {
     for expected in &all[3 - room..] {
         assert_eq!(&*next(&best_effort), *expected);
     }
-    // until the subscriber releases a message.
+    // and sends on it once it has room again.
     assert_eq!(&*next(&stalled), b"x");
     assert_eq!(publisher.publish(b"again").unwrap().missed, 0);
     let counters = publisher.links()[0].counters;

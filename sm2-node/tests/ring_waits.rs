@@ -203,7 +203,7 @@ fn patient(
     (subscriber, published, thread)
 }
 
-//= SM2-QOS-002 test
+//= SM2-QOS-014 test
 //= SM2-RNG-015 test
 #[test]
 fn a_publisher_that_waits_for_room_is_woken_by_who_makes_some() {
@@ -227,7 +227,7 @@ fn a_publisher_that_waits_for_room_is_woken_by_who_makes_some() {
     }
 }
 
-//= SM2-QOS-002 test
+//= SM2-QOS-014 test
 #[test]
 fn a_publisher_that_waits_for_room_is_woken_when_nobody_is_left() {
     for ring in LANES {

@@ -81,6 +81,7 @@ mod refusal;
 pub mod schema;
 pub mod text;
 mod time;
+mod wait_budget;
 mod wrong_text;
 
 pub use backoff::Backoff;
@@ -99,6 +100,7 @@ pub use period::Period;
 pub use refusal::{Quota, Refusal};
 pub use time::Instant;
 pub use violation::Violation;
+pub use wait_budget::{WaitBudget, WaitGrant};
 pub use wrong_text::WrongText;
 
 /// The newest protocol version that this crate speaks (SM2-VER-001).

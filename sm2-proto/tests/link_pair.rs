@@ -15,7 +15,7 @@ proptest! {
 
     //= SM2-MSG-001, SM2-MSG-002, SM2-MSG-003, SM2-MSG-006, SM2-MSG-005 test
     //= SM2-PAY-002, SM2-PAY-005, SM2-SEG-004, SM2-SEG-005 test
-    //= SM2-QOS-001, SM2-QOS-002, SM2-QOS-011 test
+    //= SM2-QOS-001, SM2-QOS-014, SM2-QOS-011 test
     #[test]
     fn sender_and_receiver(config in pair_config(), ops in prop::collection::vec(op(), 0..250)) {
         run(Pair::topic(config), &ops);

@@ -75,7 +75,7 @@ fn one_more_than_depth_displaces_the_oldest() {
     assert_eq!((take(&mut link).sequence, link.untaken(&NoMemory)), (2, 1));
 }
 
-//= SM2-QOS-002, SM2-MSG-003 test
+//= SM2-QOS-014, SM2-MSG-003 test
 #[test]
 fn reliable_displaces_nothing_and_ends_at_the_window() {
     let mut link = opened(reliable(Role::Receiver));

@@ -139,17 +139,17 @@ fn keep_last_displaces_the_oldest_that_waits() {
     assert_eq!(link.counters(), expected);
 }
 
-//= SM2-QOS-011, SM2-QOS-006 test
+//= SM2-QOS-011, SM2-QOS-017 test
 #[test]
 fn a_publication_that_the_pool_limit_drops_is_counted_until_a_release() {
     let mut link = opened(config(Role::Sender));
     send(&mut link, message(1));
     for _ in 0..2 {
         link.handle(NOW, Input::PoolLimit).unwrap();
-        assert!(link.is_stalled() && link.has_room(&NoMemory));
+        assert!(link.owes() && link.has_room(&NoMemory));
     }
     release_all(&mut link, Given::Consumed, &[1]);
-    assert!(!link.is_stalled());
+    assert!(!link.owes());
     let expected = Counters {
         offered: 3,
         delivered: 1,
@@ -196,7 +196,7 @@ fn a_blocked_socket_displaces_only_what_the_window_does_not_admit() {
     assert_eq!(numbers(&drain(&mut link)), [(1, 1), (2, 2), (3, 3)]);
 }
 
-//= SM2-QOS-002, SM2-QOS-011 test
+//= SM2-QOS-014, SM2-QOS-015, SM2-QOS-011 test
 #[test]
 fn reliable_waits_for_room_or_skips() {
     let mut link = opened(reliable(Role::Sender));
@@ -207,18 +207,27 @@ fn reliable_waits_for_room_or_skips() {
     for id in 1..=5 {
         assert_eq!(settled(&send(&mut link, message(id))), []);
     }
-    assert!(!link.has_room(&NoMemory) && !link.is_stalled());
+    assert!(!link.has_room(&NoMemory) && !link.owes());
     assert_eq!(refused(&mut link, message(6)), Misuse::NoRoom);
     assert_eq!(link.handle(NOW, Input::Skip), Ok(()));
     assert_eq!(drain(&mut link), []);
-    assert!(link.is_stalled());
+    assert!(link.owes());
+    // It has room again, but owes until all five have come back.
     release_all(&mut link, Given::Consumed, &[1]);
-    assert!(link.has_room(&NoMemory) && !link.is_stalled());
+    assert!(link.has_room(&NoMemory) && link.owes());
+    send(&mut link, message(7));
+    assert_eq!(link.handle(NOW, Input::Skip), Ok(()));
+    release_all(&mut link, Given::Consumed, &[2, 3]);
+    send(&mut link, message(9));
+    release_all(&mut link, Given::Consumed, &[4, 5]);
+    assert!(link.owes());
+    release_all(&mut link, Given::Consumed, &[6]);
+    assert!(!link.owes());
     let expected = Counters {
-        offered: 6,
-        delivered: 1,
-        deadline: 1,
-        in_flight: 4,
+        offered: 9,
+        delivered: 6,
+        deadline: 2,
+        in_flight: 1,
         ..Counters::default()
     };
     assert_eq!(link.counters(), expected);

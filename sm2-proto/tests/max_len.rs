@@ -218,7 +218,7 @@ fn a_sender_sends_nothing_that_is_too_long() {
     assert_eq!(offer(&mut link, sealed_message(2, LEAST + 1)), misuse);
     assert_eq!(drain(&mut link), []);
     link.handle(NOW, Input::TooLong).unwrap();
-    assert!(!link.is_stalled());
+    assert!(!link.owes());
     let expected = Counters {
         offered: 2,
         in_flight: 1,
@@ -232,7 +232,7 @@ fn a_sender_sends_nothing_that_is_too_long() {
     ring_send(&mut rig, 1, LEAST).unwrap();
     assert_eq!(ring_send(&mut rig, 2, LEAST + 1), misuse);
     rig.input(SENDER, Input::TooLong).unwrap();
-    assert!(!rig.ends[SENDER].is_stalled());
+    assert!(!rig.ends[SENDER].owes());
     assert_eq!(rig.ends[SENDER].counters(), expected);
 }
 

@@ -108,7 +108,7 @@ fn a_receiver_that_holds_the_window_is_found() {
     assert_eq!((counters.offered, counters.closed), (4, 4));
 }
 
-//= SM2-RNG-005, SM2-QOS-002 test
+//= SM2-RNG-005, SM2-QOS-014 test
 #[test]
 fn reliable_never_displaces() {
     let mut rig = Rig::open(true, 2, 1);
@@ -136,40 +136,40 @@ fn reliable_never_displaces() {
     assert_eq!(rig.ends[SENDER].counters().discarded, 0);
 }
 
-/// A message whose sender gave up waiting is counted, and the link stays stalled until a message is
+/// A message whose sender gave up waiting is counted, and the link owes until that message is
 /// given back.
-//= SM2-QOS-002, SM2-QOS-011 test
+//= SM2-QOS-014, SM2-QOS-011 test
 #[test]
 fn a_deadline_that_passed() {
     let mut rig = Rig::open(true, 1, 1);
     let _ = rig.send(1, 1).unwrap();
     rig.input(SENDER, Input::Skip).unwrap();
     rig.ends[SENDER].handle(NOW, Input::PassOver).unwrap();
-    assert!(rig.ends[SENDER].is_stalled());
+    assert!(rig.ends[SENDER].owes());
     let delivery = rig.taken();
     let _ = rig.harvest().unwrap();
-    assert!(rig.ends[SENDER].is_stalled());
+    assert!(rig.ends[SENDER].owes());
     let _ = rig.release(delivery.sequence).unwrap();
     let _ = rig.harvest().unwrap();
-    assert!(!rig.ends[SENDER].is_stalled());
+    assert!(!rig.ends[SENDER].owes());
     let counters = rig.ends[SENDER].counters();
     assert_eq!((counters.offered, counters.deadline), (3, 1));
     assert_eq!((counters.overwritten, counters.delivered), (1, 1));
 }
 
-/// A publication that the pool limit keeps from the link is counted, and the link stays stalled
-/// until a message is given back.
-//= SM2-QOS-006 test
+/// A publication that the pool limit keeps from the link is counted, and the link owes until
+/// that message is given back.
+//= SM2-QOS-017 test
 #[test]
 fn a_publication_that_the_pool_limit_drops() {
     let mut rig = Rig::open(true, 2, 1);
     let _ = rig.send(1, 1).unwrap();
     rig.input(SENDER, Input::PoolLimit).unwrap();
     let delivery = rig.taken();
-    assert!(rig.ends[SENDER].is_stalled());
+    assert!(rig.ends[SENDER].owes());
     let _ = rig.release(delivery.sequence).unwrap();
     let _ = rig.harvest().unwrap();
-    assert!(!rig.ends[SENDER].is_stalled());
+    assert!(!rig.ends[SENDER].owes());
     let counters = rig.ends[SENDER].counters();
     assert_eq!((counters.offered, counters.pool_limit), (2, 1));
     assert_eq!((counters.dropped(), counters.delivered), (1, 1));

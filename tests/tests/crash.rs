@@ -118,7 +118,7 @@ fn kill_inside_a_call(domain: &TempDomain) {
 /// A publisher and a client whose peers die continue at once. Otherwise their waits would end in
 /// errors that the actor does not expect.
 //= SM2-SES-003, SM2-SES-006, SM2-OPN-007, SM2-SRV-005, SM2-LNK-009 sys
-//= SM2-TRN-006, SM2-QOS-002, SM2-SRV-006 sys
+//= SM2-TRN-006, SM2-QOS-014, SM2-SRV-006 sys
 #[test]
 fn processes_killed_at_random_moments_leave_the_others_alone() {
     let mut random = Random::seeded();
@@ -226,7 +226,7 @@ fn impatient(domain: &TempDomain) -> Actor {
 
 /// Each process that waits for a dying process is told of its death, so that no wait runs into a
 /// deadline.
-//= SM2-SRV-005, SM2-QOS-002, SM2-OPN-007 sys
+//= SM2-SRV-005, SM2-QOS-014, SM2-OPN-007 sys
 #[test]
 fn whoever_waits_for_the_dead_hears_of_it() {
     wait_for_the_dead(true);

@@ -184,7 +184,7 @@ fn a_best_effort_subscriber_that_does_not_play_along_loses_alone() {
     play(false);
 }
 
-//= SM2-QOS-002, SM2-QOS-011, SM2-MSG-002, SM2-MSG-005 sys
+//= SM2-QOS-014, SM2-QOS-011, SM2-MSG-002, SM2-MSG-005 sys
 #[test]
 fn a_reliable_subscriber_that_does_not_play_along_loses_alone() {
     play(true);

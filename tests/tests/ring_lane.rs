@@ -314,7 +314,7 @@ fn a_ring_that_never_comes_is_not_waited_for() {
 }
 
 /// A receiver takes nothing: its own messages are displaced, or dropped after the deadline.
-//= SM2-RNG-005, SM2-QOS-001, SM2-QOS-002 sys
+//= SM2-RNG-005, SM2-QOS-001, SM2-QOS-014 sys
 #[test]
 fn a_ring_that_is_never_emptied_costs_its_receiver_alone() {
     for (offer, qos) in [("", Qos::PLAIN), ("reliable_ms=30", Qos::RELIABLE)] {

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::task::{Context, Poll, ready};
 
 use futures_util::Sink;
+use sm2_proto::WaitGrant;
 use tokio::time::Sleep;
 
 use super::{IntoAsync, Watched};
@@ -24,10 +25,17 @@ use crate::{Message, PublishError, Published, Publisher, StoreError};
 #[derive(Debug)]
 pub struct AsyncPublisher<T: Message + ?Sized> {
     publisher: Watched<Publisher<T>>,
-    /// A message that some reliable subscribers have no room for, and the timer of its deadline.
-    in_flight: Option<(Offered, Pin<Box<Sleep>>)>,
+    in_flight: Option<InFlight>,
     /// The result of the last publication, until it is taken.
     published: Option<Published>,
+}
+
+/// A message that some reliable subscribers have no room for, and the timer of its deadline.
+#[derive(Debug)]
+struct InFlight {
+    offered: Offered,
+    grant: WaitGrant,
+    sleep: Pin<Box<Sleep>>,
 }
 
 impl<T: Message + ?Sized> AsyncPublisher<T> {
@@ -75,8 +83,8 @@ impl<T: Message + ?Sized> AsyncPublisher<T> {
     #[must_use]
     pub fn into_inner(self) -> Publisher<T> {
         let publisher = self.publisher.into_inner();
-        if let Some((offered, _)) = self.in_flight {
-            publisher.core.finish(offered);
+        if let Some(it) = self.in_flight {
+            publisher.core.finish(it.offered, it.grant);
         }
         publisher
     }
@@ -86,9 +94,13 @@ impl<T: Message + ?Sized> AsyncPublisher<T> {
         let message = Outgoing::new(message).map_err(StoreError::Encode)?;
         match core.start(message, core.publish_timeout)? {
             Publication::Done(published) => self.published = Some(published),
-            Publication::Waiting { offered, deadline } => {
-                let remaining = deadline.since(sm2_io::clock::now());
-                self.in_flight = Some((offered, Box::pin(tokio::time::sleep(remaining))));
+            Publication::Waiting { offered, grant } => {
+                let remaining = grant.until().since(sm2_io::clock::now());
+                self.in_flight = Some(InFlight {
+                    offered,
+                    grant,
+                    sleep: Box::pin(tokio::time::sleep(remaining)),
+                });
             }
         }
         Ok(())
@@ -96,16 +108,17 @@ impl<T: Message + ?Sized> AsyncPublisher<T> {
 
     /// Waits until no subscriber is waited for.
     fn poll_in_flight(&mut self, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        let Some((offered, sleep)) = &mut self.in_flight else {
+        let Some(it) = &mut self.in_flight else {
             return Poll::Ready(Ok(()));
         };
-        if sleep.as_mut().poll(context).is_pending() {
+        let offered = &mut it.offered;
+        if it.sleep.as_mut().poll(context).is_pending() {
             let publisher = &self.publisher;
             let done = publisher.poll(context, |it| it.core.send_more(offered).then_some(()));
             ready!(done)?;
         }
-        if let Some((offered, _)) = self.in_flight.take() {
-            let published = self.publisher.get().core.finish(offered);
+        if let Some(it) = self.in_flight.take() {
+            let published = (self.publisher.get().core).finish(it.offered, it.grant);
             self.published = Some(published);
         }
         Poll::Ready(Ok(()))

@@ -69,7 +69,7 @@ pub(crate) struct LinkDriver {
     pub(super) is_backlog_filled: bool,
     /// Whether the interface knows that the link is over.
     pub(super) buried: bool,
-    /// How many messages the receiver had released when the link was suspended (SM2-QOS-006).
+    /// How many messages the receiver had released when the link was suspended (SM2-QOS-017).
     suspended: Option<u64>,
     /// How many messages the application holds.
     held: usize,
@@ -203,8 +203,8 @@ impl LinkDriver {
         self.machine.config().sealed
     }
 
-    pub(crate) fn is_stalled(&self) -> bool {
-        self.machine.is_stalled()
+    pub(crate) fn owes(&self) -> bool {
+        self.machine.owes()
     }
 
     /// The length of the longest message that the other side accepts, in bytes.
@@ -239,11 +239,11 @@ impl LinkDriver {
         !self.is_suspended() && self.machine.has_room(&self.mapped)
     }
 
-    /// Whether a publication waits for this link, which wants every message: it has no room and is not stalled.
-    //= SM2-QOS-002
+    /// Whether a publication waits for this link, which wants every message: it has no room and does not owe.
+    //= SM2-QOS-014, SM2-QOS-015
     #[inline]
     pub(super) fn delays_publication(&self) -> bool {
-        self.is_open() && self.is_reliable() && !self.has_room() && !self.is_stalled()
+        self.is_open() && self.is_reliable() && !self.has_room() && !self.owes()
     }
 
     /// Whether the kernel had no memory for the last packet, or to read the socket.

@@ -4,7 +4,7 @@ use std::marker::PhantomData;
 use std::sync::Arc;
 use std::time::Duration;
 
-use sm2_proto::{Contract, Kind, Name, OfferedQos, Period, TypeId};
+use sm2_proto::{Contract, Kind, Name, OfferedQos, Period, TypeId, WaitBudget};
 
 use super::Publisher;
 use super::untyped::UntypedPublisher;
@@ -24,6 +24,7 @@ pub struct PublisherBuilder<T: Message + ?Sized> {
     data: Option<TypeId>,
     offer: OfferedQos,
     publish_timeout: Duration,
+    wait_share_percent: u8,
     memory: Memory,
     sends: PhantomData<fn(&T)>,
 }
@@ -53,6 +54,7 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
                 lease: Period::NONE,
             },
             publish_timeout: PUBLISH_TIMEOUT_DEFAULT,
+            wait_share_percent: WaitBudget::SHARE_DEFAULT_PERCENT,
             memory: Memory {
                 limit_bytes: None,
                 idle: IDLE_DEFAULT,
@@ -76,7 +78,21 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
     ///
     /// For a reliable subscriber, no message displaces another one. If such a subscriber has no room, the
     /// publisher waits for at most the [`publish_timeout`](Self::publish_timeout), and then skips this
-    /// subscriber (SM2-QOS-002). Subscribers that have room get the message before the publisher waits.
+    /// subscriber (SM2-QOS-014). Subscribers that have room get the message before the publisher waits, but the next
+    /// message reaches them later. So that no subscriber can slow down the others for long, two rules limit the wait:
+    ///
+    /// - A subscriber that missed a message *owes*: no publication waits for it until it has released all messages that
+    ///   were in flight to it then (SM2-QOS-015). It still gets each message for which it has room.
+    /// - All waits of the publisher together take at most one `publish_timeout`, and the
+    ///   [`wait_share_percent`](Self::wait_share_percent) of the time (SM2-QOS-016).
+    ///
+    /// Each message that a subscriber misses by these rules counts as
+    /// [`deadline`](sm2_proto::link::Counters::deadline) here and in [`Published::missed`](crate::Published::missed).
+    /// The subscriber learns of the gap with the next message: [`Sample::lost`](crate::Sample::lost).
+    ///
+    /// A transfer that must lose nothing to a subscriber that is slower for long sets `wait_share_percent(100)` and a
+    /// long `publish_timeout`, or calls [`wait_for_room`](Publisher::wait_for_room) before each message. The publisher
+    /// is then as slow as its slowest reliable subscriber, and so is the topic for all others.
     pub const fn reliable(mut self, reliable: bool) -> Self {
         self.offer.reliable = reliable;
         self
@@ -86,6 +102,21 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
     /// by default. With `Duration::ZERO` it never waits.
     pub const fn publish_timeout(mut self, timeout: Duration) -> Self {
         self.publish_timeout = timeout;
+        self
+    }
+
+    /// Limits the time that publications wait for reliable subscribers, in per cent of the time; 1 by default. Values
+    /// above 100 count as 100.
+    ///
+    /// In any period, all waits of this publisher together take at most this share of the period, and once the longest
+    /// timeout of a publication (SM2-QOS-016). If nothing is left, a publication does not wait: a reliable subscriber
+    /// without room misses the message. With the default, subscribers that keep up get at least 0.97 of the messages
+    /// that the program publishes in 8 s, whatever reliable subscribers do. With 0 the publisher waits for one timeout
+    /// in its life; with 100, each publication can wait for its whole timeout.
+    ///
+    /// [`Publisher::wait_for_room`] and [`Publisher::try_publish`] are not limited: the program itself decides to wait.
+    pub const fn wait_share_percent(mut self, percent: u8) -> Self {
+        self.wait_share_percent = percent;
         self
     }
 
@@ -147,7 +178,7 @@ system after [`keep_idle`](Self::keep_idle)."
     ///
     /// A subscriber that keeps its samples keeps their memory. The messages that subscribers have not released
     /// take at most half of the memory that is left to them. When that half is reached, the subscriber with
-    /// the oldest message gets no further ones until it releases one (SM2-QOS-006): they count as
+    /// the oldest message gets no further ones until it releases one (SM2-QOS-017): they count as
     /// [`pool_limit`](sm2_proto::link::Counters::pool_limit). Its samples stay valid. The other half is for the
     /// subscribers that release what they get. With a limit of 0 there is no such half, only the reserved
     /// memory, which a subscriber can use up.
@@ -232,7 +263,12 @@ system after [`keep_idle`](Self::keep_idle)."
             handle.inline_max = 0;
         }
         Ok(Publisher {
-            core: UntypedPublisher::new(handle, self.publish_timeout, idle),
+            core: UntypedPublisher::new(
+                handle,
+                self.publish_timeout,
+                self.wait_share_percent,
+                idle,
+            ),
             sends: PhantomData,
         })
     }

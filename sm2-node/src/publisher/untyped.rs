@@ -3,11 +3,11 @@
 use std::array;
 use std::io;
 use std::os::fd::OwnedFd;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use sm2_io::Preallocated;
-use sm2_proto::Instant;
+use sm2_proto::{Instant, WaitBudget, WaitGrant};
 
 #[cfg(feature = "tokio")]
 use crate::driver::{Context, Interface};
@@ -33,16 +33,24 @@ pub(crate) struct UntypedPublisher {
     pub(super) order: Mutex<()>,
     /// See [`publish_timeout`](crate::PublisherBuilder::publish_timeout).
     pub(crate) publish_timeout: Duration,
+    /// How long publications may wait for reliable links.
+    budget: Mutex<WaitBudget>,
     /// Memory for the next sealed message.
     spare: Mutex<SpareMemory>,
 }
 
 impl UntypedPublisher {
-    pub(super) const fn new(handle: Handle, publish_timeout: Duration, idle: Duration) -> Self {
+    pub(super) const fn new(
+        handle: Handle,
+        publish_timeout: Duration,
+        wait_share_percent: u8,
+        idle: Duration,
+    ) -> Self {
         Self {
             handle,
             order: Mutex::new(()),
             publish_timeout,
+            budget: Mutex::new(WaitBudget::new(wait_share_percent)),
             spare: Mutex::new(SpareMemory::new(idle)),
         }
     }
@@ -191,10 +199,12 @@ impl UntypedPublisher {
             if offered.waiting.is_empty() {
                 return Publication::Done(interface.finish(offered, context));
             }
-            Publication::Waiting {
-                offered,
-                deadline: now.after(timeout),
+            //= SM2-QOS-016
+            let grant = self.budget().grant(now, timeout);
+            if grant.is_empty() {
+                return Publication::Done(interface.finish(offered, context));
             }
+            Publication::Waiting { offered, grant }
         });
         if let Publication::Done(_) = publication {
             self.refill_spare();
@@ -204,8 +214,8 @@ impl UntypedPublisher {
 
     /// Spins for a short time: a subscriber that is taking messages makes room sooner than this thread could
     /// fall asleep and wake up. Returns whether all links have the message.
-    fn spin_for_room(&self, offered: &mut Offered) -> bool {
-        let until = sm2_io::clock::now().after(SPIN);
+    fn spin_for_room(&self, offered: &mut Offered, deadline: Instant) -> bool {
+        let until = sm2_io::clock::now().after(SPIN).min(deadline);
         while sm2_io::clock::now() < until {
             // Each check slows down the subscriber, which writes to the same memory.
             for _ in 0..PAUSES {
@@ -222,20 +232,20 @@ impl UntypedPublisher {
     }
 
     /// Waits until all links have the message, or the deadline has passed.
-    //= SM2-QOS-002
+    //= SM2-QOS-014
     pub(super) fn complete(&self, publication: Publication) -> Result<Published, PublishError> {
-        let (mut offered, deadline) = match publication {
+        let (mut offered, grant) = match publication {
             Publication::Done(published) => return Ok(published),
-            Publication::Waiting { offered, deadline } => (offered, deadline),
+            Publication::Waiting { offered, grant } => (offered, grant),
         };
         let mut waited = Ok(None);
-        if !self.spin_for_room(&mut offered) {
-            waited = (self.handle.interface).wait(Some(deadline), |interface, context| {
+        if !self.spin_for_room(&mut offered, grant.until()) {
+            waited = (self.handle.interface).wait(Some(grant.until()), |interface, context| {
                 let is_done = interface.publish_more(&mut offered, context);
                 is_done.then_some(())
             });
         }
-        let published = self.finish(offered);
+        let published = self.finish(offered, grant);
         waited?;
         Ok(published)
     }
@@ -267,12 +277,22 @@ impl UntypedPublisher {
     }
 
     /// Stops waiting: links that have no room miss this message.
-    pub(crate) fn finish(&self, offered: Offered) -> Published {
+    pub(crate) fn finish(&self, offered: Offered, grant: WaitGrant) -> Published {
+        self.budget().settle(grant, sm2_io::clock::now());
         let published = self
             .handle
             .with_undriven(|interface, context| interface.finish(offered, context));
         self.refill_spare();
         published
+    }
+
+    /// How long publications have waited for reliable links.
+    pub(super) fn waited(&self) -> Duration {
+        self.budget().waited()
+    }
+
+    fn budget(&self) -> MutexGuard<'_, WaitBudget> {
+        self.budget.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Prepares memory for the next sealed message. Called after a message was sent.
@@ -288,6 +308,6 @@ impl UntypedPublisher {
 pub(crate) enum Publication {
     /// Each link has accepted or missed the message.
     Done(Published),
-    /// Reliable links have no room; the publisher waits for them until the deadline.
-    Waiting { offered: Offered, deadline: Instant },
+    /// Reliable links have no room; the publisher waits for them until the grant ends.
+    Waiting { offered: Offered, grant: WaitGrant },
 }

@@ -247,7 +247,7 @@ impl Inbound {
     }
 
     /// Accepts a message. Returns the sequence number of the message that it displaced, if any.
-    //= SM2-QOS-001, SM2-QOS-002
+    //= SM2-QOS-001, SM2-QOS-014
     pub(super) fn accept(&mut self, checked: CheckedMessage) -> Option<u64> {
         let CheckedMessage { ready, carrier } = checked;
         self.sequence = ready.delivery.sequence;

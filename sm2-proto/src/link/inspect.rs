@@ -83,13 +83,13 @@ impl Link {
         self.lane.counters()
     }
 
-    /// Whether a publication was not sent ([`Input::Skip`](super::Input::Skip) or
-    /// [`Input::PoolLimit`](super::Input::PoolLimit)) and the other end has released nothing since.
-    /// A publisher does not wait for such a link (SM2-QOS-002).
+    /// Whether the link owes: a publication was not sent ([`Input::Skip`](super::Input::Skip) or
+    /// [`Input::PoolLimit`](super::Input::PoolLimit)), and the other end has not released all
+    /// messages that were in flight then. A publisher does not wait for such a link (SM2-QOS-015).
     #[must_use]
     #[inline]
-    pub fn is_stalled(&self) -> bool {
-        self.lane.is_stalled()
+    pub fn owes(&self) -> bool {
+        self.lane.owes()
     }
 
     /// How many messages of this end are not settled.

@@ -76,11 +76,11 @@ impl Lane {
     }
 
     #[inline]
-    pub(super) fn is_stalled(&self) -> bool {
+    pub(super) fn owes(&self) -> bool {
         match self {
             Self::Undecided => false,
-            Self::Socket(socket) => socket.outbound.is_stalled(),
-            Self::Ring(ring) => ring.is_stalled(),
+            Self::Socket(socket) => socket.outbound.owes(),
+            Self::Ring(ring) => ring.owes(),
         }
     }
 

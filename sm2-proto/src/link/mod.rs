@@ -66,6 +66,7 @@ mod attachments;
 mod calls;
 mod config;
 mod deadline;
+mod debt;
 mod frame_kind;
 #[cfg(any(test, feature = "fuzzing"))]
 pub(crate) mod fuzz;

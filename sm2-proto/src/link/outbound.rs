@@ -17,6 +17,7 @@ use super::{
     Attachment, Body, Carrier, Config, Counters, Fate, Misuse, OutboundMessage, Packet, Role,
     SegmentInfo, Status,
     attachments::Attachments,
+    debt::Debt,
     segments::{SegmentFrame, Slot, is_legal_len},
     wire::{Form, Frame, Given, MessageFrame},
 };
@@ -45,7 +46,8 @@ pub(super) struct Outbound {
     sequence: u64,
     /// The id of the last message that was accepted for sending.
     last_id: Option<u64>,
-    stalled: bool,
+    /// By the ids of messages.
+    debt: Debt,
     /// Its `in_flight` is always zero: [`Self::counters`] computes the true value.
     counters: Counters,
 }
@@ -93,7 +95,7 @@ impl Outbound {
             attachments: Attachments::default(),
             sequence: 0,
             last_id: None,
-            stalled: false,
+            debt: Debt::default(),
             counters: Counters::default(),
         }
     }
@@ -117,7 +119,7 @@ impl Outbound {
         }
         for message in too_long {
             self.counters.too_long += 1;
-            self.settle(slot_of(&message.body), false);
+            self.settle(message.id, slot_of(&message.body), false);
             dropped(&message);
         }
         self.window = window as usize;
@@ -156,7 +158,7 @@ impl Outbound {
 
     /// Accepts a message that [`check`](Self::check) has allowed. Returns the key of the message
     /// that it displaced, if any.
-    //= SM2-QOS-001, SM2-QOS-002
+    //= SM2-QOS-001, SM2-QOS-014
     pub(super) fn send(&mut self, message: OutboundMessage) -> Result<Option<u64>, Misuse> {
         let displaced = if self.has_room() {
             None
@@ -167,7 +169,7 @@ impl Outbound {
         };
         if let Some(displaced) = &displaced {
             self.counters.overwritten += 1;
-            self.settle(slot_of(&displaced.body), false);
+            self.settle(displaced.id, slot_of(&displaced.body), false);
         }
         self.counters.offered += 1;
         if self.carrier != Carrier::Reply {
@@ -182,14 +184,14 @@ impl Outbound {
     }
 
     /// Counts a message whose deadline passed while the application waited for room.
-    //= SM2-QOS-002
+    //= SM2-QOS-014
     pub(super) fn skip(&mut self) -> Result<(), Misuse> {
         if self.has_room() {
             return Err(Misuse::RoomLeft);
         }
         self.counters.offered += 1;
         self.counters.deadline += 1;
-        self.stalled = true;
+        self.incur_debt();
         Ok(())
     }
 
@@ -200,11 +202,17 @@ impl Outbound {
     }
 
     /// Counts a publication that is not sent on this link because of the pool limit.
-    //= SM2-QOS-006
-    pub(super) const fn hold_back(&mut self) {
+    //= SM2-QOS-017
+    pub(super) fn hold_back(&mut self) {
         self.counters.offered += 1;
         self.counters.pool_limit += 1;
-        self.stalled = true;
+        self.incur_debt();
+    }
+
+    //= SM2-QOS-015
+    fn incur_debt(&mut self) {
+        let in_flight = self.in_flight() as u64;
+        self.debt.incur(self.last_id.unwrap_or(0), in_flight);
     }
 
     /// Counts a publication that is not sent on this link because it is longer than the other end
@@ -255,7 +263,6 @@ impl Outbound {
                 each(released);
             }
         }
-        self.stalled = false;
         self.admit();
         Ok(())
     }
@@ -263,7 +270,7 @@ impl Outbound {
     //= SM2-QOS-011
     fn take_unreleased(&mut self, sequence: u64, given: Given) -> Option<Released> {
         let Unreleased { key, id, slot } = self.unreleased.remove(&sequence)?;
-        self.settle(slot, true);
+        self.settle(id, slot, true);
         let fate = match given {
             Given::Consumed => {
                 self.counters.delivered += 1;
@@ -281,7 +288,8 @@ impl Outbound {
         Some(Released { key, id, fate })
     }
 
-    fn settle(&mut self, slot: Option<Slot>, sent: bool) {
+    fn settle(&mut self, id: u64, slot: Option<Slot>, sent: bool) {
+        self.debt.settle(id);
         if let Some(slot) = slot {
             self.attachments.settle(slot, sent);
         }
@@ -350,7 +358,7 @@ impl Outbound {
         let waiting = self.waiting.drain(..).map(|message| message.key);
         sent.chain(admitted).chain(waiting).for_each(&mut each);
         self.attachments = Attachments::default();
-        self.stalled = false;
+        self.debt.clear();
     }
 
     /// Whether one more message could be sent without displacing another and without being refused.
@@ -364,8 +372,8 @@ impl Outbound {
         !self.waiting.is_empty()
     }
 
-    pub(super) const fn is_stalled(&self) -> bool {
-        self.stalled
+    pub(super) const fn owes(&self) -> bool {
+        self.debt.is_owed()
     }
 
     /// The id of the last message that was accepted for sending.
@@ -397,6 +405,7 @@ impl Outbound {
         let it = self.counters();
         debug_assert_eq!(it.offered, it.delivered + it.dropped() + it.in_flight);
         debug_assert!(self.waiting.len() <= self.depth);
+        debug_assert!(self.debt.left() <= it.in_flight);
         let used = self.admitted.len() + self.unreleased.len();
         debug_assert!(used <= self.window);
         debug_assert!(self.waiting.is_empty() || used == self.window);

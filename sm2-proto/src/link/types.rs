@@ -12,15 +12,15 @@ pub enum Input<'a> {
     Datagram(Datagram<'a>),
     /// The stream ended: the other end's process is gone, or it closed the socket.
     Eof,
-    /// A reliable publisher's deadline passed while it waited for room: one message is dropped for
-    /// this link alone.
+    /// A reliable publisher's deadline passed while it waited for room, or it does not wait for this
+    /// link: one message is dropped for this link alone, and the link [owes](super::Link::owes).
     Skip,
     /// The driver does not send a publication on this link, because the link has no room at this
     /// moment. The publication counts as [`Fate::Overwritten`].
     PassOver,
     /// The driver does not send a publication on this link, because unsettled messages of this link
     /// take too much of the publisher's memory. The publication counts as [`Counters::pool_limit`],
-    /// and the link is [stalled](super::Link::is_stalled) until the other end releases a message.
+    /// and the link [owes](super::Link::owes) from then on.
     PoolLimit,
     /// The driver does not send a publication on this link, because the publication is longer than
     /// [`Link::peer_max_len`](super::Link::peer_max_len). It counts as [`Counters::too_long`].

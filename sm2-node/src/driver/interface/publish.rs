@@ -80,7 +80,7 @@ impl Interface {
         count
     }
 
-    /// Whether a publication would not wait: each reliable link has room, or is stalled.
+    /// Whether a publication would not wait: each reliable link has room, or owes.
     pub(crate) fn has_room(&self) -> bool {
         !self.links().any(LinkDriver::delays_publication)
     }
@@ -183,16 +183,15 @@ impl Interface {
                 link.resume_if_released();
                 self.outbox.recheck();
             }
-            //= SM2-QOS-002
-            // Links with room get the message first. Of the others, a link whose deadline has expired
-            // before (`is_stalled`) is skipped at once.
+            //= SM2-QOS-014, SM2-QOS-015
+            // Links with room get the message first. Of the others, a link that owes is skipped at once.
             if !link.is_reliable() && link.is_suspended() {
                 link.hold_back(context, &mut self.outbox);
             } else if !link.is_reliable() || link.has_room() {
                 link.send(key, Status::Ok, context, &mut self.outbox);
                 link.watch_in_background(context.sets);
                 offered.links += usize::from(link.is_open());
-            } else if link.is_stalled() {
+            } else if link.owes() {
                 link.skip(context, &mut self.outbox);
                 offered.missed += 1;
             } else {

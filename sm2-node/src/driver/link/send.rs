@@ -134,7 +134,7 @@ impl LinkDriver {
         if self.role() != Role::Sender {
             return;
         }
-        //= SM2-QOS-002, SM2-QOS-003
+        //= SM2-QOS-014, SM2-QOS-003
         if misuse == Misuse::NoRoom && self.unsent.is_some() && keeps {
             outbox.hold(key);
             return self.backlog.push_front(key);
@@ -164,9 +164,9 @@ impl LinkDriver {
         self.note_fates();
     }
 
-    /// Drops a message for this link alone, because its reliable deadline expired while this link
-    /// had no room.
-    //= SM2-QOS-002
+    /// Drops a message for this link alone, because it had no room until the deadline, or
+    /// because the publisher does not wait for it.
+    //= SM2-QOS-014, SM2-QOS-015
     pub(in crate::driver) fn skip(&mut self, context: &mut Context<'_>, outbox: &mut Outbox) {
         if self.is_suspended() && self.is_open() {
             return self.hold_back(context, outbox);
@@ -176,6 +176,10 @@ impl LinkDriver {
             "what is latched fills all room"
         );
         if !self.has_room_for_backlog() && self.is_open() {
+            if self.counters().deadline == 0 {
+                let (link, peer) = (self.id, &self.peer.name);
+                tracing::warn!(%link, %peer, "a reliable subscriber without room misses messages until it catches up");
+            }
             self.feed(Input::Skip, context.sets, outbox);
             self.note_fates();
         }

@@ -40,7 +40,7 @@ impl LinkDriver {
     }
 
     /// Counts a publication that the limit of memory keeps from this link.
-    //= SM2-QOS-006
+    //= SM2-QOS-017
     pub(in crate::driver) fn hold_back(&mut self, context: &mut Context<'_>, outbox: &mut Outbox) {
         self.feed(Input::PoolLimit, context.sets, outbox);
         self.note_fates();

@@ -29,7 +29,7 @@ impl Outbound {
             };
             let Some(message) = message else { break };
             self.counters.expired += 1;
-            self.settle(slot_of(&message.body), false);
+            self.settle(message.id, slot_of(&message.body), false);
             each(message.key);
             self.admit();
         }

@@ -217,7 +217,7 @@ fn release_is_exact() {
             assert_eq!(free, Ok(()));
         }
     }
-    assert!(!state.books.is_stalled());
+    assert!(!state.books.owes());
     state.books.invariants();
 }
 
@@ -292,7 +292,7 @@ fn sent_messages_are_numbered() {
 
 /// One more message finds room, displaces the oldest waiting message, or is refused. OPEN and an
 /// expired deadline also keep the state consistent.
-//= SM2-QOS-001, SM2-QOS-002, SM2-QOS-011, SM2-OPN-003 kani
+//= SM2-QOS-001, SM2-QOS-014, SM2-QOS-011, SM2-OPN-003 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(10))]
 fn one_more_message_keeps_the_books() {
@@ -327,7 +327,7 @@ fn one_more_message_keeps_the_books() {
         1 => {
             let verdict = state.books.skip();
             assert_eq!(verdict.is_ok(), !room);
-            assert_eq!(state.books.is_stalled(), !room);
+            assert_eq!(state.books.owes(), !room);
             let after = state.books.counters();
             assert_eq!(after.deadline, before.deadline + u64::from(!room));
         }

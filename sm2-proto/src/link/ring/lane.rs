@@ -194,8 +194,8 @@ impl RingLane {
     }
 
     #[inline]
-    pub(in crate::link) fn is_stalled(&self) -> bool {
-        self.sender().is_some_and(RingSender::is_stalled)
+    pub(in crate::link) fn owes(&self) -> bool {
+        self.sender().is_some_and(RingSender::owes)
     }
 
     /// Whether the first queued message has an attached segment and the ring was not found full.

@@ -9,6 +9,7 @@ use alloc::{collections::VecDeque, vec, vec::Vec};
 use super::{
     super::{
         Counters, Fate, Misuse, SegmentInfo,
+        debt::Debt,
         frame_kind::Carrier,
         segments::{Geometry, SegmentFrame},
     },
@@ -47,7 +48,8 @@ pub(in crate::link) struct RingSender {
     last_id: Option<u64>,
     /// How many messages were displaced since the receiver last took one.
     displaced: u32,
-    stalled: bool,
+    /// By sequence numbers.
+    debt: Debt,
     /// Its `in_flight` is always zero: [`Self::counters`] computes the true value.
     counters: Counters,
 }
@@ -100,7 +102,7 @@ impl RingSender {
             steps: VecDeque::new(),
             last_id: None,
             displaced: 0,
-            stalled: false,
+            debt: Debt::default(),
             counters: Counters::default(),
         }
     }
@@ -374,7 +376,6 @@ impl RingSender {
             } else {
                 self.counters.delivered += 1;
             }
-            self.stalled = false;
             settled(key, fate);
         }
         Ok(())
@@ -400,6 +401,7 @@ impl RingSender {
         *slot = None;
         segment.unreleased -= 1;
         self.unreleased -= 1;
+        self.debt.settle(sequence);
         Some((key, fate))
     }
 
@@ -422,12 +424,12 @@ impl RingSender {
         self.unreleased = 0;
         self.attached = 0;
         self.steps.clear();
-        self.stalled = false;
+        self.debt.clear();
     }
 
     #[inline]
-    pub(in crate::link) const fn is_stalled(&self) -> bool {
-        self.stalled
+    pub(in crate::link) const fn owes(&self) -> bool {
+        self.debt.is_owed()
     }
 
     /// The keys of the messages that are not settled.
@@ -466,6 +468,7 @@ impl RingSender {
         if cfg!(debug_assertions) {
             let it = self.counters();
             debug_assert_eq!(it.offered, it.delivered + it.dropped() + it.in_flight);
+            debug_assert!(self.debt.left() <= it.in_flight);
             let segments = self.segments.iter().flatten();
             debug_assert_eq!(self.attached, segments.clone().count());
             let unreleased: u32 = segments.map(|it| it.unreleased).sum();

@@ -103,7 +103,7 @@ impl World {
         );
         let at_rest = match both {
             (true, true) => end.mapped.is_empty(),
-            (false, false) => link.is_open() && !link.is_stalled() && end.kept.is_none(),
+            (false, false) => link.is_open() && !link.owes() && end.kept.is_none(),
             _ => false,
         };
         let done = self.flows.iter().all(|it| it.entries.is_empty());

@@ -4,11 +4,11 @@ use super::RingSender;
 
 impl RingSender {
     /// Counts a message whose deadline passed while the application waited for room.
-    //= SM2-QOS-002
+    //= SM2-QOS-014
     pub(in crate::link) const fn skip(&mut self) {
         self.counters.offered += 1;
         self.counters.deadline += 1;
-        self.stalled = true;
+        self.debt.incur(self.sequence, self.unreleased as u64);
     }
 
     /// Counts a publication that is not sent on this link.
@@ -18,11 +18,11 @@ impl RingSender {
     }
 
     /// Counts a publication that is not sent on this link because of the pool limit.
-    //= SM2-QOS-006
+    //= SM2-QOS-017
     pub(in crate::link) const fn hold_back(&mut self) {
         self.counters.offered += 1;
         self.counters.pool_limit += 1;
-        self.stalled = true;
+        self.debt.incur(self.sequence, self.unreleased as u64);
     }
 
     /// Counts a publication that is not sent on this link because it is longer than the other end
