@@ -7,8 +7,9 @@ use sm2_verification::model::{
 };
 
 /// Scopes that are small enough for a debug build: one or more of each kind.
-const SMALL: [&str; 9] = [
+const SMALL: [&str; 10] = [
     "link-keep-last-1",
+    "link-debt",
     "link-reliable-1",
     "link-reliable-2",
     "link-full",
@@ -21,14 +22,14 @@ const SMALL: [&str; 9] = [
 
 //= SM2-OPN-001, SM2-OPN-005, SM2-OPN-006, SM2-OPN-007, SM2-TRN-006 model
 //= SM2-MSG-001, SM2-MSG-002, SM2-MSG-003, SM2-MSG-006, SM2-MSG-005 model
-//= SM2-PAY-005, SM2-SEG-005, SM2-QOS-001, SM2-QOS-002, SM2-QOS-011 model
+//= SM2-PAY-005, SM2-SEG-005, SM2-QOS-001, SM2-QOS-014, SM2-QOS-015, SM2-QOS-011 model
 //= SM2-SRV-002, SM2-SRV-003, SM2-SRV-004, SM2-SRV-005 model
 #[test]
 fn nothing_breaks_in_the_small_scopes() {
     let count = if cfg!(feature = "slow") {
         SMALL.len()
     } else {
-        5
+        6
     };
     for name in &SMALL[..count] {
         let scope = LinkScope::named(name).expect("a scope");

@@ -39,7 +39,7 @@ pub enum Property {
     /// reason (SM2-OPN-006).
     EndAccusesNobody,
     /// `LNK-ORDER`: messages arrive in order and once, and only keep-last loses any (SM2-MSG-001,
-    /// SM2-MSG-002, SM2-QOS-001, SM2-QOS-002).
+    /// SM2-MSG-002, SM2-QOS-001, SM2-QOS-014).
     MessagesInOrder,
     /// `DAT-REFS`: a slot is written again only after its release, and every slot and descriptor is
     /// returned (SM2-PAY-005, SM2-MSG-006, SM2-SEG-005, SM2-OPN-008).
@@ -50,6 +50,9 @@ pub enum Property {
     /// `LNK-FATES`: each message is settled once, with its true fate, and counted accordingly
     /// (SM2-QOS-011).
     FatesAreTrue,
+    /// `LNK-DEBT`: a link owes exactly while a message is in flight that was in flight when a publication
+    /// last missed the link (SM2-QOS-015).
+    DebtIsTrue,
     /// `RPC-ONCE`: each call ends once, with its own reply or with the link (SM2-SRV-003,
     /// SM2-SRV-004, SM2-SRV-005).
     CallsEndOnce,

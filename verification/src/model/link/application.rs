@@ -90,6 +90,7 @@ impl World {
             status,
             stage: Stage::Queued,
             fate: None,
+            owed: false,
         };
         self.flows[at].offered(entry, room);
         let message = OutboundMessage {

@@ -84,6 +84,8 @@ pub(super) struct Entry {
     pub(super) stage: Stage,
     /// The fate that was reported to the sender.
     pub(super) fate: Option<Fate>,
+    /// Whether it was in flight when a deadline last passed.
+    pub(super) owed: bool,
 }
 
 /// The room for one more message.
@@ -125,7 +127,7 @@ impl Flow {
     }
 
     /// Returns the room at the sender, which knows the window only after OPEN.
-    //= SM2-QOS-001, SM2-QOS-002 model
+    //= SM2-QOS-001, SM2-QOS-014 model
     pub(super) fn room(&self, limits: &FlowLimits, opened: bool) -> Room {
         let window = if opened { limits.window } else { 0 };
         let admitted = window.saturating_sub(self.unreleased());
@@ -152,6 +154,15 @@ impl Flow {
     pub(super) fn skipped(&mut self) {
         self.tally.offered += 1;
         self.tally.deadline += 1;
+        for entry in self.entries.iter_mut().filter(|it| it.fate.is_none()) {
+            entry.owed = true;
+        }
+    }
+
+    /// Whether the link owes.
+    //= SM2-QOS-015 model
+    pub(super) fn owes(&self) -> bool {
+        self.unsettled().any(|it| it.owed)
     }
 
     /// Records that the machine handed out the packet of a message.
@@ -310,6 +321,7 @@ impl Flow {
             return fail(Property::FatesAreTrue, what);
         };
         entry.fate = Some(fate);
+        entry.owed = false;
         let (tally, place) = (&mut self.tally, entry.stage);
         let is_true = match fate {
             Fate::Delivered => {

@@ -47,6 +47,10 @@ impl World {
             let what = format!("end {at} counts {counted:?}, not {wanted:?}");
             return fail(Property::FatesAreTrue, what);
         }
+        if link.owes() != (end.over.is_none() && flow.owes()) {
+            let what = format!("end {at} owes: {}", link.owes());
+            return fail(Property::DebtIsTrue, what);
+        }
         let sends = scope.config(at).role != Role::Receiver && end.over.is_none();
         let room = self.room(scope, at) == Room::Free;
         if sends && link.has_room(&NoMemory) != room {

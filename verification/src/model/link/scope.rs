@@ -186,6 +186,15 @@ impl LinkScope {
             },
             Self::topic("link-reliable-2", true, 2, INLINE, 9),
             Self {
+                max_borrowed: [1, 2],
+                budget: Budget {
+                    messages: 6,
+                    skips: 2,
+                    ..Budget::default()
+                },
+                ..Self::topic("link-debt", true, 1, INLINE, 6)
+            },
+            Self {
                 socket: 1,
                 ..Self::topic("link-full", false, 1, POOLED, 7)
             },
