@@ -36,10 +36,7 @@ mod sizes;
 mod tests;
 
 use self::sizes::first_slots;
-pub(crate) use self::sizes::stride_for;
-
-/// Number of bytes at the end of each slot that are reserved for the message's head.
-pub(crate) const HEAD_BYTES: u64 = sm2_proto::limits::SLOT_HEAD as u64;
+pub(crate) use self::sizes::{HEAD_BYTES, stride_for};
 
 /// The default of [`PublisherBuilder::pool_limit`](crate::PublisherBuilder::pool_limit), in bytes: 256 MiB.
 pub const POOL_LIMIT_BYTES: u64 = 256 << 20;

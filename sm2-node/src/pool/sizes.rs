@@ -2,7 +2,8 @@
 
 use sm2_proto::limits::STRIDE_UNIT;
 
-use super::HEAD_BYTES;
+/// Number of bytes at the end of each slot that are reserved for the message's head.
+pub(crate) const HEAD_BYTES: u64 = sm2_proto::limits::SLOT_HEAD as u64;
 
 /// The size of the smallest slot: two cache lines, which processors fetch together.
 pub(super) const STRIDE_MIN: u64 = 128;
