@@ -6,7 +6,7 @@
 //!
 //! - Slot sizes are powers of two, and the sizes halfway between two of them: at least 128 bytes, multiples
 //!   of 64 below a page, of 4 KiB from there on, and of 2 MiB for large slots, so that each large slot begins
-//!   with a huge page. Slots of one size form a class. The last [`HEAD_BYTES`] of a slot are reserved for the
+//!   with a huge page. Slots of one size form a class. The last [`HEAD_BYTES`](sizes::HEAD_BYTES) of a slot are reserved for the
 //!   message's head.
 //! - Within a class, a slot of the oldest segment is taken, and there the slot that was given back last,
 //!   whose memory is probably still in a cache. Slots that were never needed occupy no memory, and younger
@@ -36,7 +36,7 @@ mod sizes;
 mod tests;
 
 use self::sizes::first_slots;
-pub(crate) use self::sizes::{HEAD_BYTES, stride_for};
+pub(crate) use self::sizes::stride_for;
 
 /// The default of [`PublisherBuilder::pool_limit`](crate::PublisherBuilder::pool_limit), in bytes: 256 MiB.
 pub const POOL_LIMIT_BYTES: u64 = 256 << 20;

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use proptest::prelude::*;
 
-use super::sizes::{HUGE_PAGE, PAGE, STRIDE_MIN};
+use super::sizes::{HEAD_BYTES, HUGE_PAGE, PAGE, STRIDE_MIN};
 use super::*;
 use sm2_proto::limits::STRIDE_UNIT;
 
