@@ -6,8 +6,8 @@
 //!
 //! - Slot sizes are powers of two, and the sizes halfway between two of them: at least 128 bytes, multiples
 //!   of 64 below a page, of 4 KiB from there on, and of 2 MiB for large slots, so that each large slot begins
-//!   with a huge page. Slots of one size form a class. The last [`HEAD_BYTES`](sizes::HEAD_BYTES) of a slot are reserved for the
-//!   message's head.
+//!   with a huge page. Slots of one size form a class. The last
+//!   [`HEAD_BYTES`](sizes::HEAD_BYTES) of a slot are reserved for the message's head.
 //! - Within a class, a slot of the oldest segment is taken, and there the slot that was given back last,
 //!   whose memory is probably still in a cache. Slots that were never needed occupy no memory, and younger
 //!   segments fall idle after a burst. If the class has no free slot, a slot of up to twice the size is used,
