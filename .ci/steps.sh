@@ -11,6 +11,8 @@ export CI=true
 [ -f "${CARGO_HOME:-$HOME/.cargo}/env" ] && . "${CARGO_HOME:-$HOME/.cargo}/env"
 
 export CARGO_TARGET_DIR=${CARGO_TARGET_DIR:-$root/target}
+# Programs that `install` has built.
+export PATH=$CARGO_TARGET_DIR/tools/bin:$PATH
 readonly skipped=77 full=${SM2_CI_FULL:-0}
 readonly logs=$CARGO_TARGET_DIR/steps
 readonly flaky=$logs/flaky.txt
@@ -70,18 +72,16 @@ stamp() {
     hash_of "$@" >".ci/stamps/$step"
 }
 
-# PROGRAM...: builds programs of crates.io in the target folder, if they are missing. Each word may have options.
+# PROGRAM [OPTION...]: builds a program of crates.io in the target folder, if it is missing.
 install() {
-    local name=$1
-    PATH=$CARGO_TARGET_DIR/tools/bin:$PATH
-    command -v "$name" >/dev/null && return
+    command -v "$1" >/dev/null && return
     CARGO_TARGET_DIR=$CARGO_TARGET_DIR/tools/build \
         cargo install -q --locked --root "$CARGO_TARGET_DIR/tools" "$@" || return
     rm -rf "$CARGO_TARGET_DIR/tools/build"
 }
 
-# What the other steps need: a linker, rustfmt, clippy, the locked crates; and what makes bad links of network
-# namespaces, confines processes and lets their system calls fail, without which their tests are skipped.
+# Installs the tools of the other steps: a linker, rustfmt, clippy, the locked crates. Further programs make bad links of
+# network namespaces, confine processes and let their system calls fail; without them their tests are skipped.
 step_tools() {
     local sudo=() missing=() package program
     [ "$(id -u)" -eq 0 ] || sudo=(sudo -n)
