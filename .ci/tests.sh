@@ -18,10 +18,10 @@ failed_tests() {
             listed = 0
         }
         /^ +Doc-tests / { program = "doc"; listed = 0 }
-        # The second list has only names.
+        # The first list has the output of the tests, the second one only names.
         /^failures:$/ { listed++; next }
         /^test result: / { listed = 0 }
-        listed && /^    [^ ]+$/ { print program, $1 }
+        listed == 2 && /^    [^ ]+$/ { print program, $1 }
     ' "$1" | sort -u
 }
 
@@ -54,7 +54,9 @@ run_tests() {
     done
     while read -r program test; do
         printf '\n=== once more, alone: %s %s\n' "$program" "$test"
-        cargo test "${options[@]}" --test "$program" -- --exact "$test" || return 1
+        cargo test "${options[@]}" --test "$program" -- --exact "$test" 2>&1 | tee "$log.again" || return 1
+        # A name that no test has would run nothing.
+        grep -q '^test result: ok. 1 passed' "$log.again" || return 1
         echo "$program $test" >>"$flaky"
     done <<<"$listed"
 }
