@@ -1,0 +1,46 @@
+//! The C ABI of SM2's nodes: `include/sm2.h` is made of this crate's documentation.
+//!
+//! Each entry point has the same shape: [`guard`](status::guard) runs its body, which checks the arguments
+//! ([`arguments`]), calls `sm2-node`, and stores the result. Handles are boxes. The header states what a C program must
+//! keep to; the `SAFETY` texts refer to it.
+#![allow(
+    clippy::missing_safety_doc,
+    reason = "the header states what every function demands"
+)]
+
+mod aligned;
+mod arguments;
+mod errors;
+mod loan;
+mod node;
+mod publisher;
+mod qos;
+mod report;
+mod sample;
+mod shutdown;
+mod status;
+mod subscriber;
+mod types;
+
+use std::ffi::c_char;
+
+/// The version of the ABI that this header describes. A program that was built with it runs with every library of the
+/// same version.
+pub const ABI_VERSION: u32 = 1;
+
+/// Returns the version of the library's ABI, to be compared with `SM2_ABI_VERSION`.
+///
+/// Threads: any.
+#[unsafe(no_mangle)]
+pub extern "C" fn sm2_abi_version() -> u32 {
+    ABI_VERSION
+}
+
+/// Returns the version of the library, such as `0.1.0`. The text is valid forever.
+///
+/// Threads: any.
+#[unsafe(no_mangle)]
+pub extern "C" fn sm2_version() -> *const c_char {
+    const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), "\0");
+    VERSION.as_ptr().cast()
+}
