@@ -169,6 +169,16 @@ typedef int32_t sm2_status_t;
 #endif // __cplusplus
 
 /*
+ A pending call: see `sm2_client_send()`.
+ */
+typedef struct sm2_call_t sm2_call_t;
+
+/*
+ Calls a service: see `sm2_client_new()`.
+ */
+typedef struct sm2_client_t sm2_client_t;
+
+/*
  A message that is written in the memory that its subscribers read: see `sm2_publisher_loan()`.
  */
 typedef struct sm2_loan_t sm2_loan_t;
@@ -184,9 +194,24 @@ typedef struct sm2_node_t sm2_node_t;
 typedef struct sm2_publisher_t sm2_publisher_t;
 
 /*
+ A reply: see `sm2_client_call()`.
+ */
+typedef struct sm2_reply_t sm2_reply_t;
+
+/*
+ A request, whose client waits for an answer: see `sm2_server_recv()`.
+ */
+typedef struct sm2_request_t sm2_request_t;
+
+/*
  A received message: see `sm2_subscriber_recv()`.
  */
 typedef struct sm2_sample_t sm2_sample_t;
+
+/*
+ Answers the calls of a service: see `sm2_server_new()`.
+ */
+typedef struct sm2_server_t sm2_server_t;
 
 /*
  A handle that ends all waits of a program: see `sm2_shutdown_request()`.
@@ -197,6 +222,70 @@ typedef struct sm2_shutdown_t sm2_shutdown_t;
  Receives the messages of a topic: see `sm2_subscriber_new()`.
  */
 typedef struct sm2_subscriber_t sm2_subscriber_t;
+
+/*
+ Waits for any of many sources: see `sm2_wait_set_new()`.
+ */
+typedef struct sm2_wait_set_t sm2_wait_set_t;
+
+/*
+ The type of a topic's messages, of requests or of replies. Two programs can communicate if name and schema are the
+ same in both. A call that takes a type takes NULL for raw bytes.
+ */
+typedef struct sm2_type_t {
+  /*
+   The size of this struct, in bytes.
+   */
+  size_t size;
+  /*
+   The name, such as `sensor/Imu`: segments of `A-Z a-z 0-9 _ -`, joined by single `/`.
+   */
+  const char *name;
+  /*
+   The schema text, such as `plain:struct{stamp_ns:u64,gyro:array[f64;0000000000000003],}`: Annex A of SPEC.md
+   defines it. Tools decode messages with it. NULL if only the hash is known.
+   */
+  const char *schema;
+  /*
+   The hash of the schema. Used only if `schema` is NULL.
+   */
+  uint64_t hash;
+} sm2_type_t;
+
+/*
+ The options of a client. `sm2_client_options_init()` sets the defaults.
+ */
+typedef struct sm2_client_options_t {
+  /*
+   The size of this struct, in bytes.
+   */
+  size_t size;
+  /*
+   How long a thread that waits polls before it sleeps, in nanoseconds; 0 by default. `SM2_FOREVER`: it never
+   sleeps.
+   */
+  uint64_t spin_ns;
+  /*
+   The longest reply that is accepted, in bytes; 1 GiB by default.
+   */
+  uint64_t max_len;
+  /*
+   Requests of up to this length are copied into datagrams, on links without a ring; 4,096 bytes by default.
+   */
+  uint32_t inline_max;
+  /*
+   How many pending calls and replies of each server the program may hold: 1 to 1,024; 64 by default.
+   */
+  uint16_t max_borrowed;
+  /*
+   Whether every request and reply is sealed; 0 by default.
+   */
+  uint8_t sealed;
+  /*
+   Reserved: 0.
+   */
+  uint8_t reserved;
+} sm2_client_options_t;
 
 /*
  The result of one publication.
@@ -272,30 +361,6 @@ typedef struct sm2_node_options_t {
    */
   uint8_t reserved[5];
 } sm2_node_options_t;
-
-/*
- The type of a topic's messages, of requests or of replies. Two programs can communicate if name and schema are the
- same in both. A call that takes a type takes NULL for raw bytes.
- */
-typedef struct sm2_type_t {
-  /*
-   The size of this struct, in bytes.
-   */
-  size_t size;
-  /*
-   The name, such as `sensor/Imu`: segments of `A-Z a-z 0-9 _ -`, joined by single `/`.
-   */
-  const char *name;
-  /*
-   The schema text, such as `plain:struct{stamp_ns:u64,gyro:array[f64;0000000000000003],}`: Annex A of SPEC.md
-   defines it. Tools decode messages with it. NULL if only the hash is known.
-   */
-  const char *schema;
-  /*
-   The hash of the schema. Used only if `schema` is NULL.
-   */
-  uint64_t hash;
-} sm2_type_t;
 
 /*
  The quality of service of a publisher, and its memory. `sm2_publisher_options_init()` sets the defaults. Fields that
@@ -543,41 +608,6 @@ typedef struct sm2_server_options_t {
 } sm2_server_options_t;
 
 /*
- The options of a client. `sm2_client_options_init()` sets the defaults.
- */
-typedef struct sm2_client_options_t {
-  /*
-   The size of this struct, in bytes.
-   */
-  size_t size;
-  /*
-   How long a thread that waits polls before it sleeps, in nanoseconds; 0 by default. `SM2_FOREVER`: it never
-   sleeps.
-   */
-  uint64_t spin_ns;
-  /*
-   The longest reply that is accepted, in bytes; 1 GiB by default.
-   */
-  uint64_t max_len;
-  /*
-   Requests of up to this length are copied into datagrams, on links without a ring; 4,096 bytes by default.
-   */
-  uint32_t inline_max;
-  /*
-   How many pending calls and replies of each server the program may hold: 1 to 1,024; 64 by default.
-   */
-  uint16_t max_borrowed;
-  /*
-   Whether every request and reply is sealed; 0 by default.
-   */
-  uint8_t sealed;
-  /*
-   Reserved: 0.
-   */
-  uint8_t reserved;
-} sm2_client_options_t;
-
-/*
  What a sample says about its message.
  */
 typedef struct sm2_sample_info_t {
@@ -621,6 +651,28 @@ typedef struct sm2_sample_info_t {
 } sm2_sample_info_t;
 
 /*
+ What a request says about itself.
+ */
+typedef struct sm2_request_info_t {
+  /*
+   The size of this struct, in bytes.
+   */
+  size_t size;
+  /*
+   The time after which the client does not want the reply any more, in nanoseconds of `CLOCK_MONOTONIC`; 0 for none.
+   */
+  uint64_t deadline_ns;
+  /*
+   The name of the client's node. Has no NUL at its end, and is valid until the request is answered.
+   */
+  const char *client;
+  /*
+   The length of `client`.
+   */
+  size_t client_len;
+} sm2_request_info_t;
+
+/*
  The counters of a subscriber, summed over all publishers.
  */
 typedef struct sm2_subscriber_counters_t {
@@ -646,6 +698,44 @@ typedef struct sm2_subscriber_counters_t {
   uint64_t links;
 } sm2_subscriber_counters_t;
 
+/*
+ A source of a wait set that is ready: see `sm2_wait_set_wait()`.
+ */
+typedef struct sm2_ready_t {
+  /*
+   The size of this struct, in bytes.
+   */
+  size_t size;
+  /*
+   The tag that was added with the source.
+   */
+  uint64_t tag;
+  /*
+   The number of a timer's tick, from 1; 0 for all other sources.
+   */
+  uint64_t tick;
+  /*
+   The time at which the tick was due, in nanoseconds of `CLOCK_MONOTONIC`.
+   */
+  uint64_t tick_due_ns;
+  /*
+   How many earlier ticks were skipped.
+   */
+  uint64_t ticks_missed;
+  /*
+   Whether reading a descriptor of the program does not block: 1 or 0.
+   */
+  uint8_t readable;
+  /*
+   Whether writing a descriptor of the program does not block: 1 or 0.
+   */
+  uint8_t writable;
+  /*
+   Reserved: 0.
+   */
+  uint8_t reserved[6];
+} sm2_ready_t;
+
 #ifdef __cplusplus
 extern "C" {
 #endif // __cplusplus
@@ -663,6 +753,167 @@ uint32_t sm2_abi_version(void);
  Threads: any.
  */
 const char *sm2_version(void);
+
+/*
+ Declares a client. `request` and `reply` are the types of requests and replies, both NULL for raw bytes. `options` is
+ NULL for the defaults.
+
+ Errors: `SM2_TYPE_MISMATCH`, `SM2_BAD_NAME`, `SM2_BAD_SCHEMA`, `SM2_BAD_QOS`, `SM2_NO_MANAGER`, `SM2_REFUSED`,
+ `SM2_QUOTA`, `SM2_SHUTDOWN`, `SM2_IO`, `SM2_MISUSE`.
+
+ Threads: any, at the same time.
+ */
+sm2_status_t sm2_client_new(const struct sm2_node_t *node,
+                            const char *service,
+                            const struct sm2_type_t *request,
+                            const struct sm2_type_t *reply,
+                            const struct sm2_client_options_t *options,
+                            struct sm2_client_t **client);
+
+/*
+ Frees a client; NULL is ignored. Its pending calls and replies keep it declared until they are freed.
+
+ Threads: any, but no other call may use this handle at the same time or later.
+ */
+void sm2_client_free(struct sm2_client_t *client);
+
+/*
+ Waits until at least `count` servers are linked, for at most `timeout_ns` nanoseconds (`SM2_FOREVER`: no limit).
+
+ Errors: `SM2_TIMED_OUT`, `SM2_NO_MANAGER`, `SM2_SHUTDOWN`, `SM2_IO`, `SM2_MISUSE`.
+
+ Threads: any, at the same time.
+ */
+sm2_status_t sm2_client_wait_for_servers(const struct sm2_client_t *client,
+                                         size_t count,
+                                         uint64_t timeout_ns);
+
+/*
+ Sends the `len` bytes at `data` to a server, and waits for the reply for at most `timeout_ns` nanoseconds
+ (`SM2_FOREVER`: no limit). The server learns the deadline. If it ends, the call fails at once.
+
+ `*reply` is NULL, or a reply of an earlier call, which is released first; the handle is used again.
+
+ Errors: `SM2_NO_SERVER`, `SM2_SERVER_GONE`, `SM2_DEADLINE_EXCEEDED`, `SM2_CALL_FAILED`, `SM2_BORROW_LIMIT`,
+ `SM2_TOO_LONG`, `SM2_POOL_FULL`, `SM2_UNREADABLE`, `SM2_SHUTDOWN`, `SM2_IO`, `SM2_MISUSE`.
+
+ Threads: any, at the same time with other replies.
+ */
+sm2_status_t sm2_client_call(const struct sm2_client_t *client,
+                             const void *data,
+                             size_t len,
+                             uint64_t timeout_ns,
+                             struct sm2_reply_t **reply);
+
+/*
+ Sends the `len` bytes at `data` to a server, with a deadline of `timeout_ns` nanoseconds from now (`SM2_FOREVER`:
+ none). The reply is fetched with `sm2_call_wait()` or `sm2_call_try_wait()`, or with a wait set.
+
+ Returns at once, except while the link to the first server is being opened. `*call` is NULL, or an earlier call,
+ which is cancelled if it is pending; the handle is used again.
+
+ Errors: `SM2_NO_SERVER`, `SM2_DEADLINE_EXCEEDED`, `SM2_BORROW_LIMIT`, `SM2_TOO_LONG`, `SM2_POOL_FULL`,
+ `SM2_SHUTDOWN`, `SM2_IO`, `SM2_MISUSE`.
+
+ Threads: any, at the same time with other calls.
+ */
+sm2_status_t sm2_client_send(const struct sm2_client_t *client,
+                             const void *data,
+                             size_t len,
+                             uint64_t timeout_ns,
+                             struct sm2_call_t **call);
+
+/*
+ Stores a descriptor in `fd` that is readable when `sm2_call_try_wait()` of a pending call may have a result. The
+ client keeps the descriptor; do not close it.
+
+ Errors: `SM2_MISUSE`.
+
+ Threads: any, at the same time.
+ */
+sm2_status_t sm2_client_descriptor(const struct sm2_client_t *client,
+                                   int *fd);
+
+/*
+ Explains why the client has no links: stores a text in `text`, with a line for each server that comes close. The
+ text is empty if there is none. Free it with `sm2_text_free()`.
+
+ Errors: `SM2_NO_MANAGER`, `SM2_SHUTDOWN`, `SM2_IO`, `SM2_MISUSE`.
+
+ Threads: any, at the same time.
+ */
+sm2_status_t sm2_client_why(const struct sm2_client_t *client,
+                            char **text);
+
+/*
+ Waits for the reply of a call, until its deadline if it has one. The call is spent then, also after an error.
+
+ `*reply` is NULL, or a reply of an earlier call, which is released first; the handle is used again.
+
+ Errors: those of `sm2_client_call()`, and `SM2_CANCELLED`; `SM2_MISUSE` also if the call is spent.
+
+ Threads: one at a time for each call, and for each reply.
+ */
+sm2_status_t sm2_call_wait(struct sm2_call_t *call,
+                           struct sm2_reply_t **reply);
+
+/*
+ Stores the reply of a call if it has arrived, and does not wait: `SM2_TIMED_OUT` if the call is still pending. The
+ call is spent after a reply and after every other error.
+
+ Errors: those of `sm2_call_wait()`, and `SM2_TIMED_OUT`.
+
+ Threads: one at a time for each call, and for each reply.
+ */
+sm2_status_t sm2_call_try_wait(struct sm2_call_t *call,
+                               struct sm2_reply_t **reply);
+
+/*
+ Cancels a call at its server. Waiting for it then ends with `SM2_CANCELLED`, or with the reply if that arrives first.
+
+ Errors: `SM2_MISUSE`, also if the call is spent.
+
+ Threads: one at a time for each call.
+ */
+sm2_status_t sm2_call_cancel(const struct sm2_call_t *call);
+
+/*
+ Frees a call, which is cancelled if it is pending; NULL is ignored.
+
+ Threads: any, but no other call may use this handle at the same time or later.
+ */
+void sm2_call_free(struct sm2_call_t *call);
+
+/*
+ Stores the bytes of a reply in `data`, and their number in `len`. They are aligned to 64 bytes, and do not change
+ until the reply is freed or used again.
+
+ Errors: `SM2_MISUSE`, also if the reply is empty.
+
+ Threads: any, at the same time.
+ */
+sm2_status_t sm2_reply_data(const struct sm2_reply_t *reply,
+                            const void **data,
+                            size_t *len);
+
+/*
+ Stores the name of the server's node in `server`, and its length in `len`. The text has no NUL at its end, and is
+ valid as long as the reply.
+
+ Errors: `SM2_MISUSE`, also if the reply is empty.
+
+ Threads: any, at the same time.
+ */
+sm2_status_t sm2_reply_server(const struct sm2_reply_t *reply,
+                              const char **server,
+                              size_t *len);
+
+/*
+ Frees a reply; NULL is ignored.
+
+ Threads: any, but no other call may use this handle at the same time or later.
+ */
+void sm2_reply_free(struct sm2_reply_t *reply);
 
 /*
  Allocates memory for one message of `len` bytes, which the program writes in place. The memory is aligned to 64
@@ -710,6 +961,17 @@ sm2_status_t sm2_loan_publish(struct sm2_loan_t *loan,
  Threads: any, but no other call may use this handle at the same time or later.
  */
 void sm2_loan_free(struct sm2_loan_t *loan);
+
+/*
+ Writes the library's log to the standard error, from now on and in all threads: the reasons why links and sessions
+ ended, and what SM2 does. Without this call there is no log. `level` is 1 for errors, 2 for warnings as well, 3 for
+ information, 4 and 5 for details.
+
+ Errors: `SM2_MISUSE` for another level, and for a second call.
+
+ Threads: any.
+ */
+sm2_status_t sm2_log_to_stderr(uint32_t level);
 
 /*
  Sets the default options. `options->size` must be set before, as for every struct.
@@ -971,6 +1233,140 @@ sm2_status_t sm2_sample_release(struct sm2_sample_t *sample);
 void sm2_sample_free(struct sm2_sample_t *sample);
 
 /*
+ Declares a server. `request` and `reply` are the types of requests and replies, both NULL for raw bytes. `options` is
+ NULL for the defaults.
+
+ Errors: `SM2_TYPE_MISMATCH`, `SM2_BAD_NAME`, `SM2_BAD_SCHEMA`, `SM2_BAD_QOS`, `SM2_NO_MANAGER`, `SM2_REFUSED`,
+ `SM2_QUOTA`, `SM2_SHUTDOWN`, `SM2_IO`, `SM2_MISUSE`.
+
+ Threads: any, at the same time.
+ */
+sm2_status_t sm2_server_new(const struct sm2_node_t *node,
+                            const char *service,
+                            const struct sm2_type_t *request,
+                            const struct sm2_type_t *reply,
+                            const struct sm2_server_options_t *options,
+                            struct sm2_server_t **server);
+
+/*
+ Frees a server, which is withdrawn once all requests that it took are answered; NULL is ignored.
+
+ Threads: any, but no other call may use this handle at the same time or later.
+ */
+void sm2_server_free(struct sm2_server_t *server);
+
+/*
+ Takes the next request. Waits for it for at most `timeout_ns` nanoseconds: not at all with 0, and without limit with
+ `SM2_FOREVER`.
+
+ `*request` is NULL, or a request of an earlier call, whose handle is used again. If it was not answered, its client
+ learns that it failed.
+
+ Errors: `SM2_TIMED_OUT`, `SM2_BORROW_LIMIT` if the program holds `max_borrowed` requests, `SM2_UNREADABLE`,
+ `SM2_SHUTDOWN`, `SM2_IO`, `SM2_MISUSE`.
+
+ Threads: any, at the same time with other requests.
+ */
+sm2_status_t sm2_server_recv(const struct sm2_server_t *server,
+                             uint64_t timeout_ns,
+                             struct sm2_request_t **request);
+
+/*
+ Waits until at least `count` clients are linked, for at most `timeout_ns` nanoseconds (`SM2_FOREVER`: no limit).
+
+ Errors: `SM2_TIMED_OUT`, `SM2_NO_MANAGER`, `SM2_SHUTDOWN`, `SM2_IO`, `SM2_MISUSE`.
+
+ Threads: any, at the same time.
+ */
+sm2_status_t sm2_server_wait_for_clients(const struct sm2_server_t *server,
+                                         size_t count,
+                                         uint64_t timeout_ns);
+
+/*
+ Stores a descriptor in `fd` that is readable when `sm2_server_recv()` with the limit 0 may have a request. The server
+ keeps the descriptor; do not close it.
+
+ Errors: `SM2_MISUSE`.
+
+ Threads: any, at the same time.
+ */
+sm2_status_t sm2_server_descriptor(const struct sm2_server_t *server,
+                                   int *fd);
+
+/*
+ Explains why the server has no links: stores a text in `text`, with a line for each client that comes close. The
+ text is empty if there is none. Free it with `sm2_text_free()`.
+
+ Errors: `SM2_NO_MANAGER`, `SM2_SHUTDOWN`, `SM2_IO`, `SM2_MISUSE`.
+
+ Threads: any, at the same time.
+ */
+sm2_status_t sm2_server_why(const struct sm2_server_t *server,
+                            char **text);
+
+/*
+ Stores the bytes of a request in `data`, and their number in `len`. They are aligned to 64 bytes, and do not change
+ until the request is answered, freed or used again.
+
+ Errors: `SM2_MISUSE`, also if the request is empty.
+
+ Threads: any, at the same time.
+ */
+sm2_status_t sm2_request_data(const struct sm2_request_t *request,
+                              const void **data,
+                              size_t *len);
+
+/*
+ Fills `info`: deadline and client of a request.
+
+ Errors: `SM2_MISUSE`, also if the request is empty.
+
+ Threads: any, at the same time.
+ */
+sm2_status_t sm2_request_info(const struct sm2_request_t *request, struct sm2_request_info_t *info);
+
+/*
+ Stores in `cancelled` whether the reply is not wanted any more: the client cancelled the call or is gone, or the
+ deadline has passed. Long work asks this now and then.
+
+ Errors: `SM2_MISUSE`, also if the request is empty.
+
+ Threads: any, at the same time.
+ */
+sm2_status_t sm2_request_is_cancelled(const struct sm2_request_t *request,
+                                      bool *cancelled);
+
+/*
+ Answers a request with the `len` bytes at `data`, and does not wait. The reply may be in the memory of the request.
+ The request is empty then, also after an error other than `SM2_MISUSE`.
+
+ Errors: `SM2_CLIENT_GONE`, `SM2_TOO_LONG`, `SM2_POOL_FULL`, `SM2_IO`, `SM2_MISUSE`, also if the request is empty.
+
+ Threads: any, but no other call may use this request at the same time.
+ */
+sm2_status_t sm2_request_reply(struct sm2_request_t *request,
+                               const void *data,
+                               size_t len);
+
+/*
+ Answers that a request failed, with a reason for its client. The request is empty then, also after an error other
+ than `SM2_MISUSE`.
+
+ Errors: `SM2_CLIENT_GONE`, `SM2_IO`, `SM2_MISUSE`, also if the request is empty.
+
+ Threads: any, but no other call may use this request at the same time.
+ */
+sm2_status_t sm2_request_fail(struct sm2_request_t *request,
+                              const char *reason);
+
+/*
+ Frees a request; NULL is ignored. If it was not answered, its client learns that it failed.
+
+ Threads: any, but no other call may use this handle at the same time or later.
+ */
+void sm2_request_free(struct sm2_request_t *request);
+
+/*
  Makes a shutdown handle. Set it in `sm2_node_options_t` and with `sm2_wait_set_end_with()`.
 
  Errors: `SM2_IO`, `SM2_MISUSE`.
@@ -1131,6 +1527,164 @@ sm2_status_t sm2_subscriber_why(const struct sm2_subscriber_t *subscriber,
  Threads: any.
  */
 sm2_status_t sm2_schema_hash(const char *schema, uint64_t *hash);
+
+/*
+ Makes an empty wait set. It waits for subscribers, servers, calls, publishers with room, timers and descriptors, in
+ one thread without callbacks. Each source has a tag of the program's choice, which must be unique in the set.
+
+ Errors: `SM2_IO`, `SM2_MISUSE`.
+
+ Threads: any.
+ */
+sm2_status_t sm2_wait_set_new(struct sm2_wait_set_t **set);
+
+/*
+ Frees a wait set; NULL is ignored. Its sources stay as they are.
+
+ Threads: any, but no other call may use this handle at the same time or later.
+ */
+void sm2_wait_set_free(struct sm2_wait_set_t *set);
+
+/*
+ Adds a subscriber. It is reported again and again until `sm2_subscriber_recv()` with the limit 0 finds nothing. It
+ may be freed while it is in the set, and is not reported then.
+
+ Errors: `SM2_IO`, `SM2_MISUSE`, also if the tag is in use.
+
+ Threads: one at a time for each set.
+ */
+sm2_status_t sm2_wait_set_add_subscriber(struct sm2_wait_set_t *set,
+                                         const struct sm2_subscriber_t *subscriber,
+                                         uint64_t tag);
+
+/*
+ Adds a server. It is reported again and again until `sm2_server_recv()` with the limit 0 finds nothing. It may be
+ freed while it is in the set.
+
+ Errors: `SM2_IO`, `SM2_MISUSE`, also if the tag is in use.
+
+ Threads: one at a time for each set.
+ */
+sm2_status_t sm2_wait_set_add_server(struct sm2_wait_set_t *set,
+                                     const struct sm2_server_t *server,
+                                     uint64_t tag);
+
+/*
+ Adds a publisher. It is reported while every reliable subscriber has room: then call `sm2_publisher_try_publish()`. A
+ program adds it while it has a message that found no room, and then removes it.
+
+ Errors: `SM2_IO`, `SM2_MISUSE`, also if the tag is in use.
+
+ Threads: one at a time for each set.
+ */
+sm2_status_t sm2_wait_set_add_publisher(struct sm2_wait_set_t *set,
+                                        const struct sm2_publisher_t *publisher,
+                                        uint64_t tag);
+
+/*
+ Adds a pending call. It is reported once, when it has a result or its deadline has passed; then it leaves the set,
+ and `sm2_call_try_wait()` returns the result.
+
+ Errors: `SM2_IO`, `SM2_MISUSE`, also if the tag is in use or the call is spent.
+
+ Threads: one at a time for each set and call.
+ */
+sm2_status_t sm2_wait_set_add_call(struct sm2_wait_set_t *set,
+                                   const struct sm2_call_t *call,
+                                   uint64_t tag);
+
+/*
+ Adds a timer that ticks once in each period of `period_ns` nanoseconds, without drift. With `burst`, each missed tick
+ is reported; otherwise only the newest, with the number of those before it.
+
+ Errors: `SM2_MISUSE`, also if the tag is in use.
+
+ Threads: one at a time for each set.
+ */
+sm2_status_t sm2_wait_set_add_timer(struct sm2_wait_set_t *set,
+                                    uint64_t period_ns,
+                                    bool burst,
+                                    uint64_t tag);
+
+/*
+ Adds a timer that ticks `frequency` times in each second, without drift, also if a second is no multiple of the
+ period. `burst` as for `sm2_wait_set_add_timer()`.
+
+ Errors: `SM2_MISUSE`, also if the tag is in use.
+
+ Threads: one at a time for each set.
+ */
+sm2_status_t sm2_wait_set_add_timer_hz(struct sm2_wait_set_t *set,
+                                       uint32_t frequency,
+                                       bool burst,
+                                       uint64_t tag);
+
+/*
+ Adds a timer that ticks once, `delay_ns` nanoseconds from now. Then it leaves the set.
+
+ Errors: `SM2_MISUSE`, also if the tag is in use.
+
+ Threads: one at a time for each set.
+ */
+sm2_status_t sm2_wait_set_add_timer_once(struct sm2_wait_set_t *set,
+                                         uint64_t delay_ns,
+                                         uint64_t tag);
+
+/*
+ Adds a descriptor of the program, level-triggered: reported while reading (`readable`) or writing (`writable`) does
+ not block, or after a hang-up. The descriptor must stay open until it is removed or the set is freed.
+
+ Errors: `SM2_IO` (such as `EEXIST` for a descriptor that is in the set, and `EPERM` for a regular file),
+ `SM2_MISUSE`, also if the tag is in use.
+
+ Threads: one at a time for each set.
+ */
+sm2_status_t sm2_wait_set_add_descriptor(struct sm2_wait_set_t *set,
+                                         int fd,
+                                         bool readable,
+                                         bool writable,
+                                         uint64_t tag);
+
+/*
+ Ends every wait of the set with `SM2_SHUTDOWN` once this shutdown is requested, also if a source is ready.
+
+ Errors: `SM2_IO`, `SM2_MISUSE`.
+
+ Threads: one at a time for each set.
+ */
+sm2_status_t sm2_wait_set_end_with(struct sm2_wait_set_t *set,
+                                   const struct sm2_shutdown_t *shutdown);
+
+/*
+ Drives a node without a background thread during every wait, if no source of the set belongs to it.
+
+ Errors: `SM2_IO`, `SM2_MISUSE`.
+
+ Threads: one at a time for each set.
+ */
+sm2_status_t sm2_wait_set_drive(struct sm2_wait_set_t *set, const struct sm2_node_t *node);
+
+/*
+ Removes the source with this tag. It is not reported any more, even if it was ready.
+
+ Errors: `SM2_MISUSE`, also if no source of the set has the tag.
+
+ Threads: one at a time for each set.
+ */
+sm2_status_t sm2_wait_set_remove(struct sm2_wait_set_t *set, uint64_t tag);
+
+/*
+ Waits until a source is ready, for at most `timeout_ns` nanoseconds: not at all with 0, and without limit with
+ `SM2_FOREVER`. Stores its tag, and the tick of a timer, in `ready`. Sources that are ready at the same time are
+ reported in turn.
+
+ Errors: `SM2_TIMED_OUT`, `SM2_SHUTDOWN`, `SM2_IO`, `SM2_MISUSE`.
+
+ Threads: one at a time for each set.
+ */
+sm2_status_t sm2_wait_set_wait(struct sm2_wait_set_t *set,
+                               uint64_t timeout_ns,
+                               struct sm2_ready_t *ready);
 
 #ifdef __cplusplus
 }  // extern "C"

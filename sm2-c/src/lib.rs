@@ -10,17 +10,21 @@
 
 mod aligned;
 mod arguments;
+mod client;
 mod errors;
 mod loan;
+mod log;
 mod node;
 mod publisher;
 mod qos;
 mod report;
 mod sample;
+mod server;
 mod shutdown;
 mod status;
 mod subscriber;
 mod types;
+mod wait_set;
 
 use std::ffi::c_char;
 

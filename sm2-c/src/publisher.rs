@@ -133,10 +133,11 @@ pub extern "C" fn sm2_publisher_wait_for_subscribers(
 ) -> Status {
     guard(|| {
         let publisher = &given(publisher, "publisher")?.0;
-        Ok(match timeout_ns {
+        match timeout_ns {
             FOREVER => publisher.wait_for_subscribers(count)?,
             ns => publisher.wait_for_subscribers_timeout(count, duration(ns))?,
-        })
+        }
+        Ok(())
     })
 }
 

@@ -15,6 +15,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 #[repr(i32)]
 #[allow(
     non_camel_case_types,
+    clippy::upper_case_acronyms,
     reason = "cbindgen can add a prefix to a name, or change its case, but not both"
 )]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

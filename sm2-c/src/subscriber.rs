@@ -104,10 +104,11 @@ pub extern "C" fn sm2_subscriber_wait_for_publishers(
 ) -> Status {
     guard(|| {
         let subscriber = &given(subscriber, "subscriber")?.0;
-        Ok(match timeout_ns {
+        match timeout_ns {
             FOREVER => subscriber.wait_for_publishers(count)?,
             ns => subscriber.wait_for_publishers_timeout(count, duration(ns))?,
-        })
+        }
+        Ok(())
     })
 }
 

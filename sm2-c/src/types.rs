@@ -70,6 +70,25 @@ impl Declared {
     }
 }
 
+/// The types of requests and replies; `None` if both are bytes. Registers their schema texts.
+pub(crate) fn service_types(
+    node: &sm2_node::Node,
+    request: *const Type,
+    reply: *const Type,
+) -> Result<Option<(TypeId, TypeId)>, Failure> {
+    match (Declared::read(request)?, Declared::read(reply)?) {
+        (None, None) => Ok(None),
+        (Some(request), Some(reply)) => {
+            request.register(node)?;
+            reply.register(node)?;
+            Ok(Some((request.id, reply.id)))
+        }
+        _ => Err(Failure::misuse(
+            "one of the types of a service is NULL: pass both, or NULL for both to use bytes",
+        )),
+    }
+}
+
 /// The failure of a declaration. If types do not fit, its text ends with the schemas of both, as far as the domain knows
 /// them.
 pub(crate) fn not_declared(node: &sm2_node::Node, error: DeclareError) -> Failure {
