@@ -1,0 +1,60 @@
+"""The part that publishers, subscribers, servers and clients share."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import TYPE_CHECKING, TypeVar
+
+from . import _asyncio
+
+if TYPE_CHECKING:
+    from ._native import Interface as NativeInterface
+
+Self = TypeVar("Self", bound="Interface")
+
+
+class Interface:
+    """A publisher, subscriber, server or client. As a context manager, it is closed at the end of the block."""
+
+    def __init__(self, native: NativeInterface) -> None:
+        self._interface = native
+
+    @property
+    def matched(self) -> int:
+        """How many peers the Manager linked at once when it granted this declaration."""
+        return self._interface.matched
+
+    @property
+    def is_registered(self) -> bool:
+        """Whether the current Manager has granted this declaration. False without a Manager."""
+        return self._interface.is_registered
+
+    def why(self) -> list[str]:
+        """Explains missing links: the peers that come closest to one, with the reasons why they do not match."""
+        return self._interface.why()
+
+    def fileno(self) -> int:
+        """The descriptor for an event loop: readable when `take` may return something. Watch it level-triggered."""
+        return self._interface.fileno()
+
+    def close(self) -> None:
+        """Withdraws the declaration. Samples that the program holds stay valid."""
+        if not self._interface.closed:
+            _asyncio.closing(self._interface.fileno())
+        self._interface.close()
+
+    @property
+    def closed(self) -> bool:
+        """Whether it is closed."""
+        return self._interface.closed
+
+    def __enter__(self: Self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()

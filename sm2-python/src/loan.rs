@@ -1,0 +1,189 @@
+//! Messages that Python writes in place, in the memory that their receivers read.
+//!
+//! The array that Python writes to refers to memory that SM2 gives to the next message as soon as all receivers have
+//! released this one. So at the end of the block, [`Loan`] makes sure that nothing can reach the memory any more: only a
+//! variable of the program may refer to the array, and the array is made empty. Then the message is published.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+use self_cell::self_cell;
+use sm2_node::StoreError;
+
+use crate::buffers::{Memory, references};
+use crate::detached::detached;
+use crate::errors::{self, LoanError, raise};
+use crate::handles::Owned;
+use crate::publisher::Handle;
+
+/// How many frames are searched for the variable that refers to the array.
+const FRAMES_MAX: usize = 64;
+
+/// `None` once it is published.
+type Lent<'p> = Option<sm2_node::Loan<'p, [u8]>>;
+
+self_cell!(
+    /// A loan and the publisher that it belongs to.
+    struct Loaned {
+        owner: Handle,
+        #[covariant]
+        dependent: Lent,
+    }
+);
+
+/// The memory of a loan, the base of its array.
+#[pyclass(frozen, module = "sm2._native")]
+pub(crate) struct LoanMemory {
+    inner: Owned<Loaned>,
+}
+
+impl LoanMemory {
+    pub(crate) fn new(publisher: Handle, len: usize) -> Result<Self, StoreError> {
+        let loaned = Loaned::try_new(publisher, |it| it.loan_slice(len).map(Some))?;
+        Ok(Self {
+            inner: Owned::new("loan", loaned),
+        })
+    }
+
+    /// The memory, which only this process can write to.
+    pub(crate) fn memory(&self) -> PyResult<Memory> {
+        self.inner.with(|loaned| {
+            loaned.with_dependent_mut(|_, lent| match lent {
+                Some(loan) => (loan.as_mut_ptr(), loan.len()),
+                None => (std::ptr::NonNull::dangling().as_ptr(), 0),
+            })
+        })
+    }
+}
+
+/// A message that is written in a `with` block.
+#[pyclass(frozen, module = "sm2._native")]
+pub(crate) struct Loan {
+    memory: Py<LoanMemory>,
+    /// `None` after the block.
+    array: Mutex<Option<Py<PyAny>>>,
+}
+
+impl Loan {
+    pub(crate) fn new(
+        py: Python<'_>,
+        memory: LoanMemory,
+        make_array: &Bound<'_, PyAny>,
+    ) -> PyResult<Self> {
+        let memory = Py::new(py, memory)?;
+        let array = make_array.call1((&memory,))?.unbind();
+        Ok(Self {
+            memory,
+            array: Mutex::new(Some(array)),
+        })
+    }
+
+    fn take_array<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let array = self
+            .array
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
+        match array {
+            Some(array) => Ok(array.into_bound(py)),
+            None => Err(LoanError::new_err(
+                "this loan has ended: request another one",
+            )),
+        }
+    }
+
+    /// Makes sure that after this call nothing refers to the memory.
+    fn detach_array(&self, py: Python<'_>, array: Bound<'_, PyAny>) -> PyResult<()> {
+        // One reference is ours.
+        let others = references(array.as_any()) - 1;
+        // Two are ours and that of the array.
+        let bases = references(self.memory.bind(py).as_any()) - 2;
+        if others > 1 || bases > 0 || (others == 1 && !is_variable(&array)?) {
+            return Err(LoanError::new_err(
+                "the loan was not published: besides the variable of its block, something still refers to the array \
+                 or its memory (a slice, a view, a tensor, a list, or an attribute), and could change the message \
+                 later; drop it before the block ends, or give it a copy",
+            ));
+        }
+        // The way in which numpy restores a pickled array. It drops the reference to the memory, so that the variable
+        // of the program cannot reach it any more.
+        let nothing = PyBytes::new(py, b"");
+        let state = (1, (0,), array.getattr("dtype")?, false, nothing);
+        array.call_method1("__setstate__", (state,))?;
+        array.call_method1("setflags", (false,))?;
+        Ok(())
+    }
+}
+
+#[pymethods]
+impl Loan {
+    fn __enter__(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
+        let array = self.array.lock().unwrap_or_else(PoisonError::into_inner);
+        match &*array {
+            Some(array) => Ok(array.clone_ref(py)),
+            None => Err(LoanError::new_err(
+                "this loan has ended: request another one",
+            )),
+        }
+    }
+
+    /// Publishes the message, unless the block has raised an exception.
+    fn __exit__(
+        &self,
+        py: Python<'_>,
+        exception: &Bound<'_, PyAny>,
+        _value: &Bound<'_, PyAny>,
+        _traceback: &Bound<'_, PyAny>,
+    ) -> PyResult<bool> {
+        let array = self.take_array(py)?;
+        if !exception.is_none() {
+            return Ok(false);
+        }
+        self.detach_array(py, array)?;
+        let mut loaned = self.memory.get().inner.take()?;
+        let published = detached(py, || {
+            let published =
+                loaned.with_dependent_mut(|_, lent| lent.take().map(sm2_node::Loan::publish));
+            // Drops this handle of the publisher without the GIL, because that may wait for the node's thread.
+            drop(loaned);
+            published
+        })?;
+        match published {
+            Some(Err(error)) => Err(raise(errors::PublishError::new_err::<String>)(error)),
+            Some(Ok(_)) | None => Ok(false),
+        }
+    }
+}
+
+/// Whether a variable of the running Python functions refers to the array.
+///
+/// Another reference could be that of a C extension that has kept the address of the memory.
+fn is_variable(array: &Bound<'_, PyAny>) -> PyResult<bool> {
+    let mut frame = array.py().import("sys")?.call_method0("_getframe")?;
+    for _ in 0..FRAMES_MAX {
+        if frame.is_none() {
+            break;
+        }
+        for variables in ["f_locals", "f_globals"] {
+            for value in frame
+                .getattr(variables)?
+                .call_method0("values")?
+                .try_iter()?
+            {
+                if value?.is(array) {
+                    return Ok(true);
+                }
+            }
+        }
+        frame = frame.getattr("f_back")?;
+    }
+    Ok(false)
+}
+
+/// Handles of publishers can be shared by threads, and so can their loans.
+const _: () = {
+    const fn is_send<T: Send>() {}
+    is_send::<Loaned>();
+    is_send::<Arc<sm2_node::Publisher<[u8]>>>();
+};

@@ -1,0 +1,178 @@
+//! Sending the messages of a topic.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use pyo3::prelude::*;
+
+use crate::buffers::Input;
+use crate::detached::detached;
+use crate::errors::{self, raise};
+use crate::handles::Owned;
+use crate::interface::interface_methods;
+use crate::loan::{Loan, LoanMemory};
+use crate::options::{Seconds, time};
+use crate::wait::in_slices;
+
+/// The handle that a publisher and its loans share.
+pub(crate) type Handle = Arc<sm2_node::Publisher<[u8]>>;
+
+/// Sends messages to all subscribers of a topic.
+#[pyclass(frozen, module = "sm2._native")]
+pub(crate) struct Publisher {
+    inner: Owned<Handle>,
+    name: String,
+}
+
+/// The result of one publication.
+#[pyclass(frozen, get_all, eq, module = "sm2")]
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Published {
+    /// How many subscribers have the message.
+    links: usize,
+    /// How many reliable subscribers missed it.
+    missed: usize,
+    /// How many subscribers accept no message of this length.
+    too_long: usize,
+}
+
+impl From<sm2_node::Published> for Published {
+    fn from(published: sm2_node::Published) -> Self {
+        let sm2_node::Published {
+            links,
+            missed,
+            too_long,
+        } = published;
+        Self {
+            links,
+            missed,
+            too_long,
+        }
+    }
+}
+
+#[pymethods]
+impl Published {
+    fn __repr__(&self) -> String {
+        let Self {
+            links,
+            missed,
+            too_long,
+        } = self;
+        format!("Published(links={links}, missed={missed}, too_long={too_long})")
+    }
+}
+
+impl Publisher {
+    pub(crate) fn new(handle: Handle) -> Self {
+        Self {
+            name: handle.topic().to_string(),
+            inner: Owned::new("publisher", handle),
+        }
+    }
+}
+
+interface_methods!(
+    Publisher,
+    topic,
+    wait_for_subscribers,
+    wait_for_subscribers_timeout
+);
+
+#[pymethods]
+impl Publisher {
+    fn publish(
+        &self,
+        py: Python<'_>,
+        message: Input,
+        timeout: Option<Seconds>,
+    ) -> PyResult<Published> {
+        let handle = self.inner.get()?;
+        let bytes = message.bytes();
+        let published = detached(py, || match time(timeout) {
+            None => handle.publish(bytes),
+            Some(timeout) => handle.publish_timeout(bytes, timeout),
+        })?;
+        published
+            .map(Published::from)
+            .map_err(raise(errors::PublishError::new_err::<String>))
+    }
+
+    fn try_publish(&self, py: Python<'_>, message: Input) -> PyResult<Option<Published>> {
+        let handle = self.inner.get()?;
+        let bytes = message.bytes();
+        let published = detached(py, || handle.try_publish(bytes))?;
+        let published = published.map_err(raise(errors::PublishError::new_err::<String>))?;
+        Ok(published.map(Published::from))
+    }
+
+    /// A loan of `len` bytes. `make_array` makes the array from its memory.
+    fn loan(&self, py: Python<'_>, len: usize, make_array: &Bound<'_, PyAny>) -> PyResult<Loan> {
+        let handle = self.inner.get()?;
+        // The first use of a slot takes long.
+        let memory = detached(py, || LoanMemory::new(handle, len))?;
+        let memory = memory.map_err(raise(errors::PublishError::new_err::<String>))?;
+        Loan::new(py, memory, make_array)
+    }
+
+    fn wait_for_room(&self, py: Python<'_>, timeout: Option<Seconds>) -> PyResult<bool> {
+        let handle = self.inner.get()?;
+        let found = in_slices(py, time(timeout), |slice| {
+            let has_room = handle.wait_for_room_timeout(slice);
+            let has_room = has_room.map_err(raise(errors::WaitError::new_err::<String>))?;
+            Ok(has_room.then_some(()))
+        });
+        Ok(found?.is_some())
+    }
+
+    fn flush(&self, py: Python<'_>, timeout: Option<Seconds>) -> PyResult<bool> {
+        let handle = self.inner.get()?;
+        let found = in_slices(py, time(timeout), |slice| {
+            let flushed = handle.flush_timeout(slice);
+            let flushed = flushed.map_err(raise(errors::WaitError::new_err::<String>))?;
+            Ok(flushed.then_some(()))
+        });
+        Ok(found?.is_some())
+    }
+
+    #[getter]
+    fn counters(&self) -> PyResult<HashMap<&'static str, u64>> {
+        let counters = self.inner.with(|handle| handle.counters())?;
+        Ok(HashMap::from([
+            ("offered", counters.offered),
+            ("delivered", counters.delivered),
+            ("overwritten", counters.overwritten),
+            ("discarded", counters.discarded),
+            ("deadline", counters.deadline),
+            ("closed", counters.closed),
+            ("pool_limit", counters.pool_limit),
+            ("too_long", counters.too_long),
+            ("expired", counters.expired),
+            ("in_flight", counters.in_flight),
+        ]))
+    }
+
+    #[getter]
+    fn unheard(&self) -> PyResult<u64> {
+        self.inner.with(|handle| handle.unheard())
+    }
+
+    #[getter]
+    fn missed_deadlines(&self) -> PyResult<u64> {
+        self.inner.with(|handle| handle.missed_deadlines())
+    }
+
+    #[getter]
+    fn lost_liveliness(&self) -> PyResult<u64> {
+        self.inner.with(|handle| handle.lost_liveliness())
+    }
+
+    #[getter]
+    fn pool_bytes(&self) -> PyResult<u64> {
+        self.inner.with(|handle| handle.pool_bytes())
+    }
+
+    fn assert_liveliness(&self) -> PyResult<()> {
+        self.inner.with(|handle| handle.assert_liveliness())
+    }
+}

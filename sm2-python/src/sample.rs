@@ -1,0 +1,172 @@
+//! Received messages.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict};
+
+use crate::buffers::Memory;
+use crate::handles::Owned;
+
+/// What a program holds of one subscriber. Changed by threads that have the GIL.
+#[derive(Debug)]
+pub(crate) struct Account {
+    pub(crate) topic: String,
+    pub(crate) samples: AtomicUsize,
+    pub(crate) views: AtomicUsize,
+}
+
+/// A received message. Its memory does not change as long as the sample or a view of it exists.
+#[pyclass(frozen, weakref, module = "sm2")]
+pub(crate) struct Sample {
+    inner: Owned<sm2_node::Sample<[u8]>>,
+    account: Arc<Account>,
+    /// Called with this sample to get the message as a Python object.
+    decode: Py<PyAny>,
+    sequence: u64,
+    source_time_ns: u64,
+    lost: u64,
+}
+
+impl Sample {
+    pub(crate) fn new(
+        sample: sm2_node::Sample<[u8]>,
+        account: &Arc<Account>,
+        decode: Py<PyAny>,
+    ) -> Self {
+        account.samples.fetch_add(1, Ordering::Relaxed);
+        Self {
+            sequence: sample.sequence(),
+            source_time_ns: sample.source_time().0,
+            lost: sample.lost(),
+            inner: Owned::new("sample", sample),
+            account: Arc::clone(account),
+            decode,
+        }
+    }
+
+    /// The memory of the message, which must not be written.
+    pub(crate) fn memory(&self) -> PyResult<Memory> {
+        self.inner
+            .with(|sample| (sample.as_ptr().cast_mut(), sample.len()))
+    }
+
+    pub(crate) fn viewed(&self) {
+        self.account.views.fetch_add(1, Ordering::Relaxed);
+    }
+
+    pub(crate) fn unviewed(&self) {
+        self.account.views.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+impl Drop for Sample {
+    fn drop(&mut self) {
+        self.account.samples.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+#[pymethods]
+impl Sample {
+    #[getter]
+    fn topic(&self) -> &str {
+        &self.account.topic
+    }
+
+    #[getter]
+    fn sequence(&self) -> u64 {
+        self.sequence
+    }
+
+    #[getter]
+    fn source_time_ns(&self) -> u64 {
+        self.source_time_ns
+    }
+
+    #[getter]
+    fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    #[getter]
+    fn publisher(&self) -> PyResult<String> {
+        self.inner.with(|sample| sample.publisher().to_string())
+    }
+
+    #[getter]
+    fn type_name(&self) -> PyResult<Option<String>> {
+        self.inner
+            .with(|sample| sample.type_id().map(|data| data.name.to_string()))
+    }
+
+    #[getter]
+    fn value<'py>(slf: Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+        slf.get().decode.bind(slf.py()).call1((&slf,))
+    }
+
+    #[pyo3(signature = (dtype = None, shape = None))]
+    fn numpy<'py>(
+        slf: Bound<'py, Self>,
+        dtype: Option<Bound<'py, PyAny>>,
+        shape: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let numpy = slf.py().import("numpy")?;
+        let dtype = match dtype {
+            Some(dtype) => dtype,
+            None => numpy.getattr("uint8")?,
+        };
+        let array = numpy.call_method1("frombuffer", (&slf, dtype))?;
+        match shape {
+            Some(shape) => array.call_method1("reshape", (shape,)),
+            None => Ok(array),
+        }
+    }
+
+    fn __len__(&self) -> PyResult<usize> {
+        self.inner.with(|sample| sample.len())
+    }
+
+    fn __bytes__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        self.inner.with(|sample| PyBytes::new(py, sample))
+    }
+
+    /// DLPack, by numpy: it marks the memory as read-only, and refuses consumers that cannot know this.
+    #[pyo3(signature = (**options))]
+    fn __dlpack__<'py>(
+        slf: Bound<'py, Self>,
+        options: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let py = slf.py();
+        let value = Self::value(slf.clone())?;
+        let array = if value.hasattr("__dlpack__")? {
+            value
+        } else {
+            Self::numpy(slf, None, None)?
+        };
+        array
+            .getattr(pyo3::intern!(py, "__dlpack__"))?
+            .call((), options)
+    }
+
+    /// The memory of the processor.
+    fn __dlpack_device__(&self) -> (i32, i32) {
+        (1, 0)
+    }
+
+    fn __repr__(&self) -> String {
+        let Self {
+            sequence, account, ..
+        } = self;
+        let topic = &account.topic;
+        match self
+            .inner
+            .with(|sample| (sample.len(), sample.publisher().to_string()))
+        {
+            Ok((len, publisher)) => {
+                format!("<Sample {sequence} of {topic} from {publisher}, {len} bytes>")
+            }
+            Err(_) => format!("<Sample {sequence} of {topic}, of another process>"),
+        }
+    }
+}
