@@ -23,6 +23,8 @@ mod server;
 mod shutdown;
 mod status;
 mod subscriber;
+#[cfg(test)]
+mod tests;
 mod types;
 mod wait_set;
 
