@@ -19,13 +19,13 @@ readonly flaky=$logs/flaky.txt
 export SM2_SKIPPED=$logs/skipped.txt
 readonly skips=$SM2_SKIPPED
 
-readonly tier1=(tools commits fmt clauses publish deny no-std clippy doc test modes models bag ros book bridges)
+readonly tier1=(tools commits fmt clauses publish deny no-std clippy doc test modes models bag ros book c bridges)
 readonly tier2=(tools commits fmt clauses publish deny no-std clippy doc test modes asan check demo faults soak
-    bag ros book bridges)
+    bag ros book c bridges)
 # The time limit of each step, in seconds: about three times what it takes on a quiet machine of two cores.
 declare -rA limits=([tools]=600 [commits]=60 [fmt]=60 [clauses]=300 [publish]=120 [deny]=900 [no-std]=150 [clippy]=600
     [doc]=300 [test]=$((full ? 3600 : 1200)) [modes]=400 [models]=400 [asan]=1500 [check]=5400 [demo]=1200 [faults]=600
-    [soak]=900 [bag]=900 [ros]=900 [book]=900 [bridges]=2400)
+    [soak]=900 [bag]=900 [ros]=900 [book]=900 [c]=1800 [bridges]=2400)
 
 # Packages outside the workspace, each a workspace of its own.
 readonly outside=(verification/no-std verification/loom-models verification/viewer
@@ -80,23 +80,28 @@ install() {
     rm -rf "$CARGO_TARGET_DIR/tools/build"
 }
 
-# Installs the tools of the other steps: a linker, rustfmt, clippy, the locked crates. Further programs make bad links of
-# network namespaces, confine processes and let their system calls fail; without them their tests are skipped.
-step_tools() {
+# Installs packages of Debian whose program is missing. Reads lines `PACKAGE PROGRAM`.
+install_packages() {
     local sudo=() missing=() package program
     [ "$(id -u)" -eq 0 ] || sudo=(sudo -n)
     while read -r package program; do
         (PATH=$PATH:/usr/sbin:/sbin && command -v "$program") >/dev/null || missing+=("$package")
-    done <<<"build-essential cc
-iproute2 ip
-nftables nft
-bubblewrap bwrap
-strace strace"
+    done
     if [ ${#missing[@]} -gt 0 ]; then
         "${sudo[@]}" apt-get update &&
             DEBIAN_FRONTEND=noninteractive "${sudo[@]}" apt-get install -y "${missing[@]}" ||
             echo "cannot be installed here, so their tests are skipped: ${missing[*]}"
     fi
+}
+
+# Installs the tools of the other steps: a linker, rustfmt, clippy, the locked crates. Further programs make bad links of
+# network namespaces, confine processes and let their system calls fail; without them their tests are skipped.
+step_tools() {
+    install_packages <<<"build-essential cc
+iproute2 ip
+nftables nft
+bubblewrap bwrap
+strace strace"
     cargo fmt --version >/dev/null 2>&1 || rustup component add rustfmt || true
     cargo clippy --version >/dev/null 2>&1 || rustup component add clippy || true
     cargo --version
@@ -285,6 +290,32 @@ step_book() {
     install mdbook --no-default-features --features search || skip "mdbook cannot be built here"
     mdbook build --dest-dir "$CARGO_TARGET_DIR/book" docs
     stamp book "${inputs[@]}"
+}
+
+# The library for C and C++, a workspace of its own, with its header and its programs. A tool that cannot be installed
+# leaves out its part.
+step_c() {
+    local inputs=(sm2-c sm2-cpp) manager=$CARGO_TARGET_DIR/debug/sm2-manager
+    unless_stamped c "${inputs[@]}"
+    command -v cc >/dev/null || skip "there is no C compiler"
+    install_packages <<<"g++ g++
+clang clang++
+cmake cmake
+valgrind valgrind"
+    install cbindgen || skip "cbindgen cannot be built here"
+    cargo build --workspace --locked --bin sm2-manager
+    (
+        cd sm2-c
+        export CARGO_TARGET_DIR=$CARGO_TARGET_DIR/c
+        cargo fmt --all --check
+        cargo clippy --all-targets --locked -- -D warnings
+        cargo test --locked
+        cargo build --locked
+        cbindgen --quiet --verify --output include/sm2.h ||
+            { echo "sm2-c/include/sm2.h is not that of the sources: cbindgen --output include/sm2.h" && false; }
+        SM2_MANAGER=$manager tests/run
+    )
+    stamp c "${inputs[@]}"
 }
 
 # The bridges to other middlewares: a workspace of its own.

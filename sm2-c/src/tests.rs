@@ -275,3 +275,57 @@ fn a_struct_without_a_size_is_refused() {
         "the field 'size' of a sm2_subscriber_options_t is 3: set it to sizeof(sm2_subscriber_options_t)"
     );
 }
+
+#[test]
+fn the_tests_call_every_function() {
+    let header = include_str!("../include/sm2.h");
+    let tests = include_str!("tests.rs");
+    let mut functions = 0;
+    for line in header.lines().filter(|it| it.starts_with("sm2_status_t ")) {
+        let (name, _) = line["sm2_status_t ".len()..]
+            .split_once('(')
+            .expect("a function");
+        assert!(tests.contains(&format!("{name}(")), "{name} is not called");
+        functions += 1;
+    }
+    assert!(functions > 60, "{functions} functions found");
+}
+
+/// The header states the defaults, so they are written down here as well.
+#[test]
+fn defaults_are_those_of_the_library() {
+    let folder = std::env::temp_dir().join(format!("sm2-c-defaults-{}", std::process::id()));
+    std::fs::create_dir(&folder).expect("a folder");
+    let embedding = |name: &str| {
+        let builder = sm2_node::Node::builder(name).socket(folder.join("socket"));
+        builder.embed_manager(sm2_manager::Options::default())
+    };
+    let set = NodeOptions::defaults().apply(embedding("one"));
+    let usual = format!("{:?}", embedding("one"));
+    assert_eq!(format!("{:?}", set.expect("legal options")), usual);
+
+    let node = embedding("one").connect().expect("a node");
+    let publisher = || node.publisher_builder::<[u8]>("topic");
+    let set = PublisherOptions::defaults().apply(publisher());
+    assert_eq!(
+        format!("{:?}", set.expect("legal options")),
+        format!("{:?}", publisher())
+    );
+    let subscriber = || node.subscriber_builder::<[u8]>("topic");
+    let set = SubscriberOptions::defaults().apply(subscriber());
+    assert_eq!(format!("{set:?}"), format!("{:?}", subscriber()));
+    let server = || node.server_builder::<[u8], [u8]>("service");
+    let set = ServerOptions::defaults().apply(server());
+    assert_eq!(
+        format!("{:?}", set.expect("legal options")),
+        format!("{:?}", server())
+    );
+    let client = || node.client_builder::<[u8], [u8]>("service");
+    let set = ClientOptions::defaults().apply(client());
+    assert_eq!(
+        format!("{:?}", set.expect("legal options")),
+        format!("{:?}", client())
+    );
+    drop(node);
+    std::fs::remove_dir_all(&folder).expect("the folder");
+}
