@@ -46,7 +46,7 @@ impl Client {
         let timeout = time(timeout);
         let sent = if self.is_linked.load(Ordering::Relaxed) {
             let bytes = request.bytes();
-            detached(py, || send_to(&handle, bytes, timeout))?
+            detached(py, || send_to(&handle, bytes, timeout))
         } else {
             let (client, bytes) = (Arc::clone(&handle), request.bytes().to_vec());
             on_thread(py, move || send_to(&client, &bytes, timeout))?

@@ -66,7 +66,6 @@ create_exception!(
     Error,
     "The object belongs to the process that forked this one."
 );
-create_exception!(sm2, ExitError, Error, "The interpreter is about to end.");
 
 /// Makes the exception `E` from an error of `sm2-node`.
 pub(crate) fn raise<E: Display>(exception: fn(String) -> PyErr) -> impl Fn(E) -> PyErr {

@@ -7,7 +7,7 @@
 //! | --- | --- |
 //! | A view of memory owns a reference to the object that keeps the memory. | `buffers` |
 //! | A forked child uses and drops no handle of its parent. | `handles::Owned` |
-//! | A thread that waits or copies has released the GIL, and has it back before the interpreter ends. | `detached` |
+//! | A thread that waits or copies has released the GIL. | `detached` |
 //! | No lock of SM2 is held while a thread waits for the GIL: log records are queued. | `logging` |
 #![deny(unsafe_code)]
 
@@ -39,14 +39,10 @@ mod _native {
     #[pymodule_export]
     use crate::client::{Call, Client};
     #[pymodule_export]
-    use crate::detached::end_calls;
-    #[pymodule_export]
-    use crate::detached::forked;
-    #[pymodule_export]
     use crate::errors::{
-        BorrowLimitError, CallError, ClosedError, ConnectError, DeclareError, Error, ExitError,
-        ForkError, LoanError, PublishError, QueryError, RecvError, ReplyError, SchemaError,
-        TypeMismatchError, WaitError,
+        BorrowLimitError, CallError, ClosedError, ConnectError, DeclareError, Error, ForkError,
+        LoanError, PublishError, QueryError, RecvError, ReplyError, SchemaError, TypeMismatchError,
+        WaitError,
     };
     #[pymodule_export]
     use crate::loan::Loan;

@@ -7,7 +7,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use pyo3::prelude::*;
-use pyo3::types::PyBytes;
+use pyo3::types::{PyBytes, PyDict};
 use self_cell::self_cell;
 use sm2_node::StoreError;
 
@@ -19,6 +19,9 @@ use crate::publisher::Handle;
 
 /// How many frames are searched for the variable that refers to the array.
 const FRAMES_MAX: usize = 64;
+
+/// The flag of code whose variables are not in a dictionary: that of functions.
+const CO_OPTIMIZED: u32 = 1;
 
 /// `None` once it is published.
 type Lent<'p> = Option<sm2_node::Loan<'p, [u8]>>;
@@ -96,9 +99,9 @@ impl Loan {
     /// Makes sure that after this call nothing refers to the memory.
     fn detach_array(&self, py: Python<'_>, array: Bound<'_, PyAny>) -> PyResult<()> {
         // One reference is ours.
-        let others = references(array.as_any()) - 1;
+        let others = references(&array) - 1;
         // Two are ours and that of the array.
-        let bases = references(self.memory.bind(py).as_any()) - 2;
+        let bases = references(self.memory.bind(py)) - 2;
         if others > 1 || bases > 0 || (others == 1 && !is_variable(&array)?) {
             return Err(LoanError::new_err(
                 "the loan was not published: besides the variable of its block, something still refers to the array \
@@ -148,7 +151,7 @@ impl Loan {
             // Drops this handle of the publisher without the GIL, because that may wait for the node's thread.
             drop(loaned);
             published
-        })?;
+        });
         match published {
             Some(Err(error)) => Err(raise(errors::PublishError::new_err::<String>)(error)),
             Some(Ok(_)) | None => Ok(false),
@@ -165,18 +168,35 @@ fn is_variable(array: &Bound<'_, PyAny>) -> PyResult<bool> {
         if frame.is_none() {
             break;
         }
-        for variables in ["f_locals", "f_globals"] {
-            for value in frame
-                .getattr(variables)?
-                .call_method0("values")?
-                .try_iter()?
-            {
-                if value?.is(array) {
-                    return Ok(true);
-                }
-            }
+        if has_local(&frame, array)? || has_value(&frame.getattr("f_globals")?, array)? {
+            return Ok(true);
         }
         frame = frame.getattr("f_back")?;
+    }
+    Ok(false)
+}
+
+/// Whether a local variable of this frame refers to the array.
+fn has_local(frame: &Bound<'_, PyAny>, array: &Bound<'_, PyAny>) -> PyResult<bool> {
+    let locals = frame.getattr("f_locals")?;
+    let found = has_value(&locals, array)?;
+    // Before Python 3.13, the frame of a function keeps this copy of its variables, which would keep samples of the
+    // program alive. If only the frame and this function refer to it, the program does not use it.
+    let flags: u32 = frame.getattr("f_code")?.getattr("co_flags")?.extract()?;
+    if let Ok(copy) = locals.cast_exact::<PyDict>()
+        && flags & CO_OPTIMIZED != 0
+        && references(copy) == 2
+    {
+        copy.clear();
+    }
+    Ok(found)
+}
+
+fn has_value(variables: &Bound<'_, PyAny>, array: &Bound<'_, PyAny>) -> PyResult<bool> {
+    for value in variables.call_method0("values")?.try_iter()? {
+        if value?.is(array) {
+            return Ok(true);
+        }
     }
     Ok(false)
 }

@@ -6,7 +6,8 @@
 use std::collections::VecDeque;
 use std::fmt::{self, Write as _};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, TryLockError};
+use std::thread;
 
 use pyo3::prelude::*;
 use tracing::field::{Field, Visit};
@@ -15,6 +16,9 @@ use tracing::{Event, Level, Metadata};
 
 /// The most records that wait; further ones are dropped, and counted.
 const QUEUE_MAX: usize = 256;
+
+/// How often a thread tries to lock the queue.
+const TRIES: u32 = 1000;
 
 /// Whether the queue may have records. Lets a call without records skip the lock.
 static WAITING: AtomicBool = AtomicBool::new(false);
@@ -47,7 +51,9 @@ pub(crate) fn forward(py: Python<'_>) {
         return;
     }
     let (records, dropped) = {
-        let mut queue = queue();
+        let Some(mut queue) = queue() else {
+            return;
+        };
         (
             std::mem::take(&mut queue.records),
             std::mem::take(&mut queue.dropped),
@@ -70,8 +76,17 @@ fn log_all(py: Python<'_>, records: VecDeque<LogRecord>, dropped: u64) -> PyResu
     Ok(())
 }
 
-fn queue() -> MutexGuard<'static, Queue> {
-    QUEUE.lock().unwrap_or_else(PoisonError::into_inner)
+/// The queue; `None` if its lock does not become free. Each holder releases it at once, except a thread of the parent that
+/// a forked child does not have.
+fn queue() -> Option<MutexGuard<'static, Queue>> {
+    for _ in 0..TRIES {
+        match QUEUE.try_lock() {
+            Ok(queue) => return Some(queue),
+            Err(TryLockError::Poisoned(queue)) => return Some(queue.into_inner()),
+            Err(TryLockError::WouldBlock) => thread::yield_now(),
+        }
+    }
+    None
 }
 
 /// A subscriber of `tracing` that queues warnings and errors.
@@ -90,7 +105,9 @@ impl tracing::Subscriber for ToQueue {
         } else {
             30
         };
-        let mut queue = queue();
+        let Some(mut queue) = queue() else {
+            return;
+        };
         if queue.records.len() < QUEUE_MAX {
             let text = text.0;
             queue.records.push_back(LogRecord { level, text });

@@ -76,6 +76,7 @@ impl NodeOptions {
 #[derive(Debug, FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct PublisherOptions {
+    #[pyo3(item("keep_last"))]
     depth: Option<u16>,
     reliable: Option<bool>,
     latched: Option<u16>,
@@ -121,6 +122,7 @@ impl PublisherOptions {
 #[derive(Debug, FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct SubscriberOptions {
+    #[pyo3(item("keep_last"))]
     depth: Option<u16>,
     reliable: Option<bool>,
     max_borrowed: Option<u16>,

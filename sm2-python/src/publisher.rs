@@ -92,7 +92,7 @@ impl Publisher {
         let published = detached(py, || match time(timeout) {
             None => handle.publish(bytes),
             Some(timeout) => handle.publish_timeout(bytes, timeout),
-        })?;
+        });
         published
             .map(Published::from)
             .map_err(raise(errors::PublishError::new_err::<String>))
@@ -101,7 +101,7 @@ impl Publisher {
     fn try_publish(&self, py: Python<'_>, message: Input) -> PyResult<Option<Published>> {
         let handle = self.inner.get()?;
         let bytes = message.bytes();
-        let published = detached(py, || handle.try_publish(bytes))?;
+        let published = detached(py, || handle.try_publish(bytes));
         let published = published.map_err(raise(errors::PublishError::new_err::<String>))?;
         Ok(published.map(Published::from))
     }
@@ -110,7 +110,7 @@ impl Publisher {
     fn loan(&self, py: Python<'_>, len: usize, make_array: &Bound<'_, PyAny>) -> PyResult<Loan> {
         let handle = self.inner.get()?;
         // The first use of a slot takes long.
-        let memory = detached(py, || LoanMemory::new(handle, len))?;
+        let memory = detached(py, || LoanMemory::new(handle, len));
         let memory = memory.map_err(raise(errors::PublishError::new_err::<String>))?;
         Loan::new(py, memory, make_array)
     }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use pyo3::prelude::*;
-use pyo3::types::{PyBytes, PyDict};
+use pyo3::types::{PyBytes, PyDict, PyType};
 
 use crate::buffers::Memory;
 use crate::handles::Owned;
@@ -69,42 +69,60 @@ impl Drop for Sample {
 
 #[pymethods]
 impl Sample {
+    /// For type hints: `Sample[bytes]`.
+    #[classmethod]
+    fn __class_getitem__<'py>(
+        class: &Bound<'py, PyType>,
+        item: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let types = class.py().import("types")?;
+        types.call_method1("GenericAlias", (class, item))
+    }
+
+    /// The name of the topic.
     #[getter]
     fn topic(&self) -> &str {
         &self.account.topic
     }
 
+    /// The number of the publication, from 1.
     #[getter]
     fn sequence(&self) -> u64 {
         self.sequence
     }
 
+    /// The time of publication, by `time.monotonic_ns()`.
     #[getter]
     fn source_time_ns(&self) -> u64 {
         self.source_time_ns
     }
 
+    /// How many messages of this publisher were lost between the sample before and this one.
     #[getter]
     fn lost(&self) -> u64 {
         self.lost
     }
 
+    /// The name of the publisher's node.
     #[getter]
     fn publisher(&self) -> PyResult<String> {
         self.inner.with(|sample| sample.publisher().to_string())
     }
 
+    /// The name of the type that the publisher declared.
     #[getter]
     fn type_name(&self) -> PyResult<Option<String>> {
         self.inner
             .with(|sample| sample.type_id().map(|data| data.name.to_string()))
     }
 
+    /// The message as a value of the topic's type. An array is a view of the memory of the sample.
     #[getter]
     fn value<'py>(slf: Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
         slf.get().decode.bind(slf.py()).call1((&slf,))
     }
 
+    /// A read-only array that views the memory of the sample, of `uint8` by default, in this shape.
     #[pyo3(signature = (dtype = None, shape = None))]
     fn numpy<'py>(
         slf: Bound<'py, Self>,

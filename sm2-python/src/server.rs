@@ -80,7 +80,7 @@ impl Request {
     fn reply(&self, py: Python<'_>, message: Input) -> PyResult<()> {
         let request = self.inner.take()?;
         let bytes = message.bytes();
-        detached(py, || request.reply(bytes))?.map_err(raise(errors::ReplyError::new_err::<String>))
+        detached(py, || request.reply(bytes)).map_err(raise(errors::ReplyError::new_err::<String>))
     }
 
     fn fail(&self, reason: &str) -> PyResult<()> {

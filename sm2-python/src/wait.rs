@@ -59,7 +59,7 @@ pub(crate) fn until_found<T>(
     let deadline = Deadline::new(timeout);
     // After a shortage of descriptors it is another one, so each slice asks for it.
     while let Some(slice) = deadline.slice() {
-        detached(py, || sleep(handle.as_fd(), slice))??;
+        detached(py, || sleep(handle.as_fd(), slice))?;
         py.check_signals()?;
         if let Some(found) = look()? {
             return Ok(Some(found));
@@ -93,7 +93,7 @@ pub(crate) fn in_slices<T: Send>(
     let deadline = Deadline::new(timeout);
     let mut slice = deadline.slice();
     loop {
-        let found = detached(py, || wait(slice.unwrap_or(Duration::ZERO)))??;
+        let found = detached(py, || wait(slice.unwrap_or(Duration::ZERO)))?;
         py.check_signals()?;
         slice = deadline.slice();
         if found.is_some() || slice.is_none() {
@@ -121,7 +121,7 @@ pub(crate) fn on_thread<T: Send + 'static>(
         let received = detached(py, || {
             let receiver = receiver.lock().unwrap_or_else(|it| it.into_inner());
             receiver.recv_timeout(SLICE)
-        })?;
+        });
         match received {
             Ok(result) => return Ok(result),
             Err(RecvTimeoutError::Timeout) => py.check_signals()?,

@@ -117,6 +117,18 @@ def test_a_variable_of_an_outer_function_may_hold_the_array(node: sm2.Node) -> N
     assert received(subscriber).value.tolist() == [2, 2, 2]
 
 
+def test_a_loan_keeps_no_other_variable_alive(node: sm2.Node) -> None:
+    publisher, subscriber = linked(node, "points", "f4", {}, {})
+    publisher.publish(np.zeros(3, "f4"))
+    sample = received(subscriber)
+    view = sample.value
+    with publisher.loan(3) as points:
+        points[:] = view
+    assert subscriber.held == (1, 1)
+    del sample, view
+    assert subscriber.held == (0, 0)
+
+
 def test_a_loan_is_used_once(node: sm2.Node) -> None:
     publisher, subscriber = linked(node, "points", "f4", {}, {})
     loan = publisher.loan(3)
@@ -150,6 +162,7 @@ def test_objects_and_other_dtypes_are_refused(node: sm2.Node) -> None:
     points = node.publisher("points", "f4")
     frames = node.publisher("frames", bytes)
     words = node.publisher("words", str)
+    bad: sm2.Publisher[Any]
     for bad, dtype, text in [
         (points, "f8", "has the dtype float32"),
         (frames, object, "references to Python objects"),

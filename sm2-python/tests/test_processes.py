@@ -100,6 +100,11 @@ def send():
 other = node.server("service")
 def serve(): other.recv()
 for it in (wait, send, serve): threading.Thread(target=it, daemon=True).start()
+# The threads want the GIL while the interpreter ends.
+import time
+class Slow:
+    def __del__(self): time.sleep(0.5)
+slow = Slow(); slow.itself = slow
 """,
     "asyncio": """
 import asyncio
@@ -126,12 +131,7 @@ print("there", flush=True)
 def test_the_interpreter_ends_cleanly(
     domain: Child, child: Callable[[str], Child], name: str, standby: bool
 ) -> None:
-    status, out, errors = child(EXIT % (standby, EXITS[name])).wait()
-    # A daemon thread may print the traceback of its ExitError.
-    if name == "daemon threads":
-        assert "Fatal" not in errors and "panicked" not in errors, errors
-        errors = ""
-    assert (status, out, errors) == (0, "there\n", "")
+    assert child(EXIT % (standby, EXITS[name])).wait() == (0, "there\n", "")
 
 
 def test_a_node_brings_its_own_manager(tmp_path: Path) -> None:
@@ -166,8 +166,8 @@ def test_quality_of_service(node: sm2.Node) -> None:
     assert demanding.matched == 0 and "deadline" in demanding.why()[0]
     with pytest.raises(sm2.DeclareError, match="depth"):
         node.subscriber("map", str, keep_last=0)
-    with pytest.raises(TypeError, match="unexpected keyword"):
-        node.publisher("map", str, depht=3)
+    with pytest.raises(TypeError, match="unknown option depht"):
+        node.publisher("map", str, depht=3)  # type: ignore[call-overload]
 
 
 def test_a_reliable_subscriber_without_room_misses_the_message(node: sm2.Node) -> None:
@@ -203,7 +203,7 @@ except sm2.WaitError:
     domain.signal(signal.SIGKILL)
     domain.wait()
     logging.send("go")
-    lines = []
+    lines: list[str] = []
     while "WARNING sm2" not in "".join(lines):
         lines.append(logging.line())
 

@@ -202,15 +202,22 @@ def test_a_wait_set_reports_what_is_ready(node: sm2.Node) -> None:
         while subscriber not in wait_set.wait(SOON):
             server.take()
         assert subscriber.take() is not None
-        call = client.send(b"request", SOON)
-        wait_set.add(call)
-        while (request := server.take()) is None:
-            assert wait_set.wait(SOON)
-        request.reply(b"reply")
-        while (reply := call.take()) is None:
-            assert wait_set.wait(SOON)
-        assert reply == b"reply"
-        wait_set.remove(call)
+        calls = [client.send(text, SOON) for text in (b"one", b"two")]
+        for call in calls:
+            wait_set.add(call)
+        for _ in calls:
+            while (request := server.take()) is None:
+                assert wait_set.wait(SOON)
+                subscriber.take()
+            request.reply(request.value + b"!")
+        replies = []
+        while len(replies) < 2:
+            for source in wait_set.wait(SOON):
+                if source in calls and (reply := source.take()) is not None:
+                    replies.append(reply)
+                    wait_set.remove(source)
+            server.take()
+        assert sorted(replies) == [b"one!", b"two!"]
         other.send(b"x")
         while one not in wait_set.wait(SOON):
             server.take(), subscriber.take()

@@ -23,10 +23,6 @@ when the last view is gone.
 - Warnings go to the logger `sm2` of `logging`.
 """
 
-import atexit
-import os
-
-from . import _native
 from ._native import (
     BorrowLimitError,
     CallError,
@@ -34,7 +30,6 @@ from ._native import (
     ConnectError,
     DeclareError,
     Error,
-    ExitError,
     ForkError,
     LoanError,
     Published,
@@ -64,7 +59,6 @@ __all__ = [
     "ConnectError",
     "DeclareError",
     "Error",
-    "ExitError",
     "ForkError",
     "Json",
     "LoanError",
@@ -89,6 +83,3 @@ __all__ = [
     "WaitError",
     "WaitSet",
 ]
-
-os.register_at_fork(after_in_child=_native._forked)
-atexit.register(_native._end_calls)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from weakref import WeakKeyDictionary
 
 #: The futures that wait for each descriptor, by loop. A loop has one reader for a descriptor, whoever waits for it.
@@ -28,11 +29,12 @@ async def readable(descriptor: int) -> None:
             loop.remove_reader(descriptor)
 
 
-def closing(descriptor: int) -> None:
-    """Ends the waits for a descriptor that is about to be closed."""
+def closing(fileno: Callable[[], int]) -> None:
+    """Ends the waits for a descriptor that is about to be closed. Without any wait, does not ask for its number."""
     for loop, descriptors in list(_waiting.items()):
-        if descriptor not in descriptors or loop.is_closed():
+        if not descriptors or loop.is_closed():
             continue
+        descriptor = fileno()
         try:
             is_here = asyncio.get_running_loop() is loop
         except RuntimeError:

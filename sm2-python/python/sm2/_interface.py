@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from types import TracebackType
 from typing import TYPE_CHECKING, TypeVar
 
 from . import _asyncio
+from ._native import ClosedError, ForkError
 
 if TYPE_CHECKING:
     from ._native import Interface as NativeInterface
@@ -39,8 +41,9 @@ class Interface:
 
     def close(self) -> None:
         """Withdraws the declaration. Samples that the program holds stay valid."""
-        if not self._interface.closed:
-            _asyncio.closing(self._interface.fileno())
+        # A forked child has no waits of its own for the descriptors of its parent.
+        with suppress(ClosedError, ForkError):
+            _asyncio.closing(self._interface.fileno)
         self._interface.close()
 
     @property

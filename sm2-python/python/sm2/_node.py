@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 from types import TracebackType
-from typing import Any, TypeVar, overload
+from typing import Any, TypeVar, Unpack, overload
 from weakref import WeakSet
 
 import numpy.typing as npt
 
 from . import _native
 from ._interface import Interface
+from ._options import ClientOptions, PublisherOptions, ServerOptions, SubscriberOptions, filled
 from ._publisher import Publisher
 from ._service import Client, Server
 from ._subscriber import Subscriber
@@ -76,38 +77,27 @@ class Node:
         self._native.wait_connected(timeout)
 
     @overload
-    def publisher(self, topic: str, type: type[bytes] = bytes, **options: Any) -> Publisher[bytes]: ...
+    def publisher(
+        self, topic: str, type: type[bytes] = bytes, **options: Unpack[PublisherOptions]
+    ) -> Publisher[bytes]: ...
 
     @overload
-    def publisher(self, topic: str, type: type[str], **options: Any) -> Publisher[str]: ...
+    def publisher(
+        self, topic: str, type: type[str], **options: Unpack[PublisherOptions]
+    ) -> Publisher[str]: ...
 
     @overload
-    def publisher(self, topic: str, type: MessageType[T], **options: Any) -> Publisher[T]: ...
+    def publisher(
+        self, topic: str, type: MessageType[T], **options: Unpack[PublisherOptions]
+    ) -> Publisher[T]: ...
 
     @overload
-    def publisher(self, topic: str, type: npt.DTypeLike, **options: Any) -> Publisher[Array]: ...
+    def publisher(
+        self, topic: str, type: npt.DTypeLike, **options: Unpack[PublisherOptions]
+    ) -> Publisher[Array]: ...
 
     def publisher(
-        self,
-        topic: str,
-        type: TypeLike = bytes,
-        *,
-        keep_last: int | None = None,
-        reliable: bool | None = None,
-        latched: int | None = None,
-        publish_timeout: float | None = None,
-        wait_share_percent: int | None = None,
-        deadline: float | None = None,
-        liveliness: float | None = None,
-        lifespan: float | None = None,
-        sealed: bool | None = None,
-        inline_max: int | None = None,
-        pool_limit: int | None = None,
-        keep_idle: float | None = None,
-        max_len: int | None = None,
-        slots: int | None = None,
-        prefault: bool | None = None,
-        mlock: bool | None = None,
+        self, topic: str, type: TypeLike = bytes, **options: Unpack[PublisherOptions]
     ) -> Publisher[Any]:
         """Declares a publisher of messages of this type (see `MessageType`). Raises `DeclareError`.
 
@@ -126,50 +116,31 @@ class Node:
           is not used, and which messages go through the socket.
         """
         data = type_of(type)
-        options = {
-            "depth": keep_last,
-            "reliable": reliable,
-            "latched": latched,
-            "publish_timeout": publish_timeout,
-            "wait_share_percent": wait_share_percent,
-            "deadline": deadline,
-            "liveliness": liveliness,
-            "lifespan": lifespan,
-            "sealed": sealed,
-            "inline_max": inline_max,
-            "pool_limit": pool_limit,
-            "keep_idle": keep_idle,
-            "max_len": max_len,
-            "slots": slots,
-            "prefault": prefault,
-            "mlock": mlock,
-        }
-        return self._add(Publisher(self._native.publisher(topic, data.native, options), data))
+        native = self._native.publisher(topic, data.native, filled(PublisherOptions, options))
+        return self._add(Publisher(native, data))
 
     @overload
-    def subscriber(self, topic: str, type: type[bytes] | None = None, **options: Any) -> Subscriber[bytes]: ...
+    def subscriber(
+        self, topic: str, type: type[bytes] | None = None, **options: Unpack[SubscriberOptions]
+    ) -> Subscriber[bytes]: ...
 
     @overload
-    def subscriber(self, topic: str, type: type[str], **options: Any) -> Subscriber[str]: ...
+    def subscriber(
+        self, topic: str, type: type[str], **options: Unpack[SubscriberOptions]
+    ) -> Subscriber[str]: ...
 
     @overload
-    def subscriber(self, topic: str, type: MessageType[T], **options: Any) -> Subscriber[T]: ...
+    def subscriber(
+        self, topic: str, type: MessageType[T], **options: Unpack[SubscriberOptions]
+    ) -> Subscriber[T]: ...
 
     @overload
-    def subscriber(self, topic: str, type: npt.DTypeLike, **options: Any) -> Subscriber[Array]: ...
+    def subscriber(
+        self, topic: str, type: npt.DTypeLike, **options: Unpack[SubscriberOptions]
+    ) -> Subscriber[Array]: ...
 
     def subscriber(
-        self,
-        topic: str,
-        type: TypeLike | None = None,
-        *,
-        keep_last: int | None = None,
-        reliable: bool | None = None,
-        max_borrowed: int | None = None,
-        deadline: float | None = None,
-        liveliness: float | None = None,
-        sealed: bool | None = None,
-        max_len: int | None = None,
+        self, topic: str, type: TypeLike | None = None, **options: Unpack[SubscriberOptions]
     ) -> Subscriber[Any]:
         """Declares a subscriber for messages of this type (see `MessageType`). Raises `DeclareError`.
 
@@ -184,44 +155,27 @@ class Node:
         - `max_len`: the longest message that is accepted; 1 GiB.
         """
         data = BYTES if type is None else type_of(type)
-        options = {
-            "depth": keep_last,
-            "reliable": reliable,
-            "max_borrowed": max_borrowed,
-            "deadline": deadline,
-            "liveliness": liveliness,
-            "sealed": sealed,
-            "max_len": max_len,
-        }
         declared = None if type is None else data.native
-        native = self._native.subscriber(topic, declared, data.decode, options)
-        return self._add(Subscriber(native, data))
+        given = filled(SubscriberOptions, options)
+        return self._add(Subscriber(self._native.subscriber(topic, declared, data.decode, given), data))
 
     def server(
         self,
         service: str,
         request: TypeLike = bytes,
         reply: TypeLike = bytes,
-        *,
-        depth: int | None = None,
-        max_borrowed: int | None = None,
-        sealed: bool | None = None,
-        inline_max: int | None = None,
-        max_len: int | None = None,
+        **options: Unpack[ServerOptions],
     ) -> Server[Any, Any]:
         """Declares a server that answers requests of one type with replies of another one. Raises `DeclareError`.
 
-        `depth` requests of each client wait at this server (64), and the program holds at most `max_borrowed` (16).
+        - `depth`: how many requests of each client wait at this server; 64.
+        - `max_borrowed`: how many requests of each client the program may hold; 16.
+        - `max_len`: the longest request that is accepted; 1 GiB.
+        - `sealed`, `inline_max`: as for `publisher`.
         """
         types = (type_of(request), type_of(reply))
-        options = {
-            "depth": depth,
-            "max_borrowed": max_borrowed,
-            "sealed": sealed,
-            "inline_max": inline_max,
-            "max_len": max_len,
-        }
-        native = self._native.server(service, types[0].native, types[1].native, options)
+        given = filled(ServerOptions, options)
+        native = self._native.server(service, types[0].native, types[1].native, given)
         return self._add(Server(native, *types))
 
     def client(
@@ -229,24 +183,17 @@ class Node:
         service: str,
         request: TypeLike = bytes,
         reply: TypeLike = bytes,
-        *,
-        max_borrowed: int | None = None,
-        sealed: bool | None = None,
-        inline_max: int | None = None,
-        max_len: int | None = None,
+        **options: Unpack[ClientOptions],
     ) -> Client[Any, Any]:
         """Declares a client of a service. Raises `DeclareError`.
 
-        The program has at most `max_borrowed` pending calls at each server (64).
+        - `max_borrowed`: how many pending calls the program may have at each server; 64.
+        - `max_len`: the longest reply that is accepted; 1 GiB.
+        - `sealed`, `inline_max`: as for `publisher`.
         """
         types = (type_of(request), type_of(reply))
-        options = {
-            "max_borrowed": max_borrowed,
-            "sealed": sealed,
-            "inline_max": inline_max,
-            "max_len": max_len,
-        }
-        native = self._native.client(service, types[0].native, types[1].native, options)
+        given = filled(ClientOptions, options)
+        native = self._native.client(service, types[0].native, types[1].native, given)
         return self._add(Client(native, *types))
 
     def describe(self, type: TypeLike) -> str | None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Iterator
-from typing import TYPE_CHECKING, Generic, TypeVar, overload
+from collections.abc import AsyncIterator, Generator, Iterator
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
 
 from . import _asyncio
 from ._interface import Interface
@@ -171,7 +171,7 @@ class Call(Generic[R]):
         """The descriptor of its client: readable when `take` may return something."""
         return self._native.fileno()
 
-    def __await__(self) -> Iterator[None]:
+    def __await__(self) -> Generator[Any, None, R]:
         return self._reply().__await__()
 
     async def _reply(self) -> R:

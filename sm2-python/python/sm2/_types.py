@@ -139,7 +139,7 @@ class Values(MessageType[Array]):
 
     def _array(self, data: Buffer) -> Array:
         with _refusing(self):
-            return np.frombuffer(data, self.dtype).reshape(self.shape)
+            return _view(data, self.dtype).reshape(self.shape)
 
 
 class Plain(MessageType[Any]):
@@ -164,7 +164,7 @@ class Plain(MessageType[Any]):
 
     def _value(self, data: Buffer) -> Any:
         with _refusing(self):
-            return np.frombuffer(data, self.dtype).reshape(())[()]
+            return _view(data, self.dtype).reshape(())[()]
 
 
 class _refusing:
@@ -179,6 +179,11 @@ class _refusing:
     def __exit__(self, _kind: object, error: BaseException | None, _traceback: object) -> None:
         if isinstance(error, ValueError):
             raise RecvError(f"the message is not of type {self.data.name}: {error}") from error
+
+
+def _view(data: Buffer, dtype: np.dtype[Any]) -> Array:
+    # numpy takes every object with the buffer protocol, but its type hints do not say so.
+    return np.frombuffer(cast(bytes, data), dtype)
 
 
 def _checked(data: MessageType[Any], dtype: np.dtype[Any], value: npt.ArrayLike) -> Buffer:

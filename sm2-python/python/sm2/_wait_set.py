@@ -87,25 +87,31 @@ class WaitSet:
 
     def __init__(self) -> None:
         self._selector = selectors.EpollSelector()
+        #: The sources by descriptor: all calls of a client have the same one.
+        self._sources: dict[int, list[Waitable]] = {}
         self._timers: list[Timer] = []
 
     def add(self, source: Waitable | Timer) -> None:
-        """Adds a source. A subscriber or server must be removed before it is closed."""
+        """Adds a source. Remove it before it is closed."""
         if isinstance(source, Timer):
             self._timers.append(source)
-        else:
-            self._selector.register(source.fileno(), selectors.EVENT_READ, source)
+            return
+        descriptor = source.fileno()
+        if descriptor not in self._sources:
+            self._selector.register(descriptor, selectors.EVENT_READ)
+        self._sources.setdefault(descriptor, []).append(source)
 
     def remove(self, source: Waitable | Timer) -> None:
         """Removes a source. Raises KeyError if it is not in the set."""
-        if isinstance(source, Timer):
-            if source not in self._timers:
-                raise KeyError(f"{source!r} is not in the set")
+        if isinstance(source, Timer) and source in self._timers:
             self._timers.remove(source)
             return
-        for key in self._selector.get_map().values():
-            if key.data is source:
-                self._selector.unregister(key.fd)
+        for descriptor, sources in self._sources.items():
+            if source in sources:
+                sources.remove(source)
+                if not sources:
+                    del self._sources[descriptor]
+                    self._selector.unregister(descriptor)
                 return
         raise KeyError(f"{source!r} is not in the set")
 
@@ -117,7 +123,8 @@ class WaitSet:
             ends_ns = [it for it in [end_ns, *deadlines_ns] if it is not None]
             now_ns = time.monotonic_ns()
             pause = None if not ends_ns else max(min(ends_ns) - now_ns, 0) / 1e9
-            ready: list[Any] = [key.data for key, _ in self._selector.select(pause)]
+            events = self._selector.select(pause)
+            ready: list[Any] = [it for key, _ in events for it in self._sources[key.fd]]
             now_ns = time.monotonic_ns()
             for timer in self._timers:
                 deadline_ns = timer.deadline_ns
@@ -129,6 +136,7 @@ class WaitSet:
     def close(self) -> None:
         """Closes the set's descriptor; its sources stay open."""
         self._selector.close()
+        self._sources.clear()
         self._timers.clear()
 
     def __enter__(self) -> WaitSet:
