@@ -27,8 +27,8 @@ use crate::source::Source;
 use crate::storage::Storage;
 
 /// Messages up to this length are copied when they are taken, so that short messages never hold the slots of their
-/// publishers, and are put into common chunks. Longer ones are chunks of their own, which are written from the slots.
-/// In bytes.
+/// publishers, and are put into common chunks. Longer ones are chunks of their own, and wait in their slots until the
+/// disk has room. In bytes.
 pub(crate) const COPY_MAX_BYTES: usize = 64 << 10;
 /// A chunk ends when its payloads have this length, in bytes.
 const CHUNK_BYTES: usize = 1 << 20;
@@ -167,7 +167,7 @@ impl BagWriter {
         Ok(())
     }
 
-    /// Writes a message that is a chunk of its own. Until it is `done`, the message keeps its slot.
+    /// Writes a message that is a chunk of its own, and gives its slot back.
     pub(crate) fn long_message(
         &mut self,
         source: &Arc<Source>,
@@ -178,10 +178,12 @@ impl BagWriter {
         let header = self.header(source, times)?;
         // The messages and the channels before it stand before it in the file.
         self.end_chunk()?;
-        let (len, crc) = (message.len(), crc32fast::hash(&message));
-        let chunk = LongChunk::new(self.file.end(), &header, len, crc);
+        let (start, len) = (self.file.end(), message.len());
+        let payload_at = start + LongChunk::head_len(start) as u64;
+        let payload = self.file.write_ahead(message, payload_at, done)?;
+        let chunk = LongChunk::new(start, &header, len, payload.crc);
         self.file.append(&chunk.head);
-        self.file.append_long(message, done)?;
+        self.file.append_written(payload)?;
         self.file.append(&chunk.tail);
         self.long_chunks.push(chunk.index);
         self.memory.set_offset(self.file.end());

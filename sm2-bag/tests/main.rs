@@ -19,5 +19,6 @@ mod play_control;
 mod play_long;
 mod power_cut;
 mod record_and_play;
+mod rewritten;
 mod ros;
 mod wall_clock;

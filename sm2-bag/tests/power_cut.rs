@@ -89,7 +89,7 @@ impl Storage for Logged {
     }
 }
 
-/// The length of a message. Some are long, so that they are written from their slots.
+/// The length of a message. Some are long, so that they are chunks of their own.
 fn len_bytes(number: u64) -> usize {
     match number % 25 {
         0 => 70_000 + number as usize * 100,

@@ -96,8 +96,7 @@ Publishers do not wait for the recorder or for its disk, except those of --relia
 too slow, up to --budget bytes of messages wait in memory; then messages are dropped. Missing messages are
 counted and shown at the end, and the bag has their times and reasons.
 
-Messages above 64 KiB go to the disk straight from the memory of their publishers, if the file system has
-O_DIRECT.
+Messages above 64 KiB go to the disk past the page cache, if the file system has O_DIRECT.
 
 After a power cut or kill -9, everything up to the last --sync interval can be read: `sm2 bag info` and
 `sm2 play` use the bag as it is, and `sm2 bag recover` writes a complete one.

@@ -2,9 +2,10 @@
 
 use std::io;
 
+use crc32fast::Hasher;
 use sm2_node::Sample;
 
-use super::disk::{Disk, Done, MessageWrite};
+use super::disk::{Disk, Done};
 use crate::storage::{BLOCK_BYTES, Storage};
 
 /// Appends bytes to a file. Short parts wait until they are [written](Self::flush) together.
@@ -15,6 +16,16 @@ pub(super) struct Appender {
     /// The place of the first byte that waits.
     offset: u64,
     waiting: Vec<u8>,
+}
+
+/// A long payload that begins behind the end of the file. Its whole blocks are on their way to the disk.
+pub(super) struct WrittenAhead {
+    /// The CRC-32 of the payload as it will be in the file.
+    pub(super) crc: u32,
+    /// The place behind the last whole block.
+    end: u64,
+    /// The rest of the payload.
+    tail: Vec<u8>,
 }
 
 impl Appender {
@@ -40,28 +51,45 @@ impl Appender {
         self.waiting.extend_from_slice(bytes);
     }
 
-    /// Appends a long message without a copy. Its whole blocks bypass the page cache if it begins with a block, both in
-    /// memory and in the file.
-    pub(super) fn append_long(&mut self, message: Sample<[u8]>, done: Done) -> io::Result<()> {
-        self.flush()?;
-        let is_aligned = self.offset.is_multiple_of(BLOCK_BYTES as u64)
-            && message.as_ptr().addr().is_multiple_of(BLOCK_BYTES);
-        // The slot of a message has foreign bytes behind its payload: the last block is not written as a whole.
-        let whole = message.len() - message.len() % BLOCK_BYTES;
-        let len_bytes = match is_aligned {
-            true => whole,
-            false => message.len(),
-        };
-        let offset = self.offset;
-        self.offset += len_bytes as u64;
-        self.append(&message[len_bytes..]);
-        self.disk.write_message(MessageWrite {
-            message,
-            len_bytes,
-            offset,
-            has_whole_blocks: is_aligned,
-            done,
+    /// Writes the whole blocks of a message to `offset`, a multiple of [`BLOCK_BYTES`] behind the [end](Self::end). The
+    /// caller appends everything up to `offset`, and then the [rest](Self::append_written).
+    ///
+    /// The publisher of the message may still be able to change it. So each byte is read once, into memory that no
+    /// other process can change, and both the checksum and the disk get the copy.
+    pub(super) fn write_ahead(
+        &mut self,
+        message: Sample<[u8]>,
+        offset: u64,
+        done: Done,
+    ) -> io::Result<WrittenAhead> {
+        let (mut blocks, tail) = message.split_at(message.len() - message.len() % BLOCK_BYTES);
+        let end = offset + blocks.len() as u64;
+        let mut crc = Hasher::new();
+        while !blocks.is_empty() {
+            let mut buffer = self.disk.buffer()?;
+            let len_bytes = buffer.fill(blocks, &mut crc);
+            let offset = end - blocks.len() as u64;
+            self.disk.write_blocks(buffer, len_bytes, offset)?;
+            blocks = &blocks[len_bytes..];
+        }
+        let tail = tail.to_vec();
+        crc.update(&tail);
+        // The publisher gets its slot back before the message counts as written.
+        drop(message);
+        self.disk.then(done)?;
+        Ok(WrittenAhead {
+            crc: crc.finalize(),
+            end,
+            tail,
         })
+    }
+
+    /// Appends a payload of which [`write_ahead`](Self::write_ahead) has written the whole blocks.
+    pub(super) fn append_written(&mut self, payload: WrittenAhead) -> io::Result<()> {
+        self.flush()?;
+        self.offset = payload.end;
+        self.waiting = payload.tail;
+        Ok(())
     }
 
     /// Writes the short parts.

@@ -1,18 +1,26 @@
 //! The thread that uses the file: the disk is busy while the next message is prepared.
 
 use std::io;
-use std::sync::mpsc::{Receiver, SyncSender, channel, sync_channel};
+use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 use std::thread::JoinHandle;
 
-use sm2_node::Sample;
+use crc32fast::Hasher;
+use sm2_io::{Segment, Slot};
 
 use super::syncing::{Synced, Syncing};
-use crate::storage::Storage;
+use crate::storage::{BLOCK_BYTES, Storage};
 
-/// How many operations may wait: those of two long messages.
+/// How many operations may wait.
 const WAITING_MAX: usize = 4;
+/// The length of a buffer for blocks, in bytes. The disk is not faster with longer ones.
+const BUFFER_BYTES: usize = 8 << 20;
+const _: () = assert!(BUFFER_BYTES.is_multiple_of(BLOCK_BYTES));
+/// One buffer is on its way to the disk, another one waits, and a third one is being filled.
+const BUFFERS: usize = 3;
+/// So many bytes are copied at a time, so that the checksum reads them from the cache.
+const PART_BYTES: usize = 64 << 10;
 
-/// Runs when a long message is in the file and its slot is free.
+/// Runs when the blocks of a long message are in the file.
 pub(crate) type Done = Box<dyn FnOnce() + Send>;
 
 /// The file. A thread of its own carries out the operations in their order.
@@ -26,11 +34,23 @@ pub(super) struct Disk {
     thread: Option<JoinHandle<io::Result<()>>>,
     /// The result of the synchronization that was begun.
     synced: Option<Receiver<io::Result<()>>>,
+    /// The buffers that hold nothing, and how many there are in all.
+    free: Receiver<Buffer>,
+    buffers: usize,
 }
 
 enum Operation {
-    Write { bytes: Vec<u8>, offset: u64 },
-    WriteMessage(MessageWrite),
+    Write {
+        bytes: Vec<u8>,
+        offset: u64,
+    },
+    /// Writes the first `len_bytes` of a buffer, which are whole blocks.
+    WriteBlocks {
+        buffer: Buffer,
+        len_bytes: usize,
+        offset: u64,
+    },
+    Done(Done),
     BeginSync(Synced),
     Sync(Answer<()>),
     FreeBytes(Answer<Option<u64>>),
@@ -38,25 +58,43 @@ enum Operation {
 
 type Answer<T> = SyncSender<T>;
 
-/// Writes the first bytes of a message from its slot.
-pub(super) struct MessageWrite {
-    pub(super) message: Sample<[u8]>,
-    pub(super) len_bytes: usize,
-    pub(super) offset: u64,
-    /// Whether the bytes are whole blocks, aligned in memory and in the file.
-    pub(super) has_whole_blocks: bool,
-    pub(super) done: Done,
+/// Memory for [`Disk::write_blocks`] that no other process has. It is in huge pages if the system has them: the disk
+/// takes fewer requests then.
+pub(super) struct Buffer(Slot);
+
+impl Buffer {
+    fn new() -> io::Result<Self> {
+        let mut segment = Segment::create(BUFFER_BYTES as u64, 1)?;
+        segment.prefault()?;
+        let (_, slots) = segment.split();
+        let slot = slots.into_iter().next();
+        slot.map(Self).ok_or(io::ErrorKind::OutOfMemory.into())
+    }
+
+    /// Copies as many bytes as have room, and adds the copies to the checksum. Returns their number.
+    pub(super) fn fill(&mut self, bytes: &[u8], crc: &mut Hasher) -> usize {
+        let len = bytes.len().min(BUFFER_BYTES);
+        let copies = self.0.bytes_mut(len).chunks_mut(PART_BYTES);
+        for (copy, part) in copies.zip(bytes[..len].chunks(PART_BYTES)) {
+            copy.copy_from_slice(part);
+            crc.update(copy);
+        }
+        len
+    }
 }
 
 impl Disk {
     pub(super) fn start(storage: Box<dyn Storage>) -> io::Result<Self> {
         let (operations, to_do) = sync_channel(WAITING_MAX);
-        let thread =
-            sm2_io::spawn_without_signals("sm2-bag-disk".to_owned(), move || run(storage, &to_do))?;
+        let (freed, free) = channel();
+        let work = move || run(storage, &to_do, &freed);
+        let thread = sm2_io::spawn_without_signals("sm2-bag-disk".to_owned(), work)?;
         Ok(Self {
             operations: Some(operations),
             thread: Some(thread),
             synced: None,
+            free,
+            buffers: 0,
         })
     }
 
@@ -64,8 +102,42 @@ impl Disk {
         self.begin(Operation::Write { bytes, offset })
     }
 
-    pub(super) fn write_message(&mut self, write: MessageWrite) -> io::Result<()> {
-        self.begin(Operation::WriteMessage(write))
+    /// Makes a buffer, or waits for one that holds nothing.
+    pub(super) fn buffer(&mut self) -> io::Result<Buffer> {
+        if let Ok(buffer) = self.free.try_recv() {
+            return Ok(buffer);
+        }
+        if self.buffers < BUFFERS {
+            match Buffer::new() {
+                Ok(buffer) => {
+                    self.buffers += 1;
+                    return Ok(buffer);
+                }
+                Err(error) if self.buffers == 0 => return Err(error),
+                // Those that there are serve as well.
+                Err(_) => {}
+            }
+        }
+        self.free.recv().map_err(|_| self.error())
+    }
+
+    /// Writes the first `len_bytes` of a buffer. They and `offset` are multiples of [`BLOCK_BYTES`].
+    pub(super) fn write_blocks(
+        &mut self,
+        buffer: Buffer,
+        len_bytes: usize,
+        offset: u64,
+    ) -> io::Result<()> {
+        self.begin(Operation::WriteBlocks {
+            buffer,
+            len_bytes,
+            offset,
+        })
+    }
+
+    /// Runs `done` when everything before it is in the file.
+    pub(super) fn then(&mut self, done: Done) -> io::Result<()> {
+        self.begin(Operation::Done(done))
     }
 
     /// Begins to write everything to the disk that was written to the file before, when that of the last time is done.
@@ -128,12 +200,25 @@ impl Drop for Disk {
 }
 
 /// Carries out the operations until the first error.
-fn run(mut storage: Box<dyn Storage>, operations: &Receiver<Operation>) -> io::Result<()> {
+fn run(
+    mut storage: Box<dyn Storage>,
+    operations: &Receiver<Operation>,
+    freed: &Sender<Buffer>,
+) -> io::Result<()> {
     let mut syncing = Syncing::default();
     for operation in operations {
         match operation {
             Operation::Write { bytes, offset } => storage.write_at(&bytes, offset)?,
-            Operation::WriteMessage(write) => write.carry_out(&mut *storage)?,
+            Operation::WriteBlocks {
+                buffer,
+                len_bytes,
+                offset,
+            } => {
+                storage.write_blocks_at(buffer.0.bytes(len_bytes), offset)?;
+                // Nobody fills a buffer when the recording ends.
+                let _ = freed.send(buffer);
+            }
+            Operation::Done(done) => done(),
             Operation::BeginSync(synced) => match storage.begin_sync()? {
                 Some(work) => syncing.begin(work, synced)?,
                 None => {
@@ -151,17 +236,4 @@ fn run(mut storage: Box<dyn Storage>, operations: &Receiver<Operation>) -> io::R
         }
     }
     Ok(())
-}
-
-impl MessageWrite {
-    fn carry_out(self, storage: &mut dyn Storage) -> io::Result<()> {
-        let bytes = &self.message[..self.len_bytes];
-        match self.has_whole_blocks {
-            true => storage.write_blocks_at(bytes, self.offset)?,
-            false => storage.write_at(bytes, self.offset)?,
-        }
-        drop(self.message);
-        (self.done)();
-        Ok(())
-    }
 }

@@ -26,12 +26,19 @@ pub(super) struct LongChunk {
 }
 
 impl LongChunk {
-    /// Describes the chunk whose padding begins at `offset`. Its payload, which has this length in bytes and this
-    /// CRC-32, begins with a block of the file.
+    /// The length of the records before the payload, in bytes, if their first one, a padding, begins at `offset`. The
+    /// payload begins with a block of the file.
+    pub(super) const fn head_len(offset: u64) -> usize {
+        let padding_at = offset as usize;
+        let before = padding_at + RECORD_HEAD_BYTES + LONG_HEAD_BYTES;
+        before.next_multiple_of(BLOCK_BYTES) - padding_at
+    }
+
+    /// Describes the chunk whose padding begins at `offset`. Its payload has this length in bytes and this CRC-32.
     pub(super) fn new(offset: u64, header: &MessageHeader, len: usize, crc: u32) -> Self {
-        let mut head = Vec::with_capacity(BLOCK_BYTES + LONG_HEAD_BYTES);
-        let before = offset as usize + RECORD_HEAD_BYTES + LONG_HEAD_BYTES;
-        let padding = before.next_multiple_of(BLOCK_BYTES) - before;
+        let head_len = Self::head_len(offset);
+        let mut head = Vec::with_capacity(head_len);
+        let padding = head_len - RECORD_HEAD_BYTES - LONG_HEAD_BYTES;
         put_head(&mut head, PADDING, padding);
         head.resize(head.len() + padding, 0);
 
