@@ -4,7 +4,7 @@ use clap::{Parser, Subcommand};
 
 use crate::{
     bag, completions, demo, doctor, manual, node, play, policy, record, service, snapshot, top,
-    topic, wait_for, why,
+    topic, wait_for, web_view, why,
 };
 
 /// Inspect, feed and run an SM2 domain from a shell.
@@ -38,6 +38,8 @@ pub(crate) enum Command {
     Why(why::Arguments),
     /// Show rates and losses of a domain, live
     Top(top::Arguments),
+    /// Show a domain in a web browser, live
+    View(web_view::Arguments),
     /// Check this machine, the Manager and the domain
     Doctor(doctor::Arguments),
     /// Record topics to a bag, an MCAP file

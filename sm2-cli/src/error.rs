@@ -2,6 +2,7 @@
 
 use std::{
     io,
+    net::SocketAddr,
     path::{Path, PathBuf},
 };
 
@@ -154,6 +155,16 @@ pub(crate) enum CliError {
     /// An interactive command has no terminal.
     #[error("top needs a terminal: use `sm2 top --once`, `sm2 snapshot` or `sm2 topic hz` instead")]
     NoTerminal,
+    /// The address of `--listen` cannot be used.
+    #[error(
+        "cannot listen on {address}: {source}: name another address with --listen, or port 0 for a free port"
+    )]
+    Listen {
+        /// The address.
+        address: SocketAddr,
+        /// The reason of the operating system.
+        source: io::Error,
+    },
     /// The domain's socket cannot be named.
     #[error(transparent)]
     DomainSocket(#[from] DomainSocketError),

@@ -61,6 +61,7 @@ mod usage;
 mod view;
 mod wait;
 mod wait_for;
+mod web_view;
 mod why;
 
 use std::{env, io, process::ExitCode};
@@ -93,6 +94,7 @@ pub fn main() -> ExitCode {
         Command::Wait(arguments) => wait_for::run(&arguments),
         Command::Why(arguments) => why::run(&arguments),
         Command::Top(arguments) => top::run(&arguments),
+        Command::View(arguments) => web_view::run(&arguments),
         Command::Doctor(arguments) => doctor::run(&arguments),
         Command::Record(arguments) => record::run(&arguments),
         Command::Play(arguments) => play::run(&arguments),

@@ -63,7 +63,7 @@ const PAIRS_MAX: usize = 1_024;
 
 /// The object that `--json` prints for two interfaces.
 #[derive(Serialize)]
-struct Pair {
+pub(crate) struct Pair {
     /// The domain's revision.
     revision: u64,
     linked: bool,
@@ -84,7 +84,7 @@ struct Pair {
 
 /// The object that `--json` prints for one name.
 #[derive(Serialize)]
-struct Around {
+pub(crate) struct Around {
     /// The domain's revision.
     revision: u64,
     /// Whether every interface has a link.
@@ -107,6 +107,14 @@ struct One {
     near: Vec<Near>,
 }
 
+/// The answer to a question: the object that `--json` prints.
+#[derive(Serialize)]
+#[serde(untagged)]
+pub(crate) enum Answer {
+    Pair(Box<Pair>),
+    Around(Around),
+}
+
 /// Runs the command.
 ///
 /// # Errors
@@ -114,68 +122,144 @@ struct One {
 /// Any [`CliError`].
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let session = Session::open(&arguments.domain, "why")?;
-    let domain = session.snapshot()?;
-    let view = View::new(&domain);
-    let explain = |verdict: Verdict| {
-        // The verdict is complete without schemas.
-        verdict.with_schemas(|data| session.describe(data).ok().flatten())
-    };
+    let answer = Answer::find(&session, &arguments.one, arguments.other.as_ref())?;
     let mut out = Output::new();
-    let linked = match &arguments.other {
-        Some(other) => {
-            let (one, other) = pair(&view, &arguments.one, other)?;
-            let verdict = explain(why(&domain, one, other));
-            let sample = sample_around(&session, &view, &[one, other]);
-            let pair = Pair {
-                revision: domain.revision(),
-                linked: verdict.is_linked(),
-                stopped: stopped_nodes(&domain, [one, other]),
-                troubles: LinkTroubles::find(&view, &sample, &[one, other]),
-                unheard: Unheard::find(&view, &sample, &[one, other]),
-                text: verdict.to_string(),
-                differences: differences(&session, &domain, &verdict),
-                verdict,
-            };
-            if arguments.json {
-                out.json(&pair)?;
-            } else {
-                out.line(&pair.text)?;
-                for difference in &pair.differences {
-                    out.line(difference)?;
-                }
-                print_unheard(&pair.unheard, &mut out)?;
-                print_stopped(&pair.stopped, &mut out)?;
-                pair.troubles.print(&mut out)?;
-            }
-            pair.linked
+    if arguments.json {
+        out.json(&answer)?;
+    } else {
+        for line in answer.lines() {
+            out.line(line)?;
         }
-        None => {
-            let entities = arguments.one.entities(&view)?;
-            let stopped = stopped_nodes(&domain, with_peers(&view, &entities));
-            let sample = sample_around(&session, &view, &entities);
-            let troubles = LinkTroubles::find(&view, &sample, &entities);
-            let unheard = Unheard::find(&view, &sample, &entities);
-            let interfaces = entities
-                .into_iter()
-                .map(|entity| one(&view, entity, &explain));
-            let interfaces: Vec<_> = interfaces.flatten().collect();
-            let around = Around {
-                revision: domain.revision(),
-                linked: interfaces.iter().all(|it| !it.linked_with.is_empty()),
-                stopped,
-                troubles,
-                unheard,
-                interfaces,
-            };
-            match arguments.json {
-                true => out.json(&around)?,
-                false => print(&around, &mut out)?,
-            }
-            around.linked
-        }
-    };
+    }
     out.flush()?;
-    Ok(if linked { Ended::Done } else { Ended::No })
+    Ok(if answer.is_linked() {
+        Ended::Done
+    } else {
+        Ended::No
+    })
+}
+
+impl Answer {
+    /// Asks the Manager for the domain, and explains the links of `one`, or why it is linked with `other` or not.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Session::snapshot`] and of [`Selector::entities`], [`CliError::Ambiguous`].
+    pub(crate) fn find(
+        session: &Session,
+        one: &Selector,
+        other: Option<&Selector>,
+    ) -> Result<Self, CliError> {
+        let domain = session.snapshot()?;
+        let view = View::new(&domain);
+        Ok(match other {
+            Some(other) => Self::Pair(Box::new(Pair::find(session, &view, one, other)?)),
+            None => Self::Around(Around::find(session, &view, one)?),
+        })
+    }
+
+    /// The answer as text.
+    pub(crate) fn lines(&self) -> Vec<String> {
+        match self {
+            Self::Pair(pair) => pair.lines(),
+            Self::Around(around) => around.lines(),
+        }
+    }
+
+    const fn is_linked(&self) -> bool {
+        match self {
+            Self::Pair(pair) => pair.linked,
+            Self::Around(around) => around.linked,
+        }
+    }
+}
+
+impl Pair {
+    fn find(
+        session: &Session,
+        view: &View<'_>,
+        one: &Selector,
+        other: &Selector,
+    ) -> Result<Self, CliError> {
+        let domain = view.domain;
+        let (one, other) = pair(view, one, other)?;
+        let verdict = explain(session, why(domain, one, other));
+        let sample = sample_around(session, view, &[one, other]);
+        Ok(Self {
+            revision: domain.revision(),
+            linked: verdict.is_linked(),
+            stopped: stopped_nodes(domain, [one, other]),
+            troubles: LinkTroubles::find(view, &sample, &[one, other]),
+            unheard: Unheard::find(view, &sample, &[one, other]),
+            text: verdict.to_string(),
+            differences: differences(session, domain, &verdict),
+            verdict,
+        })
+    }
+
+    fn lines(&self) -> Vec<String> {
+        let mut lines: Vec<_> = self.text.lines().map(str::to_owned).collect();
+        lines.extend(self.differences.iter().cloned());
+        lines.extend(unheard_lines(&self.unheard));
+        lines.extend(stopped_lines(&self.stopped));
+        lines.extend(self.troubles.lines());
+        lines
+    }
+}
+
+impl Around {
+    fn find(session: &Session, view: &View<'_>, of: &Selector) -> Result<Self, CliError> {
+        let domain = view.domain;
+        let entities = of.entities(view)?;
+        let stopped = stopped_nodes(domain, with_peers(view, &entities));
+        let sample = sample_around(session, view, &entities);
+        let troubles = LinkTroubles::find(view, &sample, &entities);
+        let unheard = Unheard::find(view, &sample, &entities);
+        let interfaces = entities
+            .into_iter()
+            .map(|entity| one(session, view, entity));
+        let interfaces: Vec<_> = interfaces.flatten().collect();
+        Ok(Self {
+            revision: domain.revision(),
+            linked: interfaces.iter().all(|it| !it.linked_with.is_empty()),
+            stopped,
+            troubles,
+            unheard,
+            interfaces,
+        })
+    }
+
+    fn lines(&self) -> Vec<String> {
+        let mut lines = Vec::new();
+        for it in &self.interfaces {
+            let Interface {
+                node, kind, name, ..
+            } = &it.interface;
+            let linked_with = match &*it.linked_with {
+                [] => "nobody".to_owned(),
+                some => some.join(", "),
+            };
+            lines.push(format!(
+                "{node}'s {kind} of {name} is linked with {linked_with}."
+            ));
+            for near in &it.near {
+                lines.extend(near.to_string().lines().map(|line| format!("  {line}")));
+            }
+            if it.near.is_empty() && it.linked_with.is_empty() {
+                let none = "  This domain has no counterpart with this name or a similar one.";
+                lines.push(none.into());
+            }
+        }
+        lines.extend(unheard_lines(&self.unheard));
+        lines.extend(stopped_lines(&self.stopped));
+        lines.extend(self.troubles.lines());
+        lines
+    }
+}
+
+/// A verdict with the first difference of the types. The verdict is complete without their schemas.
+fn explain(session: &Session, verdict: Verdict) -> Verdict {
+    verdict.with_schemas(|data| session.describe(data).ok().flatten())
 }
 
 /// The first difference of each pair of a refused type and the type in use. (For interfaces that were not
@@ -290,7 +374,7 @@ fn likeliest(view: &View<'_>, pairs: Vec<(EntityId, EntityId)>) -> Vec<(EntityId
     }
 }
 
-fn one(view: &View<'_>, entity: EntityId, explain: &impl Fn(Verdict) -> Verdict) -> Option<One> {
+fn one(session: &Session, view: &View<'_>, entity: EntityId) -> Option<One> {
     let peers = view
         .links_of(entity)
         .iter()
@@ -299,7 +383,7 @@ fn one(view: &View<'_>, entity: EntityId, explain: &impl Fn(Verdict) -> Verdict)
             false => link.offering,
         });
     let near = nearest(view.domain, entity).into_iter().map(|near| Near {
-        verdict: explain(near.verdict),
+        verdict: explain(session, near.verdict),
         ..near
     });
     Some(One {
@@ -307,32 +391,6 @@ fn one(view: &View<'_>, entity: EntityId, explain: &impl Fn(Verdict) -> Verdict)
         linked_with: peers.map(|peer| view.title(peer)).collect(),
         near: near.collect(),
     })
-}
-
-fn print(around: &Around, out: &mut Output) -> Result<(), CliError> {
-    for it in &around.interfaces {
-        let Interface {
-            node, kind, name, ..
-        } = &it.interface;
-        let linked_with = match &*it.linked_with {
-            [] => "nobody".to_owned(),
-            some => some.join(", "),
-        };
-        out.line(format_args!(
-            "{node}'s {kind} of {name} is linked with {linked_with}."
-        ))?;
-        for near in &it.near {
-            for line in near.to_string().lines() {
-                out.line(format_args!("  {line}"))?;
-            }
-        }
-        if it.near.is_empty() && it.linked_with.is_empty() {
-            out.line("  This domain has no counterpart with this name or a similar one.")?;
-        }
-    }
-    print_unheard(&around.unheard, out)?;
-    print_stopped(&around.stopped, out)?;
-    around.troubles.print(out)
 }
 
 /// These interfaces, and those that they are linked with.
@@ -348,11 +406,10 @@ fn sample_around(session: &Session, view: &View<'_>, of: &[EntityId]) -> Sample 
     Sample::if_known(&session.node, view.domain, &nodes)
 }
 
-fn print_unheard(unheard: &[Unheard], out: &mut Output) -> Result<(), CliError> {
-    for publisher in unheard {
-        out.line(format_args!("Note: {publisher}."))?;
-    }
-    Ok(())
+fn unheard_lines(unheard: &[Unheard]) -> impl Iterator<Item = String> {
+    unheard
+        .iter()
+        .map(|publisher| format!("Note: {publisher}."))
 }
 
 /// The nodes of these interfaces that are stopped, each once.
@@ -365,12 +422,9 @@ fn stopped_nodes(
     nodes.filter_map(|node| StoppedNode::find(&node)).collect()
 }
 
-fn print_stopped(stopped: &[StoppedNode], out: &mut Output) -> Result<(), CliError> {
-    for node in stopped {
+fn stopped_lines(stopped: &[StoppedNode]) -> impl Iterator<Item = String> {
+    stopped.iter().map(|node| {
         let remedy = node.remedy();
-        out.line(format_args!(
-            "But {node}, so no message gets through: {remedy}."
-        ))?;
-    }
-    Ok(())
+        format!("But {node}, so no message gets through: {remedy}.")
+    })
 }

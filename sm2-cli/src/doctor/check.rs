@@ -5,7 +5,7 @@ use serde::Serialize;
 /// The severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub(super) enum Level {
+pub(crate) enum Level {
     /// No problem was found.
     Ok,
     /// SM2 works, but with limits or with less speed than possible.
@@ -16,7 +16,7 @@ pub(super) enum Level {
 
 /// The result of one check.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub(super) struct Check {
+pub(crate) struct Check {
     pub(super) level: Level,
     /// The thing that was checked.
     pub(super) check: &'static str,

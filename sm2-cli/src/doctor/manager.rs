@@ -45,7 +45,7 @@ impl Found {
     }
 }
 
-pub(super) fn look(domain: &Domain, path: &Path, interrupt: &Interrupt) -> Found {
+pub(super) fn look(options: &Domain, path: &Path, interrupt: &Interrupt) -> Found {
     const CHECK: &str = "Manager";
     // Before the session starts: the kernel names the process even if it does not answer.
     let who = SeqPacket::connect(path).and_then(|socket| socket.peer_credentials());
@@ -53,7 +53,7 @@ pub(super) fn look(domain: &Domain, path: &Path, interrupt: &Interrupt) -> Found
         Ok(who) => format!("process {} of user {}", who.pid, who.uid),
         Err(_) => "unknown process".into(),
     };
-    let node = match domain.connect(path, "doctor", interrupt) {
+    let node = match options.connect(path, "doctor", interrupt) {
         Ok(node) => node,
         Err(error) => return Found::only(vec![unreachable(error, &who)]),
     };
@@ -67,8 +67,7 @@ pub(super) fn look(domain: &Domain, path: &Path, interrupt: &Interrupt) -> Found
     match node.snapshot() {
         Ok(mirror) => {
             let quotas = quotas(&View::new(&mirror));
-            checks.extend([standby(&mirror), resuming(&mirror), stopped(&mirror)]);
-            checks.extend([usage(&quotas), refused(&mirror, &node)]);
+            checks.extend(domain(&mirror, &quotas, &node));
             Found {
                 checks,
                 nodes: Some(mirror.nodes().count() as u64),
@@ -82,6 +81,17 @@ pub(super) fn look(domain: &Domain, path: &Path, interrupt: &Interrupt) -> Found
             Found::only(checks)
         }
     }
+}
+
+/// The checks of the state of a domain. `node` is the node of this command.
+pub(super) fn domain(mirror: &Mirror, quotas: &[Quota], node: &Node) -> [Check; 5] {
+    [
+        standby(mirror),
+        resuming(mirror),
+        stopped(mirror),
+        usage(quotas),
+        refused(mirror, node),
+    ]
 }
 
 fn unreachable(error: CliError, who: &str) -> Check {

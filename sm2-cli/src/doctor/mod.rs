@@ -11,8 +11,10 @@ mod socket;
 
 use clap::Args;
 use serde::Serialize;
+use sm2_node::Node;
 
-use self::check::{Check, Level};
+pub(crate) use self::check::Check;
+use self::check::Level;
 use crate::{
     args::Domain,
     columns::Columns,
@@ -21,6 +23,7 @@ use crate::{
     interrupt::Interrupt,
     limits::{self, Limits, Quota},
     output::Output,
+    view::View,
 };
 
 /// `sm2 doctor`.
@@ -94,6 +97,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         Level::Bad => Ended::No,
         Level::Ok | Level::Warn => Ended::Done,
     })
+}
+
+/// The checks that need nothing but a domain and this machine. `node` is the node of the command.
+pub(crate) fn checks(view: &View<'_>, node: &Node) -> Vec<Check> {
+    let mut checks = Vec::from(manager::domain(view.domain, &limits::quotas(view), node));
+    checks.extend(machine::checks(Some(view.domain.nodes().count() as u64)));
+    checks
 }
 
 fn table(checks: &[Check]) -> Columns<3> {

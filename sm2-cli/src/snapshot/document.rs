@@ -21,7 +21,7 @@ use crate::{
 
 /// The object that `--json` prints. Field names are part of the command's interface.
 #[derive(Serialize)]
-pub(super) struct Document {
+pub(crate) struct Document {
     /// The Manager's epoch in hex digits. `None` if the Manager has ended since.
     epoch: Option<String>,
     revision: u64,
@@ -58,7 +58,7 @@ struct Taken {
 }
 
 impl Document {
-    pub(super) fn new(
+    pub(crate) fn new(
         session: &Session,
         view: &View<'_>,
         sample: &Sample,

@@ -16,7 +16,7 @@ const TIMEOUT: Duration = Duration::from_secs(1);
 
 /// A gateway and its report.
 #[derive(Serialize)]
-pub(super) struct Gateway {
+pub(crate) struct Gateway {
     /// The service that gives the report.
     service: String,
     /// `None` if the gateway did not answer in time.
@@ -26,7 +26,7 @@ pub(super) struct Gateway {
 }
 
 /// Asks the gateways of a domain. The result includes those that do not answer.
-pub(super) fn ask(session: &Session, domain: &Mirror) -> Vec<Gateway> {
+pub(crate) fn ask(session: &Session, domain: &Mirror) -> Vec<Gateway> {
     let services = report::gateways(domain);
     let answers = report::ask(&session.node, services, TIMEOUT).into_iter();
     let gateways = answers.map(|(service, report)| {
@@ -41,6 +41,49 @@ pub(super) fn ask(session: &Session, domain: &Mirror) -> Vec<Gateway> {
         }
     });
     gateways.collect()
+}
+
+/// A line for each gateway and each peer.
+pub(crate) fn lines(gateways: &[Gateway]) -> Vec<String> {
+    let mut lines = Vec::new();
+    for gateway in gateways {
+        let Some(report) = &gateway.report else {
+            let error = gateway.error.as_deref().unwrap_or("no report");
+            lines.push(format!("{}: {error}", gateway.service));
+            continue;
+        };
+        let peers = report.peers.iter();
+        let peers = peers.map(|peer| {
+            let Counts {
+                sent,
+                received,
+                lost,
+                ..
+            } = peer.messages;
+            let rtt = peer
+                .rtt_ms
+                .map_or_else(String::new, |rtt| format!(", RTT {rtt:.1} ms"));
+            let name = &peer.name;
+            format!(
+                "{name}: sent {sent}, received {received}, lost {lost}, denied {}{rtt}",
+                peer.denied
+            )
+        });
+        let absent = report
+            .absent
+            .iter()
+            .map(|peer| format!("{peer}: not connected"));
+        let before = lines.len();
+        lines.extend(
+            peers
+                .chain(absent)
+                .map(|line| format!("{}, peer {line}", report.name)),
+        );
+        if lines.len() == before {
+            lines.push(format!("{}: no peers", report.name));
+        }
+    }
+    lines
 }
 
 /// A table for people: a line for each peer, and for each topic and service of the peer.

@@ -1,7 +1,7 @@
 //! `sm2 snapshot`: the whole domain at one revision, or its changes from there on.
 
 pub(crate) mod document;
-mod gateways;
+pub(crate) mod gateways;
 mod named_item;
 
 use std::{collections::BTreeMap, os::fd::AsFd};
@@ -13,6 +13,7 @@ use sm2_proto::{
     domain::Domain as Mirror,
 };
 
+pub(crate) use self::named_item::reason_text;
 use self::{document::Document, named_item::NamedItem};
 use crate::{
     args::Domain, connect::Session, ended::Ended, error::CliError, follow::Follow, output::Output,

@@ -148,7 +148,8 @@ pub(super) fn link_text(link: LinkId) -> String {
     format!("{:x}.{}", link.epoch, link.serial)
 }
 
-fn reason_text(view: &View<'_>, reason: UnlinkedReason) -> String {
+/// The reason for which two interfaces are not linked.
+pub(crate) fn reason_text(view: &View<'_>, reason: UnlinkedReason) -> String {
     match reason {
         UnlinkedReason::Ended { code } => match Farewell::from_code(code) {
             Some(Farewell::Done) => "one of them ended their link".into(),

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use serde::Serialize;
 use serde_json::{Map, Value};
 use sm2_proto::{Contract, Kind, Name, NodeId, domain::InterfaceView};
 
@@ -91,7 +92,7 @@ const NODES: &[Column] = &[
 ];
 
 /// The sums for a topic or a node. A figure that no node counts is `None`.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize)]
 struct Sums {
     interfaces: u32,
     publishers: u32,
@@ -151,6 +152,31 @@ impl Figures {
     /// Both tables as one JSON object.
     pub(super) fn json(&self) -> Value {
         serde_json::json!({ "topics": self.topics.json(), "nodes": self.nodes.json() })
+    }
+}
+
+/// The figures of one interface. Field names are part of the page of `sm2 view`.
+#[derive(Debug, Serialize)]
+pub(crate) struct InterfaceFigures {
+    node_id: u64,
+    interface: u64,
+    #[serde(flatten)]
+    sums: Sums,
+}
+
+impl InterfaceFigures {
+    /// The figures of the time between two samples.
+    pub(crate) fn new(
+        view: &View<'_>,
+        before: &Sample,
+        now: &Sample,
+        it: InterfaceView<'_>,
+    ) -> Self {
+        Self {
+            node_id: it.entity.node.0,
+            interface: it.entity.interface.0,
+            sums: sums(view, before, now, it),
+        }
     }
 }
 

@@ -20,6 +20,7 @@ use clap::Args;
 use sm2_io::clock;
 use sm2_proto::Instant;
 
+pub(crate) use self::figures::InterfaceFigures;
 use self::{
     figures::{Figures, Tab},
     screen::Screen,

@@ -7,8 +7,6 @@ use sm2_io::clock;
 use sm2_proto::{EntityId, LinkId, counters::Entry, domain::LinkView, text::Counted};
 
 use crate::{
-    error::CliError,
-    output::Output,
     sampling::{Sample, hundredths},
     view::View,
 };
@@ -83,21 +81,17 @@ impl LinkTroubles {
         }
     }
 
-    /// # Errors
-    ///
-    /// [`CliError::Output`].
-    pub(super) fn print(&self, out: &mut Output) -> Result<(), CliError> {
-        for link in &self.too_long {
-            out.line(format_args!(
-                "But {link}: raise max_len of the subscriber, or split the messages."
-            ))?;
-        }
-        for end in &self.short_of_memory {
-            out.line(format_args!(
+    /// The troubles as text.
+    pub(super) fn lines(&self) -> impl Iterator<Item = String> {
+        let too_long = self.too_long.iter().map(|link| {
+            format!("But {link}: raise max_len of the subscriber, or split the messages.")
+        });
+        let short_of_memory = self.short_of_memory.iter().map(|end| {
+            format!(
                 "But {end}: messages wait until there is memory. Free some, or raise the limits of the process."
-            ))?;
-        }
-        Ok(())
+            )
+        });
+        too_long.chain(short_of_memory)
     }
 }
 
