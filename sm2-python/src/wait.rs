@@ -122,9 +122,11 @@ pub(crate) fn on_thread<T: Send + 'static>(
             let receiver = receiver.lock().unwrap_or_else(|it| it.into_inner());
             receiver.recv_timeout(SLICE)
         });
+        // Also with a result: a caller may begin the next wait at once.
+        py.check_signals()?;
         match received {
             Ok(result) => return Ok(result),
-            Err(RecvTimeoutError::Timeout) => py.check_signals()?,
+            Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => {
                 return Err(crate::errors::Error::new_err(
                     "a call of SM2 ended without a result; standard error says why",

@@ -14,7 +14,9 @@ from helpers import SOON, Child, linked, received
 import sm2
 
 FORK = """
-import os, sm2
+import os, sm2, warnings
+# Python 3.12 and newer warn of a fork with threads.
+warnings.simplefilter("ignore")
 from helpers import SOON, linked, received
 node = sm2.Node("parent")
 publisher, subscriber = linked(node, "topic", "u1", {}, {})
