@@ -19,13 +19,13 @@ readonly flaky=$logs/flaky.txt
 export SM2_SKIPPED=$logs/skipped.txt
 readonly skips=$SM2_SKIPPED
 
-readonly tier1=(tools commits fmt clauses publish deny no-std clippy doc test modes models bag ros book c bridges)
+readonly tier1=(tools commits fmt clauses publish deny no-std clippy doc test modes models bag ros book c python bridges)
 readonly tier2=(tools commits fmt clauses publish deny no-std clippy doc test modes asan check demo faults soak
-    bag ros book c bridges)
+    bag ros book c python bridges)
 # The time limit of each step, in seconds: about three times what it takes on a quiet machine of two cores.
 declare -rA limits=([tools]=600 [commits]=60 [fmt]=60 [clauses]=300 [publish]=120 [deny]=900 [no-std]=150 [clippy]=600
     [doc]=300 [test]=$((full ? 3600 : 1200)) [modes]=400 [models]=400 [asan]=1500 [check]=5400 [demo]=1200 [faults]=600
-    [soak]=900 [bag]=900 [ros]=900 [book]=900 [c]=1800 [bridges]=2400)
+    [soak]=900 [bag]=900 [ros]=900 [book]=900 [c]=1800 [python]=1800 [bridges]=2400)
 
 # Packages outside the workspace, each a workspace of its own.
 readonly outside=(verification/no-std verification/loom-models verification/viewer
@@ -310,12 +310,20 @@ valgrind valgrind"
         cargo fmt --all --check
         cargo clippy --all-targets --locked -- -D warnings
         cargo test --locked
-        cargo build --locked
+        cargo build --locked --lib --examples
         cbindgen --quiet --verify --output include/sm2.h ||
             { echo "sm2-c/include/sm2.h is not that of the sources: cbindgen --output include/sm2.h" && false; }
         SM2_MANAGER=$manager tests/run
     )
     stamp c "${inputs[@]}"
+}
+
+# The package for Python: its wheel, its tests, and mypy over its examples.
+step_python() {
+    local inputs=(sm2-python)
+    unless_stamped python "${inputs[@]}"
+    sm2-python/check
+    stamp python "${inputs[@]}"
 }
 
 # The bridges to other middlewares: a workspace of its own.
