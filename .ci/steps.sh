@@ -283,7 +283,7 @@ step_ros() {
 
 # The book, with mdbook. Its links and its programs are tests of the step `test`.
 step_book() {
-    local inputs=(docs sm2-node/examples sm2-ros/example sm2-ros/examples)
+    local inputs=(docs sm2-cpp/examples sm2-node/examples sm2-ros/example sm2-ros/examples)
     (cd docs/pictures && sha256sum --check --quiet made.sha256) ||
         { echo "docs/pictures: a picture is older than its source; run docs/pictures/make" && false; }
     unless_stamped book "${inputs[@]}"
@@ -334,6 +334,8 @@ step_bridges() {
         cd bridges
         export CARGO_TARGET_DIR=$CARGO_TARGET_DIR/bridges
         cargo fmt --all --check
+        # Without the features that the dependencies of tests add.
+        cargo check --workspace --locked
         cargo clippy --workspace --all-targets --locked -- -D warnings
         cargo test --workspace --locked
     )
