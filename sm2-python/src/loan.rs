@@ -1,8 +1,8 @@
 //! Messages that Python writes in place, in the memory that their receivers read.
 //!
 //! The array that Python writes to refers to memory that SM2 gives to the next message as soon as all receivers have
-//! released this one. So at the end of the block, [`Loan`] makes sure that nothing can reach the memory any more: only a
-//! variable of the program may refer to the array, and the array is made empty. Then the message is published.
+//! released this one. So at the end of the block, [`Loan`] makes sure that nothing can reach the memory any more: only
+//! a variable of the program may refer to the array, and the array is made empty. Then the message is published.
 
 use std::sync::{Arc, Mutex, PoisonError};
 

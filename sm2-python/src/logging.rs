@@ -1,7 +1,7 @@
 //! Warnings of SM2 for Python's `logging`.
 //!
-//! `tracing` events may come while a lock of SM2 is held, and on threads that have no GIL. They are queued here. The next
-//! call of the package that has waited or copied passes them on to the logger `sm2`.
+//! `tracing` events may come while a lock of SM2 is held, and on threads that have no GIL. They are queued here. The
+//! next call of the package that has waited or copied passes them on to the logger `sm2`.
 
 use std::collections::VecDeque;
 use std::fmt::{self, Write as _};
@@ -76,8 +76,8 @@ fn log_all(py: Python<'_>, records: VecDeque<LogRecord>, dropped: u64) -> PyResu
     Ok(())
 }
 
-/// The queue; `None` if its lock does not become free. Each holder releases it at once, except a thread of the parent that
-/// a forked child does not have.
+/// The queue; `None` if its lock does not become free. Each holder releases it at once, except a thread of the parent
+/// that a forked child does not have.
 fn queue() -> Option<MutexGuard<'static, Queue>> {
     for _ in 0..TRIES {
         match QUEUE.try_lock() {

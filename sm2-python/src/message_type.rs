@@ -35,7 +35,8 @@ impl<'py> FromPyObject<'_, 'py> for MessageType {
     }
 }
 
-/// The text for a person who declared `ours`, while the topic carries `theirs`: both schemas and their first difference.
+/// The text for a person who declared `ours`, while the topic carries `theirs`: both schemas and their first
+/// difference.
 pub(crate) fn comparison(ours: &MessageType, theirs: &TypeId, their_text: Option<&str>) -> String {
     let shown = |id: &TypeId, text: Option<&str>| match text {
         Some(text) => text.to_owned(),

@@ -1,8 +1,8 @@
 //! Waits that Ctrl-C ends.
 //!
-//! A signal ends `poll(2)` with `EINTR`; then the handlers that the program set in Python run. A signal that arrives just
-//! before the call of `poll` does not end it, so no wait sleeps longer than [`SLICE`] at a time. Then a wait also notices
-//! that another thread has closed its object.
+//! A signal ends `poll(2)` with `EINTR`; then the handlers that the program set in Python run. A signal that arrives
+//! just before the call of `poll` does not end it, so no wait sleeps longer than [`SLICE`] at a time. Then a wait also
+//! notices that another thread has closed its object.
 
 use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::mpsc::{RecvTimeoutError, channel};
@@ -79,8 +79,8 @@ fn sleep(descriptor: BorrowedFd<'_>, time: Duration) -> PyResult<()> {
     }
 }
 
-/// Calls `wait` with the time of one slice after the other, until it returns something or the timeout is over. `wait` is
-/// called at least once.
+/// Calls `wait` with the time of one slice after the other, until it returns something or the timeout is over. `wait`
+/// is called at least once.
 ///
 /// # Errors
 ///

@@ -12,7 +12,11 @@ from helpers import SOON, Child
 import sm2
 
 
-def serving(server: sm2.Server[bytes, bytes], answer: Callable[[sm2.Request[bytes, bytes]], None], count: int) -> threading.Thread:
+def serving(
+    server: sm2.Server[bytes, bytes],
+    answer: Callable[[sm2.Request[bytes, bytes]], None],
+    count: int,
+) -> threading.Thread:
     """A thread that answers some requests."""
 
     def serve() -> None:
@@ -99,7 +103,8 @@ def test_a_call_fails_at_once_when_its_server_is_killed(
     node: sm2.Node, child: Callable[[str], Child]
 ) -> None:
     client = node.client("service")
-    server = child("import sm2, sys; n = sm2.Node('server'); s = n.server('service'); r = s.recv(); print('got'); input()")
+    program = "import sm2; n = sm2.Node('server'); s = n.server('service'); r = s.recv(); print('got'); input()"
+    server = child(program)
     client.wait_for_servers(1, SOON)
     call = client.send(b"")
     assert server.line() == "got"

@@ -112,8 +112,8 @@ class Node:
         - `sealed`: the kernel protects each message from changes.
         - `max_len`, `slots`, `prefault`, `mlock`: memory for `slots` messages of up to `max_len` bytes is reserved now;
           it is made present and locked if requested.
-        - `pool_limit`, `keep_idle`, `inline_max`: how much further memory messages may use, how long it is kept while it
-          is not used, and which messages go through the socket.
+        - `pool_limit`, `keep_idle`, `inline_max`: how much further memory messages may use, how long it is kept while
+          it is not used, and which messages go through the socket.
         """
         data = type_of(type)
         native = self._native.publisher(topic, data.native, filled(PublisherOptions, options))

@@ -113,8 +113,8 @@ def _decode_json(data: Buffer) -> Any:
 class Values(MessageType[Array]):
     """Messages that are arrays of any length: numbers, or structures of numbers. Subscribers read them in place.
 
-    `Values("f4")` is Rust's `[f32]`, and `Values("u1")` is `[u8]`, which is the type `bytes`. A structure needs the name
-    that it has in Rust: `Values([("x", "f4"), ("y", "f4")], name="nav/Point")` is `[Point]`.
+    `Values("f4")` is Rust's `[f32]`, and `Values("u1")` is `[u8]`, which is the type `bytes`. A structure needs the
+    name that it has in Rust: `Values([("x", "f4"), ("y", "f4")], name="nav/Point")` is `[Point]`.
     """
 
     def __init__(
@@ -146,8 +146,8 @@ class Plain(MessageType[Any]):
     """Messages that are one number or one structure of numbers, read in place.
 
     `Plain("f8")` is Rust's `f64`. `Plain([("stamp_ns", "u8"), ("acceleration", "f8", 3)], name="sensor/Imu")` is a
-    structure `Imu` with `#[message(name = "sensor/Imu")]`: `sample.value["acceleration"]` is a view of the memory of the
-    sample.
+    structure `Imu` with `#[message(name = "sensor/Imu")]`: `sample.value["acceleration"]` is a view of the memory of
+    the sample.
     """
 
     def __init__(self, dtype: npt.DTypeLike, *, name: str | None = None) -> None:
