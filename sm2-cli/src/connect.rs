@@ -41,13 +41,15 @@ pub(crate) struct Session {
 }
 
 impl Session {
-    /// Connects to the domain's Manager under a name of `role` and this process' number.
+    /// Connects to the domain's Manager under a name of `role` and this process' number. Raises the limit of
+    /// descriptors before, since other nodes decide how many links, topics or counter files a command has.
     ///
     /// # Errors
     ///
     /// [`CliError::NoManager`], [`CliError::Connect`], [`CliError::DomainSocket`],
     /// [`CliError::Stopped`] by a signal while it waits for a Manager.
     pub(crate) fn open(domain: &Domain, role: &str) -> Result<Self, CliError> {
+        sm2_io::raise_descriptor_limit();
         let interrupt = Interrupt::install().map_err(CliError::system("catch signals"))?;
         let node = domain.connect(&domain.path()?, role, &interrupt)?;
         Ok(Self {

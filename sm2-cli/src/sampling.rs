@@ -6,7 +6,6 @@ use std::{
     time::Duration,
 };
 
-use nix::sys::resource::{Resource, getrlimit, setrlimit};
 use sm2_io::{CounterView, clock};
 use sm2_node::Node;
 use sm2_node::domain::QueryError;
@@ -49,14 +48,8 @@ struct End {
 }
 
 impl Sampler {
-    /// Creates a sampler without samples. Raises the process' limit of descriptors, since each node needs one.
+    /// Creates a sampler without samples.
     pub(crate) fn new() -> Self {
-        if let Ok((soft, hard)) = getrlimit(Resource::RLIMIT_NOFILE)
-            && soft < hard
-        {
-            // If this fails, the old limit still serves a smaller domain.
-            let _ = setrlimit(Resource::RLIMIT_NOFILE, hard, hard);
-        }
         Self {
             epoch: None,
             numbers: HashMap::new(),

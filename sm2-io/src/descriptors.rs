@@ -1,4 +1,4 @@
-//! How many descriptors this process can still open.
+//! How many descriptors this process can open.
 
 use std::ffi::c_int;
 use std::io;
@@ -24,4 +24,12 @@ pub fn free_descriptors(at_most: usize) -> io::Result<usize> {
     let numbers = 0..c_int::try_from(limit).unwrap_or(c_int::MAX);
     let free = numbers.filter(|&number| !files::is_open(number));
     Ok(free.take(at_most).count())
+}
+
+/// Raises the soft limit of open descriptors (`RLIMIT_NOFILE`) to the hard limit. For programs that run long: other
+/// processes decide how many links, topics or connections they get, and the usual soft limit is 1,024.
+///
+/// If the system refuses, the old limit stays, which is enough for a smaller domain.
+pub fn raise_descriptor_limit() {
+    let _ = files::raise_descriptors_max();
 }

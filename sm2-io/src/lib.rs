@@ -81,7 +81,7 @@ pub mod timer;
 pub mod waker;
 
 pub use counters::{CounterEntry, CounterPage, CounterView};
-pub use descriptors::free_descriptors;
+pub use descriptors::{free_descriptors, raise_descriptor_limit};
 pub use domain_socket::{
     BindOptions, DomainLock, DomainSocket, DomainSocketError, NotReclaimed, UnlockedSocket,
     socket_path,

@@ -34,6 +34,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), ProgramError> {
     if let Err(error) = set_no_new_privs() {
         tracing::warn!(%error, "this process can still gain rights by executing programs");
     }
+    sm2_io::raise_descriptor_limit();
     let config = Config::load(&arguments.config)?;
     let shadow = arguments.shadow.as_deref();
     let shadow = shadow.map(Config::load).transpose()?;

@@ -8,7 +8,7 @@ use std::path::Path;
 
 use nix::errno::Errno;
 use nix::libc;
-use nix::sys::resource::{Resource, getrlimit};
+use nix::sys::resource::{Resource, getrlimit, setrlimit};
 use nix::sys::stat::{SFlag, fstat, stat};
 use nix::sys::statfs::{TMPFS_MAGIC, fstatfs};
 use nix::sys::uio::pread;
@@ -31,6 +31,13 @@ pub fn duplicate(fd: impl AsFd) -> io::Result<OwnedFd> {
 pub(crate) fn descriptors_max() -> nix::Result<u64> {
     guard(Call::GetLimit)?;
     Ok(getrlimit(Resource::RLIMIT_NOFILE)?.0)
+}
+
+/// Raises `RLIMIT_NOFILE` of this process to its hard limit.
+pub(crate) fn raise_descriptors_max() -> nix::Result<()> {
+    guard(Call::GetLimit)?;
+    let (_, hard) = getrlimit(Resource::RLIMIT_NOFILE)?;
+    setrlimit(Resource::RLIMIT_NOFILE, hard, hard)
 }
 
 /// How many descriptors this process has, where the kernel tells (Linux 6.2 and later, with `/proc`).

@@ -22,10 +22,7 @@ use std::{
     thread,
 };
 
-use nix::sys::{
-    prctl::set_no_new_privs,
-    resource::{Resource, getrlimit, setrlimit},
-};
+use nix::sys::prctl::set_no_new_privs;
 use sd_notify::NotifyState;
 use signal_hook::{
     consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR2},
@@ -213,7 +210,8 @@ fn say_role(role: Role) {
 ///
 /// As [`Manager::bind`], [`Manager::adopt`], [`Standby::start`] and [`Manager::run`].
 pub fn serve(arguments: &Arguments) -> Result<(), ProgramError> {
-    raise_file_limit();
+    // A domain of n nodes needs 2 n descriptors.
+    sm2_io::raise_descriptor_limit();
     give_up_new_rights();
     // Before the domain is claimed: without handlers, SIGUSR2 and SIGHUP would kill this process.
     let mut signals =
@@ -278,16 +276,5 @@ pub fn main(arguments: &Arguments) -> ExitCode {
 fn give_up_new_rights() {
     if let Err(error) = set_no_new_privs() {
         warn!(%error, "this process can still gain rights by executing programs");
-    }
-}
-
-/// Raises the soft limit of open files. A domain of n nodes needs 2 n descriptors; the usual soft limit is
-/// 1,024.
-fn raise_file_limit() {
-    if let Ok((soft, hard)) = getrlimit(Resource::RLIMIT_NOFILE)
-        && soft < hard
-    {
-        // The old limit is enough for a smaller domain.
-        let _ = setrlimit(Resource::RLIMIT_NOFILE, hard, hard);
     }
 }
