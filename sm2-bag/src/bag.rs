@@ -16,7 +16,7 @@ use crate::foreign::{self, ForeignReason};
 use crate::gap::Gap;
 use crate::messages::{Filter, Messages};
 use crate::observer::{Observer, unobserved};
-use crate::report::{Counts, Report, ReportBuilder};
+use crate::report::{Counts, NotRecorded, Report, ReportBuilder};
 use crate::scan::Scan;
 use crate::source::Source;
 use crate::summary;
@@ -30,6 +30,7 @@ pub struct Bag {
     counts: BTreeMap<u16, Counts>,
     times: Option<(u64, u64)>,
     gaps: Vec<(String, Gap)>,
+    not_recorded: Vec<NotRecorded>,
     clocks: Vec<ClockRelation>,
     metadata: Vec<Metadata>,
     is_unchunked: bool,
@@ -130,6 +131,9 @@ impl Bag {
             path: path.to_owned(),
             file,
             gaps: named(Gap::RECORD).filter_map(Gap::from_metadata).collect(),
+            not_recorded: named(NotRecorded::RECORD)
+                .filter_map(NotRecorded::from_metadata)
+                .collect(),
             clocks: named(ClockRelation::RECORD)
                 .filter_map(ClockRelation::from_metadata)
                 .collect(),
@@ -159,6 +163,9 @@ impl Bag {
         }
         for (topic, gap) in &self.gaps {
             report.add_gap(topic, gap);
+        }
+        for NotRecorded(topics) in &self.not_recorded {
+            report.add_not_recorded(*topics);
         }
         report.finish(self.times, self.complete)
     }

@@ -28,6 +28,7 @@
 //! | `sequence` | the low half of the publisher's number of the message |
 //! | metadata `sm2.clock` | the relation of the wall clock to the monotonic clock: [`ClockRelation`] |
 //! | metadata `sm2.gap` | messages that are missing: [`Gap`] |
+//! | metadata `sm2.not_recorded` | how many topics were not recorded, for lack of descriptors or by a refusal |
 //! | metadata `sm2.incident` | the trigger and the times of a [`BlackBox`] |
 //! | metadata `sm2.channel` | the counts of one channel, at the end of a complete bag |
 //!

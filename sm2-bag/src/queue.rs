@@ -31,6 +31,8 @@ pub(crate) enum Item {
     },
     Gap(Arc<Source>, Gap),
     Clock(ClockRelation),
+    /// The number of topics that were not recorded, at the end.
+    NotRecorded(u64),
     /// The file ends, with everything up to this time of the wall clock.
     EndFile(u64),
 }

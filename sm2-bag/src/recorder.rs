@@ -1,22 +1,24 @@
 //! Recording topics of a domain.
 
+mod new_topics;
 mod options;
 mod parts;
 mod polled;
 mod topic;
 mod writing;
 
-use std::collections::BTreeSet;
 use std::os::fd::BorrowedFd;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use sm2_node::domain::{Contract, Watch};
+use sm2_io::is_shortage;
+use sm2_node::domain::Watch;
 use sm2_node::wait_set::{Interest, Waitable};
 use sm2_node::{Node, Sample, Timer, WaitSet};
 use sm2_proto::{Instant, Name};
 
+use self::new_topics::NewTopics;
 pub use self::options::{Options, Progress, Step, Topics};
 pub use self::parts::Split;
 use self::parts::{Output, Parts};
@@ -37,6 +39,8 @@ const HELD_MAX: usize = 8;
 const DEPTH: u16 = 64;
 /// How many messages of a topic are taken before the other topics have their turn.
 const BURST: usize = 64;
+/// After so many events, a new topic has its turn even if there are more of them.
+const EVENTS: usize = 64;
 /// A smaller step of the wall clock is its normal adjustment.
 const STEP_MIN: Duration = Duration::from_millis(10);
 
@@ -55,8 +59,9 @@ pub struct Recorder<'fd> {
     polled: Vec<Polled>,
     /// The messages of one call; empty between calls.
     samples: Vec<Sample<[u8]>>,
-    /// The topics that are recorded, and those that the Manager does not let this node subscribe to.
-    known: BTreeSet<Name>,
+    new_topics: NewTopics,
+    /// Whether a topic is not waited for, because the operating system was short of something.
+    is_short: bool,
     clock: ClockRelation,
     /// The last relation of the clocks that is in the bag.
     last_clock: ClockRelation,
@@ -150,7 +155,9 @@ impl<'fd> Recorder<'fd> {
             topics: Vec::new(),
             polled: intervals(options.sync_interval).map(Polled::new).collect(),
             samples: Vec::new(),
-            known: BTreeSet::new(),
+            // The files are open.
+            new_topics: NewTopics::new(),
+            is_short: false,
             clock,
             last_clock: clock,
             queue,
@@ -174,6 +181,7 @@ impl<'fd> Recorder<'fd> {
     /// See [`RecordError`]. After an error, [`finish`](Self::finish) ends the file as well as it can.
     pub fn step(&mut self, timeout: Duration) -> Result<Step, RecordError> {
         let until = sm2_io::clock::now().after(timeout);
+        let mut events = 0;
         loop {
             if self.queue.has_failed() {
                 let error = self.queue.take_error().unwrap_or(WriteError::Panicked);
@@ -182,8 +190,21 @@ impl<'fd> Recorder<'fd> {
             if self.queue.is_disk_full() {
                 return Ok(Step::DiskFull);
             }
-            let left = until.since(sm2_io::clock::now());
-            let Some(ready) = self.set.wait_timeout(left)? else {
+            // The messages of the topics that are recorded come before new topics.
+            let has_new = self.new_topics.has_next();
+            let left = match has_new {
+                true => Duration::ZERO,
+                false => until.since(sm2_io::clock::now()),
+            };
+            let ready = self.set.wait_timeout(left)?;
+            events += 1;
+            if has_new && (ready.is_none() || events % EVENTS == 0) {
+                self.subscribe_next()?;
+            }
+            let Some(ready) = ready else {
+                if has_new && sm2_io::clock::now() < until {
+                    continue;
+                }
                 return Ok(Step::Timeout);
             };
             match ready.tag {
@@ -194,8 +215,17 @@ impl<'fd> Recorder<'fd> {
                     return Ok(Step::Woken);
                 }
                 Event::Stop => return Ok(Step::Stopped),
-                Event::Clock => self.compare_clocks(),
-                Event::Room => self.resume()?,
+                Event::Clock => {
+                    self.compare_clocks();
+                    self.new_topics.resume();
+                    if std::mem::take(&mut self.is_short) {
+                        self.wait_again()?;
+                    }
+                }
+                Event::Room => {
+                    self.queue.take_room_signal().map_err(RecordError::System)?;
+                    self.wait_again()?;
+                }
                 Event::Other => return Ok(Step::Woken),
             }
         }
@@ -245,6 +275,7 @@ impl<'fd> Recorder<'fd> {
         let Written { messages, bytes } = self.queue.written();
         Progress {
             topics: self.topics.len(),
+            not_recorded: self.new_topics.missed(),
             messages,
             bytes,
             lost: self.lost,
@@ -270,6 +301,10 @@ impl<'fd> Recorder<'fd> {
                 }
             }
         }
+        match self.new_topics.missed() {
+            0 => {}
+            count => self.queue.push(Item::NotRecorded(count as u64)),
+        }
         self.queue.close();
         let report = self.writer.take().and_then(|it| it.join().ok().flatten());
         match (report, self.queue.take_error()) {
@@ -277,37 +312,6 @@ impl<'fd> Recorder<'fd> {
             (None, None) => Err(RecordError::Write(WriteError::Panicked)),
             (Some(report), None) => taken.map(|()| report),
         }
-    }
-
-    /// Subscribes to the topics that have come.
-    fn look_at_domain(&mut self) -> Result<(), RecordError> {
-        // The call that finds no change asks the Manager for the next one.
-        let mut has_changed = false;
-        while !self.watch.try_wait()?.is_empty() {
-            has_changed = true;
-        }
-        if !has_changed || self.options.topics != Topics::All {
-            return Ok(());
-        }
-        let interfaces = self.watch.domain().interfaces();
-        let topics: BTreeSet<_> = interfaces
-            .filter(|it| matches!(it.contract, Contract::Publisher { .. }))
-            .map(|it| it.contract.name().clone())
-            .collect();
-        for topic in &topics {
-            if self.known.contains(topic) {
-                continue;
-            }
-            match self.subscribe(topic) {
-                // The access policy may deny this topic. The others are recorded.
-                Err(RecordError::Declare(error)) => {
-                    tracing::error!(%topic, %error, "the topic is not recorded");
-                    self.known.insert(topic.clone());
-                }
-                result => result?,
-            }
-        }
-        Ok(())
     }
 
     fn subscribe(&mut self, name: &Name) -> Result<(), RecordError> {
@@ -322,15 +326,13 @@ impl<'fd> Recorder<'fd> {
         let number = self.topics.len();
         let added = self.set.add(&subscriber, Event::Topic(number));
         let key = added.map_err(RecordError::System)?;
-        self.known.insert(name.clone());
         let is_reliable = self.options.reliable.contains(name);
         self.topics.push(Topic::new(subscriber, key, is_reliable));
         Ok(())
     }
 
-    /// Takes messages of the reliable topics again that waited for room.
-    fn resume(&mut self) -> Result<(), RecordError> {
-        self.queue.take_room_signal().map_err(RecordError::System)?;
+    /// Waits again for the messages of the topics that are not waited for.
+    fn wait_again(&mut self) -> Result<(), RecordError> {
         for number in 0..self.topics.len() {
             if self.topics[number].wait == Wait::Room {
                 self.wait_for(number)?;
@@ -342,8 +344,14 @@ impl<'fd> Recorder<'fd> {
     /// Waits for the next message of a topic.
     fn wait_for(&mut self, number: usize) -> Result<(), RecordError> {
         let topic = &mut self.topics[number];
-        let added = self.set.add(&topic.subscriber, Event::Topic(number));
-        topic.wait = Wait::Message(added.map_err(RecordError::System)?);
+        topic.wait = match self.set.add(&topic.subscriber, Event::Topic(number)) {
+            Ok(key) => Wait::Message(key),
+            Err(error) if is_shortage(&error) => {
+                self.is_short = true;
+                Wait::Room
+            }
+            Err(error) => return Err(RecordError::System(error)),
+        };
         Ok(())
     }
 

@@ -11,6 +11,8 @@ use crate::gap::{Gap, GapReason};
 pub struct Report {
     /// The topics with their types, sorted by name.
     pub topics: Vec<TopicReport>,
+    /// The number of topics that were not recorded, because descriptors were short or the Manager refused them.
+    pub not_recorded: u64,
     /// The `log_time` of the first message, in nanoseconds of the wall clock.
     pub start_ns: Option<u64>,
     /// The `log_time` of the last message, in nanoseconds of the wall clock.
@@ -72,6 +74,23 @@ impl Counts {
     }
 }
 
+/// The number of topics that were not recorded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct NotRecorded(pub(crate) u64);
+
+impl NotRecorded {
+    /// The name of its metadata record.
+    pub(crate) const RECORD: &str = "sm2.not_recorded";
+
+    pub(crate) fn metadata(self) -> BTreeMap<String, String> {
+        [("topics".to_owned(), self.0.to_string())].into()
+    }
+
+    pub(crate) fn from_metadata(metadata: &BTreeMap<String, String>) -> Option<Self> {
+        Some(Self(metadata.get("topics")?.parse().ok()?))
+    }
+}
+
 /// Extends the first and the last time of a bag by the time of a message.
 pub(crate) fn widen(times: &mut Option<(u64, u64)>, time: u64) {
     let (from, to) = times.unwrap_or((time, time));
@@ -85,6 +104,7 @@ pub(crate) struct ReportBuilder {
     topics: BTreeMap<(String, String), TopicReport>,
     /// The places of the last gaps of each topic, publisher and reason.
     last_gaps: BTreeMap<(String, String, GapReason), usize>,
+    not_recorded: u64,
     /// The times of the bags that were added.
     times: Option<(u64, u64)>,
 }
@@ -123,6 +143,10 @@ impl ReportBuilder {
         }
     }
 
+    pub(crate) fn add_not_recorded(&mut self, topics: u64) {
+        self.not_recorded = self.not_recorded.saturating_add(topics);
+    }
+
     /// Adds another bag.
     pub(crate) fn add_report(&mut self, report: &Report) {
         for topic in &report.topics {
@@ -134,6 +158,7 @@ impl ReportBuilder {
                 self.add_gap(&topic.name, gap);
             }
         }
+        self.add_not_recorded(report.not_recorded);
         for time in report.start_ns.into_iter().chain(report.end_ns) {
             widen(&mut self.times, time);
         }
@@ -148,6 +173,7 @@ impl ReportBuilder {
     pub(crate) fn finish(self, times: Option<(u64, u64)>, complete: bool) -> Report {
         Report {
             topics: self.topics.into_values().collect(),
+            not_recorded: self.not_recorded,
             start_ns: times.map(|it| it.0),
             end_ns: times.map(|it| it.1),
             complete,

@@ -4,6 +4,7 @@ use std::fs::{File, OpenOptions};
 use std::io;
 use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::Path;
+use std::sync::Arc;
 
 use nix::errno::Errno;
 use nix::fcntl::OFlag;
@@ -46,7 +47,7 @@ pub trait Storage: Send {
     ///
     /// # Errors
     ///
-    /// Any error of `dup(2)`.
+    /// Any error of the operating system.
     fn begin_sync(&mut self) -> io::Result<Option<SyncWork>> {
         Ok(None)
     }
@@ -71,11 +72,12 @@ impl Storage for File {
     }
 }
 
-/// A new file to which the disk copies large payloads straight from the memory of the messages (`O_DIRECT`). Everything
-/// else goes through the page cache; so does all if the file system has no `O_DIRECT`.
+/// A new file that gets large payloads without the page cache (`O_DIRECT`). Everything else goes through the page cache;
+/// so does all if the file system has no `O_DIRECT`.
 #[derive(Debug)]
 pub struct BagFile {
-    file: File,
+    /// Shared with a synchronization, which needs no descriptor of its own.
+    file: Arc<File>,
     /// The same file.
     direct: Option<File>,
 }
@@ -99,7 +101,10 @@ impl BagFile {
             Err(error) => return Err(error),
         };
         sync_parent(path)?;
-        Ok(Self { file, direct })
+        Ok(Self {
+            file: Arc::new(file),
+            direct,
+        })
     }
 }
 
@@ -124,12 +129,12 @@ impl Storage for BagFile {
     }
 
     fn begin_sync(&mut self) -> io::Result<Option<SyncWork>> {
-        let file = self.file.try_clone()?;
+        let file = Arc::clone(&self.file);
         Ok(Some(Box::new(move || file.sync_data())))
     }
 
     fn free_bytes(&self) -> io::Result<Option<u64>> {
-        let disk = fstatvfs(&self.file)?;
+        let disk = fstatvfs(&*self.file)?;
         Ok(Some(disk.blocks_available() * disk.fragment_size()))
     }
 }

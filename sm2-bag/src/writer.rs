@@ -22,7 +22,7 @@ use crate::clock::ClockRelation;
 use crate::error::WriteError;
 use crate::gap::{Gap, GapReason};
 use crate::profile::Profile;
-use crate::report::{Counts, Report, ReportBuilder, widen};
+use crate::report::{Counts, NotRecorded, Report, ReportBuilder, widen};
 use crate::source::Source;
 use crate::storage::Storage;
 
@@ -99,6 +99,8 @@ pub(crate) struct BagWriter {
     open_gaps: BTreeMap<(Arc<str>, String, GapReason), Gap>,
     /// All gaps, with their topics.
     gaps: Vec<(Arc<str>, Gap)>,
+    /// The number of topics that were not recorded.
+    not_recorded: u64,
 }
 
 impl BagWriter {
@@ -124,6 +126,7 @@ impl BagWriter {
             times: None,
             open_gaps: BTreeMap::new(),
             gaps: Vec::new(),
+            not_recorded: 0,
         };
         writer.clock(clock)?;
         Ok(writer)
@@ -287,6 +290,12 @@ impl BagWriter {
         Ok(())
     }
 
+    /// Notes how many topics were not recorded.
+    pub(crate) fn not_recorded(&mut self, topics: u64) -> Result<(), WriteError> {
+        self.not_recorded += topics;
+        self.metadata(NotRecorded::RECORD, NotRecorded(topics).metadata())
+    }
+
     fn metadata(
         &mut self,
         name: &str,
@@ -333,6 +342,7 @@ impl BagWriter {
         for (topic, gap) in &self.gaps {
             report.add_gap(topic, gap);
         }
+        report.add_not_recorded(self.not_recorded);
         Ok(report.finish(self.times, true))
     }
 

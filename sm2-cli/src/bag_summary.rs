@@ -64,5 +64,11 @@ pub(crate) fn show(out: &mut Output, path: &Path, report: &Report) -> Result<(),
             ))?;
         }
     }
+    if report.not_recorded > 0 {
+        out.line(format_args!(
+            "  {} not recorded: descriptors were short, or the Manager refused them",
+            Counted::new(report.not_recorded, "topic")
+        ))?;
+    }
     Ok(())
 }

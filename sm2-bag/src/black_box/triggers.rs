@@ -96,8 +96,8 @@ impl Triggers {
                     self.call = Some(request);
                     return Ok(Some(reason));
                 }
-                // A request that is no string has got its answer.
-                Ok(None) | Err(RecvError::Payload { .. }) => {}
+                // A request that is no string has got its answer. One that cannot be mapped ends its link alone.
+                Ok(None) | Err(RecvError::Payload { .. } | RecvError::Map { .. }) => {}
                 Err(error) => return Err(error.into()),
             }
         }
@@ -147,8 +147,12 @@ fn subscribe(node: &Node, topic: &Name) -> Result<Subscriber<[u8]>, RecordError>
 /// Takes all messages that are there. Returns whether there was one.
 fn take_all(subscriber: &Subscriber<[u8]>) -> Result<bool, RecordError> {
     let mut has_come = false;
-    while subscriber.try_recv()?.is_some() {
-        has_come = true;
+    loop {
+        match subscriber.try_recv() {
+            // A message that cannot be mapped has come as well. Its link alone has ended.
+            Ok(Some(_)) | Err(RecvError::Map { .. }) => has_come = true,
+            Ok(None) => return Ok(has_come),
+            Err(error) => return Err(error.into()),
+        }
     }
-    Ok(has_come)
 }

@@ -66,6 +66,8 @@ impl Options {
 pub struct Progress {
     /// The number of topics with a subscriber.
     pub topics: usize,
+    /// The number of topics that are not recorded, because descriptors are short or the Manager refuses them.
+    pub not_recorded: usize,
     /// The number of messages in the file.
     pub messages: u64,
     /// The length of their payloads, in bytes.

@@ -117,6 +117,10 @@ impl Parts {
         self.bag.clock(clock)
     }
 
+    pub(crate) fn not_recorded(&mut self, topics: u64) -> Result<(), WriteError> {
+        self.bag.not_recorded(topics)
+    }
+
     /// Ends an interval. When [`end_sync`](Self::end_sync) returns, everything that was written before can be read
     /// after a power cut. The error may be that of the interval before.
     pub(crate) fn begin_sync(&mut self) -> Result<(), WriteError> {

@@ -30,6 +30,8 @@ pub(super) struct Topic {
     pub(super) polling: Polling,
     /// Whether its publishers wait when the queue has no room.
     pub(super) is_reliable: bool,
+    /// Whether it is known to have had a link.
+    was_linked: bool,
     /// Few, and most often one.
     publishers: Vec<Publisher>,
 }
@@ -55,7 +57,7 @@ pub(super) enum Wait {
     Message(Key),
     /// The next poll.
     Poll,
-    /// Room in the queue, for a reliable topic.
+    /// Room in the queue for a reliable topic, or in the wait set.
     Room,
 }
 
@@ -82,6 +84,7 @@ impl Topic {
             wait: Wait::Message(key),
             polling: Polling::default(),
             is_reliable,
+            was_linked: false,
             publishers: Vec::new(),
         }
     }
@@ -177,6 +180,12 @@ impl Topic {
         let links = self.subscriber.links();
         let depths = links.iter().filter_map(|it| depth(&it.peer.contract));
         depths.min().unwrap_or_default()
+    }
+
+    /// Whether it has, or has had, a link.
+    pub(super) fn was_linked(&mut self) -> bool {
+        self.was_linked = self.was_linked || !self.subscriber.links().is_empty();
+        self.was_linked
     }
 
     /// How many publishers the topic has had.

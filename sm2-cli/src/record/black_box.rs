@@ -13,7 +13,7 @@ use serde_json::json;
 use signal_hook::{consts::SIGUSR1, low_level::pipe};
 use sm2_bag::{BlackBox, BlackBoxOptions, BlackBoxStep, Incident, Options, RecordError, Trigger};
 use sm2_io::clock;
-use sm2_proto::{Instant, Name};
+use sm2_proto::{Instant, Name, text::Counted};
 
 use super::{
     common::{Shown, new_name},
@@ -103,6 +103,13 @@ pub(super) fn run(
     let kept = keep(&mut black_box, &signal, session, until, &mut |incident| {
         report(&mut out, incident, json, &mut failure)
     });
+    let not_recorded = black_box.progress().not_recorded;
+    if not_recorded > 0 {
+        let topics = Counted::new(not_recorded as u64, "topic");
+        stderr_line!(
+            "sm2: {topics} not recorded: descriptors were short, or the Manager refused them"
+        );
+    }
     let incidents = black_box.finish();
     let kept = kept?;
     for incident in incidents.map_err(failed)? {

@@ -20,6 +20,7 @@ impl fmt::Display for Shown {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Progress {
             topics,
+            not_recorded,
             messages,
             bytes,
             lost,
@@ -32,6 +33,10 @@ impl fmt::Display for Shown {
             Counted::new(messages, "message"),
             Size(bytes),
             Size(waiting_bytes)
-        )
+        )?;
+        match not_recorded {
+            0 => Ok(()),
+            count => write!(f, ", {} not recorded", Counted::new(count as u64, "topic")),
+        }
     }
 }

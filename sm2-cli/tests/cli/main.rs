@@ -8,6 +8,7 @@ mod decoded;
 mod demo;
 mod doctor;
 mod examples;
+mod flood;
 mod foreign;
 mod fuzz_corpus;
 mod gateway;

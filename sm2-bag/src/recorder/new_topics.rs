@@ -1,0 +1,210 @@
+//! The topics that a recording of all topics has not subscribed to yet.
+//!
+//! Other processes decide how many topics there are, and each topic needs descriptors. So new topics have their turn when
+//! no message of the others waits. When descriptors are short, new topics are not recorded, and the recording goes on.
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::fmt::Display;
+
+use sm2_io::{free_descriptors, is_shortage};
+use sm2_node::DeclareError;
+use sm2_node::domain::{Contract, QueryError};
+use sm2_proto::Name;
+
+use super::topic::Topic;
+use super::{Recorder, Topics};
+use crate::error::RecordError;
+
+/// The descriptors that new topics leave to the files of the recording, and to further links of the topics that are
+/// recorded. A process with few descriptors leaves half of them. `sm2-node` leaves 64 of them when it accepts links.
+const RESERVE: usize = 128;
+/// The descriptors that a link may need, as `sm2-node` counts them.
+const PER_LINK: usize = 2;
+/// The descriptors of a subscriber in a wait set, and of its first link.
+const PER_TOPIC: usize = 2 + PER_LINK;
+/// The names of so many topics are logged; then only their number is.
+const LOGGED_MAX: usize = 16;
+/// More topics than this that are not recorded are not counted: their names take memory.
+const MISSED_MAX: usize = 65_536;
+
+/// The topics that a recording of all topics has not subscribed to yet.
+pub(super) struct NewTopics {
+    /// The topics of the domain.
+    known: BTreeMap<Name, State>,
+    /// Those that wait for their turn, the oldest one first.
+    waiting: VecDeque<Name>,
+    /// Whether the domain has changed since it was looked at.
+    is_stale: bool,
+    /// Whether there is no room now.
+    is_paused: bool,
+    /// The topics that have not been recorded.
+    missed: BTreeSet<Name>,
+    /// The descriptors that new topics leave.
+    reserve: usize,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    Waiting,
+    Recorded,
+    /// The Manager does not let this node subscribe to it.
+    Refused,
+}
+
+impl NewTopics {
+    pub(super) fn new() -> Self {
+        let free = free_descriptors(2 * RESERVE).unwrap_or(2 * RESERVE);
+        Self {
+            known: BTreeMap::new(),
+            waiting: VecDeque::new(),
+            is_stale: false,
+            is_paused: false,
+            missed: BTreeSet::new(),
+            reserve: free / 2,
+        }
+    }
+
+    /// Whether a topic may have its turn.
+    pub(super) fn has_next(&self) -> bool {
+        !self.is_paused && (self.is_stale || self.has_waiting())
+    }
+
+    fn has_waiting(&self) -> bool {
+        !self.waiting.is_empty()
+    }
+
+    /// Lets topics without room try again.
+    pub(super) const fn resume(&mut self) {
+        self.is_paused = false;
+    }
+
+    /// The number of topics that have not been recorded.
+    pub(super) fn missed(&self) -> usize {
+        self.missed.len()
+    }
+
+    /// Takes over the topics of the domain.
+    fn update(&mut self, topics: &BTreeSet<Name>) {
+        self.is_stale = false;
+        self.waiting.retain(|it| topics.contains(it));
+        (self.known).retain(|it, state| *state == State::Recorded || topics.contains(it));
+        for topic in topics {
+            if !self.known.contains_key(topic) {
+                self.known.insert(topic.clone(), State::Waiting);
+                self.waiting.push_back(topic.clone());
+            }
+        }
+    }
+
+    /// Whether a further topic leaves the reserve, also when those of `topics` that wait for their first link get it.
+    fn has_room(&self, topics: &mut [Topic]) -> bool {
+        let least = self.reserve + PER_TOPIC;
+        let most = least + PER_LINK * topics.len();
+        // If the number is unknown, subscribing tells.
+        let Ok(free) = free_descriptors(most) else {
+            return true;
+        };
+        // Nearly always.
+        if free >= most {
+            return true;
+        }
+        let linked = topics.iter_mut().map(Topic::was_linked);
+        let unlinked = linked.filter(|it| !it).count();
+        free >= least + PER_LINK * unlinked
+    }
+
+    /// The topics that wait have no room now.
+    fn pause(&mut self, reason: &dyn Display) {
+        self.is_paused = true;
+        for topic in &self.waiting {
+            miss(&mut self.missed, topic, reason);
+        }
+    }
+
+    fn note(&mut self, topic: Name, state: State) {
+        if state == State::Recorded {
+            self.missed.remove(&topic);
+        }
+        self.known.insert(topic, state);
+    }
+}
+
+/// Counts a topic that is not recorded, and logs it once.
+fn miss(missed: &mut BTreeSet<Name>, topic: &Name, reason: &dyn Display) {
+    if missed.len() >= MISSED_MAX || !missed.insert(topic.clone()) {
+        return;
+    }
+    let count = missed.len();
+    if count <= LOGGED_MAX {
+        tracing::error!(%topic, error = %reason, "the topic is not recorded");
+    } else if count.is_power_of_two() {
+        tracing::error!("{count} topics are not recorded so far");
+    }
+}
+
+impl Recorder<'_> {
+    /// Notes that the domain has changed.
+    pub(super) fn look_at_domain(&mut self) -> Result<(), RecordError> {
+        loop {
+            // The call that finds no change asks the Manager for the next one.
+            match self.watch.try_wait() {
+                Ok(none) if none.is_empty() => return Ok(()),
+                Ok(_) => self.new_topics.is_stale |= self.options.topics == Topics::All,
+                // The watch is ready again.
+                Err(QueryError::Io(error)) if is_shortage(&error) => return Ok(()),
+                Err(error) => return Err(error.into()),
+            }
+        }
+    }
+
+    /// Subscribes to the next new topic, if there is room for it.
+    pub(super) fn subscribe_next(&mut self) -> Result<(), RecordError> {
+        let has_room = self.new_topics.has_room(&mut self.topics);
+        // While topics are subscribed to, the domain is not looked at for each of them.
+        if self.new_topics.is_stale && !(has_room && self.new_topics.has_waiting()) {
+            let interfaces = self.watch.domain().interfaces();
+            let topics = interfaces
+                .filter(|it| matches!(it.contract, Contract::Publisher { .. }))
+                .map(|it| it.contract.name().clone());
+            self.new_topics.update(&topics.collect());
+        }
+        let new_topics = &mut self.new_topics;
+        if !has_room {
+            new_topics.pause(&"too few descriptors are left: raise the limit (ulimit -n)");
+            return Ok(());
+        }
+        let Some(topic) = new_topics.waiting.pop_front() else {
+            return Ok(());
+        };
+        match self.subscribe(&topic) {
+            Ok(()) => self.new_topics.note(topic, State::Recorded),
+            Err(error) if may_pass(&error) => {
+                self.new_topics.waiting.push_front(topic);
+                self.new_topics.pause(&error);
+            }
+            // The access policy may deny this topic. The others are recorded.
+            Err(RecordError::Declare(error)) => {
+                miss(&mut self.new_topics.missed, &topic, &error);
+                self.new_topics.note(topic, State::Refused);
+            }
+            Err(error) => return Err(error),
+        }
+        Ok(())
+    }
+}
+
+/// Whether subscribing to the same topic may succeed later.
+fn may_pass(error: &RecordError) -> bool {
+    match error {
+        RecordError::System(error) | RecordError::Declare(DeclareError::Io(error)) => {
+            is_shortage(error)
+        }
+        RecordError::Declare(error) => matches!(
+            error,
+            DeclareError::Quota { .. }
+                | DeclareError::TimedOut { .. }
+                | DeclareError::ManagerGone { .. }
+        ),
+        _ => false,
+    }
+}
