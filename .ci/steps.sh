@@ -283,7 +283,7 @@ step_ros() {
 
 # The book, with mdbook. Its links and its programs are tests of the step `test`.
 step_book() {
-    local inputs=(docs sm2-cpp/examples sm2-node/examples sm2-ros/example sm2-ros/examples)
+    local inputs=(docs sm2-cpp/examples sm2-node/examples sm2-python/examples sm2-ros/example sm2-ros/examples)
     (cd docs/pictures && sha256sum --check --quiet made.sha256) ||
         { echo "docs/pictures: a picture is older than its source; run docs/pictures/make" && false; }
     unless_stamped book "${inputs[@]}"
