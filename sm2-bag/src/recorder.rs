@@ -13,7 +13,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use sm2_io::is_shortage;
-use sm2_node::domain::Watch;
+use sm2_node::domain::{QueryError, Watch};
 use sm2_node::wait_set::{Interest, Waitable};
 use sm2_node::{Node, Sample, Timer, WaitSet};
 use sm2_proto::{Instant, Name};
@@ -312,6 +312,31 @@ impl<'fd> Recorder<'fd> {
             (None, None) => Err(RecordError::Write(WriteError::Panicked)),
             (Some(report), None) => taken.map(|()| report),
         }
+    }
+
+    /// Notes that the domain has changed.
+    fn look_at_domain(&mut self) -> Result<(), RecordError> {
+        loop {
+            // The call that finds no change asks the Manager for the next one.
+            match self.watch.try_wait() {
+                Ok(none) if none.is_empty() => return Ok(()),
+                Ok(_) if self.options.topics == Topics::All => self.new_topics.domain_changed(),
+                Ok(_) => {}
+                // The watch is ready again.
+                Err(QueryError::Io(error)) if is_shortage(&error) => return Ok(()),
+                Err(error) => return Err(error.into()),
+            }
+        }
+    }
+
+    /// Subscribes to the next new topic, if there is room for it.
+    fn subscribe_next(&mut self) -> Result<(), RecordError> {
+        let domain = self.watch.domain();
+        let Some(topic) = self.new_topics.next(domain, &mut self.topics) else {
+            return Ok(());
+        };
+        let subscribed = self.subscribe(&topic);
+        self.new_topics.note(topic, subscribed)
     }
 
     fn subscribe(&mut self, name: &Name) -> Result<(), RecordError> {

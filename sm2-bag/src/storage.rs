@@ -72,8 +72,8 @@ impl Storage for File {
     }
 }
 
-/// A new file that gets large payloads without the page cache (`O_DIRECT`). Everything else goes through the page cache;
-/// so does all if the file system has no `O_DIRECT`.
+/// A new file that gets large payloads without the page cache (`O_DIRECT`). Everything else goes through the page
+/// cache; so does all if the file system has no `O_DIRECT`.
 #[derive(Debug)]
 pub struct BagFile {
     /// Shared with a synchronization, which needs no descriptor of its own.

@@ -1,4 +1,5 @@
-//! A publisher with a bug writes to slots that it has sent. It spoils the content of its own messages, and nothing else.
+//! A publisher with a bug writes to slots that it has sent. It spoils the content of its own messages, and nothing
+//! else.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions};

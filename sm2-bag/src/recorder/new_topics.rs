@@ -1,18 +1,18 @@
 //! The topics that a recording of all topics has not subscribed to yet.
 //!
-//! Other processes decide how many topics there are, and each topic needs descriptors. So new topics have their turn when
-//! no message of the others waits. When descriptors are short, new topics are not recorded, and the recording goes on.
+//! Other processes decide how many topics there are, and each topic needs descriptors. So new topics have their turn
+//! when no message of the others waits. When descriptors are short, new topics are not recorded, and the recording goes
+//! on.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::fmt::Display;
 
 use sm2_io::{free_descriptors, is_shortage};
 use sm2_node::DeclareError;
-use sm2_node::domain::{Contract, QueryError};
+use sm2_node::domain::{Contract, Domain};
 use sm2_proto::Name;
 
 use super::topic::Topic;
-use super::{Recorder, Topics};
 use crate::error::RecordError;
 
 /// The descriptors that new topics leave to the files of the recording, and to further links of the topics that are
@@ -31,7 +31,7 @@ const MISSED_MAX: usize = 65_536;
 pub(super) struct NewTopics {
     /// The topics of the domain.
     known: BTreeMap<Name, State>,
-    /// Those that wait for their turn, the oldest one first.
+    /// The topics that wait for their turn, the oldest one first.
     waiting: VecDeque<Name>,
     /// Whether the domain has changed since it was looked at.
     is_stale: bool,
@@ -83,8 +83,31 @@ impl NewTopics {
         self.missed.len()
     }
 
+    /// Notes that the domain has changed.
+    pub(super) const fn domain_changed(&mut self) {
+        self.is_stale = true;
+    }
+
+    /// The topic that has its turn, if there is room beside `topics`, which are recorded.
+    pub(super) fn next(&mut self, domain: &Domain, topics: &mut [Topic]) -> Option<Name> {
+        let has_room = self.has_room(topics);
+        // While topics are subscribed to, the domain is not looked at for each of them.
+        if self.is_stale && !(has_room && self.has_waiting()) {
+            self.update(domain);
+        }
+        if !has_room {
+            self.pause(&"too few descriptors are left: raise the limit (ulimit -n)");
+            return None;
+        }
+        self.waiting.pop_front()
+    }
+
     /// Takes over the topics of the domain.
-    fn update(&mut self, topics: &BTreeSet<Name>) {
+    fn update(&mut self, domain: &Domain) {
+        let publishers = domain
+            .interfaces()
+            .filter(|it| matches!(it.contract, Contract::Publisher { .. }));
+        let topics: BTreeSet<_> = publishers.map(|it| it.contract.name()).collect();
         self.is_stale = false;
         self.waiting.retain(|it| topics.contains(it));
         (self.known).retain(|it, state| *state == State::Recorded || topics.contains(it));
@@ -121,11 +144,29 @@ impl NewTopics {
         }
     }
 
-    fn note(&mut self, topic: Name, state: State) {
-        if state == State::Recorded {
-            self.missed.remove(&topic);
+    /// Notes whether the recorder has subscribed to a topic. Returns the errors that end the recording.
+    pub(super) fn note(
+        &mut self,
+        topic: Name,
+        subscribed: Result<(), RecordError>,
+    ) -> Result<(), RecordError> {
+        match subscribed {
+            Ok(()) => {
+                self.missed.remove(&topic);
+                self.known.insert(topic, State::Recorded);
+            }
+            Err(error) if may_pass(&error) => {
+                self.waiting.push_front(topic);
+                self.pause(&error);
+            }
+            // The access policy may deny this topic. The others are recorded.
+            Err(RecordError::Declare(error)) => {
+                miss(&mut self.missed, &topic, &error);
+                self.known.insert(topic, State::Refused);
+            }
+            Err(error) => return Err(error),
         }
-        self.known.insert(topic, state);
+        Ok(())
     }
 }
 
@@ -139,57 +180,6 @@ fn miss(missed: &mut BTreeSet<Name>, topic: &Name, reason: &dyn Display) {
         tracing::error!(%topic, error = %reason, "the topic is not recorded");
     } else if count.is_power_of_two() {
         tracing::error!("{count} topics are not recorded so far");
-    }
-}
-
-impl Recorder<'_> {
-    /// Notes that the domain has changed.
-    pub(super) fn look_at_domain(&mut self) -> Result<(), RecordError> {
-        loop {
-            // The call that finds no change asks the Manager for the next one.
-            match self.watch.try_wait() {
-                Ok(none) if none.is_empty() => return Ok(()),
-                Ok(_) => self.new_topics.is_stale |= self.options.topics == Topics::All,
-                // The watch is ready again.
-                Err(QueryError::Io(error)) if is_shortage(&error) => return Ok(()),
-                Err(error) => return Err(error.into()),
-            }
-        }
-    }
-
-    /// Subscribes to the next new topic, if there is room for it.
-    pub(super) fn subscribe_next(&mut self) -> Result<(), RecordError> {
-        let has_room = self.new_topics.has_room(&mut self.topics);
-        // While topics are subscribed to, the domain is not looked at for each of them.
-        if self.new_topics.is_stale && !(has_room && self.new_topics.has_waiting()) {
-            let interfaces = self.watch.domain().interfaces();
-            let topics = interfaces
-                .filter(|it| matches!(it.contract, Contract::Publisher { .. }))
-                .map(|it| it.contract.name().clone());
-            self.new_topics.update(&topics.collect());
-        }
-        let new_topics = &mut self.new_topics;
-        if !has_room {
-            new_topics.pause(&"too few descriptors are left: raise the limit (ulimit -n)");
-            return Ok(());
-        }
-        let Some(topic) = new_topics.waiting.pop_front() else {
-            return Ok(());
-        };
-        match self.subscribe(&topic) {
-            Ok(()) => self.new_topics.note(topic, State::Recorded),
-            Err(error) if may_pass(&error) => {
-                self.new_topics.waiting.push_front(topic);
-                self.new_topics.pause(&error);
-            }
-            // The access policy may deny this topic. The others are recorded.
-            Err(RecordError::Declare(error)) => {
-                miss(&mut self.new_topics.missed, &topic, &error);
-                self.new_topics.note(topic, State::Refused);
-            }
-            Err(error) => return Err(error),
-        }
-        Ok(())
     }
 }
 

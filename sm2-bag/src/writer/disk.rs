@@ -114,7 +114,7 @@ impl Disk {
                     return Ok(buffer);
                 }
                 Err(error) if self.buffers == 0 => return Err(error),
-                // Those that there are serve as well.
+                // The other buffers serve as well.
                 Err(_) => {}
             }
         }
