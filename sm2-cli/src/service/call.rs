@@ -108,6 +108,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         return Ok(stopped(&session));
     };
     let took = clock::now().since(start);
+    // A copy: the server may still be able to change the reply while it is checked and decoded.
+    let bytes = reply.to_vec();
     let decodes = !arguments.show.raw && !arguments.show.hex && !is_bytes(&reply_type);
     let schema = match decodes {
         true => schemas.shown(&session, &reply_type),
@@ -119,30 +121,31 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
             service: arguments.service.as_str(),
             server: reply.server().as_str(),
             took_ms: (took.as_secs_f64() * 1e6).round() / 1e3,
-            len_bytes: reply.len(),
-            content: Content::new(&reply, schema, arguments.show),
+            len_bytes: bytes.len(),
+            content: Content::new(&bytes, schema, arguments.show),
         })?;
     } else {
-        let lines = messages::lines(&reply, schema, arguments.show);
+        let lines = messages::lines(&bytes, schema, arguments.show);
         out.write(|out| out.write_all(&lines))?;
     }
     out.flush()?;
     Ok(Ended::Done)
 }
 
-/// Calls a service of any types with these bytes. `None` if a signal came.
+/// Calls a service of any types with these bytes. Returns a copy of the reply; `None` if a signal came.
 pub(crate) fn ask(
     session: &Session,
     service: &Name,
     request: &[u8],
     timeout: Duration,
-) -> Result<Option<Reply<[u8]>>, CliError> {
+) -> Result<Option<Vec<u8>>, CliError> {
     let client = client(session, service)?;
     let until = clock::now().after(timeout);
-    match server(service, session, &client, until)? {
-        Some(_) => call(session, &client, request, until),
-        None => Ok(None),
+    if server(service, session, &client, until)?.is_none() {
+        return Ok(None);
     }
+    let reply = call(session, &client, request, until)?;
+    Ok(reply.map(|it| it.to_vec()))
 }
 
 /// A client of any types.

@@ -233,12 +233,14 @@ impl<'a> Sink<'a> {
                 let content = Content::File(path.to_string_lossy());
                 out.json(&Line::new(arguments, sample, content))
             }
+            // Copies: the publisher may still be able to change the message while it is checked and decoded.
             (true, None) => {
-                let content = Content::new(sample, schema, arguments.show);
+                let message = sample.to_vec();
+                let content = Content::new(&message, schema, arguments.show);
                 out.json(&Line::new(arguments, sample, content))
             }
             (false, None) => {
-                let lines = messages::lines(sample, schema, arguments.show);
+                let lines = messages::lines(&sample.to_vec(), schema, arguments.show);
                 out.write(|out| out.write_all(&lines))
             }
             (false, Some(_)) => Ok(()),
