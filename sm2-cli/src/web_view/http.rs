@@ -8,9 +8,9 @@
 //! | `api/why?one=NODE:NAME&other=NODE:NAME` | the lines of `sm2 why` as JSON; `other` may be absent |
 //! | `api/gateways` | a line for each gateway and peer, as JSON |
 //!
-//! The cost of slow or hostile clients is bounded. A client without the token can use up to [`CONNECTIONS`]
-//! connections, [`HEAD_TIMEOUT`] each. A stream of events holds the freshest sample only: a client that reads slowly
-//! misses samples, and one that reads nothing for [`UNREAD_TIMEOUT`] is disconnected.
+//! The cost of slow or hostile clients is bounded. A client without the token can use up [`CONNECTIONS`] connections,
+//! for the timeout of a head each. A stream of events holds the freshest sample only: a client that reads slowly
+//! misses samples, and one that reads nothing for a timeout is disconnected ([`Timeouts`]).
 
 use std::{
     convert::Infallible,
@@ -33,6 +33,7 @@ use hyper::{
     service::service_fn,
 };
 use hyper_util::rt::{TokioIo, TokioTimer};
+use nix::sys::socket::{setsockopt, sockopt::SndBuf};
 use tokio::{
     net::{TcpListener, TcpStream},
     runtime::{self, Runtime},
@@ -51,10 +52,8 @@ const STREAMS: usize = 16;
 const QUESTIONS: usize = 8;
 /// Size limit of the head of a request.
 const HEAD_BYTES: usize = 8 << 10;
-/// Timeout of the head of a request.
-const HEAD_TIMEOUT: Duration = Duration::from_secs(5);
-/// How long a client may take nothing of what is sent to it.
-const UNREAD_TIMEOUT: Duration = Duration::from_secs(10);
+/// Limit of the bytes that the kernel keeps for a client that does not read them. Linux doubles it.
+const SEND_BUFFER_BYTES: usize = 128 << 10;
 /// How long a request for a sample waits.
 const SAMPLE_TIMEOUT: Duration = Duration::from_secs(10);
 /// Pause after an error of `accept`, such as a lack of descriptors.
@@ -72,6 +71,24 @@ const HEADERS: [(&str, &str); 5] = [
     ("cache-control", "no-store"),
     ("cross-origin-resource-policy", "same-origin"),
 ];
+
+/// The timeouts of the server, which tests change.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Timeouts {
+    /// Timeout of the head of a request.
+    head: Duration,
+    /// How long a client may take nothing of what is sent to it.
+    unread: Duration,
+}
+
+impl Default for Timeouts {
+    fn default() -> Self {
+        Self {
+            head: Duration::from_secs(5),
+            unread: Duration::from_secs(10),
+        }
+    }
+}
 
 type Content = Either<Full<Bytes>, Events>;
 
@@ -294,7 +311,11 @@ async fn forward(
 /// # Errors
 ///
 /// The operating system has no thread or no descriptor.
-pub(super) fn start(listener: net::TcpListener, site: Arc<Site>) -> io::Result<Runtime> {
+pub(super) fn start(
+    listener: net::TcpListener,
+    site: Arc<Site>,
+    timeouts: Timeouts,
+) -> io::Result<Runtime> {
     let runtime = runtime::Builder::new_multi_thread()
         .worker_threads(1)
         .thread_name("sm2-view")
@@ -302,15 +323,17 @@ pub(super) fn start(listener: net::TcpListener, site: Arc<Site>) -> io::Result<R
         .enable_time()
         .build()?;
     listener.set_nonblocking(true)?;
+    // Accepted sockets inherit it.
+    setsockopt(&listener, SndBuf, &SEND_BUFFER_BYTES)?;
     let listener = {
         let _inside = runtime.enter();
         TcpListener::from_std(listener)?
     };
-    runtime.spawn(serve(listener, site));
+    runtime.spawn(serve(listener, site, timeouts));
     Ok(runtime)
 }
 
-async fn serve(listener: TcpListener, site: Arc<Site>) {
+async fn serve(listener: TcpListener, site: Arc<Site>, timeouts: Timeouts) {
     let permits = Arc::new(Semaphore::new(CONNECTIONS));
     loop {
         let Ok(permit) = Arc::clone(&permits).acquire_owned().await else {
@@ -320,7 +343,7 @@ async fn serve(listener: TcpListener, site: Arc<Site>) {
             Ok((stream, _)) => {
                 let site = Arc::clone(&site);
                 tokio::spawn(async move {
-                    answer(stream, site).await;
+                    answer(stream, site, timeouts).await;
                     drop(permit);
                 });
             }
@@ -333,17 +356,18 @@ async fn serve(listener: TcpListener, site: Arc<Site>) {
 }
 
 /// Serves one request.
-async fn answer(stream: TcpStream, site: Arc<Site>) {
+async fn answer(stream: TcpStream, site: Arc<Site>, timeouts: Timeouts) {
+    let stream = Unread::new(stream, timeouts.unread);
     let service = service_fn(|request| {
         let site = Arc::clone(&site);
         async move { Ok::<_, Infallible>(site.respond(request).await) }
     });
     let served = http1::Builder::new()
         .timer(TokioTimer::new())
-        .header_read_timeout(HEAD_TIMEOUT)
+        .header_read_timeout(timeouts.head)
         .max_buf_size(HEAD_BYTES)
         .keep_alive(false)
-        .serve_connection(TokioIo::new(Unread::new(stream, UNREAD_TIMEOUT)), service)
+        .serve_connection(TokioIo::new(stream), service)
         .await;
     if let Err(error) = served {
         tracing::debug!(%error, "a connection ended early");
@@ -375,3 +399,6 @@ fn response(status: StatusCode, content_type: &'static str, body: Content) -> Re
     }
     response
 }
+
+#[cfg(test)]
+mod tests;

@@ -2,20 +2,29 @@
 //!
 //! [`feed`] samples the domain on the main thread, which owns the node, and [`http`] serves the samples on a thread of
 //! its own. They share a [`Site`](http::Site). [`access`] decides which requests are answered, [`assets`] has the files
-//! of the page, and [`unread`] closes connections whose client stops reading.
+//! of the page, [`unread`] closes connections whose client stops reading, and [`browser`] opens the page.
 
 mod access;
 mod assets;
+mod browser;
 mod events;
 mod feed;
 mod http;
 mod unread;
 
-use std::net::{SocketAddr, TcpListener};
+use std::{
+    net::{SocketAddr, TcpListener},
+    sync::Arc,
+};
 
 use clap::Args;
 
-use self::{access::Access, feed::Feed, http::Site};
+use self::{
+    access::Access,
+    browser::Shortcut,
+    feed::Feed,
+    http::{Site, Timeouts},
+};
 use crate::{args::Domain, connect::Session, ended::Ended, error::CliError, output::Output};
 
 /// `sm2 view`.
@@ -25,6 +34,9 @@ pub(crate) struct Arguments {
     /// The address to listen on; port 0 chooses a free port
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:0")]
     listen: SocketAddr,
+    /// Open the page in the default browser
+    #[arg(long)]
+    open: bool,
     #[command(flatten)]
     domain: Domain,
 }
@@ -43,7 +55,7 @@ port 8000.
 Exit status: 0 ended by Ctrl-C or SIGTERM, 1 failed, 2 wrong usage.
 
 Examples:
-  sm2 view
+  sm2 view --open
   sm2 view --listen 127.0.0.1:8000
   sm2 view --domain arm --wait-manager 30s";
 
@@ -62,7 +74,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let url = access.url();
     let mut feed = Feed::new(&session, arguments.domain.connect_timeout)?;
     let (site, requests) = Site::new(access).map_err(CliError::system("create a socket"))?;
-    let server = http::start(listener, site.clone()).map_err(listen)?;
+    let server = http::start(listener, Arc::clone(&site), Timeouts::default()).map_err(listen)?;
     if !address.ip().is_loopback() {
         stderr_line!(
             "sm2: {address} can be reached from other machines, and the page is not encrypted: \
@@ -70,8 +82,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         );
     }
     let mut out = Output::new();
-    out.line(url)?;
+    out.line(&url)?;
     out.flush()?;
+    // It stays while the page is served.
+    let _shortcut = arguments.open.then(|| {
+        let failed =
+            |error| stderr_line!("sm2: cannot open a browser ({error}): open the URL in one");
+        Shortcut::open(&url).map_err(failed)
+    });
     let ended = feed.run(&site, &requests);
     server.shutdown_background();
     ended

@@ -27,12 +27,15 @@ use crate::{
 };
 
 /// Paths and values of a real machine in examples, and their replacements in this test.
-const REPLACED: [(&str, &str); 7] = [
+const REPLACED: [(&str, &str); 9] = [
     ("/run/robot/", ""),
     ("/usr/local/share/", "share/"),
     ("/var/log/syslog", "robot.log"),
     ("${fpath[1]}", "$HOME"),
     ("127.0.0.1:9633", "127.0.0.1:0"),
+    ("127.0.0.1:8000", "127.0.0.1:0"),
+    // A person's desk has a browser.
+    ("sm2 view --open", "sm2 view"),
     ("3f…e1", "$(cat base.id)"),
     ("sm2 demo --bad-link", "sm2 demo --seconds 6 --bad-link"),
 ];
@@ -120,6 +123,7 @@ fn ending(example: &str) -> Ending {
         "sm2 topic bw",
         "sm2 topic delay",
         "sm2 topic loss",
+        "sm2 view",
     ];
     if starts(&["sm2 top"]) && !starts(&["sm2 topic", "sm2 top --once", "sm2 top --json"]) {
         return Ending::Key;

@@ -30,6 +30,7 @@ mod takeover;
 mod top;
 mod transfer;
 mod unknown;
+mod view;
 mod waiting;
 mod why;
 mod wrong;

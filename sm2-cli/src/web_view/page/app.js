@@ -54,12 +54,17 @@ function show() {
   } else {
     patch(byId('stage'), table(state.tab, domain, state, { select, sortBy }));
   }
-  patch(byId('panel'), panel(domain, selected, state.answers, { select, why, gateways }).filter(Boolean));
+  patch(byId('panel'), panel(domain, selected, state.answers, { select, collapse, why, gateways }).filter(Boolean));
 }
 
 function isCollapsed(group) {
   const isLarge = state.domain.vertices.size > COLLAPSE_FROM && state.filter === '';
   return state.collapsed.get(group) ?? (isLarge && groups(state.domain).get(group) >= MEMBERS_MIN);
+}
+
+function collapse(group) {
+  state.collapsed.set(group, true);
+  select(null);
 }
 
 function sortBy(column) {

@@ -3,15 +3,16 @@
 import { h, patch } from './dom.js';
 import { isPeer } from './domain.js';
 import { layout } from './layout.js';
+import { isSource } from './tables.js';
 import * as text from './text.js';
 
 const MARGIN = 24;
 const ZOOM_MIN = 0.05;
 const ZOOM_MAX = 2.5;
 // No zoom beyond this when the whole graph is shown.
-const FIT_MAX = 1.15;
+const FIT_MAX = 1.3;
 // With more edges than this, only those of the selection have labels.
-const LABELS_MAX = 70;
+const LABELS_MAX = 40;
 const NAME_MAX = 34;
 
 const ruler = document.createElement('canvas').getContext('2d');
@@ -45,7 +46,8 @@ export class Graph {
     if (isNew) {
       this.#structure = structure;
       const sizes = new Map([...graph.vertices.values()].map((vertex) => [vertex.id, sizeOf(vertex)]));
-      this.#layout = layout(sizes, [...graph.edges.values()]);
+      const { clientWidth, clientHeight } = this.#stage;
+      this.#layout = layout(sizes, [...graph.edges.values()], clientWidth / Math.max(clientHeight, 1));
       this.#layout.sizes = sizes;
     }
     this.#draw();
@@ -108,19 +110,26 @@ export class Graph {
     if (near) {
       classes.push(near.has(edge.id) ? 'near' : 'far');
     }
-    const label = labels || near?.has(edge.id) ? labelOf(edge) : '';
-    const at = middle(points);
+    const { isDown } = this.#layout;
+    const path = curve(points, isDown);
+    const label = labels || near?.has(edge.id) ? this.#labelOf(edge) : '';
+    const at = labelPlace(points, edge.isSource !== isTurned, isDown, isTurned);
     const losses = lossesOf(edge);
     const choose = (event) => { event.stopPropagation(); this.#select(edge.id); };
     return h('g', { key: edge.id, class: classes.join(' '), onclick: choose },
       h('title', {}, titleOf(edge)),
-      h('path', { class: 'hit', d: curve(points) }),
-      h('path', {
-        class: 'line', d: curve(points), 'stroke-width': widthOf(edge),
-      }),
-      h('path', { class: 'arrow', d: arrow(points, isTurned) }),
-      label && h('text', { class: 'label', x: at.x, y: at.y - 5 }, label,
+      h('path', { class: 'hit', d: path }),
+      h('path', { class: 'line', d: path, 'stroke-width': widthOf(edge) }),
+      h('path', { class: 'arrow', d: arrow(points, isTurned, isDown) }),
+      (label || losses) && h('text', { class: 'label', ...at }, label,
         losses && h('tspan', { class: 'losses' }, ` ${losses}`)));
+  }
+
+  // Without the figures of a topic's only source: the topic shows the same.
+  #labelOf(edge) {
+    const subject = edge.isSource && this.#graph.vertices.get(edge.to);
+    const isOnly = subject?.faces?.filter(isSource).length === 1 && edge.links > 0;
+    return isOnly ? '' : labelOf(edge);
   }
 
   #vertex(vertex, near) {
@@ -270,10 +279,15 @@ function metricOf(vertex) {
       return shown.map(([number, name]) => `${number} ${name}`).join(' · ') || 'no interfaces';
     }
     case 'group':
-      return `${vertex.members.filter((it) => it.kind === 'node').length} nodes · ${vertex.members.length} in all`;
+      return `${count(vertex.members, 'node')} · ${count(vertex.members, 'topic')}`;
     default:
       return `${text.rate(vertex.rate)} · ${text.bandwidth(vertex.bytes)}`;
   }
+}
+
+function count(members, kind) {
+  const number = members.filter((it) => it.kind === kind).length;
+  return `${number} ${kind}${number === 1 ? '' : 's'}`;
 }
 
 function stateOf(edge) {
@@ -318,25 +332,39 @@ function widthOf(edge) {
   return (1.2 + Math.min(Math.max(Math.log10(bytes + 1) - 2, 0), 6) * 0.7).toFixed(1);
 }
 
-function curve(points) {
+function curve(points, isDown) {
   let path = `M${points[0].x} ${points[0].y}`;
   for (let at = 1; at < points.length; at += 1) {
     const [from, to] = [points[at - 1], points[at]];
-    const half = (from.x + to.x) / 2;
-    path += `C${half} ${from.y} ${half} ${to.y} ${to.x} ${to.y}`;
+    const [one, other] = isDown
+      ? [{ x: from.x, y: (from.y + to.y) / 2 }, { x: to.x, y: (from.y + to.y) / 2 }]
+      : [{ x: (from.x + to.x) / 2, y: from.y }, { x: (from.x + to.x) / 2, y: to.y }];
+    path += `C${one.x} ${one.y} ${other.x} ${other.y} ${to.x} ${to.y}`;
   }
   return path;
 }
 
 // The head of an arrow, at the end to which the data flows.
-function arrow(points, isTurned) {
+function arrow(points, isTurned, isDown) {
   const { x, y } = isTurned ? points[0] : points[points.length - 1];
   const back = isTurned ? 8 : -8;
-  return `M${x} ${y}l${back} -4l0 8z`;
+  return isDown ? `M${x} ${y}l-4 ${back}l8 0z` : `M${x} ${y}l${back} -4l0 8z`;
 }
 
-function middle(points) {
-  const half = (points.length - 1) / 2;
-  const [from, to] = [points[Math.floor(half)], points[Math.ceil(half)]];
-  return half % 1 === 0 ? from : { x: (from.x + to.x) / 2, y: (from.y + to.y) / 2 };
+// The place of a label: in the gap beside the topic, since edges meet at nodes. `isLast` says whether the topic is at the
+// end of the curve.
+function labelPlace(points, isLast, isDown, isTurned) {
+  const [from, to] = isLast ? points.slice(-2) : points.slice(0, 2);
+  const t = isLast ? 0.62 : 0.38;
+  // The curve along the ranks and across them, as the control points of `curve` say.
+  const along = (one, other) => one + (other - one) * (1.5 * t * (1 - t) + t ** 3);
+  const aside = (one, other) => one + (other - one) * (3 * t ** 2 - 2 * t ** 3);
+  if (!isDown) {
+    return { x: along(from.x, to.x), y: aside(from.y, to.y) - 5, 'text-anchor': 'middle' };
+  }
+  // Beside the curve: above it if the curves of a node part here, and below it if they meet.
+  const isAbove = isLast && !isTurned;
+  const isRight = Math.abs(to.x - from.x) < 1 || (to.x > from.x) === isAbove;
+  const x = aside(from.x, to.x) + (isRight ? 7 : -7);
+  return { x, y: along(from.y, to.y) + (isAbove ? 2 : 9), 'text-anchor': isRight ? 'start' : 'end' };
 }

@@ -1,4 +1,4 @@
-// A layered layout: data flows from left to right. The result depends only on the names and the edges, so it stays as
+// A layered layout: data flows from left to right, or from top to bottom. The result depends only on the names and the edges, so it stays as
 // it is until the structure changes.
 //
 // 1. Each connected component is laid out alone; components are packed in rows.
@@ -6,18 +6,43 @@
 // 3. The longest path decides the rank (column) of a vertex; vertices without input move next to their successor.
 // 4. Long edges get a bend in each rank that they cross.
 // 5. Sweeps order each rank by the mean place of neighbours, which removes most crossings.
-// 6. Each rank is moved towards the mean height of neighbours, with a least-squares fit that keeps order and distance.
+// 6. A rank with many vertices becomes a grid. Each other rank is moved towards the mean height of neighbours, with a least-squares fit that keeps order and distance.
 
-const GAP_X = 150;
-const GAP_Y = 18;
+// Between two ranks there is room for labels; `across` is the gap between vertices of a rank.
+const GAPS = { across: { rank: 120, across: 18 }, down: { rank: 64, across: 30 } };
 const BEND = 10;
 const SWEEPS = 8;
+// A rank with more vertices than this becomes a grid.
+const RANK_MAX = 20;
 
-// `vertices`: a map from ids to `{ width, height }`; `edges`: a list of `{ from, to }`. Returns `{ places, routes, width,
-// height }`: the centre of each vertex, and for each edge its points from left to right.
-export function layout(vertices, edges) {
-  const parts = components(vertices, edges).map((part) => layer(part));
-  return pack(parts);
+// `vertices`: a map from ids to `{ width, height }`; `edges`: a list of `{ id, from, to }`. Returns `{ places, routes,
+// width, height, isDown }`: the centre of each vertex, and for each edge its points in the order of ranks.
+//
+// The direction is the one in which the graph fills an area of `aspect` (width by height) better.
+export function layout(vertices, edges, aspect) {
+  const [right, down] = [false, true].map((isDown) => directed(vertices, edges, aspect, isDown));
+  const size = (it) => Math.max(it.width, it.height * aspect);
+  return size(down) * 1.1 < size(right) ? down : right;
+}
+
+// The layout for one direction. The steps below know only the direction to the right.
+function directed(vertices, edges, aspect, isDown) {
+  const gaps = isDown ? GAPS.down : GAPS.across;
+  const shape = isDown ? 1 / aspect : aspect;
+  const sizes = isDown ? new Map([...vertices].map(([id, size]) => [id, turned(size)])) : vertices;
+  const parts = components(sizes, edges).map((part) => layer(part, gaps, shape));
+  const result = pack(parts, gaps, shape);
+  if (!isDown) {
+    return { ...result, isDown };
+  }
+  const turn = ({ x, y }) => ({ x: y, y: x });
+  const places = new Map([...result.places].map(([id, place]) => [id, turn(place)]));
+  const routes = new Map([...result.routes].map(([id, route]) => [id, { ...route, points: route.points.map(turn) }]));
+  return { places, routes, ...turned(result), isDown };
+}
+
+function turned({ width, height }) {
+  return { width: height, height: width };
 }
 
 function components(vertices, edges) {
@@ -52,7 +77,7 @@ function components(vertices, edges) {
   return parts;
 }
 
-function layer({ ids, sizes, edges }) {
+function layer({ ids, sizes, edges }, gaps, aspect) {
   const forward = withoutCycles(ids, edges);
   const ranks = rank(ids, forward);
   const items = new Map(ids.map((id) => [id, { ...sizes.get(id), id, before: [], after: [], y: 0 }]));
@@ -77,8 +102,9 @@ function layer({ ids, sizes, edges }) {
     return { edge, chain };
   });
   order(columns);
-  const width = across(columns);
-  down(columns);
+  columns.forEach((column) => fold(column, gaps.across, aspect));
+  const width = across(columns, gaps);
+  down(columns, gaps.across);
   return finish(items, columns, chains, width);
 }
 
@@ -165,23 +191,39 @@ function order(columns) {
   }
 }
 
+// Gives each item of a large column its row and its place in the row, so that the column fills an area of `aspect`.
+function fold(column, gap, aspect) {
+  const real = column.filter((item) => item.width > 0);
+  if (real.length <= RANK_MAX) {
+    return;
+  }
+  const [width, height] = ['width', 'height'].map((side) => Math.max(...real.map((item) => item[side])) + gap);
+  const length = Math.max(Math.round(Math.sqrt(real.length * height * aspect / width)), 1);
+  const rows = Math.ceil(real.length / length);
+  real.forEach((item, at) => {
+    const row = Math.floor(at / length);
+    item.cell = { x: (at % length) * width, y: (row - (rows - 1) / 2) * height };
+  });
+  column.width = length * width - gap;
+}
+
 // Sets the x of all items. Returns the width.
-function across(columns) {
+function across(columns, gaps) {
   let x = 0;
   for (const column of columns) {
-    const width = Math.max(...column.map((item) => item.width));
+    const width = column.width ?? Math.max(...column.map((item) => item.width));
     for (const item of column) {
-      item.x = x + width / 2;
+      item.x = item.cell ? x + item.cell.x + item.width / 2 : x + width / 2;
     }
-    x += width + GAP_X;
+    x += width + gaps.rank;
   }
-  return x - GAP_X;
+  return x - gaps.rank;
 }
 
 // Sets the y of all items.
-function down(columns) {
+function down(columns, gap) {
   for (const column of columns) {
-    fit(column, column.map(() => 0));
+    fit(column, column.map(() => 0), gap);
   }
   for (let sweep = 0; sweep < SWEEPS; sweep += 1) {
     const sides = sweep % 2 === 0 ? ['before', 'after'] : ['after', 'before'];
@@ -190,18 +232,23 @@ function down(columns) {
       fit(column, column.map((item) => {
         const near = sweep < SWEEPS - 2 && item[sides[0]].length > 0 ? item[sides[0]] : [...item.before, ...item.after];
         return near.length === 0 ? item.y : near.reduce((sum, it) => sum + it.y, 0) / near.length;
-      }));
+      }), gap);
     }
   }
 }
 
 // Moves the items of a column as near to `wanted` as their order and distance allow (pool adjacent violators).
-function fit(column, wanted) {
+function fit(column, wanted, gap) {
+  if (column.width !== undefined) {
+    const centre = wanted.reduce((sum, y) => sum + y, 0) / wanted.length;
+    column.forEach((item, at) => { item.y = item.cell ? centre + item.cell.y : wanted[at]; });
+    return;
+  }
   const pools = [];
   let offset = 0;
   column.forEach((item, at) => {
     if (at > 0) {
-      offset += (column[at - 1].height + item.height) / 2 + GAP_Y;
+      offset += (column[at - 1].height + item.height) / 2 + gap;
     }
     item.offset = offset;
     pools.push({ sum: wanted[at] - offset, count: 1 });
@@ -245,10 +292,10 @@ function finish(items, columns, chains, width) {
 }
 
 // Puts components in rows, the largest first.
-function pack(parts) {
-  const gap = 2 * GAP_Y;
+function pack(parts, gaps, aspect) {
+  const gap = 2 * gaps.across;
   const area = parts.reduce((sum, part) => sum + (part.width + gap) * (part.height + gap), 0);
-  const limit = Math.max(...parts.map((part) => part.width), Math.sqrt(area * 1.8));
+  const limit = Math.max(...parts.map((part) => part.width), Math.sqrt(area * aspect));
   const result = { places: new Map(), routes: new Map(), width: 0, height: 0 };
   const row = { x: 0, y: 0, height: 0 };
   for (const part of [...parts].sort((one, other) => other.height - one.height)) {
@@ -260,7 +307,7 @@ function pack(parts) {
     part.routes.forEach((route, id) => result.routes.set(id, { ...route, points: route.points.map(move) }));
     result.width = Math.max(result.width, row.x + part.width);
     result.height = Math.max(result.height, row.y + part.height);
-    row.x += part.width + 2 * gap;
+    row.x += part.width + gap;
     row.height = Math.max(row.height, part.height);
   }
   return result;

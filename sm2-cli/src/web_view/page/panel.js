@@ -1,17 +1,19 @@
 // The panel beside the graph: the domain as a whole, or the selected node, topic, service or edge.
 
 import { h } from './dom.js';
-import { history, isPeer, nodeId } from './domain.js';
+import { groupOf, history, isPeer, nodeId } from './domain.js';
 import { chip, isSource, step, typeOf } from './tables.js';
 import * as text from './text.js';
 
 const SPARK_WIDTH = 300;
 const SPARK_HEIGHT = 36;
+// How many quotas are shown.
+const QUOTAS = 3;
 // How many pairs without a link are listed.
 const PAIRS_MAX = 20;
 
-// The content of the panel. `actions` has `select`, `why` (asks why two interfaces are not linked) and `gateways` (asks
-// gateways for reports); `answers` has the answers so far, by question.
+// The content of the panel. `actions` has `select`, `collapse` (a group of names), `why` (asks why two interfaces are not
+// linked) and `gateways` (asks gateways for reports); `answers` has the answers so far, by question.
 export function panel(domain, selected, answers, actions) {
   const vertex = domain.vertices.get(selected);
   const edge = domain.edges.get(selected);
@@ -205,7 +207,7 @@ function linkList(links) {
 }
 
 function quotas(all) {
-  const most = [...all].sort((one, other) => other.used / other.limit - one.used / one.limit).slice(0, 5);
+  const most = [...all].sort((one, other) => other.used / other.limit - one.used / one.limit).slice(0, QUOTAS);
   return h('ul', { class: 'rows' }, most.map((it) => h('li', { key: `${it.of} ${it.quota}` },
     h('div', { class: 'row' }, h('span', {}, `${it.of}: ${it.quota}`),
       h('span', { class: 'number' }, `${text.number(it.used)} of ${text.number(it.limit)}`)),
@@ -243,8 +245,12 @@ function spark(values, title, show) {
 }
 
 function heading(name, kind, actions) {
+  const group = kind && groupOf(name);
   return h('div', { class: 'heading', key: 'heading' }, h('h2', {}, name, kind && h('small', {}, kind)),
-    kind && h('button', { type: 'button', 'aria-label': 'Close the details', title: 'Close (Esc)', onclick: () => actions.select(null) }, '×'));
+    group && h('button', {
+      key: 'collapse', type: 'button', title: `Show ${group}/… as one`, onclick: () => actions.collapse(group),
+    }, 'Collapse'),
+    kind && h('button', { key: 'close', type: 'button', 'aria-label': 'Close the details', title: 'Close (Esc)', onclick: () => actions.select(null) }, '×'));
 }
 
 function facts(rows) {
