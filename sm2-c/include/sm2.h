@@ -8,16 +8,17 @@
 /*
  SM2 nodes for programs in C.
 
- Calls. Every call that can fail returns `SM2_OK` or a code, and `sm2_last_error()` returns the text of the thread's last
- error. After an error the call has changed nothing, unless its description says otherwise. No call calls back, and
- none ends the program.
+ Calls. Every call that can fail returns `SM2_OK` or a code, and `sm2_last_error()` returns the text of the thread's
+ last error. After an error the call has changed nothing, unless its description says otherwise. No call calls back.
+ The library ends the program only if there is no memory for its own data.
 
  Handles. A handle is made by a call and freed by the `..._free` function of its type, in any order: a message stays
  valid after its subscriber, its node, its publisher and the Manager have ended. A handle that is freed must not be used
  any more. The functions check arguments for NULL, but they cannot check other pointers.
 
- Structs. The first field of each struct is its size. Set it before any call: `sm2_ready_t ready = {.size = sizeof ready}`.
- Structs grow at their end in later versions, and programs that were built before still run with them.
+ Structs. The first field of each struct is its size. Set it before any call:
+ `sm2_ready_t ready = {.size = sizeof ready}`. Structs grow at their end in later versions, and programs that were built
+ before still run with them.
 
  Texts. The program passes texts in UTF-8 that end with NUL. The library copies what it keeps.
 
@@ -452,6 +453,10 @@ typedef struct sm2_publisher_counters_t {
    */
   size_t size;
   /*
+   Messages that were published while no subscriber was linked.
+   */
+  uint64_t unheard;
+  /*
    Messages offered to a link.
    */
   uint64_t offered;
@@ -459,6 +464,10 @@ typedef struct sm2_publisher_counters_t {
    Messages that the subscriber took and released.
    */
   uint64_t delivered;
+  /*
+   Messages that wait or are not released yet.
+   */
+  uint64_t in_flight;
   /*
    Messages that a newer one displaced before they were sent.
    */
@@ -487,14 +496,6 @@ typedef struct sm2_publisher_counters_t {
    Messages older than their lifespan.
    */
   uint64_t expired;
-  /*
-   Messages that wait or are not released yet.
-   */
-  uint64_t in_flight;
-  /*
-   Messages that were published while no subscriber was linked.
-   */
-  uint64_t unheard;
   /*
    Periods of the deadline that passed without a message.
    */
@@ -608,7 +609,7 @@ typedef struct sm2_server_options_t {
 } sm2_server_options_t;
 
 /*
- What a sample says about its message.
+ Number, time, type and publisher of a message.
  */
 typedef struct sm2_sample_info_t {
   /*
@@ -651,7 +652,7 @@ typedef struct sm2_sample_info_t {
 } sm2_sample_info_t;
 
 /*
- What a request says about itself.
+ Deadline and client of a request.
  */
 typedef struct sm2_request_info_t {
   /*
@@ -659,7 +660,8 @@ typedef struct sm2_request_info_t {
    */
   size_t size;
   /*
-   The time after which the client does not want the reply any more, in nanoseconds of `CLOCK_MONOTONIC`; 0 for none.
+   The time after which the client does not want the reply any more, in nanoseconds of `CLOCK_MONOTONIC`; 0 for
+   none.
    */
   uint64_t deadline_ns;
   /*
@@ -755,8 +757,8 @@ uint32_t sm2_abi_version(void);
 const char *sm2_version(void);
 
 /*
- Declares a client. `request` and `reply` are the types of requests and replies, both NULL for raw bytes. `options` is
- NULL for the defaults.
+ Declares a client. `request` and `reply` are the types of requests and replies, both NULL for raw bytes. `options`
+ is NULL for the defaults.
 
  Errors: `SM2_TYPE_MISMATCH`, `SM2_BAD_NAME`, `SM2_BAD_SCHEMA`, `SM2_BAD_QOS`, `SM2_NO_MANAGER`, `SM2_REFUSED`,
  `SM2_QUOTA`, `SM2_SHUTDOWN`, `SM2_IO`, `SM2_MISUSE`.
@@ -869,7 +871,8 @@ sm2_status_t sm2_call_try_wait(struct sm2_call_t *call,
                                struct sm2_reply_t **reply);
 
 /*
- Cancels a call at its server. Waiting for it then ends with `SM2_CANCELLED`, or with the reply if that arrives first.
+ Cancels a call at its server. Waiting for it then ends with `SM2_CANCELLED`, or with the reply if that arrives
+ first.
 
  Errors: `SM2_MISUSE`, also if the call is spent.
 
@@ -984,8 +987,8 @@ sm2_status_t sm2_node_options_init(struct sm2_node_options_t *options);
  Connects a node to the Manager of its domain. The name must be unique in the domain. `options` may be NULL for the
  defaults.
 
- Messages flow on when the Manager ends; the node connects to the next one by itself. A child of `fork()` must not use
- the node, but may free its copies of all handles.
+ Messages flow on when the Manager ends; the node connects to the next one by itself. A child of `fork()` must not
+ use the node, but may free its copies of all handles.
 
  Errors: `SM2_NO_MANAGER`, `SM2_NAME_TAKEN`, `SM2_BAD_NAME`, `SM2_REFUSED`, `SM2_QUOTA`, `SM2_SHUTDOWN`, `SM2_IO`,
  `SM2_MISUSE`.
@@ -1233,8 +1236,8 @@ sm2_status_t sm2_sample_release(struct sm2_sample_t *sample);
 void sm2_sample_free(struct sm2_sample_t *sample);
 
 /*
- Declares a server. `request` and `reply` are the types of requests and replies, both NULL for raw bytes. `options` is
- NULL for the defaults.
+ Declares a server. `request` and `reply` are the types of requests and replies, both NULL for raw bytes. `options`
+ is NULL for the defaults.
 
  Errors: `SM2_TYPE_MISMATCH`, `SM2_BAD_NAME`, `SM2_BAD_SCHEMA`, `SM2_BAD_QOS`, `SM2_NO_MANAGER`, `SM2_REFUSED`,
  `SM2_QUOTA`, `SM2_SHUTDOWN`, `SM2_IO`, `SM2_MISUSE`.
@@ -1283,8 +1286,8 @@ sm2_status_t sm2_server_wait_for_clients(const struct sm2_server_t *server,
                                          uint64_t timeout_ns);
 
 /*
- Stores a descriptor in `fd` that is readable when `sm2_server_recv()` with the limit 0 may have a request. The server
- keeps the descriptor; do not close it.
+ Stores a descriptor in `fd` that is readable when `sm2_server_recv()` with the limit 0 may have a request. The
+ server keeps the descriptor; do not close it.
 
  Errors: `SM2_MISUSE`.
 
@@ -1402,8 +1405,8 @@ sm2_status_t sm2_shutdown_request(const struct sm2_shutdown_t *shutdown);
 sm2_status_t sm2_shutdown_is_requested(const struct sm2_shutdown_t *shutdown, bool *requested);
 
 /*
- Stores a descriptor in `fd` that is readable once the shutdown was requested. The handle keeps the descriptor; do not
- close it.
+ Stores a descriptor in `fd` that is readable once the shutdown was requested. The handle keeps the descriptor; do
+ not close it.
 
  Errors: `SM2_MISUSE`.
 
@@ -1489,7 +1492,8 @@ sm2_status_t sm2_subscriber_wait_for_publishers(const struct sm2_subscriber_t *s
 
 /*
  Stores a descriptor in `fd` that is readable when `sm2_subscriber_recv()` with the limit 0 may have a message. Take
- messages until there is none, then poll again, level-triggered. The subscriber keeps the descriptor; do not close it.
+ messages until there is none, then poll again, level-triggered. The subscriber keeps the descriptor; do not close
+ it.
 
  Errors: `SM2_MISUSE`.
 
@@ -1570,8 +1574,8 @@ sm2_status_t sm2_wait_set_add_server(struct sm2_wait_set_t *set,
                                      uint64_t tag);
 
 /*
- Adds a publisher. It is reported while every reliable subscriber has room: then call `sm2_publisher_try_publish()`. A
- program adds it while it has a message that found no room, and then removes it.
+ Adds a publisher. It is reported while every reliable subscriber has room: then call `sm2_publisher_try_publish()`.
+ A program adds it while it has a message that found no room, and then removes it.
 
  Errors: `SM2_IO`, `SM2_MISUSE`, also if the tag is in use.
 
@@ -1594,8 +1598,8 @@ sm2_status_t sm2_wait_set_add_call(struct sm2_wait_set_t *set,
                                    uint64_t tag);
 
 /*
- Adds a timer that ticks once in each period of `period_ns` nanoseconds, without drift. With `burst`, each missed tick
- is reported; otherwise only the newest, with the number of those before it.
+ Adds a timer that ticks once in each period of `period_ns` nanoseconds, without drift. With `burst`, each missed
+ tick is reported; otherwise only the newest, with the number of those before it.
 
  Errors: `SM2_MISUSE`, also if the tag is in use.
 

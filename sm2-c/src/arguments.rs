@@ -1,8 +1,8 @@
 //! The arguments of a C program, checked: texts, bytes, structs with a size, and places for results.
 //!
-//! Each entry point wraps the pointers of its C caller in a [`Text`], [`Bytes`], [`In`] or [`Out`], and nothing else makes
-//! such a value. The header states what each pointer must be, so the methods here rely on that. Handles need no wrapper:
-//! `Option<&T>` and `Option<Box<T>>` have the layout of a pointer that may be NULL.
+//! Each entry point wraps the pointers of its C caller in a [`Text`], [`Bytes`], [`In`] or [`Out`], and nothing else
+//! makes such a value. The header states what each pointer must be, so the methods here rely on that. Handles need no
+//! wrapper: `Option<&T>` and `Option<Box<T>>` have the layout of a pointer that may be NULL.
 
 use std::ffi::{CStr, c_char, c_void};
 use std::mem::MaybeUninit;

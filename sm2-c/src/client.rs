@@ -75,8 +75,8 @@ impl Reply {
     }
 }
 
-/// Declares a client. `request` and `reply` are the types of requests and replies, both NULL for raw bytes. `options` is
-/// NULL for the defaults.
+/// Declares a client. `request` and `reply` are the types of requests and replies, both NULL for raw bytes. `options`
+/// is NULL for the defaults.
 ///
 /// Errors: `SM2_TYPE_MISMATCH`, `SM2_BAD_NAME`, `SM2_BAD_SCHEMA`, `SM2_BAD_QOS`, `SM2_NO_MANAGER`, `SM2_REFUSED`,
 /// `SM2_QUOTA`, `SM2_SHUTDOWN`, `SM2_IO`, `SM2_MISUSE`.
@@ -278,7 +278,8 @@ pub extern "C" fn sm2_call_try_wait(
     })
 }
 
-/// Cancels a call at its server. Waiting for it then ends with `SM2_CANCELLED`, or with the reply if that arrives first.
+/// Cancels a call at its server. Waiting for it then ends with `SM2_CANCELLED`, or with the reply if that arrives
+/// first.
 ///
 /// Errors: `SM2_MISUSE`, also if the call is spent.
 ///

@@ -3,10 +3,6 @@
 //! Each entry point has the same shape: [`guard`](status::guard) runs its body, which checks the arguments
 //! ([`arguments`]), calls `sm2-node`, and stores the result. Handles are boxes. The header states what a C program must
 //! keep to; the `SAFETY` texts refer to it.
-#![allow(
-    clippy::missing_safety_doc,
-    reason = "the header states what every function demands"
-)]
 
 mod aligned;
 mod arguments;
@@ -29,6 +25,17 @@ mod types;
 mod wait_set;
 
 use std::ffi::c_char;
+
+// Several threads may use each of these handles at the same time, and free it in any thread, as the header says.
+const _: fn() = || {
+    fn can_be_shared<T: Send + Sync>() {}
+    can_be_shared::<node::Node>();
+    can_be_shared::<publisher::Publisher>();
+    can_be_shared::<subscriber::Subscriber>();
+    can_be_shared::<server::Server>();
+    can_be_shared::<client::Client>();
+    can_be_shared::<shutdown::Shutdown>();
+};
 
 /// The version of the ABI that this header describes. A program that was built with it runs with every library of the
 /// same version.

@@ -118,8 +118,8 @@ pub extern "C" fn sm2_node_options_init(options: *mut NodeOptions) -> Status {
 /// Connects a node to the Manager of its domain. The name must be unique in the domain. `options` may be NULL for the
 /// defaults.
 ///
-/// Messages flow on when the Manager ends; the node connects to the next one by itself. A child of `fork()` must not use
-/// the node, but may free its copies of all handles.
+/// Messages flow on when the Manager ends; the node connects to the next one by itself. A child of `fork()` must not
+/// use the node, but may free its copies of all handles.
 ///
 /// Errors: `SM2_NO_MANAGER`, `SM2_NAME_TAKEN`, `SM2_BAD_NAME`, `SM2_REFUSED`, `SM2_QUOTA`, `SM2_SHUTDOWN`, `SM2_IO`,
 /// `SM2_MISUSE`.

@@ -1,4 +1,4 @@
-//! The quality of service of each kind of interface. Field 0 of reserved bytes is for options of later versions.
+//! The quality of service of each kind of interface.
 
 use sm2_node::{ClientBuilder, PublisherBuilder, ServerBuilder, SubscriberBuilder, Wait};
 

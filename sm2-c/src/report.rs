@@ -1,4 +1,4 @@
-//! What calls report: the result of a publication, counters, and why there are no links.
+//! Results of calls: the result of a publication, counters, and why there are no links.
 
 use std::ffi::{CString, c_char};
 use std::mem::MaybeUninit;
@@ -30,10 +30,14 @@ pub struct PublishResult {
 pub struct PublisherCounters {
     /// The size of this struct, in bytes.
     pub size: usize,
+    /// Messages that were published while no subscriber was linked.
+    pub unheard: u64,
     /// Messages offered to a link.
     pub offered: u64,
     /// Messages that the subscriber took and released.
     pub delivered: u64,
+    /// Messages that wait or are not released yet.
+    pub in_flight: u64,
     /// Messages that a newer one displaced before they were sent.
     pub overwritten: u64,
     /// Messages that a newer one displaced at the subscriber, or that it dropped.
@@ -48,10 +52,6 @@ pub struct PublisherCounters {
     pub too_long: u64,
     /// Messages older than their lifespan.
     pub expired: u64,
-    /// Messages that wait or are not released yet.
-    pub in_flight: u64,
-    /// Messages that were published while no subscriber was linked.
-    pub unheard: u64,
     /// Periods of the deadline that passed without a message.
     pub missed_deadlines: u64,
     /// How often the publisher stopped being alive.

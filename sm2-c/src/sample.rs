@@ -22,7 +22,7 @@ const _: fn() = || {
     can_be_shared::<Sample>();
 };
 
-/// What a sample says about its message.
+/// Number, time, type and publisher of a message.
 #[repr(C)]
 #[derive(Debug)]
 pub struct SampleInfo {

@@ -32,13 +32,14 @@ const _: fn() = || {
     can_be_shared::<Request>();
 };
 
-/// What a request says about itself.
+/// Deadline and client of a request.
 #[repr(C)]
 #[derive(Debug)]
 pub struct RequestInfo {
     /// The size of this struct, in bytes.
     pub size: usize,
-    /// The time after which the client does not want the reply any more, in nanoseconds of `CLOCK_MONOTONIC`; 0 for none.
+    /// The time after which the client does not want the reply any more, in nanoseconds of `CLOCK_MONOTONIC`; 0 for
+    /// none.
     pub deadline_ns: u64,
     /// The name of the client's node. Has no NUL at its end, and is valid until the request is answered.
     pub client: *const c_char,
@@ -62,8 +63,8 @@ impl Request {
     }
 }
 
-/// Declares a server. `request` and `reply` are the types of requests and replies, both NULL for raw bytes. `options` is
-/// NULL for the defaults.
+/// Declares a server. `request` and `reply` are the types of requests and replies, both NULL for raw bytes. `options`
+/// is NULL for the defaults.
 ///
 /// Errors: `SM2_TYPE_MISMATCH`, `SM2_BAD_NAME`, `SM2_BAD_SCHEMA`, `SM2_BAD_QOS`, `SM2_NO_MANAGER`, `SM2_REFUSED`,
 /// `SM2_QUOTA`, `SM2_SHUTDOWN`, `SM2_IO`, `SM2_MISUSE`.
@@ -159,8 +160,8 @@ pub extern "C" fn sm2_server_wait_for_clients(
     })
 }
 
-/// Stores a descriptor in `fd` that is readable when `sm2_server_recv()` with the limit 0 may have a request. The server
-/// keeps the descriptor; do not close it.
+/// Stores a descriptor in `fd` that is readable when `sm2_server_recv()` with the limit 0 may have a request. The
+/// server keeps the descriptor; do not close it.
 ///
 /// Errors: `SM2_MISUSE`.
 ///

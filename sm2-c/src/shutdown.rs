@@ -66,8 +66,8 @@ pub extern "C" fn sm2_shutdown_is_requested(
     })
 }
 
-/// Stores a descriptor in `fd` that is readable once the shutdown was requested. The handle keeps the descriptor; do not
-/// close it.
+/// Stores a descriptor in `fd` that is readable once the shutdown was requested. The handle keeps the descriptor; do
+/// not close it.
 ///
 /// Errors: `SM2_MISUSE`.
 ///

@@ -113,7 +113,8 @@ pub extern "C" fn sm2_subscriber_wait_for_publishers(
 }
 
 /// Stores a descriptor in `fd` that is readable when `sm2_subscriber_recv()` with the limit 0 may have a message. Take
-/// messages until there is none, then poll again, level-triggered. The subscriber keeps the descriptor; do not close it.
+/// messages until there is none, then poll again, level-triggered. The subscriber keeps the descriptor; do not close
+/// it.
 ///
 /// Errors: `SM2_MISUSE`.
 ///

@@ -30,11 +30,17 @@ fn last_error() -> String {
     text.to_str().expect("a text in UTF-8").to_owned()
 }
 
+/// Checks that each call has reported a misuse.
+fn are_misuses(calls: &[(&str, Status)]) {
+    for (argument, status) in calls {
+        assert_eq!(*status, Status::MISUSE, "{argument}");
+    }
+}
+
 #[test]
-fn every_function_reports_null() {
+fn functions_of_nodes_report_null() {
     let text: *const c_char = c"text".as_ptr();
-    let data: *const c_void = text.cast();
-    let calls: &[(&str, Status)] = &[
+    are_misuses(&[
         ("shutdown", sm2_shutdown_new(None)),
         ("shutdown", sm2_shutdown_request(None)),
         ("shutdown", sm2_shutdown_is_requested(None, None)),
@@ -46,10 +52,16 @@ fn every_function_reports_null() {
         ("node", sm2_node_descriptor(None, None)),
         ("schema", sm2_schema_hash(null(), None)),
         ("hash", sm2_schema_hash(c"plain:u8".as_ptr(), None)),
+    ]);
+}
+
+#[test]
+fn functions_of_topics_report_null() {
+    let text: *const c_char = c"text".as_ptr();
+    let data: *const c_void = text.cast();
+    are_misuses(&[
         ("options", sm2_publisher_options_init(null_mut())),
         ("options", sm2_subscriber_options_init(null_mut())),
-        ("options", sm2_server_options_init(null_mut())),
-        ("options", sm2_client_options_init(null_mut())),
         (
             "publisher",
             sm2_publisher_new(None, text, null(), null(), None),
@@ -85,6 +97,19 @@ fn every_function_reports_null() {
         ("sample", sm2_sample_data(None, None, None)),
         ("info", sm2_sample_info(None, null_mut())),
         ("sample", sm2_sample_release(None)),
+    ]);
+    // Each call has the text of its own argument.
+    assert_eq!(sm2_sample_release(None), Status::MISUSE);
+    assert_eq!(last_error(), "the argument 'sample' is NULL: pass a value");
+}
+
+#[test]
+fn functions_of_services_report_null() {
+    let text: *const c_char = c"text".as_ptr();
+    let data: *const c_void = text.cast();
+    are_misuses(&[
+        ("options", sm2_server_options_init(null_mut())),
+        ("options", sm2_client_options_init(null_mut())),
         (
             "server",
             sm2_server_new(None, text, null(), null(), null(), None),
@@ -116,6 +141,12 @@ fn every_function_reports_null() {
         ("call", sm2_call_cancel(None)),
         ("reply", sm2_reply_data(None, None, None)),
         ("reply", sm2_reply_server(None, None, None)),
+    ]);
+}
+
+#[test]
+fn functions_of_wait_sets_report_null() {
+    are_misuses(&[
         ("set", sm2_wait_set_new(None)),
         ("set", sm2_wait_set_add_subscriber(None, None, 1)),
         ("set", sm2_wait_set_add_server(None, None, 1)),
@@ -129,13 +160,7 @@ fn every_function_reports_null() {
         ("set", sm2_wait_set_drive(None, None)),
         ("set", sm2_wait_set_remove(None, 1)),
         ("ready", sm2_wait_set_wait(None, 0, null_mut())),
-    ];
-    for (argument, status) in calls {
-        assert_eq!(*status, Status::MISUSE, "{argument}");
-    }
-    // Each call has the text of its own argument.
-    assert_eq!(sm2_sample_release(None), Status::MISUSE);
-    assert_eq!(last_error(), "the argument 'sample' is NULL: pass a value");
+    ]);
 }
 
 #[test]

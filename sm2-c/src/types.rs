@@ -89,8 +89,8 @@ pub(crate) fn service_types(
     }
 }
 
-/// The failure of a declaration. If types do not fit, its text ends with the schemas of both, as far as the domain knows
-/// them.
+/// The failure of a declaration. If types do not fit, its text ends with the schemas of both, as far as the domain
+/// knows them.
 pub(crate) fn not_declared(node: &sm2_node::Node, error: DeclareError) -> Failure {
     let pairs = match &error {
         DeclareError::TypeMismatch { ours, theirs, .. } => vec![(ours, theirs)],

@@ -184,8 +184,8 @@ pub extern "C" fn sm2_wait_set_add_server(
     })
 }
 
-/// Adds a publisher. It is reported while every reliable subscriber has room: then call `sm2_publisher_try_publish()`. A
-/// program adds it while it has a message that found no room, and then removes it.
+/// Adds a publisher. It is reported while every reliable subscriber has room: then call `sm2_publisher_try_publish()`.
+/// A program adds it while it has a message that found no room, and then removes it.
 ///
 /// Errors: `SM2_IO`, `SM2_MISUSE`, also if the tag is in use.
 ///
@@ -221,8 +221,8 @@ pub extern "C" fn sm2_wait_set_add_call(
     })
 }
 
-/// Adds a timer that ticks once in each period of `period_ns` nanoseconds, without drift. With `burst`, each missed tick
-/// is reported; otherwise only the newest, with the number of those before it.
+/// Adds a timer that ticks once in each period of `period_ns` nanoseconds, without drift. With `burst`, each missed
+/// tick is reported; otherwise only the newest, with the number of those before it.
 ///
 /// Errors: `SM2_MISUSE`, also if the tag is in use.
 ///

@@ -1,8 +1,7 @@
 //! The other side of sm2-cpp/tests/rust_peer.cpp: types of Rust that must be those of C++.
 
-use std::time::Duration;
-
 use sm2_node::{Message, Node};
+use sm2_test_support::SOON;
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
 #[derive(Clone, Copy, Message, FromBytes, IntoBytes, Immutable, KnownLayout)]
@@ -34,9 +33,6 @@ struct Pose {
     x: f64,
     heading: f64,
 }
-
-/// What has to happen, happens within this time.
-const SOON: Duration = Duration::from_secs(60);
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let node = Node::new("rust-peer")?;
