@@ -19,13 +19,14 @@ readonly flaky=$logs/flaky.txt
 export SM2_SKIPPED=$logs/skipped.txt
 readonly skips=$SM2_SKIPPED
 
-readonly tier1=(tools commits fmt clauses publish deny no-std clippy doc test modes models bag ros book c python bridges)
+readonly tier1=(tools commits fmt clauses publish deny no-std clippy doc test modes models
+    bag ros book c python bridges view)
 readonly tier2=(tools commits fmt clauses publish deny no-std clippy doc test modes asan check demo faults soak
-    bag ros book c python bridges)
+    bag ros book c python bridges view)
 # The time limit of each step, in seconds: about three times what it takes on a quiet machine of two cores.
 declare -rA limits=([tools]=600 [commits]=60 [fmt]=60 [clauses]=300 [publish]=120 [deny]=900 [no-std]=150 [clippy]=600
     [doc]=300 [test]=$((full ? 3600 : 1200)) [modes]=400 [models]=400 [asan]=1500 [check]=5400 [demo]=1200 [faults]=600
-    [soak]=900 [bag]=900 [ros]=900 [book]=900 [c]=1800 [python]=1800 [bridges]=2400)
+    [soak]=900 [bag]=900 [ros]=900 [book]=900 [c]=1800 [python]=1800 [bridges]=2400 [view]=900)
 
 # Packages outside the workspace, each a workspace of its own.
 readonly outside=(verification/no-std verification/loom-models verification/viewer
@@ -340,4 +341,13 @@ step_bridges() {
         cargo test --workspace --locked
     )
     stamp bridges "${inputs[@]}"
+}
+
+# The page of `sm2 view`, in Chromium. Screenshots go to target/view.
+step_view() {
+    local inputs=(sm2-cli/browser sm2-cli/examples/fleet.rs sm2-cli/src/web_view)
+    unless_stamped view "${inputs[@]}"
+    install_packages <<<"chromium chromium"
+    sm2-cli/browser/run
+    stamp view "${inputs[@]}"
 }

@@ -78,7 +78,7 @@ impl Fleet {
         let detector = self.node(socket, &name("detector"))?;
         let planner = self.node(socket, &name("planner"))?;
         let base = self.node(socket, &name("base"))?;
-        self.publish(camera, &name("image"), 600_000, 2)?;
+        self.publish(camera, &name("image"), 60_000, 2)?;
         self.publish(lidar, &name("scan"), 12_000, 5)?;
         self.publish(detector, &name("objects"), 900, 2)?;
         self.publish(planner, &name("cmd_vel"), 48, 1)?;

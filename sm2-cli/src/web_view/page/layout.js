@@ -102,7 +102,8 @@ function layer({ ids, sizes, edges }, gaps, aspect) {
     return { edge, chain };
   });
   order(columns);
-  columns.forEach((column) => fold(column, gaps.across, aspect));
+  const crowded = columns.map(vertices).filter((all) => all.length > RANK_MAX).length;
+  columns.forEach((column) => fold(column, gaps.across, aspect / crowded));
   const width = across(columns, gaps);
   down(columns, gaps.across);
   return finish(items, columns, chains, width);
@@ -193,7 +194,7 @@ function order(columns) {
 
 // Gives each item of a large column its row and its place in the row, so that the column fills an area of `aspect`.
 function fold(column, gap, aspect) {
-  const real = column.filter((item) => item.width > 0);
+  const real = vertices(column);
   if (real.length <= RANK_MAX) {
     return;
   }
@@ -205,6 +206,11 @@ function fold(column, gap, aspect) {
     item.cell = { x: (at % length) * width, y: (row - (rows - 1) / 2) * height };
   });
   column.width = length * width - gap;
+}
+
+// The items of a column without bends.
+function vertices(column) {
+  return column.filter((item) => item.width > 0);
 }
 
 // Sets the x of all items. Returns the width.
