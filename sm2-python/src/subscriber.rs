@@ -2,16 +2,21 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
 
 use pyo3::prelude::*;
 use sm2_node::RecvError;
 
+use crate::detached::detached;
 use crate::errors;
 use crate::handles::Owned;
 use crate::interface::interface_methods;
 use crate::options::{Seconds, time};
 use crate::sample::{Account, Sample};
 use crate::wait::until_found;
+
+/// How long `recv` waits in `sm2-node` first, which is faster than to poll a descriptor. No signal ends this part.
+const QUICK: Duration = Duration::from_millis(1);
 
 type Handle = Arc<sm2_node::Subscriber<[u8]>>;
 
@@ -39,8 +44,13 @@ impl Subscriber {
         }
     }
 
-    fn take_of(&self, py: Python<'_>, handle: &Handle) -> PyResult<Option<Sample>> {
-        match handle.try_recv() {
+    /// A sample of this subscriber, or the exception for an error.
+    fn sample(
+        &self,
+        py: Python<'_>,
+        received: Result<Option<sm2_node::Sample<[u8]>>, RecvError>,
+    ) -> PyResult<Option<Sample>> {
+        match received {
             Ok(sample) => {
                 Ok(sample.map(|it| Sample::new(it, &self.account, self.decode.clone_ref(py))))
             }
@@ -78,15 +88,23 @@ interface_methods!(
 impl Subscriber {
     fn take(&self, py: Python<'_>) -> PyResult<Option<Sample>> {
         let handle = self.inner.get()?;
-        self.take_of(py, &handle)
+        self.sample(py, handle.try_recv())
     }
 
     fn recv(&self, py: Python<'_>, timeout: Option<Seconds>) -> PyResult<Option<Sample>> {
         let handle = self.inner.get()?;
-        until_found(py, time(timeout), &*handle, || {
+        let timeout = time(timeout);
+        let quick = timeout.map_or(QUICK, |it| it.min(QUICK));
+        let received = detached(py, || handle.recv_timeout(quick));
+        if let Some(sample) = self.sample(py, received)? {
+            return Ok(Some(sample));
+        }
+        py.check_signals()?;
+        let timeout = timeout.map(|it| it.saturating_sub(quick));
+        until_found(py, timeout, &*handle, || {
             // Another thread may have closed this object, and then expects the wait to end.
             self.inner.with(|_| ())?;
-            self.take_of(py, &handle)
+            self.sample(py, handle.try_recv())
         })
     }
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import linked, received
+from helpers import SOON, linked, received
 
 import sm2
 from sm2._types import schema_of
@@ -156,7 +156,7 @@ def test_a_mismatch_shows_both_schemas(node: sm2.Node) -> None:
         node.publisher("imu", bytes)
     # Without a type, a subscriber accepts every one.
     anything = node.subscriber("imu")
-    anything.wait_for_publishers(1, 60)
+    anything.wait_for_publishers(1, SOON)
     publisher.publish((1, [2, 3, 4]))
     sample = received(anything)
     assert sample.type_name == "sensor/Imu" and len(sample) == 32
@@ -174,7 +174,7 @@ def test_a_message_of_another_length_is_an_error_of_its_value(node: sm2.Node) ->
     liar = sm2.MessageType("f64", "plain:f64", bytes, bytes)
     publisher = node.publisher("number", liar)
     subscriber = node.subscriber("number", sm2.Plain("f8"))
-    publisher.wait_for_subscribers(1, 60)
+    publisher.wait_for_subscribers(1, SOON)
     publisher.publish(b"123")
     sample = received(subscriber)
     with pytest.raises(sm2.RecvError, match="is not of type f64"):
