@@ -102,7 +102,7 @@ function layer({ ids, sizes, edges }, gaps, aspect) {
     return { edge, chain };
   });
   order(columns);
-  const crowded = columns.map(vertices).filter((all) => all.length > RANK_MAX).length;
+  const crowded = columns.map(withoutBends).filter((all) => all.length > RANK_MAX).length;
   columns.forEach((column) => fold(column, gaps.across, aspect / crowded));
   const width = across(columns, gaps);
   down(columns, gaps.across);
@@ -194,7 +194,7 @@ function order(columns) {
 
 // Gives each item of a large column its row and its place in the row, so that the column fills an area of `aspect`.
 function fold(column, gap, aspect) {
-  const real = vertices(column);
+  const real = withoutBends(column);
   if (real.length <= RANK_MAX) {
     return;
   }
@@ -209,7 +209,7 @@ function fold(column, gap, aspect) {
 }
 
 // The items of a column without bends.
-function vertices(column) {
+function withoutBends(column) {
   return column.filter((item) => item.width > 0);
 }
 
