@@ -190,7 +190,10 @@ def hostile():
             "epoch": HOSTILE,
             "revision": 1,
             "nodes": [{"id": 1, "name": HOSTILE, "pid": 1, "uid": 0, "resuming": False}],
-            "interfaces": [{**face, "links": 0, "refused": HOSTILE}, {**face, "interface": 2, "name": HOSTILE, "links": 1}],
+            "interfaces": [
+                {**face, "links": 0, "refused": HOSTILE},
+                {**face, "interface": 2, "name": HOSTILE, "links": 1},
+            ],
             "links": [link],
             "open": [{"item": "unlinked", "offering": HOSTILE, "demanding": HOSTILE, "reason": HOSTILE}],
             "quotas": [{"of": HOSTILE, "quota": HOSTILE, "used": 1, "limit": 2}],

@@ -311,7 +311,8 @@ function labelOf(edge) {
     return `${text.rate(edge.rate)} · ${text.bandwidth(edge.bytes)}`;
   }
   if (edge.inRate != null) {
-    return edge.delay == null ? text.rate(edge.inRate) : `${text.rate(edge.inRate)} · ${text.duration(edge.delay / 1e6)}`;
+    const rate = text.rate(edge.inRate);
+    return edge.delay == null ? rate : `${rate} · ${text.duration(edge.delay / 1e6)}`;
   }
   return '';
 }
@@ -351,8 +352,8 @@ function arrow(points, isTurned, isDown) {
   return isDown ? `M${x} ${y}l-4 ${back}l8 0z` : `M${x} ${y}l${back} -4l0 8z`;
 }
 
-// The place of a label: in the gap beside the topic, since edges meet at nodes. `isLast` says whether the topic is at the
-// end of the curve.
+// The place of a label: in the gap beside the topic, since edges meet at nodes. `isLast` says whether the topic is at
+// the end of the curve.
 function labelPlace(points, isLast, isDown, isTurned) {
   const [from, to] = isLast ? points.slice(-2) : points.slice(0, 2);
   const t = isLast ? 0.62 : 0.38;

@@ -1,12 +1,13 @@
-// A layered layout: data flows from left to right, or from top to bottom. The result depends only on the names and the edges, so it stays as
-// it is until the structure changes.
+// A layered layout: data flows from left to right, or from top to bottom. The result depends only on the names and the
+// edges, so it stays as it is until the structure changes.
 //
 // 1. Each connected component is laid out alone; components are packed in rows.
 // 2. A depth-first search in the order of names finds edges that close cycles, and turns them round.
 // 3. The longest path decides the rank (column) of a vertex; vertices without input move next to their successor.
 // 4. Long edges get a bend in each rank that they cross.
 // 5. Sweeps order each rank by the mean place of neighbours, which removes most crossings.
-// 6. A rank with many vertices becomes a grid. Each other rank is moved towards the mean height of neighbours, with a least-squares fit that keeps order and distance.
+// 6. A rank with many vertices becomes a grid. Each other rank is moved towards the mean height of
+//    neighbours, with a least-squares fit that keeps order and distance.
 
 // Between two ranks there is room for labels; `across` is the gap between vertices of a rank.
 const GAPS = { across: { rank: 120, across: 18 }, down: { rank: 64, across: 30 } };

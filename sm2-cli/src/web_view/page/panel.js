@@ -12,8 +12,8 @@ const QUOTAS = 3;
 // How many pairs without a link are listed.
 const PAIRS_MAX = 20;
 
-// The content of the panel. `actions` has `select`, `collapse` (a group of names), `why` (asks why two interfaces are not
-// linked) and `gateways` (asks gateways for reports); `answers` has the answers so far, by question.
+// The content of the panel. `actions` has `select`, `collapse` (a group of names), `why` (asks why two interfaces are
+// not linked) and `gateways` (asks gateways for reports); `answers` has the answers so far, by question.
 export function panel(domain, selected, answers, actions) {
   const vertex = domain.vertices.get(selected);
   const edge = domain.edges.get(selected);
@@ -31,7 +31,9 @@ function overview({ domain, answers, actions }) {
     h('strong', {}, check.check), ` ${check.found}`, check.advice && h('p', {}, check.advice)));
   const { open, without_counters: silent } = sample.domain;
   const unlinked = open.map((it) => h('li', { key: `${it.offering} ${it.demanding} ${it.by}` },
-    it.item === 'claim' ? `${it.by} claims link ${it.link}` : `${it.offering} → ${it.demanding}: ${it.reason ?? 'waits for room'}`));
+    it.item === 'claim'
+      ? `${it.by} claims link ${it.link}`
+      : `${it.offering} → ${it.demanding}: ${it.reason ?? 'waits for room'}`));
   return [
     heading('Domain', null, actions),
     facts([
@@ -41,7 +43,9 @@ function overview({ domain, answers, actions }) {
       ['Interfaces', text.number(sample.domain.interfaces.length)],
       ['Links', text.number(sample.domain.links.length)],
     ]),
-    section('Warnings', warnings.length === 0 ? note('All checks of sm2 doctor are ok.') : h('ul', { class: 'checks' }, warnings)),
+    section('Warnings', warnings.length === 0
+      ? note('All checks of sm2 doctor are ok.')
+      : h('ul', { class: 'checks' }, warnings)),
     unlinked.length > 0 && section('Matching pairs without a link', h('ul', {}, unlinked)),
     silent.length > 0 && section('Nodes without counters', note(silent.join(', '))),
     others(vertices, answers, actions),
@@ -71,6 +75,7 @@ function others(vertices, answers, actions) {
 function nodePage(page, vertex) {
   const { domain, actions } = page;
   const { node, faces } = vertex;
+  const links = domain.sample.domain.links.filter((link) => ends(link).some(([of]) => of === vertex.name));
   return [
     heading(vertex.name, isPeer(vertex.name) ? 'node for a peer of a gateway' : 'node', actions),
     node && facts([
@@ -82,9 +87,11 @@ function nodePage(page, vertex) {
       ['Dropped, lost', `${text.number(vertex.dropped)}, ${text.number(vertex.lost)}`],
     ]),
     sparks(vertex),
-    section('Interfaces', faceList(page, faces, (face) => [`${face.kind === 'server' || face.kind === 'client' ? 's' : 't'}:${face.name}`,
-      face.kind === 'server' || face.kind === 'client' ? 'service' : 'topic', face.name])),
-    section('Links', linkList(domain.sample.domain.links.filter((link) => ends(link).some(([of]) => of === vertex.name)))),
+    section('Interfaces', faceList(page, faces, (face) => {
+      const kind = face.kind === 'server' || face.kind === 'client' ? 'service' : 'topic';
+      return [`${kind[0]}:${face.name}`, kind, face.name];
+    })),
+    section('Links', linkList(links)),
     section('Last events', eventList(domain.sample.events.filter((it) => it.node === vertex.name), actions)),
   ];
 }
@@ -142,9 +149,12 @@ function faceList({ answers, actions }, faces, other) {
     return h('li', { key: `${face.node_id}.${face.interface}` },
       h('div', { class: 'row' }, h('span', { class: 'kind' }, face.kind), chip(...other(face), actions),
         h('span', { class: 'number' }, text.rate(rate))),
-      h('p', { class: 'muted' }, `${typeOf([face])} · ${qos(face.qos)} · ${face.links} ${face.links === 1 ? 'link' : 'links'}`),
+      h('p', { class: 'muted' },
+        `${typeOf([face])} · ${qos(face.qos)} · ${face.links} ${face.links === 1 ? 'link' : 'links'}`),
       face.refused && h('p', { class: 'bad' }, `refused: ${face.refused}`),
-      face.links === 0 && h('button', { type: 'button', onclick: () => actions.why(question, title) }, 'Why is it not linked?'),
+      face.links === 0 && h('button', {
+        type: 'button', onclick: () => actions.why(question, title),
+      }, 'Why is it not linked?'),
       answer(answers.get(question)));
   }));
 }
@@ -197,10 +207,13 @@ function linkList(links) {
     return h('li', { key: link.link },
       h('p', {}, `${link.offering} → ${link.demanding}`), h('p', { class: 'muted' }, `${terms} · link ${link.link}`),
       link.counters
-        ? h('p', { class: 'account' }, `offered ${text.number(offered)} = delivered ${text.number(delivered)} + in flight ${text.number(inFlight)}`,
-          dropped.map(([reason, count]) => h('span', { key: reason, class: 'bad' }, ` + ${reason.replace('_', ' ')} ${text.number(count)}`)))
+        ? h('p', { class: 'account' },
+          `offered ${text.number(offered)} = delivered ${text.number(delivered)} + in flight ${text.number(inFlight)}`,
+          dropped.map(([reason, count]) => h('span', { key: reason, class: 'bad' },
+            ` + ${reason.replace('_', ' ')} ${text.number(count)}`)))
         : h('p', { class: 'muted' }, 'the sender keeps no counters'),
-      link.taken && h('p', { class: 'account' }, `taken ${text.number(link.taken.messages)} (${text.size(link.taken.bytes)}), `,
+      link.taken && h('p', { class: 'account' },
+        `taken ${text.number(link.taken.messages)} (${text.size(link.taken.bytes)}), `,
         h('span', { class: link.taken.lost > 0 ? 'bad' : null }, `lost ${text.number(link.taken.lost)}`),
         link.taken.delay_p50_ms != null && `, median delay ${text.duration(link.taken.delay_p50_ms)}`));
   }));
@@ -211,31 +224,36 @@ function quotas(all) {
   return h('ul', { class: 'rows' }, most.map((it) => h('li', { key: `${it.of} ${it.quota}` },
     h('div', { class: 'row' }, h('span', {}, `${it.of}: ${it.quota}`),
       h('span', { class: 'number' }, `${text.number(it.used)} of ${text.number(it.limit)}`)),
-    h('meter', { min: 0, max: it.limit, high: it.limit * 0.8, value: it.used, 'aria-label': `${it.of}: ${it.quota}` }))));
+    h('meter', {
+      min: 0, max: it.limit, high: it.limit * 0.8, value: it.used, 'aria-label': `${it.of}: ${it.quota}`,
+    }))));
 }
 
 function eventList(events, actions) {
   if (events.length === 0) {
     return note('none since sm2 view started');
   }
-  return h('ol', { class: 'events', onkeydown: (event) => step(event, 'li') }, [...events].reverse().map((it) => h('li', {
+  const newest = [...events].reverse();
+  return h('ol', { class: 'events', onkeydown: (event) => step(event, 'li') }, newest.map((it) => h('li', {
     key: it.number, class: it.kind,
   },
   h('time', { datetime: new Date(it.at_ms).toISOString() }, new Date(it.at_ms).toLocaleTimeString()),
   h('span', { class: 'kind' }, it.kind.replace('_', '-')),
-  it.node === null ? h('span', {}, it.text) : [chip(nodeId(it.node), 'node', it.node, actions), h('span', {}, it.text)])));
+  it.node !== null && chip(nodeId(it.node), 'node', it.node, actions), h('span', {}, it.text))));
 }
 
 function sparks(vertex) {
   return section('Last three minutes',
-    spark(history(vertex.id, 'rate'), 'rate', text.rate), spark(history(vertex.id, 'bytes'), 'bandwidth', text.bandwidth));
+    spark(history(vertex.id, 'rate'), 'rate', text.rate),
+    spark(history(vertex.id, 'bytes'), 'bandwidth', text.bandwidth));
 }
 
 function spark(values, title, show) {
   const top = Math.max(...values.map((value) => value ?? 0), 1e-9);
   const step = SPARK_WIDTH / 180;
   const start = SPARK_WIDTH - (values.length - 1) * step;
-  const point = (value, at) => `${(start + at * step).toFixed(1)},${(SPARK_HEIGHT - 2 - (SPARK_HEIGHT - 4) * value / top).toFixed(1)}`;
+  const height = (value) => SPARK_HEIGHT - 2 - (SPARK_HEIGHT - 4) * value / top;
+  const point = (value, at) => `${(start + at * step).toFixed(1)},${height(value).toFixed(1)}`;
   const points = values.map((value, at) => value == null ? null : point(value, at)).filter(Boolean);
   const label = `${title}: now ${show(values.at(-1))}, at most ${show(top < 1e-6 ? 0 : top)}`;
   return h('figure', { key: title },
@@ -250,11 +268,15 @@ function heading(name, kind, actions) {
     group && h('button', {
       key: 'collapse', type: 'button', title: `Show ${group}/… as one`, onclick: () => actions.collapse(group),
     }, 'Collapse'),
-    kind && h('button', { key: 'close', type: 'button', 'aria-label': 'Close the details', title: 'Close (Esc)', onclick: () => actions.select(null) }, '×'));
+    kind && h('button', {
+      key: 'close', type: 'button', 'aria-label': 'Close the details', title: 'Close (Esc)',
+      onclick: () => actions.select(null),
+    }, '×'));
 }
 
 function facts(rows) {
-  return h('dl', { key: 'facts' }, rows.map(([name, value]) => h('div', { key: name }, h('dt', {}, name), h('dd', {}, value))));
+  return h('dl', { key: 'facts' }, rows.map(([name, value]) => h('div', { key: name },
+    h('dt', {}, name), h('dd', {}, value))));
 }
 
 function section(title, ...content) {
