@@ -6,16 +6,17 @@ use sm2_node::domain::Domain;
 use sm2_proto::{Contract, Name, OfferedQos, TypeId};
 
 /// A topic, and the type of its messages.
-pub(crate) type Topic = (Name, TypeId);
+pub type Topic = (Name, TypeId);
 
 /// A service, and the types of its requests and replies.
-pub(crate) type Service = (Name, TypeId, TypeId);
+pub type Service = (Name, TypeId, TypeId);
 
 /// The starts of the names of nodes that belong to bridges and gateways.
 const RELAYS: [&str; 3] = ["bridge/", "gateway/", "remote/"];
 
 /// The topics that programs of the domain publish.
-pub(crate) fn published(domain: &Domain) -> BTreeSet<Topic> {
+#[must_use]
+pub fn published(domain: &Domain) -> BTreeSet<Topic> {
     let topic = |contract: &Contract| match contract {
         Contract::Publisher { topic, data, .. } => Some((topic.clone(), data.clone())),
         _ => None,
@@ -24,7 +25,8 @@ pub(crate) fn published(domain: &Domain) -> BTreeSet<Topic> {
 }
 
 /// The topics to which programs of the domain subscribe. `None` stands for messages of every type.
-pub(crate) fn subscribed(domain: &Domain) -> BTreeSet<(Name, Option<TypeId>)> {
+#[must_use]
+pub fn subscribed(domain: &Domain) -> BTreeSet<(Name, Option<TypeId>)> {
     let topic = |contract: &Contract| match contract {
         Contract::Subscriber { topic, data, .. } => Some((topic.clone(), data.clone())),
         _ => None,
@@ -33,7 +35,8 @@ pub(crate) fn subscribed(domain: &Domain) -> BTreeSet<(Name, Option<TypeId>)> {
 }
 
 /// The services that programs of the domain offer.
-pub(crate) fn served(domain: &Domain) -> BTreeSet<Service> {
+#[must_use]
+pub fn served(domain: &Domain) -> BTreeSet<Service> {
     let service = |contract: &Contract| match contract {
         Contract::Server {
             service,
@@ -47,7 +50,8 @@ pub(crate) fn served(domain: &Domain) -> BTreeSet<Service> {
 }
 
 /// The services that programs of the domain call. Tools that call services of every type are left out.
-pub(crate) fn called(domain: &Domain) -> BTreeSet<Service> {
+#[must_use]
+pub fn called(domain: &Domain) -> BTreeSet<Service> {
     let service = |contract: &Contract| match contract {
         Contract::Client {
             service,
@@ -60,7 +64,8 @@ pub(crate) fn called(domain: &Domain) -> BTreeSet<Service> {
 }
 
 /// The QoS of the first publisher of a topic, for tools of the network. `None` if the topic has none any more.
-pub(crate) fn offer(domain: &Domain, (topic, data): &Topic) -> Option<OfferedQos> {
+#[must_use]
+pub fn offer(domain: &Domain, (topic, data): &Topic) -> Option<OfferedQos> {
     contracts(domain).find_map(|it| match it {
         Contract::Publisher {
             topic: its,
@@ -72,7 +77,8 @@ pub(crate) fn offer(domain: &Domain, (topic, data): &Topic) -> Option<OfferedQos
 }
 
 /// How many subscribers of the domain take a topic.
-pub(crate) fn subscribers(domain: &Domain, (topic, data): &Topic) -> usize {
+#[must_use]
+pub fn subscribers(domain: &Domain, (topic, data): &Topic) -> usize {
     let takes = |contract: &&Contract| match contract {
         Contract::Subscriber {
             topic: its,
@@ -91,6 +97,12 @@ fn contracts(domain: &Domain) -> impl Iterator<Item = &Contract> {
         it.refused.is_none() && node.is_some_and(|node| !is_relay(node.name))
     });
     interfaces.map(|it| it.contract)
+}
+
+/// Whether a bridge of this name is a node of a domain.
+#[must_use]
+pub fn has_bridge(domain: &Domain, bridge: &Name) -> bool {
+    domain.node_named(&format!("bridge/{bridge}")).is_some()
 }
 
 fn is_relay(node: &Name) -> bool {

@@ -6,28 +6,36 @@ use std::time::{Duration, Instant};
 use sm2_node::domain::Domain;
 use sm2_node::{DeclareError, Node, PublishError, Publisher};
 
+use crate::Delivery;
 use crate::domain::{Topic, subscribers};
 
 /// How many messages wait for a slow subscriber.
 const DEPTH: u16 = 64;
 /// How long the first message waits for the links to the subscribers that are there.
 const LINKS_WAIT: Duration = Duration::from_millis(100);
+/// The same for a message that must not be lost.
+const DURABLE_LINKS_WAIT: Duration = Duration::from_secs(10);
 
 /// A publisher that stands for those of the network.
-pub(crate) struct Incoming {
+#[derive(Debug)]
+pub struct Incoming {
     publisher: Publisher<[u8]>,
-    /// How many messages it keeps for late joiners.
-    pub(crate) latched: u16,
+    latched: u16,
 }
 
 impl Incoming {
     /// Declares the publisher, and waits a short time for the subscribers of the domain, so that they get the first
-    /// message.
-    pub(crate) fn declare(
+    /// message, which has this delivery. It keeps the last `latched` messages for late joiners.
+    ///
+    /// # Errors
+    ///
+    /// See [`DeclareError`].
+    pub fn declare(
         node: &Node,
         domain: &Domain,
         topic: &Topic,
         latched: u16,
+        delivery: Delivery,
     ) -> Result<Self, DeclareError> {
         let publisher = node
             .publisher_builder::<[u8]>(topic.0.as_str())
@@ -38,7 +46,11 @@ impl Incoming {
             .publish_timeout(Duration::ZERO)
             .declare()?;
         let subscribers = subscribers(domain, topic);
-        let until = Instant::now() + LINKS_WAIT;
+        let wait = match delivery {
+            Delivery::AtMostOnce => LINKS_WAIT,
+            Delivery::AtLeastOnce => DURABLE_LINKS_WAIT,
+        };
+        let until = Instant::now() + wait;
         let open = |it: &Publisher<[u8]>| it.links().iter().filter(|it| it.open).count();
         while open(&publisher) < subscribers && Instant::now() < until {
             thread::sleep(Duration::from_millis(1));
@@ -46,7 +58,18 @@ impl Incoming {
         Ok(Self { publisher, latched })
     }
 
-    pub(crate) fn publish(&self, payload: &[u8]) -> Result<(), PublishError> {
+    /// How many messages it keeps for late joiners.
+    #[must_use]
+    pub const fn latched(&self) -> u16 {
+        self.latched
+    }
+
+    /// Publishes a message. A subscriber without room misses it.
+    ///
+    /// # Errors
+    ///
+    /// See [`PublishError`].
+    pub fn publish(&self, payload: &[u8]) -> Result<(), PublishError> {
         self.publisher.publish(payload).map(drop)
     }
 }

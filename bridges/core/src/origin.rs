@@ -2,14 +2,16 @@
 
 use sm2_proto::{Name, NameError};
 
-/// The first byte of the attachment.
-const VERSION: u8 = 1;
+/// The first byte of the attachment, which has the delivery.
+const AT_MOST_ONCE: u8 = 1;
+const AT_LEAST_ONCE: u8 = 2;
 /// The length of the attachment without the name, in bytes.
 const FIXED_BYTES: usize = 1 + 8 + 8;
 
 /// The bridge that has put a message into the network, and the number of the message.
 ///
-/// As an attachment: the byte 1, the epoch and the number in 8 bytes each (little-endian), and the name.
+/// As an attachment: a byte for the [`Delivery`], the epoch and the number in 8 bytes each (little-endian), and the
+/// name.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Origin {
     /// The name of the bridge.
@@ -20,6 +22,15 @@ pub struct Origin {
     pub number: u64,
 }
 
+/// Whether the bridge that has put a message into the network waits for an acknowledgement.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Delivery {
+    /// It does not. In an attachment: 1.
+    AtMostOnce,
+    /// It sends the message until a bridge has acknowledged it. In an attachment: 2.
+    AtLeastOnce,
+}
+
 /// The reason why an attachment is not an [`Origin`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WrongOrigin {
@@ -27,7 +38,7 @@ pub enum WrongOrigin {
     #[error("an origin has more than {FIXED_BYTES} bytes, this attachment has {0}")]
     Short(usize),
     /// It is of another version.
-    #[error("this bridge knows version {VERSION} of origins, the attachment has version {0}")]
+    #[error("an origin begins with 1 or 2, this attachment begins with {0}")]
     Version(u8),
     /// The name is not UTF-8.
     #[error("the name of the bridge is not UTF-8")]
@@ -40,9 +51,12 @@ pub enum WrongOrigin {
 impl Origin {
     /// The attachment.
     #[must_use]
-    pub fn encode(&self) -> Vec<u8> {
+    pub fn encode(&self, delivery: Delivery) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(FIXED_BYTES + self.bridge.as_str().len());
-        bytes.push(VERSION);
+        bytes.push(match delivery {
+            Delivery::AtMostOnce => AT_MOST_ONCE,
+            Delivery::AtLeastOnce => AT_LEAST_ONCE,
+        });
         bytes.extend(self.epoch.to_le_bytes());
         bytes.extend(self.number.to_le_bytes());
         bytes.extend(self.bridge.as_str().as_bytes());
@@ -54,20 +68,23 @@ impl Origin {
     /// # Errors
     ///
     /// See [`WrongOrigin`].
-    pub fn decode(bytes: &[u8]) -> Result<Self, WrongOrigin> {
+    pub fn decode(bytes: &[u8]) -> Result<(Self, Delivery), WrongOrigin> {
         let short = WrongOrigin::Short(bytes.len());
         let (version, rest) = bytes.split_first().ok_or(short)?;
-        if *version != VERSION {
-            return Err(WrongOrigin::Version(*version));
-        }
+        let delivery = match *version {
+            AT_MOST_ONCE => Delivery::AtMostOnce,
+            AT_LEAST_ONCE => Delivery::AtLeastOnce,
+            other => return Err(WrongOrigin::Version(other)),
+        };
         let (epoch, rest) = rest.split_first_chunk().ok_or(short)?;
         let (number, name) = rest.split_first_chunk().ok_or(short)?;
         let name = str::from_utf8(name).map_err(|_| WrongOrigin::Text)?;
-        Ok(Self {
+        let origin = Self {
             bridge: Name::new(name)?,
             epoch: u64::from_le_bytes(*epoch),
             number: u64::from_le_bytes(*number),
-        })
+        };
+        Ok((origin, delivery))
     }
 }
 
@@ -82,8 +99,11 @@ mod tests {
             epoch: 1 << 60,
             number: u64::MAX,
         };
-        let bytes = origin.encode();
-        assert_eq!(Origin::decode(&bytes), Ok(origin));
+        let durable = origin.encode(Delivery::AtLeastOnce);
+        let expected = (origin.clone(), Delivery::AtLeastOnce);
+        assert_eq!(Origin::decode(&durable), Ok(expected));
+        let bytes = origin.encode(Delivery::AtMostOnce);
+        assert_eq!(Origin::decode(&bytes), Ok((origin, Delivery::AtMostOnce)));
         for len in 0..FIXED_BYTES {
             assert_eq!(Origin::decode(&bytes[..len]), Err(WrongOrigin::Short(len)));
         }
@@ -91,7 +111,7 @@ mod tests {
             Origin::decode(&bytes[..FIXED_BYTES]),
             Err(WrongOrigin::Name(_))
         ));
-        assert_eq!(Origin::decode(&[2; 30]), Err(WrongOrigin::Version(2)));
+        assert_eq!(Origin::decode(&[3; 30]), Err(WrongOrigin::Version(3)));
         let text = [&bytes[..FIXED_BYTES], &[0xff]].concat();
         assert_eq!(Origin::decode(&text), Err(WrongOrigin::Text));
     }

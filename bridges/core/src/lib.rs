@@ -1,0 +1,31 @@
+//! The parts that all bridges of SM2 share, whatever network they join a domain to.
+//!
+//! | part | purpose |
+//! | --- | --- |
+//! | [`Origin`] | names the bridge, its start and the number of a message, so that a message never returns |
+//! | [`Duplicates`] | removes the messages that arrive a second time |
+//! | [`Spool`] | decides when the messages of durable topics are sent, while the network is away at times |
+//! | [`Outbox`] | a spool, and the files of its messages |
+//!
+//! | [`domain`], [`Incoming`] | the topics of the domain, and publishers that stand for those of the network |
+//! | [`config`] | the parts of a configuration: the domain, the rules, the spool |
+//! | [`program`] | the command line: `run`, `check`, `explain` |
+//!
+//! Origins, duplicates and the spool are pure: they do no I/O, and time is a value.
+
+pub mod config;
+pub mod domain;
+mod duplicates;
+mod incoming;
+mod origin;
+mod outbox;
+pub mod program;
+mod spool;
+mod store;
+
+pub use self::duplicates::{Duplicates, REORDER_MAX};
+pub use self::incoming::Incoming;
+pub use self::origin::{Delivery, Origin, WrongOrigin};
+pub use self::outbox::Outbox;
+pub use self::spool::{Fate, Id, Limits, LimitsError, Output, Spool, SpoolCounts};
+pub use self::store::{Durable, StoreError};

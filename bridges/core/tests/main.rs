@@ -1,0 +1,5 @@
+//! Tests of the parts that all bridges share.
+
+mod fleet;
+mod outbox;
+mod spool;
