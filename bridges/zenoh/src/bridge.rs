@@ -1,6 +1,7 @@
 //! The bridge: one thread, which waits for the domain, its topics and the network at the same time.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::sync::Arc;
 
 use sm2_node::domain::Watch;
@@ -10,17 +11,20 @@ use sm2_proto::Name;
 use sm2_proto::gateway::Direction;
 use zenoh::query::Query;
 
-use crate::config::Config;
+use crate::config::{Config, ConfigError, Mode};
 use crate::convention::Convention;
 use crate::counts::Counts;
-use crate::domain::{Service, Topic, published};
+use crate::durable::DurableTopics;
 use crate::error::BridgeError;
-use crate::incoming::Incoming;
 use crate::network::{Event, Message, Network};
-use crate::origin::Origin;
 use crate::outgoing::{Outgoing, subscribe};
 use crate::ready::Ready;
-use crate::sides::{Sides, has_bridge};
+use crate::sides::Sides;
+use sm2_bridge_core::Incoming;
+use sm2_bridge_core::config::RuleTables;
+use sm2_bridge_core::domain::{Service, Topic, has_bridge, published};
+use sm2_bridge_core::program::Program;
+use sm2_bridge_core::{Delivery, Duplicates, Origin, SpoolCounts};
 
 /// How many messages of the network are published at once, so that the topics of the domain go on meanwhile.
 const BURST: usize = 64;
@@ -41,6 +45,9 @@ pub struct Bridge {
     outgoing: BTreeMap<Topic, Outgoing>,
     incoming: BTreeMap<Topic, Incoming>,
     origin: Origin,
+    /// `None` without a spool.
+    durable: Option<DurableTopics>,
+    duplicates: Duplicates,
     counts: Counts,
 }
 
@@ -58,12 +65,20 @@ impl Bridge {
         let network = Network::open(&config.zenoh)?;
         let mut set = WaitSet::new()?;
         let mut watch = node.watch();
+        // The subscribers of the domain are known before the first message of the network.
+        watch.wait()?;
         set.add_watch(&mut watch, Ready::Domain)?;
         set.add_descriptor(
             Arc::clone(network.ready()),
             Interest::Readable,
             Ready::Network,
         )?;
+        let durable = match (&config.spool, &config.mode) {
+            (Some(spool), Mode::Plain { prefix }) => {
+                Some(DurableTopics::start(spool, prefix, name, &network)?)
+            }
+            _ => None,
+        };
         Ok(Self {
             config: config.clone(),
             node,
@@ -79,6 +94,8 @@ impl Bridge {
                 epoch: sm2_node::clock::wall_time().0,
                 number: 0,
             },
+            durable,
+            duplicates: Duplicates::default(),
             counts: Counts::default(),
         })
     }
@@ -92,6 +109,12 @@ impl Bridge {
         }
     }
 
+    /// The account of the durable topics. `None` without a spool.
+    #[must_use]
+    pub fn spool_counts(&self) -> Option<SpoolCounts> {
+        self.durable.as_ref().map(DurableTopics::counts)
+    }
+
     /// Carries messages until `shutdown` is requested.
     ///
     /// # Errors
@@ -101,8 +124,9 @@ impl Bridge {
         self.follow_domain()?;
         self.set.end_with(shutdown)?;
         loop {
-            match self.set.wait() {
-                Ok(ready) => match ready.tag {
+            match self.wait() {
+                Ok(None) => {}
+                Ok(Some(ready)) => match ready {
                     Ready::Domain => self.follow_domain()?,
                     Ready::Network => self.follow_network()?,
                     Ready::Topic(topic) => self.forward(&topic),
@@ -112,7 +136,20 @@ impl Bridge {
                 Err(WaitError::Shutdown) => return Ok(()),
                 Err(error) => return Err(BridgeError::Wait(error)),
             }
+            if let Some(durable) = &mut self.durable {
+                durable.send(&self.network, &mut self.counts);
+            }
         }
+    }
+
+    /// The next thing that is ready. `None` if the durable topics have something to send before.
+    fn wait(&mut self) -> Result<Option<Ready>, WaitError> {
+        let timeout = self.durable.as_ref().and_then(DurableTopics::timeout);
+        let ready = match timeout {
+            Some(timeout) => self.set.wait_timeout(timeout)?,
+            None => Some(self.set.wait()?),
+        };
+        Ok(ready.map(|it| it.tag))
     }
 
     /// Offers the topics of the domain to the network, and subscribes to those that the domain wants.
@@ -124,6 +161,8 @@ impl Bridge {
         let all = self.outgoing.keys();
         let gone: Vec<_> = all.filter(|it| !wanted.contains(it)).cloned().collect();
         for topic in gone {
+            // What its publishers have left.
+            self.forward(&topic);
             self.unsubscribe(&topic);
             self.outgoing.remove(&topic);
         }
@@ -132,8 +171,14 @@ impl Bridge {
                 continue;
             }
             let (origin, domain) = (self.origin.clone(), self.watch.domain());
-            let declared =
-                (self.convention).declare(&topic, origin, domain, &self.node, &self.network)?;
+            let declared = self.convention.declare(
+                &self.config,
+                &topic,
+                origin,
+                domain,
+                &self.node,
+                &self.network,
+            )?;
             if let Some(outgoing) = declared {
                 self.outgoing.insert(topic.clone(), outgoing);
                 self.follow_matching(&topic);
@@ -158,10 +203,10 @@ impl Bridge {
         let offered = ros2.offered(&sides);
         ros2.follow_subscribers(&sides, &offered)?;
         ros2.follow_services(&sides, &mut self.set)?;
-        (self.incoming).retain(|topic, it| offered.get(topic) == Some(&it.latched));
+        (self.incoming).retain(|topic, it| offered.get(topic) == Some(&it.latched()));
         for (topic, latched) in offered {
             if !self.incoming.contains_key(&topic) {
-                self.declare_incoming(topic, latched);
+                self.declare_incoming(topic, latched, Delivery::AtMostOnce);
             }
         }
         Ok(())
@@ -222,7 +267,8 @@ impl Bridge {
         let Some(outgoing) = self.outgoing.get_mut(topic) else {
             return;
         };
-        if let Err(error) = outgoing.forward(&mut self.counts) {
+        let durable = self.durable.as_mut();
+        if let Err(error) = outgoing.forward(topic, durable, &mut self.counts) {
             tracing::warn!(topic = %topic.0, %error, "cannot take a message");
             self.unsubscribe(topic);
         }
@@ -233,11 +279,14 @@ impl Bridge {
         for topic in self.network.take_changed() {
             self.follow_matching(&topic);
         }
-        if let Convention::Ros2(ros2) = &mut self.convention
-            && let Some(tokens) = self.network.take_tokens()
-        {
-            ros2.read_graph(&tokens);
-            self.follow_ros2()?;
+        if let Some(tokens) = self.network.take_tokens() {
+            if let Some(durable) = &mut self.durable {
+                durable.follow_receivers(&tokens, &self.config.name);
+            }
+            if let Convention::Ros2(ros2) = &mut self.convention {
+                ros2.read_graph(&tokens);
+                self.follow_ros2()?;
+            }
         }
         if let Convention::Ros2(ros2) = &mut self.convention {
             self.counts.received += ros2.replies(&self.network, &mut self.set)?;
@@ -255,6 +304,9 @@ impl Bridge {
 
     /// Publishes a message of the network in the domain.
     fn receive(&mut self, message: &Message) {
+        if (self.durable.as_mut()).is_some_and(|it| it.handle(message)) {
+            return;
+        }
         let Some((topic, origin)) = self.convention.read(message) else {
             self.counts.refused += 1;
             return;
@@ -264,17 +316,33 @@ impl Bridge {
             return;
         }
         // A message without an origin comes from a program that is no bridge.
-        if origin.is_some_and(|it| has_bridge(self.watch.domain(), &it.bridge)) {
-            self.counts.returned += 1;
-            return;
+        if let Some((origin, delivery)) = &origin {
+            if has_bridge(self.watch.domain(), &origin.bridge) {
+                self.counts.returned += 1;
+                return;
+            }
+            if self.duplicates.contains(&topic.0, origin) {
+                self.counts.duplicates += 1;
+                self.convention
+                    .acknowledge(&topic.0, origin, *delivery, &self.network);
+                return;
+            }
         }
         if !self.incoming.contains_key(&topic) {
-            self.declare_incoming(topic.clone(), 0);
+            let delivery = (origin.as_ref()).map_or(Delivery::AtMostOnce, |(_, it)| *it);
+            self.declare_incoming(topic.clone(), 0, delivery);
         }
         let published = self.incoming.get(&topic);
         let published = published.map(|it| it.publish(&message.payload.to_bytes()));
         match published {
-            Some(Ok(())) => self.counts.received += 1,
+            Some(Ok(())) => {
+                self.counts.received += 1;
+                if let Some((origin, delivery)) = &origin {
+                    self.duplicates.insert(&topic.0, origin);
+                    self.convention
+                        .acknowledge(&topic.0, origin, *delivery, &self.network);
+                }
+            }
             Some(Err(error)) => {
                 self.counts.refused += 1;
                 tracing::warn!(topic = %topic.0, %error, "cannot publish a message in the domain");
@@ -293,12 +361,42 @@ impl Bridge {
     }
 
     /// Declares the publisher of a topic of the network.
-    fn declare_incoming(&mut self, topic: Topic, latched: u16) {
-        match Incoming::declare(&self.remote, self.watch.domain(), &topic, latched) {
+    fn declare_incoming(&mut self, topic: Topic, latched: u16, delivery: Delivery) {
+        let domain = self.watch.domain();
+        match Incoming::declare(&self.remote, domain, &topic, latched, delivery) {
             Ok(incoming) => drop(self.incoming.insert(topic, incoming)),
             Err(error) => {
                 tracing::warn!(topic = %topic.0, %error, "cannot publish in the domain");
             }
+        }
+    }
+}
+
+impl Program for Bridge {
+    type Config = Config;
+    type ConfigError = ConfigError;
+    type Error = BridgeError;
+
+    fn load(path: &Path) -> Result<Config, ConfigError> {
+        Config::load(path)
+    }
+
+    fn rules(config: &Config) -> &RuleTables {
+        &config.rules
+    }
+
+    fn start(config: &Config) -> Result<Self, BridgeError> {
+        Self::start(config)
+    }
+
+    fn run(&mut self, shutdown: &Shutdown) -> Result<(), BridgeError> {
+        self.run(shutdown)
+    }
+
+    fn summary(&self) -> String {
+        match self.spool_counts() {
+            Some(spool) => format!("{}\ndurable topics: {spool}", self.counts()),
+            None => self.counts().to_string(),
         }
     }
 }

@@ -1,25 +1,24 @@
 //! The configuration of a bridge: TOML without unknown keys.
 
-use std::fs;
-use std::io;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
-use sm2_gateway::DomainLocation;
-use sm2_gateway::rule_words::{ActionWord, DirectionWord, KindWord};
-use sm2_proto::gateway::{
-    Action, Direction, GatewayId, Pattern, PatternError, Rule, Rules, SubjectKind,
+use sm2_bridge_core::config::{
+    Decision, RuleTable, RuleTables, Source, SpoolConfig, SpoolTable, ValueError, read,
 };
-use sm2_proto::{Name, NameError};
+use sm2_gateway::DomainLocation;
+use sm2_proto::Name;
+use sm2_proto::gateway::{Action, Direction, Rule, SubjectKind};
 use toml::Spanned;
 
 /// The default prefix of key expressions.
 const PREFIX: &str = "sm2";
 /// The largest number of a ROS domain.
 const ROS_DOMAIN_MAX: u8 = 232;
-/// All of a Zenoh network are one peer.
-const NETWORK: GatewayId = GatewayId([0; 32]);
+
+/// The reason why a file is no configuration of this bridge.
+pub type ConfigError = sm2_bridge_core::config::ConfigError<ConfigValueError>;
 
 /// A checked configuration.
 #[derive(Clone, Debug)]
@@ -32,10 +31,10 @@ pub struct Config {
     pub mode: Mode,
     /// The configuration of the Zenoh session.
     pub zenoh: zenoh::Config,
-    /// The rules, in their order.
-    pub rules: Rules,
-    /// The line of each rule in the file.
-    pub rule_lines: Vec<usize>,
+    /// The rules.
+    pub rules: RuleTables,
+    /// The files of durable topics.
+    pub spool: Option<SpoolConfig>,
 }
 
 /// The form of topics and types in the network.
@@ -53,51 +52,12 @@ pub enum Mode {
     },
 }
 
-/// The reason why a file is no configuration.
-#[derive(Debug, thiserror::Error)]
-pub enum ConfigError {
-    /// The file cannot be read.
-    #[error("cannot read {}: {source}", path.display())]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// The reason.
-        source: io::Error,
-    },
-    /// The file is not TOML, or has an unknown key.
-    #[error("{}:{line}: {message}", path.display())]
-    Toml {
-        /// The file.
-        path: PathBuf,
-        /// The line, counted from 1.
-        line: usize,
-        /// The reason.
-        message: String,
-    },
-    /// A value is wrong.
-    #[error("{}:{line}: {source}", path.display())]
-    Value {
-        /// The file.
-        path: PathBuf,
-        /// The line, counted from 1.
-        line: usize,
-        /// The reason.
-        source: ConfigValueError,
-    },
-}
-
 /// The reason why a value of a configuration is wrong.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigValueError {
-    /// A name is wrong.
+    /// A value that all bridges have is wrong.
     #[error(transparent)]
-    Name(#[from] NameError),
-    /// A pattern of names is wrong.
-    #[error(transparent)]
-    Pattern(#[from] PatternError),
-    /// The prefix is no name.
-    #[error("the prefix is not a name: {0}")]
-    Prefix(NameError),
+    Common(#[from] ValueError),
     /// The bridge is a node of ROS 2, whose names have fewer characters.
     #[error("in mode `ros2` the name begins with a letter, and holds only A-Z a-z 0-9 _")]
     RosName,
@@ -112,9 +72,12 @@ pub enum ConfigValueError {
         /// The mode.
         mode: &'static str,
     },
-    /// Both `domain` and `socket` are given.
-    #[error("`domain` and `socket` exclude each other")]
-    DomainAndSocket,
+    /// A durable topic needs a folder.
+    #[error("a durable topic needs a table `[spool]` with a `folder` for its messages")]
+    NoSpool,
+    /// A rule cannot make anything durable.
+    #[error("`durable` needs mode `plain` and a rule that allows topics with direction `out`")]
+    Durable,
     /// Zenoh refuses a value.
     #[error("Zenoh refuses `{key}`: {message}")]
     Zenoh {
@@ -123,15 +86,6 @@ pub enum ConfigValueError {
         /// The reason, in the words of Zenoh.
         message: String,
     },
-}
-
-/// The decision of the rules about a topic or service.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Decision {
-    /// Whether it may pass.
-    pub is_allowed: bool,
-    /// The line of the rule that decides; `None` if no rule matches, which denies.
-    pub line: Option<usize>,
 }
 
 #[derive(Deserialize)]
@@ -145,6 +99,7 @@ struct File {
     prefix: Option<Spanned<String>>,
     ros_domain_id: Option<Spanned<u8>>,
     zenoh: Spanned<ZenohTable>,
+    spool: Option<Spanned<SpoolTable>>,
     #[serde(default)]
     rule: Vec<Spanned<RuleTable>>,
 }
@@ -178,16 +133,6 @@ enum SessionWord {
     Peer,
 }
 
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct RuleTable {
-    action: ActionWord,
-    kind: Option<KindWord>,
-    names: Spanned<String>,
-    #[serde(default)]
-    direction: DirectionWord,
-}
-
 impl Config {
     /// Reads and checks a file.
     ///
@@ -195,11 +140,7 @@ impl Config {
     ///
     /// See [`ConfigError`].
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
-        let text = fs::read_to_string(path).map_err(|source| ConfigError::Io {
-            path: path.to_owned(),
-            source,
-        })?;
-        Self::parse(path, &text)
+        Self::parse(path, &read(path)?)
     }
 
     /// Checks the text of a file. Relative paths in it start at the folder of `path`.
@@ -208,53 +149,38 @@ impl Config {
     ///
     /// See [`ConfigError`].
     pub fn parse(path: &Path, text: &str) -> Result<Self, ConfigError> {
-        let at = Source { path, text };
-        let file: File = toml::from_str(text).map_err(|error| ConfigError::Toml {
-            path: path.to_owned(),
-            line: at.line(&error.span().unwrap_or_default()),
-            message: error.message().to_owned(),
-        })?;
+        let at = Reader(Source { path, text });
+        let file: File = at.0.tables()?;
         let mode = at.mode(&file)?;
-        let domain = match (file.domain, file.socket) {
-            (None, None) => DomainLocation::Environment,
-            (Some(name), None) => DomainLocation::Name(name),
-            (None, Some(socket)) => DomainLocation::Socket(at.folder().join(socket.into_inner())),
-            (Some(_), Some(socket)) => {
-                return Err(at.error(&socket.span(), ConfigValueError::DomainAndSocket));
-            }
-        };
-        let mut rules = Rules::default();
-        let mut rule_lines = Vec::new();
-        for table in &file.rule {
-            rules.0.push(at.rule(table.get_ref())?);
-            rule_lines.push(at.line(&table.span()));
-        }
-        let name = Name::new(file.name.get_ref());
+        let has_spool = file.spool.is_some();
         Ok(Self {
-            name: name.map_err(|error| at.error(&file.name.span(), error.into()))?,
-            domain,
-            mode,
+            name: at.0.name(&file.name)?,
+            domain: at.0.domain(file.domain, file.socket)?,
             zenoh: at.zenoh(&file.zenoh)?,
-            rules,
-            rule_lines,
+            rules: (at.0).rules(&file.rule, |table, rule| {
+                at.is_durable(table, rule, &mode, has_spool)
+            })?,
+            spool: file.spool.map(|it| at.0.spool(&it)).transpose()?,
+            mode,
         })
     }
 
     /// The decision about a topic or service, and the line of the rule that makes it.
     #[must_use]
     pub fn explain(&self, kind: SubjectKind, name: &Name, direction: Direction) -> Decision {
-        let decision = self.rules.decide(kind, name, direction, &NETWORK);
-        let line = decision.rule.and_then(|it| self.rule_lines.get(it));
-        Decision {
-            is_allowed: decision.action == Action::Allow,
-            line: line.copied(),
-        }
+        self.rules.explain(kind, name, direction)
     }
 
     /// Whether a service may pass. `Out` offers a service of the domain to the network.
     pub(crate) fn allows_service(&self, service: &Name, direction: Direction) -> bool {
         self.explain(SubjectKind::Service, service, direction)
             .is_allowed
+    }
+
+    /// Whether a topic that goes out is durable.
+    pub(crate) fn is_durable(&self, topic: &Name) -> bool {
+        self.explain(SubjectKind::Topic, topic, Direction::Out)
+            .is_durable
     }
 
     /// Whether a topic may pass.
@@ -264,41 +190,19 @@ impl Config {
     }
 }
 
-/// The text of a configuration, to turn positions into lines.
-struct Source<'a> {
-    path: &'a Path,
-    text: &'a str,
-}
+/// Reads the tables of a file.
+struct Reader<'a>(Source<'a>);
 
-impl Source<'_> {
-    fn folder(&self) -> &Path {
-        self.path.parent().unwrap_or(Path::new(""))
-    }
-
-    fn line(&self, span: &Range<usize>) -> usize {
-        let before = self.text.get(..span.start).unwrap_or("");
-        before.matches('\n').count() + 1
-    }
-
+impl Reader<'_> {
     fn error(&self, span: &Range<usize>, source: ConfigValueError) -> ConfigError {
-        ConfigError::Value {
-            path: self.path.to_owned(),
-            line: self.line(span),
-            source,
-        }
+        self.0.error(span, source)
     }
 
     fn mode(&self, file: &File) -> Result<Mode, ConfigError> {
         match file.mode {
             ModeWord::Plain => {
                 self.unused("ros_domain_id", "plain", file.ros_domain_id.as_ref())?;
-                let Some(prefix) = &file.prefix else {
-                    let prefix = PREFIX.to_owned();
-                    return Ok(Mode::Plain { prefix });
-                };
-                let name = Name::new(prefix.get_ref()).map_err(ConfigValueError::Prefix);
-                let name = name.map_err(|error| self.error(&prefix.span(), error))?;
-                let prefix = name.to_string();
+                let prefix = self.0.prefix(file.prefix.as_ref(), PREFIX)?;
                 Ok(Mode::Plain { prefix })
             }
             ModeWord::Ros2 => {
@@ -329,15 +233,28 @@ impl Source<'_> {
         })
     }
 
-    fn rule(&self, table: &RuleTable) -> Result<Rule, ConfigError> {
-        let names = Pattern::new(table.names.get_ref());
-        Ok(Rule {
-            action: table.action.into(),
-            kind: table.kind.map(SubjectKind::from),
-            names: names.map_err(|error| self.error(&table.names.span(), error.into()))?,
-            direction: table.direction.into(),
-            peers: None,
-        })
+    fn is_durable(
+        &self,
+        table: &RuleTable,
+        rule: &Rule,
+        mode: &Mode,
+        has_spool: bool,
+    ) -> Result<bool, ConfigError> {
+        let Some(durable) = table.durable() else {
+            return Ok(false);
+        };
+        let is_out = rule.direction != Some(Direction::In);
+        let is_topic = rule.kind != Some(SubjectKind::Service);
+        let error = match mode {
+            Mode::Plain { .. } if rule.action == Action::Allow && is_out && is_topic => {
+                match has_spool {
+                    true => return Ok(true),
+                    false => ConfigValueError::NoSpool,
+                }
+            }
+            _ => ConfigValueError::Durable,
+        };
+        Err(self.error(&durable, error))
     }
 
     fn zenoh(&self, table: &Spanned<ZenohTable>) -> Result<zenoh::Config, ConfigError> {
@@ -347,7 +264,7 @@ impl Source<'_> {
         };
         let its = table.get_ref();
         let mut config = match &its.file {
-            Some(file) => zenoh::Config::from_file(self.folder().join(file))
+            Some(file) => zenoh::Config::from_file(self.0.folder().join(file))
                 .map_err(|error| refused("file", error.to_string()))?,
             None => zenoh::Config::default(),
         };

@@ -2,24 +2,26 @@
 
 use sm2_node::Node;
 use sm2_node::domain::Domain;
-use sm2_proto::gateway::Direction;
+use sm2_proto::Name;
+use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
 
 use crate::config::{Config, Mode};
-use crate::domain::{Topic, offer};
+use crate::durable;
 use crate::error::BridgeError;
 use crate::network::{Message, Network, Subject};
-use crate::origin::Origin;
-use crate::outgoing::{Form, Outgoing};
+use crate::outgoing::{Form, Keep, Outgoing};
 use crate::plain;
 use crate::ros2::{self, Ros2};
+use sm2_bridge_core::domain::{Topic, offer};
+use sm2_bridge_core::{Delivery, Origin};
 
 /// The convention that the configuration names, and its state.
 pub(crate) enum Convention {
     Plain {
         prefix: String,
-        /// `None` if the rules let nothing in.
-        _subscriber: Option<Subscriber<()>>,
+        /// The subscription, and the token that shows it to other bridges. `None` if the rules let nothing in.
+        _incoming: Option<(Subscriber<()>, LivelinessToken)>,
     },
     Ros2(Box<Ros2>),
 }
@@ -28,12 +30,14 @@ impl Convention {
     pub(crate) fn start(config: &Config, network: &Network) -> Result<Self, BridgeError> {
         Ok(match &config.mode {
             Mode::Plain { prefix } => {
-                let mut rules = config.rules.0.iter();
-                let has_in = rules.any(|it| it.direction != Some(Direction::Out));
-                let subscribe = || network.subscribe_all(format!("{prefix}/**"));
+                let subscribe = || {
+                    let subscriber = network.subscribe_all(format!("{prefix}/**"))?;
+                    let token = durable::declare_receiver(prefix, &config.name, network)?;
+                    Ok::<_, BridgeError>((subscriber, token))
+                };
                 Self::Plain {
                     prefix: prefix.clone(),
-                    _subscriber: has_in.then(subscribe).transpose()?,
+                    _incoming: config.rules.lets_in().then(subscribe).transpose()?,
                 }
             }
             Mode::Ros2 { domain_id } => {
@@ -45,6 +49,7 @@ impl Convention {
     /// Declares a topic of the domain in the network. `None` if its type has no name there.
     pub(crate) fn declare(
         &mut self,
+        config: &Config,
         topic: &Topic,
         origin: Origin,
         domain: &Domain,
@@ -55,7 +60,11 @@ impl Convention {
             Self::Plain { prefix, .. } => {
                 let key = plain::key(prefix, &topic.0);
                 let publisher = network.publisher(key, plain::encoding(&topic.1), topic, 0)?;
-                Some(Outgoing::new(publisher, Form::Plain, false, origin))
+                let keep = match config.is_durable(&topic.0) {
+                    true => Keep::Durable,
+                    false => Keep::Live,
+                };
+                Some(Outgoing::new(publisher, Form::Plain, keep, origin))
             }
             Self::Ros2(ros2) => {
                 let offer = offer(domain, topic);
@@ -63,7 +72,11 @@ impl Convention {
                 let declared = ros2.publisher(topic, offer, node, network)?;
                 declared.map(|it| {
                     let (gid, _token) = (it.gid, it.token);
-                    Outgoing::new(it.publisher, Form::Ros2 { gid, _token }, is_latched, origin)
+                    let keep = match is_latched {
+                        true => Keep::Latched,
+                        false => Keep::Live,
+                    };
+                    Outgoing::new(it.publisher, Form::Ros2 { gid, _token }, keep, origin)
                 })
             }
         })
@@ -71,7 +84,7 @@ impl Convention {
 
     /// Reads the topic of a message, and its origin if a bridge has put it into the network. `None` if the domain has
     /// no names for the topic or its type.
-    pub(crate) fn read(&self, message: &Message) -> Option<(Topic, Option<Origin>)> {
+    pub(crate) fn read(&self, message: &Message) -> Option<(Topic, Option<(Origin, Delivery)>)> {
         let attachment = message.attachment.as_ref().map(|it| it.to_bytes());
         let attachment = attachment.as_deref().unwrap_or_default();
         match (self, &message.subject) {
@@ -81,9 +94,29 @@ impl Convention {
                 Some(((topic, data), Origin::decode(attachment).ok()))
             }
             (Self::Ros2(_), Subject::Topic(topic)) => {
-                Some((Topic::clone(topic), ros2::origin(attachment)))
+                let origin = ros2::origin(attachment);
+                Some((
+                    Topic::clone(topic),
+                    origin.map(|it| (it, Delivery::AtMostOnce)),
+                ))
             }
             _ => None,
+        }
+    }
+
+    /// Acknowledges a message, if its bridge waits for that.
+    pub(crate) fn acknowledge(
+        &self,
+        topic: &Name,
+        origin: &Origin,
+        delivery: Delivery,
+        network: &Network,
+    ) {
+        match (self, delivery) {
+            (Self::Plain { prefix, .. }, Delivery::AtLeastOnce) => {
+                durable::acknowledge(prefix, topic, origin, network);
+            }
+            _ => {}
         }
     }
 }

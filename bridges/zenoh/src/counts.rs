@@ -5,7 +5,7 @@ use std::fmt;
 /// Messages since the start: those of topics, requests and replies.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// From the domain to the network.
+    /// From the domain to the network; messages of durable topics each time that they are sent.
     pub sent: u64,
     /// From the network to the domain.
     pub received: u64,
@@ -17,6 +17,8 @@ pub struct Counts {
     pub denied: u64,
     /// They come from a bridge of the same domain.
     pub returned: u64,
+    /// Messages of durable topics that came again. They are acknowledged, and not published again.
+    pub duplicates: u64,
     /// They came from the network while too many others waited.
     pub dropped: u64,
 }
@@ -30,12 +32,13 @@ impl fmt::Display for Counts {
             refused,
             denied,
             returned,
+            duplicates,
             dropped,
         } = self;
         write!(
             f,
             "{sent} sent, {received} received, {lost} lost, {refused} refused, {denied} denied, {returned} returned, \
-             {dropped} dropped"
+             {duplicates} duplicates, {dropped} dropped"
         )
     }
 }

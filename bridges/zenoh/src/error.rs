@@ -1,5 +1,6 @@
 //! Errors of a running bridge.
 
+use sm2_bridge_core::StoreError;
 use sm2_node::domain::QueryError;
 use sm2_node::{ConnectError, WaitError};
 use sm2_proto::NameError;
@@ -24,6 +25,9 @@ pub enum BridgeError {
     /// The domain cannot be followed.
     #[error("cannot follow the domain: {0}")]
     Query(#[from] QueryError),
+    /// The folder of durable topics cannot be used.
+    #[error("the spool of durable topics: {0}")]
+    Spool(#[from] StoreError),
     /// The bridge cannot wait for events.
     #[error("cannot wait for events: {0}")]
     Wait(#[source] WaitError),

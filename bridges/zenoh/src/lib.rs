@@ -20,6 +20,12 @@
 //! In mode plain, the type is the schema of the encoding, as in `zenoh/bytes;sm2:NAME:HASH`. A message without such a
 //! schema has the type of `[u8]`. In mode ROS 2, liveliness tokens show the interfaces on both sides.
 //!
+//! # Durable topics
+//!
+//! In mode plain, rules can make topics durable: their messages are in the files of the [`SpoolConfig`](sm2_bridge_core::config::SpoolConfig) until a bridge of the
+//! network has published them in its domain, and has acknowledged them. They are delivered at least once. The bridge
+//! that receives one a second time does not publish it again.
+//!
 //! # Loops
 //!
 //! Each message that comes from a domain has an [`Origin`] as its attachment, or at the end of it. A bridge ignores
@@ -30,11 +36,9 @@ mod bridge;
 mod config;
 mod convention;
 mod counts;
-mod domain;
+mod durable;
 mod error;
-mod incoming;
 mod network;
-mod origin;
 mod outgoing;
 mod plain;
 mod ready;
@@ -42,7 +46,7 @@ mod ros2;
 mod sides;
 
 pub use self::bridge::Bridge;
-pub use self::config::{Config, ConfigError, ConfigValueError, Decision, Mode};
+pub use self::config::{Config, ConfigError, ConfigValueError, Mode};
 pub use self::counts::Counts;
 pub use self::error::BridgeError;
-pub use self::origin::{Origin, WrongOrigin};
+pub use sm2_bridge_core::{Origin, SpoolCounts};

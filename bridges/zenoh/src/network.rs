@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::sync::mpsc::Receiver;
 use std::time::Duration;
 
+use bytes::Bytes;
 use nix::sys::eventfd::EventFd;
 use zenoh::bytes::{Encoding, ZBytes};
 use zenoh::key_expr::KeyExpr;
@@ -24,8 +25,8 @@ use zenoh_ext::{
 };
 
 use self::inbox::Inbox;
-use crate::domain::{Service, Topic};
 use crate::error::BridgeError;
+use sm2_bridge_core::domain::{Service, Topic};
 
 pub(crate) use self::inbox::{Event, Message, Subject};
 
@@ -179,11 +180,28 @@ impl Network {
         call.wait().map_err(BridgeError::zenoh("call a service"))
     }
 
-    /// Declares a liveliness token.
-    pub(crate) fn declare_token(
+    /// Puts a message into the network, which drops it if it is slow.
+    pub(crate) fn put(
         &self,
-        key: KeyExpr<'static>,
-    ) -> Result<LivelinessToken, BridgeError> {
+        key: &str,
+        encoding: Encoding,
+        payload: Bytes,
+        attachment: Vec<u8>,
+    ) -> Result<(), BridgeError> {
+        let put = self.session.put(key, payload).encoding(encoding);
+        let put = put
+            .attachment(attachment)
+            .congestion_control(CongestionControl::Drop)
+            .allowed_destination(Locality::Remote);
+        put.wait().map_err(BridgeError::zenoh("put a message"))
+    }
+
+    /// Declares a liveliness token.
+    pub(crate) fn declare_token<K>(&self, key: K) -> Result<LivelinessToken, BridgeError>
+    where
+        K: TryInto<KeyExpr<'static>>,
+        K::Error: Into<zenoh::Error>,
+    {
         let token = self.session.liveliness().declare_token(key).wait();
         token.map_err(BridgeError::zenoh("declare a token"))
     }

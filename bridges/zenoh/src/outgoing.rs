@@ -13,9 +13,10 @@ use zenoh::liveliness::LivelinessToken;
 use zenoh_ext::AdvancedPublisher;
 
 use crate::counts::Counts;
-use crate::domain::Topic;
-use crate::origin::Origin;
+use crate::durable::DurableTopics;
 use crate::ros2::{self, Gid};
+use sm2_bridge_core::domain::Topic;
+use sm2_bridge_core::{Delivery, Origin};
 
 /// How many messages of each publisher wait for the bridge.
 const DEPTH: u16 = 64;
@@ -30,12 +31,22 @@ const BURST: usize = 64;
 pub(crate) struct Outgoing {
     publisher: AdvancedPublisher<'static>,
     form: Form,
-    /// Whether Zenoh keeps messages for late joiners.
-    is_latched: bool,
+    keep: Keep,
     /// While there are subscribers in the network: the subscriber in the domain, and its place in the wait set.
     pub(crate) taken: Option<(Subscriber<[u8]>, Key)>,
     /// That of the last message.
     origin: Origin,
+}
+
+/// The messages that are kept.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Keep {
+    /// None.
+    Live,
+    /// Zenoh keeps the last ones for late joiners.
+    Latched,
+    /// Each one until a bridge has acknowledged it.
+    Durable,
 }
 
 /// The form of the attachments of a topic.
@@ -51,7 +62,7 @@ pub(crate) enum Form {
 impl Form {
     fn attachment(&self, sample: &Sample<[u8]>, origin: &Origin) -> Vec<u8> {
         match self {
-            Self::Plain => origin.encode(),
+            Self::Plain => origin.encode(Delivery::AtMostOnce),
             Self::Ros2 { gid, .. } => {
                 let age = now().since(sample.source_time()).as_nanos();
                 let age = u64::try_from(age).unwrap_or(u64::MAX);
@@ -65,13 +76,13 @@ impl Outgoing {
     pub(crate) const fn new(
         publisher: AdvancedPublisher<'static>,
         form: Form,
-        is_latched: bool,
+        keep: Keep,
         origin: Origin,
     ) -> Self {
         Self {
             publisher,
             form,
-            is_latched,
+            keep,
             taken: None,
             origin,
         }
@@ -79,7 +90,7 @@ impl Outgoing {
 
     /// Whether the network has a subscriber, or may have one that wants the messages of today.
     pub(crate) fn is_wanted(&self) -> bool {
-        if self.is_latched {
+        if self.keep != Keep::Live {
             return true;
         }
         let status = self.publisher.matching_status().wait();
@@ -87,8 +98,14 @@ impl Outgoing {
         status.map_or(true, |it| it.matching())
     }
 
-    /// Passes the messages that have come to the network, as far as one burst goes.
-    pub(crate) fn forward(&mut self, counts: &mut Counts) -> Result<(), RecvError> {
+    /// Passes the messages of `topic` that have come to the network, or to `durable`, as far as one burst goes.
+    pub(crate) fn forward(
+        &mut self,
+        topic: &Topic,
+        durable: Option<&mut DurableTopics>,
+        counts: &mut Counts,
+    ) -> Result<(), RecvError> {
+        let mut durable = durable.filter(|_| self.keep == Keep::Durable);
         let Some((subscriber, _)) = &self.taken else {
             return Ok(());
         };
@@ -108,8 +125,12 @@ impl Outgoing {
                 continue;
             }
             self.origin.number += 1;
+            if let Some(durable) = &mut durable {
+                durable.offer(topic, &self.origin, &sample, counts);
+                continue;
+            }
             let attachment = self.form.attachment(&sample, &self.origin);
-            let payload = match self.is_latched {
+            let payload = match self.keep == Keep::Latched {
                 // Zenoh keeps it for long, and a subscriber may borrow a few messages only.
                 true => Bytes::copy_from_slice(&sample),
                 false => Bytes::from_owner(Borrowed(sample)),

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::domain::{Service, Topic};
+use sm2_bridge_core::domain::{Service, Topic};
 
 /// The thing that is ready.
 #[derive(Clone, Debug)]

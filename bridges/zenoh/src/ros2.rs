@@ -26,12 +26,12 @@ use self::graph::Endpoint;
 use self::identity::{Identity, declare_token, gid, key};
 use self::known::Known;
 use self::services::Services;
-use crate::domain::{Service, Topic, called, served, subscribed};
 use crate::error::BridgeError;
 use crate::network::{Network, TopicSubscriber};
-use crate::origin::Origin;
 use crate::ready::Ready;
 use crate::sides::Sides;
+use sm2_bridge_core::Origin;
+use sm2_bridge_core::domain::{Service, Topic, called, served, subscribed};
 
 pub(crate) use self::attachment::{Gid, encode, origin};
 

@@ -1,5 +1,6 @@
 //! The two sides of a bridge.
 
+use sm2_bridge_core::domain::has_bridge;
 use sm2_node::Node;
 use sm2_node::domain::Domain;
 use sm2_proto::Name;
@@ -23,9 +24,4 @@ impl Sides<'_> {
     pub(crate) fn has_bridge(&self, bridge: &Name) -> bool {
         has_bridge(self.domain, bridge)
     }
-}
-
-/// Whether a bridge of this name is a node of a domain.
-pub(crate) fn has_bridge(domain: &Domain, bridge: &Name) -> bool {
-    domain.node_named(&format!("bridge/{bridge}")).is_some()
 }

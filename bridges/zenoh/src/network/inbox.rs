@@ -12,7 +12,7 @@ use zenoh::bytes::{Encoding, ZBytes};
 use zenoh::query::Query;
 use zenoh::sample::{Sample, SampleKind};
 
-use crate::domain::{Service, Topic};
+use sm2_bridge_core::domain::{Service, Topic};
 
 /// How many messages may wait, and how long their payloads may be together, in bytes. Messages beyond that are dropped
 /// and counted.

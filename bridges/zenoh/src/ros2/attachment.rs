@@ -3,7 +3,7 @@
 //! The sequence number and the time of the publication (nanoseconds since 1970, UTC) in 8 bytes each (little-endian),
 //! the number 16, and the 16 bytes of the GID. A bridge appends its [`Origin`], which rmw_zenoh does not read.
 
-use crate::origin::Origin;
+use sm2_bridge_core::{Delivery, Origin};
 
 /// The number that identifies a publisher.
 pub(crate) type Gid = [u8; 16];
@@ -18,7 +18,7 @@ pub(crate) fn encode(source_time_ns: u64, gid: &Gid, origin: &Origin) -> Vec<u8>
     bytes.extend(source_time_ns.to_le_bytes());
     bytes.push(16);
     bytes.extend(gid);
-    bytes.extend(origin.encode());
+    bytes.extend(origin.encode(Delivery::AtMostOnce));
     bytes
 }
 
@@ -33,7 +33,8 @@ pub(crate) fn reply(call: &[u8], source_time_ns: u64) -> Vec<u8> {
 
 /// The origin of a message. `None` if no bridge has put it into the network.
 pub(crate) fn origin(bytes: &[u8]) -> Option<Origin> {
-    Origin::decode(bytes.get(FIXED_BYTES..)?).ok()
+    let (origin, _) = Origin::decode(bytes.get(FIXED_BYTES..)?).ok()?;
+    Some(origin)
 }
 
 #[cfg(test)]

@@ -20,12 +20,12 @@ use zenoh::query::{Query, Queryable};
 use super::attachment::{self, Gid};
 use super::identity::{Identity, declare_token, gid, key};
 use super::types::RosType;
-use crate::domain::Service;
 use crate::error::BridgeError;
 use crate::network::{CALL_MAX, Network};
-use crate::origin::Origin;
 use crate::ready::Ready;
 use crate::sides::Sides;
+use sm2_bridge_core::Origin;
+use sm2_bridge_core::domain::Service;
 
 /// How long a new client waits for the link to its server, so that the first call finds it.
 const LINK_WAIT: Duration = Duration::from_millis(100);

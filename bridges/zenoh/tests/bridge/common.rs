@@ -6,13 +6,11 @@ use std::time::{Duration, Instant};
 
 use hiroz::Builder;
 use hiroz::context::{ZContext, ZContextBuilder};
-use sm2_bridge_zenoh::{Bridge, Config, Counts};
+use sm2_bridge_zenoh::{Bridge, Config, Counts, SpoolCounts};
 use sm2_manager::Background;
 use sm2_node::{Node, Publisher, Shutdown, Subscriber};
+use sm2_test_support::SOON;
 use zenoh::{Session, Wait};
-
-/// Long enough for a machine that is busy with other tests.
-pub(crate) const SOON: Duration = Duration::from_secs(20);
 
 /// When a message is sent once more: Zenoh drops a long one if its queue is full for 50 ms, as on a busy machine.
 pub(crate) const RETRY: Duration = Duration::from_secs(2);
@@ -40,20 +38,17 @@ impl World {
             .local_addr()
             .unwrap();
         let endpoint = format!("tcp/{free}");
-        let mut config = zenoh::Config::default();
-        config.insert_json5("mode", "\"router\"").unwrap();
-        config
-            .insert_json5("listen/endpoints", &format!("[\"{endpoint}\"]"))
-            .unwrap();
-        config
-            .insert_json5("scouting/multicast/enabled", "false")
-            .unwrap();
         Self {
             _manager: manager,
             folder,
+            network: router(&endpoint),
             endpoint,
-            network: zenoh::open(config).wait().unwrap(),
         }
+    }
+
+    /// Starts the process of the network again, after it was closed.
+    pub(crate) fn open_network(&mut self) {
+        self.network = router(&self.endpoint);
     }
 
     pub(crate) fn node(&self, name: &str) -> Node {
@@ -63,8 +58,13 @@ impl World {
 
     /// A configuration with these lines at its start, for a bridge that connects to `endpoint`.
     pub(crate) fn config(&self, head: &str, endpoint: &str, rules: &str) -> Config {
+        self.config_of("client", head, endpoint, rules)
+    }
+
+    /// A configuration whose session is a client or a peer.
+    pub(crate) fn config_of(&self, mode: &str, head: &str, endpoint: &str, rules: &str) -> Config {
         let text = format!(
-            "{head}\nsocket = \"sock\"\n[zenoh]\nmode = \"client\"\nconnect = [\"{endpoint}\"]\n{rules}",
+            "{head}\nsocket = \"sock\"\n[zenoh]\nmode = \"{mode}\"\nconnect = [\"{endpoint}\"]\n{rules}",
         );
         Config::parse(&self.folder.path().join("bridge.toml"), &text).unwrap()
     }
@@ -74,25 +74,47 @@ impl World {
     }
 
     pub(crate) fn bridge_to(&self, endpoint: &str, head: &str, rules: &str) -> Running {
-        let mut bridge = Bridge::start(&self.config(head, endpoint, rules)).unwrap();
-        let shutdown = Shutdown::new().unwrap();
-        let requested = shutdown.clone();
-        let thread = thread::spawn(move || {
-            bridge.run(&requested).unwrap();
-            bridge.counts()
-        });
-        Running { shutdown, thread }
+        Running::start(&self.config(head, endpoint, rules))
     }
+}
+
+/// A router of Zenoh.
+fn router(endpoint: &str) -> Session {
+    let mut config = zenoh::Config::default();
+    config.insert_json5("mode", "\"router\"").unwrap();
+    config
+        .insert_json5("listen/endpoints", &format!("[\"{endpoint}\"]"))
+        .unwrap();
+    config
+        .insert_json5("scouting/multicast/enabled", "false")
+        .unwrap();
+    zenoh::open(config).wait().unwrap()
 }
 
 /// A bridge in a thread.
 pub(crate) struct Running {
     shutdown: Shutdown,
-    thread: JoinHandle<Counts>,
+    thread: JoinHandle<(Counts, Option<SpoolCounts>)>,
 }
 
 impl Running {
+    pub(crate) fn start(config: &Config) -> Self {
+        let mut bridge = Bridge::start(config).unwrap();
+        let shutdown = Shutdown::new().unwrap();
+        let requested = shutdown.clone();
+        let thread = thread::spawn(move || {
+            bridge.run(&requested).unwrap();
+            (bridge.counts(), bridge.spool_counts())
+        });
+        Self { shutdown, thread }
+    }
+
     pub(crate) fn end(self) -> Counts {
+        self.end_with_spool().0
+    }
+
+    /// Ends the bridge; the second part is the account of its durable topics.
+    pub(crate) fn end_with_spool(self) -> (Counts, Option<SpoolCounts>) {
         self.shutdown.request();
         self.thread.join().unwrap()
     }

@@ -5,8 +5,9 @@ use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 use std::time::Duration;
 
-use crate::common::{RETRY, SOON, World, is_linked, receive, wait_until};
+use crate::common::{RETRY, World, is_linked, receive, wait_until};
 use sm2_bridge_zenoh::Config;
+use sm2_test_support::SOON;
 use zenoh::Wait;
 
 const RULES: &str = r#"

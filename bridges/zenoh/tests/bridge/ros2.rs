@@ -3,7 +3,7 @@
 use std::num::NonZeroUsize;
 use std::time::Duration;
 
-use crate::common::{ALL, RETRY, SEVEN, SOON, World, is_linked, receive, ros, wait_until};
+use crate::common::{ALL, RETRY, SEVEN, World, is_linked, receive, ros, wait_until};
 use hiroz::Builder;
 use hiroz::MessageTypeInfo;
 use hiroz::context::ZContext;
@@ -15,6 +15,7 @@ use hiroz_msgs::std_msgs::String as RosString;
 use sm2_node::{Node, Publisher, Subscriber};
 use sm2_proto::schema::hash;
 use sm2_proto::{Kind, Name, TypeId};
+use sm2_test_support::SOON;
 
 /// The type in the domain of a message of ROS 2, and its schema text without the definition.
 fn type_of<T: MessageTypeInfo>() -> (TypeId, String) {

@@ -3,7 +3,7 @@
 use std::num::NonZeroUsize;
 use std::thread;
 
-use crate::common::{ALL, SEVEN, SOON, World, ros, wait_until};
+use crate::common::{ALL, SEVEN, World, ros, wait_until};
 use hiroz::Builder;
 use hiroz::entity::EndpointKind;
 use hiroz::msg::ZMessage;
@@ -14,6 +14,7 @@ use sm2_node::{Client, Node, Server};
 use sm2_proto::schema::Schema;
 use sm2_proto::{Name, TypeId};
 use sm2_ros_idl::{Kind, Set, TypeName};
+use sm2_test_support::SOON;
 
 /// The types of the requests and replies, which the node registers with their definitions.
 fn register(node: &Node) -> [TypeId; 2] {
