@@ -1,0 +1,380 @@
+//! The bridge: one thread, which waits for the domain, its topics and the stream at the same time.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::Path;
+use std::sync::Arc;
+
+use bytes::Bytes;
+use sm2_bridge_core::config::RuleTables;
+use sm2_bridge_core::domain::{Topic, has_bridge, published};
+use sm2_bridge_core::program::Program;
+use sm2_bridge_core::{Delivery, Duplicates, Durable, Incoming, Origin, Outbox, SpoolCounts};
+use sm2_gateway::is_remote;
+use sm2_node::clock::wall_time;
+use sm2_node::domain::Watch;
+use sm2_node::wait_set::{Interest, Key};
+use sm2_node::{Node, RecvError, Sample, Shutdown, Subscriber, WaitError, WaitSet, now};
+use sm2_proto::Name;
+use sm2_proto::gateway::Direction;
+
+use crate::config::{Config, ConfigError};
+use crate::error::BridgeError;
+use crate::message::Message;
+use crate::stream::{Event, Stream};
+
+/// How many messages of each publisher wait for the bridge.
+const DEPTH: u16 = 64;
+/// How many messages of a topic are taken at once, so that no topic delays the others.
+const BURST: usize = 64;
+
+/// Messages since the start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// From the stream to the domain.
+    pub received: u64,
+    /// Newer messages displaced them before the bridge took them from the domain.
+    pub lost: u64,
+    /// The domain refuses them, or they are damaged.
+    pub refused: u64,
+    /// The rules deny them.
+    pub denied: u64,
+    /// They come from a bridge of the same domain.
+    pub returned: u64,
+    /// They came again, and were not published again.
+    pub duplicates: u64,
+    /// The messages of the domain.
+    pub spool: SpoolCounts,
+}
+
+impl fmt::Display for Counts {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            received,
+            lost,
+            refused,
+            denied,
+            returned,
+            duplicates,
+            spool,
+        } = self;
+        write!(
+            f,
+            "from the domain: {lost} lost, {spool}\nfrom the stream: {received} received, {refused} refused, \
+             {denied} denied, {returned} returned, {duplicates} duplicates"
+        )
+    }
+}
+
+/// The thing that is ready.
+#[derive(Clone, Debug)]
+enum Ready {
+    Domain,
+    Stream,
+    Topic(Arc<Topic>),
+}
+
+/// A topic of the domain that goes to the stream.
+struct Outgoing {
+    subscriber: Subscriber<[u8]>,
+    key: Key,
+    /// The number of the last message.
+    number: u64,
+}
+
+/// A bridge between a domain and a stream.
+///
+/// Dropping it ends it.
+pub struct Bridge {
+    config: Config,
+    /// The node `bridge/NAME`, which subscribes.
+    node: Node,
+    /// The node `remote/NAME`, which publishes.
+    remote: Node,
+    watch: Watch,
+    set: WaitSet<'static, Ready>,
+    stream: Stream,
+    outbox: Outbox,
+    duplicates: Duplicates,
+    outgoing: BTreeMap<Topic, Outgoing>,
+    incoming: BTreeMap<Topic, Incoming>,
+    /// The start of the bridge, in nanoseconds since 1970 (UTC).
+    epoch: u64,
+    counts: Counts,
+}
+
+impl Bridge {
+    /// Joins the domain, and connects to the stream in the background.
+    ///
+    /// # Errors
+    ///
+    /// See [`BridgeError`].
+    pub fn start(config: &Config) -> Result<Self, BridgeError> {
+        let node_name = |role: &str| Name::new(&format!("{role}/{}", config.name));
+        let node = config.domain.connect(node_name("bridge")?.as_str())?;
+        let remote = config.domain.connect(node_name("remote")?.as_str())?;
+        let epoch = wall_time().0;
+        let spool = &config.spool;
+        let outbox = Outbox::open(&spool.folder, spool.limits.clone(), now(), epoch)?;
+        let stream = Stream::open(config)?;
+        let mut set = WaitSet::new()?;
+        let mut watch = node.watch();
+        // The subscribers of the domain are known before the first message of the network.
+        watch.wait()?;
+        set.add_watch(&mut watch, Ready::Domain)?;
+        set.add_descriptor(
+            Arc::clone(stream.ready()),
+            Interest::Readable,
+            Ready::Stream,
+        )?;
+        Ok(Self {
+            config: config.clone(),
+            node,
+            remote,
+            watch,
+            set,
+            stream,
+            outbox,
+            duplicates: Duplicates::default(),
+            outgoing: BTreeMap::new(),
+            incoming: BTreeMap::new(),
+            epoch,
+            counts: Counts::default(),
+        })
+    }
+
+    /// The messages since the start.
+    #[must_use]
+    pub fn counts(&self) -> Counts {
+        Counts {
+            spool: self.outbox.counts(),
+            ..self.counts
+        }
+    }
+
+    /// Carries messages until `shutdown` is requested.
+    ///
+    /// # Errors
+    ///
+    /// See [`BridgeError`].
+    pub fn run(&mut self, shutdown: &Shutdown) -> Result<(), BridgeError> {
+        self.follow_domain()?;
+        self.set.end_with(shutdown)?;
+        loop {
+            match self.wait() {
+                Ok(None) => {}
+                Ok(Some(Ready::Domain)) => self.follow_domain()?,
+                Ok(Some(Ready::Stream)) => self.follow_stream()?,
+                Ok(Some(Ready::Topic(topic))) => self.forward(&topic),
+                Err(WaitError::Shutdown) => return Ok(()),
+                Err(error) => return Err(BridgeError::Wait(error)),
+            }
+            self.send();
+        }
+    }
+
+    /// The next thing that is ready. `None` if the outbox has something to send before.
+    fn wait(&mut self) -> Result<Option<Ready>, WaitError> {
+        let ready = match self.outbox.deadline() {
+            Some(deadline) => self.set.wait_timeout(deadline.since(now()))?,
+            None => Some(self.set.wait()?),
+        };
+        Ok(ready.map(|it| it.tag))
+    }
+
+    /// Subscribes to the topics of the domain that the rules let out.
+    fn follow_domain(&mut self) -> Result<(), BridgeError> {
+        while !self.watch.try_wait()?.is_empty() {}
+        let mut wanted = published(self.watch.domain());
+        wanted.retain(|(topic, _)| self.config.allows(topic, Direction::Out));
+        let all = self.outgoing.keys();
+        let gone: Vec<_> = all.filter(|it| !wanted.contains(it)).cloned().collect();
+        for topic in gone {
+            // What its publishers have left.
+            self.forward(&topic);
+            if let Some(outgoing) = self.outgoing.remove(&topic) {
+                self.set.remove(outgoing.key);
+            }
+        }
+        for topic in wanted {
+            if !self.outgoing.contains_key(&topic) {
+                self.subscribe(topic);
+            }
+        }
+        Ok(())
+    }
+
+    fn subscribe(&mut self, topic: Topic) {
+        let builder = self.node.subscriber_builder::<[u8]>(topic.0.as_str());
+        let declared = builder.type_id(topic.1.clone()).depth(DEPTH).declare();
+        let subscriber = match declared {
+            Ok(subscriber) => subscriber,
+            Err(error) => {
+                tracing::warn!(topic = %topic.0, %error, "cannot subscribe");
+                return;
+            }
+        };
+        match self
+            .set
+            .add(&subscriber, Ready::Topic(Arc::new(topic.clone())))
+        {
+            Ok(key) => {
+                let outgoing = Outgoing {
+                    subscriber,
+                    key,
+                    number: 0,
+                };
+                self.outgoing.insert(topic, outgoing);
+            }
+            Err(error) => tracing::warn!(topic = %topic.0, %error, "cannot wait for messages"),
+        }
+    }
+
+    /// Takes messages of a topic of the domain.
+    fn forward(&mut self, topic: &Topic) {
+        let Some(outgoing) = self.outgoing.get_mut(topic) else {
+            return;
+        };
+        for _ in 0..BURST {
+            let sample = match outgoing.subscriber.try_recv() {
+                Ok(Some(sample)) => sample,
+                Ok(None) => return,
+                Err(error) => {
+                    self.end_topic(topic, &error);
+                    return;
+                }
+            };
+            self.counts.lost += sample.lost();
+            if is_remote(sample.publisher()) {
+                continue;
+            }
+            outgoing.number += 1;
+            let origin = Origin {
+                bridge: self.config.name.clone(),
+                epoch: self.epoch,
+                number: outgoing.number,
+            };
+            if let Err(error) = self.outbox.offer(durable(topic, origin, &sample), now()) {
+                tracing::warn!(topic = %topic.0, %error, "a message is lost");
+            }
+        }
+    }
+
+    fn end_topic(&mut self, topic: &Topic, error: &RecvError) {
+        tracing::warn!(topic = %topic.0, %error, "cannot take a message");
+        if let Some(outgoing) = self.outgoing.remove(topic) {
+            self.set.remove(outgoing.key);
+        }
+    }
+
+    /// Sends what can be sent.
+    fn send(&mut self) {
+        loop {
+            match self.outbox.poll(now()) {
+                Ok(Some(message)) => self.stream.publish(message),
+                Ok(None) => return,
+                Err(error) => tracing::warn!(%error, "a message is lost"),
+            }
+        }
+    }
+
+    fn follow_stream(&mut self) -> Result<(), BridgeError> {
+        self.stream.clear_ready()?;
+        while let Some(event) = self.stream.next() {
+            match event {
+                Event::Connected => self.outbox.connect(),
+                Event::Disconnected => self.outbox.disconnect(now()),
+                Event::Acknowledged(topic, origin) => self.outbox.acknowledge(&topic, &origin),
+                Event::Message(message, receipt) => {
+                    if message.is_none_or(|it| self.receive(it)) {
+                        self.stream.acknowledge(receipt);
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Publishes a message of the stream in the domain. Returns whether the bridge is done with it.
+    fn receive(&mut self, message: Message) -> bool {
+        let topic = (message.topic, message.data);
+        if !self.config.allows(&topic.0, Direction::In) {
+            self.counts.denied += 1;
+            return true;
+        }
+        if let Some(origin) = &message.origin {
+            if has_bridge(self.watch.domain(), &origin.bridge) {
+                self.counts.returned += 1;
+                return true;
+            }
+            if self.duplicates.contains(&topic.0, origin) {
+                self.counts.duplicates += 1;
+                return true;
+            }
+        }
+        if let Err(error) = self.publish(&topic, &message.payload) {
+            self.counts.refused += 1;
+            tracing::warn!(topic = %topic.0, error, "cannot publish a message in the domain");
+            // The stream delivers it again.
+            return false;
+        }
+        self.counts.received += 1;
+        if let Some(origin) = &message.origin {
+            self.duplicates.insert(&topic.0, origin);
+        }
+        true
+    }
+
+    fn publish(&mut self, topic: &Topic, payload: &Bytes) -> Result<(), String> {
+        let publisher = match self.incoming.get(topic) {
+            Some(publisher) => publisher,
+            None => {
+                let (domain, delivery) = (self.watch.domain(), Delivery::AtLeastOnce);
+                let declared = Incoming::declare(&self.remote, domain, topic, 0, delivery);
+                let declared = declared.map_err(|error| error.to_string())?;
+                self.incoming.entry(topic.clone()).or_insert(declared)
+            }
+        };
+        publisher
+            .publish(payload)
+            .map_err(|error| error.to_string())
+    }
+}
+
+impl Program for Bridge {
+    type Config = Config;
+    type ConfigError = ConfigError;
+    type Error = BridgeError;
+
+    fn load(path: &Path) -> Result<Config, ConfigError> {
+        Config::load(path)
+    }
+
+    fn rules(config: &Config) -> &RuleTables {
+        &config.rules
+    }
+
+    fn start(config: &Config) -> Result<Self, BridgeError> {
+        Self::start(config)
+    }
+
+    fn run(&mut self, shutdown: &Shutdown) -> Result<(), BridgeError> {
+        self.run(shutdown)
+    }
+
+    fn summary(&self) -> String {
+        self.counts().to_string()
+    }
+}
+
+fn durable((topic, data): &Topic, origin: Origin, sample: &Sample<[u8]>) -> Durable {
+    let age = now().since(sample.source_time()).as_nanos();
+    let age = u64::try_from(age).unwrap_or(u64::MAX);
+    Durable {
+        topic: topic.clone(),
+        data: data.clone(),
+        origin,
+        time: wall_time().0.saturating_sub(age),
+        payload: Bytes::copy_from_slice(sample),
+    }
+}
