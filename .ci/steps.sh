@@ -331,6 +331,7 @@ step_python() {
 step_bridges() {
     local inputs=(bridges)
     unless_stamped bridges "${inputs[@]}"
+    install_packages <<<"nats-server nats-server"
     (
         cd bridges
         export CARGO_TARGET_DIR=$CARGO_TARGET_DIR/bridges
