@@ -12,6 +12,9 @@ int main(int argc, char **argv) {
     sm2_publisher_options_t options = {.size = sizeof options};
     CHECK(sm2_publisher_options_init(&options));
     options.reliable = 1;
+    /* The listener gets every pose: the talker waits for it as long as this takes. */
+    options.wait_share_percent = 100;
+    options.publish_timeout_ns = 60 * SECOND_NS;
     CHECK(sm2_publisher_new(node, "pose", &POSE_TYPE, &options, &publisher));
     CHECK(sm2_publisher_wait_for_subscribers(publisher, 1, 60 * SECOND_NS));
 

@@ -25,6 +25,9 @@ int main(int argc, char** argv) try {
     const sm2::Node node("laser");
     sm2::PublisherOptions options;
     options.reliable = 1;
+    // The processor gets every scan: the driver waits for it as long as this takes.
+    options.wait_share_percent = 100;
+    options.publish_timeout(60s);
     const auto publisher = node.publisher<demo::Scan>("scan", options);
     const auto server = node.server<std::uint8_t, std::string>("laser/power");
     publisher.wait_for_subscribers(1, 60s);
