@@ -121,7 +121,11 @@ impl Fleet {
 
     /// Publishes what is due, and takes what has come.
     fn run(&self, round: u64) -> Done {
-        for source in self.sources.iter().filter(|it| round % it.rounds == 0) {
+        for source in self
+            .sources
+            .iter()
+            .filter(|it| round.is_multiple_of(it.rounds))
+        {
             source.publisher.publish(&source.message)?;
         }
         for subscriber in &self.subscribers {

@@ -240,7 +240,8 @@ impl<'a> Sink<'a> {
                 out.json(&Line::new(arguments, sample, content))
             }
             (false, None) => {
-                let lines = messages::lines(&sample.to_vec(), schema, arguments.show);
+                let message = sample.to_vec();
+                let lines = messages::lines(&message, schema, arguments.show);
                 out.write(|out| out.write_all(&lines))
             }
             (false, Some(_)) => Ok(()),

@@ -95,12 +95,12 @@ impl Events {
         let [old_names, new_names] =
             [&before, &nodes].map(|it| it.values().collect::<BTreeSet<_>>());
         for (id, name) in &before {
-            if !nodes.contains_key(id) && !(is_new && new_names.contains(name)) {
+            if !(nodes.contains_key(id) || is_new && new_names.contains(name)) {
                 self.push(Kind::Left, Some(name), None, "left".into());
             }
         }
         for (id, name) in &nodes {
-            if !before.contains_key(id) && !(is_new && old_names.contains(name)) {
+            if !(before.contains_key(id) || is_new && old_names.contains(name)) {
                 self.push(Kind::Joined, Some(name), None, "joined".into());
             }
         }
