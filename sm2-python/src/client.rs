@@ -7,10 +7,10 @@ use std::time::Duration;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use crate::buffers::Input;
 use crate::detached::detached;
 use crate::errors::{self, raise};
 use crate::handles::Owned;
+use crate::input::Input;
 use crate::interface::interface_methods;
 use crate::options::{Seconds, time};
 use crate::wait::{on_thread, until_found};

@@ -2,11 +2,14 @@
 
 use std::mem;
 use std::process;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use pyo3::PyResult;
 
 use crate::errors::{ClosedError, ForkError};
+
+/// The handle that a publisher and its loans share.
+pub(crate) type PublisherHandle = Arc<sm2_node::Publisher<[u8]>>;
 
 /// A handle of SM2 that belongs to a Python object.
 ///

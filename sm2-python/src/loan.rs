@@ -11,11 +11,10 @@ use pyo3::types::{PyBytes, PyDict};
 use self_cell::self_cell;
 use sm2_node::StoreError;
 
-use crate::buffers::{Memory, references};
 use crate::detached::detached;
 use crate::errors::{self, LoanError, raise};
-use crate::handles::Owned;
-use crate::publisher::Handle;
+use crate::handles::{Owned, PublisherHandle};
+use crate::memory::Memory;
 
 /// How many frames are searched for the variable that refers to the array.
 const FRAMES_MAX: usize = 64;
@@ -29,7 +28,7 @@ type Lent<'p> = Option<sm2_node::Loan<'p, [u8]>>;
 self_cell!(
     /// A loan and the publisher that it belongs to.
     struct Loaned {
-        owner: Handle,
+        owner: PublisherHandle,
         #[covariant]
         dependent: Lent,
     }
@@ -42,7 +41,7 @@ pub(crate) struct LoanMemory {
 }
 
 impl LoanMemory {
-    pub(crate) fn new(publisher: Handle, len: usize) -> Result<Self, StoreError> {
+    pub(crate) fn new(publisher: PublisherHandle, len: usize) -> Result<Self, StoreError> {
         let loaned = Loaned::try_new(publisher, |it| it.loan_slice(len).map(Some))?;
         Ok(Self {
             inner: Owned::new("loan", loaned),
@@ -99,9 +98,9 @@ impl Loan {
     /// Makes sure that after this call nothing refers to the memory.
     fn detach_array(&self, py: Python<'_>, array: Bound<'_, PyAny>) -> PyResult<()> {
         // One reference is ours.
-        let others = references(&array) - 1;
+        let others = array.get_refcnt() - 1;
         // Two are ours and that of the array.
-        let bases = references(self.memory.bind(py)) - 2;
+        let bases = self.memory.get_refcnt(py) - 2;
         if others > 1 || bases > 0 || (others == 1 && !is_variable(&array)?) {
             return Err(LoanError::new_err(
                 "the loan was not published: besides the variable of its block, something still refers to the array \
@@ -185,7 +184,7 @@ fn has_local(frame: &Bound<'_, PyAny>, array: &Bound<'_, PyAny>) -> PyResult<boo
     let flags: u32 = frame.getattr("f_code")?.getattr("co_flags")?.extract()?;
     if let Ok(copy) = locals.cast_exact::<PyDict>()
         && flags & CO_OPTIMIZED != 0
-        && references(copy) == 2
+        && copy.get_refcnt() == 2
     {
         copy.clear();
     }

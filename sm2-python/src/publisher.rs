@@ -5,22 +5,19 @@ use std::sync::Arc;
 
 use pyo3::prelude::*;
 
-use crate::buffers::Input;
 use crate::detached::detached;
 use crate::errors::{self, raise};
-use crate::handles::Owned;
+use crate::handles::{Owned, PublisherHandle};
+use crate::input::Input;
 use crate::interface::interface_methods;
 use crate::loan::{Loan, LoanMemory};
 use crate::options::{Seconds, time};
 use crate::wait::in_slices;
 
-/// The handle that a publisher and its loans share.
-pub(crate) type Handle = Arc<sm2_node::Publisher<[u8]>>;
-
 /// Sends messages to all subscribers of a topic.
 #[pyclass(frozen, module = "sm2._native")]
 pub(crate) struct Publisher {
-    inner: Owned<Handle>,
+    inner: Owned<PublisherHandle>,
     name: String,
 }
 
@@ -64,7 +61,7 @@ impl Published {
 }
 
 impl Publisher {
-    pub(crate) fn new(handle: Handle) -> Self {
+    pub(crate) fn new(handle: PublisherHandle) -> Self {
         Self {
             name: handle.topic().to_string(),
             inner: Owned::new("publisher", handle),

@@ -6,10 +6,10 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyType};
 
-use crate::buffers::Memory;
 use crate::handles::Owned;
+use crate::memory::Memory;
 
-/// What a program holds of one subscriber. Changed by threads that have the GIL.
+/// How many messages of one subscriber a program holds. Changed by threads that have the GIL.
 #[derive(Debug)]
 pub(crate) struct Account {
     pub(crate) topic: String,

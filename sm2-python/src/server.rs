@@ -5,10 +5,10 @@ use std::sync::Arc;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use crate::buffers::Input;
 use crate::detached::detached;
 use crate::errors::{self, raise};
 use crate::handles::Owned;
+use crate::input::Input;
 use crate::interface::interface_methods;
 use crate::options::{Seconds, time};
 use crate::wait::until_found;

@@ -1,4 +1,4 @@
-//! What the configurations of all bridges have in common: TOML without unknown keys, and errors with lines.
+//! The common parts of the configurations of all bridges: TOML without unknown keys, and errors with lines.
 
 use std::fs;
 use std::io;
@@ -86,7 +86,7 @@ pub struct RuleTables {
     pub notes: Vec<RuleNote>,
 }
 
-/// What the file says of a rule, beside the [`Rule`].
+/// The line of a rule, and its options beside those of [`Rule`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RuleNote {
     /// Its line in the file.

@@ -16,6 +16,7 @@
 pub mod config;
 pub mod domain;
 mod duplicates;
+mod durable;
 mod incoming;
 mod origin;
 mod outbox;
@@ -24,8 +25,9 @@ mod spool;
 mod store;
 
 pub use self::duplicates::{Duplicates, REORDER_MAX};
+pub use self::durable::Durable;
 pub use self::incoming::Incoming;
 pub use self::origin::{Delivery, Origin, WrongOrigin};
 pub use self::outbox::Outbox;
 pub use self::spool::{Fate, Id, Limits, LimitsError, Output, Spool, SpoolCounts};
-pub use self::store::{Durable, StoreError};
+pub use self::store::StoreError;

@@ -5,9 +5,9 @@ use std::path::Path;
 
 use sm2_proto::{Instant, Name};
 
-use crate::Origin;
 use crate::spool::{Id, Limits, Output, Spool, SpoolCounts};
-use crate::store::{Durable, Store, StoreError};
+use crate::store::{Store, StoreError};
+use crate::{Durable, Origin};
 
 /// A [`Spool`] whose messages are in the MCAP files of a folder.
 ///

@@ -15,41 +15,19 @@ use sm2_proto::gateway::{Direction, SubjectKind};
 
 use crate::config::RuleTables;
 
-/// A bridge that a program runs.
-pub trait Program: Sized {
-    /// A checked configuration.
-    type Config;
-    /// The reason why a file is no configuration.
-    type ConfigError: Error + 'static;
-    /// The reason why a bridge cannot start, or go on.
-    type Error: Error + 'static;
-
-    /// Reads and checks a configuration.
-    ///
-    /// # Errors
-    ///
-    /// The file is no configuration of this bridge.
-    fn load(path: &Path) -> Result<Self::Config, Self::ConfigError>;
-
-    /// The rules of a configuration.
-    fn rules(config: &Self::Config) -> &RuleTables;
-
-    /// Joins the domain.
-    ///
-    /// # Errors
-    ///
-    /// The bridge cannot start.
-    fn start(config: &Self::Config) -> Result<Self, Self::Error>;
-
-    /// Carries messages until `shutdown` is requested.
-    ///
-    /// # Errors
-    ///
-    /// The bridge cannot go on.
-    fn run(&mut self, shutdown: &Shutdown) -> Result<(), Self::Error>;
-
-    /// The messages since the start, for people.
-    fn summary(&self) -> String;
+/// The parts of a program: `C` is its configuration, `B` its bridge.
+#[derive(Clone, Copy, Debug)]
+pub struct Program<L, R, S, U, T> {
+    /// Reads and checks a configuration: `Fn(&Path) -> Result<C, _>`.
+    pub load: L,
+    /// The rules of a configuration: `Fn(&C) -> &RuleTables`.
+    pub rules: R,
+    /// Joins the domain: `Fn(&C) -> Result<B, _>`.
+    pub start: S,
+    /// Carries messages until it is requested to end: `Fn(&mut B, &Shutdown) -> Result<(), _>`.
+    pub run: U,
+    /// The messages since the start, for people: `Fn(&B) -> String`.
+    pub summary: T,
 }
 
 /// Joins a domain of SM2 to another network.
@@ -88,59 +66,79 @@ enum Command {
     },
 }
 
-/// Runs the command line of the program with this name. Its log goes to the standard error output.
-pub fn main<P: Program>(name: &str) -> ExitCode {
-    tracing_subscriber::fmt()
-        .with_writer(io::stderr)
-        .with_ansi(io::stderr().is_terminal())
-        .init();
-    match execute::<P>(Arguments::parse().command) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("{name}: {error}");
-            ExitCode::FAILURE
+impl<L, R, S, U, T> Program<L, R, S, U, T> {
+    /// Runs the command line of the program with this name. Its log goes to the standard error output.
+    pub fn main<C, B, F, E>(self, name: &str) -> ExitCode
+    where
+        L: Fn(&Path) -> Result<C, F>,
+        R: Fn(&C) -> &RuleTables,
+        S: Fn(&C) -> Result<B, E>,
+        U: Fn(&mut B, &Shutdown) -> Result<(), E>,
+        T: Fn(&B) -> String,
+        F: Error + 'static,
+        E: Error + 'static,
+    {
+        tracing_subscriber::fmt()
+            .with_writer(io::stderr)
+            .with_ansi(io::stderr().is_terminal())
+            .init();
+        match self.execute(Arguments::parse().command) {
+            Ok(()) => ExitCode::SUCCESS,
+            Err(error) => {
+                eprintln!("{name}: {error}");
+                ExitCode::FAILURE
+            }
         }
+    }
+
+    fn execute<C, B, F, E>(self, command: Command) -> Result<(), Box<dyn Error>>
+    where
+        L: Fn(&Path) -> Result<C, F>,
+        R: Fn(&C) -> &RuleTables,
+        S: Fn(&C) -> Result<B, E>,
+        U: Fn(&mut B, &Shutdown) -> Result<(), E>,
+        T: Fn(&B) -> String,
+        F: Error + 'static,
+        E: Error + 'static,
+    {
+        match command {
+            Command::Run { config } => {
+                let config = (self.load)(&config)?;
+                let shutdown = Shutdown::new()?;
+                let mut bridge = (self.start)(&config)?;
+                eprintln!("the bridge carries messages");
+                end_with_signals(&shutdown)?;
+                (self.run)(&mut bridge, &shutdown)?;
+                println!("{}", (self.summary)(&bridge));
+            }
+            Command::Check { config } => {
+                let checked = (self.load)(&config)?;
+                let rules = (self.rules)(&checked).notes.len();
+                println!("{}: {rules} rules", config.display());
+            }
+            Command::Explain {
+                config,
+                name,
+                service,
+            } => {
+                let config = (self.load)(&config)?;
+                let name = Name::typed(&name).map_err(|error| format!("wrong name: {error}"))?;
+                explain((self.rules)(&config), &name, service);
+            }
+        }
+        Ok(())
     }
 }
 
-fn execute<P: Program>(command: Command) -> Result<(), Box<dyn Error>> {
-    match command {
-        Command::Run { config } => carry::<P>(&P::load(&config)?),
-        Command::Check { config } => {
-            let checked = P::load(&config)?;
-            println!(
-                "{}: {} rules",
-                config.display(),
-                P::rules(&checked).notes.len()
-            );
-            Ok(())
-        }
-        Command::Explain {
-            config,
-            name,
-            service,
-        } => {
-            let config = P::load(&config)?;
-            let name = Name::typed(&name).map_err(|error| format!("wrong name: {error}"))?;
-            explain(P::rules(&config), &name, service);
-            Ok(())
-        }
-    }
-}
-
-fn carry<P: Program>(config: &P::Config) -> Result<(), Box<dyn Error>> {
-    let shutdown = Shutdown::new()?;
+/// Requests the end of the bridge with SIGINT or SIGTERM.
+fn end_with_signals(shutdown: &Shutdown) -> io::Result<()> {
     let mut signals = Signals::new([SIGINT, SIGTERM])?;
-    let mut bridge = P::start(config)?;
-    eprintln!("the bridge carries messages");
     let requested = shutdown.clone();
     thread::spawn(move || {
         if signals.forever().next().is_some() {
             requested.request();
         }
     });
-    bridge.run(&shutdown)?;
-    println!("{}", bridge.summary());
     Ok(())
 }
 

@@ -25,19 +25,19 @@ pub struct Id(pub u64);
 ///
 /// | event | a spooled message | a message in flight |
 /// | --- | --- | --- |
-/// | [`poll`](Self::poll), while the network is there, the window has room and the rate allows it | the oldest one is sent and is in flight | |
-/// | [`acknowledge`](Self::acknowledge) | handed over: the answer to an attempt before the network went away | handed over |
+/// | [`poll`](Self::poll), if the network, window and rate allow it | the oldest one is sent | |
+/// | [`acknowledge`](Self::acknowledge) | handed over by an attempt before an outage | handed over |
 /// | [`reject`](Self::reject) | refused | refused |
 /// | [`disconnect`](Self::disconnect) | | spooled again, in the old order |
-/// | `retry` has passed since the oldest one in flight was sent | | all of them are spooled again, as after `disconnect` |
-/// | older than `max_age`, or the oldest one while there is no room | expired | |
+/// | the oldest one in flight was sent `retry` ago | | all of them are spooled again |
+/// | older than `max_age`, or the oldest one without room | expired | |
 ///
 /// # Contract
 ///
 /// | to do | methods |
 /// | --- | --- |
-/// | inspect | [`counts`](Self::counts), [`spooled_bytes`](Self::spooled_bytes), [`in_flight_bytes`](Self::in_flight_bytes) |
-/// | feed | [`restore`](Self::restore), [`offer`](Self::offer), [`connect`](Self::connect), [`disconnect`](Self::disconnect), [`acknowledge`](Self::acknowledge), [`reject`](Self::reject) |
+/// | inspect | [`counts`](Self::counts), `spooled_bytes`, `in_flight_bytes` |
+/// | feed | `restore`, [`offer`](Self::offer), `connect`, `disconnect`, `acknowledge`, `reject` |
 /// | drain | [`poll`](Self::poll) until it returns `None`, after each event |
 /// | deadline | [`deadline`](Self::deadline): call `poll` then |
 ///
@@ -212,7 +212,7 @@ impl Spool {
         self.check();
     }
 
-    /// What was in flight is spooled again.
+    /// Spools again all messages in flight.
     fn take_back(&mut self) {
         while let Some(sent) = self.in_flight.pop_back() {
             self.in_flight_bytes -= sent.entry.len;
@@ -350,7 +350,7 @@ impl Spool {
         self.ended.push_back((id, fate));
     }
 
-    /// What always holds.
+    /// Checks the invariants.
     fn check(&self) {
         debug_assert!(self.counts().is_balanced());
         debug_assert!(self.spooled_bytes <= self.limits.max_bytes());

@@ -1,5 +1,6 @@
 //! The store of an outbox: a folder of MCAP files.
 
+mod error;
 mod segment;
 
 use std::collections::VecDeque;
@@ -8,72 +9,19 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use bytes::Bytes;
 use nix::errno::Errno;
 use nix::fcntl::{Flock, FlockArg};
-use sm2_proto::{Instant, Name, TypeId};
+use sm2_proto::Instant;
 
+pub use self::error::StoreError;
 use self::segment::{Segment, Writing};
-use crate::Origin;
+use crate::Durable;
 use crate::spool::{Id, Spool};
 
 /// The file by which one outbox has a folder for itself.
 const LOCK: &str = "lock";
 /// How long a file may become before the next one is begun, in bytes.
 const SEGMENT_MAX_BYTES: u64 = 8 << 20;
-
-/// A message of a durable topic.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Durable {
-    /// The topic in the domain.
-    pub topic: Name,
-    /// The type of the payload.
-    pub data: TypeId,
-    /// The bridge that has taken it from its domain, and its number. A message keeps it when the bridge starts anew.
-    pub origin: Origin,
-    /// The time of publication, in nanoseconds since 1970 (UTC).
-    pub time: u64,
-    /// The payload.
-    pub payload: Bytes,
-}
-
-/// The reason why a store cannot be used, or does not have a message.
-#[derive(Debug, thiserror::Error)]
-pub enum StoreError {
-    /// The operating system refuses a file.
-    #[error("cannot {action} {}: {source}", path.display())]
-    Io {
-        /// The attempt.
-        action: &'static str,
-        /// The file or folder.
-        path: PathBuf,
-        /// The reason.
-        source: io::Error,
-    },
-    /// Another outbox uses the folder.
-    #[error("{} belongs to another bridge that runs; give each bridge a folder of its own", path.display())]
-    Locked {
-        /// The folder.
-        path: PathBuf,
-    },
-    /// A file has fewer messages than were written to it.
-    #[error("{} has lost messages since it was written", path.display())]
-    Damaged {
-        /// The file.
-        path: PathBuf,
-    },
-}
-
-impl StoreError {
-    fn io(action: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {
-        let path = path.to_owned();
-        move |source| Self::Io {
-            action,
-            path,
-            source,
-        }
-    }
-}
 
 /// Messages in files, each in the file that was the newest one when it came. A file is removed when all of its messages
 /// have their fate.

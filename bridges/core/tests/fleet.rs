@@ -58,7 +58,7 @@ struct Robot {
     is_up: bool,
     /// Counts the outages: what was sent before the last one may be lost.
     attempt: u32,
-    /// What the robot has in its store: the number of each message, by its place in the spool.
+    /// The messages in the store of the robot: the number of each message, by its place in the spool.
     stored: BTreeMap<Id, u64>,
     published: u64,
     /// How often each message was taken by the receiver.

@@ -2,13 +2,10 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::path::Path;
 use std::sync::Arc;
 
 use bytes::Bytes;
-use sm2_bridge_core::config::RuleTables;
 use sm2_bridge_core::domain::{Topic, has_bridge, published};
-use sm2_bridge_core::program::Program;
 use sm2_bridge_core::{Delivery, Duplicates, Durable, Incoming, Origin, Outbox, SpoolCounts};
 use sm2_gateway::is_remote;
 use sm2_node::clock::wall_time;
@@ -18,7 +15,7 @@ use sm2_node::{Node, RecvError, Sample, Shutdown, Subscriber, WaitError, WaitSet
 use sm2_proto::Name;
 use sm2_proto::gateway::Direction;
 
-use crate::config::{Config, ConfigError};
+use crate::config::Config;
 use crate::error::BridgeError;
 use crate::message::Message;
 use crate::stream::{Event, Stream};
@@ -190,7 +187,7 @@ impl Bridge {
         let all = self.outgoing.keys();
         let gone: Vec<_> = all.filter(|it| !wanted.contains(it)).cloned().collect();
         for topic in gone {
-            // What its publishers have left.
+            // The messages that its publishers have left.
             self.forward(&topic);
             if let Some(outgoing) = self.outgoing.remove(&topic) {
                 self.set.remove(outgoing.key);
@@ -338,32 +335,6 @@ impl Bridge {
         publisher
             .publish(payload)
             .map_err(|error| error.to_string())
-    }
-}
-
-impl Program for Bridge {
-    type Config = Config;
-    type ConfigError = ConfigError;
-    type Error = BridgeError;
-
-    fn load(path: &Path) -> Result<Config, ConfigError> {
-        Config::load(path)
-    }
-
-    fn rules(config: &Config) -> &RuleTables {
-        &config.rules
-    }
-
-    fn start(config: &Config) -> Result<Self, BridgeError> {
-        Self::start(config)
-    }
-
-    fn run(&mut self, shutdown: &Shutdown) -> Result<(), BridgeError> {
-        self.run(shutdown)
-    }
-
-    fn summary(&self) -> String {
-        self.counts().to_string()
     }
 }
 

@@ -1,9 +1,8 @@
 //! The connection to the stream: a thread with the client of NATS, and its events.
 
 use std::io;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, OnceLock};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
@@ -47,7 +46,7 @@ pub(crate) enum Event {
 }
 
 /// A message of the stream that waits for an acknowledgement.
-pub(crate) struct Receipt(jetstream::Message);
+pub(crate) struct Receipt(Box<jetstream::Message>);
 
 enum Command {
     Publish(Durable),
@@ -167,7 +166,7 @@ async fn run(config: Config, mut commands: UnboundedReceiver<Command>, outlet: O
                 message = messages.next() => match message {
                     Some(Ok(message)) => {
                         let content = read(&config.prefix, &message);
-                        outlet.put(Event::Message(content, Receipt(message)));
+                        outlet.put(Event::Message(content, Receipt(Box::new(message))));
                     }
                     // As when the server has started anew.
                     Some(Err(error)) => {
@@ -196,7 +195,7 @@ async fn consume_soon(
         }
         tokio::select! {
             () = tokio::time::sleep(RETRY) => {}
-            // What is lost here comes again: the spool and the stream have not seen an acknowledgement.
+            // A lost command comes again: the spool and the stream have not seen an acknowledgement.
             command = commands.recv() => { command?; }
         }
     }
@@ -223,14 +222,14 @@ async fn connect(config: &Config, outlet: &Outlet) -> Option<Client> {
     let options = options
         .inspect_err(|error| tracing::error!(%error, "cannot read the credentials"))
         .ok()?;
-    let is_first = AtomicBool::new(true);
+    let has_connected = OnceLock::new();
     let options = options
         .name(format!("sm2-bridge-nats {}", config.name))
         .retry_on_initial_connect()
         .event_callback(move |change| {
             match change {
                 // The first one comes before the stream is known to be there.
-                Change::Connected if is_first.swap(false, Ordering::Relaxed) => {}
+                Change::Connected if has_connected.set(()).is_ok() => {}
                 Change::Connected => changes.put(Event::Connected),
                 Change::Disconnected => changes.put(Event::Disconnected),
                 other => tracing::debug!(event = %other, "NATS"),

@@ -99,8 +99,8 @@ impl World {
 
     fn bridge(&self, name: &str, port: u16, rules: &str) -> Running {
         let text = format!(
-            "name = \"{name}\"\nsocket = \"sock\"\n[nats]\nservers = [\"nats://127.0.0.1:{port}\"]\nstream = \"fleet\"\n\
-             [spool]\nfolder = \"spool\"\n{rules}"
+            "name = \"{name}\"\nsocket = \"sock\"\n[nats]\nservers = [\"nats://127.0.0.1:{port}\"]\n\
+             stream = \"fleet\"\n[spool]\nfolder = \"spool\"\n{rules}"
         );
         let config = Config::parse(&self.folder.path().join("bridge.toml"), &text).unwrap();
         let mut bridge = Bridge::start(&config).unwrap();
@@ -179,7 +179,7 @@ fn messages_survive_outages_of_the_server_and_come_once() {
     publish(&publisher, 5..10);
     server.start_again();
     take(&subscriber, 5..10);
-    // What comes while the site is away.
+    // More messages come while the site is away.
     let counts = into.end();
     assert_eq!(counts.received, 10, "{counts}");
     publish(&publisher, 10..15);

@@ -1,7 +1,6 @@
 //! The bridge: one thread, which waits for the domain, its topics and the network at the same time.
 
 use std::collections::BTreeMap;
-use std::path::Path;
 use std::sync::Arc;
 
 use sm2_node::domain::Watch;
@@ -11,7 +10,7 @@ use sm2_proto::Name;
 use sm2_proto::gateway::Direction;
 use zenoh::query::Query;
 
-use crate::config::{Config, ConfigError, Mode};
+use crate::config::{Config, Mode};
 use crate::convention::Convention;
 use crate::counts::Counts;
 use crate::durable::DurableTopics;
@@ -21,9 +20,7 @@ use crate::outgoing::{Outgoing, subscribe};
 use crate::ready::Ready;
 use crate::sides::Sides;
 use sm2_bridge_core::Incoming;
-use sm2_bridge_core::config::RuleTables;
 use sm2_bridge_core::domain::{Service, Topic, has_bridge, published};
-use sm2_bridge_core::program::Program;
 use sm2_bridge_core::{Delivery, Duplicates, Origin, SpoolCounts};
 
 /// How many messages of the network are published at once, so that the topics of the domain go on meanwhile.
@@ -115,6 +112,15 @@ impl Bridge {
         self.durable.as_ref().map(DurableTopics::counts)
     }
 
+    /// All counts, for people.
+    #[must_use]
+    pub fn summary(&self) -> String {
+        match self.spool_counts() {
+            Some(spool) => format!("{}\ndurable topics: {spool}", self.counts()),
+            None => self.counts().to_string(),
+        }
+    }
+
     /// Carries messages until `shutdown` is requested.
     ///
     /// # Errors
@@ -161,7 +167,7 @@ impl Bridge {
         let all = self.outgoing.keys();
         let gone: Vec<_> = all.filter(|it| !wanted.contains(it)).cloned().collect();
         for topic in gone {
-            // What its publishers have left.
+            // The messages that its publishers have left.
             self.forward(&topic);
             self.unsubscribe(&topic);
             self.outgoing.remove(&topic);
@@ -368,35 +374,6 @@ impl Bridge {
             Err(error) => {
                 tracing::warn!(topic = %topic.0, %error, "cannot publish in the domain");
             }
-        }
-    }
-}
-
-impl Program for Bridge {
-    type Config = Config;
-    type ConfigError = ConfigError;
-    type Error = BridgeError;
-
-    fn load(path: &Path) -> Result<Config, ConfigError> {
-        Config::load(path)
-    }
-
-    fn rules(config: &Config) -> &RuleTables {
-        &config.rules
-    }
-
-    fn start(config: &Config) -> Result<Self, BridgeError> {
-        Self::start(config)
-    }
-
-    fn run(&mut self, shutdown: &Shutdown) -> Result<(), BridgeError> {
-        self.run(shutdown)
-    }
-
-    fn summary(&self) -> String {
-        match self.spool_counts() {
-            Some(spool) => format!("{}\ndurable topics: {spool}", self.counts()),
-            None => self.counts().to_string(),
         }
     }
 }

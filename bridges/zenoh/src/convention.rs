@@ -112,11 +112,8 @@ impl Convention {
         delivery: Delivery,
         network: &Network,
     ) {
-        match (self, delivery) {
-            (Self::Plain { prefix, .. }, Delivery::AtLeastOnce) => {
-                durable::acknowledge(prefix, topic, origin, network);
-            }
-            _ => {}
+        if let (Self::Plain { prefix, .. }, Delivery::AtLeastOnce) = (self, delivery) {
+            durable::acknowledge(prefix, topic, origin, network);
         }
     }
 }

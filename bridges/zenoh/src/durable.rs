@@ -3,7 +3,7 @@
 //! | key expression | use |
 //! | --- | --- |
 //! | `PREFIX/@bridge/NAME` | liveliness token of each bridge that takes topics from the network |
-//! | `PREFIX/@ack/NAME` | acknowledgements for the bridge `NAME`: the payload is the topic, the attachment the [`Origin`] |
+//! | `PREFIX/@ack/NAME` | acknowledgements for a bridge: the payload is the topic, the attachment the [`Origin`] |
 //!
 //! Key expressions with wildcards do not match the chunks that begin with `@`.
 

@@ -22,7 +22,7 @@
 //!
 //! # Durable topics
 //!
-//! In mode plain, rules can make topics durable: their messages are in the files of the [`SpoolConfig`](sm2_bridge_core::config::SpoolConfig) until a bridge of the
+//! In mode plain, rules can make topics durable: their messages are in the files of the spool until a bridge of the
 //! network has published them in its domain, and has acknowledged them. They are delivered at least once. The bridge
 //! that receives one a second time does not publish it again.
 //!

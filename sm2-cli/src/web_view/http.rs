@@ -119,7 +119,7 @@ pub(super) struct Requests {
     pub(super) questions: std_mpsc::Receiver<Asked>,
 }
 
-/// What the server and the sampling thread share.
+/// The state that the server and the sampling thread share.
 #[derive(Debug)]
 pub(super) struct Site {
     access: Access,

@@ -11,7 +11,6 @@ pub(crate) const REPETITIONS: &[(&str, usize)] = &[];
 
 /// File, and how many of its lines break a rule of `limits.rs` at most.
 pub(crate) const HASTY_TESTS: &[(&str, usize)] = &[
-    ("bridges/zenoh/tests/bridge/common.rs", 2),
     ("sm2-gateway/tests/stuck_link.rs", 1),
     ("sm2-manager/tests/own_loop.rs", 1),
     ("sm2-node/tests/common/threads.rs", 1),

@@ -23,7 +23,7 @@ pub enum LimitsError {
     /// A value is zero.
     #[error("the limit `{0}` of a spool is at least 1")]
     Zero(&'static str),
-    /// What was in flight would not fit when the network goes away.
+    /// Messages in flight would not fit into the spool when the network goes away.
     #[error("`window_bytes` ({window_bytes}) is at most `max_bytes` ({max_bytes})")]
     Window {
         /// The bytes in flight at most.

@@ -11,9 +11,9 @@ use mcap::records::{MessageHeader, Record};
 use mcap::{McapError, WriteOptions, Writer};
 use sm2_proto::{Name, TypeId};
 
-use super::{Durable, StoreError};
-use crate::Origin;
+use super::error::StoreError;
 use crate::spool::Id;
+use crate::{Durable, Origin};
 
 // The metadata of a channel: the parts of messages that are the same for all of them.
 const TYPE: &str = "type";
@@ -197,7 +197,7 @@ impl Writing {
 
     /// Ends the file behind its last whole message, where the disk did not take all that was written.
     pub(super) fn cut(self) -> Result<Segment, StoreError> {
-        // What the buffer still holds must not follow.
+        // The rest of the buffer must not follow.
         drop(self.writer.into_inner().into_parts());
         let path = &self.segment.path;
         let file = OpenOptions::new().write(true).open(path);
@@ -240,7 +240,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<Durable>, StoreError> {
     Ok(messages)
 }
 
-/// What the messages of a channel have in common. `None` if no store has written it.
+/// The parts that all messages of a channel have in common. `None` if no store has written it.
 fn common(topic: &str, metadata: &BTreeMap<String, String>) -> Option<(Name, TypeId, Origin)> {
     let text = |key: &str| metadata.get(key);
     let number = |key: &str| text(key)?.parse::<u64>().ok();
