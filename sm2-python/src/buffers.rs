@@ -1,6 +1,6 @@
 //! The buffer protocol: memory of SM2 that Python views.
 //!
-//! All `unsafe` code of the package is here and in [`input`](crate::input).
+//! All `unsafe` code of the package is here, in [`input`](crate::input) and in [`memory`](crate::memory).
 //!
 //! A view that Python makes owns a reference to its exporter (`Py_buffer.obj`), and the exporter owns the memory. The
 //! memory of a [`Sample`] and of a [`LoanMemory`] therefore stays where it is until the last view is gone, in whatever

@@ -20,10 +20,12 @@ mod client;
 mod detached;
 mod errors;
 mod handles;
+#[allow(unsafe_code, reason = "the buffer protocol: raw pointers from Python")]
 mod input;
 mod interface;
 mod loan;
 mod logging;
+#[allow(unsafe_code, reason = "the number of references to a Python object")]
 mod memory;
 mod message_type;
 mod node;

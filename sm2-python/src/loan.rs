@@ -14,7 +14,7 @@ use sm2_node::StoreError;
 use crate::detached::detached;
 use crate::errors::{self, LoanError, raise};
 use crate::handles::{Owned, PublisherHandle};
-use crate::memory::Memory;
+use crate::memory::{Memory, references};
 
 /// How many frames are searched for the variable that refers to the array.
 const FRAMES_MAX: usize = 64;
@@ -98,9 +98,9 @@ impl Loan {
     /// Makes sure that after this call nothing refers to the memory.
     fn detach_array(&self, py: Python<'_>, array: Bound<'_, PyAny>) -> PyResult<()> {
         // One reference is ours.
-        let others = array.get_refcnt() - 1;
+        let others = references(&array) - 1;
         // Two are ours and that of the array.
-        let bases = self.memory.get_refcnt(py) - 2;
+        let bases = references(self.memory.bind(py)) - 2;
         if others > 1 || bases > 0 || (others == 1 && !is_variable(&array)?) {
             return Err(LoanError::new_err(
                 "the loan was not published: besides the variable of its block, something still refers to the array \
@@ -184,7 +184,7 @@ fn has_local(frame: &Bound<'_, PyAny>, array: &Bound<'_, PyAny>) -> PyResult<boo
     let flags: u32 = frame.getattr("f_code")?.getattr("co_flags")?.extract()?;
     if let Ok(copy) = locals.cast_exact::<PyDict>()
         && flags & CO_OPTIMIZED != 0
-        && copy.get_refcnt() == 2
+        && references(copy) == 2
     {
         copy.clear();
     }

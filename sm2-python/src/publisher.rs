@@ -1,7 +1,6 @@
 //! Sending the messages of a topic.
 
 use std::collections::HashMap;
-use std::sync::Arc;
 
 use pyo3::prelude::*;
 
