@@ -56,8 +56,12 @@ class Child:
 
     def __init__(self, program: str, socket: Path) -> None:
         paths = [str(Path(__file__).parent), *filter(None, [os.environ.get("PYTHONPATH")])]
+        # A shell lets its background programs ignore SIGINT, and children inherit that.
+        heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        # A signal may come before asyncio has begun with a coroutine.
+        warnings = "ignore:coroutine:RuntimeWarning"
         self.process = subprocess.Popen(
-            [sys.executable, "-u", "-X", "faulthandler", "-c", program],
+            [sys.executable, "-u", "-X", "faulthandler", "-W", warnings, "-c", heed + program],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
