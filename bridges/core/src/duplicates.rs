@@ -13,7 +13,7 @@ pub const REORDER_MAX: u64 = 1_024;
 const STREAMS_MAX: usize = 16_384;
 const WORDS: usize = (REORDER_MAX / 64) as usize;
 
-/// The messages that have arrived, by stream: a topic, the bridge that has sent it, and the start of that bridge.
+/// The messages that have arrived, by stream: a topic, the bridge that has sent it, and its epoch.
 ///
 /// | number of the message | [`contains`](Self::contains) |
 /// | --- | --- |

@@ -2,7 +2,7 @@
 //!
 //! | part | purpose |
 //! | --- | --- |
-//! | [`Origin`] | names the bridge, its start and the number of a message, so that a message never returns |
+//! | [`Origin`] | names the bridge, its epoch and the number of a message, so that a message never returns |
 //! | [`Duplicates`] | removes the messages that arrive a second time |
 //! | [`Spool`] | decides when the messages of durable topics are sent, while the network is away at times |
 //! | [`Outbox`] | a spool, and the files of its messages |
@@ -27,7 +27,7 @@ mod store;
 pub use self::duplicates::{Duplicates, REORDER_MAX};
 pub use self::durable::Durable;
 pub use self::incoming::Incoming;
-pub use self::origin::{Delivery, Origin, WrongOrigin};
+pub use self::origin::{Delivery, Origin, Origins, WrongOrigin};
 pub use self::outbox::Outbox;
 pub use self::spool::{Fate, Id, Limits, LimitsError, Output, Spool, SpoolCounts};
 pub use self::store::StoreError;

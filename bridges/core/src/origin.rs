@@ -16,10 +16,41 @@ const FIXED_BYTES: usize = 1 + 8 + 8;
 pub struct Origin {
     /// The name of the bridge.
     pub bridge: Name,
-    /// The start of the bridge, in nanoseconds since 1970 (UTC).
+    /// The time at which the bridge began with the topic, in nanoseconds since 1970 (UTC).
     pub epoch: u64,
-    /// The number of the message, counted by its bridge for each topic.
+    /// The number of the message, counted by its bridge since then.
     pub number: u64,
+}
+
+/// The origins of the messages of one bridge.
+#[derive(Clone, Debug)]
+pub struct Origins {
+    bridge: Name,
+    last_epoch: u64,
+}
+
+impl Origins {
+    /// The origins of the bridge with this name.
+    #[must_use]
+    pub const fn new(bridge: Name) -> Self {
+        Self {
+            bridge,
+            last_epoch: 0,
+        }
+    }
+
+    /// The origin before the first message of a topic. `wall` is the present time, in nanoseconds since 1970 (UTC).
+    ///
+    /// No two calls return the same epoch: numbers begin anew when a topic comes again, and its messages are no
+    /// duplicates of those before.
+    pub fn begin(&mut self, wall: u64) -> Origin {
+        self.last_epoch = wall.max(self.last_epoch + 1);
+        Origin {
+            bridge: self.bridge.clone(),
+            epoch: self.last_epoch,
+            number: 0,
+        }
+    }
 }
 
 /// Whether the bridge that has put a message into the network waits for an acknowledgement.
@@ -91,6 +122,14 @@ impl Origin {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn no_two_topics_have_the_same_epoch() {
+        let mut origins = Origins::new(Name::new("robot").unwrap());
+        // The clock stands still, and steps back.
+        let epochs = [7, 7, 3, 20].map(|wall| origins.begin(wall).epoch);
+        assert_eq!(epochs, [7, 8, 9, 20]);
+    }
 
     #[test]
     fn an_origin_comes_back_and_nothing_else_is_one() {

@@ -6,7 +6,9 @@ use std::sync::Arc;
 
 use bytes::Bytes;
 use sm2_bridge_core::domain::{Topic, has_bridge, published};
-use sm2_bridge_core::{Delivery, Duplicates, Durable, Incoming, Origin, Outbox, SpoolCounts};
+use sm2_bridge_core::{
+    Delivery, Duplicates, Durable, Incoming, Origin, Origins, Outbox, SpoolCounts,
+};
 use sm2_gateway::is_remote;
 use sm2_node::clock::wall_time;
 use sm2_node::domain::Watch;
@@ -75,8 +77,8 @@ enum Ready {
 struct Outgoing {
     subscriber: Subscriber<[u8]>,
     key: Key,
-    /// The number of the last message.
-    number: u64,
+    /// That of the last message.
+    origin: Origin,
 }
 
 /// A bridge between a domain and a stream.
@@ -95,8 +97,7 @@ pub struct Bridge {
     duplicates: Duplicates,
     outgoing: BTreeMap<Topic, Outgoing>,
     incoming: BTreeMap<Topic, Incoming>,
-    /// The start of the bridge, in nanoseconds since 1970 (UTC).
-    epoch: u64,
+    origins: Origins,
     counts: Counts,
 }
 
@@ -110,9 +111,8 @@ impl Bridge {
         let node_name = |role: &str| Name::new(&format!("{role}/{}", config.name));
         let node = config.domain.connect(node_name("bridge")?.as_str())?;
         let remote = config.domain.connect(node_name("remote")?.as_str())?;
-        let epoch = wall_time().0;
         let spool = &config.spool;
-        let outbox = Outbox::open(&spool.folder, spool.limits.clone(), now(), epoch)?;
+        let outbox = Outbox::open(&spool.folder, spool.limits.clone(), now(), wall_time().0)?;
         let stream = Stream::open(config)?;
         let mut set = WaitSet::new()?;
         let mut watch = node.watch();
@@ -135,7 +135,7 @@ impl Bridge {
             duplicates: Duplicates::default(),
             outgoing: BTreeMap::new(),
             incoming: BTreeMap::new(),
-            epoch,
+            origins: Origins::new(config.name.clone()),
             counts: Counts::default(),
         })
     }
@@ -219,7 +219,7 @@ impl Bridge {
                 let outgoing = Outgoing {
                     subscriber,
                     key,
-                    number: 0,
+                    origin: self.origins.begin(wall_time().0),
                 };
                 self.outgoing.insert(topic, outgoing);
             }
@@ -245,13 +245,9 @@ impl Bridge {
             if is_remote(sample.publisher()) {
                 continue;
             }
-            outgoing.number += 1;
-            let origin = Origin {
-                bridge: self.config.name.clone(),
-                epoch: self.epoch,
-                number: outgoing.number,
-            };
-            if let Err(error) = self.outbox.offer(durable(topic, origin, &sample), now()) {
+            outgoing.origin.number += 1;
+            let message = durable(topic, outgoing.origin.clone(), &sample);
+            if let Err(error) = self.outbox.offer(message, now()) {
                 tracing::warn!(topic = %topic.0, %error, "a message is lost");
             }
         }

@@ -197,6 +197,32 @@ fn messages_survive_outages_of_the_server_and_come_once() {
 }
 
 #[test]
+fn messages_of_the_next_publisher_are_no_duplicates() {
+    let Some(server) = Server::start() else {
+        return;
+    };
+    let (robot, site) = (World::new(), World::new());
+    let subscriber = site.node("map").subscriber_builder::<[u8]>("arm/pose");
+    let subscriber = subscriber.depth(64).declare().unwrap();
+    let out = robot.bridge("robot", server.port, OUT);
+    let into = site.bridge("site", server.port, IN);
+    let node = robot.node("arm");
+    for numbers in [0..5, 5..10] {
+        let publisher = node.publisher::<[u8]>("arm/pose").unwrap();
+        publish(&publisher, numbers.clone());
+        take(&subscriber, numbers);
+        drop(publisher);
+        until("the bridge takes the topic no more", || {
+            let domain = node.snapshot().unwrap();
+            let bridge = domain.node_named("bridge/robot").unwrap().node;
+            !domain.interfaces().any(|it| it.entity.node == bridge)
+        });
+    }
+    out.end();
+    into.end();
+}
+
+#[test]
 fn messages_of_the_own_domain_do_not_come_back() {
     let Some(server) = Server::start() else {
         return;

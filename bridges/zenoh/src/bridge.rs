@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use sm2_node::clock::wall_time;
 use sm2_node::domain::Watch;
 use sm2_node::wait_set::Interest;
 use sm2_node::{Node, Shutdown, WaitError, WaitSet};
@@ -21,7 +22,7 @@ use crate::ready::Ready;
 use crate::sides::Sides;
 use sm2_bridge_core::Incoming;
 use sm2_bridge_core::domain::{Service, Topic, has_bridge, published};
-use sm2_bridge_core::{Delivery, Duplicates, Origin, SpoolCounts};
+use sm2_bridge_core::{Delivery, Duplicates, Origin, Origins, SpoolCounts};
 
 /// How many messages of the network are published at once, so that the topics of the domain go on meanwhile.
 const BURST: usize = 64;
@@ -41,6 +42,8 @@ pub struct Bridge {
     convention: Convention,
     outgoing: BTreeMap<Topic, Outgoing>,
     incoming: BTreeMap<Topic, Incoming>,
+    origins: Origins,
+    /// That of calls.
     origin: Origin,
     /// `None` without a spool.
     durable: Option<DurableTopics>,
@@ -70,6 +73,7 @@ impl Bridge {
             Interest::Readable,
             Ready::Network,
         )?;
+        let mut origins = Origins::new(name.clone());
         let durable = match (&config.spool, &config.mode) {
             (Some(spool), Mode::Plain { prefix }) => {
                 Some(DurableTopics::start(spool, prefix, name, &network)?)
@@ -86,11 +90,8 @@ impl Bridge {
             network,
             outgoing: BTreeMap::new(),
             incoming: BTreeMap::new(),
-            origin: Origin {
-                bridge: name.clone(),
-                epoch: sm2_node::clock::wall_time().0,
-                number: 0,
-            },
+            origin: origins.begin(wall_time().0),
+            origins,
             durable,
             duplicates: Duplicates::default(),
             counts: Counts::default(),
@@ -176,7 +177,8 @@ impl Bridge {
             if self.outgoing.contains_key(&topic) {
                 continue;
             }
-            let (origin, domain) = (self.origin.clone(), self.watch.domain());
+            let origin = self.origins.begin(wall_time().0);
+            let domain = self.watch.domain();
             let declared = self.convention.declare(
                 &self.config,
                 &topic,

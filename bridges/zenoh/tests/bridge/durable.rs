@@ -112,6 +112,30 @@ fn messages_wait_for_the_other_bridge_and_for_their_own() {
     assert_eq!((counts.offered, counts.expired, counts.refused), (30, 0, 0));
 }
 
+/// The numbers of origins begin anew with each publisher of a topic that has none.
+#[test]
+fn messages_of_the_next_publisher_are_no_duplicates() {
+    let mut fleet = Fleet::new();
+    let robot = fleet.robot.bridge(&head("robot"), OUT);
+    let site = fleet
+        .site
+        .bridge_to(&fleet.robot.endpoint, &head("site"), IN);
+    fleet.publish(5);
+    fleet.take_all();
+    let node = fleet.robot.node("next");
+    fleet.publisher = node.publisher("other").unwrap();
+    until("the bridge takes the topic no more", || {
+        let domain = node.snapshot().unwrap();
+        let bridge = domain.node_named("bridge/robot").unwrap().node;
+        !domain.interfaces().any(|it| it.entity.node == bridge)
+    });
+    fleet.publisher = node.publisher("pose").unwrap();
+    fleet.publish(5);
+    fleet.take_all();
+    end(robot);
+    site.end();
+}
+
 #[test]
 fn messages_wait_for_a_router_that_is_away() {
     let mut fleet = Fleet::new();
