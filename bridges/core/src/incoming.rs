@@ -17,8 +17,7 @@ const LINKS_WAIT: Duration = Duration::from_millis(100);
 const DURABLE_LINKS_WAIT: Duration = Duration::from_secs(10);
 
 /// A publisher that stands for those of the network.
-#[derive(Debug)]
-pub struct Incoming {
+pub(crate) struct Incoming {
     publisher: Publisher<[u8]>,
     latched: u16,
 }
@@ -30,7 +29,7 @@ impl Incoming {
     /// # Errors
     ///
     /// See [`DeclareError`].
-    pub fn declare(
+    pub(crate) fn declare(
         node: &Node,
         domain: &Domain,
         topic: &Topic,
@@ -59,8 +58,7 @@ impl Incoming {
     }
 
     /// How many messages it keeps for late joiners.
-    #[must_use]
-    pub const fn latched(&self) -> u16 {
+    pub(crate) const fn latched(&self) -> u16 {
         self.latched
     }
 
@@ -69,7 +67,7 @@ impl Incoming {
     /// # Errors
     ///
     /// See [`PublishError`].
-    pub fn publish(&self, payload: &[u8]) -> Result<(), PublishError> {
+    pub(crate) fn publish(&self, payload: &[u8]) -> Result<(), PublishError> {
         self.publisher.publish(payload).map(drop)
     }
 }

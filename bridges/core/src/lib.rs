@@ -6,8 +6,8 @@
 //! | [`Duplicates`] | removes the messages that arrive a second time |
 //! | [`Spool`] | decides when the messages of durable topics are sent, while the network is away at times |
 //! | [`Outbox`] | a spool, and the files of its messages |
-//!
-//! | [`domain`], [`Incoming`] | the topics of the domain, and publishers that stand for those of the network |
+//! | [`Member`], [`domain`] | the nodes of a bridge, and the topics of the domain |
+//! | [`Inbound`] | publishes the messages of the network in the domain |
 //! | [`config`] | the parts of a configuration: the domain, the rules, the spool |
 //! | [`program`] | the command line: `run`, `check`, `explain` |
 //!
@@ -17,7 +17,10 @@ pub mod config;
 pub mod domain;
 mod duplicates;
 mod durable;
+mod error;
+mod inbound;
 mod incoming;
+mod member;
 mod origin;
 mod outbox;
 pub mod program;
@@ -25,8 +28,10 @@ mod spool;
 mod store;
 
 pub use self::duplicates::{Duplicates, REORDER_MAX};
-pub use self::durable::Durable;
-pub use self::incoming::Incoming;
+pub use self::durable::{Durable, publication_time};
+pub use self::error::BridgeError;
+pub use self::inbound::{Arrival, Inbound, Verdict};
+pub use self::member::Member;
 pub use self::origin::{Delivery, Origin, Origins, WrongOrigin};
 pub use self::outbox::Outbox;
 pub use self::spool::{Fate, Id, Limits, LimitsError, Output, Spool, SpoolCounts};

@@ -13,21 +13,22 @@ use sm2_node::Shutdown;
 use sm2_proto::Name;
 use sm2_proto::gateway::{Direction, SubjectKind};
 
-use crate::config::RuleTables;
+use crate::config::{ConfigError, RuleTables};
+use crate::error::BridgeError;
 
-/// The parts of a program: `C` is its configuration, `B` its bridge.
+/// The parts of a program: `C` is its configuration, `E` a wrong value of it, and `B` the bridge.
 #[derive(Clone, Copy, Debug)]
-pub struct Program<L, R, S, U, T> {
-    /// Reads and checks a configuration: `Fn(&Path) -> Result<C, _>`.
-    pub load: L,
-    /// The rules of a configuration: `Fn(&C) -> &RuleTables`.
-    pub rules: R,
-    /// Joins the domain: `Fn(&C) -> Result<B, _>`.
-    pub start: S,
-    /// Carries messages until it is requested to end: `Fn(&mut B, &Shutdown) -> Result<(), _>`.
-    pub run: U,
-    /// The messages since the start, for people: `Fn(&B) -> String`.
-    pub summary: T,
+pub struct Program<C, E: Error, B> {
+    /// Reads and checks a configuration.
+    pub load: fn(&Path) -> Result<C, ConfigError<E>>,
+    /// The rules of a configuration.
+    pub rules: fn(&C) -> &RuleTables,
+    /// Joins the domain.
+    pub start: fn(&C) -> Result<B, BridgeError>,
+    /// Carries messages until the bridge is requested to end.
+    pub run: fn(&mut B, &Shutdown) -> Result<(), BridgeError>,
+    /// The messages since the start, for people.
+    pub summary: fn(&B) -> String,
 }
 
 /// Joins a domain of SM2 to another network.
@@ -66,18 +67,9 @@ enum Command {
     },
 }
 
-impl<L, R, S, U, T> Program<L, R, S, U, T> {
+impl<C, E: Error + 'static, B> Program<C, E, B> {
     /// Runs the command line of the program with this name. Its log goes to the standard error output.
-    pub fn main<C, B, F, E>(self, name: &str) -> ExitCode
-    where
-        L: Fn(&Path) -> Result<C, F>,
-        R: Fn(&C) -> &RuleTables,
-        S: Fn(&C) -> Result<B, E>,
-        U: Fn(&mut B, &Shutdown) -> Result<(), E>,
-        T: Fn(&B) -> String,
-        F: Error + 'static,
-        E: Error + 'static,
-    {
+    pub fn main(self, name: &str) -> ExitCode {
         tracing_subscriber::fmt()
             .with_writer(io::stderr)
             .with_ansi(io::stderr().is_terminal())
@@ -91,16 +83,7 @@ impl<L, R, S, U, T> Program<L, R, S, U, T> {
         }
     }
 
-    fn execute<C, B, F, E>(self, command: Command) -> Result<(), Box<dyn Error>>
-    where
-        L: Fn(&Path) -> Result<C, F>,
-        R: Fn(&C) -> &RuleTables,
-        S: Fn(&C) -> Result<B, E>,
-        U: Fn(&mut B, &Shutdown) -> Result<(), E>,
-        T: Fn(&B) -> String,
-        F: Error + 'static,
-        E: Error + 'static,
-    {
+    fn execute(self, command: Command) -> Result<(), Box<dyn Error>> {
         match command {
             Command::Run { config } => {
                 let config = (self.load)(&config)?;

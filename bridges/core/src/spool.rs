@@ -44,9 +44,9 @@ pub struct Id(pub u64);
 /// # Guarantees
 ///
 /// - At any time `offered = handed over + expired + refused + spooled + in flight`.
-/// - Spooled messages have at most `max_bytes`, and messages in flight at most `window_bytes`, and there are at most
-///   [`REORDER_MAX`](crate::REORDER_MAX) in flight, so that [`Duplicates`](crate::Duplicates) recognizes each message
-///   that is sent a second time.
+/// - Spooled messages have at most `max_bytes`, and messages in flight at most `window_bytes`.
+/// - At most [`REORDER_MAX`](crate::REORDER_MAX) messages are in flight, so that [`Duplicates`](crate::Duplicates)
+///   recognizes each message that is sent a second time.
 /// - In any period, at most `window_bytes` and `rate_bytes_per_s` times the period are sent.
 /// - Messages are sent in the order in which they were offered; those that were in flight, and are spooled again, come
 ///   first.

@@ -41,6 +41,16 @@ fn message(topic: &str, number: u64, len: usize) -> Durable {
     }
 }
 
+/// An outbox with messages of 1 MiB, which are in several files.
+fn with_images(folder: &Path, count: u64) -> Outbox {
+    let mut outbox = open(folder);
+    for number in 0..count {
+        let message = message("image", number, 1 << 20);
+        outbox.offer(message, NOW).unwrap();
+    }
+    outbox
+}
+
 /// Sends and acknowledges all that can be sent.
 fn hand_over(outbox: &mut Outbox) -> Vec<Durable> {
     let mut messages = Vec::new();
@@ -88,17 +98,11 @@ fn messages_come_back_after_a_restart_with_their_origins() {
 #[test]
 fn files_are_removed_when_all_their_messages_have_their_fate() {
     let folder = TempDir::new().unwrap();
-    let mut outbox = open(folder.path());
-    let numbers = 0..40_u64;
-    for number in numbers.clone() {
-        outbox
-            .offer(message("image", number, 1 << 20), NOW)
-            .unwrap();
-    }
+    let mut outbox = with_images(folder.path(), 40);
     let many = files(folder.path()).len();
     assert!((5..=7).contains(&many), "{many} files for 40 MiB");
     outbox.connect();
-    for number in numbers {
+    for number in 0..40 {
         let sent = outbox.poll(NOW).unwrap().unwrap();
         assert_eq!(sent, message("image", number, 1 << 20));
         outbox.acknowledge(&sent.topic, &sent.origin);
@@ -110,12 +114,7 @@ fn files_are_removed_when_all_their_messages_have_their_fate() {
 #[test]
 fn a_message_that_was_not_acknowledged_is_read_again_from_its_file() {
     let folder = TempDir::new().unwrap();
-    let mut outbox = open(folder.path());
-    for number in 0..20 {
-        outbox
-            .offer(message("image", number, 1 << 20), NOW)
-            .unwrap();
-    }
+    let mut outbox = with_images(folder.path(), 20);
     outbox.connect();
     for _ in 0..3 {
         let sent = outbox.poll(NOW).unwrap().unwrap();
@@ -178,12 +177,7 @@ fn a_folder_belongs_to_one_outbox() {
 #[test]
 fn a_file_that_has_lost_messages_is_reported_and_they_count_as_refused() {
     let folder = TempDir::new().unwrap();
-    let mut outbox = open(folder.path());
-    for number in 0..20 {
-        outbox
-            .offer(message("image", number, 1 << 20), NOW)
-            .unwrap();
-    }
+    let mut outbox = with_images(folder.path(), 20);
     let file = folder.path().join(&files(folder.path())[0]);
     fs::write(&file, b"").unwrap();
     outbox.connect();

@@ -4,21 +4,18 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::Arc;
 
-use bytes::Bytes;
-use sm2_bridge_core::domain::{Topic, has_bridge, published};
+use sm2_bridge_core::domain::{Topic, published};
 use sm2_bridge_core::{
-    Delivery, Duplicates, Durable, Incoming, Origin, Origins, Outbox, SpoolCounts,
+    BridgeError, Durable, Inbound, Member, Origin, Origins, Outbox, SpoolCounts, Verdict,
 };
 use sm2_gateway::is_remote;
 use sm2_node::clock::wall_time;
 use sm2_node::domain::Watch;
 use sm2_node::wait_set::{Interest, Key};
-use sm2_node::{Node, RecvError, Sample, Shutdown, Subscriber, WaitError, WaitSet, now};
-use sm2_proto::Name;
+use sm2_node::{Node, Shutdown, Subscriber, WaitError, WaitSet, now};
 use sm2_proto::gateway::Direction;
 
 use crate::config::Config;
-use crate::error::BridgeError;
 use crate::message::Message;
 use crate::stream::{Event, Stream};
 
@@ -86,17 +83,14 @@ struct Outgoing {
 /// Dropping it ends it.
 pub struct Bridge {
     config: Config,
-    /// The node `bridge/NAME`, which subscribes.
+    /// The node that subscribes.
     node: Node,
-    /// The node `remote/NAME`, which publishes.
-    remote: Node,
     watch: Watch,
     set: WaitSet<'static, Ready>,
     stream: Stream,
     outbox: Outbox,
-    duplicates: Duplicates,
     outgoing: BTreeMap<Topic, Outgoing>,
-    incoming: BTreeMap<Topic, Incoming>,
+    inbound: Inbound,
     origins: Origins,
     counts: Counts,
 }
@@ -108,16 +102,15 @@ impl Bridge {
     ///
     /// See [`BridgeError`].
     pub fn start(config: &Config) -> Result<Self, BridgeError> {
-        let node_name = |role: &str| Name::new(&format!("{role}/{}", config.name));
-        let node = config.domain.connect(node_name("bridge")?.as_str())?;
-        let remote = config.domain.connect(node_name("remote")?.as_str())?;
+        let Member {
+            node,
+            remote,
+            mut watch,
+        } = Member::join(&config.domain, &config.name)?;
         let spool = &config.spool;
         let outbox = Outbox::open(&spool.folder, spool.limits.clone(), now(), wall_time().0)?;
         let stream = Stream::open(config)?;
         let mut set = WaitSet::new()?;
-        let mut watch = node.watch();
-        // The subscribers of the domain are known before the first message of the network.
-        watch.wait()?;
         set.add_watch(&mut watch, Ready::Domain)?;
         set.add_descriptor(
             Arc::clone(stream.ready()),
@@ -127,14 +120,12 @@ impl Bridge {
         Ok(Self {
             config: config.clone(),
             node,
-            remote,
             watch,
             set,
             stream,
             outbox,
-            duplicates: Duplicates::default(),
             outgoing: BTreeMap::new(),
-            incoming: BTreeMap::new(),
+            inbound: Inbound::new(remote),
             origins: Origins::new(config.name.clone()),
             counts: Counts::default(),
         })
@@ -189,9 +180,7 @@ impl Bridge {
         for topic in gone {
             // The messages that its publishers have left.
             self.forward(&topic);
-            if let Some(outgoing) = self.outgoing.remove(&topic) {
-                self.set.remove(outgoing.key);
-            }
+            self.unsubscribe(&topic);
         }
         for topic in wanted {
             if !self.outgoing.contains_key(&topic) {
@@ -237,7 +226,8 @@ impl Bridge {
                 Ok(Some(sample)) => sample,
                 Ok(None) => return,
                 Err(error) => {
-                    self.end_topic(topic, &error);
+                    tracing::warn!(topic = %topic.0, %error, "cannot take a message");
+                    self.unsubscribe(topic);
                     return;
                 }
             };
@@ -246,15 +236,14 @@ impl Bridge {
                 continue;
             }
             outgoing.origin.number += 1;
-            let message = durable(topic, outgoing.origin.clone(), &sample);
+            let message = Durable::new(topic, &outgoing.origin, &sample);
             if let Err(error) = self.outbox.offer(message, now()) {
                 tracing::warn!(topic = %topic.0, %error, "a message is lost");
             }
         }
     }
 
-    fn end_topic(&mut self, topic: &Topic, error: &RecvError) {
-        tracing::warn!(topic = %topic.0, %error, "cannot take a message");
+    fn unsubscribe(&mut self, topic: &Topic) {
         if let Some(outgoing) = self.outgoing.remove(topic) {
             self.set.remove(outgoing.key);
         }
@@ -272,14 +261,14 @@ impl Bridge {
     }
 
     fn follow_stream(&mut self) -> Result<(), BridgeError> {
-        self.stream.clear_ready()?;
+        self.stream.clear_ready();
         while let Some(event) = self.stream.next() {
             match event {
                 Event::Connected => self.outbox.connect(),
                 Event::Disconnected => self.outbox.disconnect(now()),
                 Event::Acknowledged(topic, origin) => self.outbox.acknowledge(&topic, &origin),
                 Event::Message(message, receipt) => {
-                    if message.is_none_or(|it| self.receive(it)) {
+                    if message.is_none_or(|it| self.receive(&it)) {
                         self.stream.acknowledge(receipt);
                     }
                 }
@@ -289,59 +278,18 @@ impl Bridge {
     }
 
     /// Publishes a message of the stream in the domain. Returns whether the bridge is done with it.
-    fn receive(&mut self, message: Message) -> bool {
-        let topic = (message.topic, message.data);
-        if !self.config.allows(&topic.0, Direction::In) {
-            self.counts.denied += 1;
-            return true;
-        }
-        if let Some(origin) = &message.origin {
-            if has_bridge(self.watch.domain(), &origin.bridge) {
-                self.counts.returned += 1;
-                return true;
-            }
-            if self.duplicates.contains(&topic.0, origin) {
-                self.counts.duplicates += 1;
-                return true;
-            }
-        }
-        if let Err(error) = self.publish(&topic, &message.payload) {
-            self.counts.refused += 1;
-            tracing::warn!(topic = %topic.0, error, "cannot publish a message in the domain");
-            // The stream delivers it again.
-            return false;
-        }
-        self.counts.received += 1;
-        if let Some(origin) = &message.origin {
-            self.duplicates.insert(&topic.0, origin);
-        }
-        true
-    }
-
-    fn publish(&mut self, topic: &Topic, payload: &Bytes) -> Result<(), String> {
-        let publisher = match self.incoming.get(topic) {
-            Some(publisher) => publisher,
-            None => {
-                let (domain, delivery) = (self.watch.domain(), Delivery::AtLeastOnce);
-                let declared = Incoming::declare(&self.remote, domain, topic, 0, delivery);
-                let declared = declared.map_err(|error| error.to_string())?;
-                self.incoming.entry(topic.clone()).or_insert(declared)
-            }
-        };
-        publisher
-            .publish(payload)
-            .map_err(|error| error.to_string())
-    }
-}
-
-fn durable((topic, data): &Topic, origin: Origin, sample: &Sample<[u8]>) -> Durable {
-    let age = now().since(sample.source_time()).as_nanos();
-    let age = u64::try_from(age).unwrap_or(u64::MAX);
-    Durable {
-        topic: topic.clone(),
-        data: data.clone(),
-        origin,
-        time: wall_time().0.saturating_sub(age),
-        payload: Bytes::copy_from_slice(sample),
+    fn receive(&mut self, message: &Message) -> bool {
+        let domain = self.watch.domain();
+        let rules = &self.config.rules;
+        let verdict = (self.inbound).receive(rules, domain, &message.arrival, || &*message.payload);
+        *match verdict {
+            Verdict::Denied => &mut self.counts.denied,
+            Verdict::Returned => &mut self.counts.returned,
+            Verdict::Duplicate => &mut self.counts.duplicates,
+            Verdict::Refused => &mut self.counts.refused,
+            Verdict::Published => &mut self.counts.received,
+        } += 1;
+        // The stream delivers a message again that the domain refuses.
+        verdict != Verdict::Refused
     }
 }

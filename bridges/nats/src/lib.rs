@@ -7,10 +7,9 @@
 
 mod bridge;
 mod config;
-mod error;
 mod message;
 mod stream;
 
 pub use self::bridge::{Bridge, Counts};
 pub use self::config::{Config, ConfigError, ConfigValueError};
-pub use self::error::BridgeError;
+pub use sm2_bridge_core::{BridgeError, SpoolCounts};

@@ -11,7 +11,7 @@
 use async_nats::HeaderMap;
 use async_nats::header::NATS_MESSAGE_ID;
 use bytes::Bytes;
-use sm2_bridge_core::{Durable, Origin};
+use sm2_bridge_core::{Arrival, Delivery, Durable, Origin};
 use sm2_node::Message as _;
 use sm2_proto::{Name, TypeId};
 
@@ -21,10 +21,7 @@ const ORIGIN: &str = "Sm2-Origin";
 /// A message of the stream.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Message {
-    pub(crate) topic: Name,
-    pub(crate) data: TypeId,
-    /// `None` if no bridge has published it.
-    pub(crate) origin: Option<Origin>,
+    pub(crate) arrival: Arrival,
     pub(crate) payload: Bytes,
 }
 
@@ -54,13 +51,17 @@ pub(crate) fn read(prefix: &str, message: &async_nats::Message) -> Option<Messag
         let headers = message.headers.as_ref()?;
         headers.get(name).map(async_nats::HeaderValue::as_str)
     };
+    let topic = Name::new(&rest.replace('.', "/")).ok()?;
+    let data = match header(TYPE) {
+        Some(text) => type_of(text)?,
+        None => <[u8]>::type_id(),
+    };
     Some(Message {
-        topic: Name::new(&rest.replace('.', "/")).ok()?,
-        data: match header(TYPE) {
-            Some(text) => type_of(text)?,
-            None => <[u8]>::type_id(),
+        arrival: Arrival {
+            topic: (topic, data),
+            origin: header(ORIGIN).and_then(origin_of),
+            delivery: Delivery::AtLeastOnce,
         },
-        origin: header(ORIGIN).and_then(origin_of),
         payload: message.payload.clone(),
     })
 }
@@ -115,16 +116,18 @@ mod tests {
             length: 0,
         };
         let expected = Message {
-            topic: durable.topic,
-            data: durable.data,
-            origin: Some(durable.origin),
+            arrival: Arrival {
+                topic: (durable.topic, durable.data),
+                origin: Some(durable.origin),
+                delivery: Delivery::AtLeastOnce,
+            },
             payload: durable.payload,
         };
         assert_eq!(read("fleet.a", &message), Some(expected));
         assert_eq!(read("fleet.b", &message), None);
         message.headers = None;
-        let foreign = read("fleet.a", &message).unwrap();
-        assert_eq!((foreign.data, foreign.origin), (<[u8]>::type_id(), None));
+        let foreign = read("fleet.a", &message).unwrap().arrival;
+        assert_eq!((foreign.topic.1, foreign.origin), (<[u8]>::type_id(), None));
         let mut damaged = HeaderMap::new();
         damaged.insert(TYPE, "no type");
         message.headers = Some(damaged);

@@ -1,6 +1,5 @@
 //! The connection to the stream: a thread with the client of NATS, and its events.
 
-use std::io;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, OnceLock};
 use std::thread::{self, JoinHandle};
@@ -10,14 +9,12 @@ use async_nats::jetstream::consumer::{AckPolicy, pull};
 use async_nats::jetstream::{self, Context};
 use async_nats::{Client, ConnectOptions, Event as Change};
 use futures_util::StreamExt as _;
-use nix::errno::Errno;
-use nix::sys::eventfd::{EfdFlags, EventFd};
-use sm2_bridge_core::{Durable, Origin};
+use sm2_bridge_core::{BridgeError, Durable, Origin};
+use sm2_io::Waker;
 use sm2_proto::Name;
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 
 use crate::config::Config;
-use crate::error::BridgeError;
 use crate::message::{Message, headers, read, subject};
 
 /// How many messages of the stream wait for the domain at most.
@@ -59,29 +56,27 @@ pub(crate) struct Stream {
     commands: Option<UnboundedSender<Command>>,
     thread: Option<JoinHandle<()>>,
     events: Receiver<Event>,
-    ready: Arc<EventFd>,
+    ready: Arc<Waker>,
 }
 
 /// The way of events to the bridge.
 #[derive(Clone)]
 struct Outlet {
     events: Sender<Event>,
-    ready: Arc<EventFd>,
+    ready: Arc<Waker>,
 }
 
 impl Outlet {
     fn put(&self, event: Event) {
         let _ = self.events.send(event);
-        // It fails only if the number overflows, and the descriptor is readable then.
-        let _ = self.ready.write(1);
+        self.ready.wake();
     }
 }
 
 impl Stream {
     /// Connects in the background, again and again while the server is away.
     pub(crate) fn open(config: &Config) -> Result<Self, BridgeError> {
-        let flags = EfdFlags::EFD_CLOEXEC | EfdFlags::EFD_NONBLOCK;
-        let ready = Arc::new(EventFd::from_flags(flags).map_err(io::Error::from)?);
+        let ready = Arc::new(Waker::new()?);
         let (sender, events) = channel();
         let (commands, receiver) = unbounded_channel();
         let outlet = Outlet {
@@ -120,16 +115,13 @@ impl Stream {
     }
 
     /// A descriptor that is readable when there may be an event.
-    pub(crate) const fn ready(&self) -> &Arc<EventFd> {
+    pub(crate) const fn ready(&self) -> &Arc<Waker> {
         &self.ready
     }
 
     /// Lets the descriptor wait for events that come later than this call.
-    pub(crate) fn clear_ready(&self) -> io::Result<()> {
-        match self.ready.read() {
-            Ok(_) | Err(Errno::EAGAIN) => Ok(()),
-            Err(error) => Err(error.into()),
-        }
+    pub(crate) fn clear_ready(&self) {
+        self.ready.drain();
     }
 
     pub(crate) fn next(&self) -> Option<Event> {

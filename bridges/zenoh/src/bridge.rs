@@ -3,11 +3,12 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use sm2_bridge_core::domain::{Service, Topic, published};
+use sm2_bridge_core::{BridgeError, Inbound, Member, Origin, Origins, SpoolCounts, Verdict};
 use sm2_node::clock::wall_time;
 use sm2_node::domain::Watch;
 use sm2_node::wait_set::Interest;
 use sm2_node::{Node, Shutdown, WaitError, WaitSet};
-use sm2_proto::Name;
 use sm2_proto::gateway::Direction;
 use zenoh::query::Query;
 
@@ -15,14 +16,10 @@ use crate::config::{Config, Mode};
 use crate::convention::Convention;
 use crate::counts::Counts;
 use crate::durable::DurableTopics;
-use crate::error::BridgeError;
 use crate::network::{Event, Message, Network};
 use crate::outgoing::{Outgoing, subscribe};
 use crate::ready::Ready;
 use crate::sides::Sides;
-use sm2_bridge_core::Incoming;
-use sm2_bridge_core::domain::{Service, Topic, has_bridge, published};
-use sm2_bridge_core::{Delivery, Duplicates, Origin, Origins, SpoolCounts};
 
 /// How many messages of the network are published at once, so that the topics of the domain go on meanwhile.
 const BURST: usize = 64;
@@ -32,22 +29,19 @@ const BURST: usize = 64;
 /// Dropping it ends it.
 pub struct Bridge {
     config: Config,
-    /// The node `bridge/NAME`, which subscribes.
+    /// The node that subscribes.
     node: Node,
-    /// The node `remote/NAME`, which publishes.
-    remote: Node,
     watch: Watch,
     set: WaitSet<'static, Ready>,
     network: Network,
     convention: Convention,
     outgoing: BTreeMap<Topic, Outgoing>,
-    incoming: BTreeMap<Topic, Incoming>,
+    inbound: Inbound,
     origins: Origins,
     /// That of calls.
     origin: Origin,
     /// `None` without a spool.
     durable: Option<DurableTopics>,
-    duplicates: Duplicates,
     counts: Counts,
 }
 
@@ -59,14 +53,13 @@ impl Bridge {
     /// See [`BridgeError`].
     pub fn start(config: &Config) -> Result<Self, BridgeError> {
         let name = &config.name;
-        let node_name = |role: &str| Name::new(&format!("{role}/{name}"));
-        let node = config.domain.connect(node_name("bridge")?.as_str())?;
-        let remote = config.domain.connect(node_name("remote")?.as_str())?;
+        let Member {
+            node,
+            remote,
+            mut watch,
+        } = Member::join(&config.domain, name)?;
         let network = Network::open(&config.zenoh)?;
         let mut set = WaitSet::new()?;
-        let mut watch = node.watch();
-        // The subscribers of the domain are known before the first message of the network.
-        watch.wait()?;
         set.add_watch(&mut watch, Ready::Domain)?;
         set.add_descriptor(
             Arc::clone(network.ready()),
@@ -83,17 +76,15 @@ impl Bridge {
         Ok(Self {
             config: config.clone(),
             node,
-            remote,
             watch,
             set,
             convention: Convention::start(config, &network)?,
             network,
             outgoing: BTreeMap::new(),
-            incoming: BTreeMap::new(),
+            inbound: Inbound::new(remote),
             origin: origins.begin(wall_time().0),
             origins,
             durable,
-            duplicates: Duplicates::default(),
             counts: Counts::default(),
         })
     }
@@ -205,18 +196,13 @@ impl Bridge {
             config: &self.config,
             domain: self.watch.domain(),
             node: &self.node,
-            remote: &self.remote,
+            remote: self.inbound.remote(),
             network: &self.network,
         };
         let offered = ros2.offered(&sides);
         ros2.follow_subscribers(&sides, &offered)?;
         ros2.follow_services(&sides, &mut self.set)?;
-        (self.incoming).retain(|topic, it| offered.get(topic) == Some(&it.latched()));
-        for (topic, latched) in offered {
-            if !self.incoming.contains_key(&topic) {
-                self.declare_incoming(topic, latched, Delivery::AtMostOnce);
-            }
-        }
+        self.inbound.offer(self.watch.domain(), offered);
         Ok(())
     }
 
@@ -283,7 +269,7 @@ impl Bridge {
     }
 
     fn follow_network(&mut self) -> Result<(), BridgeError> {
-        self.network.clear_ready()?;
+        self.network.clear_ready();
         for topic in self.network.take_changed() {
             self.follow_matching(&topic);
         }
@@ -315,47 +301,23 @@ impl Bridge {
         if (self.durable.as_mut()).is_some_and(|it| it.handle(message)) {
             return;
         }
-        let Some((topic, origin)) = self.convention.read(message) else {
+        let Some(arrival) = self.convention.read(message) else {
             self.counts.refused += 1;
             return;
         };
-        if !self.config.allows(&topic.0, Direction::In) {
-            self.counts.denied += 1;
-            return;
-        }
-        // A message without an origin comes from a program that is no bridge.
-        if let Some((origin, delivery)) = &origin {
-            if has_bridge(self.watch.domain(), &origin.bridge) {
-                self.counts.returned += 1;
-                return;
-            }
-            if self.duplicates.contains(&topic.0, origin) {
-                self.counts.duplicates += 1;
-                self.convention
-                    .acknowledge(&topic.0, origin, *delivery, &self.network);
-                return;
-            }
-        }
-        if !self.incoming.contains_key(&topic) {
-            let delivery = (origin.as_ref()).map_or(Delivery::AtMostOnce, |(_, it)| *it);
-            self.declare_incoming(topic.clone(), 0, delivery);
-        }
-        let published = self.incoming.get(&topic);
-        let published = published.map(|it| it.publish(&message.payload.to_bytes()));
-        match published {
-            Some(Ok(())) => {
-                self.counts.received += 1;
-                if let Some((origin, delivery)) = &origin {
-                    self.duplicates.insert(&topic.0, origin);
-                    self.convention
-                        .acknowledge(&topic.0, origin, *delivery, &self.network);
-                }
-            }
-            Some(Err(error)) => {
-                self.counts.refused += 1;
-                tracing::warn!(topic = %topic.0, %error, "cannot publish a message in the domain");
-            }
-            None => self.counts.refused += 1,
+        let domain = self.watch.domain();
+        let rules = &self.config.rules;
+        let verdict =
+            (self.inbound).receive(rules, domain, &arrival, || message.payload.to_bytes());
+        *match verdict {
+            Verdict::Denied => &mut self.counts.denied,
+            Verdict::Returned => &mut self.counts.returned,
+            Verdict::Duplicate => &mut self.counts.duplicates,
+            Verdict::Refused => &mut self.counts.refused,
+            Verdict::Published => &mut self.counts.received,
+        } += 1;
+        if matches!(verdict, Verdict::Duplicate | Verdict::Published) {
+            self.convention.acknowledge(&arrival, &self.network);
         }
     }
 
@@ -366,16 +328,5 @@ impl Bridge {
         };
         self.counts.received += 1;
         ros2.query(service, query, &mut self.set)
-    }
-
-    /// Declares the publisher of a topic of the network.
-    fn declare_incoming(&mut self, topic: Topic, latched: u16, delivery: Delivery) {
-        let domain = self.watch.domain();
-        match Incoming::declare(&self.remote, domain, &topic, latched, delivery) {
-            Ok(incoming) => drop(self.incoming.insert(topic, incoming)),
-            Err(error) => {
-                tracing::warn!(topic = %topic.0, %error, "cannot publish in the domain");
-            }
-        }
     }
 }

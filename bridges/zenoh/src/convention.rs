@@ -1,20 +1,19 @@
 //! The form that topics, types and attachments have in the network: that of SM2, or that of ROS 2.
 
+use sm2_bridge_core::BridgeError;
+use sm2_bridge_core::domain::{Topic, offer};
+use sm2_bridge_core::{Arrival, Delivery, Origin};
 use sm2_node::Node;
 use sm2_node::domain::Domain;
-use sm2_proto::Name;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
 
 use crate::config::{Config, Mode};
 use crate::durable;
-use crate::error::BridgeError;
 use crate::network::{Message, Network, Subject};
 use crate::outgoing::{Form, Keep, Outgoing};
 use crate::plain;
 use crate::ros2::{self, Ros2};
-use sm2_bridge_core::domain::{Topic, offer};
-use sm2_bridge_core::{Delivery, Origin};
 
 /// The convention that the configuration names, and its state.
 pub(crate) enum Convention {
@@ -84,36 +83,45 @@ impl Convention {
 
     /// Reads the topic of a message, and its origin if a bridge has put it into the network. `None` if the domain has
     /// no names for the topic or its type.
-    pub(crate) fn read(&self, message: &Message) -> Option<(Topic, Option<(Origin, Delivery)>)> {
+    pub(crate) fn read(&self, message: &Message) -> Option<Arrival> {
         let attachment = message.attachment.as_ref().map(|it| it.to_bytes());
         let attachment = attachment.as_deref().unwrap_or_default();
-        match (self, &message.subject) {
+        let (topic, origin) = match (self, &message.subject) {
             (Self::Plain { prefix, .. }, Subject::Key(key)) => {
-                let topic = plain::topic(prefix, key)?;
-                let data = plain::type_of(&message.encoding)?;
-                Some(((topic, data), Origin::decode(attachment).ok()))
+                let topic = (
+                    plain::topic(prefix, key)?,
+                    plain::type_of(&message.encoding)?,
+                );
+                (topic, Origin::decode(attachment).ok())
             }
             (Self::Ros2(_), Subject::Topic(topic)) => {
                 let origin = ros2::origin(attachment);
-                Some((
+                (
                     Topic::clone(topic),
                     origin.map(|it| (it, Delivery::AtMostOnce)),
-                ))
+                )
             }
-            _ => None,
-        }
+            _ => return None,
+        };
+        // A message without an origin comes from a program that is no bridge.
+        let (origin, delivery) = origin
+            .map_or((None, Delivery::AtMostOnce), |(origin, delivery)| {
+                (Some(origin), delivery)
+            });
+        Some(Arrival {
+            topic,
+            origin,
+            delivery,
+        })
     }
 
     /// Acknowledges a message, if its bridge waits for that.
-    pub(crate) fn acknowledge(
-        &self,
-        topic: &Name,
-        origin: &Origin,
-        delivery: Delivery,
-        network: &Network,
-    ) {
-        if let (Self::Plain { prefix, .. }, Delivery::AtLeastOnce) = (self, delivery) {
-            durable::acknowledge(prefix, topic, origin, network);
+    pub(crate) fn acknowledge(&self, arrival: &Arrival, network: &Network) {
+        if let Self::Plain { prefix, .. } = self
+            && let Some(origin) = &arrival.origin
+            && arrival.delivery == Delivery::AtLeastOnce
+        {
+            durable::acknowledge(prefix, &arrival.topic.0, origin, network);
         }
     }
 }

@@ -11,6 +11,9 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 use bytes::Bytes;
+use sm2_bridge_core::BridgeError;
+use sm2_bridge_core::config::SpoolConfig;
+use sm2_bridge_core::domain::Topic;
 use sm2_bridge_core::{Delivery, Durable, Origin, Outbox, SpoolCounts};
 use sm2_node::clock::wall_time;
 use sm2_node::{Sample, now};
@@ -19,11 +22,8 @@ use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
 
 use crate::counts::Counts;
-use crate::error::BridgeError;
 use crate::network::{Message, Network, Subject};
 use crate::plain;
-use sm2_bridge_core::config::SpoolConfig;
-use sm2_bridge_core::domain::Topic;
 
 /// How long an acknowledgement may take. The network is slow, or one of the two messages was dropped, if it takes
 /// longer.
@@ -62,23 +62,15 @@ impl DurableTopics {
     /// Takes a message of the domain.
     pub(crate) fn offer(
         &mut self,
-        (topic, data): &Topic,
+        topic: &Topic,
         origin: &Origin,
         sample: &Sample<[u8]>,
         counts: &mut Counts,
     ) {
-        let age = now().since(sample.source_time()).as_nanos();
-        let age = u64::try_from(age).unwrap_or(u64::MAX);
-        let message = Durable {
-            topic: topic.clone(),
-            data: data.clone(),
-            origin: origin.clone(),
-            time: wall_time().0.saturating_sub(age),
-            payload: Bytes::copy_from_slice(sample),
-        };
+        let message = Durable::new(topic, origin, sample);
         if let Err(error) = self.outbox.offer(message, now()) {
             counts.refused += 1;
-            tracing::warn!(%topic, %error, "a message of a durable topic is lost");
+            tracing::warn!(topic = %topic.0, %error, "a message of a durable topic is lost");
         }
     }
 

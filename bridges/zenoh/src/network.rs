@@ -3,13 +3,14 @@
 mod inbox;
 
 use std::collections::BTreeSet;
-use std::io;
 use std::sync::Arc;
 use std::sync::mpsc::Receiver;
 use std::time::Duration;
 
 use bytes::Bytes;
-use nix::sys::eventfd::EventFd;
+use sm2_bridge_core::BridgeError;
+use sm2_bridge_core::domain::{Service, Topic};
+use sm2_io::Waker;
 use zenoh::bytes::{Encoding, ZBytes};
 use zenoh::key_expr::KeyExpr;
 use zenoh::liveliness::LivelinessToken;
@@ -25,8 +26,6 @@ use zenoh_ext::{
 };
 
 use self::inbox::Inbox;
-use crate::error::BridgeError;
-use sm2_bridge_core::domain::{Service, Topic};
 
 pub(crate) use self::inbox::{Event, Message, Subject};
 
@@ -54,7 +53,7 @@ impl Network {
     /// Opens a session.
     pub(crate) fn open(config: &zenoh::Config) -> Result<Self, BridgeError> {
         let session = zenoh::open(config.clone()).wait();
-        let session = session.map_err(BridgeError::zenoh("open a session"))?;
+        let session = session.map_err(refused("open a session"))?;
         let (inbox, events) = Inbox::new()?;
         Ok(Self {
             session,
@@ -77,7 +76,7 @@ impl Network {
             let subject = Subject::Key(sample.key_expr().to_string());
             inbox.put_sample(subject, &sample);
         });
-        (subscriber.wait()).map_err(BridgeError::zenoh("subscribe"))
+        (subscriber.wait()).map_err(refused("subscribe"))
     }
 
     /// Subscribes to a topic. With `history`, asks its publishers for the messages that they keep for late joiners.
@@ -100,7 +99,7 @@ impl Network {
                 subscriber.wait().map(TopicSubscriber::WithHistory)
             }
         };
-        subscriber.map_err(BridgeError::zenoh("subscribe"))
+        subscriber.map_err(refused("subscribe"))
     }
 
     /// Declares a publisher of a topic, which has [changed](Self::take_changed) when its subscribers come or go. It
@@ -129,14 +128,14 @@ impl Network {
                 ),
         };
         let publisher = publisher.wait();
-        let publisher = publisher.map_err(BridgeError::zenoh("declare a publisher"))?;
+        let publisher = publisher.map_err(refused("declare a publisher"))?;
         let (inbox, topic) = (self.inbox.clone(), topic.clone());
         let listener = publisher
             .matching_listener()
             .callback(move |_| inbox.note_change(topic.clone()))
             .background()
             .wait();
-        listener.map_err(BridgeError::zenoh("follow the subscribers"))?;
+        listener.map_err(refused("follow the subscribers"))?;
         Ok(publisher)
     }
 
@@ -151,7 +150,7 @@ impl Network {
         let queryable = queryable.allowed_origin(Locality::Remote);
         let queryable =
             queryable.callback(move |query| inbox.put(Event::Query(Arc::clone(&service), query)));
-        (queryable.wait()).map_err(BridgeError::zenoh("offer a service"))
+        (queryable.wait()).map_err(refused("offer a service"))
     }
 
     /// Calls a service of the network. The reply comes with [`next_reply`](Self::next_reply) and this number.
@@ -177,7 +176,7 @@ impl Network {
                     answer.give(payload);
                 }
             });
-        call.wait().map_err(BridgeError::zenoh("call a service"))
+        call.wait().map_err(refused("call a service"))
     }
 
     /// Puts a message into the network, which drops it if it is slow.
@@ -193,7 +192,7 @@ impl Network {
             .attachment(attachment)
             .congestion_control(CongestionControl::Drop)
             .allowed_destination(Locality::Remote);
-        put.wait().map_err(BridgeError::zenoh("put a message"))
+        put.wait().map_err(refused("put a message"))
     }
 
     /// Declares a liveliness token.
@@ -203,7 +202,7 @@ impl Network {
         K::Error: Into<zenoh::Error>,
     {
         let token = self.session.liveliness().declare_token(key).wait();
-        token.map_err(BridgeError::zenoh("declare a token"))
+        token.map_err(refused("declare a token"))
     }
 
     /// Follows the liveliness tokens of a key expression for the time of the session.
@@ -216,7 +215,7 @@ impl Network {
         };
         let listener = self.session.liveliness().declare_subscriber(key);
         let listener = listener.history(true).callback(note).background().wait();
-        listener.map_err(BridgeError::zenoh("follow the endpoints"))
+        listener.map_err(refused("follow the endpoints"))
     }
 
     /// The tokens that are alive, if they have changed since the last call.
@@ -225,13 +224,13 @@ impl Network {
     }
 
     /// A descriptor that is readable when there may be a message or a change.
-    pub(crate) const fn ready(&self) -> &Arc<EventFd> {
+    pub(crate) const fn ready(&self) -> &Arc<Waker> {
         self.inbox.ready()
     }
 
     /// Lets the descriptor wait for what comes later than this call.
-    pub(crate) fn clear_ready(&self) -> io::Result<()> {
-        self.inbox.clear_ready()
+    pub(crate) fn clear_ready(&self) {
+        self.inbox.clear_ready();
     }
 
     /// Makes the descriptor readable: there may be more.
@@ -257,5 +256,13 @@ impl Network {
     /// How many messages and calls came while too many others waited.
     pub(crate) fn dropped(&self) -> u64 {
         self.inbox.dropped()
+    }
+}
+
+/// Zenoh refuses an attempt of the bridge.
+pub(crate) fn refused(action: &'static str) -> impl FnOnce(zenoh::Error) -> BridgeError {
+    move |error| BridgeError::Network {
+        action,
+        error: error.to_string(),
     }
 }

@@ -4,10 +4,11 @@ use std::thread;
 use std::time::Duration;
 
 use bytes::Bytes;
+use sm2_bridge_core::domain::Topic;
+use sm2_bridge_core::{Delivery, Origin, publication_time};
 use sm2_gateway::is_remote;
-use sm2_node::clock::wall_time;
 use sm2_node::wait_set::Key;
-use sm2_node::{Node, RecvError, Sample, Subscriber, now};
+use sm2_node::{Node, RecvError, Sample, Subscriber};
 use zenoh::Wait;
 use zenoh::liveliness::LivelinessToken;
 use zenoh_ext::AdvancedPublisher;
@@ -15,8 +16,6 @@ use zenoh_ext::AdvancedPublisher;
 use crate::counts::Counts;
 use crate::durable::DurableTopics;
 use crate::ros2::{self, Gid};
-use sm2_bridge_core::domain::Topic;
-use sm2_bridge_core::{Delivery, Origin};
 
 /// How many messages of each publisher wait for the bridge.
 const DEPTH: u16 = 64;
@@ -63,11 +62,7 @@ impl Form {
     fn attachment(&self, sample: &Sample<[u8]>, origin: &Origin) -> Vec<u8> {
         match self {
             Self::Plain => origin.encode(Delivery::AtMostOnce),
-            Self::Ros2 { gid, .. } => {
-                let age = now().since(sample.source_time()).as_nanos();
-                let age = u64::try_from(age).unwrap_or(u64::MAX);
-                ros2::encode(wall_time().0.saturating_sub(age), gid, origin)
-            }
+            Self::Ros2 { gid, .. } => ros2::encode(publication_time(sample), gid, origin),
         }
     }
 }

@@ -14,6 +14,9 @@ use std::sync::Arc;
 
 use hiroz_protocol::EndpointKind;
 use hiroz_protocol::qos::{QosDurability, QosHistory, QosProfile, QosReliability};
+use sm2_bridge_core::BridgeError;
+use sm2_bridge_core::Origin;
+use sm2_bridge_core::domain::{Service, Topic, called, served, subscribed};
 use sm2_node::{Node, WaitSet};
 use sm2_proto::gateway::Direction;
 use sm2_proto::{Name, OfferedQos};
@@ -26,12 +29,9 @@ use self::graph::Endpoint;
 use self::identity::{Identity, declare_token, gid, key};
 use self::known::Known;
 use self::services::Services;
-use crate::error::BridgeError;
 use crate::network::{Network, TopicSubscriber};
 use crate::ready::Ready;
 use crate::sides::Sides;
-use sm2_bridge_core::Origin;
-use sm2_bridge_core::domain::{Service, Topic, called, served, subscribed};
 
 pub(crate) use self::attachment::{Gid, encode, origin};
 

@@ -6,13 +6,11 @@ use std::mem;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
-use nix::errno::Errno;
-use nix::sys::eventfd::{EfdFlags, EventFd};
+use sm2_bridge_core::domain::{Service, Topic};
+use sm2_io::Waker;
 use zenoh::bytes::{Encoding, ZBytes};
 use zenoh::query::Query;
 use zenoh::sample::{Sample, SampleKind};
-
-use sm2_bridge_core::domain::{Service, Topic};
 
 /// How many messages may wait, and how long their payloads may be together, in bytes. Messages beyond that are dropped
 /// and counted.
@@ -59,7 +57,7 @@ pub(super) struct Inbox {
     events: SyncSender<Event>,
     state: Arc<Mutex<State>>,
     /// Readable while there may be something.
-    ready: Arc<EventFd>,
+    ready: Arc<Waker>,
 }
 
 #[derive(Default)]
@@ -127,11 +125,10 @@ impl Tokens {
 impl Inbox {
     pub(super) fn new() -> io::Result<(Self, Receiver<Event>)> {
         let (sender, events) = sync_channel(MESSAGES_MAX);
-        let flags = EfdFlags::EFD_CLOEXEC | EfdFlags::EFD_NONBLOCK;
         let inbox = Self {
             events: sender,
             state: Arc::default(),
-            ready: Arc::new(EventFd::from_flags(flags)?),
+            ready: Arc::new(Waker::new()?),
         };
         Ok((inbox, events))
     }
@@ -214,22 +211,18 @@ impl Inbox {
     }
 
     /// Readable while there may be something.
-    pub(super) const fn ready(&self) -> &Arc<EventFd> {
+    pub(super) const fn ready(&self) -> &Arc<Waker> {
         &self.ready
     }
 
     /// Lets the descriptor wait for events that come later than this call.
-    pub(super) fn clear_ready(&self) -> io::Result<()> {
-        match self.ready.read() {
-            Ok(_) | Err(Errno::EAGAIN) => Ok(()),
-            Err(error) => Err(error.into()),
-        }
+    pub(super) fn clear_ready(&self) {
+        self.ready.drain();
     }
 
     /// Makes the descriptor readable.
     pub(super) fn wake(&self) {
-        // It fails only if the number overflows, and the descriptor is readable then.
-        let _ = self.ready.write(1);
+        self.ready.wake();
     }
 }
 

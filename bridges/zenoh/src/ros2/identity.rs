@@ -4,13 +4,13 @@ use hiroz_protocol::qos::QosProfile;
 use hiroz_protocol::{
     EndpointEntity, EndpointKind, KeyExprFormatter, NodeEntity, RmwZenohFormatter,
 };
+use sm2_bridge_core::BridgeError;
 use sm2_proto::Name;
 use zenoh::liveliness::LivelinessToken;
 
 use super::attachment::Gid;
 use super::graph::NAMESPACE;
 use super::types::RosType;
-use crate::error::BridgeError;
 use crate::network::Network;
 
 /// The node `/sm2/NAME`. Leaves when it is dropped.
@@ -64,7 +64,7 @@ impl Identity {
 }
 
 fn named(error: zenoh::Error) -> BridgeError {
-    BridgeError::zenoh("name an endpoint")(error)
+    crate::network::refused("name an endpoint")(error)
 }
 
 /// The key expression of the topic or service.

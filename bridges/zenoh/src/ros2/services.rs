@@ -9,6 +9,9 @@ use std::time::{Duration, Instant};
 
 use hiroz_protocol::EndpointKind;
 use hiroz_protocol::qos::QosProfile;
+use sm2_bridge_core::BridgeError;
+use sm2_bridge_core::Origin;
+use sm2_bridge_core::domain::Service;
 use sm2_node::clock::wall_time;
 use sm2_node::wait_set::Key;
 use sm2_node::{Call, CallError, Client, DeclareError, Node, RecvError, Request, Server, WaitSet};
@@ -20,12 +23,9 @@ use zenoh::query::{Query, Queryable};
 use super::attachment::{self, Gid};
 use super::identity::{Identity, declare_token, gid, key};
 use super::types::RosType;
-use crate::error::BridgeError;
 use crate::network::{CALL_MAX, Network};
 use crate::ready::Ready;
 use crate::sides::Sides;
-use sm2_bridge_core::Origin;
-use sm2_bridge_core::domain::Service;
 
 /// How long a new client waits for the link to its server, so that the first call finds it.
 const LINK_WAIT: Duration = Duration::from_millis(100);

@@ -1,9 +1,12 @@
 //! Errors of a running bridge.
 
-use sm2_bridge_core::StoreError;
+use std::io;
+
 use sm2_node::domain::QueryError;
 use sm2_node::{ConnectError, WaitError};
 use sm2_proto::NameError;
+
+use crate::store::StoreError;
 
 /// The reason why a bridge cannot start, or go on.
 #[derive(Debug, thiserror::Error)]
@@ -14,8 +17,16 @@ pub enum BridgeError {
     /// The name of the bridge is too long for the names of its nodes.
     #[error("the name of the bridge is too long: {0}")]
     Name(#[from] NameError),
-    /// The folder of the spool cannot be used.
-    #[error("the spool: {0}")]
+    /// The network refuses the bridge, or one of its attempts.
+    #[error("cannot {action}: {error}")]
+    Network {
+        /// The attempt.
+        action: &'static str,
+        /// The error, in the words of the network's library.
+        error: String,
+    },
+    /// The folder of durable topics cannot be used.
+    #[error("the spool of durable topics: {0}")]
     Spool(#[from] StoreError),
     /// The domain cannot be followed.
     #[error("cannot follow the domain: {0}")]
@@ -25,5 +36,5 @@ pub enum BridgeError {
     Wait(#[source] WaitError),
     /// The operating system refuses something that the bridge needs.
     #[error("the operating system refuses a resource: {0}")]
-    System(#[from] std::io::Error),
+    System(#[from] io::Error),
 }
