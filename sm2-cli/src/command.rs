@@ -3,8 +3,8 @@
 use clap::{Parser, Subcommand};
 
 use crate::{
-    bag, completions, demo, doctor, manual, node, play, policy, record, service, snapshot, top,
-    topic, wait_for, web_view, why,
+    bag, completions, demo, doctor, foxglove, manual, node, play, policy, record, service,
+    snapshot, top, topic, wait_for, web_view, why,
 };
 
 /// Inspect, feed and run an SM2 domain from a shell.
@@ -40,6 +40,9 @@ pub(crate) enum Command {
     Top(top::Arguments),
     /// Show a domain in a web browser, live
     View(web_view::Arguments),
+    /// Show topics and services in Foxglove; needs the program sm2-foxglove
+    #[command(after_help = FOXGLOVE_EXAMPLES)]
+    Foxglove(foxglove::Arguments),
     /// Check this machine, the Manager and the domain
     Doctor(doctor::Arguments),
     /// Record topics to a bag, an MCAP file
@@ -108,6 +111,13 @@ const NODE_EXAMPLES: &str = "\
 Examples:
   sm2 node list
   sm2 node info talker";
+
+const FOXGLOVE_EXAMPLES: &str = "\
+The program is in the folder of this one, or in a folder of $PATH: `cargo install --path sm2-foxglove`.
+
+Examples:
+  sm2 foxglove
+  sm2 foxglove --listen 127.0.0.1:0 scan 'camera/**'";
 
 const BAG_EXAMPLES: &str = "\
 Examples:

@@ -165,6 +165,16 @@ pub(crate) enum CliError {
         /// The reason of the operating system.
         source: io::Error,
     },
+    /// A program that is installed on its own cannot be started.
+    #[error(
+        "cannot start {program} ({source}): install it (`cargo install --path {program}` in the repository)"
+    )]
+    NotInstalled {
+        /// The program, and the folder of the repository that has it.
+        program: &'static str,
+        /// The reason of the operating system.
+        source: io::Error,
+    },
     /// The domain's socket cannot be named.
     #[error(transparent)]
     DomainSocket(#[from] DomainSocketError),

@@ -30,6 +30,7 @@ mod doctor;
 mod ended;
 mod error;
 mod follow;
+mod foxglove;
 #[cfg(feature = "fuzzing")]
 pub mod fuzz;
 mod interfaces;
@@ -56,6 +57,7 @@ mod ticker;
 mod time;
 mod top;
 mod topic;
+mod transcode;
 mod unheard;
 mod usage;
 mod view;
@@ -64,10 +66,11 @@ mod wait_for;
 mod web_view;
 mod why;
 
-use std::{env, io, process::ExitCode};
+use std::{env, ffi::OsString, io, process::ExitCode};
 
 use clap::CommandFactory;
 
+pub use crate::transcode::Transcoder;
 use crate::{
     command::{Cli, Command},
     ended::Ended,
@@ -77,7 +80,13 @@ use crate::{
 /// Runs the command of the command line, and returns its exit status.
 #[must_use]
 pub fn main() -> ExitCode {
-    let command = match usage::parse(env::args_os().collect()) {
+    run(env::args_os().collect())
+}
+
+/// Runs a command, and returns its exit status. The first argument stands for the program. Call it once in a process.
+#[must_use]
+pub fn run(arguments: Vec<OsString>) -> ExitCode {
+    let command = match usage::parse(arguments) {
         Ok(command) => command,
         Err(status) => return status,
     };
@@ -95,6 +104,7 @@ pub fn main() -> ExitCode {
         Command::Why(arguments) => why::run(&arguments),
         Command::Top(arguments) => top::run(&arguments),
         Command::View(arguments) => web_view::run(&arguments),
+        Command::Foxglove(arguments) => Err(foxglove::run(&arguments)),
         Command::Doctor(arguments) => doctor::run(&arguments),
         Command::Record(arguments) => record::run(&arguments),
         Command::Play(arguments) => play::run(&arguments),

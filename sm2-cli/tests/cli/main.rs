@@ -10,6 +10,7 @@ mod doctor;
 mod examples;
 mod flood;
 mod foreign;
+mod foxglove;
 mod fuzz_corpus;
 mod gateway;
 mod generated;
