@@ -18,7 +18,6 @@ use sm2_proto::{
 };
 
 use crate::{
-    Config,
     names::status_service,
     peer::Limits,
     shadow::{Because, Change, Effect},
@@ -61,8 +60,9 @@ pub struct ShadowReport {
 }
 
 impl ShadowReport {
-    /// `names` has the peers of both configurations; `config` is the other one.
-    pub(crate) fn new(change: &Change, names: &BTreeMap<GatewayId, Name>, config: &Config) -> Self {
+    /// `names` has the peers of both configurations; `rule_lines` has the line of each rule of the other one.
+    #[must_use]
+    pub fn new(change: &Change, names: &BTreeMap<GatewayId, Name>, rule_lines: &[usize]) -> Self {
         let (kind, name) = &change.of;
         let peer = names.get(&change.peer);
         let would = match (change.direction, change.effect) {
@@ -72,7 +72,7 @@ impl ShadowReport {
             (Direction::In, Effect::Stops) => "no longer come in",
         };
         let because = match change.because {
-            Because::Rule(rule) => match config.rule_lines.get(rule) {
+            Because::Rule(rule) => match rule_lines.get(rule) {
                 Some(line) => format!("line {line}"),
                 None => format!("rule {rule}"),
             },

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use prometheus_client::{
-    encoding::text::encode,
+    encoding::text::encode as encode_registry,
     metrics::{counter::Counter, family::Family, gauge::Gauge},
     registry::{Registry, Unit},
 };
@@ -49,6 +49,59 @@ const COUNTS: [Count; 9] = [
     }),
 ];
 
+/// A metric of a program, without labels of its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Value {
+    /// Its name, without the prefix and without `_total`.
+    pub name: &'static str,
+    /// Its help.
+    pub help: &'static str,
+    /// Its kind.
+    pub kind: ValueKind,
+    /// The present value.
+    pub value: u64,
+}
+
+/// The kind of a metric.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ValueKind {
+    /// It only grows. The text appends `_total` to its name.
+    Counter,
+    /// It grows and shrinks.
+    Gauge,
+}
+
+/// Encodes metrics in the OpenMetrics text format. All of them have the same prefix and the same labels.
+///
+/// # Errors
+/// Never for values of this type; the encoder may refuse others.
+pub fn encode(
+    prefix: &str,
+    labels: &[(&'static str, String)],
+    values: &[Value],
+) -> Result<String, fmt::Error> {
+    let labels = labels.iter().cloned();
+    let mut registry = Registry::with_labels(labels.map(|(key, value)| (key.into(), value.into())));
+    let named = registry.sub_registry_with_prefix(prefix);
+    for it in values {
+        match it.kind {
+            ValueKind::Counter => {
+                let counter = Counter::<u64>::default();
+                counter.inc_by(it.value);
+                named.register(it.name, it.help, counter);
+            }
+            ValueKind::Gauge => {
+                let gauge = Gauge::<i64>::default();
+                gauge.set(i64::try_from(it.value).unwrap_or(i64::MAX));
+                named.register(it.name, it.help, gauge);
+            }
+        }
+    }
+    let mut text = String::new();
+    encode_registry(&mut text, &registry)?;
+    Ok(text)
+}
+
 /// Encodes a report in the OpenMetrics text format.
 pub(super) fn text(report: &Report) -> Result<String, fmt::Error> {
     let gateway = ("gateway".into(), report.name.clone().into());
@@ -57,7 +110,7 @@ pub(super) fn text(report: &Report) -> Result<String, fmt::Error> {
     peers(report, registry_of_gateway);
     counts(report, registry_of_gateway);
     let mut text = String::new();
-    encode(&mut text, &registry)?;
+    encode_registry(&mut text, &registry)?;
     Ok(text)
 }
 
@@ -123,6 +176,30 @@ mod tests {
     };
 
     use super::*;
+
+    #[test]
+    fn the_metrics_of_a_program_have_its_prefix_and_its_labels() {
+        let value = |name, kind, value| Value {
+            name,
+            help: "Messages",
+            kind,
+            value,
+        };
+        let values = [
+            value("sent", ValueKind::Counter, u64::MAX),
+            value("waiting", ValueKind::Gauge, 7),
+        ];
+        let text = encode("robot", &[("name", "a\"b".to_owned())], &values).unwrap();
+        let lines: Vec<_> = text.lines().filter(|it| !it.starts_with('#')).collect();
+        assert_eq!(
+            lines,
+            [
+                "robot_sent_total{name=\"a\\\"b\"} 18446744073709551615",
+                "robot_waiting{name=\"a\\\"b\"} 7"
+            ],
+            "{text}"
+        );
+    }
 
     #[test]
     fn each_count_of_a_peer_and_of_a_name_is_there_once() {

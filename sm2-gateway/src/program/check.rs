@@ -110,7 +110,7 @@ fn compare(
         );
     }
     for change in changes {
-        let change = ShadowReport::new(&change, &names, shadow);
+        let change = ShadowReport::new(&change, &names, &shadow.rule_lines);
         write_line(out, format!("shadow: {change}"))?;
     }
     Ok(())

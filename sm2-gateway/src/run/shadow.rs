@@ -55,7 +55,7 @@ pub(super) async fn run(
                 }
             };
             revision = compared;
-            let report = |it: &Change| ShadowReport::new(it, &names, &config);
+            let report = |it: &Change| ShadowReport::new(it, &names, &config.rule_lines);
             for change in changes.iter().filter(|it| !logged.contains(*it)) {
                 tracing::info!("shadow: {}", report(change));
             }
