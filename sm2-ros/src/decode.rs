@@ -101,21 +101,7 @@ impl<'a> Decoder<'a> {
         }
         let reader = &mut self.reader;
         Ok(match base {
-            Base::Primitive(primitive) => match primitive {
-                Primitive::Bool => Value::Bool(reader.bool()?),
-                Primitive::Byte | Primitive::Char | Primitive::Uint8 => {
-                    Value::Unsigned(reader.number::<u8>()?.into())
-                }
-                Primitive::Uint16 => Value::Unsigned(reader.number::<u16>()?.into()),
-                Primitive::Uint32 => Value::Unsigned(reader.number::<u32>()?.into()),
-                Primitive::Uint64 => Value::Unsigned(reader.number()?),
-                Primitive::Int8 => Value::Signed(reader.number::<i8>()?.into()),
-                Primitive::Int16 => Value::Signed(reader.number::<i16>()?.into()),
-                Primitive::Int32 => Value::Signed(reader.number::<i32>()?.into()),
-                Primitive::Int64 => Value::Signed(reader.number()?),
-                Primitive::Float32 => Value::F32(reader.number()?),
-                Primitive::Float64 => Value::F64(reader.number()?),
-            },
+            Base::Primitive(primitive) => reader.primitive(*primitive)?,
             Base::String { max_bytes } => Value::Text(reader.text(*max_bytes)?.into()),
             Base::WString { max_units } => Value::Text(reader.wide_string(*max_units)?.into()),
             Base::Message(name) => {

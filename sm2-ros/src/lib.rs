@@ -2,7 +2,7 @@
 //!
 //! [`decode`] turns the bytes of a message into a [`Value`] with the names of its fields, and [`encode`] turns
 //! JSON into bytes. Both need only the definition of the type, as [`sm2_ros_idl::Set`] holds it, so tools work
-//! with types that they were not built with.
+//! with types that they were not built with. [`place`] reads single fields.
 //!
 //! CDR is the encoding that ROS 2 uses on the wire and in bags: XCDR version 1. A message begins with four
 //! bytes, of which the second says the byte order (0 big-endian, 1 little-endian). Each number is aligned to
@@ -17,6 +17,8 @@ extern crate self as sm2_ros;
 
 pub mod cdr;
 mod decode;
+#[cfg(feature = "definitions")]
+pub mod definitions;
 mod encode;
 mod error;
 #[cfg(feature = "fuzzing")]
@@ -24,6 +26,7 @@ pub mod fuzz;
 #[cfg(feature = "messages")]
 #[doc(hidden)]
 pub mod message;
+pub mod place;
 mod types;
 mod value;
 

@@ -7,6 +7,7 @@ mod cdr;
 mod fuzz_corpus;
 #[cfg(all(feature = "common-interfaces", feature = "messages"))]
 mod nodes;
+mod place;
 #[cfg(feature = "common-interfaces")]
 mod types;
 #[cfg(feature = "common-interfaces")]

@@ -39,6 +39,25 @@ impl Set {
         Ok(())
     }
 
+    /// Adds the definitions of a package (`FOLDER/msg/Name.msg`), or of all packages whose folders are in this one.
+    ///
+    /// # Errors
+    ///
+    /// [`FolderError`] with the path that is wrong.
+    pub fn add_definitions(&mut self, folder: &Path) -> Result<(), FolderError> {
+        if !Kind::ALL.iter().any(|it| folder.join(it.name()).is_dir()) {
+            return self.add_folder(folder);
+        }
+        // The name of a package is that of its folder, which `.` lacks.
+        match std::path::absolute(folder) {
+            Ok(folder) => self.add_package(&folder),
+            Err(error) => Err(FolderError::Io {
+                path: folder.to_owned(),
+                error,
+            }),
+        }
+    }
+
     /// Adds the packages whose folders are in this one, such as `/opt/ros/jazzy/share`.
     ///
     /// # Errors

@@ -1,9 +1,10 @@
 //! Reads the bytes of CDR, one value after the other.
 
+use sm2_ros_idl::Primitive;
 use zerocopy::IntoBytes;
 
 use super::{HEADER_BYTES, Number, Numbers, Source};
-use crate::{DecodeError, Fault};
+use crate::{DecodeError, Fault, Value};
 
 /// A message, and the place of the next value.
 ///
@@ -53,6 +54,15 @@ impl<S: Source> Reader<S> {
 
     pub(crate) const fn remaining(&self) -> usize {
         self.len - self.at
+    }
+
+    /// The place of the next value, in bytes.
+    pub(crate) const fn place(&self) -> usize {
+        self.at
+    }
+
+    pub(crate) const fn is_big_endian(&self) -> bool {
+        self.big_endian
     }
 
     /// Skips to the next multiple of `size`, a power of two, counted from the end of the header.
@@ -115,8 +125,33 @@ impl<S: Source> Reader<S> {
         }
     }
 
+    /// Takes a boolean or a number.
+    pub(crate) fn primitive(
+        &mut self,
+        primitive: Primitive,
+    ) -> Result<Value<'static>, DecodeError> {
+        Ok(match primitive {
+            Primitive::Bool => Value::Bool(self.bool()?),
+            Primitive::Byte | Primitive::Char | Primitive::Uint8 => {
+                Value::Unsigned(self.number::<u8>()?.into())
+            }
+            Primitive::Uint16 => Value::Unsigned(self.number::<u16>()?.into()),
+            Primitive::Uint32 => Value::Unsigned(self.number::<u32>()?.into()),
+            Primitive::Uint64 => Value::Unsigned(self.number()?),
+            Primitive::Int8 => Value::Signed(self.number::<i8>()?.into()),
+            Primitive::Int16 => Value::Signed(self.number::<i16>()?.into()),
+            Primitive::Int32 => Value::Signed(self.number::<i32>()?.into()),
+            Primitive::Int64 => Value::Signed(self.number()?),
+            Primitive::Float32 => Value::F32(self.number()?),
+            Primitive::Float64 => Value::F64(self.number()?),
+        })
+    }
+
     /// Takes the length of a text in UTF-8, and skips the text. Returns its place.
-    fn text_place(&mut self, max_bytes: Option<u32>) -> Result<(usize, usize), DecodeError> {
+    pub(crate) fn text_place(
+        &mut self,
+        max_bytes: Option<u32>,
+    ) -> Result<(usize, usize), DecodeError> {
         let len = self.len(None)?;
         self.check(len.saturating_sub(1), max_bytes)?;
         let len = len as usize;

@@ -110,6 +110,14 @@ impl<S: Sink> Writer<S> {
         }
     }
 
+    /// Writes numbers of `size` bytes, a power of two, whose bytes are in little-endian order already.
+    pub fn number_bytes(&mut self, bytes: &[u8], size: usize) {
+        if !bytes.is_empty() {
+            self.align(size);
+            self.put(bytes);
+        }
+    }
+
     /// Writes numbers of `size` bytes whose value is zero.
     pub(crate) fn zeros(&mut self, len: usize, size: usize) {
         if len == 0 {
