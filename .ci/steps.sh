@@ -302,6 +302,7 @@ step_c() {
     install_packages <<<"g++ g++
 clang clang++
 cmake cmake
+doxygen doxygen
 valgrind valgrind"
     install cbindgen || skip "cbindgen cannot be built here"
     cargo build --workspace --locked --bin sm2-manager

@@ -4,9 +4,10 @@
 //! makes such a value. The header states what each pointer must be, so the methods here rely on that. Handles need no
 //! wrapper: `Option<&T>` and `Option<Box<T>>` have the layout of a pointer that may be NULL.
 
-use std::ffi::{CStr, c_char, c_void};
+use std::ffi::{CStr, c_char, c_int, c_void};
 use std::mem::MaybeUninit;
 use std::ops::RangeInclusive;
+use std::os::fd::{AsFd, AsRawFd};
 use std::ptr::NonNull;
 use std::time::Duration;
 
@@ -198,6 +199,12 @@ impl<T: Struct> Out<T> {
     }
 }
 
+/// Fills a struct of options, which must not be NULL, with the defaults.
+pub(crate) fn set_defaults<T: Struct>(options: *mut T, defaults: &T) -> Result<(), Failure> {
+    Out(options).required("options")?.write(defaults);
+    Ok(())
+}
+
 impl<T: Struct> Place<T> {
     /// Writes all fields but `size`. Fields that this library does not know become 0.
     pub(crate) fn write(self, value: &T) {
@@ -220,4 +227,26 @@ pub(crate) fn vacant<'a, T>(
     name: &str,
 ) -> Result<&'a mut Option<Box<T>>, Failure> {
     Ok(given(place, name)?.write(None))
+}
+
+/// Stores the descriptor of a handle.
+pub(crate) fn store_descriptor(
+    handle: &impl AsFd,
+    fd: Option<&mut MaybeUninit<c_int>>,
+) -> Result<(), Failure> {
+    given(fd, "fd")?.write(handle.as_fd().as_raw_fd());
+    Ok(())
+}
+
+/// Stores the address of bytes that the library keeps, and their number. `name` is that of the argument `data`.
+pub(crate) fn store_bytes<T>(
+    bytes: &[u8],
+    data: Option<&mut MaybeUninit<*const T>>,
+    name: &str,
+    len: Option<&mut MaybeUninit<usize>>,
+) -> Result<(), Failure> {
+    let data = given(data, name)?;
+    given(len, "len")?.write(bytes.len());
+    data.write(bytes.as_ptr().cast());
+    Ok(())
 }

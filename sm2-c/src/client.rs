@@ -2,12 +2,13 @@
 
 use std::ffi::{c_char, c_int, c_void};
 use std::mem::MaybeUninit;
-use std::os::fd::{AsFd, AsRawFd};
 
 use sm2_node::ClientBuilder;
 
 use crate::aligned::AlignedCopy;
-use crate::arguments::{Bytes, FOREVER, In, Text, duration, given, vacant};
+use crate::arguments::{
+    Bytes, FOREVER, In, Text, duration, given, store_bytes, store_descriptor, vacant,
+};
 use crate::node::Node;
 use crate::qos::ClientOptions;
 use crate::report::why;
@@ -214,11 +215,7 @@ pub extern "C" fn sm2_client_descriptor(
     client: Option<&Client>,
     fd: Option<&mut MaybeUninit<c_int>>,
 ) -> Status {
-    guard(|| {
-        let client = given(client, "client")?;
-        given(fd, "fd")?.write(client.0.as_fd().as_raw_fd());
-        Ok(())
-    })
+    guard(|| store_descriptor(&given(client, "client")?.0, fd))
 }
 
 /// Explains why the client has no links: stores a text in `text`, with a line for each server that comes close. The
@@ -315,10 +312,7 @@ pub extern "C" fn sm2_reply_data(
     guard(|| {
         let reply = given(reply, "reply")?;
         let bytes = reply.copy.of(reply.held()?);
-        let data = given(data, "data")?;
-        given(len, "len")?.write(bytes.len());
-        data.write(bytes.as_ptr().cast());
-        Ok(())
+        store_bytes(bytes, data, "data", len)
     })
 }
 
@@ -336,10 +330,7 @@ pub extern "C" fn sm2_reply_server(
 ) -> Status {
     guard(|| {
         let name = given(reply, "reply")?.held()?.server().as_str();
-        let server = given(server, "server")?;
-        given(len, "len")?.write(name.len());
-        server.write(name.as_ptr().cast());
-        Ok(())
+        store_bytes(name.as_bytes(), server, "server", len)
     })
 }
 

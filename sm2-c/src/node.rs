@@ -2,11 +2,12 @@
 
 use std::ffi::{c_char, c_int};
 use std::mem::MaybeUninit;
-use std::os::fd::{AsFd, AsRawFd};
 
 use sm2_node::NodeBuilder;
 
-use crate::arguments::{FOREVER, In, Out, Text, duration, given, sized, vacant};
+use crate::arguments::{
+    FOREVER, In, Text, duration, given, set_defaults, sized, store_descriptor, vacant,
+};
 use crate::shutdown::Shutdown;
 use crate::status::{Failure, Status, guard, guard_drop};
 
@@ -108,11 +109,7 @@ fn choice(value: i8, name: &str) -> Result<Option<bool>, Failure> {
 /// Threads: any.
 #[unsafe(no_mangle)]
 pub extern "C" fn sm2_node_options_init(options: *mut NodeOptions) -> Status {
-    guard(|| {
-        let options = Out(options).required("options")?;
-        options.write(&NodeOptions::defaults());
-        Ok(())
-    })
+    guard(|| set_defaults(options, &NodeOptions::defaults()))
 }
 
 /// Connects a node to the Manager of its domain. The name must be unique in the domain. `options` may be NULL for the
@@ -190,11 +187,7 @@ pub extern "C" fn sm2_node_descriptor(
     node: Option<&Node>,
     fd: Option<&mut MaybeUninit<c_int>>,
 ) -> Status {
-    guard(|| {
-        let node = given(node, "node")?;
-        given(fd, "fd")?.write(node.0.as_fd().as_raw_fd());
-        Ok(())
-    })
+    guard(|| store_descriptor(&given(node, "node")?.0, fd))
 }
 
 /// Returns the monotonic time that samples and ticks are stamped with, in nanoseconds (`CLOCK_MONOTONIC`).

@@ -2,12 +2,11 @@
 
 use std::ffi::{c_char, c_int, c_void};
 use std::mem::MaybeUninit;
-use std::os::fd::{AsFd, AsRawFd};
 use std::sync::Arc;
 
 use sm2_node::PublisherBuilder;
 
-use crate::arguments::{Bytes, FOREVER, In, Out, Text, duration, given, vacant};
+use crate::arguments::{Bytes, FOREVER, In, Out, Text, duration, given, store_descriptor, vacant};
 use crate::node::Node;
 use crate::qos::PublisherOptions;
 use crate::report::{PublishResult, PublisherCounters, why};
@@ -202,9 +201,5 @@ pub extern "C" fn sm2_publisher_descriptor(
     publisher: Option<&Publisher>,
     fd: Option<&mut MaybeUninit<c_int>>,
 ) -> Status {
-    guard(|| {
-        let publisher = given(publisher, "publisher")?;
-        given(fd, "fd")?.write(publisher.0.as_fd().as_raw_fd());
-        Ok(())
-    })
+    guard(|| store_descriptor(&given(publisher, "publisher")?.0, fd))
 }

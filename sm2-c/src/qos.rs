@@ -2,7 +2,7 @@
 
 use sm2_node::{ClientBuilder, PublisherBuilder, ServerBuilder, SubscriberBuilder, Wait};
 
-use crate::arguments::{FOREVER, Out, duration, period, sized};
+use crate::arguments::{FOREVER, duration, period, set_defaults, sized};
 use crate::status::{Failure, Status, guard};
 
 /// A size that the library chooses: `UINT64_MAX`.
@@ -311,11 +311,7 @@ fn length(bytes: u64, name: &str) -> Result<usize, Failure> {
 /// Threads: any.
 #[unsafe(no_mangle)]
 pub extern "C" fn sm2_publisher_options_init(options: *mut PublisherOptions) -> Status {
-    guard(|| {
-        let options = Out(options).required("options")?;
-        options.write(&PublisherOptions::defaults());
-        Ok(())
-    })
+    guard(|| set_defaults(options, &PublisherOptions::defaults()))
 }
 
 /// Sets the default options. `options->size` must be set before, as for every struct.
@@ -323,11 +319,7 @@ pub extern "C" fn sm2_publisher_options_init(options: *mut PublisherOptions) -> 
 /// Threads: any.
 #[unsafe(no_mangle)]
 pub extern "C" fn sm2_subscriber_options_init(options: *mut SubscriberOptions) -> Status {
-    guard(|| {
-        let options = Out(options).required("options")?;
-        options.write(&SubscriberOptions::defaults());
-        Ok(())
-    })
+    guard(|| set_defaults(options, &SubscriberOptions::defaults()))
 }
 
 /// Sets the default options. `options->size` must be set before, as for every struct.
@@ -335,11 +327,7 @@ pub extern "C" fn sm2_subscriber_options_init(options: *mut SubscriberOptions) -
 /// Threads: any.
 #[unsafe(no_mangle)]
 pub extern "C" fn sm2_server_options_init(options: *mut ServerOptions) -> Status {
-    guard(|| {
-        let options = Out(options).required("options")?;
-        options.write(&ServerOptions::defaults());
-        Ok(())
-    })
+    guard(|| set_defaults(options, &ServerOptions::defaults()))
 }
 
 /// Sets the default options. `options->size` must be set before, as for every struct.
@@ -347,9 +335,5 @@ pub extern "C" fn sm2_server_options_init(options: *mut ServerOptions) -> Status
 /// Threads: any.
 #[unsafe(no_mangle)]
 pub extern "C" fn sm2_client_options_init(options: *mut ClientOptions) -> Status {
-    guard(|| {
-        let options = Out(options).required("options")?;
-        options.write(&ClientOptions::defaults());
-        Ok(())
-    })
+    guard(|| set_defaults(options, &ClientOptions::defaults()))
 }

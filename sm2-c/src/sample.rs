@@ -4,7 +4,7 @@ use std::ffi::{c_char, c_void};
 use std::mem::MaybeUninit;
 
 use crate::aligned::AlignedCopy;
-use crate::arguments::{Out, given, sized};
+use crate::arguments::{Out, given, sized, store_bytes};
 use crate::status::{Failure, Status, guard, guard_drop};
 
 /// A received message: see `sm2_subscriber_recv()`.
@@ -82,10 +82,7 @@ pub extern "C" fn sm2_sample_data(
     guard(|| {
         let sample = given(sample, "sample")?;
         let bytes = sample.copy.of(sample.held()?);
-        let data = given(data, "data")?;
-        given(len, "len")?.write(bytes.len());
-        data.write(bytes.as_ptr().cast());
-        Ok(())
+        store_bytes(bytes, data, "data", len)
     })
 }
 

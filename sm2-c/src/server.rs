@@ -2,12 +2,13 @@
 
 use std::ffi::{c_char, c_int, c_void};
 use std::mem::MaybeUninit;
-use std::os::fd::{AsFd, AsRawFd};
 
 use sm2_node::ServerBuilder;
 
 use crate::aligned::AlignedCopy;
-use crate::arguments::{Bytes, FOREVER, In, Out, Text, duration, given, sized, vacant};
+use crate::arguments::{
+    Bytes, FOREVER, In, Out, Text, duration, given, sized, store_bytes, store_descriptor, vacant,
+};
 use crate::node::Node;
 use crate::qos::ServerOptions;
 use crate::report::why;
@@ -171,11 +172,7 @@ pub extern "C" fn sm2_server_descriptor(
     server: Option<&Server>,
     fd: Option<&mut MaybeUninit<c_int>>,
 ) -> Status {
-    guard(|| {
-        let server = given(server, "server")?;
-        given(fd, "fd")?.write(server.0.as_fd().as_raw_fd());
-        Ok(())
-    })
+    guard(|| store_descriptor(&given(server, "server")?.0, fd))
 }
 
 /// Explains why the server has no links: stores a text in `text`, with a line for each client that comes close. The
@@ -207,10 +204,7 @@ pub extern "C" fn sm2_request_data(
     guard(|| {
         let request = given(request, "request")?;
         let bytes = request.copy.of(request.held()?);
-        let data = given(data, "data")?;
-        given(len, "len")?.write(bytes.len());
-        data.write(bytes.as_ptr().cast());
-        Ok(())
+        store_bytes(bytes, data, "data", len)
     })
 }
 

@@ -2,9 +2,8 @@
 
 use std::ffi::c_int;
 use std::mem::MaybeUninit;
-use std::os::fd::{AsFd, AsRawFd};
 
-use crate::arguments::{given, vacant};
+use crate::arguments::{given, store_descriptor, vacant};
 use crate::status::{Status, guard, guard_drop};
 
 /// A handle that ends all waits of a program: see `sm2_shutdown_request()`.
@@ -77,9 +76,5 @@ pub extern "C" fn sm2_shutdown_descriptor(
     shutdown: Option<&Shutdown>,
     fd: Option<&mut MaybeUninit<c_int>>,
 ) -> Status {
-    guard(|| {
-        let shutdown = given(shutdown, "shutdown")?;
-        given(fd, "fd")?.write(shutdown.0.as_fd().as_raw_fd());
-        Ok(())
-    })
+    guard(|| store_descriptor(&given(shutdown, "shutdown")?.0, fd))
 }

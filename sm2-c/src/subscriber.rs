@@ -2,11 +2,10 @@
 
 use std::ffi::{c_char, c_int};
 use std::mem::MaybeUninit;
-use std::os::fd::{AsFd, AsRawFd};
 
 use sm2_node::SubscriberBuilder;
 
-use crate::arguments::{FOREVER, In, Out, Text, duration, given, vacant};
+use crate::arguments::{FOREVER, In, Out, Text, duration, given, store_descriptor, vacant};
 use crate::node::Node;
 use crate::qos::SubscriberOptions;
 use crate::report::{SubscriberCounters, why};
@@ -124,11 +123,7 @@ pub extern "C" fn sm2_subscriber_descriptor(
     subscriber: Option<&Subscriber>,
     fd: Option<&mut MaybeUninit<c_int>>,
 ) -> Status {
-    guard(|| {
-        let subscriber = given(subscriber, "subscriber")?;
-        given(fd, "fd")?.write(subscriber.0.as_fd().as_raw_fd());
-        Ok(())
-    })
+    guard(|| store_descriptor(&given(subscriber, "subscriber")?.0, fd))
 }
 
 /// Fills `counters`.
