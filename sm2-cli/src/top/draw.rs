@@ -3,7 +3,7 @@
 use ratatui::{
     Frame,
     layout::{Alignment, Constraint, Layout},
-    style::{Modifier, Style},
+    style::{Color, Modifier, Style},
     text::Line,
     widgets::{Cell as Widget, Paragraph, Row, Table as Tables, TableState},
 };
@@ -11,14 +11,18 @@ use sm2_proto::text::Counted;
 
 use super::{
     figures::{Cell, Figures, Tab, Table},
+    history::History,
     state::State,
 };
 
 /// The blanks between two columns.
 const GAP: u16 = 2;
 
+/// The smallest width of the sparklines: with less room there are none.
+const TREND: u16 = 8;
+
 /// Draws the whole screen.
-pub(super) fn draw(frame: &mut Frame<'_>, figures: &Figures, state: &mut State) {
+pub(super) fn draw(frame: &mut Frame<'_>, figures: &Figures, history: &History, state: &mut State) {
     let areas = Layout::vertical([
         Constraint::Length(1),
         Constraint::Min(1),
@@ -26,14 +30,22 @@ pub(super) fn draw(frame: &mut Frame<'_>, figures: &Figures, state: &mut State) 
     ]);
     let [head, body, foot] = areas.areas(frame.area());
     let screen = frame.area().width;
-    frame.render_widget(Paragraph::new(heading(figures, state, screen)), head);
+    let alarm = match state.connected {
+        true => Style::new(),
+        false => alarm(state),
+    };
+    frame.render_widget(
+        Paragraph::new(heading(figures, state, screen)).style(alarm),
+        head,
+    );
     let rows = state.rows(figures);
     state.selected = state.selected.min(rows.len().saturating_sub(1));
     let mut selection = TableState::new().with_selected(Some(state.selected));
     let shown = figures.table(state.tab);
     let columns = fitting_columns(shown, state.sort, screen);
     let hidden = shown.columns.len() - columns.len();
-    let table = table(shown, &rows, &columns, state, screen);
+    let trends = trends(shown, &rows, &columns, history, state.tab, screen);
+    let table = table(shown, &rows, &columns, trends, state, screen);
     frame.render_stateful_widget(table, body, &mut selection);
     frame.render_widget(Paragraph::new(footer(state, hidden, screen)), foot);
 }
@@ -100,11 +112,7 @@ fn footer(state: &State, hidden: usize, screen: u16) -> String {
 fn fitting_columns(table: &Table, sort: usize, screen: u16) -> Vec<usize> {
     let widths = widths(table);
     let mut columns: Vec<_> = (0..table.columns.len()).collect();
-    let needed = |columns: &[usize]| {
-        let cells: usize = columns.iter().map(|at| widths[*at]).sum();
-        cells + columns.len().saturating_sub(1) * usize::from(GAP)
-    };
-    while needed(&columns) > usize::from(screen) {
+    while needed(&widths, &columns) > usize::from(screen) {
         let others = columns.iter().enumerate().skip(1);
         let lowest = others.min_by_key(|&(_, &at)| (at == sort, table.columns[at].rank));
         let Some((index, _)) = lowest else {
@@ -115,10 +123,43 @@ fn fitting_columns(table: &Table, sort: usize, screen: u16) -> Vec<usize> {
     columns
 }
 
+/// The width of these columns.
+fn needed(widths: &[usize], columns: &[usize]) -> usize {
+    let cells: usize = columns.iter().map(|at| widths[*at]).sum();
+    cells + columns.len().saturating_sub(1) * usize::from(GAP)
+}
+
+/// The sparklines of all rows, which take the width that the columns leave. `None` if it is too small.
+fn trends(
+    table: &Table,
+    rows: &[&Vec<Cell>],
+    columns: &[usize],
+    history: &History,
+    tab: Tab,
+    screen: u16,
+) -> Option<Vec<String>> {
+    let taken = needed(&widths(table), columns) + usize::from(GAP);
+    let width = usize::from(screen).checked_sub(taken)?;
+    let sparkline = |row: &&Vec<Cell>| {
+        let name = row.first().map_or("", Cell::as_text);
+        history.sparkline(tab, name, width)
+    };
+    (width >= usize::from(TREND)).then(|| rows.iter().map(sparkline).collect())
+}
+
+/// The style of what asks for attention.
+fn alarm(state: &State) -> Style {
+    match state.colours {
+        true => Style::new().fg(Color::Red),
+        false => Style::new(),
+    }
+}
+
 fn table<'a>(
     table: &Table,
     rows: &[&Vec<Cell>],
     columns: &[usize],
+    trends: Option<Vec<String>>,
     state: &State,
     screen: u16,
 ) -> Tables<'a> {
@@ -142,24 +183,44 @@ fn table<'a>(
         };
         aligned(at, format!("{}{sign}", table.columns[at].heading))
     });
+    let trend = trends.is_some().then(|| Widget::from("TREND"));
     let bold = Style::new().add_modifier(Modifier::BOLD);
-    let headings = Row::new(headings.collect::<Vec<_>>()).style(bold);
-    let body = rows.iter().map(|row| {
-        let cells = columns
-            .iter()
-            .map(|&at| aligned(at, table.columns[at].show(&row[at])));
-        Row::new(cells.collect::<Vec<_>>())
-    });
+    let headings = Row::new(headings.chain(trend).collect::<Vec<_>>()).style(bold);
+    let cell = |at: usize, cell: &Cell| {
+        let column = table.columns[at];
+        let shown = aligned(at, column.show(cell));
+        match cell {
+            Cell::Number(Some(1.0..)) if column.is_loss => shown.style(alarm(state)),
+            Cell::Number(_) | Cell::Text(_) => shown,
+        }
+    };
+    let coloured = match state.colours {
+        true => Style::new().fg(Color::Cyan),
+        false => Style::new(),
+    };
+    let has_trends = trends.is_some();
+    let mut trends = trends.into_iter().flatten();
+    let body: Vec<_> = rows
+        .iter()
+        .map(|row| {
+            let cells = columns.iter().map(|&at| cell(at, &row[at]));
+            let trend = trends.next().map(|it| Widget::from(it).style(coloured));
+            Row::new(cells.chain(trend).collect::<Vec<_>>())
+        })
+        .collect();
     let reversed = Style::new().add_modifier(Modifier::REVERSED);
     let widths = widths(table);
     let constraints = columns.iter().map(|&at| {
         let width = u16::try_from(widths[at]).unwrap_or(u16::MAX);
         Constraint::Length(width.min(screen))
     });
-    Tables::new(body.collect::<Vec<_>>(), constraints)
-        .header(headings)
-        .column_spacing(GAP)
-        .row_highlight_style(reversed)
+    Tables::new(
+        body,
+        constraints.chain(has_trends.then_some(Constraint::Min(TREND))),
+    )
+    .header(headings)
+    .column_spacing(GAP)
+    .row_highlight_style(reversed)
 }
 
 /// A text that is wider than the screen ends in `…`.

@@ -43,6 +43,10 @@ pub(super) struct Column {
     decimals: usize,
     /// On a narrow screen, the column with the lowest rank is left out first. See [`HELP`](super::HELP).
     pub(super) rank: u8,
+    /// Whether its numbers are messages per second, which the sparkline adds up.
+    is_rate: bool,
+    /// Whether a number above 0 asks for attention.
+    pub(super) is_loss: bool,
 }
 
 /// A cell.
@@ -59,6 +63,22 @@ const fn column(heading: &'static str, key: &'static str, decimals: usize, rank:
         key,
         decimals,
         rank,
+        is_rate: false,
+        is_loss: false,
+    }
+}
+
+const fn rate(heading: &'static str, key: &'static str, rank: u8) -> Column {
+    Column {
+        is_rate: true,
+        ..column(heading, key, 2, rank)
+    }
+}
+
+const fn loss(heading: &'static str, key: &'static str, rank: u8) -> Column {
+    Column {
+        is_loss: true,
+        ..column(heading, key, 0, rank)
     }
 }
 
@@ -71,11 +91,11 @@ const TOPICS: &[Column] = &[
     column("PUBS", "publishers", 0, 2),
     column("SUBS", "subscribers", 0, 3),
     column("LINKS", "links", 0, 1),
-    column("HZ", "hz", 2, 8),
+    rate("HZ", "hz", 8),
     column("MB/s", "mb_per_s", 3, 6),
     column("P50 ms", "delay_p50_ms", 3, 5),
-    column("DROPPED", "dropped", 0, 4),
-    column("LOST", "lost", 0, 7),
+    loss("DROPPED", "dropped", 4),
+    loss("LOST", "lost", 7),
 ];
 
 const NODES: &[Column] = &[
@@ -83,12 +103,12 @@ const NODES: &[Column] = &[
     column("PID", "pid", 0, 2),
     column("IFACES", "interfaces", 0, 0),
     column("LINKS", "links", 0, 1),
-    column("OUT/s", "out_per_s", 2, 8),
+    rate("OUT/s", "out_per_s", 8),
     column("OUT MB/s", "out_mb_per_s", 3, 5),
-    column("IN/s", "in_per_s", 2, 7),
+    rate("IN/s", "in_per_s", 7),
     column("IN MB/s", "in_mb_per_s", 3, 4),
-    column("DROPPED", "dropped", 0, 3),
-    column("LOST", "lost", 0, 6),
+    loss("DROPPED", "dropped", 3),
+    loss("LOST", "lost", 6),
 ];
 
 /// The sums for a topic or a node. A figure that no node counts is `None`.
@@ -315,6 +335,15 @@ impl Figures {
 }
 
 impl Table {
+    /// The messages per second of a row, in all its directions. `None` if they are not known.
+    pub(super) fn rate(&self, row: &[Cell]) -> Option<f64> {
+        let rates = self.columns.iter().zip(row).filter(|(it, _)| it.is_rate);
+        rates.fold(None, |sum, (_, cell)| match cell {
+            Cell::Number(number) => plus(sum, *number),
+            Cell::Text(_) => sum,
+        })
+    }
+
     fn json(&self) -> Value {
         let row = |row: &Vec<Cell>| {
             let members = self.columns.iter().zip(row).map(|(column, cell)| {
@@ -339,7 +368,10 @@ impl Table {
 impl Column {
     #[cfg(test)]
     pub(super) const fn test(heading: &'static str, decimals: usize) -> Self {
-        column(heading, heading, decimals, NAME)
+        Self {
+            is_rate: true,
+            ..column(heading, heading, decimals, NAME)
+        }
     }
 
     /// A cell of this column as text.

@@ -1,12 +1,13 @@
 //! `sm2 top`: rates and losses of a domain, live.
 //!
-//! [`figures`] computes the tables, [`state`] handles keys, [`draw`] lays out the screen, and [`screen`] owns
-//! the terminal.
+//! [`figures`] computes the tables, [`history`] keeps the rates of the last intervals, [`state`] handles keys, [`draw`]
+//! lays out the screen, and [`screen`] owns the terminal.
 
 mod draw;
 mod figures;
 #[cfg(feature = "fuzzing")]
 pub(crate) mod fuzz;
+mod history;
 mod screen;
 mod state;
 
@@ -23,6 +24,7 @@ use sm2_proto::Instant;
 pub(crate) use self::figures::InterfaceFigures;
 use self::{
     figures::{Figures, Tab},
+    history::History,
     screen::Screen,
     state::{After, State},
 };
@@ -67,7 +69,11 @@ On a narrow screen whole columns are left out, in this order. Topics: TYPE, LINK
 DROPPED, P50 ms, MB/s, LOST, HZ. Nodes: IFACES, LINKS, PID, DROPPED, IN MB/s, OUT MB/s, LOST, IN/s,
 OUT/s. The column by which rows are sorted is left out last; --once and --json have all columns.
 
-Exit status: 0 ended by q, Ctrl-C or SIGTERM, 1 failed, 2 wrong usage (also: no terminal).
+On a wide screen, TREND has the messages per second of each of the last intervals, 120 at most, the
+newest at the right; the highest block is the largest of them. Losses are red where the terminal has
+colours and the variable NO_COLOR is not set.
+
+Exit status: 0 ended by q, Ctrl-C, SIGTERM or the end of its terminal, 1 failed, 2 wrong usage (also: no terminal).
 
 Examples:
   sm2 top
@@ -154,16 +160,21 @@ fn print(arguments: &Arguments, monitor: &mut Monitor<'_>) -> Result<Ended, CliE
 /// Updates the screen until a key or a signal ends the command.
 fn watch(arguments: &Arguments, monitor: &mut Monitor<'_>) -> Result<Ended, CliError> {
     monitor.session.be_silent();
-    let mut state = State::default();
+    let mut state = State {
+        colours: screen::has_colours(),
+        ..State::default()
+    };
+    let mut history = History::default();
     let mut figures = monitor.look()?;
     let mut due = clock::now().after(arguments.interval);
     let mut screen = Screen::open().map_err(CliError::Output)?;
     let input = io::stdin();
     loop {
         state.connected = monitor.session.is_connected();
-        screen
-            .draw(|frame| draw::draw(frame, &figures, &mut state))
-            .map_err(CliError::Output)?;
+        let drawn = screen.draw(|frame| draw::draw(frame, &figures, &history, &mut state));
+        if !drawn.map_err(CliError::Output)? {
+            return Ok(Ended::Done);
+        }
         let woken = monitor
             .follow
             .wait(&[(input.as_fd(), For::Reading)], Some(due))?;
@@ -183,6 +194,7 @@ fn watch(arguments: &Arguments, monitor: &mut Monitor<'_>) -> Result<Ended, CliE
         let now = clock::now();
         if now >= due {
             figures = monitor.look()?;
+            history.add(&figures);
             due = next(due, now, arguments.interval);
         }
     }

@@ -1,12 +1,14 @@
 //! The terminal in raw mode, restored however the command ends.
 
 use std::{
+    env,
     io::{self, Stdout},
     panic,
     sync::Once,
     time::Duration,
 };
 
+use nix::libc;
 use ratatui::{
     Frame, Terminal,
     backend::CrosstermBackend,
@@ -17,6 +19,21 @@ use ratatui::{
         terminal::{EnterAlternateScreen, LeaveAlternateScreen, disable_raw_mode, enable_raw_mode},
     },
 };
+
+/// Whether the terminal shows colours, and its user wants them (<https://no-color.org>).
+pub(super) fn has_colours() -> bool {
+    let unwanted = env::var_os("NO_COLOR").is_some_and(|it| !it.is_empty());
+    let terminal = env::var("TERM").unwrap_or_default();
+    !unwanted && knows_colours(&terminal)
+}
+
+/// Whether a terminal with this name shows colours. Terminals without them are few, and their names are old.
+fn knows_colours(terminal: &str) -> bool {
+    let is_without = ["", "dumb"].contains(&terminal)
+        || terminal.starts_with("vt")
+        || ["-m", "-mono"].iter().any(|it| terminal.ends_with(it));
+    !is_without
+}
 
 /// The whole terminal. Dropping it restores the terminal.
 pub(super) struct Screen(Terminal<CrosstermBackend<Stdout>>);
@@ -45,13 +62,18 @@ impl Screen {
         opened.map(Self)
     }
 
-    /// Draws the differences to the last frame, in the current size of the terminal.
+    /// Draws the differences to the last frame, in the current size of the terminal. Returns false if the terminal is
+    /// closed.
     ///
     /// # Errors
     ///
     /// The I/O error of the terminal.
-    pub(super) fn draw(&mut self, draw: impl FnOnce(&mut Frame<'_>)) -> io::Result<()> {
-        self.0.draw(draw).map(drop)
+    pub(super) fn draw(&mut self, draw: impl FnOnce(&mut Frame<'_>)) -> io::Result<bool> {
+        match self.0.draw(draw) {
+            Ok(_) => Ok(true),
+            Err(error) if error.raw_os_error() == Some(libc::EIO) => Ok(false),
+            Err(error) => Err(error),
+        }
     }
 
     /// The keys that were pressed since the last call.
@@ -82,4 +104,74 @@ impl Drop for Screen {
 fn restore() {
     let _ = disable_raw_mode();
     let _ = execute!(io::stdout(), LeaveAlternateScreen, Show);
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{
+        fs::File,
+        io::Read,
+        process::{Command, Stdio},
+    };
+
+    use nix::{pty::openpty, sys::termios::tcgetattr};
+    use sm2_test_support::until;
+
+    use super::*;
+
+    /// The test starts itself with this variable, on a terminal.
+    const PANICS: &str = "SM2_TEST_PANICS_ON_THE_SCREEN";
+
+    #[test]
+    fn a_panic_gives_the_terminal_back_before_its_message() {
+        if env::var_os(PANICS).is_some() {
+            let _screen = Screen::open().unwrap();
+            panic!("the reason");
+        }
+        let pty = openpty(None, None).unwrap();
+        let before = tcgetattr(&pty.slave).unwrap();
+        let stdio = || Stdio::from(pty.slave.try_clone().unwrap());
+        let path = concat!(
+            module_path!(),
+            "::a_panic_gives_the_terminal_back_before_its_message"
+        );
+        let (_, name) = path.split_once("::").unwrap();
+        let mut command = Command::new(env::current_exe().unwrap());
+        command
+            .args(["--exact", name, "--nocapture"])
+            .env(PANICS, "1");
+        command.stdin(stdio()).stdout(stdio()).stderr(stdio());
+        let mut child = command.spawn().unwrap();
+        // It keeps copies of the descriptors.
+        drop(command);
+        until("the process ends", || child.try_wait().unwrap().is_some());
+        assert_eq!(tcgetattr(&pty.slave).unwrap(), before);
+        drop(pty.slave);
+        let mut said = Vec::new();
+        // At the end of what a closed terminal has shown is an error.
+        let _ = File::from(pty.master).read_to_end(&mut said);
+        let said = String::from_utf8_lossy(&said);
+        let at = |text: &str| {
+            said.find(text)
+                .unwrap_or_else(|| panic!("{text:?} in {said}"))
+        };
+        assert!(at("\x1b[?1049h") < at("\x1b[?1049l"));
+        assert!(at("\x1b[?1049l") < at("the reason"));
+    }
+
+    #[test]
+    fn old_terminals_have_no_colours() {
+        for name in [
+            "xterm",
+            "xterm-256color",
+            "linux",
+            "screen",
+            "tmux-256color",
+        ] {
+            assert!(knows_colours(name), "{name}");
+        }
+        for name in ["", "dumb", "vt100", "vt220", "xterm-mono", "linux-m"] {
+            assert!(!knows_colours(name), "{name}");
+        }
+    }
 }

@@ -26,6 +26,8 @@ pub(super) struct State {
     pub(super) selected: usize,
     /// Whether a Manager is connected.
     pub(super) connected: bool,
+    /// Whether the terminal shows colours.
+    pub(super) colours: bool,
 }
 
 impl Default for State {
@@ -38,6 +40,7 @@ impl Default for State {
             typing: false,
             selected: 0,
             connected: true,
+            colours: false,
         }
     }
 }

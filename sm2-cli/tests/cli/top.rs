@@ -3,13 +3,18 @@
 use std::{
     fs::File,
     io::{Read, Write},
-    os::fd::OwnedFd,
-    process::{Child, Stdio},
-    sync::{Arc, Mutex},
-    thread,
+    os::fd::{AsFd, OwnedFd},
+    process::{Child, Command, Stdio},
+    sync::{
+        Arc, Mutex,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread::{self, JoinHandle},
 };
 
 use nix::{
+    fcntl::{FcntlArg, FdFlag, fcntl},
+    poll::{PollFd, PollFlags, PollTimeout, poll},
     pty::{OpenptyResult, Winsize, openpty},
     sys::{
         signal::{Signal, kill},
@@ -23,12 +28,14 @@ use crate::common::{Domain, Running, listener, sm2, talker, until};
 /// `sm2 top` on a terminal of its own.
 struct OnTerminal {
     child: Child,
-    /// The side of the person.
-    person: File,
-    /// The side of the command, for reading its settings.
+    /// The side of the person. `None` once it is closed.
+    person: Option<File>,
+    /// The side of the command, for reading and changing its settings.
     terminal: OwnedFd,
-    /// The output so far.
+    /// The output so far, which a thread reads until the person closes the terminal.
     output: Arc<Mutex<Vec<u8>>>,
+    closed: Arc<AtomicBool>,
+    reader: Option<JoinHandle<()>>,
 }
 
 const ROWS: u16 = 20;
@@ -36,6 +43,11 @@ const COLUMNS: u16 = 100;
 
 impl OnTerminal {
     fn start(domain: &Domain) -> Self {
+        Self::with(domain, &[("TERM", "xterm")])
+    }
+
+    /// Starts it with these variables.
+    fn with(domain: &Domain, variables: &[(&str, &str)]) -> Self {
         let size = Winsize {
             ws_row: ROWS,
             ws_col: COLUMNS,
@@ -43,25 +55,40 @@ impl OnTerminal {
             ws_ypixel: 0,
         };
         let OpenptyResult { master, slave } = openpty(Some(&size), None).unwrap();
+        // A command that has the side of the person would keep the terminal open.
+        fcntl(&master, FcntlArg::F_SETFD(FdFlag::FD_CLOEXEC)).unwrap();
         let stdio = || Stdio::from(slave.try_clone().unwrap());
         let mut command = domain.command(&["top", "--interval", "50ms"]);
-        let command = command.env("TERM", "xterm").stdin(stdio()).stdout(stdio());
+        command
+            .env_remove("NO_COLOR")
+            .envs(variables.iter().copied());
+        let command = command.stdin(stdio()).stdout(stdio());
         let child = command.stderr(Stdio::piped()).spawn().unwrap();
         let person = File::from(master);
         let output = Arc::new(Mutex::new(Vec::new()));
+        let closed = Arc::new(AtomicBool::new(false));
         let (mut from, into) = (person.try_clone().unwrap(), Arc::clone(&output));
-        // The thread ends with the terminal, which this test keeps open.
-        thread::spawn(move || {
+        let end = Arc::clone(&closed);
+        let reader = thread::spawn(move || {
             let mut buffer = [0; 4_096];
-            while let Ok(len @ 1..) = from.read(&mut buffer) {
+            while !end.load(Ordering::Relaxed) {
+                let mut ready = [PollFd::new(from.as_fd(), PollFlags::POLLIN)];
+                if poll(&mut ready, PollTimeout::from(10_u8)).unwrap() == 0 {
+                    continue;
+                }
+                let Ok(len @ 1..) = from.read(&mut buffer) else {
+                    break;
+                };
                 into.lock().unwrap().extend_from_slice(&buffer[..len]);
             }
         });
         Self {
             child,
-            person,
+            person: Some(person),
             terminal: slave,
             output,
+            closed,
+            reader: Some(reader),
         }
     }
 
@@ -80,7 +107,32 @@ impl OnTerminal {
     }
 
     fn press(&mut self, keys: &str) {
-        self.person.write_all(keys.as_bytes()).unwrap();
+        let person = self.person.as_mut().unwrap();
+        person.write_all(keys.as_bytes()).unwrap();
+    }
+
+    /// Makes the terminal as wide as `columns`, as a window that is resized.
+    fn resize(&self, columns: u16) {
+        let terminal = Stdio::from(self.terminal.try_clone().unwrap());
+        let mut stty = Command::new("stty");
+        let stty = stty.args(["cols", &columns.to_string()]).stdin(terminal);
+        assert!(stty.status().unwrap().success());
+    }
+
+    /// Closes the terminal, as a window that is closed.
+    fn close(&mut self) {
+        self.closed.store(true, Ordering::Relaxed);
+        self.reader.take().unwrap().join().unwrap();
+        self.person = None;
+    }
+
+    fn code(&mut self) -> Option<i32> {
+        let mut status = None;
+        until("top ends", || {
+            status = self.child.try_wait().unwrap();
+            status.is_some()
+        });
+        status.unwrap().code()
     }
 
     /// Whether the terminal edits lines and echoes, as a shell needs it.
@@ -90,12 +142,7 @@ impl OnTerminal {
     }
 
     fn ends(&mut self, code: i32) {
-        let mut status = None;
-        until("top ends", || {
-            status = self.child.try_wait().unwrap();
-            status.is_some()
-        });
-        assert_eq!(status.unwrap().code(), Some(code));
+        assert_eq!(self.code(), Some(code));
         // The cursor and the previous screen are restored.
         self.sends("\x1b[?1049l");
         self.sends("\x1b[?25h");
@@ -103,7 +150,7 @@ impl OnTerminal {
     }
 }
 
-/// The screen after this output. Understands only what `sm2 top` sends: text, and `ESC [ row ; column H`.
+/// The screen after this output. Understands only what `sm2 top` sends: text, `ESC [ row ; column H`, and `ESC [ 2 J`.
 fn screen(output: &[u8]) -> String {
     let mut cells = vec![vec![' '; COLUMNS.into()]; ROWS.into()];
     let (mut row, mut column) = (0, 0);
@@ -132,6 +179,9 @@ fn screen(output: &[u8]) -> String {
                     false
                 }
             });
+        if end == Some('J') {
+            cells = vec![vec![' '; COLUMNS.into()]; ROWS.into()];
+        }
         if end == Some('H')
             && let Some((to_row, to_column)) = numbers.split_once(';')
         {
@@ -181,6 +231,58 @@ fn the_terminal_is_given_back_however_it_ends() {
         let mut top = OnTerminal::start(&domain);
         top.shows("sm2 top");
         kill(Pid::from_raw(top.child.id().try_into().unwrap()), signal).unwrap();
+        top.ends(0);
+    }
+}
+
+#[test]
+fn a_terminal_that_is_closed_ends_it() {
+    let domain = Domain::new();
+    let mut top = OnTerminal::start(&domain);
+    top.shows("sm2 top");
+    top.close();
+    assert_eq!(top.code(), Some(0));
+    let mut said = String::new();
+    let mut stderr = top.child.stderr.take().unwrap();
+    stderr.read_to_string(&mut said).unwrap();
+    assert!(!said.contains("panicked"), "{said}");
+}
+
+#[test]
+fn it_follows_the_size_of_the_terminal() {
+    let domain = Domain::new();
+    let mut top = OnTerminal::start(&domain);
+    top.shows("/ filter");
+    top.resize(40);
+    // A screen of 100 columns shows all columns.
+    top.shows("columns hidden");
+    top.press("q");
+    top.ends(0);
+}
+
+#[test]
+fn rates_are_drawn_and_coloured() {
+    const CYAN: &str = "\x1b[38;5;6";
+    let domain = Domain::new();
+    let (_talker, _) = talker(&domain, "scan");
+    let mut top = OnTerminal::start(&domain);
+    top.shows("TREND");
+    top.shows("█");
+    top.sends(CYAN);
+    top.press("q");
+    top.ends(0);
+    for variables in [
+        [("TERM", "xterm"), ("NO_COLOR", "1")],
+        [("TERM", "vt100"), ("NO_COLOR", "")],
+    ] {
+        let mut top = OnTerminal::with(&domain, &variables);
+        top.shows("█");
+        let output = top.output.lock().unwrap().clone();
+        assert!(
+            !String::from_utf8_lossy(&output).contains(CYAN),
+            "{variables:?}"
+        );
+        top.press("q");
         top.ends(0);
     }
 }

@@ -1,7 +1,21 @@
-use ratatui::{Terminal, backend::TestBackend};
+use ratatui::{Terminal, backend::TestBackend, buffer::Buffer};
 
 use super::*;
 use crate::top::state::tests::figures;
+
+fn buffer(
+    figures: &Figures,
+    history: &History,
+    state: &mut State,
+    width: u16,
+    height: u16,
+) -> Buffer {
+    let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
+    terminal
+        .draw(|frame| draw(frame, figures, history, state))
+        .unwrap();
+    terminal.backend().buffer().clone()
+}
 
 /// The lines of a screen of this size.
 fn screen(state: &mut State, width: u16, height: u16) -> Vec<String> {
@@ -9,9 +23,7 @@ fn screen(state: &mut State, width: u16, height: u16) -> Vec<String> {
 }
 
 fn screen_of(figures: &Figures, state: &mut State, width: u16, height: u16) -> Vec<String> {
-    let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
-    terminal.draw(|frame| draw(frame, figures, state)).unwrap();
-    let buffer = terminal.backend().buffer().clone();
+    let buffer = buffer(figures, &History::default(), state, width, height);
     let lines = buffer.content().chunks(usize::from(width));
     lines
         .map(|line| {
@@ -25,7 +37,7 @@ fn screen_of(figures: &Figures, state: &mut State, width: u16, height: u16) -> V
 fn topics_are_drawn_with_a_heading_and_keys() {
     let expected = [
         "sm2 top  [3 topics]  1 node",
-        "TOPICv     HZ",
+        "TOPICv     HZ  TREND",
         "image    30.0",
         "scan    100.2",
         "tf          -",
@@ -93,6 +105,65 @@ fn only_a_name_that_is_wider_than_the_screen_is_shortened() {
     assert_eq!(lines[2], "camera/fr…");
 }
 
+/// The history of a topic whose rate doubles.
+fn doubling() -> History {
+    let mut history = History::default();
+    for hz in [25.0, 50.0, 100.0] {
+        let mut figures = figures();
+        figures.topics.rows[1][1] = Cell::Number(Some(hz));
+        history.add(&figures);
+    }
+    history
+}
+
+#[test]
+fn sparklines_take_the_room_that_is_left() {
+    let lines = |width| {
+        let buffer = buffer(&figures(), &doubling(), &mut State::default(), width, 6);
+        let lines = buffer.content().chunks(usize::from(width));
+        let line =
+            |it: &[ratatui::buffer::Cell]| it.iter().map(|it| it.symbol()).collect::<String>();
+        lines.map(line).collect::<Vec<_>>()
+    };
+    assert_eq!(lines(23)[3], "scan    100.2  ▃▅█     ");
+    assert_eq!(lines(22)[3], "scan    100.2         ");
+    // Unknown rates are blank.
+    assert_eq!(lines(23)[4], "tf          -          ");
+}
+
+#[test]
+fn losses_are_red_where_there_are_colours() {
+    for colours in [true, false] {
+        let mut state = State {
+            selected: 9,
+            colours,
+            ..State::default()
+        };
+        let mut figures = Figures::large();
+        let no_losses = figures.topics.rows[0]
+            .iter()
+            .map(|it| match it {
+                Cell::Number(Some(_)) => Cell::Number(Some(0.0)),
+                other => other.clone(),
+            })
+            .collect();
+        figures.topics.rows.push(no_losses);
+        let buffer = buffer(&figures, &History::default(), &mut state, 100, 5);
+        let red = |line: u16| {
+            let cells = (0..100).map(|column| &buffer[(column, line)]);
+            let red = cells.filter(|it| it.fg == Color::Red);
+            red.map(|it| it.symbol()).collect::<String>()
+        };
+        // The numbers of messages that were dropped, and lost.
+        let expected = if colours { "123456798765" } else { "" };
+        assert_eq!(red(2).replace(' ', ""), expected);
+        assert_eq!(red(3), "");
+        state.connected = false;
+        let buffer = self::buffer(&figures, &History::default(), &mut state, 100, 5);
+        assert_eq!(buffer[(0, 0)].fg == Color::Red, colours);
+    }
+}
+
 #[test]
 fn any_size_can_be_drawn() {
     for (width, height) in [(1, 1), (2, 3), (10, 2), (300, 1)] {
@@ -155,12 +226,12 @@ const WIDTHS: &[(u16, &[&str], &[&str])] = &[
     (
         120,
         &[
-            "TOPICv              TYPE           PUBS   SUBS   LINKS        HZ     MB/s   P50 ms   DROPPED   LOST",
+            "TOPICv              TYPE           PUBS   SUBS   LINKS        HZ     MB/s   P50 ms   DROPPED   LOST  TREND",
             "camera/front/image  sensor/Image      2     12      24  30000.25  745.700    5.715   1234567  98765",
             "q quit  Tab topics/nodes  s sort  r reverse  / filter",
         ],
         &[
-            "NODEv              PID   IFACES   LINKS     OUT/s   OUT MB/s      IN/s   IN MB/s   DROPPED   LOST",
+            "NODEv              PID   IFACES   LINKS     OUT/s   OUT MB/s      IN/s   IN MB/s   DROPPED   LOST  TREND",
             "camera-driver  1234567       14      48  30000.25    745.700  12345.50  1234.568   1234567  98765",
             "q quit  Tab topics/nodes  s sort  r reverse  / filter",
         ],
@@ -168,12 +239,12 @@ const WIDTHS: &[(u16, &[&str], &[&str])] = &[
     (
         200,
         &[
-            "TOPICv              TYPE           PUBS   SUBS   LINKS        HZ     MB/s   P50 ms   DROPPED   LOST",
+            "TOPICv              TYPE           PUBS   SUBS   LINKS        HZ     MB/s   P50 ms   DROPPED   LOST  TREND",
             "camera/front/image  sensor/Image      2     12      24  30000.25  745.700    5.715   1234567  98765",
             "q quit  Tab topics/nodes  s sort  r reverse  / filter",
         ],
         &[
-            "NODEv              PID   IFACES   LINKS     OUT/s   OUT MB/s      IN/s   IN MB/s   DROPPED   LOST",
+            "NODEv              PID   IFACES   LINKS     OUT/s   OUT MB/s      IN/s   IN MB/s   DROPPED   LOST  TREND",
             "camera-driver  1234567       14      48  30000.25    745.700  12345.50  1234.568   1234567  98765",
             "q quit  Tab topics/nodes  s sort  r reverse  / filter",
         ],
