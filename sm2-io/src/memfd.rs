@@ -1,5 +1,6 @@
 //! Memory files (`memfd_create(2)`): making, sealing and verifying them.
 
+mod blame;
 mod copy;
 mod facts;
 pub(crate) mod file;
@@ -9,6 +10,7 @@ mod sealed;
 mod segment;
 pub mod verify;
 
+pub use self::blame::{Side, blame};
 pub use self::copy::sealed_from_parts;
 pub use self::facts::{facts, read_exact_at};
 pub use self::file::locked_bytes_max;

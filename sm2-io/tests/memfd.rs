@@ -13,7 +13,10 @@ use nix::libc;
 use nix::sys::memfd::{MFdFlags, memfd_create};
 use nix::sys::mman::{MapFlags, ProtFlags, mmap, munmap};
 use nix::unistd::ftruncate;
-use sm2_io::memfd::{facts, huge_pages_allowed_by, sealed_from_bytes, sealed_from_parts};
+use sm2_io::memfd::{
+    InspectedFd, Side, VerifyError, blame, facts, huge_pages_allowed_by, sealed_from_bytes,
+    sealed_from_parts,
+};
 use sm2_io::{PooledMapping, SealedLoan, SealedMapping, Segment};
 use sm2_proto::{FdFacts, Seals};
 
@@ -233,13 +236,49 @@ fn mappings_hand_out_what_is_inside() {
         assert!(mapping.copy_to_vec(start, len).is_none());
     }
     assert!(map_pooled(segment.fd(), 0).is_empty());
-    let not_readable = OpenOptions::new()
+}
+
+//= SM2-SEG-001 test
+#[test]
+fn a_file_that_is_open_for_writing_alone_proves_nothing() {
+    let fd = sealed_from_bytes(b"0123456789").unwrap();
+    let write_only = OpenOptions::new()
         .write(true)
-        .open(format!("/proc/self/fd/{}", fd.as_raw_fd()));
-    if let Ok(file) = not_readable {
-        let error = SealedMapping::new(&sealed_file(&file), 10, false).unwrap_err();
-        assert_eq!(error.kind(), io::ErrorKind::PermissionDenied);
+        .open(format!("/proc/self/fd/{}", fd.as_raw_fd()))
+        .unwrap();
+    let known = facts(write_only.as_fd()).unwrap();
+    assert!(!known.regular && known.seals.contains(Seals::SEALED));
+    let inspected = InspectedFd::new(write_only.into()).unwrap();
+    assert_eq!(inspected.into_sealed().unwrap_err(), VerifyError::NotAMemfd);
+}
+
+#[test]
+fn each_error_of_a_received_descriptor_is_one_sides() {
+    let of = |errno| blame(&io::Error::from_raw_os_error(errno));
+    for errno in [
+        libc::EMFILE,
+        libc::ENFILE,
+        libc::ENOMEM,
+        libc::ENOBUFS,
+        libc::ENOSPC,
+        libc::EAGAIN,
+        libc::EINTR,
+    ] {
+        assert_eq!(of(errno), Side::Receiver, "{errno}");
     }
+    for errno in [
+        libc::EACCES,
+        libc::EPERM,
+        libc::EBADF,
+        libc::EINVAL,
+        libc::ENODEV,
+        libc::EOVERFLOW,
+        libc::EIO,
+    ] {
+        assert_eq!(of(errno), Side::Sender, "{errno}");
+    }
+    let proof = io::Error::other(VerifyError::NotAMemfd);
+    assert_eq!(blame(&proof), Side::Sender);
 }
 
 #[test]

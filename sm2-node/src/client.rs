@@ -6,6 +6,7 @@ use std::ops::Deref;
 use std::sync::Arc;
 use std::time::Duration;
 
+use sm2_io::memfd::Side;
 use sm2_proto::control::LinkPeer;
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
@@ -17,7 +18,7 @@ use crate::handle::declaration::{
     Declaration, inline_max_setter, max_len_setter, schema_of, sealed_setter, wait_setter,
 };
 use crate::handle::methods::interface_methods;
-use crate::handle::receive::{Receipt, Received};
+use crate::handle::receive::{Receipt, Received, Unreadable};
 use crate::handle::{Handle, until};
 use crate::outgoing::Outgoing;
 use crate::{CallError, DeclareError, Message, StoreError, Wait};
@@ -270,9 +271,12 @@ impl<R: Message + ?Sized> Call<R> {
         let service = self.handle.name.clone();
         match outcome {
             None => Ok(None),
-            Some(Outcome::Reply(taken)) => match self.handle.open(taken) {
+            Some(Outcome::Reply(taken)) => match self.handle.open_for(taken) {
                 Ok(received) => Reply::new(service, received).map(Some),
-                Err(source) => Err(CallError::Map { service, source }),
+                Err(Unreadable {
+                    side: Side::Sender, ..
+                }) => Err(CallError::ServerGone { service }),
+                Err(Unreadable { source, .. }) => Err(CallError::Map { service, source }),
             },
             Some(Outcome::ServerGone) => Err(CallError::ServerGone { service }),
         }

@@ -62,6 +62,16 @@ pub fn null() -> OwnedFd {
 /// The same memory file, opened only for reading.
 #[must_use]
 pub fn reopened(file: &OwnedFd) -> OwnedFd {
-    let path = format!("/proc/self/fd/{}", file.as_raw_fd());
-    File::open(path).expect("the same file").into()
+    File::open(path(file)).expect("the same file").into()
+}
+
+/// The same memory file, opened only for writing.
+#[must_use]
+pub fn write_only(file: &OwnedFd) -> OwnedFd {
+    let file = File::options().write(true).open(path(file));
+    file.expect("the same file").into()
+}
+
+fn path(file: &OwnedFd) -> String {
+    format!("/proc/self/fd/{}", file.as_raw_fd())
 }

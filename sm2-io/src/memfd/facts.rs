@@ -10,16 +10,17 @@ use crate::syscall::{files, memory};
 
 /// Asks the kernel about the type, the size and the seals of `fd`.
 ///
-/// `regular` is true only for a regular file of tmpfs, as a memfd is. It is false for two kinds of
+/// `regular` is true only for a regular file of tmpfs, as a memfd is, that is open for reading. It is false for these
 /// regular files:
 ///
 /// - files that cannot have seals. All their facts are zero: asking for the size could block, since the
 ///   file may be on a FUSE file system whose server never answers.
 /// - files of `hugetlbfs`, whose mappings cannot be unmapped by the length of the message.
+/// - files that are open for writing alone, which cannot be mapped.
 ///
 /// # Errors
 ///
-/// Any error of `fstat(2)`. None is expected for a memory file.
+/// Any error of `fstat(2)` and `fcntl(2)`. None is expected for a memory file.
 pub fn facts(fd: BorrowedFd<'_>) -> io::Result<FdFacts> {
     let seals = match memory::seals(fd) {
         Ok(bits) => Seals(bits),
@@ -30,7 +31,7 @@ pub fn facts(fd: BorrowedFd<'_>) -> io::Result<FdFacts> {
     // After the seals: a size is final only if SHRINK and GROW were set before it was read.
     let kind = files::kind(fd)?;
     Ok(FdFacts {
-        regular: kind.regular && files::is_in_tmpfs(fd)?,
+        regular: kind.regular && files::is_in_tmpfs(fd)? && files::is_readable(fd)?,
         size_bytes: kind.size_bytes,
         seals,
     })

@@ -26,8 +26,8 @@ use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
 use sm2_proto::{FdFacts, Seals};
 
+use super::blame::{Side, blame};
 use super::facts::facts;
-use crate::shortage::is_shortage;
 
 /// A descriptor of unknown origin and the kernel's facts about it.
 #[derive(Debug)]
@@ -42,12 +42,12 @@ impl InspectedFd {
     ///
     /// # Errors
     ///
-    /// The kernel has no memory for an answer ([`is_shortage`]). The descriptor is closed: it counts
-    /// as one that could not be received.
+    /// This process is short of something that the answer needs ([`Side::Receiver`]). The descriptor is closed: it
+    /// counts as one that could not be received.
     //= SM2-TRN-012
     pub fn new(fd: OwnedFd) -> io::Result<Self> {
         match facts(fd.as_fd()) {
-            Err(error) if is_shortage(&error) => Err(error),
+            Err(error) if blame(&error) == Side::Receiver => Err(error),
             facts => Ok(Self {
                 facts: facts.unwrap_or_default(),
                 fd,

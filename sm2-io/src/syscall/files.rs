@@ -7,6 +7,7 @@ use std::os::unix::fs::{DirBuilderExt, FileExt, OpenOptionsExt, PermissionsExt};
 use std::path::Path;
 
 use nix::errno::Errno;
+use nix::fcntl::{FcntlArg, fcntl};
 use nix::libc;
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
 use nix::sys::stat::{SFlag, fstat, stat};
@@ -124,6 +125,13 @@ pub(crate) fn kind(fd: BorrowedFd<'_>) -> nix::Result<Kind> {
 pub(crate) fn is_in_tmpfs(fd: BorrowedFd<'_>) -> nix::Result<bool> {
     guard(Call::Stat)?;
     Ok(fstatfs(fd)?.filesystem_type() == TMPFS_MAGIC)
+}
+
+/// Whether the file is open for reading.
+pub(crate) fn is_readable(fd: BorrowedFd<'_>) -> nix::Result<bool> {
+    guard(Call::FcntlFlags)?;
+    let mode = fcntl(fd, FcntlArg::F_GETFL)? & libc::O_ACCMODE;
+    Ok(mode != libc::O_WRONLY)
 }
 
 /// Opens a lock file, and creates it if it does not exist.

@@ -116,11 +116,9 @@ pub enum RecvError {
         /// The error in the payload.
         reason: PayloadError,
     },
-    /// The memory of a message could not be mapped, so its link was closed.
-    #[error(
-        "a message of node {publisher} could not be mapped ({source}), so its link was closed: \
-         is there memory left?"
-    )]
+    /// This process is short of something that mapping the memory of a message needs. The message is lost, and the next
+    /// one may be received.
+    #[error("a message of node {publisher} could not be mapped ({source}): is there memory left?")]
     Map {
         /// The node that sent it.
         publisher: Name,
@@ -206,7 +204,7 @@ pub enum CallError {
         /// The error in the payload.
         reason: PayloadError,
     },
-    /// The memory of the reply could not be mapped.
+    /// This process is short of something that mapping the memory of the reply needs.
     #[error("the reply of {service} could not be mapped ({source}): is there memory left?")]
     Map {
         /// The service.

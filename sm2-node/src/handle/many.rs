@@ -1,7 +1,7 @@
 //! Taking many messages under one lock, and releasing them under another one.
 
 use super::Handle;
-use super::receive::{Receipt, Received};
+use super::receive::{Receipt, Received, Unreadable};
 use crate::driver::LinkToken;
 use crate::driver::{LockedInterface, Taken, Until};
 use crate::{RecvError, Wait};
@@ -27,15 +27,18 @@ impl Handle {
         Ok(all)
     }
 
-    /// Makes taken messages readable. Each is released separately.
+    /// Makes taken messages readable, and leaves out those that their senders made unreadable. Each is released
+    /// separately.
     pub(crate) fn open_many(
         &self,
         taken: Vec<Taken>,
     ) -> impl Iterator<Item = Result<Received, RecvError>> {
-        taken.into_iter().map(|it| self.open_for(it))
+        taken
+            .into_iter()
+            .filter_map(|it| or_error(self.open_for(it)))
     }
 
-    /// Passes each of these messages to `each`, and then releases all of them.
+    /// Passes each of these messages to `each`, as [`open_many`](Self::open_many), and then releases all of them.
     pub(crate) fn lend(
         &self,
         taken: Vec<Taken>,
@@ -50,9 +53,18 @@ impl Handle {
             places,
         };
         for taken in taken {
-            let opened = self.open_with(taken, Receipt::none());
-            each(opened.map_err(RecvError::from));
+            if let Some(opened) = or_error(self.open_with(taken, Receipt::none())) {
+                each(opened);
+            }
         }
+    }
+}
+
+/// `None` for a message that its sender made unreadable.
+fn or_error(opened: Result<Received, Unreadable>) -> Option<Result<Received, RecvError>> {
+    match opened {
+        Ok(received) => Some(Ok(received)),
+        Err(unreadable) => unreadable.check().err().map(Err),
     }
 }
 

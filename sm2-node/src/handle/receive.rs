@@ -3,7 +3,7 @@
 use std::io;
 use std::sync::{Arc, Weak};
 
-use sm2_io::is_shortage;
+use sm2_io::memfd::{Side, blame};
 use sm2_proto::control::LinkPeer;
 
 use super::Handle;
@@ -21,6 +21,23 @@ impl Handle {
         until: Until,
         mut take: impl FnMut(&mut Interface, &mut Option<Taken>, &mut Context<'_>) -> Result<(), Full>,
     ) -> Result<Option<Received>, RecvError> {
+        loop {
+            let Some(taken) = self.take(until, &mut take)? else {
+                return Ok(None);
+            };
+            match self.open_for(taken) {
+                Ok(received) => return Ok(Some(received)),
+                Err(unreadable) => unreadable.check()?,
+            }
+        }
+    }
+
+    #[inline]
+    fn take(
+        &self,
+        until: Until,
+        take: &mut impl FnMut(&mut Interface, &mut Option<Taken>, &mut Context<'_>) -> Result<(), Full>,
+    ) -> Result<Option<Taken>, RecvError> {
         self.check_shutdown(until)?;
         // Not a result of the closures, each of which would copy the message.
         let mut taken = None;
@@ -35,10 +52,7 @@ impl Handle {
         if let Some(Err(full)) = found? {
             return Err(full.into());
         }
-        match taken {
-            Some(taken) => self.open_for(taken).map(Some),
-            None => Ok(None),
-        }
+        Ok(taken)
     }
 
     /// A call that would wait does not look for messages after a shutdown: a program that always finds some would
@@ -52,17 +66,12 @@ impl Handle {
     }
 
     #[inline]
-    pub(super) fn open_for(&self, taken: Taken) -> Result<Received, RecvError> {
+    pub(crate) fn open_for(&self, taken: Taken) -> Result<Received, Unreadable> {
         let receipt = self.receipt(&taken);
-        self.open_with(taken, receipt).map_err(RecvError::from)
+        self.open_with(taken, receipt)
     }
 
-    /// Makes a taken message readable. If that is not possible, closes its link.
-    pub(crate) fn open(&self, taken: Taken) -> io::Result<Received> {
-        let receipt = self.receipt(&taken);
-        self.open_with(taken, receipt).map_err(|it| it.source)
-    }
-
+    /// Makes a taken message readable. If that is the sender's fault, closes its link.
     #[inline]
     pub(super) fn open_with(&self, taken: Taken, receipt: Receipt) -> Result<Received, Unreadable> {
         let Taken {
@@ -84,10 +93,12 @@ impl Handle {
                 receipt,
             }),
             Err(source) => {
-                self.with_undriven(|interface, context| {
-                    interface.unreadable(token, &peer, is_shortage(&source), context);
+                let side = blame(&source);
+                self.with_undriven(|interface, context| match side {
+                    Side::Receiver => interface.lose(&peer, 1),
+                    Side::Sender => interface.unreadable(token, &peer, &source, context),
                 });
-                Err(Unreadable { peer, source })
+                Err(Unreadable { peer, source, side })
             }
         }
     }
@@ -112,10 +123,30 @@ pub(crate) struct Received {
     pub(crate) receipt: Receipt,
 }
 
-/// A message that cannot be mapped, because this machine is out of memory.
-pub(super) struct Unreadable {
+/// A message that cannot be mapped. It is lost, and counted as that.
+pub(crate) struct Unreadable {
     peer: Arc<LinkPeer>,
-    source: io::Error,
+    pub(crate) source: io::Error,
+    /// The side that causes it. If it is the sender, its link is closed.
+    pub(crate) side: Side,
+}
+
+impl Unreadable {
+    /// No sender makes a call of the program fail: the program goes on with the messages of others.
+    ///
+    /// # Errors
+    ///
+    /// This process is short of something.
+    //= SM2-SEG-001, SM2-TRN-014
+    pub(super) fn check(self) -> Result<(), RecvError> {
+        match self.side {
+            Side::Sender => Ok(()),
+            Side::Receiver => Err(RecvError::Map {
+                publisher: self.peer.name.clone(),
+                source: self.source,
+            }),
+        }
+    }
 }
 
 /// Releases a message when dropped. Keeps neither the node nor its interface alive.
@@ -149,15 +180,6 @@ impl Drop for Receipt {
             interface.lock().change(|interface, context| {
                 interface.give_back(self.token, self.sequence, context);
             });
-        }
-    }
-}
-
-impl From<Unreadable> for RecvError {
-    fn from(Unreadable { peer, source }: Unreadable) -> Self {
-        Self::Map {
-            publisher: peer.name.clone(),
-            source,
         }
     }
 }

@@ -80,7 +80,11 @@ pub(super) fn rows() -> Rows {
 }
 
 fn files() -> Rows {
-    let kind = Rule::new(NotAMemfd, "SM2-CNT-001").counters("with /dev/null", memory::null);
+    let kind = Rule::new(NotAMemfd, "SM2-CNT-001")
+        .counters("with /dev/null", memory::null)
+        .counters("that is open for writing alone", || {
+            memory::write_only(&memory::segment(1_024))
+        });
     let mut seals = Rule::new(SealsMissing, "SM2-CNT-001");
     for (what, seal) in [
         ("without SEAL", Seals::SEAL),

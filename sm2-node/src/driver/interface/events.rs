@@ -44,7 +44,7 @@ impl Interface {
     }
 
     /// Counts messages of this publisher that came and that the application will not get.
-    pub(super) fn lose(&mut self, publisher: &Arc<LinkPeer>, messages: u64) {
+    pub(crate) fn lose(&mut self, publisher: &Arc<LinkPeer>, messages: u64) {
         self.lost += messages;
         note(self.entry.as_mut(), |entry| entry.lost(messages));
         self.events.push_loss(publisher, messages);

@@ -1,15 +1,17 @@
 //! Taking the messages of all links, in turn, and giving them back.
 
+use std::io;
 use std::sync::Arc;
 
 use sm2_proto::control::LinkPeer;
-use sm2_proto::link::{Input, Role};
-use sm2_proto::{Contract, Farewell, Instant};
+use sm2_proto::link::Role;
+use sm2_proto::{Contract, Instant};
 
 use super::Interface;
 use super::taken::{Full, Header, Taken};
 use crate::driver::context::Context;
 use crate::driver::counters::{note, note_taken};
+use crate::driver::datagram::Incoming;
 use crate::driver::token::LinkToken;
 
 impl Interface {
@@ -113,23 +115,18 @@ impl Interface {
         }
     }
 
-    /// Counts a message that was taken and cannot be mapped as lost. A shortage of memory costs this message
-    /// alone; any other reason ends its link.
-    //= SM2-TRN-014, SM2-SEG-007
+    /// Counts a message that was taken and cannot be mapped as lost, and ends its link.
     pub(crate) fn unreadable(
         &mut self,
         token: LinkToken,
         publisher: &Arc<LinkPeer>,
-        is_shortage: bool,
+        error: &io::Error,
         context: &mut Context<'_>,
     ) {
         self.lose(publisher, 1);
-        if is_shortage {
-            return;
-        }
         self.with_link(token, context, |link, outbox, context| {
-            let code = Farewell::Resources.code();
-            link.feed(Input::Close(code), context.sets, outbox);
+            link.refuse_file(error);
+            link.drain(Incoming::default(), context.sets, outbox);
         });
     }
 }

@@ -7,19 +7,25 @@ use std::mem;
 use std::os::fd::AsFd;
 use std::sync::Arc;
 
+use sm2_io::memfd::{Side, blame};
 use sm2_io::{InspectedFd, Interest, Ring, SendError, is_shortage};
 use sm2_proto::link::{Attachment, End, Input, LaneKind, Output, RingLayout};
-use sm2_proto::{Farewell, Machine};
+use sm2_proto::{Code, Farewell, Machine, ViolationKind};
 
 use super::{LinkDriver, Unsent};
 use crate::driver::datagram::Incoming;
 use crate::driver::event_sets::LinkSets;
 use crate::driver::outbox::{MessageKey, Outbox};
-use crate::quota::MappedSegment;
+use crate::quota::{MappedSegment, QuotaExceeded};
 
 impl LinkDriver {
     /// Carries out all outputs of the machine. Only this function matches them.
-    pub(super) fn drain(&mut self, mut came: Incoming, sets: &LinkSets, outbox: &mut Outbox) {
+    pub(in crate::driver) fn drain(
+        &mut self,
+        mut came: Incoming,
+        sets: &LinkSets,
+        outbox: &mut Outbox,
+    ) {
         while let Some(output) = self.next_output() {
             match output {
                 Output::Transmit(packet) => {
@@ -145,7 +151,7 @@ impl LinkDriver {
             .and_then(|file| Ring::map(&file, layout));
         match mapped {
             Ok(ring) => self.mapped.outgoing = Some(ring),
-            Err(error) => self.fail(Farewell::Resources, &error),
+            Err(error) => self.refuse_file(&error),
         }
     }
 
@@ -160,7 +166,7 @@ impl LinkDriver {
             Ok(mapping) => {
                 self.mapped.segments.insert(segment, Arc::new(mapping));
             }
-            Err(error) => self.fail(Farewell::Resources, &error),
+            Err(error) => self.refuse_file(&error),
         }
     }
 
@@ -175,10 +181,20 @@ impl LinkDriver {
         }
     }
 
+    /// Requests the end of the link, because a file of the other side cannot be used.
+    //= SM2-SEG-001, SM2-SEG-007
+    pub(in crate::driver) fn refuse_file(&mut self, error: &io::Error) {
+        let is_too_long = error.get_ref().is_some_and(|it| it.is::<QuotaExceeded>());
+        match blame(error) {
+            Side::Sender if !is_too_long => self.fail(ViolationKind::NotAMemfd, error),
+            Side::Sender | Side::Receiver => self.fail(Farewell::Resources, error),
+        }
+    }
+
     /// Requests the end of the link before its next output.
-    pub(in crate::driver) fn fail(&mut self, code: Farewell, error: &dyn Display) {
+    pub(in crate::driver) fn fail(&mut self, code: impl Into<Code> + Display, error: &dyn Display) {
         tracing::warn!(link = %self.id, peer = %self.peer.name, %error, "link given up: {code}");
-        self.failing = Some(code.code());
+        self.failing = Some(code.into());
     }
 
     /// Unmaps the ring of this side if the other side does not offer the ring lane.

@@ -97,7 +97,20 @@ fn kinds() -> Rows {
                 stage.send_fd(attach(1, PAGE, 1), &make());
             });
     }
-    all([rule])
+    let what = "a file that is open for writing alone";
+    all([rule
+        .open(
+            SealedSubscriber,
+            format!("{what} for a sealed payload"),
+            |stage| {
+                let file = memory::write_only(&memory::sealed(PAGE));
+                stage.send_fd(sealed(kind::DATA, 1, 1), &file);
+            },
+        )
+        .open(Subscriber, format!("{what} for a segment"), |stage| {
+            let file = memory::write_only(&memory::segment(PAGE));
+            stage.send_fd(attach(1, PAGE, 1), &file);
+        })])
 }
 
 fn file(path: &str) -> OwnedFd {

@@ -169,7 +169,16 @@ fn files() -> Rows {
             stage.agree();
             let pipe = std::io::pipe().expect("a pipe").0.into();
             stage.send_fd(ring(DEPTH, WINDOW), &pipe);
-        });
+        })
+        .fresh(
+            Publisher,
+            "a ring that is open for reading alone",
+            |stage| {
+                stage.agree();
+                let file = memory::memfd(size(DEPTH, WINDOW), Seals::RING);
+                stage.send_fd(ring(DEPTH, WINDOW), &memory::reopened(&file));
+            },
+        );
     let mut missing = Rule::new(SealsMissing, "SM2-RNG-014");
     let seals = [
         ("SEAL", Seals::SEAL),
