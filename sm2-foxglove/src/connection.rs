@@ -30,7 +30,7 @@ const READ_MAX: usize = 16 * 1024 * 1024;
 
 /// The kernel takes no more bytes while so many are not sent yet. Otherwise it would take megabytes of messages, which
 /// are old when a slow link has carried them.
-const UNSENT_BYTES_MAX: u32 = 128 * 1024;
+const UNSENT_BYTES_MAX: u32 = 64 * 1024;
 
 /// The connection to a viewer.
 pub(crate) struct Connection {

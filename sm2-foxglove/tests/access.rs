@@ -114,9 +114,8 @@ fn the_end_of_the_server_closes_the_connections() {
     let _silent = TcpStream::connect(address(&foxglove.url)).unwrap();
     foxglove.end();
     let close = loop {
-        match viewer.frame().unwrap() {
-            tungstenite::Message::Close(close) => break close.unwrap(),
-            _ => {}
+        if let tungstenite::Message::Close(close) = viewer.frame().unwrap() {
+            break close.unwrap();
         }
     };
     assert_eq!(u16::from(close.code), 1001);

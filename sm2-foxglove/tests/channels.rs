@@ -9,7 +9,7 @@ use sm2_foxglove::Options;
 use sm2_node::clock;
 use sm2_proto::gateway::Pattern;
 use sm2_ros::std_msgs::msg::String as RosString;
-use sm2_test_support::SOON;
+use sm2_test_support::{SOON, until};
 
 use crate::common::{Pose, Report, Viewer, World, subscribers, until_subscribers};
 
@@ -229,6 +229,30 @@ fn two_types_of_one_topic_do_not_mix() {
 }
 
 #[test]
+fn a_viewer_survives_the_end_of_the_manager() {
+    let mut world = World::new();
+    let node = world.node("talker");
+    let publisher = node.publisher::<str>("chatter").unwrap();
+    let foxglove = world.foxglove(Options::default());
+    let mut viewer = Viewer::connect(&foxglove.url);
+    let subscription = viewer.subscribe("chatter");
+    publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
+    world.end_manager();
+    until("the Manager is gone", || !node.is_connected());
+    publisher.publish("without a Manager").unwrap();
+    let expected = json!({ "value": "without a Manager" });
+    assert_eq!(json_of(&mut viewer, subscription), expected);
+
+    world.start_manager();
+    let other = node.publisher::<str>("other").unwrap();
+    let subscription = viewer.subscribe("other");
+    other.wait_for_subscribers_timeout(1, SOON).unwrap();
+    other.publish("hi").unwrap();
+    assert_eq!(json_of(&mut viewer, subscription), json!({ "value": "hi" }));
+    viewer.channel("chatter");
+}
+
+#[test]
 fn wrong_subscriptions_are_reported() {
     let world = World::new();
     let node = world.node("talker");
@@ -311,6 +335,9 @@ fn the_connection_graph_follows_the_domain() {
     assert_eq!(update.published_topics[0].publisher_ids, ["talker"]);
     assert!(update.subscribed_topics.is_empty() && update.removed_topics.is_empty());
 
+    // The subscriptions of viewers are not shown.
+    viewer.subscribe("chatter");
+    until_subscribers(&node, "chatter", 1);
     let listener = world.node("listener");
     let subscriber = listener.subscriber::<str>("chatter").unwrap();
     let update = graph(&mut viewer);

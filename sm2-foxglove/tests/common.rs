@@ -38,19 +38,27 @@ pub(crate) struct Report {
 
 /// A domain.
 pub(crate) struct World {
-    _manager: Background,
+    manager: Option<Background>,
     folder: TempDir,
 }
 
 impl World {
     pub(crate) fn new() -> Self {
-        let folder = TempDir::new().unwrap();
+        let mut world = Self {
+            manager: None,
+            folder: TempDir::new().unwrap(),
+        };
+        world.start_manager();
+        world
+    }
+
+    pub(crate) fn start_manager(&mut self) {
         let options = sm2_manager::Options::default();
-        let manager = Background::start(&folder.path().join("sock"), options).unwrap();
-        Self {
-            _manager: manager,
-            folder,
-        }
+        self.manager = Some(Background::start(&self.socket(), options).unwrap());
+    }
+
+    pub(crate) fn end_manager(&mut self) {
+        self.manager = None;
     }
 
     pub(crate) fn socket(&self) -> std::path::PathBuf {

@@ -112,11 +112,17 @@ fn errors_are_one_line() {
             2,
             "sm2-foxglove: invalid value 'a//b' for '[TOPIC]...'",
         ),
+        (
+            ["--nonsense", "scan"],
+            2,
+            "sm2-foxglove: unexpected argument '--nonsense' found",
+        ),
     ] {
         let output = program(&world.socket()).args(arguments).output().unwrap();
         let line = line(&output);
         assert_eq!(output.status.code(), Some(status), "{line}");
         assert!(line.starts_with(expected), "{line}");
+        assert!(!line.contains("Usage:"), "{line}");
     }
     let absent = program(Path::new("/nonexistent/sock")).output().unwrap();
     let line = line(&absent);

@@ -1,8 +1,8 @@
 //! Topics that a viewer publishes.
 
-use foxglove::ws_protocol::schema::Schema;
 use foxglove::ws_protocol::client::advertise::Channel;
 use foxglove::ws_protocol::client::{Advertise, MessageData, Unadvertise};
+use foxglove::ws_protocol::schema::Schema;
 use sm2_foxglove::Options;
 use sm2_node::Node;
 use sm2_node::domain::Contract;
