@@ -62,6 +62,52 @@ pub trait Schema {
     }
 }
 
+/// The name of a message type, which the compiler checks for `derive(Message)`:
+///
+/// ```compile_fail,E0080
+/// #[derive(serde::Serialize, serde::Deserialize, sm2_node::Message)]
+/// #[message(name = "/imu", encoding = "postcard")]
+/// struct Imu;
+///
+/// const NAME: &str = <Imu as sm2_node::Message>::NAME;
+/// ```
+///
+/// # Panics
+///
+/// It is not a [`Name`](sm2_proto::Name).
+#[must_use]
+pub const fn checked_type(name: &'static str) -> &'static str {
+    assert!(
+        sm2_proto::Name::is_valid(name),
+        "a name has 1 to 255 bytes: segments of A-Z a-z 0-9 _ - joined by single slashes"
+    );
+    name
+}
+
+/// The name of a field or variant, which the compiler checks for `derive(Schema)`:
+///
+/// ```compile_fail,E0080
+/// #[derive(serde::Serialize, sm2_node::Schema)]
+/// struct Imu {
+///     #[serde(rename = "angular velocity")]
+///     angular_velocity: f64,
+/// }
+///
+/// const HASH: u64 = <Imu as sm2_node::Schema>::HASH;
+/// ```
+///
+/// # Panics
+///
+/// It cannot be one: see [`is_name`](sm2_proto::schema::is_name).
+#[must_use]
+pub const fn checked_member(name: &'static str) -> &'static str {
+    assert!(
+        sm2_proto::schema::is_name(name),
+        "the name of a field or variant has letters, digits, `_` and `-`"
+    );
+    name
+}
+
 /// The signature of [`Schema::describe`].
 pub type Describe = fn(&mut String) -> bool;
 

@@ -40,6 +40,12 @@ impl Name {
         Ok(Self(text.to_owned()))
     }
 
+    /// Whether `text` is a name. Programs can ask at compile time.
+    #[must_use]
+    pub const fn is_valid(text: &str) -> bool {
+        check(text.as_bytes()).is_ok()
+    }
+
     /// As [`Name::new`], for text that a person typed: one leading `/` is dropped.
     pub fn typed(text: &str) -> Result<Self, NameError> {
         Self::new(text.strip_prefix('/').unwrap_or(text))
@@ -52,7 +58,7 @@ impl Name {
     }
 }
 
-fn check(bytes: &[u8]) -> Result<(), NameError> {
+const fn check(bytes: &[u8]) -> Result<(), NameError> {
     if bytes.is_empty() {
         return Err(NameError::Empty);
     }
@@ -60,7 +66,10 @@ fn check(bytes: &[u8]) -> Result<(), NameError> {
         return Err(NameError::TooLong(bytes.len()));
     }
     let mut before = b'/';
-    for (at, &byte) in bytes.iter().enumerate() {
+    let mut at = 0;
+    // A constant function has no iterators.
+    while at < bytes.len() {
+        let byte = bytes[at];
         match byte {
             b'/' if before == b'/' => return Err(NameError::EmptySegment(at)),
             b'/' | b'_' | b'-' => {}
@@ -68,6 +77,7 @@ fn check(bytes: &[u8]) -> Result<(), NameError> {
             _ => return Err(NameError::BadByte(at)),
         }
         before = byte;
+        at += 1;
     }
     if before == b'/' {
         return Err(NameError::EmptySegment(bytes.len() - 1));

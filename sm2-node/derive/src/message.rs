@@ -2,7 +2,6 @@
 
 use proc_macro2::TokenStream;
 use quote::{format_ident, quote};
-use sm2_proto::Name;
 use syn::{DeriveInput, Error, Generics, LitStr, Result, parse_quote};
 
 use crate::{advice, schema};
@@ -46,7 +45,7 @@ fn plain(input: &DeriveInput, name: &LitStr) -> TokenStream {
     quote! {
         #[automatically_derived]
         impl #params ::sm2_node::Plain for #ident #arguments #bounds {
-            const NAME: &'static str = #name;
+            const NAME: &'static str = ::sm2_node::schema::checked_type(#name);
         }
     }
 }
@@ -63,7 +62,7 @@ fn encoded(input: &DeriveInput, name: &LitStr, encoding: &str) -> TokenStream {
     quote! {
         #[automatically_derived]
         impl #params ::sm2_node::Message for #ident #arguments #bounds {
-            const NAME: &'static str = #name;
+            const NAME: &'static str = ::sm2_node::schema::checked_type(#name);
             const HASH: u64 =
                 ::sm2_node::schema::message(#encoding, <Self as ::sm2_node::Schema>::HASH);
             type View = ::std::boxed::Box<Self>;
@@ -122,7 +121,7 @@ impl Options {
         {
             attribute.parse_nested_meta(|meta| {
                 if meta.path.is_ident("name") {
-                    name = Some(checked_name(meta.value()?.parse()?)?);
+                    name = Some(meta.value()?.parse()?);
                 } else if meta.path.is_ident("encoding") {
                     encoding = encoding_of(&meta.value()?.parse()?)?;
                 } else {
@@ -136,13 +135,6 @@ impl Options {
             Error::new_spanned(&input.ident, message)
         })?;
         Ok(Self { name, encoding })
-    }
-}
-
-fn checked_name(name: LitStr) -> Result<LitStr> {
-    match Name::new(&name.value()) {
-        Ok(_) => Ok(name),
-        Err(error) => Err(Error::new_spanned(name, error)),
     }
 }
 

@@ -4,7 +4,6 @@ use std::collections::BTreeSet;
 
 use proc_macro2::TokenStream;
 use quote::{quote, quote_spanned};
-use sm2_proto::schema::is_name;
 use syn::spanned::Spanned;
 use syn::{Data, DataEnum, DeriveInput, Error, Fields, Generics, Result, Type, parse_quote};
 
@@ -85,7 +84,10 @@ fn enumeration(data: &DataEnum, options: &Options) -> Result<Expressions> {
             hashes: fields,
             parts,
         } = members(&variant.fields, rule)?;
-        hashes.push(quote!((#name, ::sm2_node::schema::structure(&[#(#fields),*]))));
+        hashes.push(quote_spanned!(variant.ident.span()=> (
+            ::sm2_node::schema::checked_member(#name),
+            ::sm2_node::schema::structure(&[#(#fields),*])
+        )));
         variants.push(quote!((#name, &[#(#parts),*])));
     }
     Ok(Expressions {
@@ -113,7 +115,10 @@ fn members(fields: &Fields, rule: Option<Rule>) -> Result<Members> {
         };
         names.add(&name, field)?;
         // The field's span, so that a type without a schema is reported there.
-        hashes.push(quote_spanned!(ty.span()=> (#name, <#ty as ::sm2_node::Schema>::HASH)));
+        hashes.push(quote_spanned!(ty.span()=> (
+            ::sm2_node::schema::checked_member(#name),
+            <#ty as ::sm2_node::Schema>::HASH
+        )));
         parts.push(quote_spanned!(ty.span()=>
             (#name, <#ty as ::sm2_node::Schema>::describe as ::sm2_node::schema::Describe)
         ));
@@ -126,13 +131,8 @@ fn members(fields: &Fields, rule: Option<Rule>) -> Result<Members> {
 struct Names(BTreeSet<String>);
 
 impl Names {
-    /// Adds a name. Refuses names that renaming made illegal or equal.
+    /// Adds a name. Refuses names that renaming made equal. The compiler checks the names themselves.
     fn add(&mut self, name: &str, place: &impl quote::ToTokens) -> Result<()> {
-        if !is_name(name) {
-            let message =
-                format!("{name:?} cannot be a name in a schema: use letters, digits, `_`, `-`");
-            return Err(Error::new_spanned(place, message));
-        }
         if !self.0.insert(name.to_owned()) {
             let message = format!("the name {name:?} is used twice");
             return Err(Error::new_spanned(place, message));

@@ -89,10 +89,26 @@ pub(super) fn schema(text: &str) -> Result<(Encoding, Root), ParseError> {
     Ok((encoding, root))
 }
 
-/// Whether a field or variant can have this name.
+/// Whether a field or variant can have this name. Programs can ask at compile time.
 #[must_use]
-pub fn is_name(text: &str) -> bool {
-    !text.is_empty() && text.chars().all(is_name_char)
+pub const fn is_name(text: &str) -> bool {
+    let bytes = text.as_bytes();
+    let mut at = 0;
+    // A constant function has no iterators.
+    while at < bytes.len() {
+        let is_legal = match bytes[at] {
+            // U+0080 to U+009F: C2 and a byte below A0.
+            0xc2 => bytes[at + 1] >= 0xa0,
+            // Another byte of a character from U+00A0 on.
+            0x80.. => true,
+            ascii => is_name_char(ascii as char),
+        };
+        if !is_legal {
+            return false;
+        }
+        at += 1;
+    }
+    !bytes.is_empty()
 }
 
 /// The rule needs no tables of Unicode. A program that prints names has to escape unprintable

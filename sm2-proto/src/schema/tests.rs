@@ -196,6 +196,11 @@ fn names_of_fields_and_variants() {
     ] {
         assert!(!is_name(text), "{text:?}");
     }
+    // Both readings of the rule: that of whole names, and the parser's.
+    for c in ('\0'..'\u{800}').chain(['名', '\u{10ffff}']) {
+        let read = Schema::parse(&format!("plain:struct{{{c}:u8,}}")).is_ok();
+        assert_eq!(is_name(&c.to_string()), read, "{c:?}");
+    }
 }
 
 #[test]
