@@ -21,10 +21,13 @@ mod graph;
 mod json_schema;
 mod message_type;
 mod news;
+mod options;
 mod outbox;
 pub mod program;
 mod protocol;
 mod server;
+mod shared;
 mod viewer;
 
-pub use crate::server::{Options, Server, ServerError};
+pub use crate::options::Options;
+pub use crate::server::{Server, ServerError};

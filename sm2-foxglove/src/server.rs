@@ -16,7 +16,9 @@ use sm2_node::{
 };
 use sm2_proto::gateway::Pattern;
 
-use crate::{access::Access, catalogue::Catalogue, news::News, viewer};
+use crate::{
+    access::Access, catalogue::Catalogue, news::News, options::Options, shared::Shared, viewer,
+};
 
 /// The most connections at a time.
 const VIEWERS_MAX: usize = 32;
@@ -26,39 +28,6 @@ const RETRY: Duration = Duration::from_secs(1);
 
 /// The pause after a connection that cannot be accepted.
 const SHORTAGE_PAUSE: Duration = Duration::from_millis(100);
-
-/// The settings of a server.
-#[derive(Clone, Debug)]
-pub struct Options {
-    /// The address to listen on. Port 0 chooses a free port.
-    pub listen: SocketAddr,
-    /// The topics that viewers see; all of them if there is no pattern.
-    pub topics: Vec<Pattern>,
-    /// Origins of pages that may connect, such as `https://studio.example`, besides those of this machine and
-    /// Foxglove's own.
-    pub allow_origins: Vec<String>,
-    /// Whether viewers may publish.
-    pub allow_publish: bool,
-    /// The messages that may wait for one viewer, in bytes, that in flight included.
-    pub viewer_budget_bytes: usize,
-}
-
-impl Options {
-    /// The budget of a viewer if no other one is set, in bytes.
-    pub const VIEWER_BUDGET_BYTES: usize = 64 * 1024 * 1024;
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            listen: SocketAddr::from(([127, 0, 0, 1], 0)),
-            topics: Vec::new(),
-            allow_origins: Vec::new(),
-            allow_publish: false,
-            viewer_budget_bytes: Self::VIEWER_BUDGET_BYTES,
-        }
-    }
-}
 
 /// The reason for which a server cannot start, or go on.
 #[derive(Debug, thiserror::Error)]
@@ -79,18 +48,6 @@ pub enum ServerError {
     /// The operating system refuses something that the server needs.
     #[error("the operating system refuses a resource: {0}")]
     System(#[from] io::Error),
-}
-
-/// The part that the threads of all viewers use.
-pub(crate) struct Shared {
-    pub(crate) node: Node,
-    pub(crate) access: Access,
-    pub(crate) options: Options,
-    pub(crate) news: News,
-    /// The name of the server, for people.
-    pub(crate) name: String,
-    /// The name of this run. A viewer that connects again compares it.
-    pub(crate) session: String,
 }
 
 /// A server of the Foxglove WebSocket protocol.

@@ -7,6 +7,7 @@ use std::process::{Child, Command, Output, Stdio};
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
+use sm2_test_support::until;
 
 use crate::common::{Viewer, World};
 
@@ -68,7 +69,12 @@ fn a_signal_ends_it_cleanly() {
         viewer.subscribe("chatter");
         let pid = Pid::from_raw(process.child.id().try_into().unwrap());
         kill(pid, signal).unwrap();
-        assert_eq!(process.child.wait().unwrap().code(), Some(0));
+        let mut status = None;
+        until("the program ends", || {
+            status = process.child.try_wait().unwrap();
+            status.is_some()
+        });
+        assert_eq!(status.unwrap().code(), Some(0));
         let mut text = String::new();
         process
             .child

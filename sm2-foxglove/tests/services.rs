@@ -7,6 +7,7 @@ use foxglove::ws_protocol::server::ServerMessage;
 use serde_json::json;
 use sm2_foxglove::Options;
 use sm2_ros::std_srvs::srv::{SetBoolRequest, SetBoolResponse};
+use sm2_test_support::SOON;
 
 use crate::common::{Viewer, World};
 
@@ -42,7 +43,7 @@ fn a_service_of_ros_2_takes_cdr_and_json() {
         .unwrap();
     let serving = thread::spawn(move || {
         for _ in 0..2 {
-            let request = server.recv().unwrap();
+            let request = server.recv_timeout(SOON).unwrap().unwrap();
             let message = format!("got {}", request.data);
             let reply = SetBoolResponse {
                 success: true,
@@ -100,10 +101,15 @@ fn other_services_take_json() {
     let node = world.node("calculator");
     let server = node.server::<[f64], f64>("sum").unwrap();
     let serving = thread::spawn(move || {
-        let request = server.recv().unwrap();
+        let request = server.recv_timeout(SOON).unwrap().unwrap();
         let sum = request.iter().sum();
         request.reply(&sum).unwrap();
-        server.recv().unwrap().fail("out of numbers").unwrap();
+        server
+            .recv_timeout(SOON)
+            .unwrap()
+            .unwrap()
+            .fail("out of numbers")
+            .unwrap();
         server
     });
     let foxglove = world.foxglove(Options::default());
@@ -145,7 +151,7 @@ fn the_end_of_a_server_fails_its_calls() {
     let mut viewer = Viewer::connect(&foxglove.url);
     let service = viewer.service("sum");
     call(&mut viewer, service.id, 1, "json", br#"{"value":[1]}"#);
-    let request = server.recv().unwrap();
+    let request = server.recv_timeout(SOON).unwrap().unwrap();
     drop((request, server, node));
     let error = reply(&mut viewer, 1).unwrap_err();
     assert!(error.contains("sum"), "{error}");

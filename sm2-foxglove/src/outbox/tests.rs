@@ -159,7 +159,7 @@ fn step() -> impl Strategy<Value = Step> {
 }
 
 proptest! {
-    /// Whatever comes: the budget holds, each topic keeps its order, and its newest message is there after a push.
+    /// In every history the budget holds, each topic keeps its order, and a message that was pushed is its newest.
     #[test]
     fn the_budget_holds(budget in 200_000..700_000_usize, steps in prop::collection::vec(step(), 0..200)) {
         let mut outbox = Outbox::new(budget);

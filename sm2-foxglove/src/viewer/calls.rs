@@ -8,7 +8,7 @@ use std::{
 
 use sm2_node::{Call, CallError, Client, Reply};
 
-use super::{End, Source, Viewer};
+use super::context::{Context, End, Source};
 use crate::{
     catalogue::Service,
     frame,
@@ -45,48 +45,48 @@ impl Calls {
     pub(super) fn end(&mut self, services: &[u32]) {
         services.iter().for_each(|id| drop(self.clients.remove(id)));
     }
-}
 
-impl Viewer {
     /// Sends a request.
-    pub(super) fn call(
+    pub(super) fn start(
         &mut self,
+        context: &mut Context,
         service_id: u32,
         number: u32,
         encoding: &str,
         payload: &[u8],
     ) -> Result<(), End> {
-        match self.send_request(service_id, encoding, payload) {
+        match self.send_request(context, service_id, encoding, payload) {
             Ok((service, call)) => {
-                self.calls.last_id += 1;
-                let id = self.calls.last_id;
-                self.set.add(&call, Source::Call(id))?;
+                self.last_id += 1;
+                let id = self.last_id;
+                context.set.add(&call, Source::Call(id))?;
                 let pending = Pending {
                     service,
                     number,
                     call,
                 };
-                self.calls.pending.insert(id, pending);
+                self.pending.insert(id, pending);
                 Ok(())
             }
-            Err(error) => self.fail(service_id, number, error.to_string()),
+            Err(error) => fail(context, service_id, number, error.to_string()),
         }
     }
 
     fn send_request(
         &mut self,
+        context: &Context,
         service_id: u32,
         encoding: &str,
         payload: &[u8],
     ) -> Result<(Arc<Service>, Call<[u8]>), Reason> {
-        let service = self.snapshot.services.get(&service_id);
+        let service = context.snapshot.services.get(&service_id);
         let service = Arc::clone(service.ok_or("there is no such service any more")?);
         let request = service.request.to_domain(encoding, payload)?;
-        let client = match self.calls.clients.remove(&service_id) {
+        let client = match self.clients.remove(&service_id) {
             Some(client) => client,
             None => {
                 let (request, reply) = service.types.clone();
-                let builder = self
+                let builder = context
                     .shared
                     .node
                     .client_builder::<[u8], [u8]>(service.name.as_str());
@@ -97,37 +97,29 @@ impl Viewer {
             }
         };
         let call = client.send_timeout(&request, TIMEOUT);
-        self.calls.clients.insert(service_id, client);
+        self.clients.insert(service_id, client);
         Ok((service, call?))
     }
 
     /// Sends the reply of a call to the viewer.
-    pub(super) fn take_reply(&mut self, id: u64) -> Result<(), End> {
-        let Some(pending) = self.calls.pending.get_mut(&id) else {
+    pub(super) fn take_reply(&mut self, context: &mut Context, id: u64) -> Result<(), End> {
+        let Some(pending) = self.pending.get_mut(&id) else {
             return Ok(());
         };
         let (service, number) = (Arc::clone(&pending.service), pending.number);
         let framed = match pending.call.try_wait() {
             Ok(None) => {
                 // A call leaves the set when it is reported.
-                self.set.add(&pending.call, Source::Call(id))?;
+                context.set.add(&pending.call, Source::Call(id))?;
                 return Ok(());
             }
             result => framed(&service, number, result),
         };
-        self.calls.pending.remove(&id);
+        self.pending.remove(&id);
         match framed {
-            Ok(frame) => self.control(frame),
-            Err(error) => self.fail(service.id, number, error.to_string()),
+            Ok(frame) => context.control(frame),
+            Err(error) => fail(context, service.id, number, error.to_string()),
         }
-    }
-
-    fn fail(&mut self, service_id: u32, call_id: u32, message: String) -> Result<(), End> {
-        self.send(&ToViewer::ServiceCallFailure {
-            service_id,
-            call_id,
-            message,
-        })
     }
 }
 
@@ -144,4 +136,13 @@ fn framed(
     let encoding = service.reply.messages().encoding;
     let head = protocol::reply_head(service.id, number, encoding);
     Ok(frame::binary(&[&head, &payload]))
+}
+
+/// Tells the viewer that a call has failed.
+fn fail(context: &mut Context, service_id: u32, call_id: u32, message: String) -> Result<(), End> {
+    context.send(&ToViewer::ServiceCallFailure {
+        service_id,
+        call_id,
+        message,
+    })
 }

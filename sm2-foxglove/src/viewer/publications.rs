@@ -6,7 +6,7 @@ use sm2_node::Publisher;
 use sm2_proto::{Name, TypeId, schema::Schema};
 use sm2_ros_idl::{Set, TypeName};
 
-use super::{End, Viewer};
+use super::context::{Context, End};
 use crate::{
     message_type::MessageType,
     protocol::{Level, Publication},
@@ -31,57 +31,33 @@ impl Publications {
     pub(super) fn remove(&mut self, ids: &[u32]) {
         ids.iter().for_each(|id| drop(self.known.remove(id)));
     }
-}
 
-impl Viewer {
     /// Declares a publisher for the viewer.
-    pub(super) fn advertise(&mut self, publication: &Publication) -> Result<(), End> {
-        match self.publisher(publication) {
+    pub(super) fn add(
+        &mut self,
+        context: &mut Context,
+        publication: &Publication,
+    ) -> Result<(), End> {
+        match publisher(context, publication) {
             Ok(published) => {
-                self.publications.known.insert(publication.id, published);
+                self.known.insert(publication.id, published);
                 Ok(())
             }
             Err(error) => {
                 let topic = &publication.topic;
-                self.complain(Level::Error, format!("cannot publish {topic}: {error}"))
+                context.complain(Level::Error, format!("cannot publish {topic}: {error}"))
             }
         }
-    }
-
-    fn publisher(&self, publication: &Publication) -> Result<Published, Reason> {
-        if !self.shared.options.allow_publish {
-            return Err("sm2-foxglove runs without --allow-publish".into());
-        }
-        let topic = Name::typed(&publication.topic)?;
-        let node = &self.shared.node;
-        let known = self.snapshot.types.get(&topic).cloned();
-        let (data, message_type) = match known {
-            Some((data, message_type)) => {
-                if publication.encoding == "cdr" && data.name.as_str() != publication.schema_name {
-                    let given = &publication.schema_name;
-                    return Err(format!("its type is {}, not {given}", data.name).into());
-                }
-                (data, message_type)
-            }
-            None => {
-                let (data, text) = defined(publication)?;
-                node.register_schema(data.clone(), &text)?;
-                let message_type = MessageType::new(&data, Schema::parse(&text)?)?;
-                (data, Arc::new(message_type))
-            }
-        };
-        let builder = node.publisher_builder::<[u8]>(topic.as_str()).type_id(data);
-        Ok(Published {
-            // A subscriber without room misses the message: it must not delay the viewer's thread.
-            publisher: builder.publish_timeout(Duration::ZERO).declare()?,
-            message_type,
-            encoding: publication.encoding.clone(),
-        })
     }
 
     /// Publishes a message of the viewer.
-    pub(super) fn publish(&mut self, id: u32, payload: &[u8]) -> Result<(), End> {
-        let published = match self.publications.known.get(&id) {
+    pub(super) fn publish(
+        &self,
+        context: &mut Context,
+        id: u32,
+        payload: &[u8],
+    ) -> Result<(), End> {
+        let published = match self.known.get(&id) {
             Some(published) => published.publish(payload),
             None => Err(format!("the channel {id} is not advertised").into()),
         };
@@ -89,10 +65,42 @@ impl Viewer {
             Ok(()) => Ok(()),
             Err(error) => {
                 let message = format!("a message was not published: {error}");
-                self.complain(Level::Error, message)
+                context.complain(Level::Error, message)
             }
         }
     }
+}
+
+/// Declares a publisher for a topic of the viewer.
+fn publisher(context: &Context, publication: &Publication) -> Result<Published, Reason> {
+    if !context.shared.options.allow_publish {
+        return Err("sm2-foxglove runs without --allow-publish".into());
+    }
+    let topic = Name::typed(&publication.topic)?;
+    let node = &context.shared.node;
+    let known = context.snapshot.types.get(&topic).cloned();
+    let (data, message_type) = match known {
+        Some((data, message_type)) => {
+            if publication.encoding == "cdr" && data.name.as_str() != publication.schema_name {
+                let given = &publication.schema_name;
+                return Err(format!("its type is {}, not {given}", data.name).into());
+            }
+            (data, message_type)
+        }
+        None => {
+            let (data, text) = defined(publication)?;
+            node.register_schema(data.clone(), &text)?;
+            let message_type = MessageType::new(&data, Schema::parse(&text)?)?;
+            (data, Arc::new(message_type))
+        }
+    };
+    let builder = node.publisher_builder::<[u8]>(topic.as_str()).type_id(data);
+    Ok(Published {
+        // A subscriber without room misses the message: it must not delay the viewer's thread.
+        publisher: builder.publish_timeout(Duration::ZERO).declare()?,
+        message_type,
+        encoding: publication.encoding.clone(),
+    })
 }
 
 impl Published {

@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, sync::Arc};
 
 use sm2_node::{Sample, Subscriber, wait_set::Key};
 
-use super::{End, Source, Viewer};
+use super::context::{Context, End, Source};
 use crate::{
     catalogue::Channel,
     frame,
@@ -19,11 +19,15 @@ const DEPTH: u16 = 8;
 /// Messages of a topic that are taken before the other sources have their turn.
 const TAKE_BURST: usize = 64;
 
-/// The subscriptions of a viewer, by their numbers.
-pub(super) type Subscriptions = BTreeMap<u32, Topic>;
+/// The subscriptions of a viewer.
+#[derive(Default)]
+pub(super) struct Subscriptions {
+    /// By the numbers that the viewer has given to them.
+    topics: BTreeMap<u32, Topic>,
+}
 
 /// A topic that a viewer looks at.
-pub(super) struct Topic {
+struct Topic {
     channel: Arc<Channel>,
     subscriber: Subscriber<[u8]>,
     key: Key,
@@ -31,21 +35,22 @@ pub(super) struct Topic {
     has_complained: bool,
 }
 
-impl Viewer {
-    pub(super) fn subscribe(&mut self, wanted: Subscription) -> Result<(), End> {
+impl Subscriptions {
+    /// Subscribes to the topic of a channel.
+    pub(super) fn add(&mut self, context: &mut Context, wanted: Subscription) -> Result<(), End> {
         let Subscription { id, channel_id } = wanted;
-        let Some(channel) = self.snapshot.channels.get(&channel_id).cloned() else {
+        let Some(channel) = context.snapshot.channels.get(&channel_id).cloned() else {
             // The channel may have ended a moment ago.
-            return self.complain(Level::Warning, format!("there is no channel {channel_id}"));
+            return context.complain(Level::Warning, format!("there is no channel {channel_id}"));
         };
-        if self.subscriptions.contains_key(&id) {
-            return self.complain(
+        if self.topics.contains_key(&id) {
+            return context.complain(
                 Level::Error,
                 format!("the subscription {id} exists already"),
             );
         }
         // A subscriber of one type would refuse the next publisher of the topic if that has another type.
-        let builder = self
+        let builder = context
             .shared
             .node
             .subscriber_builder::<[u8]>(channel.topic.as_str());
@@ -55,50 +60,51 @@ impl Viewer {
             .max_borrowed(1);
         let subscriber = match builder.declare() {
             Ok(subscriber) => subscriber,
-            Err(error) => return self.complain(Level::Error, error.to_string()),
+            Err(error) => return context.complain(Level::Error, error.to_string()),
         };
-        let key = self.set.add(&subscriber, Source::Topic(id))?;
+        let key = context.set.add(&subscriber, Source::Topic(id))?;
         let topic = Topic {
             channel,
             subscriber,
             key,
             has_complained: false,
         };
-        self.subscriptions.insert(id, topic);
+        self.topics.insert(id, topic);
         Ok(())
     }
 
-    pub(super) fn unsubscribe(&mut self, id: u32) {
-        if let Some(topic) = self.subscriptions.remove(&id) {
-            self.set.remove(topic.key);
-            self.outbox.remove(id);
+    /// Ends a subscription.
+    pub(super) fn remove(&mut self, context: &mut Context, id: u32) {
+        if let Some(topic) = self.topics.remove(&id) {
+            context.set.remove(topic.key);
+            context.outbox.remove(id);
         }
     }
 
     /// Ends the subscriptions to channels that have ended.
-    pub(super) fn end_subscriptions(&mut self, channels: &[u64]) {
+    pub(super) fn end(&mut self, context: &mut Context, channels: &[u64]) {
         let ended = self
-            .subscriptions
+            .topics
             .iter()
             .filter(|(_, it)| channels.contains(&it.channel.id));
         let ended: Vec<_> = ended.map(|(id, _)| *id).collect();
-        ended.into_iter().for_each(|id| self.unsubscribe(id));
+        ended.into_iter().for_each(|id| self.remove(context, id));
     }
 
     /// Puts the messages of a subscription into the outbox.
-    pub(super) fn take_messages(&mut self, id: u32) -> Result<(), End> {
+    pub(super) fn take_messages(&mut self, context: &mut Context, id: u32) -> Result<(), End> {
         for _ in 0..TAKE_BURST {
-            let Some(topic) = self.subscriptions.get(&id) else {
+            let Some(topic) = self.topics.get(&id) else {
                 return Ok(());
             };
             let problem = match topic.subscriber.try_recv() {
                 Ok(None) => return Ok(()),
                 // The type of a publisher that is not of this channel.
                 Ok(Some(sample)) if sample.type_id() != Some(&topic.channel.data) => continue,
-                Ok(Some(sample)) => match self.framed(id, &topic.channel, &sample) {
+                Ok(Some(sample)) => match framed(context, id, &topic.channel, &sample) {
                     Ok(frame) => {
                         drop(sample);
-                        match self.outbox.push(id, frame) {
+                        match context.outbox.push(id, frame) {
                             Pushed::Waits | Pushed::NoRoom => continue,
                             Pushed::TooLong => "longer than the budget of a viewer".to_owned(),
                         }
@@ -107,39 +113,14 @@ impl Viewer {
                 },
                 Err(error) => error.to_string(),
             };
-            self.complain_about(id, &problem)?;
+            self.complain_about(context, id, &problem)?;
         }
         Ok(())
     }
 
-    /// The frame of a message.
-    fn framed(&self, id: u32, channel: &Channel, sample: &Sample<[u8]>) -> Result<Vec<u8>, String> {
-        let head = protocol::message_head(id, self.time_of(sample.source_time()));
-        let message_type = &channel.message_type;
-        if message_type.is_unchanged() {
-            return Ok(frame::binary(&[&head[..], sample]));
-        }
-        if let Some(max) = message_type.max_len().filter(|max| sample.len() > *max) {
-            let len = sample.len();
-            return Err(format!(
-                "{len} bytes long, and at most {max} are converted to JSON"
-            ));
-        }
-        // A copy: the publisher may still be able to change the message while it is decoded.
-        let message = sample.to_vec();
-        let json = message_type
-            .to_viewer(&message)
-            .map_err(|error| error.to_string())?;
-        Ok(frame::binary(&[&head[..], &json]))
-    }
-
     /// Tells the viewer once for each subscription that messages cannot be shown.
-    fn complain_about(&mut self, id: u32, problem: &str) -> Result<(), End> {
-        let Some(topic) = self
-            .subscriptions
-            .get_mut(&id)
-            .filter(|it| !it.has_complained)
-        else {
+    fn complain_about(&mut self, context: &mut Context, id: u32, problem: &str) -> Result<(), End> {
+        let Some(topic) = self.topics.get_mut(&id).filter(|it| !it.has_complained) else {
             return Ok(());
         };
         topic.has_complained = true;
@@ -147,6 +128,32 @@ impl Viewer {
             "a message of {} is not shown: {problem}",
             topic.channel.topic
         );
-        self.complain(Level::Warning, message)
+        context.complain(Level::Warning, message)
     }
+}
+
+/// The frame of a message.
+fn framed(
+    context: &Context,
+    id: u32,
+    channel: &Channel,
+    sample: &Sample<[u8]>,
+) -> Result<Vec<u8>, String> {
+    let head = protocol::message_head(id, context.time_of(sample.source_time()));
+    let message_type = &channel.message_type;
+    if message_type.is_unchanged() {
+        return Ok(frame::binary(&[&head[..], sample]));
+    }
+    if let Some(max) = message_type.max_len().filter(|max| sample.len() > *max) {
+        let len = sample.len();
+        return Err(format!(
+            "{len} bytes long, and at most {max} are converted to JSON"
+        ));
+    }
+    // A copy: the publisher may still be able to change the message while it is decoded.
+    let message = sample.to_vec();
+    let json = message_type
+        .to_viewer(&message)
+        .map_err(|error| error.to_string())?;
+    Ok(frame::binary(&[&head[..], &json]))
 }
