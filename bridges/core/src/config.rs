@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::io;
+use std::num::{NonZeroU32, NonZeroU64};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -9,7 +10,9 @@ use std::time::Duration;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use sm2_gateway::DomainLocation;
+use sm2_gateway::hub::DEFAULT_SEND_QOS;
 use sm2_gateway::rule_words::{ActionWord, DirectionWord, KindWord};
+use sm2_proto::gateway::schedule::{PRIORITY_MAX, SendQos};
 use sm2_proto::gateway::{
     Action, Direction, GatewayId, Pattern, PatternError, Rule, Rules, SubjectKind,
 };
@@ -22,7 +25,7 @@ use crate::spool::{Limits, LimitsError};
 const SPOOL_MAX_BYTES: u64 = 256 << 20;
 const WINDOW_BYTES: u64 = 1 << 20;
 /// All of a network are one peer.
-const NETWORK: GatewayId = GatewayId([0; 32]);
+pub(crate) const NETWORK: GatewayId = GatewayId([0; 32]);
 
 /// The reason why a file is no configuration. `E` has the reasons why a value of this bridge is wrong.
 #[derive(Debug, thiserror::Error)]
@@ -75,6 +78,15 @@ pub enum ValueError {
     /// Both `domain` and `socket` are given.
     #[error("`domain` and `socket` exclude each other")]
     DomainAndSocket,
+    /// The priority of a rule is too great.
+    #[error("a priority is 0 to {PRIORITY_MAX}")]
+    Priority,
+    /// The spool, not the rule, says when durable messages are sent.
+    #[error(
+        "`priority`, `messages_per_s`, `bytes_per_s` and `max_age_ms` have no effect on durable topics: \
+         the table `[spool]` has `rate_bytes_per_s` and `max_age_s`"
+    )]
+    DurableBudget,
 }
 
 /// The rules of a configuration, and what the file says of each of them.
@@ -87,12 +99,59 @@ pub struct RuleTables {
 }
 
 /// The line of a rule, and its options beside those of [`Rule`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RuleNote {
     /// Its line in the file.
     pub line: usize,
     /// Whether the topics that it lets out are durable.
     pub is_durable: bool,
+    /// How the messages of the topics that it lets out are sent.
+    pub budget: Budget,
+}
+
+/// How messages of a topic are sent to the network, by the words of the gateway's rules.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Budget {
+    /// 0 to 7: each step doubles the share of a topic while several have messages that wait.
+    pub priority: u8,
+    /// The greatest rate of messages.
+    pub messages_per_s: Option<NonZeroU32>,
+    /// The greatest rate of bytes, averaged over messages.
+    pub bytes_per_s: Option<NonZeroU64>,
+    /// The greatest age, since publication, of a message that the network can take.
+    pub max_age: Option<Duration>,
+}
+
+impl Default for Budget {
+    fn default() -> Self {
+        let SendQos {
+            priority,
+            messages_per_s,
+            bytes_per_s,
+            max_age,
+            ..
+        } = DEFAULT_SEND_QOS;
+        Self {
+            priority,
+            messages_per_s,
+            bytes_per_s,
+            max_age,
+        }
+    }
+}
+
+impl Budget {
+    /// The same for a scheduler, in which at most `depth` messages of the topic wait.
+    #[must_use]
+    pub const fn send_qos(&self, depth: u16) -> SendQos {
+        SendQos {
+            depth,
+            priority: self.priority,
+            messages_per_s: self.messages_per_s,
+            bytes_per_s: self.bytes_per_s,
+            max_age: self.max_age,
+        }
+    }
 }
 
 /// The decision of the rules about a topic or service.
@@ -104,6 +163,8 @@ pub struct Decision {
     pub line: Option<usize>,
     /// Whether the topic is durable.
     pub is_durable: bool,
+    /// How messages that go out are sent.
+    pub budget: Budget,
 }
 
 /// The files of durable topics.
@@ -136,9 +197,30 @@ pub struct RuleTable {
     #[serde(default)]
     direction: DirectionWord,
     durable: Option<Spanned<bool>>,
+    priority: Option<Spanned<u8>>,
+    messages_per_s: Option<NonZeroU32>,
+    bytes_per_s: Option<NonZeroU64>,
+    max_age_ms: Option<u64>,
 }
 
 impl RuleTable {
+    /// The budget. `None` if the rule has none of its keys.
+    fn budget(&self) -> Option<Budget> {
+        let (messages_per_s, bytes_per_s) = (self.messages_per_s, self.bytes_per_s);
+        let priority = self.priority.as_ref().map(|it| *it.get_ref());
+        let max_age = self.max_age_ms.map(Duration::from_millis);
+        let has_one = priority.is_some()
+            || messages_per_s.is_some()
+            || bytes_per_s.is_some()
+            || max_age.is_some();
+        has_one.then(|| Budget {
+            priority: priority.unwrap_or(Budget::default().priority),
+            messages_per_s,
+            bytes_per_s,
+            max_age,
+        })
+    }
+
     /// The place of `names`.
     #[must_use]
     pub fn names(&self) -> Range<usize> {
@@ -163,6 +245,7 @@ impl RuleTables {
             is_allowed: decision.action == Action::Allow,
             line: note.map(|it| it.line),
             is_durable: direction == Direction::Out && note.is_some_and(|it| it.is_durable),
+            budget: note.map(|it| it.budget).unwrap_or_default(),
         }
     }
 
@@ -321,10 +404,22 @@ impl Source<'_> {
                 direction: table.direction.into(),
                 peers: None,
             };
-            all.notes.push(RuleNote {
+            let note = RuleNote {
                 line: self.line(&spanned.span()),
                 is_durable: is_durable(table, &rule)?,
-            });
+                budget: table.budget().unwrap_or_default(),
+            };
+            if note.is_durable && table.budget().is_some() {
+                return Err(self.error(&spanned.span(), ValueError::DurableBudget));
+            }
+            if let Some(it) = table
+                .priority
+                .as_ref()
+                .filter(|it| *it.get_ref() > PRIORITY_MAX)
+            {
+                return Err(self.error(&it.span(), ValueError::Priority));
+            }
+            all.notes.push(note);
             all.rules.0.push(rule);
         }
         Ok(all)

@@ -17,11 +17,7 @@ const RELAYS: [&str; 3] = ["bridge/", "gateway/", "remote/"];
 /// The topics that programs of the domain publish.
 #[must_use]
 pub fn published(domain: &Domain) -> BTreeSet<Topic> {
-    let topic = |contract: &Contract| match contract {
-        Contract::Publisher { topic, data, .. } => Some((topic.clone(), data.clone())),
-        _ => None,
-    };
-    contracts(domain).filter_map(topic).collect()
+    contracts(domain).filter_map(published_topic).collect()
 }
 
 /// The topics to which programs of the domain subscribe. `None` stands for messages of every type.
@@ -91,10 +87,45 @@ pub fn subscribers(domain: &Domain, (topic, data): &Topic) -> usize {
     all.filter(takes).count()
 }
 
+/// The topics that gateways bring to the domain: their nodes `remote/NAME` publish them.
+#[must_use]
+pub fn brought_by_gateways(domain: &Domain) -> BTreeSet<Topic> {
+    let is_of_gateway = |node: &Name| {
+        let peer = node.as_str().strip_prefix("remote/");
+        let peer = peer.and_then(|it| Name::new(it).ok());
+        peer.is_some_and(|it| !has_bridge(domain, &it))
+    };
+    let topics = contracts_of(domain, is_of_gateway).filter_map(published_topic);
+    topics.collect()
+}
+
+/// The topics that gateways carry to other domains: their nodes `gateway/NAME` subscribe to them.
+#[must_use]
+pub fn carried_by_gateways(domain: &Domain) -> BTreeSet<Topic> {
+    let is_gateway = |node: &Name| node.as_str().starts_with("gateway/");
+    let topics = contracts_of(domain, is_gateway).filter_map(|it| match it {
+        Contract::Subscriber { topic, data, .. } => Some((topic.clone(), data.clone()?)),
+        _ => None,
+    });
+    topics.collect()
+}
+
+fn published_topic(contract: &Contract) -> Option<Topic> {
+    match contract {
+        Contract::Publisher { topic, data, .. } => Some((topic.clone(), data.clone())),
+        _ => None,
+    }
+}
+
 fn contracts(domain: &Domain) -> impl Iterator<Item = &Contract> {
-    let interfaces = domain.interfaces().filter(|it| {
+    contracts_of(domain, |node| !is_relay(node))
+}
+
+/// The contracts of the nodes with these names.
+fn contracts_of(domain: &Domain, is_of: impl Fn(&Name) -> bool) -> impl Iterator<Item = &Contract> {
+    let interfaces = domain.interfaces().filter(move |it| {
         let node = domain.node(it.entity.node);
-        it.refused.is_none() && node.is_some_and(|node| !is_relay(node.name))
+        it.refused.is_none() && node.is_some_and(|node| is_of(node.name))
     });
     interfaces.map(|it| it.contract)
 }

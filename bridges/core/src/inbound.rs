@@ -1,6 +1,6 @@
 //! The messages of the network that come to the domain.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Deref;
 
 use sm2_node::Node;
@@ -8,7 +8,7 @@ use sm2_node::domain::Domain;
 use sm2_proto::gateway::{Direction, SubjectKind};
 
 use crate::config::RuleTables;
-use crate::domain::{Topic, has_bridge};
+use crate::domain::{Topic, brought_by_gateways, has_bridge};
 use crate::duplicates::Duplicates;
 use crate::incoming::Incoming;
 use crate::origin::{Delivery, Origin};
@@ -19,6 +19,8 @@ pub struct Inbound {
     remote: Node,
     topics: BTreeMap<Topic, Incoming>,
     duplicates: Duplicates,
+    /// The topics that gateways bring to the domain.
+    of_gateways: BTreeSet<Topic>,
 }
 
 /// A message of the network, without its payload.
@@ -39,6 +41,8 @@ pub enum Verdict {
     Denied,
     /// It comes from a bridge of the same domain.
     Returned,
+    /// A gateway of its domain carries it, and one of this domain brings its topic.
+    LeftToGateway,
     /// It was published before.
     Duplicate,
     /// The domain refuses it.
@@ -55,6 +59,7 @@ impl Inbound {
             remote,
             topics: BTreeMap::new(),
             duplicates: Duplicates::default(),
+            of_gateways: BTreeSet::new(),
         }
     }
 
@@ -62,6 +67,11 @@ impl Inbound {
     #[must_use]
     pub const fn remote(&self) -> &Node {
         &self.remote
+    }
+
+    /// Follows a change of the domain.
+    pub fn follow(&mut self, domain: &Domain) {
+        self.of_gateways = brought_by_gateways(domain);
     }
 
     /// Offers topics of the network to the domain, each with the number of messages that it keeps for late joiners, and
@@ -93,6 +103,9 @@ impl Inbound {
         if let Some(origin) = origin {
             if has_bridge(domain, &origin.bridge) {
                 return Verdict::Returned;
+            }
+            if *delivery == Delivery::BesideGateway && self.of_gateways.contains(topic) {
+                return Verdict::LeftToGateway;
             }
             if self.duplicates.contains(&topic.0, origin) {
                 return Verdict::Duplicate;

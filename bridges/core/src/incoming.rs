@@ -46,7 +46,7 @@ impl Incoming {
             .declare()?;
         let subscribers = subscribers(domain, topic);
         let wait = match delivery {
-            Delivery::AtMostOnce => LINKS_WAIT,
+            Delivery::AtMostOnce | Delivery::BesideGateway => LINKS_WAIT,
             Delivery::AtLeastOnce => DURABLE_LINKS_WAIT,
         };
         let until = Instant::now() + wait;

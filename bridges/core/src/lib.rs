@@ -8,11 +8,14 @@
 //! | [`Outbox`] | a spool, and the files of its messages |
 //! | [`Member`], [`domain`] | the nodes of a bridge, and the topics of the domain |
 //! | [`Inbound`] | publishes the messages of the network in the domain |
+//! | [`Account`] | the counts of a bridge, for people and for Prometheus |
+//! | [`Shadow`] | the differences that another configuration would make |
 //! | [`config`] | the parts of a configuration: the domain, the rules, the spool |
 //! | [`program`] | the command line: `run`, `check`, `explain` |
 //!
 //! Origins, duplicates and the spool are pure: they do no I/O, and time is a value.
 
+mod account;
 pub mod config;
 pub mod domain;
 mod duplicates;
@@ -24,9 +27,11 @@ mod member;
 mod origin;
 mod outbox;
 pub mod program;
+mod shadow;
 mod spool;
 mod store;
 
+pub use self::account::{Account, Counts, ReadAccount};
 pub use self::duplicates::{Duplicates, REORDER_MAX};
 pub use self::durable::{Durable, publication_time};
 pub use self::error::BridgeError;
@@ -34,5 +39,6 @@ pub use self::inbound::{Arrival, Inbound, Verdict};
 pub use self::member::Member;
 pub use self::origin::{Delivery, Origin, Origins, WrongOrigin};
 pub use self::outbox::Outbox;
+pub use self::shadow::Shadow;
 pub use self::spool::{Fate, Id, Limits, LimitsError, Output, Spool, SpoolCounts};
 pub use self::store::StoreError;

@@ -5,6 +5,7 @@ use sm2_proto::{Name, NameError};
 /// The first byte of the attachment, which has the delivery.
 const AT_MOST_ONCE: u8 = 1;
 const AT_LEAST_ONCE: u8 = 2;
+const BESIDE_GATEWAY: u8 = 3;
 /// The length of the attachment without the name, in bytes.
 const FIXED_BYTES: usize = 1 + 8 + 8;
 
@@ -60,6 +61,8 @@ pub enum Delivery {
     AtMostOnce,
     /// It sends the message until a bridge has acknowledged it. In an attachment: 2.
     AtLeastOnce,
+    /// It does not, and a gateway of its domain carries the topic, too. In an attachment: 3.
+    BesideGateway,
 }
 
 /// The reason why an attachment is not an [`Origin`].
@@ -69,7 +72,7 @@ pub enum WrongOrigin {
     #[error("an origin has more than {FIXED_BYTES} bytes, this attachment has {0}")]
     Short(usize),
     /// It is of another version.
-    #[error("an origin begins with 1 or 2, this attachment begins with {0}")]
+    #[error("an origin begins with 1, 2 or 3, this attachment begins with {0}")]
     Version(u8),
     /// The name is not UTF-8.
     #[error("the name of the bridge is not UTF-8")]
@@ -87,6 +90,7 @@ impl Origin {
         bytes.push(match delivery {
             Delivery::AtMostOnce => AT_MOST_ONCE,
             Delivery::AtLeastOnce => AT_LEAST_ONCE,
+            Delivery::BesideGateway => BESIDE_GATEWAY,
         });
         bytes.extend(self.epoch.to_le_bytes());
         bytes.extend(self.number.to_le_bytes());
@@ -105,6 +109,7 @@ impl Origin {
         let delivery = match *version {
             AT_MOST_ONCE => Delivery::AtMostOnce,
             AT_LEAST_ONCE => Delivery::AtLeastOnce,
+            BESIDE_GATEWAY => Delivery::BesideGateway,
             other => return Err(WrongOrigin::Version(other)),
         };
         let (epoch, rest) = rest.split_first_chunk().ok_or(short)?;
@@ -138,9 +143,11 @@ mod tests {
             epoch: 1 << 60,
             number: u64::MAX,
         };
-        let durable = origin.encode(Delivery::AtLeastOnce);
-        let expected = (origin.clone(), Delivery::AtLeastOnce);
-        assert_eq!(Origin::decode(&durable), Ok(expected));
+        for delivery in [Delivery::AtLeastOnce, Delivery::BesideGateway] {
+            let bytes = origin.encode(delivery);
+            let expected = (origin.clone(), delivery);
+            assert_eq!(Origin::decode(&bytes), Ok(expected));
+        }
         let bytes = origin.encode(Delivery::AtMostOnce);
         assert_eq!(Origin::decode(&bytes), Ok((origin, Delivery::AtMostOnce)));
         for len in 0..FIXED_BYTES {
@@ -150,7 +157,7 @@ mod tests {
             Origin::decode(&bytes[..FIXED_BYTES]),
             Err(WrongOrigin::Name(_))
         ));
-        assert_eq!(Origin::decode(&[3; 30]), Err(WrongOrigin::Version(3)));
+        assert_eq!(Origin::decode(&[4; 30]), Err(WrongOrigin::Version(4)));
         let text = [&bytes[..FIXED_BYTES], &[0xff]].concat();
         assert_eq!(Origin::decode(&text), Err(WrongOrigin::Text));
     }

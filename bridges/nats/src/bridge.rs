@@ -1,19 +1,19 @@
 //! The bridge: one thread, which waits for the domain, its topics and the stream at the same time.
 
 use std::collections::BTreeMap;
-use std::fmt;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use sm2_bridge_core::domain::{Topic, published};
 use sm2_bridge_core::{
-    BridgeError, Durable, Inbound, Member, Origin, Origins, Outbox, SpoolCounts, Verdict,
+    Account, BridgeError, Counts, Durable, Inbound, Member, Origin, Origins, Outbox, ReadAccount,
+    Shadow, Verdict,
 };
 use sm2_gateway::is_remote;
 use sm2_node::clock::wall_time;
 use sm2_node::domain::Watch;
 use sm2_node::wait_set::{Interest, Key};
 use sm2_node::{Node, Shutdown, Subscriber, WaitError, WaitSet, now};
-use sm2_proto::gateway::Direction;
+use sm2_proto::gateway::{Direction, SubjectKind};
 
 use crate::config::Config;
 use crate::message::Message;
@@ -23,44 +23,6 @@ use crate::stream::{Event, Stream};
 const DEPTH: u16 = 64;
 /// How many messages of a topic are taken at once, so that no topic delays the others.
 const BURST: usize = 64;
-
-/// Messages since the start.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counts {
-    /// From the stream to the domain.
-    pub received: u64,
-    /// Newer messages displaced them before the bridge took them from the domain.
-    pub lost: u64,
-    /// The domain refuses them, or they are damaged.
-    pub refused: u64,
-    /// The rules deny them.
-    pub denied: u64,
-    /// They come from a bridge of the same domain.
-    pub returned: u64,
-    /// They came again, and were not published again.
-    pub duplicates: u64,
-    /// The messages of the domain.
-    pub spool: SpoolCounts,
-}
-
-impl fmt::Display for Counts {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            received,
-            lost,
-            refused,
-            denied,
-            returned,
-            duplicates,
-            spool,
-        } = self;
-        write!(
-            f,
-            "from the domain: {lost} lost, {spool}\nfrom the stream: {received} received, {refused} refused, \
-             {denied} denied, {returned} returned, {duplicates} duplicates"
-        )
-    }
-}
 
 /// The thing that is ready.
 #[derive(Clone, Debug)]
@@ -93,6 +55,10 @@ pub struct Bridge {
     inbound: Inbound,
     origins: Origins,
     counts: Counts,
+    /// The account as other threads see it.
+    account: Arc<Mutex<Account>>,
+    /// Rules that are only compared.
+    shadow: Option<Shadow>,
 }
 
 impl Bridge {
@@ -117,6 +83,12 @@ impl Bridge {
             Interest::Readable,
             Ready::Stream,
         )?;
+        let account = Account {
+            bridge: config.name.clone(),
+            network: "nats",
+            counts: Counts::default(),
+            spool: Some(outbox.counts()),
+        };
         Ok(Self {
             config: config.clone(),
             node,
@@ -128,16 +100,26 @@ impl Bridge {
             inbound: Inbound::new(remote),
             origins: Origins::new(config.name.clone()),
             counts: Counts::default(),
+            account: Arc::new(Mutex::new(account)),
+            shadow: None,
         })
     }
 
     /// The messages since the start.
     #[must_use]
-    pub fn counts(&self) -> Counts {
-        Counts {
-            spool: self.outbox.counts(),
-            ..self.counts
-        }
+    pub fn account(&self) -> ReadAccount {
+        let account = Arc::clone(&self.account);
+        Arc::new(move || {
+            account
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .clone()
+        })
+    }
+
+    /// Compares with other rules from now on, and logs each difference.
+    pub fn set_shadow(&mut self, shadow: Shadow) {
+        self.shadow = Some(shadow);
     }
 
     /// Carries messages until `shutdown` is requested.
@@ -158,6 +140,19 @@ impl Bridge {
                 Err(error) => return Err(BridgeError::Wait(error)),
             }
             self.send();
+            self.report();
+        }
+    }
+
+    /// Shows the account to other threads, and logs what other rules would change.
+    fn report(&mut self) {
+        let mut account = self.account.lock().unwrap_or_else(PoisonError::into_inner);
+        (account.counts, account.spool) = (self.counts, Some(self.outbox.counts()));
+        drop(account);
+        if let Some(shadow) = &mut self.shadow {
+            for line in shadow.compare(&self.config.rules) {
+                tracing::info!("shadow: {line}");
+            }
         }
     }
 
@@ -173,6 +168,10 @@ impl Bridge {
     /// Subscribes to the topics of the domain that the rules let out.
     fn follow_domain(&mut self) -> Result<(), BridgeError> {
         while !self.watch.try_wait()?.is_empty() {}
+        self.inbound.follow(self.watch.domain());
+        if let Some(shadow) = &mut self.shadow {
+            shadow.follow(self.watch.domain());
+        }
         let mut wanted = published(self.watch.domain());
         wanted.retain(|(topic, _)| self.config.allows(topic, Direction::Out));
         let all = self.outgoing.keys();
@@ -281,14 +280,11 @@ impl Bridge {
     fn receive(&mut self, message: &Message) -> bool {
         let domain = self.watch.domain();
         let rules = &self.config.rules;
+        if let Some(shadow) = &mut self.shadow {
+            shadow.note(SubjectKind::Topic, &message.arrival.topic.0);
+        }
         let verdict = (self.inbound).receive(rules, domain, &message.arrival, || &*message.payload);
-        *match verdict {
-            Verdict::Denied => &mut self.counts.denied,
-            Verdict::Returned => &mut self.counts.returned,
-            Verdict::Duplicate => &mut self.counts.duplicates,
-            Verdict::Refused => &mut self.counts.refused,
-            Verdict::Published => &mut self.counts.received,
-        } += 1;
+        self.counts.note(verdict);
         // The stream delivers a message again that the domain refuses.
         verdict != Verdict::Refused
     }

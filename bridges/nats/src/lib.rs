@@ -10,6 +10,6 @@ mod config;
 mod message;
 mod stream;
 
-pub use self::bridge::{Bridge, Counts};
+pub use self::bridge::Bridge;
 pub use self::config::{Config, ConfigError, ConfigValueError};
-pub use sm2_bridge_core::{BridgeError, SpoolCounts};
+pub use sm2_bridge_core::{Account, BridgeError, Counts, SpoolCounts};

@@ -2,21 +2,17 @@
 
 use std::process::ExitCode;
 
-use sm2_bridge_core::config::RuleTables;
 use sm2_bridge_core::program::Program;
 use sm2_bridge_nats::{Bridge, Config};
 
 fn main() -> ExitCode {
     let program = Program {
         load: Config::load,
-        rules,
+        parts: |it: &Config| (&it.domain, &it.rules),
         start: Bridge::start,
+        set_shadow: Bridge::set_shadow,
         run: Bridge::run,
-        summary: |it: &Bridge| it.counts().to_string(),
+        account: Bridge::account,
     };
     program.main("sm2-bridge-nats")
-}
-
-fn rules(config: &Config) -> &RuleTables {
-    &config.rules
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::thread::{self, JoinHandle};
 
-use sm2_bridge_nats::{Bridge, Config, Counts};
+use sm2_bridge_nats::{Account, Bridge, Config};
 use sm2_manager::Background;
 use sm2_node::{Node, Publisher, Shutdown, Subscriber};
 use sm2_test_support::{SOON, skip_without, until};
@@ -108,7 +108,7 @@ impl World {
         let requested = shutdown.clone();
         let thread = thread::spawn(move || {
             bridge.run(&requested).unwrap();
-            bridge.counts()
+            bridge.account()()
         });
         Running { shutdown, thread }
     }
@@ -117,11 +117,11 @@ impl World {
 /// A bridge in a thread.
 struct Running {
     shutdown: Shutdown,
-    thread: JoinHandle<Counts>,
+    thread: JoinHandle<Account>,
 }
 
 impl Running {
-    fn end(self) -> Counts {
+    fn end(self) -> Account {
         self.shutdown.request();
         self.thread.join().unwrap()
     }
@@ -180,14 +180,14 @@ fn messages_survive_outages_of_the_server_and_come_once() {
     server.start_again();
     take(&subscriber, 5..10);
     // More messages come while the site is away.
-    let counts = into.end();
+    let counts = into.end().counts;
     assert_eq!(counts.received, 10, "{counts}");
     publish(&publisher, 10..15);
     let into = site.bridge("site", server.port, IN);
     take(&subscriber, 10..15);
     assert!(secret.try_recv().unwrap().is_none());
     into.end();
-    let spool = out.end().spool;
+    let spool = out.end().spool.unwrap();
     assert!(spool.is_balanced(), "{spool}");
     assert_eq!(
         (spool.offered, spool.expired, spool.refused),
@@ -254,7 +254,7 @@ fn messages_of_the_own_domain_do_not_come_back() {
     marker.publish(&[99]).unwrap();
     take(&subscriber, [99]);
     out.end();
-    let counts = bridge.end();
+    let counts = bridge.end().counts;
     assert_eq!((counts.received, counts.returned), (1, 3), "{counts}");
 }
 

@@ -1,24 +1,26 @@
 //! The bridge: one thread, which waits for the domain, its topics and the network at the same time.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
-use sm2_bridge_core::domain::{Service, Topic, published};
-use sm2_bridge_core::{BridgeError, Inbound, Member, Origin, Origins, SpoolCounts, Verdict};
+use sm2_bridge_core::domain::{Service, Topic, carried_by_gateways, published};
+use sm2_bridge_core::{
+    Account, BridgeError, Counts, Inbound, Member, Origin, Origins, ReadAccount, Shadow, Verdict,
+};
 use sm2_node::clock::wall_time;
 use sm2_node::domain::Watch;
 use sm2_node::wait_set::Interest;
 use sm2_node::{Node, Shutdown, WaitError, WaitSet};
-use sm2_proto::gateway::Direction;
+use sm2_proto::gateway::{Direction, SubjectKind};
 use zenoh::query::Query;
 
 use crate::config::{Config, Mode};
 use crate::convention::Convention;
-use crate::counts::Counts;
 use crate::durable::DurableTopics;
 use crate::network::{Event, Message, Network};
 use crate::outgoing::{Outgoing, subscribe};
 use crate::ready::Ready;
+use crate::services::Services;
 use crate::sides::Sides;
 
 /// How many messages of the network are published at once, so that the topics of the domain go on meanwhile.
@@ -35,6 +37,7 @@ pub struct Bridge {
     set: WaitSet<'static, Ready>,
     network: Network,
     convention: Convention,
+    services: Services,
     outgoing: BTreeMap<Topic, Outgoing>,
     inbound: Inbound,
     origins: Origins,
@@ -43,6 +46,10 @@ pub struct Bridge {
     /// `None` without a spool.
     durable: Option<DurableTopics>,
     counts: Counts,
+    /// The counts of this thread, for other threads.
+    account: Arc<Mutex<Account>>,
+    /// Rules that are only compared.
+    shadow: Option<Shadow>,
 }
 
 impl Bridge {
@@ -73,6 +80,12 @@ impl Bridge {
             }
             _ => None,
         };
+        let account = Account {
+            bridge: name.clone(),
+            network: "zenoh",
+            counts: Counts::default(),
+            spool: durable.as_ref().map(DurableTopics::counts),
+        };
         Ok(Self {
             config: config.clone(),
             node,
@@ -80,37 +93,40 @@ impl Bridge {
             set,
             convention: Convention::start(config, &network)?,
             network,
+            services: Services::default(),
             outgoing: BTreeMap::new(),
             inbound: Inbound::new(remote),
             origin: origins.begin(wall_time().0),
             origins,
             durable,
             counts: Counts::default(),
+            account: Arc::new(Mutex::new(account)),
+            shadow: None,
         })
     }
 
-    /// The messages since the start.
+    /// The messages since the start. Other threads can read them while the bridge runs, and after it.
     #[must_use]
-    pub fn counts(&self) -> Counts {
-        Counts {
-            dropped: self.network.dropped(),
-            ..self.counts
-        }
+    pub fn account(&self) -> ReadAccount {
+        let (account, network) = (Arc::clone(&self.account), self.network.counts());
+        Arc::new(move || {
+            let account = account.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut account = account.clone();
+            let (sent, dropped) = network();
+            let counts = &mut account.counts;
+            counts.sent = sent.sent;
+            counts.superseded = sent.superseded;
+            counts.expired = sent.expired;
+            counts.withdrawn = sent.withdrawn;
+            counts.refused += sent.refused;
+            counts.dropped = dropped;
+            account
+        })
     }
 
-    /// The account of the durable topics. `None` without a spool.
-    #[must_use]
-    pub fn spool_counts(&self) -> Option<SpoolCounts> {
-        self.durable.as_ref().map(DurableTopics::counts)
-    }
-
-    /// All counts, for people.
-    #[must_use]
-    pub fn summary(&self) -> String {
-        match self.spool_counts() {
-            Some(spool) => format!("{}\ndurable topics: {spool}", self.counts()),
-            None => self.counts().to_string(),
-        }
+    /// Compares with other rules from now on, and logs each difference.
+    pub fn set_shadow(&mut self, shadow: Shadow) {
+        self.shadow = Some(shadow);
     }
 
     /// Carries messages until `shutdown` is requested.
@@ -137,6 +153,20 @@ impl Bridge {
             if let Some(durable) = &mut self.durable {
                 durable.send(&self.network, &mut self.counts);
             }
+            self.report();
+        }
+    }
+
+    /// Shows the account to other threads, and logs what other rules would change.
+    fn report(&mut self) {
+        let mut account = self.account.lock().unwrap_or_else(PoisonError::into_inner);
+        account.counts = self.counts;
+        account.spool = self.durable.as_ref().map(DurableTopics::counts);
+        drop(account);
+        if let Some(shadow) = &mut self.shadow {
+            for line in shadow.compare(&self.config.rules) {
+                tracing::info!("shadow: {line}");
+            }
         }
     }
 
@@ -153,6 +183,10 @@ impl Bridge {
     /// Offers the topics of the domain to the network, and subscribes to those that the domain wants.
     fn follow_domain(&mut self) -> Result<(), BridgeError> {
         while !self.watch.try_wait()?.is_empty() {}
+        self.inbound.follow(self.watch.domain());
+        if let Some(shadow) = &mut self.shadow {
+            shadow.follow(self.watch.domain());
+        }
         let is_allowed = |(topic, _): &Topic| self.config.allows(topic, Direction::Out);
         let mut wanted = published(self.watch.domain());
         wanted.retain(is_allowed);
@@ -183,15 +217,17 @@ impl Bridge {
                 self.follow_matching(&topic);
             }
         }
-        self.follow_ros2()
+        let of_gateways = carried_by_gateways(self.watch.domain());
+        for (topic, outgoing) in &mut self.outgoing {
+            outgoing.is_beside_gateway = of_gateways.contains(topic);
+        }
+        self.follow_endpoints()
     }
 
-    /// Offers the topics and services of nodes of ROS 2 to the domain, and subscribes to those that it wants. By the
-    /// convention of SM2, the first message of a topic offers it, and one subscription is for all.
-    fn follow_ros2(&mut self) -> Result<(), BridgeError> {
-        let Convention::Ros2(ros2) = &mut self.convention else {
-            return Ok(());
-        };
+    /// Offers each side the services of the other one. Offers the topics of nodes of ROS 2 to the domain, and subscribes
+    /// to those that it wants; by the convention of SM2, the first message of a topic offers it, and one subscription
+    /// is for all.
+    fn follow_endpoints(&mut self) -> Result<(), BridgeError> {
         let sides = Sides {
             config: &self.config,
             domain: self.watch.domain(),
@@ -199,25 +235,24 @@ impl Bridge {
             remote: self.inbound.remote(),
             network: &self.network,
         };
+        (self.convention).follow_services(&mut self.services, &sides, &mut self.set)?;
+        let Convention::Ros2(ros2) = &mut self.convention else {
+            return Ok(());
+        };
         let offered = ros2.offered(&sides);
         ros2.follow_subscribers(&sides, &offered)?;
-        ros2.follow_services(&sides, &mut self.set)?;
         self.inbound.offer(self.watch.domain(), offered);
         Ok(())
     }
 
     /// Passes calls of the domain to the network.
     fn forward_requests(&mut self, service: &Arc<Service>) {
-        if let Convention::Ros2(ros2) = &mut self.convention {
-            self.counts.sent += ros2.requests(service, &self.network, &self.origin, &mut self.set);
-        }
+        (self.services).requests(service, &self.network, &self.origin, &mut self.set);
     }
 
     /// Passes a reply of the domain to the network.
     fn forward_reply(&mut self, number: u64) {
-        if let Convention::Ros2(ros2) = &mut self.convention {
-            self.counts.sent += u64::from(ros2.reply(number));
-        }
+        self.services.reply(number, &self.network);
     }
 
     /// Subscribes to a topic of the domain while the network has subscribers.
@@ -277,14 +312,10 @@ impl Bridge {
             if let Some(durable) = &mut self.durable {
                 durable.follow_receivers(&tokens, &self.config.name);
             }
-            if let Convention::Ros2(ros2) = &mut self.convention {
-                ros2.read_graph(&tokens);
-                self.follow_ros2()?;
-            }
+            self.convention.read_tokens(&tokens);
+            self.follow_endpoints()?;
         }
-        if let Convention::Ros2(ros2) = &mut self.convention {
-            self.counts.received += ros2.replies(&self.network, &mut self.set)?;
-        }
+        self.counts.received += self.services.replies(&self.network, &mut self.set)?;
         for _ in 0..BURST {
             match self.network.next() {
                 Some(Event::Message(message)) => self.receive(&message),
@@ -305,17 +336,14 @@ impl Bridge {
             self.counts.refused += 1;
             return;
         };
+        if let Some(shadow) = &mut self.shadow {
+            shadow.note(SubjectKind::Topic, &arrival.topic.0);
+        }
         let domain = self.watch.domain();
         let rules = &self.config.rules;
         let verdict =
             (self.inbound).receive(rules, domain, &arrival, || message.payload.to_bytes());
-        *match verdict {
-            Verdict::Denied => &mut self.counts.denied,
-            Verdict::Returned => &mut self.counts.returned,
-            Verdict::Duplicate => &mut self.counts.duplicates,
-            Verdict::Refused => &mut self.counts.refused,
-            Verdict::Published => &mut self.counts.received,
-        } += 1;
+        self.counts.note(verdict);
         if matches!(verdict, Verdict::Duplicate | Verdict::Published) {
             self.convention.acknowledge(&arrival, &self.network);
         }
@@ -323,10 +351,7 @@ impl Bridge {
 
     /// Passes a call of the network to the domain.
     fn query(&mut self, service: &Service, query: Query) -> Result<(), BridgeError> {
-        let Convention::Ros2(ros2) = &mut self.convention else {
-            return Ok(());
-        };
         self.counts.received += 1;
-        ros2.query(service, query, &mut self.set)
+        (self.services).query(service, query, &self.network, &mut self.set)
     }
 }

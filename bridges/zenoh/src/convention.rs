@@ -1,10 +1,14 @@
 //! The form that topics, types and attachments have in the network: that of SM2, or that of ROS 2.
 
+use std::collections::BTreeSet;
+
 use sm2_bridge_core::BridgeError;
-use sm2_bridge_core::domain::{Topic, offer};
+use sm2_bridge_core::domain::{Service, Topic, called, offer, served};
 use sm2_bridge_core::{Arrival, Delivery, Origin};
-use sm2_node::Node;
 use sm2_node::domain::Domain;
+use sm2_node::{Node, WaitSet};
+use sm2_proto::gateway::{Direction, SubjectKind};
+use sm2_proto::{Name, OfferedQos};
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
 
@@ -13,12 +17,21 @@ use crate::durable;
 use crate::network::{Message, Network, Subject};
 use crate::outgoing::{Form, Keep, Outgoing};
 use crate::plain;
+use crate::ready::Ready;
 use crate::ros2::{self, Ros2};
+use crate::sender::Channel;
+use crate::services::{self, Declared, Services};
+use crate::sides::Sides;
+
+/// How many messages of a reliable topic wait for the network at most; of others, as many as its publisher keeps.
+const RELIABLE_DEPTH: u16 = 64;
 
 /// The convention that the configuration names, and its state.
 pub(crate) enum Convention {
     Plain {
         prefix: String,
+        /// The services of the network, by the bridges that offer them.
+        servers: BTreeSet<(Name, Service)>,
         /// The subscription, and the token that shows it to other bridges. `None` if the rules let nothing in.
         _incoming: Option<(Subscriber<()>, LivelinessToken)>,
     },
@@ -34,8 +47,10 @@ impl Convention {
                     let token = durable::declare_receiver(prefix, &config.name, network)?;
                     Ok::<_, BridgeError>((subscriber, token))
                 };
+                network.follow_tokens(format!("{}**", plain::service_tokens(prefix)))?;
                 Self::Plain {
                     prefix: prefix.clone(),
+                    servers: BTreeSet::new(),
                     _incoming: config.rules.lets_in().then(subscribe).transpose()?,
                 }
             }
@@ -63,7 +78,8 @@ impl Convention {
                     true => Keep::Durable,
                     false => Keep::Live,
                 };
-                Some(Outgoing::new(publisher, Form::Plain, keep, origin))
+                let channel = channel(config, topic, offer(domain, topic), network);
+                Some(Outgoing::new(publisher, Form::Plain, keep, channel, origin))
             }
             Self::Ros2(ros2) => {
                 let offer = offer(domain, topic);
@@ -75,7 +91,9 @@ impl Convention {
                         true => Keep::Latched,
                         false => Keep::Live,
                     };
-                    Outgoing::new(it.publisher, Form::Ros2 { gid, _token }, keep, origin)
+                    let channel = channel(config, topic, offer, network);
+                    let form = Form::Ros2 { gid, _token };
+                    Outgoing::new(it.publisher, form, keep, channel, origin)
                 })
             }
         })
@@ -95,11 +113,7 @@ impl Convention {
                 (topic, Origin::decode(attachment).ok())
             }
             (Self::Ros2(_), Subject::Topic(topic)) => {
-                let origin = ros2::origin(attachment);
-                (
-                    Topic::clone(topic),
-                    origin.map(|it| (it, Delivery::AtMostOnce)),
-                )
+                (Topic::clone(topic), ros2::origin(attachment))
             }
             _ => return None,
         };
@@ -115,6 +129,59 @@ impl Convention {
         })
     }
 
+    /// Reads all liveliness tokens of the network again.
+    pub(crate) fn read_tokens(&mut self, tokens: &BTreeSet<String>) {
+        match self {
+            Self::Plain {
+                prefix, servers, ..
+            } => {
+                let services = tokens.iter();
+                *servers = services
+                    .filter_map(|it| plain::service_of(prefix, it))
+                    .collect();
+            }
+            Self::Ros2(ros2) => ros2.read_graph(tokens),
+        }
+    }
+
+    /// Offers each side the services of the other one that the rules let pass.
+    pub(crate) fn follow_services(
+        &mut self,
+        services: &mut Services,
+        sides: &Sides<'_>,
+        set: &mut WaitSet<'static, Ready>,
+    ) -> Result<(), BridgeError> {
+        let (prefix, servers) = match self {
+            Self::Plain {
+                prefix, servers, ..
+            } => (prefix, servers),
+            Self::Ros2(ros2) => return ros2.follow_services(services, sides, set),
+        };
+        let allows = |service: &Service, direction| {
+            let is_allowed = sides.config.allows_service(&service.0, direction);
+            is_allowed.then(|| (service.clone(), ()))
+        };
+        let offered = served(sides.domain);
+        let offered = offered.iter().filter_map(|it| allows(it, Direction::Out));
+        let is_foreign = |service: &Service| {
+            let mut offers = servers.iter().filter(|it| it.1 == *service);
+            offers.any(|(bridge, _)| !sides.has_bridge(bridge))
+        };
+        let wanted = called(sides.domain);
+        let wanted = wanted.iter().filter(|it| is_foreign(it));
+        let wanted = wanted.filter_map(|it| allows(it, Direction::In));
+        let declare = |service: &Service, token| Declared {
+            key: plain::key(prefix, &service.0),
+            token,
+            form: services::Form::Plain(service.clone()),
+        };
+        services.offer(offered.collect(), sides, |it, ()| {
+            let token = plain::service_token(prefix, &sides.config.name, it);
+            Ok(declare(it, Some(token)))
+        })?;
+        services.stand_for(wanted.collect(), sides, set, |it, ()| Ok(declare(it, None)))
+    }
+
     /// Acknowledges a message, if its bridge waits for that.
     pub(crate) fn acknowledge(&self, arrival: &Arrival, network: &Network) {
         if let Self::Plain { prefix, .. } = self
@@ -124,4 +191,19 @@ impl Convention {
             durable::acknowledge(prefix, &arrival.topic.0, origin, network);
         }
     }
+}
+
+/// The messages of a topic that wait for the network.
+fn channel(
+    config: &Config,
+    topic: &Topic,
+    offer: Option<OfferedQos>,
+    network: &Network,
+) -> Channel {
+    let decision = config.explain(SubjectKind::Topic, &topic.0, Direction::Out);
+    let depth = offer.map_or(1, |it| match it.reliable {
+        true => it.depth.max(RELIABLE_DEPTH),
+        false => it.depth.max(it.latched),
+    });
+    network.channel(decision.budget.send_qos(depth))
 }

@@ -14,16 +14,18 @@ use bytes::Bytes;
 use sm2_bridge_core::BridgeError;
 use sm2_bridge_core::config::SpoolConfig;
 use sm2_bridge_core::domain::Topic;
-use sm2_bridge_core::{Delivery, Durable, Origin, Outbox, SpoolCounts};
+use sm2_bridge_core::{Counts, Delivery, Durable, Origin, Outbox, REORDER_MAX, SpoolCounts};
+use sm2_gateway::hub::DEFAULT_SEND_QOS;
 use sm2_node::clock::wall_time;
 use sm2_node::{Sample, now};
 use sm2_proto::Name;
+use sm2_proto::gateway::schedule::SendQos;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
 
-use crate::counts::Counts;
 use crate::network::{Message, Network, Subject};
 use crate::plain;
+use crate::sender::Channel;
 
 /// How long an acknowledgement may take. The network is slow, or one of the two messages was dropped, if it takes
 /// longer.
@@ -32,6 +34,8 @@ const RETRY: Duration = Duration::from_secs(5);
 /// The messages of durable topics that no bridge has acknowledged.
 pub(crate) struct DurableTopics {
     outbox: Outbox,
+    /// The messages that wait for the network: at most those that the spool has in flight.
+    channel: Channel,
     prefix: String,
     acks_key: String,
     _acks: Subscriber<()>,
@@ -50,8 +54,14 @@ impl DurableTopics {
         let outbox = Outbox::open(&spool.folder, limits, now(), wall_time().0)?;
         network.follow_tokens(format!("{prefix}/@bridge/**"))?;
         let acks_key = acks_key(prefix, name);
+        let channel = network.channel(SendQos {
+            depth: u16::try_from(REORDER_MAX).unwrap_or(u16::MAX),
+            ..DEFAULT_SEND_QOS
+        });
+        channel.watch();
         Ok(Self {
             outbox,
+            channel,
             prefix: prefix.to_owned(),
             _acks: network.subscribe_all(acks_key.clone())?,
             acks_key,
@@ -77,7 +87,9 @@ impl DurableTopics {
     /// Takes the tokens of the bridges that are there. `own` is the name of this bridge.
     pub(crate) fn follow_receivers(&mut self, tokens: &BTreeSet<String>, own: &Name) {
         let own = token_key(&self.prefix, own);
-        let has_receiver = tokens.iter().any(|it| *it != own);
+        let start = format!("{}/@bridge/", self.prefix);
+        let mut receivers = tokens.iter().filter(|it| it.starts_with(&start));
+        let has_receiver = receivers.any(|it| *it != own);
         if has_receiver == self.has_receiver {
             return;
         }
@@ -105,8 +117,12 @@ impl DurableTopics {
         true
     }
 
-    /// Sends what can be sent.
+    /// Sends what can be sent. While messages wait for the network, there is nothing to send: the spool would send
+    /// them again.
     pub(crate) fn send(&mut self, network: &Network, counts: &mut Counts) {
+        if !self.channel.is_idle() {
+            return;
+        }
         loop {
             let message = match self.outbox.poll(now()) {
                 Ok(Some(message)) => message,
@@ -120,17 +136,14 @@ impl DurableTopics {
             let key = plain::key(&self.prefix, &message.topic);
             let attachment = message.origin.encode(Delivery::AtLeastOnce);
             let encoding = plain::encoding(&message.data);
-            match network.put(&key, encoding, message.payload, attachment) {
-                Ok(()) => counts.sent += 1,
-                // It will be sent again.
-                Err(error) => tracing::warn!(key, %error, "Zenoh refuses a message"),
-            }
+            network.put(&self.channel, key, encoding, message.payload, attachment);
         }
     }
 
     /// How long the bridge may wait until it has to [send](Self::send) again.
     pub(crate) fn timeout(&self) -> Option<Duration> {
-        self.outbox.deadline().map(|it| it.since(now()))
+        let deadline = self.outbox.deadline().filter(|_| self.channel.is_idle());
+        deadline.map(|it| it.since(now()))
     }
 
     pub(crate) fn counts(&self) -> SpoolCounts {
@@ -152,15 +165,7 @@ pub(crate) fn acknowledge(prefix: &str, topic: &Name, origin: &Origin, network: 
     let key = acks_key(prefix, &origin.bridge);
     let attachment = origin.encode(Delivery::AtMostOnce);
     let payload = Bytes::copy_from_slice(topic.as_str().as_bytes());
-    // Without it the message comes again, and is acknowledged then.
-    if let Err(error) = network.put(
-        &key,
-        zenoh::bytes::Encoding::ZENOH_STRING,
-        payload,
-        attachment,
-    ) {
-        tracing::debug!(key, %error, "cannot acknowledge a message");
-    }
+    network.acknowledge(key, payload, attachment);
 }
 
 fn token_key(prefix: &str, name: &Name) -> String {

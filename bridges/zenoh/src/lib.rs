@@ -6,7 +6,7 @@
 //! | --- | --- |
 //! | run a bridge in a program | [`Config::load`], [`Bridge::start`], [`Bridge::run`] |
 //! | ask why a topic passes, or does not | [`Config::explain`] |
-//! | count the messages | [`Bridge::counts`] |
+//! | count the messages | [`Bridge::account`] |
 //!
 //! # Names
 //!
@@ -35,16 +35,16 @@
 mod bridge;
 mod config;
 mod convention;
-mod counts;
 mod durable;
 mod network;
 mod outgoing;
 mod plain;
 mod ready;
 mod ros2;
+mod sender;
+mod services;
 mod sides;
 
 pub use self::bridge::Bridge;
 pub use self::config::{Config, ConfigError, ConfigValueError, Mode};
-pub use self::counts::Counts;
-pub use sm2_bridge_core::{BridgeError, Origin, SpoolCounts};
+pub use sm2_bridge_core::{Account, BridgeError, Counts, Origin, SpoolCounts};

@@ -10,7 +10,10 @@ use std::time::Duration;
 use bytes::Bytes;
 use sm2_bridge_core::BridgeError;
 use sm2_bridge_core::domain::{Service, Topic};
+use sm2_gateway::hub::DEFAULT_SEND_QOS;
 use sm2_io::Waker;
+use sm2_node::now;
+use sm2_proto::gateway::schedule::{PRIORITY_MAX, SendQos};
 use zenoh::bytes::{Encoding, ZBytes};
 use zenoh::key_expr::KeyExpr;
 use zenoh::liveliness::LivelinessToken;
@@ -26,6 +29,7 @@ use zenoh_ext::{
 };
 
 use self::inbox::Inbox;
+use crate::sender::{Channel, Outcome, SendCounts, Sender};
 
 pub(crate) use self::inbox::{Event, Message, Subject};
 
@@ -36,11 +40,29 @@ const HISTORY: usize = 64;
 /// How long after the last message a publisher with old messages tells its number, as in rmw_zenoh.
 const HEARTBEAT: Duration = Duration::from_millis(500);
 
+/// How many requests, replies and acknowledgements wait for the network at most.
+const CALLS_DEPTH: u16 = 4_096;
+/// How long Zenoh waits until it drops a message, in microseconds. The session ends long before if its link is dead.
+const DROP_WAIT_US: &str = "3600000000";
+
 /// The session.
 pub(crate) struct Network {
+    /// Ends before the session does, so that it sends what waits.
+    sender: Sender,
+    /// The requests and replies of services, and acknowledgements.
+    calls: Channel,
     session: Session,
     inbox: Inbox,
     events: Receiver<Event>,
+}
+
+/// A call of a service of the network.
+pub(crate) struct Request {
+    pub(crate) key: String,
+    pub(crate) payload: Bytes,
+    pub(crate) encoding: Encoding,
+    pub(crate) attachment: Vec<u8>,
+    pub(crate) target: QueryTarget,
 }
 
 /// A subscription to one topic. Ends when it is dropped.
@@ -51,11 +73,29 @@ pub(crate) enum TopicSubscriber {
 
 impl Network {
     /// Opens a session.
+    ///
+    /// Its messages have `CongestionControl::Drop`, so that a router does not wait for its slow subscribers. The session
+    /// itself has to wait, since only the bridge knows which messages to drop.
     pub(crate) fn open(config: &zenoh::Config) -> Result<Self, BridgeError> {
-        let session = zenoh::open(config.clone()).wait();
+        let mut config = config.clone();
+        for limit in ["wait_before_drop", "max_wait_before_drop_fragments"] {
+            let key = format!("transport/link/tx/queue/congestion_control/drop/{limit}");
+            let set = config.insert_json5(&key, DROP_WAIT_US);
+            set.map_err(|error| refused("configure the session")(error.to_string().into()))?;
+        }
+        let session = zenoh::open(config).wait();
         let session = session.map_err(refused("open a session"))?;
         let (inbox, events) = Inbox::new()?;
+        let waker = Arc::clone(inbox.ready());
+        let sender = Sender::start(move || waker.wake())?;
+        let calls = sender.channel(SendQos {
+            depth: CALLS_DEPTH,
+            priority: PRIORITY_MAX,
+            ..DEFAULT_SEND_QOS
+        });
         Ok(Self {
+            sender,
+            calls,
             session,
             inbox,
             events,
@@ -154,45 +194,80 @@ impl Network {
     }
 
     /// Calls a service of the network. The reply comes with [`next_reply`](Self::next_reply) and this number.
-    pub(crate) fn call(
-        &self,
-        key: &str,
-        payload: &[u8],
-        attachment: Vec<u8>,
-        number: u64,
-    ) -> Result<(), BridgeError> {
+    pub(crate) fn call(&self, request: Request, number: u64) {
         let answer = self.inbox.answer(number);
-        let call = self.session.get(key).payload(payload);
-        let call = call
-            .attachment(attachment)
-            // As rmw_zenoh calls.
-            .target(QueryTarget::AllComplete)
-            .consolidation(ConsolidationMode::None)
-            .allowed_destination(Locality::Remote)
-            .timeout(CALL_MAX)
-            .callback(move |reply| {
-                let payload = reply.result().ok().map(|it| it.payload().clone());
-                if payload.is_some() {
-                    answer.give(payload);
-                }
-            });
-        call.wait().map_err(refused("call a service"))
+        let (session, len) = (self.session.clone(), request.payload.len());
+        let call = move || {
+            let call = session.get(&request.key).payload(request.payload);
+            let call = call
+                .encoding(request.encoding)
+                .attachment(request.attachment)
+                .target(request.target)
+                .consolidation(ConsolidationMode::None)
+                .allowed_destination(Locality::Remote)
+                .timeout(CALL_MAX)
+                .callback(move |reply| {
+                    let payload = reply.result().ok().map(|it| it.payload().clone());
+                    if payload.is_some() {
+                        answer.give(payload);
+                    }
+                });
+            outcome(&request.key, call.wait())
+        };
+        self.calls.put(len, now(), Box::new(call));
     }
 
-    /// Puts a message into the network, which drops it if it is slow.
+    /// Does something for a service as soon as the network takes it: `len` bytes.
+    pub(crate) fn reply(&self, len: usize, task: impl FnOnce() -> Outcome + Send + 'static) {
+        self.calls.put(len, now(), Box::new(task));
+    }
+
+    /// A channel for messages of a topic, which are sent in this way.
+    pub(crate) fn channel(&self, qos: SendQos) -> Channel {
+        self.sender.channel(qos)
+    }
+
+    /// Puts a message of a durable topic into the network, by a channel.
     pub(crate) fn put(
         &self,
-        key: &str,
+        channel: &Channel,
+        key: String,
         encoding: Encoding,
         payload: Bytes,
         attachment: Vec<u8>,
-    ) -> Result<(), BridgeError> {
-        let put = self.session.put(key, payload).encoding(encoding);
-        let put = put
-            .attachment(attachment)
-            .congestion_control(CongestionControl::Drop)
-            .allowed_destination(Locality::Remote);
-        put.wait().map_err(refused("put a message"))
+    ) {
+        let len = payload.len();
+        let put = self.put_task(key, encoding, payload, attachment);
+        channel.put(len, now(), Box::new(put));
+    }
+
+    /// Acknowledges a message of a durable topic. Without it the message comes again, and is acknowledged then.
+    pub(crate) fn acknowledge(&self, key: String, payload: Bytes, attachment: Vec<u8>) {
+        let len = payload.len();
+        let put = self.put_task(key, Encoding::ZENOH_STRING, payload, attachment);
+        let put = move || match put() {
+            Outcome::Sent => Outcome::Uncounted,
+            other => other,
+        };
+        self.calls.put(len, now(), Box::new(put));
+    }
+
+    fn put_task(
+        &self,
+        key: String,
+        encoding: Encoding,
+        payload: Bytes,
+        attachment: Vec<u8>,
+    ) -> impl FnOnce() -> Outcome + Send + 'static {
+        let session = self.session.clone();
+        move || {
+            let put = session.put(&key, payload).encoding(encoding);
+            let put = put
+                .attachment(attachment)
+                .congestion_control(CongestionControl::Drop)
+                .allowed_destination(Locality::Remote);
+            outcome(&key, put.wait())
+        }
     }
 
     /// Declares a liveliness token.
@@ -253,9 +328,22 @@ impl Network {
         self.inbox.take_changed()
     }
 
-    /// How many messages and calls came while too many others waited.
-    pub(crate) fn dropped(&self) -> u64 {
-        self.inbox.dropped()
+    /// Reads the counts of the messages that were to be sent, and how many messages and calls came while too many
+    /// others waited.
+    pub(crate) fn counts(&self) -> impl Fn() -> (SendCounts, u64) + Send + Sync + 'static {
+        let (sent, inbox) = (self.sender.counts(), self.inbox.clone());
+        move || (sent(), inbox.dropped())
+    }
+}
+
+/// The end of a message that was given to Zenoh.
+pub(crate) fn outcome(key: &str, result: zenoh::Result<()>) -> Outcome {
+    match result {
+        Ok(()) => Outcome::Sent,
+        Err(error) => {
+            tracing::warn!(key, %error, "Zenoh refuses a message");
+            Outcome::Refused
+        }
     }
 }
 

@@ -1,11 +1,10 @@
 //! A topic of the domain that goes to the network.
 
-use std::thread;
-use std::time::Duration;
+use std::sync::Arc;
 
 use bytes::Bytes;
 use sm2_bridge_core::domain::Topic;
-use sm2_bridge_core::{Delivery, Origin, publication_time};
+use sm2_bridge_core::{Counts, Delivery, Origin, publication_time};
 use sm2_gateway::is_remote;
 use sm2_node::wait_set::Key;
 use sm2_node::{Node, RecvError, Sample, Subscriber};
@@ -13,24 +12,34 @@ use zenoh::Wait;
 use zenoh::liveliness::LivelinessToken;
 use zenoh_ext::AdvancedPublisher;
 
-use crate::counts::Counts;
 use crate::durable::DurableTopics;
+use crate::network::outcome;
 use crate::ros2::{self, Gid};
+use crate::sender::Channel;
 
 /// How many messages of each publisher wait for the bridge.
 const DEPTH: u16 = 64;
-/// How many messages are borrowed at most: those that wait in Zenoh.
+/// How many messages are borrowed at most.
 const MAX_BORROWED: u16 = 16;
-/// How long the bridge waits for Zenoh to give one of them back.
-const BORROWED_PAUSE: Duration = Duration::from_millis(1);
+/// Messages up to this length are copied, which frees their slots at once.
+const COPY_MAX_BYTES: usize = 16 << 10;
+/// Longer messages are borrowed while fewer than this many are, and copied from then on: those that wait for a slow
+/// network must not use up what the bridge may borrow.
+const COPY_FROM_BORROWED: usize = 8;
 /// How many messages are taken at once, so that no topic delays the others.
 const BURST: usize = 64;
 
 /// A topic with publishers in the domain.
 pub(crate) struct Outgoing {
-    publisher: AdvancedPublisher<'static>,
+    publisher: Arc<AdvancedPublisher<'static>>,
     form: Form,
     keep: Keep,
+    /// The messages that wait for the network.
+    channel: Channel,
+    /// Whether a gateway of the domain carries the topic, too.
+    pub(crate) is_beside_gateway: bool,
+    /// Each borrowed message has a reference.
+    borrowed: Arc<()>,
     /// While there are subscribers in the network: the subscriber in the domain, and its place in the wait set.
     pub(crate) taken: Option<(Subscriber<[u8]>, Key)>,
     /// That of the last message.
@@ -59,25 +68,29 @@ pub(crate) enum Form {
 }
 
 impl Form {
-    fn attachment(&self, sample: &Sample<[u8]>, origin: &Origin) -> Vec<u8> {
+    fn attachment(&self, sample: &Sample<[u8]>, origin: &Origin, delivery: Delivery) -> Vec<u8> {
         match self {
-            Self::Plain => origin.encode(Delivery::AtMostOnce),
-            Self::Ros2 { gid, .. } => ros2::encode(publication_time(sample), gid, origin),
+            Self::Plain => origin.encode(delivery),
+            Self::Ros2 { gid, .. } => ros2::encode(publication_time(sample), gid, origin, delivery),
         }
     }
 }
 
 impl Outgoing {
-    pub(crate) const fn new(
+    pub(crate) fn new(
         publisher: AdvancedPublisher<'static>,
         form: Form,
         keep: Keep,
+        channel: Channel,
         origin: Origin,
     ) -> Self {
         Self {
-            publisher,
+            publisher: Arc::new(publisher),
             form,
             keep,
+            channel,
+            is_beside_gateway: false,
+            borrowed: Arc::new(()),
             taken: None,
             origin,
         }
@@ -108,11 +121,6 @@ impl Outgoing {
             let sample = match subscriber.try_recv() {
                 Ok(Some(sample)) => sample,
                 Ok(None) => return Ok(()),
-                // The set would report the topic at once.
-                Err(RecvError::TooManyBorrowed { .. }) => {
-                    thread::sleep(BORROWED_PAUSE);
-                    return Ok(());
-                }
                 Err(error) => return Err(error),
             };
             counts.lost += sample.lost();
@@ -124,22 +132,35 @@ impl Outgoing {
                 durable.offer(topic, &self.origin, &sample, counts);
                 continue;
             }
-            let attachment = self.form.attachment(&sample, &self.origin);
-            let payload = match self.keep == Keep::Latched {
-                // Zenoh keeps it for long, and a subscriber may borrow a few messages only.
-                true => Bytes::copy_from_slice(&sample),
-                false => Bytes::from_owner(Borrowed(sample)),
-            };
-            let put = self.publisher.put(payload).attachment(attachment);
-            match put.wait() {
-                Ok(()) => counts.sent += 1,
-                Err(error) => {
-                    counts.refused += 1;
-                    tracing::warn!(key = %self.publisher.key_expr(), %error, "Zenoh refuses a message");
-                }
-            }
+            self.send(sample);
         }
         Ok(())
+    }
+
+    /// Passes a message to the network.
+    fn send(&self, sample: Sample<[u8]>) {
+        let delivery = match self.is_beside_gateway {
+            true => Delivery::BesideGateway,
+            false => Delivery::AtMostOnce,
+        };
+        let attachment = self.form.attachment(&sample, &self.origin, delivery);
+        let (len, published_at) = (sample.len(), sample.source_time());
+        // One reference is that of the topic. Zenoh keeps latched messages for long.
+        let has_few_left = Arc::strong_count(&self.borrowed) > COPY_FROM_BORROWED;
+        let is_copied = len <= COPY_MAX_BYTES || has_few_left || self.keep == Keep::Latched;
+        let payload = match is_copied {
+            true => Bytes::copy_from_slice(&sample),
+            false => Bytes::from_owner(Borrowed {
+                sample,
+                _counted: Arc::clone(&self.borrowed),
+            }),
+        };
+        let publisher = Arc::clone(&self.publisher);
+        let put = move || {
+            let put = publisher.put(payload).attachment(attachment);
+            outcome(publisher.key_expr(), put.wait())
+        };
+        self.channel.put(len, published_at, Box::new(put));
     }
 }
 
@@ -157,10 +178,13 @@ pub(crate) fn subscribe(
 }
 
 /// A message in the slot of its publisher.
-struct Borrowed(Sample<[u8]>);
+struct Borrowed {
+    sample: Sample<[u8]>,
+    _counted: Arc<()>,
+}
 
 impl AsRef<[u8]> for Borrowed {
     fn as_ref(&self) -> &[u8] {
-        &self.0
+        &self.sample
     }
 }

@@ -1,5 +1,13 @@
 //! The form of SM2: the names of the domain below a prefix, and its types as schemas of encodings.
+//!
+//! | key expression | use |
+//! | --- | --- |
+//! | `PREFIX/NAME` | the messages of a topic, and the queryable of a service |
+//! | `PREFIX/@service/BRIDGE/NAME/REQUEST/REPLY` | liveliness token of each service that a bridge offers to the network |
+//!
+//! In the token, `%` stands for each `/` of a name, and a type is `NAME:HASH`.
 
+use sm2_bridge_core::domain::Service;
 use sm2_node::Message as _;
 use sm2_proto::{Name, TypeId};
 use zenoh::bytes::Encoding;
@@ -23,6 +31,50 @@ pub(crate) fn encoding(data: &TypeId) -> Encoding {
     Encoding::ZENOH_BYTES.with_schema(format!("{SCHEMA}{}:{:016x}", data.name, data.hash))
 }
 
+/// The token of a service that a bridge offers.
+pub(crate) fn service_token(
+    prefix: &str,
+    bridge: &Name,
+    (name, request, reply): &Service,
+) -> String {
+    let data = |it: &TypeId| format!("{}:{:016x}", chunk(&it.name), it.hash);
+    format!(
+        "{}{}/{}/{}/{}",
+        service_tokens(prefix),
+        chunk(bridge),
+        chunk(name),
+        data(request),
+        data(reply)
+    )
+}
+
+/// The start of the tokens of all services.
+pub(crate) fn service_tokens(prefix: &str) -> String {
+    format!("{prefix}/@service/")
+}
+
+/// The bridge and the service of a token. `None` if it is another one.
+pub(crate) fn service_of(prefix: &str, token: &str) -> Option<(Name, Service)> {
+    let rest = token.strip_prefix(&service_tokens(prefix))?;
+    let [bridge, name, request, reply] = rest.split('/').collect::<Vec<_>>().try_into().ok()?;
+    let name_of = |text: &str| Name::new(&text.replace('%', "/")).ok();
+    let data = |text: &str| type_of_text(&text.replace('%', "/"));
+    Some((
+        name_of(bridge)?,
+        (name_of(name)?, data(request)?, data(reply)?),
+    ))
+}
+
+/// A name as one chunk of a key expression.
+fn chunk(name: &Name) -> String {
+    name.as_str().replace('/', "%")
+}
+
+/// Whether an encoding says a type of the domain.
+pub(crate) fn has_type(encoding: &Encoding) -> bool {
+    encoding.to_string().contains(&format!(";{SCHEMA}"))
+}
+
 /// The type of a message with this encoding; that of bytes for one that no bridge has put. `None` if the schema is
 /// damaged.
 pub(crate) fn type_of(encoding: &Encoding) -> Option<TypeId> {
@@ -30,7 +82,12 @@ pub(crate) fn type_of(encoding: &Encoding) -> Option<TypeId> {
     let Some((_, schema)) = text.split_once(&format!(";{SCHEMA}")) else {
         return Some(<[u8]>::type_id());
     };
-    let (name, hash) = schema.split_once(':')?;
+    type_of_text(schema)
+}
+
+/// The type of a text `NAME:HASH`.
+fn type_of_text(text: &str) -> Option<TypeId> {
+    let (name, hash) = text.split_once(':')?;
     let is_canonical = hash.len() == 16 && !hash.bytes().any(|it| it.is_ascii_uppercase());
     Some(TypeId {
         name: Name::new(name).ok()?,
@@ -68,6 +125,21 @@ mod tests {
                 None,
                 "{damaged}"
             );
+        }
+        let service = (
+            Name::new("arm/reset").unwrap(),
+            type_of(&encoding(&<[u8]>::type_id())).unwrap(),
+            TypeId {
+                name: Name::new("a/b").unwrap(),
+                hash: u64::MAX,
+            },
+        );
+        let bridge = Name::new("robot/7").unwrap();
+        let token = service_token("sm2", &bridge, &service);
+        assert!(token.ends_with("/a%b:ffffffffffffffff"), "{token}");
+        assert_eq!(service_of("sm2", &token), Some((bridge, service)));
+        for foreign in ["sm2/@service/a/b/c:0", "sm2/@bridge/a/b/c/d"] {
+            assert_eq!(service_of("sm2", foreign), None, "{foreign}");
         }
         let name = Name::new("camera/image").unwrap();
         assert_eq!(topic("sm2", &key("sm2", &name)), Some(name));

@@ -6,34 +6,31 @@ mod attachment;
 mod graph;
 mod identity;
 mod known;
-mod services;
 mod types;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::Arc;
 
 use hiroz_protocol::EndpointKind;
 use hiroz_protocol::qos::{QosDurability, QosHistory, QosProfile, QosReliability};
 use sm2_bridge_core::BridgeError;
-use sm2_bridge_core::Origin;
 use sm2_bridge_core::domain::{Service, Topic, called, served, subscribed};
 use sm2_node::{Node, WaitSet};
 use sm2_proto::gateway::Direction;
 use sm2_proto::{Name, OfferedQos};
 use zenoh::bytes::Encoding;
 use zenoh::liveliness::LivelinessToken;
-use zenoh::query::Query;
 use zenoh_ext::AdvancedPublisher;
 
 use self::graph::Endpoint;
-use self::identity::{Identity, declare_token, gid, key};
+use self::identity::{Identity, declare_token, gid, key, token_key};
 use self::known::Known;
-use self::services::Services;
+use self::types::RosType;
 use crate::network::{Network, TopicSubscriber};
 use crate::ready::Ready;
+use crate::services::{Declared, Form, Services};
 use crate::sides::Sides;
 
-pub(crate) use self::attachment::{Gid, encode, origin};
+pub(crate) use self::attachment::{Gid, encode, origin, reply};
 
 /// The state of a bridge that follows the conventions of ROS 2.
 pub(crate) struct Ros2 {
@@ -42,7 +39,6 @@ pub(crate) struct Ros2 {
     /// The endpoints of the network.
     endpoints: Vec<Endpoint>,
     subscriptions: BTreeMap<Topic, Subscription>,
-    services: Services,
 }
 
 /// A subscription in the network. Ends when it is dropped.
@@ -74,7 +70,6 @@ impl Ros2 {
             known: Known::default(),
             endpoints: Vec::new(),
             subscriptions: BTreeMap::new(),
-            services: Services::default(),
         })
     }
 
@@ -176,6 +171,7 @@ impl Ros2 {
     /// Offers each side the services of the other one that the rules let pass.
     pub(crate) fn follow_services(
         &mut self,
+        services: &mut Services,
         sides: &Sides<'_>,
         set: &mut WaitSet<'static, Ready>,
     ) -> Result<(), BridgeError> {
@@ -197,43 +193,21 @@ impl Ros2 {
                 wanted.insert(service, data);
             }
         }
-        (self.services).offer(offered, sides, &mut self.identity)?;
-        (self.services).stand_for(wanted, sides, &mut self.identity, set)
-    }
-
-    /// Passes a call of the network to the domain.
-    pub(crate) fn query(
-        &mut self,
-        service: &Service,
-        query: Query,
-        set: &mut WaitSet<'static, Ready>,
-    ) -> Result<(), BridgeError> {
-        self.services.query(service, query, set)
-    }
-
-    /// Passes the reply to a call of the network on. Returns whether there was one.
-    pub(crate) fn reply(&mut self, number: u64) -> bool {
-        self.services.reply(number)
-    }
-
-    /// Passes the calls of the domain to the network. Returns how many.
-    pub(crate) fn requests(
-        &mut self,
-        service: &Arc<Service>,
-        network: &Network,
-        origin: &Origin,
-        set: &mut WaitSet<'static, Ready>,
-    ) -> u64 {
-        self.services.requests(service, network, origin, set)
-    }
-
-    /// Passes the replies to calls of the domain on. Returns how many.
-    pub(crate) fn replies(
-        &mut self,
-        network: &Network,
-        set: &mut WaitSet<'static, Ready>,
-    ) -> Result<u64, BridgeError> {
-        self.services.replies(network, set)
+        let identity = &mut self.identity;
+        let mut declare = |kind, service: &Service, data: RosType| {
+            let endpoint = identity.endpoint(kind, &service.0, &data, QosProfile::default());
+            Ok(Declared {
+                key: key(&endpoint)?,
+                token: Some(token_key(&endpoint, sides.network)?),
+                form: Form::Ros2(gid(&endpoint, sides.network)),
+            })
+        };
+        services.offer(offered, sides, |it, data| {
+            declare(EndpointKind::Service, it, data)
+        })?;
+        services.stand_for(wanted, sides, set, |it, data| {
+            declare(EndpointKind::Client, it, data)
+        })
     }
 }
 

@@ -12,13 +12,18 @@ pub(crate) type Gid = [u8; 16];
 const FIXED_BYTES: usize = 8 + 8 + 1 + 16;
 
 /// The attachment of the message with the number of `origin`.
-pub(crate) fn encode(source_time_ns: u64, gid: &Gid, origin: &Origin) -> Vec<u8> {
+pub(crate) fn encode(
+    source_time_ns: u64,
+    gid: &Gid,
+    origin: &Origin,
+    delivery: Delivery,
+) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(FIXED_BYTES);
     bytes.extend(origin.number.to_le_bytes());
     bytes.extend(source_time_ns.to_le_bytes());
     bytes.push(16);
     bytes.extend(gid);
-    bytes.extend(origin.encode(Delivery::AtMostOnce));
+    bytes.extend(origin.encode(delivery));
     bytes
 }
 
@@ -32,9 +37,8 @@ pub(crate) fn reply(call: &[u8], source_time_ns: u64) -> Vec<u8> {
 }
 
 /// The origin of a message. `None` if no bridge has put it into the network.
-pub(crate) fn origin(bytes: &[u8]) -> Option<Origin> {
-    let (origin, _) = Origin::decode(bytes.get(FIXED_BYTES..)?).ok()?;
-    Some(origin)
+pub(crate) fn origin(bytes: &[u8]) -> Option<(Origin, Delivery)> {
+    Origin::decode(bytes.get(FIXED_BYTES..)?).ok()
 }
 
 #[cfg(test)]
@@ -50,13 +54,13 @@ mod tests {
             epoch: 1,
             number: 2,
         };
-        let bytes = encode(3, &[4; 16], &it);
+        let bytes = encode(3, &[4; 16], &it, Delivery::BesideGateway);
         assert_eq!(
             bytes[..17],
             [2, 0, 0, 0, 0, 0, 0, 0, 3, 0, 0, 0, 0, 0, 0, 0, 16]
         );
         assert_eq!(bytes[17..33], [4; 16]);
-        assert_eq!(origin(&bytes), Some(it));
+        assert_eq!(origin(&bytes), Some((it, Delivery::BesideGateway)));
         assert_eq!(origin(&bytes[..33]), None);
         assert_eq!(origin(&bytes[..5]), None);
         let reply = reply(&bytes, 9);

@@ -78,8 +78,16 @@ pub(super) fn declare_token(
     endpoint: &EndpointEntity,
     network: &Network,
 ) -> Result<LivelinessToken, BridgeError> {
+    network.declare_token(token_key(endpoint, network)?)
+}
+
+/// The key expression of the token of an endpoint.
+pub(super) fn token_key(
+    endpoint: &EndpointEntity,
+    network: &Network,
+) -> Result<String, BridgeError> {
     let key = RmwZenohFormatter::liveliness_key_expr(endpoint, &network.id()).map_err(named)?;
-    network.declare_token(key.0)
+    Ok(key.0.to_string())
 }
 
 /// A number that no other endpoint of the network has: the number of the session, and that of the endpoint.

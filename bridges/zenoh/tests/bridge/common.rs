@@ -1,12 +1,15 @@
 //! A domain, a router of Zenoh, and bridges between them.
 
+use std::fs;
 use std::net::TcpListener;
+use std::path::PathBuf;
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use hiroz::Builder;
 use hiroz::context::{ZContext, ZContextBuilder};
-use sm2_bridge_zenoh::{Bridge, Config, Counts, SpoolCounts};
+use sm2_bridge_core::ReadAccount;
+use sm2_bridge_zenoh::{Account, Bridge, Config, Counts};
 use sm2_manager::Background;
 use sm2_node::{Node, Publisher, Shutdown, Subscriber};
 use sm2_test_support::SOON;
@@ -51,6 +54,11 @@ impl World {
         self.network = router(&self.endpoint);
     }
 
+    /// The path of a file of this domain.
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
     pub(crate) fn node(&self, name: &str) -> Node {
         let socket = self.folder.path().join("sock");
         Node::builder(name).socket(socket).connect().unwrap()
@@ -63,10 +71,15 @@ impl World {
 
     /// A configuration whose session is a client or a peer.
     pub(crate) fn config_of(&self, mode: &str, head: &str, endpoint: &str, rules: &str) -> Config {
-        let text = format!(
-            "{head}\nsocket = \"sock\"\n[zenoh]\nmode = \"{mode}\"\nconnect = [\"{endpoint}\"]\n{rules}",
-        );
-        Config::parse(&self.folder.path().join("bridge.toml"), &text).unwrap()
+        let text = text_of(mode, head, endpoint, rules);
+        Config::parse(&self.path("bridge.toml"), &text).unwrap()
+    }
+
+    /// A configuration in a file, for the program.
+    pub(crate) fn write_config(&self, head: &str, endpoint: &str, rules: &str) -> PathBuf {
+        let file = self.path("bridge.toml");
+        fs::write(&file, text_of("client", head, endpoint, rules)).unwrap();
+        file
     }
 
     pub(crate) fn bridge(&self, head: &str, rules: &str) -> Running {
@@ -76,6 +89,12 @@ impl World {
     pub(crate) fn bridge_to(&self, endpoint: &str, head: &str, rules: &str) -> Running {
         Running::start(&self.config(head, endpoint, rules))
     }
+}
+
+fn text_of(mode: &str, head: &str, endpoint: &str, rules: &str) -> String {
+    format!(
+        "{head}\nsocket = \"sock\"\n[zenoh]\nmode = \"{mode}\"\nconnect = [\"{endpoint}\"]\n{rules}"
+    )
 }
 
 /// A router of Zenoh.
@@ -94,7 +113,8 @@ fn router(endpoint: &str) -> Session {
 /// A bridge in a thread.
 pub(crate) struct Running {
     shutdown: Shutdown,
-    thread: JoinHandle<(Counts, Option<SpoolCounts>)>,
+    account: ReadAccount,
+    thread: JoinHandle<Account>,
 }
 
 impl Running {
@@ -102,19 +122,32 @@ impl Running {
         let mut bridge = Bridge::start(config).unwrap();
         let shutdown = Shutdown::new().unwrap();
         let requested = shutdown.clone();
+        let account = bridge.account();
+        let its = account.clone();
         let thread = thread::spawn(move || {
             bridge.run(&requested).unwrap();
-            (bridge.counts(), bridge.spool_counts())
+            // Its end sends what waits.
+            drop(bridge);
+            its()
         });
-        Self { shutdown, thread }
+        Self {
+            shutdown,
+            account,
+            thread,
+        }
+    }
+
+    /// The account of the running bridge.
+    pub(crate) fn account(&self) -> Account {
+        (self.account)()
     }
 
     pub(crate) fn end(self) -> Counts {
-        self.end_with_spool().0
+        self.end_with_spool().counts
     }
 
-    /// Ends the bridge; the second part is the account of its durable topics.
-    pub(crate) fn end_with_spool(self) -> (Counts, Option<SpoolCounts>) {
+    /// Ends the bridge. Returns its whole account.
+    pub(crate) fn end_with_spool(self) -> Account {
         self.shutdown.request();
         self.thread.join().unwrap()
     }

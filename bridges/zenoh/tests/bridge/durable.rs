@@ -78,7 +78,7 @@ impl Fleet {
 
 /// Ends the bridge of the robot.
 fn end(bridge: Running) -> SpoolCounts {
-    let counts = bridge.end_with_spool().1.unwrap();
+    let counts = bridge.end_with_spool().spool.unwrap();
     assert!(counts.is_balanced(), "{counts:?}");
     counts
 }
@@ -223,6 +223,10 @@ fn only_rules_that_let_topics_out_make_them_durable() {
         (
             format!("name = \"a\"\nmode = \"ros2\"\n{spool}{rule}durable = true\n"),
             "bridge.toml:9: `durable` needs",
+        ),
+        (
+            format!("name = \"a\"\n{spool}{rule}durable = true\nmessages_per_s = 1\n"),
+            "bridge.toml:5: `priority`, `messages_per_s`, `bytes_per_s` and `max_age_ms` have no effect on durable",
         ),
         (
             format!("name = \"a\"\n{spool}max_bytes = 1\nwindow_bytes = 2\n"),

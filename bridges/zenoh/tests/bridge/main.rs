@@ -2,6 +2,11 @@
 
 mod common;
 mod durable;
+mod explain;
 mod plain;
+mod plain_services;
+mod program;
+mod ring;
 mod ros2;
 mod services;
+mod stalled;

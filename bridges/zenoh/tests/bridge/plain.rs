@@ -5,9 +5,9 @@ use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 use std::time::Duration;
 
-use crate::common::{RETRY, World, is_linked, receive, wait_until};
+use crate::common::{ALL, RETRY, World, is_linked, receive, wait_until};
 use sm2_bridge_zenoh::Config;
-use sm2_test_support::SOON;
+use sm2_test_support::{SOON, until};
 use zenoh::Wait;
 
 const RULES: &str = r#"
@@ -114,6 +114,36 @@ fn the_bridge_subscribes_only_while_the_network_does() {
 }
 
 #[test]
+fn a_topic_keeps_the_budget_of_its_rule() {
+    let slow =
+        "[[rule]]\naction = \"allow\"\nnames = \"map\"\nbytes_per_s = 1\nmax_age_ms = 100000000\n";
+    let world = World::new();
+    let messages = listen(&world, "robot/7/**");
+    let bridge = world.bridge(&head("seven"), &format!("{slow}{ALL}"));
+    let robot = world.node("robot");
+    let [map, pose] = ["map", "pose"].map(|it| robot.publisher::<[u8]>(it).unwrap());
+    for publisher in [&map, &pose] {
+        publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
+    }
+    let next = || messages.recv_timeout(SOON).unwrap().0;
+    // After this message, the budget is spent for more than a day.
+    map.publish(&[0; 100_000]).unwrap();
+    assert_eq!(next(), "robot/7/map");
+    for _ in 0..3 {
+        map.publish(&[1]).unwrap();
+        pose.publish(&[1]).unwrap();
+        assert_eq!(next(), "robot/7/pose");
+    }
+    until("the bridge has all", || {
+        let links = map.links();
+        let counters = links.iter().filter(|it| it.open).map(|it| it.counters);
+        counters.into_iter().all(|it| it.delivered == it.offered)
+    });
+    let counts = bridge.end();
+    assert_eq!((counts.sent, counts.withdrawn), (4, 3), "{counts}");
+}
+
+#[test]
 fn two_bridges_of_a_domain_carry_nothing_twice() {
     let rules = "[[rule]]\naction = \"allow\"\nnames = \"**\"\n";
     let world = World::new();
@@ -156,6 +186,14 @@ fn wrong_configurations_are_refused_with_the_line() {
         (
             format!("{head}[[rule]]\naction = \"allow\"\nnames = \"a//b\"\n"),
             "bridge.toml:5: segment 2",
+        ),
+        (
+            format!("{head}[[rule]]\naction = \"allow\"\nnames = \"a\"\npriority = 8\n"),
+            "bridge.toml:6: a priority is 0 to 7",
+        ),
+        (
+            format!("{head}[[rule]]\naction = \"allow\"\nnames = \"a\"\nbytes_per_s = 0\n"),
+            "bridge.toml:6: invalid value",
         ),
         (
             format!("prefix = \"a/*\"\n{head}"),

@@ -1,0 +1,107 @@
+//! Two domains with a gateway and a bridge between them: a ring.
+
+use crate::common::{ALL, World, receive};
+use sm2_gateway::{Config, Gateway, keys};
+use sm2_node::{Node, Publisher, Subscriber};
+use sm2_test_support::until;
+use tokio::runtime::Runtime;
+
+/// How many messages are sent each way while the ring is complete.
+const MESSAGES: u8 = 50;
+
+/// Starts the gateway of a domain, which trusts one peer.
+fn gateway(world: &World, runtime: &Runtime, name: &str, peer: &str) -> Gateway {
+    let text = format!(
+        "name = \"{name}\"\nlisten = \"127.0.0.1:0\"\nkey = \"key\"\nsocket = \"sock\"\n{peer}{ALL}"
+    );
+    let config = Config::parse(&world.path("gateway.toml"), &text).unwrap();
+    runtime.block_on(Gateway::start(&config)).unwrap()
+}
+
+fn publisher(node: &Node, topic: &str) -> Publisher<[u8]> {
+    let builder = node.publisher_builder::<[u8]>(topic);
+    // Gateways may lose messages of topics that are not reliable.
+    builder.reliable(true).depth(256).declare().unwrap()
+}
+
+fn subscriber(node: &Node, topic: &str) -> Subscriber<[u8]> {
+    let builder = node.subscriber_builder::<[u8]>(topic);
+    builder.depth(256).declare().unwrap()
+}
+
+#[test]
+fn nothing_arrives_twice_and_nothing_returns_in_a_ring() {
+    let (near, far) = (World::new(), World::new());
+    let builder = &mut tokio::runtime::Builder::new_multi_thread();
+    let runtime = builder.worker_threads(2).enable_all().build().unwrap();
+    let ids = [&near, &far].map(|it| keys::generate(&it.path("key")).unwrap().id());
+    let head = |name| format!("name = \"{name}\"\nprefix = \"ring\"");
+    let near_bridge = near.bridge(&head("near_bridge"), ALL);
+    let far_bridge = far.bridge_to(&near.endpoint, &head("far_bridge"), ALL);
+    let peer =
+        |name: &str, id, rest: &str| format!("[[peer]]\nname = \"{name}\"\nid = \"{id}\"\n{rest}");
+    let far_gateway = gateway(&far, &runtime, "far", &peer("near", ids[0], ""));
+    let address = format!("addresses = [\"{}\"]\n", far_gateway.address());
+    let near_gateway = gateway(&near, &runtime, "near", &peer("far", ids[1], &address));
+
+    let (here, there) = (near.node("robot"), far.node("station"));
+    let ways = [
+        (
+            publisher(&here, "pose"),
+            subscriber(&here, "pose"),
+            subscriber(&there, "pose"),
+            &far_bridge,
+        ),
+        (
+            publisher(&there, "command"),
+            subscriber(&there, "command"),
+            subscriber(&here, "command"),
+            &near_bridge,
+        ),
+    ];
+    for (publisher, own, other, bridge) in &ways {
+        let left = || bridge.account().counts.left_to_gateway;
+        // Until the ring is complete, and both bridges know that, messages may come by both ways.
+        until("the gateways bring the topic", || {
+            publisher.publish(&[0]).unwrap();
+            left() > 0
+        });
+        publisher.publish(&[1]).unwrap();
+        while receive(other) != [1] {}
+        while receive(own) != [1] {}
+        let before = left();
+        for number in 2..2 + MESSAGES {
+            publisher.publish(&[number]).unwrap();
+            assert_eq!(receive(other), [number]);
+            assert_eq!(receive(own), [number]);
+        }
+        // The bridge has taken all of them from its network, and left them to the gateway.
+        until("all have come by both ways", || {
+            left() >= before + u64::from(MESSAGES)
+        });
+        publisher.publish(b"marker").unwrap();
+        for subscriber in [other, own] {
+            // A copy of the message before may have come late.
+            let marker = receive(subscriber);
+            assert_eq!(marker, b"marker");
+        }
+    }
+    for bridge in [&near_bridge, &far_bridge] {
+        let counts = bridge.account().counts;
+        assert_eq!(counts.returned, 0, "{counts}");
+    }
+
+    // Without its gateway, a domain gets the messages from its bridge.
+    runtime.block_on(near_gateway.stop());
+    let (publisher, own, other, bridge) = &ways[0];
+    let received = bridge.account().counts.received;
+    until("the bridge brings the topic", || {
+        publisher.publish(b"alone").unwrap();
+        assert_eq!(receive(own), b"alone");
+        bridge.account().counts.received > received
+    });
+    while receive(other) != b"alone" {}
+    runtime.block_on(far_gateway.stop());
+    near_bridge.end();
+    far_bridge.end();
+}
