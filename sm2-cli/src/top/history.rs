@@ -9,8 +9,8 @@ use super::figures::{Figures, Tab, Table};
 /// How many intervals are kept: those of two minutes, unless `--interval` is given.
 const KEPT: usize = 120;
 
-/// Blocks from the lowest to the highest one.
-const BLOCKS: [&str; 8] = [
+/// Blocks from the lowest to the highest one, which leaves a gap to the row above.
+const BLOCKS: [&str; 7] = [
     bar::ONE_EIGHTH,
     bar::ONE_QUARTER,
     bar::THREE_EIGHTHS,
@@ -18,7 +18,6 @@ const BLOCKS: [&str; 8] = [
     bar::FIVE_EIGHTHS,
     bar::THREE_QUARTERS,
     bar::SEVEN_EIGHTHS,
-    bar::FULL,
 ];
 
 /// The rates of the last intervals.
@@ -96,10 +95,10 @@ mod tests {
     #[test]
     fn the_largest_rate_has_the_highest_block() {
         let history = history(&[Some(0.0), Some(50.0), None, Some(100.0)]);
-        assert_eq!(history.sparkline(Tab::Topics, "scan", 9), "▁▅ █");
-        assert_eq!(history.sparkline(Tab::Topics, "scan", 2), " █");
+        assert_eq!(history.sparkline(Tab::Topics, "scan", 9), "▁▄ ▇");
+        assert_eq!(history.sparkline(Tab::Topics, "scan", 2), " ▇");
         assert_eq!(history.sparkline(Tab::Topics, "tf", 9), "    ");
-        assert_eq!(history.sparkline(Tab::Nodes, "talker", 9), "████");
+        assert_eq!(history.sparkline(Tab::Nodes, "talker", 9), "▇▇▇▇");
         assert_eq!(history.sparkline(Tab::Topics, "talker", 9), "");
     }
 

@@ -267,7 +267,7 @@ fn rates_are_drawn_and_coloured() {
     let (_talker, _) = talker(&domain, "scan");
     let mut top = OnTerminal::start(&domain);
     top.shows("TREND");
-    top.shows("█");
+    top.shows("▇");
     top.sends(CYAN);
     top.press("q");
     top.ends(0);
@@ -276,7 +276,7 @@ fn rates_are_drawn_and_coloured() {
         [("TERM", "vt100"), ("NO_COLOR", "")],
     ] {
         let mut top = OnTerminal::with(&domain, &variables);
-        top.shows("█");
+        top.shows("▇");
         let output = top.output.lock().unwrap().clone();
         assert!(
             !String::from_utf8_lossy(&output).contains(CYAN),

@@ -125,7 +125,7 @@ fn sparklines_take_the_room_that_is_left() {
             |it: &[ratatui::buffer::Cell]| it.iter().map(|it| it.symbol()).collect::<String>();
         lines.map(line).collect::<Vec<_>>()
     };
-    assert_eq!(lines(23)[3], "scan    100.2  ▃▅█     ");
+    assert_eq!(lines(23)[3], "scan    100.2  ▃▄▇     ");
     assert_eq!(lines(22)[3], "scan    100.2         ");
     // Unknown rates are blank.
     assert_eq!(lines(23)[4], "tf          -          ");

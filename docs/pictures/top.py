@@ -1,0 +1,101 @@
+"""Draws the screen of `sm2 top` as SVG: top.py SM2 FLEET FILE (see `tools`)."""
+
+import os
+import pty
+import select
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from html import escape
+from itertools import groupby
+
+import pyte
+
+SM2, FLEET, FILE = sys.argv[1:]
+COLUMNS, ROWS = 120, 14
+# How long `sm2 top` runs before its screen is drawn: the sparklines fill meanwhile.
+SECONDS = 25
+# The limit of whatever has to succeed, in seconds.
+SOON = 60
+
+# Sizes in pixels.
+CELL, LINE, SIZE, MARGIN = 8.4, 18, 14, 14
+# By the names that pyte gives to the colours of `sm2 top`.
+COLOURS = {"default": "#d7dae0", "cd0000": "#ff7b72", "00cdcd": "#76e3ea"}
+BACKGROUND = "#16181d"
+
+
+def screen():
+    """The screen of `sm2 top` in a domain with the example `fleet`."""
+    with tempfile.TemporaryDirectory() as folder:
+        socket = os.path.join(folder, "sm2.sock")
+        processes = [start(SM2, "manager", "--socket", socket)]
+        try:
+            limit = time.monotonic() + SOON
+            while not os.path.exists(socket):
+                assert time.monotonic() < limit, "the Manager does not listen"
+                time.sleep(0.01)
+            processes.append(start(FLEET, socket, "1"))
+            return watch(socket)
+        finally:
+            for process in reversed(processes):
+                process.kill()
+                process.wait()
+
+
+def start(*command):
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL)
+
+
+def watch(socket):
+    shown = pyte.Screen(COLUMNS, ROWS)
+    stream = pyte.ByteStream(shown)
+    child, terminal = pty.fork()
+    if child == 0:
+        os.environ["TERM"] = "xterm-256color"
+        size = f"stty rows {ROWS} cols {COLUMNS}"
+        os.execlp("sh", "sh", "-c", f'{size} && exec "$0" "$@"', SM2, "top", "--socket", socket)
+    end = time.monotonic() + SECONDS
+    while (left := end - time.monotonic()) > 0:
+        if select.select([terminal], [], [], left)[0]:
+            stream.feed(os.read(terminal, 65536))
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    return shown
+
+
+def svg(shown):
+    width, height = COLUMNS * CELL + 2 * MARGIN, ROWS * LINE + 2 * MARGIN
+    yield (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" font-size="{SIZE}" '
+        f'font-family="ui-monospace, Menlo, Consolas, monospace" role="img" aria-label="The screen of sm2 top">'
+    )
+    yield f'<rect width="{width:g}" height="{height:g}" rx="8" fill="{BACKGROUND}"/>'
+    for row in range(ROWS):
+        style = lambda column, row=row: (lambda it: (it.fg, it.bold, it.reverse))(shown.buffer[row][column])
+        for (colour, bold, reverse), columns in groupby(range(COLUMNS), style):
+            columns = list(columns)
+            text = "".join(shown.buffer[row][column].data for column in columns)
+            yield from run(row, columns[0], text, COLOURS[colour], bold, reverse)
+    yield "</svg>"
+
+
+def run(row, column, text, colour, bold, reverse):
+    """Characters of one style. They keep their places whatever font the viewer has."""
+    x, y = MARGIN + column * CELL, MARGIN + row * LINE
+    if reverse:
+        yield f'<rect x="{x:g}" y="{y:g}" width="{len(text) * CELL:g}" height="{LINE}" fill="{colour}"/>'
+        colour = BACKGROUND
+    text = text.rstrip()
+    if text:
+        weight = ' font-weight="bold"' if bold else ""
+        yield (
+            f'<text x="{x:g}" y="{y + SIZE:g}" fill="{colour}"{weight} xml:space="preserve" '
+            f'textLength="{len(text) * CELL:g}" lengthAdjust="spacingAndGlyphs">{escape(text)}</text>'
+        )
+
+
+with open(FILE, "w", encoding="utf-8") as file:
+    file.write("\n".join(svg(screen())) + "\n")
