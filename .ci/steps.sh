@@ -7,6 +7,8 @@ export SM2_CI_INSTALL_DENY
 [ -z "${CI:-}" ] || export CARGO_INCREMENTAL=${CARGO_INCREMENTAL:-0}
 # On a CI machine, a test that cannot use one of these programs fails instead of being skipped.
 [ -z "${CI:-}" ] || export SM2_INSTALLED="ip tc nft bwrap strace"
+# Tests wait more than they compute.
+export RUST_TEST_THREADS=${RUST_TEST_THREADS:-$((2 * $(nproc)))}
 export CI=true
 [ -f "${CARGO_HOME:-$HOME/.cargo}/env" ] && . "${CARGO_HOME:-$HOME/.cargo}/env"
 
@@ -20,13 +22,14 @@ export SM2_SKIPPED=$logs/skipped.txt
 readonly skips=$SM2_SKIPPED
 
 readonly tier1=(tools commits fmt clauses publish deny no-std clippy doc test modes models
-    bag ros book c python bridges view)
+    bag ros book c python bridges foxglove view)
 readonly tier2=(tools commits fmt clauses publish deny no-std clippy doc test modes asan check demo faults soak
-    bag ros book c python bridges view)
+    bag ros book c python bridges foxglove view)
 # The time limit of each step, in seconds: about three times what it takes on a quiet machine of two cores.
 declare -rA limits=([tools]=600 [commits]=60 [fmt]=60 [clauses]=300 [publish]=120 [deny]=900 [no-std]=150 [clippy]=600
     [doc]=300 [test]=$((full ? 3600 : 1200)) [modes]=400 [models]=400 [asan]=1500 [check]=5400 [demo]=1200 [faults]=600
-    [soak]=900 [bag]=900 [ros]=900 [book]=900 [c]=1800 [python]=1800 [bridges]=2400 [view]=900)
+    [soak]=900 [bag]=900 [ros]=900 [book]=900 [c]=1800 [python]=1800 [bridges]=2400 [foxglove]=2400
+    [view]=900)
 
 # Packages outside the workspace, each a workspace of its own.
 readonly outside=(verification/no-std verification/loom-models verification/viewer
@@ -343,6 +346,22 @@ step_bridges() {
         cargo test --workspace --locked
     )
     stamp bridges "${inputs[@]}"
+}
+
+# The server for Foxglove: a workspace of its own.
+step_foxglove() {
+    local inputs=(sm2-foxglove)
+    unless_stamped foxglove "${inputs[@]}"
+    (
+        cd sm2-foxglove
+        export CARGO_TARGET_DIR=$CARGO_TARGET_DIR/foxglove
+        cargo fmt --all --check
+        # Without the features that the dependencies of tests add.
+        cargo check --locked
+        cargo clippy --all-targets --locked -- -D warnings
+        cargo test --locked
+    )
+    stamp foxglove "${inputs[@]}"
 }
 
 # The page of `sm2 view`, in Chromium. Screenshots go to target/view.
