@@ -9,6 +9,7 @@ use sm2_proto::Instant;
 use super::{
     events::{Event, Events},
     http::{Question, Requests, Site},
+    schema,
 };
 use crate::{
     connect::Session,
@@ -118,6 +119,10 @@ impl<'a> Feed<'a> {
                 Ok(answer) => Ok(answer.lines()),
                 Err(error) => Err(error.to_string()),
             },
+            Question::Schema(name) => {
+                let lines = schema::lines(self.session, &View::new(self.follow.domain()), name);
+                lines.map_err(|error| error.to_string())
+            }
             Question::Gateways => {
                 let reports = gateways::ask(self.session, self.follow.domain());
                 Ok(gateways::lines(&reports))

@@ -6,6 +6,7 @@
 //! | `api/domain` | the next sample as JSON |
 //! | `api/events` | each sample as a server-sent event |
 //! | `api/why?one=NODE:NAME&other=NODE:NAME` | the lines of `sm2 why` as JSON; `other` may be absent |
+//! | `api/schema?name=NAME` | the types of a topic or service with their schemas, as lines in JSON |
 //! | `api/gateways` | a line for each gateway and peer, as JSON |
 //!
 //! The cost of slow or hostile clients is bounded. A client without the token can use up [`CONNECTIONS`] connections,
@@ -34,6 +35,7 @@ use hyper::{
 };
 use hyper_util::rt::{TokioIo, TokioTimer};
 use nix::sys::socket::{setsockopt, sockopt::SndBuf};
+use sm2_proto::Name;
 use tokio::{
     net::{TcpListener, TcpStream},
     runtime::{self, Runtime},
@@ -100,6 +102,8 @@ pub(super) enum Question {
         one: Selector,
         other: Option<Selector>,
     },
+    /// The types of a topic or service, with their schemas.
+    Schema(Name),
     /// The reports of the gateways.
     Gateways,
 }
@@ -186,13 +190,12 @@ impl Site {
             response.headers_mut().insert(ALLOW, allow);
             return response;
         }
+        let query = request.uri().query().unwrap_or_default();
         match path {
             "api/domain" => self.sample().await,
             "api/events" => self.events(),
-            "api/why" => match why(request.uri().query().unwrap_or_default()) {
-                Ok(question) => self.ask(question).await,
-                Err(wrong) => text(StatusCode::BAD_REQUEST, wrong),
-            },
+            "api/why" => self.ask_for(why(query)).await,
+            "api/schema" => self.ask_for(schema(query)).await,
             "api/gateways" => self.ask(Question::Gateways).await,
             path => match assets::find(path) {
                 Some(asset) => full(StatusCode::OK, asset.content_type, asset.text),
@@ -214,6 +217,13 @@ impl Site {
                 StatusCode::SERVICE_UNAVAILABLE,
                 "no sample in time: see `sm2 doctor`\n",
             ),
+        }
+    }
+
+    async fn ask_for(&self, question: Result<Question, String>) -> Response<Content> {
+        match question {
+            Ok(question) => self.ask(question).await,
+            Err(wrong) => text(StatusCode::BAD_REQUEST, wrong),
         }
     }
 
@@ -257,12 +267,24 @@ impl Site {
 
 /// The question of a query `one=NODE:NAME&other=NODE:NAME`. Names have no characters that need an encoding.
 fn why(query: &str) -> Result<Question, String> {
-    let value = |key: &str| query.split('&').find_map(|it| it.strip_prefix(key));
-    let one = value("one=").ok_or("name an interface: one=NODE:NAME")?;
+    let one = value(query, "one=").ok_or("name an interface: one=NODE:NAME")?;
+    let other = value(query, "other=");
     Ok(Question::Why {
         one: Selector::parse(one)?,
-        other: value("other=").map(Selector::parse).transpose()?,
+        other: other.map(Selector::parse).transpose()?,
     })
+}
+
+/// The question of a query `name=NAME`.
+fn schema(query: &str) -> Result<Question, String> {
+    let name = value(query, "name=").ok_or("name a topic or service: name=NAME")?;
+    let name = Name::new(name).map_err(|wrong| wrong.to_string())?;
+    Ok(Question::Schema(name))
+}
+
+/// The value of a parameter of a query. `key` ends in `=`.
+fn value<'a>(query: &'a str, key: &str) -> Option<&'a str> {
+    query.split('&').find_map(|it| it.strip_prefix(key))
 }
 
 const EVENT_START: &[u8] = b"data: ";

@@ -10,6 +10,7 @@ mod browser;
 mod events;
 mod feed;
 mod http;
+mod schema;
 mod unread;
 
 use std::{

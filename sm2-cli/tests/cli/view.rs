@@ -150,6 +150,33 @@ fn the_page_tells_why_interfaces_are_not_linked() {
 }
 
 #[test]
+fn the_page_shows_schemas() {
+    let domain = Domain::new();
+    let viewer = Viewer::start(&domain);
+    let node = domain.node("robot");
+    let _publisher = node.publisher::<[u32]>("scan").unwrap();
+    let _server = node.server::<str, u64>("count").unwrap();
+    // The node registers a schema in the background.
+    until("the schema is known", || {
+        let lines = viewer.get("api/schema?name=scan");
+        lines == serde_json::json!(["type u32-list", "plain:list[u32]"])
+    });
+    until("both schemas are known", || {
+        let lines = viewer.get("api/schema?name=count");
+        lines == serde_json::json!(["request text", "plain:string", "reply u64", "plain:u64"])
+    });
+    let gone = viewer.get("api/schema?name=nothing");
+    assert_eq!(
+        gone,
+        serde_json::json!(["nothing has the name nothing any more"])
+    );
+    let mut answer = String::new();
+    let mut stream = viewer.request("api/schema?name=/scan");
+    stream.read_to_string(&mut answer).unwrap();
+    assert!(answer.starts_with("HTTP/1.1 400 "), "{answer}");
+}
+
+#[test]
 fn refusals_and_violations_are_events() {
     let domain = Domain::new();
     let viewer = Viewer::start(&domain);

@@ -54,7 +54,7 @@ function show() {
   } else {
     patch(byId('stage'), table(state.tab, domain, state, { select, sortBy }));
   }
-  patch(byId('panel'), panel(domain, selected, state.answers, { select, collapse, why, gateways }).filter(Boolean));
+  patch(byId('panel'), panel(domain, selected, state.answers, { select, collapse, why, schema, gateways }).filter(Boolean));
 }
 
 function isCollapsed(group) {
@@ -122,6 +122,11 @@ function open(tab) {
 function why(question, one, other) {
   // Names have no characters that need an encoding.
   ask(question, other ? `api/why?one=${one}&other=${other}` : `api/why?one=${one}`);
+}
+
+// Asks for the types of a topic or service.
+function schema(name) {
+  ask(`schema ${name}`, `api/schema?name=${name}`);
 }
 
 function gateways() {

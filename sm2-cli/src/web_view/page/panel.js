@@ -13,7 +13,7 @@ const QUOTAS = 3;
 const PAIRS_MAX = 20;
 
 // The content of the panel. `actions` has `select`, `collapse` (a group of names), `why` (asks why two interfaces are
-// not linked) and `gateways` (asks gateways for reports); `answers` has the answers so far, by question.
+// not linked), `schema` (asks for the types of a topic or service) and `gateways` (asks gateways for reports); `answers` has the answers so far, by question.
 export function panel(domain, selected, answers, actions) {
   const vertex = domain.vertices.get(selected);
   const edge = domain.edges.get(selected);
@@ -103,12 +103,14 @@ function subjectPage(page, vertex) {
     heading(vertex.name, vertex.kind, actions),
     facts([
       ['Type', typeOf(vertex.faces)],
-      ['Schema', vertex.faces.find((face) => face.type)?.type.schema ?? '–'],
       ['Rate', `${text.rate(vertex.rate)}, ${text.bandwidth(vertex.bytes)}`],
       ['Median delay', text.duration(vertex.delay == null ? null : vertex.delay / 1e6)],
       ['Dropped, lost', `${text.number(vertex.dropped)}, ${text.number(vertex.lost)}`],
     ]),
     sparks(vertex),
+    section('Schema',
+      h('button', { type: 'button', onclick: () => actions.schema(vertex.name) }, 'Show the fields of a message'),
+      answer(page.answers.get(`schema ${vertex.name}`))),
     section('Interfaces', faceList(page, vertex.faces, (face) => [nodeId(face.node), 'node', face.node])),
     pairs(page, vertex, links),
     section('Links', linkList(links)),
