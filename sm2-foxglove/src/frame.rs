@@ -10,7 +10,7 @@ const TEXT: u8 = 0x81;
 const BINARY: u8 = 0x82;
 
 /// The longest head of a frame without a mask.
-const HEAD_MAX: usize = 10;
+pub(crate) const HEAD_MAX: usize = 10;
 
 /// The frame of a text.
 pub(crate) fn text(text: &str) -> Frame {

@@ -45,30 +45,42 @@ pub(crate) struct Outbox {
 }
 
 /// The messages of one topic.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Topic {
     messages: VecDeque<Frame>,
     bytes: usize,
-    /// The virtual time at which the first message would begin.
+    /// The virtual time at which the first message would begin. A message that displaces the first one begins at its
+    /// time: otherwise a topic whose messages are displaced all the time would never be served.
     start_tag: u64,
+    /// Whether the topic has had no message since its last one was taken.
+    is_idle: bool,
 }
 
 /// The viewer leaves too many control frames unread.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Unread;
 
-/// The end of a message that was pushed.
+/// Whether a message may wait.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Pushed {
-    /// It waits.
-    Waits,
+pub(crate) enum Room {
+    /// It may.
+    Free,
     /// The other messages leave no room for it now.
-    NoRoom,
+    Full,
     /// It is longer than the budget.
     TooLong,
 }
 
 impl Topic {
+    const fn new() -> Self {
+        Self {
+            messages: VecDeque::new(),
+            bytes: 0,
+            start_tag: 0,
+            is_idle: true,
+        }
+    }
+
     fn finish_tag(&self) -> Option<u64> {
         let first = self.messages.front()?;
         Some(self.start_tag.saturating_add(cost(first) as u64))
@@ -117,16 +129,11 @@ impl Outbox {
         }
     }
 
-    /// Adds a message of a subscription, and removes the messages for which it leaves no room.
-    pub(crate) fn push(&mut self, id: SubscriptionId, frame: Frame) -> Pushed {
-        let len = cost(&frame);
+    /// Removes the messages for which a new message of a subscription leaves no room.
+    pub(crate) fn make_room(&mut self, id: SubscriptionId, frame_len: usize) -> Room {
+        let len = frame_len + OVERHEAD_BYTES;
         if len > self.budget_bytes {
-            return Pushed::TooLong;
-        }
-        let now = self.virtual_time;
-        let topic = self.topic(id);
-        if topic.messages.is_empty() {
-            topic.start_tag = topic.start_tag.max(now);
+            return Room::TooLong;
         }
         while self.topic(id).bytes > 0 && self.topic(id).bytes + len > TOPIC_BYTES {
             self.displace(id);
@@ -134,21 +141,33 @@ impl Outbox {
         while self.bytes() + len > self.budget_bytes {
             let own = self.topic(id).bytes + len;
             let largest = self.topics.iter().max_by_key(|(_, it)| it.bytes);
-            let largest = largest.map(|(id, it)| (*id, it.bytes));
-            match largest {
+            match largest.map(|(id, it)| (*id, it.bytes)) {
                 Some((other, bytes)) if bytes > own => self.displace(other),
                 _ if own > len => self.displace(id),
                 _ => {
                     self.displaced += 1;
-                    return Pushed::NoRoom;
+                    return Room::Full;
                 }
             }
         }
-        self.waiting_bytes += len;
-        let topic = self.topic(id);
-        topic.bytes += len;
-        topic.messages.push_back(frame);
-        Pushed::Waits
+        Room::Free
+    }
+
+    /// Adds a message of a subscription, if there is [room](Self::make_room).
+    pub(crate) fn push(&mut self, id: SubscriptionId, frame: Frame) -> Room {
+        let room = self.make_room(id, frame.len());
+        if room == Room::Free {
+            let (len, now) = (cost(&frame), self.virtual_time);
+            self.waiting_bytes += len;
+            let topic = self.topic(id);
+            if topic.is_idle {
+                topic.is_idle = false;
+                topic.start_tag = topic.start_tag.max(now);
+            }
+            topic.bytes += len;
+            topic.messages.push_back(frame);
+        }
+        room
     }
 
     /// The next frame to write. The caller reports its end with [`written`](Self::written) before it takes another one.
@@ -168,7 +187,9 @@ impl Outbox {
         let (finish_tag, id) = tagged.min()?;
         let frame = self.remove_oldest(id)?;
         self.virtual_time = finish_tag;
-        self.topic(id).start_tag = finish_tag;
+        let topic = self.topic(id);
+        topic.start_tag = finish_tag;
+        topic.is_idle = topic.messages.is_empty();
         self.in_flight_bytes = cost(&frame);
         Some(frame)
     }
@@ -186,7 +207,7 @@ impl Outbox {
     }
 
     fn topic(&mut self, id: SubscriptionId) -> &mut Topic {
-        self.topics.entry(id).or_default()
+        self.topics.entry(id).or_insert_with(Topic::new)
     }
 
     fn displace(&mut self, id: SubscriptionId) {

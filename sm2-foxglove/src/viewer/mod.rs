@@ -76,10 +76,8 @@ pub(crate) fn serve(shared: &Arc<Shared>, tcp: Arc<TcpStream>, shutdown: &Shutdo
         End::Shutdown => GOING_AWAY,
         End::Accept(_) | End::Gone(_) | End::System(_) => FAILED,
     };
-    tracing::info!(
-        displaced = viewer.context.outbox.displaced(),
-        "the connection of a viewer has ended"
-    );
+    let displaced = viewer.context.outbox.displaced();
+    tracing::debug!(displaced, "newer messages have displaced this many");
     connection.close(viewer.context.outbox, code);
     end
 }

@@ -8,7 +8,7 @@ use super::context::{Context, End, Source};
 use crate::{
     catalogue::Channel,
     frame,
-    outbox::Pushed,
+    outbox::Room,
     protocol::{self, Level, Subscription},
 };
 
@@ -101,14 +101,9 @@ impl Subscriptions {
                 Ok(None) => return Ok(()),
                 // The type of a publisher that is not of this channel.
                 Ok(Some(sample)) if sample.type_id() != Some(&topic.channel.data) => continue,
-                Ok(Some(sample)) => match framed(context, id, &topic.channel, &sample) {
-                    Ok(frame) => {
-                        drop(sample);
-                        match context.outbox.push(id, frame) {
-                            Pushed::Waits | Pushed::NoRoom => continue,
-                            Pushed::TooLong => "longer than the budget of a viewer".to_owned(),
-                        }
-                    }
+                Ok(Some(sample)) => match put(context, id, &topic.channel, &sample) {
+                    Ok(Room::Free | Room::Full) => continue,
+                    Ok(Room::TooLong) => "longer than the budget of a viewer".to_owned(),
                     Err(problem) => problem,
                 },
                 Err(error) => error.to_string(),
@@ -132,17 +127,23 @@ impl Subscriptions {
     }
 }
 
-/// The frame of a message.
-fn framed(
-    context: &Context,
+/// Puts a message into the outbox, in the form of its channel.
+fn put(
+    context: &mut Context,
     id: u32,
     channel: &Channel,
     sample: &Sample<[u8]>,
-) -> Result<Vec<u8>, String> {
+) -> Result<Room, String> {
     let head = protocol::message_head(id, context.time_of(sample.source_time()));
     let message_type = &channel.message_type;
     if message_type.is_unchanged() {
-        return Ok(frame::binary(&[&head[..], sample]));
+        // Before the copy: a message that cannot wait is not copied, and those that it displaces are gone.
+        let len = frame::HEAD_MAX + head.len() + sample.len();
+        let room = context.outbox.make_room(id, len);
+        return Ok(match room {
+            Room::Free => (context.outbox).push(id, frame::binary(&[&head[..], sample])),
+            Room::Full | Room::TooLong => room,
+        });
     }
     if let Some(max) = message_type.max_len().filter(|max| sample.len() > *max) {
         let len = sample.len();
@@ -152,8 +153,7 @@ fn framed(
     }
     // A copy: the publisher may still be able to change the message while it is decoded.
     let message = sample.to_vec();
-    let json = message_type
-        .to_viewer(&message)
-        .map_err(|error| error.to_string())?;
-    Ok(frame::binary(&[&head[..], &json]))
+    let json = message_type.to_viewer(&message);
+    let json = json.map_err(|error| error.to_string())?;
+    Ok((context.outbox).push(id, frame::binary(&[&head[..], &json])))
 }
