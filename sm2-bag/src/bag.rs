@@ -63,6 +63,11 @@ impl Bag {
         }
     }
 
+    /// The `log_time` of the first and of the last message; `None` without a message.
+    pub(crate) const fn times(&self) -> Option<(u64, u64)> {
+        self.times
+    }
+
     /// Reads the summary of a file of `end` bytes. `None` if there is none, if it is damaged, or if it lacks the counts
     /// of a channel, because another program wrote it.
     pub(crate) fn of_summary(

@@ -64,7 +64,8 @@ pub enum BlackBoxStep {
 /// Keeps the last seconds of a domain's messages in a ring of files. A [trigger](Trigger) writes them, and those of the
 /// next seconds, to a bag of their own. Each trigger gets a bag, also while another one is being written.
 ///
-/// After a crash of the recorder, the ring is still there: [`copy`](fn@crate::copy) puts its files together.
+/// After a crash of the recorder, the ring is still there: the next black box with this ring takes it over, so its last
+/// seconds are in the bags of the next triggers.
 pub struct BlackBox<'fd> {
     recorder: Recorder<'fd>,
     ring: Folder,
@@ -98,8 +99,12 @@ impl<'fd> BlackBox<'fd> {
         } = options;
         let file_time = (last / RING_FILES).max(FILE_MIN);
         // A file is removed when its last message is too old for a trigger that comes now.
-        let ring = Folder::new(&ring, "ring").map_err(RecordError::System)?;
-        let ring = ring.keep_for(last);
+        let now_ns = (record.wall_clock)().0;
+        let ring = Folder::new(&ring, "ring").and_then(|it| it.keep_for(last, now_ns));
+        let ring = ring.map_err(|error| match error.kind() {
+            io::ErrorKind::WouldBlock => RecordError::RingInUse,
+            _ => RecordError::System(error),
+        })?;
         let split = Split {
             bytes: None,
             time: Some(file_time),
@@ -121,10 +126,7 @@ impl<'fd> BlackBox<'fd> {
     /// Keeps the last seconds and the next ones. Returns the bag that will be written.
     pub fn trigger(&mut self, reason: &str) -> PathBuf {
         let now = self.recorder.now_ns();
-        // The bag of another incident may not be there yet.
-        let open = self.open.iter().map(|it| &it.path);
-        let taken: Vec<_> = open.chain(self.copying.iter().map(|it| &it.path)).collect();
-        let window = Window::new(now, (self.last, self.after), reason, &self.output, &taken);
+        let window = Window::new(now, (self.last, self.after), reason, &self.output);
         self.ring.pin(window.from_ns);
         let path = window.path.clone();
         self.open.push(window);

@@ -88,8 +88,28 @@ pub(crate) fn create(
 ) -> Result<Report, CopyError> {
     let failed = |error: io::Error| write_error(to, error.into());
     let created = OpenOptions::new().write(true).create_new(true).open(to);
-    let file = created.map_err(failed)?;
-    if let Err(error) = write(&file).and_then(|()| file.sync_data().map_err(failed)) {
+    fill(&created.map_err(failed)?, to, write)
+}
+
+/// As [`copy_with`], into the new and empty file `to`.
+pub(crate) fn copy_into(
+    file: &File,
+    bags: &[Bag],
+    to: &Path,
+    options: &CopyOptions<'_>,
+    observer: &mut Observer<'_>,
+) -> Result<Report, CopyError> {
+    fill(file, to, |file| write(bags, file, to, options, observer))
+}
+
+/// Writes the new file `to`, and removes it if that fails. Returns its summary.
+fn fill(
+    file: &File,
+    to: &Path,
+    write: impl FnOnce(&File) -> Result<(), CopyError>,
+) -> Result<Report, CopyError> {
+    let failed = |error: io::Error| write_error(to, error.into());
+    if let Err(error) = write(file).and_then(|()| file.sync_data().map_err(failed)) {
         // The first error says more.
         let _ = std::fs::remove_file(to);
         return Err(error);

@@ -28,6 +28,9 @@ pub enum RecordError {
     /// The operating system refuses something that the recorder needs.
     #[error("cannot start to record: {0}")]
     System(#[source] io::Error),
+    /// Another recorder uses the ring.
+    #[error("another recorder uses this ring: give each one a folder of its own (see --ring)")]
+    RingInUse,
     /// The disk has less room than it shall keep. The bag is complete up to then.
     #[error(
         "the recording has ended, because the disk is nearly full (see --min-free); what was recorded is complete"

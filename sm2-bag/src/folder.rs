@@ -1,12 +1,15 @@
 //! A folder of bags that one recording fills one after the other.
 
 use std::collections::VecDeque;
-use std::fs;
+use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use nix::fcntl::{Flock, FlockArg};
+
+use crate::bag::Bag;
 use crate::storage::BagFile;
 
 /// A folder of bags that one recording fills one after the other: `STEM-0001.mcap`, `STEM-0002.mcap`, and so forth.
@@ -22,6 +25,10 @@ struct State {
     stem: String,
     /// The number of files of this recording.
     created: u32,
+    /// The number in the name of the last file.
+    number: u64,
+    /// The folder, locked against other recorders. `None` if several may use it.
+    lock: Option<Flock<File>>,
     /// The number of files that were removed.
     removed: u32,
     keep_bytes: Option<u64>,
@@ -58,6 +65,8 @@ impl Folder {
             path: path.to_owned(),
             stem: stem.to_owned(),
             created: 0,
+            number: 0,
+            lock: None,
             removed: 0,
             keep_bytes: None,
             keep_for: None,
@@ -96,10 +105,42 @@ impl Folder {
         Ok(self)
     }
 
-    /// Removes files whose messages are older than this.
-    pub(crate) fn keep_for(self, age: Duration) -> Self {
-        self.lock().keep_for = Some(age);
-        self
+    /// Removes files whose messages are older than this. The files with the stem of this folder that a recorder has
+    /// left, because it was killed, belong to the ring. No other recorder can use the folder meanwhile. `now_ns` is the
+    /// time of the wall clock.
+    ///
+    /// # Errors
+    ///
+    /// `WouldBlock` if another recorder uses the folder, and any error of the operating system.
+    pub(crate) fn keep_for(self, age: Duration, now_ns: u64) -> io::Result<Self> {
+        let mut state = self.lock();
+        let folder = File::open(&state.path)?;
+        let lock = Flock::lock(folder, FlockArg::LockExclusiveNonblock);
+        state.lock = Some(lock.map_err(|(_, errno)| io::Error::from(errno))?);
+        let mut left = Vec::new();
+        for entry in fs::read_dir(&state.path)? {
+            let path = entry?.path();
+            if let Some(number) = state.number_of(&path) {
+                left.push((number, path));
+            }
+        }
+        left.sort_unstable();
+        for (number, path) in left {
+            state.number = number;
+            let len_bytes = fs::metadata(&path)?.len();
+            // A file that cannot be read has no messages. Messages of a later time are of another setting of the clock:
+            // no trigger asks for them.
+            let times = Bag::open(&path).ok().and_then(|it| it.times());
+            let times = times.filter(|(_, last)| *last <= now_ns);
+            state.parts.push_back(Part {
+                path,
+                len_bytes,
+                times,
+            });
+        }
+        state.keep_for = Some(age);
+        drop(state);
+        Ok(self)
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
@@ -129,12 +170,22 @@ impl Folder {
                 }
             }
         }
-        let name = format!("{}-{:04}.mcap", state.stem, state.created + 1);
-        let path = state.path.join(name);
-        let file = BagFile::create(&path)?;
-        state.created += 1;
-        state.open = Some(path);
-        Ok(file)
+        loop {
+            state.number += 1;
+            let path = state
+                .path
+                .join(format!("{}-{:04}.mcap", state.stem, state.number));
+            match BagFile::create(&path) {
+                // Of another recording: a clock without a battery gives two of them the same stem.
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+                Err(error) => return Err(error),
+                Ok(file) => {
+                    state.created += 1;
+                    state.open = Some(path);
+                    return Ok(file);
+                }
+            }
+        }
     }
 
     /// The file that was being written is complete, and has everything up to `now_ns`.
@@ -214,6 +265,13 @@ impl Folder {
 }
 
 impl State {
+    /// The number in the name of a file of this folder; `None` for another file.
+    fn number_of(&self, path: &Path) -> Option<u64> {
+        let name = path.file_name()?.to_str()?;
+        let number = name.strip_prefix(&self.stem)?.strip_prefix('-')?;
+        number.strip_suffix(".mcap")?.parse().ok()
+    }
+
     /// The length of all complete files, in bytes.
     fn len_bytes(&self) -> u64 {
         self.parts.iter().map(|it| it.len_bytes).sum()

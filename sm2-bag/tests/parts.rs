@@ -191,6 +191,25 @@ fn a_ring_removes_the_oldest_bags_also_of_earlier_recordings() {
     assert!(path.join("photo.mcap").exists());
 }
 
+/// A clock without a battery gives two recordings the same stem.
+#[test]
+fn a_second_recording_with_the_same_stem_goes_on_counting() {
+    let domain = Domain::new();
+    let path = domain.path("drive");
+    let split = Split {
+        bytes: Some(50_000),
+        time: None,
+    };
+    let folder = || Folder::new(&path, "bag").unwrap();
+    record_in(&domain, folder(), split, 20);
+    let first = bags(&path);
+    record_in(&domain, folder(), split, 20);
+    let both = bags(&path);
+    assert_eq!(both[..first.len()], first);
+    assert_eq!(numbers(&first), Vec::from_iter(0..20));
+    assert_eq!(numbers(&both[first.len()..]), Vec::from_iter(0..20));
+}
+
 /// A file on a disk that is soon full.
 struct Small {
     file: File,

@@ -5,6 +5,7 @@ mod common;
 mod trigger;
 
 use std::{
+    fs,
     path::{Path, PathBuf},
     time::Duration,
 };
@@ -16,7 +17,7 @@ use sm2_proto::{Instant, Name};
 
 use self::{
     black_box::BlackBoxArguments,
-    common::{Shown, new_name},
+    common::{Shown, create_first, new_name, new_names},
 };
 use crate::{
     args::{Domain, name, positive},
@@ -108,7 +109,8 @@ recording ends, and its bag is complete.
 With --last, the output is a folder (default: the working directory). The last messages are kept in the files
 of a ring. Each trigger writes those before it, and those of --after, to incident-DATE-TIME.mcap. The triggers are
 `sm2 record trigger`, a call of --service (a string, answered by the path of the bag), SIGUSR1, --on-message,
---on-lost and --on-deadline. After kill -9 the ring is still there, and `sm2 bag merge` puts it together.
+--on-lost and --on-deadline. After kill -9 the ring is still there: the next recorder with this ring takes it
+over, and `sm2 bag merge` puts it together.
 
 Exit status: 0 ended by Ctrl-C, SIGTERM or --seconds, and all bags are complete; 1 failed, or the disk is full;
 2 wrong usage.
@@ -153,9 +155,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let stop = session.signal_fd();
     let (path, started) = match arguments.split() {
         None => {
-            let path = path(arguments.output.as_deref());
-            let created = BagFile::create(&path);
-            let file = created.map_err(|error| CliError::file("create", &path, error))?;
+            let (path, file) = create(arguments.output.as_deref())?;
             let started = Recorder::start(&session.node, file, options, stop);
             (path, started)
         }
@@ -218,7 +218,15 @@ impl Arguments {
 
     /// The folder for the files.
     fn folder(&self) -> Result<(PathBuf, Folder), CliError> {
-        let path = (self.output.clone()).unwrap_or_else(|| new_name("bags").into());
+        let path = match &self.output {
+            Some(path) => path.clone(),
+            None => {
+                create_first(new_names("bags").map(PathBuf::from), |it| {
+                    fs::create_dir(it)
+                })?
+                .0
+            }
+        };
         let failed = |error| CliError::file("use the folder", &path, error);
         let folder = Folder::new(&path, &new_name(BAG)).map_err(failed)?;
         let folder = match self.max_size {
@@ -250,12 +258,17 @@ fn record(
     Ok(())
 }
 
-/// The path of the file: as given, in the folder that was given, or in the working directory.
-fn path(output: Option<&Path>) -> PathBuf {
-    let new = format!("{}.mcap", new_name(BAG));
-    match output {
-        None => new.into(),
-        Some(folder) if folder.is_dir() => folder.join(new),
-        Some(file) => file.to_owned(),
-    }
+/// Creates the file: as given, in the folder that was given, or in the working directory.
+fn create(output: Option<&Path>) -> Result<(PathBuf, BagFile), CliError> {
+    let folder = match output {
+        None => Path::new(""),
+        Some(folder) if folder.is_dir() => folder,
+        Some(file) => {
+            let created = BagFile::create(file);
+            let created = created.map_err(|error| CliError::file("create", file, error))?;
+            return Ok((file.to_owned(), created));
+        }
+    };
+    let paths = new_names(BAG).map(|name| folder.join(format!("{name}.mcap")));
+    create_first(paths, BagFile::create)
 }

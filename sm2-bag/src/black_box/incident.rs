@@ -1,6 +1,8 @@
 //! Writing the bag of an incident.
 
 use std::collections::BTreeMap;
+use std::fs::{File, OpenOptions};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -8,7 +10,7 @@ use std::time::Duration;
 use mcap::records::Metadata;
 
 use crate::bag::Bag;
-use crate::copy::{CopyOptions, copy_with};
+use crate::copy::{CopyOptions, copy_into, write_error};
 use crate::error::{CopyError, WriteError};
 use crate::messages::Filter;
 use crate::observer::unobserved;
@@ -40,6 +42,8 @@ pub(super) struct Window {
     at_ns: u64,
     reason: String,
     pub(super) path: PathBuf,
+    /// The file, which is empty until the time has ended.
+    file: io::Result<File>,
 }
 
 impl Window {
@@ -48,7 +52,6 @@ impl Window {
         (last, after): (Duration, Duration),
         reason: &str,
         folder: &Path,
-        taken: &[&PathBuf],
     ) -> Self {
         let time = jiff::Timestamp::from_nanosecond(at_ns.into()).unwrap_or_default();
         let stem = format!("incident-{}", time.strftime("%Y-%m-%d-%H%M%S"));
@@ -56,15 +59,26 @@ impl Window {
             1 => format!("{stem}.mcap"),
             number => format!("{stem}-{number}.mcap"),
         });
-        let mut paths = names.map(|name| folder.join(name));
-        let is_free = |path: &PathBuf| !path.exists() && !taken.contains(&path);
+        let mut created = names.map(|name| {
+            let path = folder.join(name);
+            let file = OpenOptions::new().write(true).create_new(true).open(&path);
+            (path, file)
+        });
+        let is_taken = |file: &io::Result<File>| {
+            let kind = file.as_ref().err().map(io::Error::kind);
+            kind == Some(io::ErrorKind::AlreadyExists)
+        };
+        let (path, file) = created
+            .find(|(_, file)| !is_taken(file))
+            .unwrap_or_else(|| (folder.join(stem), Err(io::ErrorKind::AlreadyExists.into())));
         Self {
             from_ns: at_ns.saturating_sub(last.as_nanos() as u64),
             to_ns: at_ns.saturating_add(after.as_nanos() as u64),
             has_ended_file: false,
             at_ns,
             reason: reason.to_owned(),
-            path: paths.find(is_free).unwrap_or_default(),
+            path,
+            file,
         }
     }
 
@@ -82,7 +96,11 @@ impl Window {
     }
 
     /// Copies the messages of this time out of the ring.
-    fn copy(&self, files: &[PathBuf]) -> Result<Report, CopyError> {
+    fn copy(self, files: &[PathBuf]) -> Result<Report, CopyError> {
+        let metadata = [self.metadata()];
+        let file = self
+            .file
+            .map_err(|error| write_error(&self.path, error.into()))?;
         let bags: Vec<_> = files
             .iter()
             .map(|it| Bag::open(it))
@@ -95,9 +113,9 @@ impl Window {
         let options = CopyOptions {
             filter: &filter,
             compression: Compression::None,
-            metadata: &[self.metadata()],
+            metadata: &metadata,
         };
-        copy_with(&bags, &self.path, &options, &mut unobserved)
+        copy_into(&file, &bags, &self.path, &options, &mut unobserved)
     }
 }
 

@@ -4,7 +4,7 @@ use std::{
     fs, io,
     io::Read,
     os::{fd::AsFd, unix::net::UnixStream},
-    path::Path,
+    path::{Path, PathBuf},
     time::Duration,
 };
 
@@ -15,10 +15,7 @@ use sm2_bag::{BlackBox, BlackBoxOptions, BlackBoxStep, Incident, Options, Record
 use sm2_io::clock;
 use sm2_proto::{Instant, Name, text::Counted};
 
-use super::{
-    common::{Shown, new_name},
-    trigger::SERVICE,
-};
+use super::{common::Shown, trigger::SERVICE};
 use crate::{
     args::name, bag_summary::show, connect::Session, ended::Ended, error::CliError, output::Output,
     ticker::Ticker, time,
@@ -47,7 +44,7 @@ pub(super) struct BlackBoxArguments {
     /// The service that triggers
     #[arg(long, value_name = "NAME", value_parser = name, default_value = SERVICE, requires = "last")]
     service: Name,
-    /// The folder for the last messages, such as one in /dev/shm [default: a new one in the folder of the bags]
+    /// The folder for the last messages, such as one in /dev/shm [default: ring in the folder of the bags]
     #[arg(long, value_name = "FOLDER", requires = "last")]
     ring: Option<std::path::PathBuf>,
 }
@@ -73,23 +70,24 @@ pub(super) fn run(
     session: &Session,
 ) -> Result<Ended, CliError> {
     fs::create_dir_all(output).map_err(|error| CliError::file("create", output, error))?;
-    let ring = arguments.ring.clone();
-    let ring = ring.unwrap_or_else(|| output.join(new_name("ring")));
-    let failed = |source| CliError::Record {
-        path: ring.clone(),
-        source,
-    };
     let options = BlackBoxOptions {
         record,
         last,
         after: arguments.after,
         triggers: arguments.triggers(),
         output: output.to_owned(),
-        ring: ring.clone(),
+        ring: PathBuf::new(),
     };
     let signal = Signal::install().map_err(CliError::system("catch SIGUSR1"))?;
-    let mut black_box =
-        BlackBox::start(&session.node, options, session.signal_fd()).map_err(failed)?;
+    let (ring, started) = match &arguments.ring {
+        Some(ring) => (ring.clone(), start(session, &options, ring)),
+        None => start_in(session, &options, output),
+    };
+    let failed = |source| CliError::Record {
+        path: ring.clone(),
+        source,
+    };
+    let mut black_box = started.map_err(failed)?;
     let added = black_box.wake_on_descriptor(signal.0.as_fd());
     added.map_err(CliError::system("wait for SIGUSR1"))?;
     arguments.warn_of_absent(session)?;
@@ -117,6 +115,37 @@ pub(super) fn run(
     }
     kept.map_err(failed)?;
     failure.map(|()| Ended::Done)
+}
+
+fn start<'a>(
+    session: &'a Session,
+    options: &BlackBoxOptions,
+    ring: &Path,
+) -> Result<BlackBox<'a>, RecordError> {
+    let options = BlackBoxOptions {
+        ring: ring.to_owned(),
+        ..options.clone()
+    };
+    BlackBox::start(&session.node, options, session.signal_fd())
+}
+
+/// Starts with a ring in the folder of the bags: that of a recorder that was killed, if there is one, else a new one.
+fn start_in<'a>(
+    session: &'a Session,
+    options: &BlackBoxOptions,
+    output: &Path,
+) -> (PathBuf, Result<BlackBox<'a>, RecordError>) {
+    let mut number = 1;
+    loop {
+        let ring = output.join(match number {
+            1 => "ring".to_owned(),
+            number => format!("ring-{number}"),
+        });
+        match start(session, options, &ring) {
+            Err(RecordError::RingInUse) => number += 1,
+            started => return (ring, started),
+        }
+    }
 }
 
 /// Records, and passes each incident that is complete to `done`.

@@ -127,7 +127,7 @@ fn a_black_box_writes_what_was_before_each_trigger() {
 }
 
 #[test]
-fn a_ring_is_left_after_a_kill_and_no_recorder_answers() {
+fn a_ring_outlives_a_kill_and_the_next_recorder_takes_it_over() {
     let domain = Domain::new();
     let path = domain.path("out");
     let ring = domain.path("ring");
@@ -150,6 +150,60 @@ fn a_ring_is_left_after_a_kill_and_no_recorder_answers() {
     assert_eq!(called.code(), 1, "{called:?}");
     let error = called.stderr();
     assert!(error.contains("record/trigger"), "{error}");
+
+    let again = domain.start(&[&arguments[..], &output, &["--after", "0", "--json"]].concat());
+    again.await_stderr("keeping the last");
+    let taken = domain.run(&[&arguments[..], &output].concat());
+    taken.failed(1, &["another recorder uses this ring", "--ring"]);
+    domain.wait_for("chatter", "subscribers", 1);
+    publish(&domain, "chatter", "second");
+    wait_for_messages(&ring, 2);
+    let called = domain.run(&["record", "trigger", "kill"]);
+    assert_eq!(called.code(), 0, "{called:?}");
+    wait_for(&again, "triggered by kill", 1);
+    again.signal(Signal::SIGTERM);
+    let finished = again.finish();
+    assert_eq!(incidents(&finished.stdout()), [("kill".to_owned(), 2)]);
+    assert!(!ring.exists());
+}
+
+#[test]
+fn each_black_box_has_a_ring_of_its_own() {
+    let domain = Domain::new();
+    let folder = domain.path("out");
+    let arguments = ["record", "chatter", "--last", "60s", "-o"];
+    let start = || {
+        let running = domain.start(&[&arguments[..], &[folder.to_str().unwrap()]].concat());
+        running.await_stderr("keeping the last");
+        running
+    };
+    let (one, other) = (start(), start());
+    assert!(folder.join("ring").is_dir() && folder.join("ring-2").is_dir());
+    one.signal(Signal::SIGKILL);
+    one.finish();
+    let next = start();
+    assert!(!folder.join("ring-3").exists(), "it takes the free ring");
+    for running in [other, next] {
+        running.signal(Signal::SIGTERM);
+        assert_eq!(running.finish().code(), 0);
+    }
+    assert_eq!(fs::read_dir(&folder).unwrap().count(), 0);
+}
+
+/// As after two boots of a board whose clock has no battery.
+#[test]
+fn recordings_of_one_second_have_names_of_their_own() {
+    let domain = Domain::new();
+    let folder = domain.path("out");
+    fs::create_dir(&folder).unwrap();
+    let arguments = ["record", "--all", "--seconds", "0.1", "-o"];
+    let start = |_| domain.start(&[&arguments[..], &[folder.to_str().unwrap()]].concat());
+    let recorders: Vec<_> = (0..4).map(start).collect();
+    for recorder in recorders {
+        let finished = recorder.finish();
+        assert_eq!(finished.code(), 0, "{finished:?}");
+    }
+    assert_eq!(fs::read_dir(&folder).unwrap().count(), 4);
 }
 
 #[test]
