@@ -3,7 +3,7 @@
 //! | metric | |
 //! | --- | --- |
 //! | `sm2_bridge_COUNT_total` | each field of [`Counts`] |
-//! | `sm2_bridge_spool_COUNT_total` | the messages of durable topics that were offered, handed over, expired or refused |
+//! | `sm2_bridge_spool_COUNT_total` | messages of durable topics: `offered`, `handed_over`, `expired`, `refused` |
 //! | `sm2_bridge_spool_spooled`, `sm2_bridge_spool_in_flight` | those that have no fate yet |
 //!
 //! Each metric has the labels `bridge`, the name of the bridge, and `network`, such as `zenoh`.

@@ -224,9 +224,9 @@ impl Bridge {
         self.follow_endpoints()
     }
 
-    /// Offers each side the services of the other one. Offers the topics of nodes of ROS 2 to the domain, and subscribes
-    /// to those that it wants; by the convention of SM2, the first message of a topic offers it, and one subscription
-    /// is for all.
+    /// Offers each side the services of the other one. Offers the topics of nodes of ROS 2 to the domain, and
+    /// subscribes to those that it wants. By the convention of SM2, the first message of a topic offers it, and one
+    /// subscription is for all.
     fn follow_endpoints(&mut self) -> Result<(), BridgeError> {
         let sides = Sides {
             config: &self.config,

@@ -74,8 +74,8 @@ pub(crate) enum TopicSubscriber {
 impl Network {
     /// Opens a session.
     ///
-    /// Its messages have `CongestionControl::Drop`, so that a router does not wait for its slow subscribers. The session
-    /// itself has to wait, since only the bridge knows which messages to drop.
+    /// Its messages have `CongestionControl::Drop`, so that a router does not wait for its slow subscribers. The
+    /// session itself has to wait, since only the bridge knows which messages to drop.
     pub(crate) fn open(config: &zenoh::Config) -> Result<Self, BridgeError> {
         let mut config = config.clone();
         for limit in ["wait_before_drop", "max_wait_before_drop_fragments"] {

@@ -3,7 +3,7 @@
 //! | key expression | use |
 //! | --- | --- |
 //! | `PREFIX/NAME` | the messages of a topic, and the queryable of a service |
-//! | `PREFIX/@service/BRIDGE/NAME/REQUEST/REPLY` | liveliness token of each service that a bridge offers to the network |
+//! | `PREFIX/@service/BRIDGE/NAME/REQUEST/REPLY` | liveliness token of each service that a bridge offers |
 //!
 //! In the token, `%` stands for each `/` of a name, and a type is `NAME:HASH`.
 

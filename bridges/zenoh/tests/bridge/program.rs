@@ -88,10 +88,15 @@ impl Program {
         let id = self.child.id().to_string();
         let killed = Command::new("kill").args(["-TERM", &id]).status().unwrap();
         assert!(killed.success());
+        let mut status = None;
+        until("the program ends", || {
+            status = self.child.try_wait().unwrap();
+            status.is_some()
+        });
+        assert!(status.unwrap().success());
         let mut text = String::new();
         let mut output = self.child.stdout.take().unwrap();
         output.read_to_string(&mut text).unwrap();
-        assert!(self.child.wait().unwrap().success());
         text
     }
 }

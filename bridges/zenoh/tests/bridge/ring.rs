@@ -1,6 +1,6 @@
 //! Two domains with a gateway and a bridge between them: a ring.
 
-use crate::common::{ALL, World, receive};
+use crate::common::{ALL, Running, World, receive};
 use sm2_gateway::{Config, Gateway, keys};
 use sm2_node::{Node, Publisher, Subscriber};
 use sm2_test_support::until;
@@ -29,6 +29,50 @@ fn subscriber(node: &Node, topic: &str) -> Subscriber<[u8]> {
     builder.depth(256).declare().unwrap()
 }
 
+/// A topic that both the gateways and the bridges carry from one domain to the other one.
+struct Way<'a> {
+    publisher: Publisher<[u8]>,
+    /// In the domain of the publisher.
+    own: Subscriber<[u8]>,
+    /// In the other domain.
+    other: Subscriber<[u8]>,
+    /// The bridge of the other domain.
+    bridge: &'a Running,
+}
+
+impl Way<'_> {
+    fn left_to_gateway(&self) -> u64 {
+        self.bridge.account().counts.left_to_gateway
+    }
+
+    fn carries_each_message_once(&self) {
+        // Until the ring is complete, and both bridges know that, messages may come by both ways.
+        until("the gateways bring the topic", || {
+            self.publisher.publish(&[0]).unwrap();
+            while self.own.try_recv().unwrap().is_some() {}
+            while self.other.try_recv().unwrap().is_some() {}
+            self.left_to_gateway() > 0
+        });
+        self.publisher.publish(&[1]).unwrap();
+        while receive(&self.other) != [1] {}
+        while receive(&self.own) != [1] {}
+        let before = self.left_to_gateway();
+        for number in 2..2 + MESSAGES {
+            self.publisher.publish(&[number]).unwrap();
+            assert_eq!(receive(&self.other), [number]);
+            assert_eq!(receive(&self.own), [number]);
+        }
+        // The bridge has taken all of them from its network, and left them to the gateway.
+        until("all have come by both ways", || {
+            self.left_to_gateway() >= before + u64::from(MESSAGES)
+        });
+        self.publisher.publish(b"marker").unwrap();
+        // A copy of the messages before would come first.
+        assert_eq!(receive(&self.other), b"marker");
+        assert_eq!(receive(&self.own), b"marker");
+    }
+}
+
 #[test]
 fn nothing_arrives_twice_and_nothing_returns_in_a_ring() {
     let (near, far) = (World::new(), World::new());
@@ -45,47 +89,20 @@ fn nothing_arrives_twice_and_nothing_returns_in_a_ring() {
     let near_gateway = gateway(&near, &runtime, "near", &peer("far", ids[1], &address));
 
     let (here, there) = (near.node("robot"), far.node("station"));
-    let ways = [
-        (
-            publisher(&here, "pose"),
-            subscriber(&here, "pose"),
-            subscriber(&there, "pose"),
-            &far_bridge,
-        ),
-        (
-            publisher(&there, "command"),
-            subscriber(&there, "command"),
-            subscriber(&here, "command"),
-            &near_bridge,
-        ),
-    ];
-    for (publisher, own, other, bridge) in &ways {
-        let left = || bridge.account().counts.left_to_gateway;
-        // Until the ring is complete, and both bridges know that, messages may come by both ways.
-        until("the gateways bring the topic", || {
-            publisher.publish(&[0]).unwrap();
-            left() > 0
-        });
-        publisher.publish(&[1]).unwrap();
-        while receive(other) != [1] {}
-        while receive(own) != [1] {}
-        let before = left();
-        for number in 2..2 + MESSAGES {
-            publisher.publish(&[number]).unwrap();
-            assert_eq!(receive(other), [number]);
-            assert_eq!(receive(own), [number]);
-        }
-        // The bridge has taken all of them from its network, and left them to the gateway.
-        until("all have come by both ways", || {
-            left() >= before + u64::from(MESSAGES)
-        });
-        publisher.publish(b"marker").unwrap();
-        for subscriber in [other, own] {
-            // A copy of the message before may have come late.
-            let marker = receive(subscriber);
-            assert_eq!(marker, b"marker");
-        }
-    }
+    let pose = Way {
+        publisher: publisher(&here, "pose"),
+        own: subscriber(&here, "pose"),
+        other: subscriber(&there, "pose"),
+        bridge: &far_bridge,
+    };
+    pose.carries_each_message_once();
+    let command = Way {
+        publisher: publisher(&there, "command"),
+        own: subscriber(&there, "command"),
+        other: subscriber(&here, "command"),
+        bridge: &near_bridge,
+    };
+    command.carries_each_message_once();
     for bridge in [&near_bridge, &far_bridge] {
         let counts = bridge.account().counts;
         assert_eq!(counts.returned, 0, "{counts}");
@@ -93,14 +110,13 @@ fn nothing_arrives_twice_and_nothing_returns_in_a_ring() {
 
     // Without its gateway, a domain gets the messages from its bridge.
     runtime.block_on(near_gateway.stop());
-    let (publisher, own, other, bridge) = &ways[0];
-    let received = bridge.account().counts.received;
+    let received = far_bridge.account().counts.received;
     until("the bridge brings the topic", || {
-        publisher.publish(b"alone").unwrap();
-        assert_eq!(receive(own), b"alone");
-        bridge.account().counts.received > received
+        pose.publisher.publish(b"alone").unwrap();
+        assert_eq!(receive(&pose.own), b"alone");
+        far_bridge.account().counts.received > received
     });
-    while receive(other) != b"alone" {}
+    while receive(&pose.other) != b"alone" {}
     runtime.block_on(far_gateway.stop());
     near_bridge.end();
     far_bridge.end();
