@@ -6,7 +6,7 @@ use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use mcap::records::{Metadata, MetadataIndex, op};
+use mcap::records::{ChunkIndex, Metadata, MetadataIndex, op};
 use mcap::{Channel, MAGIC, McapError, McapResult, Summary};
 
 use crate::chunk::{Entry, RawRecord, RecordReader};
@@ -33,7 +33,8 @@ pub struct Bag {
     not_recorded: Vec<NotRecorded>,
     clocks: Vec<ClockRelation>,
     metadata: Vec<Metadata>,
-    is_unchunked: bool,
+    /// The places of messages that are in no chunk.
+    runs: Vec<ChunkIndex>,
     complete: bool,
 }
 
@@ -115,8 +116,7 @@ impl Bag {
             times,
             metadata,
             // The counts are those of this crate, which writes chunks.
-            is_unchunked: false,
-            damage: None,
+            ..Scan::default()
         };
         Ok(Some(Self::new(path, file, scan, true)))
     }
@@ -143,7 +143,7 @@ impl Bag {
                 .filter_map(ClockRelation::from_metadata)
                 .collect(),
             metadata: scan.metadata,
-            is_unchunked: scan.is_unchunked,
+            runs: scan.runs,
             summary: scan.summary,
             counts: scan.counts,
             times: scan.times,
@@ -206,16 +206,11 @@ impl Bag {
 
     /// The messages in the order of their `log_time`. A compressed chunk whose content is longer than 1 GiB is damage:
     /// a recorder compresses no message above 64 KiB.
-    ///
-    /// # Errors
-    ///
-    /// [`ReadError::Unchunked`], if another program wrote messages that are in no chunk.
-    pub fn messages(&self, filter: &Filter) -> Result<Messages<'_>, ReadError> {
-        if self.is_unchunked {
-            let path = self.path.clone();
-            return Err(ReadError::Unchunked { path });
-        }
-        Ok(Messages::new(&self.file, &self.path, &self.summary, filter))
+    #[must_use]
+    pub fn messages(&self, filter: &Filter) -> Messages<'_> {
+        let places = self.summary.chunk_indexes.iter().chain(&self.runs);
+        let channels = &self.summary.channels;
+        Messages::new(&self.file, &self.path, places, channels, filter)
     }
 
     /// The metadata records, in their order.

@@ -153,7 +153,7 @@ fn write(
             new.writer.write_metadata(record).map_err(failed)?;
         }
     }
-    for message in Merged::new(bags, filter)? {
+    for message in Merged::new(bags, filter) {
         let (number, message) = message?;
         let header = MessageHeader {
             channel_id: new.channels[&(number, message.channel.id)],

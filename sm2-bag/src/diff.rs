@@ -99,7 +99,7 @@ pub fn diff_observed(
         }));
     }
     let filter = Filter::default();
-    let mut messages = [bags[0].messages(&filter)?, bags[1].messages(&filter)?];
+    let mut messages = [bags[0].messages(&filter), bags[1].messages(&filter)];
     let mut compared = BTreeMap::<String, Compared>::new();
     let keys = RandomState::new();
     loop {
@@ -195,7 +195,7 @@ fn payload(bag: &Bag, topic: &str, message: u64) -> Result<Vec<u8>, ReadError> {
         ..Filter::default()
     };
     let mut before = message;
-    for message in bag.messages(&filter)? {
+    for message in bag.messages(&filter) {
         let message = message?;
         // A filter also chooses the topic with a slash at its start.
         if message.channel.topic != topic {

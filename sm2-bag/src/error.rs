@@ -87,12 +87,6 @@ pub enum ReadError {
         /// The file.
         path: PathBuf,
     },
-    /// Messages stand outside of the chunks, so that no index finds them. SM2 writes no such file.
-    #[error("{} has messages outside of chunks: `sm2 bag recover` copies them into chunks", path.display())]
-    Unchunked {
-        /// The file.
-        path: PathBuf,
-    },
     /// A record of the file is damaged.
     #[error("{} is damaged ({source}): `sm2 bag recover` copies its readable part", path.display())]
     Damaged {

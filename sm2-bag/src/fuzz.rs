@@ -181,15 +181,11 @@ fn read(file: &File) {
     };
     let report = bag.report();
     let found = messages(&bag);
-    match check(&path) {
-        Ok(verdict) => {
-            assert_eq!(verdict.report, report);
-            if verdict.damages.is_empty() {
-                let found = found.as_ref().expect("no damage, so all are there");
-                assert_eq!(found.len() as u64, count(&report));
-            }
-        }
-        Err(error) => assert!(matches!(error, ReadError::Unchunked { .. }), "{error}"),
+    let verdict = check(&path).expect("memory can be read");
+    assert_eq!(verdict.report, report);
+    if verdict.damages.is_empty() {
+        let found = found.as_ref().expect("no damage, so all are there");
+        assert_eq!(found.len() as u64, count(&report));
     }
     for (channel, source) in bag.sources() {
         match source {
@@ -232,7 +228,7 @@ fn is_whole(bag: &Bag, recovered: &File) {
 }
 
 fn messages(bag: &Bag) -> Result<Vec<BagMessage>, ReadError> {
-    bag.messages(&Filter::default())?.collect()
+    bag.messages(&Filter::default()).collect()
 }
 
 fn count(report: &Report) -> u64 {

@@ -17,13 +17,12 @@ pub(crate) struct Merged<'a> {
 }
 
 impl<'a> Merged<'a> {
-    pub(crate) fn new(bags: &'a [Bag], filter: &Filter) -> Result<Self, ReadError> {
-        let messages = bags.iter().map(|bag| bag.messages(filter));
-        Ok(Self {
-            bags: messages.collect::<Result<_, _>>()?,
+    pub(crate) fn new(bags: &'a [Bag], filter: &Filter) -> Self {
+        Self {
+            bags: bags.iter().map(|bag| bag.messages(filter)).collect(),
             next: BTreeMap::new(),
             unread: (0..bags.len()).collect(),
-        })
+        }
     }
 
     /// The next message. A bag is read as late as possible, so that its damage comes after the messages before it.

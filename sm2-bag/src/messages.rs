@@ -1,12 +1,12 @@
 //! The messages of a bag in the order of their times.
 
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
 use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
 
 use mcap::records::{ChunkIndex, MessageHeader, op};
-use mcap::{Channel, McapError, McapResult, Summary};
+use mcap::{Channel, McapError, McapResult};
 
 use crate::chunk::{CHUNK_MAX_BYTES, Entry, RawRecord, RecordReader};
 use crate::error::ReadError;
@@ -94,18 +94,25 @@ pub struct Messages<'a> {
 }
 
 impl<'a> Messages<'a> {
-    pub(crate) fn new(file: &'a File, path: &'a Path, summary: &Summary, filter: &Filter) -> Self {
+    /// Reads the messages at these places.
+    pub(crate) fn new<'p>(
+        file: &'a File,
+        path: &'a Path,
+        places: impl Iterator<Item = &'p ChunkIndex>,
+        channels: &HashMap<u16, Arc<Channel<'static>>>,
+        filter: &Filter,
+    ) -> Self {
         let is_chosen =
             |it: &&ChunkIndex| filter.overlaps(it.message_start_time, it.message_end_time);
-        let chosen = summary.chunk_indexes.iter().filter(is_chosen);
-        let mut chunks: Vec<_> = chosen
+        let mut chunks: Vec<_> = places
+            .filter(is_chosen)
             .map(|it| {
                 let (start, len) = (it.chunk_start_offset, it.chunk_length);
                 (it.message_start_time, start, len)
             })
             .collect();
         chunks.sort_unstable();
-        let channels = summary.channels.iter();
+        let channels = channels.iter();
         let channels = channels.filter(|it| filter.has_topic(&it.1.topic));
         Self {
             file,
@@ -157,10 +164,29 @@ impl<'a> Messages<'a> {
                 false => payload.verify(),
             };
         }
-        let record = RecordReader::new(self.file, offset, end).next()?;
-        let is_indexed = |it: &RawRecord| it.opcode == op::CHUNK && it.len_bytes() == len;
-        let record = record.filter(is_indexed);
-        record.ok_or(McapError::BadIndex)?.entries(|entry| {
+        let mut reader = RecordReader::new(self.file, offset, end);
+        let record = reader.next()?;
+        let first = record.filter(|it| match it.opcode {
+            op::CHUNK => it.len_bytes() == len,
+            // The first one of messages that are in no chunk.
+            op::MESSAGE => it.len_bytes() <= len,
+            _ => false,
+        });
+        let mut next = Some(first.ok_or(McapError::BadIndex)?);
+        while let Some(record) = next {
+            self.read_record(&record, offset, end)?;
+            let after = record.offset + record.len_bytes();
+            next = match after < offset.saturating_add(len) {
+                true => reader.next()?,
+                false => None,
+            };
+        }
+        Ok(())
+    }
+
+    /// Adds the messages of a record of the chunk, or of the run of messages, at `offset`.
+    fn read_record(&mut self, record: &RawRecord, offset: u64, end: u64) -> McapResult<()> {
+        record.entries(|entry| {
             if let Entry::Message(header, data) = entry
                 && self.is_chosen(&header)
             {

@@ -140,7 +140,7 @@ impl<'a> Player<'a> {
             return Ok(false);
         }
         let mut is_empty = true;
-        for message in Merged::new(self.bags, &self.options.filter)? {
+        for message in Merged::new(self.bags, &self.options.filter) {
             let (bag, message) = message?;
             let Some(&publisher) = self.channels.get(&(bag, message.channel.id)) else {
                 // Recorded domain time, which the player publishes itself.

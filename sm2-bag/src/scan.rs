@@ -12,6 +12,9 @@ use crate::error::ReadError;
 use crate::observer::{Observer, note};
 use crate::report::{Counts, widen};
 
+/// Messages that are in no chunk are read together up to this length, in bytes.
+const RUN_BYTES: u64 = 1 << 20;
+
 /// The content of a bag, as its records say.
 #[derive(Debug, Default)]
 pub(crate) struct Scan {
@@ -20,8 +23,10 @@ pub(crate) struct Scan {
     pub(crate) counts: BTreeMap<u16, Counts>,
     /// The `log_time` of the first and of the last message.
     pub(crate) times: Option<(u64, u64)>,
-    /// Whether a message stands outside of the chunks.
-    pub(crate) is_unchunked: bool,
+    /// The places of messages that are in no chunk: each stands for messages that follow each other.
+    pub(crate) runs: Vec<ChunkIndex>,
+    /// The place of the first chunk whose head names other times than its messages have.
+    pub(crate) wrong_times: Option<u64>,
     /// The metadata records, in their order.
     pub(crate) metadata: Vec<Metadata>,
     /// The place and the reason at which reading ended, if it was not the end of the data.
@@ -69,16 +74,20 @@ impl Scan {
         match record.opcode {
             op::CHUNK => {
                 record.entries(|entry| self.entry(entry, &mut added))?;
-                let index = chunk_index(record)?;
-                let times = (index.message_start_time, index.message_end_time);
-                if added.times.is_some_and(|it| it != times) {
-                    return Err(McapError::BadIndex);
+                let mut index = chunk_index(record)?;
+                let named = (index.message_start_time, index.message_end_time);
+                if let Some(times) = added.times.filter(|it| *it != named) {
+                    // Other programs write 0. The messages themselves are right: the checksum covers them.
+                    (index.message_start_time, index.message_end_time) = times;
+                    self.wrong_times.get_or_insert(record.offset);
                 }
                 self.summary.chunk_indexes.push(index);
             }
             op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA => {
-                self.is_unchunked |= record.opcode == op::MESSAGE;
                 record.entries(|entry| self.entry(entry, &mut added))?;
+                if let Some(times) = added.times {
+                    self.add_to_run(record, times);
+                }
             }
             // A zero opcode is not legal: this part of the file was never written.
             0 => return Err(McapError::UnexpectedEof),
@@ -94,6 +103,31 @@ impl Scan {
             widen(&mut self.times, time);
         }
         Ok(())
+    }
+
+    /// Adds a message that is in no chunk.
+    fn add_to_run(&mut self, record: &RawRecord, (from, to): (u64, u64)) {
+        let len = record.len_bytes();
+        if let Some(last) = self.runs.last_mut()
+            && last.chunk_start_offset + last.chunk_length == record.offset
+            && last.chunk_length + len <= RUN_BYTES
+        {
+            last.chunk_length += len;
+            last.message_start_time = last.message_start_time.min(from);
+            last.message_end_time = last.message_end_time.max(to);
+            return;
+        }
+        self.runs.push(ChunkIndex {
+            message_start_time: from,
+            message_end_time: to,
+            chunk_start_offset: record.offset,
+            chunk_length: len,
+            message_index_offsets: BTreeMap::new(),
+            message_index_length: 0,
+            compression: String::new(),
+            compressed_size: len,
+            uncompressed_size: len,
+        });
     }
 
     fn entry(&mut self, entry: Entry<'_>, added: &mut Added) -> McapResult<()> {

@@ -1,5 +1,6 @@
 //! Checking a bag for damage.
 
+use std::collections::HashMap;
 use std::fmt;
 use std::path::Path;
 
@@ -9,7 +10,6 @@ use serde::Serialize;
 
 use crate::bag::{Bag, open_file};
 use crate::error::ReadError;
-use crate::messages::Filter;
 use crate::observer::{Observer, unobserved};
 use crate::report::Report;
 use crate::scan::Scan;
@@ -36,6 +36,11 @@ pub enum Damage {
         /// The fault.
         reason: String,
     },
+    /// The head of a chunk names other times than its messages have. They are read by their own times.
+    Times {
+        /// The place of the first such chunk, in bytes.
+        offset: u64,
+    },
     /// The summary says something else than the records.
     Summary {
         /// The difference.
@@ -52,6 +57,10 @@ impl fmt::Display for Damage {
             Self::Unreadable { offset, reason } => {
                 write!(f, "unreadable from byte {offset} on: {reason}")
             }
+            Self::Times { offset } => write!(
+                f,
+                "the chunk at byte {offset} names other times than its messages have"
+            ),
             Self::Summary { reason } => write!(f, "the summary is wrong: {reason}"),
         }
     }
@@ -81,6 +90,7 @@ pub fn check_observed(path: &Path, observer: &mut Observer<'_>) -> Result<Verdic
             offset: *offset,
             reason: error.to_string(),
         });
+    let wrong_times = scan.wrong_times;
     let mut damages = Vec::new();
     let bag = match Bag::of_summary(path, &file, end)? {
         Some(bag) => {
@@ -91,15 +101,17 @@ pub fn check_observed(path: &Path, observer: &mut Observer<'_>) -> Result<Verdic
             let bag = Bag::of_scan(path, file, end, scan);
             damages.extend((!bag.is_complete()).then_some(Damage::Incomplete));
             damages.extend(unreadable);
-            if damages.is_empty() {
-                // Messages outside of chunks are refused.
-                bag.messages(&Filter::default())?;
-            }
             bag
         }
     };
+    damages.extend(wrong_times.map(|offset| Damage::Times { offset }));
     let report = bag.report();
     Ok(Verdict { damages, report })
+}
+
+/// Whether `all` has each entry of `some`.
+fn contains<T: PartialEq>(all: &HashMap<u16, T>, some: &HashMap<u16, T>) -> bool {
+    some.iter().all(|(id, it)| all.get(id) == Some(it))
 }
 
 /// Compares the summary of a bag with its records. Messages in chunks are found by the channels and by the places and
@@ -118,13 +130,15 @@ fn summary_damage(bag: &Bag, scan: &Scan) -> Option<Damage> {
     let report = bag.report();
     let said = report.topics.iter().map(|it| it.messages);
     let said = said.fold(0, u64::saturating_add);
-    let reason = if says.channels != has.channels || says.schemas != has.schemas {
+    // A channel or a type that only the summary names has no messages: messages follow the record of their channel.
+    let has_all = contains(&says.channels, &has.channels) && contains(&says.schemas, &has.schemas);
+    let reason = if !has_all {
         "it describes other channels or types".to_owned()
     } else if places(says) != places(has) {
         "it names other places or times of the chunks".to_owned()
     } else if said != total {
         format!("it says {said} messages, and there are {total}")
-    } else if scan.is_unchunked {
+    } else if !scan.runs.is_empty() {
         "there are messages outside of chunks, which it cannot name".to_owned()
     } else {
         return None;

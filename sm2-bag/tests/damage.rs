@@ -45,7 +45,7 @@ fn bag(compression: Compression, messages: u64) -> Vec<u8> {
 /// The numbers in a bag.
 fn numbers(path: &Path) -> Result<Vec<u64>, ReadError> {
     let bag = Bag::open(path)?;
-    let messages = bag.messages(&Filter::default())?;
+    let messages = bag.messages(&Filter::default());
     let numbers = messages.map(|it| Ok(u64::from_le_bytes(it?.data.try_into().unwrap())));
     let numbers: Result<Vec<_>, ReadError> = numbers.collect();
     let numbers = numbers?;
@@ -202,4 +202,58 @@ fn chunks_that_overlap_are_read_once() {
     twice.splice(at..at, entry);
     fs::write(&path, twice).unwrap();
     assert!(numbers(&path).unwrap().into_iter().eq(0..FEW));
+}
+
+/// Python's writer names a channel without messages in the summary only.
+#[test]
+fn a_channel_without_messages_may_be_in_the_summary_alone() {
+    let folder = memory_folder();
+    let path = folder.path().join("empty");
+    let text = |text: &str| [&(text.len() as u32).to_le_bytes()[..], text.as_bytes()].concat();
+    let channel = [&[1, 0, 0, 0][..], &text("/scan"), &text("cdr"), &[0; 4]].concat();
+    // One channel, and nothing else.
+    let mut statistics = [0; 46];
+    statistics[10] = 1;
+    let summary = [record_of(4, &channel), record_of(11, &statistics)].concat();
+    let records = [record_of(1, &[0; 8]), record_of(15, &[0; 4])].concat();
+    fs::write(&path, file_of(&records, &summary)).unwrap();
+    let verdict = check(&path).unwrap();
+    assert_eq!(verdict.damages, []);
+    let topics = &verdict.report.topics;
+    assert_eq!((topics[0].name.as_str(), topics[0].messages), ("/scan", 0));
+}
+
+/// Other programs write 0 as the times of a chunk.
+#[test]
+fn a_chunk_with_wrong_times_is_read_by_those_of_its_messages() {
+    for compression in [Compression::None, Compression::Zstd] {
+        let bytes = bag(compression, FEW);
+        let folder = memory_folder();
+        let (path, whole) = (folder.path().join("zero"), folder.path().join("whole"));
+        let magic_len = 8;
+        let (mut at, mut first) = (magic_len, None);
+        let mut zero = bytes.clone();
+        while bytes[at] != 15 {
+            let len = u64::from_le_bytes(bytes[at + 1..][..8].try_into().unwrap());
+            if bytes[at] == 6 {
+                zero[at + 9..][..16].fill(0);
+                first.get_or_insert(at as u64);
+            }
+            at += 9 + usize::try_from(len).unwrap();
+        }
+        // Without a summary, as the records are read then.
+        let footer = zero.len() - 8 - 20;
+        zero[footer..][..8].fill(0);
+        fs::write(&path, &zero).unwrap();
+        assert!(numbers(&path).unwrap().into_iter().eq(0..FEW));
+        let offset = first.unwrap();
+        let verdict = check(&path).unwrap();
+        assert!(
+            verdict.damages.contains(&Damage::Times { offset }),
+            "{verdict:?}"
+        );
+        recover(&path, &whole).unwrap();
+        assert!(numbers(&whole).unwrap().into_iter().eq(0..FEW));
+        assert_eq!(check(&whole).unwrap().damages, []);
+    }
 }

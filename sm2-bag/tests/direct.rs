@@ -46,7 +46,7 @@ fn assert_whole(path: &Path, report: &Report) {
     let bag = Bag::open(path).unwrap();
     assert!(report.complete);
     assert_eq!(bag.report(), *report);
-    let messages = bag.messages(&Filter::default()).unwrap();
+    let messages = bag.messages(&Filter::default());
     let mut count = 0;
     for (number, message) in messages.enumerate() {
         assert!(message.unwrap().data == payload(number), "{number}");

@@ -106,7 +106,7 @@ fn long_messages_are_played_as_they_were_recorded() {
 fn read(path: &Path) -> Result<Vec<usize>, ReadError> {
     let bag = Bag::open(path)?;
     let mut lens = Vec::new();
-    for message in bag.messages(&Filter::default())? {
+    for message in bag.messages(&Filter::default()) {
         let message = message?;
         assert!(message.data == payload(message.data.len()));
         lens.push(message.data.len());
@@ -169,7 +169,7 @@ fn a_damaged_long_message_is_never_published() {
         topics: ["other".to_owned()].into(),
         ..Filter::default()
     };
-    let read: Vec<_> = damaged.messages(&other).unwrap().collect();
+    let read: Vec<_> = damaged.messages(&other).collect();
     assert!(
         matches!(&read[..], [Err(ReadError::Damaged { .. })]),
         "{read:?}"

@@ -189,7 +189,7 @@ fn readable(path: &Path, payloads: &[Vec<u8>]) -> u64 {
     let Ok(bag) = Bag::open(path) else {
         return 0;
     };
-    let messages = bag.messages(&Filter::default()).unwrap();
+    let messages = bag.messages(&Filter::default());
     let mut count = 0;
     for message in messages {
         assert!(message.unwrap().data == payloads[count], "message {count}");

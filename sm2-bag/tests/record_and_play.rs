@@ -70,7 +70,7 @@ fn a_bag_has_every_message_of_each_length() {
         let bag = Bag::open(&path).unwrap();
         assert_eq!(bag.report(), report, "{name}");
         let messages = bag.messages(&Filter::default());
-        let found: Vec<_> = messages.unwrap().map(Result::unwrap).collect();
+        let found: Vec<_> = messages.map(Result::unwrap).collect();
         for (number, len) in lens.into_iter().enumerate() {
             assert_eq!(found[number].sequence, number as u32 + 1);
             assert!(

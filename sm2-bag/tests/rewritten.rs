@@ -169,7 +169,7 @@ fn messages(path: &Path, topic: &str) -> Vec<BagMessage> {
         topics: [topic.to_owned()].into(),
         ..Filter::default()
     };
-    let messages = bag.messages(&filter).unwrap();
+    let messages = bag.messages(&filter);
     messages.map(|it| it.unwrap()).collect()
 }
 

@@ -25,7 +25,7 @@ pub(super) fn seek(seek: &Seek) -> Result<Outcome, Failure> {
         topics: BTreeSet::from_iter(seek.topic.clone()),
         ..Filter::default()
     };
-    let first = bag.messages(&filter)?.next();
+    let first = bag.messages(&filter).next();
     let done_ns = now_ns();
     let first = first.ok_or("the bag has no message from this time on")??;
     if first.log_time < seek.at_ns || check(&first.data).is_err() {

@@ -131,7 +131,7 @@ fn last_frame(bag: &Bag, start: u64, end: u64) -> Result<u64, Failure> {
             topics: BTreeSet::from([FRAMES.to_owned()]),
             ..Filter::default()
         };
-        let frames = bag.messages(&filter).map_err(Failure::content)?;
+        let frames = bag.messages(&filter);
         match frames.last().transpose().map_err(Failure::content)? {
             Some(frame) => return Ok(frame.log_time),
             None if before_ns > end - start => return Ok(start),

@@ -140,7 +140,7 @@ mod tests {
         for (sealed, form) in [(false, "pooled"), (true, "sealed")] {
             let publisher = node.publisher_builder::<[u8]>("image").sealed(sealed);
             let publisher = publisher.declare().unwrap();
-            let mut messages = bag.messages(&Filter::default()).unwrap();
+            let mut messages = bag.messages(&Filter::default());
             let mut next = || {
                 let message = messages.find().unwrap().unwrap();
                 Outgoing::read(&publisher, message.payload).unwrap()
@@ -160,7 +160,7 @@ mod tests {
         let Fixture { bag, node, .. } = &Fixture::new();
         let publisher = node.publisher::<[u8]>("image").unwrap();
         let found = || {
-            let mut messages = bag.messages(&Filter::default()).unwrap();
+            let mut messages = bag.messages(&Filter::default());
             messages.find().unwrap();
             messages.find().unwrap().unwrap().payload
         };

@@ -38,7 +38,7 @@ fn wait_for_messages(ring: &Path, count: usize) {
                 topics: ["chatter".to_owned()].into(),
                 ..Filter::default()
             };
-            let messages = bag.messages(&filter).ok()?;
+            let messages = bag.messages(&filter);
             Some(messages.flatten().count())
         });
         messages.flatten().sum::<usize>() == count

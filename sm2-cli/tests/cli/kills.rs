@@ -33,7 +33,7 @@ fn readable(path: &Path) -> Vec<u64> {
     let Ok(bag) = Bag::open(path) else {
         return numbers;
     };
-    for found in bag.messages(&Filter::default()).unwrap() {
+    for found in bag.messages(&Filter::default()) {
         let data = found.unwrap().data;
         let number = u64::from_le_bytes(data[..8].try_into().unwrap());
         assert!(numbers.last().is_none_or(|it| it + 1 == number));
