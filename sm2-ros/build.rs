@@ -1,5 +1,5 @@
-//! Generates the types of ROS 2's common interfaces (feature `common-interfaces`), and a table of the names and texts of
-//! their definitions (feature `definitions`).
+//! Generates the types of ROS 2's common interfaces (feature `common-interfaces`), and a table of the names and texts
+//! of their definitions (feature `definitions`).
 
 use std::error::Error;
 

@@ -1,25 +1,18 @@
 //! Types of ROS 2, whose names and definitions determine their hashes and schemas: those of the common interfaces,
 //! and those of the user's packages.
 
-use std::{
-    collections::BTreeSet,
-    path::{Path, PathBuf},
-    sync::OnceLock,
-};
+use std::{path::PathBuf, sync::OnceLock};
 
 use clap::Args;
 use sm2_proto::{Name, TypeId, schema::Schema};
-use sm2_ros_idl::{Base, Kind, Set, TypeName};
+use sm2_ros::definitions;
+use sm2_ros_idl::{Set, TypeName};
 
 use crate::{
     built_in::{self, BuiltIn},
     decode::CodecError,
     error::CliError,
 };
-
-/// The names and the definitions of ROS 2's common interfaces, sorted by name. Each is the content of one file.
-const COMMON_INTERFACES: &[(&str, &str)] =
-    include!(concat!(env!("OUT_DIR"), "/common_interfaces.rs"));
 
 /// The definitions that the user adds.
 #[derive(Args, Clone, Debug, Default)]
@@ -85,19 +78,7 @@ impl Definitions {
     /// those of the same names.
     fn read(&self, name: &TypeName) -> Result<Set, CliError> {
         let mut set = self.added()?.clone();
-        let mut seen = BTreeSet::new();
-        let mut wanted = vec![name.clone()];
-        while let Some(name) = wanted.pop() {
-            if set.get(&name).is_err() {
-                add_common(&mut set, &name);
-            }
-            let fields = set.get(&name).map_or(&[][..], |it| &it.fields);
-            let parts = fields.iter().filter_map(|it| match &it.ty.base {
-                Base::Message(part) => Some(part.clone()),
-                _ => None,
-            });
-            wanted.extend(parts.filter(|it| seen.insert(it.clone())));
-        }
+        definitions::complete(&mut set, name);
         Ok(set)
     }
 
@@ -108,57 +89,15 @@ impl Definitions {
         }
         let mut set = Set::default();
         for folder in &self.folders {
-            match is_package(folder) {
-                true => set.add_package(&std::path::absolute(folder).unwrap_or_default())?,
-                false => set.add_folder(folder)?,
-            }
+            set.add_definitions(folder)?;
         }
         Ok(self.added.get_or_init(|| set))
     }
 }
 
-/// Adds the file of the common interfaces that defines a type, if there is one.
-fn add_common(set: &mut Set, name: &TypeName) {
-    // A part of a service or action is in the file whose name it begins with, such as `SetBool_Request`.
-    let name = name.to_string();
-    let ends = name.match_indices('_').map(|(at, _)| at);
-    let files = ends.chain([name.len()]).map(|end| &name[..end]);
-    for file in files {
-        let found = COMMON_INTERFACES.binary_search_by_key(&file, |(name, _)| name);
-        // A unit test reads all of them.
-        if let (Ok(at), Ok(name)) = (found, file.parse()) {
-            let _known = set.add(&name, COMMON_INTERFACES[at].1);
-        }
-    }
-}
-
-fn is_package(folder: &Path) -> bool {
-    Kind::ALL.iter().any(|it| folder.join(it.name()).is_dir())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn all_common_interfaces_have_a_schema() {
-        let mut set = Set::default();
-        for (name, text) in COMMON_INTERFACES {
-            set.add(&name.parse().unwrap(), text).unwrap();
-        }
-        assert!(COMMON_INTERFACES.len() > 100);
-        for message in set.types() {
-            let text = set.schema_text(&message.name).unwrap();
-            Schema::parse(&text).unwrap();
-            let name = Name::new(&message.name.to_string()).unwrap();
-            let found = Definitions::default().known(&name).unwrap().unwrap();
-            assert_eq!(found.schema, Some(text), "{name}");
-        }
-        // The lookup reads the files that the type needs.
-        let pose = "geometry_msgs/msg/PoseStamped".parse().unwrap();
-        let set = Definitions::default().read(&pose).unwrap();
-        assert_eq!(set.types().count(), 6);
-    }
 
     #[test]
     fn a_name_stands_for_the_type_of_ros_2() {
