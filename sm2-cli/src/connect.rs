@@ -82,6 +82,15 @@ impl Session {
         connected
     }
 
+    /// Lets one more signal end the command.
+    ///
+    /// # Errors
+    ///
+    /// [`CliError::System`] if the operating system refuses it.
+    pub(crate) fn end_on(&self, signal: i32) -> Result<(), CliError> {
+        (self.interrupt.add(signal)).map_err(CliError::system("catch a signal"))
+    }
+
     /// The signal that ends the command, if one came.
     pub(crate) fn stopped(&self) -> Option<Stopped> {
         self.interrupt.signal()

@@ -1,11 +1,11 @@
-//! Ctrl-C and SIGTERM: they end a wait, and the command ends at its next step.
+//! Ctrl-C, SIGTERM and SIGHUP: they end a wait, and the command ends at its next step.
 #![allow(
     clippy::disallowed_types,
     reason = "the signal handlers of signal-hook write these types"
 )]
 
 use std::{
-    io,
+    fs, io,
     os::{
         fd::{AsFd, BorrowedFd},
         unix::net::UnixStream,
@@ -17,7 +17,7 @@ use std::{
 };
 
 use signal_hook::{
-    consts::{SIGINT, SIGTERM},
+    consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ},
     flag,
     low_level::pipe,
 };
@@ -32,6 +32,9 @@ const STATUS_OF_SIGNALS: i32 = 128;
 #[derive(Debug)]
 pub(crate) struct Interrupt {
     signal: Arc<AtomicUsize>,
+    /// Whether a signal came before.
+    again: Arc<AtomicBool>,
+    written_by_handler: UnixStream,
     /// Never read, so that it stays readable after a signal.
     pipe: UnixStream,
 }
@@ -41,24 +44,44 @@ pub(crate) struct Interrupt {
 pub(crate) struct Stopped(usize);
 
 impl Interrupt {
-    /// Catches SIGINT and SIGTERM from now on. Must be called once per process only.
+    /// Catches SIGINT, SIGTERM and SIGHUP from now on, unless the process was started with SIGHUP ignored, as nohup(1)
+    /// does. A file that grows beyond its limit gives an error instead of the signal SIGXFSZ. Must be called once per
+    /// process only.
     ///
     /// # Errors
     ///
     /// The error of the operating system.
     pub(crate) fn install() -> io::Result<Self> {
-        let signal = Arc::new(AtomicUsize::new(0));
-        let again = Arc::new(AtomicBool::new(false));
         let (pipe, written_by_handler) = UnixStream::pair()?;
-        for (number, value) in [(SIGINT, SIGINT as usize), (SIGTERM, SIGTERM as usize)] {
-            // The handlers run in this order, so the number is stored before the pipe wakes the command.
-            let status = STATUS_OF_SIGNALS + number;
-            flag::register_conditional_shutdown(number, status, Arc::clone(&again))?;
-            flag::register(number, Arc::clone(&again))?;
-            flag::register_usize(number, Arc::clone(&signal), value)?;
-            pipe::register(number, written_by_handler.try_clone()?)?;
+        let interrupt = Self {
+            signal: Arc::new(AtomicUsize::new(0)),
+            again: Arc::new(AtomicBool::new(false)),
+            written_by_handler,
+            pipe,
+        };
+        interrupt.add(SIGINT)?;
+        interrupt.add(SIGTERM)?;
+        if !is_ignored(SIGHUP) {
+            interrupt.add(SIGHUP)?;
         }
-        Ok(Self { signal, pipe })
+        // Nobody looks at the flag.
+        flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)))?;
+        Ok(interrupt)
+    }
+
+    /// Lets one more signal end the command.
+    ///
+    /// # Errors
+    ///
+    /// The error of the operating system.
+    pub(crate) fn add(&self, number: i32) -> io::Result<()> {
+        // The handlers run in this order, so the number is stored before the pipe wakes the command.
+        let status = STATUS_OF_SIGNALS + number;
+        flag::register_conditional_shutdown(number, status, Arc::clone(&self.again))?;
+        flag::register(number, Arc::clone(&self.again))?;
+        flag::register_usize(number, Arc::clone(&self.signal), number as usize)?;
+        pipe::register(number, self.written_by_handler.try_clone()?)?;
+        Ok(())
     }
 
     /// The signal that came, if one did.
@@ -70,6 +93,14 @@ impl Interrupt {
     }
 }
 
+/// Whether this process ignores a signal, as the kernel says.
+fn is_ignored(number: i32) -> bool {
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let bits = ignored.and_then(|it| u64::from_str_radix(it.trim(), 16).ok());
+    bits.is_some_and(|it| it >> (number - 1) & 1 == 1)
+}
+
 impl AsFd for Interrupt {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.pipe.as_fd()
@@ -77,7 +108,7 @@ impl AsFd for Interrupt {
 }
 
 impl Stopped {
-    /// The exit status of a program that this signal ended, as shells expect it: 130 or 143.
+    /// The exit status of a program that this signal ended, as shells expect it: 129, 130 or 143.
     pub(crate) fn status(self) -> u8 {
         u8::try_from(STATUS_OF_SIGNALS as usize + self.0).unwrap_or(u8::MAX)
     }

@@ -66,7 +66,12 @@ mod wait_for;
 mod web_view;
 mod why;
 
-use std::{env, ffi::OsString, io, process::ExitCode};
+use std::{
+    env,
+    ffi::OsString,
+    io::{self, IsTerminal},
+    process::ExitCode,
+};
 
 use clap::CommandFactory;
 
@@ -90,8 +95,11 @@ pub fn run(arguments: Vec<OsString>) -> ExitCode {
         Ok(command) => command,
         Err(status) => return status,
     };
-    if !matches!(command, Command::Manager(_) | Command::Gateway(_)) {
-        log_errors();
+    if !matches!(command, Command::Manager(_) | Command::Gateway(_))
+        && let Err(wrong) = log_errors()
+    {
+        stderr_line!("sm2: {}", text::one_line(&wrong.to_string()));
+        return ExitCode::from(ended::WRONG_USAGE);
     }
     let result = match command {
         Command::Manager(arguments) => return sm2_manager::program::main(&arguments),
@@ -131,11 +139,11 @@ pub fn run(arguments: Vec<OsString>) -> ExitCode {
 
 /// Logs to standard error with the level of `SM2_LOG`. The default is `error`, since commands report all other
 /// events themselves.
-fn log_errors() {
-    let filter = tracing_subscriber::EnvFilter::try_from_env("SM2_LOG")
-        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("error"));
+fn log_errors() -> Result<(), sm2_io::WrongLogLevel> {
     tracing_subscriber::fmt()
-        .with_env_filter(filter)
+        .with_env_filter(sm2_io::log_levels("error")?)
+        .with_ansi(io::stderr().is_terminal())
         .with_writer(io::stderr)
         .init();
+    Ok(())
 }

@@ -11,6 +11,7 @@ use std::{
 };
 
 use clap::{Args, Subcommand};
+use signal_hook::consts::SIGUSR1;
 use sm2_bag::{BagFile, Folder, Options, RecordError, Recorder, Split, Step, Topics};
 use sm2_io::clock;
 use sm2_proto::{Instant, Name};
@@ -45,7 +46,7 @@ pub(crate) struct Arguments {
     #[arg(long)]
     all: bool,
     /// The file to write, or the folder for a new file [default: bag-DATE-TIME.mcap, in UTC]
-    #[arg(short, long, value_name = "FILE|FOLDER")]
+    #[arg(short, long, value_name = "FILE|FOLDER", value_parser = output)]
     output: Option<PathBuf>,
     /// End after this number of seconds
     #[arg(long, value_name = "N", value_parser = positive)]
@@ -112,8 +113,8 @@ of a ring. Each trigger writes those before it, and those of --after, to inciden
 --on-lost and --on-deadline. After kill -9 the ring is still there: the next recorder with this ring takes it
 over, and `sm2 bag merge` puts it together.
 
-Exit status: 0 ended by Ctrl-C, SIGTERM or --seconds, and all bags are complete; 1 failed, or the disk is full;
-2 wrong usage.
+Exit status: 0 ended by Ctrl-C, SIGTERM, SIGHUP, SIGUSR1 (without --last) or --seconds, and all bags are complete;
+1 failed, or the disk is full; 2 wrong usage.
 
 Examples:
   sm2 record camera log --seconds 2
@@ -121,6 +122,14 @@ Examples:
   sm2 record chatter --reliable chatter -o chat.mcap --seconds 1 --json
   sm2 record --all -o drives --split-size 1GB --max-size 20GB --seconds 1
   sm2 record --all --last 30s --on-lost talker --seconds 1";
+
+/// Parses the output.
+fn output(text: &str) -> Result<PathBuf, String> {
+    match text {
+        "-" => Err("a bag cannot be written to standard output: name a file (./- is one)".into()),
+        path => Ok(path.into()),
+    }
+}
 
 /// The names of new bags begin with this.
 const BAG: &str = "bag";
@@ -152,6 +161,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         let (output, end) = ((output, options), (until, arguments.json));
         return black_box::run(&arguments.black_box, last, output, end, &session);
     }
+    // It triggers a black box. Without one, it must not end the recording without a summary.
+    session.end_on(SIGUSR1)?;
     let stop = session.signal_fd();
     let (path, started) = match arguments.split() {
         None => {

@@ -64,6 +64,7 @@ pub mod fault;
 mod huge;
 pub mod latch;
 mod listener;
+mod log_level;
 pub mod mapping;
 pub mod memfd;
 #[cfg(feature = "quic")]
@@ -88,6 +89,7 @@ pub use domain_socket::{
 };
 pub use epoll::{Epoll, Event, Events, Interest, poll_now, wait_readable};
 pub use latch::Latch;
+pub use log_level::{WrongLogLevel, log_levels};
 pub use mapping::{PooledMapping, Scratch, SealedMapping};
 pub use memfd::{InspectedFd, Preallocated, SealedLoan, Segment, VerifyError};
 pub use ring::Ring;

@@ -3,11 +3,12 @@
 use std::{
     fs,
     io::{BufRead, BufReader, Write},
-    process::Stdio,
+    path::PathBuf,
+    process::{Command, Stdio},
     thread,
 };
 
-use crate::common::{Domain, Running, sm2, until};
+use crate::common::{Domain, Running, SOON, sm2, until};
 use nix::sys::signal::Signal;
 use tempfile::TempDir;
 
@@ -179,4 +180,83 @@ fn a_demo_that_loses_a_process_says_which() {
     until("it is gone", || parent(victim).is_none());
     demo.signal(Signal::SIGTERM);
     demo.finish().failed(1, &["subscriber 2", "signal: 9"]);
+}
+
+/// A terminal that is closed, or a script that asks for a snapshot, must not cost the end of a bag.
+#[test]
+fn signals_end_a_recording_in_order() {
+    let domain = Domain::new();
+    let recorder = |name: &str, before: &str| {
+        let bag = domain.path(name);
+        let mut command = Command::new("sh");
+        let script = format!("{before} exec \"$0\" \"$@\"");
+        command.args([
+            "-c",
+            &script,
+            env!("CARGO_BIN_EXE_sm2"),
+            "record",
+            "--all",
+            "-o",
+        ]);
+        command
+            .arg(&bag)
+            .arg("--socket")
+            .arg(domain.path("sm2.sock"));
+        let running = Running::start(&mut command);
+        running.await_stderr("recording to");
+        (running, bag)
+    };
+    let ends = |(running, bag): (Running, PathBuf)| {
+        let finished = running.finish();
+        assert_eq!(finished.code(), 0, "{finished:?}");
+        let checked = sm2(&["bag", "check"]).arg(bag).output().unwrap();
+        assert!(checked.status.success(), "{checked:?}");
+    };
+    for signal in [Signal::SIGHUP, Signal::SIGUSR1] {
+        let recorder = recorder(signal.as_str(), "");
+        recorder.0.signal(signal);
+        ends(recorder);
+    }
+    // As nohup does.
+    let recorder = recorder("ignored", "trap '' HUP;");
+    recorder.0.signal(Signal::SIGHUP);
+    recorder.0.signal(Signal::SIGUSR1);
+    ends(recorder);
+}
+
+#[test]
+fn a_limit_of_the_length_of_files_is_an_error() {
+    let domain = Domain::new();
+    let bag = domain.path("bag");
+    let script = "ulimit -f 1; exec \"$0\" \"$@\"";
+    let mut command = Command::new("sh");
+    command.args(["-c", script, env!("CARGO_BIN_EXE_sm2"), "record", "--all"]);
+    command.args(["--sync", "1ms", "-o"]).arg(&bag);
+    let recorder = Running::start(command.arg("--socket").arg(domain.path("sm2.sock")));
+    recorder.await_stderr("recording to");
+    let node = domain.node("talker");
+    let publisher = node.publisher::<[u8]>("data").unwrap();
+    publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
+    publisher.publish(&[1; 10_000]).unwrap();
+    let before = format!("recording to {} (Ctrl-C ends)\n", bag.display());
+    let parts = ["cannot write the bag", "File too large"];
+    recorder.finish().failed_after(1, &before, &parts);
+}
+
+#[test]
+fn a_bag_does_not_go_to_standard_output() {
+    let finished = Running::start(&mut sm2(&["record", "--all", "-o", "-"])).finish();
+    finished.failed(2, &["standard output"]);
+}
+
+#[test]
+fn a_wrong_level_of_the_log_is_named() {
+    for arguments in [
+        &["topic", "list"][..],
+        &["manager", "--socket", "/nowhere/sm2.sock"],
+        &["gateway", "check", "/nowhere.toml"],
+    ] {
+        let finished = Running::start(sm2(arguments).env("SM2_LOG", "verbose")).finish();
+        finished.failed(2, &["SM2_LOG", "verbose", "debug"]);
+    }
 }

@@ -132,10 +132,15 @@ pub fn main(command: &Command, program: &str) -> ExitCode {
         Command::Run(_) => "info",
         _ => "error",
     };
-    let filter = tracing_subscriber::EnvFilter::try_from_env("SM2_LOG")
-        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new(default));
+    let levels = match sm2_io::log_levels(default) {
+        Ok(levels) => levels,
+        Err(wrong) => {
+            let _ = writeln!(io::stderr(), "{program}: {wrong}");
+            return ExitCode::from(2);
+        }
+    };
     let logs = tracing_subscriber::fmt()
-        .with_env_filter(filter)
+        .with_env_filter(levels)
         .with_ansi(io::stderr().is_terminal())
         .with_writer(io::stderr);
     // Fails if the program has installed a subscriber of its own, which then stays.

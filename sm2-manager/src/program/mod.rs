@@ -253,10 +253,15 @@ pub fn serve(arguments: &Arguments) -> Result<(), ProgramError> {
 /// As [`serve`], with logs on standard error (`SM2_LOG` filters them) and an exit status.
 #[must_use]
 pub fn main(arguments: &Arguments) -> ExitCode {
-    let filter = tracing_subscriber::EnvFilter::try_from_env("SM2_LOG")
-        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("info"));
+    let levels = match sm2_io::log_levels("info") {
+        Ok(levels) => levels,
+        Err(wrong) => {
+            let _ = writeln!(io::stderr(), "sm2 manager: {wrong}");
+            return ExitCode::from(WRONG_USAGE);
+        }
+    };
     let logs = tracing_subscriber::fmt()
-        .with_env_filter(filter)
+        .with_env_filter(levels)
         .with_ansi(io::stderr().is_terminal())
         .with_writer(io::stderr);
     // Fails only if the program has installed a logger already, which serves as well.
