@@ -244,3 +244,47 @@ fn number(bytes: &[u8]) -> Option<(u32, &[u8])> {
     let (number, rest) = bytes.split_first_chunk()?;
     Some((u32::from_le_bytes(*number), rest))
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn requests_are_read() {
+        let message = [&[2, 1, 0, 0, 0, 7, 0, 0, 0, 3, 0, 0, 0][..], b"cdr", b"xy"].concat();
+        let expected = BinaryFromViewer::Request {
+            service: 1,
+            call: 7,
+            encoding: "cdr",
+            payload: b"xy",
+        };
+        assert_eq!(binary(&message), Some(expected));
+        // Up to the end of the encoding, every part is needed.
+        for len in 0..message.len() - 2 {
+            assert_eq!(binary(&message[..len]), None, "{len} bytes");
+        }
+    }
+
+    proptest! {
+        /// No message of a viewer makes the server panic, and a message that is read has the bytes that were sent.
+        #[test]
+        fn any_bytes_can_be_read(message: Vec<u8>, opcode in 0..4_u8) {
+            let message = [&[opcode][..], &message].concat();
+            match binary(&message) {
+                Some(BinaryFromViewer::Message { publication, payload }) => {
+                    prop_assert_eq!(opcode, 1);
+                    prop_assert_eq!(&message[1..5], &publication.to_le_bytes());
+                    prop_assert_eq!(&message[5..], payload);
+                }
+                Some(BinaryFromViewer::Request { encoding, payload, .. }) => {
+                    prop_assert_eq!(opcode, 2);
+                    prop_assert_eq!(&message[13..13 + encoding.len()], encoding.as_bytes());
+                    prop_assert_eq!(&message[13 + encoding.len()..], payload);
+                }
+                None => prop_assert!(opcode != 1 || message.len() < 5),
+            }
+        }
+    }
+}

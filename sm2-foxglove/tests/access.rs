@@ -4,7 +4,7 @@ use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
 
 use sm2_foxglove::{Options, Server, ServerError};
-use sm2_test_support::SOON;
+use sm2_test_support::{SOON, until};
 use tungstenite::Error;
 use tungstenite::http::header::{HOST, HeaderName, ORIGIN, SEC_WEBSOCKET_PROTOCOL};
 
@@ -103,6 +103,21 @@ fn a_taken_port_is_an_error() {
         error.to_string().contains("another port may be free"),
         "{error}"
     );
+}
+
+#[test]
+fn the_number_of_viewers_is_limited() {
+    let world = World::new();
+    let foxglove = world.foxglove(Options::default());
+    let mut viewers: Vec<_> = (0..32).map(|_| Viewer::connect(&foxglove.url)).collect();
+    let is_accepted = || {
+        let tcp = TcpStream::connect(address(&foxglove.url)).unwrap();
+        tcp.set_read_timeout(Some(SOON)).unwrap();
+        tungstenite::client(request(&foxglove.url, &[]), tcp).is_ok()
+    };
+    assert!(!is_accepted());
+    drop(viewers.pop());
+    until("a viewer has made room", is_accepted);
 }
 
 #[test]
