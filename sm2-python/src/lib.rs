@@ -31,6 +31,7 @@ mod message_type;
 mod node;
 mod options;
 mod publisher;
+mod ros;
 mod sample;
 mod server;
 mod subscriber;
@@ -54,6 +55,8 @@ mod _native {
     use crate::node::Node;
     #[pymodule_export]
     use crate::publisher::{Published, Publisher};
+    #[pymodule_export]
+    use crate::ros::{RosType, RosView};
     #[pymodule_export]
     use crate::sample::Sample;
     #[pymodule_export]

@@ -1,8 +1,10 @@
 //! Sending the messages of a topic.
 
 use std::collections::HashMap;
+use std::time::Duration;
 
 use pyo3::prelude::*;
+use sm2_node::WaitError;
 
 use crate::detached::detached;
 use crate::errors::{self, raise};
@@ -12,6 +14,8 @@ use crate::interface::interface_methods;
 use crate::loan::{Loan, LoanMemory};
 use crate::options::{Seconds, time};
 use crate::wait::in_slices;
+
+type Inner = sm2_node::Publisher<[u8]>;
 
 /// Sends messages to all subscribers of a topic.
 #[pyclass(frozen, module = "sm2._native")]
@@ -66,6 +70,22 @@ impl Publisher {
             inner: Owned::new("publisher", handle),
         }
     }
+
+    /// Calls `is_done` with slices of the timeout. Returns whether it was done in time.
+    fn wait_until(
+        &self,
+        py: Python<'_>,
+        timeout: Option<Seconds>,
+        is_done: impl Fn(&Inner, Duration) -> Result<bool, WaitError> + Send + Sync,
+    ) -> PyResult<bool> {
+        let handle = self.inner.get()?;
+        let found = in_slices(py, time(timeout), |slice| {
+            let done = is_done(&handle, slice);
+            let done = done.map_err(raise(errors::WaitError::new_err::<String>))?;
+            Ok(done.then_some(()))
+        });
+        Ok(found?.is_some())
+    }
 }
 
 interface_methods!(
@@ -112,23 +132,11 @@ impl Publisher {
     }
 
     fn wait_for_room(&self, py: Python<'_>, timeout: Option<Seconds>) -> PyResult<bool> {
-        let handle = self.inner.get()?;
-        let found = in_slices(py, time(timeout), |slice| {
-            let has_room = handle.wait_for_room_timeout(slice);
-            let has_room = has_room.map_err(raise(errors::WaitError::new_err::<String>))?;
-            Ok(has_room.then_some(()))
-        });
-        Ok(found?.is_some())
+        self.wait_until(py, timeout, sm2_node::Publisher::wait_for_room_timeout)
     }
 
     fn flush(&self, py: Python<'_>, timeout: Option<Seconds>) -> PyResult<bool> {
-        let handle = self.inner.get()?;
-        let found = in_slices(py, time(timeout), |slice| {
-            let flushed = handle.flush_timeout(slice);
-            let flushed = flushed.map_err(raise(errors::WaitError::new_err::<String>))?;
-            Ok(flushed.then_some(()))
-        });
-        Ok(found?.is_some())
+        self.wait_until(py, timeout, sm2_node::Publisher::flush_timeout)
     }
 
     #[getter]

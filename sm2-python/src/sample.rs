@@ -4,10 +4,15 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyBytes, PyDict, PyType};
 
 use crate::handles::Owned;
 use crate::memory::Memory;
+
+/// Functions of numpy, which is imported once.
+static FROM_BUFFER: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+static UINT8: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
 
 /// How many messages of one subscriber a program holds. Changed by threads that have the GIL.
 #[derive(Debug)]
@@ -129,12 +134,13 @@ impl Sample {
         dtype: Option<Bound<'py, PyAny>>,
         shape: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let numpy = slf.py().import("numpy")?;
+        let py = slf.py();
         let dtype = match dtype {
             Some(dtype) => dtype,
-            None => numpy.getattr("uint8")?,
+            None => UINT8.import(py, "numpy", "uint8")?.clone(),
         };
-        let array = numpy.call_method1("frombuffer", (&slf, dtype))?;
+        let from_buffer = FROM_BUFFER.import(py, "numpy", "frombuffer")?;
+        let array = from_buffer.call1((&slf, dtype))?;
         match shape {
             Some(shape) => array.call_method1("reshape", (shape,)),
             None => Ok(array),
@@ -149,7 +155,11 @@ impl Sample {
         self.inner.with(|sample| PyBytes::new(py, sample))
     }
 
-    /// DLPack, by numpy: it marks the memory as read-only, and refuses consumers that cannot know this.
+    /// DLPack, by numpy, which marks the memory as read-only.
+    ///
+    /// A consumer that names `copy` gets what it asks for, without a copy unless it wants one. numpy always does. Other
+    /// consumers, such as PyTorch, do not look at the mark, and a write to the memory would end the process: they get a
+    /// copy, unless the program passes `copy=False` to them.
     #[pyo3(signature = (**options))]
     fn __dlpack__<'py>(
         slf: Bound<'py, Self>,
@@ -157,11 +167,15 @@ impl Sample {
     ) -> PyResult<Bound<'py, PyAny>> {
         let py = slf.py();
         let value = Self::value(slf.clone())?;
-        let array = if value.hasattr("__dlpack__")? {
+        let mut array = if value.hasattr("__dlpack__")? {
             value
         } else {
             Self::numpy(slf, None, None)?
         };
+        let decides = options.map_or(Ok(false), |it| it.contains("copy"))?;
+        if !decides {
+            array = array.call_method0("copy")?;
+        }
         array
             .getattr(pyo3::intern!(py, "__dlpack__"))?
             .call((), options)

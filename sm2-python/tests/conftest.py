@@ -7,12 +7,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from helpers import SOON, Child
+from helpers import Child, limit_from_now
 
 import sm2
-
-#: A hung test ends with the stacks of all threads instead of never.
-TEST_MAX_S = 10 * SOON
 
 MANAGER = """
 import sm2, sys
@@ -25,7 +22,7 @@ sys.stdin.read()
 @pytest.fixture(autouse=True)
 def limit() -> Iterator[None]:
     """Ends the test program if a test hangs."""
-    faulthandler.dump_traceback_later(TEST_MAX_S, exit=True)
+    limit_from_now()
     yield
     faulthandler.cancel_dump_traceback_later()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import random
 import signal
@@ -16,6 +17,15 @@ import sm2
 
 #: The time limit of everything that has to succeed, in seconds: generous, because the machine may be busy.
 SOON = 60.0
+
+#: A hung test ends with the stacks of all threads instead of never.
+TEST_MAX_S = 10 * SOON
+
+
+def limit_from_now() -> None:
+    """Ends the test program after `TEST_MAX_S`, unless this function is called again. A long test calls it each time
+    that it has made progress."""
+    faulthandler.dump_traceback_later(TEST_MAX_S, exit=True)
 
 
 def until(condition: Callable[[], bool], what: str) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import SOON, Child, linked, received, seeded, until
+from helpers import SOON, Child, limit_from_now, linked, received, seeded, until
 
 import sm2
 
@@ -94,6 +94,7 @@ def test_random_orders(tmp_path: Path) -> None:
     gc.collect()
     before = descriptors(), mappings()
     for number in range(ORDERS):
+        limit_from_now()
         state = random.getrandbits(64)
         try:
             one_order(tmp_path, Random(state))

@@ -180,12 +180,3 @@ def test_a_message_of_another_length_is_an_error_of_its_value(node: sm2.Node) ->
     with pytest.raises(sm2.RecvError, match="is not of type f64"):
         sample.value
     assert bytes(sample) == b"123"
-
-
-def test_dlpack(node: sm2.Node) -> None:
-    sample = sent(node, "f4", np.arange(1000, dtype="f4"))
-    array = np.from_dlpack(sample)
-    assert np.array_equal(array, np.arange(1000)) and not array.flags.writeable
-    assert array.ctypes.data == sample.value.ctypes.data
-    del sample
-    assert np.array_equal(array, np.arange(1000))

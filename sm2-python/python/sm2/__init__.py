@@ -23,6 +23,7 @@ when the last view is gone.
 - Warnings go to the logger `sm2` of `logging`.
 """
 
+from . import ros
 from ._native import (
     BorrowLimitError,
     CallError,
@@ -82,4 +83,5 @@ __all__ = [
     "Values",
     "WaitError",
     "WaitSet",
+    "ros",
 ]

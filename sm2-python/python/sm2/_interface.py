@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from types import TracebackType
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from . import _asyncio
+from ._closing import Closing
 from ._native import ClosedError, ForkError
 
 if TYPE_CHECKING:
     from ._native import Interface as NativeInterface
 
-Self = TypeVar("Self", bound="Interface")
 
-
-class Interface:
+class Interface(Closing):
     """A publisher, subscriber, server or client. As a context manager, it is closed at the end of the block."""
 
     def __init__(self, native: NativeInterface) -> None:
@@ -50,14 +48,3 @@ class Interface:
     def closed(self) -> bool:
         """Whether it is closed."""
         return self._interface.closed
-
-    def __enter__(self: Self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()

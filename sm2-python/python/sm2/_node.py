@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-from types import TracebackType
 from typing import Any, TypeVar, Unpack, overload
 from weakref import WeakSet
 
 import numpy.typing as npt
 
 from . import _native
+from ._closing import Closing
 from ._interface import Interface
 from ._options import ClientOptions, PublisherOptions, ServerOptions, SubscriberOptions, filled
 from ._publisher import Publisher
@@ -21,7 +21,7 @@ T = TypeVar("T")
 I = TypeVar("I", bound=Interface)
 
 
-class Node:
+class Node(Closing):
     """A node of a domain, with a unique name. It publishes and subscribes, and serves and calls services.
 
     As a context manager, it is closed at the end of the block, together with its publishers, subscribers, servers and
@@ -222,17 +222,6 @@ class Node:
     def _add(self, interface: I) -> I:
         self._interfaces.add(interface)
         return interface
-
-    def __enter__(self) -> Node:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def __repr__(self) -> str:
         return f"<Node {self.name}>"

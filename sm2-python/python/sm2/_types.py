@@ -36,6 +36,7 @@ class MessageType(Generic[T]):
     `Values`               an array                       the same, with the name of a structure
     `Plain`                a number or a structure        `f64`, a structure that derives `Message`
     `Json`                 what `json.loads` returns      a structure with `encoding = "json"`
+    `sm2.ros.load(name)`   a message of ROS 2             the type of the same name in the crate `sm2-ros`
     ====================== ============================== ==================================================
     """
 

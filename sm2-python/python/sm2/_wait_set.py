@@ -5,10 +5,10 @@ from __future__ import annotations
 import selectors
 import time
 from collections.abc import Iterator
-from types import TracebackType
 from typing import Any, Protocol
 
 from . import _native
+from ._closing import Closing
 from ._native import Tick
 
 
@@ -71,7 +71,7 @@ class Timer:
         return tick
 
 
-class WaitSet:
+class WaitSet(Closing):
     """Waits for subscribers, servers, calls, timers, and everything else with a descriptor that becomes readable::
 
         wait_set = sm2.WaitSet()
@@ -138,14 +138,3 @@ class WaitSet:
         self._selector.close()
         self._sources.clear()
         self._timers.clear()
-
-    def __enter__(self) -> WaitSet:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()

@@ -1,0 +1,84 @@
+"""DLPack: numpy, PyTorch and JAX."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import linked, received
+
+import sm2
+
+
+@pytest.fixture
+def sample(node: sm2.Node) -> Iterator[sm2.Sample[Any]]:
+    """A sample with the numbers from 0."""
+    publisher, subscriber = linked(node, "topic", "f4", {}, {})
+    publisher.publish(np.arange(100_000, dtype="f4"))
+    yield received(subscriber)
+
+
+def is_intact(sample: sm2.Sample[Any]) -> bool:
+    """Whether the message is the one that was published."""
+    return np.array_equal(sample.value, np.arange(100_000, dtype="f4"))
+
+
+def test_numpy_gets_a_view_that_is_read_only(sample: sm2.Sample[Any]) -> None:
+    array = np.from_dlpack(sample)
+    assert np.array_equal(array, np.arange(100_000)) and not array.flags.writeable
+    assert array.ctypes.data == sample.value.ctypes.data
+    del sample
+    assert np.array_equal(array, np.arange(100_000))
+
+
+class Asks:
+    """Passes options on to a sample, as a library does that calls `__dlpack__` with them."""
+
+    def __init__(self, sample: sm2.Sample[Any], **options: Any) -> None:
+        self.sample = sample
+        self.options = options
+
+    def __dlpack__(self, **_: Any) -> Any:
+        return self.sample.__dlpack__(**self.options)
+
+    def __dlpack_device__(self) -> tuple[int, int]:
+        return self.sample.__dlpack_device__()
+
+
+#: How PyTorch calls it, before and since version 2.6, and how it does with `copy=True`.
+COPIES: list[dict[str, Any]] = [{}, {"max_version": (1, 0)}, {"max_version": (1, 0), "copy": True}]
+
+
+@pytest.mark.parametrize("options", COPIES)
+def test_a_library_without_read_only_tensors_gets_a_copy(sample: sm2.Sample[Any], options: dict[str, Any]) -> None:
+    array = np.from_dlpack(Asks(sample, **options))
+    assert array.flags.writeable and array.ctypes.data != sample.value.ctypes.data
+    array[:] = -1
+    assert is_intact(sample)
+
+
+def test_a_view_is_explicit_and_never_for_a_library_that_cannot_mark_it(sample: sm2.Sample[Any]) -> None:
+    array = np.from_dlpack(Asks(sample, max_version=(1, 0), copy=False))
+    assert array.ctypes.data == sample.value.ctypes.data and not array.flags.writeable
+    with pytest.raises(BufferError):
+        np.from_dlpack(Asks(sample, copy=False))
+
+
+def test_a_tensor_of_torch_is_a_copy(sample: sm2.Sample[Any]) -> None:
+    torch = pytest.importorskip("torch", reason="torch is not installed")
+    tensor = torch.from_dlpack(sample)
+    assert tensor.data_ptr() != sample.value.ctypes.data and torch.equal(tensor, torch.arange(100_000.0))
+    tensor[:] = -1
+    assert is_intact(sample)
+
+
+def test_an_array_of_jax_stays_as_it_is(sample: sm2.Sample[Any]) -> None:
+    jax = pytest.importorskip("jax", reason="jax is not installed")
+    array = jax.dlpack.from_dlpack(sample)
+    assert is_intact(sample)
+    # Arrays of JAX cannot be changed: this makes another one.
+    assert float(array.at[0].set(-1)[0]) == -1 and float(array[0]) == 0
+    del sample
+    assert np.array_equal(np.asarray(array), np.arange(100_000, dtype="f4"))
