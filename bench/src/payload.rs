@@ -168,4 +168,5 @@ const fn mixed(number: u64) -> u64 {
 }
 
 #[cfg(test)]
+#[path = "payload/tests.rs"]
 mod tests;

@@ -25,7 +25,7 @@ use crate::{
     leftovers::Leftovers,
     link::Link,
     measure,
-    peers::PeerInfo,
+    peers::{Family, PeerInfo, catalogue, python},
 };
 
 pub use failure::Failure;
@@ -185,8 +185,16 @@ impl World {
             network,
         })?;
         let stderr = self.dir.path().join(format!("{name}.stderr"));
-        let mut child = Command::new(std::env::current_exe()?)
-            .args([ROLE_COMMAND, &job])
+        let mut command = match catalogue::family(&self.domain.peer) {
+            Some(Family::Python) if !is_daemon => python::command().map_err(io::Error::other)?,
+            _ => {
+                let mut itself = Command::new(std::env::current_exe()?);
+                itself.arg(ROLE_COMMAND);
+                itself
+            }
+        };
+        let mut child = command
+            .arg(&job)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(File::create(&stderr)?)

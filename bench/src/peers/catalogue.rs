@@ -1,6 +1,6 @@
 //! The names and properties of all peers.
 
-use super::dds;
+use super::{dds, python};
 
 /// The implementation behind a peer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,6 +19,8 @@ pub enum Family {
     Dds,
     /// QUIC without any middleware.
     Quinn,
+    /// SM2, iceoryx2, Zenoh and Cyclone DDS in Python.
+    Python,
 }
 
 /// The hosts that the processes of a peer can be spread over.
@@ -53,6 +55,8 @@ pub struct PeerInfo {
     pub one_to_one: bool,
     /// True if the peer takes part in `record` alone.
     pub record_alone: bool,
+    /// True if the peer takes part in `fig4-max`, `pingpong` and `throughput` alone.
+    pub other_language: bool,
     /// The hosts that the processes can be spread over.
     pub reach: Reach,
     /// A description in one line.
@@ -71,6 +75,7 @@ const fn peer(name: &'static str, family: Family, about: &'static str) -> PeerIn
         batches: false,
         one_to_one: false,
         record_alone: false,
+        other_language: false,
         reach: Reach::Host,
         about,
     }
@@ -88,6 +93,14 @@ const fn batching(info: PeerInfo) -> PeerInfo {
 const fn one_to_one(info: PeerInfo) -> PeerInfo {
     PeerInfo {
         one_to_one: true,
+        ..bare(info)
+    }
+}
+
+/// A middleware in Python or C++, in `fig4-max`, `pingpong` and `throughput` alone.
+const fn other_language(info: PeerInfo) -> PeerInfo {
+    PeerInfo {
+        other_language: true,
         ..bare(info)
     }
 }
@@ -269,6 +282,31 @@ pub const PEERS: &[PeerInfo] = &[
         Family::Dds,
         "Fast DDS, plain fixed-size type with loans (data sharing)",
     )),
+    other_language(brokered(peer(
+        "sm2-cpp",
+        Family::Dds,
+        "SM2 in C++ (sm2-cpp), pooled, reliable",
+    ))),
+    other_language(brokered(peer(
+        "sm2-python",
+        Family::Python,
+        "SM2 in Python, pooled, reliable; numpy arrays in shared memory",
+    ))),
+    other_language(peer(
+        "iceoryx2-python",
+        Family::Python,
+        "iceoryx2 in Python (PyPI), an event wakes the subscriber; no overflow, the publisher retries",
+    )),
+    other_language(peer(
+        "zenoh-python",
+        Family::Python,
+        "Zenoh in Python (PyPI), peer to peer over TCP, its default",
+    )),
+    other_language(peer(
+        "cyclone-python",
+        Family::Python,
+        "Cyclone DDS in Python (PyPI), reliable",
+    )),
     across(peer(
         "raw-quinn",
         Family::Quinn,
@@ -326,6 +364,7 @@ impl PeerInfo {
             Family::Zenoh if cfg!(feature = "zenoh") => Ok(()),
             Family::Zenoh => Err(left_out("zenoh")),
             Family::Dds => dds::available(self.name),
+            Family::Python => python::available(self.name),
         }
     }
 }

@@ -11,6 +11,7 @@ pub mod dds;
 #[cfg(feature = "iceoryx2")]
 pub mod iceoryx2;
 pub mod mcap_file;
+pub mod python;
 pub mod quinn;
 pub mod raw;
 pub mod sm2;
@@ -25,7 +26,8 @@ pub use contract::{Call, Flow, Handler, Peer, PeerError, Publish, Subscribe, TIM
 macro_rules! with_peer {
     ($domain:expr, $peer:ident => $body:expr) => {
         match $crate::peers::catalogue::family(&$domain.peer) {
-            Some($crate::peers::Family::Sm2) => {
+            // Processes in Python are programs of their own: only the daemon of one is a process of this program.
+            Some($crate::peers::Family::Sm2 | $crate::peers::Family::Python) => {
                 type $peer = $crate::peers::sm2::Sm2;
                 $body
             }

@@ -69,7 +69,8 @@ impl Mode {
     }
 }
 
-fn socket(domain: &Domain) -> PathBuf {
+/// The path of the Manager's socket.
+pub(super) fn socket(domain: &Domain) -> PathBuf {
     match domain.side {
         None => domain.dir.join("sm2.sock"),
         Some(side) => domain.dir.join(format!("sm2-{}.sock", side.as_str())),

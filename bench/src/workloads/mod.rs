@@ -230,9 +230,13 @@ const fn crosses_a_link(peer: &PeerInfo) -> Result<(), &'static str> {
 fn moves_messages(peer: &PeerInfo) -> Result<(), &'static str> {
     match peer.name {
         "raw-memcpy" => Err("it has one process and no communication"),
+        _ if peer.other_language => Err(OTHER_LANGUAGE),
         _ => everybody(peer),
     }
 }
+
+/// The reason why a peer in another language does not run the other workloads.
+const OTHER_LANGUAGE: &str = "this program compares it in fig4-max, pingpong and throughput alone";
 
 /// The reason why a recorder does not run the other workloads.
 const RECORD_ALONE: &str = "it is a recorder: it runs in record alone";

@@ -65,6 +65,24 @@ fn a_one_to_one_peer_runs_pingpong_and_throughput_alone() {
 }
 
 #[test]
+fn a_peer_in_another_language_runs_three_workloads() {
+    let others: Vec<_> = PEERS.iter().filter(|peer| peer.other_language).collect();
+    assert_eq!(others.len(), 5);
+    for peer in others {
+        let run = WORKLOADS
+            .iter()
+            .filter(|workload| (workload.supports)(peer).is_ok());
+        let names: Vec<_> = run.map(|workload| workload.name).collect();
+        assert_eq!(
+            names,
+            ["fig4-max", "pingpong", "throughput"],
+            "{}",
+            peer.name
+        );
+    }
+}
+
+#[test]
 fn a_recorder_runs_record_alone() {
     for recorder in PEERS.iter().filter(|peer| peer.record_alone) {
         let run = WORKLOADS

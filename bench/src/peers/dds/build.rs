@@ -34,6 +34,21 @@ fn recipe(vendor: &str) -> Option<Recipe> {
             arguments: &["-std=c++17", "-lfastrtps", "-lfastcdr"],
             packages: "g++ libfastrtps-dev libfastcdr-dev",
         }),
+        "sm2" => Some(Recipe {
+            file: "sm2.cpp",
+            source: include_str!("../../../dds/sm2.cpp"),
+            compiler: "c++",
+            arguments: &[
+                "-std=c++17",
+                concat!("-I", env!("CARGO_MANIFEST_DIR"), "/../sm2-cpp/include"),
+                concat!("-I", env!("CARGO_MANIFEST_DIR"), "/../sm2-c/include"),
+                concat!(env!("CARGO_MANIFEST_DIR"), "/../target/c/release/libsm2.a"),
+                "-lpthread",
+                "-ldl",
+                "-lm",
+            ],
+            packages: "g++` and `cargo build --release --manifest-path ../sm2-c/Cargo.toml --target-dir ../target/c",
+        }),
         _ => None,
     }
 }

@@ -1,4 +1,4 @@
-//! Cyclone DDS and Fast DDS, as packaged by Debian.
+//! Cyclone DDS and Fast DDS, as packaged by Debian, and SM2 in C++.
 //!
 //! Their interfaces are C and C++. `bench/dds/` has a small library for each, which implements
 //! `bench_dds.h` and is compiled on first use. The loops, the payload and its check are the same as
@@ -9,7 +9,10 @@ use std::{
     slice,
 };
 
-use crate::peers::contract::{Flow, Handler, Peer, PeerError, Publish, Subscribe};
+use crate::peers::{
+    contract::{Flow, Handler, Peer, PeerError, Publish, Subscribe},
+    sm2::{self, Sm2},
+};
 use crate::{
     clock::now_ns,
     job::{Channel, Domain},
@@ -44,11 +47,19 @@ impl Peer for Dds {
     type Publisher = Sender;
     type Subscriber<H: Handler> = Receiver<H>;
 
+    /// Runs the Manager of `sm2-cpp`.
+    fn serve(domain: &Domain, ready: impl FnOnce()) -> Result<(), PeerError> {
+        Sm2::serve(domain, ready)
+    }
+
     fn open(domain: &Domain, _: &str, _: bool) -> Result<Self, PeerError> {
         let (vendor, mode) = vendor(&domain.peer);
         let path = build::built(vendor).map_err(PeerError::caused("build its library"))?;
         let library = Library::load(&path)?;
-        let mode = text(mode)?;
+        let mode = match vendor {
+            "sm2" => text(&sm2::socket(domain).to_string_lossy())?,
+            _ => text(mode)?,
+        };
         // A domain number of its own for each run, so that runs at the same time do not connect;
         // DDS has 232 domains.
         let number = u32::from(domain.port) % 200;

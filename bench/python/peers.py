@@ -1,0 +1,353 @@
+"""The peers in Python. Each has what `role.py` uses:
+
+- `publisher(channel)` with `publish(length, write)`, where `write(address)` writes the message, and `matched()`;
+- `subscriber(channel, message)` with `pump(until_ns)`, which calls `message(address, length)` for each message until it
+  returns true.
+
+Each is written as the documents of its middleware show, with shared memory where its Python has it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+#: Timeout of connections and of reliable messages, in seconds.
+TIMEOUT_S = 20.0
+
+Channel = dict[str, Any]
+Write = Callable[[int], None]
+Handle = Callable[[int, int], bool]
+
+now_ns = time.monotonic_ns
+
+
+class Buffer:
+    """Memory of this process in which messages are written."""
+
+    def __init__(self, length: int) -> None:
+        self.memory = bytearray(length)
+        self.address = ctypes.addressof((ctypes.c_char * length).from_buffer(self.memory))
+
+    def part(self, length: int) -> Any:
+        """The first bytes."""
+        return self.memory if length == len(self.memory) else memoryview(self.memory)[:length]
+
+
+def address_of(data: bytes) -> int:
+    """The address of the bytes."""
+    return ctypes.cast(ctypes.c_char_p(data), ctypes.c_void_p).value or 0
+
+
+class Sm2:
+    """SM2, pooled, reliable. Messages of up to 1,024 bytes are copied, others are written into loans."""
+
+    SHORT = 1024
+
+    def __init__(self, domain: dict[str, Any], name: str, first: bool) -> None:
+        import sm2
+
+        self.node = sm2.Node(name, socket=f"{domain['dir']}/sm2.sock")
+
+    def publisher(self, channel: Channel) -> Any:
+        """Declares a publisher."""
+        depth = min(channel["depth"], 1024)
+        declared = self.node.publisher(
+            channel["name"], bytes, keep_last=depth, reliable=True, publish_timeout=TIMEOUT_S
+        )
+        buffer = Buffer(self.SHORT)
+
+        class Publisher:
+            """Copies short messages, and writes others in place."""
+
+            def publish(self, length: int, write: Write) -> None:
+                """Sends one message."""
+                if length <= Sm2.SHORT:
+                    write(buffer.address)
+                    if declared.publish(buffer.part(length)).missed:
+                        raise TimeoutError("a subscriber missed a message")
+                    return
+                with declared.loan(length) as array:
+                    write(array.ctypes.data)
+
+            def matched(self) -> int:
+                """How many subscribers are linked."""
+                import sm2
+
+                count = 0
+                try:
+                    while True:
+                        declared.wait_for_subscribers(count + 1, 0)
+                        count += 1
+                except sm2.WaitError:
+                    return count
+
+        return Publisher()
+
+    def subscriber(self, channel: Channel, message: Handle) -> Any:
+        """Declares a subscriber."""
+        depth = min(channel["depth"], 1024)
+        declared = self.node.subscriber(channel["name"], bytes, keep_last=depth, reliable=True, max_borrowed=1)
+
+        class Subscriber:
+            """Reads messages in place."""
+
+            def pump(self, until_ns: int) -> None:
+                """Handles messages."""
+                while (left_ns := until_ns - now_ns()) > 0:
+                    sample = declared.recv(left_ns / 1e9)
+                    if sample is None:
+                        return
+                    array = sample.numpy()
+                    is_done = message(array.ctypes.data, len(array))
+                    del sample, array
+                    if is_done:
+                        return
+
+        return Subscriber()
+
+
+class Iceoryx2:
+    """iceoryx2: an event wakes the subscriber; the publisher retries while a queue is full."""
+
+    def __init__(self, domain: dict[str, Any], name: str, first: bool) -> None:
+        import iceoryx2
+
+        self.iox2 = iceoryx2
+        iceoryx2.set_log_level(iceoryx2.LogLevel.Error)
+        config = iceoryx2.config.default()
+        config.global_cfg.prefix = iceoryx2.FileName.new(domain["tag"])
+        config.global_cfg.root_path = iceoryx2.Path.new(f"{domain['dir']}/iceoryx2")
+        builder = iceoryx2.NodeBuilder.new().config(config)
+        builder = builder.signal_handling_mode(iceoryx2.SignalHandlingMode.Disabled)
+        self.node = builder.create(iceoryx2.ServiceType.Ipc)
+
+    def service(self, channel: Channel) -> Any:
+        """The service of a channel."""
+        name = self.iox2.ServiceName.new(channel["name"])
+        builder = self.node.service_builder(name).publish_subscribe(self.iox2.Slice[ctypes.c_uint8])
+        builder = builder.enable_safe_overflow(False).subscriber_max_buffer_size(max(channel["depth"], 1))
+        return builder.max_subscribers(16).open_or_create()
+
+    def event(self, channel: Channel) -> Any:
+        """The event of a channel."""
+        return self.node.service_builder(self.iox2.ServiceName.new(channel["name"])).event().open_or_create()
+
+    def publisher(self, channel: Channel) -> Any:
+        """Makes a publisher and a notifier."""
+        service = self.service(channel)
+        builder = service.publisher_builder().initial_max_slice_len(channel["max_len"])
+        builder = builder.backpressure_strategy(self.iox2.BackpressureStrategy.RetryUntilDelivered)
+        made = builder.create()
+        notifier = self.event(channel).notifier_builder().create()
+
+        class Publisher:
+            """Writes messages in place."""
+
+            def publish(self, length: int, write: Write) -> None:
+                """Sends one message."""
+                sample = made.loan_slice_uninit(length)
+                write(sample.payload_ptr)
+                sample.assume_init().send()
+                notifier.notify()
+
+            def matched(self) -> int:
+                """How many subscribers are connected."""
+                made.update_connections()
+                count: int = service.dynamic_config.number_of_subscribers
+                return count
+
+        return Publisher()
+
+    def subscriber(self, channel: Channel, message: Handle) -> Any:
+        """Makes a subscriber and a listener."""
+        listener = self.event(channel).listener_builder().create()
+        made = self.service(channel).subscriber_builder().create()
+        duration = self.iox2.Duration
+
+        class Subscriber:
+            """Reads messages in place."""
+
+            def pump(self, until_ns: int) -> None:
+                """Handles messages."""
+                while True:
+                    sample = made.receive()
+                    if sample is None:
+                        left_ns = until_ns - now_ns()
+                        if left_ns <= 0:
+                            return
+                        listener.timed_wait(duration.from_nanos(left_ns))
+                        continue
+                    length = sample.header.number_of_elements
+                    is_done = message(sample.payload_ptr, length)
+                    sample.delete()
+                    if is_done:
+                        return
+
+        return Subscriber()
+
+
+class Zenoh:
+    """Zenoh, peer to peer over TCP, its default; nothing is dropped. The payload is copied into bytes of Python."""
+
+    def __init__(self, domain: dict[str, Any], name: str, first: bool) -> None:
+        import zenoh
+
+        self.zenoh = zenoh
+        self.name = name
+        config = zenoh.Config()
+        here = f'["tcp/127.0.0.1:{domain["port"]}"]'
+        for key, value in {
+            "mode": '"peer"',
+            "listen/endpoints": here if first else '["tcp/127.0.0.1:0"]',
+            "connect/endpoints": "[]" if first else here,
+            "connect/retry": "{ period_init_ms: 20 }",
+            "connect/timeout_ms": "10000",
+            "scouting/multicast/enabled": "false",
+            "transport/shared_memory/enabled": "false",
+        }.items():
+            config.insert_json5(key, value)
+        self.session = zenoh.open(config)
+
+    def publisher(self, channel: Channel) -> Any:
+        """Declares a publisher."""
+        session, topic = self.session, channel["name"]
+        block = self.zenoh.CongestionControl.BLOCK
+        declared = session.declare_publisher(topic, congestion_control=block)
+        buffer = Buffer(channel["max_len"])
+
+        class Publisher:
+            """Writes into memory of its own, which Zenoh copies."""
+
+            def publish(self, length: int, write: Write) -> None:
+                """Sends one message."""
+                write(buffer.address)
+                declared.put(bytes(buffer.part(length)))
+
+            def matched(self) -> int:
+                """How many subscribers have a token."""
+                return sum(1 for _ in session.liveliness().get(f"alive/{topic}/*", timeout=TIMEOUT_S))
+
+        return Publisher()
+
+    def subscriber(self, channel: Channel, message: Handle) -> Any:
+        """Declares a subscriber, and a token by which publishers count it. Zenoh's thread handles the messages."""
+        is_done = threading.Event()
+
+        def handle(sample: Any) -> None:
+            data = sample.payload.to_bytes()
+            if message(address_of(data), len(data)):
+                is_done.set()
+
+        declared = self.session.declare_subscriber(channel["name"], handle)
+        token = self.session.liveliness().declare_token(f"alive/{channel['name']}/{self.name}")
+
+        class Subscriber:
+            """Waits for the end."""
+
+            _kept = (declared, token)
+
+            def pump(self, until_ns: int) -> None:
+                """Lets messages be handled."""
+                if is_done.wait(max(until_ns - now_ns(), 0) / 1e9):
+                    is_done.clear()
+
+        return Subscriber()
+
+
+class Cyclone:
+    """Cyclone DDS, reliable, a sequence of bytes. The payload is copied into bytes of Python."""
+
+    def __init__(self, domain: dict[str, Any], name: str, first: bool) -> None:
+        from cyclonedds.domain import Domain, DomainParticipant
+
+        number = domain["port"] % 200
+        interfaces = '<Interfaces><NetworkInterface name="lo" multicast="true"/></Interfaces>'
+        self.domain = Domain(
+            number, f'<CycloneDDS><Domain id="any"><General>{interfaces}</General></Domain></CycloneDDS>'
+        )
+        self.participant = DomainParticipant(number)
+
+    def entities(self, channel: Channel) -> tuple[Any, Any]:
+        """The topic and the quality of service of a channel."""
+        from dataclasses import make_dataclass
+
+        from cyclonedds.core import Policy, Qos
+        from cyclonedds.idl import IdlStruct
+        from cyclonedds.idl.types import sequence, uint8
+        from cyclonedds.topic import Topic
+        from cyclonedds.util import duration
+
+        kind = make_dataclass(
+            "Message", [("data", sequence[uint8])], bases=(IdlStruct,), namespace={"__module__": __name__}
+        )
+        depth = max(channel["depth"], 4)
+        qos = Qos(
+            Policy.Reliability.Reliable(duration(seconds=int(TIMEOUT_S))),
+            Policy.History.KeepAll,
+            Policy.ResourceLimits(max_samples=depth, max_instances=-1, max_samples_per_instance=-1),
+        )
+        return Topic(self.participant, channel["name"], kind), qos
+
+    def publisher(self, channel: Channel) -> Any:
+        """Makes a writer."""
+        from cyclonedds.pub import DataWriter
+
+        topic, qos = self.entities(channel)
+        writer = DataWriter(self.participant, topic, qos=qos)
+        buffer = Buffer(channel["max_len"])
+        kind = topic.data_type
+
+        class Publisher:
+            """Writes into memory of its own, which Cyclone copies."""
+
+            def publish(self, length: int, write: Write) -> None:
+                """Sends one message."""
+                write(buffer.address)
+                writer.write(kind(data=bytes(buffer.part(length))))
+
+            def matched(self) -> int:
+                """How many subscribers are connected."""
+                return len(writer.get_matched_subscriptions())
+
+        return Publisher()
+
+    def subscriber(self, channel: Channel, message: Handle) -> Any:
+        """Makes a reader."""
+        from cyclonedds.core import ReadCondition, ViewState, InstanceState, SampleState, WaitSet
+        from cyclonedds.sub import DataReader
+        from cyclonedds.util import duration
+
+        topic, qos = self.entities(channel)
+        reader = DataReader(self.participant, topic, qos=qos)
+        wait_set = WaitSet(self.participant)
+        wait_set.attach(ReadCondition(reader, ViewState.Any | InstanceState.Any | SampleState.NotRead))
+
+        class Subscriber:
+            """Reads copies."""
+
+            def pump(self, until_ns: int) -> None:
+                """Handles messages."""
+                while True:
+                    for sample in reader.take(1):
+                        data = bytes(sample.data) if hasattr(sample, "data") else b""
+                        if data and message(address_of(data), len(data)):
+                            return
+                    left_ns = until_ns - now_ns()
+                    if left_ns <= 0:
+                        return
+                    wait_set.wait(duration(nanoseconds=left_ns))
+
+        return Subscriber()
+
+
+#: The classes of the peers, by their names in the catalogue.
+PEERS: dict[str, Any] = {
+    "sm2-python": Sm2,
+    "iceoryx2-python": Iceoryx2,
+    "zenoh-python": Zenoh,
+    "cyclone-python": Cyclone,
+}
