@@ -42,8 +42,12 @@ const HEARTBEAT: Duration = Duration::from_millis(500);
 
 /// How many requests, replies and acknowledgements wait for the network at most.
 const CALLS_DEPTH: u16 = 4_096;
-/// How long Zenoh waits until it drops a message, in microseconds. The session ends long before if its link is dead.
-const DROP_WAIT_US: &str = "3600000000";
+/// How long Zenoh waits for room until it drops a message, in microseconds: as a whole, and for further fragments of a
+/// long one. A link that is dead is closed only when no message waits for it any more.
+const DROP_WAIT_US: [(&str, &str); 2] = [
+    ("wait_before_drop", "5000000"),
+    ("max_wait_before_drop_fragments", "10000000"),
+];
 
 /// The session.
 pub(crate) struct Network {
@@ -78,9 +82,9 @@ impl Network {
     /// session itself has to wait, since only the bridge knows which messages to drop.
     pub(crate) fn open(config: &zenoh::Config) -> Result<Self, BridgeError> {
         let mut config = config.clone();
-        for limit in ["wait_before_drop", "max_wait_before_drop_fragments"] {
+        for (limit, value) in DROP_WAIT_US {
             let key = format!("transport/link/tx/queue/congestion_control/drop/{limit}");
-            let set = config.insert_json5(&key, DROP_WAIT_US);
+            let set = config.insert_json5(&key, value);
             set.map_err(|error| refused("configure the session")(error.to_string().into()))?;
         }
         let session = zenoh::open(config).wait();
