@@ -169,7 +169,7 @@ fn overlapping_triggers_each_get_their_time() {
         incidents.len() == 2
     });
     // Two threads write the bags, and either one may be done first.
-    incidents.sort_by(|one, other| one.path.cmp(&other.path));
+    incidents.sort_by(|one, other| one.reason.cmp(&other.reason));
     for (incident, path, reason, at) in [
         (incidents.remove(0), first, "first", 60),
         (incidents.remove(0), second, "second", 61),
