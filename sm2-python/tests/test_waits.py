@@ -63,9 +63,10 @@ WAITS = {
         "\n    while w.wait() == [s]: s.take()",
     ),
     "timer": ("timer = sm2.Timer.once(1e6)", "timer.sleep()"),
+    # As `asyncio.run`. A loop that is interrupted while it is made reports an error of its own when it is deleted.
     "asyncio": (
-        "import asyncio; subscriber = node.subscriber('t')",
-        "asyncio.run(subscriber.__anext__())",
+        "import asyncio; subscriber = node.subscriber('t'); runner = asyncio.Runner(); runner.get_loop()",
+        "\n    with runner: runner.run(subscriber.__anext__())",
     ),
 }
 
