@@ -388,8 +388,8 @@ fn a_sealed_message_without_memory_to_map_it_is_lost_alone() {
     }
 }
 
-/// A call that receives does not fail because of what one sender did: the link of this sender ends, and the call goes on
-/// with the messages of others.
+/// A call that receives does not fail because of what one sender did: the link of this sender ends, and the call goes
+/// on with the messages of others.
 //= SM2-SEG-001 test
 #[test]
 fn a_message_whose_file_cannot_be_mapped_ends_its_link_alone() {

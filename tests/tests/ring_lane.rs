@@ -408,7 +408,8 @@ fn a_subscriber_that_writes_anything_anywhere_loses_its_link_alone() {
     println!("{verdicts:?}");
 }
 
-/// RING with a file that cannot be mapped for writing ends the link, for lack of resources.
+/// RING with a file that cannot be mapped for writing is a violation.
+//= SM2-RNG-014 test
 #[test]
 fn a_ring_that_is_not_open_for_writing_costs_its_receiver_alone() {
     let domain = TempDomain::new();
@@ -419,7 +420,8 @@ fn a_ring_that_is_not_open_for_writing_costs_its_receiver_alone() {
     let file = memory::memfd(size(4, 6), Seals::RING);
     let read_only = memory::reopened(&file);
     talk.link.end.send_fds(ring(4, 6), &[read_only.as_fd()]);
-    assert_eq!(talk.link.closed(), Some(4));
+    let code = ViolationKind::NotAMemfd.code().0;
+    assert_eq!(talk.link.closed(), Some(code));
     talk.publish(20, 5_000);
 }
 

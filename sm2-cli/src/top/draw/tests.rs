@@ -226,7 +226,8 @@ const WIDTHS: &[(u16, &[&str], &[&str])] = &[
     (
         120,
         &[
-            "TOPICv              TYPE           PUBS   SUBS   LINKS        HZ     MB/s   P50 ms   DROPPED   LOST  TREND",
+            "TOPICv              TYPE           PUBS   SUBS   LINKS        HZ     MB/s   P50 ms   DROPPED   LOST  \
+             TREND",
             "camera/front/image  sensor/Image      2     12      24  30000.25  745.700    5.715   1234567  98765",
             "q quit  Tab topics/nodes  s sort  r reverse  / filter",
         ],
@@ -239,7 +240,8 @@ const WIDTHS: &[(u16, &[&str], &[&str])] = &[
     (
         200,
         &[
-            "TOPICv              TYPE           PUBS   SUBS   LINKS        HZ     MB/s   P50 ms   DROPPED   LOST  TREND",
+            "TOPICv              TYPE           PUBS   SUBS   LINKS        HZ     MB/s   P50 ms   DROPPED   LOST  \
+             TREND",
             "camera/front/image  sensor/Image      2     12      24  30000.25  745.700    5.715   1234567  98765",
             "q quit  Tab topics/nodes  s sort  r reverse  / filter",
         ],
