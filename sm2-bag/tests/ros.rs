@@ -10,6 +10,7 @@ use std::thread;
 use sm2_bag::{
     Bag, Compression, Filter, Options, PlayError, PlayOptions, Player, Report, check, copy, recover,
 };
+use sm2_node::diagnostics::LinkStatus;
 use sm2_node::{Message, Name, Node, Publisher, Shutdown, TypeId};
 
 use crate::common::{Domain, SOON, named, record};
@@ -42,10 +43,14 @@ fn record_each(domain: &Domain, name: &str, publishers: &[(&Publisher<[u8]>, &[u
         sync_interval: SOON,
         ..Options::new(named(&topics))
     };
-    let recorder = domain.node("recorder");
+    // The links of an earlier recorder may still be there.
+    let recorder = domain.node(name);
+    let is_ours = |it: &LinkStatus| it.open && it.peer.name == *recorder.name();
     record(&recorder, domain.create(name), options, |record_until| {
-        let mut linked = publishers.iter().map(|it| it.0);
-        record_until(&mut |_| linked.all(|it| it.links().iter().any(|link| link.open)));
+        record_until(&mut |_| {
+            let mut all = publishers.iter();
+            all.all(|(publisher, _)| publisher.links().iter().any(is_ours))
+        });
         for (publisher, message) in publishers {
             publisher.publish(message).unwrap();
         }
