@@ -43,9 +43,12 @@ fn plain(input: &DeriveInput, name: &LitStr) -> TokenStream {
     );
     let (params, arguments, bounds) = generics.split_for_impl();
     quote! {
+        // The compiler evaluates it, though nobody uses it.
+        const _: &str = ::sm2_node::schema::checked_type(#name);
+
         #[automatically_derived]
         impl #params ::sm2_node::Plain for #ident #arguments #bounds {
-            const NAME: &'static str = ::sm2_node::schema::checked_type(#name);
+            const NAME: &'static str = #name;
         }
     }
 }
@@ -60,9 +63,12 @@ fn encoded(input: &DeriveInput, name: &LitStr, encoding: &str) -> TokenStream {
     let to = format_ident!("to_{encoding}");
     let from = format_ident!("from_{encoding}");
     quote! {
+        // The compiler evaluates it, though nobody uses it.
+        const _: &str = ::sm2_node::schema::checked_type(#name);
+
         #[automatically_derived]
         impl #params ::sm2_node::Message for #ident #arguments #bounds {
-            const NAME: &'static str = ::sm2_node::schema::checked_type(#name);
+            const NAME: &'static str = #name;
             const HASH: u64 =
                 ::sm2_node::schema::message(#encoding, <Self as ::sm2_node::Schema>::HASH);
             type View = ::std::boxed::Box<Self>;
