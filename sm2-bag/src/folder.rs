@@ -7,8 +7,6 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use nix::fcntl::{Flock, FlockArg};
-
 use crate::bag::Bag;
 use crate::storage::BagFile;
 
@@ -28,7 +26,7 @@ struct State {
     /// The number in the name of the last file.
     number: u64,
     /// The folder, locked against other recorders. `None` if several may use it.
-    lock: Option<Flock<File>>,
+    lock: Option<File>,
     /// The number of files that were removed.
     removed: u32,
     keep_bytes: Option<u64>,
@@ -115,8 +113,8 @@ impl Folder {
     pub(crate) fn keep_for(self, age: Duration, now_ns: u64) -> io::Result<Self> {
         let mut state = self.lock();
         let folder = File::open(&state.path)?;
-        let lock = Flock::lock(folder, FlockArg::LockExclusiveNonblock);
-        state.lock = Some(lock.map_err(|(_, errno)| io::Error::from(errno))?);
+        sm2_io::lock_file(&folder)?;
+        state.lock = Some(folder);
         let mut left = Vec::new();
         for entry in fs::read_dir(&state.path)? {
             let path = entry?.path();

@@ -100,7 +100,7 @@ pub use slots::{SegmentFd, Slot};
 pub use socket::{
     Listener, PeerCredentials, Received, ReceivedFds, RecvError, SendError, SeqPacket,
 };
-pub use syscall::files::duplicate;
+pub use syscall::files::{duplicate, lock_file};
 pub use thread::spawn_without_signals;
 pub use timer::Timer;
 pub use waker::Waker;

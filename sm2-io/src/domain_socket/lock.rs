@@ -1,9 +1,8 @@
 //! The lock that makes one process the owner of a domain's socket.
 
 use std::fs::File;
+use std::io;
 use std::path::{Path, PathBuf};
-
-use nix::errno::Errno;
 
 use super::error::DomainSocketError;
 use super::files::{Identity, directory_of, failed, names, prepare_directory, with_suffix};
@@ -32,15 +31,12 @@ impl DomainLock {
         let lock_path = with_suffix(path, ".lock");
         loop {
             let file = files::open_lock(&lock_path).map_err(failed("open", &lock_path))?;
-            match files::lock(&file) {
-                Ok(()) => {}
-                Err(Errno::EWOULDBLOCK) => {
-                    let path = path.to_owned();
-                    return Err(DomainSocketError::Busy { path });
-                }
-                Err(Errno::EINTR) => continue,
-                Err(errno) => return Err(failed("lock", &lock_path)(errno.into())),
-            }
+            files::lock_file(&file).map_err(|error| match error.kind() {
+                io::ErrorKind::WouldBlock => DomainSocketError::Busy {
+                    path: path.to_owned(),
+                },
+                _ => failed("lock", &lock_path)(error),
+            })?;
             // The last holder may have removed the file between `open` and `lock`. Then this lock is on
             // an unlinked file, and another process may hold the lock on the current one.
             let ours = files::metadata_of(&file).map_err(failed("look at", &lock_path))?;

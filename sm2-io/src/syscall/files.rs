@@ -147,10 +147,22 @@ pub(crate) fn open_lock(path: &Path) -> io::Result<File> {
         .open(path)
 }
 
-/// Locks a file for this process alone, without waiting.
-pub(crate) fn lock(file: &File) -> nix::Result<()> {
-    guard(Call::FileLock)?;
-    flock(file, libc::LOCK_EX | libc::LOCK_NB)
+/// Locks a file or a folder for this process alone, without waiting, until it is closed.
+///
+/// # Errors
+///
+/// `WouldBlock` if another process has locked it, and any other error of `flock(2)`.
+pub fn lock_file(file: &File) -> io::Result<()> {
+    let lock = || {
+        guard(Call::FileLock)?;
+        flock(file, libc::LOCK_EX | libc::LOCK_NB)
+    };
+    loop {
+        match lock() {
+            Err(Errno::EINTR) => {}
+            locked => return Ok(locked?),
+        }
+    }
 }
 
 /// Unlocks a file.
