@@ -87,8 +87,12 @@ pub(crate) fn create(
     write: impl FnOnce(&File) -> Result<(), CopyError>,
 ) -> Result<Report, CopyError> {
     let failed = |error: io::Error| write_error(to, error.into());
-    let created = OpenOptions::new().write(true).create_new(true).open(to);
-    fill(&created.map_err(failed)?, to, write)
+    fill(&create_new(to).map_err(failed)?, to, write)
+}
+
+/// Creates a file for a bag.
+pub(crate) fn create_new(path: &Path) -> io::Result<File> {
+    OpenOptions::new().write(true).create_new(true).open(path)
 }
 
 /// As [`copy_with`], into the new and empty file `to`.

@@ -68,6 +68,7 @@ mod gap;
 mod lengths;
 mod merged;
 mod messages;
+mod names;
 mod observer;
 mod payload;
 mod player;
@@ -95,6 +96,7 @@ pub use crate::{
     foreign::ForeignReason,
     gap::{Gap, GapReason},
     messages::{BagMessage, Filter, Messages},
+    names::{create_first, numbered},
     observer::Observer,
     player::{
         PlayCommand, PlayCommandError, PlayControl, PlayOptions, PlayReport, PlayStatus,

@@ -12,13 +12,15 @@ use std::{
 
 use clap::{Args, Subcommand};
 use signal_hook::consts::SIGUSR1;
-use sm2_bag::{BagFile, Folder, Options, RecordError, Recorder, Split, Step, Topics};
+use sm2_bag::{
+    BagFile, Folder, Options, RecordError, Recorder, Split, Step, Topics, create_first, numbered,
+};
 use sm2_io::clock;
 use sm2_proto::{Instant, Name};
 
 use self::{
     black_box::BlackBoxArguments,
-    common::{Shown, create_first, new_name, new_names},
+    common::{Shown, new_name},
 };
 use crate::{
     args::{Domain, name, positive},
@@ -232,10 +234,11 @@ impl Arguments {
         let path = match &self.output {
             Some(path) => path.clone(),
             None => {
-                create_first(new_names("bags").map(PathBuf::from), |it| {
-                    fs::create_dir(it)
-                })?
-                .0
+                let stem = new_name("bags");
+                let (path, created) =
+                    create_first(|it| numbered(&stem, it).into(), |it| fs::create_dir(it));
+                created.map_err(|error| CliError::file("create", &path, error))?;
+                path
             }
         };
         let failed = |error| CliError::file("use the folder", &path, error);
@@ -271,15 +274,18 @@ fn record(
 
 /// Creates the file: as given, in the folder that was given, or in the working directory.
 fn create(output: Option<&Path>) -> Result<(PathBuf, BagFile), CliError> {
-    let folder = match output {
-        None => Path::new(""),
-        Some(folder) if folder.is_dir() => folder,
-        Some(file) => {
-            let created = BagFile::create(file);
-            let created = created.map_err(|error| CliError::file("create", file, error))?;
-            return Ok((file.to_owned(), created));
-        }
+    let in_folder = |folder: &Path| {
+        let stem = new_name(BAG);
+        let path = |number| folder.join(format!("{}.mcap", numbered(&stem, number)));
+        create_first(path, BagFile::create)
     };
-    let paths = new_names(BAG).map(|name| folder.join(format!("{name}.mcap")));
-    create_first(paths, BagFile::create)
+    let (path, created) = match output {
+        None => in_folder(Path::new("")),
+        Some(folder) if folder.is_dir() => in_folder(folder),
+        Some(file) => (file.to_owned(), BagFile::create(file)),
+    };
+    match created {
+        Ok(file) => Ok((path, file)),
+        Err(error) => Err(CliError::file("create", &path, error)),
+    }
 }

@@ -1,7 +1,7 @@
 //! Writing the bag of an incident.
 
 use std::collections::BTreeMap;
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
@@ -10,9 +10,10 @@ use std::time::Duration;
 use mcap::records::Metadata;
 
 use crate::bag::Bag;
-use crate::copy::{CopyOptions, copy_into, write_error};
+use crate::copy::{CopyOptions, copy_into, create_new, write_error};
 use crate::error::{CopyError, WriteError};
 use crate::messages::Filter;
+use crate::names::{create_first, numbered};
 use crate::observer::unobserved;
 use crate::report::Report;
 use crate::writer::Compression;
@@ -55,22 +56,8 @@ impl Window {
     ) -> Self {
         let time = jiff::Timestamp::from_nanosecond(at_ns.into()).unwrap_or_default();
         let stem = format!("incident-{}", time.strftime("%Y-%m-%d-%H%M%S"));
-        let names = (1..).map(|number| match number {
-            1 => format!("{stem}.mcap"),
-            number => format!("{stem}-{number}.mcap"),
-        });
-        let mut created = names.map(|name| {
-            let path = folder.join(name);
-            let file = OpenOptions::new().write(true).create_new(true).open(&path);
-            (path, file)
-        });
-        let is_taken = |file: &io::Result<File>| {
-            let kind = file.as_ref().err().map(io::Error::kind);
-            kind == Some(io::ErrorKind::AlreadyExists)
-        };
-        let (path, file) = created
-            .find(|(_, file)| !is_taken(file))
-            .unwrap_or_else(|| (folder.join(stem), Err(io::ErrorKind::AlreadyExists.into())));
+        let path = |number| folder.join(format!("{}.mcap", numbered(&stem, number)));
+        let (path, file) = create_first(path, create_new);
         Self {
             from_ns: at_ns.saturating_sub(last.as_nanos() as u64),
             to_ns: at_ns.saturating_add(after.as_nanos() as u64),

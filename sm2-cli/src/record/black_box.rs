@@ -11,7 +11,9 @@ use std::{
 use clap::Args;
 use serde_json::json;
 use signal_hook::{consts::SIGUSR1, low_level::pipe};
-use sm2_bag::{BlackBox, BlackBoxOptions, BlackBoxStep, Incident, Options, RecordError, Trigger};
+use sm2_bag::{
+    BlackBox, BlackBoxOptions, BlackBoxStep, Incident, Options, RecordError, Trigger, numbered,
+};
 use sm2_io::clock;
 use sm2_proto::{Instant, Name, text::Counted};
 
@@ -137,10 +139,7 @@ fn start_in<'a>(
 ) -> (PathBuf, Result<BlackBox<'a>, RecordError>) {
     let mut number = 1;
     loop {
-        let ring = output.join(match number {
-            1 => "ring".to_owned(),
-            number => format!("ring-{number}"),
-        });
+        let ring = output.join(numbered("ring", number));
         match start(session, options, &ring) {
             Err(RecordError::RingInUse) => number += 1,
             started => return (ring, started),
