@@ -42,10 +42,14 @@ pub(super) fn draw(frame: &mut Frame<'_>, figures: &Figures, history: &History, 
     state.selected = state.selected.min(rows.len().saturating_sub(1));
     let mut selection = TableState::new().with_selected(Some(state.selected));
     let shown = figures.table(state.tab);
-    let columns = fitting_columns(shown, state.sort, screen);
+    let widths = widths(shown);
+    let columns = fitting_columns(shown, &widths, state.sort, screen);
     let hidden = shown.columns.len() - columns.len();
-    let trends = trends(shown, &rows, &columns, history, state.tab, screen);
-    let table = table(shown, &rows, &columns, trends, state, screen);
+    let taken = needed(&widths, &columns) + usize::from(GAP);
+    let room = usize::from(screen).checked_sub(taken);
+    let room = room.filter(|it| *it >= usize::from(TREND));
+    let trends = room.map(|room| trends(&rows, history, state.tab, room));
+    let table = table(shown, &widths, &rows, &columns, trends, state, screen);
     frame.render_stateful_widget(table, body, &mut selection);
     frame.render_widget(Paragraph::new(footer(state, hidden, screen)), foot);
 }
@@ -109,10 +113,9 @@ fn footer(state: &State, hidden: usize, screen: u16) -> String {
 
 /// The columns that fit the screen, in their order. A cell is never cut: whole columns are left out, by
 /// their rank. The name stays, and the column by which rows are sorted is left out last.
-fn fitting_columns(table: &Table, sort: usize, screen: u16) -> Vec<usize> {
-    let widths = widths(table);
+fn fitting_columns(table: &Table, widths: &[usize], sort: usize, screen: u16) -> Vec<usize> {
     let mut columns: Vec<_> = (0..table.columns.len()).collect();
-    while needed(&widths, &columns) > usize::from(screen) {
+    while needed(widths, &columns) > usize::from(screen) {
         let others = columns.iter().enumerate().skip(1);
         let lowest = others.min_by_key(|&(_, &at)| (at == sort, table.columns[at].rank));
         let Some((index, _)) = lowest else {
@@ -129,22 +132,13 @@ fn needed(widths: &[usize], columns: &[usize]) -> usize {
     cells + columns.len().saturating_sub(1) * usize::from(GAP)
 }
 
-/// The sparklines of all rows, which take the width that the columns leave. `None` if it is too small.
-fn trends(
-    table: &Table,
-    rows: &[&Vec<Cell>],
-    columns: &[usize],
-    history: &History,
-    tab: Tab,
-    screen: u16,
-) -> Option<Vec<String>> {
-    let taken = needed(&widths(table), columns) + usize::from(GAP);
-    let width = usize::from(screen).checked_sub(taken)?;
+/// The sparklines of all rows, each at most as wide as `width`.
+fn trends(rows: &[&Vec<Cell>], history: &History, tab: Tab, width: usize) -> Vec<String> {
     let sparkline = |row: &&Vec<Cell>| {
         let name = row.first().map_or("", Cell::as_text);
         history.sparkline(tab, name, width)
     };
-    (width >= usize::from(TREND)).then(|| rows.iter().map(sparkline).collect())
+    rows.iter().map(sparkline).collect()
 }
 
 /// The style of what asks for attention.
@@ -157,6 +151,7 @@ fn alarm(state: &State) -> Style {
 
 fn table<'a>(
     table: &Table,
+    widths: &[usize],
     rows: &[&Vec<Cell>],
     columns: &[usize],
     trends: Option<Vec<String>>,
@@ -209,7 +204,6 @@ fn table<'a>(
         })
         .collect();
     let reversed = Style::new().add_modifier(Modifier::REVERSED);
-    let widths = widths(table);
     let constraints = columns.iter().map(|&at| {
         let width = u16::try_from(widths[at]).unwrap_or(u16::MAX);
         Constraint::Length(width.min(screen))
