@@ -54,7 +54,8 @@ function show() {
   } else {
     patch(byId('stage'), table(state.tab, domain, state, { select, sortBy }));
   }
-  patch(byId('panel'), panel(domain, selected, state.answers, { select, collapse, why, schema, gateways }).filter(Boolean));
+  const actions = { select, collapse, why, schema, gateways };
+  patch(byId('panel'), panel(domain, selected, state.answers, actions).filter(Boolean));
 }
 
 function isCollapsed(group) {

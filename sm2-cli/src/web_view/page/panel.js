@@ -13,7 +13,8 @@ const QUOTAS = 3;
 const PAIRS_MAX = 20;
 
 // The content of the panel. `actions` has `select`, `collapse` (a group of names), `why` (asks why two interfaces are
-// not linked), `schema` (asks for the types of a topic or service) and `gateways` (asks gateways for reports); `answers` has the answers so far, by question.
+// not linked), `schema` (asks for the types of a topic or service) and `gateways` (asks gateways for reports);
+// `answers` has the answers so far, by question.
 export function panel(domain, selected, answers, actions) {
   const vertex = domain.vertices.get(selected);
   const edge = domain.edges.get(selected);
