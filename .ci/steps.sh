@@ -23,16 +23,16 @@ readonly skips=$SM2_SKIPPED
 
 readonly tier1=(tools commits fmt clauses publish deny no-std clippy doc test modes models
     bag ros book c python bridges foxglove view)
-readonly tier2=(tools commits fmt clauses publish deny no-std clippy doc test modes asan check demo faults soak
+readonly tier2=(tools commits fmt clauses publish deny no-std clippy doc test modes asan micro check demo faults soak
     bag ros book c python bridges foxglove view)
 # The time limit of each step, in seconds: about three times what it takes on a quiet machine of two cores.
 declare -rA limits=([tools]=600 [commits]=60 [fmt]=60 [clauses]=300 [publish]=120 [deny]=900 [no-std]=150 [clippy]=600
-    [doc]=300 [test]=$((full ? 3600 : 1200)) [modes]=400 [models]=400 [asan]=1500 [check]=5400 [demo]=1200 [faults]=600
+    [doc]=300 [test]=$((full ? 3600 : 1200)) [modes]=400 [models]=400 [asan]=1500 [micro]=600 [check]=5400 [demo]=1200 [faults]=600
     [soak]=900 [bag]=900 [ros]=900 [book]=900 [c]=1800 [python]=1800 [bridges]=2400 [foxglove]=2400
     [view]=900)
 
 # Packages outside the workspace, each a workspace of its own.
-readonly outside=(verification/no-std verification/loom-models verification/viewer
+readonly outside=(bench/micro verification/no-std verification/loom-models verification/viewer
     verification/symbolic/kani fuzz)
 # The longest subject of a commit, in characters, and the last commit that exceeds it.
 readonly subject_max=72 old_subjects=aa5f24603213cf5070f4fc1db0b3a3346c00c204
@@ -230,6 +230,16 @@ step_asan() {
         CARGO_TARGET_DIR=$CARGO_TARGET_DIR/asan \
         cargo +nightly test --locked --no-fail-fast --target x86_64-unknown-linux-gnu \
         -p sm2-io -p sm2-node --lib --test io --test node -- "${out[@]}"
+}
+
+# The benchmarks of single steps, once each.
+step_micro() {
+    (
+        cd bench/micro
+        export CARGO_TARGET_DIR=$CARGO_TARGET_DIR/micro
+        cargo clippy --all-targets --locked -- -D warnings
+        cargo bench --locked --bench counters --bench machine --bench message -- --test
+    )
 }
 
 # Citations, proof harnesses, models, fuzzing, mutants: what fails soon comes first. Tests that the step `test` of this

@@ -1,10 +1,11 @@
 //! The cost of the machines in wall time: no sockets, no shared memory, no other process.
 //!
-//! `cargo bench -p sm2-proto --bench machine [-- PART_OF_A_NAME]`
+//! `cargo bench --bench machine [-- PART_OF_A_NAME]`
 
 use std::{hint::black_box, time::Duration};
 
 use criterion::{BatchSize, BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use sm2_micro_bench::in_turns;
 use sm2_proto::{
     Datagram, Name,
     control::{decode_to_manager, decode_to_node},
@@ -12,19 +13,16 @@ use sm2_proto::{
     match_contracts,
 };
 
-#[path = "../tests/link_support/mod.rs"]
+#[path = "../../../sm2-proto/tests/link_support/mod.rs"]
 mod link_support;
-#[path = "../tests/ring_support/mod.rs"]
+#[path = "../../../sm2-proto/tests/ring_support/mod.rs"]
 mod ring_support;
 mod support;
-#[path = "support/turns.rs"]
-mod turns;
 
 use support::{
     Audience, NAMES, RingPair,
     contracts::{data, scan, subscriber},
 };
-use turns::in_turns;
 
 /// As many steps as a ring has room for.
 const TURN: u64 = RingPair::DEPTH as u64;

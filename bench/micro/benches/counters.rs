@@ -1,6 +1,6 @@
 //! Wall time of one change of a counters entry.
 //!
-//! `cargo bench -p sm2-io --bench counters`
+//! `cargo bench --bench counters`
 
 use std::{hint::black_box, time::Duration};
 

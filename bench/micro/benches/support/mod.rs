@@ -1,8 +1,8 @@
 //! The operations that are measured, for wall time and for instructions alike.
 
-#[path = "../../tests/support/bench.rs"]
+#[path = "../../../../sm2-proto/tests/support/bench.rs"]
 pub(crate) mod bench;
-#[path = "../../tests/support/contracts.rs"]
+#[path = "../../../../sm2-proto/tests/support/contracts.rs"]
 pub(crate) mod contracts;
 
 use std::sync::atomic::{AtomicU64, Ordering, fence};

@@ -6,7 +6,7 @@ use criterion::Bencher;
 
 /// Measures `step`. Each turn runs `before`, `step` and `after` `turn` times each, so that the
 /// clock is read twice per turn and not twice per step.
-pub(crate) fn in_turns<S, R>(
+pub fn in_turns<S, R>(
     bencher: &mut Bencher<'_>,
     turn: u64,
     state: &mut S,

@@ -3,19 +3,15 @@
 //! Both are nodes of one thread, so no thread sleeps or waits for another core. The result is the time that
 //! the library and the kernel need.
 //!
-//! `cargo bench -p sm2-node --bench message [-- PART_OF_A_NAME]`
+//! `cargo bench --bench message [-- PART_OF_A_NAME]`
 
 use std::time::Duration;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use sm2_manager::{Background, Options};
+use sm2_micro_bench::in_turns;
 use sm2_node::{Node, Publisher, Sample, Subscriber};
 use tempfile::TempDir;
-
-#[path = "../../sm2-proto/benches/support/turns.rs"]
-mod turns;
-
-use turns::in_turns;
 
 const LANES: [(&str, bool); 2] = [("ring", true), ("socket", false)];
 const SIZES: [usize; 3] = [64, 1 << 10, 64 << 10];

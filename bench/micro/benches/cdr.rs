@@ -1,6 +1,6 @@
 //! The time to encode and to decode messages in CDR, beside that of copying their bytes.
 //!
-//! `cargo bench -p sm2-ros --bench cdr [-- PART_OF_A_NAME]`
+//! `cargo bench --bench cdr [-- PART_OF_A_NAME]`
 //!
 //! Encoding computes the length and writes into memory that is there, as a publisher does. Decoding allocates the
 //! memory of the message. A view leaves the numbers where they are, and copies the rest.

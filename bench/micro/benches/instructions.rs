@@ -4,7 +4,7 @@
 //!
 //! ```sh
 //! cargo install --locked gungraun-runner@VERSION
-//! cargo bench -p sm2-proto --bench instructions
+//! cargo bench --bench instructions
 //! ```
 //!
 //! If one of these is missing, the program prints that and does nothing.
@@ -23,9 +23,9 @@ use sm2_proto::{
     match_contracts,
 };
 
-#[path = "../tests/link_support/mod.rs"]
+#[path = "../../../sm2-proto/tests/link_support/mod.rs"]
 mod link_support;
-#[path = "../tests/ring_support/mod.rs"]
+#[path = "../../../sm2-proto/tests/ring_support/mod.rs"]
 mod ring_support;
 mod support;
 
