@@ -1,4 +1,9 @@
 //! A recording of the last seconds, which is kept when something happens.
+//!
+//! A black box is a recorder with a ring of files. A trigger pins the files of its time (`folder.rs`). When the time
+//! after the trigger has passed, the recorder ends its current file, and a thread copies the messages of the time out
+//! of the complete files into a bag. Triggers can therefore overlap, the recorder keeps nothing in its memory, and a
+//! crash leaves the ring.
 
 mod incident;
 mod triggers;

@@ -1,4 +1,13 @@
 //! Writing a bag.
+//!
+//! Four threads share the work of a recorder. The caller's thread takes messages from all topics in one wait set: it
+//! copies messages up to 64 KiB at once, so that they hold no slot, and of each topic up to 8 longer ones wait in the
+//! slots of their publishers. A second thread prepares the records of the file, with their checksums. A third one owns
+//! the file and writes the records in order (`disk.rs`), so the disk is busy while the second one prepares the next
+//! message. A fourth one calls `fdatasync` once in each interval, while the third one goes on writing (`syncing.rs`).
+//! The queue in front of the second thread has a limit in bytes, and at most four operations wait in front of the third
+//! one. If the disk is too slow, messages are dropped before the queue and become gaps with a reason, so the disk
+//! delays no publisher, unless a topic is recorded as reliable.
 
 mod appender;
 mod disk;

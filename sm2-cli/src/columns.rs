@@ -1,4 +1,7 @@
 //! Tables for people. Each column is as wide as its longest cell.
+//!
+//! A growing table repeats its headings when a column becomes wider. No crate offers that, and complete tables share
+//! its few lines.
 
 use std::fmt;
 

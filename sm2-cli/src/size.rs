@@ -1,4 +1,7 @@
 //! Sizes in text form: `4096`, `4KB`, `1.5MiB`.
+//!
+//! The crates for sizes compute in floating point, and silently drop a fraction of a byte. Here a size is exact or
+//! refused.
 
 use std::{fmt, str::FromStr};
 

@@ -1,4 +1,6 @@
 //! Durations in text form: `200ms`, `5s`, `1.5h`.
+//!
+//! The crate `humantime` accepts neither fractions (`1.5h`) nor a plain `0`.
 
 use std::{fmt, time::Duration};
 

@@ -1,4 +1,6 @@
 //! Latencies and their percentiles.
+//!
+//! All values are kept, so the nearest rank is exact. A histogram is not.
 
 use serde::{Deserialize, Serialize};
 use sm2_proto::Instant;

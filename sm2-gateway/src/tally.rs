@@ -2,6 +2,10 @@
 //!
 //! A connection and the hub each count what they see; a report adds both up. A name keeps its counts
 //! when its offer is withdrawn and offered again, so that the counters of a connection only grow.
+//!
+//! Nothing else is written while a connection runs. A report requests the counts of all connections at the same time,
+//! and waits a quarter of a second for them. It claims only known facts: the numbers that an origin gives its messages
+//! reveal a gap but not its cause, so `skipped` is not `lost`.
 
 use std::{collections::BTreeMap, ops::AddAssign};
 

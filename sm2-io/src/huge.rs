@@ -14,6 +14,10 @@
 //! preallocated before it is needed avoids the wait, and `deny` rules it out.
 //!
 //! Without huge pages the same code uses small ones: the difference is only time.
+//!
+//! New sealed memory from 512 KiB on, and large pooled slots at their first use, are collapsed. On a busy machine,
+//! `cargo run --release -p sm2-io --example memory` printed these medians for 10 MiB: 0.73 ms from known bytes to a
+//! sealed descriptor (4.2 ms with small pages), and 0.21 ms to map and read them (2.2 ms).
 
 use std::sync::OnceLock;
 

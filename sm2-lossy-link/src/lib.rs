@@ -14,6 +14,15 @@
 //! 4. Make the sockets and processes of the near host within [`LossyLink::enter`].
 //!
 //! The namespaces have no names: the kernel removes them when the link is dropped or the process ends.
+//!
+//! # Why namespaces
+//!
+//! The kernels' own queues and routes take part: the rate is that of `tbf`, and nftables drops one datagram at a time,
+//! after a batch that was sent as one is split. Nothing is left behind even after `kill -9`, because the namespaces are
+//! descriptors of this process alone. A thread that has entered a namespace creates the gateway's UDP socket; Managers
+//! and nodes stay outside, because they are connected by paths. `sm2-bench run bad-link` turns the middle namespace
+//! into a router whose packets all pass a TUN device, so that TCP takes the same path as QUIC. The crate depends on no
+//! other one of SM2, so that the tests of `sm2-gateway`, the benchmarks and the demo use it without a cycle.
 
 mod lane;
 mod namespace;

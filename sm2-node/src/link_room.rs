@@ -4,6 +4,10 @@
 //! ends of links it can have: those that it has, and some *ahead*, for which the process has free descriptors
 //! that no other node of the process has ahead. A node takes at most half of the free ones at a time, so that
 //! its neighbours find room as well. The first few links are granted in any case.
+//!
+//! The library counts two descriptors for each end of a link: its socket, and one for a segment, a ring or a sealed
+//! message. A node without room looks again every 100 ms, since the program may close files of its own. If a descriptor
+//! of a link is lost all the same, the node states the number of links that it has, and the pair waits.
 
 use std::collections::HashMap;
 use std::io;

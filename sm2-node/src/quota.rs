@@ -4,6 +4,9 @@
 //! addresses of this process. So the mappings of all peers together are bounded, and each peer
 //! leaves room for the others: the mappings of a peer take at most as many bytes as are free. All nodes of a
 //! process share one bound, and each has its own one as well.
+//!
+//! The bound counts addresses and not memory, because files with holes are mapped without populating them
+//! (SM2-PAY-010).
 
 use std::collections::HashMap;
 use std::io;

@@ -1,4 +1,9 @@
 //! Domain time: the time that the programs of a domain share in a simulation or a replay (SPEC section 16.1).
+//!
+//! A reading of domain time is not a tick: it states the domain time of a moment and its speed (SM2-CLK-002). A source
+//! publishes a reading when it starts, pauses, jumps or changes its speed, so timers between two readings are exact.
+//! The topic is latched, so a node that comes later gets the newest reading. A simulator that advances time in steps
+//! publishes readings of speed 0.
 
 use core::time::Duration;
 

@@ -1,4 +1,9 @@
 //! Counts the periods of a deadline that pass without a message.
+//!
+//! A deadline costs no message anything. A tick at the end of each period looks for the newest message, in the machine
+//! or in the ring, so a receiver does nothing when a message comes. A domain without deadlines has no timer, and one
+//! with deadlines wakes at most once in each period. A message counts by its time of publication, because the tick may
+//! find it late.
 
 use crate::{Instant, Period};
 

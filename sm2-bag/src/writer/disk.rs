@@ -1,4 +1,12 @@
 //! The thread that uses the file: the disk is busy while the next message is prepared.
+//!
+//! Each byte of a message is read once. A publisher can still write to a pooled slot, and a checksum of other bytes
+//! than those in the file would ruin the bag of all topics. A long message is therefore copied into one of three
+//! private buffers of 8 MiB, and the checksum is computed over the copy, part by part while it is in the cache. Without
+//! a checksum (0 in MCAP), the disk could read the slots, but nothing would find a payload that a power cut has torn.
+//! The buffers are in huge pages: with small ones, the disk took more requests and wrote half as fast. Five recordings
+//! of 1 GB in messages of 10 MiB alternated with five of a recorder that let the disk read the slots: 348 MB/s
+//! (320-413) instead of 364 MB/s (319-385), and 0.38 s of processor time instead of 0.25 s.
 
 use std::io;
 use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};

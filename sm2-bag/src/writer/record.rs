@@ -1,4 +1,10 @@
 //! The records that this crate writes itself: chunks of one long message, and the summary.
+//!
+//! A message above 64 KiB is a chunk of its own. A padding record before the chunk puts the payload at the start of a
+//! block of the file, so that the blocks bypass the page cache (`O_DIRECT`). The blocks are written before the head of
+//! their chunk, which has the checksum. The crate `mcap` makes the chunks of short messages in memory and does not know
+//! the long ones, so this crate writes the summary, with the record types of `mcap`. The file is only appended to,
+//! through the trait `Storage`: tests put broken disks in its place.
 
 use std::collections::BTreeMap;
 use std::io::Cursor;

@@ -1,4 +1,6 @@
 //! The keys of `sm2 play` on a terminal.
+//!
+//! The thread belongs to the command and not to the player: it must not read the terminal of another job.
 
 use std::{
     fs::File,

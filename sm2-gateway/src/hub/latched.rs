@@ -1,4 +1,8 @@
 //! The messages of latched topics, for peers that subscribe later.
+//!
+//! Latched messages are kept at each hop. Each gateway on the path keeps the newest messages of a latched topic while
+//! it subscribes to the topic itself, for peers that subscribe later. The proxy of the publisher in the other domain is
+//! latched as well.
 
 use std::collections::{BTreeMap, VecDeque};
 

@@ -1,4 +1,6 @@
 //! The memory of all connections together.
+//!
+//! A payload counts against the peer's memory as its bytes arrive, not by the length that its header announces.
 
 use std::sync::Arc;
 

@@ -1,4 +1,7 @@
 //! The shadow task: logs and reports what another configuration would change, without effect.
+//!
+//! The comparison is a pure function over the present offers, evaluated beside the hub. After a change, the task
+//! requests a view from the hub, at most twice a second, so trying out rules costs the messages nothing.
 
 use std::{
     collections::{BTreeMap, BTreeSet},

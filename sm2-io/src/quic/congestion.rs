@@ -15,6 +15,10 @@
 //!
 //! A round is a round trip, 10 ms at least. Data that is sent in one round is acknowledged, or lost, in the
 //! next.
+//!
+//! Over a link of 15 ms with 4 % loss, cubic and reno use a seventh of its rate (`cargo test --release -p sm2-io
+//! --features slow --test io_slow -- quic_link:: --nocapture`, in virtual time). This controller uses such a link even
+//! at 30 % loss.
 
 use std::{
     any::Any,

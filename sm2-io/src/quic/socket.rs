@@ -1,4 +1,9 @@
 //! The UDP socket, with many datagrams per system call where the kernel supports it (GSO, GRO).
+//!
+//! A gateway has a socket for each peer to send with. A link that takes no datagrams fills the send buffer of a socket,
+//! and the next send waits: with one socket, eight stuck links silenced all other peers. The sockets share their
+//! address (`SO_REUSEPORT`), and a filter of one instruction lets the first of them receive everything. The first one
+//! is bound before it gets the option, so a second gateway still finds the address in use.
 
 use std::{
     io::{self, IoSliceMut},

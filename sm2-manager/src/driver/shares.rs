@@ -1,4 +1,14 @@
 //! Fair shares of the Manager's time for its sockets.
+//!
+//! The driver serves its sockets in rounds of 0.2 ms, by start-time fair queueing, so a node that declares now and then
+//! is served before nodes that never stop. `cargo run --release -p sm2-manager --example busy` measures it. The longest
+//! piece of work took 0.70 ms of processor time, with 4,000 matches. Beside 50 processes that declared and withdrew
+//! without pause on two cores, a DECLARE took 0.2 ms (median of 12 runs; p99 2.6 ms), and an echo through a plain
+//! socket 0.04 ms (p99 0.59 ms). The Manager then uses a whole core, so the kernel does not wake it before others, as
+//! it does with the echo. The systemd units of the system therefore raise its priority (`Nice=-10`): with that, the p99
+//! of a DECLARE was 1.65 ms, and that of the echo 1.15 ms. A shorter time slice (`sched_setattr`) changed nothing that
+//! 12 paired runs could show. Smaller first parts of a DECLARE would lower the p99 further, but a publisher would wait
+//! for fewer of its links.
 
 use std::{collections::HashMap, time::Duration};
 

@@ -1,4 +1,8 @@
 //! A Manager that stands by until another one ends.
+//!
+//! A standby holds no copy of the domain's state, so nothing can be out of date. It is an ordinary node that notices
+//! the end of its session and takes the lock; a Manager that is started by hand an hour later does the same. The price
+//! is one exchange with each node: two frames, and one for each interface and link.
 
 mod session;
 

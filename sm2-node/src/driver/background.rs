@@ -1,4 +1,11 @@
 //! The thread that drives the control side of a node while its program does other things.
+//!
+//! A publisher whose program sleeps must still be found by new subscribers: an emergency stop is sent only when it is
+//! needed. The thread handles the session, links that open or end, and messages that wait for room. Calls of the
+//! program handle all other packets, and these do not wake the thread: a link's socket is in the control set with an
+//! interest that follows the link's state (`event_sets.rs`). Before it publishes, a call reads the sockets of links
+//! that are opening, so a message that is published after a subscriber's `wait_for_publishers` has returned is offered
+//! to its link.
 
 use std::io;
 use std::os::fd::AsFd;

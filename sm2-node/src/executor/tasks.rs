@@ -1,4 +1,8 @@
 //! The tasks of an executor, and waiting for the next one.
+//!
+//! One thread waits at a time. It takes the message before another thread may wait, so no two threads find the same
+//! message. A ready source of a busy group is taken out of the wait set until the group's turn comes back; otherwise, a
+//! level-triggered set would report it again and again.
 
 use std::collections::{HashMap, VecDeque};
 use std::fmt;

@@ -1,4 +1,8 @@
 //! Encoding and canonical decoding of control frames (SM2-FRM-001, SM2-FRM-002).
+//!
+//! Decoding is canonical by encoding again: a decoded frame is encoded once more, and must equal the received bytes.
+//! One comparison replaces a list of special cases, such as varints that are too long and odd booleans. Control frames
+//! are rare enough for that.
 
 use alloc::{rc::Rc, vec::Vec};
 use core::cell::Cell;

@@ -1,4 +1,9 @@
 //! The limits of a Manager: what each one is, where it is set, and which values it takes.
+//!
+//! Each limit is one row of a table: its name, option, unit and range. The command line, the checks, the item *domain*,
+//! `sm2 doctor`, `sm2 snapshot` and a page of the book are made from the table, so a new limit is configurable and
+//! visible without further code. The machine works with any values. Programs check the values before the machine
+//! starts, because a wrong value is a mistake of a person, who needs the option's name and its range.
 
 use core::{fmt, ops::RangeInclusive};
 

@@ -1,4 +1,6 @@
 //! Names that a person may have meant to be the same.
+//!
+//! A crate for edit distances would need std, and this rule also compares the segments of names.
 
 use serde::Serialize;
 

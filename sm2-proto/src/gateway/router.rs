@@ -9,6 +9,10 @@
 //! Other rules and a new connection concern all sources; the end of a connection concerns those of its
 //! offers. The router settles them in pieces of at most [`PIECE_DECISIONS`]: the first one at once, and
 //! one at each [`Input::Tick`]. A source that is used in between is settled first, by [`Input::Use`].
+//!
+//! A route is a whole path, not a next hop: an offer lists the gateways that it came through, and is not made to any of
+//! them. No other rule is needed to prevent cycles. Of several paths to one origin, one is used, so that no message
+//! arrives twice.
 
 mod connections;
 mod input;

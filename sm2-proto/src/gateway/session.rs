@@ -10,6 +10,10 @@
 //! | greeting | [`Input::Event`], [`Input::Close`], [`Input::Tick`] | HELLO: open. 2 s without HELLO: ended |
 //! | open | every input | a violation, [`PeerEvent::Closed`], [`Input::Close`]: ended |
 //! | ended | nothing: each input is answered with the first [`End`] | |
+//!
+//! The withdrawal of an offer is confirmed, but the receipt of a message is not. Streams overtake the control stream,
+//! so a message of an offer that was wanted earlier, or that has ended, is discarded. Only a message that can never
+//! have been requested is a violation.
 
 mod duplicates;
 mod input;

@@ -1,4 +1,8 @@
 //! Whether a reliable link owes: then its publisher waits for it no more.
+//!
+//! Debts keep one bad link from using up the time that a publisher may wait for the honest ones. A debt lasts until all
+//! messages that were in flight have come back. If it lasted until nothing is in flight, it would never end for a
+//! subscriber that always keeps its newest sample.
 
 /// The debt of a link. A link incurs it with a publication that is not sent because there is no room, or because of
 /// the pool limit, and pays it when the other end has given back each message that was in flight then.

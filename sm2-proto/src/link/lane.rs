@@ -1,4 +1,10 @@
 //! The two lanes of a link, and the state before the lane is known.
+//!
+//! A link that is not sealed uses the ring lane if both ends offer it. The ring then carries every message, short ones
+//! included, so no rule for the order between lanes is needed. The socket carries the rare events: segments, the
+//! DOORBELL that wakes a sleeping side, and the end. The receiver creates the file of a ring, because it knows how many
+//! messages it accepts. It does so before OPEN, so that a process without a free descriptor can fall back to the
+//! socket.
 
 use super::{Config, Counters, ring::RingLane, socket_lane::SocketLane};
 

@@ -1,4 +1,9 @@
 //! The maximum length of a message that one end of a link accepts.
+//!
+//! The maximum is in OPEN and not in DECLARE: only the two ends of a link need it, and a sender knows it before the
+//! first message, so a sender never guesses. It drops a longer message on that link at once, with a reason of its own,
+//! since waiting would not help. The check costs the sender one comparison, and a receiver nothing: its maximum takes
+//! the place of the protocol's.
 
 use crate::limits::{INLINE_MAX, MESSAGE_MAX};
 

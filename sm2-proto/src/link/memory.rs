@@ -1,4 +1,9 @@
 //! The shared memory that a driver lends to a link for one call.
+//!
+//! The machine decides, and the driver lends it memory: its rings, for the length of one call. The machine calls the
+//! four operations of `RingMemory` and judges their results, so the whole protocol of the ring is pure code, parking
+//! included. (A side *parks* when it marks in the ring that it is about to sleep.) This code runs against loom's
+//! atomics, against a hostile memory in tests, and against the real file in `sm2-io/src/ring.rs`.
 
 use core::convert::Infallible;
 

@@ -1,4 +1,7 @@
 //! Sending, taking and releasing messages, with the same methods on both lanes.
+//!
+//! A message is stored once on its way to the program: `take_with` passes it to a closure of the driver, which puts it
+//! where the program's call finds it. Each layer that returned the message instead would copy it.
 
 mod calls;
 mod ring;

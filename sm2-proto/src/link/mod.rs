@@ -61,6 +61,14 @@
 //!
 //! A program that embeds this crate without `sm2-node` needs only this module and [`wire`]. The
 //! machine in [`node`](crate::node) decides which links exist.
+//!
+//! # Window and release are one mechanism
+//!
+//! In OPEN, the receiving side states how many unreleased messages it accepts (`depth + max_borrowed`), and a sender
+//! never has more in flight. A receiver's memory is therefore bounded by its own request, and the queue of a socket
+//! never overflows in the middle of a message. One RELEASE returns the slot of a pool, gives credit, and reports the
+//! fate of the message. Each message has exactly one fate, so the messages that were offered are at every moment those
+//! that were delivered, dropped for one of the reasons, or in flight.
 
 mod attachments;
 mod calls;

@@ -1,4 +1,8 @@
 //! The roles of the ends of links.
+//!
+//! Sender, receiver, caller and server share phases, flow control, payload forms and accounting. One machine therefore
+//! has all four roles, and a table states which frames a role may receive (SM2-WIR-002): four machines would contain
+//! the same code four times.
 
 use crate::Kind;
 

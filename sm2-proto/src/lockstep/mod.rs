@@ -16,6 +16,14 @@
 //! | working | finished | waiting | call: done |
 //! | working | the service is gone | working | |
 //! | over | any | over | |
+//!
+//! # Rounds
+//!
+//! In a round, a member handles only messages that were published before the round began, so a fast member cannot
+//! change the inputs of a slow one. The conductor names the end of the round before as a moment of `CLOCK_MONOTONIC`
+//! (`cut_ns`, SM2-LCK-004): all processes of a host share this clock, and each message has the moment of its
+//! publication. A publication is in the queues of all links when the call returns, so no member counts messages, or
+//! waits for those of a process that has died.
 
 mod conductor;
 mod member;

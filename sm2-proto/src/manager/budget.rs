@@ -1,4 +1,10 @@
 //! The cost of work, counted in units.
+//!
+//! One frame can affect thousands of links, so the machine counts its work in units, and stops when the budget of a
+//! part is used up (SM2-SES-009). Each `Tick` then does one more part, in turns among the sessions. The place where the
+//! work continues is part of the machine's state, so models explore it. The further frames of a busy session wait in
+//! its socket: the machine queues nothing, and their order is kept. An interface that is gone leaves the machine's
+//! tables with the first part; only its links remain, in `EndingLinks`, until the other ends are told.
 
 use super::policy::Policy;
 

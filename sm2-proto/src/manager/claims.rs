@@ -1,4 +1,12 @@
 //! The claims of links from earlier Managers that wait for the claim of the other end.
+//!
+//! The Manager puts a number into both LINK frames of a link that no other process can guess (SipHash of the serial
+//! number under a secret). Two claims with the same key therefore come from the two ends of the link, and a claim of
+//! any other process has no counterpart. No process has to remember the keys.
+//!
+//! A claim waits 5 s for its counterpart. A node that is stopped for longer loses the links that it had during the
+//! take-over, and is linked again when it continues. Waiting without a limit would keep the links of stopped nodes for
+//! ever, and also those of nodes that closed their end without a frame.
 
 #[cfg(any(kani, test))]
 mod proofs;

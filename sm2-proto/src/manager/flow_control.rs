@@ -1,5 +1,12 @@
 //! Flow control for LINK frames: a node is sent no more than a limit beyond what its socket has
 //! taken (SM2-LNK-007), and no more than it has room for (SM2-LNK-010).
+//!
+//! Other nodes decide how many links a node gets, so they could otherwise fill its queue at the Manager. A link is
+//! recorded at once, and its two LINK frames are sent together, as soon as both nodes have room. The Manager observes
+//! the sockets: a node need not acknowledge anything, and a node that reads is never delayed. The number of MAX_LINKS
+//! is a total, as in QUIC's MAX_STREAMS. The Manager compares it with the ends that the node knows, so frames that
+//! cross on the way cannot make the sum exceed it. A link that waits is a link of the Manager like any other: quotas
+//! bound the number of waiting links, and a policy or WITHDRAW ends them.
 
 use super::{
     Manager,

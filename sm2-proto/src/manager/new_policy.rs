@@ -8,6 +8,9 @@
 //! The second pass begins when the first has seen all interfaces, so a topic with one publisher is
 //! free for another one if the policy denies the publisher that it had. The policy is applied once
 //! both passes are over and the nodes have confirmed the ends of their links.
+//!
+//! A suspended interface stays declared, so it comes back without help of the program. It is on no channel, so
+//! matching, types and exclusive topics need no exception for it.
 
 use alloc::sync::Arc;
 

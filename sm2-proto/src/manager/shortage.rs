@@ -1,5 +1,8 @@
 //! A shortage of descriptors or memory: the driver could not make the socket pair of a link
 //! (SM2-LNK-008), or a node could not use its end (SM2-LNK-009).
+//!
+//! A receiver that lost a descriptor ends the link with the code `resources`. The other side sees the end of the
+//! stream, and may report `peer-gone` first, so the Manager remembers the pair until both sides have said farewell.
 
 use core::time::Duration;
 

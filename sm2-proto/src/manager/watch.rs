@@ -1,4 +1,8 @@
 //! WATCH: the changes since a revision (SM2-WCH-001, SM2-WCH-002).
+//!
+//! A watcher polls with a revision: WATCH is answered once, with all changes since that revision. A slow tool therefore
+//! gets more changes at a time, and fills no queue. Pages and changes together are exact (SM2-WCH-003), so a snapshot
+//! needs no frozen copy.
 
 use alloc::{collections::BTreeSet, vec::Vec};
 use core::mem;

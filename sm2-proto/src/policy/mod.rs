@@ -10,6 +10,10 @@
 //! All three are pure functions of the policy and their arguments. The Manager calls them for each
 //! request, and tools call them to explain a decision. The names of nodes are chosen by the nodes: a
 //! rule about a name is a boundary between users only together with a [`Binding`] of that name.
+//!
+//! The policy has no state, so tests compare it with a naive oracle, and `sm2 policy explain` gives the Manager's own
+//! answer. A Manager that cannot read the policy at its start does not serve, so no standby takes over with fewer
+//! rules.
 
 mod actions;
 mod subject;

@@ -6,6 +6,22 @@
 //! Messages are written little-endian, and read in both byte orders. Reading does not panic on any bytes. It copies out
 //! of its [`Source`] and checks the copy, so a source may change meanwhile. The memory for a message is at most a few
 //! times as large as its bytes.
+//!
+//! # Why no crate for CDR
+//!
+//! The crates for CDR that we know are codecs of serde between Rust types and byte slices, which do not meet four
+//! needs:
+//!
+//! - A publisher learns the length first (`encoded_len`) and then encodes into the shared slot, so the message is never
+//!   in a buffer of its own.
+//! - A subscriber decodes from memory that the publisher can still change, so the reader takes a [`Source`] that only
+//!   copies, instead of a slice, and checks the copies.
+//! - Tools encode and decode by definitions that they get at run time, with the same rules of alignment. Serde has no
+//!   path to the field that is wrong.
+//! - Bytes can come from hostile peers: each length is compared with the bytes that remain before memory is allocated,
+//!   and limits such as `string<=5` are checked in both directions.
+//!
+//! The comparison with `rosbags` (`.ci/run ros`) gives the trust in the bytes that an existing crate would have given.
 
 mod number;
 mod numbers;

@@ -1,6 +1,8 @@
 //! The message in the form in which a link sends it.
 //!
 //! Messages for the ring lane are always in a slot, with their head at the slot's end.
+//!
+//! A head is written once for all subscribers. The payload has the same offset on both lanes, so one slot serves both.
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};

@@ -1,4 +1,8 @@
 //! The limit that a publisher sets for the memory of its messages.
+//!
+//! The default of a publisher, 256 MiB, is some seconds of large messages for subscribers that lag, and a small part of
+//! the memory of a robot's computer. If its messages are long, the default is 24 of them, twice the window of a
+//! subscriber with the default options.
 
 use crate::pool::{POOL_LIMIT_BYTES, POOL_LIMIT_MESSAGES, stride_for};
 

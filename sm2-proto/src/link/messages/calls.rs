@@ -1,5 +1,12 @@
 //! Calls on the ring lane: the work of callers and servers beyond sending and receiving (SPEC
 //! section 9).
+//!
+//! As on topics, each end creates the ring that it takes from, so a service has two rings, and the ring of topics
+//! serves both. A caller's ring has `window - 1` places, at most 1,024, and not only `depth`: enough for the replies to
+//! all its calls. A message without room waits in the machine, where the limit of calls bounds the queue, so no reply
+//! is refused. Whenever messages wait, the machine itself parks for room, whether or not a thread sleeps, and only then
+//! does the peer ring the bell for room. CANCEL stays on the socket: in the ring, it would wait behind the request that
+//! it cancels. On the socket it can arrive early or late, and SM2-RNG-012 states how far a server relies on it.
 
 use super::super::{
     At, Delivery, Error, Fate, Link, Misuse, Output, RingMemory, Role, Wake,

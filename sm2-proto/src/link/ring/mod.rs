@@ -7,6 +7,28 @@
 //!
 //! A link of a topic has one ring. A link of a service has two: the *outgoing* ring carries the
 //! messages that this end sends, and the *incoming* ring carries the messages that it receives.
+//!
+//! # Words, but no indexes
+//!
+//! Each side keeps its own count, and accesses the word that this count selects, so there is no shared head or tail to
+//! forge. The sender swaps; the receiver compares and exchanges. A displaced word returns to the sender by the same
+//! swap that displaces it, so keep-last is exact and the slot is free at once. Released messages return through words
+//! of their own, one for each message that may be unreleased.
+//!
+//! # Few cache lines travel between cores
+//!
+//! The cost of a short message between two cores is the number of cache lines that both of them touch. Five measures
+//! reduce it:
+//!
+//! - Slots are as short as their messages, with payload and head side by side. Slots of a page each would compete for
+//!   one set of the first-level cache, and for one entry each of the translation cache.
+//! - A publisher reads released words when it needs a slot, not with each message.
+//! - A publisher that waits for room checks rarely, for 20 µs, before it sleeps. Each check takes the cache line away
+//!   from the receiver that is about to write it.
+//! - A receiver prefetches head and payload while it takes their word. No read overtakes the atomic operation on the
+//!   word.
+//! - Messages that a program gives back together are one batch: their words are put, then one fence follows
+//!   (SM2-RNG-015).
 
 mod lane;
 mod memory;

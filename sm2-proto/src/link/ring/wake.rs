@@ -1,4 +1,11 @@
 //! Waking the other end of a ring, by parked words and DOORBELL.
+//!
+//! Each sleeping receiver is woken by a datagram of its own. One eventfd in the epoll sets of all receivers of a
+//! publisher, edge-triggered, would wake them with one system call. `cargo run --release -p sm2-io --example wake_many`
+//! compares the two ways (medians of four runs of 2,000 rounds, other load varying): with 5 receivers, the sender's
+//! processor time falls to 0.79 times, and the time until all are awake to 0.73 times; with 16 receivers, to 0.52 and
+//! 0.47 times. But each holder of an eventfd can write to it, so one hostile subscriber could keep all others awake for
+//! ever, and the kernel has no eventfd that can only be read.
 
 use super::{
     super::{packet::Head, wire::Frame},
