@@ -43,7 +43,7 @@ impl Bag {
     ///
     /// # Errors
     ///
-    /// [`ReadError`], if the file cannot be read or is no MCAP file.
+    /// [`ReadError`], if the file cannot be read or is not an MCAP file.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
         Self::open_observed(path, &mut unobserved)
     }

@@ -31,7 +31,7 @@ pub enum RecordError {
     /// Another recorder uses the ring.
     #[error("another recorder uses this ring: give each one a folder of its own (see --ring)")]
     RingInUse,
-    /// The disk has less room than it shall keep. The bag is complete up to then.
+    /// The disk has less free space than the recording has to leave. The bag is complete up to then.
     #[error(
         "the recording has ended, because the disk is nearly full (see --min-free); what was recorded is complete"
     )]

@@ -40,7 +40,7 @@ pub enum ForeignReason {
     /// The definition is too long.
     #[error("the definition of {0} is longer than {DEFINITION_MAX_BYTES} bytes")]
     Long(TypeName),
-    /// The definition without its comments is no schema text of SM2 (SPEC Annex A), because it is too long or has
+    /// The definition without its comments is not a schema text of SM2 (SPEC Annex A), because it is too long or has
     /// control characters.
     #[error("the definition of {0} is no schema text of SM2: {1}")]
     Schema(TypeName, ParseError),

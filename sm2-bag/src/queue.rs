@@ -87,7 +87,7 @@ struct State {
     spare: Option<Batch>,
     /// The event that the writer waits for; `None` while it works, or is about to.
     awaited: Option<Awaited>,
-    /// Whether the writer shall take the items before the end of the interval.
+    /// Whether the writer has to take the items before the end of the interval.
     is_urgent: bool,
     /// The length of all payloads that were pushed and not written yet, in bytes.
     waiting_bytes: u64,
@@ -145,7 +145,7 @@ impl Queue {
         }
     }
 
-    /// Whether another message of a topic can wait. If not, the descriptor tells when the topic shall try again.
+    /// Whether another message of a topic can wait. If not, the descriptor becomes readable when the topic can try again.
     pub(crate) fn has_room(&self, held_by: HeldBy, held_max: usize) -> bool {
         let mut state = self.lock();
         let held = state.held.get(held_by.0).copied().unwrap_or_default();
@@ -306,7 +306,7 @@ impl Queue {
         self.lock().has_failed()
     }
 
-    /// The disk shall take no more than what waits already.
+    /// The disk takes only the messages that wait already, and no others.
     pub(crate) fn note_disk_full(&self) {
         self.lock().is_disk_full = true;
     }

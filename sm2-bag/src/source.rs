@@ -183,7 +183,7 @@ mod tests {
         let qos = &channel.metadata["offered_qos_profiles"];
         assert!(qos.contains("reliability: reliable"), "{qos}");
         assert_eq!(Source::of_channel(&channel), Some(source.clone()));
-        // Without its hash, the definition is no schema text.
+        // Without its hash, the definition is not a schema text.
         let mut channel = channel;
         channel.metadata.remove(Source::RIHS01);
         let schema = None;

@@ -70,7 +70,7 @@ impl fmt::Display for Damage {
 ///
 /// # Errors
 ///
-/// [`ReadError`], if the file cannot be read or is no MCAP file.
+/// [`ReadError`], if the file cannot be read or is not an MCAP file.
 pub fn check(path: &Path) -> Result<Verdict, ReadError> {
     check_observed(path, &mut unobserved)
 }

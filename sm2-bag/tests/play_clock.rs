@@ -85,7 +85,7 @@ fn recorded_domain_time_is_no_second_source() {
         assert_eq!(numbers.len(), 5);
     }
 
-    // Under another name it is no source; another topic under the name `clock` would be one.
+    // Under another name it is not a source; another topic under the name `clock` would be one.
     let name = |text| Name::new(text).unwrap();
     let renamed = PlayOptions {
         remap: [(name("clock"), name("old/clock"))].into(),

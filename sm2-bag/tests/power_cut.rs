@@ -184,7 +184,7 @@ fn overtaken_operations(
     }
 }
 
-/// The number of messages in a bag, which are the first of `payloads`. A file without its first bytes is no bag.
+/// The number of messages in a bag, which are the first of `payloads`. A file without its first bytes is not a bag.
 fn readable(path: &Path, payloads: &[Vec<u8>]) -> u64 {
     let Ok(bag) = Bag::open(path) else {
         return 0;

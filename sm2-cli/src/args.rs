@@ -32,7 +32,7 @@ pub(crate) struct Domain {
 /// The kind of shared memory for messages that are too large for a datagram.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Integrity {
-    // These are no doc comments: clap would add them to the help.
+    // These are not doc comments: clap would add them to the help.
     // Memory that is reused.
     Pooled,
     // New memory for each message, which nobody can change after publishing, not even the publisher.

@@ -5,7 +5,7 @@ use clap::ValueEnum;
 /// [`sm2_bag::Compression`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Compression {
-    // These are no doc comments: clap would add them to the help.
+    // These are not doc comments: clap would add them to the help.
     None,
     Lz4,
     Zstd,

@@ -202,7 +202,7 @@ pub(crate) enum CliError {
     /// The Manager does not apply its access policy again.
     #[error(transparent)]
     Reload(#[from] ReloadError),
-    /// A file is no access policy.
+    /// A file is not an access policy.
     #[error(transparent)]
     Policy(#[from] PolicyFileError),
     /// A file or folder cannot be used.
@@ -359,7 +359,7 @@ impl CliError {
         }
     }
 
-    /// Whether the reader of standard output has ended, as in `… | head`. That is no failure.
+    /// Whether the reader of standard output has ended, as in `… | head`. That is not a failure.
     pub(crate) fn is_broken_pipe(&self) -> bool {
         matches!(self, Self::Output(error) if error.kind() == io::ErrorKind::BrokenPipe)
     }

@@ -4,7 +4,7 @@ use std::fmt;
 
 use sm2_proto::text::Counted;
 
-/// The number of bytes that are shown of a message that is no text.
+/// The number of bytes that are shown of a message that is not text.
 const HEAD_BYTES: usize = 32;
 
 /// The message as text, if it can be printed safely: UTF-8 whose only control characters are newline and tab.

@@ -17,7 +17,7 @@ const UNITS: [(&str, f64); 6] = [
 /// The longest duration that is accepted. It prevents overflow of deadlines.
 const MAX: Duration = Duration::from_secs(365 * 24 * 3_600);
 
-/// The error for a text that is no duration.
+/// The error for a text that is not a duration.
 const FORM: &str = "a time is a number and a unit, such as 200ms, 5s or 1.5m (ns, us, ms, s, m, h)";
 
 /// Parses a duration above zero.

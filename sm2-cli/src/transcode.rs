@@ -27,7 +27,7 @@ impl Transcoder {
     ///
     /// # Errors
     ///
-    /// The bytes are no message of the type.
+    /// The bytes are not a message of the type.
     pub fn to_json(&self, message: &[u8]) -> Result<Vec<u8>, Unusable> {
         Ok(serde_json::to_vec(&self.0.decode_all(message)?)?)
     }

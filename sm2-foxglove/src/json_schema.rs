@@ -17,7 +17,7 @@
 use serde_json::{Map, Value, json};
 use sm2_proto::schema::{Field, Scalar, Type, Variant};
 
-/// The name of the only field of a message whose JSON is no object.
+/// The name of the only field of a message whose JSON is not an object.
 pub(crate) const VALUE: &str = "value";
 
 /// The schema of the messages of a type, and whether they are in an object with the field [`VALUE`].

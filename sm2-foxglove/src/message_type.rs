@@ -7,7 +7,7 @@
 //! | plain data, serde types | `json` | `jsonschema` | converted by its schema |
 //! | bytes, types without a schema | `json` | `jsonschema` | an object whose field `bytes` is in base64 |
 //!
-//! A message whose JSON is no object is the field `value` of an object: Foxglove shows objects only.
+//! A message whose JSON is not an object is the field `value` of an object: Foxglove shows objects only.
 
 use std::{borrow::Cow, collections::HashMap, error::Error, sync::Arc};
 
@@ -129,7 +129,7 @@ impl MessageType {
     ///
     /// # Errors
     ///
-    /// It is no message of the type, or longer than [`max_len`](Self::max_len).
+    /// It is not a message of the type, or longer than [`max_len`](Self::max_len).
     pub(crate) fn to_viewer<'a>(&self, message: &'a [u8]) -> Result<Cow<'a, [u8]>, Unusable> {
         let len = message.len();
         if self.max_len().is_some_and(|max| len > max) {
@@ -157,7 +157,7 @@ impl MessageType {
     ///
     /// # Errors
     ///
-    /// The encoding is another one, or it is no message of the type.
+    /// The encoding is another one, or it is not a message of the type.
     pub(crate) fn to_domain<'a>(
         &self,
         encoding: &str,

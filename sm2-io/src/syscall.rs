@@ -6,7 +6,7 @@
 //! socket of [`quic`](crate::quic), and the deallocations and threads of the standard library.
 //!
 //! In a build with the feature `fault-injection`, each call first asks the thread's plan whether it has to
-//! fail ([`fault`](crate::fault)). Without the feature that question is no code.
+//! fail ([`fault`](crate::fault)). Without the feature, the question costs nothing.
 //!
 //! Calls that only give something back (`close`, `munmap`) or that cannot fail (`clock_gettime`,
 //! `geteuid`) do not ask.

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The text of a direct system call, outside of the seam. `nix::errno` and the constants of `libc` are no calls.
+/// The text of a direct system call, outside of the seam. `nix::errno` and the constants of `libc` are not calls.
 const CALLS: [&str; 17] = [
     "nix::sys",
     "nix::fcntl",

@@ -103,7 +103,7 @@ impl Network {
     /// Sets the random loss; if the link is cut, all packets are lost.
     pub(crate) fn lose(&self, loss_permille: u32, is_cut: bool) -> Result<(), Unavailable> {
         let rules = match (is_cut, loss_permille) {
-            // ARP and the discovery of neighbours are no lost datagrams.
+            // ARP and the discovery of neighbours are not lost datagrams.
             (true, _) => vec![
                 "meta l4proto udp counter drop".to_owned(),
                 "drop".to_owned(),

@@ -148,7 +148,7 @@ fn a_manager_without_its_policy_does_not_serve() {
             matches!(embedded, Err(StartError::Policy(_))),
             "{embedded:?}"
         );
-        // The domain is free for a Manager with a policy. A policy that is no link is not replaced.
+        // The domain is free for a Manager with a policy. A policy that is not a link is not replaced.
         let good = policy(&domain, "good.toml", POLICY);
         if how != "gone" {
             let (status, text) = domain.fails(&["--policy", good.to_str().unwrap()]);

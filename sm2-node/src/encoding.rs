@@ -51,7 +51,7 @@ pub fn from_postcard<T: Message + DeserializeOwned>(
 ///
 /// # Errors
 ///
-/// [`EncodeError`] with the reason from serde_json, such as a map whose keys are no text.
+/// [`EncodeError`] with the reason from serde_json, such as a map whose keys are not text.
 #[cfg(feature = "json")]
 pub fn to_json<T: Message + Serialize>(value: &T) -> Result<Cow<'_, [u8]>, EncodeError> {
     match serde_json::to_vec(value) {

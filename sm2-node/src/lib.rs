@@ -78,11 +78,11 @@
 //!
 //! The thread is called `sm2:` and the beginning of the node's name. All signals are blocked in it. It inherits the
 //! scheduling policy, the priority and the affinity of the thread that connected the node. It holds the lock of an
-//! interface for a bounded amount of work, without waiting. The locks do not lend priority to the thread that holds
-//! them: a program with threads of different priorities connects its node in the thread with the highest one. The
-//! background thread ends with the last handle of the node. If the program's `tracing` subscriber panics on the
-//! thread, the thread continues. A child that was made by `fork(2)` does not have the thread: it must not use the
-//! node, but it may drop its copies of all handles.
+//! interface for a bounded amount of work, without waiting. The locks have no priority inheritance: a program with
+//! threads of different priorities connects its node in the thread with the highest one. The background thread ends
+//! with the last handle of the node. If the program's `tracing` subscriber panics on the thread, the thread
+//! continues. A child that was made by `fork(2)` does not have the thread: it must not use the node, but it may drop
+//! its copies of all handles.
 //!
 //! [`NodeBuilder::background`] turns the thread off. Then every call *drives* the whole node, and calls that wait keep
 //! driving it meanwhile. [`Node::spin`] is for programs that have nothing else to call.

@@ -73,7 +73,7 @@ use crate::payload::{MessageBytes, SharedBytes};
 /// The derives of zerocopy and serde need these crates in your `Cargo.toml`. The name
 /// follows SM2-NAM-001: segments of `A-Z a-z 0-9 _ -`, joined by single `/`.
 ///
-/// Mistakes do not compile. One is a field for which some bit patterns are no value:
+/// Mistakes do not compile. One is a field for which some bit patterns are not values:
 ///
 /// ```compile_fail,E0277
 /// # use sm2_node::zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};

@@ -221,7 +221,7 @@ fn a_reliable_subscriber_that_never_releases_is_waited_for_once() {
     }
 }
 
-/// Messages that no longer fit at all are no error of the publisher, however it makes them.
+/// Messages that no longer fit at all are not errors of the publisher, however it makes them.
 //= SM2-QOS-017 test
 #[test]
 fn subscribers_that_hold_all_memory_cause_no_error() {

@@ -73,7 +73,7 @@ macro_rules! codes {
 pub(crate) use codes;
 
 codes! {
-    /// An end of a session or link that is no breach of SPEC.
+    /// An end of a session or link that is not a breach of SPEC.
     Farewell {
         Done = 0, "done", "SM2-COD-001";
         GreetingTimeout = 1, "greeting-timeout", "SM2-SES-004";

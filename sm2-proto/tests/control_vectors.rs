@@ -5,7 +5,7 @@
 //! receiver had sent itself. (The Manager's own frames follow from those it received; its epoch is
 //! 1, the session its first; `deny` stands for an access policy that it reads and that denies
 //! everything.) `truncated` names what the kernel cut, and `file` the kind of a
-//! descriptor that is no file of counters. The vector is either a `frame`, in SPEC's words, or a
+//! descriptor that is not a file of counters. The vector is either a `frame`, in SPEC's words, or a
 //! `violation`. `answer` lists the frames that a node sends at once.
 
 use crate::naive;

@@ -228,7 +228,7 @@ fn the_side_that_is_short_may_be_the_second_one() {
     assert_eq!(bench.send(b, &unlinked(1, link, RESOURCES)), []);
     let (delay, next) = next_attempt(&mut bench);
     assert_eq!((delay, next.is_some()), (10, true));
-    // The answer of the first code is no reason.
+    // The answer of the first code is not a reason.
     let link = next.expect("a link");
     bench.send(a, &unlinked(1, link, gone));
     bench.send(b, &unlinked(1, link, gone));

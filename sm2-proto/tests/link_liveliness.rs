@@ -118,7 +118,7 @@ fn messages_and_assertions_are_signs_of_life() {
     assert!(link.is_peer_alive());
     assert_eq!(tick(&mut link, 138), (true, 1, 141));
     assert_eq!(tick(&mut link, 141), (false, 2, 151));
-    // One that came too late is no sign that it is alive now.
+    // One that came too late is not a sign that it is alive now.
     receive(&mut link, &alive(145), 155);
     assert_eq!(tick(&mut link, 155), (false, 2, 165));
 }

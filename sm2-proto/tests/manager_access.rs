@@ -202,7 +202,7 @@ fn an_exclusive_topic_has_one_publisher() {
     assert_eq!(refusal(&bench.declare(b, 3, &velocity)), Some(&exclusive));
     let other = publisher("cmd_vel", &data("Other"));
     assert_eq!(refusal(&bench.declare(a, 3, &other)), Some(&exclusive));
-    // A service of that name is no topic, and other topics have several publishers.
+    // A service of that name is not a topic, and other topics have several publishers.
     bench.withdraw(a, 1);
     bench.declared(a, 4, &server("cmd_vel", &data("A"), &data("B")));
     bench.withdraw(a, 4);

@@ -449,7 +449,7 @@ fn messages_that_came_back_before_the_end_are_delivered() {
     }
 }
 
-/// A word that is no message of the link is a violation, also just before the end.
+/// A word that is not a message of the link is a violation, also just before the end.
 //= SM2-RNG-016 test
 #[test]
 fn a_false_word_just_before_the_end_is_a_violation() {

@@ -11,7 +11,7 @@
 //! `RETIRED`. Code cites by a comment line of its own, `=` right after the
 //! comment marker, then ids separated by commas, then for a check its kind
 //! ([`CheckKind`]). Golden vectors cite by their field `clause`. An id that is a literal argument of
-//! the macros `clause!` and `violation!` must name a clause in force, and is no citation.
+//! the macros `clause!` and `violation!` must name a clause in force, and is not a citation.
 
 mod citation;
 mod gap;
@@ -37,7 +37,7 @@ const SPEC_FILE: &str = "SPEC.md";
 /// Reads SPEC.md and all sources below `root` and compares them.
 ///
 /// # Errors
-/// SPEC.md is missing, or a file or folder cannot be read. Gaps are no error:
+/// SPEC.md is missing, or a file or folder cannot be read. Gaps are not errors:
 /// they are in the report.
 pub fn check(root: &Path) -> Result<Report, CheckError> {
     let spec_path = root.join(SPEC_FILE);

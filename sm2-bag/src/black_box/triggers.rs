@@ -96,7 +96,7 @@ impl Triggers {
                     self.call = Some(request);
                     return Ok(Some(reason));
                 }
-                // A request that is no string has got its answer. One that cannot be mapped ends its link alone.
+                // A request that is not a string has got its answer. One that cannot be mapped ends its link alone.
                 Ok(None) | Err(RecvError::Payload { .. } | RecvError::Map { .. }) => {}
                 Err(error) => return Err(error.into()),
             }

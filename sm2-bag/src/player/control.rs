@@ -55,7 +55,7 @@ impl FromStr for PlayCommand {
 /// Why a player does not follow a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PlayCommandError {
-    /// The text is no command.
+    /// The text is not a command.
     #[error("give pause, resume, step, or a rate such as `rate 2`")]
     Unknown,
     /// The rate is negative or not finite.

@@ -42,7 +42,7 @@ impl ControlService {
             match self.server.try_recv() {
                 Ok(Some(request)) => self.command(request),
                 Ok(None) => return Ok(()),
-                // A request that is no string has got its answer.
+                // A request that is not a string has got its answer.
                 Err(RecvError::Payload { .. }) => {}
                 Err(error) => return Err(error),
             }

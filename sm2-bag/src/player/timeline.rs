@@ -19,7 +19,7 @@ use super::service::ControlService;
 use crate::error::PlayError;
 
 /// Lets a replay go on at its pace, and in lockstep at that of the members. Each wait also handles commands and calls;
-/// it returns false if the replay shall end.
+/// it returns false if the replay has to end.
 pub(super) struct Timeline<'fd> {
     set: WaitSet<'fd, Ready>,
     control: PlayControl,

@@ -132,7 +132,8 @@ impl Parts {
         self.bag.end_sync()
     }
 
-    /// Whether the disk has less room than it shall keep. The oldest files of a ring are removed first.
+    /// Whether the disk has less free space than the recording has to leave. The oldest files of a ring are removed
+    /// first.
     pub(crate) fn is_disk_full(&mut self) -> Result<bool, WriteError> {
         loop {
             let free = self.bag.free_bytes()?;

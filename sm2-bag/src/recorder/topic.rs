@@ -108,7 +108,7 @@ impl Topic {
         Ok(samples.len())
     }
 
-    /// Describes a message that was taken at `now`, a time of the wall clock. `None` if its sender is no publisher,
+    /// Describes a message that was taken at `now`, a time of the wall clock. `None` if its sender is not a publisher,
     /// which the Manager never links.
     pub(super) fn note(
         &mut self,

@@ -40,7 +40,7 @@ pub(crate) enum CodecError {
     /// A type is missing, or the types are nested without an end.
     #[error(transparent)]
     Set(#[from] SetError),
-    /// The definition is no schema text.
+    /// The definition is not a schema text.
     #[error(transparent)]
     Text(#[from] ParseError),
     /// The definition is not that of the hash.
@@ -74,7 +74,7 @@ impl Codec {
     ///
     /// # Errors
     ///
-    /// [`DecodeError`] if the bytes are no message of the type.
+    /// [`DecodeError`] if the bytes are not a message of the type.
     pub(crate) fn decode<'a>(
         &'a self,
         bytes: &'a [u8],

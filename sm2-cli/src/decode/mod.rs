@@ -34,7 +34,7 @@ use self::{
 ///
 /// # Errors
 ///
-/// [`DecodeError`] if the bytes are no message of the type. All bytes must belong to the message.
+/// [`DecodeError`] if the bytes are not a message of the type. All bytes must belong to the message.
 pub(crate) fn decode<'a>(
     schema: &'a Schema,
     bytes: &'a [u8],

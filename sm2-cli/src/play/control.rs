@@ -82,7 +82,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let mut out = Output::new();
     match serde_json::from_str::<PlayStatus>(&reply) {
         Ok(status) if !arguments.json => out.line(Shown(status))?,
-        // Also the answer of a program that is no player.
+        // Also the answer of a program that is not a player.
         _ => out.line(reply)?,
     }
     out.flush()?;

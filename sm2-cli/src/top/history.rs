@@ -53,7 +53,7 @@ impl History {
             None => " ",
             Some(rate) => {
                 let level = rate / largest * (BLOCKS.len() - 1) as f64;
-                // 0 without any message: then the level is no number.
+                // 0 without any message: then the level is not a number.
                 BLOCKS[(level.round() as usize).min(BLOCKS.len() - 1)]
             }
         };

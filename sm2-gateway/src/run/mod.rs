@@ -58,7 +58,7 @@ const CLOSE_DELAY: Duration = Duration::from_millis(500);
 /// Why a gateway did not start or stopped by itself.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
-    /// The key file cannot be read, or is no key file.
+    /// The key file cannot be read, or is not a key file.
     #[error(transparent)]
     Key(#[from] KeyFileError),
     /// The gateway cannot join its domain.

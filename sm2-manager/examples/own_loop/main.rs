@@ -332,7 +332,7 @@ impl Broker {
     }
 }
 
-/// Prints a line. A closed standard output is no reason to end.
+/// Prints a line. A closed standard output is not a reason to end.
 fn say(line: std::fmt::Arguments<'_>) {
     let _ = writeln!(io::stdout(), "{line}");
 }

@@ -93,7 +93,7 @@ impl Manager {
         }
         let go_on = match received {
             Ok(received) => {
-                // The machine needs the facts for its decision. For a descriptor that is no memory file the
+                // The machine needs the facts for its decision. For a descriptor that is not a memory file the
                 // kernel gives none, and the machine refuses it. A descriptor for whose facts there is no
                 // memory is lost, like one for which there is no room.
                 let fds = received.fds.into_iter().map(InspectedFd::new);

@@ -23,7 +23,7 @@ fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
 }
 
 /// Checks that the Manager of the socket at `socket` could use the policy of its domain. A folder that cannot
-/// be searched is no error here: making the socket in it fails as well, and says what to do.
+/// be searched is not an error here: making the socket in it fails as well, and says what to do.
 pub(crate) fn check(socket: &Path, options: &Options) -> Result<(), PolicyFileError> {
     let beside = with_suffix(socket, ".policy");
     match &options.policy_file {
@@ -73,7 +73,7 @@ fn load(path: &Path) -> Result<PolicyFile, PolicyFileError> {
     PolicyFile::parse(path, &file.text()?)
 }
 
-/// Makes `path` a link to `file`, in one step. A file at `path` that is no link is left alone.
+/// Makes `path` a link to `file`, in one step. A file at `path` that is not a link is left alone.
 fn link(path: &Path, file: &Path) -> io::Result<()> {
     let file = fs::canonicalize(file)?;
     if fs::canonicalize(path).is_ok_and(|it| it == file) {

@@ -182,7 +182,7 @@ impl Interface {
         self.links().filter(|link| link.is_open()).count()
     }
 
-    /// One of the LINKs that DECLARED announced has come, or never comes.
+    /// Notes that one of the LINKs that DECLARED announced has come, or will not come.
     pub(super) const fn link_came(&mut self) {
         self.links_due = self.links_due.saturating_sub(1);
     }

@@ -336,7 +336,7 @@ impl InterfaceDriver {
             stirred: false,
         };
         let result = change(&mut self.interface, &mut context);
-        // A thread that waits, also one that spins, waits for the end of all links, too.
+        // The end of a link wakes every thread that waits, also one that spins.
         let has_event = self.interface.has_fresh_events();
         if context.stirred || has_event || self.interface.has_ended_links() {
             self.sleepers.wake();

@@ -43,7 +43,7 @@ pub enum StoreError {
     Io(#[from] io::Error),
 }
 
-/// A publication failed. A reliable subscriber that missed the message is no error of the call,
+/// A publication failed. A reliable subscriber that missed the message is not an error of the call,
 /// because the other subscribers have it: see [`Published`](crate::Published).
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]

@@ -99,7 +99,7 @@ impl<'a, S> Inputs<'a, S> {
     }
 
     /// Sets whether inputs wait for a conductor. By default they are handled as they arrive while there is none, unless
-    /// the environment variable `SM2_LOCKSTEP` is `on`. A replay that shall give the same outputs from the first
+    /// the environment variable `SM2_LOCKSTEP` is `on`. A replay that has to give the same outputs from the first
     /// message on needs this: otherwise timers tick by the wall clock until the node has joined.
     pub fn only_in_lockstep(&mut self, only: bool) {
         self.only_in_lockstep = only;

@@ -140,8 +140,9 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
 
     /// Promises a sign of life of the program at least once in each `lease`: a message, or
     /// [`assert_liveliness`](Publisher::assert_liveliness). By default a publisher is alive as long as its links are
-    /// open, which the kernel watches. Only a publisher with a lease matches a subscriber that demands a
-    /// [liveliness](crate::SubscriberBuilder::liveliness), whose lease must not be shorter.
+    /// open, which the kernel watches. A subscriber that demands a
+    /// [liveliness](crate::SubscriberBuilder::liveliness) matches only publishers with a lease that is not longer than
+    /// the lease of the subscriber.
     ///
     /// The first lease begins when the publisher is declared. When a lease passes without a sign of life, this side and
     /// each subscriber that demands a liveliness get an [event](crate::Event::LivelinessLost).
@@ -176,12 +177,13 @@ system after [`keep_idle`](Self::keep_idle)."
     /// [`POOL_LIMIT_MESSAGES`](crate::POOL_LIMIT_MESSAGES) messages of the longest length so far and
     /// the [latched](Self::latched) ones, whichever is more.
     ///
-    /// A subscriber that keeps its samples keeps their memory. The messages that subscribers have not released
-    /// take at most half of the memory that is left to them. When that half is reached, the subscriber with
-    /// the oldest message gets no further ones until it releases one (SM2-QOS-017): they count as
-    /// [`pool_limit`](sm2_proto::link::Counters::pool_limit). Its samples stay valid. The other half is for the
-    /// subscribers that release what they get. With a limit of 0 there is no such half, only the reserved
-    /// memory, which a subscriber can use up.
+    /// A subscriber that keeps its samples keeps their memory. When unreleased messages fill half of the limit,
+    /// the publisher suspends the subscriber with the oldest one: it gets no message until it releases one
+    /// (SM2-QOS-017), and the messages that it misses count as
+    /// [`pool_limit`](sm2_proto::link::Counters::pool_limit). Its samples stay valid, and their memory no longer
+    /// counts as available: the others share half of the rest in the same way. The second half is for the
+    /// subscribers that release what they get. A limit of 0 leaves only the reserved memory, all of which one
+    /// subscriber can use up.
     ///
     /// For a reliable subscriber the publisher first waits, as it does for room.
     pub const fn pool_limit(mut self, bytes: u64) -> Self {
@@ -203,7 +205,7 @@ system after [`keep_idle`](Self::keep_idle)."
     /// Reserves memory for [`slots`](Self::slots) messages of up to `bytes` when the publisher is declared,
     /// and keeps it for as long as the publisher exists. Without [`prefault`](Self::prefault) or
     /// [`mlock`](Self::mlock), pages occupy memory only when they are written. Longer messages, or more
-    /// messages at a time, are no error: they get additional memory, within [`pool_limit`](Self::pool_limit).
+    /// messages at a time, are allowed: they get additional memory, within [`pool_limit`](Self::pool_limit).
     /// A limit of 0 allows none.
     pub const fn max_len(mut self, bytes: usize) -> Self {
         self.memory.max_len = Some(bytes);

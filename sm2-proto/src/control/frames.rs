@@ -225,7 +225,7 @@ pub enum PolicyProblem {
     Unreadable,
     /// Another user owns the file or may write it.
     NotTrusted,
-    /// The file is no policy.
+    /// The file is not a policy.
     Invalid,
 }
 

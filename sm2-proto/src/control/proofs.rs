@@ -1,6 +1,6 @@
 //! Harnesses for the bytes of control frames.
 //!
-//! postcard and serde are no code of this project and are costly for a prover. These harnesses
+//! postcard and serde are not code of this project and are costly for a prover. These harnesses
 //! cover short frames, one change of a whole frame, and the fields of frames of fixed shape. All
 //! other frames are fuzzed and compared with a naive decoder.
 

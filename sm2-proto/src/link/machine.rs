@@ -333,7 +333,7 @@ impl Machine for Link {
     type Misuse = Misuse;
 
     /// [`Error::Ended`]: the link was over before, or a violation in
-    /// this very input has ended it; the outputs carry the consequences. All other ends are no error
+    /// this very input has ended it; the outputs carry the consequences. All other ends are not errors
     /// of the input that brings them: only [`Output::Ended`] reports them.
     fn handle(&mut self, now: Instant, input: Input<'_>) -> Result<(), Error> {
         let result = match self.state {

@@ -296,7 +296,7 @@ fn an_ended_session_is_silent() {
         session,
         datagram: Datagram::new(bytes),
     };
-    // CLAIMED; 16 is no frame.
+    // CLAIMED; 16 is not a frame.
     let early = match phase {
         Phase::Greeting => Cause::Violation(violation!(ExpectedHello, "SM2-SES-001")),
         _ => Cause::Violation(violation!(UnexpectedClaim, "SM2-RES-003")),

@@ -77,7 +77,7 @@ fn hashes_follow_from_the_parts() {
     kani::cover!(whole == "plain:u8", "the other one");
 }
 
-/// A text with one byte changed is no schema any more, or the schema of just that text.
+/// A text with one byte changed is not a schema any more, or the schema of just that text.
 //= SM2-TYP-001 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(72))]

@@ -289,7 +289,7 @@ impl Reader<'_> {
         }
         let (text, rest) = self.rest.split_at(len as usize);
         self.rest = rest;
-        // SPEC has no other name for bytes that are no text.
+        // SPEC has no other name for bytes that are not text.
         String::from_utf8(text.to_vec()).map_err(|_| "bad-name")
     }
 

@@ -78,7 +78,7 @@ pub enum Error {
         /// The error of the system.
         error: io::Error,
     },
-    /// The generated code is no Rust code: a mistake of this crate.
+    /// The generated code is not Rust code: a mistake of this crate.
     #[error("the generated code cannot be parsed: {0}")]
     Code(#[from] syn::Error),
 }

@@ -47,7 +47,7 @@ pub enum Mode {
     Samples,
 }
 
-/// Why a run is no evidence.
+/// Why a run is not evidence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Failure {
     /// The harness requested no value.
@@ -388,7 +388,7 @@ pub fn run(limits: &Limits, harness: impl Fn()) -> Report {
 ///
 /// # Panics
 ///
-/// As the harness does, and if the run is no evidence: see [`Failure`].
+/// As the harness does, and if the run is not evidence: see [`Failure`].
 pub fn explore(test: &str, limits: &Limits, harness: impl Fn()) {
     // `explored!` puts the tests in a separate module.
     let name = &test.replace("::explored::", "::");

@@ -15,7 +15,7 @@ pub(super) struct Citation {
 /// The macros that take an id as a literal.
 const MACROS: [&str; 2] = ["clause!(", "violation!("];
 
-/// Finds the ids in the arguments of [`MACROS`]. The compiler rejects a literal that is no id.
+/// Finds the ids in the arguments of [`MACROS`]. The compiler rejects a literal that is not an id.
 pub(super) fn scan_macros(text: &str, file: &Path) -> Vec<Citation> {
     let calls = MACROS.iter().flat_map(|name| text.match_indices(name));
     let named = calls.filter_map(|(at, name)| {

@@ -189,7 +189,7 @@ impl Check {
         })
     }
 
-    /// The program with the file of the test; `None` if the check is no test of such a file.
+    /// The program with the file of the test; `None` if the check is not a test of such a file.
     fn program(&self, root: &Path) -> Result<Option<TestTarget>, MutantsError> {
         match self {
             Self::Test { target, .. } if target != "lib" => {

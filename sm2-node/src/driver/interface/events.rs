@@ -17,7 +17,7 @@ impl Interface {
             return;
         }
         for link in self.links.iter_mut() {
-            // Losses before now are no events.
+            // Losses before now are not events.
             link.take_new_drops();
             if link.is_open() {
                 link.has_joined = true;

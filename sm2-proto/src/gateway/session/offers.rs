@@ -227,7 +227,7 @@ impl PeerOffers {
                 };
                 Ok(is_wanted(it.interest))
             }
-            // The offer is gone. Streams and frames have no common order, so this is no violation.
+            // The offer is gone. Streams and frames have no common order, so this is not a violation.
             None if (OfferId(1)..=self.last).contains(&offer) => Ok(false),
             _ => Err(violation!(PeerViolationKind::NotWanted, "SM2-GWM-001")),
         }

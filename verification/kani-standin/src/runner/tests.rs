@@ -1,4 +1,4 @@
-//! Tests of the coverage of a run, and of runs that are no evidence.
+//! Tests of the coverage of a run, and of runs that are not evidence.
 
 use super::*;
 use crate::{any, any_where};
