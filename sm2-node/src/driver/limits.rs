@@ -8,7 +8,8 @@ pub(super) const BURST: usize = 32;
 /// How many sockets are read or written in one drive.
 pub(super) const SOCKETS: usize = 64;
 
-/// On the ring lane: how long a call that does not need the sockets may leave them unread.
+/// On the ring lane: how long a call that does not need the sockets may leave them unread. An `epoll` call for each
+/// message would cost more than the message.
 pub(super) const SOCKETS_WAIT_NS: u64 = 100_000;
 
 /// How long a waiting thread pauses before it uses a socket again for which the kernel had no memory.
