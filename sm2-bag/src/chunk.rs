@@ -1,7 +1,7 @@
 //! The records of an MCAP file, one by one, with every length checked before memory is allocated for it.
 //!
-//! The readers of the crate `mcap` trust the file: the indexed reader allocates as many bytes as an entry of the
-//! summary says, the parser subtracts without a check if a record in an uncompressed chunk is too long, and the reader
+//! The readers of the crate `mcap` trust the file. The indexed reader allocates as many bytes as an entry of the
+//! summary says. The parser subtracts without a check if a record in an uncompressed chunk is too long, and the reader
 //! of the summary panics on a short attachment. This crate therefore frames records itself, checks each length and each
 //! checksum first, and uses the summary only to find chunks. Chunks may not overlap, so reading each of them costs no
 //! more than the file has. `tests/damage.rs` changes a bit of every byte, and `tests/power_cut.rs` leaves out random

@@ -145,7 +145,8 @@ impl Queue {
         }
     }
 
-    /// Whether another message of a topic can wait. If not, the descriptor becomes readable when the topic can try again.
+    /// Whether another message of a topic can wait. If not, the descriptor becomes readable when the topic can try
+    /// again.
     pub(crate) fn has_room(&self, held_by: HeldBy, held_max: usize) -> bool {
         let mut state = self.lock();
         let held = state.held.get(held_by.0).copied().unwrap_or_default();

@@ -158,7 +158,7 @@ impl LinkDriver {
     ) {
         if self.counters().too_long == 0 {
             let (link, peer, max_len) = (self.id, &self.peer.name, self.peer_max_len());
-            tracing::warn!(%link, %peer, len, max_len, "a message is longer than the peer accepts: the peer misses the message");
+            tracing::warn!(%link, %peer, len, max_len, "the peer misses a message that is longer than it accepts");
         }
         self.feed(Input::TooLong, context.sets, outbox);
         self.note_fates();
