@@ -2,8 +2,8 @@
 //!
 //! Each check returns findings; `known.rs` lists the offenders that still exist. A list can only
 //! shrink: a finding that is not listed fails, and so does an entry that finds nothing any more.
-//! A check of Rust files by themselves is one more function in [`FILE_CHECKS`]; a banned phrase is
-//! one more line in `prose.rs`.
+//! A check of Rust files by themselves is one more function in [`FILE_CHECKS`], one of Markdown files
+//! in [`DOCUMENT_CHECKS`]; a banned phrase is one more line in `prose.rs`.
 
 mod cycles;
 mod edges;
@@ -25,9 +25,13 @@ use std::{
 
 use sources::{Finding, Sources};
 
-/// Checks of one file by itself.
-const FILE_CHECKS: &[fn(&Path, &str) -> Vec<Finding>] =
-    &[sizes::long_file, sizes::long_functions, sizes::long_lines];
+/// A check of one file by itself.
+type FileCheck = fn(&Path, &str) -> Vec<Finding>;
+
+/// Checks of Rust files.
+const FILE_CHECKS: &[FileCheck] = &[sizes::long_file, sizes::long_functions, sizes::long_lines];
+/// Checks of Markdown files.
+const DOCUMENT_CHECKS: &[FileCheck] = &[sizes::long_document, sizes::long_markdown_lines];
 
 fn root() -> &'static Path {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent();
@@ -73,11 +77,13 @@ fn compare(mut offences: Offences, known: &[(&str, usize)], advice: &str) {
 #[test]
 fn files_are_within_their_sizes() {
     let repository = repository();
-    let files: Vec<_> = repository.rust().collect();
+    let rust = repository.rust().map(|file| (file, FILE_CHECKS));
+    let documents = repository.markdown().map(|file| (file, DOCUMENT_CHECKS));
+    let files: Vec<_> = rust.chain(documents).collect();
     assert!(files.len() > 500, "only {} files were found", files.len());
     let mut offences = Offences::new();
-    for (path, source) in files {
-        for finding in FILE_CHECKS.iter().flat_map(|it| it(path, source)) {
+    for ((path, text), checks) in files {
+        for finding in checks.iter().flat_map(|it| it(path, text)) {
             note(&mut offences, path, 1, &finding.to_string());
         }
     }

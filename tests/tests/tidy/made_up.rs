@@ -132,6 +132,23 @@ fn sizes_are_measured() {
     let text = sizes::long_lines(path, &format!("\n{columns}x"))[0].to_string();
     assert_eq!(text, "src/lib.rs:2: 121 columns: wrap it (120 at most)");
 
+    let line = "x ".repeat(60) + "x";
+    let free = format!("```text\n{line}\n```\n\n| {line} |\n\n**SM2-TRN-001** [MUST] {line}\n");
+    assert_eq!(sizes::long_markdown_lines(path, &free), []);
+    let text = sizes::long_markdown_lines(path, &format!("{free}\n{line}"))[0].to_string();
+    assert_eq!(text, "src/lib.rs:9: 121 columns: wrap it (120 at most)");
+    let generated = Path::new("docs/src/commands.md");
+    assert_eq!(sizes::long_markdown_lines(generated, &line), []);
+
+    let document = Path::new("CHANGELOG.md");
+    assert_eq!(sizes::long_document(document, &"x".repeat(4_000)), []);
+    let text = sizes::long_document(document, &"x".repeat(4_001))[0].to_string();
+    assert_eq!(
+        text,
+        "CHANGELOG.md:1: 4001 bytes: shorten it (4000 at most)"
+    );
+    assert_eq!(sizes::long_document(path, &"x".repeat(20_000)), []);
+
     for (before, after) in [("", ""), ("impl A {", "}"), ("trait A {", "}")] {
         let function = |lines: usize| {
             let body = "\n".repeat(lines - 1);

@@ -1,4 +1,4 @@
-//! Sizes of files, functions and lines.
+//! Sizes of files, functions, lines and documents.
 
 use std::path::Path;
 
@@ -13,6 +13,13 @@ use super::sources::Finding;
 const FILE_LINES_MAX: usize = 500;
 const FUNCTION_LINES_MAX: usize = 70;
 const COLUMNS_MAX: usize = 120;
+
+/// Documents that stay short, and their greatest sizes in bytes.
+const DOCUMENTS: &[(&str, usize)] = &[("ARCHITECTURE.md", 15_000), ("CHANGELOG.md", 4_000)];
+/// Lines of Markdown that begin so can be longer: rows of tables, and clauses of SPEC.
+const LONG_LINES: &[&str] = &["|", "**SM2-", "~~SM2-"];
+/// Written by a program, with a paragraph in a line.
+const GENERATED: &str = "docs/src/commands.md";
 
 /// A file of too many lines.
 pub(crate) fn long_file(path: &Path, text: &str) -> Vec<Finding> {
@@ -42,6 +49,35 @@ pub(crate) fn long_lines(path: &Path, text: &str) -> Vec<Finding> {
         text: format!("{columns} columns: wrap it ({COLUMNS_MAX} at most)"),
     };
     long.map(finding).collect()
+}
+
+/// Lines of a Markdown file with too many columns, except for code blocks and [`LONG_LINES`].
+pub(crate) fn long_markdown_lines(path: &Path, text: &str) -> Vec<Finding> {
+    if path == Path::new(GENERATED) {
+        return Vec::new();
+    }
+    let mut is_code = false;
+    let wrapped = text.lines().map(|line| {
+        let start = line.trim_start();
+        let is_fence = start.starts_with("```");
+        is_code ^= is_fence;
+        let is_free = is_code || is_fence || LONG_LINES.iter().any(|it| start.starts_with(it));
+        if is_free { "" } else { line }
+    });
+    let wrapped: Vec<_> = wrapped.collect();
+    long_lines(path, &wrapped.join("\n"))
+}
+
+/// A document that is longer than it may be.
+pub(crate) fn long_document(path: &Path, text: &str) -> Vec<Finding> {
+    let is_longer = |it: &&(&str, usize)| path == Path::new(it.0) && text.len() > it.1;
+    let longer = DOCUMENTS.iter().filter(is_longer);
+    let finding = |&(_, most): &(&str, usize)| Finding {
+        file: path.to_owned(),
+        line: text.lines().count(),
+        text: format!("{} bytes: shorten it ({most} at most)", text.len()),
+    };
+    longer.map(finding).collect()
 }
 
 /// Functions of too many lines, from `fn` to the closing brace.
