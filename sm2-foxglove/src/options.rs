@@ -1,5 +1,3 @@
-//! The settings of a server.
-
 use std::net::SocketAddr;
 
 use sm2_proto::gateway::Pattern;

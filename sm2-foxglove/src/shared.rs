@@ -1,5 +1,3 @@
-//! The part of a server that the threads of all viewers use.
-
 use sm2_node::Node;
 
 use crate::{access::Access, news::News, options::Options};

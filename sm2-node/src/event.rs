@@ -1,5 +1,3 @@
-//! An event of a publisher, subscriber, server or client.
-
 use std::sync::Arc;
 
 use sm2_proto::control::LinkPeer;

@@ -1,5 +1,3 @@
-//! The result of one publication.
-
 use crate::PublishError;
 
 /// The result of one publication.

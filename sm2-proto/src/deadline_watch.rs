@@ -1,4 +1,4 @@
-//! Counts the periods of a deadline that pass without a message.
+//! Deadlines: when they are checked, and why that is not done with each message.
 //!
 //! A deadline costs no message anything. A tick at the end of each period looks for the newest message, in the machine
 //! or in the ring, so a receiver does nothing when a message comes. A domain without deadlines has no timer, and one

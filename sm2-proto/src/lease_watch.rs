@@ -1,4 +1,4 @@
-//! Watches whether a publisher's program shows in time that it is alive.
+//! Liveliness: who asserts it, and how often.
 //!
 //! Only the program asserts its liveliness: a background thread that did so would hide that the program hangs, and the
 //! end of a process is known by its links. Leases are checked at the same ticks as deadlines. ALIVE goes through the

@@ -1,4 +1,4 @@
-//! The topics that a recording of all topics has not subscribed to yet.
+//! When a recording of all topics subscribes to new ones.
 //!
 //! Other processes decide how many topics there are, and each topic needs descriptors. So new topics have their turn
 //! when no message of the others waits. When descriptors are short, new topics are not recorded, and the recording goes

@@ -1,5 +1,3 @@
-//! `sm2 bag check`.
-
 use std::path::PathBuf;
 
 use clap::Args;

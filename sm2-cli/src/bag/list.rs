@@ -1,5 +1,3 @@
-//! `sm2 bag ls`.
-
 use std::{
     fs,
     path::{Path, PathBuf},

@@ -1,5 +1,3 @@
-//! The result of one check.
-
 use serde::Serialize;
 
 /// The severity of a finding.

@@ -1,5 +1,3 @@
-//! `sm2 node info`.
-
 use clap::Args;
 use serde::Serialize;
 use sm2_proto::{Name, domain::NodeView};

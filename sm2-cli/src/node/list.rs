@@ -1,5 +1,3 @@
-//! `sm2 node list`.
-
 use std::collections::BTreeMap;
 
 use clap::Args;

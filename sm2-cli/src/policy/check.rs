@@ -1,5 +1,3 @@
-//! `sm2 policy check`.
-
 use std::path::PathBuf;
 
 use clap::Args;

@@ -1,5 +1,3 @@
-//! `sm2 policy explain`.
-
 use std::{ffi::CString, path::PathBuf};
 
 use clap::{

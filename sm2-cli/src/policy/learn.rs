@@ -1,5 +1,3 @@
-//! `sm2 policy learn`.
-
 use std::{
     fs,
     path::{Path, PathBuf},

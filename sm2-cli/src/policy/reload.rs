@@ -1,5 +1,3 @@
-//! `sm2 policy reload`.
-
 use std::time::Duration;
 
 use clap::Args;

@@ -1,5 +1,3 @@
-//! `sm2 service call`.
-
 use std::{
     fs,
     io::{self, Read, Write},

@@ -1,5 +1,3 @@
-//! `sm2 service info`.
-
 use clap::Args;
 use serde::Serialize;
 use sm2_proto::Name;

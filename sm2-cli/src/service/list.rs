@@ -1,5 +1,3 @@
-//! `sm2 service list`.
-
 use clap::Args;
 use serde::Serialize;
 use sm2_proto::{Kind, Name};

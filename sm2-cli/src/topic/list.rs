@@ -1,5 +1,3 @@
-//! `sm2 topic list`.
-
 use std::collections::BTreeMap;
 
 use clap::Args;

@@ -1,5 +1,3 @@
-//! The parts of a viewer that its subscriptions, calls and publications use.
-
 use std::{io, sync::Arc};
 
 use sm2_node::{

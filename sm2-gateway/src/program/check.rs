@@ -1,5 +1,3 @@
-//! `sm2 gateway check`.
-
 use std::{
     collections::{BTreeMap, BTreeSet},
     io::Write,

@@ -1,5 +1,3 @@
-//! `sm2 gateway explain`.
-
 use std::{io::Write, path::PathBuf};
 
 use clap::{Args, ValueEnum};

@@ -1,5 +1,3 @@
-//! `sm2 gateway peers`.
-
 use std::{io::Write, time::Duration};
 
 use clap::Args;

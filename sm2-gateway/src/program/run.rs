@@ -1,5 +1,3 @@
-//! `sm2 gateway run`.
-
 #[cfg(feature = "metrics")]
 use std::net::SocketAddr;
 use std::{io, panic, path::PathBuf, sync::mpsc};

@@ -1,5 +1,3 @@
-//! `sm2 gateway trust`.
-
 use std::{fs, path::PathBuf};
 
 use clap::Args;

@@ -1,5 +1,3 @@
-//! State that the tasks of a gateway share.
-
 use std::{
     collections::BTreeMap,
     sync::{Mutex, MutexGuard, PoisonError},

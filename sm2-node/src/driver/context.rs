@@ -1,5 +1,3 @@
-//! The parts of an interface's driver that one call lends to the methods of the interface and of its links.
-
 use sm2_proto::Instant;
 
 use super::event_sets::LinkSets;

@@ -1,4 +1,4 @@
-//! The timer of the deadlines of all interfaces of a node.
+//! When the deadlines of a node are checked, and what wakes it for that.
 //!
 //! The timer is in the control set, so it wakes the background thread, or else the calls of the program and an event
 //! loop that polls the node's descriptor. A node without deadlines has no such timer, and messages do not touch it: the

@@ -1,5 +1,3 @@
-//! A domain whose nodes have a background thread or not, and the ring lane or not.
-
 use sm2_node::{Client, Node, NodeBuilder, Publisher, Server, Shutdown, Subscriber};
 
 use super::{Domain, SOON};

@@ -1,5 +1,3 @@
-//! The reason why two interfaces are linked or not.
-
 use alloc::{string::String, vec::Vec};
 
 use serde::Serialize;

@@ -1,5 +1,3 @@
-//! The state of a topic's link for liveliness.
-
 use crate::{Instant, LeaseWatch};
 
 /// The state of a topic's link for liveliness.

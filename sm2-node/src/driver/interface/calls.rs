@@ -1,5 +1,3 @@
-//! The calls of a client whose outcome the program has not seen.
-
 use std::collections::HashMap;
 
 use sm2_proto::link::Role;

@@ -1,5 +1,3 @@
-//! The deadline of an interface.
-
 use sm2_proto::{Contract, DeadlineWatch, Instant};
 
 /// The deadline of an interface.

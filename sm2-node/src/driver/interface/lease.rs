@@ -1,5 +1,3 @@
-//! The lease of an interface.
-
 use sm2_proto::{Contract, LeaseWatch};
 
 /// The lease of an interface.

@@ -1,5 +1,3 @@
-//! The checks that hold when all is quiet.
-
 use sm2_proto::{
     Contract, EntityId, InterfaceId, LinkId,
     control::UnlinkedReason,

@@ -1,5 +1,3 @@
-//! The verdict on an engine.
-
 /// The verdict on an engine.
 #[derive(Debug)]
 pub(crate) enum Verdict {
