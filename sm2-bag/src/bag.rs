@@ -11,7 +11,8 @@ use mcap::{Channel, MAGIC, McapError, McapResult, Summary};
 
 use crate::chunk::{Entry, RawRecord, RecordReader};
 use crate::clock::ClockRelation;
-use crate::error::ReadError;
+use crate::damaged::DamagedPart;
+use crate::error::{ReadError, is_of_system};
 use crate::foreign::{self, ForeignReason};
 use crate::gap::Gap;
 use crate::messages::{Filter, Messages};
@@ -35,11 +36,15 @@ pub struct Bag {
     metadata: Vec<Metadata>,
     /// The places of messages that are in no chunk.
     runs: Vec<ChunkIndex>,
+    /// The places and lengths of the attachments.
+    attachments: Vec<(u64, u64)>,
+    /// The damaged parts that were found when the bag was opened.
+    damaged: Vec<DamagedPart>,
     complete: bool,
 }
 
 impl Bag {
-    /// Opens a bag. Reads its summary, or else all of its chunks up to the first damage.
+    /// Opens a bag. Reads its summary, or else all of its records but for damaged parts.
     ///
     /// # Errors
     ///
@@ -58,7 +63,7 @@ impl Bag {
         match Self::of_summary(path, &file, end)? {
             Some(bag) => Ok(bag),
             None => {
-                let scan = Scan::of(&file, end, observer)?;
+                let scan = Scan::of(path, &file, end, observer)?;
                 Ok(Self::of_scan(path, file, end, scan))
             }
         }
@@ -78,7 +83,7 @@ impl Bag {
     ) -> Result<Option<Self>, ReadError> {
         let summary = match summary::read(file, end) {
             Ok(Some(summary)) => summary,
-            Err(error @ McapError::Io(_)) => return Err(ReadError::of(path, error)),
+            Err(error) if is_of_system(&error) => return Err(ReadError::io(path, error)),
             Ok(None) | Err(_) => return Ok(None),
         };
         let mut metadata = Vec::new();
@@ -110,8 +115,11 @@ impl Bag {
             path: path.to_owned(),
             source,
         })?;
+        let attachments = summary.attachment_indexes.iter();
+        let attachments = attachments.map(|it| (it.offset, it.length)).collect();
         let scan = Scan {
             summary,
+            attachments,
             counts,
             times,
             metadata,
@@ -123,7 +131,7 @@ impl Bag {
 
     /// The bag with these records.
     pub(crate) fn of_scan(path: &Path, file: File, end: u64, scan: Scan) -> Self {
-        let complete = scan.damage.is_none() && end_is_magic(&file, end);
+        let complete = scan.torn.is_none() && end_is_magic(&file, end);
         Self::new(path, file, scan, complete)
     }
 
@@ -144,11 +152,19 @@ impl Bag {
                 .collect(),
             metadata: scan.metadata,
             runs: scan.runs,
+            attachments: scan.attachments,
+            damaged: scan.damaged,
             summary: scan.summary,
             counts: scan.counts,
             times: scan.times,
             complete,
         }
+    }
+
+    /// The bag, in which these parts were found to be damaged.
+    pub(crate) fn with_damaged(mut self, damaged: Vec<DamagedPart>) -> Self {
+        self.damaged = damaged;
+        self
     }
 
     /// The path of the file.
@@ -172,6 +188,13 @@ impl Bag {
         for NotRecorded(topics) in &self.not_recorded {
             report.add_not_recorded(*topics);
         }
+        let named = self
+            .metadata
+            .iter()
+            .filter(|it| it.name == DamagedPart::RECORD);
+        let before = named.filter_map(|it| DamagedPart::from_metadata(&it.metadata));
+        before.for_each(|it| report.add_damaged(&it));
+        self.damaged.iter().for_each(|it| report.add_damaged(it));
         report.finish(self.times, self.complete)
     }
 
@@ -211,6 +234,31 @@ impl Bag {
         let places = self.summary.chunk_indexes.iter().chain(&self.runs);
         let channels = &self.summary.channels;
         Messages::new(&self.file, &self.path, places, channels, filter)
+    }
+
+    /// The number of messages of a channel, as the summary counts them.
+    pub(crate) fn count(&self, channel: u16) -> u64 {
+        self.counts.get(&channel).map_or(0, |it| it.messages)
+    }
+
+    /// The damaged parts that were found when the bag was opened.
+    pub(crate) fn damaged(&self) -> &[DamagedPart] {
+        &self.damaged
+    }
+
+    /// The records of the attachments, whose checksums are right.
+    pub(crate) fn attachments(&self) -> impl Iterator<Item = Result<RawRecord, ReadError>> {
+        self.attachments.iter().map(|&(offset, len)| {
+            let read = || -> McapResult<RawRecord> {
+                let end = self.file.metadata()?.len();
+                let record = RecordReader::new(&self.file, offset, end).next()?;
+                let record = record.filter(|it| it.len_bytes() == len);
+                let record = record.ok_or(McapError::BadIndex)?;
+                record.attachment()?;
+                Ok(record)
+            };
+            read().map_err(|error| ReadError::damaged(&self.path, (offset, len), error))
+        })
     }
 
     /// The metadata records, in their order.

@@ -10,13 +10,19 @@
 use std::borrow::Cow;
 use std::fs::File;
 use std::io;
+use std::ops::Range;
 use std::os::unix::fs::FileExt;
 
+use crc32fast::Hasher;
 use mcap::records::{ChunkHeader, MessageHeader, Metadata, Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use mcap::{McapError, McapResult, Schema};
+use mcap::{Attachment, McapError, McapResult, Schema};
 
+use crate::attachment;
 use crate::lengths;
+
+/// The first opcode that MCAP leaves to programs.
+const PRIVATE: u8 = 0x80;
 
 /// The length of the opcode and the length field of a record, in bytes.
 pub(crate) const RECORD_HEAD_BYTES: usize = 9;
@@ -27,6 +33,12 @@ pub(crate) const MESSAGE_HEAD_BYTES: usize = 2 + 4 + 8 + 8;
 /// The length of everything in a chunk of one message that stands before the payload, in bytes.
 pub(crate) const LONG_HEAD_BYTES: usize =
     RECORD_HEAD_BYTES + CHUNK_HEAD_BYTES + RECORD_HEAD_BYTES + MESSAGE_HEAD_BYTES;
+
+/// The length of the head of a chunk with the longest name of a compression, in bytes.
+pub(crate) const CHUNK_SHAPE_BYTES: usize = RECORD_HEAD_BYTES + CHUNK_HEAD_BYTES + 4;
+
+/// How many bytes are read at a time only to compute their checksum.
+const PART_BYTES: usize = 64 << 10;
 
 /// The longest content of a compressed chunk that is read, in bytes: the longest message that a subscriber accepts by
 /// default, and room for its head. A few bytes can stand for so many.
@@ -100,6 +112,19 @@ pub(crate) fn of_read(read: io::Result<()>) -> McapResult<()> {
     })
 }
 
+/// Adds a part of a file to a checksum. It is not kept in memory.
+pub(crate) fn hash_part(file: &File, part: Range<u64>, crc: &mut Hasher) -> McapResult<()> {
+    let mut bytes = vec![0; PART_BYTES];
+    let mut at = part.start;
+    while at < part.end {
+        let len = (part.end - at).min(PART_BYTES as u64) as usize;
+        of_read(file.read_exact_at(&mut bytes[..len], at))?;
+        crc.update(&bytes[..len]);
+        at += len as u64;
+    }
+    Ok(())
+}
+
 /// Compares the checksum of a chunk with that of its records.
 pub(crate) const fn verify_crc(saved: u32, calculated: u32) -> McapResult<()> {
     // 0: the writer computed no checksum.
@@ -124,6 +149,67 @@ impl RawRecord {
         self.bytes.len() as u64
     }
 
+    /// The record as it is in the file.
+    pub(crate) fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
+    /// Whether the data of the file ends here.
+    pub(crate) const fn is_data_end(&self) -> bool {
+        self.opcode == op::DATA_END && self.bytes.len() == RECORD_HEAD_BYTES + 4
+    }
+
+    /// Checks what can be checked of a record in the data of a file without the records before it.
+    pub(crate) fn verify(&self) -> McapResult<()> {
+        self.verify_kind()?;
+        self.entries(|_| Ok(()))
+    }
+
+    /// As [`verify`](Self::verify), without the records inside.
+    pub(crate) fn verify_kind(&self) -> McapResult<()> {
+        match self.opcode {
+            // A zero opcode is not legal: this part of the file was never written.
+            0 => return Err(McapError::UnexpectedEof),
+            op::HEADER | op::MESSAGE_INDEX => {}
+            op::SCHEMA | op::CHANNEL | op::MESSAGE | op::CHUNK | op::METADATA => {}
+            op::ATTACHMENT => self.attachment().map(drop)?,
+            PRIVATE.. => {}
+            // The others belong into the summary.
+            _ => return Err(McapError::BadIndex),
+        }
+        match self.is_mislabelled_chunk() {
+            true => Err(McapError::BadIndex),
+            false => Ok(()),
+        }
+    }
+
+    /// The attachment that this record is. Its checksum is verified.
+    pub(crate) fn attachment(&self) -> McapResult<Attachment<'_>> {
+        match self.opcode {
+            op::ATTACHMENT => attachment::parse(&self.bytes[RECORD_HEAD_BYTES..]),
+            _ => Err(McapError::BadIndex),
+        }
+    }
+
+    /// Whether this is a chunk with a wrong opcode: by its lengths and its checksum.
+    fn is_mislabelled_chunk(&self) -> bool {
+        let head = self.bytes.get(1..CHUNK_SHAPE_BYTES).unwrap_or_default();
+        let head = [&[op::CHUNK], head].concat();
+        if self.opcode == op::CHUNK || chunk_len(&head, self.len_bytes()) != Some(self.len_bytes())
+        {
+            return false;
+        }
+        let mut bytes = self.bytes.clone();
+        bytes[0] = op::CHUNK;
+        let (opcode, offset) = (op::CHUNK, self.offset);
+        let chunk = Self {
+            opcode,
+            offset,
+            bytes,
+        };
+        chunk.entries(|_| Ok(())).is_ok()
+    }
+
     pub(crate) fn parse(&self) -> McapResult<Record<'_>> {
         parse(self.opcode, &self.bytes[RECORD_HEAD_BYTES..])
     }
@@ -136,6 +222,9 @@ impl RawRecord {
         let body = &self.bytes[RECORD_HEAD_BYTES..];
         if self.opcode != op::CHUNK {
             return entry(self.opcode, body)?.map_or(Ok(()), each);
+        }
+        if !ChunkShape::of(&self.bytes).is_some_and(|it| it.is_consistent()) {
+            return Err(McapError::UnexpectedEoc);
         }
         match self.parse()? {
             Record::Chunk { header, data } if header.compression.is_empty() => {
@@ -178,6 +267,57 @@ impl RawRecord {
         }
         Ok(())
     }
+}
+
+/// What the head of a chunk says about its record.
+struct ChunkShape<'a> {
+    /// The length of the record without opcode and length, in bytes.
+    body_bytes: u64,
+    content_bytes: u64,
+    crc: u32,
+    compression: &'a [u8],
+    /// The length of the content as it is in the file.
+    stored_bytes: u64,
+}
+
+impl<'a> ChunkShape<'a> {
+    /// Of `bytes` that begin with a record.
+    fn of(bytes: &'a [u8]) -> Option<Self> {
+        let (&op::CHUNK, rest) = bytes.split_first()? else {
+            return None;
+        };
+        let (body_bytes, rest) = rest.split_first_chunk()?;
+        let (_times, rest) = rest.split_first_chunk::<16>()?;
+        let (content_bytes, rest) = rest.split_first_chunk()?;
+        let (crc, rest) = rest.split_first_chunk()?;
+        let (name_bytes, rest) = rest.split_first_chunk()?;
+        let name_bytes = usize::try_from(u32::from_le_bytes(*name_bytes)).ok()?;
+        let (compression, rest) = rest.split_at_checked(name_bytes)?;
+        let (stored_bytes, _) = rest.split_first_chunk()?;
+        Some(Self {
+            body_bytes: u64::from_le_bytes(*body_bytes),
+            content_bytes: u64::from_le_bytes(*content_bytes),
+            crc: u32::from_le_bytes(*crc),
+            compression,
+            stored_bytes: u64::from_le_bytes(*stored_bytes),
+        })
+    }
+
+    /// Whether the lengths fit together.
+    fn is_consistent(&self) -> bool {
+        let head = (CHUNK_HEAD_BYTES + self.compression.len()) as u64;
+        let is_stored = !self.compression.is_empty() || self.content_bytes == self.stored_bytes;
+        is_stored && head.checked_add(self.stored_bytes) == Some(self.body_bytes)
+    }
+}
+
+/// The length of the record, in bytes, if `bytes` begin with the head of a chunk that has a checksum, whose lengths fit
+/// together, and that is not longer than `left`.
+pub(crate) fn chunk_len(bytes: &[u8], left: u64) -> Option<u64> {
+    let shape = ChunkShape::of(bytes)?;
+    let is_known = matches!(shape.compression, b"" | b"lz4" | b"zstd");
+    let len = shape.body_bytes.checked_add(RECORD_HEAD_BYTES as u64)?;
+    (shape.crc != 0 && is_known && shape.is_consistent() && len <= left).then_some(len)
 }
 
 /// Passes the records of an uncompressed chunk to `each`. The reader of the crate would read beyond the end of a chunk

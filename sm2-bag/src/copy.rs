@@ -9,7 +9,8 @@ use mcap::records::{MessageHeader, Metadata};
 use mcap::{Channel, McapResult, Writer};
 
 use crate::bag::Bag;
-use crate::error::{CopyError, WriteError};
+use crate::damaged::{self, DamagedPart};
+use crate::error::{CopyError, ReadError, WriteError};
 use crate::foreign::topic_name;
 use crate::gap::Gap;
 use crate::merged::Merged;
@@ -21,8 +22,9 @@ use crate::writer::{Compression, write_counts, write_options};
 
 /// Writes the messages of `bags` that pass `filter` to the new bag `to`, in the order of their `log_time`. Messages of
 /// the same time keep the order of the bags. Gaps are copied if their topic and a part of their time pass the filter,
-/// other metadata are copied always, attachments never. Returns the summary of the new bag, which is removed if copying
-/// fails.
+/// other metadata and attachments are copied always. Damaged parts are left out: the [report](Report::damaged) names
+/// them, and the messages that they had are gaps, if the filter has no times and a summary counts the messages. Returns
+/// the summary of the new bag, which is removed if copying fails.
 ///
 /// # Errors
 ///
@@ -157,17 +159,51 @@ fn write(
             new.writer.write_metadata(record).map_err(failed)?;
         }
     }
-    for message in Merged::new(bags, filter) {
-        let (number, message) = message?;
+    let mut damaged: Vec<Vec<DamagedPart>> = bags.iter().map(|it| it.damaged().to_vec()).collect();
+    for (bag, damaged) in bags.iter().zip(&mut damaged) {
+        for record in bag.attachments() {
+            match record {
+                Ok(it) => it
+                    .attachment()
+                    .and_then(|it| new.writer.attach(&it))
+                    .map_err(failed)?,
+                Err(ReadError::Damaged { part, .. }) => damaged.push(part),
+                Err(error) => return Err(error.into()),
+            }
+        }
+    }
+    let mut read = BTreeMap::<(usize, u16), u64>::new();
+    for found in Merged::new(bags, filter) {
+        let read_whole = found.and_then(|(number, message)| Ok((number, message.read()?)));
+        let (number, message) = match read_whole {
+            Ok(it) => it,
+            Err(ReadError::Damaged { path, part }) => {
+                let number = bags.iter().position(|it| it.path() == path);
+                damaged[number.unwrap_or_default()].push(part);
+                continue;
+            }
+            Err(error) => return Err(error.into()),
+        };
+        let channel = (number, message.channel.id);
         let header = MessageHeader {
-            channel_id: new.channels[&(number, message.channel.id)],
+            channel_id: new.channels[&channel],
             sequence: message.sequence,
             log_time: message.log_time,
             publish_time: message.publish_time,
         };
-        let data = message.payload.into_vec()?;
-        new.message(&header, &data).map_err(failed)?;
-        note(observer, data.len() as u64)?;
+        new.message(&header, &message.data).map_err(failed)?;
+        *read.entry(channel).or_default() += 1;
+        note(observer, message.data.len() as u64)?;
+    }
+    for (number, (bag, parts)) in bags.iter().zip(&damaged).enumerate() {
+        let has_all_times = filter.from_ns.is_none() && filter.to_ns.is_none();
+        let read = |channel| read.get(&(number, channel)).copied().unwrap_or_default();
+        let mut gaps = match has_all_times {
+            true => damaged::gaps(bag, parts, read),
+            false => Vec::new(),
+        };
+        gaps.retain(|(topic, _)| filter.has_topic(topic));
+        damaged::write(&mut new.writer, parts, &gaps).map_err(failed)?;
     }
     new.finish().map_err(failed)
 }

@@ -7,6 +7,7 @@ use std::hash::{BuildHasher, RandomState};
 use serde::Serialize;
 
 use crate::bag::Bag;
+use crate::damaged::DamagedPart;
 use crate::error::ReadError;
 use crate::messages::Filter;
 use crate::observer::{Observer, note, unobserved};
@@ -68,6 +69,15 @@ impl fmt::Display for Difference {
     }
 }
 
+/// The result of a comparison.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Comparison {
+    /// The first difference. Messages in damaged parts are as if they had never been there.
+    pub difference: Option<Difference>,
+    /// The parts of both bags that are damaged, as far as the bags were read.
+    pub damaged: [Vec<DamagedPart>; 2],
+}
+
 /// Compares the payloads of two bags, topic by topic. Times, publishers and gaps may differ. Of each message that is
 /// ahead of those of the same topic in the other bag, the length and a hash of 64 bits are kept in memory. The keys of
 /// the hash are random, so two payloads that differ count as the same with a probability of 2^-64.
@@ -75,7 +85,7 @@ impl fmt::Display for Difference {
 /// # Errors
 ///
 /// [`ReadError`].
-pub fn diff(bags: [&Bag; 2]) -> Result<Option<Difference>, ReadError> {
+pub fn diff(bags: [&Bag; 2]) -> Result<Comparison, ReadError> {
     diff_observed(bags, &mut unobserved)
 }
 
@@ -86,6 +96,20 @@ pub fn diff(bags: [&Bag; 2]) -> Result<Option<Difference>, ReadError> {
 /// [`ReadError`].
 pub fn diff_observed(
     bags: [&Bag; 2],
+    observer: &mut Observer<'_>,
+) -> Result<Comparison, ReadError> {
+    let mut damaged = bags.map(|bag| bag.damaged().to_vec());
+    let difference = first(bags, &mut damaged, observer)?;
+    Ok(Comparison {
+        difference,
+        damaged,
+    })
+}
+
+/// Finds the first difference, and the damaged parts before it.
+fn first(
+    bags: [&Bag; 2],
+    damaged: &mut [Vec<DamagedPart>; 2],
     observer: &mut Observer<'_>,
 ) -> Result<Option<Difference>, ReadError> {
     let topics = bags.map(|bag| {
@@ -105,8 +129,14 @@ pub fn diff_observed(
     loop {
         let mut at_end = true;
         for (bag, messages) in messages.iter_mut().enumerate() {
-            let Some(message) = messages.next().transpose()? else {
-                continue;
+            let message = match messages.next() {
+                None => continue,
+                Some(Err(ReadError::Damaged { part, .. })) => {
+                    at_end = false;
+                    damaged[bag].push(part);
+                    continue;
+                }
+                Some(message) => message?,
             };
             at_end = false;
             note(observer, message.data.len() as u64)?;
@@ -196,7 +226,10 @@ fn payload(bag: &Bag, topic: &str, message: u64) -> Result<Vec<u8>, ReadError> {
     };
     let mut before = message;
     for message in bag.messages(&filter) {
-        let message = message?;
+        let message = match message {
+            Err(ReadError::Damaged { .. }) => continue,
+            message => message?,
+        };
         // A filter also chooses the topic with a slash at its start.
         if message.channel.topic != topic {
             continue;

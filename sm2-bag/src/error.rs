@@ -8,6 +8,7 @@ use sm2_node::domain::QueryError;
 use sm2_node::{ConnectError, DeclareError, PublishError, RecvError, WaitError};
 use sm2_proto::lockstep::TooManyRounds;
 
+use crate::damaged::DamagedPart;
 use crate::foreign::ForeignReason;
 
 /// Why a recording did not start, or ended.
@@ -87,13 +88,13 @@ pub enum ReadError {
         /// The file.
         path: PathBuf,
     },
-    /// A record of the file is damaged.
-    #[error("{} is damaged ({source}): `sm2 bag recover` copies its readable part", path.display())]
+    /// A part of the file is damaged. What is behind it can be read.
+    #[error("{} is damaged ({part}): `sm2 bag recover` copies the rest", path.display())]
     Damaged {
         /// The file.
         path: PathBuf,
-        /// The fault.
-        source: McapError,
+        /// The part.
+        part: DamagedPart,
     },
     /// The [`Observer`](crate::Observer) ended the work.
     #[error("the work with the bag was ended")]
@@ -101,14 +102,31 @@ pub enum ReadError {
 }
 
 impl ReadError {
-    /// The error for a part of the file.
-    pub(crate) fn of(path: &Path, source: McapError) -> Self {
+    /// The error of an operating system that cannot read a file.
+    pub(crate) fn io(path: &Path, error: McapError) -> Self {
         let path = path.to_owned();
-        match source {
-            McapError::Io(source) => Self::Io { path, source },
-            source => Self::Damaged { path, source },
+        let source = match error {
+            McapError::Io(source) => source,
+            error => io::Error::other(error),
+        };
+        Self::Io { path, source }
+    }
+
+    /// The error for the part of a file with this place and length in bytes.
+    pub(crate) fn damaged(path: &Path, part: (u64, u64), error: McapError) -> Self {
+        if is_of_system(&error) {
+            return Self::io(path, error);
+        }
+        Self::Damaged {
+            path: path.to_owned(),
+            part: DamagedPart::new(part, &error),
         }
     }
+}
+
+/// Whether the operating system has failed. The libraries for compressed chunks have errors of the same type.
+pub(crate) fn is_of_system(error: &McapError) -> bool {
+    matches!(error, McapError::Io(source) if source.raw_os_error().is_some())
 }
 
 /// Why the messages of bags were not copied to a new bag.

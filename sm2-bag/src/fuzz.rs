@@ -194,9 +194,10 @@ fn read(file: &File) {
         }
     }
     let end = file.metadata().expect("memory can be read").len();
-    let scan = Scan::of(file, end, &mut unobserved).expect("nobody stops it");
+    let scan = Scan::of(&path, file, end, &mut unobserved).expect("nobody stops it");
+    let summary = Bag::of_summary(&path, file, end).expect("memory can be read");
     let copied = memfd(&[]);
-    match recover::copy(file, &scan, &copied, &mut |_| true) {
+    match recover::copy(file, &scan, summary.as_ref(), &copied, &mut |_| true) {
         Ok(()) => is_whole(&bag, &copied),
         // Such as two channels with one number.
         Err(error) => assert!(matches!(error, WriteError::Format(_)), "{error}"),

@@ -27,15 +27,18 @@ pub enum GapReason {
     Displaced,
     /// The recorder dropped them, because its memory for messages that wait for the disk was used up.
     Budget,
+    /// They were in a damaged part of the file from which this bag was copied.
+    Damaged,
 }
 
 impl GapReason {
-    const ALL: [Self; 2] = [Self::Displaced, Self::Budget];
+    const ALL: [Self; 3] = [Self::Displaced, Self::Budget, Self::Damaged];
 
     const fn as_str(self) -> &'static str {
         match self {
             Self::Displaced => "displaced",
             Self::Budget => "budget",
+            Self::Damaged => "damaged",
         }
     }
 }

@@ -27,6 +27,7 @@ const fn fields(opcode: u8) -> &'static [Field] {
         op::CHUNK_INDEX => &[Numbers(32), Text, Numbers(8), Text],
         op::METADATA => &[Text, TextMap],
         op::METADATA_INDEX => &[Numbers(16), Text],
+        op::ATTACHMENT_INDEX => &[Numbers(40), Text, Text],
         _ => &[],
     }
 }
@@ -50,13 +51,13 @@ pub(crate) fn check(opcode: u8, mut body: &[u8]) -> McapResult<()> {
 }
 
 /// A text, and the bytes behind it.
-fn text(bytes: &[u8]) -> McapResult<(&[u8], &[u8])> {
+pub(crate) fn text(bytes: &[u8]) -> McapResult<(&[u8], &[u8])> {
     let (len, rest) = bytes.split_first_chunk().ok_or(McapError::UnexpectedEoc)?;
     let len = usize::try_from(u32::from_le_bytes(*len));
     split(rest, len.map_err(|_| McapError::UnexpectedEoc)?)
 }
 
-fn split(bytes: &[u8], at: usize) -> McapResult<(&[u8], &[u8])> {
+pub(crate) fn split(bytes: &[u8], at: usize) -> McapResult<(&[u8], &[u8])> {
     bytes.split_at_checked(at).ok_or(McapError::UnexpectedEoc)
 }
 
@@ -81,6 +82,7 @@ mod tests {
             op::CHUNK_INDEX,
             op::METADATA,
             op::METADATA_INDEX,
+            op::ATTACHMENT_INDEX,
         ];
         for opcode in opcodes {
             let fields = fields(opcode);
@@ -131,6 +133,14 @@ mod tests {
         };
         writer.write_to_known_channel(&header, b"data").unwrap();
         writer.write_metadata(&metadata).unwrap();
+        let attachment = mcap::Attachment {
+            log_time: 4,
+            create_time: 5,
+            name: "map.png".to_owned(),
+            media_type: "image/png".to_owned(),
+            data: b"picture".as_slice().into(),
+        };
+        writer.attach(&attachment).unwrap();
         writer.finish().unwrap();
         drop(writer);
         let bytes = bytes.into_inner();

@@ -53,11 +53,13 @@
 #![forbid(unsafe_code)]
 #![deny(clippy::disallowed_types)]
 
+mod attachment;
 mod bag;
 mod black_box;
 mod chunk;
 mod clock;
 mod copy;
+mod damaged;
 mod diff;
 mod error;
 mod folder;
@@ -77,6 +79,7 @@ mod queue;
 mod recorder;
 mod recover;
 mod report;
+mod resync;
 mod ros_qos;
 mod scan;
 mod source;
@@ -90,7 +93,8 @@ pub use crate::{
     black_box::{BlackBox, BlackBoxOptions, BlackBoxStep, Incident, Trigger},
     clock::{ClockRelation, MonotonicClock, WallClock},
     copy::{copy, copy_observed},
-    diff::{Difference, diff, diff_observed},
+    damaged::DamagedPart,
+    diff::{Comparison, Difference, diff, diff_observed},
     error::{CopyError, PlayError, ReadError, RecordError, WriteError},
     folder::Folder,
     foreign::ForeignReason,

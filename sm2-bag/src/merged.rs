@@ -28,7 +28,12 @@ impl<'a> Merged<'a> {
     /// The next message. A bag is read as late as possible, so that its damage comes after the messages before it.
     fn find(&mut self) -> Result<Option<(usize, FoundMessage<'a>)>, ReadError> {
         while let Some(number) = self.unread.pop() {
-            if let Some(message) = self.bags[number].find()? {
+            let found = self.bags[number].find();
+            if found.is_err() {
+                // There may be messages behind the damage.
+                self.unread.push(number);
+            }
+            if let Some(message) = found? {
                 self.next.insert((message.log_time, number), message);
             }
         }

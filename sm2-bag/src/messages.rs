@@ -63,7 +63,8 @@ pub(crate) struct FoundMessage<'a> {
 }
 
 impl FoundMessage<'_> {
-    fn read(self) -> Result<BagMessage, ReadError> {
+    /// The message with its payload in memory.
+    pub(crate) fn read(self) -> Result<BagMessage, ReadError> {
         Ok(BagMessage {
             channel: self.channel,
             sequence: self.sequence,
@@ -128,11 +129,6 @@ impl<'a> Messages<'a> {
 
     /// The next message, as [`next`](Iterator::next). Its payload may still be in the file.
     pub(crate) fn find(&mut self) -> Result<Option<FoundMessage<'a>>, ReadError> {
-        let found = self.next_pending();
-        found.map_err(|source| ReadError::of(self.path, source))
-    }
-
-    fn next_pending(&mut self) -> McapResult<Option<FoundMessage<'a>>> {
         loop {
             let next = self.pending.first_key_value().map(|(key, _)| key.0);
             match (next, self.chunks.front().copied()) {
@@ -146,10 +142,19 @@ impl<'a> Messages<'a> {
                 (None, Some(_)) => {}
                 (None, None) => return Ok(None),
             }
-            if let Some((_, offset, len)) = self.chunks.pop_front() {
-                self.read_chunk(offset, len)?;
+            if let Some((_, offset, len)) = self.chunks.pop_front()
+                && let Err(error) = self.read_chunk(offset, len)
+            {
+                self.forget_chunk(offset);
+                return Err(ReadError::damaged(self.path, (offset, len), error));
             }
         }
+    }
+
+    /// Removes the messages of a chunk that turned out to be damaged behind them.
+    fn forget_chunk(&mut self, offset: u64) {
+        self.pending.retain(|(_, of, _), _| *of != offset);
+        self.pending_bytes = self.pending.values().map(memory_bytes).sum();
     }
 
     fn read_chunk(&mut self, offset: u64, len: u64) -> McapResult<()> {

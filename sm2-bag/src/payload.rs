@@ -11,13 +11,11 @@ use mcap::McapResult;
 use mcap::records::{ChunkHeader, MessageHeader, op};
 
 use crate::chunk::{
-    CHUNK_HEAD_BYTES, LONG_HEAD_BYTES, MESSAGE_HEAD_BYTES, RECORD_HEAD_BYTES, of_read, verify_crc,
+    CHUNK_HEAD_BYTES, LONG_HEAD_BYTES, MESSAGE_HEAD_BYTES, RECORD_HEAD_BYTES, hash_part, of_read,
+    verify_crc,
 };
 use crate::error::ReadError;
 use crate::writer::COPY_MAX_BYTES;
-
-/// The bytes that are read at a time to verify a payload.
-const PART_BYTES: usize = 64 << 10;
 
 /// The payload of a message.
 #[derive(Debug)]
@@ -93,10 +91,11 @@ impl<'a> LongPayload<'a> {
     /// Reads the payload to its place, which has its [length](Self::len), and verifies the checksum. After an error,
     /// the bytes in this place are worthless.
     pub(crate) fn read_into(mut self, place: &mut [u8]) -> Result<(), ReadError> {
+        let chunk = self.chunk();
         let read = of_read(self.file.read_exact_at(place, self.offset));
         self.crc.update(place);
         let verified = read.and_then(|()| verify_crc(self.saved_crc, self.crc.finalize()));
-        verified.map_err(|error| ReadError::of(self.path, error))
+        verified.map_err(|error| ReadError::damaged(self.path, chunk, error))
     }
 
     fn read_to_vec(self) -> Result<Vec<u8>, ReadError> {
@@ -107,15 +106,15 @@ impl<'a> LongPayload<'a> {
 
     /// Verifies the checksum of a payload that is not needed.
     pub(crate) fn verify(mut self) -> McapResult<()> {
-        let mut part = vec![0; PART_BYTES];
-        let mut at = 0;
-        while at < self.len {
-            let part = &mut part[..PART_BYTES.min(self.len - at)];
-            of_read(self.file.read_exact_at(part, self.offset + at as u64))?;
-            self.crc.update(part);
-            at += part.len();
-        }
+        let part = self.offset..self.offset + self.len as u64;
+        hash_part(self.file, part, &mut self.crc)?;
         verify_crc(self.saved_crc, self.crc.finalize())
+    }
+
+    /// The place and the length of the chunk, in bytes.
+    const fn chunk(&self) -> (u64, u64) {
+        let head = LONG_HEAD_BYTES as u64;
+        (self.offset - head, self.len as u64 + head)
     }
 }
 

@@ -11,7 +11,7 @@ mod timeline;
 
 use std::collections::{BTreeMap, HashMap};
 use std::os::fd::BorrowedFd;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use sm2_node::{ConnectError, Node, Publisher, WaitError};
@@ -23,7 +23,8 @@ use self::outgoing::Outgoing;
 use self::publishers::{Declared, Played};
 use self::timeline::Timeline;
 use crate::bag::Bag;
-use crate::error::PlayError;
+use crate::damaged::DamagedPart;
+use crate::error::{PlayError, ReadError};
 use crate::merged::Merged;
 
 /// A wait for subscribers or for room is cut into steps of this length, so that the caller's descriptor ends it soon.
@@ -45,6 +46,8 @@ pub struct Player<'a> {
     /// The publishers by the number of their bag, and the number of their channel in it.
     channels: HashMap<(usize, u16), usize>,
     omits_clock: bool,
+    /// The damaged parts that were found since playing began.
+    damaged: Vec<DamagedPart>,
     timeline: Timeline<'a>,
     /// The nodes of the publishers, and that of the conductor.
     _nodes: HashMap<Name, Node>,
@@ -90,6 +93,7 @@ impl<'a> Player<'a> {
             publishers,
             channels,
             omits_clock,
+            damaged: Vec::new(),
             timeline,
             _nodes: nodes,
         })
@@ -126,6 +130,12 @@ impl<'a> Player<'a> {
     ///
     /// See [`PlayError`].
     pub fn play(&mut self) -> Result<PlayReport, PlayError> {
+        self.damaged = self
+            .bags
+            .iter()
+            .flat_map(|it| it.damaged())
+            .cloned()
+            .collect();
         let played = self.publish_all();
         let ended = self.timeline.end();
         let complete = played?;
@@ -141,7 +151,13 @@ impl<'a> Player<'a> {
         }
         let mut is_empty = true;
         for message in Merged::new(self.bags, &self.options.filter) {
-            let (bag, message) = message?;
+            let (bag, message) = match message {
+                Err(ReadError::Damaged { path, part }) => {
+                    leave_out(&mut self.damaged, &path, part);
+                    continue;
+                }
+                found => found?,
+            };
             let Some(&publisher) = self.channels.get(&(bag, message.channel.id)) else {
                 // Recorded domain time, which the player publishes itself.
                 continue;
@@ -150,7 +166,13 @@ impl<'a> Player<'a> {
             let time = message.log_time;
             let played = &mut self.publishers[publisher];
             // Before the wait, which a slow disk or a damaged bag would otherwise make late.
-            let outgoing = Outgoing::read(&played.publisher, message.payload)?;
+            let outgoing = match Outgoing::read(&played.publisher, message.payload) {
+                Err(PlayError::Read(ReadError::Damaged { path, part })) => {
+                    leave_out(&mut self.damaged, &path, part);
+                    continue;
+                }
+                read => read?,
+            };
             let room_timeout = self.options.room_timeout;
             if !self.timeline.advance(time)?
                 || !publish(
@@ -223,6 +245,7 @@ impl<'a> Player<'a> {
         PlayReport {
             topics: topics.collect(),
             left: self.timeline.left().map(ToString::to_string).collect(),
+            damaged: self.damaged.clone(),
             complete,
         }
     }
@@ -251,6 +274,12 @@ fn publish(
     }
     outgoing.publish(publisher)?;
     Ok(true)
+}
+
+/// Notes that the messages of a damaged part are not played.
+fn leave_out(damaged: &mut Vec<DamagedPart>, path: &Path, part: DamagedPart) {
+    tracing::error!(path = %path.display(), %part, "a damaged part of the bag is left out");
+    damaged.push(part);
 }
 
 /// The path that errors name.

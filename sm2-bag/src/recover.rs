@@ -1,5 +1,6 @@
 //! Writing the readable part of a damaged bag to a new file.
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufWriter, Seek, Write};
 use std::path::Path;
@@ -7,9 +8,10 @@ use std::path::Path;
 use mcap::records::op;
 use mcap::{MAGIC, McapResult, Writer};
 
-use crate::bag::open_file;
+use crate::bag::{Bag, open_file};
 use crate::chunk::{Entry, RecordReader};
 use crate::copy::{create, write_error};
+use crate::damaged;
 use crate::error::{CopyError, WriteError};
 use crate::observer::{Observer, note, unobserved};
 use crate::profile::Profile;
@@ -17,8 +19,9 @@ use crate::report::{Counts, Report};
 use crate::scan::Scan;
 use crate::writer::{Compression, write_counts, write_options};
 
-/// Copies everything before the first damage of the bag `from` to the new bag `to`, with a summary. Returns the summary
-/// of the new bag, which is removed if copying fails.
+/// Copies everything of the bag `from` but its damaged parts to the new bag `to`, with a summary. The
+/// [report](Report::damaged) names these parts, and the messages that they had are gaps, if the summary of `from` counts
+/// them. Returns the summary of the new bag, which is removed if copying fails.
 ///
 /// # Errors
 ///
@@ -38,10 +41,11 @@ pub fn recover_observed(
     observer: &mut Observer<'_>,
 ) -> Result<Report, CopyError> {
     let (file, end) = open_file(from)?;
-    let scan = Scan::of(&file, end, observer)?;
+    let scan = Scan::of(from, &file, end, observer)?;
+    let summary = Bag::of_summary(from, &file, end)?;
     create(to, |created| {
         let mut stopped = Ok(());
-        let copied = copy(&file, &scan, created, &mut |bytes| {
+        let copied = copy(&file, &scan, summary.as_ref(), created, &mut |bytes| {
             stopped = note(observer, bytes);
             stopped.is_ok()
         });
@@ -51,34 +55,63 @@ pub fn recover_observed(
 }
 
 /// Copies the records that a scan has read, as long as `goes_on` returns true, which gets the length of each record.
+/// The bag as its summary describes it says how many messages are missing.
 pub(crate) fn copy(
     from: &File,
     scan: &Scan,
+    summary: Option<&Bag>,
     to: &File,
     goes_on: &mut dyn FnMut(u64) -> bool,
 ) -> Result<(), WriteError> {
-    let profile = Profile::of_channels(scan.summary.channels.values().map(AsRef::as_ref));
+    let channels = &scan.summary.channels;
+    let profile = Profile::of_channels(channels.values().map(AsRef::as_ref));
     let mut writer = write_options(Compression::None, profile).create(BufWriter::new(to))?;
-    let end = match &scan.damage {
-        Some((offset, _)) => *offset,
-        None => from.metadata()?.len(),
-    };
-    let mut reader = RecordReader::new(from, MAGIC.len() as u64, end);
-    while let Some(record) = reader.next()? {
-        match record.opcode {
-            op::DATA_END => break,
-            op::CHUNK | op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA => {
-                record.entries(|entry| write_entry(&mut writer, entry))?;
-            }
-            _ => {}
-        }
-        if !goes_on(record.len_bytes()) {
-            return Ok(());
-        }
+    // A damaged part may have the record of a channel that is described nowhere else but in the summary.
+    if !scan.damaged.is_empty() {
+        write_channels(&mut writer, scan)?;
     }
+    let file_end = from.metadata()?.len();
+    let mut at = MAGIC.len() as u64;
+    let torn_at = scan.torn.as_ref().map_or(file_end, |it| it.offset);
+    for (part, next) in (scan.damaged.iter())
+        .map(|it| (it.offset, it.offset + it.bytes))
+        .chain([(torn_at, torn_at)])
+    {
+        let mut reader = RecordReader::new(from, at, part);
+        while let Some(record) = reader.next()? {
+            match record.opcode {
+                op::DATA_END => break,
+                op::CHUNK | op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA => {
+                    record.entries(|entry| write_entry(&mut writer, entry))?;
+                }
+                op::ATTACHMENT => writer.attach(&record.attachment()?)?,
+                _ => {}
+            }
+            if !goes_on(record.len_bytes()) {
+                return Ok(());
+            }
+        }
+        at = next;
+    }
+    let read = |channel| scan.counts.get(&channel).map_or(0, |it| it.messages);
+    let gaps = summary.map(|bag| damaged::gaps(bag, &scan.damaged, read));
+    damaged::write(&mut writer, &scan.damaged, &gaps.unwrap_or_default())?;
     write_counts(&mut writer, &scan.counts)?;
     writer.finish()?;
     writer.into_inner().flush()?;
+    Ok(())
+}
+
+/// Writes all schemas and channels, in the order of their numbers.
+fn write_channels<W: Write + Seek>(writer: &mut Writer<W>, scan: &Scan) -> McapResult<()> {
+    for schema in BTreeMap::from_iter(&scan.summary.schemas).into_values() {
+        writer.add_schema_with_id(schema.id, &schema.name, &schema.encoding, &schema.data)?;
+    }
+    for it in BTreeMap::from_iter(&scan.summary.channels).into_values() {
+        let schema = it.schema.as_ref().map_or(0, |it| it.id);
+        let (topic, encoding) = (&it.topic, &it.message_encoding);
+        writer.add_channel_with_id(it.id, schema, topic, encoding, &it.metadata)?;
+    }
     Ok(())
 }
 

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
+use crate::damaged::DamagedPart;
 use crate::gap::{Gap, GapReason};
 
 /// The summary of a bag: its topics, times and gaps.
@@ -13,6 +14,8 @@ pub struct Report {
     pub topics: Vec<TopicReport>,
     /// The number of topics that were not recorded, because descriptors were short or the Manager refused them.
     pub not_recorded: u64,
+    /// The parts that are damaged, as far as they were read; those of the bags from which this one was copied included.
+    pub damaged: Vec<DamagedPart>,
     /// The `log_time` of the first message, in nanoseconds of the wall clock.
     pub start_ns: Option<u64>,
     /// The `log_time` of the last message, in nanoseconds of the wall clock.
@@ -105,6 +108,7 @@ pub(crate) struct ReportBuilder {
     /// The places of the last gaps of each topic, publisher and reason.
     last_gaps: BTreeMap<(String, String, GapReason), usize>,
     not_recorded: u64,
+    damaged: Vec<DamagedPart>,
     /// The times of the bags that were added.
     times: Option<(u64, u64)>,
 }
@@ -147,6 +151,10 @@ impl ReportBuilder {
         self.not_recorded = self.not_recorded.saturating_add(topics);
     }
 
+    pub(crate) fn add_damaged(&mut self, part: &DamagedPart) {
+        self.damaged.push(part.clone());
+    }
+
     /// Adds another bag.
     pub(crate) fn add_report(&mut self, report: &Report) {
         for topic in &report.topics {
@@ -159,6 +167,7 @@ impl ReportBuilder {
             }
         }
         self.add_not_recorded(report.not_recorded);
+        report.damaged.iter().for_each(|it| self.add_damaged(it));
         for time in report.start_ns.into_iter().chain(report.end_ns) {
             widen(&mut self.times, time);
         }
@@ -174,6 +183,7 @@ impl ReportBuilder {
         Report {
             topics: self.topics.into_values().collect(),
             not_recorded: self.not_recorded,
+            damaged: self.damaged,
             start_ns: times.map(|it| it.0),
             end_ns: times.map(|it| it.1),
             complete,

@@ -2,15 +2,19 @@
 
 use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
+use std::path::Path;
 use std::sync::Arc;
 
 use mcap::records::{ChunkIndex, Metadata, Record, op};
 use mcap::{Channel, MAGIC, McapError, McapResult, Schema, Summary};
 
-use crate::chunk::{Entry, RawRecord, RecordReader};
-use crate::error::ReadError;
+use crate::chunk::{Entry, RECORD_HEAD_BYTES, RawRecord, RecordReader};
+use crate::damaged::DamagedPart;
+use crate::error::{ReadError, is_of_system};
 use crate::observer::{Observer, note};
 use crate::report::{Counts, widen};
+use crate::resync::Resync;
+use crate::summary;
 
 /// Messages that are in no chunk are read together up to this length, in bytes.
 const RUN_BYTES: u64 = 1 << 20;
@@ -29,47 +33,101 @@ pub(crate) struct Scan {
     pub(crate) wrong_times: Option<u64>,
     /// The metadata records, in their order.
     pub(crate) metadata: Vec<Metadata>,
-    /// The place and the reason at which reading ended, if it was not the end of the data.
-    pub(crate) damage: Option<(u64, McapError)>,
+    /// The places and lengths of the attachments.
+    pub(crate) attachments: Vec<(u64, u64)>,
+    /// The damaged parts that have something behind them.
+    pub(crate) damaged: Vec<DamagedPart>,
+    /// What cannot be read at the end of a file whose data do not end in order. It may be empty.
+    pub(crate) torn: Option<DamagedPart>,
+    /// The fault, if the checksum over all records is wrong, and none of them shows damage.
+    pub(crate) wrong_crc: Option<McapError>,
 }
 
 impl Scan {
-    /// Reads all records of a file that begins with the magic bytes, until the end of the data or the first damage.
+    /// Reads all records of a file that begins with the magic bytes, but for damaged parts.
+    ///
+    /// # Errors
+    ///
+    /// [`ReadError::Io`], [`ReadError::Stopped`].
     pub(crate) fn of(
+        path: &Path,
         file: &File,
         end: u64,
         observer: &mut Observer<'_>,
     ) -> Result<Self, ReadError> {
-        let mut scan = Self::default();
-        let mut reader = RecordReader::new(file, MAGIC.len() as u64, end);
-        let mut offset = MAGIC.len() as u64;
+        let failed = |error| ReadError::io(path, error);
+        let mut scan = Self::with_channels_of_summary(file, end);
+        let mut resync = Resync::new(file, end);
+        let mut crc = crc32fast::Hasher::new();
+        crc.update(MAGIC);
+        let mut at = MAGIC.len() as u64;
+        // The end of the last chunk or message: a record behind it may have a wrong length.
+        let mut certain = at;
         loop {
-            match reader.next() {
-                Ok(Some(record)) if record.opcode == op::DATA_END => return Ok(scan),
+            let (len_bytes, error) = match RecordReader::new(file, at, end).next() {
+                Ok(Some(record)) if record.is_data_end() => {
+                    scan.compare(&record, crc.finalize());
+                    return Ok(scan);
+                }
                 Ok(Some(record)) => match scan.add(&record) {
                     Ok(()) => {
-                        offset = record.offset + record.len_bytes();
+                        crc.update(record.bytes());
+                        at += record.len_bytes();
+                        if matches!(record.opcode, op::CHUNK | op::MESSAGE) {
+                            certain = at;
+                        }
                         note(observer, record.len_bytes())?;
+                        continue;
                     }
-                    Err(error) => {
-                        scan.damage = Some((record.offset, error));
-                        return Ok(scan);
-                    }
+                    Err(error) => (Some(record.len_bytes()), error),
                 },
-                Ok(None) => {
-                    scan.damage = Some((offset, McapError::UnexpectedEof));
-                    return Ok(scan);
-                }
-                Err(error) => {
-                    scan.damage = Some((offset, error));
-                    return Ok(scan);
-                }
+                Ok(None) => (None, McapError::UnexpectedEof),
+                Err(error) if is_of_system(&error) => return Err(failed(error)),
+                Err(error) => (None, error),
+            };
+            let next = resync.behind(certain, at, len_bytes).map_err(failed)?;
+            let to = next.unwrap_or(end);
+            let from = if to < at { certain } else { at };
+            let part = DamagedPart::new((from, to - from), &error);
+            note(observer, to.saturating_sub(at))?;
+            (certain, at) = (to, to);
+            if next.is_none() {
+                scan.torn = Some(part);
+                return Ok(scan);
             }
+            scan.damaged.push(part);
+        }
+    }
+
+    /// A scan that knows the channels of the summary, if that can be read: a channel may be described in a damaged part
+    /// alone.
+    fn with_channels_of_summary(file: &File, end: u64) -> Self {
+        let mut scan = Self::default();
+        if let Ok(Some(summary)) = summary::read(file, end) {
+            scan.summary.schemas = summary.schemas;
+            scan.summary.channels = summary.channels;
+        }
+        scan
+    }
+
+    /// Compares the checksum of all records with that of the record which ends the data.
+    fn compare(&mut self, end: &RawRecord, calculated: u32) {
+        let saved = end.bytes()[RECORD_HEAD_BYTES..].first_chunk();
+        let saved = saved.map_or(0, |it| u32::from_le_bytes(*it));
+        // 0: the writer computed no checksum.
+        if saved != 0 && saved != calculated && self.damaged.is_empty() {
+            self.wrong_crc = Some(McapError::BadDataCrc { saved, calculated });
         }
     }
 
     /// Adds a record, or nothing of it if it is damaged.
     pub(crate) fn add(&mut self, record: &RawRecord) -> McapResult<()> {
+        record.verify_kind()?;
+        self.take(record)
+    }
+
+    /// As [`add`](Self::add), for a record of a summary, or one that was verified.
+    pub(crate) fn take(&mut self, record: &RawRecord) -> McapResult<()> {
         let mut added = Added::default();
         match record.opcode {
             op::CHUNK => {
@@ -89,8 +147,7 @@ impl Scan {
                     self.add_to_run(record, times);
                 }
             }
-            // A zero opcode is not legal: this part of the file was never written.
-            0 => return Err(McapError::UnexpectedEof),
+            op::ATTACHMENT => self.attachments.push((record.offset, record.len_bytes())),
             _ => {}
         }
         self.metadata.extend(added.metadata);

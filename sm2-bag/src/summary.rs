@@ -1,11 +1,13 @@
 //! Reading the summary at the end of a bag.
 
 use std::fs::File;
+use std::os::unix::fs::FileExt;
 
-use mcap::records::{Record, op};
+use crc32fast::Hasher;
+use mcap::records::{Footer, Record, op};
 use mcap::{MAGIC, McapError, McapResult, Summary};
 
-use crate::chunk::{RECORD_HEAD_BYTES, RecordReader};
+use crate::chunk::{RECORD_HEAD_BYTES, RecordReader, hash_part, of_read};
 use crate::scan::Scan;
 
 /// The length of the footer, in bytes.
@@ -19,25 +21,38 @@ pub(crate) fn read(file: &File, end: u64) -> McapResult<Option<Summary>> {
     let (Some(magic_at), Some(footer_at)) = (magic_at, footer_at) else {
         return Err(McapError::UnexpectedEof);
     };
+    let mut magic = [0; MAGIC.len()];
+    of_read(file.read_exact_at(&mut magic, magic_at))?;
+    if magic != MAGIC {
+        return Err(McapError::BadMagic);
+    }
     let footer = RecordReader::new(file, footer_at, magic_at).next()?;
     let footer = footer.filter(|it| it.opcode == op::FOOTER);
     let Record::Footer(footer) = footer.ok_or(McapError::BadFooter)?.parse()? else {
         return Err(McapError::BadFooter);
     };
     if footer.summary_start == 0 {
-        return Ok(None);
+        // A checksum of nothing.
+        return match footer.summary_crc {
+            0 => Ok(None),
+            _ => Err(McapError::BadFooter),
+        };
     }
+    verify(file, &footer, magic_at)?;
     let mut scan = Scan::default();
     let mut reader = RecordReader::new(file, footer.summary_start, footer_at);
     while let Some(record) = reader.next()? {
         match record.opcode {
-            op::SCHEMA | op::CHANNEL => scan.add(&record)?,
-            op::CHUNK_INDEX | op::METADATA_INDEX | op::STATISTICS => match record.parse()? {
-                Record::ChunkIndex(it) => scan.summary.chunk_indexes.push(it),
-                Record::MetadataIndex(it) => scan.summary.metadata_indexes.push(it),
-                Record::Statistics(it) => scan.summary.stats = Some(it),
-                _ => {}
-            },
+            op::SCHEMA | op::CHANNEL => scan.take(&record)?,
+            op::CHUNK_INDEX | op::METADATA_INDEX | op::ATTACHMENT_INDEX | op::STATISTICS => {
+                match record.parse()? {
+                    Record::ChunkIndex(it) => scan.summary.chunk_indexes.push(it),
+                    Record::AttachmentIndex(it) => scan.summary.attachment_indexes.push(it),
+                    Record::MetadataIndex(it) => scan.summary.metadata_indexes.push(it),
+                    Record::Statistics(it) => scan.summary.stats = Some(it),
+                    _ => {}
+                }
+            }
             _ => {}
         }
     }
@@ -56,6 +71,24 @@ pub(crate) fn read(file: &File, end: u64) -> McapResult<Option<Summary>> {
         return Err(McapError::BadIndex);
     }
     Ok(Some(scan.summary))
+}
+
+/// Compares the checksum of the footer, which ends at `footer_end`, with the bytes from the start of the summary up to
+/// it.
+fn verify(file: &File, footer: &Footer, footer_end: u64) -> McapResult<()> {
+    let saved = footer.summary_crc;
+    if saved == 0 {
+        // The writer computed no checksum.
+        return Ok(());
+    }
+    let crc_at = footer_end - size_of_val(&saved) as u64;
+    let mut crc = Hasher::new();
+    hash_part(file, footer.summary_start..crc_at, &mut crc)?;
+    let calculated = crc.finalize();
+    match saved == calculated {
+        true => Ok(()),
+        false => Err(McapError::BadSummaryCrc { saved, calculated }),
+    }
 }
 
 /// Whether places overlap that are sorted by their offsets. Their records could be longer than the file in total, if

@@ -9,10 +9,12 @@ use mcap::records::ChunkIndex;
 use serde::Serialize;
 
 use crate::bag::{Bag, open_file};
+use crate::damaged::DamagedPart;
 use crate::error::ReadError;
 use crate::observer::{Observer, unobserved};
 use crate::report::Report;
 use crate::scan::Scan;
+use crate::summary;
 
 /// The result of a check.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -29,10 +31,10 @@ pub struct Verdict {
 pub enum Damage {
     /// The recording did not end in order, so the bag has no summary.
     Incomplete,
-    /// The records cannot be read from this place on.
-    Unreadable {
-        /// The place, in bytes.
-        offset: u64,
+    /// A part of the file cannot be read.
+    Unreadable(DamagedPart),
+    /// The checksum over all records is wrong: a byte outside of the chunks has changed, or a chunk without a checksum.
+    Records {
         /// The fault.
         reason: String,
     },
@@ -54,9 +56,8 @@ impl fmt::Display for Damage {
             Self::Incomplete => {
                 f.write_str("the recording did not end in order: there is no summary")
             }
-            Self::Unreadable { offset, reason } => {
-                write!(f, "unreadable from byte {offset} on: {reason}")
-            }
+            Self::Unreadable(part) => write!(f, "unreadable: {part}"),
+            Self::Records { reason } => write!(f, "a record has changed: {reason}"),
             Self::Times { offset } => write!(
                 f,
                 "the chunk at byte {offset} names other times than its messages have"
@@ -82,28 +83,38 @@ pub fn check(path: &Path) -> Result<Verdict, ReadError> {
 /// [`ReadError`].
 pub fn check_observed(path: &Path, observer: &mut Observer<'_>) -> Result<Verdict, ReadError> {
     let (file, end) = open_file(path)?;
-    let scan = Scan::of(&file, end, observer)?;
-    let unreadable = scan
-        .damage
-        .as_ref()
-        .map(|(offset, error)| Damage::Unreadable {
-            offset: *offset,
-            reason: error.to_string(),
-        });
+    let scan = Scan::of(path, &file, end, observer)?;
+    let unreadable = scan.damaged.iter().chain(&scan.torn).cloned();
+    let unreadable: Vec<_> = unreadable.map(Damage::Unreadable).collect();
+    let records = (scan.wrong_crc.as_ref()).map(|error| Damage::Records {
+        reason: error.to_string(),
+    });
     let wrong_times = scan.wrong_times;
     let mut damages = Vec::new();
     let bag = match Bag::of_summary(path, &file, end)? {
         Some(bag) => {
-            damages.extend(unreadable.or_else(|| summary_damage(&bag, &scan)));
-            bag
+            // What cannot be read explains why the summary says something else.
+            damages.extend(match unreadable.is_empty() {
+                true => summary_damage(&bag, &scan),
+                false => None,
+            });
+            bag.with_damaged(scan.damaged)
         }
         None => {
+            let summary = summary::read(&file, end).err();
             let bag = Bag::of_scan(path, file, end, scan);
-            damages.extend((!bag.is_complete()).then_some(Damage::Incomplete));
-            damages.extend(unreadable);
+            match (bag.is_complete(), summary) {
+                (false, _) => damages.push(Damage::Incomplete),
+                (true, Some(error)) => damages.push(Damage::Summary {
+                    reason: error.to_string(),
+                }),
+                (true, None) => {}
+            }
             bag
         }
     };
+    damages.extend(unreadable);
+    damages.extend(records);
     damages.extend(wrong_times.map(|offset| Damage::Times { offset }));
     let report = bag.report();
     Ok(Verdict { damages, report })

@@ -45,8 +45,8 @@ fn the_first_difference_is_found() {
         message.1 = 10 * time as u64;
     }
     let same = bag(folder, "same", &other);
-    assert_eq!(diff([&open, &same]).unwrap(), None);
-    assert_eq!(diff([&same, &open]).unwrap(), None);
+    assert_eq!(diff([&open, &same]).unwrap().difference, None);
+    assert_eq!(diff([&same, &open]).unwrap().difference, None);
 
     let changed = |at: usize, data: &'static [u8]| {
         let mut messages = first;
@@ -67,7 +67,10 @@ fn the_first_difference_is_found() {
         (2, b"twofold", payload("scan", 1, 3)),
         (3, b"Right", payload("image", 1, 0)),
     ] {
-        assert_eq!(diff([&open, &changed(at, data)]).unwrap(), difference);
+        assert_eq!(
+            diff([&open, &changed(at, data)]).unwrap().difference,
+            difference
+        );
     }
 
     let shorter = bag(folder, "shorter", &first[..3]);
@@ -79,14 +82,14 @@ fn the_first_difference_is_found() {
             only_in,
         })
     };
-    assert_eq!(diff([&open, &shorter]).unwrap(), count(0));
-    assert_eq!(diff([&shorter, &open]).unwrap(), count(1));
+    assert_eq!(diff([&open, &shorter]).unwrap().difference, count(0));
+    assert_eq!(diff([&shorter, &open]).unwrap().difference, count(1));
 
     let without = bag(folder, "without", &[first[0], first[2]]);
     let topic = |only_in| {
         let topic = "image".to_owned();
         Some(Difference::Topic { topic, only_in })
     };
-    assert_eq!(diff([&open, &without]).unwrap(), topic(0));
-    assert_eq!(diff([&without, &open]).unwrap(), topic(1));
+    assert_eq!(diff([&open, &without]).unwrap().difference, topic(0));
+    assert_eq!(diff([&without, &open]).unwrap().difference, topic(1));
 }

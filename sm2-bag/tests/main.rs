@@ -7,6 +7,7 @@ mod common;
 mod black_box;
 mod copy;
 mod damage;
+mod damaged_parts;
 mod diff;
 mod direct;
 mod disk;

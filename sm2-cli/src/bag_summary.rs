@@ -5,7 +5,7 @@ use std::{fmt::Write as _, path::Path, time::Duration};
 use sm2_bag::{GapReason, Report};
 use sm2_proto::text::Counted;
 
-use crate::{error::CliError, output::Output, size::Size, time::Span};
+use crate::{ended::Ended, error::CliError, output::Output, size::Size, time::Span};
 
 /// How many gaps of a topic the text has.
 const GAPS_SHOWN: usize = 10;
@@ -47,6 +47,7 @@ pub(crate) fn show(out: &mut Output, path: &Path, report: &Report) -> Result<(),
             let reason = match gap.reason {
                 GapReason::Displaced => "newer messages displaced them",
                 GapReason::Budget => "the disk was too slow",
+                GapReason::Damaged => "they were in a damaged part",
             };
             out.line(format_args!(
                 "    {} of {} missing at {} for {}: {reason}",
@@ -70,5 +71,16 @@ pub(crate) fn show(out: &mut Output, path: &Path, report: &Report) -> Result<(),
             Counted::new(report.not_recorded, "topic")
         ))?;
     }
+    for part in &report.damaged {
+        out.line(format_args!("  left out as damaged: {part}"))?;
+    }
     Ok(())
+}
+
+/// The result of a command that has written a bag with this summary: no, if the bag lacks what was damaged.
+pub(crate) const fn ended(report: &Report) -> Ended {
+    match report.damaged.is_empty() {
+        true => Ended::Done,
+        false => Ended::No,
+    }
 }

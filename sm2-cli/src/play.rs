@@ -77,7 +77,7 @@ Each recorded publisher gets a publisher with the same type and QoS. The first m
 10 s, until the subscribers that the domain has are linked. Reliable subscribers without room hold up the
 next message for at most 10 s. Messages that subscribers missed are counted at the end.
 
-An incomplete bag is played up to its last part that is whole.
+Damaged parts of a bag are left out, and named at the end.
 
 With --clock, nodes that use domain time follow the times of the messages. With --lockstep, the domain time
 also waits for the members: nodes that handle their inputs in turns. Their outputs are then the same in each
@@ -92,8 +92,8 @@ nothing is published and domain time stands still. In lockstep, a step has all m
 MCAP files of ROS 2 (rosbag2, or the Python package rosbags) are played as well, if they have definitions in
 ros2msg. Topics lose the slash at their start, and the node of the publishers is `play/bag`.
 
-Exit status: 0 all messages were published, the key q, or Ctrl-C with --loop; 1 failed; 2 wrong usage;
-130 Ctrl-C.
+Exit status: 0 all messages were published, the key q, or Ctrl-C with --loop; 1 failed, or parts are damaged;
+2 wrong usage; 130 Ctrl-C.
 
 Examples:
   sm2 play drive.mcap --rate 0
@@ -113,7 +113,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         (arguments.files.iter().map(|it| Bag::open(it))).collect::<Result<_, _>>()?;
     for bag in bags.iter().filter(|it| !it.is_complete()) {
         let path = bag.path().display();
-        stderr_line!("sm2: {path} is incomplete: playing the part that is whole");
+        stderr_line!("sm2: {path} is incomplete: playing what can be read");
     }
     let session = Session::open(&arguments.domain, "play")?;
     let played = play(arguments, &bags, &session)?;
@@ -125,6 +125,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     out.flush()?;
     Ok(match session.stopped() {
         Some(signal) if !arguments.again => Ended::Stopped(signal),
+        _ if !played.damaged.is_empty() => Ended::No,
         _ => Ended::Done,
     })
 }
@@ -189,6 +190,9 @@ fn show(out: &mut Output, played: &PlayReport) -> Result<(), CliError> {
             topic.unheard,
             topic.missed
         ))?;
+    }
+    for part in &played.damaged {
+        out.line(format_args!("left out as damaged: {part}"))?;
     }
     Ok(())
 }

@@ -6,6 +6,7 @@ use std::time::Duration;
 use serde::Serialize;
 use sm2_proto::Name;
 
+use crate::damaged::DamagedPart;
 use crate::foreign::topic_name;
 use crate::messages::Filter;
 
@@ -81,6 +82,9 @@ pub struct PlayReport {
     /// The members of the lockstep that left before the end.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub left: Vec<String>,
+    /// The parts of the bags that are damaged. Their messages were left out.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub damaged: Vec<DamagedPart>,
     /// Whether all messages were published. Otherwise the caller ended it.
     pub complete: bool,
 }

@@ -179,15 +179,16 @@ mod tests {
         let read = Outgoing::read(&publisher, changed);
         let error = read.err().unwrap();
         assert!(
-            matches!(&error, PlayError::Read(ReadError::Damaged { source, .. })
-                if matches!(source, mcap::McapError::BadChunkCrc { .. })),
+            matches!(&error, PlayError::Read(ReadError::Damaged { part, .. })
+                if (part.offset, part.bytes) == (chunk.chunk_start_offset, chunk.chunk_length)
+                    && part.reason.starts_with("Chunk CRC failed")),
             "{error}"
         );
         file.set_len(1_000).unwrap();
         let error = Outgoing::read(&publisher, torn).err().unwrap();
         assert!(
-            matches!(&error, PlayError::Read(ReadError::Damaged { source, .. })
-                if matches!(source, mcap::McapError::UnexpectedEof)),
+            matches!(&error, PlayError::Read(ReadError::Damaged { part, .. })
+                if part.reason == mcap::McapError::UnexpectedEof.to_string()),
             "{error}"
         );
         assert_eq!(publisher.unheard(), 0);

@@ -7,7 +7,11 @@ use sm2_bag::{Bag, Filter};
 
 use super::work::Work;
 use crate::{
-    bag_choice::Choice, bag_summary::show, compression::Compression, ended::Ended, error::CliError,
+    bag_choice::Choice,
+    bag_summary::{ended, show},
+    compression::Compression,
+    ended::Ended,
+    error::CliError,
     output::Output,
 };
 
@@ -68,9 +72,10 @@ struct Target {
 
 const FILTER_HELP: &str = "\
 The new bag has the chosen messages with their times, and the gaps of their topics and times. An existing
-file is never overwritten. An incomplete bag is copied up to its last part that is whole.
+file is never overwritten. Attachments are copied. Damaged parts are left out: they are named, and their
+messages are gaps if the bag has a summary and no times are chosen.
 
-Exit status: 0 the new bag is written, 1 failed, 2 wrong usage.
+Exit status: 0 the new bag is written, 1 failed or parts are damaged, 2 wrong usage.
 
 Examples:
   sm2 bag filter drive.mcap --topic chatter -o chatter.mcap
@@ -78,9 +83,10 @@ Examples:
 
 const CONVERT_HELP: &str = "\
 The new bag has all messages, gaps and times of the old one. An existing file is never overwritten.
-An incomplete bag is copied up to its last part that is whole.
+Attachments are copied. Damaged parts are left out: they are named, and their messages are gaps if the bag
+has a summary.
 
-Exit status: 0 the new bag is written, 1 failed, 2 wrong usage.
+Exit status: 0 the new bag is written, 1 failed or parts are damaged, 2 wrong usage.
 
 Examples:
   sm2 bag convert drive.mcap --compression zstd -o small.mcap";
@@ -88,9 +94,10 @@ Examples:
 const MERGE_HELP: &str = "\
 The new bag has the messages of all bags in the order of their times. A publisher that is in several bags
 with the same type and QoS is one channel of the new bag. An existing file is never overwritten.
-Incomplete bags are copied up to their last part that is whole.
+Attachments are copied. Damaged parts are left out: they are named, and their messages are gaps if their bag
+has a summary.
 
-Exit status: 0 the new bag is written, 1 failed, 2 wrong usage.
+Exit status: 0 the new bag is written, 1 failed or parts are damaged, 2 wrong usage.
 
 Examples:
   sm2 bag merge drive.mcap drive.mcap -o twice.mcap";
@@ -140,7 +147,7 @@ fn open(path: &Path, work: &mut Work) -> Result<Bag, CliError> {
     let bag = bag.map_err(|it| work.error(it))?;
     if !bag.is_complete() {
         let path = path.display();
-        stderr_line!("sm2: {path} is incomplete: copying the part that is whole");
+        stderr_line!("sm2: {path} is incomplete: copying what can be read");
     }
     Ok(bag)
 }
@@ -161,5 +168,5 @@ fn write(
         false => show(&mut out, &target.output, &report)?,
     }
     out.flush()?;
-    Ok(Ended::Done)
+    Ok(ended(&report))
 }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use sm2_bag::Bag;
+use sm2_bag::{Bag, Comparison};
 
 use super::work::Work;
 use crate::{ended::Ended, error::CliError, output::Output};
@@ -25,9 +25,10 @@ pub(crate) struct Arguments {
 
 const HELP: &str = "\
 Compares the payloads of each topic, in the order of their times. Times, publishers and gaps may differ.
-Messages and bytes are counted from 0.
+Messages and bytes are counted from 0. Damaged parts are told on standard error, and left out.
 
-Exit status: 0 the payloads are the same, 1 they differ or a bag cannot be read, 2 wrong usage.
+Exit status: 0 the payloads are the same, 1 they differ, a part is damaged or a bag cannot be read, 2 wrong
+usage.
 
 Examples:
   sm2 bag diff drive.mcap drive.mcap";
@@ -47,10 +48,21 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let (first, second) = (open(paths[0])?, open(paths[1])?);
     for bag in [&first, &second].into_iter().filter(|it| !it.is_complete()) {
         let path = bag.path().display();
-        stderr_line!("sm2: {path} is incomplete: comparing the part that is whole");
+        stderr_line!("sm2: {path} is incomplete: comparing what can be read");
     }
     let difference = sm2_bag::diff_observed([&first, &second], &mut |it| work.note(it));
-    let difference = difference.map_err(|it| work.error(it))?;
+    let Comparison {
+        difference,
+        damaged,
+    } = difference.map_err(|it| work.error(it))?;
+    for (path, parts) in paths.iter().zip(&damaged) {
+        for part in parts {
+            stderr_line!(
+                "sm2: {} is damaged, and compared without {part}",
+                path.display()
+            );
+        }
+    }
     let mut out = Output::new();
     match (arguments.json, &difference) {
         (true, difference) => out.json(difference)?,
@@ -58,8 +70,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         (false, None) => out.line("the payloads are the same")?,
     }
     out.flush()?;
+    let is_whole = damaged.iter().all(Vec::is_empty);
     Ok(match difference {
-        None => Ended::Done,
-        Some(_) => Ended::No,
+        None if is_whole => Ended::Done,
+        _ => Ended::No,
     })
 }

@@ -21,8 +21,9 @@ pub(crate) struct Arguments {
 }
 
 const HELP: &str = "\
-A bag whose recorder was killed has no summary. Its messages are then counted up to the last part that is
-whole, and the output says that the bag is incomplete (JSON: `complete` is false).
+A bag whose recorder was killed has no summary. Its messages are then counted, as far as they can be read, and
+the output says that the bag is incomplete (JSON: `complete` is false) and names the parts that are damaged
+(`damaged`). A bag with a summary is not read completely: `sm2 bag check` does that.
 
 Times are those of the wall clock at the start of the recording. JSON has them in nanoseconds since 1970.
 

@@ -21,7 +21,7 @@ pub(crate) enum Command {
     Info(info::Arguments),
     /// Read a bag completely, and verify its checksums and its summary
     Check(check::Arguments),
-    /// Write the readable part of a damaged bag to a new one
+    /// Write what can be read of a damaged bag to a new one
     Recover(recover::Arguments),
     /// Copy chosen topics and times of a bag to a new one
     Filter(copy::FilterArguments),

@@ -5,7 +5,12 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::work::Work;
-use crate::{bag_summary::show, ended::Ended, error::CliError, output::Output};
+use crate::{
+    bag_summary::{ended, show},
+    ended::Ended,
+    error::CliError,
+    output::Output,
+};
 
 /// `sm2 bag recover`.
 #[derive(Args, Debug)]
@@ -23,9 +28,11 @@ pub(crate) struct Arguments {
 }
 
 const HELP: &str = "\
-The new bag has everything before the first damage, and a summary. An existing file is never overwritten.
+The new bag has everything that can be read, and a summary. Damaged parts are left out: they are named, and
+their messages are gaps if the damaged bag has a summary. What a recorder that was killed has not finished to
+write at the end of the file does not count as one. An existing file is never overwritten.
 
-Exit status: 0 the new bag is written, 1 failed, 2 wrong usage.
+Exit status: 0 the new bag is written, 1 failed or parts are damaged, 2 wrong usage.
 
 Examples:
   sm2 bag recover drive.mcap
@@ -49,5 +56,5 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         false => show(&mut out, &path, &report)?,
     }
     out.flush()?;
-    Ok(Ended::Done)
+    Ok(ended(&report))
 }

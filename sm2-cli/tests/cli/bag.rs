@@ -201,6 +201,64 @@ fn a_killed_recording_can_be_read_and_recovered() {
     assert_eq!(bag(&["check", whole.to_str().unwrap()]).0, 0);
 }
 
+/// What a damaged part had is missing, which each command says. Everything behind it is there.
+#[test]
+fn a_damaged_part_costs_its_messages_alone() {
+    let domain = Domain::new();
+    let path = domain.path("talk.mcap");
+    let file = path.to_str().unwrap();
+    record_and_kill(&domain, file);
+    let [whole, damaged, to] = ["whole", "damaged", "to"].map(|it| domain.path(it));
+    let [whole, damaged, to] = [&whole, &damaged, &to].map(|it| it.to_str().unwrap());
+    assert_eq!(bag(&["recover", file, "-o", whole]).0, 0);
+    let bytes = fs::read(whole).unwrap();
+    let at = bytes.windows(6).position(|it| it == b"line 4");
+    let mut bytes = bytes;
+    bytes[at.unwrap()] = b'!';
+    fs::write(damaged, bytes).unwrap();
+
+    let (code, text, _) = bag(&["check", damaged]);
+    assert!(code == 1 && text.contains("damage: unreadable: "), "{text}");
+    // All lines are in one chunk.
+    let expected = json!([[["chatter", 0, 10]], true]);
+    for command in [
+        &["recover", damaged][..],
+        &["filter", damaged, "--topic", "chatter"],
+        &["convert", damaged, "--compression", "lz4"],
+    ] {
+        let (code, summary, told) = bag(&[command, &["-o", to, "--json"]].concat());
+        assert_eq!(
+            (code, counts(&summary)),
+            (1, expected.clone()),
+            "{command:?}: {told}"
+        );
+        let summary: Value = serde_json::from_str(&summary).unwrap();
+        assert_eq!(summary["topics"][0]["gaps"][0]["reason"], "damaged");
+        assert_eq!(summary["damaged"].as_array().unwrap().len(), 1);
+        let (code, text, _) = bag(&["info", to]);
+        assert!(
+            code == 0 && text.contains("left out as damaged: "),
+            "{text}"
+        );
+        fs::remove_file(to).unwrap();
+    }
+    let (code, summary, _) = bag(&["merge", whole, damaged, "-o", to, "--json"]);
+    assert_eq!(
+        (code, counts(&summary)),
+        (1, json!([[["chatter", 10, 10]], true]))
+    );
+    let (code, _, told) = bag(&["diff", damaged, damaged]);
+    assert!(
+        code == 1 && told.contains("is damaged, and compared without"),
+        "{told}"
+    );
+    let played = domain.run(&["play", whole, damaged, "--rate", "0", "--json"]);
+    let report: Value = serde_json::from_str(&played.stdout()).unwrap();
+    assert_eq!(played.code(), 1, "{played:?}");
+    assert_eq!(report["topics"][0]["messages"], 10);
+    assert_eq!(report["damaged"].as_array().unwrap().len(), 1);
+}
+
 #[test]
 fn copies_have_the_chosen_messages() {
     let domain = Domain::new();

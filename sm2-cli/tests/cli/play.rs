@@ -181,7 +181,8 @@ fn the_terminal_is_restored_after_a_signal_and_an_error() {
     assert_eq!(status(&domain, &["pause"])["messages"], 0);
     std::fs::write(&bag, "").unwrap();
     on.press("ssssssssssss");
-    on.player.await_stderr("is damaged");
+    on.player
+        .await_stderr("a damaged part of the bag is left out");
     until("the player ends", || {
         on.player.child().try_wait().unwrap().is_some()
     });
