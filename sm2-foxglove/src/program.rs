@@ -16,11 +16,10 @@ use signal_hook::{
 };
 use sm2_node::{Node, Shutdown};
 use sm2_proto::gateway::{Pattern, PatternError};
-use tracing_subscriber::EnvFilter;
 
 use crate::{Options, Server};
 
-/// The status of a wrong command line.
+/// The status of a wrong command line, and of a wrong level of the log.
 const WRONG_USAGE: u8 = 2;
 
 /// The status of a program that a second signal ends.
@@ -61,6 +60,8 @@ reach a port of the loopback address. A viewer with the URL can call the service
 Pages of https://app.foxglove.dev and of servers of this machine may connect; --allow-origin adds others.
 A topic has a subscriber only while a viewer looks at it.
 
+SM2_LOG (error, warn, info, debug) sets the level of the log on standard error.
+
 Exit status: 0 ended by Ctrl-C or SIGTERM, 1 failed, 2 wrong usage.
 
 Examples:
@@ -75,9 +76,15 @@ pub fn main() -> ExitCode {
         Ok(arguments) => arguments,
         Err(error) => return wrong_usage(&error),
     };
-    let filter = EnvFilter::try_from_env("SM2_LOG");
+    let levels = match sm2_io::log_levels("warn,sm2_foxglove=info") {
+        Ok(levels) => levels,
+        Err(wrong) => {
+            eprintln!("sm2-foxglove: {wrong}");
+            return ExitCode::from(WRONG_USAGE);
+        }
+    };
     tracing_subscriber::fmt()
-        .with_env_filter(filter.unwrap_or_else(|_| EnvFilter::new("warn,sm2_foxglove=info")))
+        .with_env_filter(levels)
         .with_writer(io::stderr)
         .with_ansi(io::stderr().is_terminal())
         .init();

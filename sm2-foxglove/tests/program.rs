@@ -26,8 +26,11 @@ pub(crate) struct Process {
 
 impl Process {
     pub(crate) fn start(socket: &Path, arguments: &[&str]) -> Self {
-        let mut command = program(socket);
-        command.args(["--listen", "127.0.0.1:0"]).args(arguments);
+        Self::spawn(program(socket).args(arguments))
+    }
+
+    fn spawn(command: &mut Command) -> Self {
+        let command = command.args(["--listen", "127.0.0.1:0"]);
         let mut child = command
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
@@ -41,6 +44,22 @@ impl Process {
             child,
             url: url.trim_end().to_owned(),
         }
+    }
+
+    /// Ends it with a signal. Returns what it has written to standard error.
+    fn end(mut self, signal: Signal) -> String {
+        let pid = Pid::from_raw(self.child.id().try_into().unwrap());
+        kill(pid, signal).unwrap();
+        let mut status = None;
+        until("the program ends", || {
+            status = self.child.try_wait().unwrap();
+            status.is_some()
+        });
+        assert_eq!(status.unwrap().code(), Some(0));
+        let mut text = String::new();
+        let mut stderr = self.child.stderr.take().unwrap();
+        stderr.read_to_string(&mut text).unwrap();
+        text
     }
 }
 
@@ -64,25 +83,10 @@ fn a_signal_ends_it_cleanly() {
     let node = world.node("talker");
     let _publisher = node.publisher::<str>("chatter").unwrap();
     for signal in [Signal::SIGINT, Signal::SIGTERM] {
-        let mut process = Process::start(&world.socket(), &["chatter", "absent"]);
+        let process = Process::start(&world.socket(), &["chatter", "absent"]);
         let mut viewer = Viewer::connect(&process.url);
         viewer.subscribe("chatter");
-        let pid = Pid::from_raw(process.child.id().try_into().unwrap());
-        kill(pid, signal).unwrap();
-        let mut status = None;
-        until("the program ends", || {
-            status = process.child.try_wait().unwrap();
-            status.is_some()
-        });
-        assert_eq!(status.unwrap().code(), Some(0));
-        let mut text = String::new();
-        process
-            .child
-            .stderr
-            .take()
-            .unwrap()
-            .read_to_string(&mut text)
-            .unwrap();
+        let text = process.end(signal);
         let hint = "sm2-foxglove: no node publishes a topic absent now: it is shown when one does";
         assert!(text.contains(hint), "{text}");
         assert!(
@@ -137,4 +141,26 @@ fn errors_are_one_line() {
         line.starts_with("sm2-foxglove: no Manager at \"/nonexistent/sock\""),
         "{line}"
     );
+}
+
+#[test]
+fn the_log_has_the_level_of_the_variable_and_no_colours_in_a_file() {
+    let world = World::new();
+    let wrong = program(&world.socket()).env("SM2_LOG", "verbose").output();
+    let wrong = wrong.unwrap();
+    let line = line(&wrong);
+    assert_eq!(wrong.status.code(), Some(2), "{line}");
+    assert!(
+        line.starts_with("sm2-foxglove: SM2_LOG is \"verbose\": use "),
+        "{line}"
+    );
+
+    for (level, is_logged) in [("info", true), ("off", false)] {
+        let process = Process::spawn(program(&world.socket()).env("SM2_LOG", level));
+        let _viewer = Viewer::connect(&process.url);
+        let text = process.end(Signal::SIGTERM);
+        let has_line = text.contains("INFO") && text.contains("a viewer has gone");
+        assert_eq!(has_line, is_logged, "{text}");
+        assert!(!text.contains('\u{1b}'), "{text}");
+    }
 }
