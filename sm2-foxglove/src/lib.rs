@@ -10,12 +10,13 @@
 //! | `viewer` | one viewer: its subscriptions, calls and publications, in a thread of its own |
 //! | `outbox` | the messages that wait for one viewer, their order and their budget |
 //! | `connection`, `frame`, `protocol` | the WebSocket protocol, and the messages of Foxglove in it |
-//! | `message_type`, `json_schema` | the forms of messages and of their schemas |
+//! | `message_type`, `json_schema`, `foxglove_schema` | the forms of messages and of their schemas |
 //! | `access` | decides which connections are accepted |
 
 mod access;
 mod catalogue;
 mod connection;
+mod foxglove_schema;
 mod frame;
 mod graph;
 mod json_schema;

@@ -5,6 +5,7 @@
 //! | type of ROS 2 | `cdr` | `ros2msg`, its definition | unchanged |
 //! | JSON | `json` | `jsonschema` | unchanged |
 //! | plain data, serde types | `json` | `jsonschema` | converted by its schema |
+//! | serde type with the fields of a schema of Foxglove | `json` | `jsonschema`, Foxglove's | converted by both schemas |
 //! | bytes, types without a schema | `json` | `jsonschema` | an object whose field `bytes` is in base64 |
 //!
 //! A message whose JSON is not an object is the field `value` of an object: Foxglove shows objects only.
@@ -21,6 +22,7 @@ use sm2_proto::{
 };
 
 use crate::{
+    foxglove_schema::FoxgloveSchema,
     json_schema::{self, VALUE},
     protocol::Messages,
 };
@@ -51,6 +53,7 @@ enum Form {
     Cdr,
     Json { is_wrapped: bool },
     Converted { is_wrapped: bool },
+    Foxglove(&'static FoxgloveSchema),
     Bytes,
 }
 
@@ -61,6 +64,17 @@ impl MessageType {
     ///
     /// The schema is a wrong definition of a type of ROS 2.
     pub(crate) fn new(data: &TypeId, schema: Schema) -> Result<Self, Unusable> {
+        if let (Encoding::Plain | Encoding::Postcard | Encoding::Json, Root::Type(ty)) =
+            (schema.encoding(), schema.root())
+            && let Some(known) = FoxgloveSchema::of(&data.name, ty)
+        {
+            return Ok(Self {
+                name: known.name.to_owned(),
+                form: Form::Foxglove(known),
+                schema: known.json_schema().to_string(),
+                transcoder: Some(Transcoder::new(&data.name, schema)?),
+            });
+        }
         let (form, text) = match (schema.encoding(), schema.root()) {
             (_, Root::Definition(definition)) => (Form::Cdr, definition.text().to_owned()),
             (Encoding::Plain, Root::Type(Type::List(element)))
@@ -102,7 +116,9 @@ impl MessageType {
     pub(crate) fn messages(&self) -> Messages<'_> {
         let (encoding, schema_encoding) = match self.form {
             Form::Cdr => ("cdr", "ros2msg"),
-            Form::Json { .. } | Form::Converted { .. } | Form::Bytes => ("json", "jsonschema"),
+            Form::Json { .. } | Form::Converted { .. } | Form::Foxglove(_) | Form::Bytes => {
+                ("json", "jsonschema")
+            }
         };
         Messages {
             encoding,
@@ -121,7 +137,7 @@ impl MessageType {
     pub(crate) const fn max_len(&self) -> Option<usize> {
         match self.form {
             Form::Cdr | Form::Json { .. } => None,
-            Form::Converted { .. } | Form::Bytes => Some(CONVERTED_BYTES_MAX),
+            Form::Converted { .. } | Form::Foxglove(_) | Form::Bytes => Some(CONVERTED_BYTES_MAX),
         }
     }
 
@@ -146,7 +162,12 @@ impl MessageType {
                     false => json.into(),
                 }
             }
-            (Form::Bytes | Form::Converted { .. }, _) => {
+            (Form::Foxglove(known), Some(transcoder)) => {
+                let mut value = serde_json::from_slice(&transcoder.to_json(message)?)?;
+                known.to_viewer(&mut value);
+                serde_json::to_vec(&value)?.into()
+            }
+            (Form::Bytes | Form::Converted { .. } | Form::Foxglove(_), _) => {
                 let object = json!({ BYTES: BASE64.encode(message) });
                 object.to_string().into_bytes().into()
             }
@@ -176,6 +197,10 @@ impl MessageType {
         let mut value: Value = serde_json::from_slice(payload)?;
         let field = match self.form {
             Form::Cdr => None,
+            Form::Foxglove(known) => {
+                known.to_domain(&mut value)?;
+                None
+            }
             Form::Json { is_wrapped } | Form::Converted { is_wrapped } => {
                 is_wrapped.then_some(VALUE)
             }
@@ -274,6 +299,11 @@ mod tests {
         check("json:struct{x:u8,}", br#"{"x":1}"#, r#"{"x":1}"#);
         check("json:list[u8]", b"[1,2]", r#"{"value":[1,2]}"#);
         check("plain:list[u8]", &[0, 255, 16], r#"{"bytes":"AP8Q"}"#);
+        check(
+            "postcard:struct{timestamp:struct{sec:u32,nsec:u32,},data:list[u8],format:string,}",
+            b"\x01\x02\x03\x00\x10\x20\x04opus",
+            r#"{"data":"ABAg","format":"opus","timestamp":{"nsec":2,"sec":1}}"#,
+        );
     }
 
     #[test]
@@ -283,6 +313,12 @@ mod tests {
         assert!(ty.to_domain("cdr", &[1, 2]).is_err());
         assert!(ty.to_domain("json", br#"{"x":1}"#).is_err());
         assert!(ty.to_domain("json", b"{").is_err());
+        let audio = message_type(
+            "json:struct{timestamp:struct{sec:u32,nsec:u32,},data:list[u8],format:string,}",
+        );
+        let message = br#"{"timestamp":{"sec":1,"nsec":2},"data":"AB","format":"opus"}"#;
+        let error = audio.to_domain("json", message).unwrap_err();
+        assert!(error.to_string().contains("padding"), "{error}");
         let wrapped = message_type("plain:string");
         assert!(wrapped.to_domain("json", br#""hi""#).is_err());
     }

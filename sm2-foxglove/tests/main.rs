@@ -6,6 +6,7 @@ mod access;
 mod back_pressure;
 mod channels;
 mod common;
+mod foxglove_schemas;
 mod program;
 mod publishing;
 mod services;
