@@ -95,10 +95,10 @@ impl Stated {
         })
     }
 
+    /// The schema text, or the reason why there is none.
     pub(crate) fn schema(&self) -> &str {
-        self.schema
-            .as_deref()
-            .unwrap_or("no node has registered it")
+        let schema = self.schema.as_deref();
+        schema.unwrap_or("no node has registered its schema")
     }
 }
 

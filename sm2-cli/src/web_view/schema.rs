@@ -1,10 +1,11 @@
 //! The schema of a topic or service, for the page.
 
-use sm2_proto::{Name, TypeId};
+use sm2_proto::Name;
 
 use crate::{
     connect::Session,
     error::CliError,
+    interfaces::Stated,
     view::{SERVICE, TOPIC, View},
 };
 
@@ -26,7 +27,7 @@ pub(super) fn lines(
     let mut lines = Vec::new();
     for (role, data) in [of_topic, request, reply].into_iter().flatten() {
         lines.push(format!("{role} {}", data.name));
-        lines.extend(described(session, data)?);
+        lines.extend(broken(Stated::of(session, Some(data))?.schema()));
     }
     if lines.is_empty() {
         let is_known = [TOPIC, SERVICE].map(|kinds| view.names(kinds).contains(name));
@@ -36,13 +37,6 @@ pub(super) fn lines(
         });
     }
     Ok(lines)
-}
-
-fn described(session: &Session, data: &TypeId) -> Result<Vec<String>, CliError> {
-    Ok(match session.describe(data)? {
-        Some(text) => broken(&text),
-        None => vec!["no node has registered its schema".to_owned()],
-    })
 }
 
 /// A schema text with one member on each line. A definition of ROS 2 has lines already.
