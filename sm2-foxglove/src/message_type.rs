@@ -5,7 +5,7 @@
 //! | type of ROS 2 | `cdr` | `ros2msg`, its definition | unchanged |
 //! | JSON | `json` | `jsonschema` | unchanged |
 //! | plain data, serde types | `json` | `jsonschema` | converted by its schema |
-//! | serde type with the fields of a schema of Foxglove | `json` | `jsonschema`, Foxglove's | converted by both schemas |
+//! | serde type with the fields of a Foxglove schema | `json` | `jsonschema`, Foxglove's | converted by both schemas |
 //! | bytes, types without a schema | `json` | `jsonschema` | an object whose field `bytes` is in base64 |
 //!
 //! A message whose JSON is not an object is the field `value` of an object: Foxglove shows objects only.
