@@ -22,6 +22,9 @@ use crate::config::{ConfigError, RuleTables};
 use crate::error::BridgeError;
 use crate::shadow::{Shadow, lets_out};
 
+/// The status of a wrong command line, and of a wrong level of the log.
+const WRONG_USAGE: u8 = 2;
+
 /// The parts of a program: `C` is its configuration, `E` a wrong value of it, and `B` the bridge.
 #[derive(Clone, Copy, Debug)]
 pub struct Program<C, E: Error, B> {
@@ -39,9 +42,12 @@ pub struct Program<C, E: Error, B> {
     pub account: fn(&B) -> ReadAccount,
 }
 
+const HELP: &str =
+    "SM2_LOG (error, warn, info, debug) sets the level of the log on standard error.";
+
 /// Joins a domain of SM2 to another network.
 #[derive(Parser)]
-#[command(version)]
+#[command(version, after_help = HELP)]
 struct Arguments {
     #[command(subcommand)]
     command: Command,
@@ -85,13 +91,23 @@ enum Command {
 }
 
 impl<C, E: Error + 'static, B> Program<C, E, B> {
-    /// Runs the command line of the program with this name. Its log goes to the standard error output.
+    /// Runs the command line of the program with this name. Its log goes to the standard error output, with the levels
+    /// of `SM2_LOG`.
     pub fn main(self, name: &str) -> ExitCode {
+        let arguments = Arguments::parse();
+        let levels = match sm2_io::log_levels("info") {
+            Ok(levels) => levels,
+            Err(wrong) => {
+                eprintln!("{name}: {wrong}");
+                return ExitCode::from(WRONG_USAGE);
+            }
+        };
         tracing_subscriber::fmt()
+            .with_env_filter(levels)
             .with_writer(io::stderr)
             .with_ansi(io::stderr().is_terminal())
             .init();
-        match self.execute(Arguments::parse().command) {
+        match self.execute(arguments.command) {
             Ok(()) => ExitCode::SUCCESS,
             Err(error) => {
                 eprintln!("{name}: {error}");
