@@ -42,12 +42,16 @@ const HEARTBEAT: Duration = Duration::from_millis(500);
 
 /// How many requests, replies and acknowledgements wait for the network at most.
 const CALLS_DEPTH: u16 = 4_096;
-/// How long Zenoh waits for room until it drops a message, in microseconds: as a whole, and for further fragments of a
-/// long one. A link that is dead is closed only when no message waits for it any more.
-const DROP_WAIT_US: [(&str, &str); 2] = [
-    ("wait_before_drop", "5000000"),
-    ("max_wait_before_drop_fragments", "10000000"),
-];
+/// How long Zenoh waits for room in the queue of a link until it drops a message, in microseconds: at first, and in
+/// addition for further fragments of a long message. Without room, it drops the following messages at once.
+///
+/// A client has one link. It waits long, since the bridge chooses better than Zenoh which messages to drop. A link that
+/// is dead is closed only when no message waits for it any more.
+///
+/// A peer may have several links. A message waits for each of them in turn, and the other links wait, too.
+const DROP_WAITS: [&str; 2] = ["wait_before_drop", "max_wait_before_drop_fragments"];
+const CLIENT_WAITS_US: [&str; 2] = ["5000000", "10000000"];
+const PEER_WAITS_US: [&str; 2] = ["250000", "500000"];
 
 /// The session.
 pub(crate) struct Network {
@@ -81,13 +85,7 @@ impl Network {
     /// Its messages have `CongestionControl::Drop`, so that a router does not wait for its slow subscribers. The
     /// session itself has to wait, since only the bridge knows which messages to drop.
     pub(crate) fn open(config: &zenoh::Config) -> Result<Self, BridgeError> {
-        let mut config = config.clone();
-        for (limit, value) in DROP_WAIT_US {
-            let key = format!("transport/link/tx/queue/congestion_control/drop/{limit}");
-            let set = config.insert_json5(&key, value);
-            set.map_err(|error| refused("configure the session")(error.to_string().into()))?;
-        }
-        let session = zenoh::open(config).wait();
+        let session = zenoh::open(with_drop_waits(config)?).wait();
         let session = session.map_err(refused("open a session"))?;
         let (inbox, events) = Inbox::new()?;
         let waker = Arc::clone(inbox.ready());
@@ -340,6 +338,26 @@ impl Network {
     }
 }
 
+/// The configuration with the times after which the session drops a message.
+fn with_drop_waits(config: &zenoh::Config) -> Result<zenoh::Config, BridgeError> {
+    let mut config = config.clone();
+    let is_client = config.get_json("mode").is_ok_and(|it| it == "\"client\"");
+    let waits = match is_client {
+        true => CLIENT_WAITS_US,
+        false => PEER_WAITS_US,
+    };
+    for (name, wait) in DROP_WAITS.iter().zip(waits) {
+        let set = config.insert_json5(&drop_wait_key(name), wait);
+        set.map_err(|error| refused("configure the session")(error.to_string().into()))?;
+    }
+    Ok(config)
+}
+
+/// The key of a time in Zenoh's configuration.
+fn drop_wait_key(name: &str) -> String {
+    format!("transport/link/tx/queue/congestion_control/drop/{name}")
+}
+
 /// The end of a message that was given to Zenoh.
 pub(crate) fn outcome(key: &str, result: zenoh::Result<()>) -> Outcome {
     match result {
@@ -356,5 +374,29 @@ pub(crate) fn refused(action: &'static str) -> impl FnOnce(zenoh::Error) -> Brid
     move |error| BridgeError::Network {
         action,
         error: error.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_peer_waits_less_than_a_second_for_a_link() {
+        let waits_us = |mode: Option<&str>| {
+            let mut config = zenoh::Config::default();
+            if let Some(mode) = mode {
+                config.insert_json5("mode", mode).unwrap();
+            }
+            let config = with_drop_waits(&config).unwrap();
+            let wait = |name| config.get_json(&drop_wait_key(name)).unwrap();
+            let waits = DROP_WAITS.map(|it| wait(it).parse::<u64>().unwrap());
+            waits.iter().sum::<u64>()
+        };
+        assert_eq!(waits_us(Some("\"client\"")), 15_000_000);
+        // Without a mode, a session is a peer.
+        for mode in [Some("\"peer\""), None] {
+            assert!(waits_us(mode) < 1_000_000);
+        }
     }
 }

@@ -1,12 +1,14 @@
 //! A bridge whose network takes nothing more: as if its router were stopped.
 
+use std::collections::BTreeSet;
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::sync::mpsc::channel;
 use std::sync::{Arc, Condvar, Mutex};
 use std::thread;
+use std::time::{Duration, Instant};
 
-use crate::common::{World, receive, wait_until};
+use crate::common::{Running, World, receive, wait_until};
 use crate::program::Program;
 use sm2_node::Publisher;
 use sm2_test_support::{SOON, until};
@@ -15,6 +17,8 @@ use zenoh::Wait;
 const MESSAGE_BYTES: usize = 1_000_000;
 /// As many messages as have many times the memory that a bridge may use.
 const MESSAGES: u32 = 500;
+/// As many messages as fill the buffers of the operating system for a stalled link several times.
+const PEER_MESSAGES: u32 = 40;
 /// 64 MiB wait for the network, and as many messages of the network for the domain. The rest is that of the program
 /// and of the pages that it shares with the publisher.
 const MEMORY_MAX_KIB: u64 = 200 << 10;
@@ -78,6 +82,54 @@ fn publish(publisher: &Publisher<[u8]>, local: &sm2_node::Subscriber<[u8]>, numb
     message[..4].copy_from_slice(&number.to_le_bytes());
     publisher.publish(&message).unwrap();
     assert!(receive(local) == message, "message {number}");
+}
+
+/// A peer sends each message to all its links in turn.
+#[test]
+fn the_other_links_of_a_peer_go_on_while_one_is_stalled() {
+    let (stalled, site) = (World::new(), World::new());
+    let link = Link::to(&stalled.endpoint);
+    let (sender, arrived) = channel();
+    for (network, is_site) in [(&stalled.network, false), (&site.network, true)] {
+        let sender = sender.clone();
+        let subscriber = network.declare_subscriber("sm2/image");
+        let subscriber = subscriber.callback(move |sample| {
+            let number = sample.payload().to_bytes()[..4].try_into().unwrap();
+            let _ = sender.send((is_site, u32::from_le_bytes(number)));
+        });
+        subscriber.background().wait().unwrap();
+    }
+    let rules = "[[rule]]\naction = \"allow\"\nnames = \"image\"\ndirection = \"out\"\n";
+    let endpoints = format!("tcp/{}\", \"{}", link.address, site.endpoint);
+    let config = site.config_of("peer", "name = \"seven\"", &endpoints, rules);
+    let bridge = Running::start(&config);
+    let (camera, viewer) = (site.node("camera"), site.node("viewer"));
+    let local = viewer.subscriber::<[u8]>("image").unwrap();
+    let publisher = camera.publisher::<[u8]>("image").unwrap();
+    publisher.wait_for_subscribers_timeout(2, SOON).unwrap();
+    let mut number = 0;
+    let mut sides = BTreeSet::new();
+    wait_until(|| {
+        number += 1;
+        publish(&publisher, &local, number);
+        sides.extend(arrived.try_iter().map(|(is_site, _)| is_site));
+        sides.len() == 2
+    });
+
+    link.stall(true);
+    let mut longest = Duration::ZERO;
+    for number in number + 1..=number + PEER_MESSAGES {
+        let start = Instant::now();
+        publish(&publisher, &local, number);
+        while arrived.recv_timeout(SOON).unwrap() != (true, number) {}
+        longest = longest.max(start.elapsed());
+    }
+    println!(
+        "{PEER_MESSAGES} messages of 1 MB to two links, one of them stalled: at most {longest:?} until the other one \
+         had a message"
+    );
+    link.stall(false);
+    bridge.end();
 }
 
 #[test]
