@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use sm2_node::domain::Domain;
+use sm2_proto::gateway::Direction;
 use sm2_proto::{Contract, Name, OfferedQos, TypeId};
 
 /// A topic, and the type of its messages.
@@ -128,6 +129,43 @@ fn contracts_of(domain: &Domain, is_of: impl Fn(&Name) -> bool) -> impl Iterator
         it.refused.is_none() && node.is_some_and(|node| is_of(node.name))
     });
     interfaces.map(|it| it.contract)
+}
+
+/// The topics that both the bridge `own` and another bridge carry in the same direction, with the name of the other
+/// one. A bridge carries a topic out while its node `bridge/NAME` subscribes to it, and in while `remote/NAME`
+/// publishes it.
+#[must_use]
+pub fn carried_twice(domain: &Domain, own: &Name) -> BTreeSet<(Name, Topic, Direction)> {
+    let (mut carried, mut others) = (BTreeSet::new(), BTreeSet::new());
+    for interface in domain.interfaces().filter(|it| it.refused.is_none()) {
+        let Some(node) = domain.node(interface.entity.node) else {
+            continue;
+        };
+        let node = node.name.as_str();
+        let (bridge, topic, direction) = match interface.contract {
+            Contract::Subscriber {
+                topic,
+                data: Some(data),
+                ..
+            } => (node.strip_prefix("bridge/"), (topic, data), Direction::Out),
+            Contract::Publisher { topic, data, .. } => {
+                (node.strip_prefix("remote/"), (topic, data), Direction::In)
+            }
+            _ => continue,
+        };
+        let bridge = bridge.and_then(|it| Name::new(it).ok());
+        let topic = (topic.0.clone(), topic.1.clone());
+        match bridge {
+            Some(bridge) if bridge == *own => drop(carried.insert((topic, direction))),
+            // A gateway has nodes `remote/NAME`, too.
+            Some(bridge) if has_bridge(domain, &bridge) => {
+                others.insert((bridge, topic, direction));
+            }
+            _ => {}
+        }
+    }
+    others.retain(|(_, topic, direction)| carried.contains(&(topic.clone(), *direction)));
+    others
 }
 
 /// Whether a bridge of this name is a node of a domain.

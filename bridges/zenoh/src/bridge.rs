@@ -1,9 +1,9 @@
 //! The bridge: one thread, which waits for the domain, its topics and the network at the same time.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use sm2_bridge_core::domain::{Service, Topic, carried_by_gateways, published};
+use sm2_bridge_core::domain::{Service, Topic, carried_by_gateways, carried_twice, published};
 use sm2_bridge_core::{
     Account, BridgeError, Counts, Inbound, Member, Origin, Origins, ReadAccount, Shadow, Verdict,
 };
@@ -11,6 +11,7 @@ use sm2_node::clock::wall_time;
 use sm2_node::domain::Watch;
 use sm2_node::wait_set::Interest;
 use sm2_node::{Node, Shutdown, WaitError, WaitSet};
+use sm2_proto::Name;
 use sm2_proto::gateway::{Direction, SubjectKind};
 use zenoh::query::Query;
 
@@ -50,6 +51,8 @@ pub struct Bridge {
     account: Arc<Mutex<Account>>,
     /// Rules that are only compared.
     shadow: Option<Shadow>,
+    /// The topics that another bridge of the domain carries in the same direction.
+    carried_twice: BTreeSet<(Name, Topic, Direction)>,
 }
 
 impl Bridge {
@@ -102,6 +105,7 @@ impl Bridge {
             counts: Counts::default(),
             account: Arc::new(Mutex::new(account)),
             shadow: None,
+            carried_twice: BTreeSet::new(),
         })
     }
 
@@ -221,7 +225,26 @@ impl Bridge {
         for (topic, outgoing) in &mut self.outgoing {
             outgoing.is_beside_gateway = of_gateways.contains(topic);
         }
+        self.report_carried_twice();
         self.follow_endpoints()
+    }
+
+    /// Warns of each topic that another bridge carries between the same domain and the same network.
+    fn report_carried_twice(&mut self) {
+        let mut found = carried_twice(self.watch.domain(), &self.config.name);
+        found.retain(|(bridge, ..)| self.convention.has_bridge(bridge));
+        for (bridge, topic, direction) in found.difference(&self.carried_twice) {
+            let direction = match direction {
+                Direction::In => "in",
+                Direction::Out => "out",
+            };
+            tracing::warn!(
+                %bridge, topic = %topic.0, direction,
+                "another bridge of the domain carries this topic, too: each message arrives twice. Deny the topic in \
+                 the rules of one bridge"
+            );
+        }
+        self.carried_twice = found;
     }
 
     /// Offers each side the services of the other one. Offers the topics of nodes of ROS 2 to the domain, and
@@ -313,6 +336,7 @@ impl Bridge {
                 durable.follow_receivers(&tokens, &self.config.name);
             }
             self.convention.read_tokens(&tokens);
+            self.report_carried_twice();
             self.follow_endpoints()?;
         }
         self.counts.received += self.services.replies(&self.network, &mut self.set)?;

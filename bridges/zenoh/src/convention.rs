@@ -32,6 +32,9 @@ pub(crate) enum Convention {
         prefix: String,
         /// The services of the network, by the bridges that offer them.
         servers: BTreeSet<(Name, Service)>,
+        /// The bridges of the network, and the token of this one.
+        bridges: BTreeSet<Name>,
+        _member: LivelinessToken,
         /// The subscription, and the token that shows it to other bridges. `None` if the rules let nothing in.
         _incoming: Option<(Subscriber<()>, LivelinessToken)>,
     },
@@ -48,9 +51,12 @@ impl Convention {
                     Ok::<_, BridgeError>((subscriber, token))
                 };
                 network.follow_tokens(format!("{}**", plain::service_tokens(prefix)))?;
+                network.follow_tokens(format!("{}**", plain::member_tokens(prefix)))?;
                 Self::Plain {
                     prefix: prefix.clone(),
                     servers: BTreeSet::new(),
+                    bridges: BTreeSet::new(),
+                    _member: network.declare_token(plain::member_token(prefix, &config.name))?,
                     _incoming: config.rules.lets_in().then(subscribe).transpose()?,
                 }
             }
@@ -133,14 +139,29 @@ impl Convention {
     pub(crate) fn read_tokens(&mut self, tokens: &BTreeSet<String>) {
         match self {
             Self::Plain {
-                prefix, servers, ..
+                prefix,
+                servers,
+                bridges,
+                ..
             } => {
                 let services = tokens.iter();
                 *servers = services
                     .filter_map(|it| plain::service_of(prefix, it))
                     .collect();
+                let members = tokens.iter();
+                *bridges = members
+                    .filter_map(|it| plain::member_of(prefix, it))
+                    .collect();
             }
             Self::Ros2(ros2) => ros2.read_graph(tokens),
+        }
+    }
+
+    /// Whether a bridge of this name is in the network.
+    pub(crate) fn has_bridge(&self, bridge: &Name) -> bool {
+        match self {
+            Self::Plain { bridges, .. } => bridges.contains(bridge),
+            Self::Ros2(ros2) => ros2.has_bridge(bridge),
         }
     }
 

@@ -3,6 +3,7 @@
 //! | key expression | use |
 //! | --- | --- |
 //! | `PREFIX/NAME` | the messages of a topic, and the queryable of a service |
+//! | `PREFIX/@member/BRIDGE` | liveliness token of each bridge |
 //! | `PREFIX/@service/BRIDGE/NAME/REQUEST/REPLY` | liveliness token of each service that a bridge offers |
 //!
 //! In the token, `%` stands for each `/` of a name, and a type is `NAME:HASH`.
@@ -29,6 +30,21 @@ pub(crate) fn topic(prefix: &str, key: &str) -> Option<Name> {
 /// The encoding of messages of a type.
 pub(crate) fn encoding(data: &TypeId) -> Encoding {
     Encoding::ZENOH_BYTES.with_schema(format!("{SCHEMA}{}:{:016x}", data.name, data.hash))
+}
+
+/// The token of a bridge.
+pub(crate) fn member_token(prefix: &str, bridge: &Name) -> String {
+    format!("{}{bridge}", member_tokens(prefix))
+}
+
+/// The start of the tokens of all bridges.
+pub(crate) fn member_tokens(prefix: &str) -> String {
+    format!("{prefix}/@member/")
+}
+
+/// The bridge of a token. `None` if it is another one.
+pub(crate) fn member_of(prefix: &str, token: &str) -> Option<Name> {
+    Name::new(token.strip_prefix(&member_tokens(prefix))?).ok()
 }
 
 /// The token of a service that a bridge offers.
@@ -137,7 +153,11 @@ mod tests {
         let bridge = Name::new("robot/7").unwrap();
         let token = service_token("sm2", &bridge, &service);
         assert!(token.ends_with("/a%b:ffffffffffffffff"), "{token}");
-        assert_eq!(service_of("sm2", &token), Some((bridge, service)));
+        assert_eq!(service_of("sm2", &token), Some((bridge.clone(), service)));
+        let token = member_token("sm2", &bridge);
+        assert_eq!(service_of("sm2", &token), None);
+        assert_eq!(member_of("sm2", &token), Some(bridge));
+        assert_eq!(member_of("other", &token), None);
         for foreign in ["sm2/@service/a/b/c:0", "sm2/@bridge/a/b/c/d"] {
             assert_eq!(service_of("sm2", foreign), None, "{foreign}");
         }

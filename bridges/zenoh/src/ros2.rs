@@ -38,6 +38,8 @@ pub(crate) struct Ros2 {
     known: Known,
     /// The endpoints of the network.
     endpoints: Vec<Endpoint>,
+    /// The bridges of the network.
+    bridges: BTreeSet<Name>,
     subscriptions: BTreeMap<Topic, Subscription>,
 }
 
@@ -69,6 +71,7 @@ impl Ros2 {
             identity,
             known: Known::default(),
             endpoints: Vec::new(),
+            bridges: BTreeSet::new(),
             subscriptions: BTreeMap::new(),
         })
     }
@@ -77,8 +80,15 @@ impl Ros2 {
     pub(crate) fn read_graph(&mut self, tokens: &BTreeSet<String>) {
         let endpoints = tokens.iter().filter_map(|it| Endpoint::read(it));
         self.endpoints = endpoints.collect();
+        let bridges = tokens.iter().filter_map(|it| graph::bridge(it));
+        self.bridges = bridges.collect();
         let types = self.endpoints.iter().map(|it| it.data.clone());
         self.known.set_network(types);
+    }
+
+    /// Whether a bridge of this name is a node of ROS 2.
+    pub(crate) fn has_bridge(&self, bridge: &Name) -> bool {
+        self.bridges.contains(bridge)
     }
 
     /// The topics with publishers in the network that the rules let in, and how many messages these publishers keep

@@ -1,6 +1,6 @@
 //! The endpoints of the network, which their liveliness tokens describe.
 
-use hiroz_protocol::entity::{EndpointEntity, Entity};
+use hiroz_protocol::entity::{EndpointEntity, Entity, NodeEntity};
 use hiroz_protocol::qos::{QosDurability, QosHistory};
 use hiroz_protocol::{EndpointKind, KeyExprFormatter, RmwZenohFormatter};
 use sm2_proto::Name;
@@ -32,6 +32,21 @@ pub(super) fn tokens(domain_id: u8) -> String {
     format!("{}/{domain_id}/**", RmwZenohFormatter::ADMIN_SPACE)
 }
 
+/// The bridge that has declared the node of a token. `None` if the token is that of another node, or of an endpoint.
+pub(super) fn bridge(token: &str) -> Option<Name> {
+    let key = KeyExpr::try_from(token).ok()?;
+    match RmwZenohFormatter::parse_liveliness(&key) {
+        Ok(Entity::Node(node)) => bridge_of(&node),
+        _ => None,
+    }
+}
+
+/// The bridge that has declared a node.
+fn bridge_of(node: &NodeEntity) -> Option<Name> {
+    let is_bridge = node.namespace == NAMESPACE;
+    is_bridge.then(|| Name::new(&node.name).ok()).flatten()
+}
+
 impl Endpoint {
     /// Reads a token. `None` if it is that of a node, or if the domain has no names for the topic or its type.
     pub(super) fn read(token: &str) -> Option<Self> {
@@ -57,9 +72,7 @@ impl Endpoint {
             name: Name::typed(&topic).ok()?,
             data: RosType::of_info(&type_info?)?,
             latched: latched.min(LATCHED_MAX),
-            bridge: (node.namespace == NAMESPACE)
-                .then(|| Name::new(&node.name).ok())
-                .flatten(),
+            bridge: bridge_of(&node),
         })
     }
 }
@@ -89,6 +102,12 @@ mod tests {
         let bridge = Endpoint::read(&token("%sm2/seven", "MS", "%chatter", &string)).unwrap();
         assert_eq!(bridge.kind, EndpointKind::Subscription);
         assert_eq!(bridge.bridge.unwrap().as_str(), "seven");
+        let node = "@ros2_lv/0/1234abcd/0/0/NN/%/%sm2/seven";
+        assert_eq!(super::bridge(node).unwrap().as_str(), "seven");
+        let of_bridge = token("%sm2/seven", "MS", "%chatter", &string);
+        for other in ["@ros2_lv/0/1234abcd/0/0/NN/%/%/talker", &of_bridge] {
+            assert_eq!(super::bridge(other), None, "{other}");
+        }
         for wrong in [
             "@ros2_lv/0/1234abcd/0/0/NN/%/%/talker".to_owned(),
             token("%/talker", "MP", "%ns%%chatter", &string),

@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::net::TcpListener;
+use std::ops::Deref;
 use std::path::PathBuf;
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
@@ -23,35 +24,21 @@ pub(crate) const ALL: &str = "[[rule]]\naction = \"allow\"\nnames = \"**\"\n";
 /// The start of the configuration of a bridge to nodes of ROS 2.
 pub(crate) const SEVEN: &str = "name = \"seven\"\nmode = \"ros2\"";
 
-/// A domain, and a process of the network to which bridges connect.
-pub(crate) struct World {
+/// A domain.
+pub(crate) struct Domain {
     _manager: Background,
     folder: tempfile::TempDir,
-    pub(crate) endpoint: String,
-    pub(crate) network: Session,
 }
 
-impl World {
+impl Domain {
     pub(crate) fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let options = sm2_manager::Options::default();
         let manager = Background::start(&folder.path().join("sock"), options).unwrap();
-        let free = TcpListener::bind("127.0.0.1:0")
-            .unwrap()
-            .local_addr()
-            .unwrap();
-        let endpoint = format!("tcp/{free}");
         Self {
             _manager: manager,
             folder,
-            network: router(&endpoint),
-            endpoint,
         }
-    }
-
-    /// Starts the process of the network again, after it was closed.
-    pub(crate) fn open_network(&mut self) {
-        self.network = router(&self.endpoint);
     }
 
     /// The path of a file of this domain.
@@ -64,6 +51,44 @@ impl World {
         Node::builder(name).socket(socket).connect().unwrap()
     }
 
+    /// A configuration in a file, for the program.
+    pub(crate) fn write_config(&self, head: &str, endpoint: &str, rules: &str) -> PathBuf {
+        let file = self.path("bridge.toml");
+        fs::write(&file, text_of("client", head, endpoint, rules)).unwrap();
+        file
+    }
+}
+
+/// A domain, and a process of the network to which bridges connect.
+pub(crate) struct World {
+    domain: Domain,
+    pub(crate) endpoint: String,
+    pub(crate) network: Session,
+}
+
+impl Deref for World {
+    type Target = Domain;
+
+    fn deref(&self) -> &Domain {
+        &self.domain
+    }
+}
+
+impl World {
+    pub(crate) fn new() -> Self {
+        let endpoint = free_endpoint();
+        Self {
+            domain: Domain::new(),
+            network: router(&endpoint, None),
+            endpoint,
+        }
+    }
+
+    /// Starts the process of the network again, after it was closed.
+    pub(crate) fn open_network(&mut self) {
+        self.network = router(&self.endpoint, None);
+    }
+
     /// A configuration with these lines at its start, for a bridge that connects to `endpoint`.
     pub(crate) fn config(&self, head: &str, endpoint: &str, rules: &str) -> Config {
         self.config_of("client", head, endpoint, rules)
@@ -73,13 +98,6 @@ impl World {
     pub(crate) fn config_of(&self, mode: &str, head: &str, endpoint: &str, rules: &str) -> Config {
         let text = text_of(mode, head, endpoint, rules);
         Config::parse(&self.path("bridge.toml"), &text).unwrap()
-    }
-
-    /// A configuration in a file, for the program.
-    pub(crate) fn write_config(&self, head: &str, endpoint: &str, rules: &str) -> PathBuf {
-        let file = self.path("bridge.toml");
-        fs::write(&file, text_of("client", head, endpoint, rules)).unwrap();
-        file
     }
 
     pub(crate) fn bridge(&self, head: &str, rules: &str) -> Running {
@@ -97,13 +115,24 @@ fn text_of(mode: &str, head: &str, endpoint: &str, rules: &str) -> String {
     )
 }
 
-/// A router of Zenoh.
-fn router(endpoint: &str) -> Session {
+/// An endpoint at which nothing listens.
+pub(crate) fn free_endpoint() -> String {
+    let free = TcpListener::bind("127.0.0.1:0").unwrap();
+    format!("tcp/{}", free.local_addr().unwrap())
+}
+
+/// A router of Zenoh, which connects to another one.
+pub(crate) fn router(endpoint: &str, other: Option<&str>) -> Session {
     let mut config = zenoh::Config::default();
     config.insert_json5("mode", "\"router\"").unwrap();
     config
         .insert_json5("listen/endpoints", &format!("[\"{endpoint}\"]"))
         .unwrap();
+    if let Some(other) = other {
+        config
+            .insert_json5("connect/endpoints", &format!("[\"{other}\"]"))
+            .unwrap();
+    }
     config
         .insert_json5("scouting/multicast/enabled", "false")
         .unwrap();

@@ -10,3 +10,4 @@ mod ring;
 mod ros2;
 mod services;
 mod stalled;
+mod twice;

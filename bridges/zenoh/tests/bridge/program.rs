@@ -9,8 +9,15 @@ use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 
 use crate::common::{ALL, World};
+use sm2_bridge_zenoh::SpoolCounts;
 use sm2_test_support::{SOON, until};
 use zenoh::Wait;
+
+fn command() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_sm2-bridge-zenoh"));
+    command.env_remove("SM2_LOG");
+    command
+}
 
 /// The program `sm2-bridge-zenoh`.
 pub(crate) struct Program {
@@ -22,7 +29,7 @@ pub(crate) struct Program {
 impl Program {
     /// Starts it with a configuration and these options.
     pub(crate) fn start(config: &Path, options: &[&str]) -> Self {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_sm2-bridge-zenoh"));
+        let mut command = command();
         let command = command.arg("run").arg(config).args(options);
         let command = command.args(["--metrics", "127.0.0.1:0"]);
         let mut child = command
@@ -55,14 +62,18 @@ impl Program {
     pub(crate) fn wait_for(&self, text: &str) -> String {
         loop {
             let line = self.log.recv_timeout(SOON).unwrap();
+            assert!(
+                !line.contains('\u{1b}'),
+                "no terminal, and a colour: {line}"
+            );
             if line.contains(text) {
                 return line;
             }
         }
     }
 
-    /// A count of its metrics.
-    pub(crate) fn count(&self, name: &str) -> u64 {
+    /// Its metrics.
+    fn metrics(&self) -> String {
         let mut stream = TcpStream::connect(&self.metrics).unwrap();
         stream.set_read_timeout(Some(SOON)).unwrap();
         stream
@@ -70,9 +81,26 @@ impl Program {
             .unwrap();
         let mut text = String::new();
         stream.read_to_string(&mut text).unwrap();
-        let start = format!("sm2_bridge_{name}_total{{bridge=\"seven\",network=\"zenoh\"}} ");
-        let value = text.lines().find_map(|it| it.strip_prefix(&start));
-        value.expect(&text).parse().unwrap()
+        text
+    }
+
+    /// A count of its metrics.
+    pub(crate) fn count(&self, name: &str) -> u64 {
+        value(&self.metrics(), &format!("{name}_total"))
+    }
+
+    /// The account of its durable topics at one moment.
+    pub(crate) fn spool(&self) -> SpoolCounts {
+        let metrics = self.metrics();
+        let value = |name: &str| value(&metrics, &format!("spool_{name}"));
+        SpoolCounts {
+            offered: value("offered_total"),
+            handed_over: value("handed_over_total"),
+            expired: value("expired_total"),
+            refused: value("refused_total"),
+            spooled: value("spooled"),
+            in_flight: value("in_flight"),
+        }
     }
 
     /// The most memory that it has had, in KiB.
@@ -101,6 +129,14 @@ impl Program {
     }
 }
 
+/// A value in the text of metrics.
+fn value(metrics: &str, name: &str) -> u64 {
+    let start = format!("sm2_bridge_{name}{{");
+    let line = metrics.lines().find_map(|it| it.strip_prefix(&start));
+    let (_, value) = line.expect(metrics).split_once("} ").unwrap();
+    value.parse().unwrap()
+}
+
 impl Drop for Program {
     fn drop(&mut self) {
         let _ = self.child.kill();
@@ -110,8 +146,7 @@ impl Drop for Program {
 
 /// Runs a command of the program. Returns its output.
 fn output(arguments: &[&str]) -> String {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_sm2-bridge-zenoh"));
-    let output = command.args(arguments).output().unwrap();
+    let output = command().args(arguments).output().unwrap();
     assert!(output.status.success(), "{output:?}");
     String::from_utf8(output.stdout).unwrap()
 }
@@ -197,4 +232,17 @@ fn a_shadow_configuration_is_compared_and_has_no_effect() {
         speed.try_recv().unwrap().is_some()
     });
     bridge.end();
+}
+
+#[test]
+fn a_wrong_level_of_the_log_is_named() {
+    let mut command = command();
+    let command = command.args(["check", "/nowhere.toml"]);
+    let output = command.env("SM2_LOG", "verbose").output().unwrap();
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{text}");
+    assert!(
+        text.starts_with("sm2-bridge-zenoh: SM2_LOG is \"verbose\": use "),
+        "{text}"
+    );
 }
