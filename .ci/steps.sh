@@ -353,7 +353,7 @@ step_bridges() {
         # Without the features that the dependencies of tests add.
         cargo check --workspace --locked
         cargo clippy --workspace --all-targets --locked -- -D warnings
-        cargo test --workspace --locked
+        cargo test --workspace --locked "${slow[@]}"
     )
     stamp bridges "${inputs[@]}"
 }

@@ -3,6 +3,7 @@
 mod common;
 mod durable;
 mod explain;
+mod fleet;
 mod plain;
 mod plain_services;
 mod program;
