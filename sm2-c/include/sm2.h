@@ -1195,6 +1195,28 @@ sm2_status_t sm2_client_options_init(struct sm2_client_options_t *options);
 void sm2_text_free(char *text);
 
 /*
+ Stores the schema text of a type of ROS 2 in `schema`, such as that of `sensor_msgs/msg/Image`. Free it with
+ `sm2_text_free()`.
+
+ A topic carries the type if an `sm2_type_t` has this name and this schema. Its messages are those of ROS 2 in CDR,
+ with the 4 bytes of the encapsulation in front, as `rmw_serialize()` of ROS 2 and the library Fast CDR write them.
+ The library does not look into them. Programs in Rust and Python that declare the type have the same topics. The
+ parts of a service are `std_srvs/srv/SetBool_Request` and `std_srvs/srv/SetBool_Response`.
+
+ The definitions of ROS 2's common interfaces are built in. `folder` is NULL, or a package with definitions
+ (`FOLDER/msg/NAME.msg`), or a folder of packages, such as `/opt/ros/jazzy/share`: a definition there replaces the
+ built-in one of the same name.
+
+ Errors: `SM2_BAD_NAME`; `SM2_BAD_SCHEMA` if nothing defines the type or a type that it refers to; `SM2_IO` if the
+ folder cannot be read; `SM2_MISUSE`.
+
+ Threads: any.
+ */
+sm2_status_t sm2_ros_schema(const char *name,
+                            const char *folder,
+                            char **schema);
+
+/*
  Stores the bytes of a message in `data`, and their number in `len`. The bytes are in the memory that the publisher
  wrote, are aligned to 64 bytes, and do not change until the sample is released, freed or used again. Only short
  messages of links without a ring may be copied, to align them.

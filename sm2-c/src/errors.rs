@@ -9,6 +9,7 @@ use sm2_node::{
     StoreError, WaitError,
 };
 use sm2_proto::Refusal;
+use sm2_ros_idl::{FolderError, SetError};
 
 use crate::status::{Failure, Status};
 
@@ -31,6 +32,9 @@ failure_from! {
     NameError: |_| Status::BAD_NAME;
     SchemaError: |_| Status::BAD_SCHEMA;
     sm2_proto::schema::ParseError: |_| Status::BAD_SCHEMA;
+    sm2_ros_idl::NameError: |_| Status::BAD_NAME;
+    SetError: |_| Status::BAD_SCHEMA;
+    FolderError: folder;
     ConnectError: connect;
     DeclareError: declare;
     WaitError: wait;
@@ -40,6 +44,13 @@ failure_from! {
     RecvError: recv;
     CallError: call;
     ReplyError: reply;
+}
+
+fn folder(error: &FolderError) -> Status {
+    match error {
+        FolderError::Io { .. } => Status::IO,
+        FolderError::Definition { .. } | FolderError::Name { .. } => Status::BAD_SCHEMA,
+    }
 }
 
 fn connect(error: &ConnectError) -> Status {

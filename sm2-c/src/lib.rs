@@ -14,6 +14,7 @@ mod node;
 mod publisher;
 mod qos;
 mod report;
+mod ros;
 mod sample;
 mod server;
 mod shutdown;

@@ -152,11 +152,21 @@ pub(crate) fn why(
     place: Option<&mut MaybeUninit<*mut c_char>>,
     ask: impl FnOnce() -> Result<Vec<Near>, Failure>,
 ) -> Result<(), Failure> {
-    let place = given(place, "text")?.write(std::ptr::null_mut());
-    let lines: Vec<_> = ask()?.iter().map(ToString::to_string).collect();
-    // Verdicts have names and types of other nodes, which have no NUL.
-    let text = CString::new(lines.join("\n")).unwrap_or_default();
-    *place = text.into_raw();
+    store_text(place, "text", || {
+        let lines: Vec<_> = ask()?.iter().map(ToString::to_string).collect();
+        // Verdicts have names and types of other nodes, which have no NUL.
+        Ok(CString::new(lines.join("\n")).unwrap_or_default())
+    })
+}
+
+/// Stores a text in `place`, for [`sm2_text_free`]. `name` is that of the argument. After a failure it is NULL.
+pub(crate) fn store_text(
+    place: Option<&mut MaybeUninit<*mut c_char>>,
+    name: &str,
+    make: impl FnOnce() -> Result<CString, Failure>,
+) -> Result<(), Failure> {
+    let place = given(place, name)?.write(std::ptr::null_mut());
+    *place = make()?.into_raw();
     Ok(())
 }
 

@@ -8,6 +8,8 @@ use std::ffi::{CStr, c_char, c_int};
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
+use sm2_ros_idl::FolderError;
+
 /// The result of a call: `SM2_OK`, or the kind of error. `sm2_last_error()` returns the error's text.
 ///
 /// The numbers never change. Later versions of the library may add codes, so a program treats a code that it does not
@@ -162,6 +164,10 @@ fn errno_of(error: &(dyn Error + 'static)) -> c_int {
         if let Some(number) = (error.downcast_ref::<io::Error>()).and_then(io::Error::raw_os_error)
         {
             return number;
+        }
+        // Its cause is no `source`.
+        if let Some(FolderError::Io { error, .. }) = error.downcast_ref::<FolderError>() {
+            return error.raw_os_error().unwrap_or(0);
         }
         next = error.source();
     }

@@ -15,6 +15,7 @@ use crate::node::*;
 use crate::publisher::*;
 use crate::qos::*;
 use crate::report::*;
+use crate::ros::*;
 use crate::sample::*;
 use crate::server::*;
 use crate::shutdown::*;
@@ -52,7 +53,67 @@ fn functions_of_nodes_report_null() {
         ("node", sm2_node_descriptor(None, None)),
         ("schema", sm2_schema_hash(null(), None)),
         ("hash", sm2_schema_hash(c"plain:u8".as_ptr(), None)),
+        ("schema", sm2_ros_schema(text, null(), None)),
+        (
+            "name",
+            sm2_ros_schema(null(), null(), Some(&mut MaybeUninit::uninit())),
+        ),
     ]);
+}
+
+/// The schema text of a type of ROS 2, or the error and its text.
+fn ros_schema(name: &CStr, folder: Option<&CStr>) -> Result<String, (Status, String)> {
+    let mut place = MaybeUninit::uninit();
+    let folder = folder.map_or(null(), CStr::as_ptr);
+    let status = sm2_ros_schema(name.as_ptr(), folder, Some(&mut place));
+    // SAFETY: the function always writes to the place, if there is one.
+    let text = unsafe { place.assume_init() };
+    if status != Status::OK {
+        assert!(text.is_null());
+        return Err((status, last_error()));
+    }
+    // SAFETY: the text ends with NUL, and is not freed yet.
+    let schema = unsafe { CStr::from_ptr(text) }.to_str().map(str::to_owned);
+    sm2_text_free(text);
+    Ok(schema.expect("a schema in UTF-8"))
+}
+
+#[test]
+fn types_of_ros_2_have_schemas() {
+    let text = ros_schema(c"std_msgs/msg/String", None).expect("a schema");
+    assert!(
+        text.starts_with("cdr:RIHS01_") && text.ends_with("string data\n"),
+        "{text}"
+    );
+    let mut hash = MaybeUninit::uninit();
+    let schema = std::ffi::CString::new(text).expect("a text without NUL");
+    assert_eq!(
+        sm2_schema_hash(schema.as_ptr(), Some(&mut hash)),
+        Status::OK
+    );
+
+    let (status, text) = ros_schema(c"std_msgs/msg/Nothing", None).expect_err("no such type");
+    assert_eq!(status, Status::BAD_SCHEMA);
+    assert!(text.contains("std_msgs/msg/Nothing"), "{text}");
+    let (status, text) = ros_schema(c"no name", None).expect_err("no name");
+    assert_eq!(status, Status::BAD_NAME, "{text}");
+    let folder = Some(c"/no/such/folder");
+    let (status, text) = ros_schema(c"std_msgs/msg/String", folder).expect_err("no folder");
+    assert_eq!((status, sm2_last_errno()), (Status::IO, 2), "{text}");
+
+    // A definition of the program, which refers to a built-in one.
+    let folder = std::env::temp_dir().join(format!("sm2-c-ros-{}", std::process::id()));
+    let package = folder.join("my_msgs/msg");
+    std::fs::create_dir_all(&package).expect("a folder");
+    std::fs::write(package.join("Wheel.msg"), "std_msgs/Header header\n").expect("a file");
+    let path = std::ffi::CString::new(folder.to_str().expect("UTF-8")).expect("no NUL");
+    let text = ros_schema(c"my_msgs/msg/Wheel", Some(&path)).expect("a schema");
+    assert!(text.contains("MSG: std_msgs/Header"), "{text}");
+    std::fs::write(package.join("Wheel.msg"), "float64\n").expect("a file");
+    let (status, text) = ros_schema(c"my_msgs/msg/Wheel", Some(&path)).expect_err("malformed");
+    assert_eq!(status, Status::BAD_SCHEMA, "{text}");
+    assert!(text.contains("Wheel.msg"), "{text}");
+    std::fs::remove_dir_all(&folder).expect("the folder");
 }
 
 #[test]

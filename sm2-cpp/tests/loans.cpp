@@ -86,6 +86,17 @@ void a_loan_outlives_its_publisher(const sm2::Node& node) {
     CHECK((*subscriber.recv(soon))[2] == 0.25);
 }
 
+void a_text(const sm2::Node& node) {
+    const auto publisher = node.publisher<std::string>("loans/text");
+    const auto subscriber = node.subscriber<std::string>("loans/text");
+    publisher.wait_for_subscribers(1, soon);
+    auto loan = publisher.loan(2);
+    (*loan)[0] = 'h';
+    (*loan)[1] = 'i';
+    loan.publish();
+    CHECK(*subscriber.recv(soon) == "hi");
+}
+
 void impossible_lengths(const sm2::Node& node) {
     const auto publisher = node.publisher<double[]>("loans/long");
     error_of(SM2_TOO_LONG, [&] { return publisher.loan(std::size_t{1} << 62); });
@@ -100,6 +111,7 @@ int main() {
     a_struct(node);
     images_between_threads(node);
     a_loan_outlives_its_publisher(node);
+    a_text(node);
     impossible_lengths(node);
     return 0;
 }

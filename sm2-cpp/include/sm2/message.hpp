@@ -7,6 +7,7 @@
 // | U[], for one of these | any number of them | [U] |
 // | std::byte[] | bytes | [u8] |
 // | std::string | text | str |
+// | a type with SM2_ROS_TYPE (ros.hpp) | a message of ROS 2 in CDR | the type of sm2-ros |
 #ifndef SM2_MESSAGE_HPP
 #define SM2_MESSAGE_HPP
 
@@ -159,7 +160,8 @@ struct Bytes {
 
 }  // namespace detail
 
-// How a type of messages is sent and read. `View` is what a received message gives, `Argument` what is passed to send it.
+// How a type of messages is sent and read. `View` is what a received message gives, `Argument` what is passed to send it,
+// and `Loaned` what a loan is: one value, or an array of any length.
 template <typename T>
 struct Message {
     static_assert(detail::is_plain<T>,
@@ -167,6 +169,7 @@ struct Message {
     static_assert(std::is_trivially_copyable_v<T>, "a message is trivially copyable");
     using View = const T&;
     using Argument = const T&;
+    using Loaned = T;
 
     static const sm2_type_t* type() {
         static const detail::DeclaredType type(detail::message_name<T>(), schema());
@@ -191,6 +194,7 @@ struct Message<T[]> {
     static_assert(std::is_trivially_copyable_v<T>, "a message is trivially copyable");
     using View = span<const T>;
     using Argument = span<const T>;
+    using Loaned = T[];
 
     static const sm2_type_t* type() {
         // A list of u8 is the type of raw bytes.
@@ -220,6 +224,7 @@ template <>
 struct Message<std::byte[]> {
     using View = span<const std::byte>;
     using Argument = span<const std::byte>;
+    using Loaned = std::byte[];
 
     static const sm2_type_t* type() noexcept { return nullptr; }
     static detail::Bytes bytes(span<const std::byte> message) noexcept {
@@ -236,6 +241,7 @@ template <>
 struct Message<std::string> {
     using View = std::string_view;
     using Argument = std::string_view;
+    using Loaned = char[];
 
     static const sm2_type_t* type() {
         static const detail::DeclaredType type("text", "plain:string");

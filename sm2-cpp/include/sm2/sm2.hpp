@@ -13,6 +13,7 @@
 #include "sm2/message.hpp"
 #include "sm2/node.hpp"
 #include "sm2/options.hpp"
+#include "sm2/ros.hpp"
 #include "sm2/service.hpp"
 #include "sm2/span.hpp"
 #include "sm2/topic.hpp"

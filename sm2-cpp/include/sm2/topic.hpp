@@ -86,7 +86,7 @@ private:
         }
         static span<U> value(span<U> all) noexcept { return all; }
     };
-    using Element = One<T>;
+    using Element = One<typename Message<T>::Loaned>;
 
     void take(const sm2_publisher_t* publisher, std::size_t len) {
         data_ = nullptr;
@@ -103,6 +103,10 @@ private:
 // Sends messages of the type T to all subscribers of a topic. Node::publisher() makes it.
 template <typename T>
 class Publisher {
+    // Whether a loan has any number of elements.
+    template <typename U>
+    static constexpr bool is_list = std::is_array_v<typename Message<U>::Loaned>;
+
 public:
     // Sends one message. Waits only for reliable subscribers, for at most the option publish_timeout.
     Published publish(typename Message<T>::Argument message) const {
@@ -120,7 +124,7 @@ public:
     }
 
     // Allocates memory for one message, which is written in place.
-    template <typename U = T, typename = std::enable_if_t<!std::is_array_v<U>>>
+    template <typename U = T, typename = std::enable_if_t<!is_list<U>>>
     Loan<T> loan() const {
         Loan<T> loan;
         loan_into(loan);
@@ -128,7 +132,7 @@ public:
     }
 
     // Allocates memory for a message of `count` elements.
-    template <typename U = T, typename = std::enable_if_t<std::is_array_v<U>>>
+    template <typename U = T, typename = std::enable_if_t<is_list<U>>>
     Loan<T> loan(std::size_t count) const {
         Loan<T> loan;
         loan_into(loan, count);
@@ -136,13 +140,13 @@ public:
     }
 
     // As loan(), with the handle of an earlier loan: a loop allocates nothing.
-    template <typename U = T, typename = std::enable_if_t<!std::is_array_v<U>>>
+    template <typename U = T, typename = std::enable_if_t<!is_list<U>>>
     void loan_into(Loan<T>& loan) const {
         loan.take(publisher_.get(), sizeof(T));
     }
-    template <typename U = T, typename = std::enable_if_t<std::is_array_v<U>>>
+    template <typename U = T, typename = std::enable_if_t<is_list<U>>>
     void loan_into(Loan<T>& loan, std::size_t count) const {
-        using Element = std::remove_extent_t<T>;
+        using Element = std::remove_extent_t<typename Message<T>::Loaned>;
         if (count > static_cast<std::size_t>(-1) / sizeof(Element)) {
             throw Error(SM2_TOO_LONG, "no message has " + std::to_string(count) + " elements");
         }
