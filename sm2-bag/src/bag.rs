@@ -16,6 +16,7 @@ use crate::error::{ReadError, is_of_system};
 use crate::foreign::{self, ForeignReason};
 use crate::gap::Gap;
 use crate::messages::{Filter, Messages};
+use crate::missing::MissingTopic;
 use crate::observer::{Observer, unobserved};
 use crate::report::{Counts, NotRecorded, Report, ReportBuilder};
 use crate::scan::Scan;
@@ -31,6 +32,7 @@ pub struct Bag {
     counts: BTreeMap<u16, Counts>,
     times: Option<(u64, u64)>,
     gaps: Vec<(String, Gap)>,
+    missing: Vec<MissingTopic>,
     not_recorded: Vec<NotRecorded>,
     clocks: Vec<ClockRelation>,
     metadata: Vec<Metadata>,
@@ -144,6 +146,9 @@ impl Bag {
             path: path.to_owned(),
             file,
             gaps: named(Gap::RECORD).filter_map(Gap::from_metadata).collect(),
+            missing: named(MissingTopic::RECORD)
+                .filter_map(MissingTopic::from_metadata)
+                .collect(),
             not_recorded: named(NotRecorded::RECORD)
                 .filter_map(NotRecorded::from_metadata)
                 .collect(),
@@ -185,6 +190,7 @@ impl Bag {
         for (topic, gap) in &self.gaps {
             report.add_gap(topic, gap);
         }
+        self.missing.iter().for_each(|it| report.add_missing(it));
         for NotRecorded(topics) in &self.not_recorded {
             report.add_not_recorded(*topics);
         }

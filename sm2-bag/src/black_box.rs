@@ -13,7 +13,7 @@ use std::os::fd::BorrowedFd;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use sm2_node::Node;
+use sm2_node::{ConnectError, Node};
 use sm2_proto::Instant;
 
 pub use self::incident::Incident;
@@ -180,6 +180,11 @@ impl<'fd> BlackBox<'fd> {
     /// Any error of the operating system.
     pub fn wake_on_descriptor(&mut self, descriptor: BorrowedFd<'fd>) -> io::Result<()> {
         self.recorder.wake_on_descriptor(descriptor)
+    }
+
+    /// As [`Recorder::connect_with`].
+    pub fn connect_with(&mut self, connect: impl FnMut() -> Result<Node, ConnectError> + 'fd) {
+        self.recorder.connect_with(connect);
     }
 
     /// How far the recording is.

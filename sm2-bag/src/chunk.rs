@@ -191,6 +191,16 @@ impl RawRecord {
         }
     }
 
+    /// Whether this record, which is directly behind a chunk or another index, is an index with the opcode of a message:
+    /// by its lengths.
+    pub(crate) fn is_mislabelled_index(&self) -> bool {
+        let entries = self.bytes[RECORD_HEAD_BYTES..].split_at_checked(6);
+        let said = entries.and_then(|(head, _)| head.last_chunk());
+        let said = said.map(|it| u32::from_le_bytes(*it) as usize);
+        let has = entries.map(|(_, entries)| entries.len());
+        self.opcode == op::MESSAGE && said == has && has.is_some_and(|it| it % 16 == 0)
+    }
+
     /// Whether this is a chunk with a wrong opcode: by its lengths and its checksum.
     fn is_mislabelled_chunk(&self) -> bool {
         let head = self.bytes.get(1..CHUNK_SHAPE_BYTES).unwrap_or_default();

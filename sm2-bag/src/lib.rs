@@ -28,7 +28,9 @@
 //! | `sequence` | the low half of the publisher's number of the message |
 //! | metadata `sm2.clock` | the relation of the wall clock to the monotonic clock: [`ClockRelation`] |
 //! | metadata `sm2.gap` | messages that are missing: [`Gap`] |
-//! | metadata `sm2.not_recorded` | how many topics were not recorded, for lack of descriptors or by a refusal |
+//! | metadata `sm2.missing` | a topic that was not recorded for a time, and the reason |
+//! | metadata `sm2.not_recorded` | how many more topics were not recorded, without their names |
+//! | metadata `sm2.damaged` | a damaged part of the bag from which this one was copied |
 //! | metadata `sm2.incident` | the trigger and the times of a [`BlackBox`] |
 //! | metadata `sm2.channel` | the counts of one channel, at the end of a complete bag |
 //!
@@ -70,6 +72,7 @@ mod gap;
 mod lengths;
 mod merged;
 mod messages;
+mod missing;
 mod names;
 mod observer;
 mod payload;
@@ -100,6 +103,7 @@ pub use crate::{
     foreign::ForeignReason,
     gap::{Gap, GapReason},
     messages::{BagMessage, Filter, Messages},
+    missing::MissingTopic,
     names::{create_first, numbered},
     observer::Observer,
     player::{

@@ -17,6 +17,7 @@ use sm2_node::Sample;
 use crate::clock::ClockRelation;
 use crate::error::WriteError;
 use crate::gap::Gap;
+use crate::missing::MissingTopic;
 use crate::source::Source;
 use crate::writer::MessageTimes;
 
@@ -35,7 +36,9 @@ pub(crate) enum Item {
     },
     Gap(Arc<Source>, Gap),
     Clock(ClockRelation),
-    /// The number of topics that were not recorded, at the end.
+    /// A topic that is not recorded from now on, or was not until now.
+    Missing(MissingTopic),
+    /// The number of topics that were not recorded and have no name, at the end.
     NotRecorded(u64),
     /// The file ends, with everything up to this time of the wall clock.
     EndFile(u64),

@@ -4,6 +4,7 @@ mod new_topics;
 mod options;
 mod parts;
 mod polled;
+mod subscribing;
 mod topic;
 mod writing;
 
@@ -15,7 +16,7 @@ use std::time::Duration;
 use sm2_io::is_shortage;
 use sm2_node::domain::{QueryError, Watch};
 use sm2_node::wait_set::{Interest, Waitable};
-use sm2_node::{Node, Sample, Timer, WaitSet};
+use sm2_node::{ConnectError, Node, Sample, Timer, WaitSet};
 use sm2_proto::{Instant, Name};
 
 use self::new_topics::NewTopics;
@@ -44,13 +45,19 @@ const EVENTS: usize = 64;
 /// A smaller step of the wall clock is its normal adjustment.
 const STEP_MIN: Duration = Duration::from_millis(10);
 
+/// Connects a further session.
+type Connect<'fd> = dyn FnMut() -> Result<Node, ConnectError> + 'fd;
+
 /// Records topics of a domain.
 ///
 /// A recorder is an ordinary keep-last subscriber of each topic: no publisher waits for it or for the disk, except for
 /// the [reliable](Options::reliable) topics. A thread of its own writes the file. If the disk is slower than the
 /// publishers, up to [`budget_bytes`](Options::budget_bytes) wait in memory, then messages are dropped and counted.
 pub struct Recorder<'fd> {
+    /// The node of new topics, and those of the topics before.
     node: Node,
+    nodes: Vec<Node>,
+    connect: Option<Box<Connect<'fd>>>,
     options: Options,
     set: WaitSet<'fd, Event>,
     watch: Watch,
@@ -150,6 +157,8 @@ impl<'fd> Recorder<'fd> {
         });
         let mut recorder = Self {
             node: node.clone(),
+            nodes: Vec::new(),
+            connect: None,
             set,
             watch,
             topics: Vec::new(),
@@ -218,6 +227,7 @@ impl<'fd> Recorder<'fd> {
                 Event::Clock => {
                     self.compare_clocks();
                     self.new_topics.resume();
+                    self.topics.iter_mut().for_each(Topic::look_for_link);
                     if std::mem::take(&mut self.is_short) {
                         self.wait_again()?;
                     }
@@ -276,6 +286,7 @@ impl<'fd> Recorder<'fd> {
         Progress {
             topics: self.topics.len(),
             not_recorded: self.new_topics.missed(),
+            missing: self.new_topics.count(),
             messages,
             bytes,
             lost: self.lost,
@@ -301,7 +312,8 @@ impl<'fd> Recorder<'fd> {
                 }
             }
         }
-        match self.new_topics.missed() {
+        self.note_unlinked();
+        match self.new_topics.unnamed() {
             0 => {}
             count => self.queue.push(Item::NotRecorded(count as u64)),
         }
@@ -327,33 +339,6 @@ impl<'fd> Recorder<'fd> {
                 Err(error) => return Err(error.into()),
             }
         }
-    }
-
-    /// Subscribes to the next new topic, if there is room for it.
-    fn subscribe_next(&mut self) -> Result<(), RecordError> {
-        let domain = self.watch.domain();
-        let Some(topic) = self.new_topics.next(domain, &mut self.topics) else {
-            return Ok(());
-        };
-        let subscribed = self.subscribe(&topic);
-        self.new_topics.note(topic, subscribed)
-    }
-
-    fn subscribe(&mut self, name: &Name) -> Result<(), RecordError> {
-        let builder = self.node.subscriber_builder::<[u8]>(name.as_str());
-        let subscriber = builder
-            .any_type()
-            .depth(DEPTH)
-            // One more than are held, so that the next message can always be taken.
-            .max_borrowed(HELD_MAX as u16 + 1)
-            .reliable(self.options.reliable.contains(name))
-            .declare()?;
-        let number = self.topics.len();
-        let added = self.set.add(&subscriber, Event::Topic(number));
-        let key = added.map_err(RecordError::System)?;
-        let is_reliable = self.options.reliable.contains(name);
-        self.topics.push(Topic::new(subscriber, key, is_reliable));
-        Ok(())
     }
 
     /// Waits again for the messages of the topics that are not waited for.

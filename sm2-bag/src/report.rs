@@ -6,13 +6,16 @@ use serde::Serialize;
 
 use crate::damaged::DamagedPart;
 use crate::gap::{Gap, GapReason};
+use crate::missing::MissingTopic;
 
 /// The summary of a bag: its topics, times and gaps.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Report {
     /// The topics with their types, sorted by name.
     pub topics: Vec<TopicReport>,
-    /// The number of topics that were not recorded, because descriptors were short or the Manager refused them.
+    /// The topics that were not recorded for a time, in the order of these times. Of very many, some are not named.
+    pub missing: Vec<MissingTopic>,
+    /// The number of topics that were not recorded, those without a name included.
     pub not_recorded: u64,
     /// The parts that are damaged, as far as they were read; those of the bags from which this one was copied included.
     pub damaged: Vec<DamagedPart>,
@@ -77,7 +80,7 @@ impl Counts {
     }
 }
 
-/// The number of topics that were not recorded.
+/// The number of topics that were not recorded and have no name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct NotRecorded(pub(crate) u64);
 
@@ -107,7 +110,10 @@ pub(crate) struct ReportBuilder {
     topics: BTreeMap<(String, String), TopicReport>,
     /// The places of the last gaps of each topic, publisher and reason.
     last_gaps: BTreeMap<(String, String, GapReason), usize>,
-    not_recorded: u64,
+    /// By the beginning of the time and the topic.
+    missing: BTreeMap<(u64, String), MissingTopic>,
+    /// The number of topics that were not recorded and have no name.
+    unnamed: u64,
     damaged: Vec<DamagedPart>,
     /// The times of the bags that were added.
     times: Option<(u64, u64)>,
@@ -147,8 +153,15 @@ impl ReportBuilder {
         }
     }
 
+    /// Adds a topic that was missing, or the end of that time.
+    pub(crate) fn add_missing(&mut self, missing: &MissingTopic) {
+        let key = (missing.from_ns, missing.topic.clone());
+        self.missing.insert(key, missing.clone());
+    }
+
+    /// Adds topics that were not recorded and have no name.
     pub(crate) fn add_not_recorded(&mut self, topics: u64) {
-        self.not_recorded = self.not_recorded.saturating_add(topics);
+        self.unnamed = self.unnamed.saturating_add(topics);
     }
 
     pub(crate) fn add_damaged(&mut self, part: &DamagedPart) {
@@ -166,7 +179,9 @@ impl ReportBuilder {
                 self.add_gap(&topic.name, gap);
             }
         }
-        self.add_not_recorded(report.not_recorded);
+        report.missing.iter().for_each(|it| self.add_missing(it));
+        let named = report.missing.len() as u64;
+        self.add_not_recorded(report.not_recorded.saturating_sub(named));
         report.damaged.iter().for_each(|it| self.add_damaged(it));
         for time in report.start_ns.into_iter().chain(report.end_ns) {
             widen(&mut self.times, time);
@@ -180,9 +195,11 @@ impl ReportBuilder {
     }
 
     pub(crate) fn finish(self, times: Option<(u64, u64)>, complete: bool) -> Report {
+        let missing: Vec<_> = self.missing.into_values().collect();
         Report {
             topics: self.topics.into_values().collect(),
-            not_recorded: self.not_recorded,
+            not_recorded: self.unnamed.saturating_add(missing.len() as u64),
+            missing,
             damaged: self.damaged,
             start_ns: times.map(|it| it.0),
             end_ns: times.map(|it| it.1),

@@ -63,14 +63,19 @@ impl Scan {
         let mut at = MAGIC.len() as u64;
         // The end of the last chunk or message: a record behind it may have a wrong length.
         let mut certain = at;
+        let mut is_behind_chunk = false;
         loop {
             let (len_bytes, error) = match RecordReader::new(file, at, end).next() {
                 Ok(Some(record)) if record.is_data_end() => {
                     scan.compare(&record, crc.finalize());
                     return Ok(scan);
                 }
+                Ok(Some(record)) if is_behind_chunk && record.is_mislabelled_index() => {
+                    (Some(record.len_bytes()), McapError::BadIndex)
+                }
                 Ok(Some(record)) => match scan.add(&record) {
                     Ok(()) => {
+                        is_behind_chunk = matches!(record.opcode, op::CHUNK | op::MESSAGE_INDEX);
                         crc.update(record.bytes());
                         at += record.len_bytes();
                         if matches!(record.opcode, op::CHUNK | op::MESSAGE) {

@@ -30,6 +30,7 @@ use self::record::LongChunk;
 use crate::clock::ClockRelation;
 use crate::error::WriteError;
 use crate::gap::{Gap, GapReason};
+use crate::missing::MissingTopic;
 use crate::profile::Profile;
 use crate::report::{Counts, NotRecorded, Report, ReportBuilder, widen};
 use crate::source::Source;
@@ -108,7 +109,9 @@ pub(crate) struct BagWriter {
     open_gaps: BTreeMap<(Arc<str>, String, GapReason), Gap>,
     /// All gaps, with their topics.
     gaps: Vec<(Arc<str>, Gap)>,
-    /// The number of topics that were not recorded.
+    /// The topics that were not recorded for a time.
+    missing: Vec<MissingTopic>,
+    /// The number of topics that were not recorded and have no name.
     not_recorded: u64,
 }
 
@@ -135,6 +138,7 @@ impl BagWriter {
             times: None,
             open_gaps: BTreeMap::new(),
             gaps: Vec::new(),
+            missing: Vec::new(),
             not_recorded: 0,
         };
         writer.clock(clock)?;
@@ -299,7 +303,14 @@ impl BagWriter {
         Ok(())
     }
 
-    /// Notes how many topics were not recorded.
+    /// Notes that a topic is not recorded from now on, or was not until now.
+    pub(crate) fn missing(&mut self, missing: MissingTopic) -> Result<(), WriteError> {
+        self.metadata(MissingTopic::RECORD, missing.metadata())?;
+        self.missing.push(missing);
+        Ok(())
+    }
+
+    /// Notes how many topics were not recorded and have no name.
     pub(crate) fn not_recorded(&mut self, topics: u64) -> Result<(), WriteError> {
         self.not_recorded += topics;
         self.metadata(NotRecorded::RECORD, NotRecorded(topics).metadata())
@@ -351,6 +362,7 @@ impl BagWriter {
         for (topic, gap) in &self.gaps {
             report.add_gap(topic, gap);
         }
+        self.missing.iter().for_each(|it| report.add_missing(it));
         report.add_not_recorded(self.not_recorded);
         Ok(report.finish(self.times, true))
     }

@@ -65,11 +65,28 @@ pub(crate) fn show(out: &mut Output, path: &Path, report: &Report) -> Result<(),
             ))?;
         }
     }
-    if report.not_recorded > 0 {
-        out.line(format_args!(
-            "  {} not recorded: descriptors were short, or the Manager refused them",
-            Counted::new(report.not_recorded, "topic")
-        ))?;
+    for missing in &report.missing {
+        let start = report.start_ns.unwrap_or(missing.from_ns);
+        let at = |time_ns: u64| Span(Duration::from_nanos(time_ns.saturating_sub(start)));
+        let (topic, reason) = (&missing.topic, &missing.reason);
+        match missing.to_ns {
+            Some(to) => out.line(format_args!(
+                "  MISSING {topic} from {} to {}: {reason}",
+                at(missing.from_ns),
+                at(to)
+            ))?,
+            None => out.line(format_args!(
+                "  MISSING {topic} from {} to the end: {reason}",
+                at(missing.from_ns)
+            ))?,
+        }
+    }
+    let unnamed = report
+        .not_recorded
+        .saturating_sub(report.missing.len() as u64);
+    if unnamed > 0 {
+        let more = Counted::new(unnamed, "more topic");
+        out.line(format_args!("  MISSING {more} (not named)"))?;
     }
     for part in &report.damaged {
         out.line(format_args!("  left out as damaged: {part}"))?;

@@ -229,6 +229,15 @@ impl Domain {
         }
     }
 
+    /// Connects a further node of a command. Its name has a number.
+    ///
+    /// # Errors
+    ///
+    /// [`ConnectError`].
+    pub(crate) fn connect_further(&self, path: &Path, role: &str) -> Result<Node, ConnectError> {
+        self.connect_once(path, role, None)
+    }
+
     fn connect_once(
         &self,
         path: &Path,

@@ -77,6 +77,9 @@ pub(crate) struct Arguments {
     /// End when the disk has less room than this [default: 1GiB]
     #[arg(long, value_name = "SIZE")]
     min_free: Option<Size>,
+    /// End with status 0 although topics were not recorded for a time
+    #[arg(long)]
+    allow_missing: bool,
     #[command(flatten)]
     black_box: BlackBoxArguments,
     /// Print the summary at the end as one line of JSON
@@ -115,8 +118,12 @@ of a ring. Each trigger writes those before it, and those of --after, to inciden
 --on-lost and --on-deadline. After kill -9 the ring is still there: the next recorder with this ring takes it
 over, and `sm2 bag merge` puts it together.
 
-Exit status: 0 ended by Ctrl-C, SIGTERM, SIGHUP, SIGUSR1 (without --last) or --seconds, and all bags are complete;
-1 failed, or the disk is full; 2 wrong usage.
+A topic is missing if it could not be recorded for a time, because descriptors were short or the Manager refused
+it, or if no publisher of it was ever linked. The recorder tries again. Missing topics are named, with the reason
+and the times, while it runs, at the end and in the bag.
+
+Exit status: 0 ended by Ctrl-C, SIGTERM, SIGHUP, SIGUSR1 (without --last) or --seconds, all bags are complete, and
+no topic is missing; 1 failed, the disk is full, or a topic is missing (0 with --allow-missing); 2 wrong usage.
 
 Examples:
   sm2 record camera log --seconds 2
@@ -161,7 +168,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     if let Some(last) = arguments.black_box.last {
         let output = arguments.output.as_deref().unwrap_or(Path::new("."));
         let (output, end) = ((output, options), (until, arguments.json));
-        return black_box::run(&arguments.black_box, last, output, end, &session);
+        return black_box::run(arguments, last, output, end, &session);
     }
     // It triggers a black box. Without one, it must not end the recording without a summary.
     session.end_on(SIGUSR1)?;
@@ -183,6 +190,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         source,
     };
     let mut recorder = started.map_err(failed)?;
+    let (domain, socket) = (&arguments.domain, arguments.domain.path()?);
+    recorder.connect_with(move || domain.connect_further(&socket, "record"));
     stderr_line!("recording to {} (Ctrl-C ends)", path.display());
     let recorded = record(until, &session, &mut recorder);
     let finished = recorder.finish();
@@ -196,8 +205,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         out.flush()?;
     }
     recorded.map_err(failed)?;
-    finished.map_err(failed)?;
-    Ok(Ended::Done)
+    let report = finished.map_err(failed)?;
+    Ok(match report.not_recorded == 0 || arguments.allow_missing {
+        true => Ended::Done,
+        false => Ended::No,
+    })
 }
 
 impl Arguments {

@@ -14,6 +14,7 @@ use sm2_proto::Name;
 
 use super::topic::Topic;
 use crate::error::RecordError;
+use crate::missing::MissingTopic;
 
 /// The descriptors that new topics leave to the files of the recording, and to further links of the topics that are
 /// recorded. A process with few descriptors leaves half of them. `sm2-node` leaves 64 of them when it accepts links.
@@ -26,6 +27,10 @@ const PER_TOPIC: usize = 2 + PER_LINK;
 const LOGGED_MAX: usize = 16;
 /// More topics than this that are not recorded are not counted: their names take memory.
 const MISSED_MAX: usize = 65_536;
+/// The bag names so many topics that are not recorded: each name takes room in the file.
+const NAMED_MAX: usize = 4_096;
+/// A topic that the Manager has refused may be tried again after this time, when the domain has changed.
+const RETRY_NS: u64 = 1_000_000_000;
 
 /// The topics that a recording of all topics has not subscribed to yet.
 pub(super) struct NewTopics {
@@ -37,8 +42,9 @@ pub(super) struct NewTopics {
     is_stale: bool,
     /// Whether there is no room now.
     is_paused: bool,
-    /// The topics that have not been recorded.
-    missed: BTreeSet<Name>,
+    missed: Missed,
+    /// When refused topics may be tried again.
+    retry_at_ns: u64,
     /// The descriptors that new topics leave.
     reserve: usize,
 }
@@ -59,7 +65,8 @@ impl NewTopics {
             waiting: VecDeque::new(),
             is_stale: false,
             is_paused: false,
-            missed: BTreeSet::new(),
+            missed: Missed::default(),
+            retry_at_ns: 0,
             reserve: free / 2,
         }
     }
@@ -78,9 +85,24 @@ impl NewTopics {
         self.is_paused = false;
     }
 
-    /// The number of topics that have not been recorded.
+    /// The number of topics that are not recorded now.
     pub(super) fn missed(&self) -> usize {
-        self.missed.len()
+        self.missed.now.len()
+    }
+
+    /// The number of topics that have not been recorded for a time.
+    pub(super) const fn count(&self) -> usize {
+        self.missed.count
+    }
+
+    /// What the bag says of topics that are not recorded, since the last call.
+    pub(super) fn take_changes(&mut self) -> Vec<MissingTopic> {
+        std::mem::take(&mut self.missed.changes)
+    }
+
+    /// The number of topics that were not recorded, and that the bag does not name.
+    pub(super) const fn unnamed(&self) -> usize {
+        self.missed.count - self.missed.named
     }
 
     /// Notes that the domain has changed.
@@ -89,21 +111,29 @@ impl NewTopics {
     }
 
     /// The topic that has its turn, if there is room beside `topics`, which are recorded.
-    pub(super) fn next(&mut self, domain: &Domain, topics: &mut [Topic]) -> Option<Name> {
+    pub(super) fn next(
+        &mut self,
+        domain: &Domain,
+        topics: &mut [Topic],
+        now_ns: u64,
+    ) -> Option<Name> {
         let has_room = self.has_room(topics);
         // While topics are subscribed to, the domain is not looked at for each of them.
         if self.is_stale && !(has_room && self.has_waiting()) {
-            self.update(domain);
+            self.update(domain, now_ns);
         }
         if !has_room {
-            self.pause(&"too few descriptors are left: raise the limit (ulimit -n)");
+            self.pause(
+                &"too few descriptors are left: raise the limit (ulimit -n)",
+                now_ns,
+            );
             return None;
         }
         self.waiting.pop_front()
     }
 
     /// Takes over the topics of the domain.
-    fn update(&mut self, domain: &Domain) {
+    fn update(&mut self, domain: &Domain, now_ns: u64) {
         let publishers = domain
             .interfaces()
             .filter(|it| matches!(it.contract, Contract::Publisher { .. }));
@@ -111,6 +141,16 @@ impl NewTopics {
         self.is_stale = false;
         self.waiting.retain(|it| topics.contains(it));
         (self.known).retain(|it, state| *state == State::Recorded || topics.contains(it));
+        self.missed.retain(|it| topics.contains(it), now_ns);
+        if now_ns >= self.retry_at_ns {
+            self.retry_at_ns = now_ns.saturating_add(RETRY_NS);
+            for (topic, state) in &mut self.known {
+                if *state == State::Refused {
+                    *state = State::Waiting;
+                    self.waiting.push_back(topic.clone());
+                }
+            }
+        }
         for topic in topics {
             if !self.known.contains_key(topic) {
                 self.known.insert(topic.clone(), State::Waiting);
@@ -131,16 +171,16 @@ impl NewTopics {
         if free >= most {
             return true;
         }
-        let linked = topics.iter_mut().map(Topic::was_linked);
-        let unlinked = linked.filter(|it| !it).count();
+        topics.iter_mut().for_each(Topic::look_for_link);
+        let unlinked = topics.iter().filter(|it| !it.was_linked).count();
         free >= least + PER_LINK * unlinked
     }
 
     /// The topics that wait have no room now.
-    fn pause(&mut self, reason: &dyn Display) {
+    fn pause(&mut self, reason: &dyn Display, now_ns: u64) {
         self.is_paused = true;
         for topic in &self.waiting {
-            miss(&mut self.missed, topic, reason);
+            self.missed.add(topic, reason, now_ns);
         }
     }
 
@@ -149,19 +189,20 @@ impl NewTopics {
         &mut self,
         topic: Name,
         subscribed: Result<(), RecordError>,
+        now_ns: u64,
     ) -> Result<(), RecordError> {
         match subscribed {
             Ok(()) => {
-                self.missed.remove(&topic);
+                self.missed.end(&topic, now_ns);
                 self.known.insert(topic, State::Recorded);
             }
             Err(error) if may_pass(&error) => {
                 self.waiting.push_front(topic);
-                self.pause(&error);
+                self.pause(&error, now_ns);
             }
             // The access policy may deny this topic. The others are recorded.
             Err(RecordError::Declare(error)) => {
-                miss(&mut self.missed, &topic, &error);
+                self.missed.add(&topic, &error, now_ns);
                 self.known.insert(topic, State::Refused);
             }
             Err(error) => return Err(error),
@@ -170,16 +211,56 @@ impl NewTopics {
     }
 }
 
-/// Counts a topic that is not recorded, and logs it once.
-fn miss(missed: &mut BTreeSet<Name>, topic: &Name, reason: &dyn Display) {
-    if missed.len() >= MISSED_MAX || !missed.insert(topic.clone()) {
-        return;
+/// The topics that are not recorded.
+#[derive(Default)]
+struct Missed {
+    /// Those that are not recorded now. The others have no name in the bag.
+    now: BTreeMap<Name, Option<MissingTopic>>,
+    /// How many have not been recorded for a time.
+    count: usize,
+    /// How many of them the bag names.
+    named: usize,
+    changes: Vec<MissingTopic>,
+}
+
+impl Missed {
+    /// Adds a topic that is not recorded from now on, and logs it.
+    fn add(&mut self, topic: &Name, reason: &dyn Display, now_ns: u64) {
+        if self.now.len() >= MISSED_MAX || self.now.contains_key(topic) {
+            return;
+        }
+        self.count += 1;
+        let count = self.count;
+        let named = (self.named < NAMED_MAX).then(|| MissingTopic {
+            topic: topic.to_string(),
+            reason: reason.to_string(),
+            from_ns: now_ns,
+            to_ns: None,
+        });
+        self.named += usize::from(named.is_some());
+        self.changes.extend(named.clone());
+        self.now.insert(topic.clone(), named);
+        if count <= LOGGED_MAX {
+            tracing::error!(%topic, error = %reason, "the topic is not recorded");
+        } else if count.is_power_of_two() {
+            tracing::error!("{count} topics are not recorded so far");
+        }
     }
-    let count = missed.len();
-    if count <= LOGGED_MAX {
-        tracing::error!(%topic, error = %reason, "the topic is not recorded");
-    } else if count.is_power_of_two() {
-        tracing::error!("{count} topics are not recorded so far");
+
+    /// Keeps these topics. The time of the others is over.
+    fn retain(&mut self, is_kept: impl Fn(&Name) -> bool, now_ns: u64) {
+        let ended = self.now.keys().filter(|it| !is_kept(it));
+        let ended: Vec<_> = ended.cloned().collect();
+        ended.iter().for_each(|it| self.end(it, now_ns));
+    }
+
+    /// The time of a topic is over, if it was missing.
+    fn end(&mut self, topic: &Name, now_ns: u64) {
+        let ended = self.now.remove(topic).flatten();
+        self.changes.extend(ended.map(|it| MissingTopic {
+            to_ns: Some(now_ns),
+            ..it
+        }));
     }
 }
 

@@ -66,8 +66,10 @@ impl Options {
 pub struct Progress {
     /// The number of topics with a subscriber.
     pub topics: usize,
-    /// The number of topics that are not recorded, because descriptors are short or the Manager refuses them.
+    /// The number of topics that are not recorded now, because descriptors are short or the Manager refuses them.
     pub not_recorded: usize,
+    /// The number of topics that were not recorded for a time so far, for these reasons.
+    pub missing: usize,
     /// The number of messages in the file.
     pub messages: u64,
     /// The length of their payloads, in bytes.

@@ -1,5 +1,6 @@
 //! The files of a recording.
 
+use std::collections::BTreeMap;
 use std::io;
 use std::sync::Arc;
 use std::time::Duration;
@@ -10,6 +11,7 @@ use crate::clock::ClockRelation;
 use crate::error::WriteError;
 use crate::folder::Folder;
 use crate::gap::Gap;
+use crate::missing::MissingTopic;
 use crate::report::{Report, ReportBuilder};
 use crate::source::Source;
 use crate::storage::Storage;
@@ -39,6 +41,8 @@ pub(crate) struct Parts {
     min_free_bytes: u64,
     /// The relation of the clocks at the start, and after the last step of the wall clock.
     clocks: (ClockRelation, ClockRelation),
+    /// The topics that are not recorded now.
+    missing: BTreeMap<String, MissingTopic>,
     /// The content of the files that are complete.
     done: ReportBuilder,
 }
@@ -60,6 +64,7 @@ impl Parts {
             compression,
             min_free_bytes,
             clocks: (clock, clock),
+            missing: BTreeMap::new(),
             done: ReportBuilder::default(),
         })
     }
@@ -117,6 +122,14 @@ impl Parts {
         self.bag.clock(clock)
     }
 
+    pub(crate) fn missing(&mut self, missing: MissingTopic) -> Result<(), WriteError> {
+        match missing.to_ns {
+            Some(_) => self.missing.remove(&missing.topic),
+            None => self.missing.insert(missing.topic.clone(), missing.clone()),
+        };
+        self.bag.missing(missing)
+    }
+
     pub(crate) fn not_recorded(&mut self, topics: u64) -> Result<(), WriteError> {
         self.bag.not_recorded(topics)
     }
@@ -160,6 +173,10 @@ impl Parts {
         self.bag = BagWriter::new(next_file(&folder, split)?, self.compression, start)?;
         if last != start {
             self.bag.clock(last)?;
+        }
+        // Each file says what it lacks.
+        for missing in self.missing.values() {
+            self.bag.missing(missing.clone())?;
         }
         Ok(())
     }

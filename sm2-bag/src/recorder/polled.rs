@@ -239,7 +239,7 @@ mod tests {
                 }
                 let key = set.add(&subscriber, ()).unwrap();
                 it.publishers.push(publisher);
-                it.topics.push(Topic::new(subscriber, key, false));
+                it.topics.push(Topic::new(subscriber, key, false, 0));
                 assert!(it.add(number, 10, WINDOW));
             }
             it

@@ -31,7 +31,9 @@ pub(super) struct Topic {
     /// Whether its publishers wait when the queue has no room.
     pub(super) is_reliable: bool,
     /// Whether it is known to have had a link.
-    was_linked: bool,
+    pub(super) was_linked: bool,
+    /// When the recorder subscribed to it, in nanoseconds of the wall clock.
+    pub(super) since_ns: u64,
     /// Few, and most often one.
     publishers: Vec<Publisher>,
 }
@@ -78,13 +80,19 @@ pub(super) struct Taken {
 }
 
 impl Topic {
-    pub(super) fn new(subscriber: Subscriber<[u8]>, key: Key, is_reliable: bool) -> Self {
+    pub(super) fn new(
+        subscriber: Subscriber<[u8]>,
+        key: Key,
+        is_reliable: bool,
+        since_ns: u64,
+    ) -> Self {
         Self {
             subscriber,
             wait: Wait::Message(key),
             polling: Polling::default(),
             is_reliable,
             was_linked: false,
+            since_ns,
             publishers: Vec::new(),
         }
     }
@@ -182,10 +190,10 @@ impl Topic {
         depths.min().unwrap_or_default()
     }
 
-    /// Whether it has, or has had, a link.
-    pub(super) fn was_linked(&mut self) -> bool {
-        self.was_linked = self.was_linked || !self.subscriber.links().is_empty();
-        self.was_linked
+    /// Notes whether it has, or has had, a link.
+    pub(super) fn look_for_link(&mut self) {
+        self.was_linked =
+            self.was_linked || !self.publishers.is_empty() || !self.subscriber.links().is_empty();
     }
 
     /// How many publishers the topic has had.

@@ -66,6 +66,7 @@ pub(super) fn write(
                 },
                 Item::Gap(source, gap) => parts.gap(&source, gap)?,
                 Item::Clock(clock) => parts.clock(clock)?,
+                Item::Missing(missing) => parts.missing(missing)?,
                 Item::NotRecorded(topics) => parts.not_recorded(topics)?,
                 Item::EndFile(now_ns) => parts.end_file(now_ns)?,
             }

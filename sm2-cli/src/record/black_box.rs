@@ -17,7 +17,7 @@ use sm2_bag::{
 use sm2_io::clock;
 use sm2_proto::{Instant, Name, text::Counted};
 
-use super::{common::Shown, trigger::SERVICE};
+use super::{Arguments, common::Shown, trigger::SERVICE};
 use crate::{
     args::name, bag_summary::show, connect::Session, ended::Ended, error::CliError, output::Output,
     ticker::Ticker, time,
@@ -65,12 +65,13 @@ fn deadline(text: &str) -> Result<(Name, Duration), String> {
 ///
 /// [`CliError::Record`], [`CliError::Incident`], [`CliError::File`].
 pub(super) fn run(
-    arguments: &BlackBoxArguments,
+    command: &Arguments,
     last: Duration,
     (output, record): (&Path, Options),
     (until, json): (Instant, bool),
     session: &Session,
 ) -> Result<Ended, CliError> {
+    let arguments = &command.black_box;
     fs::create_dir_all(output).map_err(|error| CliError::file("create", output, error))?;
     let options = BlackBoxOptions {
         record,
@@ -90,6 +91,8 @@ pub(super) fn run(
         source,
     };
     let mut black_box = started.map_err(failed)?;
+    let (domain, socket) = (&command.domain, command.domain.path()?);
+    black_box.connect_with(move || domain.connect_further(&socket, "record"));
     let added = black_box.wake_on_descriptor(signal.0.as_fd());
     added.map_err(CliError::system("wait for SIGUSR1"))?;
     arguments.warn_of_absent(session)?;
@@ -103,12 +106,10 @@ pub(super) fn run(
     let kept = keep(&mut black_box, &signal, session, until, &mut |incident| {
         report(&mut out, incident, json, &mut failure)
     });
-    let not_recorded = black_box.progress().not_recorded;
-    if not_recorded > 0 {
-        let topics = Counted::new(not_recorded as u64, "topic");
-        stderr_line!(
-            "sm2: {topics} not recorded: descriptors were short, or the Manager refused them"
-        );
+    let missing = black_box.progress().missing;
+    if missing > 0 {
+        let topics = Counted::new(missing as u64, "topic");
+        stderr_line!("sm2: {topics} not recorded for a time: see the messages before, or the bags");
     }
     let incidents = black_box.finish();
     let kept = kept?;
@@ -116,7 +117,10 @@ pub(super) fn run(
         report(&mut out, incident, json, &mut failure)?;
     }
     kept.map_err(failed)?;
-    failure.map(|()| Ended::Done)
+    failure.map(|()| match missing == 0 || command.allow_missing {
+        true => Ended::Done,
+        false => Ended::No,
+    })
 }
 
 fn start<'a>(

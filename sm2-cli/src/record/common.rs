@@ -25,6 +25,7 @@ impl fmt::Display for Shown {
             bytes,
             lost,
             waiting_bytes,
+            missing: _,
         } = self.0;
         write!(
             f,

@@ -403,9 +403,12 @@ fn a_topic_that_the_policy_denies_does_not_end_the_recording() {
     publish(&domain);
     recorder.signal(Signal::SIGTERM);
     let finished = recorder.finish();
-    assert_eq!(finished.code(), 0, "{finished:?}");
+    // It is named, and the status tells that it is missing.
+    assert_eq!(finished.code(), 1, "{finished:?}");
     assert_eq!(
         counts(&finished.stdout()),
         json!([[["chatter", 10, 0]], true])
     );
+    let summary: Value = serde_json::from_str(&finished.stdout()).unwrap();
+    assert_eq!(summary["missing"][0]["topic"], "secret");
 }

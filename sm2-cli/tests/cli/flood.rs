@@ -1,6 +1,7 @@
 //! A flood of topics: the recorder goes on with those that it has.
 
 use std::{
+    collections::BTreeSet,
     fs,
     process::{Command, Stdio},
 };
@@ -49,11 +50,11 @@ fn flood(node: &Node, count: u32) -> Vec<Publisher<u64>> {
     publishers.collect()
 }
 
-/// Ends a recording, which must succeed. Returns its summary.
-fn end(recorder: Running) -> Value {
+/// Ends a recording, whose status tells that topics are missing. Returns its summary.
+fn end(recorder: Running, is_missing: bool) -> Value {
     recorder.signal(Signal::SIGINT);
     let finished = recorder.finish();
-    assert_eq!(finished.code(), 0, "{finished:?}");
+    assert_eq!(finished.code(), i32::from(is_missing), "{finished:?}");
     serde_json::from_str(&finished.stdout()).unwrap()
 }
 
@@ -90,23 +91,43 @@ fn a_recorder_without_descriptors_for_new_topics_goes_on_with_the_others() {
     // Each file of the folder needs descriptors as well.
     flooded.truncate(50);
     publish();
-    let summary = end(recorder);
+    let summary = end(recorder, true);
     let topics = summary["topics"].as_array().unwrap();
     let found = topics.iter().find(|it| it["name"] == "honest").unwrap();
     assert_eq!(found["messages"], number);
     assert_eq!(found["lost"], 0);
     let missed = summary["not_recorded"].as_u64().unwrap();
     assert!((1..150).contains(&missed), "{missed}");
+    // Each of them has its name. Recording one of them has begun late, or never.
+    let missing = summary["missing"].as_array().unwrap();
+    assert_eq!(missing.len() as u64, missed);
+    for it in missing {
+        let (topic, reason) = (
+            it["topic"].as_str().unwrap(),
+            it["reason"].as_str().unwrap(),
+        );
+        assert!(topic.starts_with("flood/"), "{it}");
+        assert!(
+            reason.contains("too few descriptors") || reason.contains("linked"),
+            "{it}"
+        );
+    }
     let mut paths: Vec<_> = fs::read_dir(&folder)
         .unwrap()
         .map(|it| it.unwrap().path())
         .collect();
     paths.sort();
     assert!(paths.len() > 10, "{paths:?}");
-    let last = paths.last().unwrap().to_str().unwrap();
-    let (code, info, _) = bag(&["info", last, "--json"]);
-    let info: Value = serde_json::from_str(&info).unwrap();
-    assert_eq!((code, &info["not_recorded"]), (0, &missed.into()));
+    // Each file names those that it lacks.
+    let mut names = BTreeSet::new();
+    for path in paths {
+        let (code, info, _) = bag(&["info", path.to_str().unwrap(), "--json"]);
+        assert_eq!(code, 0, "{info}");
+        let info: Value = serde_json::from_str(&info).unwrap();
+        let missing = info["missing"].as_array().unwrap().iter();
+        names.extend(missing.map(|it| it["topic"].to_string()));
+    }
+    assert_eq!(names.len() as u64, missed);
 }
 
 #[test]
@@ -127,7 +148,59 @@ fn a_recorder_raises_its_soft_limit_of_descriptors() {
         topic.wait_for_subscribers_timeout(1, SOON).unwrap();
         topic.publish(&1).unwrap();
     }
-    let summary = end(recorder);
+    let summary = end(recorder, false);
     assert_eq!(summary["not_recorded"], 0);
     assert_eq!(summary["topics"].as_array().unwrap().len(), topics.len());
+}
+
+#[test]
+fn topics_beyond_a_session_are_recorded_in_further_ones() {
+    let domain = Domain::with(&["--max-interfaces", "10"]);
+    let path = domain.path("bag");
+    let arguments = ["record", "--all", "--json", "-o", path.to_str().unwrap()];
+    let recorder = domain.start(&arguments);
+    let nodes: Vec<_> = (0..3)
+        .map(|it| domain.node(&format!("talker/{it}")))
+        .collect();
+    let topic = |it: usize| reliable(&nodes[it % 3], &format!("topic/{it}"));
+    let topics: Vec<_> = (0..24).map(topic).collect();
+    for topic in &topics {
+        topic.wait_for_subscribers_timeout(1, SOON).unwrap();
+        topic.publish(&1).unwrap();
+    }
+    let summary = end(recorder, false);
+    let recorded = summary["topics"].as_array().unwrap();
+    assert_eq!(recorded.len(), topics.len());
+    assert!(
+        recorded.iter().all(|it| it["messages"] == 1),
+        "{recorded:?}"
+    );
+}
+
+#[test]
+fn a_topic_that_was_never_linked_is_missing() {
+    let domain = Domain::new();
+    let chatter = reliable(&domain.node("talker"), "chatter");
+    for is_allowed in [false, true] {
+        let path = domain.path(&format!("bag-{is_allowed}.mcap"));
+        let file = path.to_str().unwrap();
+        let arguments = ["record", "chatter", "silence", "--json", "-o", file];
+        let allow = ["--allow-missing"];
+        let allow = if is_allowed { &allow[..] } else { &[] };
+        let recorder = domain.start(&[&arguments[..], allow].concat());
+        chatter.wait_for_subscribers_timeout(1, SOON).unwrap();
+        let summary = end(recorder, !is_allowed);
+        let missing = summary["missing"].as_array().unwrap();
+        assert_eq!(missing.len(), 1, "{missing:?}");
+        assert_eq!(
+            (&missing[0]["topic"], &missing[0]["to_ns"]),
+            (&"silence".into(), &Value::Null)
+        );
+        let (code, text, _) = bag(&["info", file]);
+        let line = "to the end: no publisher was linked";
+        assert!(
+            code == 0 && text.contains("MISSING silence") && text.contains(line),
+            "{text}"
+        );
+    }
 }

@@ -1,0 +1,89 @@
+//! Subscribing to topics, in as many sessions as they need.
+
+use sm2_node::{ConnectError, DeclareError, Node};
+use sm2_proto::{Name, Quota};
+
+use super::topic::Topic;
+use super::{DEPTH, Event, HELD_MAX, Recorder};
+use crate::error::RecordError;
+use crate::missing::MissingTopic;
+use crate::queue::Item;
+
+impl<'fd> Recorder<'fd> {
+    /// Lets the recorder connect a further session, with the node that `connect` returns, whenever a session has as many
+    /// interfaces as the Manager allows.
+    pub fn connect_with(&mut self, connect: impl FnMut() -> Result<Node, ConnectError> + 'fd) {
+        self.connect = Some(Box::new(connect));
+    }
+
+    /// Subscribes to the next new topic, if there is room for it.
+    pub(super) fn subscribe_next(&mut self) -> Result<(), RecordError> {
+        let (domain, now_ns) = (self.watch.domain(), self.now_ns());
+        let next = self.new_topics.next(domain, &mut self.topics, now_ns);
+        let noted = next.map_or(Ok(()), |topic| {
+            let subscribed = self.subscribe_in_a_session(&topic);
+            self.new_topics.note(topic, subscribed, now_ns)
+        });
+        for missing in self.new_topics.take_changes() {
+            self.queue.push(Item::Missing(missing));
+        }
+        noted
+    }
+
+    /// Subscribes to a topic. If the session has as many interfaces as it may have, connects another one.
+    fn subscribe_in_a_session(&mut self, topic: &Name) -> Result<(), RecordError> {
+        let subscribed = self.subscribe(topic);
+        let is_full = matches!(
+            subscribed,
+            Err(RecordError::Declare(DeclareError::Quota {
+                quota: Quota::InterfacesPerSession | Quota::LinksPerSession,
+                ..
+            }))
+        );
+        match self.connect.as_mut().filter(|_| is_full).map(|it| it()) {
+            None => subscribed,
+            Some(Ok(node)) => {
+                self.nodes.push(std::mem::replace(&mut self.node, node));
+                self.subscribe(topic)
+            }
+            Some(Err(error)) => {
+                tracing::error!(%error, "cannot connect a further session for more topics");
+                subscribed
+            }
+        }
+    }
+
+    pub(super) fn subscribe(&mut self, name: &Name) -> Result<(), RecordError> {
+        let builder = self.node.subscriber_builder::<[u8]>(name.as_str());
+        let subscriber = builder
+            .any_type()
+            .depth(DEPTH)
+            // One more than are held, so that the next message can always be taken.
+            .max_borrowed(HELD_MAX as u16 + 1)
+            .reliable(self.options.reliable.contains(name))
+            .declare()?;
+        let number = self.topics.len();
+        let added = self.set.add(&subscriber, Event::Topic(number));
+        let key = added.map_err(RecordError::System)?;
+        let is_reliable = self.options.reliable.contains(name);
+        let now_ns = self.now_ns();
+        self.topics
+            .push(Topic::new(subscriber, key, is_reliable, now_ns));
+        Ok(())
+    }
+
+    /// Notes the topics that have never had a link.
+    pub(super) fn note_unlinked(&mut self) {
+        for topic in &mut self.topics {
+            topic.look_for_link();
+            if !topic.was_linked {
+                self.queue.push(Item::Missing(MissingTopic {
+                    topic: topic.subscriber.topic().to_string(),
+                    reason: "no publisher was linked".to_owned(),
+                    from_ns: topic.since_ns,
+                    to_ns: None,
+                }));
+            }
+        }
+    }
+}
