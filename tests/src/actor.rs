@@ -71,6 +71,13 @@ impl Actor {
         self.process.census()
     }
 
+    /// As [`census`](Self::census), while none of its threads runs.
+    #[must_use]
+    #[track_caller]
+    pub fn census_at_rest(&self) -> Census {
+        self.process.census_at_rest()
+    }
+
     /// Sends a command; [`answer`](Self::answer) returns its answer.
     pub fn say(&mut self, command: &str) {
         self.process.say(command);

@@ -1,6 +1,6 @@
 //! The descriptors and mappings of a process, as the kernel reports them.
 
-use std::{collections::BTreeMap, fmt, fs};
+use std::{collections::BTreeMap, ffi::OsString, fmt, fs};
 
 use crate::in_time;
 
@@ -30,6 +30,23 @@ impl Census {
             mappings: mappings(pid),
             rings: maps(pid).filter(|line| line.contains(RING)).count(),
         }
+    }
+
+    /// The descriptors and mappings that process `pid` has while none of its threads runs.
+    ///
+    /// A process that works may have one more or one fewer for a moment: a Manager closes a descriptor before each
+    /// read, so that it can receive one.
+    #[must_use]
+    #[track_caller]
+    pub fn at_rest(pid: u32) -> Self {
+        let mut census = None;
+        let rested = in_time(|| {
+            let before = threads(pid);
+            census = Some(Self::of(pid));
+            before.values().all(|it| it.is_asleep) && before == threads(pid)
+        });
+        assert!(rested, "process {pid} does not rest");
+        census.expect("it was taken")
     }
 
     /// How many descriptors are open.
@@ -120,6 +137,36 @@ fn kind(target: &str) -> String {
     let name = target.split(":[").next().unwrap_or(target);
     let name = name.trim_end_matches(" (deleted)");
     name.strip_prefix('/').unwrap_or(name).to_owned()
+}
+
+/// What the kernel says of a thread. It has not run between two equal ones that are asleep.
+#[derive(PartialEq, Eq)]
+struct Thread {
+    is_asleep: bool,
+    /// How often it has left a processor: the lines of its own accord and against it.
+    switches: Vec<String>,
+}
+
+/// The threads of a process, by their numbers.
+fn threads(pid: u32) -> BTreeMap<OsString, Thread> {
+    let entries = fs::read_dir(format!("/proc/{pid}/task"))
+        .into_iter()
+        .flatten()
+        .flatten();
+    let thread = |entry: fs::DirEntry| {
+        let status = fs::read_to_string(entry.path().join("status")).ok()?;
+        let is_asleep = status.lines().any(|line| line.starts_with("State:\tS"));
+        let switches = status.lines().filter(|line| line.contains("ctxt_switches"));
+        let switches = switches.map(str::to_owned).collect();
+        Some((
+            entry.file_name(),
+            Thread {
+                is_asleep,
+                switches,
+            },
+        ))
+    };
+    entries.filter_map(thread).collect()
 }
 
 /// The state of a process: `R`unning, `S`leeping, stopped (`T`), …; `None` without such a process.

@@ -150,6 +150,13 @@ impl ManagerProcess {
         Census::of(self.pid())
     }
 
+    /// As [`census`](Self::census), while none of its threads runs.
+    #[must_use]
+    #[track_caller]
+    pub fn census_at_rest(&self) -> Census {
+        Census::at_rest(self.pid())
+    }
+
     /// A raw node that has not greeted.
     #[must_use]
     pub fn connect(&self) -> RawNode {

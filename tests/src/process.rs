@@ -149,6 +149,13 @@ impl Process {
         Census::of(self.pid())
     }
 
+    /// As [`census`](Self::census), while none of its threads runs.
+    #[must_use]
+    #[track_caller]
+    pub fn census_at_rest(&self) -> Census {
+        Census::at_rest(self.pid())
+    }
+
     /// Writes a line to its standard input; ignores errors of a child that has ended.
     pub fn say(&mut self, line: &str) {
         if let Some(stdin) = &mut self.stdin {

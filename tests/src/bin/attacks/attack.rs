@@ -65,6 +65,11 @@ pub(crate) const ATTACKS: &[Attack] = &[
     by("sealed files of 900 MB with holes", 1, "sparse-files"),
     by("sparse segments of 1 TiB", 1, "sparse-segments"),
     by("DECLARE and WITHDRAW with 1,000 matches", 1, "churn"),
+    by(
+        "50 processes that declare and withdraw, with 80 matches each",
+        50,
+        "busy",
+    ),
     by("a node that asks and does not read", 1, "deaf"),
     stopped("a subscriber is stopped (SIGSTOP)", "subscriber"),
     stopped("a reliable subscriber is stopped", "reliable"),

@@ -24,8 +24,9 @@ use crate::{hostile_links, victims::TOPIC};
 const SESSIONS: usize = 600;
 /// The greatest number of descriptors in a datagram.
 const DESCRIPTORS: usize = 253;
-/// The matches of each declaration of the churn.
+/// The matches of each declaration of the churn, by one node and by many.
 const MATCHES: u64 = 1_000;
+const MATCHES_OF_MANY: u64 = 80;
 
 /// Runs the role `--role`.
 pub(crate) fn run(options: &Options) -> ExitCode {
@@ -41,7 +42,8 @@ pub(crate) fn run(options: &Options) -> ExitCode {
         "descriptors" => descriptors(&socket),
         "connections" => connections(&socket),
         "sessions" => sessions(&socket),
-        "churn" => churn(&socket, &name),
+        "churn" => churn(&socket, &name, MATCHES),
+        "busy" => churn(&socket, &name, MATCHES_OF_MANY),
         "deaf" => deaf(&socket, &name),
         role => library(role, &socket, &name),
     }
@@ -94,11 +96,11 @@ fn sessions(socket: &Path) {
     }
 }
 
-/// Declarations that each match many subscribers, and their withdrawal.
-fn churn(socket: &Path, name: &str) {
+/// Declarations that each match many subscribers of a topic of its own, and their withdrawal.
+fn churn(socket: &Path, name: &str, matches: u64) {
     let demanding = RawNode::welcomed(socket, &format!("{name}/demanding"));
-    for interface in 1..=MATCHES {
-        demanding.declare(interface, &control::subscriber("churn", Qos::PLAIN));
+    for interface in 1..=matches {
+        demanding.declare(interface, &control::subscriber(name, Qos::PLAIN));
     }
     // The links are ended as soon as they are made.
     thread::spawn(move || while demanding.peer().next_frame().is_some() {});
@@ -107,7 +109,7 @@ fn churn(socket: &Path, name: &str) {
     for interface in 1.. {
         offering.send(control::declare(
             interface,
-            &control::publisher("churn", Qos::PLAIN),
+            &control::publisher(name, Qos::PLAIN),
         ));
         offering.send(control::withdraw(interface));
         while offering.peer().try_recv().is_some() {}
