@@ -25,6 +25,27 @@ def test_a_loan_is_published_at_the_end_of_its_block(node: sm2.Node) -> None:
     assert points.size == 0 and not points.flags.writeable
 
 
+def test_after_the_block_the_array_reaches_no_memory(node: sm2.Node) -> None:
+    publisher, subscriber = linked(node, "points", "f4", {}, {})
+    with publisher.loan((2, 3)) as points:
+        points[:] = 5
+        copy = points.copy()
+    assert points.shape == (0,) and bytes(points) == b""
+    with pytest.raises(IndexError):
+        points[0]
+    with pytest.raises(ValueError, match="read-only"):
+        points[:] = 7
+    # numpy allows this, but the array has no memory that anybody else reads.
+    points.flags.writeable = True
+    points[:] = 7
+    # The next message has the same memory as soon as the subscriber has released it.
+    received(subscriber)
+    with publisher.loan((2, 3)) as others:
+        others[:] = 6
+    assert points.size == 0 and np.all(copy == 5)
+    assert np.all(received(subscriber).value == 6)
+
+
 def test_an_exception_in_the_block_publishes_nothing(node: sm2.Node) -> None:
     publisher, subscriber = linked(node, "points", "f4", {}, {})
     with pytest.raises(ZeroDivisionError):

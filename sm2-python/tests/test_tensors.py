@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterator
+import importlib.util
+import signal
+import warnings
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers import linked, received
+from helpers import Child, linked, received
 
 import sm2
 
@@ -74,6 +77,71 @@ def test_a_tensor_of_torch_is_a_copy(sample: sm2.Sample[Any]) -> None:
     assert tensor.data_ptr() != sample.value.ctypes.data and torch.equal(tensor, torch.arange(100_000.0))
     tensor[:] = -1
     assert is_intact(sample)
+
+
+def test_which_calls_of_torch_copy(sample: sm2.Sample[Any]) -> None:
+    torch = pytest.importorskip("torch", reason="torch is not installed")
+    array = sample.value
+    address = array.ctypes.data
+    copies: list[Callable[[], Any]] = [
+        lambda: torch.from_dlpack(sample),
+        lambda: torch.from_dlpack(sample, copy=True),
+        lambda: torch.tensor(array),
+    ]
+    views: list[Callable[[], Any]] = [
+        lambda: torch.from_dlpack(sample, copy=False),
+        lambda: torch.from_numpy(array),
+        lambda: torch.as_tensor(array),
+        lambda: torch.from_dlpack(array),
+        lambda: torch.frombuffer(sample, dtype=torch.float32),
+    ]
+    for make in copies:
+        tensor = make()
+        assert tensor.data_ptr() != address
+        tensor[:] = -1
+    assert is_intact(sample)
+    with warnings.catch_warnings():
+        # PyTorch warns of some of them, once in a process.
+        warnings.simplefilter("ignore")
+        for make in views:
+            tensor = make()
+            assert tensor.data_ptr() == address and torch.equal(tensor, torch.arange(100_000.0))
+
+
+WRITES = {
+    "ctypes": "ctypes.memset(sample.value.ctypes.data, 0xFF, 4)",
+    "torch": "import torch; torch.from_dlpack(sample, copy=False)[0] = 1",
+}
+
+WRITER = """
+import ctypes, sm2
+from helpers import received
+node = sm2.Node("writer")
+sample = received(node.subscriber("topic", "f4"))
+print("ready", flush=True)
+input()
+%s
+print("written", flush=True)
+"""
+
+
+@pytest.mark.parametrize("name", WRITES)
+def test_a_write_to_a_view_ends_its_process_and_changes_no_message(
+    node: sm2.Node, child: Callable[[str], Child], name: str
+) -> None:
+    if name == "torch" and importlib.util.find_spec("torch") is None:
+        pytest.skip("torch is not installed")
+    publisher, subscriber = linked(node, "topic", "f4", {"latched": 1}, {})
+    publisher.publish(np.arange(100_000, dtype="f4"))
+    sample = received(subscriber)
+    writer = child(WRITER % WRITES[name])
+    assert writer.line() == "ready"
+    writer.send("write")
+    status, out, _ = writer.wait()
+    assert (status, out) == (-signal.SIGSEGV, "")
+    assert is_intact(sample)
+    publisher.publish(np.ones(3, "f4"))
+    assert received(subscriber).value.tolist() == [1, 1, 1]
 
 
 def test_an_array_of_jax_stays_as_it_is(sample: sm2.Sample[Any]) -> None:

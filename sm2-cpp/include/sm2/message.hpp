@@ -160,8 +160,8 @@ struct Bytes {
 
 }  // namespace detail
 
-// How a type of messages is sent and read. `View` is what a received message gives, `Argument` what is passed to send it,
-// and `Loaned` what a loan is: one value, or an array of any length.
+// How a type of messages is sent and read. A received message gives a `View`, and a call that sends one takes an
+// `Argument`. A loan is a `Loaned`: one value, or an array of any length.
 template <typename T>
 struct Message {
     static_assert(detail::is_plain<T>,

@@ -15,10 +15,11 @@ inline DeclaredType ros_type(const std::string& name, const std::string& folder 
 
 }  // namespace sm2::detail
 
-// Makes `Type` stand for a type of ROS 2: SM2_ROS_TYPE(robot::Image, "sensor_msgs/msg/Image"), outside of all namespaces.
-// `Type` may be a class that is only declared, or that of another library for this message. Publishers and subscribers
-// of it take and give bytes (span<const std::byte>): CDR, with the 4 bytes of the encapsulation in front, as the library
-// Fast CDR writes it. Programs in Rust and Python that declare the type have the same topics.
+// Makes `Type` stand for a type of ROS 2, outside of all namespaces:
+// SM2_ROS_TYPE(robot::Image, "sensor_msgs/msg/Image"). `Type` may be a class that is only declared, or that of another
+// library for this message. Its publishers and subscribers use bytes (span<const std::byte>): CDR, with the 4 bytes of
+// the encapsulation in front, as the library Fast CDR writes it. Programs in Rust and Python that declare the type have
+// the same topics.
 //
 // The definitions of ROS 2's common interfaces are built in. A third argument names a package with definitions, or a
 // folder of packages: SM2_ROS_TYPE(robot::Wheel, "my_msgs/msg/Wheel", "/opt/robot/share"). The first use of a type that
