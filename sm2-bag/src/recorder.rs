@@ -57,6 +57,8 @@ pub struct Recorder<'fd> {
     /// The node of new topics, and those of the topics before.
     node: Node,
     nodes: Vec<Node>,
+    /// The number of topics of `node`.
+    in_session: usize,
     connect: Option<Box<Connect<'fd>>>,
     options: Options,
     set: WaitSet<'fd, Event>,
@@ -158,6 +160,7 @@ impl<'fd> Recorder<'fd> {
         let mut recorder = Self {
             node: node.clone(),
             nodes: Vec::new(),
+            in_session: 0,
             connect: None,
             set,
             watch,

@@ -22,4 +22,5 @@ mod power_cut;
 mod record_and_play;
 mod rewritten;
 mod ros;
+mod sessions;
 mod wall_clock;

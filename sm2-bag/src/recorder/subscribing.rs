@@ -40,10 +40,13 @@ impl<'fd> Recorder<'fd> {
                 ..
             }))
         );
-        match self.connect.as_mut().filter(|_| is_full).map(|it| it()) {
+        // A session that is full without a topic leaves no room for any.
+        let helps = is_full && self.in_session > 0;
+        match self.connect.as_mut().filter(|_| helps).map(|it| it()) {
             None => subscribed,
             Some(Ok(node)) => {
                 self.nodes.push(std::mem::replace(&mut self.node, node));
+                self.in_session = 0;
                 self.subscribe(topic)
             }
             Some(Err(error)) => {
@@ -69,6 +72,7 @@ impl<'fd> Recorder<'fd> {
         let now_ns = self.now_ns();
         self.topics
             .push(Topic::new(subscriber, key, is_reliable, now_ns));
+        self.in_session += 1;
         Ok(())
     }
 

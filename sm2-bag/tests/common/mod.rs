@@ -19,8 +19,12 @@ pub(crate) struct Domain {
 
 impl Domain {
     pub(crate) fn new() -> Self {
+        Self::with(sm2_manager::Options::default())
+    }
+
+    /// With this Manager.
+    pub(crate) fn with(options: sm2_manager::Options) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let options = sm2_manager::Options::default();
         Self {
             _manager: Background::start(&folder.path().join("sock"), options).unwrap(),
             folder,
