@@ -14,7 +14,7 @@ use crate::clock::ClockRelation;
 use crate::damaged::DamagedPart;
 use crate::error::{ReadError, is_of_system};
 use crate::foreign::{self, ForeignReason};
-use crate::gap::Gap;
+use crate::gap::{Gap, GapReason};
 use crate::messages::{Filter, Messages};
 use crate::missing::MissingTopic;
 use crate::observer::{Observer, unobserved};
@@ -242,9 +242,36 @@ impl Bag {
         Messages::new(&self.file, &self.path, places, channels, filter)
     }
 
-    /// The number of messages of a channel, as the summary counts them.
-    pub(crate) fn count(&self, channel: u16) -> u64 {
-        self.counts.get(&channel).map_or(0, |it| it.messages)
+    /// The gaps that damaged parts leave: one for each channel of which fewer messages could be `read` than the summary
+    /// counts. Their times are those of the damaged chunks.
+    pub(crate) fn gaps_of(
+        &self,
+        parts: &[DamagedPart],
+        read: impl Fn(u16) -> u64,
+    ) -> Vec<(String, Gap)> {
+        let is_damaged =
+            |it: &&ChunkIndex| parts.iter().any(|part| part.has(it.chunk_start_offset));
+        let chunks = self.summary.chunk_indexes.iter().filter(is_damaged);
+        let times = chunks.map(|it| (it.message_start_time, it.message_end_time));
+        let Some((from_ns, to_ns)) = times.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))) else {
+            return Vec::new();
+        };
+        let gap = |channel: &Channel<'_>| {
+            let counts = self.counts.get(&channel.id).copied().unwrap_or_default();
+            let messages = counts.messages.checked_sub(read(channel.id))?;
+            let publisher = Source::of_channel(channel).map(|it| it.publisher.to_string());
+            let gap = Gap {
+                publisher: publisher.unwrap_or_default(),
+                from_ns,
+                to_ns,
+                messages,
+                reason: GapReason::Damaged,
+            };
+            (messages > 0).then(|| (channel.topic.clone(), gap))
+        };
+        let mut gaps: Vec<_> = self.channels().filter_map(|it| gap(it)).collect();
+        gaps.sort_by(|one, other| one.0.cmp(&other.0));
+        gaps
     }
 
     /// The damaged parts that were found when the bag was opened.

@@ -191,8 +191,8 @@ impl RawRecord {
         }
     }
 
-    /// Whether this record, which is directly behind a chunk or another index, is an index with the opcode of a message:
-    /// by its lengths.
+    /// Whether this record, which is directly behind a chunk or an index, is an index with the opcode of a message: by its
+    /// lengths.
     pub(crate) fn is_mislabelled_index(&self) -> bool {
         let entries = self.bytes[RECORD_HEAD_BYTES..].split_at_checked(6);
         let said = entries.and_then(|(head, _)| head.last_chunk());

@@ -199,7 +199,7 @@ fn write(
         let has_all_times = filter.from_ns.is_none() && filter.to_ns.is_none();
         let read = |channel| read.get(&(number, channel)).copied().unwrap_or_default();
         let mut gaps = match has_all_times {
-            true => damaged::gaps(bag, parts, read),
+            true => bag.gaps_of(parts, read),
             false => Vec::new(),
         };
         gaps.retain(|(topic, _)| filter.has_topic(topic));

@@ -8,9 +8,7 @@ use mcap::records::Metadata;
 use mcap::{McapError, McapResult, Writer};
 use serde::Serialize;
 
-use crate::bag::Bag;
-use crate::gap::{Gap, GapReason};
-use crate::source::Source;
+use crate::gap::Gap;
 
 /// A part of a bag that is damaged. The messages that it had are missing.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -35,6 +33,11 @@ impl fmt::Display for DamagedPart {
 }
 
 impl DamagedPart {
+    /// Whether this place of the file is in it.
+    pub(crate) const fn has(&self, offset: u64) -> bool {
+        self.offset <= offset && offset - self.offset < self.bytes
+    }
+
     /// The name of its metadata record.
     pub(crate) const RECORD: &str = "sm2.damaged";
 
@@ -63,40 +66,6 @@ impl DamagedPart {
             reason: metadata.get("reason")?.clone(),
         })
     }
-}
-
-/// The gaps that damaged parts of a bag with a summary leave: one for each channel of which fewer messages could be
-/// `read` than the summary counts. Their times are those of the damaged chunks.
-pub(crate) fn gaps(
-    bag: &Bag,
-    parts: &[DamagedPart],
-    read: impl Fn(u16) -> u64,
-) -> Vec<(String, Gap)> {
-    let is_damaged = |offset: u64| {
-        let mut parts = parts.iter();
-        parts.any(|it| (it.offset..it.offset.saturating_add(it.bytes)).contains(&offset))
-    };
-    let chunks = bag.summary().chunk_indexes.iter();
-    let chunks = chunks.filter(|it| is_damaged(it.chunk_start_offset));
-    let times = chunks.map(|it| (it.message_start_time, it.message_end_time));
-    let Some((from_ns, to_ns)) = times.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))) else {
-        return Vec::new();
-    };
-    let gap = |channel: &mcap::Channel<'_>| {
-        let messages = bag.count(channel.id).checked_sub(read(channel.id))?;
-        let publisher = Source::of_channel(channel).map(|it| it.publisher.to_string());
-        let gap = Gap {
-            publisher: publisher.unwrap_or_default(),
-            from_ns,
-            to_ns,
-            messages,
-            reason: GapReason::Damaged,
-        };
-        (messages > 0).then(|| (channel.topic.clone(), gap))
-    };
-    let mut gaps: Vec<_> = bag.channels().filter_map(|it| gap(it)).collect();
-    gaps.sort_by(|one, other| one.0.cmp(&other.0));
-    gaps
 }
 
 /// Writes the records of damaged parts, and of the gaps that they leave.

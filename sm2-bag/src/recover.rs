@@ -94,7 +94,7 @@ pub(crate) fn copy(
         at = next;
     }
     let read = |channel| scan.counts.get(&channel).map_or(0, |it| it.messages);
-    let gaps = summary.map(|bag| damaged::gaps(bag, &scan.damaged, read));
+    let gaps = summary.map(|bag| bag.gaps_of(&scan.damaged, read));
     damaged::write(&mut writer, &scan.damaged, &gaps.unwrap_or_default())?;
     write_counts(&mut writer, &scan.counts)?;
     writer.finish()?;

@@ -2,12 +2,11 @@
 
 use std::fs;
 use std::path::Path;
-use std::time::Duration;
 
-use sm2_bag::{Bag, Compression, CopyError, Damage, Filter, Options, ReadError, check, recover};
+use sm2_bag::{Bag, Compression, CopyError, Damage, Filter, ReadError, check, recover};
 use sm2_test_support::{below, seed};
 
-use crate::common::{Domain, memory_folder, named, record};
+use crate::common::{chunked, memory_folder};
 
 /// How many messages the torn bags have.
 const MESSAGES: u64 = 40;
@@ -20,27 +19,6 @@ const TEARS: usize = if cfg!(feature = "slow") { 500 } else { 25 };
 const PREFIX_STEP: usize = if cfg!(feature = "slow") { 19 } else { 95 };
 /// One byte of so many is changed: an odd number, so that each bit has its turn.
 const BYTE_STEP: usize = if cfg!(feature = "slow") { 1 } else { 19 };
-
-/// A bag with a chunk for each message.
-fn bag(compression: Compression, messages: u64) -> Vec<u8> {
-    let domain = Domain::new();
-    let talker = domain.node("talker");
-    let numbers = talker.publisher::<u64>("numbers").unwrap();
-    let node = domain.node("recorder");
-    let options = Options {
-        compression,
-        sync_interval: Duration::from_millis(1),
-        ..Options::new(named(&["numbers"]))
-    };
-    record(&node, domain.create("bag"), options, |record_until| {
-        record_until(&mut |_| numbers.links().iter().any(|it| it.open));
-        for number in 0..messages {
-            numbers.publish(&number).unwrap();
-            record_until(&mut |it| it.progress().messages > number);
-        }
-    });
-    fs::read(domain.path("bag")).unwrap()
-}
 
 /// The numbers in a bag.
 fn numbers(path: &Path) -> Result<Vec<u64>, ReadError> {
@@ -57,7 +35,7 @@ fn numbers(path: &Path) -> Result<Vec<u64>, ReadError> {
 #[test]
 fn a_torn_bag_has_everything_before_the_tear() {
     for compression in [Compression::None, Compression::Zstd] {
-        let bytes = bag(compression, MESSAGES);
+        let bytes = chunked(compression, MESSAGES);
         let folder = memory_folder();
         let (torn, whole) = (folder.path().join("torn"), folder.path().join("whole"));
         let mut longest = 0;
@@ -102,7 +80,7 @@ fn a_torn_bag_has_everything_before_the_tear() {
 
 #[test]
 fn a_longer_prefix_never_has_fewer_messages() {
-    let bytes = bag(Compression::None, MESSAGES);
+    let bytes = chunked(Compression::None, MESSAGES);
     let folder = memory_folder();
     let torn = folder.path().join("torn");
     let mut before = 0;
@@ -134,7 +112,7 @@ fn nothing_else_is_a_bag() {
 #[test]
 fn a_bag_with_a_changed_byte_has_no_other_messages() {
     for compression in [Compression::None, Compression::Lz4, Compression::Zstd] {
-        let bytes = bag(compression, FEW);
+        let bytes = chunked(compression, FEW);
         let folder = memory_folder();
         let path = folder.path().join("damaged");
         for at in (below(BYTE_STEP)..bytes.len()).step_by(BYTE_STEP) {
@@ -183,7 +161,7 @@ fn a_short_attachment_in_the_summary_is_ignored() {
 /// A summary with several entries for one chunk would multiply the memory of its messages.
 #[test]
 fn chunks_that_overlap_are_read_once() {
-    let bytes = bag(Compression::None, FEW);
+    let bytes = chunked(Compression::None, FEW);
     let folder = memory_folder();
     let path = folder.path().join("overlap");
     let index_opcode = 8;
@@ -227,7 +205,7 @@ fn a_channel_without_messages_may_be_in_the_summary_alone() {
 #[test]
 fn a_chunk_with_wrong_times_is_read_by_those_of_its_messages() {
     for compression in [Compression::None, Compression::Zstd] {
-        let bytes = bag(compression, FEW);
+        let bytes = chunked(compression, FEW);
         let folder = memory_folder();
         let (path, whole) = (folder.path().join("zero"), folder.path().join("whole"));
         let magic_len = 8;

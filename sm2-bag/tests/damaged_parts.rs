@@ -3,43 +3,21 @@
 use std::fs::{self, File};
 use std::ops::Range;
 use std::path::Path;
-use std::time::Duration;
 
 use mcap::records::{Record, op};
 use sm2_bag::{
-    Bag, Compression, Damage, DamagedPart, Filter, GapReason, Options, ReadError, Report, check,
-    copy, diff, recover,
+    Bag, Compression, Damage, DamagedPart, Filter, GapReason, ReadError, Report, check, copy, diff,
+    recover,
 };
 use sm2_test_support::below;
 
-use crate::common::{Domain, memory_folder, named, record};
+use crate::common::{chunked, memory_folder};
 
 /// How many messages the bags have.
 const MESSAGES: u64 = 6;
 /// One byte of so many is changed: an odd number, so that each bit has its turn.
 const BYTE_STEP: usize = if cfg!(feature = "slow") { 1 } else { 7 };
 const COMPRESSIONS: [Compression; 3] = [Compression::None, Compression::Lz4, Compression::Zstd];
-
-/// A bag with a chunk for each message.
-fn bag(compression: Compression) -> Vec<u8> {
-    let domain = Domain::new();
-    let talker = domain.node("talker");
-    let numbers = talker.publisher::<u64>("numbers").unwrap();
-    let node = domain.node("recorder");
-    let options = Options {
-        compression,
-        sync_interval: Duration::from_millis(1),
-        ..Options::new(named(&["numbers"]))
-    };
-    record(&node, domain.create("bag"), options, |record_until| {
-        record_until(&mut |_| numbers.links().iter().any(|it| it.open));
-        for number in 0..MESSAGES {
-            numbers.publish(&number).unwrap();
-            record_until(&mut |it| it.progress().messages > number);
-        }
-    });
-    fs::read(domain.path("bag")).unwrap()
-}
 
 /// The places of the records with this opcode, outside of chunks.
 fn places(bytes: &[u8], opcode: u8) -> Vec<Range<usize>> {
@@ -100,7 +78,7 @@ fn rescued(path: &Path, expected: &[u64]) -> [Report; 2] {
 #[test]
 fn a_damaged_chunk_is_a_gap() {
     for compression in COMPRESSIONS {
-        let bytes = bag(compression);
+        let bytes = chunked(compression, MESSAGES);
         let folder = memory_folder();
         let (whole, path) = (folder.path().join("whole"), folder.path().join("damaged"));
         fs::write(&whole, &bytes).unwrap();
@@ -150,7 +128,7 @@ fn a_damaged_chunk_is_a_gap() {
 #[test]
 fn everything_behind_a_damaged_head_is_kept() {
     for compression in COMPRESSIONS {
-        let bytes = bag(compression);
+        let bytes = chunked(compression, MESSAGES);
         let data_end = places(&bytes, op::DATA_END)[0].start;
         let folder = memory_folder();
         let path = folder.path().join("damaged");
@@ -187,7 +165,7 @@ fn everything_behind_a_damaged_head_is_kept() {
 fn a_changed_bit_is_noticed_or_changes_no_message() {
     let all = without(0..0);
     for compression in COMPRESSIONS {
-        let bytes = bag(compression);
+        let bytes = chunked(compression, MESSAGES);
         let folder = memory_folder();
         let path = folder.path().join("damaged");
         let summary = places(&bytes, op::DATA_END)[0].end..bytes.len();

@@ -2,12 +2,12 @@
 #![allow(dead_code, reason = "each test uses its own part")]
 
 use std::collections::BTreeSet;
-use std::fs::File;
+use std::fs::{self, File};
 use std::os::fd::AsFd;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use sm2_bag::{Options, Recorder, Report, Storage, Topics};
+use sm2_bag::{Compression, Options, Recorder, Report, Storage, Topics};
 use sm2_manager::Background;
 use sm2_node::{Name, Node, Shutdown};
 pub(crate) use sm2_test_support::{SOON, until};
@@ -78,4 +78,25 @@ pub(crate) fn record(
         }
     });
     recorder.finish().unwrap()
+}
+
+/// A bag of the numbers from 0 on, with a chunk for each message.
+pub(crate) fn chunked(compression: Compression, messages: u64) -> Vec<u8> {
+    let domain = Domain::new();
+    let talker = domain.node("talker");
+    let numbers = talker.publisher::<u64>("numbers").unwrap();
+    let node = domain.node("recorder");
+    let options = Options {
+        compression,
+        sync_interval: Duration::from_millis(1),
+        ..Options::new(named(&["numbers"]))
+    };
+    record(&node, domain.create("bag"), options, |record_until| {
+        record_until(&mut |_| numbers.links().iter().any(|it| it.open));
+        for number in 0..messages {
+            numbers.publish(&number).unwrap();
+            record_until(&mut |it| it.progress().messages > number);
+        }
+    });
+    fs::read(domain.path("bag")).unwrap()
 }

@@ -29,8 +29,8 @@ pub(crate) struct Arguments {
 
 const HELP: &str = "\
 The new bag has everything that can be read, and a summary. Damaged parts are left out: they are named, and
-their messages are gaps if the damaged bag has a summary. What a recorder that was killed has not finished to
-write at the end of the file does not count as one. An existing file is never overwritten.
+their messages are gaps if the damaged bag has a summary. The unfinished end of a file whose recorder was killed
+does not count as damage. An existing file is never overwritten.
 
 Exit status: 0 the new bag is written, 1 failed or parts are damaged, 2 wrong usage.
 
