@@ -183,7 +183,10 @@ impl<'fd> BlackBox<'fd> {
     }
 
     /// As [`Recorder::connect_with`].
-    pub fn connect_with(&mut self, connect: impl FnMut() -> Result<Node, ConnectError> + 'fd) {
+    pub fn connect_with(
+        &mut self,
+        connect: impl FnMut() -> Result<Node, ConnectError> + Send + 'fd,
+    ) {
         self.recorder.connect_with(connect);
     }
 

@@ -46,7 +46,7 @@ const EVENTS: usize = 64;
 const STEP_MIN: Duration = Duration::from_millis(10);
 
 /// Connects a further session.
-type Connect<'fd> = dyn FnMut() -> Result<Node, ConnectError> + 'fd;
+type Connect<'fd> = dyn FnMut() -> Result<Node, ConnectError> + Send + 'fd;
 
 /// Records topics of a domain.
 ///

@@ -1,7 +1,8 @@
 //! Topics beyond the interfaces of a session.
 
-use std::cell::{Cell, RefCell};
 use std::os::fd::AsFd;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use sm2_bag::{Options, Recorder, Topics};
@@ -40,11 +41,11 @@ fn options() -> Options {
 }
 
 /// A session that is full already, and keeps its interfaces in `taken`.
-fn full(domain: &Domain, number: usize, taken: &RefCell<Vec<Publisher<u64>>>) -> Node {
+fn full(domain: &Domain, number: usize, taken: &Mutex<Vec<Publisher<u64>>>) -> Node {
     let node = domain.node(&format!("full/{number}"));
     for it in 0..ROOM {
         let publisher = node.publisher(&format!("taken/{number}/{it}"));
-        taken.borrow_mut().push(publisher.unwrap());
+        taken.lock().unwrap().push(publisher.unwrap());
     }
     node
 }
@@ -54,11 +55,11 @@ fn each_session_has_as_many_topics_as_it_may_have() {
     let (domain, topics) = crowded();
     let (node, shutdown) = (domain.node("recorder"), Shutdown::new().unwrap());
     let storage = domain.create("bag");
-    let sessions = Cell::new(1);
+    let sessions = AtomicUsize::new(1);
     let mut recorder = Recorder::start(&node, storage, options(), shutdown.as_fd()).unwrap();
     recorder.connect_with(|| {
-        sessions.set(sessions.get() + 1);
-        Ok(domain.node(&format!("recorder/{}", sessions.get())))
+        let number = sessions.fetch_add(1, Ordering::SeqCst) + 1;
+        Ok(domain.node(&format!("recorder/{number}")))
     });
     until("all topics are linked", || {
         recorder.step(Duration::from_millis(1)).unwrap();
@@ -66,7 +67,7 @@ fn each_session_has_as_many_topics_as_it_may_have() {
         topics.iter().all(is_linked)
     });
     let report = recorder.finish().unwrap();
-    assert_eq!((sessions.get(), report.not_recorded), (3, 0));
+    assert_eq!((sessions.into_inner(), report.not_recorded), (3, 0));
 }
 
 /// A further session that is of no use is not tried again and again.
@@ -75,11 +76,11 @@ fn a_session_without_room_for_a_topic_is_the_last_one() {
     let (domain, topics) = crowded();
     let (node, shutdown) = (domain.node("recorder"), Shutdown::new().unwrap());
     let storage = domain.create("bag");
-    let (sessions, taken) = (Cell::new(0), RefCell::default());
+    let (sessions, taken) = (AtomicUsize::new(0), Mutex::default());
     let mut recorder = Recorder::start(&node, storage, options(), shutdown.as_fd()).unwrap();
     recorder.connect_with(|| {
-        sessions.set(sessions.get() + 1);
-        Ok(full(&domain, sessions.get(), &taken))
+        let number = sessions.fetch_add(1, Ordering::SeqCst);
+        Ok(full(&domain, number, &taken))
     });
     until("the other topics are missing", || {
         recorder.step(Duration::from_millis(1)).unwrap();
@@ -89,7 +90,7 @@ fn a_session_without_room_for_a_topic_is_the_last_one() {
         recorder.step(Duration::from_millis(2)).unwrap();
     }
     let report = recorder.finish().unwrap();
-    assert_eq!(sessions.get(), 1);
+    assert_eq!(sessions.into_inner(), 1);
     assert!(
         report
             .missing
@@ -97,4 +98,11 @@ fn a_session_without_room_for_a_topic_is_the_last_one() {
             .all(|it| it.reason.contains("interfaces")),
         "{report:?}"
     );
+}
+
+/// A program may start a recorder in one thread and step it in another.
+#[test]
+fn a_recorder_can_change_its_thread() {
+    const fn is_send<T: Send>() {}
+    is_send::<Recorder<'_>>();
 }

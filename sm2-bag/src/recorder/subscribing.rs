@@ -12,7 +12,10 @@ use crate::queue::Item;
 impl<'fd> Recorder<'fd> {
     /// Lets the recorder connect a further session, with the node that `connect` returns, whenever a session has as many
     /// interfaces as the Manager allows.
-    pub fn connect_with(&mut self, connect: impl FnMut() -> Result<Node, ConnectError> + 'fd) {
+    pub fn connect_with(
+        &mut self,
+        connect: impl FnMut() -> Result<Node, ConnectError> + Send + 'fd,
+    ) {
         self.connect = Some(Box::new(connect));
     }
 
