@@ -141,6 +141,8 @@ impl World {
                 "drive.mcap",
                 "--seconds",
                 "0.5",
+                // Only some examples have a publisher of chatter.
+                "--allow-missing",
             ];
             let finished = Running::start(&mut world.sm2(&record)).finish();
             assert_eq!(finished.code(), 0, "{finished:?}");
