@@ -65,7 +65,7 @@ impl Bag {
         match Self::of_summary(path, &file, end)? {
             Some(bag) => Ok(bag),
             None => {
-                let scan = Scan::of(path, &file, end, observer)?;
+                let scan = Scan::of(path, &file, end, summary::known(&file, end), observer)?;
                 Ok(Self::of_scan(path, file, end, scan))
             }
         }

@@ -191,7 +191,7 @@ impl RawRecord {
         }
     }
 
-    /// Whether this record, which is directly behind a chunk or an index, is an index with the opcode of a message: by its
+    /// Whether this record, directly behind a chunk or an index, is an index with the opcode of a message: by its
     /// lengths.
     pub(crate) fn is_mislabelled_index(&self) -> bool {
         let entries = self.bytes[RECORD_HEAD_BYTES..].split_at_checked(6);
@@ -279,7 +279,7 @@ impl RawRecord {
     }
 }
 
-/// What the head of a chunk says about its record.
+/// The lengths and the checksum in the head of a chunk.
 struct ChunkShape<'a> {
     /// The length of the record without opcode and length, in bytes.
     body_bytes: u64,

@@ -160,18 +160,7 @@ fn write(
         }
     }
     let mut damaged: Vec<Vec<DamagedPart>> = bags.iter().map(|it| it.damaged().to_vec()).collect();
-    for (bag, damaged) in bags.iter().zip(&mut damaged) {
-        for record in bag.attachments() {
-            match record {
-                Ok(it) => it
-                    .attachment()
-                    .and_then(|it| new.writer.attach(&it))
-                    .map_err(failed)?,
-                Err(ReadError::Damaged { part, .. }) => damaged.push(part),
-                Err(error) => return Err(error.into()),
-            }
-        }
-    }
+    copy_attachments(bags, &mut damaged, &mut new.writer, path)?;
     let mut read = BTreeMap::<(usize, u16), u64>::new();
     for found in Merged::new(bags, filter) {
         let read_whole = found.and_then(|(number, message)| Ok((number, message.read()?)));
@@ -195,17 +184,38 @@ fn write(
         *read.entry(channel).or_default() += 1;
         note(observer, message.data.len() as u64)?;
     }
+    let has_all_times = filter.from_ns.is_none() && filter.to_ns.is_none();
     for (number, (bag, parts)) in bags.iter().zip(&damaged).enumerate() {
-        let has_all_times = filter.from_ns.is_none() && filter.to_ns.is_none();
         let read = |channel| read.get(&(number, channel)).copied().unwrap_or_default();
-        let mut gaps = match has_all_times {
-            true => bag.gaps_of(parts, read),
-            false => Vec::new(),
-        };
-        gaps.retain(|(topic, _)| filter.has_topic(topic));
+        let mut gaps = bag.gaps_of(parts, read);
+        gaps.retain(|(topic, _)| has_all_times && filter.has_topic(topic));
         damaged::write(&mut new.writer, parts, &gaps).map_err(failed)?;
     }
     new.finish().map_err(failed)
+}
+
+/// Copies the attachments of the bags. Those that are damaged are added to the damaged parts of their bag.
+fn copy_attachments(
+    bags: &[Bag],
+    damaged: &mut [Vec<DamagedPart>],
+    writer: &mut Writer<BufWriter<&File>>,
+    path: &Path,
+) -> Result<(), CopyError> {
+    for (bag, damaged) in bags.iter().zip(damaged) {
+        for record in bag.attachments() {
+            let record = match record {
+                Ok(it) => it,
+                Err(ReadError::Damaged { part, .. }) => {
+                    damaged.push(part);
+                    continue;
+                }
+                Err(error) => return Err(error.into()),
+            };
+            let copied = record.attachment().and_then(|it| writer.attach(&it));
+            copied.map_err(|error| write_error(path, error.into()))?;
+        }
+    }
+    Ok(())
 }
 
 /// Whether a metadata record belongs into a copy.

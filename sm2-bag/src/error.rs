@@ -88,7 +88,7 @@ pub enum ReadError {
         /// The file.
         path: PathBuf,
     },
-    /// A part of the file is damaged. What is behind it can be read.
+    /// A part of the file is damaged. The records behind it can be read.
     #[error("{} is damaged ({part}): `sm2 bag recover` copies the rest", path.display())]
     Damaged {
         /// The file.

@@ -194,7 +194,8 @@ fn read(file: &File) {
         }
     }
     let end = file.metadata().expect("memory can be read").len();
-    let scan = Scan::of(&path, file, end, &mut unobserved).expect("nobody stops it");
+    let known = crate::summary::known(file, end);
+    let scan = Scan::of(&path, file, end, known, &mut unobserved).expect("nobody stops it");
     let summary = Bag::of_summary(&path, file, end).expect("memory can be read");
     let copied = memfd(&[]);
     match recover::copy(file, &scan, summary.as_ref(), &copied, &mut |_| true) {

@@ -17,6 +17,7 @@ use crate::observer::{Observer, note, unobserved};
 use crate::profile::Profile;
 use crate::report::{Counts, Report};
 use crate::scan::Scan;
+use crate::summary;
 use crate::writer::{Compression, write_counts, write_options};
 
 /// Copies everything of the bag `from` but its damaged parts to the new bag `to`, with a summary. The
@@ -41,11 +42,11 @@ pub fn recover_observed(
     observer: &mut Observer<'_>,
 ) -> Result<Report, CopyError> {
     let (file, end) = open_file(from)?;
-    let scan = Scan::of(from, &file, end, observer)?;
-    let summary = Bag::of_summary(from, &file, end)?;
+    let scan = Scan::of(from, &file, end, summary::known(&file, end), observer)?;
+    let described = Bag::of_summary(from, &file, end)?;
     create(to, |created| {
         let mut stopped = Ok(());
-        let copied = copy(&file, &scan, summary.as_ref(), created, &mut |bytes| {
+        let copied = copy(&file, &scan, described.as_ref(), created, &mut |bytes| {
             stopped = note(observer, bytes);
             stopped.is_ok()
         });

@@ -14,7 +14,6 @@ use crate::error::{ReadError, is_of_system};
 use crate::observer::{Observer, note};
 use crate::report::{Counts, widen};
 use crate::resync::Resync;
-use crate::summary;
 
 /// Messages that are in no chunk are read together up to this length, in bytes.
 const RUN_BYTES: u64 = 1 << 20;
@@ -37,14 +36,15 @@ pub(crate) struct Scan {
     pub(crate) attachments: Vec<(u64, u64)>,
     /// The damaged parts that have something behind them.
     pub(crate) damaged: Vec<DamagedPart>,
-    /// What cannot be read at the end of a file whose data do not end in order. It may be empty.
+    /// The unreadable end of a file whose data do not end in order. It may be empty.
     pub(crate) torn: Option<DamagedPart>,
     /// The fault, if the checksum over all records is wrong, and none of them shows damage.
     pub(crate) wrong_crc: Option<McapError>,
 }
 
 impl Scan {
-    /// Reads all records of a file that begins with the magic bytes, but for damaged parts.
+    /// Reads all records of a file that begins with the magic bytes, but for damaged parts. A channel may be described in
+    /// a damaged part alone, so `known` is the summary of the file, if it can be read.
     ///
     /// # Errors
     ///
@@ -53,10 +53,14 @@ impl Scan {
         path: &Path,
         file: &File,
         end: u64,
+        known: Option<Summary>,
         observer: &mut Observer<'_>,
     ) -> Result<Self, ReadError> {
         let failed = |error| ReadError::io(path, error);
-        let mut scan = Self::with_channels_of_summary(file, end);
+        let mut scan = Self::default();
+        if let Some(known) = known {
+            (scan.summary.schemas, scan.summary.channels) = (known.schemas, known.channels);
+        }
         let mut resync = Resync::new(file, end);
         let mut crc = crc32fast::Hasher::new();
         crc.update(MAGIC);
@@ -102,17 +106,6 @@ impl Scan {
             }
             scan.damaged.push(part);
         }
-    }
-
-    /// A scan that knows the channels of the summary, if that can be read: a channel may be described in a damaged part
-    /// alone.
-    fn with_channels_of_summary(file: &File, end: u64) -> Self {
-        let mut scan = Self::default();
-        if let Ok(Some(summary)) = summary::read(file, end) {
-            scan.summary.schemas = summary.schemas;
-            scan.summary.channels = summary.channels;
-        }
-        scan
     }
 
     /// Compares the checksum of all records with that of the record which ends the data.

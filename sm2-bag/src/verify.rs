@@ -83,7 +83,7 @@ pub fn check(path: &Path) -> Result<Verdict, ReadError> {
 /// [`ReadError`].
 pub fn check_observed(path: &Path, observer: &mut Observer<'_>) -> Result<Verdict, ReadError> {
     let (file, end) = open_file(path)?;
-    let scan = Scan::of(path, &file, end, observer)?;
+    let scan = Scan::of(path, &file, end, summary::known(&file, end), observer)?;
     let unreadable = scan.damaged.iter().chain(&scan.torn).cloned();
     let unreadable: Vec<_> = unreadable.map(Damage::Unreadable).collect();
     let records = (scan.wrong_crc.as_ref()).map(|error| Damage::Records {
@@ -93,7 +93,7 @@ pub fn check_observed(path: &Path, observer: &mut Observer<'_>) -> Result<Verdic
     let mut damages = Vec::new();
     let bag = match Bag::of_summary(path, &file, end)? {
         Some(bag) => {
-            // What cannot be read explains why the summary says something else.
+            // An unreadable part explains why the summary says something else.
             damages.extend(match unreadable.is_empty() {
                 true => summary_damage(&bag, &scan),
                 false => None,

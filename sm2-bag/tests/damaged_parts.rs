@@ -124,7 +124,7 @@ fn a_damaged_chunk_is_a_gap() {
     }
 }
 
-/// What stands behind a damaged head of a record is found, with the summary and without it.
+/// The records behind a damaged head are found, with the summary and without it.
 #[test]
 fn everything_behind_a_damaged_head_is_kept() {
     for compression in COMPRESSIONS {

@@ -168,7 +168,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     if let Some(last) = arguments.black_box.last {
         let output = arguments.output.as_deref().unwrap_or(Path::new("."));
         let (output, end) = ((output, options), (until, arguments.json));
-        return black_box::run(arguments, last, output, end, &session);
+        let further = (&arguments.domain, arguments.allow_missing);
+        return black_box::run(&arguments.black_box, last, output, end, (&session, further));
     }
     // It triggers a black box. Without one, it must not end the recording without a summary.
     session.end_on(SIGUSR1)?;

@@ -95,7 +95,7 @@ impl NewTopics {
         self.missed.count
     }
 
-    /// What the bag says of topics that are not recorded, since the last call.
+    /// The beginnings and ends of times without a topic, since the last call.
     pub(super) fn take_changes(&mut self) -> Vec<MissingTopic> {
         std::mem::take(&mut self.missed.changes)
     }
@@ -214,7 +214,7 @@ impl NewTopics {
 /// The topics that are not recorded.
 #[derive(Default)]
 struct Missed {
-    /// Those that are not recorded now. The others have no name in the bag.
+    /// The topics that are not recorded now; `None` for a topic that has no name in the bag.
     now: BTreeMap<Name, Option<MissingTopic>>,
     /// How many have not been recorded for a time.
     count: usize,

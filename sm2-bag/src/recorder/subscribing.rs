@@ -10,8 +10,8 @@ use crate::missing::MissingTopic;
 use crate::queue::Item;
 
 impl<'fd> Recorder<'fd> {
-    /// Lets the recorder connect a further session, with the node that `connect` returns, whenever a session has as many
-    /// interfaces as the Manager allows.
+    /// Lets the recorder connect a further session, with the node that `connect` returns, whenever a session has as
+    /// many interfaces as the Manager allows.
     pub fn connect_with(
         &mut self,
         connect: impl FnMut() -> Result<Node, ConnectError> + Send + 'fd,

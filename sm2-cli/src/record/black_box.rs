@@ -17,10 +17,16 @@ use sm2_bag::{
 use sm2_io::clock;
 use sm2_proto::{Instant, Name, text::Counted};
 
-use super::{Arguments, common::Shown, trigger::SERVICE};
+use super::{common::Shown, trigger::SERVICE};
 use crate::{
-    args::name, bag_summary::show, connect::Session, ended::Ended, error::CliError, output::Output,
-    ticker::Ticker, time,
+    args::{Domain, name},
+    bag_summary::show,
+    connect::Session,
+    ended::Ended,
+    error::CliError,
+    output::Output,
+    ticker::Ticker,
+    time,
 };
 
 /// The options of a black box.
@@ -65,13 +71,12 @@ fn deadline(text: &str) -> Result<(Name, Duration), String> {
 ///
 /// [`CliError::Record`], [`CliError::Incident`], [`CliError::File`].
 pub(super) fn run(
-    command: &Arguments,
+    arguments: &BlackBoxArguments,
     last: Duration,
     (output, record): (&Path, Options),
     (until, json): (Instant, bool),
-    session: &Session,
+    (session, (domain, allow_missing)): (&Session, (&Domain, bool)),
 ) -> Result<Ended, CliError> {
-    let arguments = &command.black_box;
     fs::create_dir_all(output).map_err(|error| CliError::file("create", output, error))?;
     let options = BlackBoxOptions {
         record,
@@ -91,7 +96,7 @@ pub(super) fn run(
         source,
     };
     let mut black_box = started.map_err(failed)?;
-    let (domain, socket) = (&command.domain, command.domain.path()?);
+    let socket = domain.path()?;
     black_box.connect_with(move || domain.connect_further(&socket, "record"));
     let added = black_box.wake_on_descriptor(signal.0.as_fd());
     added.map_err(CliError::system("wait for SIGUSR1"))?;
@@ -117,7 +122,7 @@ pub(super) fn run(
         report(&mut out, incident, json, &mut failure)?;
     }
     kept.map_err(failed)?;
-    failure.map(|()| match missing == 0 || command.allow_missing {
+    failure.map(|()| match missing == 0 || allow_missing {
         true => Ended::Done,
         false => Ended::No,
     })
