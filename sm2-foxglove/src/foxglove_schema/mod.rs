@@ -16,6 +16,7 @@
 //!
 //! `CompressedImage` and `CompressedVideo` have the same fields, so the name of the type decides between them.
 
+mod kind;
 mod table;
 
 use std::convert::Infallible;
@@ -27,39 +28,9 @@ use sm2_proto::{
     schema::{Scalar, Type},
 };
 
+pub(crate) use self::kind::FoxgloveSchema;
+use self::kind::{Field, Kind};
 use self::table::SCHEMAS;
-
-/// A schema of Foxglove.
-#[derive(Debug, PartialEq, Eq)]
-pub(crate) struct FoxgloveSchema {
-    /// The name, such as `foxglove.LaserScan`.
-    pub(crate) name: &'static str,
-    root: Kind,
-}
-
-/// The kind of a value.
-#[derive(Debug, PartialEq, Eq)]
-enum Kind {
-    Text,
-    Number,
-    /// A whole number; the number of a constant in an enumeration.
-    Integer,
-    Boolean,
-    Bytes,
-    Object(&'static [Field]),
-    List {
-        element: &'static Kind,
-        /// `None` for any number of elements.
-        len: Option<u64>,
-    },
-}
-
-#[derive(Debug, PartialEq, Eq)]
-struct Field {
-    name: &'static str,
-    kind: Kind,
-    is_optional: bool,
-}
 
 impl FoxgloveSchema {
     /// The schema whose fields are those of a type. `None` if there is none, or if several are, and the last segment

@@ -3,8 +3,8 @@
 //! Source: <https://docs.foxglove.dev/docs/visualization/message-schemas/introduction>. A test compares the table with
 //! the crate. Foxglove added the optional fields to schemas that existed before, so older types do not have them.
 
-use super::Kind::{Boolean, Bytes, Integer, List, Number, Object, Text};
-use super::{Field, FoxgloveSchema, Kind};
+use super::kind::Kind::{Boolean, Bytes, Integer, List, Number, Object, Text};
+use super::kind::{Field, FoxgloveSchema, Kind};
 
 const fn field(name: &'static str, kind: Kind) -> Field {
     Field {
