@@ -194,7 +194,7 @@ fn write(
     new.finish().map_err(failed)
 }
 
-/// Copies the attachments of the bags. Those that are damaged are added to the damaged parts of their bag.
+/// Copies the attachments of the bags. A damaged one is added to the damaged parts of its bag.
 fn copy_attachments(
     bags: &[Bag],
     damaged: &mut [Vec<DamagedPart>],

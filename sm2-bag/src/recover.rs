@@ -21,7 +21,7 @@ use crate::summary;
 use crate::writer::{Compression, write_counts, write_options};
 
 /// Copies everything of the bag `from` but its damaged parts to the new bag `to`, with a summary. The
-/// [report](Report::damaged) names these parts, and the messages that they had are gaps, if the summary of `from` counts
+/// [report](Report::damaged) names these parts. The messages that they had are gaps, if the summary of `from` counts
 /// them. Returns the summary of the new bag, which is removed if copying fails.
 ///
 /// # Errors

@@ -43,8 +43,8 @@ impl<'a> Resync<'a> {
     }
 
     /// The place of the first record behind the damaged one at `offset`, which says that it has this length, if it fits
-    /// into the file. `None` if nothing behind it can be read. The place can be before `offset`, but not before `from`: the
-    /// length of a record in between may be what is damaged.
+    /// into the file. `None` if nothing behind it can be read. The place can be before `offset`, but not before `from`:
+    /// the length of a record in between may be the damage.
     ///
     /// # Errors
     ///

@@ -201,7 +201,7 @@ fn a_killed_recording_can_be_read_and_recovered() {
     assert_eq!(bag(&["check", whole.to_str().unwrap()]).0, 0);
 }
 
-/// What a damaged part had is missing, which each command says. Everything behind it is there.
+/// The messages of a damaged part are missing, which each command says. Everything behind it is there.
 #[test]
 fn a_damaged_part_costs_its_messages_alone() {
     let domain = Domain::new();
