@@ -43,8 +43,8 @@ pub(crate) struct Scan {
 }
 
 impl Scan {
-    /// Reads all records of a file that begins with the magic bytes, but for damaged parts. A channel may be described in
-    /// a damaged part alone, so `known` is the summary of the file, if it can be read.
+    /// Reads all records of a file that begins with the magic bytes, but for damaged parts. A channel may be described
+    /// in a damaged part alone, so `known` is the summary of the file, if it can be read.
     ///
     /// # Errors
     ///

@@ -65,6 +65,15 @@ pub(crate) fn show(out: &mut Output, path: &Path, report: &Report) -> Result<(),
             ))?;
         }
     }
+    show_missing(out, report)?;
+    for part in &report.damaged {
+        out.line(format_args!("  left out as damaged: {part}"))?;
+    }
+    Ok(())
+}
+
+/// Prints the topics that were not recorded for a time.
+fn show_missing(out: &mut Output, report: &Report) -> Result<(), CliError> {
     for missing in &report.missing {
         let start = report.start_ns.unwrap_or(missing.from_ns);
         let at = |time_ns: u64| Span(Duration::from_nanos(time_ns.saturating_sub(start)));
@@ -87,9 +96,6 @@ pub(crate) fn show(out: &mut Output, path: &Path, report: &Report) -> Result<(),
     if unnamed > 0 {
         let more = Counted::new(unnamed, "more topic");
         out.line(format_args!("  MISSING {more} (not named)"))?;
-    }
-    for part in &report.damaged {
-        out.line(format_args!("  left out as damaged: {part}"))?;
     }
     Ok(())
 }

@@ -139,7 +139,7 @@ fn kind(target: &str) -> String {
     name.strip_prefix('/').unwrap_or(name).to_owned()
 }
 
-/// What the kernel says of a thread. It has not run between two equal ones that are asleep.
+/// The state of a thread. It has not run between two equal states in which it is asleep.
 #[derive(PartialEq, Eq)]
 struct Thread {
     is_asleep: bool,
