@@ -14,7 +14,7 @@ use crate::error::{CopyError, ReadError, WriteError};
 use crate::foreign::topic_name;
 use crate::gap::Gap;
 use crate::merged::Merged;
-use crate::messages::Filter;
+use crate::messages::{Filter, FoundMessage};
 use crate::observer::{Observer, note, unobserved};
 use crate::profile::Profile;
 use crate::report::{Counts, Report};
@@ -162,13 +162,11 @@ fn write(
     let mut damaged: Vec<Vec<DamagedPart>> = bags.iter().map(|it| it.damaged().to_vec()).collect();
     copy_attachments(bags, &mut damaged, &mut new.writer, path)?;
     let mut read = BTreeMap::<(usize, u16), u64>::new();
-    for found in Merged::new(bags, filter) {
-        let read_whole = found.and_then(|(number, message)| Ok((number, message.read()?)));
-        let (number, message) = match read_whole {
+    for (number, found) in Merged::new(bags, filter) {
+        let message = match found.and_then(FoundMessage::read) {
             Ok(it) => it,
-            Err(ReadError::Damaged { path, part }) => {
-                let number = bags.iter().position(|it| it.path() == path);
-                damaged[number.unwrap_or_default()].push(part);
+            Err(ReadError::Damaged { part, .. }) => {
+                damaged[number].push(part);
                 continue;
             }
             Err(error) => return Err(error.into()),

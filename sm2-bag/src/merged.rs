@@ -24,31 +24,29 @@ impl<'a> Merged<'a> {
             unread: (0..bags.len()).collect(),
         }
     }
-
-    /// The next message. A bag is read as late as possible, so that its damage comes after the messages before it.
-    fn find(&mut self) -> Result<Option<(usize, FoundMessage<'a>)>, ReadError> {
-        while let Some(number) = self.unread.pop() {
-            let found = self.bags[number].find();
-            if found.is_err() {
-                // There may be messages behind the damage.
-                self.unread.push(number);
-            }
-            if let Some(message) = found? {
-                self.next.insert((message.log_time, number), message);
-            }
-        }
-        let Some(((_, number), message)) = self.next.pop_first() else {
-            return Ok(None);
-        };
-        self.unread.push(number);
-        Ok(Some((number, message)))
-    }
 }
 
 impl<'a> Iterator for Merged<'a> {
-    type Item = Result<(usize, FoundMessage<'a>), ReadError>;
+    type Item = (usize, Result<FoundMessage<'a>, ReadError>);
 
+    /// The next message, or an error of a bag. A bag is read as late as possible, so that its damage comes after the
+    /// messages before it.
     fn next(&mut self) -> Option<Self::Item> {
-        self.find().transpose()
+        while let Some(number) = self.unread.pop() {
+            match self.bags[number].find() {
+                Ok(None) => {}
+                Ok(Some(message)) => {
+                    self.next.insert((message.log_time, number), message);
+                }
+                Err(error) => {
+                    // There may be messages behind the damage.
+                    self.unread.push(number);
+                    return Some((number, Err(error)));
+                }
+            }
+        }
+        let ((_, number), message) = self.next.pop_first()?;
+        self.unread.push(number);
+        Some((number, Ok(message)))
     }
 }

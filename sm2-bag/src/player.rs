@@ -150,8 +150,8 @@ impl<'a> Player<'a> {
             return Ok(false);
         }
         let mut is_empty = true;
-        for message in Merged::new(self.bags, &self.options.filter) {
-            let (bag, message) = match message {
+        for (bag, message) in Merged::new(self.bags, &self.options.filter) {
+            let message = match message {
                 Err(ReadError::Damaged { path, part }) => {
                     leave_out(&mut self.damaged, &path, part);
                     continue;

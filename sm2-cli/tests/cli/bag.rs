@@ -247,6 +247,13 @@ fn a_damaged_part_costs_its_messages_alone() {
         (code, counts(&summary)),
         (1, json!([[["chatter", 10, 10]], true]))
     );
+    fs::remove_file(to).unwrap();
+    // The damage of each bag is its own, also if both are one file.
+    let (code, summary, _) = bag(&["merge", damaged, damaged, "-o", to, "--json"]);
+    assert_eq!(
+        (code, counts(&summary)),
+        (1, json!([[["chatter", 0, 20]], true]))
+    );
     let (code, _, told) = bag(&["diff", damaged, damaged]);
     assert!(
         code == 1 && told.contains("is damaged, and compared without"),
