@@ -4,6 +4,7 @@ use std::borrow::Cow;
 
 use mcap::{Attachment, McapError, McapResult};
 
+use crate::checksum;
 use crate::lengths::{split, text};
 
 /// Parses the body of an attachment, and verifies its checksum. The parser of the crate `mcap` panics on a short one.
@@ -18,8 +19,7 @@ pub(crate) fn parse(body: &[u8]) -> McapResult<Attachment<'_>> {
     }
     let saved = u32::from_le_bytes(*crc);
     let calculated = crc32fast::hash(covered);
-    // 0: the writer computed no checksum.
-    if saved != 0 && saved != calculated {
+    if !checksum::is_right(saved, calculated) {
         return Err(McapError::BadAttachmentCrc { saved, calculated });
     }
     let time = |at: usize| {

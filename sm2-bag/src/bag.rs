@@ -40,6 +40,8 @@ pub struct Bag {
     runs: Vec<ChunkIndex>,
     /// The places and lengths of the attachments.
     attachments: Vec<(u64, u64)>,
+    /// The damaged parts of the bags from which this one was copied.
+    damaged_before: Vec<DamagedPart>,
     /// The damaged parts that were found when the bag was opened.
     damaged: Vec<DamagedPart>,
     complete: bool,
@@ -65,7 +67,7 @@ impl Bag {
         match Self::of_summary(path, &file, end)? {
             Some(bag) => Ok(bag),
             None => {
-                let scan = Scan::of(path, &file, end, summary::known(&file, end), observer)?;
+                let scan = scan_file(path, &file, end, observer)?;
                 Ok(Self::of_scan(path, file, end, scan))
             }
         }
@@ -152,6 +154,9 @@ impl Bag {
             not_recorded: named(NotRecorded::RECORD)
                 .filter_map(NotRecorded::from_metadata)
                 .collect(),
+            damaged_before: named(DamagedPart::RECORD)
+                .filter_map(DamagedPart::from_metadata)
+                .collect(),
             clocks: named(ClockRelation::RECORD)
                 .filter_map(ClockRelation::from_metadata)
                 .collect(),
@@ -194,13 +199,9 @@ impl Bag {
         for NotRecorded(topics) in &self.not_recorded {
             report.add_not_recorded(*topics);
         }
-        let named = self
-            .metadata
-            .iter()
-            .filter(|it| it.name == DamagedPart::RECORD);
-        let before = named.filter_map(|it| DamagedPart::from_metadata(&it.metadata));
-        before.for_each(|it| report.add_damaged(&it));
-        self.damaged.iter().for_each(|it| report.add_damaged(it));
+        for part in self.damaged_before.iter().chain(&self.damaged) {
+            report.add_damaged(part);
+        }
         report.finish(self.times, self.complete)
     }
 
@@ -317,6 +318,17 @@ pub(crate) fn open_file(path: &Path) -> Result<(File, u64), ReadError> {
         return Err(ReadError::NotABag { path: path.into() });
     }
     Ok((file, end))
+}
+
+/// Reads all records of a file of `end` bytes.
+pub(crate) fn scan_file(
+    path: &Path,
+    file: &File,
+    end: u64,
+    observer: &mut Observer<'_>,
+) -> Result<Scan, ReadError> {
+    let known = summary::read(file, end).ok().flatten();
+    Scan::of(path, file, end, known, observer)
 }
 
 fn read_metadata(file: &File, index: &MetadataIndex, end: u64) -> McapResult<Option<Metadata>> {

@@ -19,6 +19,7 @@ use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{Attachment, McapError, McapResult, Schema};
 
 use crate::attachment;
+use crate::checksum;
 use crate::lengths;
 
 /// The first opcode that MCAP leaves to programs.
@@ -127,8 +128,7 @@ pub(crate) fn hash_part(file: &File, part: Range<u64>, crc: &mut Hasher) -> Mcap
 
 /// Compares the checksum of a chunk with that of its records.
 pub(crate) const fn verify_crc(saved: u32, calculated: u32) -> McapResult<()> {
-    // 0: the writer computed no checksum.
-    match saved == 0 || saved == calculated {
+    match checksum::is_right(saved, calculated) {
         true => Ok(()),
         false => Err(McapError::BadChunkCrc { saved, calculated }),
     }
@@ -203,10 +203,8 @@ impl RawRecord {
 
     /// Whether this is a chunk with a wrong opcode: by its lengths and its checksum.
     fn is_mislabelled_chunk(&self) -> bool {
-        let head = self.bytes.get(1..CHUNK_SHAPE_BYTES).unwrap_or_default();
-        let head = [&[op::CHUNK], head].concat();
-        if self.opcode == op::CHUNK || chunk_len(&head, self.len_bytes()) != Some(self.len_bytes())
-        {
+        let len = ChunkShape::of(&self.bytes).and_then(|it| it.record_len());
+        if self.opcode == op::CHUNK || len != Some(self.len_bytes()) {
             return false;
         }
         let mut bytes = self.bytes.clone();
@@ -291,11 +289,9 @@ struct ChunkShape<'a> {
 }
 
 impl<'a> ChunkShape<'a> {
-    /// Of `bytes` that begin with a record.
+    /// Of `bytes` that begin with a record, whatever its opcode is.
     fn of(bytes: &'a [u8]) -> Option<Self> {
-        let (&op::CHUNK, rest) = bytes.split_first()? else {
-            return None;
-        };
+        let (_opcode, rest) = bytes.split_first()?;
         let (body_bytes, rest) = rest.split_first_chunk()?;
         let (_times, rest) = rest.split_first_chunk::<16>()?;
         let (content_bytes, rest) = rest.split_first_chunk()?;
@@ -319,15 +315,25 @@ impl<'a> ChunkShape<'a> {
         let is_stored = !self.compression.is_empty() || self.content_bytes == self.stored_bytes;
         is_stored && head.checked_add(self.stored_bytes) == Some(self.body_bytes)
     }
+
+    /// The length of the record, in bytes. `None` without a checksum, with a compression that MCAP does not define, and
+    /// if the lengths do not fit together.
+    fn record_len(&self) -> Option<u64> {
+        let is_known = matches!(self.compression, b"" | b"lz4" | b"zstd");
+        let is_chunk = self.crc != 0 && is_known && self.is_consistent();
+        self.body_bytes
+            .checked_add(RECORD_HEAD_BYTES as u64)
+            .filter(|_| is_chunk)
+    }
 }
 
 /// The length of the record, in bytes, if `bytes` begin with the head of a chunk that has a checksum, whose lengths fit
 /// together, and that is not longer than `left`.
 pub(crate) fn chunk_len(bytes: &[u8], left: u64) -> Option<u64> {
-    let shape = ChunkShape::of(bytes)?;
-    let is_known = matches!(shape.compression, b"" | b"lz4" | b"zstd");
-    let len = shape.body_bytes.checked_add(RECORD_HEAD_BYTES as u64)?;
-    (shape.crc != 0 && is_known && shape.is_consistent() && len <= left).then_some(len)
+    if bytes.first() != Some(&op::CHUNK) {
+        return None;
+    }
+    ChunkShape::of(bytes)?.record_len().filter(|it| *it <= left)
 }
 
 /// Passes the records of an uncompressed chunk to `each`. The reader of the crate would read beyond the end of a chunk

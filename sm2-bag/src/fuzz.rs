@@ -12,7 +12,7 @@ use mcap::{MAGIC, McapResult, Writer};
 use nix::sys::memfd::{MFdFlags, memfd_create};
 use sm2_proto::fuzz::Script;
 
-use crate::bag::Bag;
+use crate::bag::{Bag, scan_file};
 use crate::clock::ClockRelation;
 use crate::error::{ReadError, WriteError};
 use crate::gap::{Gap, GapReason};
@@ -20,7 +20,6 @@ use crate::messages::{BagMessage, Filter};
 use crate::observer::unobserved;
 use crate::profile::Profile;
 use crate::report::{Counts, Report};
-use crate::scan::Scan;
 use crate::verify::check;
 use crate::writer::{Compression, write_counts, write_options};
 use crate::{recover, source::Source};
@@ -194,8 +193,7 @@ fn read(file: &File) {
         }
     }
     let end = file.metadata().expect("memory can be read").len();
-    let known = crate::summary::known(file, end);
-    let scan = Scan::of(&path, file, end, known, &mut unobserved).expect("nobody stops it");
+    let scan = scan_file(&path, file, end, &mut unobserved).expect("nobody stops it");
     let summary = Bag::of_summary(&path, file, end).expect("memory can be read");
     let copied = memfd(&[]);
     match recover::copy(file, &scan, summary.as_ref(), &copied, &mut |_| true) {

@@ -58,6 +58,7 @@
 mod attachment;
 mod bag;
 mod black_box;
+mod checksum;
 mod chunk;
 mod clock;
 mod copy;

@@ -6,9 +6,9 @@ use std::io::{BufWriter, Seek, Write};
 use std::path::Path;
 
 use mcap::records::op;
-use mcap::{MAGIC, McapResult, Writer};
+use mcap::{McapResult, Writer};
 
-use crate::bag::{Bag, open_file};
+use crate::bag::{Bag, open_file, scan_file};
 use crate::chunk::{Entry, RecordReader};
 use crate::copy::{create, write_error};
 use crate::damaged;
@@ -17,7 +17,6 @@ use crate::observer::{Observer, note, unobserved};
 use crate::profile::Profile;
 use crate::report::{Counts, Report};
 use crate::scan::Scan;
-use crate::summary;
 use crate::writer::{Compression, write_counts, write_options};
 
 /// Copies everything of the bag `from` but its damaged parts to the new bag `to`, with a summary. The
@@ -42,7 +41,7 @@ pub fn recover_observed(
     observer: &mut Observer<'_>,
 ) -> Result<Report, CopyError> {
     let (file, end) = open_file(from)?;
-    let scan = Scan::of(from, &file, end, summary::known(&file, end), observer)?;
+    let scan = scan_file(from, &file, end, observer)?;
     let described = Bag::of_summary(from, &file, end)?;
     create(to, |created| {
         let mut stopped = Ok(());
@@ -71,14 +70,8 @@ pub(crate) fn copy(
     if !scan.damaged.is_empty() {
         write_channels(&mut writer, scan)?;
     }
-    let file_end = from.metadata()?.len();
-    let mut at = MAGIC.len() as u64;
-    let torn_at = scan.torn.as_ref().map_or(file_end, |it| it.offset);
-    for (part, next) in (scan.damaged.iter())
-        .map(|it| (it.offset, it.offset + it.bytes))
-        .chain([(torn_at, torn_at)])
-    {
-        let mut reader = RecordReader::new(from, at, part);
+    for part in scan.readable(from.metadata()?.len()) {
+        let mut reader = RecordReader::new(from, part.start, part.end);
         while let Some(record) = reader.next()? {
             match record.opcode {
                 op::DATA_END => break,
@@ -92,7 +85,6 @@ pub(crate) fn copy(
                 return Ok(());
             }
         }
-        at = next;
     }
     let read = |channel| scan.counts.get(&channel).map_or(0, |it| it.messages);
     let gaps = summary.map(|bag| bag.gaps_of(&scan.damaged, read));

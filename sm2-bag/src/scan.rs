@@ -2,12 +2,14 @@
 
 use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
+use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
 use mcap::records::{ChunkIndex, Metadata, Record, op};
 use mcap::{Channel, MAGIC, McapError, McapResult, Schema, Summary};
 
+use crate::checksum;
 use crate::chunk::{Entry, RECORD_HEAD_BYTES, RawRecord, RecordReader};
 use crate::damaged::DamagedPart;
 use crate::error::{ReadError, is_of_system};
@@ -108,12 +110,23 @@ impl Scan {
         }
     }
 
+    /// The parts that can be read of a file of `end` bytes.
+    pub(crate) fn readable(&self, end: u64) -> Vec<Range<u64>> {
+        let mut parts = Vec::new();
+        let mut from = MAGIC.len() as u64;
+        for damaged in self.damaged.iter().chain(&self.torn) {
+            parts.push(from..damaged.offset);
+            from = damaged.offset + damaged.bytes;
+        }
+        parts.push(from..end);
+        parts
+    }
+
     /// Compares the checksum of all records with that of the record which ends the data.
     fn compare(&mut self, end: &RawRecord, calculated: u32) {
         let saved = end.bytes()[RECORD_HEAD_BYTES..].first_chunk();
         let saved = saved.map_or(0, |it| u32::from_le_bytes(*it));
-        // 0: the writer computed no checksum.
-        if saved != 0 && saved != calculated && self.damaged.is_empty() {
+        if !checksum::is_right(saved, calculated) && self.damaged.is_empty() {
             self.wrong_crc = Some(McapError::BadDataCrc { saved, calculated });
         }
     }

@@ -91,11 +91,6 @@ fn verify(file: &File, footer: &Footer, footer_end: u64) -> McapResult<()> {
     }
 }
 
-/// As [`read`]; `None` also if it is damaged.
-pub(crate) fn known(file: &File, end: u64) -> Option<Summary> {
-    read(file, end).ok().flatten()
-}
-
 /// Whether places overlap that are sorted by their offsets. Their records could be longer than the file in total, if
 /// each was read.
 fn overlap(places: impl Iterator<Item = (u64, u64)>) -> bool {

@@ -8,7 +8,7 @@ use mcap::Summary;
 use mcap::records::ChunkIndex;
 use serde::Serialize;
 
-use crate::bag::{Bag, open_file};
+use crate::bag::{Bag, open_file, scan_file};
 use crate::damaged::DamagedPart;
 use crate::error::ReadError;
 use crate::observer::{Observer, unobserved};
@@ -83,7 +83,7 @@ pub fn check(path: &Path) -> Result<Verdict, ReadError> {
 /// [`ReadError`].
 pub fn check_observed(path: &Path, observer: &mut Observer<'_>) -> Result<Verdict, ReadError> {
     let (file, end) = open_file(path)?;
-    let scan = Scan::of(path, &file, end, summary::known(&file, end), observer)?;
+    let scan = scan_file(path, &file, end, observer)?;
     let unreadable = scan.damaged.iter().chain(&scan.torn).cloned();
     let unreadable: Vec<_> = unreadable.map(Damage::Unreadable).collect();
     let records = (scan.wrong_crc.as_ref()).map(|error| Damage::Records {
