@@ -16,6 +16,7 @@ use sm2_bag::{
     BagFile, Folder, Options, RecordError, Recorder, Split, Step, Topics, create_first, numbered,
 };
 use sm2_io::clock;
+use sm2_node::{ConnectError, Node};
 use sm2_proto::{Instant, Name};
 
 use self::{
@@ -165,12 +166,30 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         None => Instant(u64::MAX),
     };
     let options = arguments.options();
-    if let Some(last) = arguments.black_box.last {
-        let output = arguments.output.as_deref().unwrap_or(Path::new("."));
-        let (output, end) = ((output, options), (until, arguments.json));
-        let further = (&arguments.domain, arguments.allow_missing);
-        return black_box::run(&arguments.black_box, last, output, end, (&session, further));
-    }
+    let (domain, socket) = (&arguments.domain, arguments.domain.path()?);
+    let connect = move || domain.connect_further(&socket, "record");
+    let is_missing = match arguments.black_box.last {
+        Some(last) => {
+            let output = arguments.output.as_deref().unwrap_or(Path::new("."));
+            let (output, end) = ((output, options), (until, arguments.json));
+            black_box::run(&arguments.black_box, last, output, end, &session, connect)?
+        }
+        None => record_bag(arguments, options, until, &session, connect)?,
+    };
+    Ok(match is_missing && !arguments.allow_missing {
+        true => Ended::No,
+        false => Ended::Done,
+    })
+}
+
+/// Records to a file or a folder until a signal comes or the time `until`. Returns whether a topic was missing.
+fn record_bag<'a>(
+    arguments: &Arguments,
+    options: Options,
+    until: Instant,
+    session: &'a Session,
+    connect: impl FnMut() -> Result<Node, ConnectError> + Send + 'a,
+) -> Result<bool, CliError> {
     // It triggers a black box. Without one, it must not end the recording without a summary.
     session.end_on(SIGUSR1)?;
     let stop = session.signal_fd();
@@ -191,10 +210,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         source,
     };
     let mut recorder = started.map_err(failed)?;
-    let (domain, socket) = (&arguments.domain, arguments.domain.path()?);
-    recorder.connect_with(move || domain.connect_further(&socket, "record"));
+    recorder.connect_with(connect);
     stderr_line!("recording to {} (Ctrl-C ends)", path.display());
-    let recorded = record(until, &session, &mut recorder);
+    let recorded = record(until, session, &mut recorder);
     let finished = recorder.finish();
     // A recording that ended early has its summary as well.
     if let Ok(report) = &finished {
@@ -206,11 +224,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         out.flush()?;
     }
     recorded.map_err(failed)?;
-    let report = finished.map_err(failed)?;
-    Ok(match report.not_recorded == 0 || arguments.allow_missing {
-        true => Ended::Done,
-        false => Ended::No,
-    })
+    Ok(finished.map_err(failed)?.not_recorded > 0)
 }
 
 impl Arguments {

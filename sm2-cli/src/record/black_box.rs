@@ -15,18 +15,13 @@ use sm2_bag::{
     BlackBox, BlackBoxOptions, BlackBoxStep, Incident, Options, RecordError, Trigger, numbered,
 };
 use sm2_io::clock;
+use sm2_node::{ConnectError, Node};
 use sm2_proto::{Instant, Name, text::Counted};
 
 use super::{common::Shown, trigger::SERVICE};
 use crate::{
-    args::{Domain, name},
-    bag_summary::show,
-    connect::Session,
-    ended::Ended,
-    error::CliError,
-    output::Output,
-    ticker::Ticker,
-    time,
+    args::name, bag_summary::show, connect::Session, error::CliError, output::Output,
+    ticker::Ticker, time,
 };
 
 /// The options of a black box.
@@ -65,18 +60,19 @@ fn deadline(text: &str) -> Result<(Name, Duration), String> {
     Ok((name(topic)?, time::span(span)?))
 }
 
-/// Runs until a signal comes or the time `until`.
+/// Runs until a signal comes or the time `until`. Returns whether a topic was missing.
 ///
 /// # Errors
 ///
 /// [`CliError::Record`], [`CliError::Incident`], [`CliError::File`].
-pub(super) fn run(
+pub(super) fn run<'a>(
     arguments: &BlackBoxArguments,
     last: Duration,
     (output, record): (&Path, Options),
     (until, json): (Instant, bool),
-    (session, (domain, allow_missing)): (&Session, (&Domain, bool)),
-) -> Result<Ended, CliError> {
+    session: &'a Session,
+    connect: impl FnMut() -> Result<Node, ConnectError> + Send + 'a,
+) -> Result<bool, CliError> {
     fs::create_dir_all(output).map_err(|error| CliError::file("create", output, error))?;
     let options = BlackBoxOptions {
         record,
@@ -96,8 +92,7 @@ pub(super) fn run(
         source,
     };
     let mut black_box = started.map_err(failed)?;
-    let socket = domain.path()?;
-    black_box.connect_with(move || domain.connect_further(&socket, "record"));
+    black_box.connect_with(connect);
     let added = black_box.wake_on_descriptor(signal.0.as_fd());
     added.map_err(CliError::system("wait for SIGUSR1"))?;
     arguments.warn_of_absent(session)?;
@@ -122,10 +117,7 @@ pub(super) fn run(
         report(&mut out, incident, json, &mut failure)?;
     }
     kept.map_err(failed)?;
-    failure.map(|()| match missing == 0 || allow_missing {
-        true => Ended::Done,
-        false => Ended::No,
-    })
+    failure.map(|()| missing > 0)
 }
 
 fn start<'a>(
