@@ -23,8 +23,11 @@ readonly skips=$SM2_SKIPPED
 
 readonly tier1=(tools commits fmt clauses publish deny no-std clippy doc test modes models
     bag ros book c python bridges foxglove view)
-readonly tier2=(tools commits fmt clauses publish deny no-std clippy doc test modes asan micro check demo faults soak
-    bag ros book c python bridges foxglove view)
+# Tier 2: `first` one after the other, then `long` and `beside` side by side.
+readonly first=(tools commits fmt clauses publish no-std clippy doc test modes demo faults soak)
+readonly long=(asan check)
+readonly beside=(deny micro bag ros book c python bridges foxglove view)
+readonly tier2=("${first[@]}" "${long[@]}" "${beside[@]}")
 # The time limit of each step, in seconds: about three times what it takes on a quiet machine of two cores.
 declare -rA limits=([tools]=600 [commits]=60 [fmt]=60 [clauses]=300 [publish]=120 [deny]=900 [no-std]=150 [clippy]=600
     [doc]=300 [test]=$((full ? 3600 : 1200)) [modes]=400 [models]=400 [asan]=1500 [micro]=600 [check]=5400 [demo]=1200 [faults]=600
@@ -76,11 +79,12 @@ stamp() {
     hash_of "$@" >".ci/stamps/$step"
 }
 
-# PROGRAM [OPTION...]: builds a program of crates.io in the target folder, if it is missing.
+# PROGRAM [OPTION...]: builds a program of crates.io in the target folder, if it is missing. It runs for seconds, so
+# nothing of it is optimized.
 install() {
     command -v "$1" >/dev/null && return
     CARGO_TARGET_DIR=$CARGO_TARGET_DIR/tools/build \
-        cargo install -q --locked --root "$CARGO_TARGET_DIR/tools" "$@" || return
+        cargo install -q --debug --locked --root "$CARGO_TARGET_DIR/tools" "$@" || return
     rm -rf "$CARGO_TARGET_DIR/tools/build"
 }
 
