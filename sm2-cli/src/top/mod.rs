@@ -101,7 +101,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     };
     match once {
         true => print(arguments, &mut monitor),
-        false => watch(arguments, &mut monitor),
+        false => watch(arguments, &mut monitor).or_else(|error| match screen::is_closed() {
+            true => Ok(Ended::Done),
+            false => Err(error),
+        }),
     }
 }
 
@@ -172,9 +175,7 @@ fn watch(arguments: &Arguments, monitor: &mut Monitor<'_>) -> Result<Ended, CliE
     loop {
         state.connected = monitor.session.is_connected();
         let drawn = screen.draw(|frame| draw::draw(frame, &figures, &history, &mut state));
-        if !drawn.map_err(CliError::Output)? {
-            return Ok(Ended::Done);
-        }
+        drawn.map_err(CliError::Output)?;
         let woken = monitor
             .follow
             .wait(&[(input.as_fd(), For::Reading)], Some(due))?;

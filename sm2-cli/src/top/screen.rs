@@ -3,12 +3,13 @@
 use std::{
     env,
     io::{self, Stdout},
+    os::fd::AsFd,
     panic,
     sync::Once,
     time::Duration,
 };
 
-use nix::libc;
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use ratatui::{
     Frame, Terminal,
     backend::CrosstermBackend,
@@ -33,6 +34,14 @@ fn knows_colours(terminal: &str) -> bool {
         || terminal.starts_with("vt")
         || ["-m", "-mono"].iter().any(|it| terminal.ends_with(it));
     !is_without
+}
+
+/// Whether the terminal is closed. All operations on it then fail, with errors of several kinds.
+pub(super) fn is_closed() -> bool {
+    let stdin = io::stdin();
+    let mut terminal = [PollFd::new(stdin.as_fd(), PollFlags::empty())];
+    let polled = poll(&mut terminal, PollTimeout::ZERO);
+    polled.is_ok() && terminal[0].any() == Some(true)
 }
 
 /// The whole terminal. Dropping it restores the terminal.
@@ -62,18 +71,13 @@ impl Screen {
         opened.map(Self)
     }
 
-    /// Draws the differences to the last frame, in the current size of the terminal. Returns false if the terminal is
-    /// closed.
+    /// Draws the differences to the last frame, in the current size of the terminal.
     ///
     /// # Errors
     ///
     /// The I/O error of the terminal.
-    pub(super) fn draw(&mut self, draw: impl FnOnce(&mut Frame<'_>)) -> io::Result<bool> {
-        match self.0.draw(draw) {
-            Ok(_) => Ok(true),
-            Err(error) if error.raw_os_error() == Some(libc::EIO) => Ok(false),
-            Err(error) => Err(error),
-        }
+    pub(super) fn draw(&mut self, draw: impl FnOnce(&mut Frame<'_>)) -> io::Result<()> {
+        self.0.draw(draw).map(drop)
     }
 
     /// The keys that were pressed since the last call.

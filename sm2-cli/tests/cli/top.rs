@@ -10,6 +10,7 @@ use std::{
         atomic::{AtomicBool, Ordering},
     },
     thread::{self, JoinHandle},
+    time::Duration,
 };
 
 use nix::{
@@ -235,17 +236,22 @@ fn the_terminal_is_given_back_however_it_ends() {
     }
 }
 
+/// It is closed at several moments between two frames.
 #[test]
 fn a_terminal_that_is_closed_ends_it() {
     let domain = Domain::new();
-    let mut top = OnTerminal::start(&domain);
-    top.shows("sm2 top");
-    top.close();
-    assert_eq!(top.code(), Some(0));
-    let mut said = String::new();
-    let mut stderr = top.child.stderr.take().unwrap();
-    stderr.read_to_string(&mut said).unwrap();
-    assert!(!said.contains("panicked"), "{said}");
+    for milliseconds in [0, 10, 20, 30, 40, 50] {
+        let mut top = OnTerminal::start(&domain);
+        top.shows("sm2 top");
+        thread::sleep(Duration::from_millis(milliseconds));
+        top.close();
+        let code = top.code();
+        let mut said = String::new();
+        let mut stderr = top.child.stderr.take().unwrap();
+        stderr.read_to_string(&mut said).unwrap();
+        assert_eq!(code, Some(0), "{said}");
+        assert!(!said.contains("panicked"), "{said}");
+    }
 }
 
 #[test]
