@@ -2,7 +2,8 @@
 //!
 //! The array that Python writes to refers to memory that SM2 gives to the next message as soon as all receivers have
 //! released this one. So at the end of the block, [`Loan`] makes sure that nothing can reach the memory any more: only
-//! a variable of the program may refer to the array, and the array is made empty. Then the message is published.
+//! a variable of the program may refer to the array, and the array is made empty. Then the message is published. README
+//! says why the array does not stay readable.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
