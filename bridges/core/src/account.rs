@@ -107,6 +107,7 @@ impl Counts {
             Verdict::LeftToGateway => &mut self.left_to_gateway,
             Verdict::Duplicate => &mut self.duplicates,
             Verdict::Refused => &mut self.refused,
+            Verdict::Dropped => &mut self.dropped,
             Verdict::Published => &mut self.received,
         };
         *count += 1;

@@ -1,6 +1,6 @@
 //! A topic of the network that comes to the domain.
 
-use std::thread;
+use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 use sm2_node::domain::Domain;
@@ -11,20 +11,28 @@ use crate::domain::{Topic, subscribers};
 
 /// How many messages wait for a slow subscriber.
 const DEPTH: u16 = 64;
-/// How long the first message waits for the links to the subscribers that are there.
+/// How long the first messages wait for the links to the subscribers that are there.
 const LINKS_WAIT: Duration = Duration::from_millis(100);
-/// The same for a message that must not be lost.
+/// The same for messages that must not be lost.
 const DURABLE_LINKS_WAIT: Duration = Duration::from_secs(10);
 
 /// A publisher that stands for those of the network.
-pub(crate) struct Incoming {
+///
+/// The links to its subscribers open after its declaration. Until then its messages wait, so that a subscriber that was
+/// there gets the first one.
+pub(crate) struct Incoming<M> {
     publisher: Publisher<[u8]>,
     latched: u16,
+    /// How many subscribers were there when it was declared. It waits for as many links.
+    subscribers: usize,
+    /// When its messages wait no longer. `None` from then on.
+    waits_until: Option<Instant>,
+    waiting: VecDeque<M>,
 }
 
-impl Incoming {
-    /// Declares the publisher, and waits a short time for the subscribers of the domain, so that they get the first
-    /// message, which has this delivery. It keeps the last `latched` messages for late joiners.
+impl<M> Incoming<M> {
+    /// Declares the publisher, whose first message has this delivery. It keeps the last `latched` messages for late
+    /// joiners.
     ///
     /// # Errors
     ///
@@ -44,22 +52,49 @@ impl Incoming {
             // A subscriber without room misses the message: it must not delay the others.
             .publish_timeout(Duration::ZERO)
             .declare()?;
-        let subscribers = subscribers(domain, topic);
         let wait = match delivery {
             Delivery::AtMostOnce | Delivery::BesideGateway => LINKS_WAIT,
             Delivery::AtLeastOnce => DURABLE_LINKS_WAIT,
         };
-        let until = Instant::now() + wait;
-        let open = |it: &Publisher<[u8]>| it.links().iter().filter(|it| it.open).count();
-        while open(&publisher) < subscribers && Instant::now() < until {
-            thread::sleep(Duration::from_millis(1));
-        }
-        Ok(Self { publisher, latched })
+        Ok(Self {
+            publisher,
+            latched,
+            subscribers: subscribers(domain, topic),
+            waits_until: Some(Instant::now() + wait),
+            waiting: VecDeque::new(),
+        })
     }
 
     /// How many messages it keeps for late joiners.
     pub(crate) const fn latched(&self) -> u16 {
         self.latched
+    }
+
+    /// Whether messages have to wait for its links.
+    pub(crate) fn is_waiting(&mut self) -> bool {
+        let Some(until) = self.waits_until else {
+            return false;
+        };
+        let open = self.publisher.links().iter().filter(|it| it.open).count();
+        if open >= self.subscribers || Instant::now() >= until {
+            self.waits_until = None;
+        }
+        self.waits_until.is_some()
+    }
+
+    /// Keeps a message that has to wait.
+    pub(crate) fn keep(&mut self, message: M) {
+        self.waiting.push_back(message);
+    }
+
+    /// The messages that have waited, in their order.
+    pub(crate) fn take_waiting(&mut self) -> VecDeque<M> {
+        std::mem::take(&mut self.waiting)
+    }
+
+    /// Whether messages wait.
+    pub(crate) fn has_waiting(&self) -> bool {
+        !self.waiting.is_empty()
     }
 
     /// Publishes a message. A subscriber without room misses it.

@@ -35,7 +35,7 @@ pub use self::account::{Account, Counts, ReadAccount};
 pub use self::duplicates::{Duplicates, REORDER_MAX};
 pub use self::durable::{Durable, publication_time};
 pub use self::error::BridgeError;
-pub use self::inbound::{Arrival, Inbound, Verdict};
+pub use self::inbound::{Arrival, Ended, Inbound, Payload, Verdict};
 pub use self::member::Member;
 pub use self::origin::{Delivery, Origin, Origins, WrongOrigin};
 pub use self::outbox::Outbox;

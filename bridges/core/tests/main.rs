@@ -1,5 +1,6 @@
 //! Tests of the parts that all bridges share.
 
 mod fleet;
+mod inbound;
 mod outbox;
 mod spool;

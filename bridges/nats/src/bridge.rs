@@ -1,12 +1,14 @@
 //! The bridge: one thread, which waits for the domain, its topics and the stream at the same time.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use bytes::Bytes;
 use sm2_bridge_core::domain::{Topic, published};
 use sm2_bridge_core::{
-    Account, BridgeError, Counts, Durable, Inbound, Member, Origin, Origins, Outbox, ReadAccount,
-    Shadow, Verdict,
+    Account, BridgeError, Counts, Durable, Ended, Inbound, Member, Origin, Origins, Outbox,
+    Payload, ReadAccount, Shadow, Verdict,
 };
 use sm2_gateway::is_remote;
 use sm2_node::clock::wall_time;
@@ -17,7 +19,7 @@ use sm2_proto::gateway::{Direction, SubjectKind};
 
 use crate::config::Config;
 use crate::message::Message;
-use crate::stream::{Event, Stream};
+use crate::stream::{Event, Receipt, Stream};
 
 /// How many messages of each publisher wait for the bridge.
 const DEPTH: u16 = 64;
@@ -52,7 +54,7 @@ pub struct Bridge {
     stream: Stream,
     outbox: Outbox,
     outgoing: BTreeMap<Topic, Outgoing>,
-    inbound: Inbound,
+    inbound: Inbound<Delivered>,
     origins: Origins,
     counts: Counts,
     /// The account as other threads see it.
@@ -136,9 +138,16 @@ impl Bridge {
                 Ok(Some(Ready::Domain)) => self.follow_domain()?,
                 Ok(Some(Ready::Stream)) => self.follow_stream()?,
                 Ok(Some(Ready::Topic(topic))) => self.forward(&topic),
-                Err(WaitError::Shutdown) => return Ok(()),
+                Err(WaitError::Shutdown) => {
+                    let ended = self.inbound.take_all();
+                    self.note(ended);
+                    self.report();
+                    return Ok(());
+                }
                 Err(error) => return Err(BridgeError::Wait(error)),
             }
+            let ended = self.inbound.take_ended();
+            self.note(ended);
             self.send();
             self.report();
         }
@@ -156,10 +165,13 @@ impl Bridge {
         }
     }
 
-    /// The next thing that is ready. `None` if the outbox has something to send before.
+    /// The next thing that is ready. `None` if the outbox has something to send before, or messages of the stream may
+    /// wait no longer.
     fn wait(&mut self) -> Result<Option<Ready>, WaitError> {
-        let ready = match self.outbox.deadline() {
-            Some(deadline) => self.set.wait_timeout(deadline.since(now()))?,
+        let outbox = self.outbox.deadline().map(|it| it.since(now()));
+        let timeout = [outbox, self.inbound.timeout()].into_iter().flatten().min();
+        let ready = match timeout {
+            Some(timeout) => self.set.wait_timeout(timeout)?,
             None => Some(self.set.wait()?),
         };
         Ok(ready.map(|it| it.tag))
@@ -266,26 +278,45 @@ impl Bridge {
                 Event::Connected => self.outbox.connect(),
                 Event::Disconnected => self.outbox.disconnect(now()),
                 Event::Acknowledged(topic, origin) => self.outbox.acknowledge(&topic, &origin),
-                Event::Message(message, receipt) => {
-                    if message.is_none_or(|it| self.receive(&it)) {
-                        self.stream.acknowledge(receipt);
-                    }
-                }
+                // The domain has no names for it.
+                Event::Message(None, receipt) => self.stream.acknowledge(receipt),
+                Event::Message(Some(message), receipt) => self.receive(message, receipt),
             }
         }
         Ok(())
     }
 
-    /// Publishes a message of the stream in the domain. Returns whether the bridge is done with it.
-    fn receive(&mut self, message: &Message) -> bool {
-        let domain = self.watch.domain();
-        let rules = &self.config.rules;
+    /// Publishes a message of the stream in the domain.
+    fn receive(&mut self, message: Message, receipt: Receipt) {
         if let Some(shadow) = &mut self.shadow {
             shadow.note(SubjectKind::Topic, &message.arrival.topic.0);
         }
-        let verdict = (self.inbound).receive(rules, domain, &message.arrival, || &*message.payload);
-        self.counts.note(verdict);
-        // The stream delivers a message again that the domain refuses.
-        verdict != Verdict::Refused
+        let Message { arrival, payload } = message;
+        let domain = self.watch.domain();
+        let delivered = Delivered { payload, receipt };
+        (self.inbound).receive(&self.config.rules, domain, arrival, delivered);
+    }
+
+    /// Counts messages of the stream that have come to their end. The stream delivers those again that the domain
+    /// refuses, or that found no room.
+    fn note(&mut self, ended: Vec<Ended<Delivered>>) {
+        for it in ended {
+            self.counts.note(it.verdict);
+            if !matches!(it.verdict, Verdict::Refused | Verdict::Dropped) {
+                self.stream.acknowledge(it.message.receipt);
+            }
+        }
+    }
+}
+
+/// A message of the stream that is not acknowledged yet.
+struct Delivered {
+    payload: Bytes,
+    receipt: Receipt,
+}
+
+impl Payload for Delivered {
+    fn payload(&self) -> Cow<'_, [u8]> {
+        Cow::Borrowed(&self.payload)
     }
 }

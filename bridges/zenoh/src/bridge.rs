@@ -5,7 +5,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use sm2_bridge_core::domain::{Service, Topic, carried_by_gateways, carried_twice, published};
 use sm2_bridge_core::{
-    Account, BridgeError, Counts, Inbound, Member, Origin, Origins, ReadAccount, Shadow, Verdict,
+    Account, BridgeError, Counts, Ended, Inbound, Member, Origin, Origins, ReadAccount, Shadow,
+    Verdict,
 };
 use sm2_node::clock::wall_time;
 use sm2_node::domain::Watch;
@@ -40,7 +41,7 @@ pub struct Bridge {
     convention: Convention,
     services: Services,
     outgoing: BTreeMap<Topic, Outgoing>,
-    inbound: Inbound,
+    inbound: Inbound<Message>,
     origins: Origins,
     /// That of calls.
     origin: Origin,
@@ -123,7 +124,7 @@ impl Bridge {
             counts.expired = sent.expired;
             counts.withdrawn = sent.withdrawn;
             counts.refused += sent.refused;
-            counts.dropped = dropped;
+            counts.dropped += dropped;
             account
         })
     }
@@ -151,9 +152,16 @@ impl Bridge {
                     Ready::Server(service) => self.forward_requests(&service),
                     Ready::Call(number) => self.forward_reply(number),
                 },
-                Err(WaitError::Shutdown) => return Ok(()),
+                Err(WaitError::Shutdown) => {
+                    let ended = self.inbound.take_all();
+                    self.note(ended);
+                    self.report();
+                    return Ok(());
+                }
                 Err(error) => return Err(BridgeError::Wait(error)),
             }
+            let ended = self.inbound.take_ended();
+            self.note(ended);
             if let Some(durable) = &mut self.durable {
                 durable.send(&self.network, &mut self.counts);
             }
@@ -174,9 +182,14 @@ impl Bridge {
         }
     }
 
-    /// The next thing that is ready. `None` if the durable topics have something to send before.
+    /// The next thing that is ready. `None` if durable topics have something to send before, or messages of the network
+    /// may wait no longer.
     fn wait(&mut self) -> Result<Option<Ready>, WaitError> {
-        let timeout = self.durable.as_ref().and_then(DurableTopics::timeout);
+        let durable = self.durable.as_ref().and_then(DurableTopics::timeout);
+        let timeout = [durable, self.inbound.timeout()]
+            .into_iter()
+            .flatten()
+            .min();
         let ready = match timeout {
             Some(timeout) => self.set.wait_timeout(timeout)?,
             None => Some(self.set.wait()?),
@@ -342,7 +355,7 @@ impl Bridge {
         self.counts.received += self.services.replies(&self.network, &mut self.set)?;
         for _ in 0..BURST {
             match self.network.next() {
-                Some(Event::Message(message)) => self.receive(&message),
+                Some(Event::Message(message)) => self.receive(message),
                 Some(Event::Query(service, query)) => self.query(&service, query)?,
                 None => return Ok(()),
             }
@@ -352,11 +365,11 @@ impl Bridge {
     }
 
     /// Publishes a message of the network in the domain.
-    fn receive(&mut self, message: &Message) {
-        if (self.durable.as_mut()).is_some_and(|it| it.handle(message)) {
+    fn receive(&mut self, message: Message) {
+        if (self.durable.as_mut()).is_some_and(|it| it.handle(&message)) {
             return;
         }
-        let Some(arrival) = self.convention.read(message) else {
+        let Some(arrival) = self.convention.read(&message) else {
             self.counts.refused += 1;
             return;
         };
@@ -364,12 +377,16 @@ impl Bridge {
             shadow.note(SubjectKind::Topic, &arrival.topic.0);
         }
         let domain = self.watch.domain();
-        let rules = &self.config.rules;
-        let verdict =
-            (self.inbound).receive(rules, domain, &arrival, || message.payload.to_bytes());
-        self.counts.note(verdict);
-        if matches!(verdict, Verdict::Duplicate | Verdict::Published) {
-            self.convention.acknowledge(&arrival, &self.network);
+        (self.inbound).receive(&self.config.rules, domain, arrival, message);
+    }
+
+    /// Counts and acknowledges messages of the network that have come to their end.
+    fn note(&mut self, ended: Vec<Ended<Message>>) {
+        for it in ended {
+            self.counts.note(it.verdict);
+            if matches!(it.verdict, Verdict::Duplicate | Verdict::Published) {
+                self.convention.acknowledge(&it.arrival, &self.network);
+            }
         }
     }
 

@@ -1,11 +1,13 @@
 //! The way of messages, calls and changes from the threads of Zenoh to that of the bridge.
 
+use std::borrow::Cow;
 use std::collections::{BTreeSet, VecDeque};
 use std::io;
 use std::mem;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
+use sm2_bridge_core::Payload;
 use sm2_bridge_core::domain::{Service, Topic};
 use sm2_io::Waker;
 use zenoh::bytes::{Encoding, ZBytes};
@@ -25,6 +27,12 @@ pub(crate) struct Message {
     pub(crate) encoding: Encoding,
     pub(crate) payload: ZBytes,
     pub(crate) attachment: Option<ZBytes>,
+}
+
+impl Payload for Message {
+    fn payload(&self) -> Cow<'_, [u8]> {
+        self.payload.to_bytes()
+    }
 }
 
 /// The subject of a message.
