@@ -11,28 +11,13 @@ use sm2_bag::{
 };
 use sm2_test_support::below;
 
-use crate::common::{chunked, memory_folder};
+use crate::common::{chunked, memory_folder, places};
 
 /// How many messages the bags have.
 const MESSAGES: u64 = 6;
 /// One byte of so many is changed: an odd number, so that each bit has its turn.
 const BYTE_STEP: usize = if cfg!(feature = "slow") { 1 } else { 7 };
 const COMPRESSIONS: [Compression; 3] = [Compression::None, Compression::Lz4, Compression::Zstd];
-
-/// The places of the records with this opcode, outside of chunks.
-fn places(bytes: &[u8], opcode: u8) -> Vec<Range<usize>> {
-    let mut places = Vec::new();
-    let mut at = 8;
-    while at < bytes.len() - 8 {
-        let len = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap());
-        let end = at + 9 + len as usize;
-        if bytes[at] == opcode {
-            places.push(at..end);
-        }
-        at = end;
-    }
-    places
-}
 
 /// The numbers of a bag that can be read, and the damaged parts.
 fn read(bag: &Bag) -> (Vec<u64>, Vec<DamagedPart>) {

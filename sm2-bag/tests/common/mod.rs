@@ -3,10 +3,13 @@
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};
+use std::ops::Range;
 use std::os::fd::AsFd;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use mcap::MAGIC;
+use mcap::records::op;
 use sm2_bag::{Compression, Options, Recorder, Report, Storage, Topics};
 use sm2_manager::Background;
 use sm2_node::{Name, Node, Shutdown};
@@ -80,6 +83,23 @@ pub(crate) fn record(
     recorder.finish().unwrap()
 }
 
+/// The places of the records with this opcode, outside of chunks, in a file that may still be written.
+pub(crate) fn places(bytes: &[u8], opcode: u8) -> Vec<Range<usize>> {
+    let mut places = Vec::new();
+    let mut at = MAGIC.len();
+    while let Some(&[its, ref len @ ..]) = bytes.get(at..at + 9) {
+        let end = at + 9 + u64::from_le_bytes(len.try_into().unwrap()) as usize;
+        if end > bytes.len() {
+            break;
+        }
+        if its == opcode {
+            places.push(at..end);
+        }
+        at = end;
+    }
+    places
+}
+
 /// A bag of the numbers from 0 on, with a chunk for each message.
 pub(crate) fn chunked(compression: Compression, messages: u64) -> Vec<u8> {
     let domain = Domain::new();
@@ -91,12 +111,15 @@ pub(crate) fn chunked(compression: Compression, messages: u64) -> Vec<u8> {
         sync_interval: Duration::from_millis(1),
         ..Options::new(named(&["numbers"]))
     };
+    let file = domain.path("bag");
     record(&node, domain.create("bag"), options, |record_until| {
         record_until(&mut |_| numbers.links().iter().any(|it| it.open));
         for number in 0..messages {
             numbers.publish(&number).unwrap();
-            record_until(&mut |it| it.progress().messages > number);
+            // Its chunk has ended.
+            let chunks = || places(&fs::read(&file).unwrap(), op::CHUNK).len() as u64;
+            record_until(&mut |_| chunks() > number);
         }
     });
-    fs::read(domain.path("bag")).unwrap()
+    fs::read(&file).unwrap()
 }
