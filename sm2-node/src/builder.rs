@@ -185,8 +185,8 @@ impl NodeBuilder {
             if control.is_connected() {
                 return Some(Ok(()));
             }
-            // A Manager that is being replaced may close a new connection. The node then connects to the
-            // successor.
+            // A Manager that is being replaced may close a new connection, and any Manager does so if HELLO comes too
+            // late. The node then connects again.
             let end = control.away().filter(|end| !may_return(*end))?;
             Some(Err(ConnectError::Ended(end)))
         });

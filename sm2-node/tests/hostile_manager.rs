@@ -404,10 +404,10 @@ fn links_of_the_manager_that_is_still_there_are_not_claimed() {
     assert_eq!(next, ToManager::Withdraw { interface }, "and no UNLINKED");
 }
 
-/// If a Manager ends just after a node has connected, the node connects to the next one. If a Manager refuses
-/// the node, it does not.
+/// If a Manager ends just after a node has connected, or finds the greeting too late, the node connects again. If a
+/// Manager refuses the node, it does not.
 #[test]
-fn a_node_that_was_never_welcomed_tries_again_only_if_its_manager_went() {
+fn a_node_that_was_never_welcomed_tries_again_unless_it_was_refused() {
     let (manager, path) = Manager::listening();
     let connect = || {
         let builder = builder(path.clone());
@@ -423,7 +423,8 @@ fn a_node_that_was_never_welcomed_tries_again_only_if_its_manager_went() {
         name: Name::new("node").unwrap(),
         resuming: false,
     };
-    for last in [None, Some(goodbye(Farewell::ShuttingDown))] {
+    let late = goodbye(Farewell::GreetingTimeout);
+    for last in [None, Some(goodbye(Farewell::ShuttingDown)), Some(late)] {
         let session = manager.accept();
         assert_eq!(manager.read(&session), hello);
         last.iter().for_each(|frame| send(&session, frame));

@@ -72,9 +72,10 @@ impl Reconnect {
     }
 }
 
-/// Whether another Manager may be about to replace a Manager that ended the session in this way
-/// before it welcomed the node.
+/// Whether a node connects again after a session that ended in this way before it was welcomed: another Manager may be
+/// about to replace this one, or the greeting came too late because the machine is busy.
 pub(crate) fn may_return(end: End) -> bool {
     const SHUTTING_DOWN: Code = Farewell::ShuttingDown.code();
-    matches!(end, End::Eof | End::Peer(SHUTTING_DOWN))
+    const GREETING_TIMEOUT: Code = Farewell::GreetingTimeout.code();
+    matches!(end, End::Eof | End::Peer(SHUTTING_DOWN | GREETING_TIMEOUT))
 }
