@@ -7,6 +7,7 @@ use std::sync::{Arc, Mutex};
 
 use sm2_bag::{Bag, BagFile, Filter, Options, Report, Storage, check};
 use sm2_node::Name;
+use tempfile::TempDir;
 
 use crate::common::{Domain, SOON, named, record};
 
@@ -85,6 +86,11 @@ impl Storage for Counted {
     }
 }
 
+/// A folder on a disk: files in memory are always in the page cache.
+fn disk_folder() -> TempDir {
+    tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap()
+}
+
 #[test]
 fn whole_blocks_of_long_payloads_are_written_as_blocks() {
     let domain = Domain::new();
@@ -103,7 +109,8 @@ fn whole_blocks_of_long_payloads_are_written_as_blocks() {
 #[test]
 fn a_bag_file_is_whole_with_and_without_the_page_cache() {
     let domain = Domain::new();
-    let path = domain.path("direct");
+    let folder = disk_folder();
+    let path = folder.path().join("direct");
     let report = record_all(&domain, BagFile::create(&path).unwrap());
     assert_whole(&path, &report);
     let error = BagFile::create(&path).unwrap_err();
@@ -112,15 +119,17 @@ fn a_bag_file_is_whole_with_and_without_the_page_cache() {
     // A bag that is recorded without BagFile differs in nothing but its times.
     let report = record_all(&domain, domain.create("buffered"));
     assert_whole(&domain.path("buffered"), &report);
-    let len = |name| fs::metadata(domain.path(name)).unwrap().len();
-    assert_eq!(len("direct"), len("buffered"));
+    let len = |path| fs::metadata(path).unwrap().len();
+    assert_eq!(len(path), len(domain.path("buffered")));
 }
 
 #[test]
 fn foreign_bytes_behind_a_payload_are_not_recorded() {
     let domain = Domain::new();
-    record_all(&domain, BagFile::create(&domain.path("bag")).unwrap());
-    let file = fs::read(domain.path("bag")).unwrap();
+    let folder = disk_folder();
+    let path = folder.path().join("bag");
+    record_all(&domain, BagFile::create(&path).unwrap());
+    let file = fs::read(&path).unwrap();
     // The payload of 1,000,000 bytes was in the slot and in the buffer before; the one of 81,919 bytes ends in a block.
     let last = payload(7);
     let mut blocks = (0..file.len()).step_by(BLOCK_LEN);
