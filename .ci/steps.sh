@@ -15,19 +15,6 @@ export CI=true
 export CARGO_TARGET_DIR=${CARGO_TARGET_DIR:-$root/target}
 # Programs that `install` has built.
 export PATH=$CARGO_TARGET_DIR/tools/bin:$PATH
-# Files of tests are in memory, where there is room for them and programs may run: others can keep a disk busy for a
-# minute.
-use_memory() {
-    local kilobytes probe
-    [ -z "${TMPDIR:-}" ] || return 0
-    kilobytes=$(df --output=avail /dev/shm 2>/dev/null | tail -n 1)
-    [ "${kilobytes:-0}" -gt 4000000 ] && probe=$(mktemp -p /dev/shm) || return 0
-    printf '#!/bin/sh\n' >"$probe"
-    chmod +x "$probe"
-    if "$probe" 2>/dev/null; then export TMPDIR=/dev/shm; fi
-    rm -f "$probe"
-}
-use_memory
 readonly skipped=77 full=${SM2_CI_FULL:-0}
 readonly logs=$CARGO_TARGET_DIR/steps
 readonly flaky=$logs/flaky.txt
