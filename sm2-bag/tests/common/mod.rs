@@ -13,6 +13,7 @@ use mcap::records::op;
 use sm2_bag::{Compression, Options, Recorder, Report, Storage, Topics};
 use sm2_manager::Background;
 use sm2_node::{Name, Node, Shutdown};
+use sm2_test_support::memory;
 pub(crate) use sm2_test_support::{SOON, until};
 
 pub(crate) struct Domain {
@@ -27,7 +28,7 @@ impl Domain {
 
     /// With this Manager.
     pub(crate) fn with(options: sm2_manager::Options) -> Self {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = memory_folder();
         Self {
             _manager: Background::start(&folder.path().join("sock"), options).unwrap(),
             folder,
@@ -49,9 +50,9 @@ impl Domain {
     }
 }
 
-/// A folder in memory where the system has one: a test that writes thousands of files does not wait for a disk.
+/// A folder in memory where the system has room for it.
 pub(crate) fn memory_folder() -> tempfile::TempDir {
-    tempfile::tempdir_in("/dev/shm").unwrap_or_else(|_| tempfile::tempdir().unwrap())
+    tempfile::tempdir_in(memory()).unwrap()
 }
 
 /// These topics.

@@ -15,6 +15,7 @@ use nix::{
     unistd::Pid,
 };
 use serde_json::Value;
+use sm2_test_support::memory;
 pub(crate) use sm2_test_support::{SOON, until};
 use tempfile::TempDir;
 
@@ -43,7 +44,7 @@ impl Domain {
 
     /// Starts `sm2 manager` with more arguments.
     pub(crate) fn with(arguments: &[&str]) -> Self {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = tempfile::tempdir_in(memory()).unwrap();
         let socket = folder.path().join("sm2.sock");
         let mut command = sm2(&["manager", "--socket"]);
         let mut manager = Running::start(command.arg(&socket).args(arguments));

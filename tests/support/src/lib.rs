@@ -1,14 +1,16 @@
-//! The parts that the tests of all crates share: one time limit, printed seeds, skipped tests that are seen, and
-//! processes of their own.
+//! The parts that the tests of all crates share: one time limit, printed seeds, skipped tests that are seen, processes of
+//! their own, and a place for files.
 //!
-//! It depends on no other crate, so that every crate can use it.
+//! It depends on no other crate of SM2, so that every crate can use it.
 
+mod memory;
 mod own_process;
 mod seed;
 mod skip;
 
 use std::time::{Duration, Instant};
 
+pub use memory::memory;
 pub use own_process::ran_alone;
 pub use seed::{below, seed};
 pub use skip::{skip, skip_without};
