@@ -23,7 +23,8 @@ pub fn memory() -> PathBuf {
 /// Whether the lines of `/proc/self/mounts` have the folder, without a limit that is too small. It has no limit of its
 /// own if it may use half of the memory.
 fn has_room(mounts: &str) -> bool {
-    let mounted = mounts.lines().filter_map(|line| {
+    // The last mount hides those before it.
+    let mounted = mounts.lines().rev().find_map(|line| {
         let mut words = line.split(' ').skip(1);
         let (folder, kind, options) = (words.next()?, words.next()?, words.next()?);
         (folder == MEMORY && kind == "tmpfs").then_some(options)
@@ -37,8 +38,7 @@ fn has_room(mounts: &str) -> bool {
                 .unwrap_or(0)
         })
     };
-    let last = mounted.last();
-    last.is_some_and(|it| size(it).is_none_or(|kib: u64| kib >= ROOM_KIB))
+    mounted.is_some_and(|it| size(it).is_none_or(|kib: u64| kib >= ROOM_KIB))
 }
 
 #[cfg(test)]
