@@ -1,5 +1,5 @@
-//! The parts that the tests of all crates share: one time limit, printed seeds, skipped tests that are seen, processes of
-//! their own, and a place for files.
+//! The parts that the tests of all crates share: one time limit, printed seeds, skipped tests that are seen, processes
+//! of their own, and a place for files.
 //!
 //! It depends on no other crate of SM2, so that every crate can use it.
 
