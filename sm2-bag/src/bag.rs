@@ -1,6 +1,6 @@
 //! Reading a bag.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
@@ -18,6 +18,7 @@ use crate::gap::{Gap, GapReason};
 use crate::messages::{Filter, Messages};
 use crate::missing::MissingTopic;
 use crate::observer::{Observer, unobserved};
+use crate::repeated::{NotRepeated, is_repeated};
 use crate::report::{Counts, NotRecorded, Report, ReportBuilder};
 use crate::scan::Scan;
 use crate::source::Source;
@@ -34,6 +35,7 @@ pub struct Bag {
     gaps: Vec<(String, Gap)>,
     missing: Vec<MissingTopic>,
     not_recorded: Vec<NotRecorded>,
+    not_repeated: Vec<NotRepeated>,
     clocks: Vec<ClockRelation>,
     metadata: Vec<Metadata>,
     /// The places of messages that are in no chunk.
@@ -154,6 +156,9 @@ impl Bag {
             not_recorded: named(NotRecorded::RECORD)
                 .filter_map(NotRecorded::from_metadata)
                 .collect(),
+            not_repeated: named(NotRepeated::RECORD)
+                .filter_map(NotRepeated::from_metadata)
+                .collect(),
             damaged_before: named(DamagedPart::RECORD)
                 .filter_map(DamagedPart::from_metadata)
                 .collect(),
@@ -190,7 +195,10 @@ impl Bag {
         for (id, channel) in &self.summary.channels {
             let data = channel.schema.as_ref().map_or("", |it| it.name.as_str());
             let counts = self.counts.get(id).copied().unwrap_or_default();
-            report.add_channel(&channel.topic, data, counts);
+            match is_repeated(channel) {
+                true => report.add_repeated(&channel.topic, data, counts),
+                false => report.add_channel(&channel.topic, data, counts),
+            }
         }
         for (topic, gap) in &self.gaps {
             report.add_gap(topic, gap);
@@ -199,6 +207,7 @@ impl Bag {
         for NotRecorded(topics) in &self.not_recorded {
             report.add_not_recorded(*topics);
         }
+        (self.not_repeated.iter()).for_each(|it| report.add_not_repeated(it));
         for part in self.damaged_before.iter().chain(&self.damaged) {
             report.add_damaged(part);
         }
@@ -234,12 +243,27 @@ impl Bag {
         &self.clocks
     }
 
-    /// The messages in the order of their `log_time`. A compressed chunk whose content is longer than 1 GiB is damage:
-    /// a recorder compresses no message above 64 KiB.
+    /// The messages in the order of their `log_time`, the [repeated](crate::BagMessage::is_repeated) ones included. A
+    /// compressed chunk whose content is longer than 1 GiB is damage: a recorder compresses no message above 64 KiB.
     #[must_use]
     pub fn messages(&self, filter: &Filter) -> Messages<'_> {
-        let places = self.summary.chunk_indexes.iter().chain(&self.runs);
         let channels = &self.summary.channels;
+        Messages::new(&self.file, &self.path, self.places(), channels, filter)
+    }
+
+    /// The places of all messages.
+    pub(crate) fn places(&self) -> impl Iterator<Item = &ChunkIndex> {
+        self.summary.chunk_indexes.iter().chain(&self.runs)
+    }
+
+    /// The messages of these channels at one of the [places](Self::places).
+    pub(crate) fn messages_at(
+        &self,
+        place: &ChunkIndex,
+        channels: &HashMap<u16, Arc<Channel<'static>>>,
+        filter: &Filter,
+    ) -> Messages<'_> {
+        let places = std::iter::once(place);
         Messages::new(&self.file, &self.path, places, channels, filter)
     }
 
@@ -270,9 +294,16 @@ impl Bag {
             };
             (messages > 0).then(|| (channel.topic.clone(), gap))
         };
-        let mut gaps: Vec<_> = self.channels().filter_map(|it| gap(it)).collect();
+        // Repeated messages are in no count, so none of them is lost.
+        let counted = self.channels().filter(|it| !is_repeated(it));
+        let mut gaps: Vec<_> = counted.filter_map(|it| gap(it)).collect();
         gaps.sort_by(|one, other| one.0.cmp(&other.0));
         gaps
+    }
+
+    /// The latched messages with which the bag should begin, and does not.
+    pub(crate) fn not_repeated(&self) -> &[NotRepeated] {
+        &self.not_repeated
     }
 
     /// The damaged parts that were found when the bag was opened.

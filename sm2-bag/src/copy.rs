@@ -1,6 +1,6 @@
 //! Writing chosen messages of one or more bags to a new file.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
@@ -13,18 +13,21 @@ use crate::damaged::{self, DamagedPart};
 use crate::error::{CopyError, ReadError, WriteError};
 use crate::foreign::topic_name;
 use crate::gap::Gap;
+use crate::latched::{Once, before};
 use crate::merged::Merged;
-use crate::messages::{Filter, FoundMessage};
+use crate::messages::{BagMessage, Filter, FoundMessage};
 use crate::observer::{Observer, note, unobserved};
 use crate::profile::Profile;
+use crate::repeated::{NotRepeated, is_repeated, mark_repeated};
 use crate::report::{Counts, Report};
 use crate::writer::{Compression, write_counts, write_options};
 
 /// Writes the messages of `bags` that pass `filter` to the new bag `to`, in the order of their `log_time`. Messages of
-/// the same time keep the order of the bags. Gaps are copied if their topic and a part of their time pass the filter,
-/// other metadata and attachments are copied always. Damaged parts are left out: the [report](Report::damaged) names
-/// them, and the messages that they had are gaps, if the filter has no times and a summary counts the messages. Returns
-/// the summary of the new bag, which is removed if copying fails.
+/// the same time keep the order of the bags. If the filter has a first time, the new bag begins with the latched state
+/// as of then, marked as [repeated](BagMessage::is_repeated). Gaps are copied if their topic and a part of their time
+/// pass the filter, other metadata and attachments are copied always. Damaged parts are left out: the
+/// [report](Report::damaged) names them, and the messages that they had are gaps, if the filter has no times and a
+/// summary counts the messages. Returns the summary of the new bag, which is removed if copying fails.
 ///
 /// # Errors
 ///
@@ -137,49 +140,38 @@ fn write(
 ) -> Result<(), CopyError> {
     let filter = options.filter;
     let failed = |error: mcap::McapError| write_error(path, error.into());
-    let channels = bags.iter().flat_map(Bag::channels);
-    let chosen = channels.filter(|it| filter.has_topic(&it.topic));
-    let profile = Profile::of_channels(chosen.map(AsRef::as_ref));
-    let writer = write_options(options.compression, profile).create(BufWriter::new(file));
-    let mut new = NewBag {
-        writer: writer.map_err(failed)?,
-        channels: BTreeMap::new(),
-        counts: BTreeMap::new(),
-    };
-    for record in options.metadata {
-        new.writer.write_metadata(record).map_err(failed)?;
-    }
-    for (number, bag) in bags.iter().enumerate() {
-        // A topic without a message may have gaps.
-        for channel in bag.channels().filter(|it| filter.has_topic(&it.topic)) {
-            new.add_channel(number, channel).map_err(failed)?;
-        }
-        let records = bag.metadata().iter().filter(|it| is_chosen(it, filter));
-        for record in records {
-            new.writer.write_metadata(record).map_err(failed)?;
-        }
-    }
+    let mut new = NewBag::begin(bags, file, options).map_err(failed)?;
     let mut damaged: Vec<Vec<DamagedPart>> = bags.iter().map(|it| it.damaged().to_vec()).collect();
     copy_attachments(bags, &mut damaged, &mut new.writer, path)?;
+    let mut once = Once::new(bags);
+    if let Some(from_ns) = filter.from_ns {
+        let note = |number: usize, part| note_damaged(&mut damaged[number], part);
+        for (number, found) in before(bags, filter, from_ns, note)? {
+            once.admits(number, &found);
+            match found.read() {
+                Ok(it) => new.message(number, &it, true).map_err(failed)?,
+                Err(ReadError::Damaged { part, .. }) => note_damaged(&mut damaged[number], part),
+                Err(error) => return Err(error.into()),
+            }
+        }
+    }
     let mut read = BTreeMap::<(usize, u16), u64>::new();
     for (number, found) in Merged::new(bags, filter) {
-        let message = match found.and_then(FoundMessage::read) {
+        let found = match found {
+            Ok(it) if !once.admits(number, &it) => continue,
+            found => found.and_then(FoundMessage::read),
+        };
+        let message = match found {
             Ok(it) => it,
             Err(ReadError::Damaged { part, .. }) => {
-                damaged[number].push(part);
+                note_damaged(&mut damaged[number], part);
                 continue;
             }
             Err(error) => return Err(error.into()),
         };
-        let channel = (number, message.channel.id);
-        let header = MessageHeader {
-            channel_id: new.channels[&channel],
-            sequence: message.sequence,
-            log_time: message.log_time,
-            publish_time: message.publish_time,
-        };
-        new.message(&header, &message.data).map_err(failed)?;
-        *read.entry(channel).or_default() += 1;
+        let is_repeated = message.is_repeated();
+        (new.message(number, &message, is_repeated)).map_err(failed)?;
+        *read.entry((number, message.channel.id)).or_default() += 1;
         note(observer, message.data.len() as u64)?;
     }
     let has_all_times = filter.from_ns.is_none() && filter.to_ns.is_none();
@@ -190,6 +182,13 @@ fn write(
         damaged::write(&mut new.writer, parts, &gaps).map_err(failed)?;
     }
     new.finish().map_err(failed)
+}
+
+/// Notes a damaged part, which may have been read before.
+fn note_damaged(damaged: &mut Vec<DamagedPart>, part: DamagedPart) {
+    if !damaged.contains(&part) {
+        damaged.push(part);
+    }
 }
 
 /// Copies the attachments of the bags. A damaged one is added to the damaged parts of its bag.
@@ -220,7 +219,7 @@ fn copy_attachments(
 fn is_chosen(record: &Metadata, filter: &Filter) -> bool {
     match record.name.as_str() {
         // The counts are those of the new bag.
-        Counts::RECORD => false,
+        Counts::RECORD | NotRepeated::RECORD => false,
         Gap::RECORD => Gap::from_metadata(&record.metadata).is_none_or(|(topic, gap)| {
             filter.has_topic(&topic) && filter.overlaps(gap.from_ns, gap.to_ns)
         }),
@@ -228,31 +227,92 @@ fn is_chosen(record: &Metadata, filter: &Filter) -> bool {
     }
 }
 
+/// The latched messages with which the first bag of each publisher does not begin. Those of later ones are in an
+/// earlier one, or are named by it.
+fn not_repeated<'a>(
+    bags: &'a [Bag],
+    filter: &'a Filter,
+) -> impl Iterator<Item = &'a NotRepeated> + 'a {
+    let mut sorted: Vec<_> = bags.iter().collect();
+    sorted.sort_by_key(|it| it.times());
+    let mut known = BTreeSet::new();
+    let all = sorted.into_iter().flat_map(Bag::not_repeated);
+    all.filter(move |it| filter.has_topic(&it.topic) && known.insert((&it.topic, &it.publisher)))
+}
+
 /// The bag that is written.
 struct NewBag<'a> {
     writer: Writer<BufWriter<&'a File>>,
-    /// The channels by the number of their bag and their number in it.
-    channels: BTreeMap<(usize, u16), u16>,
+    /// The channels by the number of their bag, their number in it, and whether their messages are repeated.
+    channels: BTreeMap<(usize, u16, bool), u16>,
     counts: BTreeMap<u16, Counts>,
 }
 
-impl NewBag<'_> {
+impl<'a> NewBag<'a> {
+    /// Writes everything that stands before the first message.
+    fn begin(bags: &[Bag], file: &'a File, options: &CopyOptions<'_>) -> McapResult<Self> {
+        let filter = options.filter;
+        let channels = bags.iter().flat_map(Bag::channels);
+        let chosen = channels.filter(|it| filter.has_topic(&it.topic));
+        let profile = Profile::of_channels(chosen.map(AsRef::as_ref));
+        let mut new = Self {
+            writer: write_options(options.compression, profile).create(BufWriter::new(file))?,
+            channels: BTreeMap::new(),
+            counts: BTreeMap::new(),
+        };
+        for record in options.metadata {
+            new.writer.write_metadata(record)?;
+        }
+        for (number, bag) in bags.iter().enumerate() {
+            // A topic without a message may have gaps.
+            let chosen = bag.channels().filter(|it| filter.has_topic(&it.topic));
+            for channel in chosen.filter(|it| !is_repeated(it)) {
+                new.channel(number, channel, false)?;
+            }
+            let records = bag.metadata().iter().filter(|it| is_chosen(it, filter));
+            for record in records {
+                new.writer.write_metadata(record)?;
+            }
+        }
+        for it in not_repeated(bags, filter) {
+            let (name, metadata) = (NotRepeated::RECORD.to_owned(), it.metadata());
+            new.writer.write_metadata(&Metadata { name, metadata })?;
+        }
+        Ok(new)
+    }
+
     /// Adds a channel of a bag, or finds the same one of another bag.
-    fn add_channel(&mut self, bag: usize, channel: &Channel<'_>) -> McapResult<()> {
+    fn channel(&mut self, bag: usize, channel: &Channel<'_>, is_repeated: bool) -> McapResult<u16> {
+        let key = (bag, channel.id, is_repeated);
+        if let Some(known) = self.channels.get(&key) {
+            return Ok(*known);
+        }
         let schema = match &channel.schema {
             Some(it) => self.writer.add_schema(&it.name, &it.encoding, &it.data)?,
             None => 0,
         };
+        let mut metadata = channel.metadata.clone();
+        if is_repeated {
+            mark_repeated(&mut metadata);
+        }
         let (topic, encoding) = (&channel.topic, &channel.message_encoding);
-        let added = (self.writer).add_channel(schema, topic, encoding, &channel.metadata)?;
-        self.channels.insert((bag, channel.id), added);
-        Ok(())
+        let added = (self.writer).add_channel(schema, topic, encoding, &metadata)?;
+        self.channels.insert(key, added);
+        Ok(added)
     }
 
-    fn message(&mut self, header: &MessageHeader, data: &[u8]) -> McapResult<()> {
-        self.writer.write_to_known_channel(header, data)?;
-        let counts = self.counts.entry(header.channel_id).or_default();
-        counts.add(data.len());
+    /// Writes a message of a bag.
+    fn message(&mut self, bag: usize, message: &BagMessage, is_repeated: bool) -> McapResult<()> {
+        let channel_id = self.channel(bag, &message.channel, is_repeated)?;
+        let header = MessageHeader {
+            channel_id,
+            sequence: message.sequence,
+            log_time: message.log_time,
+            publish_time: message.publish_time,
+        };
+        self.writer.write_to_known_channel(&header, &message.data)?;
+        let counts = self.counts.entry(channel_id).or_default();
+        counts.add(message.data.len());
         Ok(())
     }
 

@@ -11,6 +11,7 @@ use crate::damaged::DamagedPart;
 use crate::error::ReadError;
 use crate::messages::Filter;
 use crate::observer::{Observer, note, unobserved};
+use crate::repeated::is_repeated;
 
 /// The first difference of two bags, in the order of their messages.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -78,9 +79,9 @@ pub struct Comparison {
     pub damaged: [Vec<DamagedPart>; 2],
 }
 
-/// Compares the payloads of two bags, topic by topic. Times, publishers and gaps may differ. Of each message that is
-/// ahead of those of the same topic in the other bag, the length and a hash of 64 bits are kept in memory. The keys of
-/// the hash are random, so two payloads that differ count as the same with a probability of 2^-64.
+/// Compares the payloads of two bags, topic by topic. Times, publishers, gaps and repeated messages may differ. Of each
+/// message that is ahead of those of the same topic in the other bag, the length and a hash of 64 bits are kept in
+/// memory. The keys of the hash are random, so two payloads that differ count as the same with a probability of 2^-64.
 ///
 /// # Errors
 ///
@@ -113,7 +114,8 @@ fn first(
     observer: &mut Observer<'_>,
 ) -> Result<Option<Difference>, ReadError> {
     let topics = bags.map(|bag| {
-        let channels = bag.sources().map(|(channel, _)| channel.topic.clone());
+        let channels = bag.channels().filter(|it| !is_repeated(it));
+        let channels = channels.map(|it| it.topic.clone());
         channels.collect::<BTreeSet<_>>()
     });
     if let Some(topic) = topics[0].symmetric_difference(&topics[1]).next() {
@@ -139,6 +141,9 @@ fn first(
                 Some(message) => message?,
             };
             at_end = false;
+            if message.is_repeated() {
+                continue;
+            }
             note(observer, message.data.len() as u64)?;
             let topic = &message.channel.topic;
             let of_topic = match compared.get_mut(topic) {
@@ -231,7 +236,7 @@ fn payload(bag: &Bag, topic: &str, message: u64) -> Result<Vec<u8>, ReadError> {
             message => message?,
         };
         // A filter also chooses the topic with a slash at its start.
-        if message.channel.topic != topic {
+        if message.channel.topic != topic || message.is_repeated() {
             continue;
         }
         if before == 0 {

@@ -30,6 +30,7 @@
 //! | metadata `sm2.gap` | messages that are missing: [`Gap`] |
 //! | metadata `sm2.missing` | a topic that was not recorded for a time, and the reason |
 //! | metadata `sm2.not_recorded` | how many more topics were not recorded, without their names |
+//! | metadata `sm2.not_repeated` | latched messages with which the file should begin, and has no room for |
 //! | metadata `sm2.damaged` | a damaged part of the bag from which this one was copied |
 //! | metadata `sm2.incident` | the trigger and the times of a [`BlackBox`] |
 //! | metadata `sm2.channel` | the counts of one channel, at the end of a complete bag |
@@ -39,6 +40,15 @@
 //!
 //! Best-effort topics with 40 to 1,000 messages per second are polled every 2 ms. The `log_time` of their messages is
 //! the time of publication, if that is after the last poll. So messages of several topics stay in their order.
+//!
+//! # Latched topics
+//!
+//! Each file of a folder, and each bag that begins at a time of another one, begins with the latched state as of then:
+//! the messages that a subscriber gets which joins at this moment. They are *repeated*: their channel is that of their
+//! publisher, with `sm2.repeated` in its metadata. Their `log_time` is that of the beginning, and their `publish_time`
+//! and `sequence` are those of the original. Counts and comparisons leave them out, and a reader of several files gets
+//! each message once. A recorder keeps at most a quarter of its [budget](Options::budget_bytes) for this, and fills at
+//! most half of a file.
 //!
 //! # Bags of ROS 2
 //!
@@ -70,6 +80,7 @@ mod foreign;
 #[cfg(feature = "fuzzing")]
 pub mod fuzz;
 mod gap;
+mod latched;
 mod lengths;
 mod merged;
 mod messages;
@@ -82,6 +93,7 @@ mod profile;
 mod queue;
 mod recorder;
 mod recover;
+mod repeated;
 mod report;
 mod resync;
 mod ros_qos;

@@ -12,6 +12,7 @@ use crate::chunk::{CHUNK_MAX_BYTES, Entry, RawRecord, RecordReader};
 use crate::error::ReadError;
 use crate::foreign::topic_name;
 use crate::payload::{LongPayload, Payload};
+use crate::repeated::is_repeated;
 
 /// The messages to read.
 #[derive(Clone, Debug, Default)]
@@ -50,6 +51,15 @@ pub struct BagMessage {
     pub publish_time: u64,
     /// The payload.
     pub data: Vec<u8>,
+}
+
+impl BagMessage {
+    /// Whether the bag begins with this message only because its publisher is latched: it was published before. Then
+    /// `log_time` is the time of the beginning.
+    #[must_use]
+    pub fn is_repeated(&self) -> bool {
+        is_repeated(&self.channel)
+    }
 }
 
 /// A message of a bag whose payload may still be in the file.

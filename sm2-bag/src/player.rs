@@ -25,7 +25,9 @@ use self::timeline::Timeline;
 use crate::bag::Bag;
 use crate::damaged::DamagedPart;
 use crate::error::{PlayError, ReadError};
+use crate::latched::{Once, before};
 use crate::merged::Merged;
+use crate::messages::FoundMessage;
 
 /// A wait for subscribers or for room is cut into steps of this length, so that the caller's descriptor ends it soon.
 const STEP: Duration = Duration::from_millis(100);
@@ -36,7 +38,8 @@ const CONDUCTOR: &str = "conductor";
 /// Publishes the messages of one or more bags in the order and at the pace of their `log_time`.
 ///
 /// Each recorded publisher has a publisher with the same type and QoS, in a node of its own name. Before the first
-/// message, the player waits until the subscribers that the domain has are linked.
+/// message, the player waits until the subscribers that the domain has are linked. If the filter has a first time, the
+/// player publishes the latched state as of then first.
 ///
 /// Other threads [control](Self::control) it, and other programs by a [service](Self::serve).
 pub struct Player<'a> {
@@ -150,7 +153,19 @@ impl<'a> Player<'a> {
             return Ok(false);
         }
         let mut is_empty = true;
-        for (bag, message) in Merged::new(self.bags, &self.options.filter) {
+        let mut once = Once::new(self.bags);
+        let (bags, filter) = (self.bags, &self.options.filter.clone());
+        if let Some(from_ns) = filter.from_ns {
+            let note = |bag: usize, part| leave_out(&mut self.damaged, bags[bag].path(), part);
+            for (bag, message) in before(bags, filter, from_ns, note)? {
+                once.admits(bag, &message);
+                is_empty = false;
+                if !self.publish_found(bag, message)? {
+                    return Ok(false);
+                }
+            }
+        }
+        for (bag, message) in Merged::new(bags, filter) {
             let message = match message {
                 Err(ReadError::Damaged { path, part }) => {
                     leave_out(&mut self.damaged, &path, part);
@@ -158,41 +173,49 @@ impl<'a> Player<'a> {
                 }
                 found => found?,
             };
-            let Some(&publisher) = self.channels.get(&(bag, message.channel.id)) else {
-                // Recorded domain time, which the player publishes itself.
-                continue;
-            };
-            is_empty = false;
-            let time = message.log_time;
-            let played = &mut self.publishers[publisher];
-            // Before the wait, which a slow disk or a damaged bag would otherwise make late.
-            let outgoing = match Outgoing::read(&played.publisher, message.payload) {
-                Err(PlayError::Read(ReadError::Damaged { path, part })) => {
-                    leave_out(&mut self.damaged, &path, part);
-                    continue;
-                }
-                read => read?,
-            };
-            let room_timeout = self.options.room_timeout;
-            if !self.timeline.advance(time)?
-                || !publish(
-                    &mut self.timeline,
-                    &played.publisher,
-                    time,
-                    outgoing,
-                    room_timeout,
-                )?
-            {
+            is_empty &= !self.channels.contains_key(&(bag, message.channel.id));
+            if once.admits(bag, &message) && !self.publish_found(bag, message)? {
                 return Ok(false);
             }
-            played.messages += 1;
-            self.timeline.published(time);
         }
         if is_empty {
             let path = first_path(self.bags);
             return Err(PlayError::Empty { path });
         }
         Ok(self.timeline.finish()? && self.flush()?)
+    }
+
+    /// Publishes a message of a bag. Returns false if the caller ends playing.
+    fn publish_found(&mut self, bag: usize, message: FoundMessage<'_>) -> Result<bool, PlayError> {
+        let Some(&publisher) = self.channels.get(&(bag, message.channel.id)) else {
+            // Recorded domain time, which the player publishes itself.
+            return Ok(true);
+        };
+        let time = message.log_time;
+        let played = &mut self.publishers[publisher];
+        // Before the wait, which a slow disk or a damaged bag would otherwise make late.
+        let outgoing = match Outgoing::read(&played.publisher, message.payload) {
+            Err(PlayError::Read(ReadError::Damaged { path, part })) => {
+                leave_out(&mut self.damaged, &path, part);
+                return Ok(true);
+            }
+            read => read?,
+        };
+        let room_timeout = self.options.room_timeout;
+        if !self.timeline.advance(time)?
+            || !publish(
+                &mut self.timeline,
+                &played.publisher,
+                time,
+                outgoing,
+                room_timeout,
+            )?
+        {
+            return Ok(false);
+        }
+        played.messages += 1;
+        self.timeline.published(time);
+        Ok(true)
     }
 
     /// Waits until the subscribers that are there, and those that the options demand, are linked.
@@ -276,8 +299,11 @@ fn publish(
     Ok(true)
 }
 
-/// Notes that the messages of a damaged part are not played.
+/// Notes that the messages of a damaged part are not played. It may have been read before.
 fn leave_out(damaged: &mut Vec<DamagedPart>, path: &Path, part: DamagedPart) {
+    if damaged.contains(&part) {
+        return;
+    }
     tracing::error!(path = %path.display(), %part, "a damaged part of the bag is left out");
     damaged.push(part);
 }

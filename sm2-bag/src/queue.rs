@@ -35,6 +35,8 @@ pub(crate) enum Item {
         payload: Payload,
     },
     Gap(Arc<Source>, Gap),
+    /// A latched publisher has left.
+    Left(Arc<Source>),
     Clock(ClockRelation),
     /// A topic that is not recorded from now on, or was not until now.
     Missing(MissingTopic),

@@ -135,7 +135,7 @@ impl<'fd> Recorder<'fd> {
         stop: BorrowedFd<'fd>,
     ) -> Result<Self, RecordError> {
         let clock = ClockRelation::read(options.wall_clock, options.monotonic_clock);
-        let parts = Parts::new(output, options.compression, options.min_free_bytes, clock);
+        let parts = Parts::new(output, &options, clock);
         let parts = parts.map_err(RecordError::Write)?;
         let mut set = WaitSet::new().map_err(RecordError::System)?;
         let mut watch = node.watch();
@@ -231,6 +231,7 @@ impl<'fd> Recorder<'fd> {
                     self.compare_clocks();
                     self.new_topics.resume();
                     self.topics.iter_mut().for_each(Topic::look_for_link);
+                    self.forget_publishers();
                     if std::mem::take(&mut self.is_short) {
                         self.wait_again()?;
                     }

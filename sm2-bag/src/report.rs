@@ -7,6 +7,7 @@ use serde::Serialize;
 use crate::damaged::DamagedPart;
 use crate::gap::{Gap, GapReason};
 use crate::missing::MissingTopic;
+use crate::repeated::NotRepeated;
 
 /// The summary of a bag: its topics, times and gaps.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
@@ -43,6 +44,11 @@ pub struct TopicReport {
     pub lost: u64,
     /// Where messages are missing.
     pub gaps: Vec<Gap>,
+    /// The number of messages of latched publishers with which the bag begins, because they were published before it.
+    /// They are not in `messages`.
+    pub repeated: u64,
+    /// The number of such messages that the bag has no room for.
+    pub not_repeated: u64,
 }
 
 /// The counts of one channel.
@@ -121,15 +127,25 @@ pub(crate) struct ReportBuilder {
 
 impl ReportBuilder {
     pub(crate) fn add_channel(&mut self, topic: &str, data: &str, counts: Counts) {
-        let key = (topic.to_owned(), data.to_owned());
-        let report = self.topics.entry(key).or_insert_with(|| TopicReport {
-            name: topic.to_owned(),
-            r#type: data.to_owned(),
-            ..TopicReport::default()
-        });
+        let report = self.topic(topic, data);
         // A hostile bag can claim any counts.
         report.messages = report.messages.saturating_add(counts.messages);
         report.bytes = report.bytes.saturating_add(counts.bytes);
+    }
+
+    /// Adds a channel whose messages are repeated.
+    pub(crate) fn add_repeated(&mut self, topic: &str, data: &str, counts: Counts) {
+        let report = self.topic(topic, data);
+        report.repeated = report.repeated.saturating_add(counts.messages);
+    }
+
+    fn topic(&mut self, topic: &str, data: &str) -> &mut TopicReport {
+        let key = (topic.to_owned(), data.to_owned());
+        self.topics.entry(key).or_insert_with(|| TopicReport {
+            name: topic.to_owned(),
+            r#type: data.to_owned(),
+            ..TopicReport::default()
+        })
     }
 
     /// Adds a gap to the first type of its topic: a publisher whose messages are missing is a channel of the bag.
@@ -151,6 +167,12 @@ impl ReportBuilder {
             self.last_gaps.insert(key, report.gaps.len());
             report.gaps.push(gap.clone());
         }
+    }
+
+    /// Adds latched messages with which the bag does not begin.
+    pub(crate) fn add_not_repeated(&mut self, it: &NotRepeated) {
+        let report = self.topic(&it.topic, &it.data);
+        report.not_repeated = report.not_repeated.saturating_add(it.messages);
     }
 
     /// Adds a topic that was missing, or the end of that time.
@@ -175,6 +197,9 @@ impl ReportBuilder {
                 messages, bytes, ..
             } = *topic;
             self.add_channel(&topic.name, &topic.r#type, Counts { messages, bytes });
+            let sum = self.topic(&topic.name, &topic.r#type);
+            sum.repeated = sum.repeated.saturating_add(topic.repeated);
+            sum.not_repeated = sum.not_repeated.saturating_add(topic.not_repeated);
             for gap in &topic.gaps {
                 self.add_gap(&topic.name, gap);
             }

@@ -139,7 +139,8 @@ fn summary_damage(bag: &Bag, scan: &Scan) -> Option<Damage> {
     };
     let total: u64 = scan.counts.values().map(|it| it.messages).sum();
     let report = bag.report();
-    let said = report.topics.iter().map(|it| it.messages);
+    let said = report.topics.iter();
+    let said = said.map(|it| it.messages.saturating_add(it.repeated));
     let said = said.fold(0, u64::saturating_add);
     // A channel or a type that only the summary names has no messages: messages follow the record of their channel.
     let has_all = contains(&says.channels, &has.channels) && contains(&says.schemas, &has.schemas);

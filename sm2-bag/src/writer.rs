@@ -32,6 +32,7 @@ use crate::error::WriteError;
 use crate::gap::{Gap, GapReason};
 use crate::missing::MissingTopic;
 use crate::profile::Profile;
+use crate::repeated::{NotRepeated, mark_repeated};
 use crate::report::{Counts, NotRecorded, Report, ReportBuilder, widen};
 use crate::source::Source;
 use crate::storage::Storage;
@@ -88,6 +89,22 @@ pub(crate) struct MessageTimes {
     pub(crate) publish_time: u64,
 }
 
+impl MessageTimes {
+    const fn of(self, channel_id: u16) -> MessageHeader {
+        let Self {
+            sequence,
+            log_time,
+            publish_time,
+        } = self;
+        MessageHeader {
+            channel_id,
+            sequence,
+            log_time,
+            publish_time,
+        }
+    }
+}
+
 /// Writes a bag. After an error, nothing more may be written, and the bag stays without a summary.
 pub(crate) struct BagWriter {
     /// Makes chunks of the short messages.
@@ -103,6 +120,8 @@ pub(crate) struct BagWriter {
     /// The same by the address of the source, which stays in memory as long as it is here: a source has a long text,
     /// which is not hashed for each message.
     known_sources: HashMap<usize, (Arc<Source>, u16)>,
+    /// The channels of messages that are repeated.
+    repeated: HashMap<Arc<Source>, u16>,
     counts: BTreeMap<u16, Counts>,
     times: Option<(u64, u64)>,
     /// The gaps since the last interval, which are written at its end.
@@ -113,6 +132,7 @@ pub(crate) struct BagWriter {
     missing: Vec<MissingTopic>,
     /// The number of topics that were not recorded and have no name.
     not_recorded: u64,
+    not_repeated: Vec<NotRepeated>,
 }
 
 impl BagWriter {
@@ -134,12 +154,14 @@ impl BagWriter {
             long_chunks: Vec::new(),
             channels: HashMap::new(),
             known_sources: HashMap::new(),
+            repeated: HashMap::new(),
             counts: BTreeMap::new(),
             times: None,
             open_gaps: BTreeMap::new(),
             gaps: Vec::new(),
             missing: Vec::new(),
             not_recorded: 0,
+            not_repeated: Vec::new(),
         };
         writer.clock(clock)?;
         Ok(writer)
@@ -172,10 +194,32 @@ impl BagWriter {
         times: MessageTimes,
         data: &[u8],
     ) -> Result<(), WriteError> {
-        let header = self.header(source, times)?;
-        self.mcap.write_to_known_channel(&header, data)?;
+        let channel = self.channel(source)?;
+        self.short_message(&times.of(channel), data)
+    }
+
+    /// Writes a message that an earlier bag has. It may have any length.
+    pub(crate) fn repeated_message(
+        &mut self,
+        source: &Arc<Source>,
+        times: MessageTimes,
+        data: &[u8],
+    ) -> Result<(), WriteError> {
+        let channel = match self.repeated.get(source) {
+            Some(it) => *it,
+            None => {
+                let added = self.add_to_file(source, true)?;
+                self.repeated.insert(Arc::clone(source), added);
+                added
+            }
+        };
+        self.short_message(&times.of(channel), data)
+    }
+
+    fn short_message(&mut self, header: &MessageHeader, data: &[u8]) -> Result<(), WriteError> {
+        self.mcap.write_to_known_channel(header, data)?;
         self.open_bytes += data.len();
-        self.count(&header, data.len());
+        self.count(header, data.len());
         if self.open_bytes >= CHUNK_BYTES {
             self.end_chunk()?;
             self.file.flush()?;
@@ -191,7 +235,7 @@ impl BagWriter {
         message: Sample<[u8]>,
         done: Done,
     ) -> Result<(), WriteError> {
-        let header = self.header(source, times)?;
+        let header = times.of(self.channel(source)?);
         // The messages and the channels before it stand before it in the file.
         self.end_chunk()?;
         let (start, len) = (self.file.end(), message.len());
@@ -207,24 +251,6 @@ impl BagWriter {
         Ok(())
     }
 
-    fn header(
-        &mut self,
-        source: &Arc<Source>,
-        times: MessageTimes,
-    ) -> Result<MessageHeader, WriteError> {
-        let MessageTimes {
-            sequence,
-            log_time,
-            publish_time,
-        } = times;
-        Ok(MessageHeader {
-            channel_id: self.channel(source)?,
-            sequence,
-            log_time,
-            publish_time,
-        })
-    }
-
     fn count(&mut self, header: &MessageHeader, len_bytes: usize) {
         let counts = self.counts.entry(header.channel_id).or_default();
         counts.add(len_bytes);
@@ -238,7 +264,8 @@ impl BagWriter {
         if self.file.end() == 0 {
             // The file is only appended to, so the profile cannot change later. Most topics have published something
             // before the first chunk ends.
-            let profile = Profile::of_sources(self.channels.keys().map(AsRef::as_ref));
+            let sources = self.channels.keys().chain(self.repeated.keys());
+            let profile = Profile::of_sources(sources.map(AsRef::as_ref));
             let head = head(profile)?;
             bytes[..head.len()].copy_from_slice(&head);
         }
@@ -263,18 +290,23 @@ impl BagWriter {
         if let Some(id) = self.channels.get(source) {
             return Ok(*id);
         }
+        let id = self.add_to_file(source, false)?;
+        self.channels.insert(Arc::clone(source), id);
+        Ok(id)
+    }
+
+    /// Writes the records of a channel.
+    fn add_to_file(&mut self, source: &Source, is_repeated: bool) -> Result<u16, WriteError> {
         let (encoding, text) = source.schema_record();
         let schema = self
             .mcap
             .add_schema(source.data.name.as_str(), encoding, text)?;
-        let id = self.mcap.add_channel(
-            schema,
-            source.topic.as_str(),
-            &source.message_encoding(),
-            &source.metadata(),
-        )?;
-        self.channels.insert(Arc::clone(source), id);
-        Ok(id)
+        let mut metadata = source.metadata();
+        if is_repeated {
+            mark_repeated(&mut metadata);
+        }
+        let (topic, encoding) = (source.topic.as_str(), source.message_encoding());
+        Ok((self.mcap).add_channel(schema, topic, &encoding, &metadata)?)
     }
 
     /// Notes messages that are missing.
@@ -314,6 +346,13 @@ impl BagWriter {
     pub(crate) fn not_recorded(&mut self, topics: u64) -> Result<(), WriteError> {
         self.not_recorded += topics;
         self.metadata(NotRecorded::RECORD, NotRecorded(topics).metadata())
+    }
+
+    /// Notes latched messages that are not repeated.
+    pub(crate) fn not_repeated(&mut self, not_repeated: NotRepeated) -> Result<(), WriteError> {
+        self.metadata(NotRepeated::RECORD, not_repeated.metadata())?;
+        self.not_repeated.push(not_repeated);
+        Ok(())
     }
 
     fn metadata(
@@ -359,9 +398,14 @@ impl BagWriter {
             let counts = self.counts.get(id).copied().unwrap_or_default();
             report.add_channel(source.topic.as_str(), source.data.name.as_str(), counts);
         }
+        for (source, id) in &self.repeated {
+            let counts = self.counts.get(id).copied().unwrap_or_default();
+            report.add_repeated(source.topic.as_str(), source.data.name.as_str(), counts);
+        }
         for (topic, gap) in &self.gaps {
             report.add_gap(topic, gap);
         }
+        (self.not_repeated.iter()).for_each(|it| report.add_not_repeated(it));
         self.missing.iter().for_each(|it| report.add_missing(it));
         report.add_not_recorded(self.not_recorded);
         Ok(report.finish(self.times, true))

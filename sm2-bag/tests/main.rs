@@ -12,6 +12,8 @@ mod diff;
 mod direct;
 mod disk;
 mod fuzz_corpus;
+mod latched;
+mod latched_play;
 mod lockstep;
 mod observer;
 mod parts;

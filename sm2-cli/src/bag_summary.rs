@@ -40,6 +40,15 @@ pub(crate) fn show(out: &mut Output, path: &Path, report: &Report) -> Result<(),
             Size(topic.bytes),
             topic.lost
         ))?;
+        for (messages, text) in [
+            (topic.repeated, "of before, with which it begins"),
+            (topic.not_repeated, "of before that it LACKS: no room"),
+        ] {
+            if messages > 0 {
+                let latched = Counted::new(messages, "latched message");
+                out.line(format_args!("    {latched} {text}"))?;
+            }
+        }
         for gap in topic.gaps.iter().take(GAPS_SHOWN) {
             let at = gap
                 .from_ns

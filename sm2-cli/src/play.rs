@@ -77,7 +77,8 @@ Each recorded publisher gets a publisher with the same type and QoS. The first m
 10 s, until the subscribers that the domain has are linked. Reliable subscribers without room hold up the
 next message for at most 10 s. Messages that subscribers missed are counted at the end.
 
-Damaged parts of a bag are left out, and named at the end.
+With --start, the messages that a late subscriber would have got from latched publishers at that time come
+first. Damaged parts of a bag are left out, and named at the end.
 
 With --clock, nodes that use domain time follow the times of the messages. With --lockstep, the domain time
 also waits for the members: nodes that handle their inputs in turns. Their outputs are then the same in each

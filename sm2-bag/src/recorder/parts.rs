@@ -7,15 +7,20 @@ use std::time::Duration;
 
 use sm2_node::Sample;
 
+use super::Options;
 use crate::clock::ClockRelation;
 use crate::error::WriteError;
 use crate::folder::Folder;
 use crate::gap::Gap;
+use crate::latched::Kept;
 use crate::missing::MissingTopic;
 use crate::report::{Report, ReportBuilder};
 use crate::source::Source;
 use crate::storage::Storage;
 use crate::writer::{BagWriter, Compression, Done, MessageTimes};
+
+/// One part in so many of the budget may be used to keep the latched state for the next file.
+const KEPT_SHARE: u64 = 4;
 
 /// When a recording begins a new file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -37,6 +42,10 @@ pub(crate) struct Parts {
     bag: BagWriter,
     /// The folder, unless there is one file only.
     folder: Option<(Folder, Split)>,
+    /// The latched state for the next file of the folder.
+    kept: Kept,
+    /// Whether the file has a message that is not repeated.
+    has_messages: bool,
     compression: Compression,
     min_free_bytes: u64,
     /// The relation of the clocks at the start, and after the last step of the wall clock.
@@ -50,8 +59,7 @@ pub(crate) struct Parts {
 impl Parts {
     pub(crate) fn new(
         output: Output,
-        compression: Compression,
-        min_free_bytes: u64,
+        options: &Options,
         clock: ClockRelation,
     ) -> Result<Self, WriteError> {
         let (storage, folder) = match output {
@@ -59,10 +67,12 @@ impl Parts {
             Output::Folder(folder, split) => (next_file(&folder, split)?, Some((folder, split))),
         };
         Ok(Self {
-            bag: BagWriter::new(storage, compression, clock)?,
+            bag: BagWriter::new(storage, options.compression, clock)?,
             folder,
-            compression,
-            min_free_bytes,
+            kept: Kept::new(options.budget_bytes / KEPT_SHARE),
+            has_messages: false,
+            compression: options.compression,
+            min_free_bytes: options.min_free_bytes,
             clocks: (clock, clock),
             missing: BTreeMap::new(),
             done: ReportBuilder::default(),
@@ -76,6 +86,7 @@ impl Parts {
         data: &[u8],
     ) -> Result<(), WriteError> {
         self.make_room(times.log_time, data.len())?;
+        self.note(source, times, data);
         self.bag.message(source, times, data)
     }
 
@@ -87,7 +98,21 @@ impl Parts {
         done: Done,
     ) -> Result<(), WriteError> {
         self.make_room(times.log_time, message.len())?;
+        self.note(source, times, &message);
         self.bag.long_message(source, times, message, done)
+    }
+
+    /// Notes a message that is about to be written.
+    fn note(&mut self, source: &Arc<Source>, times: MessageTimes, data: &[u8]) {
+        self.has_messages = true;
+        if self.folder.is_some() {
+            self.kept.note(source, times, data);
+        }
+    }
+
+    /// A latched publisher has left.
+    pub(crate) fn left(&mut self, source: &Arc<Source>) {
+        self.kept.forget(source);
     }
 
     /// Begins the next file if a message belongs to it.
@@ -103,7 +128,7 @@ impl Parts {
         let Some((_, split)) = &self.folder else {
             return false;
         };
-        let Some((first, _)) = self.bag.times() else {
+        let Some((first, _)) = self.bag.times().filter(|_| self.has_messages) else {
             return false;
         };
         let is_long = split
@@ -178,7 +203,9 @@ impl Parts {
         for missing in self.missing.values() {
             self.bag.missing(missing.clone())?;
         }
-        Ok(())
+        self.has_messages = false;
+        let most_bytes = split.bytes.map_or(u64::MAX, |it| it / 2);
+        self.kept.repeat(&mut self.bag, now_ns, most_bytes)
     }
 
     /// Ends the last file. Returns the content of all files together.

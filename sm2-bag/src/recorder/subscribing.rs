@@ -79,6 +79,15 @@ impl<'fd> Recorder<'fd> {
         Ok(())
     }
 
+    /// Tells the writer which latched publishers have left.
+    pub(super) fn forget_publishers(&mut self) {
+        for topic in self.topics.iter_mut().filter(|it| it.has_latched()) {
+            for source in topic.take_left() {
+                self.queue.push(Item::Left(source));
+            }
+        }
+    }
+
     /// Notes the topics that have never had a link.
     pub(super) fn note_unlinked(&mut self) {
         for topic in &mut self.topics {

@@ -67,6 +67,8 @@ struct Publisher {
     source: Arc<Source>,
     /// The `log_time` of its last message that was recorded.
     last_time: Option<u64>,
+    /// Whether it is latched, and the writer keeps its last messages.
+    is_kept: bool,
 }
 
 /// A message that was taken.
@@ -134,7 +136,9 @@ impl Topic {
                 self.publishers.len() - 1
             }
         };
-        let Publisher { source, last_time } = &self.publishers[number];
+        let Publisher {
+            source, last_time, ..
+        } = &self.publishers[number];
         let displaced = (sample.lost() > 0).then(|| Gap {
             publisher: source.publisher.to_string(),
             from_ns: last_time.unwrap_or(now),
@@ -176,6 +180,7 @@ impl Topic {
         Publisher {
             source: Arc::new(source),
             last_time: None,
+            is_kept: false,
         }
     }
 
@@ -203,7 +208,34 @@ impl Topic {
 
     /// The message will be in the bag.
     pub(super) fn note_recorded(&mut self, taken: &Taken) {
-        self.publishers[taken.publisher].last_time = Some(taken.times.log_time);
+        let publisher = &mut self.publishers[taken.publisher];
+        publisher.last_time = Some(taken.times.log_time);
+        publisher.is_kept = publisher.source.offer.latched > 0;
+    }
+
+    /// Whether the writer keeps messages of one of its publishers.
+    pub(super) fn has_latched(&self) -> bool {
+        self.publishers.iter().any(|it| it.is_kept)
+    }
+
+    /// The latched publishers that have left since the last call. One that comes back sends its messages again.
+    pub(super) fn take_left(&mut self) -> Vec<Arc<Source>> {
+        let links = self.subscriber.links();
+        let is_there = |source: &Source| {
+            links.iter().any(|link| {
+                link.open
+                    && link.peer.name == source.publisher
+                    && matches!(&link.peer.contract, Contract::Publisher { data, .. }
+                        if *data == source.data)
+            })
+        };
+        let kept = self.publishers.iter_mut().filter(|it| it.is_kept);
+        let left = kept.filter(|it| !is_there(&it.source));
+        let left = left.map(|it| {
+            it.is_kept = false;
+            Arc::clone(&it.source)
+        });
+        left.collect()
     }
 
     /// The gap that a message leaves for which there is no memory.

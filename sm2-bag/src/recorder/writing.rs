@@ -65,6 +65,7 @@ pub(super) fn write(
                     }
                 },
                 Item::Gap(source, gap) => parts.gap(&source, gap)?,
+                Item::Left(source) => parts.left(&source),
                 Item::Clock(clock) => parts.clock(clock)?,
                 Item::Missing(missing) => parts.missing(missing)?,
                 Item::NotRecorded(topics) => parts.not_recorded(topics)?,
