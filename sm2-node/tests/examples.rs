@@ -10,6 +10,7 @@ use crate::common::{Domain, SOON};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use sm2_node::Node;
+use sm2_test_support::wait_until_stopped;
 
 const LOOPS: [&str; 3] = ["loop_epoll", "loop_mio", "loop_io_uring"];
 /// A timer period, in milliseconds, that does not elapse during a test.
@@ -32,6 +33,9 @@ impl Example {
 
     fn signal(&self, signal: Signal) {
         kill(Pid::from_raw(self.0.id().try_into().unwrap()), signal).unwrap();
+        if signal == Signal::SIGSTOP {
+            wait_until_stopped(self.0.id());
+        }
     }
 
     fn take_stdout(&mut self) -> BufReader<ChildStdout> {

@@ -95,6 +95,14 @@ class Child:
     def signal(self, number: signal.Signals) -> None:
         """Sends a signal to the child."""
         self.process.send_signal(number)
+        if number == signal.SIGSTOP:
+            # The signal has been sent, and its threads may still run.
+            until(self._is_stopped, "all threads are stopped")
+
+    def _is_stopped(self) -> bool:
+        threads = Path(f"/proc/{self.process.pid}/task").glob("*/stat")
+        # The name in brackets before the state may contain any character.
+        return all(it.read_text().rpartition(") ")[2].startswith("T") for it in threads)
 
     def wait(self) -> tuple[int, str, str]:
         """Its exit status, and the rest of what it printed."""

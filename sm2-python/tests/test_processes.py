@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 from collections.abc import Callable
 from pathlib import Path
@@ -230,10 +229,10 @@ def test_two_processes_stopped_and_continued(node: sm2.Node, child: Callable[[st
     publisher = node.publisher("topic", str)
     assert listener.line() == "ready"
     publisher.wait_for_subscribers(1, SOON)
-    os.kill(listener.process.pid, signal.SIGSTOP)
+    listener.signal(signal.SIGSTOP)
     for number in range(100):
         publisher.publish(str(number))
     publisher.publish("last")
-    os.kill(listener.process.pid, signal.SIGCONT)
+    listener.signal(signal.SIGCONT)
     status, out, errors = listener.wait()
     assert (status, errors) == (0, "") and out.endswith("last\n")

@@ -169,15 +169,6 @@ fn threads(pid: u32) -> BTreeMap<OsString, Thread> {
     entries.filter_map(thread).collect()
 }
 
-/// The state of a process: `R`unning, `S`leeping, stopped (`T`), …; `None` without such a process.
-#[must_use]
-pub fn state(pid: u32) -> Option<char> {
-    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
-    // The name in brackets before the state may contain any character.
-    let (_, rest) = stat.rsplit_once(") ")?;
-    rest.chars().next()
-}
-
 /// The private memory of a process that is in use, in KiB: neither files nor shared memory.
 #[must_use]
 pub fn anonymous_kib(pid: u32) -> Option<u64> {

@@ -16,12 +16,9 @@ use nix::{
     sys::signal::{Signal, kill},
     unistd::Pid,
 };
+use sm2_test_support::wait_until_stopped;
 
-use crate::{
-    TIMEOUT,
-    census::{self, Census},
-    eventually,
-};
+use crate::{TIMEOUT, census::Census, eventually};
 
 /// A command that runs the actor in `role`.
 ///
@@ -215,8 +212,7 @@ impl Process {
     #[track_caller]
     pub fn stop(&mut self) {
         self.signal(Signal::SIGSTOP);
-        let pid = self.pid();
-        eventually("a process to stop", || census::state(pid) == Some('T'));
+        wait_until_stopped(self.pid());
     }
 
     /// Continues the stopped process (SIGCONT).

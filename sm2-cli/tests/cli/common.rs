@@ -15,8 +15,8 @@ use nix::{
     unistd::Pid,
 };
 use serde_json::Value;
-use sm2_test_support::memory;
 pub(crate) use sm2_test_support::{SOON, until};
+use sm2_test_support::{memory, wait_until_stopped};
 use tempfile::TempDir;
 
 /// The `sm2` command, in an environment without a domain, and in a folder in which nobody can make files: the tests
@@ -179,6 +179,9 @@ impl Running {
 
     pub(crate) fn signal(&self, signal: Signal) {
         kill(Pid::from_raw(self.pid()), signal).unwrap();
+        if signal == Signal::SIGSTOP {
+            wait_until_stopped(self.child.id());
+        }
     }
 
     /// Waits until the process has written this text to standard output.

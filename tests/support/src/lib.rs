@@ -7,6 +7,7 @@ mod memory;
 mod own_process;
 mod seed;
 mod skip;
+mod stopped;
 
 use std::time::{Duration, Instant};
 
@@ -14,6 +15,7 @@ pub use memory::memory;
 pub use own_process::ran_alone;
 pub use seed::{below, seed};
 pub use skip::{skip, skip_without};
+pub use stopped::wait_until_stopped;
 
 /// The time limit of everything that has to succeed. It is far beyond what a loaded machine needs, and costs nothing
 /// when the test passes.
