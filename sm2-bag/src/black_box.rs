@@ -6,6 +6,7 @@
 //! crash leaves the ring.
 
 mod incident;
+mod limit;
 mod triggers;
 
 use std::io;
@@ -18,14 +19,20 @@ use sm2_proto::Instant;
 
 pub use self::incident::Incident;
 use self::incident::{Copying, Window};
+use self::limit::Limit;
 pub use self::triggers::Trigger;
 use self::triggers::Triggers;
 use crate::error::RecordError;
 use crate::folder::Folder;
 use crate::recorder::{Options, Progress, Recorder, Split, Step};
+use crate::storage::FreeBytes;
 
+/// So many incidents may wait, for their time to pass or for room on the disk.
+const OPEN_MAX: usize = 64;
 /// How often a black box looks whether the file of an incident is complete.
 const LOOK: Duration = Duration::from_millis(20);
+/// How often a black box looks whether the disk has room for an incident.
+const LOOK_FOR_ROOM: Duration = Duration::from_millis(200);
 /// The ring of a black box is divided into this many files, so that little more than the last seconds is kept.
 const RING_FILES: u32 = 8;
 /// The shortest time of a file in the ring.
@@ -58,8 +65,8 @@ pub enum BlackBoxStep {
     Stopped,
     /// A descriptor of [`wake_on_descriptor`](BlackBox::wake_on_descriptor) may be ready.
     Woken,
-    /// The disk of the ring is full up to the [reserve](Options::min_free_bytes).
-    DiskFull,
+    /// The bag of an incident waits until its disk has room: it would use up the [reserve](Options::min_free_bytes).
+    NoRoom(PathBuf),
     /// Something has triggered: its name, and the bag that will be written.
     Triggered(String, PathBuf),
     /// The bag of an incident is complete, or could not be written.
@@ -67,7 +74,11 @@ pub enum BlackBoxStep {
 }
 
 /// Keeps the last seconds of a domain's messages in a ring of files. A [trigger](Trigger) writes them, and those of the
-/// next seconds, to a bag of their own. Each trigger gets a bag, also while another one is being written.
+/// next seconds, to a bag of their own. Each trigger gets a bag, also while another one is being written. Beyond eight
+/// triggers at once, and one in the time of `last` and `after` together, they are merged into the newest incident.
+///
+/// A black box does not end when its disk is full. It drops messages, which become gaps, and the bags of incidents
+/// wait.
 ///
 /// After a crash of the recorder, the ring is still there: the next black box with this ring takes it over, so its last
 /// seconds are in the bags of the next triggers.
@@ -78,6 +89,9 @@ pub struct BlackBox<'fd> {
     after: Duration,
     output: PathBuf,
     triggers: Triggers,
+    limit: Limit,
+    min_free_bytes: u64,
+    free_bytes: FreeBytes,
     /// The incidents whose last seconds have not passed, the oldest one first.
     open: Vec<Window>,
     copying: Vec<Copying>,
@@ -114,7 +128,9 @@ impl<'fd> BlackBox<'fd> {
             bytes: None,
             time: Some(file_time),
         };
+        let (min_free_bytes, free_bytes) = (record.min_free_bytes, record.free_bytes);
         let mut recorder = Recorder::start_in(node, ring.clone(), split, record, stop)?;
+        recorder.wait_for_room();
         let triggers = Triggers::start(node, triggers, &mut recorder)?;
         Ok(Self {
             recorder,
@@ -123,19 +139,32 @@ impl<'fd> BlackBox<'fd> {
             after,
             output,
             triggers,
+            limit: Limit::new(last.saturating_add(after)),
+            min_free_bytes,
+            free_bytes,
             open: Vec::new(),
             copying: Vec::new(),
         })
     }
 
-    /// Keeps the last seconds and the next ones. Returns the bag that will be written.
-    pub fn trigger(&mut self, reason: &str) -> PathBuf {
+    /// Keeps the last seconds and the next ones. Returns the bag that will be written, and whether it is that of an
+    /// earlier trigger, because there are too many of them.
+    pub fn trigger(&mut self, reason: &str) -> (PathBuf, bool) {
         let now = self.recorder.now_ns();
+        let has_room = self.open.len() < OPEN_MAX;
+        let may_begin = has_room && self.limit.admits(now);
+        if let Some(newest) = self.open.last_mut()
+            && !may_begin
+            && (!has_room || newest.can_have(now, self.last))
+        {
+            newest.merge(now, self.after);
+            return (newest.path.clone(), true);
+        }
         let window = Window::new(now, (self.last, self.after), reason, &self.output);
         self.ring.pin(window.from_ns);
         let path = window.path.clone();
         self.open.push(window);
-        path
+        (path, false)
     }
 
     /// Records for at most `timeout`, or until something else happens: see [`BlackBoxStep`].
@@ -158,7 +187,8 @@ impl<'fd> BlackBox<'fd> {
                 Step::Timeout => {}
                 Step::Woken => return Ok(self.due()?.unwrap_or(BlackBoxStep::Woken)),
                 Step::Stopped => return Ok(BlackBoxStep::Stopped),
-                Step::DiskFull => return Ok(BlackBoxStep::DiskFull),
+                // It waits for room.
+                Step::DiskFull => {}
             }
         }
     }
@@ -166,11 +196,14 @@ impl<'fd> BlackBox<'fd> {
     /// Something that has triggered, or an incident that is complete.
     fn due(&mut self) -> Result<Option<BlackBoxStep>, RecordError> {
         if let Some(reason) = self.triggers.next(&self.recorder)? {
-            let path = self.trigger(&reason);
+            let (path, is_merged) = self.trigger(&reason);
             self.triggers.answer(&path);
-            return Ok(Some(BlackBoxStep::Triggered(reason, path)));
+            return Ok(Some(match is_merged {
+                true => BlackBoxStep::Woken,
+                false => BlackBoxStep::Triggered(reason, path),
+            }));
         }
-        Ok(self.write()?.map(BlackBoxStep::Written))
+        self.write()
     }
 
     /// Lets [`step`](Self::step) return when `descriptor` becomes readable.
@@ -201,7 +234,11 @@ impl<'fd> BlackBox<'fd> {
         let now = sm2_io::clock::now();
         let window = self.open.first().map(|window| {
             let left = window.to_ns.saturating_sub(self.recorder.now_ns());
-            now.after(Duration::from_nanos(left).max(LOOK))
+            let least = match window.waits_for_room {
+                true => LOOK_FOR_ROOM,
+                false => LOOK,
+            };
+            now.after(Duration::from_nanos(left).max(least))
         });
         let copy = (!self.copying.is_empty()).then(|| now.after(LOOK));
         let times = [window, copy, self.triggers.deadline()];
@@ -212,17 +249,21 @@ impl<'fd> BlackBox<'fd> {
             .unwrap_or(Instant(u64::MAX))
     }
 
-    /// Writes the incidents whose last seconds have passed. Returns one that is complete.
-    fn write(&mut self) -> Result<Option<Incident>, RecordError> {
+    /// Writes the incidents whose last seconds have passed. Returns one that is complete, or begins to wait for room.
+    fn write(&mut self) -> Result<Option<BlackBoxStep>, RecordError> {
         let now = self.recorder.now_ns();
         if let Some(window) = self.open.first_mut()
             && now >= window.to_ns
         {
             match self.ring.files(window.from_ns, window.to_ns) {
-                Some(files) => {
+                Some(files) if window.has_room(&files, self.free_bytes, self.min_free_bytes) => {
                     let window = self.open.remove(0);
                     self.copying.push(Copying::start(window, files));
                 }
+                Some(_) if !std::mem::replace(&mut window.waits_for_room, true) => {
+                    return Ok(Some(BlackBoxStep::NoRoom(window.path.clone())));
+                }
+                Some(_) => {}
                 // The last messages are in the file that is being written.
                 None if !window.has_ended_file => {
                     window.has_ended_file = true;
@@ -236,7 +277,7 @@ impl<'fd> BlackBox<'fd> {
         };
         let incident = self.copying.remove(at).join();
         self.ring.release(incident.from_ns);
-        Ok(Some(incident))
+        Ok(Some(BlackBoxStep::Written(incident)))
     }
 
     /// Ends. Incidents whose last seconds have not passed are written up to now. Then the ring is removed.

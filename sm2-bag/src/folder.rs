@@ -21,6 +21,9 @@ pub struct Folder(Arc<Mutex<State>>);
 struct State {
     path: PathBuf,
     stem: String,
+    /// The first file, and its path, if it has a name of its own.
+    first: Option<(PathBuf, BagFile)>,
+    naming: Naming,
     /// The number of files of this recording.
     created: u32,
     /// The number in the name of the last file.
@@ -41,6 +44,15 @@ struct State {
     covered_ns: u64,
 }
 
+/// The names of files behind their stem.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Naming {
+    /// `STEM-0001.mcap`, `STEM-0002.mcap`, and so forth.
+    FourDigits,
+    /// `STEM-2.mcap`, `STEM-3.mcap`, and so forth, behind a first file of another name.
+    Behind,
+}
+
 /// A complete file.
 #[derive(Debug)]
 struct Part {
@@ -59,9 +71,29 @@ impl Folder {
     /// Any error of the operating system.
     pub fn new(path: &Path, stem: &str) -> io::Result<Self> {
         fs::create_dir_all(path)?;
-        Ok(Self(Arc::new(Mutex::new(State {
-            path: path.to_owned(),
-            stem: stem.to_owned(),
+        Ok(Self::of(path.to_owned(), stem.to_owned(), None))
+    }
+
+    /// Records into the new file `first` of this path. If one file cannot have all publishers, because MCAP has 16 bits
+    /// for them, further ones follow beside it: `STEM-2.mcap`, and so forth.
+    #[must_use]
+    pub fn of_file(path: &Path, first: BagFile) -> Self {
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let first = Some((path.to_owned(), first));
+        Self::of(folder.to_owned(), stem.into_owned(), first)
+    }
+
+    fn of(path: PathBuf, stem: String, first: Option<(PathBuf, BagFile)>) -> Self {
+        let naming = match first {
+            Some(_) => Naming::Behind,
+            None => Naming::FourDigits,
+        };
+        Self(Arc::new(Mutex::new(State {
+            path,
+            stem,
+            first,
+            naming,
             created: 0,
             number: 0,
             lock: None,
@@ -72,7 +104,7 @@ impl Folder {
             open: None,
             parts: VecDeque::new(),
             covered_ns: 0,
-        }))))
+        })))
     }
 
     /// Limits the length of all files together, in bytes. The bags of earlier recordings whose names begin with
@@ -168,11 +200,15 @@ impl Folder {
                 }
             }
         }
+        if let Some((path, file)) = state.first.take() {
+            state.number = 1;
+            state.created = 1;
+            state.open = Some(path);
+            return Ok(file);
+        }
         loop {
             state.number += 1;
-            let path = state
-                .path
-                .join(format!("{}-{:04}.mcap", state.stem, state.number));
+            let path = state.path.join(state.name());
             match BagFile::create(&path) {
                 // Of another recording: a clock without a battery gives two of them the same stem.
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
@@ -263,6 +299,15 @@ impl Folder {
 }
 
 impl State {
+    /// The name of the file with the present number.
+    fn name(&self) -> String {
+        let Self { stem, number, .. } = self;
+        match self.naming {
+            Naming::FourDigits => format!("{stem}-{number:04}.mcap"),
+            Naming::Behind => format!("{stem}-{number}.mcap"),
+        }
+    }
+
     /// The number in the name of a file of this folder; `None` for another file.
     fn number_of(&self, path: &Path) -> Option<u64> {
         let name = path.file_name()?.to_str()?;

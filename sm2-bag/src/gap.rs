@@ -27,17 +27,20 @@ pub enum GapReason {
     Displaced,
     /// The recorder dropped them, because its memory for messages that wait for the disk was used up.
     Budget,
+    /// The recorder dropped them, because the disk was full.
+    DiskFull,
     /// They were in a damaged part of the file from which this bag was copied.
     Damaged,
 }
 
 impl GapReason {
-    const ALL: [Self; 3] = [Self::Displaced, Self::Budget, Self::Damaged];
+    const ALL: [Self; 4] = [Self::Displaced, Self::Budget, Self::DiskFull, Self::Damaged];
 
     const fn as_str(self) -> &'static str {
         match self {
             Self::Displaced => "displaced",
             Self::Budget => "budget",
+            Self::DiskFull => "disk_full",
             Self::Damaged => "damaged",
         }
     }

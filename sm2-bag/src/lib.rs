@@ -127,7 +127,7 @@ pub use crate::{
     recover::{recover, recover_observed},
     report::{Report, TopicReport},
     source::Source,
-    storage::{BagFile, Storage, SyncWork},
+    storage::{BagFile, FreeBytes, Storage, SyncWork},
     verify::{Damage, Verdict, check, check_observed},
     writer::Compression,
 };

@@ -49,6 +49,7 @@ pub struct Player<'a> {
     /// The publishers by the number of their bag, and the number of their channel in it.
     channels: HashMap<(usize, u16), usize>,
     omits_clock: bool,
+    merged_nodes: Option<usize>,
     /// The damaged parts that were found since playing began.
     damaged: Vec<DamagedPart>,
     timeline: Timeline<'a>,
@@ -74,6 +75,7 @@ impl<'a> Player<'a> {
             publishers,
             channels,
             omits_clock,
+            merged_nodes,
         } = Declared::new(bags, &options, &mut connect)?;
         if publishers.is_empty() {
             let path = first_path(bags);
@@ -96,6 +98,7 @@ impl<'a> Player<'a> {
             publishers,
             channels,
             omits_clock,
+            merged_nodes,
             damaged: Vec::new(),
             timeline,
             _nodes: nodes,
@@ -107,6 +110,13 @@ impl<'a> Player<'a> {
     #[must_use]
     pub const fn omits_clock(&self) -> bool {
         self.omits_clock
+    }
+
+    /// The number of nodes in the bags, if one node publishes for all of them because they are very many: see
+    /// [`PlayOptions::original_names`].
+    #[must_use]
+    pub const fn merged_nodes(&self) -> Option<usize> {
+        self.merged_nodes
     }
 
     /// Returns a handle by which any thread controls the player.

@@ -287,6 +287,10 @@ impl Queue {
         {
             *count -= 1;
         }
+        self.signal_room(&mut state);
+    }
+
+    fn signal_room(&self, state: &mut State) {
         if std::mem::take(&mut state.is_refused) {
             // It fails only if the number overflows, and the descriptor is readable then.
             let _ = self.room.write(1);
@@ -312,9 +316,18 @@ impl Queue {
         self.lock().has_failed()
     }
 
-    /// The disk takes only the messages that wait already, and no others.
-    pub(crate) fn note_disk_full(&self) {
-        self.lock().is_disk_full = true;
+    /// Notes whether the disk takes only the messages that wait already, and no others.
+    pub(crate) fn note_disk(&self, is_full: bool) {
+        let mut state = self.lock();
+        state.is_disk_full = is_full;
+        if !is_full {
+            self.signal_room(&mut state);
+        }
+    }
+
+    /// A reliable topic waits for room: the descriptor becomes readable when it can try again.
+    pub(crate) fn refuse(&self) {
+        self.lock().is_refused = true;
     }
 
     pub(crate) fn is_disk_full(&self) -> bool {

@@ -4,6 +4,8 @@ mod new_topics;
 mod options;
 mod parts;
 mod polled;
+mod polling;
+mod room;
 mod subscribing;
 mod topic;
 mod writing;
@@ -29,6 +31,7 @@ use self::writing::write;
 use crate::clock::ClockRelation;
 use crate::error::{RecordError, WriteError};
 use crate::folder::Folder;
+use crate::gap::GapReason;
 use crate::queue::{HeldBy, Item, Payload, Queue, Written};
 use crate::report::Report;
 use crate::storage::Storage;
@@ -42,6 +45,8 @@ const DEPTH: u16 = 64;
 const BURST: usize = 64;
 /// After so many events, a new topic has its turn even if there are more of them.
 const EVENTS: usize = 64;
+/// When the domain has changed, publishers that have left are looked for this often, because links end a little later.
+const LOOKS: u32 = 10;
 /// A smaller step of the wall clock is its normal adjustment.
 const STEP_MIN: Duration = Duration::from_millis(10);
 
@@ -77,6 +82,10 @@ pub struct Recorder<'fd> {
     queue: Arc<Queue>,
     writer: Option<JoinHandle<Option<Report>>>,
     lost: u64,
+    /// Whether a full disk costs messages, until it has room again, and does not end the recording.
+    waits_for_room: bool,
+    /// How often publishers that have left are still looked for.
+    looks_left: u32,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -175,6 +184,8 @@ impl<'fd> Recorder<'fd> {
             queue,
             writer: Some(writer.map_err(RecordError::System)?),
             lost: 0,
+            waits_for_room: false,
+            looks_left: 0,
             options,
         };
         if let Topics::Named(names) = recorder.options.topics.clone() {
@@ -199,7 +210,7 @@ impl<'fd> Recorder<'fd> {
                 let error = self.queue.take_error().unwrap_or(WriteError::Panicked);
                 return Err(RecordError::Write(error));
             }
-            if self.queue.is_disk_full() {
+            if self.queue.is_disk_full() && !self.waits_for_room {
                 return Ok(Step::DiskFull);
             }
             // The messages of the topics that are recorded come before new topics.
@@ -295,6 +306,7 @@ impl<'fd> Recorder<'fd> {
             bytes,
             lost: self.lost,
             waiting_bytes: self.queue.waiting_bytes(),
+            is_disk_full: self.queue.is_disk_full(),
         }
     }
 
@@ -336,8 +348,12 @@ impl<'fd> Recorder<'fd> {
             // The call that finds no change asks the Manager for the next one.
             match self.watch.try_wait() {
                 Ok(none) if none.is_empty() => return Ok(()),
-                Ok(_) if self.options.topics == Topics::All => self.new_topics.domain_changed(),
-                Ok(_) => {}
+                Ok(_) => {
+                    self.looks_left = LOOKS;
+                    if self.options.topics == Topics::All {
+                        self.new_topics.domain_changed();
+                    }
+                }
                 // The watch is ready again.
                 Err(QueryError::Io(error)) if is_shortage(&error) => return Ok(()),
                 Err(error) => return Err(error.into()),
@@ -393,38 +409,16 @@ impl<'fd> Recorder<'fd> {
         Ok(())
     }
 
-    /// Takes the messages of all frequent topics.
-    fn poll_all(&mut self) -> Result<(), RecordError> {
-        (0..self.polled.len()).try_for_each(|interval| self.poll(interval))
-    }
-
-    /// Takes the messages of the topics with the interval of this number.
-    fn poll(&mut self, interval: usize) -> Result<(), RecordError> {
-        let now = (self.options.monotonic_clock)();
-        let polled = &mut self.polled[interval];
-        let ended = polled.poll(&mut self.topics, BURST, now);
-        let mut found = polled.take_found();
-        if polled.is_empty()
-            && let Some(timer) = polled.timer.take()
-        {
-            self.set.remove(timer);
-        }
-        for message in found.drain(..) {
-            self.note(message.topic, message.sample, message.at);
-        }
-        self.polled[interval].keep(found);
-        for number in ended? {
-            self.wait_for(number)?;
-        }
-        Ok(())
-    }
-
     /// Takes the messages of a topic that one call finds, at most `most`. Returns their number.
     fn take(&mut self, number: usize, most: usize) -> Result<usize, RecordError> {
+        let is_full = self.lacks_room();
         let topic = &mut self.topics[number];
         let mut most = most;
         if topic.is_reliable {
-            if !self.queue.has_room(HeldBy(number), HELD_MAX) {
+            if is_full {
+                self.queue.refuse();
+            }
+            if is_full || !self.queue.has_room(HeldBy(number), HELD_MAX) {
                 // Its messages stay with their publishers, which wait.
                 if let Wait::Message(key) = std::mem::replace(&mut topic.wait, Wait::Room) {
                     self.set.remove(key);
@@ -445,6 +439,7 @@ impl<'fd> Recorder<'fd> {
 
     /// Passes a message that came at this time to the writer, or notes that it is missing.
     fn note(&mut self, number: usize, sample: Sample<[u8]>, at: Instant) {
+        let is_full = self.lacks_room();
         let topic = &mut self.topics[number];
         let now = self.clock.wall_at(at);
         let Some(mut taken) = topic.note(&self.node, &sample, &self.clock, now) else {
@@ -455,7 +450,7 @@ impl<'fd> Recorder<'fd> {
             self.queue.push(Item::Gap(Arc::clone(&taken.source), gap));
         }
         let held_by = HeldBy(number);
-        let has_room = topic.is_reliable || self.queue.fits(sample.len());
+        let has_room = !is_full && (topic.is_reliable || self.queue.fits(sample.len()));
         if has_room && sample.len() <= COPY_MAX_BYTES {
             topic.note_recorded(&taken);
             (self.queue).push_copy(taken.source, taken.times, &sample);
@@ -468,7 +463,11 @@ impl<'fd> Recorder<'fd> {
             });
         } else {
             self.lost += 1;
-            let gap = topic.dropped(&taken);
+            let reason = match is_full {
+                true => GapReason::DiskFull,
+                false => GapReason::Budget,
+            };
+            let gap = topic.dropped(&taken, reason);
             self.queue.push(Item::Gap(taken.source, gap));
         }
     }

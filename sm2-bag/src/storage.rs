@@ -13,6 +13,15 @@ use nix::sys::statvfs::fstatvfs;
 /// The length of a block, in bytes. Disks that want longer ones are rare, and refuse (`EINVAL`).
 pub(crate) const BLOCK_BYTES: usize = 4_096;
 
+/// How many bytes the disk of a file can still take.
+pub type FreeBytes = fn(&File) -> io::Result<u64>;
+
+/// As `fstatvfs(3)` says.
+pub(crate) fn free_bytes(file: &File) -> io::Result<u64> {
+    let disk = fstatvfs(file)?;
+    Ok(disk.blocks_available() * disk.fragment_size())
+}
+
 /// Writes everything to the disk that was written before it was made.
 pub type SyncWork = Box<dyn FnOnce() -> io::Result<()> + Send>;
 
@@ -80,6 +89,7 @@ pub struct BagFile {
     file: Arc<File>,
     /// The same file.
     direct: Option<File>,
+    free_bytes: FreeBytes,
 }
 
 impl BagFile {
@@ -104,7 +114,13 @@ impl BagFile {
         Ok(Self {
             file: Arc::new(file),
             direct,
+            free_bytes,
         })
+    }
+
+    /// The file, whose disk can take as much as this function says.
+    pub(crate) fn with_free_bytes(self, free_bytes: FreeBytes) -> Self {
+        Self { free_bytes, ..self }
     }
 }
 
@@ -134,8 +150,7 @@ impl Storage for BagFile {
     }
 
     fn free_bytes(&self) -> io::Result<Option<u64>> {
-        let disk = fstatvfs(&*self.file)?;
-        Ok(Some(disk.blocks_available() * disk.fragment_size()))
+        (self.free_bytes)(&self.file).map(Some)
     }
 }
 

@@ -41,6 +41,8 @@ use crate::storage::Storage;
 /// publishers, and are put into common chunks. Longer ones are chunks of their own, and wait in their slots until the
 /// disk has room. In bytes.
 pub(crate) const COPY_MAX_BYTES: usize = 64 << 10;
+/// A file has at most so many channels. MCAP has numbers for 65,534 of them; those for repeated messages come on top.
+pub(crate) const CHANNELS_MAX: usize = 60_000;
 /// A chunk ends when its payloads have this length, in bytes.
 const CHUNK_BYTES: usize = 1 << 20;
 
@@ -272,6 +274,13 @@ impl BagWriter {
         self.file.append(&bytes);
         self.open_bytes = 0;
         Ok(())
+    }
+
+    /// Whether the file has no room for the channel of a publisher.
+    pub(crate) fn lacks_channel(&self, source: &Arc<Source>) -> bool {
+        self.channels.len() >= CHANNELS_MAX
+            && !self.known_sources.contains_key(&Arc::as_ptr(source).addr())
+            && !self.channels.contains_key(source)
     }
 
     /// The channel of a publisher.

@@ -1,6 +1,7 @@
 //! A black box keeps what was before a trigger, and what comes soon after it.
 
-use std::fs;
+use std::fs::{self, File};
+use std::io;
 use std::os::fd::AsFd;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -8,7 +9,8 @@ use std::thread;
 use std::time::Duration;
 
 use sm2_bag::{
-    Bag, BlackBox, BlackBoxOptions, BlackBoxStep, Filter, Incident, Options, Trigger, check,
+    Bag, BlackBox, BlackBoxOptions, BlackBoxStep, Filter, GapReason, Incident, Options, Trigger,
+    check,
 };
 use sm2_node::clock::DomainTime;
 use sm2_node::{Name, Node, Publisher, Shutdown};
@@ -102,6 +104,19 @@ fn written(incident: Incident) -> Vec<u64> {
     numbers(&incident.path)
 }
 
+/// A black box, and a publisher that is linked to it.
+fn linked<'a>(
+    domain: &Domain,
+    options: BlackBoxOptions,
+    stop: &'a Shutdown,
+) -> (BlackBox<'a>, Counter) {
+    let node = domain.node("recorder");
+    let mut black_box = BlackBox::start(&node, options, stop.as_fd()).unwrap();
+    let counter = Counter::new(&domain.node("talker"));
+    counter.wait_for_link(&mut black_box);
+    (black_box, counter)
+}
+
 /// Steps. Returns an incident that is complete now.
 fn complete(black_box: &mut BlackBox<'_>) -> Option<Incident> {
     match black_box.step(Duration::from_millis(5)).unwrap() {
@@ -140,7 +155,6 @@ fn tick(
 #[test]
 fn overlapping_triggers_each_get_their_time() {
     let domain = Domain::new();
-    let node = domain.node("recorder");
     let shutdown = Shutdown::new().unwrap();
     NOW_NS.store(sm2_io::clock::now().0, Ordering::SeqCst);
     // Windows that begin and end between two ticks.
@@ -151,15 +165,12 @@ fn overlapping_triggers_each_get_their_time() {
     options.record.wall_clock = wall_clock;
     options.record.monotonic_clock = monotonic_clock;
     options.record.sync_interval = Duration::from_millis(1);
-    let mut black_box = BlackBox::start(&node, options, shutdown.as_fd()).unwrap();
-    let talker = domain.node("talker");
-    let mut counter = Counter::new(&talker);
-    counter.wait_for_link(&mut black_box);
+    let (mut black_box, mut counter) = linked(&domain, options, &shutdown);
     let mut incidents = Vec::new();
     tick(&mut black_box, &mut counter, 60, &mut incidents);
-    let first = black_box.trigger("first");
+    let (first, _) = black_box.trigger("first");
     tick(&mut black_box, &mut counter, 1, &mut incidents);
-    let second = black_box.trigger("second");
+    let (second, _) = black_box.trigger("second");
     assert_ne!(first, second);
     tick(&mut black_box, &mut counter, 2, &mut incidents);
     assert!(incidents.is_empty(), "{incidents:?}");
@@ -190,16 +201,12 @@ fn overlapping_triggers_each_get_their_time() {
 #[test]
 fn an_end_writes_the_incidents_that_are_open() {
     let domain = Domain::new();
-    let node = domain.node("recorder");
     let shutdown = Shutdown::new().unwrap();
     let options = BlackBoxOptions {
         after: Duration::from_secs(3_600),
         ..options(&domain, Duration::from_secs(60), Vec::new())
     };
-    let mut black_box = BlackBox::start(&node, options, shutdown.as_fd()).unwrap();
-    let talker = domain.node("talker");
-    let mut counter = Counter::new(&talker);
-    counter.wait_for_link(&mut black_box);
+    let (mut black_box, mut counter) = linked(&domain, options, &shutdown);
     for _ in 0..20 {
         counter.publish();
         counter.wait_until_written(&mut black_box, &mut Vec::new());
@@ -215,7 +222,6 @@ fn an_end_writes_the_incidents_that_are_open() {
 #[test]
 fn each_kind_of_trigger_works() {
     let domain = Domain::new();
-    let node = domain.node("recorder");
     let shutdown = Shutdown::new().unwrap();
     let victim = domain.node("victim");
     let triggers = vec![
@@ -225,10 +231,7 @@ fn each_kind_of_trigger_works() {
         Trigger::MissedDeadline(name("heartbeat"), Duration::from_millis(50)),
     ];
     let options = options(&domain, Duration::from_secs(60), triggers);
-    let mut black_box = BlackBox::start(&node, options, shutdown.as_fd()).unwrap();
-    let talker = domain.node("talker");
-    let mut counter = Counter::new(&talker);
-    counter.wait_for_link(&mut black_box);
+    let (mut black_box, mut counter) = linked(&domain, options, &shutdown);
     let mut expect = |reason: &str| {
         let mut found = None;
         run(&mut black_box, &mut counter, |step| {
@@ -242,6 +245,7 @@ fn each_kind_of_trigger_works() {
         path
     };
 
+    let talker = domain.node("alarms");
     let alarm = talker.publisher::<str>("alarm").unwrap();
     alarm.wait_for_subscribers_timeout(1, SOON).unwrap();
     alarm.publish("fire").unwrap();
@@ -268,4 +272,91 @@ fn each_kind_of_trigger_works() {
     let reasons: Vec<_> = incidents.iter().map(|it| it.reason.as_str()).collect();
     assert!(reasons.contains(&"collision"), "{reasons:?}");
     assert!(incidents.iter().all(|it| it.result.is_ok()));
+}
+
+/// Every process of a domain can trigger as often as it likes.
+#[test]
+fn too_many_triggers_are_merged_into_an_incident() {
+    let domain = Domain::new();
+    let shutdown = Shutdown::new().unwrap();
+    let options = BlackBoxOptions {
+        after: Duration::from_secs(3_600),
+        ..options(&domain, Duration::from_secs(60), Vec::new())
+    };
+    let (mut black_box, mut counter) = linked(&domain, options, &shutdown);
+    counter.publish();
+    counter.wait_until_written(&mut black_box, &mut Vec::new());
+    let mut paths: Vec<_> = (0..100).map(|_| black_box.trigger("flood")).collect();
+    // The answer to each call names the bag with its time.
+    let merged = paths.iter().filter(|it| it.1).count();
+    assert_eq!(merged, 92);
+    assert!(paths[8..].iter().all(|it| it.0 == paths[7].0));
+    paths.dedup();
+    let incidents = black_box.finish().unwrap();
+    let counts: Vec<_> = incidents.iter().map(|it| it.merged).collect();
+    assert_eq!(counts, [0, 0, 0, 0, 0, 0, 0, 92]);
+    for incident in incidents {
+        assert_eq!(written(incident), [0]);
+    }
+}
+
+/// The room on the disk of the next test, in bytes.
+static FREE: AtomicU64 = AtomicU64::new(u64::MAX);
+
+fn free_bytes(_: &File) -> io::Result<u64> {
+    Ok(FREE.load(Ordering::SeqCst))
+}
+
+#[test]
+fn a_full_disk_costs_messages_and_incidents_wait_for_room() {
+    let domain = Domain::new();
+    let shutdown = Shutdown::new().unwrap();
+    let mut options = BlackBoxOptions {
+        after: Duration::ZERO,
+        ..options(&domain, Duration::from_secs(600), Vec::new())
+    };
+    options.record.free_bytes = free_bytes;
+    let (mut black_box, mut counter) = linked(&domain, options, &shutdown);
+    for _ in 0..5 {
+        counter.publish();
+    }
+    counter.wait_until_written(&mut black_box, &mut Vec::new());
+    FREE.store(0, Ordering::SeqCst);
+    let (path, _) = black_box.trigger("before");
+    let mut waits = false;
+    until("the incident waits for room", || {
+        match black_box.step(Duration::from_millis(5)).unwrap() {
+            BlackBoxStep::NoRoom(its) => waits = its == path,
+            BlackBoxStep::Written(incident) => panic!("{incident:?}"),
+            _ => {}
+        }
+        waits
+    });
+    // The writer looks at the disk when it has written something.
+    until("messages are dropped", || {
+        counter.publish();
+        black_box.step(Duration::from_millis(5)).unwrap();
+        black_box.progress().is_disk_full && black_box.progress().lost > 3
+    });
+    assert_eq!(fs::metadata(&path).unwrap().len(), 0);
+    FREE.store(u64::MAX, Ordering::SeqCst);
+    let mut incidents = Vec::new();
+    until("there is room again", || {
+        incidents.extend(complete(&mut black_box));
+        !black_box.progress().is_disk_full && incidents.len() == 1
+    });
+    assert_eq!(incidents[0].path, path);
+    assert_eq!(written(incidents.remove(0))[..5], [0, 1, 2, 3, 4]);
+    counter.publish();
+    until("the last number is written", || {
+        black_box.step(Duration::from_millis(5)).unwrap();
+        black_box.progress().messages + black_box.progress().lost == counter.next
+    });
+    black_box.trigger("after");
+    let incident = black_box.finish().unwrap().remove(0);
+    let report = incident.result.unwrap();
+    let topic = &report.topics[0];
+    assert_eq!(topic.messages + topic.lost, counter.next);
+    assert_eq!(topic.gaps.len(), 1, "{:?}", topic.gaps);
+    assert_eq!(topic.gaps[0].reason, GapReason::DiskFull);
 }

@@ -1,14 +1,16 @@
 //! Topics beyond the interfaces of a session.
 
+use std::collections::BTreeSet;
 use std::os::fd::AsFd;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
 use std::time::Duration;
 
-use sm2_bag::{Options, Recorder, Topics};
+use sm2_bag::{Bag, Options, PlayOptions, Player, Recorder, Topics};
 use sm2_manager::Policy;
 use sm2_node::{Node, Publisher, Shutdown};
-use sm2_test_support::until;
+use sm2_test_support::{SOON, until};
 
 use crate::common::Domain;
 
@@ -98,6 +100,64 @@ fn a_session_without_room_for_a_topic_is_the_last_one() {
             .all(|it| it.reason.contains("interfaces")),
         "{report:?}"
     );
+}
+
+/// Each node of a replay is a session, of which a process may have a few hundred.
+#[test]
+fn one_node_plays_for_very_many() {
+    let domain = Domain::new();
+    let talker = |it: u64| {
+        let node = domain.node(&format!("talker/{it}"));
+        let numbers = node.publisher_builder::<u64>("numbers");
+        numbers.reliable(true).declare().unwrap()
+    };
+    let talkers: Vec<_> = (0..70).map(talker).collect();
+    let (node, stop) = (domain.node("recorder"), Shutdown::new().unwrap());
+    let storage = domain.create("bag");
+    let mut recorder = Recorder::start(&node, storage, options(), stop.as_fd()).unwrap();
+    until("all publishers are linked", || {
+        recorder.step(Duration::from_millis(1)).unwrap();
+        let is_linked = |it: &Publisher<u64>| it.links().iter().any(|link| link.open);
+        talkers.iter().all(is_linked)
+    });
+    for (number, talker) in (0..).zip(&talkers) {
+        talker.publish(&number).unwrap();
+        until("the number is written", || {
+            recorder.step(Duration::from_millis(1)).unwrap();
+            recorder.progress().messages > number
+        });
+    }
+    recorder.finish().unwrap();
+    drop(talkers);
+    let bags = [Bag::open(&domain.path("bag")).unwrap()];
+    let listener = domain.node("listener").subscriber_builder::<u64>("numbers");
+    let listener = listener.reliable(true).depth(128).declare().unwrap();
+    for (original_names, merged) in [(false, Some(70)), (true, None)] {
+        let options = PlayOptions {
+            rate: 0.0,
+            original_names,
+            ..PlayOptions::default()
+        };
+        let names = Mutex::new(BTreeSet::new());
+        let connect = |name: &str| {
+            names.lock().unwrap().insert(name.to_owned());
+            Ok(domain.node(name))
+        };
+        let mut player = Player::new(&bags, options, connect, stop.as_fd()).unwrap();
+        assert_eq!(player.merged_nodes(), merged);
+        thread::scope(|scope| {
+            scope.spawn(|| {
+                let received = (0..70).map(|_| *listener.recv_timeout(SOON).unwrap().unwrap());
+                assert_eq!(received.collect::<BTreeSet<_>>(), (0..70).collect());
+            });
+            assert!(player.play().unwrap().complete);
+        });
+        let names = names.into_inner().unwrap();
+        match merged {
+            Some(_) => assert_eq!(names, BTreeSet::from(["play/bag".to_owned()])),
+            None => assert_eq!(names.len(), 70),
+        }
+    }
 }
 
 /// A program may start a recorder in one thread and step it in another.

@@ -56,6 +56,7 @@ pub(crate) fn show(out: &mut Output, path: &Path, report: &Report) -> Result<(),
             let reason = match gap.reason {
                 GapReason::Displaced => "newer messages displaced them",
                 GapReason::Budget => "the disk was too slow",
+                GapReason::DiskFull => "the disk was full",
                 GapReason::Damaged => "they were in a damaged part",
             };
             out.line(format_args!(

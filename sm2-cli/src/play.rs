@@ -40,7 +40,7 @@ pub(crate) struct Arguments {
     /// Wait for this number of subscribers of each topic before the first message
     #[arg(long, value_name = "N", default_value_t = 0)]
     wait: usize,
-    /// Give the nodes their original names; otherwise play/ stands before them
+    /// Give the nodes their original names; otherwise play/ stands before them, and one node plays for more than 64
     #[arg(long)]
     as_original: bool,
     /// Play again and again, until Ctrl-C
@@ -156,6 +156,11 @@ fn play(arguments: &Arguments, bags: &[Bag], session: &Session) -> Result<PlayRe
     if player.omits_clock() {
         stderr_line!(
             "sm2: the recorded topic clock is left out: domain time is that of this replay"
+        );
+    }
+    if let Some(nodes) = player.merged_nodes() {
+        stderr_line!(
+            "sm2: node play/bag publishes for the {nodes} nodes of the recording (--as-original gives them their names)"
         );
     }
     // A policy may allow the topics, but not the service.

@@ -17,7 +17,7 @@ use sm2_bag::{
 };
 use sm2_io::clock;
 use sm2_node::{ConnectError, Node};
-use sm2_proto::{Instant, Name};
+use sm2_proto::{Instant, Name, text::Counted};
 
 use self::{
     black_box::BlackBoxArguments,
@@ -117,7 +117,8 @@ With --last, the output is a folder (default: the working directory). The last m
 of a ring. Each trigger writes those before it, and those of --after, to incident-DATE-TIME.mcap. The triggers are
 `sm2 record trigger`, a call of --service (a string, answered by the path of the bag), SIGUSR1, --on-message,
 --on-lost and --on-deadline. After kill -9 the ring is still there: the next recorder with this ring takes it
-over, and `sm2 bag merge` puts it together.
+over, and `sm2 bag merge` puts it together. Too many triggers are merged. A disk with less room than --min-free
+costs messages, and incidents wait for room.
 
 A topic is missing if it could not be recorded for a time, because descriptors were short or the Manager refused
 it, or if no publisher of it was ever linked. The recorder tries again. Missing topics are named, with the reason
@@ -193,16 +194,20 @@ fn record_bag<'a>(
     // It triggers a black box. Without one, it must not end the recording without a summary.
     session.end_on(SIGUSR1)?;
     let stop = session.signal_fd();
-    let (path, started) = match arguments.split() {
+    let split = arguments.split();
+    let is_one_file = split.is_none();
+    let (path, folder, started) = match split {
         None => {
             let (path, file) = create(arguments.output.as_deref())?;
-            let started = Recorder::start(&session.node, file, options, stop);
-            (path, started)
+            let folder = Folder::of_file(&path, file);
+            let split = Split::default();
+            let started = Recorder::start_in(&session.node, folder.clone(), split, options, stop);
+            (path, folder, started)
         }
         Some(split) => {
             let (path, folder) = arguments.folder()?;
-            let started = Recorder::start_in(&session.node, folder, split, options, stop);
-            (path, started)
+            let started = Recorder::start_in(&session.node, folder.clone(), split, options, stop);
+            (path, folder, started)
         }
     };
     let failed = |source| CliError::Record {
@@ -214,6 +219,10 @@ fn record_bag<'a>(
     stderr_line!("recording to {} (Ctrl-C ends)", path.display());
     let recorded = record(until, session, &mut recorder);
     let finished = recorder.finish();
+    if let (true, (further @ 2.., _)) = (is_one_file, folder.counts()) {
+        let further = Counted::new(u64::from(further) - 1, "more file");
+        stderr_line!("sm2: there were too many publishers for one file: {further} beside it");
+    }
     // A recording that ended early has its summary as well.
     if let Ok(report) = &finished {
         let mut out = Output::new();

@@ -1,7 +1,7 @@
 //! Writing the bag of an incident.
 
 use std::collections::BTreeMap;
-use std::fs::File;
+use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
@@ -16,6 +16,7 @@ use crate::messages::Filter;
 use crate::names::{create_first, numbered};
 use crate::observer::unobserved;
 use crate::report::Report;
+use crate::storage::FreeBytes;
 use crate::writer::Compression;
 
 /// The name of the metadata record that says why a bag was written.
@@ -30,6 +31,8 @@ pub struct Incident {
     pub reason: String,
     /// The summary of the bag, unless it could not be written.
     pub result: Result<Report, CopyError>,
+    /// How many more triggers it stands for, because there were too many of them.
+    pub merged: u64,
     pub(super) from_ns: u64,
 }
 
@@ -40,6 +43,9 @@ pub(super) struct Window {
     pub(super) to_ns: u64,
     /// Whether the recorder was told to end the file in which the time ends.
     pub(super) has_ended_file: bool,
+    pub(super) waits_for_room: bool,
+    /// How many more triggers were merged into it.
+    merged: u64,
     at_ns: u64,
     reason: String,
     pub(super) path: PathBuf,
@@ -62,11 +68,43 @@ impl Window {
             from_ns: at_ns.saturating_sub(last.as_nanos() as u64),
             to_ns: at_ns.saturating_add(after.as_nanos() as u64),
             has_ended_file: false,
+            waits_for_room: false,
+            merged: 0,
             at_ns,
             reason: reason.to_owned(),
             path,
             file,
         }
+    }
+
+    /// Whether a trigger at this time can be merged into it: its time has not passed, and is not much extended yet.
+    pub(super) fn can_have(&self, at_ns: u64, extension: Duration) -> bool {
+        at_ns < self.to_ns && Duration::from_nanos(at_ns.saturating_sub(self.at_ns)) < extension
+    }
+
+    /// Merges a further trigger into it. The time after that trigger is kept as well, unless it is too late.
+    pub(super) fn merge(&mut self, at_ns: u64, after: Duration) {
+        self.merged += 1;
+        if at_ns < self.to_ns {
+            let to_ns = at_ns.saturating_add(after.as_nanos() as u64);
+            self.to_ns = self.to_ns.max(to_ns);
+            self.has_ended_file = false;
+        }
+    }
+
+    /// Whether the bag, which is not longer than the files, leaves so much of its disk free.
+    pub(super) fn has_room(
+        &self,
+        files: &[PathBuf],
+        free_bytes: FreeBytes,
+        min_free_bytes: u64,
+    ) -> bool {
+        // If that is unknown, writing tells.
+        let Ok(Ok(free)) = self.file.as_ref().map(free_bytes) else {
+            return true;
+        };
+        let lengths = files.iter().flat_map(fs::metadata).map(|it| it.len());
+        free.saturating_sub(lengths.sum()) >= min_free_bytes
     }
 
     fn metadata(&self) -> Metadata {
@@ -75,6 +113,7 @@ impl Window {
             ("time_ns", self.at_ns.to_string()),
             ("from_ns", self.from_ns.to_string()),
             ("to_ns", self.to_ns.to_string()),
+            ("merged", self.merged.to_string()),
         ];
         Metadata {
             name: RECORD.to_owned(),
@@ -110,17 +149,20 @@ impl Window {
 pub(super) struct Copying {
     pub(super) path: PathBuf,
     reason: String,
+    merged: u64,
     from_ns: u64,
     thread: std::io::Result<JoinHandle<Result<Report, CopyError>>>,
 }
 
 impl Copying {
     pub(super) fn start(window: Window, files: Vec<PathBuf>) -> Self {
-        let (path, reason, from_ns) = (window.path.clone(), window.reason.clone(), window.from_ns);
+        let (path, reason) = (window.path.clone(), window.reason.clone());
+        let (merged, from_ns) = (window.merged, window.from_ns);
         let work = move || window.copy(&files);
         Self {
             path,
             reason,
+            merged,
             from_ns,
             thread: sm2_io::spawn_without_signals("sm2-incident".to_owned(), work),
         }
@@ -146,6 +188,7 @@ impl Copying {
             path: self.path,
             reason: self.reason,
             result,
+            merged: self.merged,
             from_ns: self.from_ns,
         }
     }

@@ -21,7 +21,8 @@ pub struct PlayOptions {
     pub paused: bool,
     /// The names of topics that are published under another name.
     pub remap: BTreeMap<Name, Name>,
-    /// Whether nodes have their original names. Otherwise `play/` stands before them.
+    /// Whether nodes have their original names. Otherwise `play/` stands before them, and the node `play/bag` publishes
+    /// for all of them if they are more than 64.
     pub original_names: bool,
     /// How many subscribers of each topic to wait for before the first message.
     pub subscribers: usize,

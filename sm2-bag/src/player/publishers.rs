@@ -1,8 +1,8 @@
 //! The publishers of a player.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 
-use sm2_node::{ConnectError, Node, Publisher, clock};
+use sm2_node::{ConnectError, DeclareError, Node, Publisher, clock};
 use sm2_proto::Name;
 
 use super::options::PlayOptions;
@@ -16,20 +16,32 @@ pub(super) struct Played {
     pub(super) messages: u64,
 }
 
+/// A bag with more nodes than this is played by one node, unless nodes have their original names. Each node is a
+/// session, and the Manager allows a few hundred for a process.
+const NODES_MAX: usize = 64;
+/// The name of the one node, behind the prefix.
+const COMMON: &str = "bag";
+
 /// The publishers of the bags.
 pub(super) struct Declared {
-    /// The nodes, by the recorded name.
+    /// The nodes, by the name without the prefix.
     pub(super) nodes: HashMap<Name, Node>,
     pub(super) publishers: Vec<Played>,
     /// The publishers by the number of their bag, and the number of their channel in it.
     pub(super) channels: HashMap<(usize, u16), usize>,
     /// Whether a channel is left out because the player publishes domain time itself.
     pub(super) omits_clock: bool,
+    /// The number of nodes in the bags, if one node publishes for all of them.
+    pub(super) merged_nodes: Option<usize>,
 }
 
+/// A channel that is played: the number of its bag, its own number, and its publisher.
+type Channel = (usize, u16, Source);
+
 impl Declared {
-    /// Declares one publisher for each recorded one, also if it is in several bags. Channels whose messages would be a
-    /// second source of domain time are left out.
+    /// Declares one publisher for each recorded one, also if it is in several bags. If there are very many, one is
+    /// declared for all that have the same topic, type and QoS. Channels whose messages would be a second source of
+    /// domain time are left out.
     pub(super) fn new(
         bags: &[Bag],
         options: &PlayOptions,
@@ -40,54 +52,85 @@ impl Declared {
             publishers: Vec::new(),
             channels: HashMap::new(),
             omits_clock: false,
+            merged_nodes: None,
         };
+        let played = declared.choose(bags, options)?;
+        let nodes: BTreeSet<_> = played.iter().map(|it| &it.2.publisher).collect();
+        if nodes.len() > NODES_MAX && !options.original_names {
+            declared.merged_nodes = Some(nodes.len());
+        }
         let mut known = HashMap::new();
-        let all = bags.iter().enumerate();
-        for (number, channel, source) in
-            all.flat_map(|(number, bag)| bag.sources().map(move |it| (number, it.0, it.1)))
-        {
-            if !options.filter.has_topic(&channel.topic) {
-                continue;
+        for (bag, channel, mut source) in played {
+            let mut offer = None;
+            if declared.merged_nodes.is_some() {
+                source.publisher = Name::new(COMMON).expect("a legal name");
+                offer = Some(source.offer);
             }
-            if options.is_clock_source() && options.published_topic(&channel.topic) == clock::TOPIC
-            {
-                declared.omits_clock = true;
-                continue;
-            }
-            let source = source.map_err(|reason| PlayError::Foreign {
-                path: bags[number].path().to_owned(),
-                topic: channel.topic.clone(),
-                reason: Box::new(reason),
-            })?;
-            let Source {
-                topic,
-                publisher,
-                data,
-                ..
-            } = &source;
-            let key = (topic.clone(), publisher.clone(), data.clone());
-            if !known.contains_key(&key) {
-                if !declared.nodes.contains_key(publisher) {
-                    let name = format!("{}{publisher}", options.prefix());
-                    declared.nodes.insert(publisher.clone(), connect(&name)?);
+            let (topic, publisher) = (source.topic.clone(), source.publisher.clone());
+            let key = (topic, publisher, source.data.clone(), offer);
+            let number = match known.get(&key) {
+                Some(it) => *it,
+                None => {
+                    let publisher = declared.declare(source, options, connect)?;
+                    let number = declared.publishers.len();
+                    let messages = 0;
+                    (declared.publishers).push(Played {
+                        publisher,
+                        messages,
+                    });
+                    known.insert(key, number);
+                    number
                 }
-                let topic = options.published_topic(topic.as_str());
-                known.insert(key.clone(), declared.publishers.len());
-                let mut source = source.clone();
-                source.offer.reliable |= options.lockstep.is_some();
-                declared.publishers.push(Played {
-                    publisher: declare(&declared.nodes[publisher], topic, &source)?,
-                    messages: 0,
-                });
-            }
-            declared.channels.insert((number, channel.id), known[&key]);
+            };
+            declared.channels.insert((bag, channel), number);
         }
         Ok(declared)
+    }
+
+    /// The channels that are played.
+    fn choose(&mut self, bags: &[Bag], options: &PlayOptions) -> Result<Vec<Channel>, PlayError> {
+        let mut played = Vec::new();
+        for (number, bag) in bags.iter().enumerate() {
+            for (channel, source) in bag.sources() {
+                if !options.filter.has_topic(&channel.topic) {
+                    continue;
+                }
+                let published = options.published_topic(&channel.topic);
+                if options.is_clock_source() && published == clock::TOPIC {
+                    self.omits_clock = true;
+                    continue;
+                }
+                let source = source.map_err(|reason| PlayError::Foreign {
+                    path: bag.path().to_owned(),
+                    topic: channel.topic.clone(),
+                    reason: Box::new(reason),
+                })?;
+                played.push((number, channel.id, source));
+            }
+        }
+        Ok(played)
+    }
+
+    /// Declares the publisher of a recorded one, in the node of its name.
+    fn declare(
+        &mut self,
+        mut source: Source,
+        options: &PlayOptions,
+        connect: &mut impl FnMut(&str) -> Result<Node, ConnectError>,
+    ) -> Result<Publisher<[u8]>, PlayError> {
+        source.offer.reliable |= options.lockstep.is_some();
+        let name = &source.publisher;
+        if !self.nodes.contains_key(name) {
+            let connected = connect(&format!("{}{name}", options.prefix()))?;
+            self.nodes.insert(name.clone(), connected);
+        }
+        let topic = options.published_topic(source.topic.as_str());
+        Ok(declare(&self.nodes[name], topic, &source)?)
     }
 }
 
 /// Declares the publisher of a recorded one.
-fn declare(node: &Node, topic: &str, source: &Source) -> Result<Publisher<[u8]>, PlayError> {
+fn declare(node: &Node, topic: &str, source: &Source) -> Result<Publisher<[u8]>, DeclareError> {
     if let Some(text) = &source.schema {
         // A text that does not fit its type only costs tools the names of the fields.
         if let Err(error) = node.register_schema(source.data.clone(), text) {
@@ -112,5 +155,5 @@ fn declare(node: &Node, topic: &str, source: &Source) -> Result<Publisher<[u8]>,
     if let Some(lease) = offer.lease.get() {
         builder = builder.liveliness(lease);
     }
-    Ok(builder.declare()?)
+    builder.declare()
 }

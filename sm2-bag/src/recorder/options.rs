@@ -7,6 +7,7 @@ use sm2_node::clock::wall_time;
 use sm2_proto::Name;
 
 use crate::clock::{MonotonicClock, WallClock};
+use crate::storage::{FreeBytes, free_bytes};
 use crate::writer::Compression;
 
 /// The options of a recording.
@@ -25,9 +26,13 @@ pub struct Options {
     pub sync_interval: Duration,
     /// How chunks are compressed; not at all by default.
     pub compression: Compression,
-    /// How many bytes of the disk stay free: the recording ends before; 1 GiB by default. More than
+    /// How many bytes of the disk stay free: the recording ends before, and a [`BlackBox`](crate::BlackBox) waits for
+    /// room; 1 GiB by default. More than
     /// [`budget_bytes`](Self::budget_bytes), because messages that wait are still written.
     pub min_free_bytes: u64,
+    /// How many bytes the disk of a file can still take; `fstatvfs(3)` by default. A [`Storage`](crate::Storage) knows
+    /// it itself.
+    pub free_bytes: FreeBytes,
     /// The wall clock; that of the machine by default.
     pub wall_clock: WallClock,
     /// The clock of the times of messages, files and incidents; the monotonic clock of the machine by default. Timeouts
@@ -55,6 +60,7 @@ impl Options {
             sync_interval: Duration::from_millis(100),
             compression: Compression::None,
             min_free_bytes: 1 << 30,
+            free_bytes,
             wall_clock: wall_time,
             monotonic_clock: sm2_io::clock::now,
         }
@@ -78,6 +84,8 @@ pub struct Progress {
     pub lost: u64,
     /// The length of the payloads that wait for the disk, in bytes.
     pub waiting_bytes: u64,
+    /// Whether the disk is full up to the [reserve](Options::min_free_bytes).
+    pub is_disk_full: bool,
 }
 
 /// Why [`Recorder::step`](super::Recorder::step) has returned.

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use sm2_node::Sample;
 
-use super::Options;
+use super::options::Options;
 use crate::clock::ClockRelation;
 use crate::error::WriteError;
 use crate::folder::Folder;
@@ -16,7 +16,7 @@ use crate::latched::Kept;
 use crate::missing::MissingTopic;
 use crate::report::{Report, ReportBuilder};
 use crate::source::Source;
-use crate::storage::Storage;
+use crate::storage::{FreeBytes, Storage};
 use crate::writer::{BagWriter, Compression, Done, MessageTimes};
 
 /// One part in so many of the budget may be used to keep the latched state for the next file.
@@ -47,6 +47,7 @@ pub(crate) struct Parts {
     /// Whether the file has a message that is not repeated.
     has_messages: bool,
     compression: Compression,
+    free_bytes: FreeBytes,
     min_free_bytes: u64,
     /// The relation of the clocks at the start, and after the last step of the wall clock.
     clocks: (ClockRelation, ClockRelation),
@@ -64,7 +65,10 @@ impl Parts {
     ) -> Result<Self, WriteError> {
         let (storage, folder) = match output {
             Output::File(storage) => (storage, None),
-            Output::Folder(folder, split) => (next_file(&folder, split)?, Some((folder, split))),
+            Output::Folder(folder, split) => {
+                let file = next_file(&folder, split, options.free_bytes)?;
+                (file, Some((folder, split)))
+            }
         };
         Ok(Self {
             bag: BagWriter::new(storage, options.compression, clock)?,
@@ -72,6 +76,7 @@ impl Parts {
             kept: Kept::new(options.budget_bytes / KEPT_SHARE),
             has_messages: false,
             compression: options.compression,
+            free_bytes: options.free_bytes,
             min_free_bytes: options.min_free_bytes,
             clocks: (clock, clock),
             missing: BTreeMap::new(),
@@ -85,7 +90,7 @@ impl Parts {
         times: MessageTimes,
         data: &[u8],
     ) -> Result<(), WriteError> {
-        self.make_room(times.log_time, data.len())?;
+        self.make_room(source, times.log_time, data.len())?;
         self.note(source, times, data);
         self.bag.message(source, times, data)
     }
@@ -97,7 +102,7 @@ impl Parts {
         message: Sample<[u8]>,
         done: Done,
     ) -> Result<(), WriteError> {
-        self.make_room(times.log_time, message.len())?;
+        self.make_room(source, times.log_time, message.len())?;
         self.note(source, times, &message);
         self.bag.long_message(source, times, message, done)
     }
@@ -116,8 +121,8 @@ impl Parts {
     }
 
     /// Begins the next file if a message belongs to it.
-    fn make_room(&mut self, time: u64, len: usize) -> Result<(), WriteError> {
-        match self.is_full(time, len as u64) {
+    fn make_room(&mut self, source: &Arc<Source>, time: u64, len: usize) -> Result<(), WriteError> {
+        match self.is_full(time, len as u64) || self.bag.lacks_channel(source) {
             true => self.end_file(time),
             false => Ok(()),
         }
@@ -139,6 +144,9 @@ impl Parts {
     }
 
     pub(crate) fn gap(&mut self, source: &Arc<Source>, gap: Gap) -> Result<(), WriteError> {
+        if self.bag.lacks_channel(source) {
+            self.end_file(gap.to_ns)?;
+        }
         self.bag.gap(source, gap)
     }
 
@@ -195,7 +203,8 @@ impl Parts {
         };
         self.complete(now_ns)?;
         let (start, last) = self.clocks;
-        self.bag = BagWriter::new(next_file(&folder, split)?, self.compression, start)?;
+        let file = next_file(&folder, split, self.free_bytes)?;
+        self.bag = BagWriter::new(file, self.compression, start)?;
         if last != start {
             self.bag.clock(last)?;
         }
@@ -225,6 +234,68 @@ impl Parts {
     }
 }
 
-fn next_file(folder: &Folder, split: Split) -> io::Result<Box<dyn Storage>> {
-    Ok(Box::new(folder.next_file(split.bytes.unwrap_or_default())?))
+fn next_file(folder: &Folder, split: Split, free_bytes: FreeBytes) -> io::Result<Box<dyn Storage>> {
+    let file = folder.next_file(split.bytes.unwrap_or_default())?;
+    Ok(Box::new(file.with_free_bytes(free_bytes)))
+}
+
+#[cfg(test)]
+mod tests {
+    use sm2_proto::{Name, OfferedQos, Period, TypeId};
+
+    use super::super::options::Topics;
+    use super::*;
+    use crate::bag::Bag;
+    use crate::storage::BagFile;
+    use crate::writer::CHANNELS_MAX;
+
+    fn source(publisher: usize) -> Arc<Source> {
+        Arc::new(Source {
+            topic: Name::new("chatter").unwrap(),
+            publisher: Name::new(&format!("talker/{publisher}")).unwrap(),
+            data: TypeId {
+                name: Name::new("bytes").unwrap(),
+                hash: 0,
+            },
+            offer: OfferedQos {
+                depth: 1,
+                reliable: false,
+                latched: 0,
+                sealed: false,
+                deadline: Period::NONE,
+                lifespan: Period::NONE,
+                lease: Period::NONE,
+            },
+            schema: None,
+        })
+    }
+
+    /// A process that joins, publishes and leaves again and again makes a channel each time.
+    #[test]
+    fn a_file_with_too_many_publishers_is_followed_by_another_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("drive.mcap");
+        let files = Folder::of_file(&path, BagFile::create(&path).unwrap());
+        let options = Options::new(Topics::All);
+        let clock = ClockRelation::read(options.wall_clock, options.monotonic_clock);
+        let output = Output::Folder(files, Split::default());
+        let mut parts = Parts::new(output, &options, clock).unwrap();
+        let times = MessageTimes {
+            sequence: 1,
+            log_time: 7,
+            publish_time: 7,
+        };
+        let publishers = CHANNELS_MAX + 2;
+        let first = source(0);
+        for publisher in 0..publishers {
+            parts.message(&source(publisher), times, b"1").unwrap();
+        }
+        // It is a channel of the first file only.
+        parts.message(&first, times, b"2").unwrap();
+        let report = parts.finish(8).unwrap();
+        let count = |path: &std::path::Path| Bag::open(path).unwrap().report().topics[0].messages;
+        let second = folder.path().join("drive-2.mcap");
+        assert_eq!((count(&path), count(&second)), (CHANNELS_MAX as u64, 3));
+        assert_eq!(report.topics[0].messages, publishers as u64 + 1);
+    }
 }

@@ -79,9 +79,13 @@ impl<'fd> Recorder<'fd> {
         Ok(())
     }
 
-    /// Tells the writer which latched publishers have left.
+    /// Forgets publishers that have left, if some may have. Tells the writer about the latched ones.
     pub(super) fn forget_publishers(&mut self) {
-        for topic in self.topics.iter_mut().filter(|it| it.has_latched()) {
+        let Some(left) = self.looks_left.checked_sub(1) else {
+            return;
+        };
+        self.looks_left = left;
+        for topic in &mut self.topics {
             for source in topic.take_left() {
                 self.queue.push(Item::Left(source));
             }
@@ -101,5 +105,52 @@ impl<'fd> Recorder<'fd> {
                 }));
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs::File;
+    use std::os::fd::AsFd;
+    use std::time::Duration;
+
+    use sm2_manager::Background;
+    use sm2_node::Shutdown;
+    use sm2_test_support::until;
+
+    use super::super::{Options, Topics};
+    use super::*;
+
+    #[test]
+    fn publishers_that_have_left_take_no_memory() {
+        let folder = tempfile::tempdir().unwrap();
+        let socket = folder.path().join("sock");
+        let _manager = Background::start(&socket, sm2_manager::Options::default()).unwrap();
+        let connect = |name: &str| Node::builder(name).socket(&socket).connect().unwrap();
+        let (node, shutdown) = (connect("recorder"), Shutdown::new().unwrap());
+        let file = File::create_new(folder.path().join("bag")).unwrap();
+        let options = Options {
+            sync_interval: Duration::from_millis(1),
+            ..Options::new(Topics::All)
+        };
+        let mut recorder = Recorder::start(&node, file, options, shutdown.as_fd()).unwrap();
+        for number in 1..=20 {
+            let talker = connect(&format!("talker/{number}"));
+            let publisher = talker.publisher::<u64>("numbers").unwrap();
+            until("the recorder is linked", || {
+                recorder.step(Duration::from_millis(1)).unwrap();
+                publisher.links().iter().any(|it| it.open)
+            });
+            publisher.publish(&number).unwrap();
+            until("the number is written", || {
+                recorder.step(Duration::from_millis(1)).unwrap();
+                recorder.progress().messages == number
+            });
+        }
+        until("all publishers are forgotten", || {
+            recorder.step(Duration::from_millis(1)).unwrap();
+            recorder.topics[0].publishers() == 0
+        });
+        assert_eq!(recorder.finish().unwrap().topics[0].messages, 20);
     }
 }

@@ -67,8 +67,6 @@ struct Publisher {
     source: Arc<Source>,
     /// The `log_time` of its last message that was recorded.
     last_time: Option<u64>,
-    /// Whether it is latched, and the writer keeps its last messages.
-    is_kept: bool,
 }
 
 /// A message that was taken.
@@ -136,9 +134,7 @@ impl Topic {
                 self.publishers.len() - 1
             }
         };
-        let Publisher {
-            source, last_time, ..
-        } = &self.publishers[number];
+        let Publisher { source, last_time } = &self.publishers[number];
         let displaced = (sample.lost() > 0).then(|| Gap {
             publisher: source.publisher.to_string(),
             from_ns: last_time.unwrap_or(now),
@@ -180,7 +176,6 @@ impl Topic {
         Publisher {
             source: Arc::new(source),
             last_time: None,
-            is_kept: false,
         }
     }
 
@@ -208,18 +203,15 @@ impl Topic {
 
     /// The message will be in the bag.
     pub(super) fn note_recorded(&mut self, taken: &Taken) {
-        let publisher = &mut self.publishers[taken.publisher];
-        publisher.last_time = Some(taken.times.log_time);
-        publisher.is_kept = publisher.source.offer.latched > 0;
+        self.publishers[taken.publisher].last_time = Some(taken.times.log_time);
     }
 
-    /// Whether the writer keeps messages of one of its publishers.
-    pub(super) fn has_latched(&self) -> bool {
-        self.publishers.iter().any(|it| it.is_kept)
-    }
-
-    /// The latched publishers that have left since the last call. One that comes back sends its messages again.
+    /// Forgets the publishers that have left, of which there may be very many one after the other. Returns those that
+    /// are latched. One that comes back is described again, and sends its latched messages again.
     pub(super) fn take_left(&mut self) -> Vec<Arc<Source>> {
+        if self.publishers.is_empty() {
+            return Vec::new();
+        }
         let links = self.subscriber.links();
         let is_there = |source: &Source| {
             links.iter().any(|link| {
@@ -229,24 +221,22 @@ impl Topic {
                         if *data == source.data)
             })
         };
-        let kept = self.publishers.iter_mut().filter(|it| it.is_kept);
-        let left = kept.filter(|it| !is_there(&it.source));
-        let left = left.map(|it| {
-            it.is_kept = false;
-            Arc::clone(&it.source)
-        });
-        left.collect()
+        let left = self.publishers.extract_if(.., |it| !is_there(&it.source));
+        let latched = left.filter(|it| it.source.offer.latched > 0);
+        let left = latched.map(|it| it.source).collect();
+        self.was_linked = true;
+        left
     }
 
-    /// The gap that a message leaves for which there is no memory.
-    pub(super) fn dropped(&self, taken: &Taken) -> Gap {
+    /// The gap that a message leaves which is dropped for this reason.
+    pub(super) fn dropped(&self, taken: &Taken, reason: GapReason) -> Gap {
         let last = self.publishers[taken.publisher].last_time;
         Gap {
             publisher: taken.source.publisher.to_string(),
             from_ns: last.unwrap_or(taken.times.log_time),
             to_ns: taken.times.log_time,
             messages: 1,
-            reason: GapReason::Budget,
+            reason,
         }
     }
 }

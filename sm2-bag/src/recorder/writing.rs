@@ -21,6 +21,7 @@ pub(super) fn write(
     let mut sync_at = sm2_io::clock::now().after(interval);
     let mut state = State::Synced;
     let mut batch = Batch::default();
+    let mut is_full = false;
     loop {
         let now = sm2_io::clock::now();
         if now >= sync_at {
@@ -33,48 +34,71 @@ pub(super) fn write(
                 State::Written => {
                     parts.begin_sync()?;
                     state = State::Syncing;
-                    if parts.is_disk_full()? {
-                        queue.note_disk_full();
-                    }
+                }
+            }
+            // Nothing of an idle recording grows, but a full disk may have got room.
+            if state == State::Syncing || is_full {
+                let was_full = std::mem::replace(&mut is_full, parts.is_disk_full()?);
+                queue.note_disk(is_full);
+                if was_full && !is_full {
+                    state = State::Written;
                 }
             }
             sync_at = sm2_io::clock::now().after(interval);
         }
-        let (awaited, timeout) = next_event(sync_at, now, state);
+        let (awaited, timeout) = match is_full {
+            true => (Awaited::Urgent, sync_at.since(now)),
+            false => next_event(sync_at, now, state),
+        };
         let goes_on = queue.pop(&mut batch, awaited, timeout);
-        if !batch.items.is_empty() {
+        // The gaps of a full disk are written together, when there is room again.
+        let is_written = |it: &Item| !(is_full && matches!(it, Item::Gap(..)));
+        if batch.items.iter().any(is_written) {
             state = State::Written;
         }
         let Batch { items, copies } = &mut batch;
         for item in items.drain(..) {
-            match item {
-                Item::Message {
-                    source,
-                    times,
-                    payload,
-                } => match payload {
-                    Payload::Copied(place) => {
-                        let data = &copies[place];
-                        parts.message(&source, times, data)?;
-                        queue.note_written(data.len(), None);
-                    }
-                    Payload::Held(message, by) => {
-                        let (queue, len) = (Arc::clone(queue), message.len());
-                        let done = Box::new(move || queue.note_written(len, Some(by)));
-                        parts.long_message(&source, times, message, done)?;
-                    }
-                },
-                Item::Gap(source, gap) => parts.gap(&source, gap)?,
-                Item::Left(source) => parts.left(&source),
-                Item::Clock(clock) => parts.clock(clock)?,
-                Item::Missing(missing) => parts.missing(missing)?,
-                Item::NotRecorded(topics) => parts.not_recorded(topics)?,
-                Item::EndFile(now_ns) => parts.end_file(now_ns)?,
-            }
+            write_item(&mut parts, queue, item, copies)?;
         }
         if !goes_on {
             return parts.finish(clock.wall_at(monotonic_clock()));
         }
+    }
+}
+
+fn write_item(
+    parts: &mut Parts,
+    queue: &Arc<Queue>,
+    item: Item,
+    copies: &[u8],
+) -> Result<(), WriteError> {
+    match item {
+        Item::Message {
+            source,
+            times,
+            payload,
+        } => match payload {
+            Payload::Copied(place) => {
+                let data = &copies[place];
+                parts.message(&source, times, data)?;
+                queue.note_written(data.len(), None);
+                Ok(())
+            }
+            Payload::Held(message, by) => {
+                let (queue, len) = (Arc::clone(queue), message.len());
+                let done = Box::new(move || queue.note_written(len, Some(by)));
+                parts.long_message(&source, times, message, done)
+            }
+        },
+        Item::Gap(source, gap) => parts.gap(&source, gap),
+        Item::Left(source) => {
+            parts.left(&source);
+            Ok(())
+        }
+        Item::Clock(clock) => parts.clock(clock),
+        Item::Missing(missing) => parts.missing(missing),
+        Item::NotRecorded(topics) => parts.not_recorded(topics),
+        Item::EndFile(now_ns) => parts.end_file(now_ns),
     }
 }
 

@@ -163,15 +163,20 @@ fn keep(
             Ok(BlackBoxStep::Timeout) => {}
             Ok(BlackBoxStep::Woken) => {
                 if signal.has_come() {
-                    let path = black_box.trigger("SIGUSR1");
-                    stderr_line!("triggered by SIGUSR1: {}", path.display());
+                    let (path, is_merged) = black_box.trigger("SIGUSR1");
+                    if !is_merged {
+                        stderr_line!("triggered by SIGUSR1: {}", path.display());
+                    }
                 }
             }
             Ok(BlackBoxStep::Triggered(reason, path)) => {
                 stderr_line!("triggered by {reason}: {}", path.display());
             }
             Ok(BlackBoxStep::Written(incident)) => done(incident)?,
-            Ok(BlackBoxStep::DiskFull) => return Ok(Err(RecordError::DiskFull)),
+            Ok(BlackBoxStep::NoRoom(path)) => stderr_line!(
+                "sm2: {} waits: its disk would have less room than --min-free",
+                path.display()
+            ),
             Err(error) => return Ok(Err(error)),
         }
         session.is_connected();
@@ -191,11 +196,16 @@ fn report(
         path,
         reason,
         result,
+        merged,
         ..
     } = incident;
+    if merged > 0 {
+        let triggers = Counted::new(merged, "more trigger");
+        stderr_line!("sm2: {} stands for {triggers}", path.display());
+    }
     match result {
         Ok(report) if json => {
-            out.json(&json!({ "path": path, "reason": reason, "bag": report }))?;
+            out.json(&json!({ "path": path, "reason": reason, "merged": merged, "bag": report }))?;
         }
         Ok(report) => show(out, &path, &report)?,
         Err(error) => {

@@ -25,6 +25,7 @@ impl fmt::Display for Shown {
             bytes,
             lost,
             waiting_bytes,
+            is_disk_full,
             missing: _,
         } = self.0;
         write!(
@@ -35,9 +36,13 @@ impl fmt::Display for Shown {
             Size(bytes),
             Size(waiting_bytes)
         )?;
-        match not_recorded {
-            0 => Ok(()),
-            count => write!(f, ", {} not recorded", Counted::new(count as u64, "topic")),
+        if not_recorded > 0 {
+            let topics = Counted::new(not_recorded as u64, "topic");
+            write!(f, ", {topics} not recorded")?;
+        }
+        match is_disk_full {
+            true => f.write_str(", DISK FULL: messages are dropped"),
+            false => Ok(()),
         }
     }
 }
