@@ -336,6 +336,17 @@ pub(crate) fn chunk_len(bytes: &[u8], left: u64) -> Option<u64> {
     ChunkShape::of(bytes)?.record_len().filter(|it| *it <= left)
 }
 
+/// The length of a chunk by the length of its content, in bytes, if `bytes` begin with the head of a chunk. It is that
+/// of the record unless the head is damaged.
+pub(crate) fn chunk_len_by_content(bytes: &[u8]) -> Option<u64> {
+    if bytes.first() != Some(&op::CHUNK) {
+        return None;
+    }
+    let shape = ChunkShape::of(bytes)?;
+    let head = RECORD_HEAD_BYTES + CHUNK_HEAD_BYTES + shape.compression.len();
+    shape.stored_bytes.checked_add(head as u64)
+}
+
 /// Passes the records of an uncompressed chunk to `each`. The reader of the crate would read beyond the end of a chunk
 /// whose last record has a wrong length.
 fn uncompressed_entries(

@@ -1,9 +1,10 @@
 //! Finding the first record behind a damaged one.
 //!
 //! A wrong byte may be in the length of a record, so it is not certain where a damaged record ends. If records follow
-//! where it says that it ends, it is believed. Otherwise the file is searched, byte by byte, for a chunk whose checksum
-//! is right, and for the end of the data. A chunk without a checksum is not found in this way. A payload that is an
-//! MCAP file itself has such chunks, too: they can be taken for those of the bag if the length before them is damaged.
+//! where it says that it ends, it is believed. A chunk says it twice, and the nearer place comes first. Otherwise the
+//! file is searched, byte by byte, for a chunk whose checksum is right, and for the end of the data. A chunk without a
+//! checksum is not found in this way. A payload that is an MCAP file itself has such chunks, too: they can be taken for
+//! those of the bag if the length before them is damaged.
 
 use std::fs::File;
 use std::os::unix::fs::FileExt;
@@ -11,7 +12,9 @@ use std::os::unix::fs::FileExt;
 use mcap::McapResult;
 use mcap::records::op;
 
-use crate::chunk::{CHUNK_SHAPE_BYTES, RECORD_HEAD_BYTES, RecordReader, chunk_len, of_read};
+use crate::chunk::{
+    CHUNK_SHAPE_BYTES, RECORD_HEAD_BYTES, RecordReader, chunk_len, chunk_len_by_content, of_read,
+};
 
 /// So many records that follow each other show that the first one begins where it seems to begin.
 const CREDIBLE_RECORDS: usize = 4;
@@ -22,6 +25,13 @@ const WINDOW_BYTES: usize = 1 << 20;
 const READS_MAX: u64 = 4;
 /// The record that ends the data, up to its checksum.
 const DATA_END: [u8; RECORD_HEAD_BYTES] = [op::DATA_END, 4, 0, 0, 0, 0, 0, 0, 0];
+
+/// The record before a place.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Behind {
+    Chunk,
+    Any,
+}
 
 /// Finds records behind damaged ones.
 pub(crate) struct Resync<'a> {
@@ -56,18 +66,38 @@ impl<'a> Resync<'a> {
         len_bytes: Option<u64>,
     ) -> McapResult<Option<u64>> {
         let said = len_bytes.map(|len| offset.saturating_add(len));
-        match said.filter(|it| self.is_credible(*it)) {
+        let by_content = self.end_by_content(offset)?;
+        // A wrong length can end at a record by chance, and hide those before it.
+        let nearer = by_content.filter(|it| said.is_none_or(|said| *it < said));
+        if let Some(next) = nearer.filter(|it| self.is_credible(*it, Behind::Chunk)) {
+            return Ok(Some(next));
+        }
+        match said.filter(|it| self.is_credible(*it, Behind::Any)) {
             Some(next) => Ok(Some(next)),
             None => self.search(from, offset),
         }
     }
 
-    /// Whether records follow each other from this place on.
-    fn is_credible(&self, offset: u64) -> bool {
+    /// Where the chunk at `offset` ends by the length of its content.
+    fn end_by_content(&self, offset: u64) -> McapResult<Option<u64>> {
+        let mut head = [0; CHUNK_SHAPE_BYTES];
+        let len = (self.end.saturating_sub(offset)).min(head.len() as u64) as usize;
+        of_read(self.file.read_exact_at(&mut head[..len], offset))?;
+        let len_bytes = chunk_len_by_content(&head[..len]);
+        let end = len_bytes.and_then(|it| offset.checked_add(it));
+        Ok(end.filter(|it| *it < self.end))
+    }
+
+    /// Whether records follow each other from this place on, which is behind such a record.
+    fn is_credible(&self, offset: u64, behind: Behind) -> bool {
         let mut reader = RecordReader::new(self.file, offset, self.end);
         for _ in 0..CREDIBLE_RECORDS {
             match reader.next() {
                 Ok(Some(record)) if record.is_data_end() => return true,
+                // It may be one of the chunk itself, whose checksum is wrong.
+                Ok(Some(record)) if record.opcode == op::MESSAGE && behind == Behind::Chunk => {
+                    return false;
+                }
                 Ok(Some(record)) if record.verify().is_ok() => {
                     if record.opcode == op::CHUNK {
                         return true;

@@ -145,6 +145,25 @@ fn everything_behind_a_damaged_head_is_kept() {
     }
 }
 
+/// A chunk says its length twice, so a wrong one hides no other chunk even if it ends at a record.
+#[test]
+fn a_length_that_ends_at_a_later_record_hides_no_chunk() {
+    for compression in COMPRESSIONS {
+        let mut bytes = chunked(compression, MESSAGES);
+        let data_end = places(&bytes, op::DATA_END)[0].start;
+        let (chunks, indexes) = (places(&bytes, op::CHUNK), places(&bytes, op::MESSAGE_INDEX));
+        let len = indexes[3].start - chunks[2].start - 9;
+        bytes[chunks[2].start + 1..][..8].copy_from_slice(&(len as u64).to_le_bytes());
+        let folder = memory_folder();
+        let path = folder.path().join("damaged");
+        for len in [bytes.len(), data_end] {
+            fs::write(&path, &bytes[..len]).unwrap();
+            assert_eq!(numbers(&path), without(2..3));
+            rescued(&path, &without(2..3));
+        }
+    }
+}
+
 /// One bit of each byte. Nothing is read that was not recorded, and nothing is missing in silence.
 #[test]
 fn a_changed_bit_is_noticed_or_changes_no_message() {
