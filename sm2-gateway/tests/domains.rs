@@ -270,9 +270,17 @@ fn rules_that_change_take_effect_at_once() {
     let config = near.config(&[(&far, None)], ALL);
     runtime.block_on(left.reload(&config));
     subscriber.wait_for_publishers_timeout(1, SOON).unwrap();
-    publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
-    publisher.publish(&2).unwrap();
-    assert_eq!(*subscriber.recv_timeout(SOON).unwrap().expect("in time"), 2);
+    // The link that ends may still be there, so a message may be lost.
+    let mut sent = 1;
+    until("a message of the link that is allowed again", || {
+        sent += 1;
+        publisher.publish(&sent).unwrap();
+        let received = subscriber.recv_timeout(Duration::from_millis(10)).unwrap();
+        received.is_some_and(|it| {
+            assert!((2..=sent).contains(&*it), "{it:?}");
+            true
+        })
+    });
     // The connection with a peer that is no longer trusted ends.
     let config = near.config(&[], ALL);
     runtime.block_on(left.reload(&config));
