@@ -11,7 +11,6 @@ use mcap::{Channel, McapResult, Writer};
 use crate::bag::Bag;
 use crate::damaged::{self, DamagedPart};
 use crate::error::{CopyError, ReadError, WriteError};
-use crate::foreign::topic_name;
 use crate::gap::Gap;
 use crate::latched::{Once, before};
 use crate::merged::Merged;
@@ -76,12 +75,11 @@ pub(crate) fn copy_with(
     options: &CopyOptions<'_>,
     observer: &mut Observer<'_>,
 ) -> Result<Report, CopyError> {
-    for topic in &options.filter.topics {
-        let mut channels = bags.iter().flat_map(Bag::channels);
-        if !channels.any(|it| topic_name(&it.topic) == topic_name(topic)) {
-            let topic = topic.clone();
-            return Err(CopyError::NoTopic { topic });
-        }
+    let channels = bags.iter().flat_map(Bag::channels);
+    let topics: BTreeSet<_> = channels.map(|it| it.topic.as_str()).collect();
+    let topics = topics.iter().copied();
+    if let Some(topic) = options.filter.unmatched(topics).into_iter().next() {
+        return Err(CopyError::NoTopic { topic });
     }
     create(to, |file| write(bags, file, to, options, observer))
 }

@@ -138,7 +138,7 @@ pub enum CopyError {
     /// No bag has a topic of the filter.
     #[error("no bag has topic {topic:?}: see `sm2 bag info`")]
     NoTopic {
-        /// The topic.
+        /// The topic, or the pattern.
         topic: String,
     },
     /// The new bag cannot be written.

@@ -87,6 +87,7 @@ mod messages;
 mod missing;
 mod names;
 mod observer;
+mod patterns;
 mod payload;
 mod player;
 mod profile;
@@ -119,8 +120,9 @@ pub use crate::{
     missing::MissingTopic,
     names::{create_first, numbered},
     observer::Observer,
+    patterns::{Pattern, PatternError, TopicPatterns},
     player::{
-        PlayCommand, PlayCommandError, PlayControl, PlayOptions, PlayReport, PlayStatus,
+        LeftOut, PlayCommand, PlayCommandError, PlayControl, PlayOptions, PlayReport, PlayStatus,
         PlayedTopic, Player,
     },
     recorder::{Options, Progress, Recorder, Split, Step, Topics},

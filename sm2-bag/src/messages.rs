@@ -11,14 +11,18 @@ use mcap::{Channel, McapError, McapResult};
 use crate::chunk::{CHUNK_MAX_BYTES, Entry, RawRecord, RecordReader};
 use crate::error::ReadError;
 use crate::foreign::topic_name;
+use crate::patterns::TopicPatterns;
 use crate::payload::{LongPayload, Payload};
 use crate::repeated::is_repeated;
 
 /// The messages to read.
 #[derive(Clone, Debug, Default)]
 pub struct Filter {
-    /// The topics, with or without the slash at the start that bags of ROS 2 have; empty for all.
+    /// The topics, with or without the slash at the start that bags of ROS 2 have. Empty for all, or for those of the
+    /// patterns.
     pub topics: BTreeSet<String>,
+    /// Further topics, and topics that are left out.
+    pub patterns: TopicPatterns,
     /// The first `log_time`.
     pub from_ns: Option<u64>,
     /// The `log_time` after the last message.
@@ -28,8 +32,31 @@ pub struct Filter {
 impl Filter {
     /// Whether messages of this topic pass.
     pub(crate) fn has_topic(&self, topic: &str) -> bool {
-        let name = topic_name(topic);
-        self.topics.is_empty() || self.topics.contains(name) || self.topics.contains(topic)
+        let patterns = &self.patterns;
+        match self.topics.is_empty() {
+            true => patterns.choose(topic),
+            false => {
+                let is_included = || patterns.include.iter().any(|it| it.matches(topic));
+                (self.is_named(topic) || is_included()) && !patterns.exclude(topic)
+            }
+        }
+    }
+
+    fn is_named(&self, topic: &str) -> bool {
+        self.topics.contains(topic_name(topic)) || self.topics.contains(topic)
+    }
+
+    /// The names and patterns for which none of these topics is there.
+    #[must_use]
+    pub fn unmatched<'a>(&self, topics: impl Iterator<Item = &'a str> + Clone) -> Vec<String> {
+        let named = self.topics.iter().filter(|name| {
+            let is_it = |it: &str| topic_name(it) == topic_name(name);
+            !topics.clone().any(is_it)
+        });
+        let patterns = self.patterns.include.iter();
+        let unmatched = patterns.filter(|it| !topics.clone().any(|topic| it.matches(topic)));
+        let unmatched = unmatched.map(|it| it.as_str().to_owned());
+        named.cloned().chain(unmatched).collect()
     }
 
     /// Whether a part of the time from `first_ns` to `last_ns`, both included, passes.

@@ -18,7 +18,7 @@ use sm2_node::{ConnectError, Node, Publisher, WaitError};
 use sm2_proto::Name;
 
 pub use self::control::{PlayCommand, PlayCommandError, PlayControl, PlayStatus};
-pub use self::options::{PlayOptions, PlayReport, PlayedTopic};
+pub use self::options::{LeftOut, PlayOptions, PlayReport, PlayedTopic};
 use self::outgoing::Outgoing;
 use self::publishers::{Declared, Played};
 use self::timeline::Timeline;
@@ -49,6 +49,7 @@ pub struct Player<'a> {
     /// The publishers by the number of their bag, and the number of their channel in it.
     channels: HashMap<(usize, u16), usize>,
     omits_clock: bool,
+    left_out: Vec<LeftOut>,
     merged_nodes: Option<usize>,
     /// The damaged parts that were found since playing began.
     damaged: Vec<DamagedPart>,
@@ -75,6 +76,7 @@ impl<'a> Player<'a> {
             publishers,
             channels,
             omits_clock,
+            left_out,
             merged_nodes,
         } = Declared::new(bags, &options, &mut connect)?;
         if publishers.is_empty() {
@@ -85,7 +87,7 @@ impl<'a> Player<'a> {
         let timeline = control.and_then(|it| Timeline::new(stop, it));
         let mut timeline = timeline.map_err(WaitError::Io)?;
         if options.is_clock_source() {
-            let node = connect(&format!("{}{CONDUCTOR}", options.prefix()))?;
+            let node = connect(&options.node_name(CONDUCTOR))?;
             timeline.publish_time(&node)?;
             if options.lockstep.is_some() {
                 timeline.conduct(&node)?;
@@ -98,6 +100,7 @@ impl<'a> Player<'a> {
             publishers,
             channels,
             omits_clock,
+            left_out,
             merged_nodes,
             damaged: Vec::new(),
             timeline,
@@ -278,6 +281,7 @@ impl<'a> Player<'a> {
         PlayReport {
             topics: topics.collect(),
             left: self.timeline.left().map(ToString::to_string).collect(),
+            left_out: self.left_out.clone(),
             damaged: self.damaged.clone(),
             complete,
         }

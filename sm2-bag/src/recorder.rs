@@ -177,7 +177,7 @@ impl<'fd> Recorder<'fd> {
             polled: intervals(options.sync_interval).map(Polled::new).collect(),
             samples: Vec::new(),
             // The files are open.
-            new_topics: NewTopics::new(),
+            new_topics: NewTopics::new(&options.topics),
             is_short: false,
             clock,
             last_clock: clock,
@@ -188,10 +188,9 @@ impl<'fd> Recorder<'fd> {
             looks_left: 0,
             options,
         };
-        if let Topics::Named(names) = recorder.options.topics.clone() {
-            for name in names {
-                recorder.subscribe(&name)?;
-            }
+        let named: Vec<_> = recorder.options.topics.named().collect();
+        for name in named {
+            recorder.subscribe(&name)?;
         }
         recorder.look_at_domain()?;
         Ok(recorder)
@@ -350,9 +349,7 @@ impl<'fd> Recorder<'fd> {
                 Ok(none) if none.is_empty() => return Ok(()),
                 Ok(_) => {
                     self.looks_left = LOOKS;
-                    if self.options.topics == Topics::All {
-                        self.new_topics.domain_changed();
-                    }
+                    self.new_topics.domain_changed();
                 }
                 // The watch is ready again.
                 Err(QueryError::Io(error)) if is_shortage(&error) => return Ok(()),

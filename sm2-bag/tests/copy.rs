@@ -63,6 +63,7 @@ fn a_copy_has_the_messages_of_the_filter() {
             topics: ["odd".to_owned()].into(),
             from_ns: Some(all[4].1),
             to_ns: Some(all[15].1),
+            ..Filter::default()
         };
         let report = copy(&bags, &to, &filter, compression).unwrap();
         let chosen: Vec<_> = all[4..15].iter().filter(|it| it.0 == "odd").collect();
@@ -136,6 +137,7 @@ fn a_copy_has_the_gaps_of_its_topics_and_times() {
             topics,
             from_ns,
             to_ns,
+            ..Filter::default()
         };
         let report = copy(&bags, &to, &filter, Compression::None).unwrap();
         assert_eq!(report.topics[0].lost, lost, "{filter:?}");

@@ -115,7 +115,7 @@ fn a_replay_publishes_the_latched_state_first_and_once() {
             filter: Filter {
                 topics: BTreeSet::from(["map".to_owned()]),
                 from_ns,
-                to_ns: None,
+                ..Filter::default()
             },
             ..PlayOptions::default()
         };

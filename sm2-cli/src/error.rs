@@ -246,6 +246,14 @@ pub(crate) enum CliError {
     /// The messages of bags cannot be copied to a new bag.
     #[error(transparent)]
     CopyBag(#[from] CopyError),
+    /// A topic, or a pattern for topics, for which the bags have nothing.
+    #[error("no bag has a topic {pattern:?}{hint} (`sm2 bag info` lists them)")]
+    NotInBag {
+        /// The name or the pattern.
+        pattern: String,
+        /// A similar name.
+        hint: String,
+    },
     /// A bag cannot be played.
     #[error(transparent)]
     Play(#[from] PlayError),

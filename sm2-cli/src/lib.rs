@@ -57,6 +57,7 @@ mod ticker;
 mod time;
 mod top;
 mod topic;
+mod topic_patterns;
 mod transcode;
 mod unheard;
 mod usage;

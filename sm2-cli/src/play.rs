@@ -37,12 +37,18 @@ pub(crate) struct Arguments {
     /// Publish the messages of topic FROM on topic TO (may be given again)
     #[arg(long, value_name = "FROM=TO", value_parser = remapping)]
     remap: Vec<(Name, Name)>,
+    /// Publish each topic with this prefix, so PREFIX/TOPIC
+    #[arg(long, value_name = "PREFIX", value_parser = name)]
+    prefix: Option<Name>,
     /// Wait for this number of subscribers of each topic before the first message
     #[arg(long, value_name = "N", default_value_t = 0)]
     wait: usize,
-    /// Give the nodes their original names; otherwise play/ stands before them, and one node plays for more than 64
+    /// Give the nodes their original names; otherwise --name stands before them, and one node plays for more than 64
     #[arg(long)]
     as_original: bool,
+    /// The name of this replay, with which the names of its nodes begin; two replays at once need different ones
+    #[arg(long, value_name = "NAME", value_parser = name, default_value = "play")]
+    name: Name,
     /// Play again and again, until Ctrl-C
     #[arg(long = "loop")]
     again: bool,
@@ -93,13 +99,14 @@ nothing is published and domain time stands still. In lockstep, a step has all m
 MCAP files of ROS 2 (rosbag2, or the Python package rosbags) are played as well, if they have definitions in
 ros2msg. Topics lose the slash at their start, and the node of the publishers is `play/bag`.
 
-Exit status: 0 all messages were published, the key q, or Ctrl-C with --loop; 1 failed, or parts are damaged;
-2 wrong usage; 130 Ctrl-C.
+Exit status: 0 all messages were published, the key q, or Ctrl-C with --loop; 1 failed, parts are damaged, or a
+topic has another type in the domain and was left out; 2 wrong usage; 130 Ctrl-C.
 
 Examples:
   sm2 play drive.mcap --rate 0
   sm2 play drive.mcap --topic chatter --remap chatter=old/chatter --rate 2 --json
-  sm2 play drive.mcap drive.mcap --rate 0";
+  sm2 play drive.mcap drive.mcap --rate 0
+  sm2 play drive.mcap --prefix second --name second --exclude 'camera/**' --rate 0";
 
 /// Runs the command.
 ///
@@ -126,20 +133,24 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     out.flush()?;
     Ok(match session.stopped() {
         Some(signal) if !arguments.again => Ended::Stopped(signal),
-        _ if !played.damaged.is_empty() => Ended::No,
+        _ if !played.damaged.is_empty() || !played.left_out.is_empty() => Ended::No,
         _ => Ended::Done,
     })
 }
 
 /// Plays the bags, with `--loop` until a signal or a key ends it.
 fn play(arguments: &Arguments, bags: &[Bag], session: &Session) -> Result<PlayReport, CliError> {
+    let topics = arguments.remap.iter().map(|(from, _)| from.as_str());
+    arguments.choice.check(bags, topics)?;
     let starts = bags.iter().filter_map(|it| it.report().start_ns);
     let options = PlayOptions {
         filter: arguments.choice.filter(starts.min()),
         rate: arguments.rate,
         paused: arguments.paused,
         remap: arguments.remap.iter().cloned().collect(),
+        topic_prefix: arguments.prefix.clone(),
         original_names: arguments.as_original,
+        name: arguments.name.clone(),
         subscribers: arguments.wait,
         clock: arguments.clock,
         lockstep: arguments.lockstep,
@@ -160,7 +171,8 @@ fn play(arguments: &Arguments, bags: &[Bag], session: &Session) -> Result<PlayRe
     }
     if let Some(nodes) = player.merged_nodes() {
         stderr_line!(
-            "sm2: node play/bag publishes for the {nodes} nodes of the recording (--as-original gives them their names)"
+            "sm2: node {}/bag publishes for the {nodes} nodes of the recording (--as-original: their own names)",
+            arguments.name
         );
     }
     // A policy may allow the topics, but not the service.
@@ -195,6 +207,12 @@ fn show(out: &mut Output, played: &PlayReport) -> Result<(), CliError> {
             Counted::new(topic.messages, "message"),
             topic.unheard,
             topic.missed
+        ))?;
+    }
+    for left_out in &played.left_out {
+        out.line(format_args!(
+            "{}: NOT PLAYED: {}",
+            left_out.topic, left_out.reason
         ))?;
     }
     for part in &played.damaged {

@@ -34,6 +34,7 @@ use crate::{
     size::Size,
     ticker::Ticker,
     time,
+    topic_patterns::{Patterns, TopicArgument, names, topics},
 };
 
 /// `sm2 record`.
@@ -42,9 +43,12 @@ use crate::{
 pub(crate) struct Arguments {
     #[command(subcommand)]
     action: Option<Action>,
-    /// The topics, also those that have no publisher yet
-    #[arg(value_name = "TOPIC", value_parser = name, required_unless_present = "all", conflicts_with = "all")]
-    topics: Vec<Name>,
+    /// The topics, also those that have no publisher yet, and all topics like camera/*, also those that come later
+    #[arg(value_name = "TOPIC|GLOB", value_parser = topics)]
+    #[arg(required_unless_present_any = ["all", "regex"], conflicts_with = "all")]
+    topics: Vec<TopicArgument>,
+    #[command(flatten)]
+    patterns: Patterns,
     /// Record all topics, also those that come later
     #[arg(long)]
     all: bool,
@@ -156,7 +160,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         return trigger::run(arguments);
     }
     let mut reliable = arguments.reliable.iter();
-    if let Some(topic) = reliable.find(|it| !arguments.all && !arguments.topics.contains(it)) {
+    let is_chosen = |it: &&Name| match arguments.options().topics {
+        Topics::Matching(named, patterns) => named.contains(*it) || patterns.choose(it.as_str()),
+        Topics::Named(named) => named.contains(*it),
+        Topics::All => true,
+    };
+    if let Some(topic) = reliable.find(|it| !is_chosen(it)) {
         let topic = topic.to_string();
         return Err(CliError::NotRecorded { topic });
     }
@@ -238,9 +247,15 @@ fn record_bag<'a>(
 
 impl Arguments {
     fn options(&self) -> Options {
-        let topics = match self.all {
-            true => Topics::All,
-            false => Topics::Named(self.topics.iter().cloned().collect()),
+        let mut patterns = self.patterns.with(&self.topics);
+        if self.all {
+            patterns.include.clear();
+        }
+        let excluded = |it: &&Name| patterns.exclude.iter().any(|one| one.matches(it.as_str()));
+        let named = names(&self.topics).filter(|it| !excluded(it)).cloned();
+        let topics = match self.all || !patterns.include.is_empty() {
+            true => Topics::Matching(named.collect(), patterns),
+            false => Topics::Named(named.collect()),
         };
         let defaults = Options::new(topics);
         Options {

@@ -41,9 +41,9 @@ pub(crate) fn before<'a>(
     mut damaged: impl FnMut(usize, DamagedPart),
 ) -> Result<Vec<(usize, FoundMessage<'a>)>, ReadError> {
     let filter = Filter {
-        topics: filter.topics.clone(),
         from_ns: None,
         to_ns: Some(at_ns),
+        ..filter.clone()
     };
     let mut states = BTreeMap::<Key, State<'a>>::new();
     let mut latched = Vec::new();

@@ -1,5 +1,6 @@
 //! How a bag is played, and the result.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -21,9 +22,15 @@ pub struct PlayOptions {
     pub paused: bool,
     /// The names of topics that are published under another name.
     pub remap: BTreeMap<Name, Name>,
-    /// Whether nodes have their original names. Otherwise `play/` stands before them, and the node `play/bag` publishes
-    /// for all of them if they are more than 64.
+    /// The segments before the names of topics, so that several replays do not mix; `None` for none. A topic of
+    /// [`remap`](Self::remap) gets none.
+    pub topic_prefix: Option<Name>,
+    /// Whether nodes have their original names. Otherwise the name of the replay stands before them, and one node
+    /// publishes for all of them if they are more than 64.
     pub original_names: bool,
+    /// The name of the replay, with which the names of its nodes begin; `play` by default. Two replays at the same time
+    /// need different ones.
+    pub name: Name,
     /// How many subscribers of each topic to wait for before the first message.
     pub subscribers: usize,
     /// How long to wait for reliable subscribers that have no room; 10 s by default.
@@ -44,7 +51,9 @@ impl Default for PlayOptions {
             rate: 1.0,
             paused: false,
             remap: BTreeMap::new(),
+            topic_prefix: None,
             original_names: false,
+            name: Name::new("play").expect("a legal name"),
             subscribers: 0,
             room_timeout: Duration::from_secs(10),
             clock: false,
@@ -54,9 +63,12 @@ impl Default for PlayOptions {
 }
 
 impl PlayOptions {
-    /// The text before the names of nodes.
-    pub(super) const fn prefix(&self) -> &'static str {
-        if self.original_names { "" } else { "play/" }
+    /// The name of the node that publishes for a recorded one.
+    pub(super) fn node_name(&self, recorded: &str) -> String {
+        match self.original_names {
+            true => recorded.to_owned(),
+            false => format!("{}/{recorded}", self.name),
+        }
     }
 
     /// Whether the player publishes domain time.
@@ -65,13 +77,17 @@ impl PlayOptions {
     }
 
     /// The topic on which the messages of a recorded topic are published.
-    pub(super) fn published_topic<'a>(&'a self, recorded: &'a str) -> &'a str {
+    pub(super) fn published_topic<'a>(&'a self, recorded: &'a str) -> Cow<'a, str> {
         let recorded = topic_name(recorded);
         let remapped = self
             .remap
             .iter()
             .find(|(from, _)| from.as_str() == recorded);
-        remapped.map_or(recorded, |(_, to)| to.as_str())
+        match (remapped, &self.topic_prefix) {
+            (Some((_, to)), _) => to.as_str().into(),
+            (None, Some(prefix)) => format!("{prefix}/{recorded}").into(),
+            (None, None) => recorded.into(),
+        }
     }
 }
 
@@ -83,11 +99,23 @@ pub struct PlayReport {
     /// The members of the lockstep that left before the end.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub left: Vec<String>,
+    /// The topics that were left out, because the domain has another type for them.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub left_out: Vec<LeftOut>,
     /// The parts of the bags that are damaged. Their messages were left out.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub damaged: Vec<DamagedPart>,
     /// Whether all messages were published. Otherwise the caller ended it.
     pub complete: bool,
+}
+
+/// A topic that was not played.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct LeftOut {
+    /// The topic.
+    pub topic: String,
+    /// Why it was not played.
+    pub reason: String,
 }
 
 /// The counts of one topic that was played.

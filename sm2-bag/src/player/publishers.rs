@@ -5,7 +5,7 @@ use std::collections::{BTreeSet, HashMap};
 use sm2_node::{ConnectError, DeclareError, Node, Publisher, clock};
 use sm2_proto::Name;
 
-use super::options::PlayOptions;
+use super::options::{LeftOut, PlayOptions};
 use crate::bag::Bag;
 use crate::error::PlayError;
 use crate::source::Source;
@@ -31,6 +31,7 @@ pub(super) struct Declared {
     pub(super) channels: HashMap<(usize, u16), usize>,
     /// Whether a channel is left out because the player publishes domain time itself.
     pub(super) omits_clock: bool,
+    pub(super) left_out: Vec<LeftOut>,
     /// The number of nodes in the bags, if one node publishes for all of them.
     pub(super) merged_nodes: Option<usize>,
 }
@@ -52,6 +53,7 @@ impl Declared {
             publishers: Vec::new(),
             channels: HashMap::new(),
             omits_clock: false,
+            left_out: Vec::new(),
             merged_nodes: None,
         };
         let played = declared.choose(bags, options)?;
@@ -71,7 +73,14 @@ impl Declared {
             let number = match known.get(&key) {
                 Some(it) => *it,
                 None => {
-                    let publisher = declared.declare(source, options, connect)?;
+                    let topic = source.topic.to_string();
+                    let publisher = match declared.declare(source, options, connect) {
+                        Err(PlayError::Declare(error @ DeclareError::TypeMismatch { .. })) => {
+                            declared.leave_out(topic, &error);
+                            continue;
+                        }
+                        publisher => publisher?,
+                    };
                     let number = declared.publishers.len();
                     let messages = 0;
                     (declared.publishers).push(Played {
@@ -85,6 +94,16 @@ impl Declared {
             declared.channels.insert((bag, channel), number);
         }
         Ok(declared)
+    }
+
+    /// Notes that a topic is not played, because its type in the domain is another one.
+    fn leave_out(&mut self, topic: String, error: &DeclareError) {
+        let reason = error.to_string();
+        let left_out = LeftOut { topic, reason };
+        if !self.left_out.contains(&left_out) {
+            tracing::error!(topic = left_out.topic, %error, "the topic is not played");
+            self.left_out.push(left_out);
+        }
     }
 
     /// The channels that are played.
@@ -121,11 +140,11 @@ impl Declared {
         source.offer.reliable |= options.lockstep.is_some();
         let name = &source.publisher;
         if !self.nodes.contains_key(name) {
-            let connected = connect(&format!("{}{name}", options.prefix()))?;
+            let connected = connect(&options.node_name(name.as_str()))?;
             self.nodes.insert(name.clone(), connected);
         }
         let topic = options.published_topic(source.topic.as_str());
-        Ok(declare(&self.nodes[name], topic, &source)?)
+        Ok(declare(&self.nodes[name], &topic, &source)?)
     }
 }
 

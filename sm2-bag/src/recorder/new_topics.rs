@@ -12,9 +12,11 @@ use sm2_node::DeclareError;
 use sm2_node::domain::{Contract, Domain};
 use sm2_proto::Name;
 
+use super::options::Topics;
 use super::topic::Topic;
 use crate::error::RecordError;
 use crate::missing::MissingTopic;
+use crate::patterns::TopicPatterns;
 
 /// The descriptors that new topics leave to the files of the recording, and to further links of the topics that are
 /// recorded. A process with few descriptors leaves half of them. `sm2-node` leaves 64 of them when it accepts links.
@@ -36,6 +38,8 @@ const RETRY_NS: u64 = 1_000_000_000;
 pub(super) struct NewTopics {
     /// The topics of the domain.
     known: BTreeMap<Name, State>,
+    /// The topics that are recorded; `None` for those only that the recorder has subscribed to at its start.
+    patterns: Option<TopicPatterns>,
     /// The topics that wait for their turn, the oldest one first.
     waiting: VecDeque<Name>,
     /// Whether the domain has changed since it was looked at.
@@ -58,10 +62,15 @@ enum State {
 }
 
 impl NewTopics {
-    pub(super) fn new() -> Self {
+    pub(super) fn new(topics: &Topics) -> Self {
         let free = free_descriptors(2 * RESERVE).unwrap_or(2 * RESERVE);
         Self {
-            known: BTreeMap::new(),
+            patterns: match topics {
+                Topics::All => Some(TopicPatterns::default()),
+                Topics::Named(_) => None,
+                Topics::Matching(_, patterns) => Some(patterns.clone()),
+            },
+            known: topics.named().map(|it| (it, State::Recorded)).collect(),
             waiting: VecDeque::new(),
             is_stale: false,
             is_paused: false,
@@ -107,7 +116,7 @@ impl NewTopics {
 
     /// Notes that the domain has changed.
     pub(super) const fn domain_changed(&mut self) {
-        self.is_stale = true;
+        self.is_stale = self.patterns.is_some();
     }
 
     /// The topic that has its turn, if there is room beside `topics`, which are recorded.
@@ -137,7 +146,11 @@ impl NewTopics {
         let publishers = domain
             .interfaces()
             .filter(|it| matches!(it.contract, Contract::Publisher { .. }));
-        let topics: BTreeSet<_> = publishers.map(|it| it.contract.name()).collect();
+        let topics = publishers.map(|it| it.contract.name());
+        let patterns = self.patterns.as_ref();
+        let topics: BTreeSet<_> = topics
+            .filter(|it| patterns.is_some_and(|patterns| patterns.choose(it.as_str())))
+            .collect();
         self.is_stale = false;
         self.waiting.retain(|it| topics.contains(it));
         (self.known).retain(|it, state| *state == State::Recorded || topics.contains(it));

@@ -7,6 +7,7 @@ use sm2_node::clock::wall_time;
 use sm2_proto::Name;
 
 use crate::clock::{MonotonicClock, WallClock};
+use crate::patterns::TopicPatterns;
 use crate::storage::{FreeBytes, free_bytes};
 use crate::writer::Compression;
 
@@ -41,12 +42,26 @@ pub struct Options {
 }
 
 /// The topics to record.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug)]
 pub enum Topics {
     /// All topics that have a publisher, also those that come later.
     All,
     /// These topics, whether they have a publisher or not.
     Named(BTreeSet<Name>),
+    /// These topics, whether they have a publisher or not, and all others that have a publisher and match, also those
+    /// that come later.
+    Matching(BTreeSet<Name>, TopicPatterns),
+}
+
+impl Topics {
+    /// The topics that have names.
+    pub(crate) fn named(&self) -> impl Iterator<Item = Name> {
+        let names = match self {
+            Self::All => None,
+            Self::Named(names) | Self::Matching(names, _) => Some(names),
+        };
+        names.into_iter().flatten().cloned()
+    }
 }
 
 impl Options {

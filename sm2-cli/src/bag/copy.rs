@@ -1,6 +1,10 @@
 //! `sm2 bag filter`, `convert` and `merge`: copies of bags.
 
-use std::path::{Path, PathBuf};
+use std::{
+    iter,
+    path::{Path, PathBuf},
+    slice,
+};
 
 use clap::Args;
 use sm2_bag::{Bag, Filter};
@@ -110,6 +114,9 @@ Examples:
 pub(super) fn filter(arguments: &FilterArguments) -> Result<Ended, CliError> {
     let mut work = Work::begin([arguments.file.as_path()])?;
     let bag = open(&arguments.file, &mut work)?;
+    arguments
+        .choice
+        .check(slice::from_ref(&bag), iter::empty())?;
     let filter = arguments.choice.filter(bag.report().start_ns);
     let compression = arguments.compression;
     write(&[bag], &filter, compression, &arguments.target, &mut work)

@@ -300,7 +300,7 @@ fn copies_have_the_chosen_messages() {
 
     let (code, _, told) = bag(&["filter", &small, "--topic", "scan", "-o", &new("scan.mcap")]);
     assert_eq!(code, 1);
-    assert!(told.contains("no bag has topic \"scan\""), "{told}");
+    assert!(told.contains("no bag has a topic \"scan\""), "{told}");
     let (code, _, told) = bag(&["filter", &small, "-o", &small]);
     assert_eq!(code, 1);
     assert!(told.contains("cannot write"), "{told}");
