@@ -53,6 +53,8 @@ pub(crate) enum Payload {
     Copied(Range<usize>),
     /// The message itself.
     Held(Sample<[u8]>, HeldBy),
+    /// A copy of a long message: as many of its topic as may be held are held.
+    Owned(Vec<u8>),
 }
 
 /// The topic whose messages are held, by the recorder's number of the topic.
@@ -184,18 +186,21 @@ impl Queue {
             return;
         }
         let mut is_urgent = matches!(item, Item::EndFile(_));
-        if let Item::Message {
-            payload: Payload::Held(message, HeldBy(topic)),
-            ..
-        } = &item
-        {
+        if let Item::Message { payload, .. } = &item {
             // Its publisher may need the slot.
             is_urgent = true;
-            state.waiting_bytes += message.len() as u64;
-            if state.held.len() <= *topic {
-                state.held.resize(topic + 1, 0);
+            match payload {
+                // Its batch counts.
+                Payload::Copied(_) => {}
+                Payload::Owned(data) => state.waiting_bytes += data.len() as u64,
+                Payload::Held(message, HeldBy(topic)) => {
+                    state.waiting_bytes += message.len() as u64;
+                    if state.held.len() <= *topic {
+                        state.held.resize(topic + 1, 0);
+                    }
+                    state.held[*topic] += 1;
+                }
             }
-            state.held[*topic] += 1;
         }
         let batch = state.open_batch();
         batch.items.push(item);

@@ -451,12 +451,16 @@ impl<'fd> Recorder<'fd> {
         if has_room && sample.len() <= COPY_MAX_BYTES {
             topic.note_recorded(&taken);
             (self.queue).push_copy(taken.source, taken.times, &sample);
-        } else if has_room && self.queue.held(held_by) < HELD_MAX {
+        } else if has_room {
             topic.note_recorded(&taken);
             self.queue.push(Item::Message {
                 source: taken.source,
                 times: taken.times,
-                payload: Payload::Held(sample, held_by),
+                // While the disk stalls, the publisher gets its slots back.
+                payload: match self.queue.held(held_by) < HELD_MAX {
+                    true => Payload::Held(sample, held_by),
+                    false => Payload::Owned(sample.to_vec()),
+                },
             });
         } else {
             self.lost += 1;

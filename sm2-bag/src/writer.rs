@@ -2,12 +2,12 @@
 //!
 //! Four threads share the work of a recorder. The caller's thread takes messages from all topics in one wait set: it
 //! copies messages up to 64 KiB at once, so that they hold no slot, and of each topic up to 8 longer ones wait in the
-//! slots of their publishers. A second thread prepares the records of the file, with their checksums. A third one owns
-//! the file and writes the records in order (`disk.rs`), so the disk is busy while the second one prepares the next
-//! message. A fourth one calls `fdatasync` once in each interval, while the third one goes on writing (`syncing.rs`).
-//! The queue in front of the second thread has a limit in bytes, and at most four operations wait in front of the third
-//! one. If the disk is too slow, messages are dropped before the queue and become gaps with a reason, so the disk
-//! delays no publisher, unless a topic is recorded as reliable.
+//! slots of their publishers; further ones are copied as well. A second thread prepares the records of the file, with
+//! their checksums. A third one owns the file and writes the records in order (`disk.rs`), so the disk is busy while
+//! the second one prepares the next message. A fourth one calls `fdatasync` once in each interval, while the third one
+//! goes on writing (`syncing.rs`). The queue in front of the second thread has a limit in bytes, and at most four
+//! operations wait in front of the third one. If the disk is too slow, messages are dropped before the queue and become
+//! gaps with a reason, so the disk delays no publisher, unless a topic is recorded as reliable.
 
 mod appender;
 mod disk;
@@ -21,9 +21,9 @@ use std::sync::Arc;
 
 use mcap::records::{ChunkIndex, MessageHeader, Metadata, Statistics};
 use mcap::{McapResult, Summary, WriteOptions, Writer};
-use sm2_node::Sample;
 
 use self::appender::Appender;
+pub(crate) use self::appender::LongMessage;
 pub(crate) use self::disk::Done;
 use self::memory::Memory;
 use self::record::LongChunk;
@@ -234,7 +234,7 @@ impl BagWriter {
         &mut self,
         source: &Arc<Source>,
         times: MessageTimes,
-        message: Sample<[u8]>,
+        message: LongMessage,
         done: Done,
     ) -> Result<(), WriteError> {
         let header = times.of(self.channel(source)?);

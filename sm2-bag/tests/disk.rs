@@ -8,7 +8,8 @@ use std::time::Duration;
 
 use nix::errno::Errno;
 use sm2_bag::{
-    Bag, GapReason, Options, RecordError, Recorder, Storage, SyncWork, WriteError, check, recover,
+    Bag, Filter, GapReason, Options, RecordError, Recorder, Storage, SyncWork, WriteError, check,
+    recover,
 };
 use sm2_node::{Name, Shutdown};
 
@@ -57,19 +58,26 @@ impl Storage for Disk {
     }
 }
 
+impl Disk {
+    /// A disk that takes everything while its gate is open.
+    fn with_gate(domain: &Domain, name: &str) -> (Self, Arc<Gate>) {
+        let gate = Arc::new(Gate::default());
+        let disk = Self {
+            file: domain.create(name),
+            gate: Arc::clone(&gate),
+            left: (usize::MAX, usize::MAX),
+            error: Errno::ENOSPC,
+        };
+        (disk, gate)
+    }
+}
+
 #[test]
 fn a_frozen_disk_costs_messages_that_are_counted_and_nobody_waits() {
     let domain = Domain::new();
-    let talker = domain.node("talker");
-    let data = talker.publisher::<[u8]>("data").unwrap();
+    let data = domain.node("talker").publisher::<[u8]>("data").unwrap();
     let node = domain.node("recorder");
-    let gate = Arc::new(Gate::default());
-    let disk = Disk {
-        file: domain.create("bag"),
-        gate: Arc::clone(&gate),
-        left: (usize::MAX, usize::MAX),
-        error: Errno::ENOSPC,
-    };
+    let (disk, gate) = Disk::with_gate(&domain, "bag");
     let options = Options {
         budget_bytes: 50_000,
         ..Options::new(named(&["data"]))
@@ -107,6 +115,40 @@ fn a_frozen_disk_costs_messages_that_are_counted_and_nobody_waits() {
     assert_eq!(check(bag.path()).unwrap().damages, []);
 }
 
+/// Only few of them wait in the slots of the publisher. The budget is the limit.
+#[test]
+fn a_disk_that_stalls_costs_no_long_message_within_the_budget() {
+    const LEN: usize = 100_000;
+    let domain = Domain::new();
+    let data = domain.node("talker").publisher::<[u8]>("data").unwrap();
+    let node = domain.node("recorder");
+    let (disk, gate) = Disk::with_gate(&domain, "bag");
+    let options = Options {
+        budget_bytes: 40 * LEN as u64,
+        ..Options::new(named(&["data"]))
+    };
+    let waiting = |count: u64| count * LEN as u64;
+    let report = record(&node, disk, options, |record_until| {
+        record_until(&mut |_| data.links().iter().any(|it| it.open));
+        gate.set(true);
+        for number in 0..30 {
+            data.publish(&vec![number; LEN]).unwrap();
+            let least = waiting(u64::from(number).saturating_sub(5));
+            record_until(&mut |it| it.progress().waiting_bytes >= least);
+        }
+        assert!(data.counters().dropped() == 0);
+        gate.set(false);
+        record_until(&mut |it| it.progress().messages == 30);
+    });
+    let topic = &report.topics[0];
+    assert_eq!((topic.messages, topic.lost), (30, 0), "{topic:?}");
+    let bag = Bag::open(&domain.path("bag")).unwrap();
+    for (number, message) in (0..30).zip(bag.messages(&Filter::default())) {
+        assert!(message.unwrap().data == vec![number; LEN], "{number}");
+    }
+    assert_eq!(check(bag.path()).unwrap().damages, []);
+}
+
 #[test]
 fn the_publisher_of_a_reliable_topic_waits_for_a_frozen_disk() {
     let domain = Domain::new();
@@ -116,13 +158,7 @@ fn the_publisher_of_a_reliable_topic_waits_for_a_frozen_disk() {
     for (name, len) in [("short", 1_000), ("long", 100_000)] {
         let data = talker.publisher_builder::<[u8]>(name);
         let data = data.reliable(true).declare().unwrap();
-        let gate = Arc::new(Gate::default());
-        let disk = Disk {
-            file: domain.create(&format!("{name}.mcap")),
-            gate: Arc::clone(&gate),
-            left: (usize::MAX, usize::MAX),
-            error: Errno::ENOSPC,
-        };
+        let (disk, gate) = Disk::with_gate(&domain, &format!("{name}.mcap"));
         let options = Options {
             budget_bytes: 50_000,
             reliable: [Name::new(name).unwrap()].into(),

@@ -5,8 +5,6 @@ use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
-use sm2_node::Sample;
-
 use super::options::Options;
 use crate::clock::ClockRelation;
 use crate::error::WriteError;
@@ -17,7 +15,7 @@ use crate::missing::MissingTopic;
 use crate::report::{Report, ReportBuilder};
 use crate::source::Source;
 use crate::storage::{FreeBytes, Storage};
-use crate::writer::{BagWriter, Compression, Done, MessageTimes};
+use crate::writer::{BagWriter, Compression, Done, LongMessage, MessageTimes};
 
 /// One part in so many of the budget may be used to keep the latched state for the next file.
 const KEPT_SHARE: u64 = 4;
@@ -99,7 +97,7 @@ impl Parts {
         &mut self,
         source: &Arc<Source>,
         times: MessageTimes,
-        message: Sample<[u8]>,
+        message: LongMessage,
         done: Done,
     ) -> Result<(), WriteError> {
         self.make_room(source, times.log_time, message.len())?;

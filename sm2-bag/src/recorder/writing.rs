@@ -8,8 +8,9 @@ use sm2_proto::Instant;
 use super::parts::Parts;
 use crate::clock::{ClockRelation, MonotonicClock};
 use crate::error::WriteError;
-use crate::queue::{Awaited, Batch, Item, Payload, Queue};
+use crate::queue::{Awaited, Batch, HeldBy, Item, Payload, Queue};
 use crate::report::Report;
+use crate::writer::{Done, LongMessage};
 
 /// Writes the items of the queue until it is closed.
 pub(super) fn write(
@@ -85,9 +86,12 @@ fn write_item(
                 Ok(())
             }
             Payload::Held(message, by) => {
-                let (queue, len) = (Arc::clone(queue), message.len());
-                let done = Box::new(move || queue.note_written(len, Some(by)));
-                parts.long_message(&source, times, message, done)
+                let done = note_written(queue, message.len(), Some(by));
+                parts.long_message(&source, times, LongMessage::Held(message), done)
+            }
+            Payload::Owned(data) => {
+                let done = note_written(queue, data.len(), None);
+                parts.long_message(&source, times, LongMessage::Owned(data), done)
             }
         },
         Item::Gap(source, gap) => parts.gap(&source, gap),
@@ -100,6 +104,12 @@ fn write_item(
         Item::NotRecorded(topics) => parts.not_recorded(topics),
         Item::EndFile(now_ns) => parts.end_file(now_ns),
     }
+}
+
+/// Notes that a long message was written.
+fn note_written(queue: &Arc<Queue>, len: usize, held: Option<HeldBy>) -> Done {
+    let queue = Arc::clone(queue);
+    Box::new(move || queue.note_written(len, held))
 }
 
 /// How much of the file is safe against a power cut.

@@ -1,6 +1,7 @@
 //! Appending to the file.
 
 use std::io;
+use std::ops::Deref;
 
 use crc32fast::Hasher;
 use sm2_node::Sample;
@@ -16,6 +17,25 @@ pub(super) struct Appender {
     /// The place of the first byte that waits.
     offset: u64,
     waiting: Vec<u8>,
+}
+
+/// A long message.
+pub(crate) enum LongMessage {
+    /// In the slot of its publisher.
+    Held(Sample<[u8]>),
+    /// A copy.
+    Owned(Vec<u8>),
+}
+
+impl Deref for LongMessage {
+    type Target = [u8];
+
+    fn deref(&self) -> &[u8] {
+        match self {
+            Self::Held(it) => it,
+            Self::Owned(it) => it,
+        }
+    }
 }
 
 /// A long payload that begins behind the end of the file. Its whole blocks are on their way to the disk.
@@ -58,7 +78,7 @@ impl Appender {
     /// other process can change, and both the checksum and the disk get the copy.
     pub(super) fn write_ahead(
         &mut self,
-        message: Sample<[u8]>,
+        message: LongMessage,
         offset: u64,
         done: Done,
     ) -> io::Result<WrittenAhead> {
