@@ -31,7 +31,8 @@ pub struct Filter {
 
 impl Filter {
     /// Whether messages of this topic pass.
-    pub(crate) fn has_topic(&self, topic: &str) -> bool {
+    #[must_use]
+    pub fn has_topic(&self, topic: &str) -> bool {
         let patterns = &self.patterns;
         match self.topics.is_empty() {
             true => patterns.choose(topic),

@@ -43,6 +43,7 @@ mod node;
 mod output;
 mod play;
 mod policy;
+mod printable;
 mod record;
 #[cfg(test)]
 mod reference;

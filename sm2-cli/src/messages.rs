@@ -65,6 +65,19 @@ impl Schemas {
     /// the messages are shown as those of a type without a schema.
     pub(crate) fn shown(&mut self, session: &Session, data: &TypeId) -> Option<&Codec> {
         let is_new = self.ask(session, data);
+        self.known_shown(data, is_new)
+    }
+
+    /// As [`shown`](Self::shown), for a type whose schema text is known, or is known not to be there.
+    pub(crate) fn shown_with(&mut self, data: &TypeId, text: Option<&str>) -> Option<&Codec> {
+        let is_new = !self.known.contains_key(data);
+        if is_new {
+            self.learn(data, text.map(str::to_owned));
+        }
+        self.known_shown(data, is_new)
+    }
+
+    fn known_shown(&self, data: &TypeId, is_new: bool) -> Option<&Codec> {
         match self.known.get(data)? {
             Some(Ok(codec)) => Some(codec),
             Some(Err(error)) => {
@@ -86,11 +99,15 @@ impl Schemas {
         let Ok(text) = session.describe(data) else {
             return false;
         };
+        self.learn(data, text);
+        true
+    }
+
+    fn learn(&mut self, data: &TypeId, text: Option<String>) {
         let schema = text.or_else(|| self.defined(data));
         let schema = schema.and_then(|text| Schema::parse(&text).ok());
         let codec = schema.map(|schema| Codec::new(&data.name, schema));
         self.known.insert(data.clone(), codec);
-        true
     }
 
     /// The schema text of a type of ROS 2 that no node has registered.

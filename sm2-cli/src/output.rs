@@ -8,7 +8,10 @@ use std::{
 
 use serde::Serialize;
 
-use crate::error::CliError;
+use crate::{
+    error::CliError,
+    printable::{printable, printable_json},
+};
 
 /// Standard output, locked for as long as a command runs.
 pub(crate) struct Output(BufWriter<StdoutLock<'static>>);
@@ -40,16 +43,17 @@ impl Output {
         write(&mut self.0).map_err(CliError::Output)
     }
 
-    /// Writes a line.
+    /// Writes a line, with [escapes](printable) where it has control characters.
     pub(crate) fn line(&mut self, line: impl fmt::Display) -> Result<(), CliError> {
-        self.write(|out| writeln!(out, "{line}"))
+        let line = line.to_string();
+        self.write(|out| writeln!(out, "{}", printable(&line)))
     }
 
     /// Writes a value as one line of JSON.
     pub(crate) fn json(&mut self, value: &impl Serialize) -> Result<(), CliError> {
         self.write(|out| {
-            serde_json::to_writer(&mut *out, value)?;
-            writeln!(out)
+            let json = serde_json::to_string(value)?;
+            writeln!(out, "{}", printable_json(&json))
         })
     }
 

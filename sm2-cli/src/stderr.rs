@@ -4,6 +4,7 @@
 macro_rules! stderr_line {
     ($($argument:tt)*) => {{
         use std::io::Write as _;
-        let _ = writeln!(std::io::stderr(), $($argument)*);
+        let line = format!($($argument)*);
+        let _ = writeln!(std::io::stderr(), "{}", $crate::printable::printable(&line));
     }};
 }

@@ -1,5 +1,6 @@
 //! `sm2 bag`: shows, checks, recovers, copies and compares recordings.
 
+mod cat;
 mod check;
 mod copy;
 mod diff;
@@ -19,6 +20,8 @@ pub(crate) enum Command {
     Ls(list::Arguments),
     /// Show the topics, the times and the gaps of a bag
     Info(info::Arguments),
+    /// Print messages of a bag
+    Cat(cat::Arguments),
     /// Read a bag completely, and verify its checksums and its summary
     Check(check::Arguments),
     /// Write what can be read of a damaged bag to a new one
@@ -42,6 +45,7 @@ pub(crate) fn run(command: &Command) -> Result<Ended, CliError> {
     match command {
         Command::Ls(arguments) => list::run(arguments),
         Command::Info(arguments) => info::run(arguments),
+        Command::Cat(arguments) => cat::run(arguments),
         Command::Check(arguments) => check::run(arguments),
         Command::Recover(arguments) => recover::run(arguments),
         Command::Filter(arguments) => copy::filter(arguments),

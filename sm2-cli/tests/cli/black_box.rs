@@ -218,3 +218,25 @@ fn a_black_box_has_no_other_limits() {
         assert_eq!(finished.code(), 2, "{arguments:?}: {finished:?}");
     }
 }
+
+/// Every process of the domain can trigger, with any text.
+#[test]
+fn the_reason_of_a_trigger_cannot_command_the_terminal() {
+    let domain = Domain::new();
+    let folder = domain.path("out");
+    let folder = folder.to_str().unwrap();
+    let recorder = domain.start(&[
+        "record", "--last", "10s", "--after", "0s", "--all", "-o", folder,
+    ]);
+    recorder.await_stderr("keeping the last");
+    let triggered = domain.run(&["record", "trigger", "a\u{1b}[2J\u{9b}\u{202e}b"]);
+    assert_eq!(triggered.code(), 0, "{triggered:?}");
+    recorder.await_stderr("triggered by a\\u{1b}[2J\\u{9b}\\u{202e}b: ");
+    recorder.signal(Signal::SIGINT);
+    assert!(
+        !recorder
+            .finish()
+            .stderr()
+            .contains(['\u{1b}', '\u{9b}', '\u{202e}'])
+    );
+}

@@ -1,6 +1,7 @@
 //! Tests of the `sm2` command with real processes, each in its own domain.
 
 mod bag;
+mod bag_cat;
 mod bag_topics;
 mod bag_work;
 mod black_box;

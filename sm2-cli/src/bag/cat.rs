@@ -1,0 +1,188 @@
+//! `sm2 bag cat`.
+
+use std::{collections::HashMap, io::Write, path::PathBuf, slice, time::Duration};
+
+use clap::Args;
+use serde::Serialize;
+use sm2_bag::{Bag, BagMessage, ReadError, Source};
+
+use super::work::Work;
+use crate::{
+    bag_choice::Choice,
+    ended::Ended,
+    error::CliError,
+    messages::{self, Content, Schemas, Show},
+    output::Output,
+    printable::printable,
+    ros_types::Definitions,
+    time::Span,
+};
+
+/// `sm2 bag cat`.
+#[derive(Args, Debug)]
+#[command(after_help = HELP)]
+pub(crate) struct Arguments {
+    /// The bag
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    #[command(flatten)]
+    choice: Choice,
+    /// End after this number of messages
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    count: Option<u64>,
+    #[command(flatten)]
+    definitions: Definitions,
+    /// Print each message as one line of JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    show: Show,
+}
+
+const HELP: &str = "\
+Prints messages as `sm2 topic echo` does, in the order of their times. Before each message of a bag with
+several chosen topics there is a line with its time since the start of the bag, its topic and its publisher.
+JSON has the times, too: `log_time_ns` and `publish_time_ns`, since 1970. `repeated` messages of latched
+publishers are those with which the bag begins although they were published before.
+
+Damaged parts are told on standard error, and left out.
+
+Exit status: 0 all chosen messages were printed, 1 failed or parts are damaged, 2 wrong usage.
+
+Examples:
+  sm2 bag cat drive.mcap --count 3
+  sm2 bag cat drive.mcap --topic chatter --json | jq .text";
+
+/// A message as a line of JSON.
+#[derive(Serialize)]
+struct Line<'a> {
+    topic: &'a str,
+    /// The publisher's node; `null` if another program has recorded it.
+    publisher: Option<&'a str>,
+    sequence: u32,
+    log_time_ns: u64,
+    publish_time_ns: u64,
+    repeated: bool,
+    len_bytes: usize,
+    #[serde(flatten)]
+    content: Content<'a>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// [`CliError::ReadBag`], [`CliError::NotInBag`], [`CliError::Output`].
+pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    let mut work = Work::begin([arguments.file.as_path()])?;
+    let bag = Bag::open_observed(&arguments.file, &mut |it| work.note(it));
+    let bag = bag.map_err(|it| work.error(it))?;
+    let path = bag.path().display();
+    if !bag.is_complete() {
+        stderr_line!("sm2: {path} is incomplete: printing what can be read");
+    }
+    arguments
+        .choice
+        .check(slice::from_ref(&bag), [].into_iter())?;
+    let start_ns = bag.report().start_ns;
+    let mut cat = Cat::new(arguments, &bag, start_ns);
+    let mut is_whole = true;
+    let most = arguments.count.unwrap_or(u64::MAX);
+    let mut left = most;
+    for message in bag.messages(&arguments.choice.filter(start_ns)) {
+        match message {
+            Ok(_) if left == 0 => break,
+            Ok(message) => {
+                left -= 1;
+                cat.print(&message)?;
+                if work.note(message.data.len() as u64).is_break() {
+                    return Err(work.error(ReadError::Stopped));
+                }
+            }
+            Err(ReadError::Damaged { part, .. }) => {
+                is_whole = false;
+                stderr_line!("sm2: {path} is damaged, and printed without {part}");
+            }
+            Err(error) => return Err(error.into()),
+        }
+    }
+    cat.out.flush()?;
+    Ok(match is_whole {
+        true => Ended::Done,
+        false => Ended::No,
+    })
+}
+
+/// Prints messages.
+struct Cat<'a> {
+    arguments: &'a Arguments,
+    schemas: Schemas,
+    out: Output,
+    /// The publishers, by the number of the channel.
+    sources: HashMap<u16, Source>,
+    /// The start of the bag, if each message has a title.
+    titles_from_ns: Option<u64>,
+}
+
+impl<'a> Cat<'a> {
+    fn new(arguments: &'a Arguments, bag: &Bag, start_ns: Option<u64>) -> Self {
+        let filter = arguments.choice.filter(None);
+        let mut topics: Vec<_> = (bag.sources())
+            .map(|it| it.0.topic.clone())
+            .filter(|it| filter.has_topic(it))
+            .collect();
+        topics.sort_unstable();
+        topics.dedup();
+        let sources = bag.sources();
+        let sources = sources.filter_map(|(channel, source)| Some((channel.id, source.ok()?)));
+        Self {
+            arguments,
+            schemas: Schemas::new(&arguments.definitions),
+            out: Output::new(),
+            sources: sources.collect(),
+            titles_from_ns: start_ns.filter(|_| topics.len() > 1),
+        }
+    }
+
+    fn print(&mut self, message: &BagMessage) -> Result<(), CliError> {
+        let Self {
+            arguments,
+            schemas,
+            out,
+            sources,
+            titles_from_ns,
+        } = self;
+        let source = sources.get(&message.channel.id);
+        let publisher = source.map(|it| it.publisher.as_str());
+        let show = arguments.show;
+        let decoded = source.filter(|it| !show.raw && !show.hex && !messages::is_bytes(&it.data));
+        let schema = decoded.and_then(|it| schemas.shown_with(&it.data, it.schema.as_deref()));
+        if arguments.json {
+            return out.json(&Line {
+                topic: &message.channel.topic,
+                publisher,
+                sequence: message.sequence,
+                log_time_ns: message.log_time,
+                publish_time_ns: message.publish_time,
+                repeated: message.is_repeated(),
+                len_bytes: message.data.len(),
+                content: Content::new(&message.data, schema, show),
+            });
+        }
+        if let Some(from) = *titles_from_ns {
+            let at = Span(Duration::from_nanos(message.log_time.saturating_sub(from)));
+            let topic = printable(&message.channel.topic);
+            let repeated = if message.is_repeated() {
+                ", repeated"
+            } else {
+                ""
+            };
+            match publisher {
+                Some(it) => out.line(format_args!("--- {at} {topic} of {it}{repeated}"))?,
+                None => out.line(format_args!("--- {at} {topic}"))?,
+            }
+        }
+        let lines = messages::lines(&message.data, schema, show);
+        out.write(|out| out.write_all(&lines))
+    }
+}
