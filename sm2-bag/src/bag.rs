@@ -23,6 +23,7 @@ use crate::report::{Counts, NotRecorded, Report, ReportBuilder};
 use crate::scan::Scan;
 use crate::source::Source;
 use crate::summary;
+use crate::written_by::{WrittenBy, is_being_written};
 
 /// A bag, open for reading. Its messages stay on the disk until they are read.
 #[derive(Debug)]
@@ -47,6 +48,8 @@ pub struct Bag {
     /// The damaged parts that were found when the bag was opened.
     damaged: Vec<DamagedPart>,
     complete: bool,
+    /// The recorder that is still writing the file.
+    writer: Option<WrittenBy>,
 }
 
 impl Bag {
@@ -142,6 +145,8 @@ impl Bag {
     }
 
     fn new(path: &Path, file: File, scan: Scan, complete: bool) -> Self {
+        // A recorder that is still there completes the file.
+        let is_being_written = !complete && is_being_written(&file);
         let named = |name| {
             let records = scan.metadata.iter().filter(move |it| it.name == name);
             records.map(|it| &it.metadata)
@@ -165,6 +170,9 @@ impl Bag {
             clocks: named(ClockRelation::RECORD)
                 .filter_map(ClockRelation::from_metadata)
                 .collect(),
+            writer: named(WrittenBy::RECORD)
+                .find_map(WrittenBy::from_metadata)
+                .filter(|_| is_being_written),
             metadata: scan.metadata,
             runs: scan.runs,
             attachments: scan.attachments,
@@ -211,7 +219,10 @@ impl Bag {
         for part in self.damaged_before.iter().chain(&self.damaged) {
             report.add_damaged(part);
         }
-        report.finish(self.times, self.complete)
+        Report {
+            writer: self.writer.clone(),
+            ..report.finish(self.times, self.complete)
+        }
     }
 
     /// Whether the recording ended in order.

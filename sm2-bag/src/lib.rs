@@ -27,6 +27,7 @@
 //! | `publish_time` | the time of publication, in nanoseconds of the wall clock |
 //! | `sequence` | the low half of the publisher's number of the message |
 //! | metadata `sm2.clock` | the relation of the wall clock to the monotonic clock: [`ClockRelation`] |
+//! | metadata `sm2.recorder` | the recorder of the file: [`WrittenBy`] |
 //! | metadata `sm2.gap` | messages that are missing: [`Gap`] |
 //! | metadata `sm2.missing` | a topic that was not recorded for a time, and the reason |
 //! | metadata `sm2.not_recorded` | how many more topics were not recorded, without their names |
@@ -104,6 +105,7 @@ mod storage;
 mod summary;
 mod verify;
 mod writer;
+mod written_by;
 
 pub use crate::{
     bag::Bag,
@@ -132,4 +134,5 @@ pub use crate::{
     storage::{BagFile, FreeBytes, Storage, SyncWork},
     verify::{Damage, Verdict, check, check_observed},
     writer::Compression,
+    written_by::WrittenBy,
 };

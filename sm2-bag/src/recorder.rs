@@ -144,7 +144,7 @@ impl<'fd> Recorder<'fd> {
         stop: BorrowedFd<'fd>,
     ) -> Result<Self, RecordError> {
         let clock = ClockRelation::read(options.wall_clock, options.monotonic_clock);
-        let parts = Parts::new(output, &options, clock);
+        let parts = Parts::new(output, &options, clock, node.name());
         let parts = parts.map_err(RecordError::Write)?;
         let mut set = WaitSet::new().map_err(RecordError::System)?;
         let mut watch = node.watch();

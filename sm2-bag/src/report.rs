@@ -8,6 +8,7 @@ use crate::damaged::DamagedPart;
 use crate::gap::{Gap, GapReason};
 use crate::missing::MissingTopic;
 use crate::repeated::NotRepeated;
+use crate::written_by::WrittenBy;
 
 /// The summary of a bag: its topics, times and gaps.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
@@ -27,6 +28,9 @@ pub struct Report {
     /// Whether the recording ended in order. Otherwise the bag was read up to its last chunk that is whole, and its
     /// counts are of that part.
     pub complete: bool,
+    /// The recorder that is still writing the bag, if one is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub writer: Option<WrittenBy>,
 }
 
 /// A topic of a bag.
@@ -229,6 +233,7 @@ impl ReportBuilder {
             start_ns: times.map(|it| it.0),
             end_ns: times.map(|it| it.1),
             complete,
+            writer: None,
         }
     }
 }

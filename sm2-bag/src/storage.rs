@@ -100,6 +100,8 @@ impl BagFile {
     /// Any error of `open(2)`; also if the file exists.
     pub fn create(path: &Path) -> io::Result<Self> {
         let file = OpenOptions::new().write(true).create_new(true).open(path)?;
+        // Tells readers that it is being written. Some file systems have no locks.
+        let _ = sm2_io::lock_file(&file);
         let flags = OFlag::O_DIRECT.bits();
         let opened = OpenOptions::new()
             .write(true)

@@ -36,6 +36,7 @@ use crate::repeated::{NotRepeated, mark_repeated};
 use crate::report::{Counts, NotRecorded, Report, ReportBuilder, widen};
 use crate::source::Source;
 use crate::storage::Storage;
+use crate::written_by::WrittenBy;
 
 /// Messages up to this length are copied when they are taken, so that short messages never hold the slots of their
 /// publishers, and are put into common chunks. Longer ones are chunks of their own, and wait in their slots until the
@@ -142,6 +143,7 @@ impl BagWriter {
         storage: Box<dyn Storage>,
         compression: Compression,
         clock: ClockRelation,
+        by: &WrittenBy,
     ) -> Result<Self, WriteError> {
         let memory = Memory::default();
         // The header stays in memory until the first chunk ends: see `end_chunk`.
@@ -166,6 +168,7 @@ impl BagWriter {
             not_repeated: Vec::new(),
         };
         writer.clock(clock)?;
+        writer.metadata(WrittenBy::RECORD, by.metadata())?;
         Ok(writer)
     }
 

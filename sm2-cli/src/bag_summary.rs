@@ -16,21 +16,7 @@ const GAPS_SHOWN: usize = 10;
 ///
 /// [`CliError::Output`].
 pub(crate) fn show(out: &mut Output, path: &Path, report: &Report) -> Result<(), CliError> {
-    let mut text = path.display().to_string();
-    if let (Some(start), Some(end)) = (report.start_ns, report.end_ns) {
-        let begin = i64::try_from(start).ok();
-        let begin = begin.and_then(|it| jiff::Timestamp::from_nanosecond(it.into()).ok());
-        let length = Span(Duration::from_nanos(end.saturating_sub(start)));
-        // Writing to a string cannot fail.
-        let _ = write!(text, ": {length}");
-        if let Some(begin) = begin {
-            let _ = write!(text, " from {begin:.3}");
-        }
-    }
-    if !report.complete {
-        text += " (INCOMPLETE: the recording did not end in order; `sm2 bag recover` writes a complete bag)";
-    }
-    out.line(text)?;
+    out.line(title(path, report))?;
     for topic in &report.topics {
         out.line(format_args!(
             "  {} ({}): {}, {}, lost {}",
@@ -80,6 +66,39 @@ pub(crate) fn show(out: &mut Output, path: &Path, report: &Report) -> Result<(),
         out.line(format_args!("  left out as damaged: {part}"))?;
     }
     Ok(())
+}
+
+/// The first line: the times of a bag, and whether it is complete.
+fn title(path: &Path, report: &Report) -> String {
+    let mut text = path.display().to_string();
+    if let (Some(start), Some(end)) = (report.start_ns, report.end_ns) {
+        let length = Span(Duration::from_nanos(end.saturating_sub(start)));
+        // Writing to a string cannot fail.
+        let _ = write!(text, ": {length} from {}", time_of_day(start));
+    }
+    match &report.writer {
+        // Writing to a string cannot fail.
+        Some(by) => {
+            let since = time_of_day(by.since_ns);
+            let (node, process) = (&by.node, by.process);
+            let _ = write!(
+                text,
+                " (BEING WRITTEN by node {node}, process {process}, since {since})"
+            );
+        }
+        None if !report.complete => {
+            text += " (INCOMPLETE: the recording did not end in order; `sm2 bag recover` writes a complete bag)";
+        }
+        None => {}
+    }
+    text
+}
+
+/// A time of the wall clock.
+fn time_of_day(ns: u64) -> String {
+    let time = i64::try_from(ns).ok();
+    let time = time.and_then(|it| jiff::Timestamp::from_nanosecond(it.into()).ok());
+    time.map_or_else(|| format!("{ns} ns"), |it| format!("{it:.3}"))
 }
 
 /// Prints the topics that were not recorded for a time.

@@ -5,6 +5,8 @@ use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
+use sm2_proto::Name;
+
 use super::options::Options;
 use crate::clock::ClockRelation;
 use crate::error::WriteError;
@@ -16,6 +18,7 @@ use crate::report::{Report, ReportBuilder};
 use crate::source::Source;
 use crate::storage::{FreeBytes, Storage};
 use crate::writer::{BagWriter, Compression, Done, LongMessage, MessageTimes};
+use crate::written_by::WrittenBy;
 
 /// One part in so many of the budget may be used to keep the latched state for the next file.
 const KEPT_SHARE: u64 = 4;
@@ -44,6 +47,7 @@ pub(crate) struct Parts {
     kept: Kept,
     /// Whether the file has a message that is not repeated.
     has_messages: bool,
+    by: WrittenBy,
     compression: Compression,
     free_bytes: FreeBytes,
     min_free_bytes: u64,
@@ -60,7 +64,13 @@ impl Parts {
         output: Output,
         options: &Options,
         clock: ClockRelation,
+        node: &Name,
     ) -> Result<Self, WriteError> {
+        let by = WrittenBy {
+            node: node.to_string(),
+            process: std::process::id(),
+            since_ns: clock.wall_ns,
+        };
         let (storage, folder) = match output {
             Output::File(storage) => (storage, None),
             Output::Folder(folder, split) => {
@@ -69,7 +79,8 @@ impl Parts {
             }
         };
         Ok(Self {
-            bag: BagWriter::new(storage, options.compression, clock)?,
+            bag: BagWriter::new(storage, options.compression, clock, &by)?,
+            by,
             folder,
             kept: Kept::new(options.budget_bytes / KEPT_SHARE),
             has_messages: false,
@@ -202,7 +213,8 @@ impl Parts {
         self.complete(now_ns)?;
         let (start, last) = self.clocks;
         let file = next_file(&folder, split, self.free_bytes)?;
-        self.bag = BagWriter::new(file, self.compression, start)?;
+        self.by.since_ns = now_ns;
+        self.bag = BagWriter::new(file, self.compression, start, &self.by)?;
         if last != start {
             self.bag.clock(last)?;
         }
@@ -239,7 +251,7 @@ fn next_file(folder: &Folder, split: Split, free_bytes: FreeBytes) -> io::Result
 
 #[cfg(test)]
 mod tests {
-    use sm2_proto::{Name, OfferedQos, Period, TypeId};
+    use sm2_proto::{OfferedQos, Period, TypeId};
 
     use super::super::options::Topics;
     use super::*;
@@ -277,7 +289,8 @@ mod tests {
         let options = Options::new(Topics::All);
         let clock = ClockRelation::read(options.wall_clock, options.monotonic_clock);
         let output = Output::Folder(files, Split::default());
-        let mut parts = Parts::new(output, &options, clock).unwrap();
+        let node = Name::new("recorder").unwrap();
+        let mut parts = Parts::new(output, &options, clock, &node).unwrap();
         let times = MessageTimes {
             sequence: 1,
             log_time: 7,

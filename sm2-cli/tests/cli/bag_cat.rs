@@ -68,5 +68,12 @@ fn each_message_of_several_topics_has_a_title() {
     let (_, one_topic, told) = bag(&["cat", file, "--topic", "scan", "--count", "2"]);
     assert_eq!(one_topic, "hello\nhello\n");
     assert!(told.contains("is incomplete"), "{told}");
-    drop(recorder);
+    let info = || bag(&["info", file]).1;
+    let by = format!(
+        "(BEING WRITTEN by node sm2-record-{0}, process {0}, since ",
+        recorder.pid()
+    );
+    assert!(info().contains(&by), "{}", info());
+    recorder.signal(Signal::SIGKILL);
+    until("the recorder is gone", || info().contains("(INCOMPLETE: "));
 }
