@@ -322,6 +322,9 @@ cmake cmake
 doxygen doxygen
 valgrind valgrind"
     install cbindgen || skip "cbindgen cannot be built here"
+    # Any Rust that SM2 supports builds this version of cargo-c. It needs the headers of OpenSSL.
+    command -v cargo-cinstall >/dev/null || install cargo-c@0.10.16 --bin cargo-cinstall ||
+        echo "cargo-c cannot be built here"
     cargo build --workspace --locked --bin sm2-manager
     (
         cd sm2-c
