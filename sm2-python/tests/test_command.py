@@ -101,7 +101,7 @@ def test_ctrl_c_ends_an_echo_in_order(node: sm2.Node, start: Start, options: lis
     echo.send_signal(signal.SIGINT)
     out, errors = echo.communicate(timeout=SOON)
     assert (echo.returncode, out) == (expected, "")
-    assert errors.startswith("received 1 messages")
+    assert errors.startswith("received 1 message ")
 
 
 def test_a_pipe_that_closes_ends_an_echo_without_an_error(node: sm2.Node, start: Start) -> None:
