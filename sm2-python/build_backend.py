@@ -11,6 +11,8 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -42,6 +44,10 @@ def build_program() -> None:
     command += ["--root", str(target / "installed"), "--no-track", "--force", "--target-dir", str(target)]
     subprocess.run(command, check=True)
     shutil.copy2(target / "installed" / "bin" / "sm2", SCRIPTS / "sm2")
+    # A panic aborts this program, so nothing reads its tables for unwinding: the standard library's code causes them.
+    # The program only stays longer if objcopy is missing, or cannot read programs of the target.
+    if shutil.which("objcopy") is not None:
+        subprocess.run(["objcopy", "-R", ".eh_frame", "-R", ".eh_frame_hdr", SCRIPTS / "sm2"], check=False)
 
 
 def make_folder() -> None:
@@ -49,12 +55,24 @@ def make_folder() -> None:
     SCRIPTS.mkdir(parents=True, exist_ok=True)
 
 
+def compress(wheel: Path) -> None:
+    """Compresses the wheel again: zlib's highest level is better than that of maturin."""
+    with tempfile.TemporaryDirectory(dir=wheel.parent) as folder:
+        smaller = Path(folder, wheel.name)
+        with zipfile.ZipFile(wheel) as old, zipfile.ZipFile(smaller, "w") as new:
+            for entry in old.infolist():
+                new.writestr(entry, old.read(entry), zipfile.ZIP_DEFLATED, compresslevel=9)
+        smaller.replace(wheel)
+
+
 def build_wheel(
     wheel_directory: str, config_settings: Settings = None, metadata_directory: str | None = None
 ) -> str:
     """Builds the wheel, and returns the name of its file."""
     build_program()
-    return maturin.build_wheel(wheel_directory, config_settings, metadata_directory)
+    name = maturin.build_wheel(wheel_directory, config_settings, metadata_directory)
+    compress(Path(wheel_directory, name))
+    return name
 
 
 def build_editable(
