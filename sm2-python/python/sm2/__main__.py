@@ -16,6 +16,8 @@ NOT_EXECUTABLE, NOT_FOUND = 126, 127
 
 def places() -> Iterator[Path]:
     """The files that may be the program."""
+    # `pip install --target` moves the files that it has listed, so its list may name another program.
+    yield Path(__file__).parents[1] / "bin" / "sm2"
     try:
         installed = metadata.files("sm2") or []
     except metadata.PackageNotFoundError:
@@ -23,8 +25,6 @@ def places() -> Iterator[Path]:
     for file in installed:
         if file.name == "sm2":
             yield Path(os.path.normpath(file.locate()))
-    # `pip install --target` moves the files that it has listed.
-    yield Path(__file__).parents[1] / "bin" / "sm2"
 
 
 def fail(status: int, text: str) -> NoReturn:
