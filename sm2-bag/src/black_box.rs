@@ -25,7 +25,6 @@ use self::triggers::Triggers;
 use crate::error::RecordError;
 use crate::folder::Folder;
 use crate::recorder::{Options, Progress, Recorder, Split, Step};
-use crate::storage::FreeBytes;
 
 /// So many incidents may wait, for their time to pass or for room on the disk.
 const OPEN_MAX: usize = 64;
@@ -90,8 +89,6 @@ pub struct BlackBox<'fd> {
     output: PathBuf,
     triggers: Triggers,
     limit: Limit,
-    min_free_bytes: u64,
-    free_bytes: FreeBytes,
     /// The incidents whose last seconds have not passed, the oldest one first.
     open: Vec<Window>,
     copying: Vec<Copying>,
@@ -128,7 +125,6 @@ impl<'fd> BlackBox<'fd> {
             bytes: None,
             time: Some(file_time),
         };
-        let (min_free_bytes, free_bytes) = (record.min_free_bytes, record.free_bytes);
         let mut recorder = Recorder::start_in(node, ring.clone(), split, record, stop)?;
         recorder.wait_for_room();
         let triggers = Triggers::start(node, triggers, &mut recorder)?;
@@ -140,8 +136,6 @@ impl<'fd> BlackBox<'fd> {
             output,
             triggers,
             limit: Limit::new(last.saturating_add(after)),
-            min_free_bytes,
-            free_bytes,
             open: Vec::new(),
             copying: Vec::new(),
         })
@@ -256,7 +250,7 @@ impl<'fd> BlackBox<'fd> {
             && now >= window.to_ns
         {
             match self.ring.files(window.from_ns, window.to_ns) {
-                Some(files) if window.has_room(&files, self.free_bytes, self.min_free_bytes) => {
+                Some(files) if window.has_room(&files, &self.recorder) => {
                     let window = self.open.remove(0);
                     self.copying.push(Copying::start(window, files));
                 }

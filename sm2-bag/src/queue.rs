@@ -16,7 +16,7 @@ use sm2_node::Sample;
 
 use crate::clock::ClockRelation;
 use crate::error::WriteError;
-use crate::gap::Gap;
+use crate::gap::{Gap, GapReason};
 use crate::missing::MissingTopic;
 use crate::source::Source;
 use crate::writer::MessageTimes;
@@ -104,6 +104,8 @@ struct State {
     is_closed: bool,
     failure: Failure,
     is_disk_full: bool,
+    /// Whether a full disk costs messages, until it has room again, instead of ending the recording.
+    waits_for_room: bool,
     /// Whether a reliable topic was refused.
     is_refused: bool,
 }
@@ -157,7 +159,8 @@ impl Queue {
     pub(crate) fn has_room(&self, held_by: HeldBy, held_max: usize) -> bool {
         let mut state = self.lock();
         let held = state.held.get(held_by.0).copied().unwrap_or_default();
-        let has_room = held < held_max && state.waiting_bytes < self.budget_bytes;
+        let has_room =
+            !state.lacks_room() && held < held_max && state.waiting_bytes < self.budget_bytes;
         if !has_room {
             state.is_refused = true;
             self.wake(&mut state, true);
@@ -165,14 +168,17 @@ impl Queue {
         has_room
     }
 
-    /// Whether a message of this length may wait.
-    pub(crate) fn fits(&self, len_bytes: usize) -> bool {
+    /// Whether a message of this length may wait. The error is the reason why it is dropped.
+    pub(crate) fn admit(&self, len_bytes: usize) -> Result<(), GapReason> {
         let mut state = self.lock();
-        let fits = state.waiting_bytes + len_bytes as u64 <= self.budget_bytes;
-        if !fits {
-            self.wake(&mut state, true);
+        if state.lacks_room() {
+            return Err(GapReason::DiskFull);
         }
-        fits
+        if state.waiting_bytes + len_bytes as u64 > self.budget_bytes {
+            self.wake(&mut state, true);
+            return Err(GapReason::Budget);
+        }
+        Ok(())
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
@@ -330,13 +336,19 @@ impl Queue {
         }
     }
 
-    /// A reliable topic waits for room: the descriptor becomes readable when it can try again.
-    pub(crate) fn refuse(&self) {
-        self.lock().is_refused = true;
-    }
-
     pub(crate) fn is_disk_full(&self) -> bool {
         self.lock().is_disk_full
+    }
+
+    /// Lets a full disk cost messages, which become gaps, instead of ending the recording.
+    pub(crate) fn wait_for_room(&self) {
+        self.lock().waits_for_room = true;
+    }
+
+    /// Whether the recording ends because the disk is full.
+    pub(crate) fn ends_by_full_disk(&self) -> bool {
+        let state = self.lock();
+        state.is_disk_full && !state.waits_for_room
     }
 
     /// The error of the writer, if it failed and nobody has taken the error.
@@ -353,6 +365,11 @@ impl Queue {
 }
 
 impl State {
+    /// Whether messages are dropped because the disk is full.
+    const fn lacks_room(&self) -> bool {
+        self.waits_for_room && self.is_disk_full
+    }
+
     const fn has_failed(&self) -> bool {
         !matches!(self.failure, Failure::None)
     }

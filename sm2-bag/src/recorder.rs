@@ -5,11 +5,12 @@ mod options;
 mod parts;
 mod polled;
 mod polling;
-mod room;
 mod subscribing;
 mod topic;
 mod writing;
 
+use std::fs::File;
+use std::io;
 use std::os::fd::BorrowedFd;
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -26,12 +27,11 @@ pub use self::options::{Options, Progress, Step, Topics};
 pub use self::parts::Split;
 use self::parts::{Output, Parts};
 use self::polled::{Frequency, Polled, intervals};
-use self::topic::{Topic, Wait};
+use self::topic::{Taken, Topic, Wait};
 use self::writing::write;
 use crate::clock::ClockRelation;
 use crate::error::{RecordError, WriteError};
 use crate::folder::Folder;
-use crate::gap::GapReason;
 use crate::queue::{HeldBy, Item, Payload, Queue, Written};
 use crate::report::Report;
 use crate::storage::Storage;
@@ -82,8 +82,6 @@ pub struct Recorder<'fd> {
     queue: Arc<Queue>,
     writer: Option<JoinHandle<Option<Report>>>,
     lost: u64,
-    /// Whether a full disk costs messages, until it has room again, and does not end the recording.
-    waits_for_room: bool,
     /// How often publishers that have left are still looked for.
     looks_left: u32,
 }
@@ -184,7 +182,6 @@ impl<'fd> Recorder<'fd> {
             queue,
             writer: Some(writer.map_err(RecordError::System)?),
             lost: 0,
-            waits_for_room: false,
             looks_left: 0,
             options,
         };
@@ -209,7 +206,7 @@ impl<'fd> Recorder<'fd> {
                 let error = self.queue.take_error().unwrap_or(WriteError::Panicked);
                 return Err(RecordError::Write(error));
             }
-            if self.queue.is_disk_full() && !self.waits_for_room {
+            if self.queue.ends_by_full_disk() {
                 return Ok(Step::DiskFull);
             }
             // The messages of the topics that are recorded come before new topics.
@@ -284,6 +281,17 @@ impl<'fd> Recorder<'fd> {
     /// Whether a node is in the domain.
     pub(crate) fn has_node(&self, name: &Name) -> bool {
         self.watch.domain().node_named(name.as_str()).is_some()
+    }
+
+    /// Lets a full disk cost messages, which become gaps, instead of ending the recording.
+    pub(crate) fn wait_for_room(&self) {
+        self.queue.wait_for_room();
+    }
+
+    /// Whether so many bytes more leave the [reserve](Options::min_free_bytes) of the disk of `file`.
+    pub(crate) fn has_room(&self, file: &File, len_bytes: u64) -> io::Result<bool> {
+        let free = (self.options.free_bytes)(file)?;
+        Ok(free.saturating_sub(len_bytes) >= self.options.min_free_bytes)
     }
 
     /// Lets the next message begin a new file of the folder. The file before it has everything up to now.
@@ -408,14 +416,10 @@ impl<'fd> Recorder<'fd> {
 
     /// Takes the messages of a topic that one call finds, at most `most`. Returns their number.
     fn take(&mut self, number: usize, most: usize) -> Result<usize, RecordError> {
-        let is_full = self.lacks_room();
         let topic = &mut self.topics[number];
         let mut most = most;
         if topic.is_reliable {
-            if is_full {
-                self.queue.refuse();
-            }
-            if is_full || !self.queue.has_room(HeldBy(number), HELD_MAX) {
+            if !self.queue.has_room(HeldBy(number), HELD_MAX) {
                 // Its messages stay with their publishers, which wait.
                 if let Wait::Message(key) = std::mem::replace(&mut topic.wait, Wait::Room) {
                     self.set.remove(key);
@@ -436,7 +440,6 @@ impl<'fd> Recorder<'fd> {
 
     /// Passes a message that came at this time to the writer, or notes that it is missing.
     fn note(&mut self, number: usize, sample: Sample<[u8]>, at: Instant) {
-        let is_full = self.lacks_room();
         let topic = &mut self.topics[number];
         let now = self.clock.wall_at(at);
         let Some(mut taken) = topic.note(&self.node, &sample, &self.clock, now) else {
@@ -447,30 +450,30 @@ impl<'fd> Recorder<'fd> {
             self.queue.push(Item::Gap(Arc::clone(&taken.source), gap));
         }
         let held_by = HeldBy(number);
-        let has_room = !is_full && (topic.is_reliable || self.queue.fits(sample.len()));
-        if has_room && sample.len() <= COPY_MAX_BYTES {
-            topic.note_recorded(&taken);
-            (self.queue).push_copy(taken.source, taken.times, &sample);
-        } else if has_room {
-            topic.note_recorded(&taken);
-            self.queue.push(Item::Message {
-                source: taken.source,
-                times: taken.times,
-                // While the disk stalls, the publisher gets its slots back.
-                payload: match self.queue.held(held_by) < HELD_MAX {
-                    true => Payload::Held(sample, held_by),
-                    false => Payload::Owned(sample.to_vec()),
-                },
-            });
-        } else {
+        let admitted = match topic.is_reliable {
+            true => Ok(()),
+            false => self.queue.admit(sample.len()),
+        };
+        if let Err(reason) = admitted {
             self.lost += 1;
-            let reason = match is_full {
-                true => GapReason::DiskFull,
-                false => GapReason::Budget,
-            };
             let gap = topic.dropped(&taken, reason);
             self.queue.push(Item::Gap(taken.source, gap));
+            return;
         }
+        topic.note_recorded(&taken);
+        let Taken { source, times, .. } = taken;
+        if sample.len() <= COPY_MAX_BYTES {
+            return self.queue.push_copy(source, times, &sample);
+        }
+        self.queue.push(Item::Message {
+            source,
+            times,
+            // While the disk stalls, the publisher gets its slots back.
+            payload: match self.queue.held(held_by) < HELD_MAX {
+                true => Payload::Held(sample, held_by),
+                false => Payload::Owned(sample.to_vec()),
+            },
+        });
     }
 
     /// Notes a step of the wall clock.

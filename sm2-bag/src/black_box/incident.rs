@@ -15,8 +15,8 @@ use crate::error::{CopyError, WriteError};
 use crate::messages::Filter;
 use crate::names::{create_first, numbered};
 use crate::observer::unobserved;
+use crate::recorder::Recorder;
 use crate::report::Report;
-use crate::storage::FreeBytes;
 use crate::writer::Compression;
 
 /// The name of the metadata record that says why a bag was written.
@@ -92,19 +92,14 @@ impl Window {
         }
     }
 
-    /// Whether the bag, which is not longer than the files, leaves so much of its disk free.
-    pub(super) fn has_room(
-        &self,
-        files: &[PathBuf],
-        free_bytes: FreeBytes,
-        min_free_bytes: u64,
-    ) -> bool {
-        // If that is unknown, writing tells.
-        let Ok(Ok(free)) = self.file.as_ref().map(free_bytes) else {
-            return true;
-        };
+    /// Whether the disk has room for the bag, which is not longer than the files.
+    pub(super) fn has_room(&self, files: &[PathBuf], recorder: &Recorder<'_>) -> bool {
         let lengths = files.iter().flat_map(fs::metadata).map(|it| it.len());
-        free.saturating_sub(lengths.sum()) >= min_free_bytes
+        match &self.file {
+            // If that is unknown, writing tells.
+            Ok(file) => recorder.has_room(file, lengths.sum()).unwrap_or(true),
+            Err(_) => true,
+        }
     }
 
     fn metadata(&self) -> Metadata {

@@ -41,7 +41,8 @@ pub(super) fn write(
             if state == State::Syncing || is_full {
                 let was_full = std::mem::replace(&mut is_full, parts.is_disk_full()?);
                 queue.note_disk(is_full);
-                if was_full && !is_full {
+                // A synchronization that has just begun has the gaps.
+                if was_full && !is_full && state == State::Synced {
                     state = State::Written;
                 }
             }
