@@ -33,18 +33,12 @@ impl Filter {
     /// Whether messages of this topic pass.
     #[must_use]
     pub fn has_topic(&self, topic: &str) -> bool {
-        let patterns = &self.patterns;
-        match self.topics.is_empty() {
-            true => patterns.choose(topic),
-            false => {
-                let is_included = || patterns.include.iter().any(|it| it.matches(topic));
-                (self.is_named(topic) || is_included()) && !patterns.exclude(topic)
-            }
+        let names = &self.topics;
+        let is_named = names.contains(topic_name(topic)) || names.contains(topic);
+        match names.is_empty() {
+            true => self.patterns.choose(topic),
+            false => (is_named || self.patterns.include(topic)) && !self.patterns.exclude(topic),
         }
-    }
-
-    fn is_named(&self, topic: &str) -> bool {
-        self.topics.contains(topic_name(topic)) || self.topics.contains(topic)
     }
 
     /// The names and patterns for which none of these topics is there.

@@ -98,8 +98,12 @@ impl TopicPatterns {
     /// Whether they choose a topic.
     #[must_use]
     pub fn choose(&self, topic: &str) -> bool {
-        (self.include.is_empty() || self.include.iter().any(|it| it.matches(topic)))
-            && !self.exclude(topic)
+        (self.include.is_empty() || self.include(topic)) && !self.exclude(topic)
+    }
+
+    /// Whether one of them includes a topic.
+    pub(crate) fn include(&self, topic: &str) -> bool {
+        self.include.iter().any(|it| it.matches(topic))
     }
 
     /// Whether they exclude a topic.

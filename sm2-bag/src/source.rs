@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use sm2_proto::schema::{Root, Schema};
-use sm2_proto::{Name, OfferedQos, TypeId};
+use sm2_proto::{Name, OfferedQos, Period, TypeId};
 
 use crate::ros_qos;
 
@@ -26,6 +26,17 @@ pub struct Source {
     /// The schema text of the type, if a node had registered one.
     pub schema: Option<String>,
 }
+
+/// The QoS in the bag of a publisher that is gone before its first message was taken.
+pub(crate) const UNKNOWN_OFFER: OfferedQos = OfferedQos {
+    depth: 1,
+    reliable: false,
+    latched: 0,
+    sealed: false,
+    deadline: Period::NONE,
+    lifespan: Period::NONE,
+    lease: Period::NONE,
+};
 
 /// The encoding of a schema record with a schema text of SM2.
 const SCHEMA_ENCODING: &str = "sm2";
@@ -88,6 +99,25 @@ impl Source {
         metadata
     }
 
+    /// A publisher of bytes that keeps so many messages for late subscribers.
+    #[cfg(test)]
+    pub(crate) fn of_test(publisher: &str, latched: u16) -> std::sync::Arc<Self> {
+        let name = |text| Name::new(text).expect("a legal name");
+        std::sync::Arc::new(Self {
+            topic: name("map"),
+            publisher: name(publisher),
+            data: TypeId {
+                name: name("bytes"),
+                hash: 0,
+            },
+            offer: OfferedQos {
+                latched,
+                ..UNKNOWN_OFFER
+            },
+            schema: None,
+        })
+    }
+
     /// The channel of this publisher, the only one of a bag.
     #[cfg(any(test, feature = "fuzzing"))]
     pub(crate) fn channel(&self) -> mcap::Channel<'_> {
@@ -133,8 +163,6 @@ impl Source {
 
 #[cfg(test)]
 mod tests {
-    use sm2_proto::Period;
-
     use super::*;
 
     fn source(schema: Option<&str>) -> Source {

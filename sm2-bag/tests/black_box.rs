@@ -38,6 +38,14 @@ fn options(domain: &Domain, last: Duration, triggers: Vec<Trigger>) -> BlackBoxO
     }
 }
 
+/// The options of a black box whose incidents end with it.
+fn never_over(domain: &Domain) -> BlackBoxOptions {
+    BlackBoxOptions {
+        after: Duration::from_secs(3_600),
+        ..options(domain, Duration::from_secs(60), Vec::new())
+    }
+}
+
 /// A publisher of consecutive numbers.
 struct Counter {
     publisher: Publisher<u64>,
@@ -202,11 +210,7 @@ fn overlapping_triggers_each_get_their_time() {
 fn an_end_writes_the_incidents_that_are_open() {
     let domain = Domain::new();
     let shutdown = Shutdown::new().unwrap();
-    let options = BlackBoxOptions {
-        after: Duration::from_secs(3_600),
-        ..options(&domain, Duration::from_secs(60), Vec::new())
-    };
-    let (mut black_box, mut counter) = linked(&domain, options, &shutdown);
+    let (mut black_box, mut counter) = linked(&domain, never_over(&domain), &shutdown);
     for _ in 0..20 {
         counter.publish();
         counter.wait_until_written(&mut black_box, &mut Vec::new());
@@ -279,11 +283,7 @@ fn each_kind_of_trigger_works() {
 fn too_many_triggers_are_merged_into_an_incident() {
     let domain = Domain::new();
     let shutdown = Shutdown::new().unwrap();
-    let options = BlackBoxOptions {
-        after: Duration::from_secs(3_600),
-        ..options(&domain, Duration::from_secs(60), Vec::new())
-    };
-    let (mut black_box, mut counter) = linked(&domain, options, &shutdown);
+    let (mut black_box, mut counter) = linked(&domain, never_over(&domain), &shutdown);
     counter.publish();
     counter.wait_until_written(&mut black_box, &mut Vec::new());
     let mut paths: Vec<_> = (0..100).map(|_| black_box.trigger("flood")).collect();

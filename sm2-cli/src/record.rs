@@ -159,13 +159,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     if let Some(Action::Trigger(arguments)) = &arguments.action {
         return trigger::run(arguments);
     }
-    let mut reliable = arguments.reliable.iter();
-    let is_chosen = |it: &&Name| match arguments.options().topics {
-        Topics::Matching(named, patterns) => named.contains(*it) || patterns.choose(it.as_str()),
-        Topics::Named(named) => named.contains(*it),
-        Topics::All => true,
-    };
-    if let Some(topic) = reliable.find(|it| !is_chosen(it)) {
+    let options = arguments.options();
+    if let Some(topic) = (arguments.reliable.iter()).find(|it| !options.topics.choose(it)) {
         let topic = topic.to_string();
         return Err(CliError::NotRecorded { topic });
     }
@@ -175,7 +170,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         Some(seconds) => clock::now().after(length(seconds)),
         None => Instant(u64::MAX),
     };
-    let options = arguments.options();
     let (domain, socket) = (&arguments.domain, arguments.domain.path()?);
     let connect = move || domain.connect_further(&socket, "record");
     let is_missing = match arguments.black_box.last {

@@ -122,31 +122,7 @@ impl Message {
 
 #[cfg(test)]
 mod tests {
-    use sm2_proto::{Name, OfferedQos, Period, TypeId};
-
     use super::*;
-
-    fn source(latched: u16) -> Arc<Source> {
-        let name = |text| Name::new(text).unwrap();
-        Arc::new(Source {
-            topic: name("map"),
-            publisher: name("mapper"),
-            data: TypeId {
-                name: name("text"),
-                hash: 1,
-            },
-            offer: OfferedQos {
-                depth: 8,
-                reliable: true,
-                latched,
-                sealed: false,
-                deadline: Period::NONE,
-                lifespan: Period::NONE,
-                lease: Period::NONE,
-            },
-            schema: None,
-        })
-    }
 
     fn times(sequence: u32) -> MessageTimes {
         MessageTimes {
@@ -167,7 +143,7 @@ mod tests {
     #[test]
     fn the_last_messages_of_each_latched_publisher_are_kept() {
         let mut all = Kept::new(1_000);
-        let (two, none) = (source(2), source(0));
+        let (two, none) = (Source::of_test("mapper", 2), Source::of_test("mapper", 0));
         for number in 0..5 {
             all.note(&two, times(number), &[0; 10]);
             all.note(&none, times(number), &[0; 10]);
@@ -182,7 +158,7 @@ mod tests {
     #[test]
     fn payloads_beyond_the_room_are_not_kept() {
         let mut all = Kept::new(20);
-        let two = source(2);
+        let two = Source::of_test("mapper", 2);
         for (number, len) in [(0, 15), (1, 6), (2, 5), (3, 20)] {
             all.note(&two, times(number), &vec![0; len]);
         }

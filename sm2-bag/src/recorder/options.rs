@@ -54,6 +54,18 @@ pub enum Topics {
 }
 
 impl Topics {
+    /// Whether a topic is recorded when it has a publisher.
+    #[must_use]
+    pub fn choose(&self, topic: &Name) -> bool {
+        match self {
+            Self::All => true,
+            Self::Named(names) => names.contains(topic),
+            Self::Matching(names, patterns) => {
+                names.contains(topic) || patterns.choose(topic.as_str())
+            }
+        }
+    }
+
     /// The topics that have names.
     pub(crate) fn named(&self) -> impl Iterator<Item = Name> {
         let names = match self {

@@ -251,8 +251,6 @@ fn next_file(folder: &Folder, split: Split, free_bytes: FreeBytes) -> io::Result
 
 #[cfg(test)]
 mod tests {
-    use sm2_proto::{OfferedQos, Period, TypeId};
-
     use super::super::options::Topics;
     use super::*;
     use crate::bag::Bag;
@@ -260,24 +258,7 @@ mod tests {
     use crate::writer::CHANNELS_MAX;
 
     fn source(publisher: usize) -> Arc<Source> {
-        Arc::new(Source {
-            topic: Name::new("chatter").unwrap(),
-            publisher: Name::new(&format!("talker/{publisher}")).unwrap(),
-            data: TypeId {
-                name: Name::new("bytes").unwrap(),
-                hash: 0,
-            },
-            offer: OfferedQos {
-                depth: 1,
-                reliable: false,
-                latched: 0,
-                sealed: false,
-                deadline: Period::NONE,
-                lifespan: Period::NONE,
-                lease: Period::NONE,
-            },
-            schema: None,
-        })
+        Source::of_test(&format!("talker/{publisher}"), 0)
     }
 
     /// A process that joins, publishes and leaves again and again makes a channel each time.

@@ -5,23 +5,13 @@ use std::sync::Arc;
 use sm2_node::domain::Contract;
 use sm2_node::wait_set::Key;
 use sm2_node::{Node, RecvError, Sample, Subscriber};
-use sm2_proto::{Instant, Name, OfferedQos, Period, TypeId};
+use sm2_proto::control::LinkPeer;
+use sm2_proto::{Instant, Name, OfferedQos, TypeId};
 
 use crate::clock::ClockRelation;
 use crate::gap::{Gap, GapReason};
-use crate::source::Source;
+use crate::source::{Source, UNKNOWN_OFFER};
 use crate::writer::MessageTimes;
-
-/// The QoS in the bag of a publisher that is gone before its first message was taken.
-const UNKNOWN_OFFER: OfferedQos = OfferedQos {
-    depth: 1,
-    reliable: false,
-    latched: 0,
-    sealed: false,
-    deadline: Period::NONE,
-    lifespan: Period::NONE,
-    lease: Period::NONE,
-};
 
 /// A topic that is recorded, and its publishers.
 pub(super) struct Topic {
@@ -158,12 +148,7 @@ impl Topic {
     /// Describes the publisher of a message.
     fn publisher(&self, node: &Node, name: &Name, data: &TypeId) -> Publisher {
         let links = self.subscriber.links();
-        let offer = links.iter().find_map(|link| match &link.peer.contract {
-            Contract::Publisher {
-                data: its, offer, ..
-            } if its == data && link.peer.name == *name => Some(*offer),
-            _ => None,
-        });
+        let offer = links.iter().find_map(|it| offer_of(&it.peer, name, data));
         let source = Source {
             topic: self.subscriber.topic().clone(),
             publisher: name.clone(),
@@ -214,12 +199,8 @@ impl Topic {
         }
         let links = self.subscriber.links();
         let is_there = |source: &Source| {
-            links.iter().any(|link| {
-                link.open
-                    && link.peer.name == source.publisher
-                    && matches!(&link.peer.contract, Contract::Publisher { data, .. }
-                        if *data == source.data)
-            })
+            let is_it = |it: &LinkPeer| offer_of(it, &source.publisher, &source.data).is_some();
+            links.iter().any(|it| it.open && is_it(&it.peer))
         };
         let left = self.publishers.extract_if(.., |it| !is_there(&it.source));
         let latched = left.filter(|it| it.source.offer.latched > 0);
@@ -238,5 +219,15 @@ impl Topic {
             messages: 1,
             reason,
         }
+    }
+}
+
+/// The QoS that the other end of a link offers, if it is the publisher of this name and type.
+fn offer_of(peer: &LinkPeer, name: &Name, data: &TypeId) -> Option<OfferedQos> {
+    match &peer.contract {
+        Contract::Publisher {
+            data: its, offer, ..
+        } if its == data && peer.name == *name => Some(*offer),
+        _ => None,
     }
 }

@@ -1,6 +1,12 @@
 //! `sm2 bag cat`.
 
-use std::{collections::HashMap, io::Write, path::PathBuf, slice, time::Duration};
+use std::{
+    collections::{BTreeSet, HashMap},
+    io::Write,
+    path::PathBuf,
+    slice,
+    time::Duration,
+};
 
 use clap::Args;
 use serde::Serialize;
@@ -13,7 +19,6 @@ use crate::{
     error::CliError,
     messages::{self, Content, Schemas, Show},
     output::Output,
-    printable::printable,
     ros_types::Definitions,
     time::Span,
 };
@@ -87,8 +92,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let start_ns = bag.report().start_ns;
     let mut cat = Cat::new(arguments, &bag, start_ns);
     let mut is_whole = true;
-    let most = arguments.count.unwrap_or(u64::MAX);
-    let mut left = most;
+    let mut left = arguments.count.unwrap_or(u64::MAX);
     for message in bag.messages(&arguments.choice.filter(start_ns)) {
         match message {
             Ok(_) if left == 0 => break,
@@ -127,19 +131,17 @@ struct Cat<'a> {
 impl<'a> Cat<'a> {
     fn new(arguments: &'a Arguments, bag: &Bag, start_ns: Option<u64>) -> Self {
         let filter = arguments.choice.filter(None);
-        let mut topics: Vec<_> = (bag.sources())
-            .map(|it| it.0.topic.clone())
-            .filter(|it| filter.has_topic(it))
-            .collect();
-        topics.sort_unstable();
-        topics.dedup();
-        let sources = bag.sources();
-        let sources = sources.filter_map(|(channel, source)| Some((channel.id, source.ok()?)));
+        let mut topics = BTreeSet::new();
+        let mut sources = HashMap::new();
+        for (channel, source) in bag.sources().filter(|it| filter.has_topic(&it.0.topic)) {
+            topics.insert(channel.topic.clone());
+            sources.extend(source.ok().map(|it| (channel.id, it)));
+        }
         Self {
             arguments,
             schemas: Schemas::new(&arguments.definitions),
             out: Output::new(),
-            sources: sources.collect(),
+            sources,
             titles_from_ns: start_ns.filter(|_| topics.len() > 1),
         }
     }
@@ -171,7 +173,7 @@ impl<'a> Cat<'a> {
         }
         if let Some(from) = *titles_from_ns {
             let at = Span(Duration::from_nanos(message.log_time.saturating_sub(from)));
-            let topic = printable(&message.channel.topic);
+            let topic = &message.channel.topic;
             let repeated = if message.is_repeated() {
                 ", repeated"
             } else {
