@@ -5,7 +5,8 @@
 //! escapes.
 
 use std::borrow::Cow;
-use std::fmt::Write as _;
+
+use crate::text::escaped;
 
 /// Whether a terminal would do something else with a character than show it. Lines may have breaks and tabs.
 fn is_unsafe(c: char) -> bool {
@@ -21,7 +22,7 @@ fn is_unsafe(c: char) -> bool {
 pub(crate) fn printable(text: &str) -> Cow<'_, str> {
     match text.contains(is_unsafe) {
         false => text.into(),
-        true => escaped(text, |out, c| write!(out, "\\u{{{:x}}}", u32::from(c))),
+        true => escaped(text, is_unsafe, char::escape_unicode).into(),
     }
 }
 
@@ -29,23 +30,8 @@ pub(crate) fn printable(text: &str) -> Cow<'_, str> {
 pub(crate) fn printable_json(json: &str) -> Cow<'_, str> {
     match json.contains(is_unsafe) {
         false => json.into(),
-        true => escaped(json, |out, c| write!(out, "\\u{:04x}", u32::from(c))),
+        true => escaped(json, is_unsafe, |c| format!("\\u{:04x}", u32::from(c))).into(),
     }
-}
-
-fn escaped(
-    text: &str,
-    escape: impl Fn(&mut String, char) -> std::fmt::Result,
-) -> Cow<'static, str> {
-    let mut out = String::with_capacity(text.len() + 16);
-    for c in text.chars() {
-        match is_unsafe(c) {
-            // Writing to a string cannot fail.
-            true => drop(escape(&mut out, c)),
-            false => out.push(c),
-        }
-    }
-    out.into()
 }
 
 #[cfg(test)]

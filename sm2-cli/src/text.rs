@@ -47,14 +47,23 @@ pub(crate) fn write_bytes(out: &mut Vec<u8>, message: &[u8]) {
 
 /// A text on one line, with control characters escaped. The text may come from another program.
 pub(crate) fn one_line(text: &str) -> String {
-    let mut line = String::with_capacity(text.len());
+    escaped(text, char::is_control, char::escape_default)
+}
+
+/// A text with escapes in the place of some characters.
+pub(crate) fn escaped<E: fmt::Display>(
+    text: &str,
+    is_escaped: impl Fn(char) -> bool,
+    escape: impl Fn(char) -> E,
+) -> String {
+    let mut out = String::with_capacity(text.len());
     for c in text.chars() {
-        match c.is_control() {
-            true => line.extend(c.escape_default()),
-            false => line.push(c),
+        match is_escaped(c) {
+            true => out += &escape(c).to_string(),
+            false => out.push(c),
         }
     }
-    line
+    out
 }
 
 /// Bytes as two hex digits each, with a separator between them.
