@@ -12,9 +12,8 @@ use crate::bag::Bag;
 use crate::damaged::{self, DamagedPart};
 use crate::error::{CopyError, ReadError, WriteError};
 use crate::gap::Gap;
-use crate::latched::{Once, before};
-use crate::merged::Merged;
-use crate::messages::{BagMessage, Filter, FoundMessage};
+use crate::latched::Whole;
+use crate::messages::{BagMessage, Filter};
 use crate::observer::{Observer, note, unobserved};
 use crate::profile::Profile;
 use crate::repeated::{NotRepeated, is_repeated, mark_repeated};
@@ -141,25 +140,10 @@ fn write(
     let mut new = NewBag::begin(bags, file, options).map_err(failed)?;
     let mut damaged: Vec<Vec<DamagedPart>> = bags.iter().map(|it| it.damaged().to_vec()).collect();
     copy_attachments(bags, &mut damaged, &mut new.writer, path)?;
-    let mut once = Once::new(bags);
-    if let Some(from_ns) = filter.from_ns {
-        let note = |number: usize, part| note_damaged(&mut damaged[number], part);
-        for (number, found) in before(bags, filter, from_ns, note)? {
-            once.admits(number, &found);
-            match found.read() {
-                Ok(it) => new.message(number, &it, true).map_err(failed)?,
-                Err(ReadError::Damaged { part, .. }) => note_damaged(&mut damaged[number], part),
-                Err(error) => return Err(error.into()),
-            }
-        }
-    }
     let mut read = BTreeMap::<(usize, u16), u64>::new();
-    for (number, found) in Merged::new(bags, filter) {
-        let found = match found {
-            Ok(it) if !once.admits(number, &it) => continue,
-            found => found.and_then(FoundMessage::read),
-        };
-        let message = match found {
+    for (number, found) in Whole::new(bags, filter) {
+        let found = found.and_then(|it| Ok((it.is_repeated, it.read()?)));
+        let (is_repeated, message) = match found {
             Ok(it) => it,
             Err(ReadError::Damaged { part, .. }) => {
                 note_damaged(&mut damaged[number], part);
@@ -167,7 +151,6 @@ fn write(
             }
             Err(error) => return Err(error.into()),
         };
-        let is_repeated = message.is_repeated();
         (new.message(number, &message, is_repeated)).map_err(failed)?;
         *read.entry((number, message.channel.id)).or_default() += 1;
         note(observer, message.data.len() as u64)?;

@@ -9,13 +9,13 @@
 mod before;
 mod kept;
 mod once;
+mod whole;
 
 use mcap::Channel;
 use sm2_proto::{Name, TypeId};
 
-pub(crate) use self::before::before;
 pub(crate) use self::kept::Kept;
-pub(crate) use self::once::Once;
+pub(crate) use self::whole::Whole;
 use crate::bag::Bag;
 use crate::foreign;
 use crate::source::Source;

@@ -6,6 +6,9 @@ use crate::bag::Bag;
 use crate::error::ReadError;
 use crate::messages::{Filter, FoundMessage, Messages};
 
+/// A message, or a fault, with the number of its bag.
+pub(crate) type Found<'a> = (usize, Result<FoundMessage<'a>, ReadError>);
+
 /// The messages of several bags in the order of their `log_time`, each with the number of its bag. Messages of the same
 /// time keep the order of the bags.
 pub(crate) struct Merged<'a> {
@@ -27,7 +30,7 @@ impl<'a> Merged<'a> {
 }
 
 impl<'a> Iterator for Merged<'a> {
-    type Item = (usize, Result<FoundMessage<'a>, ReadError>);
+    type Item = Found<'a>;
 
     /// The next message, or an error of a bag. A bag is read as late as possible, so that its damage comes after the
     /// messages before it.

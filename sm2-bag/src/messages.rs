@@ -91,6 +91,8 @@ pub(crate) struct FoundMessage<'a> {
     pub(crate) sequence: u32,
     pub(crate) log_time: u64,
     pub(crate) publish_time: u64,
+    /// Whether the reader gets it only because its publisher is latched: it was published before.
+    pub(crate) is_repeated: bool,
     pub(crate) payload: Payload<'a>,
 }
 
@@ -246,8 +248,10 @@ impl<'a> Messages<'a> {
     /// Adds a message that passes the filter, from the chunk at `offset`.
     fn add(&mut self, header: &MessageHeader, offset: u64, payload: Payload<'a>) {
         self.count += 1;
+        let channel = &self.channels[&header.channel_id];
         let message = FoundMessage {
-            channel: Arc::clone(&self.channels[&header.channel_id]),
+            is_repeated: is_repeated(channel),
+            channel: Arc::clone(channel),
             sequence: header.sequence,
             log_time: header.log_time,
             publish_time: header.publish_time,

@@ -25,8 +25,7 @@ use self::timeline::Timeline;
 use crate::bag::Bag;
 use crate::damaged::DamagedPart;
 use crate::error::{PlayError, ReadError};
-use crate::latched::{Once, before};
-use crate::merged::Merged;
+use crate::latched::Whole;
 use crate::messages::FoundMessage;
 
 /// A wait for subscribers or for room is cut into steps of this length, so that the caller's descriptor ends it soon.
@@ -166,19 +165,7 @@ impl<'a> Player<'a> {
             return Ok(false);
         }
         let mut is_empty = true;
-        let mut once = Once::new(self.bags);
-        let (bags, filter) = (self.bags, &self.options.filter.clone());
-        if let Some(from_ns) = filter.from_ns {
-            let note = |bag: usize, part| leave_out(&mut self.damaged, bags[bag].path(), part);
-            for (bag, message) in before(bags, filter, from_ns, note)? {
-                once.admits(bag, &message);
-                is_empty = false;
-                if !self.publish_found(bag, message)? {
-                    return Ok(false);
-                }
-            }
-        }
-        for (bag, message) in Merged::new(bags, filter) {
+        for (bag, message) in Whole::new(self.bags, &self.options.filter) {
             let message = match message {
                 Err(ReadError::Damaged { path, part }) => {
                     leave_out(&mut self.damaged, &path, part);
@@ -187,7 +174,7 @@ impl<'a> Player<'a> {
                 found => found?,
             };
             is_empty &= !self.channels.contains_key(&(bag, message.channel.id));
-            if once.admits(bag, &message) && !self.publish_found(bag, message)? {
+            if !self.publish_found(bag, message)? {
                 return Ok(false);
             }
         }

@@ -9,10 +9,9 @@ use mcap::records::ChunkIndex;
 
 use super::{Key, channels};
 use crate::bag::Bag;
-use crate::damaged::DamagedPart;
 use crate::error::ReadError;
+use crate::merged::Found;
 use crate::messages::{Filter, FoundMessage};
-use crate::repeated::is_repeated;
 
 /// The last messages of a publisher, by the time of publication and the number.
 struct State<'a> {
@@ -28,18 +27,10 @@ struct Latched {
 }
 
 /// The messages that a subscriber would have received at `at_ns` from the latched publishers whose topics pass the
-/// filter, in the order of their publication, each with the number of its bag. Their `log_time` is `at_ns`. Only chunks
-/// that may have one of them are read. `damaged` is told those that are damaged, with the number of their bag.
-///
-/// # Errors
-///
-/// [`ReadError`], but no damage.
-pub(crate) fn before<'a>(
-    bags: &'a [Bag],
-    filter: &Filter,
-    at_ns: u64,
-    mut damaged: impl FnMut(usize, DamagedPart),
-) -> Result<Vec<(usize, FoundMessage<'a>)>, ReadError> {
+/// filter, in the order of their publication, each with the number of its bag. Their `log_time` is `at_ns`, and they
+/// are repeated. Faults come first; there is nothing behind one that is no damage. Only chunks that may have one of the
+/// messages are read.
+pub(super) fn before<'a>(bags: &'a [Bag], filter: &Filter, at_ns: u64) -> Vec<Found<'a>> {
     let filter = Filter {
         from_ns: None,
         to_ns: Some(at_ns),
@@ -58,6 +49,7 @@ pub(crate) fn before<'a>(
         latched.push(of_bag);
     }
     chunks.sort_by_key(|(_, it)| Reverse(it.message_end_time));
+    let mut found = Vec::new();
     for (number, chunk) in chunks {
         let of_bag = &latched[number];
         let can_add = |(id, key): (&u16, &Key)| {
@@ -67,36 +59,36 @@ pub(crate) fn before<'a>(
             continue;
         }
         let mut messages = bags[number].messages_at(chunk, &of_bag.channels, &filter);
-        loop {
-            match messages.find() {
-                Ok(None) => break,
-                Ok(Some(message)) => {
+        while let Some(message) = messages.find().transpose() {
+            match message {
+                Ok(message) => {
                     let key = of_bag.keys.get(&message.channel.id);
                     if let Some(state) = key.and_then(|it| states.get_mut(it)) {
                         state.add(number, message);
                     }
                 }
-                Err(ReadError::Damaged { part, .. }) => damaged(number, part),
-                Err(error) => return Err(error),
+                Err(error) => {
+                    let is_damage = matches!(error, ReadError::Damaged { .. });
+                    found.push((number, Err(error)));
+                    if !is_damage {
+                        return found;
+                    }
+                }
             }
         }
     }
     let all = states.into_values().flat_map(|it| it.messages);
     let mut all: Vec<_> = all.collect();
     all.sort_by_key(|(place, _)| *place);
-    Ok(all
-        .into_iter()
-        .map(|(_, (number, message))| {
-            let log_time = at_ns;
-            (
-                number,
-                FoundMessage {
-                    log_time,
-                    ..message
-                },
-            )
-        })
-        .collect())
+    found.extend(all.into_iter().map(|(_, (number, message))| {
+        let message = FoundMessage {
+            log_time: at_ns,
+            is_repeated: true,
+            ..message
+        };
+        (number, Ok(message))
+    }));
+    found
 }
 
 /// Whether a chunk may have messages of a channel. An index without channels says nothing.
@@ -130,7 +122,7 @@ impl<'a> State<'a> {
     /// Whether one of its messages lacks, or was recorded at this time or before.
     fn can_be_older_than(&self, log_time: u64) -> bool {
         // A file may repeat an older message, and have no room for the one behind it.
-        let recorded = |it: &FoundMessage<'_>| match is_repeated(&it.channel) {
+        let recorded = |it: &FoundMessage<'_>| match it.is_repeated {
             true => it.publish_time,
             false => it.log_time,
         };
@@ -142,13 +134,13 @@ impl<'a> State<'a> {
     fn add(&mut self, bag: usize, message: FoundMessage<'a>) {
         let (published, sequence) = (message.publish_time, message.sequence);
         let same = (published, sequence, 0)..=(published, sequence, u64::MAX);
-        if is_repeated(&message.channel) {
+        if message.is_repeated {
             if self.messages.range(same).next().is_some() {
                 return;
             }
         } else {
             let mut others = self.messages.range(same);
-            let repeated = others.find(|(_, (_, it))| is_repeated(&it.channel));
+            let repeated = others.find(|(_, (_, it))| it.is_repeated);
             if let Some(place) = repeated.map(|it| *it.0) {
                 self.messages.remove(&place);
             }

@@ -12,7 +12,7 @@ use crate::repeated::is_repeated;
 const MORE: usize = 64;
 
 /// Lets each repeated message of several bags pass once, and not at all behind the original.
-pub(crate) struct Once {
+pub(super) struct Once {
     /// The place of the publisher of each latched channel, by the number of the bag and that of the channel.
     channels: HashMap<(usize, u16), usize>,
     publishers: Vec<Publisher>,
@@ -26,7 +26,7 @@ struct Publisher {
 }
 
 impl Once {
-    pub(crate) fn new(bags: &[Bag]) -> Self {
+    pub(super) fn new(bags: &[Bag]) -> Self {
         let mut places = BTreeMap::<Key, usize>::new();
         let mut once = Self {
             channels: HashMap::new(),
@@ -47,7 +47,7 @@ impl Once {
     }
 
     /// Whether a message of the bag with this number passes. Messages come in the order of their `log_time`.
-    pub(crate) fn admits(&mut self, bag: usize, message: &FoundMessage<'_>) -> bool {
+    pub(super) fn admits(&mut self, bag: usize, message: &FoundMessage<'_>) -> bool {
         let Some(&place) = self.channels.get(&(bag, message.channel.id)) else {
             return true;
         };
