@@ -188,9 +188,12 @@ fn signals_end_a_recording_in_order() {
     let domain = Domain::new();
     let recorder = |name: &str, before: &str| {
         let bag = domain.path(name);
-        let mut command = Command::new("sh");
+        // Under nohup, the tests inherit that SIGHUP is ignored, and no shell can take that back.
+        let mut command = Command::new("env");
         let script = format!("{before} exec \"$0\" \"$@\"");
         command.args([
+            "--default-signal=HUP",
+            "sh",
             "-c",
             &script,
             env!("CARGO_BIN_EXE_sm2"),
