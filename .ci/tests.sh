@@ -32,10 +32,14 @@ failed_programs() {
 
 # LOG ARGUMENT...: `cargo test ARGUMENT...`.
 run_tests() {
-    local log=$1 program test
+    if cargo test "${@:2}" 2>&1 | tee "$1"; then return 0; fi
+    second_tries "$@"
+}
+
+# LOG ARGUMENT...: runs what failed of `cargo test ARGUMENT...` once more.
+second_tries() {
+    local log=$1 program test all=() listed
     shift
-    if cargo test "$@" 2>&1 | tee "$log"; then return 0; fi
-    local all=() listed
     mapfile -t all < <(failed_tests "$log")
     if [ ${#all[@]} -eq 0 ] || [ ${#all[@]} -gt "$second_tries_max" ]; then return 1; fi
     listed=$(printf '%s\n' "${all[@]}")
