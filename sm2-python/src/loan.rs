@@ -7,7 +7,9 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
+use pyo3::intern;
 use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyBytes, PyDict};
 use self_cell::self_cell;
 use sm2_node::StoreError;
@@ -22,6 +24,10 @@ const FRAMES_MAX: usize = 64;
 
 /// The flag of code whose variables are not in a dictionary: that of functions.
 const CO_OPTIMIZED: u32 = 1;
+
+/// Functions that are imported once.
+static NDARRAY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+static GETFRAME: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
 
 /// `None` once it is published.
 type Lent<'p> = Option<sm2_node::Loan<'p, [u8]>>;
@@ -69,13 +75,15 @@ pub(crate) struct Loan {
 }
 
 impl Loan {
-    pub(crate) fn new(
-        py: Python<'_>,
+    pub(crate) fn new<'py>(
+        py: Python<'py>,
         memory: LoanMemory,
-        make_array: &Bound<'_, PyAny>,
+        shape: Bound<'py, PyAny>,
+        dtype: Bound<'py, PyAny>,
     ) -> PyResult<Self> {
         let memory = Py::new(py, memory)?;
-        let array = make_array.call1((&memory,))?.unbind();
+        let make_array = NDARRAY.import(py, "numpy", "ndarray")?;
+        let array = make_array.call1((shape, dtype, &memory))?.unbind();
         Ok(Self {
             memory,
             array: Mutex::new(Some(array)),
@@ -112,9 +120,15 @@ impl Loan {
         // The way in which numpy restores a pickled array. It drops the reference to the memory, so that the variable
         // of the program cannot reach it any more.
         let nothing = PyBytes::new(py, b"");
-        let state = (1, (0,), array.getattr("dtype")?, false, nothing);
-        array.call_method1("__setstate__", (state,))?;
-        array.call_method1("setflags", (false,))?;
+        let state = (
+            1,
+            (0,),
+            array.getattr(intern!(py, "dtype"))?,
+            false,
+            nothing,
+        );
+        array.call_method1(intern!(py, "__setstate__"), (state,))?;
+        array.call_method1(intern!(py, "setflags"), (false,))?;
         Ok(())
     }
 }
@@ -163,26 +177,30 @@ impl Loan {
 ///
 /// Another reference could be that of a C extension that has kept the address of the memory.
 fn is_variable(array: &Bound<'_, PyAny>) -> PyResult<bool> {
-    let mut frame = array.py().import("sys")?.call_method0("_getframe")?;
+    let py = array.py();
+    let mut frame = GETFRAME.import(py, "sys", "_getframe")?.call0()?;
     for _ in 0..FRAMES_MAX {
         if frame.is_none() {
             break;
         }
-        if has_local(&frame, array)? || has_value(&frame.getattr("f_globals")?, array)? {
+        if has_local(&frame, array)? || has_value(&frame.getattr(intern!(py, "f_globals"))?, array)?
+        {
             return Ok(true);
         }
-        frame = frame.getattr("f_back")?;
+        frame = frame.getattr(intern!(py, "f_back"))?;
     }
     Ok(false)
 }
 
 /// Whether a local variable of this frame refers to the array.
 fn has_local(frame: &Bound<'_, PyAny>, array: &Bound<'_, PyAny>) -> PyResult<bool> {
-    let locals = frame.getattr("f_locals")?;
+    let py = frame.py();
+    let locals = frame.getattr(intern!(py, "f_locals"))?;
     let found = has_value(&locals, array)?;
     // Before Python 3.13, the frame of a function keeps this copy of its variables, which would keep samples of the
     // program alive. If only the frame and this function refer to it, the program does not use it.
-    let flags: u32 = frame.getattr("f_code")?.getattr("co_flags")?.extract()?;
+    let code = frame.getattr(intern!(py, "f_code"))?;
+    let flags: u32 = code.getattr(intern!(py, "co_flags"))?.extract()?;
     if let Ok(copy) = locals.cast_exact::<PyDict>()
         && flags & CO_OPTIMIZED != 0
         && references(copy) == 2
@@ -193,6 +211,9 @@ fn has_local(frame: &Bound<'_, PyAny>, array: &Bound<'_, PyAny>) -> PyResult<boo
 }
 
 fn has_value(variables: &Bound<'_, PyAny>, array: &Bound<'_, PyAny>) -> PyResult<bool> {
+    if let Ok(variables) = variables.cast_exact::<PyDict>() {
+        return Ok(variables.iter().any(|(_, value)| value.is(array)));
+    }
     for value in variables.call_method0("values")?.try_iter()? {
         if value?.is(array) {
             return Ok(true);

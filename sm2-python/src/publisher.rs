@@ -122,13 +122,19 @@ impl Publisher {
         Ok(published.map(Published::from))
     }
 
-    /// A loan of `len` bytes. `make_array` makes the array from its memory.
-    fn loan(&self, py: Python<'_>, len: usize, make_array: &Bound<'_, PyAny>) -> PyResult<Loan> {
+    /// A loan of `len` bytes, the memory of an array of this shape and dtype.
+    fn loan<'py>(
+        &self,
+        py: Python<'py>,
+        len: usize,
+        shape: Bound<'py, PyAny>,
+        dtype: Bound<'py, PyAny>,
+    ) -> PyResult<Loan> {
         let handle = self.inner.get()?;
         // The first use of a slot takes long.
         let memory = detached(py, || LoanMemory::new(handle, len));
         let memory = memory.map_err(raise(errors::PublishError::new_err::<String>))?;
-        Loan::new(py, memory, make_array)
+        Loan::new(py, memory, shape, dtype)
     }
 
     fn wait_for_room(&self, py: Python<'_>, timeout: Option<Seconds>) -> PyResult<bool> {

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from typing import Any, Generic, Protocol, TypeVar
 
+import numpy as np
 import numpy.typing as npt
 from typing_extensions import Buffer
 
@@ -124,7 +125,7 @@ class Publisher(Interface):
     def publish(self, message: Buffer, timeout: float | None, /) -> Published: ...
     def try_publish(self, message: Buffer, /) -> Published | None: ...
     def loan(
-        self, len: int, make_array: Callable[[memoryview], npt.NDArray[Any]], /
+        self, len: int, shape: tuple[int, ...], dtype: np.dtype[Any], /
     ) -> AbstractContextManager[npt.NDArray[Any]]: ...
     def wait_for_subscribers(self, count: int, timeout: float | None, /) -> None: ...
     def wait_for_room(self, timeout: float | None, /) -> bool: ...

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from ._native import Publisher as NativePublisher
 
 
+#: What a loan of a topic without a dtype holds.
+_BYTES = np.dtype("u1")
+
+
 class Publisher(Interface, Generic[T]):
     """Sends messages to all subscribers of a topic. `Node.publisher` returns one."""
 
@@ -23,6 +27,8 @@ class Publisher(Interface, Generic[T]):
         super().__init__(native)
         self._native = native
         self.type = type
+        self._is_raw = type.schema is None
+        self._dtype: np.dtype[Any] = getattr(type, "dtype", _BYTES)
 
     @property
     def topic(self) -> str:
@@ -62,11 +68,11 @@ class Publisher(Interface, Generic[T]):
         The dtype is that of the topic; on a topic of type `bytes` it can be any, and is `u1` by default. Without a
         shape, the array is one value.
         """
-        data = self.type
-        lent = np.dtype(dtype) if dtype is not None else getattr(data, "dtype", np.dtype("u1"))
+        lent = self._dtype if dtype is None else np.dtype(dtype)
         lengths, len_bytes = size_of(() if shape is None else shape, lent)
-        self._check_loan(data, lent, lengths)
-        return self._native.loan(len_bytes, lambda memory: np.ndarray(lengths, lent, memory))
+        if lent is not _BYTES or not self._is_raw:
+            self._check_loan(self.type, lent, lengths)
+        return self._native.loan(len_bytes, lengths, lent)
 
     @staticmethod
     def _check_loan(data: MessageType[Any], lent: np.dtype[Any], shape: tuple[int, ...]) -> None:

@@ -273,6 +273,6 @@ def type_of(data: TypeLike) -> MessageType[Any]:
 def size_of(shape: int | tuple[int, ...], dtype: np.dtype[Any]) -> tuple[tuple[int, ...], int]:
     """The shape as a tuple, and the number of bytes of such an array."""
     lengths = (shape,) if isinstance(shape, int) else tuple(shape)
-    if any(length < 0 for length in lengths):
+    if min(lengths, default=0) < 0:
         raise ValueError(f"the shape {lengths} has a negative length")
     return lengths, math.prod(lengths) * dtype.itemsize
