@@ -34,10 +34,14 @@ _u64 = ctypes.c_uint64
 _fill = _library.bench_fill
 _fill.argtypes = [ctypes.c_void_p, ctypes.c_size_t, _u64, _u64, _u64, _u64]
 _fill.restype = None
-_check = _library.bench_check
-_check.argtypes = [ctypes.c_void_p, ctypes.c_size_t]
-_check.restype = ctypes.c_bool
-_header = ctypes.c_uint64 * 4
+_write = _library.bench_write
+_write.argtypes = [ctypes.c_void_p, ctypes.c_size_t, _u64, _u64, ctypes.c_bool]
+_write.restype = None
+_read = _library.bench_read
+_read.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_bool, ctypes.c_void_p]
+_read.restype = None
+_found = (_u64 * 6)()
+_found_address = ctypes.addressof(_found)
 
 go, stop, end = threading.Event(), threading.Event(), threading.Event()
 
@@ -60,10 +64,13 @@ def stamp(address: int) -> None:
     _u64.from_address(address + 24).value = now_ns()
 
 
-def peek(address: int) -> tuple[int, int, int, int]:
-    """The number, the flags, and the two times of a message."""
-    number, flags, start, handed = _header.from_address(address)
-    return number, flags, start, handed
+def read(address: int, length: int, full: bool) -> list[int]:
+    """The number, the flags, and the two times of a message, the time at which it was in hand, and whether it is torn.
+
+    One call of the library per message, so that the processes measure their middleware, and not `ctypes`.
+    """
+    _read(address, length, full, _found_address)
+    return _found[:]
 
 
 def spread(values: list[int]) -> dict[str, float]:
@@ -82,6 +89,8 @@ class Source:
     def __init__(self, publisher: Any, stream: dict[str, Any]) -> None:
         self.publisher = publisher
         self.stream = stream
+        self.length: int = stream["len"]
+        self.stamped: bool = stream["stamped"]
         self.number = 0
 
     def run(self, seconds: float, flags: int) -> int:
@@ -106,15 +115,10 @@ class Source:
 
     def publish(self, flags: int) -> None:
         """Publishes one message."""
-        number, length, stamped = self.number, self.stream["len"], self.stream["stamped"]
+        number = self.number
         self.number += 1
-
-        def write(address: int) -> None:
-            _fill(address, length, number, flags, now_ns() if stamped else 0, 0)
-            if stamped:
-                stamp(address)
-
-        self.publisher.publish(length, write)
+        length, stamped = self.length, self.stamped
+        self.publisher.publish(length, lambda address: _write(address, length, number, flags, stamped))
 
 
 def wait_matched(publisher: Any, count: int) -> None:
@@ -157,9 +161,8 @@ class Counter:
 
     def message(self, address: int, length: int) -> bool:
         """Handles one message. Returns whether the caller is to return."""
-        number, flags, start, handed = peek(address)
-        in_hand_ns = now_ns() if start else 0
-        if self.full and not _check(address, length):
+        number, flags, start, handed, in_hand_ns, torn = read(address, length, self.full)
+        if torn:
             self.torn += 1
         elif number <= self.last:
             self.stale += 1
@@ -211,6 +214,7 @@ class Ping:
 
     def __init__(self, peer: Any, trips: dict[str, Any]) -> None:
         self.trips = trips
+        self.full = trips["read"] == "full"
         self.expected = self.number = self.torn = 0
         self.one_way: list[int] = []
         self.publisher = peer.publisher(channel("bench/ping", trips))
@@ -218,9 +222,8 @@ class Ping:
 
     def message(self, address: int, length: int) -> bool:
         """Handles a message that comes back."""
-        number, _, _, handed = peek(address)
-        in_hand_ns = now_ns() if handed else 0
-        if self.trips["read"] == "full" and not _check(address, length):
+        number, _, _, handed, in_hand_ns, torn = read(address, length, self.full)
+        if torn:
             self.torn += 1
         if handed:
             self.one_way.append(in_hand_ns - handed)
@@ -297,9 +300,8 @@ def echo(open_peer: Any, trips: dict[str, Any]) -> Any:
 
     def message(address: int, received: int) -> bool:
         nonlocal torn
-        number, flags, stamped, _ = peek(address)
-        if full and not _check(address, received):
-            torn += 1
+        number, flags, stamped, _, _, is_torn = read(address, received, full)
+        torn += is_torn
 
         def write(answer: int) -> None:
             _fill(answer, length, number, flags, 0, 0)
