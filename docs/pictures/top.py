@@ -1,4 +1,4 @@
-"""Draws the screen of `sm2 top` as SVG: top.py SM2 FLEET FILE (see `tools`)."""
+"""Draws the screen of `sm2 top` for some seconds as a moving SVG: top.py SM2 FLEET FILE (see `tools`)."""
 
 import os
 import pty
@@ -16,7 +16,9 @@ import pyte
 SM2, FLEET, FILE = sys.argv[1:]
 COLUMNS, ROWS = 120, 14
 # How long `sm2 top` runs before its screen is drawn: the sparklines fill meanwhile.
-SECONDS = 25
+SECONDS = 15
+# How many screens are drawn, one second apart.
+FRAMES = 12
 # The limit of whatever has to succeed, in seconds.
 SOON = 60
 
@@ -27,8 +29,8 @@ COLOURS = {"default": "#d7dae0", "cd0000": "#ff7b72", "00cdcd": "#76e3ea"}
 BACKGROUND = "#16181d"
 
 
-def screen():
-    """The screen of `sm2 top` in a domain with the example `fleet`."""
+def frames():
+    """The screens of `sm2 top` in a domain with the example `fleet`."""
     with tempfile.TemporaryDirectory() as folder:
         socket = os.path.join(folder, "sm2.sock")
         processes = [start(SM2, "manager", "--socket", socket)]
@@ -52,34 +54,60 @@ def start(*command):
 def watch(socket):
     shown = pyte.Screen(COLUMNS, ROWS)
     stream = pyte.ByteStream(shown)
+    time_of_first = time.monotonic() + SECONDS
     child, terminal = pty.fork()
     if child == 0:
         os.environ["TERM"] = "xterm-256color"
         size = f"stty rows {ROWS} cols {COLUMNS}"
         os.execlp("sh", "sh", "-c", f'{size} && exec "$0" "$@"', SM2, "top", "--socket", socket)
-    end = time.monotonic() + SECONDS
-    while (left := end - time.monotonic()) > 0:
-        if select.select([terminal], [], [], left)[0]:
-            stream.feed(os.read(terminal, 65536))
+    seen = []
+    for number in range(FRAMES):
+        end = time_of_first + number
+        while (left := end - time.monotonic()) > 0:
+            if select.select([terminal], [], [], left)[0]:
+                stream.feed(os.read(terminal, 65536))
+        seen.append([list(runs_of(shown, row)) for row in range(ROWS)])
     os.kill(child, signal.SIGKILL)
     os.waitpid(child, 0)
-    return shown
+    return seen
 
 
-def svg(shown):
+def runs_of(shown, row):
+    """The characters of a row that have one style: their column, text, colour, and whether they are bold and reversed."""
+    style = lambda column: (lambda it: (it.fg, it.bold, it.reverse))(shown.buffer[row][column])
+    for (colour, bold, reverse), columns in groupby(range(COLUMNS), style):
+        columns = list(columns)
+        text = "".join(shown.buffer[row][column].data for column in columns)
+        yield columns[0], text, COLOURS[colour], bold, reverse
+
+
+def svg(seen):
     width, height = COLUMNS * CELL + 2 * MARGIN, ROWS * LINE + 2 * MARGIN
     yield (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" font-size="{SIZE}" '
         f'font-family="ui-monospace, Menlo, Consolas, monospace" role="img" aria-label="The screen of sm2 top">'
     )
+    # A frame is visible for its second. Whoever prefers a page that does not move sees the first one.
+    yield (
+        f"<style>@keyframes second{{0%{{visibility:visible}}{100 / FRAMES:.3f}%,100%{{visibility:hidden}}}}"
+        f".frame{{visibility:hidden;animation:second {FRAMES}s step-end infinite}}"
+        f"@media(prefers-reduced-motion:reduce){{.frame{{animation:none}}.first{{visibility:visible}}}}</style>"
+    )
     yield f'<rect width="{width:g}" height="{height:g}" rx="8" fill="{BACKGROUND}"/>'
-    for row in range(ROWS):
-        style = lambda column, row=row: (lambda it: (it.fg, it.bold, it.reverse))(shown.buffer[row][column])
-        for (colour, bold, reverse), columns in groupby(range(COLUMNS), style):
-            columns = list(columns)
-            text = "".join(shown.buffer[row][column].data for column in columns)
-            yield from run(row, columns[0], text, COLOURS[colour], bold, reverse)
+    moves = [any(frame[row] != seen[0][row] for frame in seen) for row in range(ROWS)]
+    yield from rows(seen[0], (row for row in range(ROWS) if not moves[row]))
+    for number, frame in enumerate(seen):
+        first = "" if number else " first"
+        yield f'<g class="frame{first}" style="animation-delay:{number - FRAMES}s">'
+        yield from rows(frame, (row for row in range(ROWS) if moves[row]))
+        yield "</g>"
     yield "</svg>"
+
+
+def rows(frame, numbers):
+    for row in numbers:
+        for of_run in frame[row]:
+            yield from run(row, *of_run)
 
 
 def run(row, column, text, colour, bold, reverse):
@@ -98,4 +126,4 @@ def run(row, column, text, colour, bold, reverse):
 
 
 with open(FILE, "w", encoding="utf-8") as file:
-    file.write("\n".join(svg(screen())) + "\n")
+    file.write("\n".join(svg(frames())) + "\n")
