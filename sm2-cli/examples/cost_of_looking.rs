@@ -1,17 +1,21 @@
-//! Measures the cost of `sm2 topic hz` for the publisher that it measures.
+//! Measures what `sm2 topic hz` and `sm2 view` cost.
 //!
-//! A process publishes 64 bytes at 1 kHz to another one. Its processor time is measured in turns: for some
-//! seconds alone, and for some with `sm2 topic hz` running. The output has the medians and their ratio.
+//! A process publishes 64 bytes at 1 kHz to another one, in a domain with 50 further nodes, each of which publishes
+//! 64 bytes at 10 Hz to its neighbour. The processor time of the publisher is measured in turns: for some seconds
+//! alone, for some with `sm2 topic hz`, and for some with `sm2 view` and a client that reads all that the page shows.
+//! The output has the medians, and the processor time of `sm2 view`.
 //!
 //! ```text
 //! cargo build --release -p sm2-cli
-//! cargo run --release -p sm2-cli --example hz_cost -- [ROUNDS] [SECONDS]
+//! cargo run --release -p sm2-cli --example cost_of_looking -- [ROUNDS] [SECONDS]
 //! ```
 
 use std::{
     env,
     error::Error,
     fs,
+    io::{BufRead, BufReader, Read, Write},
+    net::TcpStream,
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
     thread,
@@ -19,9 +23,12 @@ use std::{
 };
 
 use sm2_manager::{Background, Options};
-use sm2_node::Node;
+use sm2_node::{Node, Rate};
 
 const TOPIC: &str = "load";
+
+/// How many further nodes the domain has.
+const OTHERS: usize = 50;
 
 /// The time between two messages.
 const PERIOD: Duration = Duration::from_millis(1);
@@ -36,6 +43,8 @@ fn main() -> Done {
     match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
         ["--publish", socket] => publish(socket),
         ["--subscribe", socket] => subscribe(socket),
+        ["--others", socket] => others(socket),
+        ["--read", url] => read(url),
         ref numbers => {
             let number = |at: usize, default| match numbers.get(at) {
                 Some(text) => text.parse::<u32>(),
@@ -66,6 +75,45 @@ fn subscribe(socket: &str) -> Done {
     }
 }
 
+/// The other nodes of the domain.
+fn others(socket: &str) -> Done {
+    let (mut publishers, mut subscribers) = (Vec::new(), Vec::new());
+    for number in 0..OTHERS {
+        let node = Node::builder(&format!("node{number}"))
+            .socket(socket)
+            .connect()?;
+        publishers.push(node.publisher::<[u8]>(&format!("topic{number}"))?);
+        let neighbour = format!("topic{}", (number + 1) % OTHERS);
+        subscribers.push(node.subscriber::<[u8]>(&neighbour)?);
+    }
+    let mut pace = Rate::hz(10);
+    loop {
+        for publisher in &publishers {
+            publisher.publish(&[0; 64])?;
+        }
+        for subscriber in &subscribers {
+            while subscriber.try_recv()?.is_some() {}
+        }
+        pace.sleep();
+    }
+}
+
+/// Reads the events of a page, as a browser does.
+fn read(url: &str) -> Done {
+    let (address, path) = (url.strip_prefix("http://"))
+        .and_then(|it| it.split_once('/'))
+        .ok_or("not a URL")?;
+    let mut stream = TcpStream::connect(address)?;
+    let path = path.trim_end_matches('/');
+    write!(
+        stream,
+        "GET /{path}/api/events HTTP/1.1\r\nHost: {address}\r\n\r\n"
+    )?;
+    let mut bytes = [0; 1 << 16];
+    while stream.read(&mut bytes)? > 0 {}
+    Err("the page has ended".into())
+}
+
 /// A process that is killed when this value is dropped.
 struct Running(Child);
 
@@ -85,35 +133,58 @@ fn compare(rounds: u32, length: Duration) -> Done {
     let _subscriber = part("--subscribe")?;
     let publisher = part("--publish")?;
     let program = program()?;
-    let hz = || {
+    let command = |arguments: &[&str]| {
         let mut command = Command::new(&program);
-        start(
-            command
-                .args(["topic", "hz", TOPIC, "--socket"])
-                .arg(&socket),
-        )
+        command.args(arguments).arg("--socket").arg(&socket);
+        command
     };
+    let _others = part("--others")?;
     let pid = publisher.0.id();
-    let (mut alone, mut looked_at) = (Vec::new(), Vec::new());
+    let (mut alone, mut by_hz, mut by_view, mut view_itself) = (vec![], vec![], vec![], vec![]);
     for _ in 0..rounds {
-        alone.push(busy(pid, length)?);
-        let _hz = hz()?;
-        looked_at.push(busy(pid, length)?);
+        alone.push(busy([pid], length)?[0]);
+        let hz = start(&mut command(&["topic", "hz", TOPIC]))?;
+        by_hz.push(busy([pid], length)?[0]);
+        drop(hz);
+        let (view, url) = start_view(command(&["view"]))?;
+        let _client = start(Command::new(&itself).args(["--read", &url]))?;
+        let [of_publisher, of_view] = busy([pid, view.0.id()], length)?;
+        by_view.push(of_publisher);
+        view_itself.push(of_view);
     }
-    let (alone, looked_at) = (median(alone), median(looked_at));
+    let seconds = length.as_secs();
     println!(
-        "publisher of 1 kHz, medians of {rounds} turns of {} s each:",
-        length.as_secs()
+        "medians (least to most) of {rounds} turns of {seconds} s each, in percent of a processor:"
     );
-    println!("  alone                   {alone:.3} % of a processor");
-    println!("  with `sm2 topic hz`     {looked_at:.3} % of a processor");
-    println!("  ratio                   {:.3}", looked_at / alone);
+    println!("  publisher of 1 kHz alone    {}", spread(&mut alone));
+    for (name, with) in [("hz", &mut by_hz), ("view", &mut by_view)] {
+        println!("    with {name:4}                 {}", spread(with));
+    }
+    println!(
+        "  view of {} nodes            {}",
+        OTHERS + 2,
+        spread(&mut view_itself)
+    );
     Ok(())
 }
 
 fn start(command: &mut Command) -> Done<Running> {
     let child = command.stdin(Stdio::null()).stdout(Stdio::null()).spawn()?;
     Ok(Running(child))
+}
+
+/// Starts the server of the page. Returns its first line, the URL.
+fn start_view(mut command: Command) -> Done<(Running, String)> {
+    let mut view = Running(
+        command
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .spawn()?,
+    );
+    let mut line = String::new();
+    let output = view.0.stdout.take().ok_or("no output")?;
+    BufReader::new(output).read_line(&mut line)?;
+    Ok((view, line.trim_end().to_owned()))
 }
 
 /// The path of the command: the parent folder of the examples.
@@ -127,13 +198,21 @@ fn program() -> Done<PathBuf> {
     }
 }
 
-/// The load of a process during the next time span, in percent of a processor.
-fn busy(pid: u32, length: Duration) -> Done<f64> {
+/// The load of processes during the next time span, in percent of a processor.
+fn busy<const COUNT: usize>(pids: [u32; COUNT], length: Duration) -> Done<[f64; COUNT]> {
     thread::sleep(SETTLING);
-    let (before, start) = (run_time(pid)?, Instant::now());
+    let start = Instant::now();
+    let mut before = [Duration::ZERO; COUNT];
+    for (before, pid) in before.iter_mut().zip(pids) {
+        *before = run_time(pid)?;
+    }
     thread::sleep(length);
-    let used = run_time(pid)? - before;
-    Ok(100.0 * used.as_secs_f64() / start.elapsed().as_secs_f64())
+    let mut loads = [0.0; COUNT];
+    for ((load, before), pid) in loads.iter_mut().zip(before).zip(pids) {
+        let used = run_time(pid)? - before;
+        *load = 100.0 * used.as_secs_f64() / start.elapsed().as_secs_f64();
+    }
+    Ok(loads)
 }
 
 /// The processor time of all threads of a process.
@@ -147,7 +226,12 @@ fn run_time(pid: u32) -> Done<Duration> {
     Ok(sum)
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
+fn spread(values: &mut [f64]) -> String {
     values.sort_unstable_by(f64::total_cmp);
-    values[values.len() / 2]
+    let (least, median, most) = (
+        values[0],
+        values[values.len() / 2],
+        values[values.len() - 1],
+    );
+    format!("{median:.3} ({least:.3} to {most:.3})")
 }
