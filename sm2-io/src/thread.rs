@@ -1,9 +1,9 @@
-//! Threads of a library in the processes of others.
+//! Threads of a library in the processes of others, and threads that leave the processor to others.
 
 use std::io;
 use std::thread::{Builder, JoinHandle};
 
-use crate::syscall::signals;
+use crate::syscall::{scheduling, signals};
 
 /// Starts a thread in which all signals are blocked, so that the handlers of the program run on the program's own
 /// threads. The kernel keeps the first 15 bytes of `name`.
@@ -24,4 +24,36 @@ pub fn spawn_without_signals<T: Send + 'static>(
     let thread = Builder::new().name(name).spawn(body);
     signals::set_mask(&mask);
     thread
+}
+
+/// Lets the calling thread run only while no thread with another policy wants its processor (`SCHED_IDLE`). A thread
+/// that wakes up displaces it at once. Threads that it starts afterwards inherit this.
+///
+/// # Errors
+///
+/// Any error of `sched_setscheduler(2)`, such as that of a sandbox that forbids the call.
+pub fn run_when_idle() -> io::Result<()> {
+    Ok(scheduling::set_idle()?)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{fs, thread};
+
+    /// The policy of the calling thread, as a number: the field 41 of its `stat`.
+    fn policy() -> u32 {
+        let text = fs::read_to_string("/proc/thread-self/stat").unwrap();
+        let (_, fields) = text.rsplit_once(')').unwrap();
+        fields.split_whitespace().nth(38).unwrap().parse().unwrap()
+    }
+
+    #[test]
+    fn the_policy_is_inherited() {
+        let policies = thread::spawn(|| {
+            let before = policy();
+            super::run_when_idle().unwrap();
+            (before, policy(), thread::spawn(policy).join().unwrap())
+        });
+        assert_eq!(policies.join().unwrap(), (0, 5, 5));
+    }
 }

@@ -69,6 +69,8 @@ pub enum Call {
     Stat,
     /// `getrlimit(2)`
     GetLimit,
+    /// `sched_setscheduler(2)`
+    SetScheduler,
     /// `mmap(2)`
     Mmap,
     /// `madvise(2)`
@@ -98,7 +100,7 @@ pub enum Call {
 #[cfg(feature = "fault-injection")]
 impl Call {
     /// All kinds.
-    pub const ALL: [Self; 43] = [
+    pub const ALL: [Self; 44] = [
         Self::Socket,
         Self::SocketPair,
         Self::Connect,
@@ -130,6 +132,7 @@ impl Call {
         Self::Seek,
         Self::Stat,
         Self::GetLimit,
+        Self::SetScheduler,
         Self::Mmap,
         Self::Advise,
         Self::Lock,
