@@ -44,6 +44,9 @@ struct Arguments {
     /// The messages that may wait for one viewer, in MiB
     #[arg(long, value_name = "MIB", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=65_536))]
     viewer_budget_mib: u32,
+    /// The processor time that the program gets: idle, what the other programs of the machine leave, or normal
+    #[arg(long, value_name = "PRIORITY", value_enum, default_value_t = Priority::Idle, hide_possible_values = true)]
+    priority: Priority,
     /// The name of the domain [default: $SM2_DOMAIN, or default]
     #[arg(long, value_name = "NAME", conflicts_with = "socket")]
     domain: Option<String>,
@@ -52,13 +55,23 @@ struct Arguments {
     socket: Option<PathBuf>,
 }
 
+/// Which processor time the program gets.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, clap::ValueEnum)]
+enum Priority {
+    /// What the other programs of the machine leave.
+    Idle,
+    /// As much as each of them.
+    Normal,
+}
+
 const HELP: &str = "\
 The first line of output is the URL to open in Foxglove (Open connection, Foxglove WebSocket). It has a
 token: every connection without it is refused, since every user and every web page of this machine can
 reach a port of the loopback address. A viewer with the URL can call the services of the domain.
 
 Pages of https://app.foxglove.dev and of servers of this machine may connect; --allow-origin adds others.
-A topic has a subscriber only while a viewer looks at it.
+A topic has a subscriber only while a viewer looks at it. Messages are copied and sent while no other
+program of the machine wants the processor; on one that is always busy, use --priority normal.
 
 SM2_LOG (error, warn, info, debug) sets the level of the log on standard error.
 
@@ -98,6 +111,11 @@ pub fn main() -> ExitCode {
 }
 
 fn run(arguments: Arguments) -> Result<(), Box<dyn Error>> {
+    if arguments.priority == Priority::Idle
+        && let Err(error) = sm2_io::run_when_idle()
+    {
+        tracing::warn!(%error, "this program may delay others: the system refuses it the policy SCHED_IDLE");
+    }
     // Viewers decide how many topics are open at a time.
     sm2_io::raise_descriptor_limit();
     let shutdown = Shutdown::new()?;
