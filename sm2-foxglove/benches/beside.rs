@@ -23,7 +23,7 @@ use tungstenite::{Message, client::client_with_config};
 
 const RUNS: usize = 5;
 const TIME: Duration = Duration::from_secs(15);
-/// What is left out at the beginning.
+/// The time at the beginning that is left out.
 const WARM_UP: Duration = Duration::from_secs(1);
 /// How long nothing may come.
 const TIMEOUT: Duration = Duration::from_secs(60);

@@ -58,7 +58,7 @@ struct Arguments {
 /// Which processor time the program gets.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, clap::ValueEnum)]
 enum Priority {
-    /// What the other programs of the machine leave.
+    /// The time that no other program of the machine wants.
     Idle,
     /// As much as each of them.
     Normal,
