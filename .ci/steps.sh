@@ -355,7 +355,7 @@ step_python() {
 
 # The bridges to other middlewares: a workspace of its own.
 step_bridges() {
-    local inputs=(bridges)
+    local inputs=(bridges ':!bridges/*.md')
     unless_stamped bridges "${inputs[@]}"
     install_packages <<<"nats-server nats-server"
     (
