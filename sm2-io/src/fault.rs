@@ -195,7 +195,11 @@ impl Call {
                 libc::ETOOMANYREFS,
             ],
             Self::RecvMsg => &[libc::EINTR, libc::ENOBUFS, libc::ENOMEM],
-            Self::EpollCreate | Self::EventFd | Self::TimerCreate | Self::MemfdCreate => SHORT,
+            Self::EpollCreate
+            | Self::EventFd
+            | Self::TimerCreate
+            | Self::MemfdCreate
+            | Self::PidfdOpen => SHORT,
             Self::Dup => &[libc::EMFILE],
             Self::EpollCtl => &[libc::ENOMEM, libc::ENOSPC],
             Self::EpollWait | Self::Poll => &[libc::EINTR, libc::ENOMEM],

@@ -67,6 +67,7 @@ mod listener;
 mod log_level;
 pub mod mapping;
 pub mod memfd;
+mod process;
 #[cfg(feature = "quic")]
 pub mod quic;
 pub mod ring;
@@ -92,6 +93,7 @@ pub use latch::Latch;
 pub use log_level::{WrongLogLevel, log_levels};
 pub use mapping::{PooledMapping, Scratch, SealedMapping};
 pub use memfd::{InspectedFd, Preallocated, SealedLoan, Segment, VerifyError};
+pub use process::{PeerProcess, ProcessFd};
 pub use ring::Ring;
 #[cfg(feature = "tokio")]
 pub use runtime::watch_readable;

@@ -15,6 +15,7 @@ mod call;
 pub(crate) mod events;
 pub(crate) mod files;
 pub(crate) mod memory;
+pub(crate) mod processes;
 pub(crate) mod scheduling;
 pub(crate) mod signals;
 pub(crate) mod sockets;

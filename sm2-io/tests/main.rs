@@ -25,6 +25,7 @@ mod no_huge_pages;
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 mod old_kernel;
 mod pinned;
+mod process;
 #[cfg(feature = "quic")]
 mod quic_link;
 mod ring;

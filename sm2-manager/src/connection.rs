@@ -7,7 +7,7 @@ use std::{
     sync::Arc,
 };
 
-use sm2_io::{Interest, SendError, SeqPacket, is_shortage};
+use sm2_io::{Epoll, Interest, ProcessFd, SendError, SeqPacket, is_shortage};
 
 /// One datagram to send: a frame and the descriptor that accompanies it.
 #[derive(Debug)]
@@ -40,6 +40,8 @@ pub(crate) struct Connection {
     /// A placeholder descriptor, closed before each read, so that the counters file can be received. Without
     /// a free descriptor the kernel would discard the file, and tools would not see the node's counters.
     pub(crate) place: Option<OwnedFd>,
+    /// The process that has connected, until it has ended. `None` if the kernel cannot tell.
+    pub(crate) process: Option<ProcessFd>,
 }
 
 /// The result of sending a frame to a node that is still connected.
@@ -69,7 +71,7 @@ pub(crate) enum Lost {
 }
 
 impl Connection {
-    pub(crate) const fn new(socket: SeqPacket, place: OwnedFd) -> Self {
+    pub(crate) const fn new(socket: SeqPacket, place: OwnedFd, process: Option<ProcessFd>) -> Self {
         Self {
             socket,
             interest: Interest::READABLE,
@@ -79,6 +81,7 @@ impl Connection {
             given_up: false,
             counters: None,
             place: Some(place),
+            process,
         }
     }
 
@@ -160,6 +163,13 @@ impl Connection {
             self.sent_fds += 1;
         }
         Ok(sent)
+    }
+
+    /// Stops watching the process that has connected. Closing its descriptor would not do, if another process has it.
+    pub(crate) fn forget_process(&mut self, epoll: &Epoll) {
+        if let Some(process) = self.process.take() {
+            let _ = epoll.remove(&process);
+        }
     }
 
     /// Sends the last frame if the socket accepts it.

@@ -161,8 +161,8 @@ fn counters_are_kept_with_the_session_and_shown_to_whoever_asks() {
     };
     assert_eq!(
         open(&manager),
-        idle + 2,
-        "the node's socket and its counters file"
+        idle + 3,
+        "the node's socket, its process and its counters file"
     );
 
     entry.update().lost(3);
@@ -184,7 +184,7 @@ fn counters_are_kept_with_the_session_and_shown_to_whoever_asks() {
     }
     assert_eq!(
         open(&manager),
-        idle + 2,
+        idle + 3,
         "the Manager keeps no duplicate for the tool"
     );
 

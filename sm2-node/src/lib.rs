@@ -82,7 +82,8 @@
 //! threads of different priorities connects its node in the thread with the highest one. The background thread ends
 //! with the last handle of the node. If the program's `tracing` subscriber panics on the thread, the thread
 //! continues. A child that was made by `fork(2)` does not have the thread: it must not use the node, but it may drop
-//! its copies of all handles.
+//! its copies of all handles. The node belongs to the process that connected it: when this process ends, the Manager
+//! ends the session and its links, also if a child still has the descriptors.
 //!
 //! [`NodeBuilder::background`] turns the thread off. Then every call *drives* the whole node, and calls that wait keep
 //! driving it meanwhile. [`Node::spin`] is for programs that have nothing else to call.

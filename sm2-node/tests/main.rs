@@ -30,6 +30,7 @@ mod manager_change;
 mod many;
 mod mapped_bytes;
 mod max_len;
+mod outlived;
 mod pool_limit;
 mod qos;
 mod reserve;

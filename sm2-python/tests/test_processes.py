@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import SOON, Child, linked, received
+from helpers import SOON, Child, linked, received, until
 
 import sm2
 
@@ -84,6 +85,41 @@ def test_a_forked_child_gets_errors_and_harms_nobody(
     domain: Child, child: Callable[[str], Child]
 ) -> None:
     assert child(FORK).wait() == (0, "refused True\nparent\n", "")
+
+
+WORKER = """
+import multiprocessing, sm2, time, warnings
+# Python 3.12 and newer warn of a fork with threads.
+warnings.simplefilter("ignore")
+from helpers import SOON, received
+node = sm2.Node("registrant")
+subscriber = node.subscriber("topic", str)
+worker = multiprocessing.get_context("fork").Process(target=time.sleep, args=(10 * SOON,))
+worker.start()
+print(worker.pid, flush=True)
+print(received(subscriber).value, flush=True)
+input()
+"""
+
+
+def test_a_worker_does_not_keep_the_session_of_its_parent(
+    node: sm2.Node, child: Callable[[str], Child]
+) -> None:
+    publisher = node.publisher("topic", str)
+    parent = child(WORKER)
+    worker = int(parent.line())
+    try:
+        publisher.wait_for_subscribers(1, SOON)
+        publisher.publish("hello")
+        assert parent.line() == "hello"
+        parent.signal(signal.SIGKILL)
+        until(lambda: publisher.publish("?").links == 0, "the end of the link")
+        with sm2.Node("registrant") as again:
+            assert again.is_connected
+        # The worker lives, and has all descriptors of its parent.
+        os.kill(worker, 0)
+    finally:
+        os.kill(worker, signal.SIGKILL)
 
 
 EXITS = {

@@ -23,6 +23,8 @@ pub enum Call {
     GetSockOpt,
     /// `setsockopt(2)`
     SetSockOpt,
+    /// `pidfd_open(2)`, `getsockopt(2)` of `SO_PEERPIDFD`
+    PidfdOpen,
     /// `shutdown(2)`
     Shutdown,
     /// `sendmsg(2)`
@@ -109,6 +111,7 @@ impl Call {
         Self::Accept,
         Self::GetSockOpt,
         Self::SetSockOpt,
+        Self::PidfdOpen,
         Self::Shutdown,
         Self::SendMsg,
         Self::RecvMsg,

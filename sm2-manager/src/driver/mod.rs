@@ -42,6 +42,8 @@ use crate::{
 const STOP: u64 = u64::MAX - 1;
 const HAND_OVER: u64 = u64::MAX - 2;
 const RELOAD: u64 = u64::MAX - 3;
+/// The bit of a token that stands for the process of a session, not for its socket. Sessions have smaller numbers.
+const PROCESS: u64 = 1 << 63;
 
 /// How many connections are accepted, or datagrams read from one node, before other sockets are served.
 const TURN: usize = 32;
@@ -219,6 +221,7 @@ impl Manager {
                 }
                 _ => true,
             });
+            self.end_processes(&mut ready);
             self.serve_all(ready);
             if stopping {
                 self.feed(Input::Shutdown);
@@ -341,7 +344,7 @@ impl Manager {
                 return;
             }
             match self.let_in() {
-                Ok(Some((socket, place))) => self.connect(socket, place),
+                Ok(Some(arrival)) => self.connect(arrival),
                 Ok(None) => return,
                 Err(error) if self.make_descriptors(&error) => self.report_sockets(),
                 Err(error) => {
@@ -364,8 +367,8 @@ impl Manager {
     }
 
     fn accept_pending(&mut self) {
-        while let Ok(Some((socket, place))) = self.let_in() {
-            self.connect(socket, place);
+        while let Ok(Some(arrival)) = self.let_in() {
+            self.connect(arrival);
         }
     }
 

@@ -6,35 +6,49 @@ use std::{
     sync::Arc,
 };
 
-use sm2_io::{Event, InspectedFd, Interest, RecvError, SeqPacket, clock, is_shortage};
+use sm2_io::{
+    Event, InspectedFd, Interest, PeerProcess, ProcessFd, RecvError, SeqPacket, clock, is_shortage,
+};
 use sm2_proto::{
     Code, Datagram, Farewell, Instant, NodeId,
     manager::{Cause, Credentials, Input},
 };
 use tracing::{debug, warn};
 
-use super::{Manager, TURN, log_limit::Warning};
+use super::{Manager, PROCESS, TURN, door::LISTENER, log_limit::Warning};
 use crate::connection::{Connection, Lost, Sent};
 
+/// A connection that was accepted.
+pub(super) struct Arrival {
+    socket: SeqPacket,
+    /// A descriptor that is reserved for its counters file.
+    place: OwnedFd,
+}
+
 impl Manager {
-    /// Accepts the next connection and reserves a descriptor for its counters file. Without a free descriptor
-    /// the connection stays in the queue.
-    pub(super) fn let_in(&self) -> io::Result<Option<(SeqPacket, OwnedFd)>> {
-        let place = self.place()?;
-        let socket = self.door.accept()?;
-        Ok(socket.map(|socket| (socket, place)))
+    /// Accepts the next connection and reserves a descriptor for its counters file. Without the descriptors that a
+    /// connection needs, it stays in the queue.
+    pub(super) fn let_in(&self) -> io::Result<Option<Arrival>> {
+        let (place, process) = (self.place()?, self.place()?);
+        let Some(socket) = self.door.accept()? else {
+            return Ok(None);
+        };
+        // Makes room for the descriptor of the process.
+        drop(process);
+        Ok(Some(Arrival { socket, place }))
     }
 
     //= SM2-TRN-007
-    pub(super) fn connect(&mut self, socket: SeqPacket, place: OwnedFd) {
+    pub(super) fn connect(&mut self, Arrival { socket, place }: Arrival) {
         self.last_session += 1;
         let session = NodeId(self.last_session);
         let watched = self.epoll.add(&socket, session.0, Interest::READABLE);
         let peer = watched.and_then(|()| {
+            let process = self.watch_process(session, &socket)?;
             // Also without a policy: the domain may get one.
-            Ok((socket.peer_credentials()?, socket.peer_groups()?))
+            Ok((socket.peer_credentials()?, socket.peer_groups()?, process))
         });
-        let (peer, groups) = match peer {
+        let (peer, groups, process) = match peer {
             Ok(peer) => peer,
             Err(error) => {
                 if self.log.may_write(Warning::NotServed, clock::now()) {
@@ -45,7 +59,7 @@ impl Manager {
         };
         debug!(%session, uid = peer.uid, pid = peer.pid, "connected");
         self.connections
-            .insert(session, Connection::new(socket, place));
+            .insert(session, Connection::new(socket, place, process));
         let credentials = Credentials {
             uid: peer.uid,
             gid: peer.gid,
@@ -57,6 +71,42 @@ impl Manager {
         });
         let gids = &groups;
         self.feed(Input::Groups { session, gids });
+    }
+
+    /// Watches the process that has connected. If it has ended, its connection ends at once.
+    //= SM2-SES-011
+    fn watch_process(&self, session: NodeId, socket: &SeqPacket) -> io::Result<Option<ProcessFd>> {
+        match PeerProcess::of(socket)? {
+            PeerProcess::Running(process) => {
+                let token = session.0 | PROCESS;
+                self.epoll.add(&process, token, Interest::READABLE)?;
+                Ok(Some(process))
+            }
+            PeerProcess::Ended => socket.shutdown().map(|()| None),
+            PeerProcess::Unknown => Ok(None),
+        }
+    }
+
+    /// Ends the connections of processes that have ended: other processes may have their descriptors. Replaces the
+    /// events of such processes by the ends of their sockets. The datagrams that these hold are still read.
+    //= SM2-SES-011
+    pub(super) fn end_processes(&mut self, ready: &mut Vec<Event>) {
+        let is_process = |it: &Event| it.token != LISTENER && it.token & PROCESS != 0;
+        if !ready.iter().any(is_process) {
+            return;
+        }
+        for event in ready.iter_mut().filter(|it| is_process(it)) {
+            event.token &= !PROCESS;
+            event.hangup = true;
+            if let Some(connection) = self.connections.get_mut(&NodeId(event.token)) {
+                connection.forget_process(&self.epoll);
+                // An error means that the other end is closed.
+                let _ = connection.socket.shutdown();
+            }
+        }
+        // The socket of such a session may have an event, too.
+        ready.sort_by_key(|it| (it.token, !it.hangup));
+        ready.dedup_by_key(|it| it.token);
     }
 
     /// Serves a session until the round is over. The frames of a busy session stay in its socket.
@@ -228,11 +278,12 @@ impl Manager {
             Cause::Goodbye(code) => debug!(%session, %code, "the node said goodbye"),
             Cause::Gone => debug!(%session, "the node is gone"),
         }
-        let Some(connection) = self.connections.remove(&session) else {
+        let Some(mut connection) = self.connections.remove(&session) else {
             return;
         };
         // Closing would remove the socket from the set only after every duplicate is closed.
         let _ = self.epoll.remove(connection.socket.as_fd());
+        connection.forget_process(&self.epoll);
         connection.say_goodbye(goodbye);
     }
 }

@@ -1,0 +1,63 @@
+//! The process at the other end of a connection, and its end.
+
+use std::io;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+
+use nix::libc;
+
+use crate::shortage::is_shortage;
+use crate::socket::SeqPacket;
+use crate::syscall::processes;
+
+/// The process that made a connection.
+///
+/// The connection may outlive this process: a child that was made by `fork(2)` has the descriptor, too.
+#[derive(Debug)]
+pub enum PeerProcess {
+    /// It was running. The descriptor becomes readable at its end.
+    Running(ProcessFd),
+    /// It has ended.
+    Ended,
+    /// The kernel does not tell: it is older than Linux 5.3, or a sandbox hides the process.
+    Unknown,
+}
+
+/// A descriptor of a process (pidfd), close-on-exec. It is readable once the process has ended, also if its parent has
+/// not waited for it.
+#[derive(Debug)]
+pub struct ProcessFd(OwnedFd);
+
+impl PeerProcess {
+    /// The process that made this connection: by `SO_PEERPIDFD`, or before Linux 6.5 by the number of
+    /// [`SeqPacket::peer_credentials`].
+    ///
+    /// If that number names another process by now, the descriptor becomes readable at the end of that one: later than
+    /// the end of the process that connected.
+    ///
+    /// # Errors
+    ///
+    /// A lack of descriptors or memory ([`is_shortage`](crate::is_shortage)), and errors of `SO_PEERCRED`.
+    pub fn of(socket: &SeqPacket) -> io::Result<Self> {
+        let fd = match processes::peer_pidfd(socket.as_fd()).map_err(io::Error::from) {
+            // The option is not known, or the kernel has forgotten the process.
+            Err(error) if !is_shortage(&error) => match socket.peer_credentials()?.pid {
+                // The process is in a PID namespace that this process cannot see.
+                0 => return Ok(Self::Unknown),
+                pid => processes::pidfd_open(pid).map_err(io::Error::from),
+            },
+            result => result,
+        };
+        match fd {
+            Ok(fd) => Ok(Self::Running(ProcessFd(fd))),
+            Err(error) if is_shortage(&error) => Err(error),
+            Err(error) if error.raw_os_error() == Some(libc::ESRCH) => Ok(Self::Ended),
+            Err(_) => Ok(Self::Unknown),
+        }
+    }
+}
+
+impl AsFd for ProcessFd {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.0.as_fd()
+    }
+}

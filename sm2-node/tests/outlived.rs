@@ -1,0 +1,94 @@
+//! A process that ends while other processes still have its descriptors.
+
+use std::fs;
+use std::io::{Read, Write};
+use std::os::unix::net::UnixStream;
+use std::process::{Command, Stdio};
+
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::{ForkResult, Pid, fork, getpid};
+use sm2_test_support::ran_alone;
+
+use crate::common::{Domain, LANES, SOON, next, until};
+
+/// Declares a publisher, makes a child by `fork(2)`, publishes, and is killed. The child has all descriptors, says its
+/// number, and lives until the other end of `line` is closed.
+fn register_fork_and_die(domain: &Domain, ring: bool, mut line: UnixStream) -> ! {
+    let node = domain.builder("registrant").ring_lane(ring).connect();
+    let node = node.unwrap();
+    let publisher = node.publisher::<str>("topic").unwrap();
+    publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
+    // SAFETY: the child reads, writes and ends, and runs nothing else.
+    if let ForkResult::Child = unsafe { fork() }.unwrap() {
+        let number = getpid().as_raw().to_ne_bytes();
+        let _ = line.write_all(&number);
+        let _ = line.read(&mut [0]);
+        // SAFETY: ends this process without running anything else of the test program.
+        unsafe { nix::libc::_exit(0) }
+    }
+    publisher.publish("last words").unwrap();
+    kill(getpid(), Signal::SIGKILL).unwrap();
+    unreachable!("killed");
+}
+
+/// The child of a process keeps neither its name nor its links.
+//= SM2-SES-011 test
+#[test]
+fn a_forked_child_does_not_keep_the_session_of_its_parent() {
+    if ran_alone(concat!(
+        module_path!(),
+        "::a_forked_child_does_not_keep_the_session_of_its_parent"
+    )) {
+        return;
+    }
+    for ring in LANES {
+        let domain = Domain::new();
+        let (mut hold, line) = UnixStream::pair().unwrap();
+        // SAFETY: the C library makes its allocator usable in the child. Beside this thread, only the Manager has one,
+        // of whose state the child uses nothing.
+        if let ForkResult::Child = unsafe { fork() }.unwrap() {
+            drop(hold);
+            register_fork_and_die(&domain, ring, line);
+        }
+        drop(line);
+        let subscriber = domain.node_on(ring, "listener").subscriber::<str>("topic");
+        let subscriber = subscriber.unwrap();
+        assert_eq!(&*next(&subscriber), "last words");
+        until(|| subscriber.links().iter().all(|link| link.end.is_some()));
+        // The name is free, and the child still lives.
+        assert!(domain.node("registrant").is_connected());
+        let mut number = [0; 4];
+        hold.read_exact(&mut number).unwrap();
+        kill(Pid::from_raw(i32::from_ne_bytes(number)), None).unwrap();
+    }
+}
+
+/// A program that is started by `posix_spawn(3)` or `exec(3)` gets no descriptor of a node.
+#[test]
+fn a_program_that_is_started_inherits_nothing() {
+    let domain = Domain::new();
+    let node = domain.node("parent");
+    let publisher = node.publisher::<str>("topic").unwrap();
+    let subscriber = node.subscriber::<str>("topic").unwrap();
+    publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
+    publisher.publish("hello").unwrap();
+    let sample = next(&subscriber);
+    let mut command = Command::new("sleep");
+    command.arg("600").stdin(Stdio::null());
+    let mut child = command.stdout(Stdio::null()).spawn().unwrap();
+    let folder = format!("/proc/{}/fd", child.id());
+    let descriptors = fs::read_dir(folder).unwrap().map(|it| {
+        let path = it.unwrap().path();
+        fs::read_link(path).unwrap_or_default()
+    });
+    let descriptors: Vec<_> = descriptors.collect();
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let of_nodes = ["socket:", "/memfd:", "anon_inode:"];
+    let inherited = descriptors.iter().filter(|it| {
+        let text = it.to_string_lossy();
+        of_nodes.iter().any(|kind| text.starts_with(kind))
+    });
+    assert_eq!(inherited.count(), 0, "{descriptors:?}");
+    assert_eq!(&*sample, "hello");
+}
