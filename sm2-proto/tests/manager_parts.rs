@@ -3,7 +3,7 @@
 
 use crate::support::{
     bench::{Bench, Event, UNLIMITED, claim, resuming, seen_by, unlink, unlinked},
-    contracts::{scan, subscriber},
+    contracts::{data, publisher, scan, subscriber},
 };
 use sm2_proto::{
     Code, Farewell, InterfaceId, LinkId, Machine, NodeId,
@@ -254,6 +254,51 @@ fn busy_sessions_take_turns() {
         assert!(told[0].abs_diff(told[1]) <= LINKS_PER_PART, "{told:?}");
     }
     assert_eq!(told, [PEERS as usize; 2]);
+}
+
+/// Sessions that declare and withdraw without pause, with many matches each, delay a session that was quiet by a few
+/// parts, not by one part each for each of its own.
+//= SM2-SES-009 test
+#[test]
+fn a_quiet_session_goes_before_busy_ones() {
+    const BUSY: u64 = 20;
+    let mut bench = Bench::new(POLICY);
+    peers(&mut bench);
+    let quiet = bench.node(1, "quiet");
+    let topic = |at: u64| format!("busy{at}");
+    let mut busy: Vec<(NodeId, u64)> = Vec::new();
+    for at in 0..BUSY {
+        let crowd = bench.node(1, &format!("crowd{at}"));
+        for interface in 1..=PEERS {
+            bench.declare(crowd, interface, &subscriber(&topic(at), None));
+        }
+        busy.push((bench.node(1, &format!("busy{at}")), 0));
+    }
+    finish(&mut bench, LINKS_AT_ONCE);
+    let mut turn = |bench: &mut Bench| {
+        for (at, (node, interface)) in (0..).zip(&mut busy) {
+            if !bench.manager.is_busy(*node) {
+                if *interface > 0 {
+                    bench.withdraw(*node, *interface);
+                }
+                *interface += 1;
+                let contract = publisher(&topic(at), &data("data"));
+                bench.declare(*node, *interface, &contract);
+            }
+        }
+        bench.input(Input::Tick);
+    };
+    for _ in 0..200 * BUSY {
+        turn(&mut bench);
+    }
+    bench.declare(quiet, 1, &subscriber("scan", None));
+    let mut turns = 0;
+    while bench.manager.is_busy(quiet) {
+        turn(&mut bench);
+        turns += 1;
+    }
+    let own = (PEERS as usize - LINKS_AT_ONCE).div_ceil(LINKS_PER_PART);
+    assert!(turns <= 2 * own, "{turns} parts for {own} of its own");
 }
 
 /// A Manager that ends leaves nothing to be done.

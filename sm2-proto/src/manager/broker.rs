@@ -172,6 +172,8 @@ impl Manager {
             session.settle(entity.interface, after);
             self.jobs.insert(entity.node);
         }
+        let spent = Budget::of_declare(&self.policy).left() - budget.left();
+        self.jobs.charge(entity.node, spent);
     }
 
     /// Forgets the refusals of a session that an interface with this contract supersedes.

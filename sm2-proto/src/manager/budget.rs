@@ -1,10 +1,10 @@
 //! The cost of work, counted in units.
 //!
 //! One frame can affect thousands of links, so the machine counts its work in units, and stops when the budget of a
-//! part is used up (SM2-SES-009). Each `Tick` then does one more part, in turns among the sessions. The place where the
-//! work continues is part of the machine's state, so models explore it. The further frames of a busy session wait in
-//! its socket: the machine queues nothing, and their order is kept. An interface that is gone leaves the machine's
-//! tables with the first part; only its links remain, in `EndingLinks`, until the other ends are told.
+//! part is used up (SM2-SES-009). Each `Tick` then does one more part, of the session that has used least. The place
+//! where the work continues is part of the machine's state, so models explore it. The further frames of a busy session
+//! wait in its socket: the machine queues nothing, and their order is kept. An interface that is gone leaves the
+//! machine's tables with the first part; only its links remain, in `EndingLinks`, until the other ends are told.
 
 use super::policy::Policy;
 
@@ -39,6 +39,11 @@ impl Budget {
     /// Notes that work is done. The last piece of work may exceed the budget.
     pub(super) const fn spend(&mut self, cost: usize) {
         self.0 = self.0.saturating_sub(cost);
+    }
+
+    /// The units that are left.
+    pub(super) const fn left(&self) -> usize {
+        self.0
     }
 
     pub(super) const fn is_spent(&self) -> bool {

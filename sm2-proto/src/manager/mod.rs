@@ -15,8 +15,7 @@
 //! frames of the session wait in its socket ([`Manager::is_busy`]). LINKs wait for nodes that do not
 //! read their sockets ([`Manager::awaits_room`]).
 //!
-//! The example `own_loop` of `sm2-manager` is a complete driver in a loop of its own, with all its
-//! duties.
+//! The example `own_loop` of `sm2-manager` is a complete driver in a loop of its own.
 
 mod access;
 mod adoption;
@@ -28,6 +27,7 @@ mod describe;
 mod ending_links;
 mod endings;
 mod event;
+mod fair_queue;
 mod flow_control;
 #[cfg(feature = "fuzzing")]
 pub(crate) mod fuzz;
@@ -68,13 +68,13 @@ use self::{
     channel::Channels,
     claims::{Claim, Claims},
     ending_links::EndingLinks,
+    fair_queue::FairQueue,
     links::{Agreed, Links},
     log::Log,
     node_record::NodeRecord,
     pending_links::PendingLinks,
     reload::Reload,
     reload_requests::ReloadRequests,
-    round_robin::RoundRobin,
     schemas::Schemas,
     session::Session,
     shortage::Shortage,
@@ -118,8 +118,8 @@ pub struct Manager {
     /// The sessions whose claims have waited long enough and are being given up.
     expired: BTreeSet<NodeId>,
     ending_links: EndingLinks,
-    /// The sessions that are busy, in turns. Some of them are over.
-    jobs: RoundRobin,
+    /// The sessions that are busy. Some of them are over.
+    jobs: FairQueue,
     shortage: Shortage,
     /// The sessions whose counters were lost, and when to ask for them again.
     lost_counters: VecDeque<(Instant, NodeId)>,
@@ -155,7 +155,7 @@ impl Manager {
             pending_links: PendingLinks::new(),
             expired: BTreeSet::new(),
             ending_links: EndingLinks::new(),
-            jobs: RoundRobin::new(),
+            jobs: FairQueue::new(policy.work_per_turn),
             shortage: Shortage::new(),
             lost_counters: VecDeque::new(),
             reload: Reload::new(),

@@ -10,8 +10,8 @@
 //! | to apply another access policy | its input | `Reload` |
 //!
 //! A session with unfinished work is *busy*. Its further frames wait in its socket, so a session has
-//! at most one unfinished frame. Sessions with unfinished work take turns; see
-//! [`RoundRobin`](super::round_robin::RoundRobin).
+//! at most one unfinished frame. Of the sessions with unfinished work, the one that has used least goes next; see
+//! [`FairQueue`](super::fair_queue::FairQueue).
 
 use super::{
     Manager,
@@ -33,7 +33,7 @@ impl Manager {
     }
 
     /// Does one part of the deferred work: of the links that could not be made, of one session with
-    /// pending links that has room, and of one that is busy.
+    /// pending links that has room, and of the busy one that has used least.
     pub(super) fn run_deferred(&mut self, now: Instant) {
         if self.is_policy_due(now) {
             self.apply_policy(now);
@@ -68,6 +68,7 @@ impl Manager {
     pub(super) fn finish_all(&mut self) {
         while let Some(node) = self.jobs.next() {
             self.finish(node);
+            self.jobs.remove(node);
         }
     }
 
@@ -75,13 +76,21 @@ impl Manager {
     /// is left.
     //= SM2-SES-009
     pub(super) fn work(&mut self, node: NodeId, budget: &mut Budget) {
+        let before = budget.left();
         self.end_links(node, budget);
         self.give_up_expired(node, budget);
         self.settle(node, budget);
-        if self.is_busy(node) {
+        let is_busy = self.is_busy(node);
+        if is_busy {
             self.jobs.insert(node);
-        } else {
+        }
+        self.jobs.charge(node, before - budget.left());
+        if is_busy {
+            // It waits for its next part.
+        } else if self.sessions.contains_key(&node) {
             self.jobs.remove(node);
+        } else {
+            self.jobs.forget(node);
         }
     }
 
