@@ -98,7 +98,7 @@ pub use ring::Ring;
 #[cfg(feature = "tokio")]
 pub use runtime::watch_readable;
 pub use shortage::is_shortage;
-pub use slots::{SegmentFd, Slot};
+pub use slots::{SegmentFd, Slot, UnusedSegment};
 pub use socket::{
     Listener, PeerCredentials, Received, ReceivedFds, RecvError, SendError, SeqPacket,
 };

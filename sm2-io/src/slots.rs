@@ -27,6 +27,30 @@ pub struct Slot {
 #[derive(Clone, Debug)]
 pub struct SegmentFd(Arc<Segment>);
 
+/// A segment that is on its way back to the system: nothing in this process uses it.
+///
+/// Dropping it gives back the rest at once. That takes long for a large segment, and delays other threads of the
+/// process, since the kernel locks the table of mappings meanwhile.
+#[derive(Debug)]
+pub struct UnusedSegment(Segment);
+
+impl SegmentFd {
+    /// The segment, to give it back in parts. `None` if a slot or another descriptor of it exists; the last one of them
+    /// gives it back.
+    #[must_use]
+    pub fn into_unused(self) -> Option<UnusedSegment> {
+        Arc::into_inner(self.0).map(UnusedSegment)
+    }
+}
+
+impl UnusedSegment {
+    /// Unmaps the last `bytes`, rounded up to a multiple of 2 MiB. Returns whether nothing is left but the file, which
+    /// dropping this value closes.
+    pub fn unmap_part(&mut self, bytes: usize) -> bool {
+        self.0.unmap_last(bytes)
+    }
+}
+
 impl Segment {
     /// Makes an owner of each slot, in the order of their numbers.
     #[must_use]
@@ -137,6 +161,29 @@ mod tests {
             let lent = seen.copy_to_vec(index as u64 * 4096, 4096).unwrap();
             assert_eq!(lent, slot.bytes(4096));
         }
+    }
+
+    #[test]
+    fn a_segment_without_slots_is_given_back_in_parts() {
+        const MIB: usize = 1 << 20;
+        let (fd, slots) = Segment::create(3 << 20, 3).unwrap().split();
+        assert!(fd.clone().into_unused().is_none(), "another descriptor");
+        drop(slots);
+        let start = fd.0.slot_ptr(0).addr();
+        let mut unused = fd.into_unused().unwrap();
+        // 9 MiB are mapped as 10: 6, 4, 2 and 0 are left.
+        let mapped = |bytes: usize| {
+            let maps = std::fs::read_to_string("/proc/self/maps").unwrap();
+            let range = format!("{start:x}-{:x} ", start + bytes);
+            maps.lines().any(|line| line.starts_with(&range))
+        };
+        assert!(mapped(10 * MIB));
+        for (part, left) in [(4, 6), (1, 4), (2, 2)] {
+            assert!(!unused.unmap_part(part * MIB));
+            assert!(mapped(left * MIB), "{left}");
+        }
+        assert!(unused.unmap_part(MIB));
+        assert!(unused.unmap_part(MIB), "nothing is left");
     }
 
     #[test]

@@ -12,8 +12,9 @@
 //!   whose memory is probably still in a cache. Slots that were never needed occupy no memory, and younger
 //!   segments fall idle after a burst. If the class has no free slot, a slot of up to twice the size is used,
 //!   so that messages of varying length do not need memory for each length.
-//! - A class without a free slot gets a segment with as many slots as the class already has. The number of
-//!   segments therefore grows with the logarithm of the need.
+//! - A class without a free slot gets a segment with as many slots as the class already has, but of at most 32 MiB
+//!   unless one slot is longer. The number of segments therefore grows with the logarithm of the need at first. The
+//!   system takes back a segment in one piece, so its size bounds how long that takes.
 //! - A segment without a slot in use for some time is [freed](Pool::sweep). Only whole segments can be freed:
 //!   their seals forbid holes.
 //! - A slot can be *abandoned*: it must never be written again, because a receiver may still read it. Its
@@ -35,8 +36,8 @@ mod sizes;
 #[cfg(test)]
 mod tests;
 
-use self::sizes::first_slots;
 pub(crate) use self::sizes::stride_for;
+use self::sizes::{SEGMENT_BYTES, first_slots};
 
 /// The default of [`PublisherBuilder::pool_limit`](crate::PublisherBuilder::pool_limit), in bytes: 256 MiB.
 pub const POOL_LIMIT_BYTES: u64 = 256 << 20;
@@ -192,6 +193,11 @@ impl<M> Pool<M> {
             .sum();
         let most = self.free_bytes().min(SEGMENT_BYTES_MAX) / stride;
         let wanted = u64::from(has.max(first_slots(stride)).min(SLOTS_MAX));
+        // A pool with very many segments may need larger ones to use its limit.
+        let wanted = match self.segments.len() < SEGMENTS_MAX / 2 {
+            true => wanted.min((SEGMENT_BYTES / stride).max(1)),
+            false => wanted,
+        };
         match u32::try_from(wanted.min(most)) {
             Ok(0) | Err(_) => Err(Full),
             Ok(slots) => Ok(self.geometry(stride, slots, false)),

@@ -9,6 +9,7 @@ mod back_pressure;
 mod background;
 mod clock;
 mod deadline;
+mod deaths;
 mod derive;
 mod detach;
 mod domain;

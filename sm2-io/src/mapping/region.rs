@@ -196,6 +196,19 @@ impl Region {
         all
     }
 
+    /// Unmaps the last `bytes`, rounded up to a multiple of 2 MiB. Returns whether nothing is left.
+    pub(super) fn unmap_last(&mut self, bytes: usize) -> bool {
+        let left = self.mapped.saturating_sub(bytes) / HUGE_PAGE_BYTES * HUGE_PAGE_BYTES;
+        if left < self.mapped {
+            // SAFETY: `self` owns the range, and is borrowed exclusively, so nothing refers to it. The call fails only
+            // for a range that was never mapped.
+            let result = unsafe { memory::unmap(self.start.add(left).cast(), self.mapped - left) };
+            debug_assert_eq!(result, Ok(()));
+        }
+        (self.mapped, self.len) = (left, self.len.min(left));
+        left == 0
+    }
+
     fn collapse(&self, from: usize, to: usize) -> io::Result<()> {
         assert!(from <= to && to <= self.mapped);
         // SAFETY: the assertion keeps the range inside the one that `self` owns. The kernel moves the

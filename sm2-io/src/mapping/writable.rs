@@ -89,6 +89,11 @@ impl MappingMut {
         self.region.advise(MmapAdvise::MADV_DONTFORK)
     }
 
+    /// Unmaps the last `bytes`, rounded up to a multiple of 2 MiB. Returns whether nothing is left.
+    pub(crate) fn unmap_last(&mut self, bytes: usize) -> bool {
+        self.region.unmap_last(bytes)
+    }
+
     #[inline]
     pub(crate) const fn as_ptr(&self) -> *mut u8 {
         self.region.as_ptr()

@@ -104,6 +104,11 @@ impl Segment {
         }
     }
 
+    /// Unmaps the last `bytes`, rounded up to a multiple of 2 MiB. Returns whether nothing is left.
+    pub(crate) fn unmap_last(&mut self, bytes: usize) -> bool {
+        self.mapping.unmap_last(bytes)
+    }
+
     /// The descriptor for receivers.
     #[must_use]
     pub fn fd(&self) -> BorrowedFd<'_> {

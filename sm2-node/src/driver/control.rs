@@ -14,6 +14,7 @@ use super::counters::Counting;
 use super::datagram::Incoming;
 use super::event_sets::NodeSets;
 use super::interface::{ForControl, Interface};
+use super::leftovers::Leftovers;
 use super::limited_warning::LimitedWarning;
 use super::limits::SOCKETS;
 use super::qos_timer::QosTimer;
@@ -59,6 +60,8 @@ pub(crate) struct Control {
     pub(super) buffer: Scratch,
     pub(super) events: Events,
     pub(super) ready: Vec<Event>,
+    /// Memory of messages that goes back to the system.
+    pub(super) leftovers: Leftovers,
     /// The threads that wait for the session.
     pub(super) sleepers: Sleepers,
 }
@@ -93,6 +96,7 @@ impl Control {
             buffer: Scratch::new(DATAGRAM_MAX)?,
             events: Events::with_capacity(SOCKETS),
             ready: Vec::with_capacity(SOCKETS),
+            leftovers: Leftovers::default(),
             sleepers: Sleepers::new(&sets.wakers),
         })
     }
@@ -127,7 +131,11 @@ impl Control {
             freed,
             wants_page,
             tick_at,
+            leftovers,
         } = results;
+        if !leftovers.is_empty() {
+            self.leftovers.add(leftovers, sets);
+        }
         for token in gone {
             self.routes.remove(&token);
         }

@@ -9,9 +9,10 @@ use sm2_io::Event;
 
 use super::control::Control;
 use super::event_sets::NodeSets;
+use super::limits::{ENDS, put_ends_last};
 use super::link::LinkDriver;
 use super::shared_interface::SharedInterface;
-use super::token::{LinkToken, QOS_TIMER, SESSION, TIMER};
+use super::token::{LEFTOVERS, LinkToken, QOS_TIMER, SESSION, TIMER};
 
 impl Control {
     /// Does the work of all pending events of the control set. Does a bounded amount of work and does not wait.
@@ -24,12 +25,20 @@ impl Control {
         // Taken out, because each event changes the node.
         let mut ready = mem::take(&mut self.ready);
         ready.extend(self.events.iter());
+        put_ends_last(&mut ready);
+        let mut ends = 0;
         while let Some(event) = ready.pop() {
             match event.token {
                 SESSION => self.on_session_event(event, sets),
                 TIMER => self.on_timer(sets),
                 QOS_TIMER => self.on_qos_timer(sets),
-                _ => self.on_link_event(event, sets),
+                // The next drive gives back memory before it locks the node.
+                LEFTOVERS => {}
+                _ => ends += usize::from(self.on_link_event(event, sets)),
+            }
+            if ends == ENDS {
+                // The set reports the others again.
+                ready.clear();
             }
         }
         self.ready = ready;
@@ -48,20 +57,24 @@ impl Control {
         }
     }
 
-    fn on_link_event(&mut self, event: Event, sets: &NodeSets) {
+    /// Handles an event of a link. Returns whether the link has ended.
+    fn on_link_event(&mut self, event: Event, sets: &NodeSets) -> bool {
         let token = LinkToken(event.token);
         let Some(&interface) = self.routes.get(&token) else {
-            return;
+            return false;
         };
-        let is_short = self.with_interface(interface, sets, |interface, context| {
+        let result = self.with_interface(interface, sets, |interface, context| {
             interface.on_event(token, event, context);
             interface.rest_in_background(token, context);
             let link = interface.link(token);
-            link.is_some_and(LinkDriver::is_short_of_memory)
+            let has_ended = link.is_none_or(|it| it.end().is_some());
+            (link.is_some_and(LinkDriver::is_short_of_memory), has_ended)
         });
-        if is_short == Some(true) {
+        let (is_short, has_ended) = result.unwrap_or_default();
+        if is_short {
             self.not_ready(&"no memory for a link");
         }
+        has_ended
     }
 
     /// Notes that a descriptor could not be used, although it was ready.

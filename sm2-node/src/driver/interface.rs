@@ -35,6 +35,7 @@ pub(crate) use self::publish::Offered;
 pub(crate) use self::ready::Condition;
 pub(crate) use self::taken::{Full, Header, Taken};
 use super::context::Context;
+use super::leftovers::Leftover;
 use super::link::LinkDriver;
 use super::outbox::{MessageKey, Outbox, PoolLimit};
 use super::status::LinkStatus;
@@ -93,13 +94,15 @@ pub(crate) struct ForControl {
     pub(super) wants_page: bool,
     /// When the interface has to be ticked, if that is earlier than before.
     pub(super) tick_at: Option<Instant>,
+    /// Memory of messages that goes back to the system.
+    pub(super) leftovers: Vec<Leftover>,
 }
 
 impl ForControl {
     #[inline]
     fn is_empty(&self) -> bool {
         // One branch: each call asks this.
-        (self.ends.len() | self.gone.len() | self.freed.len()) == 0
+        (self.ends.len() | self.gone.len() | self.freed.len() | self.leftovers.len()) == 0
             && !self.wants_page
             && self.tick_at.is_none()
     }
@@ -168,6 +171,11 @@ impl Interface {
     /// Takes the results of calls that the control side has to handle, if there are any.
     #[inline]
     pub(super) fn take_for_control(&mut self) -> Option<ForControl> {
+        if !self.outbox.leftovers.is_empty() {
+            self.for_control
+                .leftovers
+                .append(&mut self.outbox.leftovers);
+        }
         (!self.for_control.is_empty()).then(|| std::mem::take(&mut self.for_control))
     }
 

@@ -2,11 +2,23 @@
 
 use std::time::Duration;
 
+use sm2_io::Event;
+
 /// How many datagrams are read from one socket in one drive, so that no peer keeps a node busy.
 pub(super) const BURST: usize = 32;
 
 /// How many sockets are read or written in one drive.
 pub(super) const SOCKETS: usize = 64;
+
+/// How many links are ended in one drive. To end a link takes as long as many messages, and hundreds may end at once.
+pub(super) const ENDS: usize = 4;
+
+/// Puts the events of links whose other side is gone where `Vec::pop` takes them last: at the start.
+pub(super) fn put_ends_last(ready: &mut [Event]) {
+    if ready.len() > ENDS {
+        ready.sort_unstable_by_key(|event| !event.hangup);
+    }
+}
 
 /// On the ring lane: how long a call that does not need the sockets may leave them unread. An `epoll` call for each
 /// message would cost more than the message.

@@ -17,6 +17,7 @@
 //! | `interface` | one publisher, subscriber, server or client: its links, and the work with its messages |
 //! | `link` | one end of one link: its socket and machine, sending, taking, mapped memory |
 //! | `outbox` | the messages of an interface that are not settled, and the memory that they are in |
+//! | `leftovers` | memory of messages that goes back to the system in parts |
 //! | `counters`, `status` | what tools and programs can read about interfaces and links |
 //! | `event_sets` | which descriptors wake calls, and which wake the background thread |
 //! | `wait`, `sleep`, `sleepers` | threads that wait without a lock |
@@ -42,6 +43,7 @@ mod datagram;
 mod drive;
 mod event_sets;
 mod interface;
+mod leftovers;
 mod limited_warning;
 mod limits;
 mod link;

@@ -34,6 +34,7 @@ use self::messages::Messages;
 pub(crate) use self::needs::Needs;
 pub(crate) use self::pool_limit::PoolLimit;
 pub(crate) use self::reservation::{NoSlot, Reservation, Reserved};
+use super::leftovers::Leftover;
 use crate::pool::Pool;
 
 #[derive(Debug)]
@@ -48,6 +49,8 @@ pub(crate) struct Outbox {
     reservation: Reservation,
     /// Segments that no message uses any more and that have to be detached from all links.
     pub(super) over: Vec<u32>,
+    /// Memory that goes back to the system.
+    pub(super) leftovers: Vec<Leftover>,
 }
 
 impl Outbox {
@@ -62,6 +65,7 @@ impl Outbox {
             messages: Messages::default(),
             reservation: Reservation::default(),
             over: Vec::new(),
+            leftovers: Vec::new(),
         }
     }
 
@@ -120,6 +124,9 @@ impl Outbox {
         }
         self.pool.remove_outside(message.bytes_outside());
         let (lease, is_orphaned) = (message.forms.pooled.take(), message.orphaned);
+        // The receivers of other messages have usually closed the file before.
+        let file = message.forms.sealed.take_if(|_| is_orphaned);
+        self.leftovers.extend(file.map(Leftover::File));
         self.messages.remove(key);
         if let Some(lease) = lease {
             //= SM2-OPN-008

@@ -20,7 +20,7 @@ use super::context::Context;
 use super::event_sets::LinkSets;
 use super::interface::{ForControl, Interface, State};
 use super::limited_warning::LimitedWarning;
-use super::limits::{SOCKETS, SOCKETS_WAIT_NS};
+use super::limits::{ENDS, SOCKETS, SOCKETS_WAIT_NS, put_ends_last};
 use super::link::LinkDriver;
 use super::sleepers::Sleepers;
 use super::token::LinkToken;
@@ -369,13 +369,24 @@ impl InterfaceDriver {
         // Taken out, because each event changes the driver.
         let mut ready = mem::take(&mut self.ready);
         ready.extend(self.events.iter());
+        put_ends_last(&mut ready);
+        if !ready.is_empty() {
+            self.change(sets, |_, _| ());
+        }
+        let mut ends = 0;
         while let Some(event) = ready.pop() {
             let token = LinkToken(event.token);
-            let is_short = self.change(sets, |interface, context| {
+            let (is_short, has_ended) = self.change_unharvested(sets, |interface, context| {
                 interface.on_event(token, event, context);
                 let link = interface.link(token);
-                link.is_some_and(LinkDriver::is_short_of_memory)
+                let has_ended = link.is_none_or(|it| it.end().is_some());
+                (link.is_some_and(LinkDriver::is_short_of_memory), has_ended)
             });
+            ends += usize::from(has_ended);
+            if ends == ENDS {
+                // The set reports the others again.
+                ready.clear();
+            }
             if is_short {
                 self.not_ready(&"no memory for a link");
             }

@@ -145,9 +145,15 @@ impl NodeState {
         self.control.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Locks the control side and drives it.
+    /// Locks the control side and drives it. Before that, gives back one part of the memory that no message needs.
     pub(crate) fn lock_driven(&self) -> MutexGuard<'_, Control> {
         let mut control = self.lock();
+        if let Some(leftover) = control.leftovers.next() {
+            drop(control);
+            let rest = leftover.release_part();
+            control = self.lock();
+            control.leftovers.put_back(rest);
+        }
         control.drive(&self.sets);
         control
     }

@@ -25,3 +25,5 @@ pub(super) const TIMER: u64 = LinkToken::LAST.0;
 pub(super) const PROGRAM: u64 = TIMER - 1;
 /// The token of the timer of deadlines.
 pub(super) const QOS_TIMER: u64 = PROGRAM - 1;
+/// The token of the waker for memory that is given back in parts.
+pub(super) const LEFTOVERS: u64 = QOS_TIMER - 1;

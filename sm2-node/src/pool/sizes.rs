@@ -14,6 +14,10 @@ pub(super) const PAGE: u64 = 4 << 10;
 /// The same for large slots.
 pub(super) const HUGE_PAGE: u64 = 2 << 20;
 
+/// The size up to which a segment with several slots grows. Closing the file of a segment frees all of its pages in one
+/// system call.
+pub(super) const SEGMENT_BYTES: u64 = 32 << 20;
+
 /// Returns the size of the slot for a message of `len` bytes and its head.
 pub(crate) const fn stride_for(len: u64) -> u64 {
     let least = len.saturating_add(HEAD_BYTES);

@@ -116,6 +116,21 @@ fn the_slot_given_back_last_is_taken_first() {
     assert_eq!(pool.take(8000).unwrap().slot, 1);
 }
 
+/// Segments are short, so that the system can take each of them back quickly, until their number gets short.
+#[test]
+fn a_pool_with_many_segments_gets_larger_ones() {
+    let mut pool = Pool::new(u64::MAX);
+    let mut leases = Vec::new();
+    while pool.segments.len() <= SEGMENTS_MAX / 2 {
+        leases.push(taken(&mut pool, 2 << 20).unwrap());
+    }
+    let slots = pool.segments.iter().map(|it| it.geometry.slots);
+    let slots: Vec<u32> = slots.collect();
+    let (last, others) = slots.split_last().unwrap();
+    assert_eq!(others.iter().max(), Some(&8));
+    assert_eq!(*last, others.iter().sum::<u32>());
+}
+
 #[test]
 fn a_class_doubles_and_old_segments_are_preferred() {
     let mut pool = Pool::new(u64::MAX);
@@ -125,7 +140,8 @@ fn a_class_doubles_and_old_segments_are_preferred() {
     let sizes: Vec<_> = (pool.segments.iter())
         .map(|segment| segment.geometry.slots)
         .collect();
-    assert_eq!(sizes, [1, 1, 2, 4, 8, 16]);
+    // Slots of 4 MiB, and segments of at most 32 MiB.
+    assert_eq!(sizes, [1, 1, 2, 4, 8, 8]);
     for lease in leases {
         assert_eq!(pool.give_back(lease), None);
     }

@@ -9,6 +9,7 @@ use sm2_proto::link;
 
 use super::Outbox;
 use super::reservation::{NoSlot, Reserved};
+use crate::driver::leftovers::Leftover;
 use crate::pool::{Full, Geometry, Lease};
 
 impl Outbox {
@@ -31,6 +32,7 @@ impl Outbox {
         self.reservation = how;
         self.messages.reserve(2 * slots as usize);
         self.over.reserve(SEGMENTS_MAX);
+        self.leftovers.reserve(SEGMENTS_MAX);
         self.add(geometry, segment);
     }
 
@@ -131,7 +133,8 @@ impl Outbox {
 
     pub(super) fn close(&mut self, over: impl IntoIterator<Item = u32>) {
         for id in over {
-            self.segments.remove(&id);
+            let segment = self.segments.remove(&id);
+            self.leftovers.extend(segment.map(Leftover::Segment));
             self.over.push(id);
         }
     }
