@@ -175,7 +175,7 @@ pub struct Update<'a> {
     change: Change<'a, ENTRY_FIELDS>,
 }
 
-//= SM2-CNT-011
+//= SM2-CNT-012
 impl Update<'_> {
     /// Sending side: counts a message (or call) of `len_bytes` that was published `at` this time.
     #[inline]
@@ -200,6 +200,13 @@ impl Update<'_> {
     #[inline]
     pub fn lost(&mut self, messages: u64) {
         self.add(field::LOST, messages);
+    }
+
+    /// Subscriber: counts those of the [lost](Self::lost) messages that were published while their publisher had no
+    /// link with the subscriber. End of a link: counts such messages before the link, which are not lost on it.
+    #[inline]
+    pub fn away(&mut self, messages: u64) {
+        self.add(field::AWAY, messages);
     }
 
     /// Receiving side: counts messages that were older than their lifespan when the application would have taken them.

@@ -73,7 +73,7 @@ fn a_file_that_only_its_author_can_write() {
     assert_eq!(view.entries().count(), 0);
 }
 
-//= SM2-CNT-011 test
+//= SM2-CNT-012 test
 #[test]
 fn what_is_counted_is_seen() {
     let mut page = CounterPage::new().unwrap();
@@ -114,11 +114,11 @@ fn what_is_counted_is_seen() {
         drop(update);
         let mut update = receiver.update();
         update.lost_liveliness();
+        update.away(3);
         update.taken(at, Instant(at.0 - 100 + message), 20);
         update.lost(2);
         update.expired(2);
         drop(update);
-
         let place = (message as usize - 1) % 32;
         sent.messages = message;
         sent.bytes += 10;
@@ -131,7 +131,7 @@ fn what_is_counted_is_seen() {
         got.messages = message;
         got.bytes += 20;
         got.last = at;
-        (got.lost, got.lost_liveliness) = (2 * message, message);
+        (got.lost, got.lost_liveliness, got.away) = (2 * message, message, 3 * message);
         got.fates.expired += 2;
         got.delay_sum_ns += 100 - message;
         got.delay_max_ns = 99;
@@ -321,7 +321,7 @@ fn files_that_are_not_of_counters() {
     }
 }
 
-//= SM2-CNT-011 test
+//= SM2-CNT-012 test
 //= SM2-CNT-005 test
 #[test]
 fn entries_that_are_not_as_they_should_be() {

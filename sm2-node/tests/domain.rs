@@ -382,7 +382,7 @@ fn counters_of(node: &Node, tool: &Node) -> Vec<Entry> {
     view.entries().map(|(_, entry)| entry.unwrap()).collect()
 }
 
-//= SM2-CNT-002, SM2-CNT-011 test
+//= SM2-CNT-002, SM2-CNT-012 test
 #[test]
 fn counters_of_a_node_can_be_looked_at_and_survive_its_manager() {
     let mut domain = Domain::new();

@@ -229,8 +229,8 @@ fn link() -> ToNode {
 }
 
 /// An OPEN of a receiver with a window of 12, for messages of up to 1,024 bytes.
-fn open() -> [u8; 32] {
-    let mut frame = [0; 32];
+fn open() -> [u8; 48] {
+    let mut frame = [0; 48];
     (frame[0], frame[1], frame[2], frame[4]) = (1, 1, 1, 12);
     (frame[8], frame[16], frame[24], frame[28]) = (1, 1, 1, 1);
     frame

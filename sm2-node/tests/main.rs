@@ -5,6 +5,7 @@
 mod common;
 
 mod asynchronous;
+mod away;
 mod back_pressure;
 mod background;
 mod clock;

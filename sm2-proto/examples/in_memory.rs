@@ -18,7 +18,8 @@ use sm2_proto::{
     Name, NodeId, OfferedQos, Period, TypeId, Violation,
     control::{decode_to_manager, decode_to_node},
     link::{
-        self, Body, Config, Link, NoMemory, OutboundMessage, Payload, Role, Status, wire::Frame,
+        self, Body, Config, Link, NoMemory, OutboundMessage, Payload, Publications, Role, Status,
+        wire::Frame,
     },
     manager::{self, Credentials, Manager, Policy},
     node::{self, Node},
@@ -30,6 +31,11 @@ fn main() {
 
 /// The time of every event: machines never read a clock, and time stands still here.
 const NOW: Instant = Instant(0);
+/// The OPEN of the publisher has its number, which a program draws at random, and says that it has published nothing.
+const PUBLICATIONS: Publications = Publications {
+    publisher: 0x1fb6_04e8_9152_3c7d,
+    published: 0,
+};
 /// The credentials of both nodes, as the kernel would give them.
 const CREDENTIALS: Credentials = Credentials {
     uid: 1000,
@@ -246,7 +252,10 @@ impl World {
                     link, version, qos, ..
                 } => {
                     let LinkQos { reliable, sealed } = qos;
-                    let config = Config::new(&program.contract, link, version, reliable, sealed);
+                    let config = Config {
+                        publications: PUBLICATIONS,
+                        ..Config::new(&program.contract, link, version, reliable, sealed)
+                    };
                     program.link = Some(Link::new(config));
                     self.drain_link(at);
                 }

@@ -31,8 +31,8 @@ pub const MAX_ENTRIES: u32 = (MAX_FILE_BYTES / ENTRY_BYTES) as u32 - 1;
 /// The number of messages that an entry remembers one by one.
 pub const RECENT: usize = 32;
 
-/// The positions of an entry's fields (SM2-CNT-011).
-//= SM2-CNT-011
+/// The positions of an entry's fields (SM2-CNT-012).
+//= SM2-CNT-012
 #[allow(missing_docs, reason = "the fields of Entry say what they are")]
 pub mod field {
     /// 0: not in use; odd: being written; even: grows with each change (SM2-CNT-005).
@@ -65,8 +65,10 @@ pub mod field {
     pub const EXPIRED: usize = 23;
     /// How often the publisher stopped being alive.
     pub const LOST_LIVELINESS: usize = 24;
+    /// Messages that were published while their publisher had no link with the subscriber.
+    pub const AWAY: usize = 25;
     /// The first of the fields that are zero, up to [`RECENT`].
-    pub const RESERVED: usize = 25;
+    pub const RESERVED: usize = 26;
     /// The first of [`super::RECENT`] fields.
     pub const RECENT: usize = 32;
 }
@@ -103,7 +105,7 @@ pub const fn header(entries: u32) -> [u64; ENTRY_FIELDS] {
 
 /// The index of message number `message` (the first is 1) among the recent ones.
 #[must_use]
-//= SM2-CNT-011
+//= SM2-CNT-012
 pub const fn recent_index(message: u64) -> usize {
     (message.wrapping_sub(1) % RECENT as u64) as usize
 }
@@ -137,6 +139,9 @@ pub struct Entry {
     pub missed_deadlines: u64,
     /// How often the publisher stopped being alive, of a publisher, a subscriber or its end of a link.
     pub lost_liveliness: u64,
+    /// Messages that were published while their publisher had no link with the subscriber: of a subscriber, those of
+    /// `lost`; of its end of a link, those before the link, which are not in `lost`.
+    pub away: u64,
     /// The last messages, by [`recent_index`]: a sending side notes the time of each publication, a
     /// receiving side its delay. See [`recent`](Self::recent).
     pub recent_ns: [u64; RECENT],
@@ -158,16 +163,17 @@ impl Default for Entry {
             unheard: 0,
             missed_deadlines: 0,
             lost_liveliness: 0,
+            away: 0,
             recent_ns: [0; RECENT],
         }
     }
 }
 
 impl Entry {
-    /// Reads an entry. `None` if the entry is not in use, is being written, or breaks SM2-CNT-011:
+    /// Reads an entry. `None` if the entry is not in use, is being written, or breaks SM2-CNT-012:
     /// a kind that is unknown, an interface with a link, or a reserved field that is not zero.
     #[must_use]
-    //= SM2-CNT-011
+    //= SM2-CNT-012
     pub fn from_words(words: &[u64; ENTRY_FIELDS]) -> Option<Self> {
         let turn = words[field::TURN];
         if turn == 0
@@ -221,13 +227,14 @@ impl Entry {
             unheard: words[field::UNHEARD],
             missed_deadlines: words[field::MISSED_DEADLINES],
             lost_liveliness: words[field::LOST_LIVELINESS],
+            away: words[field::AWAY],
             recent_ns,
         })
     }
 
     /// The fields of this entry, with that [`TURN`](field::TURN).
     #[must_use]
-    //= SM2-CNT-011
+    //= SM2-CNT-012
     pub fn to_words(&self, turn: u64) -> [u64; ENTRY_FIELDS] {
         let mut words = [0; ENTRY_FIELDS];
         words[field::TURN] = turn;
@@ -258,13 +265,14 @@ impl Entry {
         words[field::UNHEARD] = self.unheard;
         words[field::MISSED_DEADLINES] = self.missed_deadlines;
         words[field::LOST_LIVELINESS] = self.lost_liveliness;
+        words[field::AWAY] = self.away;
         words[field::RECENT..].copy_from_slice(&self.recent_ns);
         words
     }
 
     /// The notes of at most [`RECENT`] last messages, the oldest first: times of publication on a
     /// sending side, delays on a receiving side.
-    //= SM2-CNT-011
+    //= SM2-CNT-012
     pub fn recent(&self) -> impl ExactSizeIterator<Item = u64> + Clone + '_ {
         let noted = self.messages.min(RECENT as u64);
         let oldest = self.messages - noted;

@@ -31,6 +31,9 @@ pub const MESSAGES_IN_FLIGHT_MAX: usize = 64;
 pub const SEGMENTS_MAX: usize = 256;
 /// The most links that one interface has at a time, whatever the Manager's quota.
 pub const LINKS_MAX: usize = 65_536;
+/// The most publishers without a link whose publications a subscriber remembers.
+//= SM2-QOS-018
+pub const ABSENCES_MAX: usize = 256;
 /// The largest segment or sealed file, in bytes.
 pub const SEGMENT_BYTES_MAX: u64 = 1 << 41;
 /// The most slots in one segment.

@@ -212,7 +212,7 @@ fn counter_files_are_whole() {
     kani::cover!(in_range && !whole, "half an entry");
 }
 
-//= SM2-CNT-011 kani
+//= SM2-CNT-012 kani
 #[cfg_attr(kani, kani::proof)]
 fn recent_messages_follow_each_other() {
     let message = kani::any_where(|message: &u64| *message < u64::MAX);
@@ -223,7 +223,7 @@ fn recent_messages_follow_each_other() {
     kani::cover!(next == 0 && message > 0, "begins again");
 }
 
-//= SM2-CNT-011 kani
+//= SM2-CNT-012 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(66))]
 fn counter_entries_are_canonical() {
@@ -343,7 +343,7 @@ fn seals_are_all_needed() {
 }
 
 /// No count of messages, time or delay in a stranger's file makes a reader overflow or panic.
-//= SM2-CNT-011, SM2-CNT-005 kani
+//= SM2-CNT-012, SM2-CNT-005 kani
 #[cfg_attr(kani, kani::proof)]
 // 32 recent messages.
 #[cfg_attr(kani, kani::unwind(34))]
@@ -373,7 +373,7 @@ fn a_strangers_counters_can_be_read() {
 }
 
 /// Mean and deviation of any three durations are in their range.
-//= SM2-CNT-011 kani
+//= SM2-CNT-012 kani
 #[cfg_attr(kani, kani::proof)]
 // Three durations; the root of 128 bits takes 64 steps.
 #[cfg_attr(kani, kani::unwind(66))]

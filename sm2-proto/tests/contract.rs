@@ -130,6 +130,7 @@ fn a_link_is_drained_before_the_next_datagram() {
         link: LINK,
         lanes: wire::LANE_SOCKET,
         max_len: 0,
+        publications: link::Publications::UNKNOWN,
     });
     let open = open.to_vec();
     let datagram = Datagram::new(&open);

@@ -37,18 +37,19 @@ fn link_end() -> Entry {
         unheard: 21,
         missed_deadlines: 22,
         lost_liveliness: 24,
+        away: 25,
         recent_ns: core::array::from_fn(|index| 32 + index as u64),
     }
 }
 
 /// Each field holds its own index, except the turn, the kind and the reserved words.
-//= SM2-CNT-011 test
+//= SM2-CNT-012 test
 #[test]
 fn every_field_has_its_place() {
     let mut expected: [u64; ENTRY_FIELDS] = core::array::from_fn(|index| index as u64);
     expected[0] = 42;
     expected[1] = 2;
-    expected[25..32].fill(0);
+    expected[26..32].fill(0);
     assert_eq!(link_end().to_words(42), expected);
     assert_eq!(Entry::from_words(&expected), Some(link_end()));
     let interface = Entry {
@@ -61,7 +62,7 @@ fn every_field_has_its_place() {
     assert_eq!(Entry::from_words(&expected), Some(interface));
 }
 
-//= SM2-CNT-011 test
+//= SM2-CNT-012 test
 //= SM2-CNT-005 test
 #[test]
 fn what_is_not_an_entry() {
@@ -114,7 +115,7 @@ fn sizes_and_headers() {
     assert_eq!(words[2..], [0; 62]);
 }
 
-//= SM2-CNT-011 test
+//= SM2-CNT-012 test
 #[test]
 fn recent_messages_come_oldest_first() {
     assert_eq!(

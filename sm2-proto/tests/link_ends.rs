@@ -6,7 +6,8 @@ use sm2_proto::{
     ServiceQos, TypeId,
     limits::QOS_MAX,
     link::{
-        Config, End, Error, Fate, Input, Link, MaxLen, Misuse, NoMemory, Output, Role,
+        Config, End, Error, Fate, Input, Link, MaxLen, Misuse, NoMemory, Output, Publications,
+        Role,
         wire::{Frame, Given, Open},
     },
 };
@@ -31,6 +32,7 @@ fn the_first_output_is_open_with_the_terms_of_this_end() {
             link: LINK,
             lanes: 1,
             max_len: if window == 0 { 0 } else { 1 << 30 },
+            publications: Publications::UNKNOWN,
         };
         assert_eq!(packet.to_vec(), Frame::Open(open).to_vec());
         assert_eq!((packet.attachment, link.poll()), (None, None));
@@ -271,6 +273,7 @@ fn a_link_is_what_the_contract_says() {
             deadline: Period(deadline),
             lifespan: Period(lifespan),
             lease: Period(lease),
+            publications: Publications::UNKNOWN,
         };
         assert_eq!(config, same);
         assert_eq!(config.window(), contract.window());

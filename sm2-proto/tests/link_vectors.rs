@@ -24,7 +24,8 @@ use serde_json::{Map, Value, json};
 use sm2_proto::{
     Code, Datagram, FdFacts, LinkId, Machine, Period, Seals, ViolationKind,
     link::{
-        Config, End, Error, FrameKind, Input, Link, MaxLen, Role, SegmentInfo, Status,
+        Config, End, Error, FrameKind, Input, Link, MaxLen, Publications, Role, SegmentInfo,
+        Status,
         wire::{Form, Frame, Given, MessageFrame},
     },
 };
@@ -154,6 +155,7 @@ fn config(vector: &Value) -> Config {
         deadline: Period::NONE,
         lifespan: period("lifespan"),
         lease: period("lease"),
+        publications: Publications::UNKNOWN,
     }
 }
 
@@ -226,7 +228,8 @@ fn meaning(frame: &Frame<'_>) -> Map<String, Value> {
             "role": Role::ALL.into_iter().find(|role| *role as u8 == it.role).map(name_of),
             "version": it.version, "window": it.window,
             "epoch": it.link.epoch, "serial": it.link.serial, "lanes": it.lanes,
-            "max_len": it.max_len,
+            "max_len": it.max_len, "publisher": it.publications.publisher,
+            "published": it.publications.published,
         }),
         Frame::Attach(it) => json!({ "segment": it.id, "stride": it.stride, "slots": it.slots }),
         Frame::Detach { segment } => json!({ "segment": segment }),

@@ -142,6 +142,16 @@ fn open_rows() -> Vec<Row> {
             &changed(&|it| it.max_len = (1 << 30) + 1),
         ),
         row(
+            violation!(BadOpen, "SM2-OPN-010"),
+            fresh(),
+            &changed(&|it| it.publications.publisher = 1),
+        ),
+        row(
+            violation!(BadOpen, "SM2-OPN-010"),
+            fresh(),
+            &changed(&|it| it.publications.published = 1),
+        ),
+        row(
             violation!(BadWindow, "SM2-OPN-003"),
             fresh(),
             &changed(&|it| it.window = 0),

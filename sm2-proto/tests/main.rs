@@ -31,6 +31,7 @@ mod support;
 #[path = "support/takeover/mod.rs"]
 mod takeover;
 
+mod absence;
 mod back_pressure;
 mod backoff;
 mod claims_model;

@@ -70,6 +70,10 @@ pub struct Open {
     pub lanes: u32,
     /// The longest message that it accepts, in units of 1,024 bytes.
     pub max_len: u32,
+    /// The number of the publisher.
+    pub publisher: u64,
+    /// How many messages it has published.
+    pub published: u64,
 }
 
 impl Open {
@@ -83,6 +87,8 @@ impl Open {
             link,
             lanes: 1,
             max_len: if role == role::SENDER { 0 } else { 1 << 20 },
+            publisher: 0,
+            published: 0,
         }
     }
 
@@ -102,6 +108,8 @@ impl Open {
         bytes.extend(self.link.serial.to_le_bytes());
         bytes.extend(self.lanes.to_le_bytes());
         bytes.extend(self.max_len.to_le_bytes());
+        bytes.extend(self.publisher.to_le_bytes());
+        bytes.extend(self.published.to_le_bytes());
         bytes
     }
 }

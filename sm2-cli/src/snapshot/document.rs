@@ -53,6 +53,7 @@ struct Taken {
     messages: u64,
     bytes: u64,
     lost: u64,
+    away: u64,
     /// The median of the last 32 delays. `None` for a service link: its ends measure no delays.
     delay_p50_ms: Option<f64>,
 }
@@ -217,6 +218,7 @@ fn counted(view: &View<'_>, sample: &Sample, link: &LinkView) -> CountedLink {
             messages: entry.messages,
             bytes: entry.bytes,
             lost: entry.lost,
+            away: entry.away,
             delay_p50_ms: median_ns(entry).filter(|_| is_subscriber).map(millis),
         }),
     }

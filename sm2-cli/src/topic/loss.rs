@@ -22,7 +22,8 @@ they were received), dropped at a DEADLINE, CLOSED (lost with the link), and IN 
 the number of messages that were not sent because the subscriber held too much of the publisher's
 memory. TOO LONG counts those that are longer than the subscriber accepts, and EXPIRED those that were
 older than their lifespan. OFFERED is the sum of all these. LOST is the number of messages that the
-subscriber has counted as lost.
+subscriber has counted as lost on the link. AWAY is the number of those that were published before the
+link was made, after an earlier link of the same pair had ended.
 
 The command reads counters that every node keeps: it does not subscribe, and publishers do not notice
 it. It waits for a topic that does not exist yet; with --count, for 10 s (see --timeout).
@@ -43,6 +44,8 @@ pub(super) struct Row {
     fates: Fates,
     /// `None` if the subscriber keeps no counters.
     lost: Option<u64>,
+    /// Likewise.
+    away: Option<u64>,
 }
 
 /// The fates of the messages of a link. Field names are part of the command's interface.
@@ -92,11 +95,11 @@ impl From<&Counters> for Fates {
 
 struct Loss;
 
-impl Measure<13> for Loss {
+impl Measure<14> for Loss {
     const ROLE: &str = "loss";
     const OF: Kind = Kind::Publisher;
     const ROWS: &str = "links";
-    const HEADINGS: [&str; 13] = [
+    const HEADINGS: [&str; 14] = [
         "PUBLISHER",
         "SUBSCRIBER",
         "OFFERED",
@@ -110,6 +113,7 @@ impl Measure<13> for Loss {
         "EXPIRED",
         "IN FLIGHT",
         "LOST",
+        "AWAY",
     ];
     const TEXTS: usize = 2;
     type Row = Row;
@@ -126,12 +130,13 @@ impl Measure<13> for Loss {
                     subscriber: look.view.name_of(link.demanding.node).to_owned(),
                     fates: Fates::from(&entry.fates),
                     lost: taken.map(|entry| entry.lost),
+                    away: taken.map(|entry| entry.away),
                 })
             })
             .collect()
     }
 
-    fn cells(row: &Row) -> [String; 13] {
+    fn cells(row: &Row) -> [String; 14] {
         let fates = &row.fates;
         [
             row.publisher.clone(),
@@ -147,11 +152,12 @@ impl Measure<13> for Loss {
             fates.expired.to_string(),
             fates.in_flight.to_string(),
             cell(row.lost.map(|lost| lost as f64), 0),
+            cell(row.away.map(|away| away as f64), 0),
         ]
     }
 }
 
 /// Runs the command.
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    measure::run::<13, Loss>(&arguments.common)
+    measure::run::<14, Loss>(&arguments.common)
 }

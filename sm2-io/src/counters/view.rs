@@ -182,7 +182,7 @@ pub enum Unreadable {
     /// The entry changed during each attempt, or its writer was stopped during a change.
     #[error("the entry changed during every attempt to read it: try again, or check its node")]
     Torn,
-    /// The entry breaks SM2-CNT-011.
+    /// The entry breaks SM2-CNT-012.
     #[error("the entry has a kind or fields that this version does not know")]
     Malformed,
 }

@@ -60,19 +60,26 @@ impl Counting {
     }
 }
 
-/// Counts a message of a topic that the application took at `now`.
+/// Counts a message of a topic that the application took at `now`. `away` of the messages that were lost before it were
+/// published while there was no link.
 #[inline]
-pub(super) fn note_taken(entry: Option<&mut CounterEntry>, now: Instant, header: &Header) {
+pub(super) fn note_taken(
+    entry: Option<&mut CounterEntry>,
+    now: Instant,
+    header: &Header,
+    away: u64,
+) {
     note(entry, |entry| {
         entry.taken(now, header.time, header.len);
         if header.lost > 0 {
             entry.lost(header.lost);
+            entry.away(away);
         }
     });
 }
 
 /// Changes an entry, if the interface or link has one.
-//= SM2-CNT-011
+//= SM2-CNT-012
 #[inline]
 pub(super) fn note(entry: Option<&mut CounterEntry>, change: impl FnOnce(&mut Update<'_>)) {
     if let Some(entry) = entry {

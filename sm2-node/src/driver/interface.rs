@@ -1,5 +1,7 @@
 //! One declared interface: its links, its outgoing messages, and its calls.
 
+mod absence;
+mod away;
 mod calls;
 mod client;
 mod deadline;
@@ -24,6 +26,7 @@ use sm2_io::{CounterEntry, Event};
 use sm2_proto::link::{Counters, Input, MaxLen};
 use sm2_proto::{Code, Contract, Farewell, Instant, LinkId, Name, Refusal};
 
+use self::absence::Absence;
 use self::calls::Calls;
 pub(crate) use self::calls::{CallId, Outcome};
 pub(crate) use self::client::Choice;
@@ -69,6 +72,7 @@ pub(crate) struct Interface {
     pub(super) last_taken: LinkToken,
     /// How many publications the application misses, as far as the node knows.
     pub(crate) lost: u64,
+    absence: Absence,
     pub(super) ended: VecDeque<LinkStatus>,
     pub(super) ended_sum: Counters,
     /// Whether the program has dropped the interface.
@@ -124,6 +128,7 @@ impl Interface {
         entry: Option<CounterEntry>,
     ) -> Self {
         Self {
+            absence: Absence::of(&contract),
             deadline: Deadline::of(&contract),
             lease: Lease::of(&contract),
             contract,

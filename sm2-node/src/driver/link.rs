@@ -3,6 +3,8 @@
 //! No function in this module waits. If the socket is full, the driver keeps one packet and stops
 //! the machine from transmitting. A failure ends only the link in which it occurs.
 
+mod account;
+mod away;
 mod background;
 mod counting;
 mod deadline;
@@ -26,6 +28,7 @@ use sm2_proto::control::LinkPeer;
 use sm2_proto::link::{self, Counters, End, Link, Packet, Role};
 use sm2_proto::{Code, Farewell, LinkId};
 
+use self::account::LinkAccount;
 use self::mapped::{Mapped, make_ring};
 use super::event_sets::BackgroundInterest;
 use super::outbox::{MessageKey, Needs};
@@ -76,6 +79,8 @@ pub(crate) struct LinkDriver {
     received: Received,
     /// The losses before messages that have expired since the last message that was taken.
     lost_with_expired: u64,
+    /// The account of messages that were published while there was no link.
+    account: LinkAccount,
     /// Whether the program knows that the link has opened, and not that it has ended.
     pub(super) has_joined: bool,
     /// How many messages that the other side does not get were reported to the program.
@@ -142,6 +147,7 @@ impl LinkDriver {
             held: 0,
             received: Received::default(),
             lost_with_expired: 0,
+            account: LinkAccount::default(),
             has_joined: false,
             reported_drops: 0,
             reported_misses: 0,
@@ -308,7 +314,10 @@ impl LinkDriver {
             ring: self.machine.lane() == link::LaneKind::Ring,
             short_of_memory: self.short_of_memory,
             counters: self.counters(),
-            received: self.received,
+            received: Received {
+                away: self.account.away(),
+                ..self.received
+            },
             missed_deadlines: self.missed_deadlines(),
             alive: self.machine.is_peer_alive(),
             lost_liveliness: self.lost_liveliness(),

@@ -48,8 +48,11 @@ pub struct Received {
     pub messages: u64,
     /// The sum of their lengths, in bytes.
     pub bytes: u64,
-    /// Messages that were lost before the messages that the program took.
+    /// Messages that were lost on the link before the messages that the program took.
     pub lost: u64,
+    /// Messages that were published while the publisher had no link with this subscriber, before this link
+    /// (SM2-QOS-018). They are not in `lost`.
+    pub away: u64,
     /// Messages that were older than their lifespan when the program would have taken them (SM2-QOS-010).
     pub expired: u64,
 }
@@ -58,7 +61,7 @@ impl Received {
     pub(super) const fn add(&mut self, header: &Header) {
         self.messages += 1;
         self.bytes = self.bytes.wrapping_add(header.len);
-        self.lost += header.lost;
+        self.lost = self.lost.saturating_add(header.lost);
     }
 }
 

@@ -69,6 +69,8 @@ impl Raw {
         frame.extend(1_u32.to_le_bytes());
         let max_len: u32 = if role == SENDER { 0 } else { 1 << 20 };
         frame.extend(max_len.to_le_bytes());
+        // It does not say who it is and what it has published.
+        frame.extend([0; 16]);
         self.send(&frame, &[]);
     }
 

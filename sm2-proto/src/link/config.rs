@@ -1,6 +1,6 @@
 //! The configuration of one end of a link.
 
-use super::{MaxLen, RingLayout, Role};
+use super::{MaxLen, Publications, RingLayout, Role};
 use crate::{
     Contract, LinkId, Period,
     limits::{QOS_MAX, WINDOW_MAX},
@@ -39,6 +39,8 @@ pub struct Config {
     pub lifespan: Period,
     /// The lease that the subscriber at either end of the link demands. A caller or server does not use it.
     pub lease: Period,
+    /// The publications that the OPEN of a sender states. No other role uses it.
+    pub publications: Publications,
 }
 
 impl Config {
@@ -76,6 +78,7 @@ impl Config {
                 Role::Receiver => contract.lease(),
                 Role::Sender | Role::Caller | Role::Server => Period::NONE,
             },
+            publications: Publications::UNKNOWN,
         }
     }
 
@@ -145,6 +148,10 @@ impl Config {
             },
             lifespan: of_topic(self.role, self.lifespan),
             lease: of_topic(self.role, self.lease),
+            publications: match self.role {
+                Role::Sender if self.publications.is_legal(true) => self.publications,
+                _ => Publications::UNKNOWN,
+            },
             ..self
         }
     }

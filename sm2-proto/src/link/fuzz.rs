@@ -15,8 +15,8 @@ use bytes::Bytes;
 pub(crate) use self::ring::words;
 use self::world::World;
 use super::{
-    Body, Carrier, Input, LaneKind, NoDelivery, NoMemory, OutboundMessage, Role, SegmentInfo,
-    Status,
+    Body, Carrier, Input, LaneKind, NoDelivery, NoMemory, OutboundMessage, Publications, Role,
+    SegmentInfo, Status,
     wire::{Form, Frame, Given, LANE_RING, LANE_SOCKET, MessageFrame, Open},
 };
 use crate::{Code, Datagram, FdFacts, Instant, LinkId, Machine, Seals, fuzz::Script};
@@ -102,6 +102,7 @@ impl World {
             1 + script.below(6)? as u64
         };
         let role = script.near(config.role.counterpart() as u64)? as u8;
+        let is_receiver = config.role == Role::Receiver;
         let version = script.near(1)? as u16;
         let window = script.near(window)? as u32;
         self.frame(
@@ -112,6 +113,10 @@ impl World {
                 link: LINK,
                 lanes: script.near(u64::from(lanes))? as u32,
                 max_len: window,
+                publications: Publications {
+                    publisher: u64::from(is_receiver),
+                    published: if is_receiver { window.into() } else { 0 },
+                },
             }),
             &[],
         );

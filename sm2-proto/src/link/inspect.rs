@@ -1,6 +1,8 @@
 //! Methods by which a driver inspects a link at any time.
 
-use super::{Config, Counters, End, LaneKind, Link, Placement, lane::Lane, phase::Phase};
+use super::{
+    Config, Counters, End, LaneKind, Link, Placement, Publications, lane::Lane, phase::Phase,
+};
 
 impl Link {
     /// Whether [`poll`](crate::Machine::poll) may return an output. If this is `false`, `poll` returns
@@ -47,6 +49,14 @@ impl Link {
     #[inline]
     pub const fn peer_max_len(&self) -> u64 {
         self.peer_max_len
+    }
+
+    /// The publications that the OPEN of the publisher at the other end stated. [`Publications::UNKNOWN`] until that
+    /// has come.
+    #[must_use]
+    #[inline]
+    pub const fn peer_publications(&self) -> Publications {
+        self.peer_publications
     }
 
     /// The lane of this link, for reports. Every method works on both lanes.

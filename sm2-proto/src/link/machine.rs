@@ -3,7 +3,8 @@
 use alloc::collections::VecDeque;
 
 use super::{
-    Attachment, Config, End, Error, Fate, Input, Misuse, Output, Packet, Role, SegmentInfo,
+    Attachment, Config, End, Error, Fate, Input, Misuse, Output, Packet, Publications, Role,
+    SegmentInfo,
     calls::{Placed, Served},
     lane::Lane,
     lease::Lease,
@@ -40,6 +41,8 @@ pub struct Link {
     pub(super) served: Served,
     /// The length of the longest message that the other end accepts, in bytes.
     pub(super) peer_max_len: u64,
+    /// The publications that the other end's OPEN states.
+    pub(super) peer_publications: Publications,
     /// The deadline, from the time at which the link opened.
     pub(super) watch: Option<DeadlineWatch>,
     /// The liveliness of the publisher.
@@ -76,6 +79,7 @@ impl Link {
             served: Served::default(),
             // Its OPEN has not come.
             peer_max_len: MESSAGE_MAX,
+            peer_publications: Publications::UNKNOWN,
             watch: None,
             lease: Lease::default(),
         }
@@ -294,7 +298,7 @@ impl Link {
     }
 
     /// Our OPEN.
-    //= SM2-OPN-002, SM2-OPN-003, SM2-OPN-004, SM2-OPN-009, SM2-RNG-013
+    //= SM2-OPN-002, SM2-OPN-003, SM2-OPN-004, SM2-OPN-009, SM2-OPN-010, SM2-RNG-013
     fn open(&self) -> Frame<'static> {
         Frame::Open(Open {
             role: self.config.role as u8,
@@ -303,6 +307,7 @@ impl Link {
             link: self.config.id,
             lanes: LANE_SOCKET | if self.config.ring { LANE_RING } else { 0 },
             max_len: self.config.max_len_units(),
+            publications: self.config.publications,
         })
     }
 

@@ -70,6 +70,7 @@
 //! fate of the message. Each message has exactly one fate, so the messages that were offered are at every moment those
 //! that were delivered, dropped for one of the reasons, or in flight.
 
+mod absence;
 mod attachments;
 mod calls;
 mod config;
@@ -93,6 +94,7 @@ mod packet;
 mod phase;
 #[cfg(any(kani, test))]
 mod proofs;
+mod publications;
 mod receive;
 mod ring;
 mod role;
@@ -103,6 +105,7 @@ mod types;
 pub mod wire;
 
 pub use self::{
+    absence::{Absences, Account, Missed, Record},
     config::Config,
     frame_kind::{Carrier, FrameKind},
     lane::LaneKind,
@@ -110,6 +113,7 @@ pub use self::{
     max_len::MaxLen,
     memory::{LentRing, LinkMemory, NoMemory, NoRing},
     packet::{Attachment, Head, Packet},
+    publications::Publications,
     ring::{At, EMPTY, NotAWord, RingLayout, RingMemory, SlotHead, Wake, Word, doorbell},
     role::Role,
     segments::{SegmentInfo, SlotRange},

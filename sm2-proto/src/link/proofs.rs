@@ -2,7 +2,7 @@
 
 use super::{
     Body, Carrier, Config, End, Error, FrameKind, Input, Link, MaxLen, NoMemory, OutboundMessage,
-    Output, Role, Status, Wake,
+    Output, Publications, Role, Status, Wake,
     inbound::Inbound,
     lane,
     phase::{Phase, check_kind},
@@ -38,6 +38,7 @@ pub(super) fn config(role: Role) -> Config {
         deadline: Period::NONE,
         lifespan: Period::NONE,
         lease: Period::NONE,
+        publications: Publications::UNKNOWN,
     }
 }
 
@@ -121,7 +122,7 @@ fn is_canonical(bytes: &[u8]) -> Option<FrameKind> {
 
 /// The reserved bytes of the frames without payload, from SPEC section 7.
 const RESERVED: [(u8, usize, &[usize]); 9] = [
-    (1, 32, &[]),
+    (1, 48, &[]),
     (2, 24, &[1, 2, 3, 20, 21, 22, 23]),
     (3, 8, &[1, 2, 3]),
     (7, 8, &[4, 5, 6, 7]),
@@ -135,11 +136,11 @@ const RESERVED: [(u8, usize, &[usize]); 9] = [
 /// DECODE-TOTAL and DECODE-CANONICAL for frames of fixed length.
 //= SM2-WIR-001, SM2-TRN-011 kani
 #[cfg_attr(kani, kani::proof)]
-#[cfg_attr(kani, kani::unwind(34))]
+#[cfg_attr(kani, kani::unwind(50))]
 fn fixed_frames_are_canonical() {
     let (number, exact, reserved) = one_of(&RESERVED);
     let (other_len, clean): (bool, bool) = kani::any();
-    let mut bytes: [u8; 33] = kani::any();
+    let mut bytes: [u8; 49] = kani::any();
     bytes[0] = number;
     if clean {
         reserved.iter().for_each(|at| bytes[*at] = 0);
@@ -148,7 +149,7 @@ fn fixed_frames_are_canonical() {
             bytes[one_of(reserved)] = kani::any();
         }
     }
-    let len = if other_len { below(34) } else { exact };
+    let len = if other_len { below(50) } else { exact };
     let kind = is_canonical(&bytes[..len]);
     if kind.is_some() {
         assert!(reserved.iter().all(|at| bytes[*at] == 0));
@@ -168,12 +169,12 @@ fn fixed_frames_are_canonical() {
 /// illegal.
 //= SM2-WIR-001, SM2-TRN-011, SM2-MSG-006 kani
 #[cfg_attr(kani, kani::proof)]
-#[cfg_attr(kani, kani::unwind(34))]
+#[cfg_attr(kani, kani::unwind(50))]
 fn each_reserved_byte_is_checked() {
     let (number, exact, reserved) = one_of(&RESERVED);
     let at = 1 + below(exact - 1);
     let value = kani::any();
-    let mut bytes = [0; 32];
+    let mut bytes = [0; 48];
     (bytes[0], bytes[at]) = (number, value);
     let descriptors = [FdFacts::default()];
     let fds = below(2);
@@ -297,6 +298,7 @@ fn receiver_keeps_to_its_window() {
         deadline: Period::NONE,
         lifespan: Period::NONE,
         lease: Period::NONE,
+        publications: Publications::UNKNOWN,
     };
     let mut inbound = Inbound::new(&config);
     let (mut came, mut unreleased, mut held) = (0, 0, None);

@@ -61,7 +61,7 @@ impl Link {
         }
     }
 
-    //= SM2-OPN-002, SM2-OPN-003, SM2-OPN-004, SM2-OPN-009
+    //= SM2-OPN-002, SM2-OPN-003, SM2-OPN-004, SM2-OPN-009, SM2-OPN-010
     fn on_open(&mut self, open: &Open) -> Result<(), Violation> {
         let config = &self.config;
         let expected = (config.role.counterpart() as u8, config.version, config.id);
@@ -78,11 +78,16 @@ impl Link {
         if open.lanes & LANE_SOCKET == 0 {
             return Err(violation!(BadOpen, "SM2-OPN-004"));
         }
-        self.peer_max_len = match (config.role, MaxLen::from_units(open.max_len)) {
+        let peer_max_len = match (config.role, MaxLen::from_units(open.max_len)) {
             (Role::Receiver, None) if open.max_len == 0 => MESSAGE_MAX,
             (Role::Sender | Role::Caller | Role::Server, Some(max_len)) => max_len.bytes(),
             _ => return Err(violation!(BadOpen, "SM2-OPN-009")),
         };
+        if !open.publications.is_legal(config.role == Role::Receiver) {
+            return Err(violation!(BadOpen, "SM2-OPN-010"));
+        }
+        self.peer_max_len = peer_max_len;
+        self.peer_publications = open.publications;
         self.state = Ok(Phase::Open);
         self.peer_offers_ring = !config.sealed && open.lanes & LANE_RING != 0;
         self.open_lane(open);

@@ -12,10 +12,10 @@ use alloc::vec::Vec;
 
 use self::layout::Layout;
 pub use super::frame_kind::Carrier;
-use super::{FrameKind, Head, SegmentInfo, Status};
+use super::{FrameKind, Head, Publications, SegmentInfo, Status};
 use crate::{Code, Datagram, Instant, LinkId, Violation, limits::MESSAGE_HEAD};
 
-const OPEN: usize = 32;
+const OPEN: usize = 48;
 const ATTACH: usize = 24;
 const DETACH: usize = 8;
 const RELEASE: usize = 8;
@@ -92,6 +92,8 @@ pub struct Open {
     pub lanes: u32,
     /// The maximum length of a message that the sender accepts, in units of 1,024 bytes.
     pub max_len: u32,
+    /// The publications of the sender.
+    pub publications: Publications,
 }
 
 /// Bit 0 of `lanes`: the socket lane.
@@ -189,6 +191,10 @@ impl<'a> Frame<'a> {
             },
             lanes: layout.u32::<24>(),
             max_len: layout.u32::<28>(),
+            publications: Publications {
+                publisher: layout.u64::<32>(),
+                published: layout.u64::<40>(),
+            },
         }))
     }
 
@@ -371,6 +377,8 @@ impl<'a> Frame<'a> {
                 .with::<16, 8>(open.link.serial.to_le_bytes())
                 .with::<24, 4>(open.lanes.to_le_bytes())
                 .with::<28, 4>(open.max_len.to_le_bytes())
+                .with::<32, 8>(open.publications.publisher.to_le_bytes())
+                .with::<40, 8>(open.publications.published.to_le_bytes())
                 .head(),
             Self::Attach(segment) => Layout::<ATTACH>::of(self.kind())
                 .with::<4, 4>(segment.id.to_le_bytes())

@@ -5,7 +5,7 @@ use sm2_proto::{
     Datagram, FdFacts, Instant, LinkId, Machine, Period, Seals, Violation,
     link::{
         Body, Config, End, Error, Fate, Input, Link, MaxLen, NoMemory, OutboundMessage, Output,
-        Packet, RingLayout, Role, SegmentInfo, Status, Wake,
+        Packet, Publications, RingLayout, Role, SegmentInfo, Status, Wake,
         wire::{Carrier, Form, Frame, Given, LANE_RING, LANE_SOCKET, MessageFrame, Open},
     },
 };
@@ -36,6 +36,7 @@ pub(crate) fn config(role: Role) -> Config {
         deadline: Period::NONE,
         lifespan: Period::NONE,
         lease: Period::NONE,
+        publications: Publications::UNKNOWN,
     }
 }
 
@@ -68,6 +69,7 @@ pub(crate) fn open_with(config: &Config, window: u32) -> Frame<'static> {
         link: LINK,
         lanes,
         max_len,
+        publications: Publications::UNKNOWN,
     })
 }
 

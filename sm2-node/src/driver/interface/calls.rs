@@ -55,7 +55,7 @@ impl Calls {
                 }
             };
             if !matches!(
-                link.take(&mut |_, _| (), &mut put, context, outbox),
+                link.take(&mut |_, _, _| (), &mut put, context, outbox),
                 Ok(true)
             ) {
                 break;

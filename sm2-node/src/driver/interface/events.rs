@@ -45,7 +45,10 @@ impl Interface {
 
     /// Counts messages of this publisher that came and that the application will not get.
     pub(crate) fn lose(&mut self, publisher: &Arc<LinkPeer>, messages: u64) {
-        self.lost += messages;
+        if messages == 0 {
+            return;
+        }
+        self.lost = self.lost.saturating_add(messages);
         note(self.entry.as_mut(), |entry| entry.lost(messages));
         self.events.push_loss(publisher, messages);
     }

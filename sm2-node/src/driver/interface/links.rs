@@ -26,15 +26,9 @@ impl Links {
         self.0.get_mut(place)
     }
 
-    pub(in crate::driver) fn remove(&mut self, token: LinkToken) {
-        if let Some(place) = self.place(token) {
-            self.0.remove(place);
-        }
-    }
-
-    /// Keeps the links for which `keep` returns `true`.
-    pub(in crate::driver) fn retain(&mut self, keep: impl FnMut(&LinkDriver) -> bool) {
-        self.0.retain(keep);
+    pub(in crate::driver) fn remove(&mut self, token: LinkToken) -> Option<LinkDriver> {
+        let place = self.place(token)?;
+        Some(self.0.remove(place))
     }
 
     pub(in crate::driver) fn iter(&self) -> impl Iterator<Item = &LinkDriver> {
@@ -46,13 +40,15 @@ impl Links {
     }
 
     /// The next link in turn. A turn visits the links after `start` in order, and then the others up
-    /// to and including `start`. `visited` is the link that this turn visited last, if any.
+    /// to and including `start`, without those that wait for an older one. `visited` is the link that this
+    /// turn visited last, if any.
     #[inline]
     pub(in crate::driver) fn next(
         &mut self,
         start: LinkToken,
         visited: Option<LinkToken>,
     ) -> Option<&mut LinkDriver> {
+        // A link waits only while there is an older one.
         if visited.is_none() && self.0.len() == 1 {
             return self.0.first_mut();
         }
@@ -69,7 +65,7 @@ impl Links {
         let first = self.0.partition_point(|link| link.token() <= start);
         let (up_to_start, after) = self.0.split_at_mut(first);
         let mut turn = after.iter_mut().chain(up_to_start);
-        turn.find(|link| place(link.token()) >= least)
+        turn.find(|link| place(link.token()) >= least && !link.waits_for_older())
     }
 
     fn place(&self, token: LinkToken) -> Option<usize> {

@@ -1,14 +1,13 @@
 //! The work that follows from a change of a link: settled messages, replies, segments without
 //! messages, and the end of links.
 
-use std::sync::Arc;
-
 use sm2_proto::Contract;
 use sm2_proto::link::Input;
 
 use super::Interface;
 use crate::driver::context::Context;
 use crate::driver::limits::{ENDED_WITH_MESSAGES, HISTORY};
+use crate::driver::link::LinkDriver;
 use crate::driver::status::add_counters;
 use crate::driver::token::LinkToken;
 
@@ -48,7 +47,9 @@ impl Interface {
         link.watch_in_background(context.sets);
         link.note_fates();
         self.events.note_state(link);
-        if link.is_over_unnoticed() {
+        let is_over = link.is_over_unnoticed();
+        self.note_absence(token);
+        if is_over {
             self.bury(token);
         }
         self.note_liveliness_of(token);
@@ -58,17 +59,11 @@ impl Interface {
             return;
         };
         if link.is_denied() {
-            let (peer, untaken) = (Arc::clone(&link.peer), link.untaken() as u64);
-            self.remove(token);
-            self.lose(&peer, untaken);
+            let untaken = link.untaken() as u64;
+            self.remove(token, untaken);
         } else if !link.may_take() {
-            self.remove(token);
+            self.remove(token, 0);
         }
-    }
-
-    fn remove(&mut self, token: LinkToken) {
-        self.links.remove(token);
-        self.for_control.gone.push(token);
     }
 
     /// The access policy denies the interface: discards what links that have ended left. The Manager
@@ -129,22 +124,13 @@ impl Interface {
     /// Drops the messages of the oldest ended links, so that an application that takes no messages
     /// does not collect those of all past publishers.
     fn drop_oldest_messages(&mut self) {
-        let buried = self.links.iter().filter(|link| link.buried).count();
-        let mut surplus = buried.saturating_sub(ENDED_WITH_MESSAGES);
+        let buried = || self.links.iter().filter(|link| link.buried);
+        let surplus = buried().count().saturating_sub(ENDED_WITH_MESSAGES);
         // Allocates only if there is a surplus.
-        let mut lost = Vec::new();
-        let gone = &mut self.for_control.gone;
-        self.links.retain(|link| {
-            let drop = link.buried && surplus > 0;
-            if drop {
-                surplus -= 1;
-                lost.push((Arc::clone(&link.peer), link.untaken() as u64));
-                gone.push(link.token());
-            }
-            !drop
-        });
-        for (publisher, messages) in lost {
-            self.lose(&publisher, messages);
+        let oldest: Vec<_> = buried().map(LinkDriver::token).take(surplus).collect();
+        for token in oldest {
+            let untaken = self.links.get(token).map_or(0, LinkDriver::untaken);
+            self.remove(token, untaken as u64);
         }
     }
 

@@ -29,11 +29,12 @@ impl Interface {
         let (mut visited, mut full) = (None, None);
         while let Some(link) = self.links.next(start, visited) {
             let (token, now) = (link.token(), context.now);
-            let mut count = |header: &Header, peer: &Arc<LinkPeer>| {
-                self.lost += header.lost;
+            let mut count = |header: &Header, away: u64, peer: &Arc<LinkPeer>| {
+                self.lost = self.lost.saturating_add(header.lost);
+                self.absence.add(away);
                 self.events.push_loss(peer, header.lost);
                 if is_topic {
-                    note_taken(self.entry.as_mut(), now, header);
+                    note_taken(self.entry.as_mut(), now, header, away);
                 }
             };
             match link.take(&mut count, put, context, &mut self.outbox) {

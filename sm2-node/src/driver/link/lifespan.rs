@@ -18,7 +18,8 @@ impl LinkDriver {
         context: &mut Context<'_>,
         outbox: &mut Outbox,
     ) {
-        self.lost_with_expired += delivery.lost;
+        self.account.expire(delivery, self.entry.as_mut());
+        self.lost_with_expired = self.lost_with_expired.saturating_add(delivery.lost);
         self.received.expired += 1;
         note(self.entry.as_mut(), |entry| entry.expired(1));
         self.kept.remove(&delivery.sequence);

@@ -9,6 +9,7 @@ use sm2_proto::link::{Delivery, Error, Input, Misuse, NoDelivery, Payload, Role,
 use sm2_proto::{Instant, Machine};
 
 use super::LinkDriver;
+use super::account::Before;
 use crate::driver::context::Context;
 use crate::driver::counters::note_taken;
 use crate::driver::event_sets::LinkSets;
@@ -31,12 +32,12 @@ enum Next {
 }
 
 impl LinkDriver {
-    /// Takes the next message for the application, and passes it to `put`, after its header to `count`. Returns
-    /// whether there was one.
+    /// Takes the next message for the application, and passes it to `put`. Before that, passes to `count` its header
+    /// and how many of the lost messages were published while there was no link. Returns whether there was a message.
     #[inline]
     pub(in crate::driver) fn take(
         &mut self,
-        count: &mut impl FnMut(&Header, &Arc<LinkPeer>),
+        count: &mut impl FnMut(&Header, u64, &Arc<LinkPeer>),
         put: &mut impl FnMut(Taken),
         context: &mut Context<'_>,
         outbox: &mut Outbox,
@@ -94,7 +95,7 @@ impl LinkDriver {
     #[inline]
     fn take_next(
         &mut self,
-        count: &mut impl FnMut(&Header, &Arc<LinkPeer>),
+        count: &mut impl FnMut(&Header, u64, &Arc<LinkPeer>),
         put: &mut impl FnMut(Taken),
         now: Instant,
     ) -> Result<Option<Next>, NoDelivery> {
@@ -106,13 +107,16 @@ impl LinkDriver {
                 return Next::Expired(delivery);
             }
             let mut header = Header::of(&delivery);
-            header.lost += mem::take(&mut self.lost_with_expired);
+            header.lost = (header.lost).saturating_add(mem::take(&mut self.lost_with_expired));
             self.held += 1;
             self.received.add(&header);
-            count(&header, &self.peer);
             if is_topic {
-                note_taken(self.entry.as_mut(), now, &header);
+                note_taken(self.entry.as_mut(), now, &header, 0);
             }
+            let Before { away, unreported } =
+                (self.account).take(&mut header, delivery.lost, self.entry.as_mut());
+            count(&header, away, &self.peer);
+            header.lost = header.lost.saturating_add(unreported);
             let source = match delivery.payload {
                 Payload::Inline(bytes) => Source::Inline(bytes),
                 Payload::Pooled { segment, offset } => match self.mapped.segments.get(segment) {

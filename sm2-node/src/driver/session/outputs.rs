@@ -252,6 +252,7 @@ impl Control {
             let config = Config {
                 ring,
                 max_len: interface.max_len,
+                publications: interface.publications(),
                 ..Config::new(&interface.contract, link, version, reliable, sealed)
                     .with_peer(&peer.contract)
             };

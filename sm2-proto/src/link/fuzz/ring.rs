@@ -18,7 +18,8 @@ use crate::{
     limits::SLOT_HEAD,
     link::{
         At, Body, Config, Delivery, Error, Fate, Input, LentRing, MaxLen, Misuse, NoDelivery,
-        OutboundMessage, Payload, RingLayout, Role, SegmentInfo, SlotHead, SlotRange, Status,
+        OutboundMessage, Payload, Publications, RingLayout, Role, SegmentInfo, SlotHead, SlotRange,
+        Status,
         wire::{Frame, Open},
     },
 };
@@ -94,6 +95,7 @@ impl<'a> Ring<'a> {
             deadline: Period::NONE,
             lifespan: Period::NONE,
             lease: Period::NONE,
+            publications: Publications::UNKNOWN,
         };
         let window = u32::from(config.depth + config.max_borrowed);
         let layout = RingLayout::new(config.depth, window)?;
@@ -135,6 +137,7 @@ impl<'a> Ring<'a> {
             link: LINK,
             lanes: LANE_SOCKET | LANE_RING,
             max_len: if role.sends() { window } else { 0 },
+            publications: Publications::UNKNOWN,
         });
         self.world.frame(&open, &[]);
         if role.sends() {

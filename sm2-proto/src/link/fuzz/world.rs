@@ -8,8 +8,8 @@ use alloc::{
 
 use super::{
     super::{
-        Config, Delivery, End, Error, Input, LaneKind, Link, MaxLen, Output, Packet, Payload, Role,
-        wire::Frame,
+        Config, Delivery, End, Error, Input, LaneKind, Link, MaxLen, Output, Packet, Payload,
+        Publications, Role, wire::Frame,
     },
     LINK, NOW,
 };
@@ -59,6 +59,7 @@ impl World {
             deadline: Period(u64::from(flags >> 6)),
             lifespan: Period(u64::from(flags & 32)),
             lease: Period(u64::from(flags >> 5 & 3)),
+            publications: Publications::UNKNOWN,
         };
         Some(Self::with(config))
     }

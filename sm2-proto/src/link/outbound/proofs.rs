@@ -11,7 +11,7 @@ use super::{
 };
 use crate::{
     Instant, LinkId, Period, VERSION,
-    link::{FrameKind, MaxLen, Packet},
+    link::{FrameKind, MaxLen, Packet, Publications},
     proofs::{below, one_of},
 };
 
@@ -92,6 +92,7 @@ impl State {
             deadline: Period::NONE,
             lifespan: Period(1),
             lease: Period::NONE,
+            publications: Publications::UNKNOWN,
         };
         let mut books = Outbound::new(&config);
         let last = one_of(&SEQUENCES);

@@ -1,10 +1,10 @@
 //! Harness for the first frame of a link.
 
 use crate::{
-    Datagram, LinkId, VERSION,
+    Datagram, LinkId, VERSION, Violation,
     limits::WINDOW_MAX,
     link::{
-        Link, Role,
+        Link, Publications, Role,
         phase::Phase,
         proofs::{config, role},
         wire::{Frame, Open},
@@ -26,11 +26,46 @@ const SIZES: [(u32, u32); 6] = [
     (WINDOW_MAX + 1, 1),
 ];
 
+/// The outcome of OPEN for an end in this role; `named` says whether the link, version and role are right.
+fn legal(role: Role, open: &Open, named: bool) -> Result<(), Violation> {
+    let window = if role == Role::Receiver {
+        open.window == 0
+    } else {
+        (1..=2_048).contains(&open.window)
+    };
+    let is_accepting = if role == Role::Receiver {
+        open.max_len == 0
+    } else {
+        (1..=MAX_LEN_UNITS).contains(&open.max_len)
+    };
+    let Publications {
+        publisher,
+        published,
+    } = open.publications;
+    let says = match role {
+        Role::Receiver => publisher != 0 || published == 0,
+        Role::Sender | Role::Caller | Role::Server => publisher == 0 && published == 0,
+    };
+    if !named {
+        Err(violation!(BadOpen, "SM2-OPN-002"))
+    } else if !window {
+        Err(violation!(BadWindow, "SM2-OPN-003"))
+    } else if open.lanes & 1 == 0 {
+        Err(violation!(BadOpen, "SM2-OPN-004"))
+    } else if !is_accepting {
+        Err(violation!(BadOpen, "SM2-OPN-009"))
+    } else if !says {
+        Err(violation!(BadOpen, "SM2-OPN-010"))
+    } else {
+        Ok(())
+    }
+}
+
 /// The first OPEN opens the link exactly if each of its fields is legal. Otherwise nothing changes.
-//= SM2-OPN-002, SM2-OPN-003, SM2-OPN-004, SM2-OPN-009 kani
+//= SM2-OPN-002, SM2-OPN-003, SM2-OPN-004, SM2-OPN-009, SM2-OPN-010 kani
 #[cfg_attr(kani, kani::proof)]
-// 32 bytes of OPEN; twelve kinds of frames.
-#[cfg_attr(kani, kani::unwind(34))]
+// 48 bytes of OPEN; twelve kinds of frames.
+#[cfg_attr(kani, kani::unwind(50))]
 fn open_is_checked() {
     let mut link = Link::new(config(role()));
     let ours = *link.config();
@@ -43,31 +78,15 @@ fn open_is_checked() {
         link: if right_link { ours.id } else { LinkId::FIRST },
         lanes: one_of(&[0, 1, 3]),
         max_len,
+        publications: Publications {
+            publisher: one_of(&[0, 1, u64::MAX]),
+            published: one_of(&[0, 1]),
+        },
     };
     // SPEC section 7: sender and receiver are counterparts, and so are caller and server.
     let theirs = [1, 0, 3, 2][ours.role as usize];
     let named = open.role == theirs && right_link && right_version;
-    let window = if ours.role == Role::Receiver {
-        open.window == 0
-    } else {
-        (1..=2_048).contains(&open.window)
-    };
-    let is_accepting = if ours.role == Role::Receiver {
-        open.max_len == 0
-    } else {
-        (1..=MAX_LEN_UNITS).contains(&open.max_len)
-    };
-    let expected = if !named {
-        Err(violation!(BadOpen, "SM2-OPN-002"))
-    } else if !window {
-        Err(violation!(BadWindow, "SM2-OPN-003"))
-    } else if open.lanes & 1 == 0 {
-        Err(violation!(BadOpen, "SM2-OPN-004"))
-    } else if !is_accepting {
-        Err(violation!(BadOpen, "SM2-OPN-009"))
-    } else {
-        Ok(())
-    };
+    let expected = legal(ours.role, &open, named);
     let before = link.clone();
     let bytes = Frame::Open(open).head();
     let verdict = link.receive(Phase::Opening, &Datagram::new(&bytes));
@@ -86,6 +105,13 @@ fn open_is_checked() {
         expected == Err(violation!(BadOpen, "SM2-OPN-009")) && ours.role == Role::Sender,
         "a maximum length that is out of its range"
     );
+    kani::cover!(
+        expected == Err(violation!(BadOpen, "SM2-OPN-010")) && ours.role == Role::Sender,
+        "a receiver with a number of publications"
+    );
+    if expected.is_ok() {
+        assert_eq!(link.peer_publications(), open.publications);
+    }
     if expected.is_ok() && ours.role.sends() {
         assert_eq!(link.peer_max_len(), 1_024 * u64::from(open.max_len));
     }
@@ -93,5 +119,5 @@ fn open_is_checked() {
 
 #[cfg(test)]
 kani::explored! {
-    open_is_checked: 3,
+    open_is_checked: 4,
 }

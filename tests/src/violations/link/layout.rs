@@ -33,7 +33,7 @@ fn lengths() -> Rows {
         .sent(Client, "REPLY of 47 bytes", &reply[..47])
         .sent(Publisher, "RELEASE of 7 bytes", &release(0, &[])[..7])
         .sent(Server, "CANCEL of 15 bytes", &cancel(1)[..15])
-        .fresh(Subscriber, "OPEN of 33 bytes", |stage| {
+        .fresh(Subscriber, "OPEN of 49 bytes", |stage| {
             stage.send([stage.greeting().bytes(), vec![0]].concat());
         })
         .open(Subscriber, "ATTACH of 20 bytes", |stage| {

@@ -96,5 +96,19 @@ fn fields() -> Rows {
             (Client, "max_len 2^32 - 1 of a server", |it| it.max_len = !0),
         ],
     );
-    all([who, lanes, windows, max_lens])
+    let publications = with(
+        Rule::new(BadOpen, "SM2-OPN-010"),
+        &[
+            (Subscriber, "published, without publisher", |it| {
+                it.published = 1
+            }),
+            (Publisher, "the publisher of a receiver", |it| {
+                it.publisher = 1
+            }),
+            (Publisher, "published of a receiver", |it| it.published = 1),
+            (Server, "the publisher of a caller", |it| it.publisher = !0),
+            (Client, "published of a server", |it| it.published = !0),
+        ],
+    );
+    all([who, lanes, windows, max_lens, publications])
 }

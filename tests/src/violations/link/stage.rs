@@ -150,8 +150,8 @@ impl LinkStage {
 
     /// Receives and checks the OPEN of the real end.
     pub(super) fn expect_open(&self) {
-        let (role, window) = self.real.real_role();
-        let mut theirs = Open::new(role, self.link.id, window);
+        let (end, window) = self.real.real_role();
+        let mut theirs = Open::new(end, self.link.id, window);
         if self.real == Real::BestEffort {
             theirs.max_len = 1;
         }
@@ -159,6 +159,10 @@ impl LinkStage {
             theirs = theirs.with_ring();
         }
         let came = self.link.end.expect().bytes;
+        if end == role::SENDER {
+            theirs.publisher = u64::from_le_bytes(came[32..40].try_into().expect("8 bytes"));
+            assert_ne!(theirs.publisher, 0, "a publisher says who it is");
+        }
         assert_eq!(came, theirs.bytes(), "the real end's OPEN");
     }
 

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use sm2_proto::link::{
     Attachment, Body, Config, Delivery, End, Error, Fate, Input, LaneKind, LentRing, Link, MaxLen,
-    Misuse, NoDelivery, OutboundMessage, Output, Payload, RingLayout, RingMemory, Role, SlotHead,
+    Misuse, NoDelivery, OutboundMessage, Output, Payload, Publications, RingLayout, RingMemory, Role, SlotHead,
     SlotRange, Status, Wake, doorbell,
 };
 use sm2_proto::{
@@ -83,6 +83,7 @@ pub(crate) fn links(reliable: bool, max_borrowed: u16, memory: &Memory) -> [Link
         deadline: Period::NONE,
         lifespan: Period::NONE,
         lease: Period::NONE,
+        publications: Publications::UNKNOWN,
     };
     let mut ends = [Role::Sender, Role::Receiver].map(|role| Link::new(config(role)));
     exchange(&mut ends, memory);

@@ -2,7 +2,7 @@
 
 use sm2_proto::{
     LinkId, Period,
-    link::{Config, MaxLen, Role},
+    link::{Config, MaxLen, Publications, Role},
 };
 
 /// How often each event may happen.
@@ -339,6 +339,7 @@ impl LinkScope {
             deadline: Period::NONE,
             lifespan: Period::NONE,
             lease: Period::NONE,
+            publications: Publications::UNKNOWN,
         }
     }
 }

@@ -6,7 +6,7 @@ use super::{
 };
 use crate::{
     Instant, LinkId, Period, VERSION,
-    link::{Config, MaxLen, Payload, Role, Status},
+    link::{Config, MaxLen, Payload, Publications, Role, Status},
     proofs::one_of,
 };
 
@@ -67,6 +67,7 @@ impl<const N: usize> State<N> {
             deadline: Period::NONE,
             lifespan: Period::NONE,
             lease: Period::NONE,
+            publications: Publications::UNKNOWN,
         };
         let (pooled, first): (bool, u64) = (!sealed && kani::any(), one_of(&FIRST));
         let mut books = Inbound::new(&config);

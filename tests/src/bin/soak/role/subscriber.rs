@@ -41,8 +41,9 @@ impl Work for Subscribing {
             Ok(Some(sample)) => {
                 self.numbers.check(&sample, tally);
             }
-            // A process without descriptors or memory loses a link, which both ends count.
-            Ok(None) | Err(RecvError::Map { .. }) => {}
+            Ok(None) => {}
+            // A process without descriptors or memory loses a message, which no sample reports, and perhaps a link.
+            Err(RecvError::Map { .. }) => self.numbers.forget(),
             Err(error) => tally.error(&error.to_string()),
         }
     }
@@ -61,9 +62,15 @@ impl Work for Subscribing {
 /// The number of the last message of each publisher and instance: gateways publish for several of them.
 #[derive(Default)]
 pub(super) struct Numbers {
-    last: HashMap<(String, u64), u64>,
+    last: HashMap<(String, u64), Last>,
     /// Whether the messages come through gateways: these number messages anew.
     is_remote: bool,
+}
+
+struct Last {
+    number: u64,
+    /// Whether each message after it is taken or reported as lost.
+    is_exact: bool,
 }
 
 impl Numbers {
@@ -74,8 +81,17 @@ impl Numbers {
         }
     }
 
-    /// Checks every byte of a message, and that it is newer than the message before. Returns its
-    /// publisher's instance and its number if it is intact.
+    /// A message was lost that no sample reports.
+    fn forget(&mut self) {
+        for last in self.last.values_mut() {
+            last.is_exact = false;
+        }
+    }
+
+    /// Checks every byte of a message, that it is newer than the message before, and that each message between the two
+    /// is counted as lost: over the life of the pair, each publication is taken or lost, on whatever link it came or
+    /// came not. Returns its publisher's instance and its number if it is intact.
+    //= SM2-QOS-018 sys
     pub(super) fn check(&mut self, sample: &Sample<[u8]>, tally: &mut Tally) -> Option<(u64, u64)> {
         tally.checked += 1;
         tally.remote += u64::from(self.is_remote);
@@ -89,9 +105,23 @@ impl Numbers {
         if number != sequence && !self.is_remote {
             tally.damaged(&format!("{} has number {number}", of()));
         }
-        let last = self.last.insert((publisher.to_owned(), instance), number);
-        if let Some(last) = last.filter(|last| number <= *last) {
-            tally.unaccounted(1, &format!("{} after number {last}", of()));
+        let is_exact = true;
+        let last = Last { number, is_exact };
+        if let Some(last) = self.last.insert((publisher.to_owned(), instance), last) {
+            let Last {
+                number: before,
+                is_exact,
+            } = last;
+            if number <= before {
+                tally.unaccounted(1, &format!("{} after number {before}", of()));
+            } else if is_exact && !self.is_remote {
+                let lost = sample.lost();
+                let unaccounted = (number - before - 1).abs_diff(lost);
+                if unaccounted > 0 {
+                    let what = format!("{} after number {before}, {lost} lost", of());
+                    tally.unaccounted(unaccounted, &what);
+                }
+            }
         }
         Some((instance, number))
     }
