@@ -14,6 +14,7 @@ use std::os::fd::BorrowedFd;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use sm2_node::domain::Domain;
 use sm2_node::{ConnectError, Node};
 use sm2_proto::Instant;
 
@@ -217,6 +218,17 @@ impl<'fd> BlackBox<'fd> {
         self.recorder.connect_with(connect);
     }
 
+    /// As [`Recorder::domain`].
+    #[must_use]
+    pub const fn domain(&self) -> &Domain {
+        self.recorder.domain()
+    }
+
+    /// As [`Recorder::unmatched`].
+    pub fn unmatched(&mut self) -> Vec<String> {
+        self.recorder.unmatched()
+    }
+
     /// How far the recording is.
     #[must_use]
     pub fn progress(&self) -> Progress {
@@ -269,9 +281,19 @@ impl<'fd> BlackBox<'fd> {
         let Some(at) = self.copying.iter().position(Copying::is_done) else {
             return Ok(None);
         };
-        let incident = self.copying.remove(at).join();
-        self.ring.release(incident.from_ns);
-        Ok(Some(BlackBoxStep::Written(incident)))
+        match self.copying.remove(at).join_or_retry() {
+            Ok(incident) => {
+                self.ring.release(incident.from_ns);
+                Ok(Some(BlackBoxStep::Written(incident)))
+            }
+            // Others have filled the disk meanwhile.
+            Err(mut window) => {
+                let has_said = std::mem::replace(&mut window.waits_for_room, true);
+                let path = window.path.clone();
+                self.open.insert(0, window);
+                Ok((!has_said).then_some(BlackBoxStep::NoRoom(path)))
+            }
+        }
     }
 
     /// Ends. Incidents whose last seconds have not passed are written up to now. Then the ring is removed.

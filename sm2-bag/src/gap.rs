@@ -31,10 +31,28 @@ pub enum GapReason {
     DiskFull,
     /// They were in a damaged part of the file from which this bag was copied.
     Damaged,
+    /// They were longer than the recorder [takes](crate::Options::max_len_bytes).
+    TooLong,
+    /// The publisher did not send them, because its [`pool_limit`](sm2_node::PublisherBuilder::pool_limit) left no
+    /// memory while the recorder held its messages (SM2-QOS-017).
+    PoolLimit,
+    /// The publisher of a reliable topic did not wait longer for the recorder (SM2-QOS-014).
+    Deadline,
+    /// They were older than their lifespan (SM2-QOS-010).
+    Expired,
 }
 
 impl GapReason {
-    const ALL: [Self; 4] = [Self::Displaced, Self::Budget, Self::DiskFull, Self::Damaged];
+    const ALL: [Self; 8] = [
+        Self::Displaced,
+        Self::Budget,
+        Self::DiskFull,
+        Self::Damaged,
+        Self::TooLong,
+        Self::PoolLimit,
+        Self::Deadline,
+        Self::Expired,
+    ];
 
     const fn as_str(self) -> &'static str {
         match self {
@@ -42,6 +60,10 @@ impl GapReason {
             Self::Budget => "budget",
             Self::DiskFull => "disk_full",
             Self::Damaged => "damaged",
+            Self::TooLong => "too_long",
+            Self::PoolLimit => "pool_limit",
+            Self::Deadline => "deadline",
+            Self::Expired => "expired",
         }
     }
 }

@@ -7,7 +7,7 @@ use serde::Serialize;
 /// A topic that was not recorded for a time.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct MissingTopic {
-    /// The topic.
+    /// The topic, or a pattern that no topic has matched.
     pub topic: String,
     /// Why it was not recorded.
     pub reason: String,

@@ -104,6 +104,8 @@ struct State {
     is_closed: bool,
     failure: Failure,
     is_disk_full: bool,
+    /// How many threads wait until the disk takes what they write.
+    stuck: usize,
     /// Whether a full disk costs messages, until it has room again, instead of ending the recording.
     waits_for_room: bool,
     /// Whether a reliable topic was refused.
@@ -337,7 +339,31 @@ impl Queue {
     }
 
     pub(crate) fn is_disk_full(&self) -> bool {
-        self.lock().is_disk_full
+        let state = self.lock();
+        state.is_disk_full || state.stuck > 0
+    }
+
+    /// Notes that a thread begins or ends to wait, because the disk does not take what it writes.
+    pub(crate) fn note_stuck(&self, is_stuck: bool) {
+        let mut state = self.lock();
+        match is_stuck {
+            true => state.stuck += 1,
+            false => state.stuck -= 1,
+        }
+        if state.stuck == 0 {
+            self.signal_room(&mut state);
+        }
+    }
+
+    /// Whether a thread waits when the disk does not take what it writes. When the recording ends, nothing waits.
+    pub(crate) fn may_be_stuck(&self) -> bool {
+        let state = self.lock();
+        state.waits_for_room && !state.is_closed
+    }
+
+    /// Whether messages are dropped because the disk is full.
+    pub(crate) fn lacks_room(&self) -> bool {
+        self.lock().lacks_room()
     }
 
     /// Lets a full disk cost messages, which become gaps, instead of ending the recording.
@@ -367,7 +393,7 @@ impl Queue {
 impl State {
     /// Whether messages are dropped because the disk is full.
     const fn lacks_room(&self) -> bool {
-        self.waits_for_room && self.is_disk_full
+        self.waits_for_room && (self.is_disk_full || self.stuck > 0)
     }
 
     const fn has_failed(&self) -> bool {

@@ -1,10 +1,13 @@
 //! Recording topics of a domain.
 
+mod losses;
 mod new_topics;
 mod options;
 mod parts;
 mod polled;
 mod polling;
+mod receiving;
+mod room;
 mod subscribing;
 mod topic;
 mod writing;
@@ -26,16 +29,15 @@ use self::new_topics::NewTopics;
 pub use self::options::{Options, Progress, Step, Topics};
 pub use self::parts::Split;
 use self::parts::{Output, Parts};
-use self::polled::{Frequency, Polled, intervals};
-use self::topic::{Taken, Topic, Wait};
+use self::polled::{Polled, intervals};
+use self::topic::{Topic, Wait};
 use self::writing::write;
 use crate::clock::ClockRelation;
 use crate::error::{RecordError, WriteError};
 use crate::folder::Folder;
-use crate::queue::{HeldBy, Item, Payload, Queue, Written};
+use crate::queue::{Item, Queue, Written};
 use crate::report::Report;
 use crate::storage::Storage;
-use crate::writer::COPY_MAX_BYTES;
 
 /// How many longer messages of a topic the recorder holds in the slots of their publishers.
 const HELD_MAX: usize = 8;
@@ -82,6 +84,14 @@ pub struct Recorder<'fd> {
     queue: Arc<Queue>,
     writer: Option<JoinHandle<Option<Report>>>,
     lost: u64,
+    /// How many of the lost messages are too long.
+    too_long: u64,
+    /// Whether a topic may have gaps that the writer does not know.
+    has_gaps: bool,
+    /// When losses are looked for that no later message shows.
+    look_at: Instant,
+    /// When the Manager may be asked for the counters of nodes.
+    ask_at: Instant,
     /// How often publishers that have left are still looked for.
     looks_left: u32,
 }
@@ -142,7 +152,8 @@ impl<'fd> Recorder<'fd> {
         stop: BorrowedFd<'fd>,
     ) -> Result<Self, RecordError> {
         let clock = ClockRelation::read(options.wall_clock, options.monotonic_clock);
-        let parts = Parts::new(output, &options, clock, node.name());
+        let queue = Arc::new(Queue::new(options.budget_bytes).map_err(RecordError::System)?);
+        let parts = Parts::new(output, &options, clock, node.name(), Arc::clone(&queue));
         let parts = parts.map_err(RecordError::Write)?;
         let mut set = WaitSet::new().map_err(RecordError::System)?;
         let mut watch = node.watch();
@@ -150,7 +161,6 @@ impl<'fd> Recorder<'fd> {
             .and_then(|_| set.add_watch(&mut watch, Event::Domain))
             .map_err(RecordError::System)?;
         set.add_timer(Timer::every(options.sync_interval), Event::Clock);
-        let queue = Arc::new(Queue::new(options.budget_bytes).map_err(RecordError::System)?);
         set.add_descriptor(Arc::clone(queue.room()), Interest::Readable, Event::Room)
             .map_err(RecordError::System)?;
         let (theirs, interval) = (Arc::clone(&queue), options.sync_interval);
@@ -182,6 +192,10 @@ impl<'fd> Recorder<'fd> {
             queue,
             writer: Some(writer.map_err(RecordError::System)?),
             lost: 0,
+            too_long: 0,
+            has_gaps: false,
+            look_at: sm2_io::clock::now(),
+            ask_at: sm2_io::clock::now(),
             looks_left: 0,
             options,
         };
@@ -238,6 +252,8 @@ impl<'fd> Recorder<'fd> {
                     self.compare_clocks();
                     self.new_topics.resume();
                     self.topics.iter_mut().for_each(Topic::look_for_link);
+                    self.look_for_losses();
+                    self.flush_gaps();
                     self.forget_publishers();
                     if std::mem::take(&mut self.is_short) {
                         self.wait_again()?;
@@ -312,6 +328,7 @@ impl<'fd> Recorder<'fd> {
             messages,
             bytes,
             lost: self.lost,
+            too_long: self.too_long,
             waiting_bytes: self.queue.waiting_bytes(),
             is_disk_full: self.queue.is_disk_full(),
         }
@@ -325,8 +342,12 @@ impl<'fd> Recorder<'fd> {
     pub fn finish(mut self) -> Result<Report, RecordError> {
         let mut taken = self.poll_all();
         for topic in 0..self.topics.len() {
+            // Without room, its messages become gaps like all others: its publishers no longer wait.
+            self.topics[topic].is_reliable = false;
             // As many as can have waited when the recording ended: the publishers do not stop.
-            let mut left = usize::from(DEPTH) * self.topics[topic].publishers().max(1);
+            let its = &self.topics[topic];
+            let queues = its.publishers() + its.subscriber.links().len();
+            let mut left = usize::from(DEPTH) * queues.max(1);
             while left > 0 && taken.is_ok() {
                 match self.take(topic, left) {
                     Ok(0) => break,
@@ -335,6 +356,10 @@ impl<'fd> Recorder<'fd> {
                 }
             }
         }
+        self.look_at_losses(|_| true);
+        self.topics
+            .iter_mut()
+            .for_each(|it| it.flush_gaps(&self.queue));
         self.note_unlinked();
         match self.new_topics.unnamed() {
             0 => {}
@@ -388,92 +413,6 @@ impl<'fd> Recorder<'fd> {
             Err(error) => return Err(RecordError::System(error)),
         };
         Ok(())
-    }
-
-    /// Takes messages of a topic that may have some. The set reports it again if there are more.
-    fn receive(&mut self, number: usize) -> Result<(), RecordError> {
-        let count = self.take(number, BURST)?;
-        let topic = &mut self.topics[number];
-        let (before, now) = (topic.wait, (self.options.monotonic_clock)());
-        let Some(frequency) = Frequency::of(topic, count, now) else {
-            return Ok(());
-        };
-        for (interval, polled) in self.polled.iter_mut().enumerate() {
-            if !polled.add(number, topic, frequency, now) {
-                continue;
-            }
-            if let Wait::Message(key) = before {
-                self.set.remove(key);
-            }
-            if polled.timer.is_none() {
-                let timer = Timer::every(polled.interval);
-                polled.timer = Some(self.set.add_timer(timer, Event::Poll(interval)));
-            }
-            break;
-        }
-        Ok(())
-    }
-
-    /// Takes the messages of a topic that one call finds, at most `most`. Returns their number.
-    fn take(&mut self, number: usize, most: usize) -> Result<usize, RecordError> {
-        let topic = &mut self.topics[number];
-        let mut most = most;
-        if topic.is_reliable {
-            if !self.queue.has_room(HeldBy(number), HELD_MAX) {
-                // Its messages stay with their publishers, which wait.
-                if let Wait::Message(key) = std::mem::replace(&mut topic.wait, Wait::Room) {
-                    self.set.remove(key);
-                }
-                return Ok(0);
-            }
-            // Each further message needs room, too.
-            most = 1;
-        }
-        let mut samples = std::mem::take(&mut self.samples);
-        let taken = topic.take(&mut samples, most);
-        for sample in samples.drain(..) {
-            self.note(number, sample, (self.options.monotonic_clock)());
-        }
-        self.samples = samples;
-        Ok(taken?)
-    }
-
-    /// Passes a message that came at this time to the writer, or notes that it is missing.
-    fn note(&mut self, number: usize, sample: Sample<[u8]>, at: Instant) {
-        let topic = &mut self.topics[number];
-        let now = self.clock.wall_at(at);
-        let Some(mut taken) = topic.note(&self.node, &sample, &self.clock, now) else {
-            return;
-        };
-        if let Some(gap) = taken.displaced.take() {
-            self.lost += gap.messages;
-            self.queue.push(Item::Gap(Arc::clone(&taken.source), gap));
-        }
-        let held_by = HeldBy(number);
-        let admitted = match topic.is_reliable {
-            true => Ok(()),
-            false => self.queue.admit(sample.len()),
-        };
-        if let Err(reason) = admitted {
-            self.lost += 1;
-            let gap = topic.dropped(&taken, reason);
-            self.queue.push(Item::Gap(taken.source, gap));
-            return;
-        }
-        topic.note_recorded(&taken);
-        let Taken { source, times, .. } = taken;
-        if sample.len() <= COPY_MAX_BYTES {
-            return self.queue.push_copy(source, times, &sample);
-        }
-        self.queue.push(Item::Message {
-            source,
-            times,
-            // While the disk stalls, the publisher gets its slots back.
-            payload: match self.queue.held(held_by) < HELD_MAX {
-                true => Payload::Held(sample, held_by),
-                false => Payload::Owned(sample.to_vec()),
-            },
-        });
     }
 
     /// Notes a step of the wall clock.

@@ -55,6 +55,16 @@ pub struct TopicReport {
     pub not_repeated: u64,
 }
 
+impl Report {
+    /// The number of messages that are missing because they were longer than the recorder takes.
+    #[must_use]
+    pub fn too_long(&self) -> u64 {
+        let gaps = self.topics.iter().flat_map(|it| &it.gaps);
+        let too_long = gaps.filter(|it| it.reason == GapReason::TooLong);
+        too_long.fold(0, |sum, it| sum.saturating_add(it.messages))
+    }
+}
+
 /// The counts of one channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Counts {

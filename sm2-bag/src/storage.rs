@@ -156,6 +156,13 @@ impl Storage for BagFile {
     }
 }
 
+/// Whether a disk, a quota or the limit for the length of files is full.
+pub(crate) fn is_full(error: &io::Error) -> bool {
+    let full = [Errno::ENOSPC, Errno::EDQUOT, Errno::EFBIG];
+    let is = |it: &Errno| error.raw_os_error() == Some(*it as i32);
+    full.iter().any(is)
+}
+
 /// Whether the file system or the disk refuses `O_DIRECT`.
 fn is_unsupported(error: &io::Error) -> bool {
     error.raw_os_error() == Some(Errno::EINVAL as i32)

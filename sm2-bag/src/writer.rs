@@ -262,8 +262,12 @@ impl BagWriter {
         widen(&mut self.times, header.log_time);
     }
 
-    /// Ends the chunk of short messages.
+    /// Ends the chunk of short messages. The gaps before them follow in the same write, so that a recorder that is
+    /// killed leaves no message without the gaps before it.
     fn end_chunk(&mut self) -> Result<(), WriteError> {
+        for ((topic, ..), gap) in std::mem::take(&mut self.open_gaps) {
+            self.write_gap(topic, gap)?;
+        }
         self.mcap.flush()?;
         let mut bytes = self.memory.take();
         if self.file.end() == 0 {
@@ -379,7 +383,7 @@ impl BagWriter {
     /// Ends an interval. When [`end_sync`](Self::end_sync) returns, everything that was written before can be read
     /// after a power cut. The error may be that of the interval before.
     pub(crate) fn begin_sync(&mut self) -> Result<(), WriteError> {
-        self.end_interval()?;
+        self.end_chunk()?;
         Ok(self.file.begin_sync()?)
     }
 
@@ -388,17 +392,10 @@ impl BagWriter {
         Ok(self.file.end_sync()?)
     }
 
-    fn end_interval(&mut self) -> Result<(), WriteError> {
-        for ((topic, ..), gap) in std::mem::take(&mut self.open_gaps) {
-            self.write_gap(topic, gap)?;
-        }
-        self.end_chunk()
-    }
-
     /// Writes the summary, and ends the bag. Nothing more may be written.
     pub(crate) fn finish(&mut self) -> Result<Report, WriteError> {
         // The messages are safe even if the disk has no room for the summary.
-        self.end_interval()?;
+        self.end_chunk()?;
         self.file.sync()?;
         write_counts(&mut self.mcap, &self.counts)?;
         self.end_chunk()?;

@@ -16,7 +16,7 @@ use sm2_node::{Name, Shutdown};
 use crate::common::{Domain, named, record, until};
 
 /// A file whose writes wait while the gate is closed, and fail beyond a limit.
-struct Disk {
+pub(crate) struct Disk {
     file: File,
     gate: Arc<Gate>,
     /// How many bytes can be written, and how often the file can be synchronized.
@@ -26,13 +26,13 @@ struct Disk {
 }
 
 #[derive(Default)]
-struct Gate {
+pub(crate) struct Gate {
     is_closed: Mutex<bool>,
     changed: Condvar,
 }
 
 impl Gate {
-    fn set(&self, is_closed: bool) {
+    pub(crate) fn set(&self, is_closed: bool) {
         *self.is_closed.lock().unwrap() = is_closed;
         self.changed.notify_all();
     }
@@ -60,7 +60,7 @@ impl Storage for Disk {
 
 impl Disk {
     /// A disk that takes everything while its gate is open.
-    fn with_gate(domain: &Domain, name: &str) -> (Self, Arc<Gate>) {
+    pub(crate) fn with_gate(domain: &Domain, name: &str) -> (Self, Arc<Gate>) {
         let gate = Arc::new(Gate::default());
         let disk = Self {
             file: domain.create(name),
@@ -115,26 +115,58 @@ fn a_frozen_disk_costs_messages_that_are_counted_and_nobody_waits() {
     assert_eq!(check(bag.path()).unwrap().damages, []);
 }
 
+/// A file whose writes pass while a synchronization waits at the gate.
+struct SlowToSync(File, Arc<Gate>);
+
+impl Storage for SlowToSync {
+    fn write_at(&mut self, bytes: &[u8], offset: u64) -> io::Result<()> {
+        Storage::write_at(&mut self.0, bytes, offset)
+    }
+
+    fn sync(&mut self) -> io::Result<()> {
+        self.1.pass();
+        self.0.sync()
+    }
+
+    fn begin_sync(&mut self) -> io::Result<Option<SyncWork>> {
+        let gate = Arc::clone(&self.1);
+        Ok(Some(Box::new(move || {
+            gate.pass();
+            Ok(())
+        })))
+    }
+}
+
 /// Only few of them wait in the slots of the publisher. The budget is the limit.
 #[test]
 fn a_disk_that_stalls_costs_no_long_message_within_the_budget() {
-    const LEN: usize = 100_000;
     let domain = Domain::new();
+    let (disk, gate) = Disk::with_gate(&domain, "bag");
+    stall(&domain, disk, &gate);
+    let (domain, gate) = (Domain::new(), Arc::default());
+    let disk = SlowToSync(domain.create("bag"), Arc::clone(&gate));
+    stall(&domain, disk, &gate);
+}
+
+/// Publishes 30 long messages while the gate of the disk is closed. The budget has room for 40.
+fn stall(domain: &Domain, disk: impl Storage + 'static, gate: &Gate) {
+    const LEN: usize = 100_000;
     let data = domain.node("talker").publisher::<[u8]>("data").unwrap();
     let node = domain.node("recorder");
-    let (disk, gate) = Disk::with_gate(&domain, "bag");
     let options = Options {
         budget_bytes: 40 * LEN as u64,
+        sync_interval: Duration::from_millis(1),
         ..Options::new(named(&["data"]))
     };
-    let waiting = |count: u64| count * LEN as u64;
     let report = record(&node, disk, options, |record_until| {
         record_until(&mut |_| data.links().iter().any(|it| it.open));
         gate.set(true);
         for number in 0..30 {
             data.publish(&vec![number; LEN]).unwrap();
-            let least = waiting(u64::from(number).saturating_sub(5));
-            record_until(&mut |it| it.progress().waiting_bytes >= least);
+            record_until(&mut |it| {
+                let waiting = it.progress().waiting_bytes / LEN as u64;
+                it.progress().messages + waiting > u64::from(number)
+            });
         }
         assert!(data.counters().dropped() == 0);
         gate.set(false);

@@ -15,6 +15,7 @@ mod fuzz_corpus;
 mod latched;
 mod latched_play;
 mod lockstep;
+mod losses;
 mod observer;
 mod parts;
 mod play_clock;

@@ -40,10 +40,14 @@ pub(crate) fn show(out: &mut Output, path: &Path, report: &Report) -> Result<(),
                 .from_ns
                 .saturating_sub(report.start_ns.unwrap_or(gap.from_ns));
             let reason = match gap.reason {
-                GapReason::Displaced => "newer messages displaced them",
-                GapReason::Budget => "the disk was too slow",
+                GapReason::Displaced => "newer messages displaced them before they were taken",
+                GapReason::Budget => "the disk was too slow for --budget",
                 GapReason::DiskFull => "the disk was full",
                 GapReason::Damaged => "they were in a damaged part",
+                GapReason::TooLong => "they were longer than --max-len",
+                GapReason::PoolLimit => "the pool_limit of the publisher was reached",
+                GapReason::Deadline => "the publisher did not wait longer",
+                GapReason::Expired => "they were older than their lifespan",
             };
             out.line(format_args!(
                 "    {} of {} missing at {} for {}: {reason}",

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use sm2_bag::Pattern;
 use sm2_proto::{EntityId, Name};
 
 use crate::{error::CliError, view::View};
@@ -31,6 +32,31 @@ pub(crate) fn hint<'a>(name: &str, known: impl IntoIterator<Item = &'a Name>) ->
     similar.sort_unstable();
     match similar.first() {
         Some((_, first)) => format!("; did you mean {first}?"),
+        None => String::new(),
+    }
+}
+
+/// As [`hint`], for a glob: the segments that do not match are compared.
+pub(crate) fn pattern_hint<'a>(pattern: &str, known: impl IntoIterator<Item = &'a Name>) -> String {
+    if !Pattern::is_glob(pattern) {
+        return hint(pattern, known);
+    }
+    let distance = |name: &Name| {
+        let pairs = pattern.split('/').zip(name.as_str().split('/'));
+        let matches = |its: &str, name| Pattern::glob(its).is_ok_and(|it| it.matches(name));
+        let filled = pairs.map(|(its, name)| match matches(its, name) {
+            true => name,
+            false => its,
+        });
+        let filled: Vec<_> = filled.collect();
+        strsim::osa_distance(&filled.join("/"), name.as_str())
+    };
+    let segments = |name: &str| name.split('/').count();
+    let has_as_many = |it: &&Name| segments(it.as_str()) == segments(pattern);
+    let near = known.into_iter().filter(has_as_many);
+    let near = near.map(|it| (distance(it), it));
+    match near.filter(|it| it.0 <= 2.min(pattern.len() / 2)).min() {
+        Some((_, name)) => format!("; did you mean {name}?"),
         None => String::new(),
     }
 }

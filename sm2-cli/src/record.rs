@@ -21,7 +21,7 @@ use sm2_proto::{Instant, Name, text::Counted};
 
 use self::{
     black_box::BlackBoxArguments,
-    common::{Shown, new_name},
+    common::{SO_FAR, Shown, Unmatched, new_name, say_unmatched},
 };
 use crate::{
     args::{Domain, name, positive},
@@ -64,6 +64,9 @@ pub(crate) struct Arguments {
     /// How many bytes of messages may wait for the disk [default: 256MiB]
     #[arg(long, value_name = "SIZE")]
     budget: Option<Size>,
+    /// Leave out and count longer messages [default: no limit, but none longer than --budget finds room]
+    #[arg(long, value_name = "SIZE")]
+    max_len: Option<Size>,
     /// How often the recording is made safe against a power cut
     #[arg(long, value_name = "TIME", default_value = "100ms", value_parser = time::span)]
     sync: Duration,
@@ -82,7 +85,7 @@ pub(crate) struct Arguments {
     /// End when the disk has less room than this [default: 1GiB]
     #[arg(long, value_name = "SIZE")]
     min_free: Option<Size>,
-    /// End with status 0 although topics were not recorded for a time
+    /// End with status 0 although topics were not recorded for a time, or messages were longer than --max-len
     #[arg(long)]
     allow_missing: bool,
     #[command(flatten)]
@@ -125,11 +128,12 @@ over, and `sm2 bag merge` puts it together. Too many triggers are merged. A disk
 costs messages, and incidents wait for room.
 
 A topic is missing if it could not be recorded for a time, because descriptors were short or the Manager refused
-it, or if no publisher of it was ever linked. The recorder tries again. Missing topics are named, with the reason
-and the times, while it runs, at the end and in the bag.
+it, or if no publisher of it was ever linked. A pattern that no topic matched is missing as well. The recorder tries
+again. What is missing is named, with the reason and the times, while it runs, at the end and in the bag.
 
-Exit status: 0 ended by Ctrl-C, SIGTERM, SIGHUP, SIGUSR1 (without --last) or --seconds, all bags are complete, and
-no topic is missing; 1 failed, the disk is full, or a topic is missing (0 with --allow-missing); 2 wrong usage.
+Exit status: 0 ended by Ctrl-C, SIGTERM, SIGHUP, SIGUSR1 (without --last) or --seconds, all bags are complete, no
+topic is missing and no message too long; 1 failed, the disk is full, or a topic is missing or a message too long
+(0 with --allow-missing); 2 wrong usage.
 
 Examples:
   sm2 record camera log --seconds 2
@@ -186,7 +190,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     })
 }
 
-/// Records to a file or a folder until a signal comes or the time `until`. Returns whether a topic was missing.
+/// Records to a file or a folder until a signal comes or the time `until`. Returns whether a topic was missing, or a
+/// message too long.
 fn record_bag<'a>(
     arguments: &Arguments,
     options: Options,
@@ -221,6 +226,7 @@ fn record_bag<'a>(
     recorder.connect_with(connect);
     stderr_line!("recording to {} (Ctrl-C ends)", path.display());
     let recorded = record(until, session, &mut recorder);
+    say_unmatched(&recorder.unmatched(), recorder.domain(), "was there");
     let finished = recorder.finish();
     if let (true, (further @ 2.., _)) = (is_one_file, folder.counts()) {
         let further = Counted::new(u64::from(further) - 1, "more file");
@@ -236,7 +242,8 @@ fn record_bag<'a>(
         out.flush()?;
     }
     recorded.map_err(failed)?;
-    Ok(finished.map_err(failed)?.not_recorded > 0)
+    let report = finished.map_err(failed)?;
+    Ok(report.not_recorded > 0 || report.too_long() > 0)
 }
 
 impl Arguments {
@@ -255,6 +262,7 @@ impl Arguments {
         Options {
             reliable: self.reliable.iter().cloned().collect(),
             budget_bytes: self.budget.map_or(defaults.budget_bytes, |it| it.0),
+            max_len_bytes: self.max_len.map_or(defaults.max_len_bytes, |it| it.0),
             sync_interval: self.sync,
             compression: self.compression.into(),
             min_free_bytes: self.min_free.map_or(defaults.min_free_bytes, |it| it.0),
@@ -304,15 +312,18 @@ fn record(
     session: &Session,
     recorder: &mut Recorder<'_>,
 ) -> Result<(), RecordError> {
-    let mut ticker = Ticker::new();
+    let (mut ticker, mut unmatched) = (Ticker::new(), Unmatched::new());
     while session.stopped().is_none() && clock::now() < until {
-        match recorder.step(ticker.left(until))? {
+        match recorder.step(unmatched.left(ticker.left(until)))? {
             Step::Timeout | Step::Woken => {}
             Step::Stopped => break,
             Step::DiskFull => return Err(RecordError::DiskFull),
         }
         session.is_connected();
         ticker.tick(|| Shown(recorder.progress()));
+        if unmatched.is_due() {
+            say_unmatched(&recorder.unmatched(), recorder.domain(), SO_FAR);
+        }
     }
     Ok(())
 }

@@ -8,6 +8,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use mcap::records::Metadata;
+use sm2_proto::Instant;
 
 use crate::bag::Bag;
 use crate::copy::{CopyOptions, copy_into, create_new, write_error};
@@ -17,8 +18,11 @@ use crate::names::{create_first, numbered};
 use crate::observer::unobserved;
 use crate::recorder::Recorder;
 use crate::report::Report;
+use crate::storage;
 use crate::writer::Compression;
 
+/// After this time, a bag for which the disk had no room is written again.
+const RETRY: Duration = Duration::from_millis(200);
 /// The name of the metadata record that says why a bag was written.
 const RECORD: &str = "sm2.incident";
 
@@ -49,8 +53,10 @@ pub(super) struct Window {
     at_ns: u64,
     reason: String,
     pub(super) path: PathBuf,
-    /// The file, which is empty until the time has ended.
-    file: io::Result<File>,
+    /// The file, which is empty until the time has ended. `None` after a copy for which the disk had no room.
+    file: Option<io::Result<File>>,
+    /// When the bag may be written again after that.
+    try_at: Instant,
 }
 
 impl Window {
@@ -73,7 +79,8 @@ impl Window {
             at_ns,
             reason: reason.to_owned(),
             path,
-            file,
+            file: Some(file),
+            try_at: Instant(0),
         }
     }
 
@@ -97,8 +104,9 @@ impl Window {
         let lengths = files.iter().flat_map(fs::metadata).map(|it| it.len());
         match &self.file {
             // If that is unknown, writing tells.
-            Ok(file) => recorder.has_room(file, lengths.sum()).unwrap_or(true),
-            Err(_) => true,
+            Some(Ok(file)) => recorder.has_room(file, lengths.sum()).unwrap_or(true),
+            Some(Err(_)) => true,
+            None => sm2_io::clock::now() >= self.try_at,
         }
     }
 
@@ -116,12 +124,11 @@ impl Window {
         }
     }
 
-    /// Copies the messages of this time out of the ring.
-    fn copy(self, files: &[PathBuf]) -> Result<Report, CopyError> {
+    /// Copies the messages of this time out of the ring. If the disk has no room, nothing remains of the copy.
+    fn copy(&mut self, files: &[PathBuf]) -> Result<Report, CopyError> {
         let metadata = [self.metadata()];
-        let file = self
-            .file
-            .map_err(|error| write_error(&self.path, error.into()))?;
+        let file = self.file.take().unwrap_or_else(|| create_new(&self.path));
+        let file = file.map_err(|error| write_error(&self.path, error.into()))?;
         let bags: Vec<_> = files
             .iter()
             .map(|it| Bag::open(it))
@@ -140,20 +147,31 @@ impl Window {
     }
 }
 
+/// Whether a copy has failed because the disk is full.
+fn is_full(copied: &Result<Report, CopyError>) -> bool {
+    let Err(CopyError::Write { source, .. }) = copied else {
+        return false;
+    };
+    matches!(source, WriteError::Io(error) if storage::is_full(error))
+}
+
 /// A thread that writes the bag of an incident.
 pub(super) struct Copying {
     pub(super) path: PathBuf,
     reason: String,
     merged: u64,
     from_ns: u64,
-    thread: std::io::Result<JoinHandle<Result<Report, CopyError>>>,
+    thread: io::Result<JoinHandle<(Window, Result<Report, CopyError>)>>,
 }
 
 impl Copying {
-    pub(super) fn start(window: Window, files: Vec<PathBuf>) -> Self {
+    pub(super) fn start(mut window: Window, files: Vec<PathBuf>) -> Self {
         let (path, reason) = (window.path.clone(), window.reason.clone());
         let (merged, from_ns) = (window.merged, window.from_ns);
-        let work = move || window.copy(&files);
+        let work = move || {
+            let copied = window.copy(&files);
+            (window, copied)
+        };
         Self {
             path,
             reason,
@@ -167,24 +185,40 @@ impl Copying {
         (self.thread.as_ref()).map_or(true, JoinHandle::is_finished)
     }
 
+    /// As [`join`](Self::join). Returns the window instead if the disk had no room: it may have some later.
+    pub(super) fn join_or_retry(self) -> Result<Incident, Window> {
+        let (incident, window) = self.join_both();
+        let window = window.filter(|_| is_full(&incident.result));
+        window.map_or(Ok(incident), |window| {
+            Err(Window {
+                try_at: sm2_io::clock::now().after(RETRY),
+                ..window
+            })
+        })
+    }
+
     /// Waits for the thread.
     pub(super) fn join(self) -> Incident {
+        self.join_both().0
+    }
+
+    fn join_both(self) -> (Incident, Option<Window>) {
         let failed = |source| CopyError::Write {
             path: self.path.clone(),
             source,
         };
-        let result = match self.thread {
-            Ok(thread) => thread
-                .join()
-                .unwrap_or_else(|_| Err(failed(WriteError::Panicked))),
-            Err(error) => Err(failed(error.into())),
+        let (window, result) = match self.thread.map(JoinHandle::join) {
+            Ok(Ok((window, result))) => (Some(window), result),
+            Ok(Err(_)) => (None, Err(failed(WriteError::Panicked))),
+            Err(error) => (None, Err(failed(error.into()))),
         };
-        Incident {
+        let incident = Incident {
             path: self.path,
             reason: self.reason,
             result,
             merged: self.merged,
             from_ns: self.from_ns,
-        }
+        };
+        (incident, window)
     }
 }

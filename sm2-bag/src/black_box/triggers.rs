@@ -141,7 +141,8 @@ impl Triggers {
 
 fn subscribe(node: &Node, topic: &Name) -> Result<Subscriber<[u8]>, RecordError> {
     let builder = node.subscriber_builder::<[u8]>(topic.as_str());
-    Ok(builder.any_type().declare()?)
+    // A message of any length triggers.
+    Ok(builder.any_type().max_len(u64::MAX).declare()?)
 }
 
 /// Takes all messages that are there. Returns whether there was one.

@@ -16,7 +16,7 @@ use super::options::Topics;
 use super::topic::Topic;
 use crate::error::RecordError;
 use crate::missing::MissingTopic;
-use crate::patterns::TopicPatterns;
+use crate::patterns::{Pattern, TopicPatterns};
 
 /// The descriptors that new topics leave to the files of the recording, and to further links of the topics that are
 /// recorded. A process with few descriptors leaves half of them. `sm2-node` leaves 64 of them when it accepts links.
@@ -40,6 +40,8 @@ pub(super) struct NewTopics {
     known: BTreeMap<Name, State>,
     /// The topics that are recorded; `None` for those only that the recorder has subscribed to at its start.
     patterns: Option<TopicPatterns>,
+    /// The patterns that no topic has matched so far.
+    unmatched: Vec<Pattern>,
     /// The topics that wait for their turn, the oldest one first.
     waiting: VecDeque<Name>,
     /// Whether the domain has changed since it was looked at.
@@ -64,12 +66,18 @@ enum State {
 impl NewTopics {
     pub(super) fn new(topics: &Topics) -> Self {
         let free = free_descriptors(2 * RESERVE).unwrap_or(2 * RESERVE);
+        let patterns = match topics {
+            Topics::All => Some(TopicPatterns::default()),
+            Topics::Named(_) => None,
+            Topics::Matching(_, patterns) => Some(patterns.clone()),
+        };
         Self {
-            patterns: match topics {
-                Topics::All => Some(TopicPatterns::default()),
-                Topics::Named(_) => None,
-                Topics::Matching(_, patterns) => Some(patterns.clone()),
-            },
+            unmatched: patterns
+                .iter()
+                .flat_map(|it| &it.include)
+                .cloned()
+                .collect(),
+            patterns,
             known: topics.named().map(|it| (it, State::Recorded)).collect(),
             waiting: VecDeque::new(),
             is_stale: false,
@@ -87,6 +95,11 @@ impl NewTopics {
 
     fn has_waiting(&self) -> bool {
         !self.waiting.is_empty()
+    }
+
+    /// The patterns that no topic has matched so far.
+    pub(super) fn unmatched(&self) -> &[Pattern] {
+        &self.unmatched
     }
 
     /// Lets topics without room try again.
@@ -152,6 +165,8 @@ impl NewTopics {
             .filter(|it| patterns.is_some_and(|patterns| patterns.choose(it.as_str())))
             .collect();
         self.is_stale = false;
+        let is_unmatched = |it: &Pattern| !topics.iter().any(|topic| it.matches(topic.as_str()));
+        self.unmatched.retain(is_unmatched);
         self.waiting.retain(|it| topics.contains(it));
         (self.known).retain(|it, state| *state == State::Recorded || topics.contains(it));
         self.missed.retain(|it| topics.contains(it), now_ns);

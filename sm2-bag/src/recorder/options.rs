@@ -23,6 +23,9 @@ pub struct Options {
     /// become a [gap](crate::GapReason::Budget). Short messages that are in records already do not count; they are less
     /// than 8 MiB.
     pub budget_bytes: u64,
+    /// Messages that are longer than this are left out, and become a [gap](crate::GapReason::TooLong); no limit by
+    /// default, but no message that is longer than the budget finds room.
+    pub max_len_bytes: u64,
     /// How often the recording is made safe against a power cut; every 100 ms by default.
     pub sync_interval: Duration,
     /// How chunks are compressed; not at all by default.
@@ -66,6 +69,14 @@ impl Topics {
         }
     }
 
+    /// Whether a topic has its name here, and does not only match.
+    pub(crate) fn is_named(&self, topic: &Name) -> bool {
+        match self {
+            Self::All => false,
+            Self::Named(names) | Self::Matching(names, _) => names.contains(topic),
+        }
+    }
+
     /// The topics that have names.
     pub(crate) fn named(&self) -> impl Iterator<Item = Name> {
         let names = match self {
@@ -84,6 +95,7 @@ impl Options {
             topics,
             reliable: BTreeSet::new(),
             budget_bytes: 256 << 20,
+            max_len_bytes: u64::MAX,
             sync_interval: Duration::from_millis(100),
             compression: Compression::None,
             min_free_bytes: 1 << 30,
@@ -109,6 +121,8 @@ pub struct Progress {
     pub bytes: u64,
     /// The number of messages that are missing in the file.
     pub lost: u64,
+    /// How many of them are longer than the [greatest length](Options::max_len_bytes).
+    pub too_long: u64,
     /// The length of the payloads that wait for the disk, in bytes.
     pub waiting_bytes: u64,
     /// Whether the disk is full up to the [reserve](Options::min_free_bytes).

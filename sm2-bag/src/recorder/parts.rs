@@ -8,12 +8,14 @@ use std::time::Duration;
 use sm2_proto::Name;
 
 use super::options::Options;
+use super::room::Room;
 use crate::clock::ClockRelation;
 use crate::error::WriteError;
 use crate::folder::Folder;
 use crate::gap::Gap;
 use crate::latched::Kept;
 use crate::missing::MissingTopic;
+use crate::queue::Queue;
 use crate::report::{Report, ReportBuilder};
 use crate::source::Source;
 use crate::storage::{FreeBytes, Storage};
@@ -41,6 +43,7 @@ pub(crate) enum Output {
 /// Writes the files of a recording, one after the other.
 pub(crate) struct Parts {
     bag: BagWriter,
+    room: Room,
     /// The folder, unless there is one file only.
     folder: Option<(Folder, Split)>,
     /// The latched state for the next file of the folder.
@@ -65,6 +68,7 @@ impl Parts {
         options: &Options,
         clock: ClockRelation,
         node: &Name,
+        queue: Arc<Queue>,
     ) -> Result<Self, WriteError> {
         let by = WrittenBy {
             node: node.to_string(),
@@ -78,8 +82,14 @@ impl Parts {
                 (file, Some((folder, split)))
             }
         };
+        let room = Room {
+            queue,
+            folder: folder.as_ref().map(|it| it.0.clone()),
+        };
+        let storage = room.file(storage);
         Ok(Self {
             bag: BagWriter::new(storage, options.compression, clock, &by)?,
+            room,
             by,
             folder,
             kept: Kept::new(options.budget_bytes / KEPT_SHARE),
@@ -212,9 +222,10 @@ impl Parts {
         };
         self.complete(now_ns)?;
         let (start, last) = self.clocks;
-        let file = next_file(&folder, split, self.free_bytes)?;
+        let file = || next_file(&folder, split, self.free_bytes);
+        let file = self.room.run(file)?;
         self.by.since_ns = now_ns;
-        self.bag = BagWriter::new(file, self.compression, start, &self.by)?;
+        self.bag = BagWriter::new(self.room.file(file), self.compression, start, &self.by)?;
         if last != start {
             self.bag.clock(last)?;
         }
@@ -271,7 +282,8 @@ mod tests {
         let clock = ClockRelation::read(options.wall_clock, options.monotonic_clock);
         let output = Output::Folder(files, Split::default());
         let node = Name::new("recorder").unwrap();
-        let mut parts = Parts::new(output, &options, clock, &node).unwrap();
+        let queue = Arc::new(Queue::new(options.budget_bytes).unwrap());
+        let mut parts = Parts::new(output, &options, clock, &node, queue).unwrap();
         let times = MessageTimes {
             sequence: 1,
             log_time: 7,

@@ -1,5 +1,6 @@
 //! Subscribing to topics, in as many sessions as they need.
 
+use sm2_node::domain::Domain;
 use sm2_node::{ConnectError, DeclareError, Node};
 use sm2_proto::{Name, Quota};
 
@@ -7,6 +8,7 @@ use super::topic::Topic;
 use super::{DEPTH, Event, HELD_MAX, Recorder};
 use crate::error::RecordError;
 use crate::missing::MissingTopic;
+use crate::patterns::Pattern;
 use crate::queue::Item;
 
 impl<'fd> Recorder<'fd> {
@@ -67,6 +69,9 @@ impl<'fd> Recorder<'fd> {
             // One more than are held, so that the next message can always be taken.
             .max_borrowed(HELD_MAX as u16 + 1)
             .reliable(self.options.reliable.contains(name))
+            // The recorder itself leaves out what is too long: a message that is not sent could not be counted.
+            //= SM2-QOS-008
+            .max_len(u64::MAX)
             .declare()?;
         let number = self.topics.len();
         let added = self.set.add(&subscriber, Event::Topic(number));
@@ -86,14 +91,43 @@ impl<'fd> Recorder<'fd> {
         };
         self.looks_left = left;
         for topic in &mut self.topics {
-            for source in topic.take_left() {
+            for source in topic.take_left(&self.queue) {
                 self.queue.push(Item::Left(source));
             }
         }
     }
 
-    /// Notes the topics that have never had a link.
+    /// The domain as the recorder knows it.
+    #[must_use]
+    pub const fn domain(&self) -> &Domain {
+        self.watch.domain()
+    }
+
+    /// The topics and patterns of the [options](super::Options::topics) without a publisher so far: topics that were
+    /// never linked, and patterns that no topic has matched.
+    pub fn unmatched(&mut self) -> Vec<String> {
+        self.topics.iter_mut().for_each(Topic::look_for_link);
+        let topics = self.topics.iter().filter(|it| !it.was_linked);
+        let topics = topics.map(|it| it.subscriber.topic());
+        let named = topics.filter(|it| self.options.topics.is_named(it));
+        let named = named.map(ToString::to_string);
+        let patterns = self.new_topics.unmatched().iter();
+        named
+            .chain(patterns.map(|it| it.as_str().to_owned()))
+            .collect()
+    }
+
+    /// Notes the topics that have never had a link, and the patterns that no topic has matched.
     pub(super) fn note_unlinked(&mut self) {
+        let missing = |it: &Pattern| MissingTopic {
+            topic: it.as_str().to_owned(),
+            reason: "no topic matched".to_owned(),
+            from_ns: self.clock.wall_ns,
+            to_ns: None,
+        };
+        for missing in self.new_topics.unmatched().iter().map(missing) {
+            self.queue.push(Item::Missing(missing));
+        }
         for topic in &mut self.topics {
             topic.look_for_link();
             if !topic.was_linked {

@@ -1,15 +1,19 @@
 //! One topic of a recording.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use sm2_node::diagnostics::{Counters, LinkStatus};
 use sm2_node::domain::Contract;
 use sm2_node::wait_set::Key;
 use sm2_node::{Node, RecvError, Sample, Subscriber};
 use sm2_proto::control::LinkPeer;
-use sm2_proto::{Instant, Name, OfferedQos, TypeId};
+use sm2_proto::{Instant, LinkId, Name, OfferedQos, Period, TypeId};
 
+use super::losses::Known;
 use crate::clock::ClockRelation;
 use crate::gap::{Gap, GapReason};
+use crate::queue::{Item, Queue};
 use crate::source::{Source, UNKNOWN_OFFER};
 use crate::writer::MessageTimes;
 
@@ -24,6 +28,14 @@ pub(super) struct Topic {
     pub(super) was_linked: bool,
     /// When the recorder subscribed to it, in nanoseconds of the wall clock.
     pub(super) since_ns: u64,
+    /// Whether it is logged that a message was too long.
+    has_logged_too_long: bool,
+    /// When the counters of its publishers were read.
+    pub(super) looked_at: Option<Instant>,
+    /// What they have said, for each link.
+    losses: BTreeMap<LinkId, Known>,
+    /// Whether a publisher had too little memory, because the recorder held messages.
+    pub(super) is_pool_short: bool,
     /// Few, and most often one.
     publishers: Vec<Publisher>,
 }
@@ -57,14 +69,48 @@ struct Publisher {
     source: Arc<Source>,
     /// The `log_time` of its last message that was recorded.
     last_time: Option<u64>,
+    /// When its first message was lost, as long as none is recorded.
+    first_lost: Option<u64>,
+    /// The gaps that the writer does not know yet, one for each reason.
+    gaps: Vec<Gap>,
+    /// How many messages were counted as missing before a later message shows it.
+    announced: u64,
+    /// How many messages were counted as displaced since the last look at the counters. Some of them may have another
+    /// reason.
+    unexplained: u64,
+}
+
+impl Publisher {
+    /// Adds messages that are missing now.
+    fn lose(&mut self, now_ns: u64, messages: u64, reason: GapReason) {
+        if messages == 0 {
+            return;
+        }
+        let first_lost = *self.first_lost.get_or_insert(now_ns);
+        let gap = Gap {
+            publisher: self.source.publisher.to_string(),
+            from_ns: self.last_time.unwrap_or(first_lost),
+            to_ns: now_ns,
+            messages,
+            reason,
+        };
+        if !self.gaps.iter_mut().any(|it| it.extend(&gap)) {
+            self.gaps.push(gap);
+        }
+    }
+
+    /// Passes the gaps to the writer.
+    fn flush_gaps(&mut self, queue: &Queue) {
+        for gap in self.gaps.drain(..) {
+            queue.push(Item::Gap(Arc::clone(&self.source), gap));
+        }
+    }
 }
 
 /// A message that was taken.
 pub(super) struct Taken {
     pub(super) source: Arc<Source>,
     pub(super) times: MessageTimes,
-    /// The messages before it that newer ones displaced.
-    pub(super) displaced: Option<Gap>,
     /// The place of its publisher.
     publisher: usize,
 }
@@ -83,6 +129,10 @@ impl Topic {
             is_reliable,
             was_linked: false,
             since_ns,
+            has_logged_too_long: false,
+            looked_at: None,
+            losses: BTreeMap::new(),
+            is_pool_short: false,
             publishers: Vec::new(),
         }
     }
@@ -115,34 +165,103 @@ impl Topic {
         clock: &ClockRelation,
         now: u64,
     ) -> Option<Taken> {
-        let (name, data) = (sample.publisher(), sample.type_id()?);
-        let is_it = |it: &Publisher| it.source.publisher == *name && it.source.data == *data;
-        let number = match self.publishers.iter().position(is_it) {
-            Some(number) => number,
-            None => {
-                self.publishers.push(self.publisher(node, name, data));
-                self.publishers.len() - 1
-            }
-        };
-        let Publisher { source, last_time } = &self.publishers[number];
-        let displaced = (sample.lost() > 0).then(|| Gap {
-            publisher: source.publisher.to_string(),
-            from_ns: last_time.unwrap_or(now),
-            to_ns: now,
-            messages: sample.lost(),
-            reason: GapReason::Displaced,
-        });
+        let number = self.number(node, sample.publisher(), sample.type_id()?);
         Some(Taken {
-            source: Arc::clone(source),
+            source: Arc::clone(&self.publishers[number].source),
             times: MessageTimes {
                 // MCAP has 32 bits.
                 sequence: sample.sequence() as u32,
                 log_time: now,
                 publish_time: clock.wall_at(sample.source_time()),
             },
-            displaced,
             publisher: number,
         })
+    }
+
+    /// The place of the publisher of this name and type, which is added if it is new.
+    fn number(&mut self, node: &Node, name: &Name, data: &TypeId) -> usize {
+        let is_it = |it: &Publisher| it.source.publisher == *name && it.source.data == *data;
+        match self.publishers.iter().position(is_it) {
+            Some(number) => number,
+            None => {
+                self.publishers.push(self.publisher(node, name, data));
+                self.publishers.len() - 1
+            }
+        }
+    }
+
+    /// Notes that messages are missing before this one, which comes at `now`. Returns the number of those that were not
+    /// counted before. `is_explained`: the counters of the publisher were read before.
+    pub(super) fn note_lost(
+        &mut self,
+        node: &Node,
+        sample: &Sample<[u8]>,
+        now: u64,
+        is_explained: bool,
+    ) -> u64 {
+        let Some(data) = sample.type_id() else {
+            return 0;
+        };
+        let number = self.number(node, sample.publisher(), data);
+        let publisher = &mut self.publishers[number];
+        let announced = publisher.announced.min(sample.lost());
+        publisher.announced -= announced;
+        let displaced = sample.lost() - announced;
+        publisher.lose(now, displaced, GapReason::Displaced);
+        if !is_explained {
+            publisher.unexplained += displaced;
+        }
+        displaced
+    }
+
+    /// Notes what the links have lost since the last look. Returns the number of messages.
+    pub(super) fn look_at_losses(
+        &mut self,
+        node: &Node,
+        now: u64,
+        mut fates: impl FnMut(&LinkStatus) -> Option<Counters>,
+    ) -> u64 {
+        let links = self.subscriber.links();
+        (self.losses).retain(|id, _| links.iter().any(|it| it.id == *id));
+        let mut lost = 0;
+        for link in links {
+            let Contract::Publisher { data, .. } = &link.peer.contract else {
+                continue;
+            };
+            let known = self.losses.entry(link.id).or_default();
+            for loss in known.advance(&link, fates(&link).as_ref()) {
+                if loss.messages == 0 {
+                    continue;
+                }
+                self.is_pool_short |= loss.reason == GapReason::PoolLimit;
+                let number = self.number(node, &link.peer.name, data);
+                let publisher = &mut self.publishers[number];
+                let mut messages = loss.messages;
+                if loss.is_shown {
+                    let counted = publisher.unexplained.min(messages);
+                    publisher.unexplained -= counted;
+                    messages -= counted;
+                    publisher.announced += messages;
+                }
+                publisher.lose(now, messages, loss.reason);
+                lost += messages;
+            }
+        }
+        self.publishers.iter_mut().for_each(|it| it.unexplained = 0);
+        lost
+    }
+
+    /// Whether messages may be lost without a later message that shows it.
+    pub(super) fn may_lose_in_silence(&self) -> bool {
+        let has_lifespan = |it: &Publisher| it.source.offer.lifespan != Period::NONE;
+        self.is_reliable || self.is_pool_short || self.publishers.iter().any(has_lifespan)
+    }
+
+    /// Passes all gaps to the writer.
+    pub(super) fn flush_gaps(&mut self, queue: &Queue) {
+        self.publishers
+            .iter_mut()
+            .for_each(|it| it.flush_gaps(queue));
     }
 
     /// Describes the publisher of a message.
@@ -161,6 +280,10 @@ impl Topic {
         Publisher {
             source: Arc::new(source),
             last_time: None,
+            first_lost: None,
+            gaps: Vec::new(),
+            announced: 0,
+            unexplained: 0,
         }
     }
 
@@ -186,14 +309,21 @@ impl Topic {
         self.publishers.len()
     }
 
-    /// The message will be in the bag.
-    pub(super) fn note_recorded(&mut self, taken: &Taken) {
-        self.publishers[taken.publisher].last_time = Some(taken.times.log_time);
+    /// The message will be in the bag, behind the gaps before it.
+    pub(super) fn note_recorded(&mut self, taken: &Taken, queue: &Queue) {
+        let publisher = &mut self.publishers[taken.publisher];
+        publisher.flush_gaps(queue);
+        publisher.last_time = Some(taken.times.log_time);
+    }
+
+    /// The message is dropped for this reason.
+    pub(super) fn note_dropped(&mut self, taken: &Taken, reason: GapReason) {
+        self.publishers[taken.publisher].lose(taken.times.log_time, 1, reason);
     }
 
     /// Forgets the publishers that have left, of which there may be very many one after the other. Returns those that
     /// are latched. One that comes back is described again, and sends its latched messages again.
-    pub(super) fn take_left(&mut self) -> Vec<Arc<Source>> {
+    pub(super) fn take_left(&mut self, queue: &Queue) -> Vec<Arc<Source>> {
         if self.publishers.is_empty() {
             return Vec::new();
         }
@@ -203,21 +333,21 @@ impl Topic {
             links.iter().any(|it| it.open && is_it(&it.peer))
         };
         let left = self.publishers.extract_if(.., |it| !is_there(&it.source));
-        let latched = left.filter(|it| it.source.offer.latched > 0);
+        let flushed = left.map(|mut it| {
+            it.flush_gaps(queue);
+            it
+        });
+        let latched = flushed.filter(|it| it.source.offer.latched > 0);
         let left = latched.map(|it| it.source).collect();
         self.was_linked = true;
         left
     }
 
-    /// The gap that a message leaves which is dropped for this reason.
-    pub(super) fn dropped(&self, taken: &Taken, reason: GapReason) -> Gap {
-        let last = self.publishers[taken.publisher].last_time;
-        Gap {
-            publisher: taken.source.publisher.to_string(),
-            from_ns: last.unwrap_or(taken.times.log_time),
-            to_ns: taken.times.log_time,
-            messages: 1,
-            reason,
+    /// Logs that a message is left out because of its length. Names the topic once.
+    pub(super) fn log_too_long(&mut self, len_bytes: u64) {
+        if !std::mem::replace(&mut self.has_logged_too_long, true) {
+            let topic = self.subscriber.topic();
+            tracing::error!(%topic, len_bytes, "messages are left out: they are longer than the recorder takes");
         }
     }
 }

@@ -20,6 +20,20 @@ fn what_is_mistyped_has_a_hint() {
 }
 
 #[test]
+fn a_mistyped_glob_has_a_hint() {
+    let known = [name("camera/left"), name("camera/right"), name("scan")];
+    for (typed, hint_text) in [
+        ("camra/*", "; did you mean camera/left?"),
+        ("camra/r*", "; did you mean camera/right?"),
+        ("sacn", "; did you mean scan?"),
+        ("lidar/*", ""),
+        ("camera/*/raw", ""),
+    ] {
+        assert_eq!(pattern_hint(typed, &known), hint_text, "{typed}");
+    }
+}
+
+#[test]
 fn a_selector_is_a_name_or_a_node_and_a_name() {
     let parse = |text| Selector::parse(text);
     let both = parse("talker:/robot/scan").unwrap();

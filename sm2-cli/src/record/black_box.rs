@@ -12,13 +12,17 @@ use clap::Args;
 use serde_json::json;
 use signal_hook::{consts::SIGUSR1, low_level::pipe};
 use sm2_bag::{
-    BlackBox, BlackBoxOptions, BlackBoxStep, Incident, Options, RecordError, Trigger, numbered,
+    BlackBox, BlackBoxOptions, BlackBoxStep, Incident, Options, Progress, RecordError, Trigger,
+    numbered,
 };
 use sm2_io::clock;
 use sm2_node::{ConnectError, Node};
 use sm2_proto::{Instant, Name, text::Counted};
 
-use super::{common::Shown, trigger::SERVICE};
+use super::{
+    common::{SO_FAR, Shown, Unmatched, say_unmatched},
+    trigger::SERVICE,
+};
 use crate::{
     args::name, bag_summary::show, connect::Session, error::CliError, output::Output,
     ticker::Ticker, time,
@@ -60,7 +64,7 @@ fn deadline(text: &str) -> Result<(Name, Duration), String> {
     Ok((name(topic)?, time::span(span)?))
 }
 
-/// Runs until a signal comes or the time `until`. Returns whether a topic was missing.
+/// Runs until a signal comes or the time `until`. Returns whether a topic was missing, or a message too long.
 ///
 /// # Errors
 ///
@@ -106,10 +110,18 @@ pub(super) fn run<'a>(
     let kept = keep(&mut black_box, &signal, session, until, &mut |incident| {
         report(&mut out, incident, json, &mut failure)
     });
-    let missing = black_box.progress().missing;
+    let Progress {
+        missing, too_long, ..
+    } = black_box.progress();
+    let unmatched = black_box.unmatched();
+    say_unmatched(&unmatched, black_box.domain(), "was there");
     if missing > 0 {
         let topics = Counted::new(missing as u64, "topic");
         stderr_line!("sm2: {topics} not recorded for a time: see the messages before, or the bags");
+    }
+    if too_long > 0 {
+        let messages = Counted::new(too_long, "message");
+        stderr_line!("sm2: {messages} left out: longer than --max-len");
     }
     let incidents = black_box.finish();
     let kept = kept?;
@@ -117,7 +129,7 @@ pub(super) fn run<'a>(
         report(&mut out, incident, json, &mut failure)?;
     }
     kept.map_err(failed)?;
-    failure.map(|()| missing > 0)
+    failure.map(|()| missing > 0 || too_long > 0)
 }
 
 fn start<'a>(
@@ -156,9 +168,9 @@ fn keep(
     until: Instant,
     done: &mut dyn FnMut(Incident) -> Result<(), CliError>,
 ) -> Result<Result<(), RecordError>, CliError> {
-    let mut ticker = Ticker::new();
+    let (mut ticker, mut unmatched) = (Ticker::new(), Unmatched::new());
     while session.stopped().is_none() && clock::now() < until {
-        match black_box.step(ticker.left(until)) {
+        match black_box.step(unmatched.left(ticker.left(until))) {
             Ok(BlackBoxStep::Stopped) => break,
             Ok(BlackBoxStep::Timeout) => {}
             Ok(BlackBoxStep::Woken) => {
@@ -181,6 +193,9 @@ fn keep(
         }
         session.is_connected();
         ticker.tick(|| Shown(black_box.progress()));
+        if unmatched.is_due() {
+            say_unmatched(&black_box.unmatched(), black_box.domain(), SO_FAR);
+        }
     }
     Ok(Ok(()))
 }

@@ -98,6 +98,38 @@ fn patterns_choose_the_topics_of_a_recording_and_of_a_copy() {
 }
 
 #[test]
+fn a_pattern_without_topics_is_named_and_missing() {
+    let domain = Domain::new();
+    let _talker = talker(&domain, "camera/left");
+    let file = domain.path("bag.mcap");
+    let file = file.to_str().unwrap();
+    let patterns = ["camera/*", "camra/*", "camera/lefd", "--regex", r"imu\d+"];
+    let recorder = domain.start(&[&["record", "--json", "-o", file], &patterns[..]].concat());
+    let later = "so far: it is recorded when it comes";
+    let hint = "; did you mean camera/left?";
+    for (text, hint) in [("camra/*", hint), ("camera/lefd", hint), (r"imu\d+", "\n")] {
+        recorder.await_stderr(&format!("no publisher of {text} {later}{hint}"));
+    }
+    let _late = talker(&domain, "imu7");
+    until("the late topic is recorded", || {
+        topics_so_far(file) == ["camera/left", "imu7"]
+    });
+    recorder.signal(Signal::SIGINT);
+    let finished = recorder.finish();
+    assert_eq!(finished.code(), 1, "{finished:?}");
+    let said = format!("sm2: no publisher of camra/* was there{hint}\n");
+    assert!(finished.stderr().contains(&said), "{finished:?}");
+    let summary: Value = serde_json::from_str(&finished.stdout()).unwrap();
+    let missing = summary["missing"].as_array().unwrap().iter();
+    let mut missing: Vec<_> = missing.map(|it| it["topic"].as_str().unwrap()).collect();
+    missing.sort_unstable();
+    assert_eq!(missing, ["camera/lefd", "camra/*"]);
+    let info = bag(&["info", file]).1;
+    assert!(info.contains("MISSING camra/* from "), "{info}");
+    assert!(info.contains(": no topic matched"), "{info}");
+}
+
+#[test]
 fn two_replays_of_one_bag_run_at_once() {
     let domain = Domain::new();
     let file = domain.path("bag.mcap");

@@ -1,5 +1,9 @@
 //! Messages that are longer than a subscriber accepts.
 
+use nix::sys::signal::Signal;
+use serde_json::json;
+
+use crate::bag::{bag, counts, publish_lines};
 use crate::common::{Domain, until};
 
 /// A subscriber of 1,024 bytes gets none of these messages; `loss` and `why` say so.
@@ -63,4 +67,35 @@ fn a_reliable_publication_that_is_too_long_fails() {
     assert!(long.stderr().contains(summary), "{long:?}");
     assert_eq!(publish(1_024).code(), 0);
     assert_eq!(echo.finish().code(), 0);
+}
+
+/// The recorder itself leaves the messages out, so that it knows their number.
+#[test]
+fn a_recording_counts_what_is_too_long() {
+    let domain = Domain::new();
+    let lines = ["x".repeat(2_000), "short".to_owned(), "x".repeat(2_000)];
+    for is_allowed in [false, true] {
+        let path = domain.path(&format!("bag-{is_allowed}.mcap"));
+        let file = path.to_str().unwrap();
+        let record = ["record", "chatter", "--max-len", "1KiB", "--sync", "5ms"];
+        let more = ["--reliable", "chatter", "--json", "-o", file];
+        let allow = ["--allow-missing"];
+        let allow = if is_allowed { &allow[..] } else { &[] };
+        let recorder = domain.start(&[&record[..], &more, allow].concat());
+        publish_lines(&domain, &(lines.join("\n") + "\n"));
+        recorder.await_stderr("longer than the recorder takes");
+        until("the messages are in the bag", || {
+            bag(&["info", file]).1.contains("lost 2")
+        });
+        recorder.signal(Signal::SIGINT);
+        let finished = recorder.finish();
+        assert_eq!(finished.code(), i32::from(!is_allowed), "{finished:?}");
+        let summary = finished.stdout();
+        let expected = json!([[["chatter", 1, 2]], true]);
+        assert_eq!(counts(&summary), expected, "{summary}");
+        assert!(summary.contains("\"reason\":\"too_long\""), "{summary}");
+        let (code, text, _) = bag(&["info", file]);
+        let line = "they were longer than --max-len";
+        assert!(code == 0 && text.contains(line), "{text}");
+    }
 }

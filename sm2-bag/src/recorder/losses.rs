@@ -1,0 +1,203 @@
+//! Losses on the way to the recorder, and their reasons.
+//!
+//! The numbers of a publisher's messages show that some are missing before a message, but not why. The publisher
+//! knows: the counters of its node, which tools can read, have the fates of the messages of each link. The recorder
+//! reads them when messages are missing, at intervals while losses are likely that no later message shows, and at the
+//! end. So the messages behind the last one are counted as well. When a publisher ends, its counters end with it; what
+//! it dropped behind its last message is then known up to the last look.
+
+use std::collections::{BTreeSet, HashMap};
+use std::time::Duration;
+
+use sm2_node::diagnostics::{CounterView, Counters, LinkStatus};
+use sm2_node::domain::{Domain, QueryError};
+use sm2_node::{Node, Sample};
+use sm2_proto::{Instant, Name};
+
+use super::Recorder;
+use crate::gap::GapReason;
+use crate::queue::HeldBy;
+
+/// The counters of the publishers of a topic that loses messages are read this often at most.
+const LOOK_AGAIN: Duration = Duration::from_millis(20);
+/// Losses that no later message shows are looked for this often.
+const LOOK_INTERVAL: Duration = Duration::from_millis(500);
+/// A Manager that did not answer is not asked for this time: the messages come first.
+const ASK_AGAIN: Duration = Duration::from_secs(60);
+
+/// What is known of the losses on a link so far.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Known {
+    pool_limit: u64,
+    deadline: u64,
+    /// Messages that were not sent because they were too old.
+    expired_unsent: u64,
+    /// Messages that were too old when the recorder would have taken them. The next message does not show that they
+    /// are missing.
+    expired_taken: u64,
+}
+
+/// Messages that a link has lost since the last look.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Loss {
+    pub(super) reason: GapReason,
+    pub(super) messages: u64,
+    /// Whether the number of the next message shows that they are missing.
+    pub(super) is_shown: bool,
+}
+
+impl Known {
+    /// Takes over the state of a link, and the fates of its messages if they are known. Returns the new losses.
+    pub(super) fn advance(&mut self, link: &LinkStatus, fates: Option<&Counters>) -> [Loss; 4] {
+        let mut now = *self;
+        now.expired_taken = now.expired_taken.max(link.received.expired);
+        if let Some(fates) = fates {
+            now.pool_limit = now.pool_limit.max(fates.pool_limit);
+            now.deadline = now.deadline.max(fates.deadline);
+            // The publisher counts both kinds together.
+            let unsent = fates.expired.saturating_sub(now.expired_taken);
+            now.expired_unsent = now.expired_unsent.max(unsent);
+        }
+        let before = std::mem::replace(self, now);
+        let loss = |reason, before, now, is_shown| Loss {
+            reason,
+            messages: now - before,
+            is_shown,
+        };
+        [
+            loss(
+                GapReason::PoolLimit,
+                before.pool_limit,
+                now.pool_limit,
+                true,
+            ),
+            loss(GapReason::Deadline, before.deadline, now.deadline, true),
+            loss(
+                GapReason::Expired,
+                before.expired_unsent,
+                now.expired_unsent,
+                true,
+            ),
+            loss(
+                GapReason::Expired,
+                before.expired_taken,
+                now.expired_taken,
+                false,
+            ),
+        ]
+    }
+}
+
+/// The counters of nodes, for one look.
+struct Views {
+    opened: HashMap<Name, Option<CounterView>>,
+    /// Whether the Manager answers.
+    can_ask: bool,
+}
+
+impl Views {
+    fn new(recorder: &Recorder<'_>) -> Self {
+        Self {
+            opened: HashMap::new(),
+            can_ask: recorder.node.is_connected() && sm2_io::clock::now() >= recorder.ask_at,
+        }
+    }
+
+    /// The fates of the messages of a link; `None` if the node of the publisher does not tell.
+    fn fates(&mut self, node: &Node, domain: &Domain, link: &LinkStatus) -> Option<Counters> {
+        if !link.open {
+            return None;
+        }
+        let name = &link.peer.name;
+        if !self.opened.contains_key(name) {
+            let view = self.open(node, domain, link);
+            self.opened.insert(name.clone(), view);
+        }
+        let view = self.opened.get(name)?.as_ref()?;
+        let entries = view.entries().filter_map(|it| it.1.ok());
+        let mut entries = entries.filter(|it| it.link == Some(link.id));
+        entries.next().map(|it| it.fates)
+    }
+
+    fn open(&mut self, node: &Node, domain: &Domain, link: &LinkStatus) -> Option<CounterView> {
+        if !self.can_ask {
+            return None;
+        }
+        let peer = &link.peer;
+        let id = match node.epoch() == Some(link.id.epoch) {
+            true => peer.node,
+            // A link outlives its Manager, and the next one numbers the nodes anew.
+            false => domain.node_named(peer.name.as_str())?.node,
+        };
+        let inspected = node.inspect(id);
+        self.can_ask = !matches!(
+            inspected,
+            Err(QueryError::TimedOut | QueryError::ManagerGone(_))
+        );
+        inspected.ok().flatten()
+    }
+}
+
+impl Recorder<'_> {
+    /// Notes that messages are missing before this one. The counters tell the reasons.
+    pub(super) fn note_lost(&mut self, number: usize, sample: &Sample<[u8]>, at: Instant) {
+        if sample.lost() == 0 {
+            return;
+        }
+        let looked_at = self.topics[number].looked_at;
+        let is_due = looked_at.is_none_or(|it| at.since(it) >= LOOK_AGAIN);
+        if is_due {
+            self.look_at_losses(|it| *it == number);
+        }
+        let now = self.clock.wall_at(at);
+        self.lost += self.topics[number].note_lost(&self.node, sample, now, is_due);
+        self.has_gaps = true;
+    }
+
+    /// Looks for losses that no later message shows: on links whose messages wait for the disk in the memory of their
+    /// publishers, on reliable links, and where messages have a lifespan.
+    pub(super) fn look_for_losses(&mut self) {
+        let now = sm2_io::clock::now();
+        if now < self.look_at {
+            return;
+        }
+        self.look_at = now.after(LOOK_INTERVAL);
+        let (topics, queue) = (&self.topics, &self.queue);
+        let is_to_look =
+            |it: &usize| topics[*it].may_lose_in_silence() || queue.held(HeldBy(*it)) > 0;
+        let numbers: BTreeSet<_> = (0..topics.len()).filter(is_to_look).collect();
+        if !numbers.is_empty() {
+            self.look_at_losses(|it| numbers.contains(it));
+        }
+    }
+
+    /// Looks for the losses of these topics.
+    pub(super) fn look_at_losses(&mut self, is_to_look: impl Fn(&usize) -> bool) {
+        let at = (self.options.monotonic_clock)();
+        let now = self.clock.wall_at(at);
+        let mut views = Views::new(self);
+        let (node, domain) = (&self.node, self.watch.domain());
+        let could_ask = views.can_ask;
+        for number in (0..self.topics.len()).filter(is_to_look) {
+            let topic = &mut self.topics[number];
+            topic.looked_at = Some(at);
+            let fates = |link: &LinkStatus| views.fates(node, domain, link);
+            let lost = topic.look_at_losses(node, now, fates);
+            self.lost += lost;
+            self.has_gaps |= lost > 0;
+        }
+        if could_ask && !views.can_ask {
+            self.ask_at = sm2_io::clock::now().after(ASK_AGAIN);
+        }
+    }
+
+    /// Passes gaps to the writer, unless it waits for room: they would fill the memory.
+    pub(super) fn flush_gaps(&mut self) {
+        if !self.has_gaps || self.queue.lacks_room() {
+            return;
+        }
+        self.has_gaps = false;
+        let queue = &self.queue;
+        self.topics.iter_mut().for_each(|it| it.flush_gaps(queue));
+    }
+}
