@@ -1,5 +1,7 @@
 //! Recording topics of a domain.
 
+#[cfg(test)]
+mod accounts;
 mod losses;
 mod new_topics;
 mod options;
