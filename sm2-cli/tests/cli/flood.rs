@@ -13,11 +13,14 @@ use sm2_test_support::ran_alone;
 
 use crate::{
     bag::bag,
-    common::{Domain, Running, SOON},
+    common::{Domain, Running, SOON, until},
 };
 
 /// How many messages there are before the flood, in it, and after it.
 const MESSAGES: u64 = 100;
+
+/// The topics of one node: a session has few interfaces.
+const NODE_TOPICS: u32 = 200;
 
 /// A command that has so many descriptors: the soft and the hard limit.
 fn limited(domain: &Domain, soft: u64, hard: u64, arguments: &[&str]) -> Command {
@@ -139,18 +142,60 @@ fn a_recorder_raises_its_soft_limit_of_descriptors() {
     if ran_alone(PATH) {
         return;
     }
+    let summary = record_all(64, 2_000, 60);
+    assert_eq!(summary["not_recorded"], 0);
+}
+
+/// Records so many topics with these limits of descriptors. Each of them is recorded or named as missing.
+fn record_all(soft: u64, hard: u64, count: u32) -> Value {
+    // Each topic is a link of this process, too.
+    sm2_io::raise_descriptor_limit();
     let domain = Domain::new();
     let path = domain.path("bag");
     let arguments = ["record", "--all", "--json", "-o", path.to_str().unwrap()];
-    let recorder = Running::start(&mut limited(&domain, 64, 2_000, &arguments));
-    let topics = flood(&domain.node("talker"), 60);
-    for topic in &topics {
-        topic.wait_for_subscribers_timeout(1, SOON).unwrap();
+    let recorder = Running::start(&mut limited(&domain, soft, hard, &arguments));
+    let nodes = (0..count.div_ceil(NODE_TOPICS)).map(|it| domain.node(&format!("talker/{it}")));
+    let nodes: Vec<_> = nodes.collect();
+    let topic = |it: u32| reliable(&nodes[(it / NODE_TOPICS) as usize], &format!("topic/{it}"));
+    let topics: Vec<_> = (0..count).map(topic).collect();
+    let is_linked = |it: &&Publisher<u64>| it.links().iter().any(|it| it.open);
+    until(
+        "all topics are recorded, or too few descriptors are left",
+        || topics.iter().all(|it| is_linked(&it)) || recorder.stderr().contains("not recorded"),
+    );
+    let linked: Vec<_> = topics.iter().filter(is_linked).collect();
+    for topic in &linked {
         topic.publish(&1).unwrap();
     }
-    let summary = end(recorder, false);
+    let summary = end(recorder, linked.len() < topics.len());
+    let names = |list: &str, key: &str| -> BTreeSet<String> {
+        let all = summary[list].as_array().unwrap().iter();
+        all.map(|it| it[key].as_str().unwrap().to_owned()).collect()
+    };
+    let (recorded, missing) = (names("topics", "name"), names("missing", "topic"));
+    assert_eq!(summary["not_recorded"], missing.len());
+    assert!(
+        linked
+            .iter()
+            .all(|it| recorded.contains(it.topic().as_str()))
+    );
+    let named: BTreeSet<_> = recorded.union(&missing).cloned().collect();
+    assert_eq!(named, (0..count).map(|it| format!("topic/{it}")).collect());
+    summary
+}
+
+/// The usual soft limit is raised to the hard one, and topics beyond that are named.
+#[test]
+#[cfg_attr(not(feature = "slow"), ignore = "slow")]
+fn each_of_2000_topics_is_recorded_or_named() {
+    const PATH: &str = concat!(module_path!(), "::each_of_2000_topics_is_recorded_or_named");
+    if ran_alone(PATH) {
+        return;
+    }
+    let summary = record_all(1_024, 20_000, 2_000);
     assert_eq!(summary["not_recorded"], 0);
-    assert_eq!(summary["topics"].as_array().unwrap().len(), topics.len());
+    let summary = record_all(1_024, 1_024, 2_000);
+    assert!(summary["not_recorded"].as_u64() > Some(1_000));
 }
 
 #[test]
