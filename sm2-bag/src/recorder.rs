@@ -2,6 +2,7 @@
 
 #[cfg(test)]
 mod accounts;
+mod fates;
 mod losses;
 mod new_topics;
 mod options;

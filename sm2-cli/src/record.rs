@@ -129,7 +129,7 @@ costs messages, and incidents wait for room.
 
 A topic is missing if it could not be recorded for a time, because descriptors were short or the Manager refused
 it, or if no publisher of it was ever linked. A pattern that no topic matched is missing as well. The recorder tries
-again. What is missing is named, with the reason and the times, while it runs, at the end and in the bag.
+again. Missing topics are named, with the reason and the times, while it runs, at the end and in the bag.
 
 Exit status: 0 ended by Ctrl-C, SIGTERM, SIGHUP, SIGUSR1 (without --last) or --seconds, all bags are complete, no
 topic is missing and no message too long; 1 failed, the disk is full, or a topic is missing or a message too long

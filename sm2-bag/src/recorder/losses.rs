@@ -15,78 +15,14 @@ use sm2_node::{Node, Sample};
 use sm2_proto::{Instant, Name};
 
 use super::Recorder;
-use crate::gap::GapReason;
 use crate::queue::HeldBy;
 
-/// The counters of the publishers of a topic that loses messages are read this often at most.
+/// The counters of the publishers of a topic whose messages are displaced are read this often at most.
 const LOOK_AGAIN: Duration = Duration::from_millis(20);
 /// Losses that no later message shows are looked for this often.
 const LOOK_INTERVAL: Duration = Duration::from_millis(500);
 /// A Manager that did not answer is not asked for this time: the messages come first.
 const ASK_AGAIN: Duration = Duration::from_secs(60);
-
-/// What is known of the losses on a link so far.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Known {
-    pool_limit: u64,
-    deadline: u64,
-    /// Messages that were not sent because they were too old.
-    expired_unsent: u64,
-    /// Messages that were too old when the recorder would have taken them. The next message does not show that they
-    /// are missing.
-    expired_taken: u64,
-}
-
-/// Messages that a link has lost since the last look.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Loss {
-    pub(super) reason: GapReason,
-    pub(super) messages: u64,
-    /// Whether the number of the next message shows that they are missing.
-    pub(super) is_shown: bool,
-}
-
-impl Known {
-    /// Takes over the state of a link, and the fates of its messages if they are known. Returns the new losses.
-    pub(super) fn advance(&mut self, link: &LinkStatus, fates: Option<&Counters>) -> [Loss; 4] {
-        let mut now = *self;
-        now.expired_taken = now.expired_taken.max(link.received.expired);
-        if let Some(fates) = fates {
-            now.pool_limit = now.pool_limit.max(fates.pool_limit);
-            now.deadline = now.deadline.max(fates.deadline);
-            // The publisher counts both kinds together.
-            let unsent = fates.expired.saturating_sub(now.expired_taken);
-            now.expired_unsent = now.expired_unsent.max(unsent);
-        }
-        let before = std::mem::replace(self, now);
-        let loss = |reason, before, now, is_shown| Loss {
-            reason,
-            messages: now - before,
-            is_shown,
-        };
-        [
-            loss(
-                GapReason::PoolLimit,
-                before.pool_limit,
-                now.pool_limit,
-                true,
-            ),
-            loss(GapReason::Deadline, before.deadline, now.deadline, true),
-            loss(
-                GapReason::Expired,
-                before.expired_unsent,
-                now.expired_unsent,
-                true,
-            ),
-            loss(
-                GapReason::Expired,
-                before.expired_taken,
-                now.expired_taken,
-                false,
-            ),
-        ]
-    }
-}
 
 /// The counters of nodes, for one look.
 struct Views {
@@ -144,8 +80,10 @@ impl Recorder<'_> {
         if sample.lost() == 0 {
             return;
         }
-        let looked_at = self.topics[number].looked_at;
-        let is_due = looked_at.is_none_or(|it| at.since(it) >= LOOK_AGAIN);
+        let topic = &self.topics[number];
+        let is_late = topic.looked_at.is_none_or(|it| at.since(it) >= LOOK_AGAIN);
+        // An overload displaces messages all the time, and nothing else does.
+        let is_due = is_late || topic.may_lose_in_silence();
         if is_due {
             self.look_at_losses(|it| *it == number);
         }

@@ -10,7 +10,7 @@ use sm2_node::{Node, RecvError, Sample, Subscriber};
 use sm2_proto::control::LinkPeer;
 use sm2_proto::{Instant, LinkId, Name, OfferedQos, Period, TypeId};
 
-use super::losses::Known;
+use super::fates::Known;
 use crate::clock::ClockRelation;
 use crate::gap::{Gap, GapReason};
 use crate::queue::{Item, Queue};
@@ -32,7 +32,7 @@ pub(super) struct Topic {
     has_logged_too_long: bool,
     /// When the counters of its publishers were read.
     pub(super) looked_at: Option<Instant>,
-    /// What they have said, for each link.
+    /// The losses that they have shown, for each link.
     losses: BTreeMap<LinkId, Known>,
     /// Whether a publisher had too little memory, because the recorder held messages.
     pub(super) is_pool_short: bool,

@@ -14,7 +14,7 @@ pub(super) fn new_name(stem: &str) -> String {
     format!("{stem}-{}", now.strftime("%Y-%m-%d-%H%M%S"))
 }
 
-/// What is said of topics and patterns without a publisher while there is still time.
+/// Said of topics and patterns without a publisher while one may still come.
 pub(super) const SO_FAR: &str = "so far: it is recorded when it comes";
 /// After this time, topics and patterns without a publisher are named.
 const UNMATCHED_AFTER: Duration = Duration::from_secs(3);

@@ -186,16 +186,19 @@ fn record_all(soft: u64, hard: u64, count: u32) -> Value {
 
 /// The usual soft limit is raised to the hard one, and topics beyond that are named.
 #[test]
-#[cfg_attr(not(feature = "slow"), ignore = "slow")]
-fn each_of_2000_topics_is_recorded_or_named() {
-    const PATH: &str = concat!(module_path!(), "::each_of_2000_topics_is_recorded_or_named");
+fn each_of_many_topics_is_recorded_or_named() {
+    const PATH: &str = concat!(module_path!(), "::each_of_many_topics_is_recorded_or_named");
     if ran_alone(PATH) {
         return;
     }
-    let summary = record_all(1_024, 20_000, 2_000);
+    let (limit, count) = match cfg!(feature = "slow") {
+        true => (1_024, 2_000),
+        false => (256, 200),
+    };
+    let summary = record_all(limit, 20_000, count);
     assert_eq!(summary["not_recorded"], 0);
-    let summary = record_all(1_024, 1_024, 2_000);
-    assert!(summary["not_recorded"].as_u64() > Some(1_000));
+    let summary = record_all(limit, limit, count);
+    assert!(summary["not_recorded"].as_u64() > Some(u64::from(count) / 4));
 }
 
 #[test]

@@ -13,7 +13,7 @@ use crate::recover::recover;
 use crate::report::Report;
 use crate::source::Source;
 
-/// What a bag says about a publisher.
+/// The messages of a publisher in a bag.
 #[derive(Debug, Default, PartialEq, Eq)]
 struct Found {
     /// The numbers of its messages.

@@ -22,7 +22,7 @@ const TALKERS_MAX: usize = 6;
 /// The memory of a publisher that has little.
 const SMALL_POOL: u64 = 600_000;
 
-/// What a publisher has published while it was linked to the recorder.
+/// The messages of a publisher.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Account {
     pub(super) topic: String,
