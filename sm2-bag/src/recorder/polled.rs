@@ -99,6 +99,7 @@ impl Polled {
         }
         topic.polling.most = room;
         topic.polling.taken_at = now;
+        topic.polling.from = now;
         if self.topics.is_empty() {
             self.last = now;
         }
@@ -125,7 +126,7 @@ impl Polled {
             let topic = &mut topics[number];
             let taken = topic.take(&mut self.samples, most);
             let polling = &mut topic.polling;
-            let mut at = last;
+            let mut at = last.max(polling.from);
             self.found.extend(self.samples.drain(..).map(|sample| {
                 polling.has_lost |= sample.lost() > 0;
                 // The messages of a topic stay in their order, also those of a publisher with a wrong time.
@@ -289,6 +290,23 @@ mod tests {
         }
         let expected = (0..16).map(|number| (usize::from(number % 2), number));
         assert_eq!(it.poll().0, expected.collect::<Vec<_>>());
+    }
+
+    /// Readers sort the messages by their times.
+    #[test]
+    fn a_message_is_not_before_one_that_was_taken_earlier() {
+        let mut it = Fixture::new();
+        it.polled.topics.retain(|topic| *topic != 0);
+        it.publishers[0].publish(&[1]).unwrap();
+        it.publishers[0].publish(&[2]).unwrap();
+        let mut samples = Vec::new();
+        assert_eq!(it.topics[0].take(&mut samples, 1).unwrap(), 1);
+        let taken_at = sm2_io::clock::now();
+        assert!(it.add(0, 10, WINDOW));
+        let now = sm2_io::clock::now();
+        it.polled.poll(&mut it.topics, 64, now).unwrap();
+        let found = it.polled.take_found();
+        assert!(found.len() == 1 && found[0].at >= taken_at);
     }
 
     #[test]

@@ -104,7 +104,7 @@ impl Storage for WaitingFile {
 mod tests {
     use std::fs::File;
     use std::os::fd::AsFd;
-    use std::sync::atomic::{AtomicU8, Ordering};
+    use std::sync::Mutex;
 
     use nix::errno::Errno;
     use sm2_manager::Background;
@@ -117,18 +117,15 @@ mod tests {
     use crate::gap::GapReason;
     use crate::verify::check;
 
-    /// A file on a disk that others fill. The errors of writing and synchronizing; 0 while there is room.
+    /// A file on a disk that others fill. The errors of writing and synchronizing.
     struct Filled {
         file: File,
-        errors: Arc<[AtomicU8; 2]>,
+        errors: Arc<Mutex<[Option<Errno>; 2]>>,
     }
 
     impl Filled {
         fn fails(&self, at: usize) -> io::Result<()> {
-            match self.errors[at].load(Ordering::SeqCst) {
-                0 => Ok(()),
-                error => Err(io::Error::from_raw_os_error(error.into())),
-            }
+            self.errors.lock().unwrap()[at].map_or(Ok(()), |it| Err(it.into()))
         }
     }
 
@@ -159,7 +156,7 @@ mod tests {
         folder: tempfile::TempDir,
         data: Publisher<[u8]>,
         recorder: Recorder<'a>,
-        errors: Arc<[AtomicU8; 2]>,
+        errors: Arc<Mutex<[Option<Errno>; 2]>>,
         published: u64,
     }
 
@@ -171,7 +168,7 @@ mod tests {
             let connect = |name: &str| Node::builder(name).socket(&socket).connect().unwrap();
             let node = connect("recorder");
             let file = File::create_new(folder.path().join("bag")).unwrap();
-            let errors = Arc::<[AtomicU8; 2]>::default();
+            let errors = Arc::<Mutex<[Option<Errno>; 2]>>::default();
             let disk = Filled {
                 file,
                 errors: Arc::clone(&errors),
@@ -211,7 +208,7 @@ mod tests {
         }
 
         fn fail(&self, at: usize, error: Errno) {
-            self.errors[at].store(error as u8, Ordering::SeqCst);
+            self.errors.lock().unwrap()[at] = Some(error);
         }
     }
 
@@ -235,7 +232,7 @@ mod tests {
                 let before = it.recorder.progress().messages;
                 it.publish_until("more is written", |it| it.progress().messages > before + 10);
             }
-            it.errors[at].store(0, Ordering::SeqCst);
+            it.errors.lock().unwrap()[at] = None;
             let before = it.recorder.progress().messages;
             it.publish_until("there is room again", |it| {
                 let progress = it.progress();

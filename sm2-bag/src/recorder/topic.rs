@@ -48,6 +48,8 @@ pub(super) struct Polling {
     pub(super) messages: u64,
     /// When a poll found messages for the last time.
     pub(super) taken_at: Instant,
+    /// When the polls began. The messages before that have the times at which they were taken.
+    pub(super) from: Instant,
     /// How many messages a poll may find.
     pub(super) most: u64,
     /// Whether messages were displaced between two polls. The topic is never polled again.
