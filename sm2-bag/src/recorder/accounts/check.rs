@@ -119,7 +119,7 @@ impl Account {
 
     /// How many messages the recorder must have, or name as missing.
     fn promised(&self) -> u64 {
-        match self.is_recorded {
+        match self.is_recorded && self.was_linked {
             true => (self.lengths.len() + 1).saturating_sub(self.first.max(1)) as u64,
             false => 0,
         }

@@ -32,8 +32,8 @@ pub(super) struct Account {
     pub(super) first: usize,
     /// At most so many of the last ones may be missing without a word: the publisher dropped them, and has ended.
     pub(super) unsaid: u64,
-    /// Whether it was ever linked.
-    was_linked: bool,
+    /// Whether it was ever linked. A recording that ends has no time for a publisher that has just come.
+    pub(super) was_linked: bool,
     /// Whether the recorder has its topic among those to record.
     pub(super) is_recorded: bool,
 }
