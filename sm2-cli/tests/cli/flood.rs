@@ -159,10 +159,20 @@ fn record_all(soft: u64, hard: u64, count: u32) -> Value {
     let topic = |it: u32| reliable(&nodes[(it / NODE_TOPICS) as usize], &format!("topic/{it}"));
     let topics: Vec<_> = (0..count).map(topic).collect();
     let is_linked = |it: &&Publisher<u64>| it.links().iter().any(|it| it.open);
-    until(
-        "all topics are recorded, or too few descriptors are left",
-        || topics.iter().all(|it| is_linked(&it)) || recorder.stderr().contains("not recorded"),
-    );
+    let missing_so_far = || {
+        let (_, info, _) = bag(&["info", path.to_str().unwrap(), "--json"]);
+        let info: Value = serde_json::from_str(&info).unwrap_or_default();
+        let missing = info["missing"].as_array().cloned().unwrap_or_default();
+        missing.iter().filter(|it| it["to_ns"].is_null()).count()
+    };
+    let subscribed = || {
+        let list = domain.list("topic");
+        let list = list["topics"].as_array().unwrap().iter();
+        list.filter(|it| it["subscribers"] == 1).count()
+    };
+    until("each topic is subscribed to or missing", || {
+        topics.iter().all(|it| is_linked(&it)) || subscribed() + missing_so_far() >= topics.len()
+    });
     let linked: Vec<_> = topics.iter().filter(is_linked).collect();
     for topic in &linked {
         topic.publish(&1).unwrap();
