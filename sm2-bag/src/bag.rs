@@ -9,20 +9,25 @@ use std::sync::Arc;
 use mcap::records::{ChunkIndex, Metadata, MetadataIndex, op};
 use mcap::{Channel, MAGIC, McapError, McapResult, Summary};
 
-use crate::chunk::{Entry, RawRecord, RecordReader};
+use crate::chunk::{RawRecord, RecordReader};
 use crate::clock::ClockRelation;
+use crate::content::Entry;
 use crate::damaged::DamagedPart;
 use crate::error::{ReadError, is_of_system};
 use crate::foreign::{self, ForeignReason};
 use crate::gap::{Gap, GapReason};
-use crate::messages::{Filter, Messages};
+use crate::index;
+use crate::messages::{BagFileRef, Filter, Messages};
 use crate::missing::MissingTopic;
 use crate::observer::{Observer, unobserved};
 use crate::repeated::{NotRepeated, is_repeated};
 use crate::report::{Counts, NotRecorded, Report, ReportBuilder};
+use crate::rosbag2;
 use crate::scan::Scan;
 use crate::source::Source;
+use crate::storage::free_bytes;
 use crate::summary;
+use crate::unpacked::{is_packed, unpack};
 use crate::written_by::{WrittenBy, is_being_written};
 
 /// A bag, open for reading. Its messages stay on the disk until they are read.
@@ -32,6 +37,8 @@ pub struct Bag {
     file: File,
     summary: Summary,
     counts: BTreeMap<u16, Counts>,
+    /// Whether the counts lack the lengths of the messages.
+    lacks_bytes: bool,
     times: Option<(u64, u64)>,
     gaps: Vec<(String, Gap)>,
     missing: Vec<MissingTopic>,
@@ -43,6 +50,8 @@ pub struct Bag {
     runs: Vec<ChunkIndex>,
     /// The places and lengths of the attachments.
     attachments: Vec<(u64, u64)>,
+    /// Whether each payload is compressed, as rosbag2 can do it.
+    has_packed_payloads: bool,
     /// The damaged parts of the bags from which this one was copied.
     damaged_before: Vec<DamagedPart>,
     /// The damaged parts that were found when the bag was opened.
@@ -68,7 +77,7 @@ impl Bag {
     ///
     /// [`ReadError`].
     pub fn open_observed(path: &Path, observer: &mut Observer<'_>) -> Result<Self, ReadError> {
-        let (file, end) = open_file(path)?;
+        let (file, end) = open_file(path, observer)?;
         match Self::of_summary(path, &file, end)? {
             Some(bag) => Ok(bag),
             None => {
@@ -83,8 +92,8 @@ impl Bag {
         self.times
     }
 
-    /// Reads the summary of a file of `end` bytes. `None` if there is none, if it is damaged, or if it lacks the counts
-    /// of a channel, because another program wrote it.
+    /// Reads the summary of a file of `end` bytes. `None` if there is none, if it is damaged, or if another program wrote
+    /// it, and its [index](index::counts) lacks something.
     pub(crate) fn of_summary(
         path: &Path,
         file: &File,
@@ -104,7 +113,7 @@ impl Bag {
             metadata.push(record);
         }
         let named = metadata.iter().filter(|it| it.name == Counts::RECORD);
-        let counts: BTreeMap<_, _> = named
+        let mut counts: BTreeMap<_, _> = named
             .filter_map(|it| Counts::from_metadata(&it.metadata))
             .collect();
         let Some(stats) = &summary.stats else {
@@ -115,8 +124,13 @@ impl Bag {
                 .get(channel)
                 .is_some_and(|it| it.messages == *messages)
         };
-        if !stats.channel_message_counts.iter().all(is_counted) {
-            return Ok(None);
+        let lacks_bytes = !stats.channel_message_counts.iter().all(is_counted);
+        if lacks_bytes {
+            match index::counts(file, &summary, end) {
+                Ok(Some(indexed)) => counts = indexed,
+                Err(error) if is_of_system(&error) => return Err(ReadError::io(path, error)),
+                Ok(None) | Err(_) => return Ok(None),
+            }
         }
         let times = (stats.message_start_time, stats.message_end_time);
         let times = (stats.message_count > 0).then_some(times);
@@ -132,10 +146,13 @@ impl Bag {
             counts,
             times,
             metadata,
-            // The counts are those of this crate, which writes chunks.
+            // No message is outside of the chunks.
             ..Scan::default()
         };
-        Ok(Some(Self::new(path, file, scan, true)))
+        Ok(Some(Self {
+            lacks_bytes,
+            ..Self::new(path, file, scan, true)
+        }))
     }
 
     /// The bag with these records.
@@ -173,15 +190,28 @@ impl Bag {
             writer: named(WrittenBy::RECORD)
                 .find_map(WrittenBy::from_metadata)
                 .filter(|_| is_being_written),
+            has_packed_payloads: rosbag2::has_packed_payloads(&scan.metadata),
             metadata: scan.metadata,
             runs: scan.runs,
             attachments: scan.attachments,
             damaged: scan.damaged,
             summary: scan.summary,
             counts: scan.counts,
+            lacks_bytes: false,
             times: scan.times,
             complete,
         }
+    }
+
+    /// The bag, each payload of which is compressed.
+    pub(crate) fn with_packed_payloads(mut self) -> Self {
+        self.has_packed_payloads = true;
+        self
+    }
+
+    /// Whether each payload is compressed, as rosbag2 can do it.
+    pub(crate) const fn has_packed_payloads(&self) -> bool {
+        self.has_packed_payloads
     }
 
     /// The bag, in which these parts were found to be damaged.
@@ -207,6 +237,9 @@ impl Bag {
                 true => report.add_repeated(&channel.topic, data, counts),
                 false => report.add_channel(&channel.topic, data, counts),
             }
+        }
+        if self.lacks_bytes {
+            report.forget_bytes();
         }
         for (topic, gap) in &self.gaps {
             report.add_gap(topic, gap);
@@ -259,7 +292,7 @@ impl Bag {
     #[must_use]
     pub fn messages(&self, filter: &Filter) -> Messages<'_> {
         let channels = &self.summary.channels;
-        Messages::new(&self.file, &self.path, self.places(), channels, filter)
+        Messages::new(self.file(), self.places(), channels, filter)
     }
 
     /// The places of all messages.
@@ -275,7 +308,15 @@ impl Bag {
         filter: &Filter,
     ) -> Messages<'_> {
         let places = std::iter::once(place);
-        Messages::new(&self.file, &self.path, places, channels, filter)
+        Messages::new(self.file(), places, channels, filter)
+    }
+
+    fn file(&self) -> BagFileRef<'_> {
+        BagFileRef {
+            file: &self.file,
+            path: &self.path,
+            has_packed_payloads: self.has_packed_payloads,
+        }
     }
 
     /// The gaps that damaged parts leave: one for each channel of which fewer messages could be `read` than the summary
@@ -347,13 +388,20 @@ impl Bag {
     }
 }
 
-/// Opens a file that begins like an MCAP file. Returns it with its length in bytes.
-pub(crate) fn open_file(path: &Path) -> Result<(File, u64), ReadError> {
+/// Opens a file that begins like an MCAP file. Returns it with its length in bytes. A file that is compressed as a whole
+/// is decompressed.
+pub(crate) fn open_file(
+    path: &Path,
+    observer: &mut Observer<'_>,
+) -> Result<(File, u64), ReadError> {
     let failed = |source| ReadError::Io {
         path: path.to_owned(),
         source,
     };
-    let file = File::open(path).map_err(failed)?;
+    let mut file = File::open(path).map_err(failed)?;
+    if is_packed(&file) {
+        file = unpack(path, &file, free_bytes, observer)?;
+    }
     let end = file.metadata().map_err(failed)?.len();
     let mut magic = [0; MAGIC.len()];
     if end < MAGIC.len() as u64 || file.read_exact_at(&mut magic, 0).is_err() || magic != MAGIC {
@@ -380,7 +428,7 @@ fn read_metadata(file: &File, index: &MetadataIndex, end: u64) -> McapResult<Opt
         return Ok(None);
     };
     let mut found = None;
-    record.entries(|entry| {
+    record.visit(&mut |entry: Entry<'_>| {
         if let Entry::Metadata(metadata) = entry {
             found = Some(metadata);
         }

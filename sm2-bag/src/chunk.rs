@@ -7,30 +7,25 @@
 //! more than the file has. `tests/damage.rs` changes a bit of every byte, and `tests/power_cut.rs` leaves out random
 //! sectors of the writes since the last `fdatasync`.
 
-use std::borrow::Cow;
 use std::fs::File;
 use std::io;
 use std::ops::Range;
 use std::os::unix::fs::FileExt;
 
 use crc32fast::Hasher;
-use mcap::records::{ChunkHeader, MessageHeader, Metadata, Record, op};
-use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use mcap::{Attachment, McapError, McapResult, Schema};
+use mcap::records::{Record, op};
+use mcap::{Attachment, McapError, McapResult};
 
 use crate::attachment;
-use crate::checksum;
+use crate::content::{Entry, Visit, WithoutPayloads, visit_chunk, visit_record};
 use crate::lengths;
+pub(crate) use crate::lengths::{MESSAGE_HEAD_BYTES, RECORD_HEAD_BYTES};
 
 /// The first opcode that MCAP leaves to programs.
 const PRIVATE: u8 = 0x80;
 
-/// The length of the opcode and the length field of a record, in bytes.
-pub(crate) const RECORD_HEAD_BYTES: usize = 9;
 /// The length of the head of a chunk without compression, in bytes.
 pub(crate) const CHUNK_HEAD_BYTES: usize = 8 + 8 + 8 + 4 + 4 + 8;
-/// The length of the head of a message, in bytes.
-pub(crate) const MESSAGE_HEAD_BYTES: usize = 2 + 4 + 8 + 8;
 /// The length of everything in a chunk of one message that stands before the payload, in bytes.
 pub(crate) const LONG_HEAD_BYTES: usize =
     RECORD_HEAD_BYTES + CHUNK_HEAD_BYTES + RECORD_HEAD_BYTES + MESSAGE_HEAD_BYTES;
@@ -40,10 +35,6 @@ pub(crate) const CHUNK_SHAPE_BYTES: usize = RECORD_HEAD_BYTES + CHUNK_HEAD_BYTES
 
 /// How many bytes are read at a time only to compute their checksum.
 const PART_BYTES: usize = 64 << 10;
-
-/// The longest content of a compressed chunk that is read, in bytes: the longest message that a subscriber accepts by
-/// default, and room for its head. A few bytes can stand for so many.
-pub(crate) const CHUNK_MAX_BYTES: usize = (1 << 30) + 4_096;
 
 /// A record of the file.
 #[derive(Debug)]
@@ -126,23 +117,6 @@ pub(crate) fn hash_part(file: &File, part: Range<u64>, crc: &mut Hasher) -> Mcap
     Ok(())
 }
 
-/// Compares the checksum of a chunk with that of its records.
-pub(crate) const fn verify_crc(saved: u32, calculated: u32) -> McapResult<()> {
-    match checksum::is_right(saved, calculated) {
-        true => Ok(()),
-        false => Err(McapError::BadChunkCrc { saved, calculated }),
-    }
-}
-
-/// A record that matters for the messages of a bag.
-#[derive(Debug)]
-pub(crate) enum Entry<'a> {
-    Schema(Schema<'a>),
-    Channel(mcap::records::Channel),
-    Message(MessageHeader, Cow<'a, [u8]>),
-    Metadata(Metadata),
-}
-
 impl RawRecord {
     /// The length of the record in the file, in bytes.
     pub(crate) const fn len_bytes(&self) -> u64 {
@@ -162,7 +136,7 @@ impl RawRecord {
     /// Checks what can be checked of a record in the data of a file without the records before it.
     pub(crate) fn verify(&self) -> McapResult<()> {
         self.verify_kind()?;
-        self.entries(|_| Ok(()))
+        self.visit(&mut WithoutPayloads(|_: Entry<'_>| Ok(())))
     }
 
     /// As [`verify`](Self::verify), without the records inside.
@@ -201,6 +175,11 @@ impl RawRecord {
         self.opcode == op::MESSAGE && said == has && has.is_some_and(|it| it % 16 == 0)
     }
 
+    /// Whether further records are in this one, because its length is wrong.
+    pub(crate) fn hides_records(&self) -> bool {
+        lengths::hides_records(self.opcode, &self.bytes[RECORD_HEAD_BYTES..])
+    }
+
     /// Whether this is a chunk with a wrong opcode: by its lengths and its checksum.
     fn is_mislabelled_chunk(&self) -> bool {
         let len = ChunkShape::of(&self.bytes).and_then(|it| it.record_len());
@@ -215,65 +194,27 @@ impl RawRecord {
             offset,
             bytes,
         };
-        chunk.entries(|_| Ok(())).is_ok()
+        chunk
+            .visit(&mut WithoutPayloads(|_: Entry<'_>| Ok(())))
+            .is_ok()
     }
 
     pub(crate) fn parse(&self) -> McapResult<Record<'_>> {
-        parse(self.opcode, &self.bytes[RECORD_HEAD_BYTES..])
+        lengths::parse(self.opcode, &self.bytes[RECORD_HEAD_BYTES..])
     }
 
-    /// Passes this record to `each`, or the records inside if it is a chunk, whose checksum is verified first.
-    pub(crate) fn entries(
-        &self,
-        mut each: impl FnMut(Entry<'_>) -> McapResult<()>,
-    ) -> McapResult<()> {
-        let body = &self.bytes[RECORD_HEAD_BYTES..];
+    /// Passes this record to `visit`, or the records inside if it is a chunk, whose checksum is verified first.
+    pub(crate) fn visit(&self, visit: &mut dyn Visit) -> McapResult<()> {
         if self.opcode != op::CHUNK {
-            return entry(self.opcode, body)?.map_or(Ok(()), each);
+            return visit_record(self.opcode, &self.bytes[RECORD_HEAD_BYTES..], visit);
         }
         if !ChunkShape::of(&self.bytes).is_some_and(|it| it.is_consistent()) {
             return Err(McapError::UnexpectedEoc);
         }
         match self.parse()? {
-            Record::Chunk { header, data } if header.compression.is_empty() => {
-                uncompressed_entries(&header, &data, &mut each)
-            }
-            Record::Chunk { header, .. } if header.uncompressed_size > CHUNK_MAX_BYTES as u64 => {
-                Err(McapError::ChunkTooLarge(header.uncompressed_size))
-            }
-            _ => self.compressed_entries(&mut each),
+            Record::Chunk { header, data } => visit_chunk(&header, &data, visit),
+            _ => Err(McapError::BadIndex),
         }
-    }
-
-    /// Passes the records of a compressed chunk to `each`.
-    fn compressed_entries(
-        &self,
-        each: &mut impl FnMut(Entry<'_>) -> McapResult<()>,
-    ) -> McapResult<()> {
-        let options = LinearReaderOptions::default()
-            .with_skip_start_magic(true)
-            .with_skip_end_magic(true)
-            .with_prevalidate_chunk_crcs(true)
-            .with_record_length_limit(CHUNK_MAX_BYTES.max(self.bytes.len()));
-        let mut reader = LinearReader::new_with_options(options);
-        let mut left = self.bytes.as_slice();
-        while let Some(event) = reader.next_event() {
-            match event? {
-                LinearReadEvent::ReadRequest(want) => {
-                    let (now, later) = left.split_at(want.min(left.len()));
-                    reader.insert(now.len()).copy_from_slice(now);
-                    // An empty slice tells the reader that the record is over.
-                    reader.notify_read(now.len());
-                    left = later;
-                }
-                LinearReadEvent::Record { data, opcode } => {
-                    if let Some(entry) = entry(opcode, data)? {
-                        each(entry)?;
-                    }
-                }
-            }
-        }
-        Ok(())
     }
 }
 
@@ -347,60 +288,6 @@ pub(crate) fn chunk_len_by_content(bytes: &[u8]) -> Option<u64> {
     shape.stored_bytes.checked_add(head as u64)
 }
 
-/// Passes the records of an uncompressed chunk to `each`. The reader of the crate would read beyond the end of a chunk
-/// whose last record has a wrong length.
-fn uncompressed_entries(
-    header: &ChunkHeader,
-    data: &[u8],
-    each: &mut impl FnMut(Entry<'_>) -> McapResult<()>,
-) -> McapResult<()> {
-    verify_crc(header.uncompressed_crc, crc32fast::hash(data))?;
-    let mut left = data;
-    while let Some((head, rest)) = left.split_first_chunk::<RECORD_HEAD_BYTES>() {
-        let [opcode, len @ ..] = *head;
-        let len = usize::try_from(u64::from_le_bytes(len));
-        let len = len.map_err(|_| McapError::UnexpectedEoc)?;
-        let (body, after) = rest.split_at_checked(len).ok_or(McapError::UnexpectedEoc)?;
-        if let Some(entry) = entry(opcode, body)? {
-            each(entry)?;
-        }
-        left = after;
-    }
-    match left.is_empty() {
-        true => Ok(()),
-        false => Err(McapError::UnexpectedEoc),
-    }
-}
-
-/// Reads a record whose lengths fit into it.
-fn parse(opcode: u8, body: &[u8]) -> McapResult<Record<'_>> {
-    lengths::check(opcode, body)?;
-    mcap::parse_record(opcode, body)
-}
-
-/// Reads a record; `None` if it does not matter here.
-fn entry(opcode: u8, data: &[u8]) -> McapResult<Option<Entry<'_>>> {
-    // Others, such as attachments, are not parsed: the parser of the crate panics on short ones.
-    if !matches!(
-        opcode,
-        op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA
-    ) {
-        return Ok(None);
-    }
-    Ok(match parse(opcode, data)? {
-        Record::Schema { header, data } => Some(Entry::Schema(Schema {
-            id: header.id,
-            name: header.name,
-            encoding: header.encoding,
-            data,
-        })),
-        Record::Channel(channel) => Some(Entry::Channel(channel)),
-        Record::Message { header, data } => Some(Entry::Message(header, data)),
-        Record::Metadata(metadata) => Some(Entry::Metadata(metadata)),
-        _ => None,
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -409,7 +296,8 @@ mod tests {
     #[test]
     fn a_text_is_not_longer_than_its_record() {
         let long_topic = [&[0; 4][..], &u32::MAX.to_le_bytes(), b"topic"].concat();
-        let error = entry(op::CHANNEL, &long_topic).unwrap_err();
+        let error = visit_record(op::CHANNEL, &long_topic, &mut |_: Entry<'_>| Ok(()));
+        let error = error.unwrap_err();
         assert!(matches!(error, McapError::UnexpectedEoc), "{error}");
         let long_compression = [&[0; RECORD_HEAD_BYTES + 28][..], &[0xff; 4]].concat();
         let record = RawRecord {

@@ -18,6 +18,8 @@ use crate::observer::{Observer, note, unobserved};
 use crate::profile::Profile;
 use crate::repeated::{NotRepeated, is_repeated, mark_repeated};
 use crate::report::{Counts, Report};
+use crate::rosbag2;
+use crate::shift::Shift;
 use crate::writer::{Compression, write_counts, write_options};
 
 /// Writes the messages of `bags` that pass `filter` to the new bag `to`, in the order of their `log_time`. Messages of
@@ -55,6 +57,7 @@ pub fn copy_observed(
         filter,
         compression,
         metadata: &[],
+        shift: Shift::default(),
     };
     copy_with(bags, to, &options, observer)
 }
@@ -65,6 +68,8 @@ pub(crate) struct CopyOptions<'a> {
     pub(crate) compression: Compression,
     /// The records with which the new bag begins.
     pub(crate) metadata: &'a [Metadata],
+    /// The span by which all times move.
+    pub(crate) shift: Shift,
 }
 
 /// As [`copy_observed`].
@@ -160,6 +165,9 @@ fn write(
         let read = |channel| read.get(&(number, channel)).copied().unwrap_or_default();
         let mut gaps = bag.gaps_of(parts, read);
         gaps.retain(|(topic, _)| has_all_times && filter.has_topic(topic));
+        for (_, gap) in &mut gaps {
+            (gap.from_ns, gap.to_ns) = (new.shift.apply(gap.from_ns), new.shift.apply(gap.to_ns));
+        }
         damaged::write(&mut new.writer, parts, &gaps).map_err(failed)?;
     }
     new.finish().map_err(failed)
@@ -227,6 +235,7 @@ struct NewBag<'a> {
     /// The channels by the number of their bag, their number in it, and whether their messages are repeated.
     channels: BTreeMap<(usize, u16, bool), u16>,
     counts: BTreeMap<u16, Counts>,
+    shift: Shift,
 }
 
 impl<'a> NewBag<'a> {
@@ -240,6 +249,7 @@ impl<'a> NewBag<'a> {
             writer: write_options(options.compression, profile).create(BufWriter::new(file))?,
             channels: BTreeMap::new(),
             counts: BTreeMap::new(),
+            shift: options.shift,
         };
         for record in options.metadata {
             new.writer.write_metadata(record)?;
@@ -250,9 +260,13 @@ impl<'a> NewBag<'a> {
             for channel in chosen.filter(|it| !is_repeated(it)) {
                 new.channel(number, channel, false)?;
             }
-            let records = bag.metadata().iter().filter(|it| is_chosen(it, filter));
-            for record in records {
-                new.writer.write_metadata(record)?;
+            let records = bag.metadata().iter().filter(|it| {
+                // The payloads of the new bag are not compressed, as this record says.
+                let is_wrong = it.name == rosbag2::RECORD && bag.has_packed_payloads();
+                !is_wrong && is_chosen(it, filter)
+            });
+            for record in records.filter_map(|it| new.shift.record(it)) {
+                new.writer.write_metadata(&record)?;
             }
         }
         for it in not_repeated(bags, filter) {
@@ -288,8 +302,8 @@ impl<'a> NewBag<'a> {
         let header = MessageHeader {
             channel_id,
             sequence: message.sequence,
-            log_time: message.log_time,
-            publish_time: message.publish_time,
+            log_time: self.shift.apply(message.log_time),
+            publish_time: self.shift.apply(message.publish_time),
         };
         self.writer.write_to_known_channel(&header, &message.data)?;
         let counts = self.counts.entry(channel_id).or_default();

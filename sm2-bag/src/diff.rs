@@ -3,12 +3,14 @@
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::fmt;
 use std::hash::{BuildHasher, RandomState};
+use std::slice;
 
 use serde::Serialize;
 
 use crate::bag::Bag;
 use crate::damaged::DamagedPart;
 use crate::error::ReadError;
+use crate::latched::messages;
 use crate::messages::Filter;
 use crate::observer::{Observer, note, unobserved};
 use crate::repeated::is_repeated;
@@ -87,19 +89,20 @@ pub struct Comparison {
 ///
 /// [`ReadError`].
 pub fn diff(bags: [&Bag; 2]) -> Result<Comparison, ReadError> {
-    diff_observed(bags, &mut unobserved)
+    diff_observed(bags.map(slice::from_ref), &mut unobserved)
 }
 
-/// As [`diff`]. The observer is told about the payloads.
+/// As [`diff`], of two bags that may have several files. The observer is told about the payloads.
 ///
 /// # Errors
 ///
 /// [`ReadError`].
 pub fn diff_observed(
-    bags: [&Bag; 2],
+    bags: [&[Bag]; 2],
     observer: &mut Observer<'_>,
 ) -> Result<Comparison, ReadError> {
-    let mut damaged = bags.map(|bag| bag.damaged().to_vec());
+    let damaged = bags.map(|files| files.iter().flat_map(Bag::damaged));
+    let mut damaged = damaged.map(|it| it.cloned().collect());
     let difference = first(bags, &mut damaged, observer)?;
     Ok(Comparison {
         difference,
@@ -109,12 +112,13 @@ pub fn diff_observed(
 
 /// Finds the first difference, and the damaged parts before it.
 fn first(
-    bags: [&Bag; 2],
+    bags: [&[Bag]; 2],
     damaged: &mut [Vec<DamagedPart>; 2],
     observer: &mut Observer<'_>,
 ) -> Result<Option<Difference>, ReadError> {
-    let topics = bags.map(|bag| {
-        let channels = bag.channels().filter(|it| !is_repeated(it));
+    let topics = bags.map(|files| {
+        let channels = files.iter().flat_map(Bag::channels);
+        let channels = channels.filter(|it| !is_repeated(it));
         let channels = channels.map(|it| it.topic.clone());
         channels.collect::<BTreeSet<_>>()
     });
@@ -125,13 +129,13 @@ fn first(
         }));
     }
     let filter = Filter::default();
-    let mut messages = [bags[0].messages(&filter), bags[1].messages(&filter)];
+    let mut messages = bags.map(|files| messages(files, &filter));
     let mut compared = BTreeMap::<String, Compared>::new();
     let keys = RandomState::new();
     loop {
         let mut at_end = true;
         for (bag, messages) in messages.iter_mut().enumerate() {
-            let message = match messages.next() {
+            let message = match messages.next().map(|(_, it)| it) {
                 None => continue,
                 Some(Err(ReadError::Damaged { part, .. })) => {
                     at_end = false;
@@ -214,8 +218,12 @@ impl Compared {
 }
 
 /// Reads a message of both bags again, whose payloads differ.
-fn payload_difference(bags: [&Bag; 2], topic: &str, message: u64) -> Result<Difference, ReadError> {
-    let [first, second] = bags.map(|bag| payload(bag, topic, message));
+fn payload_difference(
+    bags: [&[Bag]; 2],
+    topic: &str,
+    message: u64,
+) -> Result<Difference, ReadError> {
+    let [first, second] = bags.map(|files| payload(files, topic, message));
     Ok(Difference::Payload {
         topic: topic.to_owned(),
         message,
@@ -224,13 +232,13 @@ fn payload_difference(bags: [&Bag; 2], topic: &str, message: u64) -> Result<Diff
 }
 
 /// The payload of the message with this number.
-fn payload(bag: &Bag, topic: &str, message: u64) -> Result<Vec<u8>, ReadError> {
+fn payload(files: &[Bag], topic: &str, message: u64) -> Result<Vec<u8>, ReadError> {
     let filter = Filter {
         topics: [topic.to_owned()].into(),
         ..Filter::default()
     };
     let mut before = message;
-    for message in bag.messages(&filter) {
+    for (_, message) in messages(files, &filter) {
         let message = match message {
             Err(ReadError::Damaged { .. }) => continue,
             message => message?,

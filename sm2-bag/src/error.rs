@@ -10,6 +10,7 @@ use sm2_proto::lockstep::TooManyRounds;
 
 use crate::damaged::DamagedPart;
 use crate::foreign::ForeignReason;
+use crate::rosbag2::Rosbag2Error;
 
 /// Why a recording did not start, or ended.
 #[derive(Debug, thiserror::Error)]
@@ -88,6 +89,33 @@ pub enum ReadError {
         /// The file.
         path: PathBuf,
     },
+    /// The description of a bag of rosbag2 is of no use.
+    #[error("cannot read the bag that {} describes: {reason}", path.display())]
+    Rosbag2 {
+        /// The description.
+        path: PathBuf,
+        /// The fault.
+        reason: Rosbag2Error,
+    },
+    /// The folder has no bag.
+    #[error("{} has no bag: no file that ends in .mcap, and no metadata.yaml", path.display())]
+    NoBag {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// There is no room for the content of a file that is compressed as a whole.
+    #[error(
+        "there is no room in {} for the content of {}: set TMPDIR to a folder with more room, or decompress it \
+         yourself",
+        folder.display(),
+        path.display()
+    )]
+    NoRoom {
+        /// The file.
+        path: PathBuf,
+        /// The folder for its content.
+        folder: PathBuf,
+    },
     /// A part of the file is damaged. The records behind it can be read.
     #[error("{} is damaged ({part}): `sm2 bag recover` copies the rest", path.display())]
     Damaged {
@@ -149,6 +177,28 @@ pub enum CopyError {
         /// The reason.
         source: WriteError,
     },
+}
+
+/// Why the times of a recording were not corrected.
+#[derive(Debug, thiserror::Error)]
+pub enum RestampError {
+    /// The bag has no relation of the clocks, so no recorder of SM2 has written it.
+    #[error(
+        "the bag does not tell how the wall clock and the monotonic clock were related (metadata record sm2.clock), \
+         so its times cannot be corrected: no recorder of SM2 wrote it"
+    )]
+    NoRelation,
+    /// The wall clock was not corrected while the recorder ran.
+    #[error("the wall clock was not corrected during the recording, so its times stay as they are")]
+    NoStep,
+    /// The relations are of several recordings.
+    #[error(
+        "the bag has several recordings, each with a clock of its own: correct each one before they are merged"
+    )]
+    SeveralRecordings,
+    /// The messages cannot be copied.
+    #[error(transparent)]
+    Copy(#[from] CopyError),
 }
 
 /// Why a bag is not played.

@@ -16,6 +16,7 @@ use sm2_proto::{Name, TypeId};
 
 pub(crate) use self::kept::Kept;
 pub(crate) use self::whole::Whole;
+pub use self::whole::messages;
 use crate::bag::Bag;
 use crate::foreign;
 use crate::source::Source;

@@ -1,8 +1,13 @@
 //! The lengths inside a record, compared with its length. The parser of the crate `mcap` allocates the length that a
 //! text claims, up to 4 GiB, before it reads the text.
 
-use mcap::records::op;
+use mcap::records::{Record, op};
 use mcap::{McapError, McapResult};
+
+/// The length of the opcode and the length field of a record, in bytes.
+pub(crate) const RECORD_HEAD_BYTES: usize = 9;
+/// The length of the head of a message, in bytes.
+pub(crate) const MESSAGE_HEAD_BYTES: usize = 2 + 4 + 8 + 8;
 
 /// A field of a record's body.
 #[derive(Clone, Copy)]
@@ -15,11 +20,14 @@ enum Field {
     TextMap,
 }
 
-/// The fields of a record up to its last text. None for records without texts, and for those that are not parsed here:
-/// the header of a file and attachments.
+/// The fields of a record up to its last text. None for records without texts, and for attachments, which are not parsed
+/// here.
 const fn fields(opcode: u8) -> &'static [Field] {
     use Field::{Numbers, Text, TextMap};
     match opcode {
+        op::HEADER => &[Text, Text],
+        // An array of numbers has the shape of a text.
+        op::MESSAGE_INDEX => &[Numbers(2), Text],
         op::SCHEMA => &[Numbers(2), Text, Text],
         op::CHANNEL => &[Numbers(4), Text, Text, TextMap],
         op::CHUNK => &[Numbers(28), Text],
@@ -32,8 +40,35 @@ const fn fields(opcode: u8) -> &'static [Field] {
     }
 }
 
-/// Fails if a length in the body is longer than the bytes behind it.
-pub(crate) fn check(opcode: u8, mut body: &[u8]) -> McapResult<()> {
+/// Reads the body of a record whose lengths fit into it.
+pub(crate) fn parse(opcode: u8, body: &[u8]) -> McapResult<Record<'_>> {
+    check(opcode, body)?;
+    mcap::parse_record(opcode, body)
+}
+
+/// Whether the body of a header or of a message index has further records behind its fields, up to its end: then the
+/// length of the record is wrong.
+pub(crate) fn hides_records(opcode: u8, body: &[u8]) -> bool {
+    let Ok(mut rest) = check(opcode, body) else {
+        return false;
+    };
+    if !matches!(opcode, op::HEADER | op::MESSAGE_INDEX) || rest.is_empty() {
+        return false;
+    }
+    while let Some((head, behind)) = rest.split_first_chunk::<RECORD_HEAD_BYTES>() {
+        let [opcode, len @ ..] = *head;
+        let len = usize::try_from(u64::from_le_bytes(len));
+        let after = len.ok().and_then(|it| behind.get(it..));
+        match after {
+            Some(after) if (op::HEADER..=op::DATA_END).contains(&opcode) => rest = after,
+            _ => return false,
+        }
+    }
+    rest.is_empty()
+}
+
+/// Fails if a length in the body is longer than the bytes behind it. Returns the bytes behind the fields.
+fn check(opcode: u8, mut body: &[u8]) -> McapResult<&[u8]> {
     for field in fields(opcode) {
         body = match *field {
             Field::Numbers(len) => split(body, len)?.1,
@@ -47,7 +82,7 @@ pub(crate) fn check(opcode: u8, mut body: &[u8]) -> McapResult<()> {
             }
         };
     }
-    Ok(())
+    Ok(body)
 }
 
 /// A text, and the bytes behind it.

@@ -6,11 +6,13 @@
 //! | --- | --- |
 //! | record topics of a domain | [`Recorder`], into one file ([`BagFile`]) or into a [`Folder`] |
 //! | keep the last seconds when something happens | [`BlackBox`] |
-//! | read a bag: its summary, its messages | [`Bag`] |
+//! | find the files of a bag | [`BagFiles`] |
+//! | read a bag: its summary, its messages | [`Bag`], [`messages`](fn@messages) |
 //! | publish the messages of one or more bags again | [`Player`] |
 //! | check a bag for damage | [`check`](fn@check) |
 //! | write the readable part of a damaged bag to a new file | [`recover`](fn@recover) |
 //! | write chosen messages of one or more bags to a new file | [`copy`](fn@copy) |
+//! | correct the times of a recording whose clock was corrected | [`restamp`](fn@restamp) |
 //! | compare the payloads of two bags | [`diff`](fn@diff) |
 //!
 //! # The content of a bag
@@ -33,6 +35,7 @@
 //! | metadata `sm2.not_recorded` | how many more topics were not recorded, without their names |
 //! | metadata `sm2.not_repeated` | latched messages with which the file should begin, and has no room for |
 //! | metadata `sm2.damaged` | a damaged part of the bag from which this one was copied |
+//! | metadata `sm2.restamped` | by how many nanoseconds all times were moved |
 //! | metadata `sm2.incident` | the trigger and the times of a [`BlackBox`] |
 //! | metadata `sm2.channel` | the counts of one channel, at the end of a complete bag |
 //!
@@ -56,7 +59,8 @@
 //! Bags of rosbag2 and of the Python package `rosbags` are read and played as well: channels with the message encoding
 //! `cdr` and the schema encoding `ros2msg`. The hash of the type is computed from its definition. Topics lose the slash
 //! at their start. The publisher's node is `bag`; its QoS is reliable with a depth of 64, and the metadata
-//! `offered_qos_profiles` can make it best effort or latched.
+//! `offered_qos_profiles` can make it best effort or latched. A folder with `metadata.yaml` is one bag ([`BagFiles`]).
+//! Files and messages that rosbag2 has compressed by zstd are read as they were before.
 //!
 //! # After a crash
 //!
@@ -68,10 +72,12 @@
 
 mod attachment;
 mod bag;
+mod bag_files;
 mod black_box;
 mod checksum;
 mod chunk;
 mod clock;
+mod content;
 mod copy;
 mod damaged;
 mod diff;
@@ -81,6 +87,8 @@ mod foreign;
 #[cfg(feature = "fuzzing")]
 pub mod fuzz;
 mod gap;
+mod incident_record;
+mod index;
 mod latched;
 mod lengths;
 mod merged;
@@ -97,27 +105,33 @@ mod recorder;
 mod recover;
 mod repeated;
 mod report;
+mod restamp;
 mod resync;
 mod ros_qos;
+mod rosbag2;
 mod scan;
+mod shift;
 mod source;
 mod storage;
 mod summary;
+mod unpacked;
 mod verify;
 mod writer;
 mod written_by;
 
 pub use crate::{
     bag::Bag,
+    bag_files::{BagFiles, bags_in},
     black_box::{BlackBox, BlackBoxOptions, BlackBoxStep, Incident, Trigger},
     clock::{ClockRelation, MonotonicClock, WallClock},
     copy::{copy, copy_observed},
     damaged::DamagedPart,
     diff::{Comparison, Difference, diff, diff_observed},
-    error::{CopyError, PlayError, ReadError, RecordError, WriteError},
+    error::{CopyError, PlayError, ReadError, RecordError, RestampError, WriteError},
     folder::Folder,
     foreign::ForeignReason,
     gap::{Gap, GapReason},
+    latched::messages,
     messages::{BagMessage, Filter, Messages},
     missing::MissingTopic,
     names::{create_first, numbered},
@@ -130,6 +144,8 @@ pub use crate::{
     recorder::{Options, Progress, Recorder, Split, Step, Topics},
     recover::{recover, recover_observed},
     report::{Report, TopicReport},
+    restamp::{Restamped, restamp},
+    rosbag2::Rosbag2Error,
     source::Source,
     storage::{BagFile, FreeBytes, Storage, SyncWork},
     verify::{Damage, Verdict, check, check_observed},

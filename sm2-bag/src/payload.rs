@@ -1,19 +1,20 @@
 //! The payload of a message, in memory or still in the file.
 
 use std::fs::File;
-use std::io::Cursor;
+use std::io::{Cursor, Read};
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
 use binrw::BinRead;
 use crc32fast::Hasher;
-use mcap::McapResult;
 use mcap::records::{ChunkHeader, MessageHeader, op};
+use mcap::{McapError, McapResult};
 
+use crate::checksum::verify_crc;
 use crate::chunk::{
     CHUNK_HEAD_BYTES, LONG_HEAD_BYTES, MESSAGE_HEAD_BYTES, RECORD_HEAD_BYTES, hash_part, of_read,
-    verify_crc,
 };
+use crate::content::CHUNK_MAX_BYTES;
 use crate::error::ReadError;
 use crate::writer::COPY_MAX_BYTES;
 
@@ -24,6 +25,8 @@ pub(crate) enum Payload<'a> {
     Read(Vec<u8>),
     /// It is a chunk of its own.
     Long(LongPayload<'a>),
+    /// It is in memory, and compressed.
+    Packed(PackedPayload<'a>),
 }
 
 impl Payload<'_> {
@@ -32,7 +35,48 @@ impl Payload<'_> {
         match self {
             Self::Read(data) => Ok(data),
             Self::Long(payload) => payload.read_to_vec(),
+            Self::Packed(payload) => payload.unpack(),
         }
+    }
+
+    /// The memory of the payload, in bytes.
+    pub(crate) const fn memory_bytes(&self) -> usize {
+        match self {
+            Self::Read(data) => data.len(),
+            Self::Long(_) => 0,
+            Self::Packed(payload) => payload.data.len(),
+        }
+    }
+}
+
+/// A payload that is compressed by zstd on its own, as rosbag2 does it.
+#[derive(Debug)]
+pub(crate) struct PackedPayload<'a> {
+    data: Vec<u8>,
+    path: &'a Path,
+    /// The place and the length of the chunk, in bytes.
+    chunk: (u64, u64),
+}
+
+impl<'a> PackedPayload<'a> {
+    pub(crate) const fn new(data: Vec<u8>, path: &'a Path, chunk: (u64, u64)) -> Self {
+        Self { data, path, chunk }
+    }
+
+    /// The payload as it was published.
+    fn unpack(self) -> Result<Vec<u8>, ReadError> {
+        let mut data = Vec::new();
+        let unpack = |data: &mut Vec<u8>| {
+            let decoder = zstd::Decoder::with_buffer(self.data.as_slice())?;
+            decoder.take(CHUNK_MAX_BYTES + 1).read_to_end(data)?;
+            match data.len() as u64 {
+                CHUNK_MAX_BYTES.. => Err(McapError::ChunkTooLarge(data.len() as u64)),
+                _ => Ok(()),
+            }
+        };
+        let unpacked = unpack(&mut data);
+        unpacked.map_err(|error| ReadError::damaged(self.path, self.chunk, error))?;
+        Ok(data)
     }
 }
 

@@ -9,17 +9,21 @@ use mcap::records::op;
 use mcap::{McapResult, Writer};
 
 use crate::bag::{Bag, open_file, scan_file};
-use crate::chunk::{Entry, RecordReader};
-use crate::copy::{create, write_error};
+use crate::bag_files::BagFiles;
+use crate::chunk::RecordReader;
+use crate::content::Entry;
+use crate::copy::{copy_observed, create, write_error};
 use crate::damaged;
 use crate::error::{CopyError, WriteError};
+use crate::messages::Filter;
 use crate::observer::{Observer, note, unobserved};
 use crate::profile::Profile;
 use crate::report::{Counts, Report};
 use crate::scan::Scan;
 use crate::writer::{Compression, write_counts, write_options};
 
-/// Copies everything of the bag `from` but its damaged parts to the new bag `to`, with a summary. The
+/// Copies everything of the bag `from` (a file, or a folder as [`BagFiles`] describes it) but its damaged parts to the new
+/// bag `to`, with a summary. The
 /// [report](Report::damaged) names these parts. The messages that they had are gaps, if the summary of `from` counts
 /// them. Returns the summary of the new bag, which is removed if copying fails.
 ///
@@ -40,7 +44,13 @@ pub fn recover_observed(
     to: &Path,
     observer: &mut Observer<'_>,
 ) -> Result<Report, CopyError> {
-    let (file, end) = open_file(from)?;
+    let files = BagFiles::find(from)?;
+    if !files.is_one() {
+        let bags = files.open(observer)?;
+        return copy_observed(&bags, to, &Filter::default(), Compression::None, observer);
+    }
+    let from = files.paths().first().map_or(from, AsRef::as_ref);
+    let (file, end) = open_file(from, observer)?;
     let scan = scan_file(from, &file, end, observer)?;
     let described = Bag::of_summary(from, &file, end)?;
     create(to, |created| {
@@ -76,7 +86,7 @@ pub(crate) fn copy(
             match record.opcode {
                 op::DATA_END => break,
                 op::CHUNK | op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA => {
-                    record.entries(|entry| write_entry(&mut writer, entry))?;
+                    record.visit(&mut |entry: Entry<'_>| write_entry(&mut writer, entry))?;
                 }
                 op::ATTACHMENT => writer.attach(&record.attachment()?)?,
                 _ => {}
@@ -118,7 +128,9 @@ fn write_entry<W: Write + Seek>(writer: &mut Writer<W>, entry: Entry<'_>) -> Mca
             let (topic, encoding) = (&it.topic, &it.message_encoding);
             writer.add_channel_with_id(id, schema, topic, encoding, &it.metadata)?;
         }
-        Entry::Message(header, data) => writer.write_to_known_channel(&header, &data)?,
+        Entry::Message(header, _, data) => {
+            writer.write_to_known_channel(&header, &data.unwrap_or_default())?;
+        }
         // The counts are those of the new bag.
         Entry::Metadata(it) if it.name == Counts::RECORD => {}
         Entry::Metadata(it) => writer.write_metadata(&it)?,

@@ -33,6 +33,31 @@ pub struct Report {
     pub writer: Option<WrittenBy>,
 }
 
+impl Report {
+    /// The summary of a bag that has these files. Later files repeat latched messages of earlier ones, so those of the
+    /// first file count alone.
+    #[must_use]
+    pub fn of_files(files: &[Self]) -> Self {
+        if let [file] = files {
+            return file.clone();
+        }
+        let first = files.iter().filter(|it| it.start_ns.is_some());
+        let first = first.min_by_key(|it| it.start_ns);
+        let mut all = ReportBuilder::default();
+        files.iter().for_each(|it| all.add_report(it));
+        let mut report = all.finish_all(files.iter().all(|it| it.complete));
+        for topic in &mut report.topics {
+            let topics = first.iter().flat_map(|it| &it.topics);
+            let mut same =
+                topics.filter(|it| (&it.name, &it.r#type) == (&topic.name, &topic.r#type));
+            let counts = same.next().map(|it| (it.repeated, it.not_repeated));
+            (topic.repeated, topic.not_repeated) = counts.unwrap_or_default();
+        }
+        report.writer = files.iter().find_map(|it| it.writer.clone());
+        report
+    }
+}
+
 /// A topic of a bag.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct TopicReport {
@@ -42,8 +67,9 @@ pub struct TopicReport {
     pub r#type: String,
     /// The number of messages in the bag.
     pub messages: u64,
-    /// The length of all their payloads, in bytes.
-    pub bytes: u64,
+    /// The length of all their payloads, in bytes. `None` if only the index of a bag of another program was read, which
+    /// does not have it.
+    pub bytes: Option<u64>,
     /// The number of messages that are missing in the bag: the sum over all gaps.
     pub lost: u64,
     /// Where messages are missing.
@@ -144,7 +170,13 @@ impl ReportBuilder {
         let report = self.topic(topic, data);
         // A hostile bag can claim any counts.
         report.messages = report.messages.saturating_add(counts.messages);
-        report.bytes = report.bytes.saturating_add(counts.bytes);
+        report.bytes = report.bytes.map(|it| it.saturating_add(counts.bytes));
+    }
+
+    /// Notes that the lengths of messages are not known.
+    pub(crate) fn forget_bytes(&mut self) {
+        let topics = self.topics.values_mut().filter(|it| it.messages > 0);
+        topics.for_each(|it| it.bytes = None);
     }
 
     /// Adds a channel whose messages are repeated.
@@ -158,6 +190,7 @@ impl ReportBuilder {
         self.topics.entry(key).or_insert_with(|| TopicReport {
             name: topic.to_owned(),
             r#type: data.to_owned(),
+            bytes: Some(0),
             ..TopicReport::default()
         })
     }
@@ -207,11 +240,13 @@ impl ReportBuilder {
     /// Adds another bag.
     pub(crate) fn add_report(&mut self, report: &Report) {
         for topic in &report.topics {
-            let TopicReport {
-                messages, bytes, ..
-            } = *topic;
-            self.add_channel(&topic.name, &topic.r#type, Counts { messages, bytes });
+            let counts = Counts {
+                messages: topic.messages,
+                bytes: topic.bytes.unwrap_or_default(),
+            };
+            self.add_channel(&topic.name, &topic.r#type, counts);
             let sum = self.topic(&topic.name, &topic.r#type);
+            sum.bytes = sum.bytes.filter(|_| topic.bytes.is_some());
             sum.repeated = sum.repeated.saturating_add(topic.repeated);
             sum.not_repeated = sum.not_repeated.saturating_add(topic.not_repeated);
             for gap in &topic.gaps {

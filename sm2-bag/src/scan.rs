@@ -10,7 +10,8 @@ use mcap::records::{ChunkIndex, Metadata, Record, op};
 use mcap::{Channel, MAGIC, McapError, McapResult, Schema, Summary};
 
 use crate::checksum;
-use crate::chunk::{Entry, RECORD_HEAD_BYTES, RawRecord, RecordReader};
+use crate::chunk::{RECORD_HEAD_BYTES, RawRecord, RecordReader};
+use crate::content::{Entry, WithoutPayloads};
 use crate::damaged::DamagedPart;
 use crate::error::{ReadError, is_of_system};
 use crate::observer::{Observer, note};
@@ -76,6 +77,8 @@ impl Scan {
                     scan.compare(&record, crc.finalize());
                     return Ok(scan);
                 }
+                // Its length is not to be believed.
+                Ok(Some(record)) if record.hides_records() => (None, McapError::BadIndex),
                 Ok(Some(record)) if is_behind_chunk && record.is_mislabelled_index() => {
                     (Some(record.len_bytes()), McapError::BadIndex)
                 }
@@ -142,7 +145,7 @@ impl Scan {
         let mut added = Added::default();
         match record.opcode {
             op::CHUNK => {
-                record.entries(|entry| self.entry(entry, &mut added))?;
+                self.visit(record, &mut added)?;
                 let mut index = chunk_index(record)?;
                 let named = (index.message_start_time, index.message_end_time);
                 if let Some(times) = added.times.filter(|it| *it != named) {
@@ -153,7 +156,7 @@ impl Scan {
                 self.summary.chunk_indexes.push(index);
             }
             op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA => {
-                record.entries(|entry| self.entry(entry, &mut added))?;
+                self.visit(record, &mut added)?;
                 if let Some(times) = added.times {
                     self.add_to_run(record, times);
                 }
@@ -198,6 +201,12 @@ impl Scan {
         });
     }
 
+    fn visit(&mut self, record: &RawRecord, added: &mut Added) -> McapResult<()> {
+        record.visit(&mut WithoutPayloads(|entry: Entry<'_>| {
+            self.entry(entry, added)
+        }))
+    }
+
     fn entry(&mut self, entry: Entry<'_>, added: &mut Added) -> McapResult<()> {
         match entry {
             Entry::Schema(schema) => {
@@ -225,12 +234,12 @@ impl Scan {
                 };
                 self.summary.channels.insert(channel.id, Arc::new(channel));
             }
-            Entry::Message(header, data) => {
+            Entry::Message(header, len, _) => {
                 let id = header.channel_id;
                 if !self.summary.channels.contains_key(&id) {
                     return Err(McapError::UnknownChannel(header.sequence, id));
                 }
-                added.counts.entry(id).or_default().add(data.len());
+                added.counts.entry(id).or_default().add(len);
                 widen(&mut added.times, header.log_time);
             }
             Entry::Metadata(metadata) => added.metadata.push(metadata),

@@ -32,13 +32,15 @@ pub(crate) fn read(file: &File, end: u64) -> McapResult<Option<Summary>> {
         return Err(McapError::BadFooter);
     };
     if footer.summary_start == 0 {
-        // A checksum of nothing.
-        return match footer.summary_crc {
-            0 => Ok(None),
-            _ => Err(McapError::BadFooter),
+        // Some writers compute the checksum of the footer alone.
+        let from = footer_at;
+        return match verify(file, from, &footer, magic_at) {
+            Err(McapError::BadSummaryCrc { .. }) => Err(McapError::BadFooter),
+            verified => verified.map(|()| None),
         };
     }
-    verify(file, &footer, magic_at)?;
+    let from = footer.summary_start;
+    verify(file, from, &footer, magic_at)?;
     let mut scan = Scan::default();
     let mut reader = RecordReader::new(file, footer.summary_start, footer_at);
     while let Some(record) = reader.next()? {
@@ -73,9 +75,8 @@ pub(crate) fn read(file: &File, end: u64) -> McapResult<Option<Summary>> {
     Ok(Some(scan.summary))
 }
 
-/// Compares the checksum of the footer, which ends at `footer_end`, with the bytes from the start of the summary up to
-/// it.
-fn verify(file: &File, footer: &Footer, footer_end: u64) -> McapResult<()> {
+/// Compares the checksum of the footer, which ends at `footer_end`, with the bytes from `from` up to it.
+fn verify(file: &File, from: u64, footer: &Footer, footer_end: u64) -> McapResult<()> {
     let saved = footer.summary_crc;
     if saved == 0 {
         // The writer computed no checksum.
@@ -83,7 +84,7 @@ fn verify(file: &File, footer: &Footer, footer_end: u64) -> McapResult<()> {
     }
     let crc_at = footer_end - size_of_val(&saved) as u64;
     let mut crc = Hasher::new();
-    hash_part(file, footer.summary_start..crc_at, &mut crc)?;
+    hash_part(file, from..crc_at, &mut crc)?;
     let calculated = crc.finalize();
     match saved == calculated {
         true => Ok(()),

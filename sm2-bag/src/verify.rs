@@ -82,7 +82,7 @@ pub fn check(path: &Path) -> Result<Verdict, ReadError> {
 ///
 /// [`ReadError`].
 pub fn check_observed(path: &Path, observer: &mut Observer<'_>) -> Result<Verdict, ReadError> {
-    let (file, end) = open_file(path)?;
+    let (file, end) = open_file(path, observer)?;
     let scan = scan_file(path, &file, end, observer)?;
     let unreadable = scan.damaged.iter().chain(&scan.torn).cloned();
     let unreadable: Vec<_> = unreadable.map(Damage::Unreadable).collect();
@@ -101,15 +101,22 @@ pub fn check_observed(path: &Path, observer: &mut Observer<'_>) -> Result<Verdic
             bag.with_damaged(scan.damaged)
         }
         None => {
-            let summary = summary::read(&file, end).err();
+            let summary = summary::read(&file, end);
+            let total = total(&scan);
             let bag = Bag::of_scan(path, file, end, scan);
-            match (bag.is_complete(), summary) {
-                (false, _) => damages.push(Damage::Incomplete),
-                (true, Some(error)) => damages.push(Damage::Summary {
-                    reason: error.to_string(),
-                }),
-                (true, None) => {}
-            }
+            let reason = match summary {
+                _ if !bag.is_complete() => {
+                    damages.push(Damage::Incomplete);
+                    None
+                }
+                Err(error) => Some(error.to_string()),
+                Ok(summary) => {
+                    let said = summary.and_then(|it| it.stats).map(|it| it.message_count);
+                    let said = said.filter(|it| *it != total && unreadable.is_empty());
+                    said.map(|said| format!("it says {said} messages, and there are {total}"))
+                }
+            };
+            damages.extend(reason.map(|reason| Damage::Summary { reason }));
             bag
         }
     };
@@ -118,6 +125,11 @@ pub fn check_observed(path: &Path, observer: &mut Observer<'_>) -> Result<Verdic
     damages.extend(wrong_times.map(|offset| Damage::Times { offset }));
     let report = bag.report();
     Ok(Verdict { damages, report })
+}
+
+/// The number of messages that were read.
+fn total(scan: &Scan) -> u64 {
+    scan.counts.values().map(|it| it.messages).sum()
 }
 
 /// Whether `all` has each entry of `some`.
@@ -137,7 +149,7 @@ fn summary_damage(bag: &Bag, scan: &Scan) -> Option<Damage> {
         };
         chunks.map(place).collect()
     };
-    let total: u64 = scan.counts.values().map(|it| it.messages).sum();
+    let total = total(scan);
     let report = bag.report();
     let said = report.topics.iter();
     let said = said.map(|it| it.messages.saturating_add(it.repeated));

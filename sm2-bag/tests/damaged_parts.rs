@@ -164,6 +164,30 @@ fn a_length_that_ends_at_a_later_record_hides_no_chunk() {
     }
 }
 
+/// Nothing else says how long the header and an index are.
+#[test]
+fn a_header_or_an_index_that_ends_at_a_later_record_hides_no_chunk() {
+    for compression in COMPRESSIONS {
+        let bytes = chunked(compression, MESSAGES);
+        let data_end = places(&bytes, op::DATA_END)[0].start;
+        let (chunks, indexes) = (places(&bytes, op::CHUNK), places(&bytes, op::MESSAGE_INDEX));
+        let header = places(&bytes, op::HEADER)[0].clone();
+        let folder = memory_folder();
+        let path = folder.path().join("damaged");
+        for (record, end) in [(&header, &chunks[4]), (&indexes[1], &indexes[3])] {
+            let mut damaged = bytes.clone();
+            let len = end.start - record.start - 9;
+            damaged[record.start + 1..][..8].copy_from_slice(&(len as u64).to_le_bytes());
+            for len in [bytes.len(), data_end] {
+                fs::write(&path, &damaged[..len]).unwrap();
+                assert_ne!(check(&path).unwrap().damages, []);
+                assert_eq!(numbers(&path), without(0..0));
+                rescued(&path, &without(0..0));
+            }
+        }
+    }
+}
+
 /// One bit of each byte. Nothing is read that was not recorded, and nothing is missing in silence.
 #[test]
 fn a_changed_bit_is_noticed_or_changes_no_message() {

@@ -72,7 +72,7 @@ fn work_with_bags_is_observed_and_ended() {
 
     assert!(is_file(observe(|it| check_observed(&path, it))));
     let bag = Bag::open(&path).unwrap();
-    let differ = observe(|it| diff_observed([&bag, &bag], it));
+    let differ = observe(|it| diff_observed([std::slice::from_ref(&bag); 2], it));
     assert_eq!(differ, 2 * payloads);
     // A complete bag is not read when it is opened.
     Bag::open_observed(&path, &mut |_| ControlFlow::Break(())).unwrap();

@@ -18,12 +18,13 @@ const GAPS_SHOWN: usize = 10;
 pub(crate) fn show(out: &mut Output, path: &Path, report: &Report) -> Result<(), CliError> {
     out.line(title(path, report))?;
     for topic in &report.topics {
+        let size = topic.bytes.map(|it| format!(", {}", Size(it)));
         out.line(format_args!(
-            "  {} ({}): {}, {}, lost {}",
+            "  {} ({}): {}{}, lost {}",
             topic.name,
             topic.r#type,
             Counted::new(topic.messages, "message"),
-            Size(topic.bytes),
+            size.unwrap_or_default(),
             topic.lost
         ))?;
         for (messages, text) in [
@@ -99,7 +100,7 @@ fn title(path: &Path, report: &Report) -> String {
 }
 
 /// A time of the wall clock.
-fn time_of_day(ns: u64) -> String {
+pub(crate) fn time_of_day(ns: u64) -> String {
     let time = i64::try_from(ns).ok();
     let time = time.and_then(|it| jiff::Timestamp::from_nanosecond(it.into()).ok());
     time.map_or_else(|| format!("{ns} ns"), |it| format!("{it:.3}"))

@@ -7,7 +7,7 @@ use std::{
 };
 
 use nix::libc;
-use sm2_bag::{CopyError, PlayError, ReadError, RecordError};
+use sm2_bag::{CopyError, PlayError, ReadError, RecordError, RestampError};
 use sm2_demo::DemoError;
 use sm2_io::DomainSocketError;
 use sm2_manager::PolicyFileError;
@@ -246,6 +246,9 @@ pub(crate) enum CliError {
     /// The messages of bags cannot be copied to a new bag.
     #[error(transparent)]
     CopyBag(#[from] CopyError),
+    /// The times of a recording cannot be corrected.
+    #[error(transparent)]
+    RestampBag(RestampError),
     /// A topic, or a pattern for topics, for which the bags have nothing.
     #[error("no bag has a topic {pattern:?}{hint} (`sm2 bag info` lists them)")]
     NotInBag {
@@ -374,6 +377,15 @@ impl CliError {
 }
 
 /// Maps the demo's I/O errors to those of all commands, so that their texts are the same.
+impl From<RestampError> for CliError {
+    fn from(error: RestampError) -> Self {
+        match error {
+            RestampError::Copy(error) => Self::CopyBag(error),
+            error => Self::RestampBag(error),
+        }
+    }
+}
+
 impl From<DemoError> for CliError {
     fn from(error: DemoError) -> Self {
         match error {

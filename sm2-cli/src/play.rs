@@ -3,10 +3,10 @@
 mod control;
 mod keys;
 
-use std::path::PathBuf;
+use std::{ops::ControlFlow, path::PathBuf};
 
 use clap::{Args, Subcommand};
-use sm2_bag::{Bag, PlayOptions, PlayReport, Player};
+use sm2_bag::{Bag, BagFiles, PlayOptions, PlayReport, Player};
 use sm2_node::Node;
 use sm2_proto::{Name, text::Counted};
 
@@ -26,8 +26,8 @@ use crate::{
 pub(crate) struct Arguments {
     #[command(subcommand)]
     action: Option<Action>,
-    /// The bags; several are played as one, in the order of the times of their messages
-    #[arg(value_name = "FILE", required = true)]
+    /// The bags, files or folders; several are played as one, in the order of the times of their messages
+    #[arg(value_name = "BAG", required = true)]
     files: Vec<PathBuf>,
     /// The speed: 1 as recorded, 2 twice as fast, 0 as fast as possible
     #[arg(long, value_name = "FACTOR", default_value = "1", value_parser = rate)]
@@ -96,8 +96,7 @@ of a pause; + and - double and halve the rate; q ends. `sm2 play control` does t
 and so does a call of --service with a string: pause, resume, step, or rate and a number. During a pause,
 nothing is published and domain time stands still. In lockstep, a step has all messages of the next time.
 
-MCAP files of ROS 2 (rosbag2, or the Python package rosbags) are played as well, if they have definitions in
-ros2msg. Topics lose the slash at their start, and the node of the publishers is `play/bag`.
+Bags of ROS 2 (rosbag2, or the Python package rosbags) are played as well, if they have definitions in ros2msg. Topics lose the slash at their start, and the node of the publishers is `play/bag`.
 
 Exit status: 0 all messages were published, the key q, or Ctrl-C with --loop; 1 failed, parts are damaged, or a
 topic has another type in the domain and was left out; 2 wrong usage; 130 Ctrl-C.
@@ -117,8 +116,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     if let Some(Action::Control(arguments)) = &arguments.action {
         return control::run(arguments);
     }
-    let bags: Vec<_> =
-        (arguments.files.iter().map(|it| Bag::open(it))).collect::<Result<_, _>>()?;
+    let mut bags = Vec::new();
+    for path in &arguments.files {
+        bags.extend(BagFiles::find(path)?.open(&mut |_| ControlFlow::Continue(()))?);
+    }
     for bag in bags.iter().filter(|it| !it.is_complete()) {
         let path = bag.path().display();
         stderr_line!("sm2: {path} is incomplete: playing what can be read");

@@ -13,11 +13,13 @@ use sm2_proto::Instant;
 use crate::bag::Bag;
 use crate::copy::{CopyOptions, copy_into, create_new, write_error};
 use crate::error::{CopyError, WriteError};
+use crate::incident_record;
 use crate::messages::Filter;
 use crate::names::{create_first, numbered};
 use crate::observer::unobserved;
 use crate::recorder::Recorder;
 use crate::report::Report;
+use crate::shift::Shift;
 use crate::storage;
 use crate::writer::Compression;
 
@@ -113,13 +115,13 @@ impl Window {
     fn metadata(&self) -> Metadata {
         let content = [
             ("reason", self.reason.clone()),
-            ("time_ns", self.at_ns.to_string()),
-            ("from_ns", self.from_ns.to_string()),
-            ("to_ns", self.to_ns.to_string()),
+            (incident_record::AT, self.at_ns.to_string()),
+            (incident_record::FROM, self.from_ns.to_string()),
+            (incident_record::TO, self.to_ns.to_string()),
             ("merged", self.merged.to_string()),
         ];
         Metadata {
-            name: RECORD.to_owned(),
+            name: incident_record::RECORD.to_owned(),
             metadata: BTreeMap::from(content.map(|(key, value)| (key.to_owned(), value))),
         }
     }
@@ -142,6 +144,7 @@ impl Window {
             filter: &filter,
             compression: Compression::None,
             metadata: &metadata,
+            shift: Shift::default(),
         };
         copy_into(&file, &bags, &self.path, &options, &mut unobserved)
     }

@@ -5,8 +5,19 @@ use std::vec::IntoIter;
 use super::before::before;
 use super::once::Once;
 use crate::bag::Bag;
+use crate::error::ReadError;
 use crate::merged::{Found, Merged};
-use crate::messages::Filter;
+use crate::messages::{BagMessage, Filter, FoundMessage};
+
+/// The messages of a bag that may have several files, in the order of their `log_time`, each with the number of its file.
+/// Those that later files repeat come once.
+pub fn messages<'a>(
+    files: &'a [Bag],
+    filter: &Filter,
+) -> impl Iterator<Item = (usize, Result<BagMessage, ReadError>)> + use<'a> {
+    let found = Whole::stateless(files, filter);
+    found.map(|(file, message)| (file, message.and_then(FoundMessage::read)))
+}
 
 /// The messages of several bags in the order of their `log_time`, each latched one once. If the filter has a first
 /// time, the latched state as of then comes first. A part that is damaged may be told twice.
@@ -19,8 +30,17 @@ pub(crate) struct Whole<'a> {
 impl<'a> Whole<'a> {
     pub(crate) fn new(bags: &'a [Bag], filter: &Filter) -> Self {
         let state = filter.from_ns.map(|from_ns| before(bags, filter, from_ns));
+        Self::behind(state.unwrap_or_default(), bags, filter)
+    }
+
+    /// Without the latched state.
+    pub(crate) fn stateless(bags: &'a [Bag], filter: &Filter) -> Self {
+        Self::behind(Vec::new(), bags, filter)
+    }
+
+    fn behind(state: Vec<Found<'a>>, bags: &'a [Bag], filter: &Filter) -> Self {
         Self {
-            state: state.unwrap_or_default().into_iter(),
+            state: state.into_iter(),
             merged: Merged::new(bags, filter),
             once: Once::new(bags),
         }

@@ -27,8 +27,8 @@ impl<'p> Outgoing<'p> {
         payload: Payload<'_>,
     ) -> Result<Self, PlayError> {
         let payload = match payload {
-            Payload::Read(data) => return Ok(Self::Copied(data)),
             Payload::Long(payload) => payload,
+            short => return Ok(Self::Copied(short.into_vec()?)),
         };
         match publisher.loan_slice(payload.len()) {
             Ok(mut loan) => {

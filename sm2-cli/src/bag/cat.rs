@@ -4,13 +4,12 @@ use std::{
     collections::{BTreeSet, HashMap},
     io::Write,
     path::PathBuf,
-    slice,
     time::Duration,
 };
 
 use clap::Args;
 use serde::Serialize;
-use sm2_bag::{Bag, BagMessage, ReadError, Source};
+use sm2_bag::{Bag, BagFiles, BagMessage, ReadError, Source};
 
 use super::work::Work;
 use crate::{
@@ -27,8 +26,8 @@ use crate::{
 #[derive(Args, Debug)]
 #[command(after_help = HELP)]
 pub(crate) struct Arguments {
-    /// The bag
-    #[arg(value_name = "FILE")]
+    /// The bag: a file, or a folder
+    #[arg(value_name = "BAG")]
     file: PathBuf,
     #[command(flatten)]
     choice: Choice,
@@ -79,32 +78,27 @@ struct Line<'a> {
 ///
 /// [`CliError::ReadBag`], [`CliError::NotInBag`], [`CliError::Output`].
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let mut work = Work::begin([arguments.file.as_path()])?;
-    let bag = Bag::open_observed(&arguments.file, &mut |it| work.note(it));
-    let bag = bag.map_err(|it| work.error(it))?;
-    let path = bag.path().display();
-    if !bag.is_complete() {
-        stderr_line!("sm2: {path} is incomplete: printing what can be read");
-    }
-    arguments
-        .choice
-        .check(slice::from_ref(&bag), [].into_iter())?;
-    let start_ns = bag.report().start_ns;
-    let mut cat = Cat::new(arguments, &bag, start_ns);
+    let files = BagFiles::find(&arguments.file)?;
+    let mut work = Work::begin([&files])?;
+    let bags = work.open(&files, "printing")?;
+    arguments.choice.check(&bags, [].into_iter())?;
+    let start_ns = bags.iter().filter_map(|it| it.report().start_ns).min();
+    let mut cat = Cat::new(arguments, &bags, start_ns);
     let mut is_whole = true;
     let mut left = arguments.count.unwrap_or(u64::MAX);
-    for message in bag.messages(&arguments.choice.filter(start_ns)) {
+    for (file, message) in sm2_bag::messages(&bags, &arguments.choice.filter(start_ns)) {
         match message {
             Ok(_) if left == 0 => break,
             Ok(message) => {
                 left -= 1;
-                cat.print(&message)?;
+                cat.print(file, &message)?;
                 if work.note(message.data.len() as u64).is_break() {
                     return Err(work.error(ReadError::Stopped));
                 }
             }
-            Err(ReadError::Damaged { part, .. }) => {
+            Err(ReadError::Damaged { part, path }) => {
                 is_whole = false;
+                let path = path.display();
                 stderr_line!("sm2: {path} is damaged, and printed without {part}");
             }
             Err(error) => return Err(error.into()),
@@ -122,20 +116,22 @@ struct Cat<'a> {
     arguments: &'a Arguments,
     schemas: Schemas,
     out: Output,
-    /// The publishers, by the number of the channel.
-    sources: HashMap<u16, Source>,
+    /// The publishers, by the numbers of the file and of the channel.
+    sources: HashMap<(usize, u16), Source>,
     /// The start of the bag, if each message has a title.
     titles_from_ns: Option<u64>,
 }
 
 impl<'a> Cat<'a> {
-    fn new(arguments: &'a Arguments, bag: &Bag, start_ns: Option<u64>) -> Self {
+    fn new(arguments: &'a Arguments, bags: &[Bag], start_ns: Option<u64>) -> Self {
         let filter = arguments.choice.filter(None);
         let mut topics = BTreeSet::new();
         let mut sources = HashMap::new();
-        for (channel, source) in bag.sources().filter(|it| filter.has_topic(&it.0.topic)) {
+        let all = bags.iter().enumerate();
+        let all = all.flat_map(|(number, bag)| bag.sources().map(move |it| (number, it)));
+        for (bag, (channel, source)) in all.filter(|(_, it)| filter.has_topic(&it.0.topic)) {
             topics.insert(channel.topic.clone());
-            sources.extend(source.ok().map(|it| (channel.id, it)));
+            sources.extend(source.ok().map(|it| ((bag, channel.id), it)));
         }
         Self {
             arguments,
@@ -146,7 +142,7 @@ impl<'a> Cat<'a> {
         }
     }
 
-    fn print(&mut self, message: &BagMessage) -> Result<(), CliError> {
+    fn print(&mut self, file: usize, message: &BagMessage) -> Result<(), CliError> {
         let Self {
             arguments,
             schemas,
@@ -154,7 +150,7 @@ impl<'a> Cat<'a> {
             sources,
             titles_from_ns,
         } = self;
-        let source = sources.get(&message.channel.id);
+        let source = sources.get(&(file, message.channel.id));
         let publisher = source.map(|it| it.publisher.as_str());
         let show = arguments.show;
         let decoded = source.filter(|it| !show.raw && !show.hex && !messages::is_bytes(&it.data));

@@ -1,6 +1,8 @@
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
+use serde::Serialize;
+use sm2_bag::{BagFiles, Damage, Report};
 
 use super::work::Work;
 use crate::{bag_summary::show, ended::Ended, error::CliError, output::Output};
@@ -9,8 +11,8 @@ use crate::{bag_summary::show, ended::Ended, error::CliError, output::Output};
 #[derive(Args, Debug)]
 #[command(after_help = HELP)]
 pub(crate) struct Arguments {
-    /// The bag
-    #[arg(value_name = "FILE")]
+    /// The bag: a file, or a folder
+    #[arg(value_name = "BAG")]
     file: PathBuf,
     /// Print one line of JSON
     #[arg(long)]
@@ -23,29 +25,72 @@ Exit status: 0 the bag is whole, 1 it is damaged or incomplete, 2 wrong usage.
 Examples:
   sm2 bag check drive.mcap";
 
+/// The object that `--json` prints.
+#[derive(Serialize)]
+struct Checked<'a> {
+    damages: Vec<Damage>,
+    report: Report,
+    /// The files, if the bag is a folder.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    files: Vec<CheckedFile<'a>>,
+}
+
+#[derive(Serialize)]
+struct CheckedFile<'a> {
+    path: &'a Path,
+    damages: &'a [Damage],
+}
+
 /// Runs the command.
 ///
 /// # Errors
 ///
 /// [`CliError::ReadBag`], [`CliError::Output`].
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let mut work = Work::begin([arguments.file.as_path()])?;
-    let verdict = sm2_bag::check_observed(&arguments.file, &mut |it| work.note(it));
-    let verdict = verdict.map_err(|it| work.error(it))?;
+    let files = BagFiles::find(&arguments.file)?;
+    let mut work = Work::begin([&files])?;
+    let check = |path: &PathBuf| {
+        let verdict = sm2_bag::check_observed(path, &mut |it| work.note(it));
+        verdict.map_err(|it| work.error(it))
+    };
+    let verdicts = files.paths().iter().map(check);
+    let verdicts = verdicts.collect::<Result<Vec<_>, _>>()?;
+    let reports: Vec<_> = verdicts.iter().map(|it| it.report.clone()).collect();
+    let checked = Checked {
+        damages: verdicts.iter().flat_map(|it| it.damages.clone()).collect(),
+        report: Report::of_files(&reports),
+        files: match arguments.file.is_dir() {
+            true => files
+                .paths()
+                .iter()
+                .zip(&verdicts)
+                .map(|(path, it)| CheckedFile {
+                    path,
+                    damages: &it.damages,
+                })
+                .collect(),
+            false => Vec::new(),
+        },
+    };
     let mut out = Output::new();
     if arguments.json {
-        out.json(&verdict)?;
+        out.json(&checked)?;
     } else {
-        show(&mut out, &arguments.file, &verdict.report)?;
-        for damage in &verdict.damages {
-            out.line(format_args!("damage: {damage}"))?;
+        show(&mut out, &arguments.file, &checked.report)?;
+        for (path, verdict) in files.paths().iter().zip(&verdicts) {
+            for damage in &verdict.damages {
+                match checked.files.is_empty() {
+                    true => out.line(format_args!("damage: {damage}"))?,
+                    false => out.line(format_args!("damage: {}: {damage}", path.display()))?,
+                }
+            }
         }
-        if verdict.damages.is_empty() {
+        if checked.damages.is_empty() {
             out.line("no damage")?;
         }
     }
     out.flush()?;
-    Ok(match verdict.damages.is_empty() {
+    Ok(match checked.damages.is_empty() {
         true => Ended::Done,
         false => Ended::No,
     })

@@ -1,13 +1,9 @@
 //! `sm2 bag filter`, `convert` and `merge`: copies of bags.
 
-use std::{
-    iter,
-    path::{Path, PathBuf},
-    slice,
-};
+use std::{iter, path::PathBuf};
 
 use clap::Args;
-use sm2_bag::{Bag, Filter};
+use sm2_bag::{Bag, BagFiles, Filter};
 
 use super::work::Work;
 use crate::{
@@ -19,12 +15,15 @@ use crate::{
     output::Output,
 };
 
+/// The work with an incomplete bag.
+const COPYING: &str = "copying";
+
 /// `sm2 bag filter`.
 #[derive(Args, Debug)]
 #[command(after_help = FILTER_HELP)]
 pub(crate) struct FilterArguments {
-    /// The bag, which is not changed
-    #[arg(value_name = "FILE")]
+    /// The bag, a file or a folder, which is not changed
+    #[arg(value_name = "BAG")]
     file: PathBuf,
     #[command(flatten)]
     choice: Choice,
@@ -39,8 +38,8 @@ pub(crate) struct FilterArguments {
 #[derive(Args, Debug)]
 #[command(after_help = CONVERT_HELP)]
 pub(crate) struct ConvertArguments {
-    /// The bag, which is not changed
-    #[arg(value_name = "FILE")]
+    /// The bag, a file or a folder, which is not changed
+    #[arg(value_name = "BAG")]
     file: PathBuf,
     /// How the new bag is compressed
     #[arg(long, value_enum)]
@@ -53,8 +52,8 @@ pub(crate) struct ConvertArguments {
 #[derive(Args, Debug)]
 #[command(after_help = MERGE_HELP)]
 pub(crate) struct MergeArguments {
-    /// The bags, which are not changed
-    #[arg(value_name = "FILE", required = true, num_args = 2..)]
+    /// The bags, files or folders, which are not changed
+    #[arg(value_name = "BAG", required = true, num_args = 2..)]
     files: Vec<PathBuf>,
     /// How the new bag is compressed
     #[arg(long, value_enum, default_value_t = Compression::None)]
@@ -112,14 +111,14 @@ Examples:
 ///
 /// [`CliError::ReadBag`], [`CliError::CopyBag`], [`CliError::Output`].
 pub(super) fn filter(arguments: &FilterArguments) -> Result<Ended, CliError> {
-    let mut work = Work::begin([arguments.file.as_path()])?;
-    let bag = open(&arguments.file, &mut work)?;
-    arguments
-        .choice
-        .check(slice::from_ref(&bag), iter::empty())?;
-    let filter = arguments.choice.filter(bag.report().start_ns);
+    let files = BagFiles::find(&arguments.file)?;
+    let mut work = Work::begin([&files])?;
+    let bags = work.open(&files, COPYING)?;
+    arguments.choice.check(&bags, iter::empty())?;
+    let start_ns = bags.iter().filter_map(|it| it.report().start_ns).min();
+    let filter = arguments.choice.filter(start_ns);
     let compression = arguments.compression;
-    write(&[bag], &filter, compression, &arguments.target, &mut work)
+    write(&bags, &filter, compression, &arguments.target, &mut work)
 }
 
 /// Runs `sm2 bag convert`.
@@ -128,10 +127,11 @@ pub(super) fn filter(arguments: &FilterArguments) -> Result<Ended, CliError> {
 ///
 /// [`CliError::ReadBag`], [`CliError::CopyBag`], [`CliError::Output`].
 pub(super) fn convert(arguments: &ConvertArguments) -> Result<Ended, CliError> {
-    let mut work = Work::begin([arguments.file.as_path()])?;
-    let bag = open(&arguments.file, &mut work)?;
+    let files = BagFiles::find(&arguments.file)?;
+    let mut work = Work::begin([&files])?;
+    let bags = work.open(&files, COPYING)?;
     let (all, compression) = (Filter::default(), arguments.compression);
-    write(&[bag], &all, compression, &arguments.target, &mut work)
+    write(&bags, &all, compression, &arguments.target, &mut work)
 }
 
 /// Runs `sm2 bag merge`.
@@ -140,23 +140,15 @@ pub(super) fn convert(arguments: &ConvertArguments) -> Result<Ended, CliError> {
 ///
 /// [`CliError::ReadBag`], [`CliError::CopyBag`], [`CliError::Output`].
 pub(super) fn merge(arguments: &MergeArguments) -> Result<Ended, CliError> {
-    let mut work = Work::begin(arguments.files.iter().map(AsRef::as_ref))?;
-    let bags: Vec<_> = (arguments.files.iter())
-        .map(|it| open(it, &mut work))
-        .collect::<Result<_, _>>()?;
+    let files = arguments.files.iter().map(|it| BagFiles::find(it));
+    let files = files.collect::<Result<Vec<_>, _>>()?;
+    let mut work = Work::begin(&files)?;
+    let mut bags = Vec::new();
+    for files in &files {
+        bags.extend(work.open(files, COPYING)?);
+    }
     let (all, compression) = (Filter::default(), arguments.compression);
     write(&bags, &all, compression, &arguments.target, &mut work)
-}
-
-/// Opens a bag, and tells if it is incomplete.
-fn open(path: &Path, work: &mut Work) -> Result<Bag, CliError> {
-    let bag = Bag::open_observed(path, &mut |it| work.note(it));
-    let bag = bag.map_err(|it| work.error(it))?;
-    if !bag.is_complete() {
-        let path = path.display();
-        stderr_line!("sm2: {path} is incomplete: copying what can be read");
-    }
-    Ok(bag)
 }
 
 fn write(

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use sm2_bag::{Bag, Comparison};
+use sm2_bag::{BagFiles, Comparison};
 
 use super::work::Work;
 use crate::{ended::Ended, error::CliError, output::Output};
@@ -12,10 +12,10 @@ use crate::{ended::Ended, error::CliError, output::Output};
 #[derive(Args, Debug)]
 #[command(after_help = HELP)]
 pub(crate) struct Arguments {
-    /// The first bag
+    /// The first bag: a file, or a folder
     #[arg(value_name = "FIRST")]
     first: PathBuf,
-    /// The second bag
+    /// The second bag: a file, or a folder
     #[arg(value_name = "SECOND")]
     second: PathBuf,
     /// Print one line of JSON: null if the payloads are the same
@@ -39,22 +39,17 @@ Examples:
 ///
 /// [`CliError::ReadBag`], [`CliError::Output`].
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let paths = [arguments.first.as_path(), &arguments.second];
-    let mut work = Work::begin(paths)?;
-    let mut open = |path| {
-        let bag = Bag::open_observed(path, &mut |it| work.note(it));
-        bag.map_err(|it| work.error(it))
-    };
-    let (first, second) = (open(paths[0])?, open(paths[1])?);
-    for bag in [&first, &second].into_iter().filter(|it| !it.is_complete()) {
-        let path = bag.path().display();
-        stderr_line!("sm2: {path} is incomplete: comparing what can be read");
-    }
+    let [first, second] = [&arguments.first, &arguments.second].map(|it| BagFiles::find(it));
+    let files = [first?, second?];
+    let mut work = Work::begin(&files)?;
+    let mut open = |files| work.open(files, "comparing");
+    let [first, second] = [open(&files[0])?, open(&files[1])?];
     let difference = sm2_bag::diff_observed([&first, &second], &mut |it| work.note(it));
     let Comparison {
         difference,
         damaged,
     } = difference.map_err(|it| work.error(it))?;
+    let paths = [&arguments.first, &arguments.second];
     for (path, parts) in paths.iter().zip(&damaged) {
         for part in parts {
             stderr_line!(

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use sm2_bag::Bag;
+use sm2_bag::{Bag, BagFiles, Report};
 
 use super::work::Work;
 use crate::{bag_summary::show, ended::Ended, error::CliError, output::Output};
@@ -12,8 +12,8 @@ use crate::{bag_summary::show, ended::Ended, error::CliError, output::Output};
 #[derive(Args, Debug)]
 #[command(after_help = HELP)]
 pub(crate) struct Arguments {
-    /// The bag
-    #[arg(value_name = "FILE")]
+    /// The bag: a file, or a folder
+    #[arg(value_name = "BAG")]
     file: PathBuf,
     /// Print one line of JSON
     #[arg(long)]
@@ -23,7 +23,8 @@ pub(crate) struct Arguments {
 const HELP: &str = "\
 A bag whose recorder was killed has no summary. Its messages are then counted, as far as they can be read, and
 the output says that the bag is incomplete (JSON: `complete` is false) and names the parts that are damaged
-(`damaged`). A bag with a summary is not read completely: `sm2 bag check` does that.
+(`damaged`). A bag with a summary is not read completely: `sm2 bag check` does that. Of a bag of another program, the
+index has the counts, and `bytes` is null.
 
 Times are those of the wall clock at the start of the recording. JSON has them in nanoseconds since 1970.
 
@@ -39,13 +40,16 @@ Examples:
 ///
 /// [`CliError::ReadBag`], [`CliError::Output`].
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let mut work = Work::begin([arguments.file.as_path()])?;
-    let bag = Bag::open_observed(&arguments.file, &mut |it| work.note(it));
-    let bag = bag.map_err(|it| work.error(it))?;
+    let files = BagFiles::find(&arguments.file)?;
+    let mut work = Work::begin([&files])?;
+    let bags = files.open(&mut |it| work.note(it));
+    let bags = bags.map_err(|it| work.error(it))?;
+    let reports: Vec<_> = bags.iter().map(Bag::report).collect();
+    let report = Report::of_files(&reports);
     let mut out = Output::new();
     match arguments.json {
-        true => out.json(&bag.report())?,
-        false => show(&mut out, bag.path(), &bag.report())?,
+        true => out.json(&report)?,
+        false => show(&mut out, &arguments.file, &report)?,
     }
     out.flush()?;
     Ok(Ended::Done)

@@ -1,12 +1,13 @@
 use std::{
     fs,
+    ops::ControlFlow,
     path::{Path, PathBuf},
     time::Duration,
 };
 
 use clap::Args;
 use serde::Serialize;
-use sm2_bag::Bag;
+use sm2_bag::{Bag, BagFiles, Report};
 
 use crate::{
     columns::Columns, ended::Ended, error::CliError, output::Output, size::Size, time::Span,
@@ -16,7 +17,7 @@ use crate::{
 #[derive(Args, Debug)]
 #[command(after_help = HELP)]
 pub(crate) struct Arguments {
-    /// The folder; its own folders are not searched
+    /// The folder; its own folders are not searched, but may be bags
     #[arg(value_name = "FOLDER", default_value = ".")]
     folder: PathBuf,
     /// Print one line of JSON
@@ -25,10 +26,11 @@ pub(crate) struct Arguments {
 }
 
 const HELP: &str = "\
-The bags are the files with the ending .mcap, in the order of their names. A bag whose recorder was
-killed is INCOMPLETE. A file that cannot be read is told on standard error.
+The bags are the files with the ending .mcap, .mcap.zst or .mcap.zstd, and the folders with the metadata.yaml
+of rosbag2, in the order of their names. A bag whose recorder was killed is INCOMPLETE. A bag that cannot be
+read is told on standard error. A compressed file is decompressed to be listed.
 
-Exit status: 0 all bags are listed, 1 a file cannot be read, 2 wrong usage.
+Exit status: 0 all bags are listed, 1 a bag cannot be read, 2 wrong usage.
 
 Examples:
   sm2 bag ls
@@ -43,7 +45,7 @@ struct Bags {
 #[derive(Serialize)]
 struct Listed {
     path: PathBuf,
-    /// The length of the file.
+    /// The length of the file, or of all files.
     file_bytes: u64,
     topics: usize,
     messages: u64,
@@ -83,10 +85,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
 /// The paths of the bags in a folder, sorted.
 fn bag_paths(folder: &Path) -> Result<Vec<PathBuf>, CliError> {
     let failed = |source| CliError::file("read the folder", folder, source);
-    let mut paths = Vec::new();
+    let mut paths = sm2_bag::bags_in(folder).map_err(failed)?;
     for entry in fs::read_dir(folder).map_err(failed)? {
         let path = entry.map_err(failed)?.path();
-        if path.extension().is_some_and(|it| it == "mcap") && path.is_file() {
+        if path.join("metadata.yaml").is_file() {
             paths.push(path);
         }
     }
@@ -95,12 +97,20 @@ fn bag_paths(folder: &Path) -> Result<Vec<PathBuf>, CliError> {
 }
 
 fn listed(path: &Path) -> Result<Listed, CliError> {
-    let report = Bag::open(path)?.report();
-    let metadata = fs::metadata(path);
-    let metadata = metadata.map_err(|error| CliError::file("read", path, error))?;
+    let files = BagFiles::find(path)?;
+    let bags = files.open(&mut |_| ControlFlow::Continue(()))?;
+    let reports: Vec<_> = bags.iter().map(Bag::report).collect();
+    let report = Report::of_files(&reports);
+    let mut file_bytes = 0;
+    for path in files.paths() {
+        let metadata = fs::metadata(path);
+        file_bytes += metadata
+            .map_err(|error| CliError::file("read", path, error))?
+            .len();
+    }
     Ok(Listed {
         path: path.to_owned(),
-        file_bytes: metadata.len(),
+        file_bytes,
         topics: report.topics.len(),
         messages: sum(report.topics.iter().map(|it| it.messages)),
         lost: sum(report.topics.iter().map(|it| it.lost)),

@@ -1,4 +1,4 @@
-//! `sm2 bag`: shows, checks, recovers, copies and compares recordings.
+//! `sm2 bag`: shows, checks, recovers, copies, corrects and compares recordings.
 
 mod cat;
 mod check;
@@ -7,6 +7,7 @@ mod diff;
 mod info;
 mod list;
 mod recover;
+mod restamp;
 mod work;
 
 use clap::Subcommand;
@@ -32,6 +33,8 @@ pub(crate) enum Command {
     Convert(copy::ConvertArguments),
     /// Copy several bags to a new one, in the order of their times
     Merge(copy::MergeArguments),
+    /// Correct the times of a recording during which the wall clock was corrected
+    Restamp(restamp::Arguments),
     /// Find the first difference between the payloads of two bags
     Diff(diff::Arguments),
 }
@@ -51,6 +54,7 @@ pub(crate) fn run(command: &Command) -> Result<Ended, CliError> {
         Command::Filter(arguments) => copy::filter(arguments),
         Command::Convert(arguments) => copy::convert(arguments),
         Command::Merge(arguments) => copy::merge(arguments),
+        Command::Restamp(arguments) => restamp::run(arguments),
         Command::Diff(arguments) => diff::run(arguments),
     }
 }

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use sm2_bag::BagFiles;
 
 use super::work::Work;
 use crate::{
@@ -16,10 +17,10 @@ use crate::{
 #[derive(Args, Debug)]
 #[command(after_help = HELP)]
 pub(crate) struct Arguments {
-    /// The damaged bag, which is not changed
-    #[arg(value_name = "FILE")]
+    /// The damaged bag, a file or a folder, which is not changed
+    #[arg(value_name = "BAG")]
     file: PathBuf,
-    /// The new bag [default: FILE with the ending .recovered.mcap]
+    /// The new bag [default: BAG with the ending .recovered.mcap]
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Print the summary of the new bag as one line of JSON
@@ -46,8 +47,9 @@ Examples:
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let default = || arguments.file.with_extension("recovered.mcap");
     let path = arguments.output.clone().unwrap_or_else(default);
+    let files = BagFiles::find(&arguments.file)?;
     // The readable part is read twice.
-    let mut work = Work::begin([arguments.file.as_path(); 2])?;
+    let mut work = Work::begin([&files; 2])?;
     let report = sm2_bag::recover_observed(&arguments.file, &path, &mut |it| work.note(it));
     let report = report.map_err(|it| work.error(it))?;
     let mut out = Output::new();

@@ -1,8 +1,8 @@
 //! Long work with bags.
 
-use std::{fmt, fs, ops::ControlFlow, path::Path};
+use std::{fmt, fs, ops::ControlFlow};
 
-use sm2_bag::{CopyError, ReadError};
+use sm2_bag::{Bag, BagFiles, CopyError, ReadError};
 
 use crate::{error::CliError, interrupt::Interrupt, size::Size, ticker::Ticker};
 
@@ -21,15 +21,18 @@ struct Progress {
 }
 
 impl Work {
-    /// Begins work with these files.
+    /// Begins work with these bags.
     ///
     /// # Errors
     ///
     /// [`CliError::System`] if signals cannot be caught.
-    pub(super) fn begin<'a>(files: impl IntoIterator<Item = &'a Path>) -> Result<Self, CliError> {
+    pub(super) fn begin<'a>(
+        bags: impl IntoIterator<Item = &'a BagFiles>,
+    ) -> Result<Self, CliError> {
         let interrupt = Interrupt::install().map_err(CliError::system("catch signals"))?;
         // A file that is not there is an error of the work.
-        let lengths = files.into_iter().filter_map(|it| fs::metadata(it).ok());
+        let files = bags.into_iter().flat_map(BagFiles::paths);
+        let lengths = files.filter_map(|it| fs::metadata(it).ok());
         Ok(Self {
             interrupt,
             ticker: Ticker::new(),
@@ -38,6 +41,21 @@ impl Work {
                 all_bytes: lengths.map(|it| it.len()).sum(),
             },
         })
+    }
+
+    /// Opens the files of a bag, and tells if one is incomplete: `doing` with what can be read.
+    ///
+    /// # Errors
+    ///
+    /// [`CliError::ReadBag`], [`CliError::Stopped`].
+    pub(super) fn open(&mut self, bag: &BagFiles, doing: &str) -> Result<Vec<Bag>, CliError> {
+        let bags = bag.open(&mut |it| self.note(it));
+        let bags = bags.map_err(|it| self.error(it))?;
+        for bag in bags.iter().filter(|it| !it.is_complete()) {
+            let path = bag.path().display();
+            stderr_line!("sm2: {path} is incomplete: {doing} what can be read");
+        }
+        Ok(bags)
     }
 
     /// Takes note of bytes that were read.

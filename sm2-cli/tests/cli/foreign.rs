@@ -1,6 +1,8 @@
 //! A bag that another program wrote: `tests/bags/rosbag2_0.mcap` is from the Python package `rosbags` 0.11.9, in the
 //! format of rosbag2 version 9.
 
+use std::{fs, path::PathBuf};
+
 use serde_json::{Value, json};
 
 use crate::bag::{bag, counts};
@@ -75,4 +77,99 @@ fn a_played_topic_is_latched_as_it_was_recorded() {
     });
     let late = domain.run(&["topic", "echo", "chatter", "--count", "1"]);
     assert_eq!(late.stdout(), "{data: \"hello\"}\n", "{late:?}");
+}
+
+/// A folder as a recorder of ROS 2 leaves it.
+fn folder(domain: &Domain) -> PathBuf {
+    let folder = domain.path("drive");
+    fs::create_dir(&folder).unwrap();
+    fs::copy(PATH, folder.join("drive_0.mcap")).unwrap();
+    fs::copy(PATH, folder.join("drive_1.mcap")).unwrap();
+    let yaml = "rosbag2_bagfile_information:\n  version: 9\n  storage_identifier: mcap\n  relative_file_paths:\n    \
+                - drive_0.mcap\n    - drive_1.mcap\n";
+    fs::write(folder.join("metadata.yaml"), yaml).unwrap();
+    folder
+}
+
+#[test]
+fn a_folder_of_rosbag2_is_a_bag_for_all_commands() {
+    let domain = Domain::new();
+    let folder = folder(&domain);
+    let path = folder.to_str().unwrap();
+    let all = json!([[["/chatter", 6, 0], ["/robot/point", 2, 0]], true]);
+    let (code, info, _) = bag(&["info", path, "--json"]);
+    assert_eq!((code, counts(&info)), (0, all.clone()));
+    let (code, text, _) = bag(&["check", path]);
+    assert!(code == 0 && text.ends_with("no damage\n"), "{text}");
+    let (_, text, _) = bag(&["check", path, "--json"]);
+    let checked: Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(checked["files"].as_array().unwrap().len(), 2, "{text}");
+    let (code, lines, _) = bag(&["cat", path, "--topic", "chatter", "--json"]);
+    assert_eq!((code, lines.lines().count()), (0, 6), "{lines}");
+    let (_, listed, _) = bag(&["ls", domain.path("").to_str().unwrap(), "--json"]);
+    let listed: Value = serde_json::from_str(&listed).unwrap();
+    assert_eq!(listed["bags"][0]["messages"], json!(8), "{listed}");
+    for command in ["filter", "convert", "recover"] {
+        let new = domain.path(command);
+        let new = new.to_str().unwrap();
+        let options: &[_] = match command {
+            "convert" => &["--compression", "zstd"],
+            _ => &[],
+        };
+        let (code, text, errors) = bag(&[&[command, path, "-o", new, "--json"], options].concat());
+        assert_eq!(
+            (code, counts(&text)),
+            (0, all.clone()),
+            "{command}: {errors}"
+        );
+        let (code, text, _) = bag(&["diff", path, new]);
+        assert_eq!(code, 0, "{command}: {text}");
+    }
+    let merged = domain.path("merged");
+    let merge = [
+        "merge",
+        path,
+        PATH,
+        "--json",
+        "-o",
+        merged.to_str().unwrap(),
+    ];
+    let (code, text, _) = bag(&merge);
+    let sum = json!([[["/chatter", 9, 0], ["/robot/point", 3, 0]], true]);
+    assert_eq!((code, counts(&text)), (0, sum));
+    let played = domain.json(&["play", path, "--rate", "0"]);
+    assert_eq!(played["topics"][0]["messages"], json!(6), "{played}");
+
+    // One file is damaged: the others are whole.
+    let mut bytes = fs::read(PATH).unwrap();
+    let middle = bytes.len() / 4;
+    bytes[middle] ^= 1;
+    fs::write(folder.join("drive_1.mcap"), bytes).unwrap();
+    let (code, text, _) = bag(&["check", path]);
+    assert!(code == 1 && text.contains("drive_1.mcap: "), "{text}");
+    // A description that is of no use, and no description.
+    fs::write(
+        folder.join("metadata.yaml"),
+        "storage_identifier: sqlite3\n",
+    )
+    .unwrap();
+    let (code, _, error) = bag(&["info", path]);
+    assert!(code == 1 && error.contains("ros2 bag convert"), "{error}");
+    fs::remove_file(folder.join("metadata.yaml")).unwrap();
+    fs::copy(PATH, folder.join("drive_1.mcap")).unwrap();
+    let (code, info, _) = bag(&["info", path, "--json"]);
+    assert_eq!((code, counts(&info)), (0, all));
+    let empty = domain.path("empty");
+    fs::create_dir(&empty).unwrap();
+    let (code, _, error) = bag(&["info", empty.to_str().unwrap()]);
+    assert!(code == 1 && error.contains("has no bag"), "{error}");
+}
+
+#[test]
+fn times_of_a_bag_without_a_clock_are_not_corrected() {
+    let domain = Domain::new();
+    let new = domain.path("new");
+    let (code, _, error) = bag(&["restamp", PATH, "-o", new.to_str().unwrap()]);
+    assert!(code == 1 && error.contains("sm2.clock"), "{error}");
+    assert!(!new.exists());
 }
