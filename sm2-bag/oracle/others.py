@@ -32,7 +32,7 @@ def text(number):
 
 
 def write_mcap(path, options, overlap):
-    """Several schemas, a channel without messages, an attachment and a metadata record. Every content that follows is
+    """Writes several schemas, a channel without messages, an attachment and a metadata record. Returns the messages:
     (topic, schema, encoding, log time, publish time, data)."""
     expected = []
     with path.open("wb") as file:
@@ -66,7 +66,14 @@ def read(path):
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         content = [
-            (channel.topic, schema.name if schema else "", channel.message_encoding, it.log_time, it.publish_time, it.data)
+            (
+                channel.topic,
+                schema.name if schema else "",
+                channel.message_encoding,
+                it.log_time,
+                it.publish_time,
+                it.data,
+            )
             for schema, channel, it in reader.iter_messages()
         ]
         attachments = [(it.name, it.data) for it in reader.iter_attachments()]
@@ -76,7 +83,8 @@ def read(path):
 
 def run(*arguments):
     """Runs `sm2`, which prints one line of JSON."""
-    done = subprocess.run([sm2, *map(str, arguments), "--json"], capture_output=True, text=True, timeout=120, check=False)
+    command = [sm2, *map(str, arguments), "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, (arguments, done)
     return json.loads(done.stdout)
 

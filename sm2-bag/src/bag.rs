@@ -92,8 +92,8 @@ impl Bag {
         self.times
     }
 
-    /// Reads the summary of a file of `end` bytes. `None` if there is none, if it is damaged, or if another program wrote
-    /// it, and its [index](index::counts) lacks something.
+    /// Reads the summary of a file of `end` bytes. `None` if there is none, if it is damaged, or if another program
+    /// wrote it, and its [index](index::counts) lacks something.
     pub(crate) fn of_summary(
         path: &Path,
         file: &File,
@@ -388,8 +388,8 @@ impl Bag {
     }
 }
 
-/// Opens a file that begins like an MCAP file. Returns it with its length in bytes. A file that is compressed as a whole
-/// is decompressed.
+/// Opens a file that begins like an MCAP file. Returns it with its length in bytes. A file that is compressed as a
+/// whole is decompressed.
 pub(crate) fn open_file(
     path: &Path,
     observer: &mut Observer<'_>,

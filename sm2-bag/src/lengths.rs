@@ -20,8 +20,8 @@ enum Field {
     TextMap,
 }
 
-/// The fields of a record up to its last text. None for records without texts, and for attachments, which are not parsed
-/// here.
+/// The fields of a record up to its last text. None for records without texts, and for attachments, which are not
+/// parsed here.
 const fn fields(opcode: u8) -> &'static [Field] {
     use Field::{Numbers, Text, TextMap};
     match opcode {

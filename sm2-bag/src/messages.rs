@@ -127,11 +127,11 @@ pub(crate) struct BagFileRef<'a> {
 
 /// Reads the messages of a bag.
 ///
-/// The payloads that wait for their turn have at most 64 MiB in memory, or else there is one of them. If chunks overlap,
-/// or if one is longer than that, the last messages are dropped, and their chunk is read again when their turn comes. In
-/// addition, the chunk that is being read is in memory as it is in the file. A message above 64 KiB that is alone in an
-/// uncompressed chunk stays in the file until its turn. The checksum of each chunk is verified, and nothing that the
-/// summary says decides how much memory is allocated.
+/// The payloads that wait for their turn have at most 64 MiB in memory, or else there is one of them. If chunks
+/// overlap, or if one is longer than that, the last messages are dropped, and their chunk is read again when their turn
+/// comes. In addition, the chunk that is being read is in memory as it is in the file. A message above 64 KiB that is
+/// alone in an uncompressed chunk stays in the file until its turn. The checksum of each chunk is verified, and nothing
+/// that the summary says decides how much memory is allocated.
 #[derive(Debug)]
 pub struct Messages<'a> {
     bag: BagFileRef<'a>,

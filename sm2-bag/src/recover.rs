@@ -22,10 +22,9 @@ use crate::report::{Counts, Report};
 use crate::scan::Scan;
 use crate::writer::{Compression, write_counts, write_options};
 
-/// Copies everything of the bag `from` (a file, or a folder as [`BagFiles`] describes it) but its damaged parts to the new
-/// bag `to`, with a summary. The
-/// [report](Report::damaged) names these parts. The messages that they had are gaps, if the summary of `from` counts
-/// them. Returns the summary of the new bag, which is removed if copying fails.
+/// Copies everything of the bag `from` (a file, or a folder as [`BagFiles`] describes it) but its damaged parts to the
+/// new bag `to`, with a summary. The [report](Report::damaged) names these parts. The messages that they had are gaps,
+/// if the summary of `from` counts them. Returns the summary of the new bag, which is removed if copying fails.
 ///
 /// # Errors
 ///

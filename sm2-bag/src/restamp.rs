@@ -24,7 +24,7 @@ use crate::written_by::WrittenBy;
 /// The name of the metadata record of a bag whose times were moved.
 const RECORD: &str = "sm2.restamped";
 
-/// What was changed.
+/// The change of a recording whose times were corrected.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Restamped {
     /// The span by which all times have moved, in nanoseconds; below 0 towards the past.

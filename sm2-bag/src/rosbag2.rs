@@ -40,7 +40,7 @@ pub enum Rosbag2Error {
     Compression(String),
 }
 
-/// What a description says.
+/// The content of a description.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(crate) struct Description {
     /// The paths of the files in the folder, in their order.

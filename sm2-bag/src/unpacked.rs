@@ -32,8 +32,8 @@ pub(crate) fn is_packed(file: &File) -> bool {
     file.read_exact_at(&mut magic, 0).is_ok() && magic == MAGIC
 }
 
-/// The content of the compressed file `packed` of this path. If its end is missing, the content ends there. `free_bytes`
-/// says how much room a disk has.
+/// The content of the compressed file `packed` of this path. If its end is missing, the content ends there.
+/// `free_bytes` says how much room a disk has.
 pub(crate) fn unpack(
     path: &Path,
     packed: &File,

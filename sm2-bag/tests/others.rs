@@ -11,8 +11,8 @@ use std::thread;
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{WriteOptions, Writer};
 use sm2_bag::{
-    Bag, BagFiles, Compression, Filter, PlayOptions, Player, Report, check, copy, diff, messages,
-    recover,
+    Bag, BagFiles, Compression, Filter, PlayOptions, Player, ReadError, Report, check, copy, diff,
+    messages, recover,
 };
 use sm2_node::{Name, Node, Shutdown, TypeId};
 
@@ -33,7 +33,7 @@ struct Kind {
     index: Index,
 }
 
-/// What stands in the summary.
+/// The content of the summary.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Index {
     All,
@@ -398,4 +398,44 @@ fn a_folder_of_rosbag2_is_a_bag() {
         let error = error.open(&mut |_| std::ops::ControlFlow::Continue(()));
         assert!(error.unwrap_err().to_string().contains("_1.mcap"));
     }
+}
+
+/// A file alone can say that its messages are compressed. One that is not is damaged, and the others are read.
+#[test]
+fn a_message_that_is_not_compressed_as_it_should_be_is_damaged() {
+    let folder = memory_folder();
+    let [path, copied] = ["bag", "copied"].map(|it| folder.path().join(it));
+    let mut writer = Writer::new(File::create(&path).unwrap()).unwrap();
+    let channel_id = writer.add_channel(0, "/raw", "", &BTreeMap::new()).unwrap();
+    for number in 0..3 {
+        let header = MessageHeader {
+            channel_id,
+            sequence: 0,
+            log_time: number,
+            publish_time: 0,
+        };
+        let data = message(number);
+        let data = match number {
+            1 => data,
+            _ => zstd::encode_all(data.as_slice(), 0).unwrap(),
+        };
+        writer.write_to_known_channel(&header, &data).unwrap();
+    }
+    let yaml = "compression_format: zstd\ncompression_mode: message\n";
+    let description = Metadata {
+        name: "rosbag2".to_owned(),
+        metadata: [("serialized_metadata".to_owned(), yaml.to_owned())].into(),
+    };
+    writer.write_metadata(&description).unwrap();
+    writer.finish().unwrap();
+    drop(writer);
+    let bag = Bag::open(&path).unwrap();
+    let read: Vec<_> = bag.messages(&Filter::default()).collect();
+    let damaged = |at: usize| matches!(read[at], Err(ReadError::Damaged { .. }));
+    assert_eq!([0, 1, 2].map(damaged), [false, true, false]);
+    let report = copy(&[bag], &copied, &Filter::default(), Compression::None).unwrap();
+    assert_eq!((report.topics[0].messages, report.damaged.len()), (2, 1));
+    let payloads: Vec<_> = content(&[Bag::open(&copied).unwrap()]);
+    let payloads = payloads.into_iter().map(|it| it.4);
+    assert!(payloads.eq([0, 2].map(message)));
 }

@@ -174,7 +174,14 @@ fn times_are_corrected_when_the_clock_was() {
         matches!(several, Err(RestampError::SeveralRecordings)),
         "{several:?}"
     );
-    // The files of one recording have one clock.
+    assert!(!none.exists());
+    assert_files_have_one_clock(&domain, (shift_ns, corrected_at_ns));
+}
+
+/// The files of one recording have one clock.
+fn assert_files_have_one_clock(domain: &Domain, (shift_ns, corrected_at_ns): (i128, u64)) {
+    let path = |name: &str| domain.path(name);
+    let early = path("early");
     let folder = path("files");
     std::fs::create_dir(&folder).unwrap();
     for (name, from_ns, to_ns) in [
@@ -193,7 +200,6 @@ fn times_are_corrected_when_the_clock_was() {
     assert_eq!(restamped(&folder, &all).unwrap().shift_ns, shift_ns);
     let all = [Bag::open(&all).unwrap()];
     assert_eq!(messages(&all, &Filter::default()).count(), 8);
-    assert!(!none.exists());
 }
 
 #[test]

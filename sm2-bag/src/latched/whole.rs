@@ -9,8 +9,8 @@ use crate::error::ReadError;
 use crate::merged::{Found, Merged};
 use crate::messages::{BagMessage, Filter, FoundMessage};
 
-/// The messages of a bag that may have several files, in the order of their `log_time`, each with the number of its file.
-/// Those that later files repeat come once.
+/// The messages of a bag that may have several files, in the order of their `log_time`, each with the number of its
+/// file. Those that later files repeat come once.
 pub fn messages<'a>(
     files: &'a [Bag],
     filter: &Filter,

@@ -23,8 +23,8 @@ pub(crate) struct Arguments {
 const HELP: &str = "\
 A bag whose recorder was killed has no summary. Its messages are then counted, as far as they can be read, and
 the output says that the bag is incomplete (JSON: `complete` is false) and names the parts that are damaged
-(`damaged`). A bag with a summary is not read completely: `sm2 bag check` does that. Of a bag of another program, the
-index has the counts, and `bytes` is null.
+(`damaged`). A bag with a summary is not read completely: `sm2 bag check` does that. If the index of a bag
+of another program has the counts, its messages are not read: then `bytes` is null.
 
 Times are those of the wall clock at the start of the recording. JSON has them in nanoseconds since 1970.
 

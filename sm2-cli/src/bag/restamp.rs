@@ -35,17 +35,17 @@ pub(crate) struct Arguments {
 }
 
 const HELP: &str = "\
-For a recording during which the wall clock was corrected, such as that of a computer which started in 1970. The
-times of a recording follow the wall clock as it was at the start. The new bag has the times that the wall clock
-would have shown if it had always been as it was after its last step. So all times move by the same span: those of
-messages, gaps and missing topics. An existing file is never overwritten.
+This is for a recording during which the wall clock was corrected, such as that of a computer which started
+in 1970. The times of a recording follow the wall clock as it was at the start. The new bag has the times that
+the clock would have shown if it had always been as it was after its last step. So all times move by the same
+span: those of messages, gaps and missing topics. An existing file is never overwritten.
 
 A bag of another program, and one of several recordings, cannot be corrected.
 
 Exit status: 0 the new bag is written, 1 failed, nothing to correct, or parts are damaged, 2 wrong usage.
 
 Examples:
-  sm2 bag restamp 1970.mcap -o drive.mcap";
+  sm2 bag restamp 1970.mcap -o corrected.mcap";
 
 /// Runs the command.
 ///

@@ -1,7 +1,10 @@
 //! A bag that another program wrote: `tests/bags/rosbag2_0.mcap` is from the Python package `rosbags` 0.11.9, in the
 //! format of rosbag2 version 9.
 
-use std::{fs, path::PathBuf};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
 
 use serde_json::{Value, json};
 
@@ -140,6 +143,12 @@ fn a_folder_of_rosbag2_is_a_bag_for_all_commands() {
     let played = domain.json(&["play", path, "--rate", "0"]);
     assert_eq!(played["topics"][0]["messages"], json!(6), "{played}");
 
+    assert_faults_are_told(&folder, &all);
+}
+
+/// Faults of a folder, whose topics have these counts.
+fn assert_faults_are_told(folder: &Path, all: &Value) {
+    let path = folder.to_str().unwrap();
     // One file is damaged: the others are whole.
     let mut bytes = fs::read(PATH).unwrap();
     let middle = bytes.len() / 4;
@@ -158,11 +167,63 @@ fn a_folder_of_rosbag2_is_a_bag_for_all_commands() {
     fs::remove_file(folder.join("metadata.yaml")).unwrap();
     fs::copy(PATH, folder.join("drive_1.mcap")).unwrap();
     let (code, info, _) = bag(&["info", path, "--json"]);
-    assert_eq!((code, counts(&info)), (0, all));
-    let empty = domain.path("empty");
+    assert_eq!((code, &counts(&info)), (0, all));
+    let empty = folder.join("empty");
     fs::create_dir(&empty).unwrap();
     let (code, _, error) = bag(&["info", empty.to_str().unwrap()]);
     assert!(code == 1 && error.contains("has no bag"), "{error}");
+}
+
+/// The records of a recording of one message, during which the clock was corrected by 100 s.
+pub(crate) fn corrected_recording() -> Vec<u8> {
+    let text = |text: &str| [&(text.len() as u32).to_le_bytes()[..], text.as_bytes()].concat();
+    let record = |opcode: u8, body: &[u8]| {
+        let len = (body.len() as u64).to_le_bytes();
+        [&[opcode][..], &len, body].concat()
+    };
+    let clock = |monotonic: &str, wall: &str| {
+        let pairs = [("monotonic_ns", monotonic), ("wall_ns", wall)];
+        let map = pairs.map(|(key, value)| [text(key), text(value)].concat());
+        let map = map.concat();
+        let len = (map.len() as u32).to_le_bytes();
+        record(12, &[text("sm2.clock"), len.to_vec(), map].concat())
+    };
+    let channel = [&[1, 0, 0, 0][..], &text("data"), &text(""), &[0; 4]].concat();
+    let times = [7_u64, 7].map(u64::to_le_bytes).concat();
+    let message = [&[1, 0, 0, 0, 0, 0][..], &times, b"hello"].concat();
+    let magic = b"\x89MCAP0\r\n";
+    [
+        magic.to_vec(),
+        record(1, &[0; 8]),
+        clock("5", "6"),
+        record(4, &channel),
+        record(5, &message),
+        clock("1005", "100000001006"),
+        record(15, &[0; 4]),
+        record(2, &[0; 20]),
+        magic.to_vec(),
+    ]
+    .concat()
+}
+
+#[test]
+fn a_recording_gets_the_times_of_the_corrected_clock() {
+    let domain = Domain::new();
+    let [old, new] = ["old.mcap", "new.mcap"].map(|it| domain.path(it));
+    fs::write(&old, corrected_recording()).unwrap();
+    let [old, new] = [&old, &new].map(|it| it.to_str().unwrap());
+    let (code, text, error) = bag(&["restamp", old, "-o", new]);
+    assert_eq!(code, 0, "{error}");
+    assert!(text.contains("all times are 100 s later"), "{text}");
+    let (_, line, _) = bag(&["cat", new, "--json"]);
+    let line: Value = serde_json::from_str(&line).unwrap();
+    assert_eq!(line["log_time_ns"], json!(100_000_000_007_u64), "{line}");
+    assert_eq!(bag(&["check", new]).0, 0);
+    // Nothing is overwritten, and nothing is left to correct.
+    let (code, _, error) = bag(&["restamp", old, "-o", new]);
+    assert!(code == 1 && error.contains("exists"), "{error}");
+    let (code, _, error) = bag(&["restamp", new, "-o", old]);
+    assert!(code == 1 && error.contains("was not corrected"), "{error}");
 }
 
 #[test]

@@ -19,6 +19,7 @@ use tempfile::TempDir;
 
 use crate::{
     common::{Running, copy, until},
+    foreign::corrected_recording,
     gateway::address,
 };
 
@@ -113,6 +114,9 @@ impl World {
             folder: tempfile::tempdir().unwrap(),
         };
         world.make_files(example);
+        if is_word_of(example, "1970") {
+            fs::write(world.path("work/1970.mcap"), corrected_recording()).unwrap();
+        }
         let takes_over = example.contains("--standby") || example.contains("--replace");
         if is_word_of(example, "manager") && !takes_over {
             return world;
