@@ -130,7 +130,8 @@ def play(path, expected):
     """A recording of what SM2 plays has the same payloads."""
     to = new()
     topic, quiet = expected[0][0].lstrip("/"), subprocess.DEVNULL
-    with subprocess.Popen([sm2, "record", topic, "--reliable", topic, "-o", to], stdout=quiet, stderr=quiet) as recorder:
+    record = [sm2, "record", topic, "--reliable", topic, "-o", to]
+    with subprocess.Popen(record, stdout=quiet, stderr=quiet) as recorder:
         played = run("play", path, "--topic", topic, "--rate", 0, "--wait", 1)
         recorder.send_signal(signal.SIGINT)
         assert recorder.wait(60) == 0
