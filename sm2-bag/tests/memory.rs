@@ -13,8 +13,8 @@ use sm2_test_support::ran_alone;
 use crate::common::memory_folder;
 
 const MIB: u64 = 1 << 20;
-/// The address space that reading may take, in bytes: that of the messages which wait, and room for the decompressor and
-/// the allocator.
+/// The address space that reading may take, in bytes: that of the messages which wait, and room for the decompressor
+/// and the allocator.
 const MOST_BYTES: u64 = 120 * MIB;
 
 /// Writes chunks of so many bytes, each with the times from 0 on.

@@ -96,7 +96,8 @@ of a pause; + and - double and halve the rate; q ends. `sm2 play control` does t
 and so does a call of --service with a string: pause, resume, step, or rate and a number. During a pause,
 nothing is published and domain time stands still. In lockstep, a step has all messages of the next time.
 
-Bags of ROS 2 (rosbag2, or the Python package rosbags) are played as well, if they have definitions in ros2msg. Topics lose the slash at their start, and the node of the publishers is `play/bag`.
+Bags of ROS 2 (rosbag2, or the Python package rosbags) are played as well, if they have definitions in
+ros2msg. Topics lose the slash at their start, and the node of the publishers is `play/bag`.
 
 Exit status: 0 all messages were published, the key q, or Ctrl-C with --loop; 1 failed, parts are damaged, or a
 topic has another type in the domain and was left out; 2 wrong usage; 130 Ctrl-C.

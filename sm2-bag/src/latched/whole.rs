@@ -10,7 +10,7 @@ use crate::merged::{Found, Merged};
 use crate::messages::{BagMessage, Filter, FoundMessage};
 
 /// The messages of a bag that may have several files, in the order of their `log_time`, each with the number of its
-/// file. Those that later files repeat come once.
+/// file. A message that later files repeat comes once.
 pub fn messages<'a>(
     files: &'a [Bag],
     filter: &Filter,
