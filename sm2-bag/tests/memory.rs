@@ -13,9 +13,9 @@ use sm2_test_support::ran_alone;
 use crate::common::memory_folder;
 
 const MIB: u64 = 1 << 20;
-/// The address space that reading may take, in bytes: that of the messages which wait, and room for the decompressor
+/// The memory that reading may take, in bytes: that of the messages which wait, and room for the decompressor
 /// and the allocator.
-const MOST_BYTES: u64 = 120 * MIB;
+const MOST_BYTES: u64 = 100 * MIB;
 
 /// Writes chunks of so many bytes, each with the times from 0 on.
 fn write(path: &Path, compression: mcap::Compression, chunks: u64, chunk_bytes: u64) {
@@ -42,14 +42,14 @@ fn write(path: &Path, compression: mcap::Compression, chunks: u64, chunk_bytes: 
     writer.finish().unwrap();
 }
 
-/// Limits the address space of this process to what it has, and more.
+/// Limits the memory of this process to what it has, and more.
 fn limit(more_bytes: u64) {
     let status = fs::read_to_string("/proc/self/status").unwrap();
-    let size = status.lines().find_map(|it| it.strip_prefix("VmSize:"));
+    let size = status.lines().find_map(|it| it.strip_prefix("VmData:"));
     let size = size.unwrap().trim().strip_suffix(" kB").unwrap();
     let size = size.parse::<u64>().unwrap() * 1_024;
-    let (_, hard) = getrlimit(Resource::RLIMIT_AS).unwrap();
-    setrlimit(Resource::RLIMIT_AS, size + more_bytes, hard).unwrap();
+    let (_, hard) = getrlimit(Resource::RLIMIT_DATA).unwrap();
+    setrlimit(Resource::RLIMIT_DATA, size + more_bytes, hard).unwrap();
 }
 
 /// A chunk of a few bytes that stands for many MiB, and chunks that overlap.
