@@ -25,8 +25,6 @@ use crate::writer::Compression;
 
 /// After this time, a bag for which the disk had no room is written again.
 const RETRY: Duration = Duration::from_millis(200);
-/// The name of the metadata record that says why a bag was written.
-const RECORD: &str = "sm2.incident";
 
 /// An incident, and the bag with the messages around it.
 #[derive(Debug)]

@@ -102,7 +102,7 @@ pub enum Call {
 #[cfg(feature = "fault-injection")]
 impl Call {
     /// All kinds.
-    pub const ALL: [Self; 44] = [
+    pub const ALL: [Self; 45] = [
         Self::Socket,
         Self::SocketPair,
         Self::Connect,
