@@ -49,10 +49,8 @@ impl Leftover {
 #[derive(Debug, Default)]
 pub(super) struct Leftovers {
     queue: VecDeque<Leftover>,
-    /// Wakes the control side while there is something to give back. `None` until there was.
+    /// Wakes the control side as long as there is something to give back.
     waker: Option<Waker>,
-    /// Whether the waker is signalled.
-    is_awake: bool,
 }
 
 impl Leftovers {
@@ -71,23 +69,19 @@ impl Leftovers {
         if self.waker.is_none() {
             let waker = Waker::new()?;
             sets.control.add(&waker, LEFTOVERS, Interest::READABLE)?;
-            self.waker = Some(waker);
-        }
-        if let Some(waker) = &self.waker {
             waker.wake();
-            self.is_awake = true;
+            self.waker = Some(waker);
         }
         Ok(())
     }
 
     /// Takes the next memory to give back. The caller puts the rest of it back.
-    pub(super) fn next(&mut self) -> Option<Leftover> {
+    pub(super) fn next(&mut self, sets: &NodeSets) -> Option<Leftover> {
         let next = self.queue.pop_front();
         if next.is_none()
-            && let Some(waker) = self.waker.as_ref().filter(|_| self.is_awake)
+            && let Some(waker) = self.waker.take()
         {
-            waker.drain();
-            self.is_awake = false;
+            let _ = sets.control.remove(&waker);
         }
         next
     }

@@ -148,7 +148,7 @@ impl NodeState {
     /// Locks the control side and drives it. Before that, gives back one part of the memory that no message needs.
     pub(crate) fn lock_driven(&self) -> MutexGuard<'_, Control> {
         let mut control = self.lock();
-        if let Some(leftover) = control.leftovers.next() {
+        if let Some(leftover) = control.leftovers.next(&self.sets) {
             drop(control);
             let rest = leftover.release_part();
             control = self.lock();

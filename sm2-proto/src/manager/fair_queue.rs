@@ -2,9 +2,9 @@
 //!
 //! Start-time fair queueing over the units of [`budget`](super::budget). The *tag* of a session grows by the units that
 //! its work has cost. The session with the smallest tag goes next, and the virtual time is the greatest tag of a
-//! session that went. A tag is never further behind the virtual time than the *credit*: a session that has used little can do
-//! work of that many units before all sessions that use their share or more, and gains nothing from having been quiet
-//! for longer. Among sessions without credit, each gets the same number of units.
+//! session that went. A tag is never further behind the virtual time than the *credit*: a session that has used little
+//! can do work of that many units before all sessions that use their share or more, and gains nothing from having been
+//! quiet for longer. Among sessions without credit, each gets the same number of units.
 //!
 //! With turns alone, a DECLARE with 80 matches beside fifty busy sessions would wait fifty parts for each of its own.
 
