@@ -86,6 +86,8 @@ impl Recorder<'_> {
         let is_due = is_late || topic.may_lose_in_silence();
         if is_due {
             self.look_at_losses(|it| *it == number);
+            // A look for other reasons does not count: the loss that follows it would have none.
+            self.topics[number].looked_at = Some(at);
         }
         let now = self.clock.wall_at(at);
         self.lost += self.topics[number].note_lost(&self.node, sample, now, is_due);
@@ -118,7 +120,6 @@ impl Recorder<'_> {
         let could_ask = views.can_ask;
         for number in (0..self.topics.len()).filter(is_to_look) {
             let topic = &mut self.topics[number];
-            topic.looked_at = Some(at);
             let fates = |link: &LinkStatus| views.fates(node, domain, link);
             let lost = topic.look_at_losses(node, now, fates);
             self.lost += lost;

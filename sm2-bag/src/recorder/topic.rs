@@ -30,7 +30,7 @@ pub(super) struct Topic {
     pub(super) since_ns: u64,
     /// Whether it is logged that a message was too long.
     has_logged_too_long: bool,
-    /// When the counters of its publishers were read.
+    /// When the counters of its publishers were last read because messages were missing.
     pub(super) looked_at: Option<Instant>,
     /// The losses that they have shown, for each link.
     losses: BTreeMap<LinkId, Known>,
