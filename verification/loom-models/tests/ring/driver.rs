@@ -7,8 +7,8 @@ use std::sync::Arc;
 
 use sm2_proto::link::{
     Attachment, Body, Config, Delivery, End, Error, Fate, Input, LaneKind, LentRing, Link, MaxLen,
-    Misuse, NoDelivery, OutboundMessage, Output, Payload, Publications, RingLayout, RingMemory, Role, SlotHead,
-    SlotRange, Status, Wake, doorbell,
+    Misuse, NoDelivery, OutboundMessage, Output, Payload, Publications, RingLayout, RingMemory,
+    Role, SlotHead, SlotRange, Status, Wake, doorbell,
 };
 use sm2_proto::{
     Datagram, Farewell, FdFacts, Instant, LinkId, Machine, Period, Seals, limits::SLOT_HEAD,
