@@ -42,8 +42,10 @@ fn what_is_not_used_again_is_unmapped_without_another_message() {
         drop(goes);
         until(|| publisher.links().iter().filter(|it| it.open).count() == 1);
         drop((held, lost));
-        // Reading the counters makes the publisher notice the release.
-        until(|| publisher.counters().in_flight == 0);
-        until(|| stays.links().len() == 1 && segments() == 0);
+        // Reading the counters makes the publisher notice the release, and then give the memory back.
+        until(|| {
+            let counters = publisher.counters();
+            counters.in_flight == 0 && stays.links().len() == 1 && segments() == 0
+        });
     }
 }
