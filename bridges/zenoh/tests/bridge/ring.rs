@@ -46,12 +46,16 @@ impl Way<'_> {
     }
 
     fn carries_each_message_once(&self) {
-        // Until the ring is complete, and both bridges know that, messages may come by both ways.
+        // Until the ring is complete, and both bridges know that, messages may come by both ways, or by none: a bridge
+        // leaves a topic to the gateway as soon as the gateway offers it.
+        let mut by_gateway = false;
         until("the gateways bring the topic", || {
             self.publisher.publish(&[0]).unwrap();
             while self.own.try_recv().unwrap().is_some() {}
-            while self.other.try_recv().unwrap().is_some() {}
-            self.left_to_gateway() > 0
+            while let Some(sample) = self.other.try_recv().unwrap() {
+                by_gateway |= !sample.publisher().as_str().ends_with("_bridge");
+            }
+            by_gateway && self.left_to_gateway() > 0
         });
         self.publisher.publish(&[1]).unwrap();
         while receive(&self.other) != [1] {}
@@ -59,8 +63,8 @@ impl Way<'_> {
         let before = self.left_to_gateway();
         for number in 2..2 + MESSAGES {
             self.publisher.publish(&[number]).unwrap();
-            assert_eq!(receive(&self.other), [number]);
-            assert_eq!(receive(&self.own), [number]);
+            assert_eq!(receive_later(&self.other), [number]);
+            assert_eq!(receive_later(&self.own), [number]);
         }
         // The bridge has taken all of them from its network, and left them to the gateway.
         until("all have come by both ways", || {
@@ -68,8 +72,18 @@ impl Way<'_> {
         });
         self.publisher.publish(b"marker").unwrap();
         // A copy of the messages before would come first.
-        assert_eq!(receive(&self.other), b"marker");
-        assert_eq!(receive(&self.own), b"marker");
+        assert_eq!(receive_later(&self.other), b"marker");
+        assert_eq!(receive_later(&self.own), b"marker");
+    }
+}
+
+/// The next message that is not of the time before the ring was complete: one of those may still come by the other way.
+fn receive_later(subscriber: &Subscriber<[u8]>) -> Vec<u8> {
+    loop {
+        match receive(subscriber) {
+            message if message == [0] => {}
+            message => return message,
+        }
     }
 }
 
