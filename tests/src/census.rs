@@ -1,6 +1,10 @@
 //! The descriptors and mappings of a process, as the kernel reports them.
 
-use std::{collections::BTreeMap, ffi::OsString, fmt, fs};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    ffi::OsString,
+    fmt, fs,
+};
 
 use crate::in_time;
 
@@ -39,14 +43,7 @@ impl Census {
     #[must_use]
     #[track_caller]
     pub fn at_rest(pid: u32) -> Self {
-        let mut census = None;
-        let rested = in_time(|| {
-            let before = threads(pid);
-            census = Some(Self::of(pid));
-            before.values().all(|it| it.is_asleep) && before == threads(pid)
-        });
-        assert!(rested, "process {pid} does not rest");
-        census.expect("it was taken")
+        while_at_rest(pid, || Self::of(pid))
     }
 
     /// How many descriptors are open.
@@ -116,6 +113,32 @@ impl fmt::Display for Census {
         } = self;
         write!(f, "{kinds:?}, {mappings} mappings and {rings} rings")
     }
+}
+
+/// The numbers of the descriptors that process `pid` has while none of its threads runs.
+#[must_use]
+#[track_caller]
+pub fn descriptor_numbers_at_rest(pid: u32) -> BTreeSet<u64> {
+    while_at_rest(pid, || {
+        let entries = fs::read_dir(format!("/proc/{pid}/fd")).expect("the process");
+        let names = entries.flatten().map(|entry| entry.file_name());
+        names
+            .filter_map(|name| name.to_str()?.parse().ok())
+            .collect()
+    })
+}
+
+/// What `look` returns while no thread of the process runs.
+#[track_caller]
+fn while_at_rest<T>(pid: u32, mut look: impl FnMut() -> T) -> T {
+    let mut seen = None;
+    let rested = in_time(|| {
+        let before = threads(pid);
+        seen = Some(look());
+        before.values().all(|it| it.is_asleep) && before == threads(pid)
+    });
+    assert!(rested, "process {pid} does not rest");
+    seen.expect("it was taken")
 }
 
 /// Descriptors by kind. A descriptor that closes meanwhile is not counted.

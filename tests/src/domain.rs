@@ -14,10 +14,11 @@ use nix::{
     },
     unistd::{Uid, chown},
 };
+use rustix::process::{Pid, Rlimit, prlimit};
 use tempfile::TempDir;
 
 use crate::{
-    census::Census,
+    census::{self, Census},
     process::{Exit, Process, actor},
     raw::RawNode,
 };
@@ -155,6 +156,19 @@ impl ManagerProcess {
     #[track_caller]
     pub fn census_at_rest(&self) -> Census {
         Census::at_rest(self.pid())
+    }
+
+    /// Lowers its limit of files, so that it can open no further descriptor until it has closed one.
+    #[track_caller]
+    pub fn take_free_descriptors(&self) {
+        let open = census::descriptor_numbers_at_rest(self.pid());
+        let lowest_free = (0..).find(|fd| !open.contains(fd)).expect("a free number");
+        let limit = Rlimit {
+            current: Some(lowest_free),
+            maximum: Some(lowest_free),
+        };
+        let pid = i32::try_from(self.pid()).ok().and_then(Pid::from_raw);
+        prlimit(pid, rustix::process::Resource::Nofile, limit).expect("a limit of files");
     }
 
     /// A raw node that has not greeted.

@@ -1,8 +1,12 @@
 //! The command line of an actor: names with values.
 
-use std::{collections::HashMap, fmt::Debug, str::FromStr};
+use std::{collections::HashMap, fmt::Debug, fs, os::fd::RawFd, str::FromStr};
 
-use nix::sys::resource::{Resource, setrlimit};
+use nix::{
+    libc,
+    sys::resource::{Resource, setrlimit},
+    unistd::close,
+};
 
 /// Options by name.
 #[derive(Clone, Debug)]
@@ -39,10 +43,24 @@ impl Options {
         self.get(name).unwrap_or(default)
     }
 
-    /// With `--nofile N`, this process can have no more than N descriptors.
+    /// With `--nofile N`, this process can have no more than N descriptors. Those that it inherited, apart from its
+    /// standard streams, are closed: how many there are depends on who runs the tests.
+    ///
+    /// Must be called before this process opens a descriptor.
     pub fn limit_files(&self) {
         if let Some(files) = self.get("--nofile") {
+            for fd in open_descriptors().filter(|fd| *fd > libc::STDERR_FILENO) {
+                // The descriptor of the list of descriptors is closed already.
+                let _ = close(fd);
+            }
             setrlimit(Resource::RLIMIT_NOFILE, files, files).expect("a limit of files");
         }
     }
+}
+
+fn open_descriptors() -> impl Iterator<Item = RawFd> {
+    let entries = fs::read_dir("/proc/self/fd").expect("the list of descriptors");
+    let names = entries.map(|entry| entry.expect("an entry").file_name());
+    let numbers = names.filter_map(|name| name.to_str()?.parse().ok());
+    numbers.collect::<Vec<RawFd>>().into_iter()
 }
