@@ -128,7 +128,7 @@ pub fn descriptor_numbers_at_rest(pid: u32) -> BTreeSet<u64> {
     })
 }
 
-/// What `look` returns while no thread of the process runs.
+/// The result of `look` for a moment in which no thread of the process runs.
 #[track_caller]
 fn while_at_rest<T>(pid: u32, mut look: impl FnMut() -> T) -> T {
     let mut seen = None;

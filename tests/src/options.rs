@@ -43,8 +43,8 @@ impl Options {
         self.get(name).unwrap_or(default)
     }
 
-    /// With `--nofile N`, this process can have no more than N descriptors. Those that it inherited, apart from its
-    /// standard streams, are closed: how many there are depends on who runs the tests.
+    /// With `--nofile N`, this process can have no more than N descriptors. It closes the inherited ones apart from its
+    /// standard streams, because their number depends on the caller of the tests.
     ///
     /// Must be called before this process opens a descriptor.
     pub fn limit_files(&self) {
