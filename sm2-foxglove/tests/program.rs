@@ -1,6 +1,5 @@
 //! The program.
 
-use std::fs;
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::net::TcpListener;
 use std::path::Path;
@@ -8,7 +7,7 @@ use std::process::{Child, Command, Output, Stdio};
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
-use sm2_test_support::until;
+use sm2_test_support::{Scheduling, until};
 
 use crate::common::{Viewer, World};
 
@@ -97,17 +96,6 @@ fn a_signal_ends_it_cleanly() {
     }
 }
 
-/// The scheduling policy of each thread of a process: the field 41 of its `stat`.
-fn policies(pid: u32) -> Vec<u32> {
-    let tasks = fs::read_dir(format!("/proc/{pid}/task")).unwrap();
-    let policy = |task: fs::DirEntry| {
-        let text = fs::read_to_string(task.path().join("stat")).unwrap();
-        let (_, fields) = text.rsplit_once(')').unwrap();
-        fields.split_whitespace().nth(38).unwrap().parse().unwrap()
-    };
-    tasks.map(|it| policy(it.unwrap())).collect()
-}
-
 #[test]
 fn it_leaves_the_processor_to_others() {
     const NORMAL: u32 = 0;
@@ -115,10 +103,10 @@ fn it_leaves_the_processor_to_others() {
     let world = World::new();
     for (arguments, expected) in [(&[][..], IDLE), (&["--priority", "normal"][..], NORMAL)] {
         let process = Process::start(&world.socket(), arguments);
-        let policies = policies(process.child.id());
+        let threads = Scheduling::of_process(process.child.id());
         assert!(
-            policies.len() > 1 && policies.iter().all(|&it| it == expected),
-            "{policies:?}"
+            threads.len() > 1 && threads.iter().all(|it| it.policy == expected),
+            "{threads:?}"
         );
     }
 }

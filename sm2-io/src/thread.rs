@@ -36,24 +36,49 @@ pub fn run_when_idle() -> io::Result<()> {
     Ok(scheduling::set_idle()?)
 }
 
+/// Raises the nice value of the calling thread to at least `nice` (up to 19): a thread of the same session with a lower
+/// one displaces it when it wakes up, and gets more of a processor that both want. Threads that the calling thread
+/// starts afterwards inherit the value.
+///
+/// # Errors
+///
+/// Any error of `setpriority(2)`, such as that of a sandbox that forbids the call.
+pub fn raise_nice(nice: i32) -> io::Result<()> {
+    match scheduling::nice()? {
+        present if present >= nice => Ok(()),
+        _ => Ok(scheduling::set_nice(nice)?),
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use std::{fs, thread};
+    use std::thread;
 
-    /// The policy of the calling thread, as a number: the field 41 of its `stat`.
-    fn policy() -> u32 {
-        let text = fs::read_to_string("/proc/thread-self/stat").unwrap();
-        let (_, fields) = text.rsplit_once(')').unwrap();
-        fields.split_whitespace().nth(38).unwrap().parse().unwrap()
-    }
+    use sm2_test_support::Scheduling;
 
     #[test]
     fn the_policy_is_inherited() {
         let policies = thread::spawn(|| {
-            let before = policy();
+            let before = Scheduling::of_this_thread();
             super::run_when_idle().unwrap();
-            (before, policy(), thread::spawn(policy).join().unwrap())
+            let own = Scheduling::of_this_thread();
+            let child = thread::spawn(Scheduling::of_this_thread).join().unwrap();
+            [before, own, child].map(|it| it.policy)
         });
-        assert_eq!(policies.join().unwrap(), (0, 5, 5));
+        assert_eq!(policies.join().unwrap(), [0, 5, 5]);
+    }
+
+    #[test]
+    fn a_nice_value_is_raised_and_inherited() {
+        let values = thread::spawn(|| {
+            let before = Scheduling::of_this_thread().nice;
+            let raised = [before + 2, before + 1].map(|nice| {
+                super::raise_nice(nice).unwrap();
+                Scheduling::of_this_thread().nice - before
+            });
+            let child = thread::spawn(Scheduling::of_this_thread).join().unwrap();
+            (raised, child.nice - before)
+        });
+        assert_eq!(values.join().unwrap(), ([2, 2], 2));
     }
 }

@@ -2,8 +2,8 @@
 //! whatever the environment says.
 
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
 use std::time::Duration;
-use std::{fs, thread};
 
 use crate::common::threads::{me, status, threads};
 use crate::common::{Domain, LANES, SOON, next, until, until_exited};
@@ -11,7 +11,7 @@ use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
 use nix::unistd::Pid;
 use sm2_io::fault::{Call, Injector};
 use sm2_node::{Node, NodeBuilder};
-use sm2_test_support::ran_alone;
+use sm2_test_support::{Scheduling, ran_alone};
 
 impl Domain {
     fn busy(&self, name: &str) -> NodeBuilder {
@@ -212,31 +212,16 @@ fn the_thread_inherits_priority_and_affinity() {
         one.set(first.unwrap()).unwrap();
         sched_setaffinity(Pid::from_raw(0), &one).unwrap();
         let own = me();
-        let nice = nice(own) + 3;
-        // SAFETY: setpriority(2) takes three numbers. A thread may always lower its own priority.
-        let set = unsafe { nix::libc::setpriority(nix::libc::PRIO_PROCESS, own, nice) };
-        assert_eq!(set, 0);
+        let nice = Scheduling::of_this_thread().nice + 3;
+        sm2_io::raise_nice(nice).unwrap();
         let _node = domain.busy_node(true, "inherits");
         until(|| threads("sm2:inherits").len() == 1);
         let task = threads("sm2:inherits")[0];
-        assert_eq!((self::nice(task), self::nice(own)), (nice, nice));
+        assert_eq!(Scheduling::of_own_thread(task).nice, nice);
         assert_eq!(affinity(task), affinity(own));
     })
     .join()
     .unwrap();
-}
-
-/// The nice value of a thread.
-fn nice(task: u32) -> i32 {
-    let stat = fs::read_to_string(format!("/proc/self/task/{task}/stat")).unwrap();
-    // The name, in parentheses, may contain blanks. The value is field 19; the first field after the name is 3.
-    let after_name = stat.rsplit(')').next().unwrap();
-    after_name
-        .split_whitespace()
-        .nth(19 - 3)
-        .unwrap()
-        .parse()
-        .unwrap()
 }
 
 /// The program's signal mask is as before.

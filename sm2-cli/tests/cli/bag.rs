@@ -4,6 +4,7 @@ use std::{fs, path::Path};
 
 use nix::sys::signal::Signal;
 use serde_json::{Value, json};
+use sm2_test_support::Scheduling;
 
 use crate::common::{Domain, Running, sm2, until};
 
@@ -156,6 +157,25 @@ fn a_recording_ends_when_the_disk_is_nearly_full() {
     assert!(error.contains("the disk is nearly full"), "{error}");
     let (code, text, _) = bag(&["check", file]);
     assert_eq!(code, 0, "{text}");
+}
+
+#[test]
+fn a_recorder_runs_with_a_nice_value_of_its_own() {
+    let domain = Domain::new();
+    let own = Scheduling::of_this_thread().nice;
+    for (arguments, expected) in [(&[][..], own.max(5)), (&["--nice", "0"][..], own.max(0))] {
+        let file = domain.path(&format!("nice{}.mcap", arguments.len()));
+        let file = file.to_str().unwrap();
+        let recorder = domain.start(&[&["record", "--all", "-o", file][..], arguments].concat());
+        until("the file is there", || Path::new(file).exists());
+        let threads = Scheduling::of_process(recorder.pid().unsigned_abs());
+        assert!(
+            threads.len() > 1 && threads.iter().all(|it| it.nice == expected),
+            "{expected}: {threads:?}"
+        );
+        recorder.signal(Signal::SIGTERM);
+        recorder.finish();
+    }
 }
 
 /// Records ten messages of `chatter`, and kills the recorder once they are in the file.

@@ -5,6 +5,7 @@
 
 mod memory;
 mod own_process;
+mod scheduling;
 mod seed;
 mod skip;
 mod stopped;
@@ -13,6 +14,7 @@ use std::time::{Duration, Instant};
 
 pub use memory::memory;
 pub use own_process::ran_alone;
+pub use scheduling::Scheduling;
 pub use seed::{below, seed};
 pub use skip::{skip, skip_without};
 pub use stopped::wait_until_stopped;
