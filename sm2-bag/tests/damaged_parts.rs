@@ -11,7 +11,7 @@ use sm2_bag::{
 };
 use sm2_test_support::below;
 
-use crate::common::{chunked, memory_folder, places};
+use crate::common::{chunked, memory_folder, picture, places};
 
 /// How many messages the bags have.
 const MESSAGES: u64 = 6;
@@ -242,14 +242,7 @@ fn bag_with_attachment(path: &Path) -> Vec<u8> {
             .write_to_known_channel(&header, &number.to_le_bytes())
             .unwrap();
     }
-    let attachment = mcap::Attachment {
-        log_time: 7,
-        create_time: 8,
-        name: "map.png".to_owned(),
-        media_type: "image/png".to_owned(),
-        data: b"a picture".as_slice().into(),
-    };
-    writer.attach(&attachment).unwrap();
+    writer.attach(&picture()).unwrap();
     writer.finish().unwrap();
     drop(writer);
     fs::read(path).unwrap()

@@ -16,7 +16,7 @@ use sm2_bag::{
 };
 use sm2_node::{Name, Node, Shutdown, TypeId};
 
-use crate::common::{Domain, SOON, memory_folder};
+use crate::common::{Domain, SOON, memory_folder, picture};
 
 const STRING: &str = "std_msgs/msg/String";
 const MESSAGES: u64 = 30;
@@ -140,14 +140,7 @@ fn write(path: &Path, kind: Kind) {
         let data = message(number);
         writer.write_to_known_channel(&header, &data).unwrap();
     }
-    let attachment = mcap::Attachment {
-        log_time: 7,
-        create_time: 8,
-        name: "map.png".to_owned(),
-        media_type: "image/png".to_owned(),
-        data: b"a picture".as_slice().into(),
-    };
-    writer.attach(&attachment).unwrap();
+    writer.attach(&picture()).unwrap();
     let metadata = Metadata {
         name: "robot".to_owned(),
         metadata: [("name".to_owned(), "R2".to_owned())].into(),

@@ -6,8 +6,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use sm2_bag::{
-    Bag, BagFiles, Compression, Filter, Options, RestampError, Restamped, check, copy, messages,
-    restamp,
+    Bag, BagFiles, Compression, Filter, Options, Recorder, RestampError, Restamped, check, copy,
+    messages, restamp,
 };
 use sm2_node::clock::{DomainTime, wall_time};
 
@@ -40,12 +40,7 @@ fn steps_of_an_hour_are_recorded_and_cost_no_message() {
         record_until(&mut |_| publisher.links().iter().any(|it| it.open));
         for (number, ahead_ns) in (1..).zip(clocks) {
             AHEAD_NS.store(ahead_ns, Ordering::Relaxed);
-            // Several intervals, so that the recorder compares the clocks.
-            let mut calls = 0;
-            record_until(&mut |_| {
-                calls += 1;
-                calls > 5
-            });
+            compare_clocks(record_until);
             publisher.publish(&[number]).unwrap();
             record_until(&mut |it| it.progress().messages == u64::from(number));
         }
@@ -75,6 +70,15 @@ fn steps_of_an_hour_are_recorded_and_cost_no_message() {
     }
 }
 
+/// Records for several intervals, so that the recorder compares the clocks.
+fn compare_clocks(record_until: &mut dyn FnMut(&mut dyn FnMut(&Recorder<'_>) -> bool)) {
+    let mut calls = 0;
+    record_until(&mut |_| {
+        calls += 1;
+        calls > 5
+    });
+}
+
 /// How far another clock is ahead of that of the machine, once it is corrected.
 static CORRECTION_NS: AtomicU64 = AtomicU64::new(0);
 
@@ -98,12 +102,7 @@ fn record_corrected(domain: &Domain, name: &str, corrected: bool) {
         for number in 1..=4 {
             if number == 3 {
                 CORRECTION_NS.store(HOUR_NS, Ordering::Relaxed);
-                // Several intervals, so that the recorder compares the clocks.
-                let mut calls = 0;
-                record_until(&mut |_| {
-                    calls += 1;
-                    calls > 5
-                });
+                compare_clocks(record_until);
             }
             publisher.publish(&[number]).unwrap();
             record_until(&mut |it| it.progress().messages == u64::from(number));

@@ -124,3 +124,14 @@ pub(crate) fn chunked(compression: Compression, messages: u64) -> Vec<u8> {
     });
     fs::read(&file).unwrap()
 }
+
+/// A small attachment.
+pub(crate) fn picture() -> mcap::Attachment<'static> {
+    mcap::Attachment {
+        log_time: 7,
+        create_time: 8,
+        name: "map.png".to_owned(),
+        media_type: "image/png".to_owned(),
+        data: b"a picture".as_slice().into(),
+    }
+}
