@@ -12,7 +12,10 @@
 //! comment marker, then ids separated by commas, then for a check its kind
 //! ([`CheckKind`]). Golden vectors cite by their field `clause`. An id that is a literal argument of
 //! the macros `clause!` and `violation!` must name a clause in force, and is not a citation.
+//!
+//! Annex B has the procedures. Each frame, code and fate of the tables must be in them.
 
+mod annex;
 mod citation;
 mod gap;
 mod id;
@@ -44,7 +47,9 @@ pub fn check(root: &Path) -> Result<Report, CheckError> {
     if !spec_path.is_file() {
         return Err(CheckError::NoSpec(spec_path));
     }
-    let (spec, mut gaps) = spec::parse(&read(&spec_path)?, Path::new(SPEC_FILE));
+    let (text, file) = (read(&spec_path)?, Path::new(SPEC_FILE));
+    let (spec, mut gaps) = spec::parse(&text, file);
+    gaps.extend(annex::unmentioned(&text, file));
     let mut report = Report::of(spec);
     for source in walk::sources(root)? {
         let shown = source.path.strip_prefix(root).unwrap_or(&source.path);

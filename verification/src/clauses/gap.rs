@@ -87,6 +87,12 @@ pub enum GapKind {
         /// The id.
         id: ClauseId,
     },
+    /// A frame, code or fate of a table that no procedure of Annex B mentions.
+    #[error("no procedure of Annex B mentions {name}")]
+    NoProcedure {
+        /// The name.
+        name: String,
+    },
     /// A MUST that no code cites.
     #[error("{id}: no code cites this MUST")]
     NoCode {
