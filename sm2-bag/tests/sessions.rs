@@ -1,5 +1,4 @@
 //! Topics beyond the interfaces of a session.
-
 use std::collections::BTreeSet;
 use std::os::fd::AsFd;
 use std::sync::Mutex;
@@ -8,7 +7,7 @@ use std::thread;
 use std::time::Duration;
 
 use sm2_bag::{Bag, Options, PlayOptions, Player, Recorder, Topics};
-use sm2_manager::Policy;
+use sm2_manager::{Limit, Limits};
 use sm2_node::{Node, Publisher, Shutdown};
 use sm2_test_support::{SOON, until};
 
@@ -19,12 +18,10 @@ const ROOM: usize = 2;
 
 /// A domain with three topics more than the recorder's first session has room for.
 fn crowded() -> (Domain, Vec<Publisher<u64>>) {
-    let policy = Policy {
-        interfaces_per_session: ROOM,
-        ..Policy::default()
-    };
+    let interfaces = u32::try_from(ROOM).unwrap();
+    let limits = Limits::default().with(Limit::InterfacesPerSession, interfaces);
     let domain = Domain::with(sm2_manager::Options {
-        policy,
+        limits,
         ..Default::default()
     });
     let topic = |it: usize| {

@@ -6,12 +6,12 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use sm2_bag::{
-    Bag, BagFiles, Compression, Filter, Options, Recorder, RestampError, Restamped, check, copy,
-    messages, restamp,
+    Bag, BagFiles, Compression, Filter, Options, RestampError, Restamped, check, copy, messages,
+    restamp,
 };
 use sm2_node::clock::{DomainTime, wall_time};
 
-use crate::common::{Domain, named, record};
+use crate::common::{Domain, RecordUntil, named, record};
 
 const HOUR_NS: u64 = 3_600_000_000_000;
 
@@ -71,7 +71,7 @@ fn steps_of_an_hour_are_recorded_and_cost_no_message() {
 }
 
 /// Records for several intervals, so that the recorder compares the clocks.
-fn compare_clocks(record_until: &mut dyn FnMut(&mut dyn FnMut(&Recorder<'_>) -> bool)) {
+fn compare_clocks(record_until: &mut RecordUntil<'_>) {
     let mut calls = 0;
     record_until(&mut |_| {
         calls += 1;

@@ -1,41 +1,9 @@
 //! The limits in force at the Manager, and how much of them is used.
 
-use std::ops::Deref;
-
-use serde::{Serialize, Serializer, ser::SerializeMap};
-use sm2_proto::{control, control::Limit};
+use serde::Serialize;
+use sm2_proto::control::{Limit, Limits};
 
 use crate::{columns::Columns, view::View};
-
-/// The limits that the operator has set. In JSON, each limit has its name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Limits(control::Limits);
-
-impl From<control::Limits> for Limits {
-    fn from(limits: control::Limits) -> Self {
-        Self(limits)
-    }
-}
-
-impl Deref for Limits {
-    type Target = control::Limits;
-
-    fn deref(&self) -> &Self::Target {
-        &self.0
-    }
-}
-
-impl Serialize for Limits {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let mut map = serializer.serialize_map(None)?;
-        for limit in Limit::ALL {
-            map.serialize_entry(limit.name(), &self.of(limit))?;
-        }
-        map.serialize_entry("seal_all", &self.seal_all)?;
-        map.serialize_entry("waive_user_boundary", &self.waive_user_boundary)?;
-        map.end()
-    }
-}
 
 /// The use of a limit by a user, a process or a node.
 #[derive(Serialize)]
@@ -109,8 +77,8 @@ pub(crate) fn quotas(view: &View<'_>) -> Vec<Quota> {
 }
 
 /// All limits, each with its greatest use.
-pub(crate) fn table(limits: &Limits, quotas: &[Quota]) -> Columns<4> {
-    let mut table = Columns::new(["LIMIT", "VALUE", "MOST USED", "OPTION"]);
+pub(crate) fn table(limits: &Limits, quotas: &[Quota]) -> Columns<3> {
+    let mut table = Columns::new(["LIMIT", "VALUE", "MOST USED"]);
     for limit in Limit::ALL {
         let of_limit = quotas.iter().filter(|it| it.kind == limit);
         let most = of_limit.max_by_key(|it| it.used);
@@ -118,7 +86,6 @@ pub(crate) fn table(limits: &Limits, quotas: &[Quota]) -> Columns<4> {
             limit.name().into(),
             limits.of(limit).to_string(),
             most.map_or_else(|| "-".into(), |it| format!("{} by {}", it.used, it.of)),
-            limit.option().into(),
         ]);
     }
     table

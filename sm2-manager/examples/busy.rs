@@ -20,11 +20,11 @@ use std::{
 
 use nix::time::{ClockId, clock_gettime};
 use sm2_io::{SeqPacket, wait_readable};
-use sm2_manager::{Manager, Options, Policy};
+use sm2_manager::{Manager, Options};
 use sm2_proto::{
     Contract, Datagram, DemandedQos, FdFacts, InterfaceId, Machine, Name, NodeId, OfferedQos,
     Period, TypeId,
-    control::{ToManager, ToNode, decode_to_node, encode_to_manager},
+    control::{Limits, ToManager, ToNode, decode_to_node, encode_to_manager},
     limits::DATAGRAM_MAX,
     manager::{self, Credentials, Input, Output},
 };
@@ -108,7 +108,7 @@ fn longest_pieces() -> Done {
 impl Domain {
     fn new() -> Result<Self, Box<dyn Error>> {
         Ok(Self {
-            machine: manager::Manager::new(1, 7, Policy::default()),
+            machine: manager::Manager::new(1, 7, Limits::default()),
             wire: SeqPacket::pair()?,
             sessions: 0,
             longest: Duration::ZERO,

@@ -45,8 +45,5 @@ pub use driver::Manager;
 pub use handles::{HandOver, PolicyReloader, Stopper};
 pub use options::{Options, Outcome, RunError, StartError};
 pub use policy_file::{PolicyFile, PolicyFileError, PolicyValueError, PolicyWarning};
-pub use sm2_proto::{
-    control::{Limit, LimitError},
-    manager::Policy,
-};
+pub use sm2_proto::control::{Limit, LimitError, Limits};
 pub use standby::{Role, Standby};

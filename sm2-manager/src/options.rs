@@ -3,15 +3,15 @@
 use std::{io, path::PathBuf};
 
 use sm2_io::{BindOptions, DomainSocketError};
-use sm2_proto::control::LimitError;
+use sm2_proto::control::{LimitError, Limits};
 
-use crate::{Policy, PolicyFileError};
+use crate::PolicyFileError;
 
 /// Options of a Manager.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// Limits, and which links are sealed.
-    pub policy: Policy,
+    pub limits: Limits,
     /// The socket's permission bits: a process needs write permission to connect. Has no effect on an adopted
     /// socket (socket activation).
     pub socket_mode: u32,
@@ -23,7 +23,7 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         Self {
-            policy: Policy::default(),
+            limits: Limits::default(),
             socket_mode: 0o600,
             policy_file: None,
         }
@@ -43,7 +43,7 @@ impl Options {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StartError {
-    /// A limit of the [`Policy`] is wrong.
+    /// A limit is wrong.
     #[error(transparent)]
     Limit(#[from] LimitError),
     /// The domain's socket cannot be claimed.

@@ -2,16 +2,14 @@
 
 use crate::common::TestDomain;
 use sm2_io::Listener;
-use sm2_manager::{Limit, LimitError, Manager, Options, Policy, Standby, StartError};
+use sm2_manager::{Limit, LimitError, Manager, Options, Standby, StartError};
+use sm2_proto::control::Limits;
 
 #[test]
 fn a_manager_with_a_wrong_limit_does_not_start() {
     let domain = TestDomain::new();
     let options = Options {
-        policy: Policy {
-            sessions_per_user: 0,
-            ..Policy::default()
-        },
+        limits: Limits::default().with(Limit::SessionsPerUser, 0),
         ..Options::default()
     };
     let told = |error: StartError| match error {

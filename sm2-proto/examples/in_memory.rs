@@ -16,12 +16,12 @@ use std::fmt::{self, Debug, Display, Formatter};
 use sm2_proto::{
     Contract, Datagram, DemandedQos, Farewell, FdFacts, Instant, InterfaceId, LinkQos, Machine,
     Name, NodeId, OfferedQos, Period, TypeId, Violation,
-    control::{decode_to_manager, decode_to_node},
+    control::{Limits, decode_to_manager, decode_to_node},
     link::{
         self, Body, Config, Link, NoMemory, OutboundMessage, Payload, Publications, Role, Status,
         wire::Frame,
     },
-    manager::{self, Credentials, Manager, Policy},
+    manager::{self, Credentials, Manager},
     node::{self, Node},
 };
 
@@ -142,7 +142,7 @@ impl World {
             link: None,
         };
         Self {
-            manager: Manager::new(1, 7, Policy::default()),
+            manager: Manager::new(1, 7, Limits::default()),
             programs: [program("lidar", publisher), program("planner", subscriber)],
             wires: VecDeque::new(),
         }
@@ -187,7 +187,7 @@ impl World {
     fn take_over(&mut self) {
         let link_only = |wire: &Wire| matches!(wire, Wire::Link(..));
         self.wires.retain(link_only);
-        self.manager = Manager::new(2, 8, Policy::default());
+        self.manager = Manager::new(2, 8, Limits::default());
         for at in 0..self.programs.len() {
             self.feed_node(at, node::Input::Eof);
             self.feed_manager(manager::Input::Connected {

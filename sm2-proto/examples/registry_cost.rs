@@ -10,8 +10,8 @@ use std::time::{Duration, Instant as Clock};
 use sm2_proto::{
     Code, Contract, Datagram, DemandedQos, Instant, InterfaceId, LinkId, Machine, Name, NodeId,
     OfferedQos, Period, TypeId,
-    control::{ToManager, encode_to_manager},
-    manager::{Credentials, Input, Manager, Output, Policy},
+    control::{Limits, ToManager, encode_to_manager},
+    manager::{Credentials, Input, Manager, Output},
 };
 
 const SMALL: u64 = 50;
@@ -59,7 +59,7 @@ impl Domain {
         let sessions = interfaces / PER_SESSION;
         let visitor = NodeId(sessions + 1);
         let mut domain = Self {
-            manager: Manager::new(1, 7, Policy::default()),
+            manager: Manager::new(1, 7, Limits::default()),
             interfaces,
             visitor,
             links: 0,

@@ -131,20 +131,19 @@ struct Remedy(Quota);
 
 impl core::fmt::Display for Remedy {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        let option = self.0.limit().option();
-        write!(f, ", or have the operator raise {option} of sm2-manager")
+        let name = self.0.limit().name();
+        write!(f, ", or have the operator raise {name} of the Manager")
     }
 }
 
+/// `sessions per user`
 impl core::fmt::Display for Quota {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str(match self {
-            Self::SessionsPerUser => "sessions per user",
-            Self::InterfacesPerSession => "interfaces per session",
-            Self::InterfacesPerUser => "interfaces per user",
-            Self::LinksPerSession => "links per session",
-            Self::SessionsPerProcess => "sessions per process",
-            Self::InterfacesPerProcess => "interfaces per process",
-        })
+        let words = self.limit().name().split('_');
+        for (at, word) in words.enumerate() {
+            let blank = if at == 0 { "" } else { " " };
+            write!(f, "{blank}{word}")?;
+        }
+        Ok(())
     }
 }

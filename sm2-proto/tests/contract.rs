@@ -1,5 +1,6 @@
 //! The contract of the machines, checked through the trait alone.
 
+use sm2_proto::control::Limits;
 use std::{
     fmt::Debug,
     panic::{AssertUnwindSafe, catch_unwind},
@@ -16,7 +17,7 @@ use sm2_proto::{
         session::{self, Command, ControlCommand, PeerEvent, Session},
     },
     link::{self, Link, wire},
-    manager::{self, Credentials, Manager, Policy},
+    manager::{self, Credentials, Manager},
     node::{self, End, Node},
 };
 
@@ -142,7 +143,7 @@ fn a_link_is_drained_before_the_next_datagram() {
 
 #[test]
 fn a_manager_is_drained_before_the_next_input() {
-    let mut manager = Manager::new(1, 2, Policy::default());
+    let mut manager = Manager::new(1, 2, Limits::default());
     let credentials = Credentials {
         uid: 1,
         gid: 1,

@@ -17,10 +17,10 @@ use serde_json::{Map, Value};
 use sm2_proto::{
     Code, Datagram, FdFacts, Instant, Machine, NodeId, Seals, Violation, ViolationKind,
     control::{
-        SchemaText, ToManager, ToNode, decode_to_manager, decode_to_node, encode_to_manager,
-        encode_to_node,
+        Limits, SchemaText, ToManager, ToNode, decode_to_manager, decode_to_node,
+        encode_to_manager, encode_to_node,
     },
-    manager::{Cause, Credentials, Input, Manager, Output, Policy},
+    manager::{Cause, Credentials, Input, Manager, Output},
     node::{self, End, Node},
     policy::{AccessPolicy, Effect, Tables},
 };
@@ -187,7 +187,7 @@ impl Vector {
     }
 
     fn replay_to_manager(&self) -> Option<(Violation, Code)> {
-        let mut manager = Manager::new(1, 7, Policy::default()).with_owner(1000);
+        let mut manager = Manager::new(1, 7, Limits::default()).with_owner(1000);
         let mut feed = |input: Input<'_>| {
             manager
                 .handle(NOW, input)

@@ -9,7 +9,7 @@ use crate::support::{
 };
 use sm2_proto::{
     Code, Contract, Datagram, Farewell, FdFacts, InterfaceId, LinkId, Machine, NodeId, Seals,
-    control::{Item, ToManager, ToNode, UnlinkedReason, encode_to_manager, encode_to_node},
+    control::{Item, Limit, ToManager, ToNode, UnlinkedReason, encode_to_manager, encode_to_node},
     manager::{Cause, Input},
     node::{self, Node, Output},
     violation,
@@ -302,5 +302,5 @@ fn a_resuming_pair_is_linked_again_after_its_claims() {
 
 /// The deadline of the sessions that have not sent CLAIMED.
 fn greeting(bench: &Bench) -> Option<sm2_proto::Instant> {
-    Some(bench.now.after(UNLIMITED.greeting))
+    Some(bench.now.after(UNLIMITED.time(Limit::Greeting)))
 }

@@ -6,7 +6,7 @@ use crate::support::{
 };
 use sm2_proto::{
     LinkId, NodeId, Refusal,
-    control::{Item, Limits, UnlinkedReason},
+    control::{Item, Limit, Limits, UnlinkedReason},
     domain::{SessionUsage, UserUsage},
 };
 
@@ -36,10 +36,7 @@ fn names_lead_to_interfaces() {
 //= SM2-RES-008 test
 #[test]
 fn what_is_used_up() {
-    let limits = Limits {
-        links_per_session: 3,
-        ..Limits::default()
-    };
+    let limits = Limits::default().with(Limit::LinksPerSession, 3);
     let loopback = Item::Link {
         link: LinkId { serial: 2, ..LINK },
         offering: at(LIDAR, 1),

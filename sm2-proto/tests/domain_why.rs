@@ -307,7 +307,7 @@ fn refusals_name_the_conflicting_interface() {
     assert_eq!(
         text(&scan(), &sub(), &[refusal(at(PLANNER, 1), &sub(), &quota)]),
         "planner's subscriber of scan was refused: the quota of 1024 interfaces per session is \
-         used up: close some, or have the operator raise --max-interfaces of sm2-manager."
+         used up: close some, or have the operator raise interfaces_per_session of the Manager."
     );
 }
 
@@ -365,7 +365,7 @@ fn a_matching_pair_is_not_linked() {
         said(&[quota(PLANNER)]),
         format!(
             "{both}, but planner may not have more than 3 links.\n\
-             Close some and declare again, or have the operator raise --max-links of sm2-manager."
+             Close some and declare again, or have the operator raise links_per_session of the Manager."
         )
     );
     assert!(said(&[quota(9)]).contains("but node 9 may not have"));

@@ -11,9 +11,9 @@ use crate::support::{
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
     Contract, EntityId, FdFacts, InterfaceId, NodeId, Quota, Refusal, Seals,
-    control::{Change, Item, Key, ToManager, ToNode},
+    control::{Change, Item, Key, Limit, Limits, ToManager, ToNode},
     gateway::Pattern,
-    manager::{Input, Policy},
+    manager::Input,
     policy::{AccessPolicy, Action, ActionSet, Binding, Effect, Exclusive, Members, Rule, Tables},
 };
 
@@ -60,7 +60,7 @@ fn tables(rules: Vec<Rule>) -> Tables {
     }
 }
 
-fn bench_with(policy: Policy, tables: Tables) -> Bench {
+fn bench_with(policy: Limits, tables: Tables) -> Bench {
     let mut bench = Bench::new(policy);
     let access = AccessPolicy::new(tables).unwrap();
     bench.manager = bench.manager.with_access_policy(access);
@@ -90,10 +90,7 @@ fn a_binding_refuses_names_of_nodes() {
         nodes: patterns(&["arm/*"]),
         members: members(&[], &[70, 100]),
     };
-    let policy = Policy {
-        sessions_per_user: 1,
-        ..UNLIMITED
-    };
+    let policy = UNLIMITED.with(Limit::SessionsPerUser, 1);
     let tables = Tables {
         bindings: vec![bound],
         ..tables(Vec::new())
@@ -184,10 +181,7 @@ fn an_exclusive_topic_has_one_publisher() {
         exclusive: vec![entry],
         ..tables(Vec::new())
     };
-    let policy = Policy {
-        interfaces_per_session: 2,
-        ..UNLIMITED
-    };
+    let policy = UNLIMITED.with(Limit::InterfacesPerSession, 2);
     let mut bench = bench_with(policy, tables);
     let (a, b) = (bench.node(GUEST, "a"), bench.node(ADMIN, "b"));
     let velocity = publisher("cmd_vel", &data("Twist"));
@@ -316,10 +310,7 @@ struct World {
 impl World {
     fn new() -> Self {
         // Each input does as little as possible, so that links end in parts.
-        let policy = Policy {
-            work_per_turn: 1,
-            ..UNLIMITED
-        };
+        let policy = UNLIMITED.with(Limit::WorkPerTurn, 1);
         let mut bench = bench_with(policy, tables(Vec::new()));
         let admin = bench.node(ADMIN, "shut/admin");
         let guest = bench.node(GUEST, "guest");

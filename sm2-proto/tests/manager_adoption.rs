@@ -13,8 +13,8 @@ use crate::support::{
 };
 use sm2_proto::{
     Code, Contract, InterfaceId, LinkId, LinkKey, Machine, NodeId,
-    control::{Item, ToManager, ToNode, UnlinkedReason},
-    manager::{Input, Policy},
+    control::{Item, Limit, Limits, ToManager, ToNode, UnlinkedReason},
+    manager::Input,
 };
 
 //= SM2-RES-004, SM2-RES-002, SM2-RES-007 test
@@ -191,7 +191,7 @@ fn claims_without_the_key_change_nothing() {
 
 /// Each link is adopted if its QoS fits. Otherwise both ends are told `not-adopted` and, if they
 /// match, linked anew.
-fn adoption(policy: Policy, one: (u32, &Contract), other: (u32, &Contract), qos: [bool; 2]) {
+fn adoption(policy: Limits, one: (u32, &Contract), other: (u32, &Contract), qos: [bool; 2]) {
     let [reliable, sealed] = qos;
     let mut bench = Bench::new(policy);
     let a = back_as(&mut bench, one.0, "a", &[(1, one.1.clone())]);
@@ -266,7 +266,7 @@ fn terms_of_adoption() {
         for seal_all in booleans {
             for uid in [1, 2] {
                 for waive_user_boundary in booleans {
-                    let policy = Policy {
+                    let policy = Limits {
                         seal_all,
                         waive_user_boundary,
                         ..UNLIMITED
@@ -310,11 +310,8 @@ fn a_pair_has_one_link() {
 #[test]
 fn a_pair_that_ended_its_link_stays_unlinked() {
     for a_is_ready in [false, true] {
-        let (mut bench, a, b) = both_back(Policy {
-            // Also where no page shows it.
-            unlinked_per_session: 0,
-            ..UNLIMITED
-        });
+        let (mut bench, a, b) = // Also where no page shows it.
+            both_back(UNLIMITED.with(Limit::UnlinkedPerSession, 0));
         bench.send(a, &claim(OFFERING, LINK, KEY));
         if a_is_ready {
             claimed(&mut bench, a);

@@ -7,9 +7,9 @@ use crate::support::{
 };
 use sm2_proto::{
     Datagram, FdFacts, NodeId, Seals, TypeId, Violation,
-    control::{SchemaText, ToManager, ToNode, encode_to_manager},
+    control::{Limit, SchemaText, ToManager, ToNode, encode_to_manager},
     limits::SCHEMA_TEXT_MAX,
-    manager::{Cause, Input, Policy},
+    manager::{Cause, Input},
     schema::Schema,
     violation,
 };
@@ -213,10 +213,8 @@ fn texts_beyond_the_quota_are_not_kept() {
     for (schema_bytes_per_session, kept) in
         [(cost - 1, 0), (cost, 1), (2 * cost, 1), (2 * cost + 1, 2)]
     {
-        let mut bench = Bench::new(Policy {
-            schema_bytes_per_session,
-            ..UNLIMITED
-        });
+        let quota = u32::try_from(schema_bytes_per_session).expect("a small number");
+        let mut bench = Bench::new(UNLIMITED.with(Limit::SchemaBytesPerSession, quota));
         let (a, b) = (bench.node(1, "a"), bench.node(1, "b"));
         for data in [&first, &first, &second] {
             assert_eq!(register(&mut bench, a, data, POSE), [], "no violation");

@@ -14,8 +14,8 @@ use crate::support::{
 };
 use sm2_proto::{
     Code, Farewell, InterfaceId, LinkId, LinkKey, Machine, Quota, Refusal,
-    control::{Item, ToManager, ToNode, UnlinkedReason},
-    manager::{Cause, Input, Policy},
+    control::{Item, Limit, ToManager, ToNode, UnlinkedReason},
+    manager::{Cause, Input},
     violation,
 };
 
@@ -107,11 +107,9 @@ fn claims_of_a_session_that_is_not_resuming() {
 //= SM2-RES-006 test
 #[test]
 fn the_policy_sets_the_time_for_which_a_claim_waits() {
-    for recovery in [1, 60].map(Duration::from_secs) {
-        let (mut bench, a, b) = both_back(Policy {
-            recovery,
-            ..UNLIMITED
-        });
+    for recovery_ms in [1_000, 60_000] {
+        let limits = UNLIMITED.with(Limit::Recovery, recovery_ms);
+        let (recovery, (mut bench, a, b)) = (limits.time(Limit::Recovery), both_back(limits));
         claimed(&mut bench, b);
         bench.send(a, &claim(OFFERING, LINK, KEY));
         claimed(&mut bench, a);
@@ -186,10 +184,7 @@ fn a_claim_ends_like_any_link() {
 //= SM2-RES-008, SM2-RES-007, SM2-WCH-004 test
 #[test]
 fn quotas_of_links() {
-    let policy = Policy {
-        links_per_session: 2,
-        ..UNLIMITED
-    };
+    let policy = UNLIMITED.with(Limit::LinksPerSession, 2);
     let links = [1, 2, 3].map(|serial| LinkId { serial, ..LINK });
     let mut bench = Bench::new(policy);
     let a = back(&mut bench, "a", &[(1, scan())]);
@@ -219,10 +214,7 @@ fn quotas_of_links() {
         (1, publisher("map", &data("Map"))),
         (2, subscriber("map", None)),
     ];
-    let policy = Policy {
-        links_per_session: 1,
-        ..UNLIMITED
-    };
+    let policy = UNLIMITED.with(Limit::LinksPerSession, 1);
     let mut bench = Bench::new(policy);
     let node = back(&mut bench, "a", &both);
     assert_eq!(claimed(&mut bench, node), []);
@@ -237,11 +229,11 @@ fn quotas_of_links() {
 //= SM2-RES-008 test
 #[test]
 fn other_quotas_hold_from_the_first_frame() {
-    let mut bench = Bench::new(Policy {
-        sessions_per_user: 1,
-        interfaces_per_session: 1,
-        ..UNLIMITED
-    });
+    let mut bench = Bench::new(
+        UNLIMITED
+            .with(Limit::SessionsPerUser, 1)
+            .with(Limit::InterfacesPerSession, 1),
+    );
     let a = back(&mut bench, "a", &[(1, scan())]);
     let quota = |quota| Refusal::Quota { quota, limit: 1 };
     let interface = InterfaceId(2);
@@ -262,10 +254,7 @@ fn other_quotas_hold_from_the_first_frame() {
 //= SM2-RES-008 test
 #[test]
 fn claims_without_end() {
-    let mut bench = Bench::new(Policy {
-        links_per_session: 1,
-        ..UNLIMITED
-    });
+    let mut bench = Bench::new(UNLIMITED.with(Limit::LinksPerSession, 1));
     let a = back(&mut bench, "a", &[(1, scan())]);
     for serial in 1..=65_536 {
         let link = LinkId { serial, ..LINK };

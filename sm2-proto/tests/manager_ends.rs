@@ -9,8 +9,8 @@ use crate::support::{
 };
 use sm2_proto::{
     Code, Farewell, Instant, Machine, NodeId, Refusal,
-    control::ToNode,
-    manager::{Cause, Credentials, Input, Manager, Misuse, Policy},
+    control::{Limit, ToNode},
+    manager::{Cause, Credentials, Input, Manager, Misuse},
 };
 
 //= SM2-TRN-009, SM2-SES-006 test
@@ -30,11 +30,9 @@ fn a_session_that_does_not_read_is_given_up() {
 //= SM2-SES-004 test
 #[test]
 fn the_policy_sets_the_time_to_greet() {
-    for greeting in [1, 60].map(Duration::from_secs) {
-        let mut bench = Bench::new(Policy {
-            greeting,
-            ..UNLIMITED
-        });
+    for greeting_ms in [1_000, 60_000] {
+        let limits = UNLIMITED.with(Limit::Greeting, greeting_ms);
+        let (greeting, mut bench) = (limits.time(Limit::Greeting), Bench::new(limits));
         bench.connect(1);
         assert_eq!(bench.manager.deadline(), Some(bench.now.after(greeting)));
     }

@@ -10,17 +10,15 @@ use crate::support::{
 };
 use sm2_proto::{
     Datagram, InterfaceId, LinkId, Machine, NodeId,
-    control::{ToManager, ToNode, encode_to_manager},
-    manager::{Cause, Input, Output, Policy},
+    control::{Limit, Limits, ToManager, ToNode, encode_to_manager},
+    manager::{Cause, Input, Output},
     violation,
 };
 
 const AHEAD: usize = 4;
-const POLICY: Policy = Policy {
-    links_in_flight: AHEAD,
-    work_per_turn: 2_048,
-    ..UNLIMITED
-};
+const LIMITS: Limits = UNLIMITED
+    .with(Limit::LinksInFlight, AHEAD as u32)
+    .with(Limit::WorkPerTurn, 2_048);
 
 /// All outputs of the deferred work, while these sessions read everything that is sent to them.
 fn rest(bench: &mut Bench, readers: &[NodeId]) -> Vec<Event> {
@@ -60,7 +58,7 @@ fn offering(bench: &mut Bench, text: &str, publishers: u64) -> NodeId {
 //= SM2-LNK-007, SM2-IFC-002, SM2-MAT-002 test
 #[test]
 fn links_wait_until_others_are_read() {
-    let mut bench = Bench::new(POLICY);
+    let mut bench = Bench::new(LIMITS);
     let a = offering(&mut bench, "a", 10);
     let b = bench.node(1, "b");
     let at_once = bench.declared(b, 1, &subscriber("scan", None));
@@ -86,7 +84,7 @@ fn links_wait_until_others_are_read() {
 //= SM2-LNK-007 test
 #[test]
 fn a_session_that_does_not_read_holds_up_no_other() {
-    let mut bench = Bench::new(POLICY);
+    let mut bench = Bench::new(LIMITS);
     let deaf = offering(&mut bench, "deaf", 10);
     let fine = offering(&mut bench, "fine", 10);
     let c = bench.node(1, "c");
@@ -107,7 +105,7 @@ fn a_session_that_does_not_read_holds_up_no_other() {
 //= SM2-LNK-007 test
 #[test]
 fn no_session_fills_the_queue_of_another() {
-    let mut bench = Bench::new(POLICY);
+    let mut bench = Bench::new(LIMITS);
     let deaf = bench.node(1, "deaf");
     bench.declared(deaf, 1, &scan());
     let hostile = bench.node(1, "hostile");
@@ -122,14 +120,14 @@ fn no_session_fills_the_queue_of_another() {
     assert_eq!(bench.manager.links(), 0);
 }
 
-/// The same for a session under the default policy, in bytes: the Manager buffers at most 1 MiB.
+/// The same for a session under the default limits, in bytes: the Manager buffers at most 1 MiB.
 //= SM2-LNK-007, SM2-TRN-009 test
 #[test]
 fn an_honest_session_is_not_made_to_stall() {
     const QUEUE_BYTES: usize = 1 << 20;
     /// The greatest overhead of a frame besides its bytes.
     const EACH: usize = 64;
-    let mut bench = Bench::new(Policy::default());
+    let mut bench = Bench::new(Limits::default());
     let long = |prefix: char| format!("{prefix}{}", "x".repeat(254));
     let topic = long('t');
     let kind = data(&long('k'));
@@ -174,7 +172,7 @@ fn an_honest_session_is_not_made_to_stall() {
 //= SM2-LNK-007, SM2-LNK-003 test
 #[test]
 fn links_that_end_before_are_never_named() {
-    let mut bench = Bench::new(POLICY);
+    let mut bench = Bench::new(LIMITS);
     let a = offering(&mut bench, "a", 6);
     let b = bench.node(1, "b");
     bench.declared(b, 1, &subscriber("scan", None));
@@ -197,7 +195,7 @@ fn links_that_end_before_are_never_named() {
 //= SM2-LNK-007, SM2-LNK-003 test
 #[test]
 fn nobody_knows_a_link_that_it_was_not_told_of() {
-    let mut bench = Bench::new(POLICY);
+    let mut bench = Bench::new(LIMITS);
     offering(&mut bench, "a", 6);
     let b = bench.node(1, "b");
     bench.declared(b, 1, &subscriber("scan", None));
@@ -218,7 +216,7 @@ fn nobody_knows_a_link_that_it_was_not_told_of() {
 //= SM2-LNK-007, SM2-IFC-002 test
 #[test]
 fn links_that_fail_leave_their_room_to_others() {
-    let mut bench = Bench::new(POLICY);
+    let mut bench = Bench::new(LIMITS);
     offering(&mut bench, "a", 10);
     let b = bench.node(1, "b");
     let failed = bench.declared(b, 1, &subscriber("scan", None));
@@ -234,7 +232,7 @@ fn links_that_fail_leave_their_room_to_others() {
 //= SM2-LNK-007 test
 #[test]
 fn matches_counts_only_what_follows_at_once() {
-    let mut bench = Bench::new(POLICY);
+    let mut bench = Bench::new(LIMITS);
     let slow = bench.node(1, "slow");
     let plan = || client("plan", None);
     bench.declared(slow, 1, &server("plan", &data("Q"), &data("A")));
@@ -251,15 +249,13 @@ fn matches_counts_only_what_follows_at_once() {
 fn one_claimed_is_settled_in_parts() {
     const SUBSCRIBERS: u64 = 200;
     const PUBLISHERS: u64 = 100;
-    const WORK_PER_TURN: usize = 256;
+    const WORK_PER_TURN: u32 = 256;
     const LINKS: u64 = 300;
-    let policy = Policy {
-        interfaces_per_session: 1_024,
-        work_per_turn: WORK_PER_TURN,
-        links_per_session: 300,
-        ..POLICY
-    };
-    let mut bench = Bench::new(policy);
+    let limits = LIMITS
+        .with(Limit::InterfacesPerSession, 1_024)
+        .with(Limit::WorkPerTurn, WORK_PER_TURN)
+        .with(Limit::LinksPerSession, 300);
+    let mut bench = Bench::new(limits);
     let a = offering(&mut bench, "a", PUBLISHERS);
     let other = offering(&mut bench, "other", PUBLISHERS);
     let b = bench.connect(1);
@@ -285,7 +281,7 @@ fn one_claimed_is_settled_in_parts() {
         ticks += 1;
     }
     let pairs = SUBSCRIBERS * PUBLISHERS * 2;
-    let per_turn = u64::try_from(WORK_PER_TURN).expect("few");
+    let per_turn = u64::from(WORK_PER_TURN);
     // A comparison costs 1, a link 64, and a pair that the quota does not allow 4.
     let work = 5 * pairs + 64 * LINKS;
     assert!(
@@ -306,12 +302,10 @@ fn one_claimed_is_settled_in_parts() {
 //= SM2-RES-007, SM2-LNK-009, SM2-MAT-002 test
 #[test]
 fn what_happens_while_a_session_is_settled() {
-    let policy = Policy {
-        links_in_flight: 100,
-        work_per_turn: 1,
-        ..UNLIMITED
-    };
-    let mut bench = Bench::new(policy);
+    let limits = UNLIMITED
+        .with(Limit::LinksInFlight, 100)
+        .with(Limit::WorkPerTurn, 1);
+    let mut bench = Bench::new(limits);
     let a = offering(&mut bench, "a", 3);
     let b = bench.connect(1);
     bench.send(b, &resuming("b"));
@@ -374,12 +368,10 @@ fn what_happens_while_a_session_is_settled() {
 //= SM2-RES-007 test
 #[test]
 fn sessions_are_settled_in_turns() {
-    let policy = Policy {
-        links_in_flight: 1_000,
-        work_per_turn: 10 * 65,
-        ..UNLIMITED
-    };
-    let mut bench = Bench::new(policy);
+    let limits = UNLIMITED
+        .with(Limit::LinksInFlight, 1_000)
+        .with(Limit::WorkPerTurn, 10 * 65);
+    let mut bench = Bench::new(limits);
     offering(&mut bench, "a", 50);
     let mut both = [NodeId(0); 2];
     for (at, node) in both.iter_mut().enumerate() {

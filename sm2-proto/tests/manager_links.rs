@@ -9,13 +9,13 @@ use crate::support::{
 };
 use sm2_proto::{
     Code, Contract, InterfaceId, Machine,
-    control::{LinkPeer, ToNode},
-    manager::{Cause, Input, Policy},
+    control::{Limit, Limits, LinkPeer, ToNode},
+    manager::{Cause, Input},
     violation,
 };
 
 /// The QoS with which a link between users `a` and `b` is made.
-fn qos(policy: Policy, one: (u32, &Contract), other: (u32, &Contract)) -> Option<(bool, bool)> {
+fn qos(policy: Limits, one: (u32, &Contract), other: (u32, &Contract)) -> Option<(bool, bool)> {
     let mut bench = Bench::new(policy);
     let a = bench.node(one.0, "a");
     let b = bench.node(other.0, "b");
@@ -53,7 +53,7 @@ fn terms_of_topics() {
                     for (other_user, waive) in
                         [(false, false), (false, true), (true, false), (true, true)]
                     {
-                        let policy = Policy {
+                        let policy = Limits {
                             seal_all,
                             waive_user_boundary: waive,
                             ..UNLIMITED
@@ -198,10 +198,7 @@ fn farewells() {
 //= SM2-IFC-002 test
 #[test]
 fn a_link_without_descriptors_never_was() {
-    let mut bench = Bench::new(Policy {
-        links_per_session: 1,
-        ..UNLIMITED
-    });
+    let mut bench = Bench::new(UNLIMITED.with(Limit::LinksPerSession, 1));
     let (a, b) = (bench.node(1, "a"), bench.node(1, "b"));
     bench.declared(a, 1, &scan());
     let before = bench.clone();

@@ -8,9 +8,9 @@ use crate::support::{
 };
 use sm2_proto::{
     Contract, LinkId, Machine, NodeId,
-    control::{Change, Item, ToManager, ToNode},
+    control::{Change, Item, Limits, ToManager, ToNode},
     domain::{Domain, Finding, why},
-    manager::{Input, Policy},
+    manager::Input,
 };
 
 fn max_links(max_links: u32) -> ToManager {
@@ -59,7 +59,7 @@ fn waiting(bench: &mut Bench, asks: NodeId) -> usize {
 }
 
 /// A publisher's node with `publishers` publishers, and a node that has room for `room` links.
-fn scene(policy: Policy, publishers: u64, room: u32) -> (Bench, NodeId, NodeId, Vec<u64>) {
+fn scene(policy: Limits, publishers: u64, room: u32) -> (Bench, NodeId, NodeId, Vec<u64>) {
     let mut bench = Bench::new(policy);
     let talker = bench.node(1, "talker");
     for interface in 1..=publishers {

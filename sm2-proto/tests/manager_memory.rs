@@ -7,8 +7,8 @@ use crate::support::{
 };
 use sm2_proto::{
     Code, Contract, EntityId, InterfaceId, Machine, NodeId, Quota, Refusal,
-    control::{Changes, Item, Key, Page, ToManager, ToNode, UnlinkedReason},
-    manager::{Input, Policy},
+    control::{Changes, Item, Key, Limit, Limits, Page, ToManager, ToNode, UnlinkedReason},
+    manager::Input,
 };
 
 fn items(bench: &Bench, asks: NodeId) -> Vec<Item> {
@@ -73,7 +73,7 @@ fn wanted() -> Contract {
 //= SM2-WCH-004 test
 #[test]
 fn the_last_refusals_are_shown() {
-    let mut bench = Bench::new(Policy::default());
+    let mut bench = Bench::new(Limits::default());
     let (a, b) = (bench.node(1, "a"), bench.node(1, "b"));
     bench.declared(a, 1, &scan());
     let theirs = data("Scan");
@@ -152,10 +152,7 @@ fn what_is_granted_supersedes_what_was_refused() {
 //= SM2-WCH-004, SM2-IFC-006 test
 #[test]
 fn a_refusal_shows_its_quota() {
-    let mut bench = Bench::new(Policy {
-        interfaces_per_session: 0,
-        ..UNLIMITED
-    });
+    let mut bench = Bench::new(UNLIMITED.with(Limit::InterfacesPerSession, 0));
     let node = bench.node(1, "a");
     bench.declare(node, 7, &scan());
     let reason = Refusal::Quota {
@@ -171,10 +168,7 @@ fn a_refusal_shows_its_quota() {
 #[test]
 fn causes() {
     let limit = 1;
-    let mut bench = Bench::new(Policy {
-        links_per_session: limit as usize,
-        ..UNLIMITED
-    });
+    let mut bench = Bench::new(UNLIMITED.with(Limit::LinksPerSession, limit));
     let (a, b, c) = (bench.node(1, "a"), bench.node(1, "b"), bench.node(1, "c"));
     bench.declared(a, 1, &scan());
     // The types match, but this subscriber demands reliability that no publisher offers.
@@ -219,10 +213,7 @@ fn causes() {
 //= SM2-WCH-004 test
 #[test]
 fn so_many_unlinked_pairs_for_each_session() {
-    let mut bench = Bench::new(Policy {
-        links_per_session: 1,
-        ..Policy::default()
-    });
+    let mut bench = Bench::new(Limits::default().with(Limit::LinksPerSession, 1));
     let (a, b, c) = (bench.node(1, "a"), bench.node(1, "b"), bench.node(1, "c"));
     // After that, c has no room for more unlinked pairs.
     bench.declared(a, 1, &scan());

@@ -6,9 +6,8 @@ use crate::support::{
 };
 use sm2_proto::{
     Code, Contract, EntityId, InterfaceId, LinkId, NodeId, Refusal,
-    control::{Item, Key, Page, ToManager, ToNode, UnlinkedReason, encode_to_node},
+    control::{Item, Key, Limits, Page, ToManager, ToNode, UnlinkedReason, encode_to_node},
     limits::{DATAGRAM_MAX, PAGE_BYTES},
-    manager::Policy,
 };
 
 fn query(bench: &mut Bench, node: NodeId, after: Option<Key>) -> Page {
@@ -35,8 +34,8 @@ fn contract(interface: u64) -> Contract {
 
 /// Some nodes with interfaces 2, 4, 6, … each, and all items in order.
 fn domain() -> (Bench, Vec<Item>) {
-    let mut bench = Bench::new(Policy::default());
-    let limits = Policy::default().limits();
+    let mut bench = Bench::new(Limits::default());
+    let limits = Limits::default();
     let mut items = vec![Item::Domain { limits }];
     for number in 1..=NODES {
         let text = format!("node-{number}");

@@ -7,15 +7,12 @@ use crate::support::{
 };
 use sm2_proto::{
     Code, Farewell, InterfaceId, LinkId, Machine, NodeId,
-    control::{Item, Page, ToManager, ToNode},
-    manager::{Cause, Input, Policy},
+    control::{Item, Limit, Limits, Page, ToManager, ToNode},
+    manager::{Cause, Input},
 };
 
 /// Two links are made in one part, or eight of them end. The first part of a DECLARE makes eight.
-const POLICY: Policy = Policy {
-    work_per_turn: 128,
-    ..UNLIMITED
-};
+const POLICY: Limits = UNLIMITED.with(Limit::WorkPerTurn, 128);
 const LINKS_PER_PART: usize = 2;
 const LINKS_AT_ONCE: usize = 8;
 const ENDS_PER_PART: usize = 8;
@@ -176,10 +173,7 @@ fn the_end_of_a_session_with_many_links_is_cut() {
 //= SM2-SES-009, SM2-LNK-007 test
 #[test]
 fn a_link_that_nobody_was_told_of_ends_in_silence() {
-    let policy = Policy {
-        links_in_flight: 1,
-        ..POLICY
-    };
+    let policy = POLICY.with(Limit::LinksInFlight, 1);
     let mut bench = Bench::new(policy);
     let peers = peers(&mut bench);
     let node = bench.node(1, "many");
@@ -196,10 +190,7 @@ fn a_link_that_nobody_was_told_of_ends_in_silence() {
 //= SM2-SES-009, SM2-LNK-007 test
 #[test]
 fn links_that_waited_for_room_are_announced_in_parts() {
-    let policy = Policy {
-        links_in_flight: 30,
-        ..POLICY
-    };
+    let policy = POLICY.with(Limit::LinksInFlight, 30);
     let mut bench = Bench::new(policy);
     let peers = peers(&mut bench);
     let node = bench.node(1, "many");

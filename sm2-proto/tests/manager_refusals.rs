@@ -6,8 +6,8 @@ use crate::support::{
 };
 use sm2_proto::{
     Code, Farewell, InterfaceId, NodeId, Quota, Refusal,
-    control::{ToManager, ToNode},
-    manager::{Cause, Policy},
+    control::{Limit, ToManager, ToNode},
+    manager::Cause,
     violation,
 };
 
@@ -100,10 +100,7 @@ fn versions() {
 //= SM2-SES-003 test
 #[test]
 fn sessions_per_user() {
-    let mut bench = Bench::new(Policy {
-        sessions_per_user: 2,
-        ..UNLIMITED
-    });
+    let mut bench = Bench::new(UNLIMITED.with(Limit::SessionsPerUser, 2));
     let a = bench.node(1, "a");
     bench.node(1, "b");
     let c = bench.connect(1);
@@ -121,15 +118,15 @@ fn sessions_per_user() {
 #[test]
 fn a_process_has_a_share_of_the_quotas_of_its_user() {
     const HOSTILE: i32 = 7;
-    let mut bench = Bench::new(Policy {
-        greetings_per_user: 3,
-        greetings_per_process: 2,
-        sessions_per_user: 3,
-        sessions_per_process: 2,
-        interfaces_per_user: 3,
-        interfaces_per_process: 2,
-        ..UNLIMITED
-    });
+    let mut bench = Bench::new(
+        UNLIMITED
+            .with(Limit::GreetingsPerUser, 3)
+            .with(Limit::GreetingsPerProcess, 2)
+            .with(Limit::SessionsPerUser, 3)
+            .with(Limit::SessionsPerProcess, 2)
+            .with(Limit::InterfacesPerUser, 3)
+            .with(Limit::InterfacesPerProcess, 2),
+    );
     let (one, _) = bench.try_connect_from(1, HOSTILE);
     let (two, _) = bench.try_connect_from(1, HOSTILE);
     let (three, events) = bench.try_connect_from(1, HOSTILE);
@@ -164,12 +161,12 @@ fn a_process_has_a_share_of_the_quotas_of_its_user() {
 //= SM2-SES-010 test
 #[test]
 fn processes_without_a_number_have_no_share() {
-    let mut bench = Bench::new(Policy {
-        greetings_per_process: 1,
-        sessions_per_process: 1,
-        interfaces_per_process: 1,
-        ..UNLIMITED
-    });
+    let mut bench = Bench::new(
+        UNLIMITED
+            .with(Limit::GreetingsPerProcess, 1)
+            .with(Limit::SessionsPerProcess, 1)
+            .with(Limit::InterfacesPerProcess, 1),
+    );
     for name in ["a", "b", "c"] {
         let (node, events) = bench.try_connect_from(1, 0);
         assert_eq!(events, []);
@@ -182,10 +179,7 @@ fn processes_without_a_number_have_no_share() {
 //= SM2-IFC-006 test
 #[test]
 fn interfaces_per_session() {
-    let mut bench = Bench::new(Policy {
-        interfaces_per_session: 2,
-        ..UNLIMITED
-    });
+    let mut bench = Bench::new(UNLIMITED.with(Limit::InterfacesPerSession, 2));
     let node = bench.node(1, "a");
     bench.declared(node, 1, &scan());
     bench.declared(node, 2, &scan());
@@ -206,10 +200,7 @@ fn interfaces_per_session() {
 //= SM2-IFC-006 test
 #[test]
 fn interfaces_per_user() {
-    let mut bench = Bench::new(Policy {
-        interfaces_per_user: 2,
-        ..UNLIMITED
-    });
+    let mut bench = Bench::new(UNLIMITED.with(Limit::InterfacesPerUser, 2));
     let (a, b) = (bench.node(1, "a"), bench.node(1, "b"));
     let reason = quota(Quota::InterfacesPerUser, 2);
     bench.declared(a, 1, &scan());
@@ -230,10 +221,7 @@ fn interfaces_per_user() {
 //= SM2-MAT-002 test
 #[test]
 fn links_per_session_of_the_declaring_node() {
-    let mut bench = Bench::new(Policy {
-        links_per_session: 2,
-        ..UNLIMITED
-    });
+    let mut bench = Bench::new(UNLIMITED.with(Limit::LinksPerSession, 2));
     let mut publishers = Vec::new();
     for text in ["a", "b", "c"] {
         let node = bench.node(1, text);
@@ -268,10 +256,7 @@ fn links_per_session_of_the_declaring_node() {
 //= SM2-MAT-002 test
 #[test]
 fn links_per_session_of_the_other_side() {
-    let mut bench = Bench::new(Policy {
-        links_per_session: 3,
-        ..UNLIMITED
-    });
+    let mut bench = Bench::new(UNLIMITED.with(Limit::LinksPerSession, 3));
     let full = bench.node(1, "full");
     for interface in 1..=5 {
         bench.declared(full, interface, &scan());
@@ -299,10 +284,7 @@ fn links_per_session_of_the_other_side() {
 #[test]
 fn links_within_one_session() {
     for (limit, granted) in [(1, false), (2, true), (3, true)] {
-        let mut bench = Bench::new(Policy {
-            links_per_session: limit,
-            ..UNLIMITED
-        });
+        let mut bench = Bench::new(UNLIMITED.with(Limit::LinksPerSession, limit));
         let node = bench.node(1, "self");
         bench.declared(node, 1, &scan());
         let events = bench.declare(node, 2, &subscriber("scan", None));
@@ -420,10 +402,7 @@ fn types_of_a_service() {
 
 #[test]
 fn greetings_per_user() {
-    let mut bench = Bench::new(Policy {
-        greetings_per_user: 2,
-        ..UNLIMITED
-    });
+    let mut bench = Bench::new(UNLIMITED.with(Limit::GreetingsPerUser, 2));
     let first = bench.connect(1);
     bench.connect(1);
     let (third, events) = bench.try_connect(1);

@@ -1,8 +1,6 @@
 //! Another access policy for a domain that runs: links end, sessions see other items, and what the
 //! policy allows again comes back.
 
-use std::time::Duration;
-
 use crate::support::{
     access::{access, banning, deny, patterns, settle, snapshot, tables},
     bench::{Bench, Event, UNLIMITED, claim, resuming, seen_by, unlink, unlinked},
@@ -10,8 +8,8 @@ use crate::support::{
 };
 use sm2_proto::{
     Farewell, Instant, InterfaceId, LinkId, Machine, NodeId, Refusal,
-    control::{Item, ToManager, ToNode},
-    manager::{Cause, Input, Policy},
+    control::{Item, Limit, ToManager, ToNode},
+    manager::{Cause, Input},
     policy::{Action, Exclusive, Tables},
 };
 
@@ -160,11 +158,8 @@ fn an_exclusive_topic_keeps_the_publisher_that_came_first() {
 //= SM2-ACC-017 test
 #[test]
 fn a_node_that_does_not_confirm_is_ended() {
-    let confirmation = UNLIMITED.confirmation + Duration::from_secs(2);
-    let mut bench = Bench::new(Policy {
-        confirmation,
-        ..UNLIMITED
-    });
+    let limits = UNLIMITED.with(Limit::Confirmation, 7_000);
+    let (confirmation, mut bench) = (limits.time(Limit::Confirmation), Bench::new(limits));
     let (talker, listener, link) = pair(&mut bench);
     reload(
         &mut bench,
@@ -197,7 +192,7 @@ fn a_node_that_does_not_confirm_is_ended() {
             true => bench.close(talker),
         });
         assert!(!bench.manager.is_applying_policy());
-        bench.now = bench.now.after(UNLIMITED.confirmation);
+        bench.now = bench.now.after(UNLIMITED.time(Limit::Confirmation));
         assert_eq!(settle(&mut bench), []);
     }
 }
@@ -230,7 +225,7 @@ fn an_interface_without_links_confirms_each_suspension() {
     let listener = bench.node(USER, "listener");
     bench.declared(listener, 1, &subscriber("a", None));
     reload(&mut bench, rules());
-    bench.now = bench.now.after(UNLIMITED.confirmation);
+    bench.now = bench.now.after(UNLIMITED.time(Limit::Confirmation));
     let ended = Event::HungUp(listener, Some(Farewell::Stalled.code()), stalled);
     assert_eq!(settle(&mut bench), [ended]);
 }
@@ -266,10 +261,7 @@ fn a_denied_name_ends_the_session_after_its_links() {
 //= SM2-RES-011, SM2-ACC-017 test
 #[test]
 fn a_renewed_interface_that_is_denied_stays_suspended() {
-    let policy = Policy {
-        interfaces_per_session: 1,
-        ..UNLIMITED
-    };
+    let policy = UNLIMITED.with(Limit::InterfacesPerSession, 1);
     let mut bench = Bench::new(policy);
     let quiet = || tables(vec![deny("quiet", Action::Publish, &["a"], &[])]);
     reload(&mut bench, quiet());
@@ -312,10 +304,7 @@ fn a_renewed_interface_that_is_denied_stays_suspended() {
 //= SM2-SES-009, SM2-ACC-013 test
 #[test]
 fn a_reload_is_done_in_parts() {
-    let policy = Policy {
-        work_per_turn: 512,
-        ..UNLIMITED
-    };
+    let policy = UNLIMITED.with(Limit::WorkPerTurn, 512);
     let mut bench = Bench::new(policy);
     let (talker, listener) = (bench.node(USER, "talker"), bench.node(USER, "listener"));
     for number in 1..=400 {

@@ -10,8 +10,8 @@ use crate::support::{
 };
 use sm2_proto::{
     Code, Contract, Datagram, FdFacts, InterfaceId, LinkId, NodeId, Seals, TypeId, Violation,
-    control::{SchemaText, ToManager, ToNode, encode_to_manager},
-    manager::{Cause, Input, PHASES, Phase, Policy, TO_MANAGER_KINDS, ToManagerKind, legal},
+    control::{Limits, SchemaText, ToManager, ToNode, encode_to_manager},
+    manager::{Cause, Input, PHASES, Phase, TO_MANAGER_KINDS, ToManagerKind, legal},
     policy::Action,
     schema::Schema,
     violation,
@@ -98,7 +98,7 @@ fn contract() -> Contract {
 }
 
 fn scene(phase: Phase) -> Scene {
-    let mut bench = Bench::new(Policy::default());
+    let mut bench = Bench::new(Limits::default());
     let publisher_node = bench.node(1000, "lidar");
     bench.declared(publisher_node, 1, &publisher("scan", &data("Scan")));
     let subscriber_node = bench.node(1000, "planner");

@@ -11,9 +11,9 @@ use crate::support::{
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
     Code, Contract, EntityId, InterfaceId, LinkId, NodeId,
-    control::{Change, Changes, Item, Key, Page, ToManager, ToNode, encode_to_node},
+    control::{Change, Changes, Item, Key, Limit, Limits, Page, ToManager, ToNode, encode_to_node},
     limits::DATAGRAM_MAX,
-    manager::{Cause, Input, Policy},
+    manager::{Cause, Input},
     violation,
 };
 
@@ -163,10 +163,7 @@ fn changes_of_one_key_are_one_change() {
 //= SM2-WCH-004 test
 #[test]
 fn a_refusal_that_is_forgotten_is_removed() {
-    let mut bench = Bench::new(Policy {
-        refusals_per_session: 1,
-        ..UNLIMITED
-    });
+    let mut bench = Bench::new(UNLIMITED.with(Limit::RefusalsPerSession, 1));
     let (a, b) = (bench.node(1, "a"), bench.node(1, "b"));
     bench.declared(a, 1, &scan());
     let wrong = publisher("scan", &data("Image"));
@@ -182,10 +179,7 @@ fn a_refusal_that_is_forgotten_is_removed() {
 //= SM2-WCH-002 test
 #[test]
 fn what_is_forgotten_or_never_was() {
-    let mut bench = Bench::new(Policy {
-        changes_remembered: 3,
-        ..UNLIMITED
-    });
+    let mut bench = Bench::new(UNLIMITED.with(Limit::ChangesRemembered, 3));
     let node = bench.node(1, "a");
     for interface in 1..=5 {
         bench.declared(node, interface, &publisher("map", &data("Map")));
@@ -376,7 +370,7 @@ proptest! {
         changes_remembered in prop_oneof![Just(8), Just(40), Just(4_096)],
         ops in vec(op(), 1..250),
     ) {
-        let mut bench = Bench::new(Policy { changes_remembered, ..Policy::default() });
+        let mut bench = Bench::new(Limits::default().with(Limit::ChangesRemembered, changes_remembered));
         let observer = bench.node(1, "observer");
         let mut nodes: [Option<(NodeId, u64)>; 4] = [None; 4];
         let mut reader = Reader::fresh();

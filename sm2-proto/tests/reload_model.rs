@@ -11,8 +11,8 @@ use crate::support::{
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
     Contract, Farewell, InterfaceId, LinkId, NodeId, Refusal,
-    control::{Change, Item, Key, ToManager, ToNode},
-    manager::{Input, Policy},
+    control::{Change, Item, Key, Limit, ToManager, ToNode},
+    manager::Input,
     policy::{AccessPolicy, Action, Tables},
 };
 
@@ -120,10 +120,7 @@ struct World {
 
 impl World {
     fn new() -> Self {
-        let mut bench = Bench::new(Policy {
-            work_per_turn: 1,
-            ..UNLIMITED
-        });
+        let mut bench = Bench::new(UNLIMITED.with(Limit::WorkPerTurn, 1));
         let guest = bench.node(USER, "guest");
         let known = snapshot(&mut bench, guest);
         Self {

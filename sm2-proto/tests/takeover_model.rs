@@ -11,7 +11,8 @@ use crate::support::{
 };
 use crate::takeover::{NODES, World};
 use proptest::{collection::vec, prelude::*};
-use sm2_proto::{Contract, manager::Policy};
+use sm2_proto::Contract;
+use sm2_proto::control::{Limit, Limits};
 
 /// One event. The numbers pick among the nodes, interfaces and links that it can happen to.
 #[derive(Clone, Debug)]
@@ -70,12 +71,12 @@ fn step() -> impl Strategy<Value = Step> {
 }
 
 /// The limit of LINKs in flight: almost all links wait, or hardly any.
-fn policy() -> impl Strategy<Value = Policy> {
-    let few = || prop_oneof![2 => Just(1_usize), 1 => Just(2), 1 => Just(256)];
-    (few(), few()).prop_map(|(links_in_flight, work_per_turn)| Policy {
-        links_in_flight,
-        work_per_turn,
-        ..Policy::default()
+fn limits() -> impl Strategy<Value = Limits> {
+    let few = || prop_oneof![2 => Just(1_u32), 1 => Just(2), 1 => Just(256)];
+    (few(), few()).prop_map(|(links_in_flight, work_per_turn)| {
+        Limits::default()
+            .with(Limit::LinksInFlight, links_in_flight)
+            .with(Limit::WorkPerTurn, work_per_turn)
     })
 }
 
@@ -84,8 +85,8 @@ proptest! {
 
     //= SM2-RES-001, SM2-RES-002, SM2-RES-004, SM2-RES-006, SM2-RES-007, SM2-NOD-003, SM2-MAT-002, SM2-LNK-007 model
     #[test]
-    fn managers_come_and_go(policy in policy(), steps in vec(step(), 1..160)) {
-        let mut world = World::with(policy);
+    fn managers_come_and_go(limits in limits(), steps in vec(step(), 1..160)) {
+        let mut world = World::with(limits);
         for step in steps {
             match step {
                 Step::Declare(node, contract) => world.declare(node, contract),
@@ -116,11 +117,11 @@ proptest! {
 //= SM2-LNK-007, SM2-SES-009 model
 #[test]
 fn a_pending_link_ends_once_if_both_interfaces_are_gone() {
-    let mut world = World::with(Policy {
-        links_in_flight: 1,
-        work_per_turn: 1,
-        ..Policy::default()
-    });
+    let mut world = World::with(
+        Limits::default()
+            .with(Limit::LinksInFlight, 1)
+            .with(Limit::WorkPerTurn, 1),
+    );
     world.settle();
     let type_a = data("A");
     let publisher = || publisher_with("image", &type_a, false, false);

@@ -1,9 +1,8 @@
 //! The texts of values, in errors and in the output of programs.
 
+use sm2_proto::control::Limits;
 use sm2_proto::{
-    Code, Farewell, LinkId, Name, Quota, Refusal,
-    link::wire::Frame,
-    manager::{Manager, Policy},
+    Code, Farewell, LinkId, Name, Quota, Refusal, link::wire::Frame, manager::Manager,
 };
 
 #[test]
@@ -29,7 +28,7 @@ fn a_frame_head_shows_its_bytes() {
 
 #[test]
 fn a_manager_does_not_show_its_secret() {
-    let shown = format!("{:?}", Manager::new(1, 0x0123_4567_89ab, Policy::default()));
+    let shown = format!("{:?}", Manager::new(1, 0x0123_4567_89ab, Limits::default()));
     assert!(shown.contains("Secret"), "{shown}");
     for secret in ["1250999896491", "123456789ab"] {
         assert!(!shown.contains(secret), "{shown}");
@@ -43,12 +42,12 @@ fn a_farewell_is_called_as_in_the_specification() {
 }
 
 #[test]
-fn a_refusal_by_a_quota_names_the_option_that_raises_it() {
+fn a_refusal_by_a_quota_names_the_limit_that_sets_it() {
     for quota in Quota::ALL {
         let text = Refusal::Quota { quota, limit: 7 }.to_string();
         let start = format!("the quota of 7 {quota} is used up: close some");
         assert!(text.starts_with(&start), "{text}");
-        let told = format!("raise {} of sm2-manager", quota.limit().option());
+        let told = format!("raise {} of the Manager", quota.limit().name());
         assert!(text.ends_with(&told), "{text}");
     }
 }

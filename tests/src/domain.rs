@@ -24,7 +24,7 @@ use crate::{
 };
 
 /// How long a connection may take to greet, unless a test sets another limit. A busy machine exceeds the default.
-const GREETING_TIMEOUT: [&str; 2] = ["--greeting-timeout", "60"];
+const GREETING_TIMEOUT: [&str; 2] = ["--greeting-ms", "60000"];
 
 /// A domain in a folder of its own, which is removed when this is dropped.
 #[derive(Debug)]

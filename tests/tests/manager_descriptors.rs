@@ -4,10 +4,7 @@
 use std::sync::{Mutex, PoisonError};
 
 use nix::unistd::{Uid, geteuid};
-use sm2_proto::{
-    control::{Item, Page, ToNode},
-    manager::Policy,
-};
+use sm2_proto::control::{Item, Limit, Limits, Page, ToNode};
 use sm2_tests::{
     control::{self, Qos},
     domain::TempDomain,
@@ -42,7 +39,7 @@ fn links_of_a_node_that_does_not_read_wait_and_nobody_else_does() {
     }
     // Descriptors in flight are not open in the Manager, so its census counts only those that it keeps.
     let kept = manager.census().descriptors() - baseline.descriptors();
-    let ahead = Policy::default().links_in_flight;
+    let ahead = Limits::default().count(Limit::LinksInFlight);
     assert!(
         0 < kept && kept <= ahead,
         "{kept} descriptors for a deaf node"

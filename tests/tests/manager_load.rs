@@ -9,7 +9,10 @@ use std::{
 };
 
 use sm2_io::{SendError, SeqPacket};
-use sm2_proto::{Farewell, Quota, Refusal, ViolationKind, control::ToNode, manager::Policy};
+use sm2_proto::{
+    Farewell, Quota, Refusal, ViolationKind,
+    control::{Limit, Limits, ToNode},
+};
 use sm2_tests::{
     control::{self, Qos},
     domain::{ManagerProcess, TempDomain},
@@ -22,7 +25,7 @@ use sm2_tests::{
 #[test]
 fn whoever_does_not_greet_is_ended_and_a_silent_node_is_not() {
     let domain = TempDomain::new();
-    let manager = domain.manager_with(&["--greeting-timeout", "1"]);
+    let manager = domain.manager_with(&["--greeting-ms", "1000"]);
     let (honest, welcome) = greeted(&manager, "honest");
     assert_eq!(welcome[0], 0, "WELCOME");
     honest.nodes();
@@ -60,11 +63,11 @@ fn greeted(manager: &ManagerProcess, name: &str) -> (RawNode, Vec<u8>) {
 #[test]
 fn a_flood_of_connections_ends_at_the_limit() {
     let domain = TempDomain::new();
-    let manager = domain.manager_with(&["--greeting-timeout", "600"]);
+    let manager = domain.manager_with(&["--greeting-ms", "600000"]);
     let honest = manager.node("honest");
     honest.nodes();
     let baseline = manager.census_at_rest();
-    let limit = Policy::default().greetings_per_process;
+    let limit = Limits::default().count(Limit::GreetingsPerProcess);
     let flood: Vec<RawNode> = (0..8 * limit).map(|_| manager.connect()).collect();
     let (within, beyond) = flood.split_at(limit);
     for node in beyond {
@@ -96,7 +99,7 @@ fn a_flood_of_connections_ends_at_the_limit() {
 #[test]
 fn a_process_with_all_its_sessions_locks_nobody_out() {
     let domain = TempDomain::new();
-    let manager = domain.manager_with(&["--max-sessions", "8", "--max-process-sessions", "5"]);
+    let manager = domain.manager_with(&["--sessions-per-user", "8", "--sessions-per-process", "5"]);
     let silent: Vec<RawNode> = (0..5).map(|it| manager.node(&format!("n{it}"))).collect();
     let refused = manager.connect();
     refused.send(control::hello("n5"));
@@ -152,7 +155,7 @@ fn a_node_that_does_not_read_is_given_up_and_nobody_waits_for_it() {
     // With the default, which is eight times as long, the test takes eight times as long.
     let options: &[&str] = match cfg!(feature = "slow") {
         true => &[],
-        false => &["--max-queue-bytes", "131072"],
+        false => &["--queue-bytes", "131072"],
     };
     let domain = TempDomain::new();
     let manager = domain.manager_with(options);
@@ -193,7 +196,7 @@ fn a_node_that_does_not_read_is_given_up_and_nobody_waits_for_it() {
 #[test]
 fn the_queue_of_a_node_is_as_long_as_its_option_says() {
     const QUERIES: usize = 60;
-    for (options, fits) in [(&[][..], true), (&["--max-queue-bytes", "131072"], false)] {
+    for (options, fits) in [(&[][..], true), (&["--queue-bytes", "131072"], false)] {
         let domain = TempDomain::new();
         let manager = domain.manager_with(options);
         let honest = manager.node("honest");

@@ -318,11 +318,11 @@ fn all_links_of_a_node_end_with_it() {
 fn what_exceeds_a_quota_is_refused_and_the_session_goes_on() {
     let domain = TempDomain::new();
     let manager = domain.manager_with(&[
-        "--max-sessions",
+        "--sessions-per-user",
         "3",
-        "--max-interfaces",
+        "--interfaces-per-session",
         "2",
-        "--max-links",
+        "--links-per-session",
         "1",
     ]);
     let (a, b, _c) = (manager.node("a"), manager.node("b"), manager.node("c"));

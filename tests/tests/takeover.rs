@@ -34,7 +34,7 @@ const BIG_RATE: usize = if cfg!(feature = "slow") { 30 } else { 5 };
 
 /// The deadline of the Managers for claims, in seconds: a machine that is busy with other work delays some of the
 /// nodes for longer than the default.
-const PATIENCE: [&str; 2] = ["--recovery-timeout", "60"];
+const PATIENCE: [&str; 2] = ["--recovery-ms", "60000"];
 
 /// One load at a time: two of them starve nodes on two cores.
 static LOADED: Mutex<()> = Mutex::new(());

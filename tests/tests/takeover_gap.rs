@@ -93,7 +93,7 @@ fn a_link_that_one_end_has_dropped_is_closed_and_the_pair_linked_anew() {
     let [talker, listener] = linked(&first);
     first.kill();
     drop(listener);
-    let second = domain.manager_with(&["--recovery-timeout", "1"]);
+    let second = domain.manager_with(&["--recovery-ms", "1000"]);
     let nodes = [back(&second, "talker"), back(&second, "listener")];
     nodes[1].send(control::claimed());
     // Its time starts with CLAIMED, which also links the pair anew: the listener has claimed everything.
@@ -232,7 +232,7 @@ fn a_new_policy_holds_from_the_first_frame() {
 
     let mut second = second;
     second.kill();
-    let third = domain.manager_with(&["--max-links", "1"]);
+    let third = domain.manager_with(&["--links-per-session", "1"]);
     let node = back(&third, "talker");
     node.send(claim(&fresh[0]).bytes());
     let mut beyond = claim(&fresh[0]);

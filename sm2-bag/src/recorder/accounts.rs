@@ -9,13 +9,14 @@ mod disk;
 mod random;
 mod talkers;
 
+use sm2_proto::control::{Limit, Limits};
 use std::fs::File;
 use std::os::fd::AsFd;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use sm2_manager::{Background, Policy};
+use sm2_manager::Background;
 use sm2_node::{Node, Shutdown};
 use sm2_proto::Name;
 use sm2_test_support::{memory, seed, until};
@@ -30,7 +31,7 @@ use crate::writer::Compression;
 /// The number of runs, unless `SM2_ACCOUNTS` has one.
 const RUNS: u64 = if cfg!(feature = "slow") { 300 } else { 12 };
 /// A recorder has no more topics than this if the Manager lets it have few.
-const FEW_INTERFACES: usize = 2;
+const FEW_INTERFACES: u32 = 2;
 /// A step of the recorder takes no longer than this while nothing comes.
 const STEP: Duration = Duration::from_millis(1);
 
@@ -77,13 +78,13 @@ fn run(seed: u64) {
     let mut random = Random::new(seed);
     let folder = tempfile::tempdir_in(memory()).unwrap();
     let socket = folder.path().join("sock");
-    let mut policy = Policy::default();
+    let mut limits = Limits::default();
     let are_few = random.one_in(6);
     if are_few {
-        policy.interfaces_per_session = FEW_INTERFACES;
+        limits = limits.with(Limit::InterfacesPerSession, FEW_INTERFACES);
     }
     let manager = sm2_manager::Options {
-        policy,
+        limits,
         ..Default::default()
     };
     let _manager = Background::start(&socket, manager).unwrap();

@@ -61,12 +61,15 @@ pub(crate) fn named(names: &[&str]) -> Topics {
     Topics::Named(names)
 }
 
+/// Records until a condition holds.
+pub(crate) type RecordUntil<'a> = dyn FnMut(&mut dyn FnMut(&Recorder<'_>) -> bool) + 'a;
+
 /// Records while `publish` runs, which gets a function that records until its condition holds.
 pub(crate) fn record(
     node: &Node,
     storage: impl Storage + 'static,
     options: Options,
-    publish: impl FnOnce(&mut dyn FnMut(&mut dyn FnMut(&Recorder<'_>) -> bool)),
+    publish: impl FnOnce(&mut RecordUntil<'_>),
 ) -> Report {
     let shutdown = Shutdown::new().unwrap();
     let mut recorder = Recorder::start(node, storage, options, shutdown.as_fd()).unwrap();

@@ -4,14 +4,14 @@ use std::{collections::BTreeSet, path::Path};
 
 use sm2_io::SeqPacket;
 use sm2_node::{ConnectError, Node};
-use sm2_proto::domain::Domain as Mirror;
+use sm2_proto::{control::Limits, domain::Domain as Mirror};
 
 use super::check::Check;
 use crate::{
     args::Domain,
     error::CliError,
     interrupt::Interrupt,
-    limits::{Limits, Quota, quotas},
+    limits::{Quota, quotas},
     stopped::StoppedNode,
     view::View,
 };
@@ -71,7 +71,7 @@ pub(super) fn look(options: &Domain, path: &Path, interrupt: &Interrupt) -> Foun
             Found {
                 checks,
                 nodes: Some(mirror.nodes().count() as u64),
-                limits: mirror.limits().copied().map(Limits::from),
+                limits: mirror.limits().copied(),
                 quotas,
             }
         }
@@ -169,7 +169,7 @@ fn usage(quotas: &[Quota]) -> Check {
     let found = nearly.iter();
     let found = found.map(|it| format!("{}: {} of {} {}", it.of, it.used, it.limit, it.quota));
     let found: Vec<_> = found.collect();
-    let options: BTreeSet<_> = nearly.iter().map(|it| it.kind.option()).collect();
+    let options: BTreeSet<_> = nearly.iter().map(|it| it.kind.name()).collect();
     let options: Vec<_> = options.into_iter().collect();
     match found.is_empty() {
         true => Check::ok(CHECK, format!("all below {NEARLY_PERCENT} %")),

@@ -12,6 +12,7 @@ mod socket;
 use clap::Args;
 use serde::Serialize;
 use sm2_node::Node;
+use sm2_proto::control::Limits;
 
 pub(crate) use self::check::Check;
 use self::check::Level;
@@ -21,7 +22,7 @@ use crate::{
     ended::Ended,
     error::CliError,
     interrupt::Interrupt,
-    limits::{self, Limits, Quota},
+    limits::{self, Quota},
     output::Output,
     view::View,
 };

@@ -7,9 +7,8 @@ use std::{env, fmt::Write as _, fs, path::Path};
 use sm2_gateway::peer;
 use sm2_node::{MAX_MAPPED_BYTES, POOL_LIMIT_BYTES, POOL_LIMIT_MESSAGES};
 use sm2_proto::{
-    control::{Limit, Unit},
+    control::{Limit, Limits, Unit},
     link::MaxLen,
-    manager::Policy,
 };
 
 /// The line before a generated table; the name of the table follows.
@@ -60,10 +59,11 @@ fn table(rows: impl IntoIterator<Item = [String; 6]>) -> String {
 fn manager() -> String {
     table(Limit::ALL.map(|limit| {
         let range = limit.range();
-        let option = match limit.unit() {
-            Unit::Milliseconds => format!("`{} SECONDS`", limit.option()),
-            Unit::Count | Unit::Bytes => format!("`{} N`", limit.option()),
+        let value = match limit.unit() {
+            Unit::Milliseconds => "MS",
+            Unit::Count | Unit::Bytes => "N",
         };
+        let option = format!("`--{} {value}`", limit.name().replace('_', "-"));
         let most = match limit.whole() {
             Some(whole) => format!("`{}`", whole.name()),
             None => limit.show(*range.end()).to_string(),
@@ -71,7 +71,7 @@ fn manager() -> String {
         [
             limit.name().into(),
             limit.to_string(),
-            limit.show(Policy::default().value(limit)).to_string(),
+            limit.show(Limits::default().of(limit)).to_string(),
             format!("{} to {most}", limit.show(*range.start())),
             option,
             "`sm2 doctor`, `sm2 snapshot`".into(),

@@ -1,7 +1,12 @@
 //! The document of `sm2 snapshot`.
 
 use serde::Serialize;
-use sm2_proto::{Kind, control::Item, domain::LinkView, text::Counted};
+use sm2_proto::{
+    Kind,
+    control::{Item, Limits},
+    domain::LinkView,
+    text::Counted,
+};
 
 use super::{
     gateways::{self, Gateway},
@@ -12,7 +17,7 @@ use crate::{
     connect::Session,
     error::CliError,
     interfaces::{self, Interface},
-    limits::{self, Limits, Quota, quotas},
+    limits::{self, Quota, quotas},
     output::Output,
     sampling::{Sample, median_ns, millis},
     topic::Fates,
@@ -70,7 +75,7 @@ impl Document {
         let mut document = Self {
             epoch: session.node.epoch().map(|epoch| format!("{epoch:x}")),
             revision: view.domain.revision(),
-            limits: view.domain.limits().copied().map(Limits::from),
+            limits: view.domain.limits().copied(),
             nodes: Vec::new(),
             interfaces: Vec::new(),
             links: view

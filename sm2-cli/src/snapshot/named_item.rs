@@ -5,11 +5,11 @@ use std::fmt;
 use serde::Serialize;
 use sm2_proto::{
     Farewell, LinkId, Name,
-    control::{Item, Limit, UnlinkedReason},
+    control::{Item, Limit, Limits, UnlinkedReason},
     text::Counted,
 };
 
-use crate::{interfaces::Interface, limits::Limits, view::View};
+use crate::{interfaces::Interface, view::View};
 
 /// An item, with names in place of numbers. Field names are part of the command's interface.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -68,7 +68,7 @@ pub(super) struct Link {
 impl NamedItem {
     pub(super) fn new(view: &View<'_>, item: &Item) -> Self {
         match *item {
-            Item::Domain { limits } => Self::Domain(limits.into()),
+            Item::Domain { limits } => Self::Domain(limits),
             Item::Node {
                 node,
                 ref name,

@@ -95,7 +95,7 @@ fn what_is_wrong_is_told_with_a_cure() {
 
 #[test]
 fn refusals_and_full_quotas_are_named() {
-    let domain = Domain::with(&["--max-interfaces", "1"]);
+    let domain = Domain::with(&["--interfaces-per-session", "1"]);
     let node = domain.node("greedy");
     let _first = node.publisher::<str>("first").unwrap();
     assert!(node.publisher::<str>("second").is_err());
@@ -115,7 +115,7 @@ fn refusals_and_full_quotas_are_named() {
 
 #[test]
 fn a_quota_of_which_four_fifths_are_used_is_named() {
-    let domain = Domain::with(&["--max-interfaces", "5"]);
+    let domain = Domain::with(&["--interfaces-per-session", "5"]);
     let node = domain.node("busy");
     let publishers = ["a", "b", "c"].map(|it| node.publisher::<str>(it).unwrap());
     let found = report(&domain.run(&["doctor", "--json"]));
@@ -125,7 +125,7 @@ fn a_quota_of_which_four_fifths_are_used_is_named() {
     let quotas = check(&found, "quotas");
     assert_eq!(quotas["level"], "warn");
     assert_eq!(quotas["found"], "node busy: 4 of 5 interfaces");
-    let advice = "close some, or raise --max-interfaces of `sm2 manager`";
+    let advice = "close some, or raise interfaces_per_session of `sm2 manager`";
     assert_eq!(quotas["advice"], advice);
     drop(publishers);
 }

@@ -213,7 +213,7 @@ fn each_of_many_topics_is_recorded_or_named() {
 
 #[test]
 fn topics_beyond_a_session_are_recorded_in_further_ones() {
-    let domain = Domain::with(&["--max-interfaces", "10"]);
+    let domain = Domain::with(&["--interfaces-per-session", "10"]);
     let path = domain.path("bag");
     let arguments = ["record", "--all", "--json", "-o", path.to_str().unwrap()];
     let recorder = domain.start(&arguments);

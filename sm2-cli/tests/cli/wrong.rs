@@ -144,7 +144,7 @@ fn a_topic_of_another_type_names_both() {
 
 #[test]
 fn a_used_up_quota_is_named() {
-    let domain = Domain::with(&["--max-user-interfaces", "1"]);
+    let domain = Domain::with(&["--interfaces-per-user", "1"]);
     let _first = domain.start(&["topic", "echo", "a"]);
     domain.wait_for("a", "subscribers", 1);
     let echo = domain.run(&["topic", "echo", "a"]);
@@ -152,11 +152,11 @@ fn a_used_up_quota_is_named() {
         1,
         &[
             "quota of 1 interfaces per user",
-            "raise --max-user-interfaces of sm2-manager",
+            "raise interfaces_per_user of the Manager",
         ],
     );
 
-    let domain = Domain::with(&["--max-sessions", "1"]);
+    let domain = Domain::with(&["--sessions-per-user", "1"]);
     let first = domain.start(&["topic", "echo", "a"]);
     until("the first waits", || first.stderr().contains("waiting"));
     let second = domain.run(&["node", "list"]);
@@ -164,7 +164,7 @@ fn a_used_up_quota_is_named() {
         1,
         &[
             "quota of 1 sessions per user",
-            "raise --max-sessions of sm2-manager",
+            "raise sessions_per_user of the Manager",
         ],
     );
 }
@@ -174,20 +174,20 @@ fn what_can_only_end_badly_is_refused_at_once() {
     let domain = Domain::new();
     for (options, told) in [
         (
-            &["--max-sessions", "0"][..],
-            "--max-sessions is 0: give 1 to 4294967295",
+            &["--sessions-per-user", "0"][..],
+            "sessions_per_user is 0: give 1 to 4294967295",
         ),
         (
-            &["--max-links", "65537"],
-            "--max-links is 65537: give 1 to 65536",
+            &["--links-per-session", "65537"],
+            "links_per_session is 65537: give 1 to 65536",
         ),
         (
-            &["--greeting-timeout", "0"],
-            "--greeting-timeout is 0 s: give 1 ms to 86400 s",
+            &["--greeting-ms", "0"],
+            "greeting_ms is 0 s: give 1 ms to 86400 s",
         ),
         (
-            &["--max-sessions", "4", "--max-process-sessions", "5"],
-            "--max-process-sessions is 5: give 1 to 4, the value of --max-sessions, or raise that one",
+            &["--sessions-per-user", "4", "--sessions-per-process", "5"],
+            "sessions_per_process is 5: give 1 to 4, the value of sessions_per_user, or raise that one",
         ),
     ] {
         let manager = domain.run(&[&["manager"], options].concat());

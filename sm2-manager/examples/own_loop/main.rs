@@ -29,6 +29,7 @@
 
 mod node;
 
+use sm2_proto::control::Limits;
 use std::collections::BTreeMap;
 use std::error::Error;
 use std::io::{self, Write};
@@ -42,7 +43,7 @@ use nix::sys::signal::{SigSet, Signal};
 use nix::sys::{signalfd::SignalFd, time::TimeSpec};
 use sm2_io::{BindOptions, DomainSocket, RecvError, SeqPacket, clock, memfd};
 use sm2_proto::limits::DATAGRAM_MAX;
-use sm2_proto::manager::{Cause, Credentials, Input, Manager, Output, Policy};
+use sm2_proto::manager::{Cause, Credentials, Input, Manager, Output};
 use sm2_proto::{Datagram, FdFacts, Instant, Machine, NodeId};
 
 use node::{Node, Sent};
@@ -104,7 +105,7 @@ impl Broker {
         getrandom::fill(&mut secret)?;
         let (epoch, secret) = (u64::from_ne_bytes(epoch), u128::from_ne_bytes(secret));
         Ok(Self {
-            machine: Manager::new(epoch, secret, Policy::default()),
+            machine: Manager::new(epoch, secret, Limits::default()),
             endpoint,
             nodes: BTreeMap::new(),
             last_session: 0,

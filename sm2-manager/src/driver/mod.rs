@@ -8,6 +8,7 @@ mod sessions;
 mod shares;
 mod shortage;
 
+use sm2_proto::control::Limit;
 use std::{
     collections::{BTreeSet, HashMap, VecDeque},
     io, mem,
@@ -106,7 +107,7 @@ impl Manager {
     /// with a path. In that case the socket is closed.
     //= SM2-TRN-008
     pub fn adopt(socket: OwnedFd, options: Options) -> Result<Self, StartError> {
-        options.policy.check()?;
+        options.limits.check()?;
         let endpoint = options.bind_options().adopt(socket)?;
         let handles = Handles::new().map_err(StartError::io("make an eventfd"))?;
         Self::at(Door::new(endpoint, true), &options, &handles)
@@ -117,7 +118,7 @@ impl Manager {
         options: &Options,
         handles: &Handles,
     ) -> Result<Self, StartError> {
-        options.policy.check()?;
+        options.limits.check()?;
         // A Manager that cannot serve leaves the domain to others. The policy is read again under the lock.
         policy_file::check(path, options)?;
         let endpoint: DomainSocket = options.bind_options().acquire_at(path)?;
@@ -135,7 +136,7 @@ impl Manager {
             .map_err(StartError::io("watch the socket"))?;
         // The secret must not be guessable: with it, a process could claim the links of others.
         let (epoch, secret) = random().map_err(StartError::io("get random numbers"))?;
-        let machine = manager::Manager::new(epoch, secret, options.policy);
+        let machine = manager::Manager::new(epoch, secret, options.limits);
         let mut machine = machine.with_owner(geteuid().as_raw());
         if let Some(access) = access {
             info!(policy = %access.path.display(), "access rights are restricted");
@@ -156,7 +157,7 @@ impl Manager {
             drained: BTreeSet::new(),
             send_again: None,
             reload: PolicyReload::new(options),
-            queue_bytes: options.policy.queue_bytes,
+            queue_bytes: options.limits.count(Limit::QueueBytes),
             // One byte more than the longest datagram, so that a longer one is noticed.
             buffer: vec![0; DATAGRAM_MAX + 1],
         })

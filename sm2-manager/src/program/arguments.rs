@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use sm2_proto::{control::LimitError, manager::Policy};
+use sm2_proto::control::{LimitError, Limits};
 
 use super::limit_arguments::LimitArguments;
 use crate::{Options, StartError};
@@ -47,13 +47,13 @@ impl Arguments {
     ///
     /// The [`LimitError`] of the first wrong limit.
     pub(super) fn options(&self) -> Result<Options, LimitError> {
-        let policy = Policy {
+        let limits = Limits {
             seal_all: self.seal_all,
             waive_user_boundary: self.waive_user_boundary,
-            ..self.limits.policy()?
+            ..self.limits.limits()?
         };
         Ok(Options {
-            policy,
+            limits,
             socket_mode: self.socket_mode,
             policy_file: self.policy.clone(),
         })

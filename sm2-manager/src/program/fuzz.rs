@@ -1,23 +1,19 @@
 //! Checks for a fuzz target of the command line. Nothing is started.
-
-use std::time::Duration;
-
 use sm2_io::{DomainSocketError, domain_socket::MAX_PATH_BYTES};
 
 use super::Arguments;
 use crate::StartError;
 
-/// Checks that valid arguments give usable options: limits within their ranges, time to greet, and a mode that
+/// Checks that valid arguments give usable options: limits within their ranges, and a mode that
 /// contains only permission bits. Panics otherwise.
 pub fn check(arguments: &Arguments) {
     let Ok(options) = arguments.options() else {
         return;
     };
-    let policy = options.policy;
+    let limits = options.limits;
     assert!(options.socket_mode <= 0o777);
-    assert_eq!(policy.check(), Ok(()));
-    assert!(policy.greeting >= Duration::from_secs(1));
-    assert!(!(policy.seal_all && policy.waive_user_boundary));
+    assert_eq!(limits.check(), Ok(()));
+    assert!(!(limits.seal_all && limits.waive_user_boundary));
     assert!(!(arguments.standby && arguments.replace));
     match arguments.explicit_path() {
         Ok(path) => {

@@ -3,38 +3,35 @@
 use std::fmt::Write as _;
 
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches, value_parser};
-use sm2_proto::{
-    control::{Limit, LimitError, Unit},
-    manager::Policy,
-};
+use sm2_proto::control::{Limit, LimitError, Limits, Unit};
 
 /// The limits that a command line states.
 #[derive(Clone, Debug)]
 pub struct LimitArguments {
     /// The value of each limit, in the order of [`Limit::ALL`] and in the unit of [`Limit::unit`].
-    given: [Option<u64>; Limit::COUNT],
+    given: [Option<u32>; Limit::COUNT],
 }
 
 impl LimitArguments {
-    /// The default policy with these limits. A limit that is not stated has its default, and at most the value
-    /// of its [`whole`](Limit::whole).
+    /// The default limits but for these. A limit that is not stated has its default, and at most the value of its
+    /// [`whole`](Limit::whole).
     ///
     /// # Errors
     ///
     /// The [`LimitError`] of the first wrong limit.
-    pub(super) fn policy(&self) -> Result<Policy, LimitError> {
-        let mut policy = Policy::default();
-        for limit in Limit::ALL {
-            policy.set(limit, self.value(limit));
-        }
-        policy.check()?;
-        Ok(policy)
+    pub(super) fn limits(&self) -> Result<Limits, LimitError> {
+        let limits = Limits {
+            values: Limit::ALL.map(|limit| self.value(limit)),
+            ..Limits::default()
+        };
+        limits.check()?;
+        Ok(limits)
     }
 
-    fn value(&self, limit: Limit) -> u64 {
+    fn value(&self, limit: Limit) -> u32 {
         self.given[limit as usize].unwrap_or_else(|| {
-            let most = limit.whole().map_or(u64::MAX, |whole| self.value(whole));
-            Policy::default().value(limit).min(most)
+            let most = limit.whole().map_or(u32::MAX, |whole| self.value(whole));
+            Limits::default().of(limit).min(most)
         })
     }
 }
@@ -42,10 +39,7 @@ impl LimitArguments {
 impl FromArgMatches for LimitArguments {
     fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
         Ok(Self {
-            given: Limit::ALL.map(|limit| {
-                let stated = matches.get_one::<u64>(limit.name()).copied();
-                stated.map(|it| it.saturating_mul(per_option(limit)))
-            }),
+            given: Limit::ALL.map(|limit| matches.get_one(limit.name()).copied()),
         })
     }
 
@@ -65,36 +59,33 @@ impl Args for LimitArguments {
     }
 }
 
-/// The units of a limit in one unit of its option: times are stated in seconds.
-const fn per_option(limit: Limit) -> u64 {
-    match limit.unit() {
-        Unit::Milliseconds => 1_000,
-        Unit::Count | Unit::Bytes => 1,
-    }
+/// The option that sets a limit: its name with dashes.
+fn option(limit: Limit) -> String {
+    limit.name().replace('_', "-")
 }
 
 fn argument(limit: Limit) -> Arg {
     let value_name = match limit.unit() {
         Unit::Count => "N",
-        Unit::Milliseconds => "SECONDS",
+        Unit::Milliseconds => "MS",
         Unit::Bytes => "BYTES",
     };
     let mut help = limit.to_string();
     help[..1].make_ascii_uppercase();
-    let default = Policy::default().value(limit) / per_option(limit);
+    let default = Limits::default().of(limit);
     // `write!` to a string cannot fail.
     let _ = match limit.whole() {
         Some(whole) => write!(
             help,
-            " [default: {default}, at most that of {}]",
-            whole.option()
+            " [default: {default}, at most that of --{}]",
+            option(whole)
         ),
         None => write!(help, " [default: {default}]"),
     };
     Arg::new(limit.name())
-        .long(limit.option().trim_start_matches('-'))
+        .long(option(limit))
         .value_name(value_name)
-        .value_parser(value_parser!(u64))
+        .value_parser(value_parser!(u32))
         .help(help)
 }
 
@@ -110,14 +101,14 @@ mod tests {
         limits: LimitArguments,
     }
 
-    fn policy(options: &[&str]) -> Result<Policy, LimitError> {
+    fn limits(options: &[&str]) -> Result<Limits, LimitError> {
         let line = Line::try_parse_from([&["sm2-manager"], options].concat());
-        line.unwrap().limits.policy()
+        line.unwrap().limits.limits()
     }
 
     #[test]
     fn without_options_the_limits_are_the_defaults() {
-        assert_eq!(policy(&[]), Ok(Policy::default()));
+        assert_eq!(limits(&[]), Ok(Limits::default()));
     }
 
     #[test]
@@ -128,18 +119,19 @@ mod tests {
                 Unit::Milliseconds | Unit::Count => 37,
                 Unit::Bytes => 300_037,
             };
-            let policy = policy(&[limit.option(), &stated.to_string()]).unwrap();
-            assert_eq!(policy.value(limit), stated * per_option(limit), "{limit}");
+            let option = format!("--{}", option(limit));
+            let limits = limits(&[&option, &stated.to_string()]).unwrap();
+            assert_eq!(limits.of(limit), stated, "{limit}");
             for other in Limit::ALL.into_iter().filter(|it| *it != limit) {
                 let is_part = |it: Limit| it.whole() == Some(limit);
                 let is_lowered = is_part(other) || other.whole().is_some_and(is_part);
-                let default = Policy::default().value(other);
+                let default = Limits::default().of(other);
                 let expected = if is_lowered {
                     stated.min(default)
                 } else {
                     default
                 };
-                assert_eq!(policy.value(other), expected, "{limit}, {other}");
+                assert_eq!(limits.of(other), expected, "{limit}, {other}");
             }
         }
     }
@@ -152,19 +144,16 @@ mod tests {
             whole: Limit::SessionsPerUser,
             most: 4,
         };
-        let line = ["--max-sessions", "4", "--max-process-sessions", "5"];
-        assert_eq!(policy(&line), Err(refused));
+        let line = ["--sessions-per-user", "4", "--sessions-per-process", "5"];
+        assert_eq!(limits(&line), Err(refused));
     }
 
     #[test]
     fn a_number_that_is_too_large_is_refused() {
         for limit in Limit::ALL {
-            let result = policy(&[limit.option(), &u64::MAX.to_string()]);
-            let refused = LimitError::OutOfRange {
-                limit,
-                value: u64::MAX,
-            };
-            assert_eq!(result, Err(refused));
+            let option = format!("--{}", option(limit));
+            let line = ["sm2-manager", &option, "4294967296"];
+            assert!(Line::try_parse_from(line).is_err(), "{limit}");
         }
     }
 }

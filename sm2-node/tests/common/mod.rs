@@ -8,13 +8,14 @@ pub(crate) mod raw;
 pub(crate) mod threads;
 pub(crate) mod wait;
 
+use sm2_proto::control::Limits;
 use std::thread;
 use std::time::{Duration, Instant};
 
 use nix::sys::signal::{Signal, kill};
 use nix::sys::wait::{WaitPidFlag, WaitStatus, waitpid};
 use nix::unistd::Pid;
-use sm2_manager::{Background, Options, Policy};
+use sm2_manager::{Background, Options};
 use sm2_node::diagnostics::LinkStatus;
 use sm2_node::{
     Client, Message, Node, NodeBuilder, Publisher, Request, Sample, Server, Subscriber, Wait,
@@ -36,20 +37,20 @@ pub(crate) const WAYS: [Wait; 3] = [
 pub(crate) struct Domain {
     manager: Option<Background>,
     folder: tempfile::TempDir,
-    policy: Policy,
+    limits: Limits,
     _limit: Limit,
 }
 
 impl Domain {
     pub(crate) fn new() -> Self {
-        Self::with(Policy::default())
+        Self::with(Limits::default())
     }
 
-    pub(crate) fn with(policy: Policy) -> Self {
+    pub(crate) fn with(limits: Limits) -> Self {
         let mut domain = Self {
             manager: None,
             folder: tempfile::tempdir().unwrap(),
-            policy,
+            limits,
             _limit: Limit::new(),
         };
         domain.start();
@@ -79,7 +80,7 @@ impl Domain {
     pub(crate) fn start(&mut self) {
         assert!(self.manager.is_none());
         let options = Options {
-            policy: self.policy,
+            limits: self.limits,
             ..Options::default()
         };
         self.manager = Some(Background::start(&self.socket(), options).unwrap());

@@ -1,69 +1,36 @@
-//! The limits of a Manager: what each one is, where it is set, and which values it takes.
+//! The limits of a Manager: what each one is, and which values it takes.
 //!
-//! Each limit is one row of a table: its name, option, unit and range. The command line, the checks, the item *domain*,
-//! `sm2 doctor`, `sm2 snapshot` and a page of the book are made from the table, so a new limit is configurable and
-//! visible without further code. The machine works with any values. Programs check the values before the machine
-//! starts, because a wrong value is a mistake of a person, who needs the option's name and its range.
+//! Each limit is one row of a table: its name, unit, range, default and meaning. The options of the command line, the
+//! checks, the item *domain*, `sm2 doctor`, `sm2 snapshot` and a page of the book are made from the table, so a new
+//! limit is configurable and visible without further code. The machine works with any values. Programs check the
+//! values before the machine starts, because a wrong value is a mistake of a person, who needs its range.
 
-use core::{fmt, ops::RangeInclusive};
+use core::{fmt, ops::RangeInclusive, time::Duration};
 
-use serde::{Deserialize, Serialize};
+use serde::{
+    Deserialize, Deserializer, Serialize, Serializer,
+    de::{self, SeqAccess, Visitor},
+    ser::SerializeStruct as _,
+};
 
 use crate::{
     limits::{DATAGRAM_MAX, LINKS_MAX},
     text::Counted,
 };
 
+/// The greatest value that a frame can carry.
+const MOST: u32 = u32::MAX;
 /// The longest time that a limit takes, in milliseconds: a day.
-const LONGEST_MS: u64 = 86_400_000;
-
-/// A limit of a Manager (SPEC section 2).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Limit {
-    /// Welcomed sessions of one user.
-    SessionsPerUser,
-    /// Interfaces of one session.
-    InterfacesPerSession,
-    /// Interfaces of all sessions of one user.
-    InterfacesPerUser,
-    /// Ends of links of one session.
-    LinksPerSession,
-    /// Welcomed sessions of one process.
-    SessionsPerProcess,
-    /// Interfaces of all sessions of one process.
-    InterfacesPerProcess,
-    /// Connections of one user that are not welcomed yet.
-    GreetingsPerUser,
-    /// Connections of one process that are not welcomed yet.
-    GreetingsPerProcess,
-    /// The time within which a connection has to become ready.
-    Greeting,
-    /// The time for which a claim waits for its counterpart.
-    Recovery,
-    /// The time within which a node has to confirm that it ended what a new access policy denies.
-    Confirmation,
-    /// Bytes that are queued for a node that does not read.
-    QueueBytes,
-    /// Bytes of the schema texts of one session.
-    SchemaBytesPerSession,
-    /// Refusals of one session that are remembered.
-    RefusalsPerSession,
-    /// Unlinked pairs that are remembered, per session of the offering side.
-    UnlinkedPerSession,
-    /// Changes of the domain that are remembered.
-    ChangesRemembered,
-    /// LINKs that a session is sent before its socket has taken all of them.
-    LinksInFlight,
-    /// The work that is done for one input before other sessions are served.
-    WorkPerTurn,
-}
+const LONGEST_MS: u32 = 86_400_000;
+/// The smallest queue, in bytes: two datagrams.
+const SHORTEST_QUEUE_BYTES: u32 = 2 * DATAGRAM_MAX as u32;
 
 /// The unit of a limit's value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Unit {
     /// A number of things.
     Count,
-    /// Milliseconds. The option of a limit takes whole seconds.
+    /// Milliseconds.
     Milliseconds,
     /// Bytes.
     Bytes,
@@ -72,131 +39,94 @@ pub enum Unit {
 /// The fixed properties of a limit.
 struct Row {
     name: &'static str,
-    option: &'static str,
     unit: Unit,
-    range: RangeInclusive<u64>,
+    range: RangeInclusive<u32>,
+    default: u32,
     /// The end of the text of [`Limit`].
     meaning: &'static str,
 }
 
-const fn counts(name: &'static str, option: &'static str, most: u64, meaning: &'static str) -> Row {
-    Row {
-        name,
-        option,
-        unit: Unit::Count,
-        range: 1..=most,
-        meaning,
-    }
+/// Defines [`Limit`] from its table. The order of the rows is that of the fields in a frame.
+macro_rules! limits {
+    ($($limit:ident $name:literal $unit:ident $least:tt..=$most:tt $default:literal $meaning:literal)*) => {
+        /// A limit of a Manager (SPEC section 2).
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        pub enum Limit {
+            $(
+                #[doc = concat!("`", $name, "`: ", $meaning)]
+                $limit,
+            )*
+        }
+
+        impl Limit {
+            /// Every limit, in the order in which a frame carries them.
+            pub const ALL: [Self; Self::COUNT] = [$(Self::$limit,)*];
+            /// The number of limits.
+            pub const COUNT: usize = [$(Self::$limit,)*].len();
+
+            const fn row(self) -> Row {
+                match self {
+                    $(
+                        Self::$limit => Row {
+                            name: $name,
+                            unit: Unit::$unit,
+                            range: $least..=$most,
+                            default: $default,
+                            meaning: $meaning,
+                        },
+                    )*
+                }
+            }
+        }
+    };
 }
 
-const fn lasts(name: &'static str, option: &'static str, meaning: &'static str) -> Row {
-    Row {
-        name,
-        option,
-        unit: Unit::Milliseconds,
-        range: 1..=LONGEST_MS,
-        meaning,
-    }
+limits! {
+    SessionsPerUser "sessions_per_user" Count 1..=MOST 1_024
+        "welcomed sessions of one user"
+    InterfacesPerSession "interfaces_per_session" Count 1..=MOST 1_024
+        "interfaces of one session"
+    InterfacesPerUser "interfaces_per_user" Count 1..=MOST 16_384
+        "interfaces of all sessions of one user"
+    LinksPerSession "links_per_session" Count 1..=(LINKS_MAX as u32) 8_192
+        "ends of links of one session"
+    SessionsPerProcess "sessions_per_process" Count 1..=MOST 512
+        "welcomed sessions of one process"
+    InterfacesPerProcess "interfaces_per_process" Count 1..=MOST 8_192
+        "interfaces of all sessions of one process"
+    GreetingsPerUser "greetings_per_user" Count 1..=MOST 256
+        "connections of one user that are not welcomed yet"
+    GreetingsPerProcess "greetings_per_process" Count 1..=MOST 64
+        "connections of one process that are not welcomed yet"
+    Greeting "greeting_ms" Milliseconds 1..=LONGEST_MS 2_000
+        "within which a connection has to become ready: its HELLO is granted and its links are claimed"
+    Recovery "recovery_ms" Milliseconds 1..=LONGEST_MS 5_000
+        "for which a claim waits for its counterpart"
+    Confirmation "confirmation_ms" Milliseconds 1..=LONGEST_MS 5_000
+        "within which a node has to confirm that it ended what a new access policy denies"
+    QueueBytes "queue_bytes" Bytes SHORTEST_QUEUE_BYTES..=MOST 1_048_576
+        "frames that wait for a node that does not read; each counts 32 bytes more than its length"
+    SchemaBytesPerSession "schema_bytes_per_session" Bytes 1..=MOST 262_144
+        "schema texts of one session, with the names of their types"
+    RefusalsPerSession "refusals_per_session" Count 1..=MOST 16
+        "refused interfaces of one session that are remembered"
+    UnlinkedPerSession "unlinked_per_session" Count 1..=MOST 256
+        "unlinked pairs that are remembered, per session of the publisher or server"
+    ChangesRemembered "changes_remembered" Count 1..=MOST 4_096
+        "changes of the domain that are remembered"
+    LinksInFlight "links_in_flight" Count 1..=MOST 256
+        "LINKs sent to one session before its socket has taken all of them"
+    WorkPerTurn "work_per_turn" Count 1..=MOST 512
+        "units of work for one input before other sessions are served: a link that is made costs 64, one that \
+         ends 16, a comparison of two interfaces 1"
 }
-
-const fn occupies(
-    name: &'static str,
-    option: &'static str,
-    least: u64,
-    meaning: &'static str,
-) -> Row {
-    Row {
-        name,
-        option,
-        unit: Unit::Bytes,
-        range: least..=MOST,
-        meaning,
-    }
-}
-
-/// The greatest value that a frame can carry.
-const MOST: u64 = u32::MAX as u64;
 
 impl Limit {
-    /// The number of limits.
-    pub const COUNT: usize = 18;
-
-    /// Every limit, in the order of the fields of [`Limits`].
-    pub const ALL: [Self; Self::COUNT] = [
-        Self::SessionsPerUser,
-        Self::InterfacesPerSession,
-        Self::InterfacesPerUser,
-        Self::LinksPerSession,
-        Self::SessionsPerProcess,
-        Self::InterfacesPerProcess,
-        Self::GreetingsPerUser,
-        Self::GreetingsPerProcess,
-        Self::Greeting,
-        Self::Recovery,
-        Self::Confirmation,
-        Self::QueueBytes,
-        Self::SchemaBytesPerSession,
-        Self::RefusalsPerSession,
-        Self::UnlinkedPerSession,
-        Self::ChangesRemembered,
-        Self::LinksInFlight,
-        Self::WorkPerTurn,
-    ];
-
-    /// The table of all limits. Every property of a limit is stated here, and nowhere else.
-    #[rustfmt::skip]
-    const fn row(self) -> Row {
-        match self {
-            Self::SessionsPerUser => counts("sessions_per_user", "--max-sessions", MOST,
-                "welcomed sessions of one user"),
-            Self::InterfacesPerSession => counts("interfaces_per_session", "--max-interfaces", MOST,
-                "interfaces of one session"),
-            Self::InterfacesPerUser => counts("interfaces_per_user", "--max-user-interfaces", MOST,
-                "interfaces of all sessions of one user"),
-            Self::LinksPerSession => counts("links_per_session", "--max-links", LINKS_MAX as u64,
-                "ends of links of one session"),
-            Self::SessionsPerProcess => counts("sessions_per_process", "--max-process-sessions", MOST,
-                "welcomed sessions of one process"),
-            Self::InterfacesPerProcess => counts("interfaces_per_process", "--max-process-interfaces", MOST,
-                "interfaces of all sessions of one process"),
-            Self::GreetingsPerUser => counts("greetings_per_user", "--max-greetings", MOST,
-                "connections of one user that are not welcomed yet"),
-            Self::GreetingsPerProcess => counts("greetings_per_process", "--max-process-greetings", MOST,
-                "connections of one process that are not welcomed yet"),
-            Self::Greeting => lasts("greeting_ms", "--greeting-timeout",
-                "within which a connection has to become ready"),
-            Self::Recovery => lasts("recovery_ms", "--recovery-timeout",
-                "for which a claim waits for its counterpart"),
-            Self::Confirmation => lasts("confirmation_ms", "--confirmation-timeout",
-                "within which a node has to confirm that it ended what a new access policy denies"),
-            Self::QueueBytes => occupies("queue_bytes", "--max-queue-bytes", 2 * DATAGRAM_MAX as u64,
-                "frames that wait for a node that does not read; each counts 32 bytes more than its length"),
-            Self::SchemaBytesPerSession => occupies("schema_bytes_per_session", "--max-schema-bytes", 1,
-                "schema texts of one session, with the names of their types"),
-            Self::RefusalsPerSession => counts("refusals_per_session", "--max-refusals", MOST,
-                "refused interfaces of one session that are remembered"),
-            Self::UnlinkedPerSession => counts("unlinked_per_session", "--max-unlinked", MOST,
-                "unlinked pairs that are remembered, per session of the publisher or server"),
-            Self::ChangesRemembered => counts("changes_remembered", "--max-changes", MOST,
-                "changes of the domain that are remembered"),
-            Self::LinksInFlight => counts("links_in_flight", "--max-links-in-flight", MOST,
-                "LINKs sent to one session before its socket has taken all of them"),
-            Self::WorkPerTurn => counts("work_per_turn", "--max-work-per-turn", MOST,
-                "units of work for one input before other sessions are served: a link that is made costs 64, one that \
-                 ends 16, a comparison of two interfaces 1"),
-        }
-    }
-
-    /// The name in JSON, such as `sessions_per_user`. The unit is its end where it is not a count.
+    /// The name, such as `sessions_per_user`. The unit is its end where it is not a count. With dashes, it is the name
+    /// of the option of `sm2-manager`.
     #[must_use]
     pub const fn name(self) -> &'static str {
         self.row().name
-    }
-
-    /// The option of `sm2-manager` that sets the limit.
-    #[must_use]
-    pub const fn option(self) -> &'static str {
-        self.row().option
     }
 
     /// The unit of the values.
@@ -207,7 +137,7 @@ impl Limit {
 
     /// The values that a Manager accepts.
     #[must_use]
-    pub const fn range(self) -> RangeInclusive<u64> {
+    pub const fn range(self) -> RangeInclusive<u32> {
         self.row().range
     }
 
@@ -225,7 +155,7 @@ impl Limit {
 
     /// A value of this limit with its unit: `8192`, `2 s`, `1048576 bytes`.
     #[must_use]
-    pub const fn show(self, value: u64) -> Shown {
+    pub const fn show(self, value: u32) -> Shown {
         Shown {
             unit: self.unit(),
             value,
@@ -250,7 +180,7 @@ impl fmt::Display for Limit {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shown {
     unit: Unit,
-    value: u64,
+    value: u32,
 }
 
 impl fmt::Display for Shown {
@@ -260,7 +190,7 @@ impl fmt::Display for Shown {
             Unit::Count => write!(f, "{value}"),
             Unit::Milliseconds if value.is_multiple_of(1_000) => write!(f, "{} s", value / 1_000),
             Unit::Milliseconds => write!(f, "{value} ms"),
-            Unit::Bytes => Counted::new(value, "byte").fmt(f),
+            Unit::Bytes => Counted::new(value.into(), "byte").fmt(f),
         }
     }
 }
@@ -271,7 +201,7 @@ pub enum LimitError {
     /// A value is outside of the range of its limit.
     #[error(
         "{} is {}: give {} to {}",
-        .limit.option(),
+        .limit.name(),
         .limit.show(*.value),
         .limit.show(*.limit.range().start()),
         .limit.show(*.limit.range().end())
@@ -280,100 +210,207 @@ pub enum LimitError {
         /// The limit.
         limit: Limit,
         /// Its value.
-        value: u64,
+        value: u32,
     },
     /// A value exceeds that of the [`whole`](Limit::whole): the limit could never be reached.
     #[error(
         "{} is {}: give {} to {}, the value of {}, or raise that one",
-        .limit.option(),
+        .limit.name(),
         .limit.show(*.value),
         .limit.show(*.limit.range().start()),
         .limit.show(*.most),
-        .whole.option()
+        .whole.name()
     )]
     AboveWhole {
         /// The limit.
         limit: Limit,
         /// Its value.
-        value: u64,
+        value: u32,
         /// The limit that it exceeds.
         whole: Limit,
         /// The value of that one.
-        most: u64,
+        most: u32,
     },
 }
 
-/// The public part of the operator's policy: the limits in force at a Manager, and which links are sealed. The
-/// order of fields is the wire format.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+/// The limits of a Manager, and which links it seals. Every node may know them.
+//= SM2-WCH-005
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Limits {
-    /// Welcomed sessions of one user.
-    pub sessions_per_user: u32,
-    /// Interfaces of one session.
-    pub interfaces_per_session: u32,
-    /// Interfaces of all sessions of one user.
-    pub interfaces_per_user: u32,
-    /// Ends of links of one session.
-    pub links_per_session: u32,
-    /// Welcomed sessions of one process.
-    pub sessions_per_process: u32,
-    /// Interfaces of all sessions of one process.
-    pub interfaces_per_process: u32,
-    /// Connections of one user that are not welcomed yet.
-    pub greetings_per_user: u32,
-    /// Connections of one process that are not welcomed yet.
-    pub greetings_per_process: u32,
-    /// The time within which a connection has to become ready, in milliseconds.
-    pub greeting_ms: u32,
-    /// The time for which a claim waits for its counterpart, in milliseconds.
-    pub recovery_ms: u32,
-    /// The time within which a node has to confirm that it ended what a new access policy denies, in milliseconds.
-    pub confirmation_ms: u32,
-    /// Bytes that are queued for a node that does not read.
-    pub queue_bytes: u32,
-    /// Bytes of the schema texts of one session.
-    pub schema_bytes_per_session: u32,
-    /// Refusals of one session that are remembered.
-    pub refusals_per_session: u32,
-    /// Unlinked pairs that are remembered, per session of the offering side.
-    pub unlinked_per_session: u32,
-    /// Changes of the domain that are remembered.
-    pub changes_remembered: u32,
-    /// LINKs that a session is sent before its socket has taken all of them.
-    pub links_in_flight: u32,
-    /// The work that is done for one input before other sessions are served.
-    pub work_per_turn: u32,
+    /// The value of each limit, in the order of [`Limit::ALL`] and in its [unit](Limit::unit).
+    pub values: [u32; Limit::COUNT],
     /// Whether every link of the domain is sealed.
     pub seal_all: bool,
     /// Whether links between different users may be unsealed.
     pub waive_user_boundary: bool,
 }
 
+impl Default for Limits {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
 impl Limits {
-    /// The value of a limit, in the unit of [`Limit::unit`].
+    /// The defaults.
+    pub const DEFAULT: Self = {
+        let mut limits = Self::all(0);
+        let mut at = 0;
+        while at < Limit::COUNT {
+            limits.values[at] = Limit::ALL[at].row().default;
+            at += 1;
+        }
+        limits
+    };
+
+    /// Each limit has this value.
     #[must_use]
-    pub const fn of(&self, limit: Limit) -> u32 {
-        match limit {
-            Limit::SessionsPerUser => self.sessions_per_user,
-            Limit::InterfacesPerSession => self.interfaces_per_session,
-            Limit::InterfacesPerUser => self.interfaces_per_user,
-            Limit::LinksPerSession => self.links_per_session,
-            Limit::SessionsPerProcess => self.sessions_per_process,
-            Limit::InterfacesPerProcess => self.interfaces_per_process,
-            Limit::GreetingsPerUser => self.greetings_per_user,
-            Limit::GreetingsPerProcess => self.greetings_per_process,
-            Limit::Greeting => self.greeting_ms,
-            Limit::Recovery => self.recovery_ms,
-            Limit::Confirmation => self.confirmation_ms,
-            Limit::QueueBytes => self.queue_bytes,
-            Limit::SchemaBytesPerSession => self.schema_bytes_per_session,
-            Limit::RefusalsPerSession => self.refusals_per_session,
-            Limit::UnlinkedPerSession => self.unlinked_per_session,
-            Limit::ChangesRemembered => self.changes_remembered,
-            Limit::LinksInFlight => self.links_in_flight,
-            Limit::WorkPerTurn => self.work_per_turn,
+    pub const fn all(value: u32) -> Self {
+        Self {
+            values: [value; Limit::COUNT],
+            seal_all: false,
+            waive_user_boundary: false,
         }
     }
+
+    /// The value of a limit, in its [unit](Limit::unit).
+    #[must_use]
+    #[inline]
+    pub const fn of(&self, limit: Limit) -> u32 {
+        self.values[limit as usize]
+    }
+
+    /// The value of a limit that counts things or bytes.
+    #[must_use]
+    #[inline]
+    pub const fn count(&self, limit: Limit) -> usize {
+        self.of(limit) as usize
+    }
+
+    /// The ends of links that a session can have.
+    pub(crate) fn links_per_session(&self) -> usize {
+        self.count(Limit::LinksPerSession).min(LINKS_MAX)
+    }
+
+    /// The LINKs that a session is sent before its socket has taken all of them.
+    //= SM2-LNK-007
+    pub(crate) const fn links_in_flight(&self) -> usize {
+        match self.count(Limit::LinksInFlight) {
+            0 => 1,
+            limit => limit,
+        }
+    }
+
+    /// Whether a link is sealed even if neither side asks for it.
+    //= SM2-MAT-003
+    pub(crate) const fn seals(&self, same_user: bool) -> bool {
+        self.seal_all || (!same_user && !self.waive_user_boundary)
+    }
+
+    /// The value of a limit in [milliseconds](Unit::Milliseconds).
+    #[must_use]
+    pub const fn time(&self, limit: Limit) -> Duration {
+        Duration::from_millis(self.of(limit) as u64)
+    }
+
+    /// The same limits but for one.
+    #[must_use]
+    pub const fn with(mut self, limit: Limit, value: u32) -> Self {
+        self.values[limit as usize] = value;
+        self
+    }
+
+    /// Checks that every limit is within its range, and that no limit of a part exceeds that of the whole.
+    /// A Manager works with any limits. A program that takes them from its user calls this function first.
+    ///
+    /// # Errors
+    ///
+    /// The [`LimitError`] of the first wrong limit.
+    pub fn check(&self) -> Result<(), LimitError> {
+        for limit in Limit::ALL {
+            let value = self.of(limit);
+            if !limit.range().contains(&value) {
+                return Err(LimitError::OutOfRange { limit, value });
+            }
+        }
+        for limit in Limit::ALL {
+            let Some(whole) = limit.whole() else {
+                continue;
+            };
+            let (value, most) = (self.of(limit), self.of(whole));
+            if value > most {
+                return Err(LimitError::AboveWhole {
+                    limit,
+                    value,
+                    whole,
+                    most,
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The name of the structure in SPEC section 3.
+const STRUCTURE: &str = "Limits";
+
+/// The fields of the structure: the limits in their order, then the two flags.
+const FIELDS: [&str; Limit::COUNT + 2] = {
+    let mut fields = ["seal_all"; Limit::COUNT + 2];
+    let mut at = 0;
+    while at < Limit::COUNT {
+        fields[at] = Limit::ALL[at].name();
+        at += 1;
+    }
+    fields[at + 1] = "waive_user_boundary";
+    fields
+};
+
+impl Serialize for Limits {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut fields = serializer.serialize_struct(STRUCTURE, FIELDS.len())?;
+        for limit in Limit::ALL {
+            fields.serialize_field(limit.name(), &self.of(limit))?;
+        }
+        fields.serialize_field("seal_all", &self.seal_all)?;
+        fields.serialize_field("waive_user_boundary", &self.waive_user_boundary)?;
+        fields.end()
+    }
+}
+
+impl<'de> Deserialize<'de> for Limits {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_struct(STRUCTURE, &FIELDS, Fields)
+    }
+}
+
+/// Reads the fields of a frame, which have no names.
+struct Fields;
+
+impl<'de> Visitor<'de> for Fields {
+    type Value = Limits;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("the limits of a Manager")
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut fields: A) -> Result<Limits, A::Error> {
+        let mut limits = Limits::all(0);
+        for (at, value) in limits.values.iter_mut().enumerate() {
+            *value = next(&mut fields, at)?;
+        }
+        limits.seal_all = next(&mut fields, Limit::COUNT)?;
+        limits.waive_user_boundary = next(&mut fields, Limit::COUNT + 1)?;
+        Ok(limits)
+    }
+}
+
+fn next<'de, T: Deserialize<'de>, A: SeqAccess<'de>>(
+    fields: &mut A,
+    at: usize,
+) -> Result<T, A::Error> {
+    let field = fields.next_element()?;
+    field.ok_or_else(|| de::Error::invalid_length(at, &Fields))
 }
 
 #[cfg(test)]
@@ -383,14 +420,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_and_options_differ() {
+    fn names_differ_and_defaults_are_in_their_ranges() {
         for (at, one) in Limit::ALL.into_iter().enumerate() {
             for other in &Limit::ALL[..at] {
                 assert_ne!(one.name(), other.name());
-                assert_ne!(one.option(), other.option());
             }
-            assert!(*one.range().end() <= MOST);
+            assert_eq!(FIELDS[at], one.name());
         }
+        assert_eq!(Limits::default().check(), Ok(()));
     }
 
     #[test]

@@ -215,7 +215,7 @@ impl Verdict {
         write!(
             f,
             " may not have more than {}.\n\
-             Close some and declare again, or have the operator raise --max-links of sm2-manager.",
+             Close some and declare again, or have the operator raise links_per_session of the Manager.",
             Counted::new(limit.into(), "link")
         )
     }

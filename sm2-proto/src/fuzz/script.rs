@@ -5,7 +5,7 @@ use alloc::{string::String, vec::Vec};
 use crate::{
     Code, Contract, DemandedQos, EntityId, InterfaceId, LinkId, Name, NodeId, OfferedQos, Period,
     Quota, Refusal, ServiceQos, TypeId,
-    control::{Change, Item, Key, Limits, UnlinkedReason},
+    control::{Change, Item, Key, Limit, Limits, UnlinkedReason},
     schema::Schema,
 };
 
@@ -210,10 +210,10 @@ impl<'a> Script<'a> {
         Some(match choice % 8 {
             0 => Item::Domain {
                 limits: Limits {
-                    links_per_session: u32::from(choice),
-                    work_per_turn: u32::from(reliable),
                     seal_all: sealed,
                     ..Limits::default()
+                        .with(Limit::LinksPerSession, u32::from(choice))
+                        .with(Limit::WorkPerTurn, u32::from(reliable))
                 },
             },
             1 => Item::Node {

@@ -11,7 +11,7 @@ use super::{
 };
 use crate::{
     Code, EntityId, Farewell, Instant, LinkId, NodeId, VERSION, Violation,
-    control::{Key, ToNode},
+    control::{Key, Limit, ToNode},
     match_contracts,
 };
 
@@ -24,7 +24,7 @@ impl Manager {
         claim: Claim,
     ) -> Result<(), Violation> {
         let EntityId { node, interface } = entity;
-        let limit = self.policy.links_per_session();
+        let limit = self.limits.links_per_session();
         let Some(session) = self.sessions.get_mut(&node) else {
             return Ok(());
         };
@@ -83,7 +83,7 @@ impl Manager {
         let (their_uid, theirs) = self.user_and_contract(other)?;
         let qos = match_contracts(ours, theirs).ok()?;
         let pair = Pair::new(one, ours, other);
-        let sealed = qos.sealed || self.policy.seals(uid == their_uid);
+        let sealed = qos.sealed || self.limits.seals(uid == their_uid);
         let fits = agreed.qos.reliable == qos.reliable && (agreed.qos.sealed || !sealed);
         (fits && !self.links.joins(pair)).then_some(pair)
     }
@@ -96,14 +96,14 @@ impl Manager {
         };
         let record = session.node();
         let has_half = record.is_some_and(|it| it.half_claims().next().is_some());
-        let until = has_half.then(|| now.after(self.policy.recovery));
+        let until = has_half.then(|| now.after(self.limits.time(Limit::Recovery)));
         self.sessions.insert(node, session.claimed(until));
         if let Some(until) = until {
             self.claims.expire_at(until, node);
         }
         self.greeting.remove(&node);
         self.node_changed(node);
-        self.work(node, &mut Budget::new(&self.policy));
+        self.work(node, &mut Budget::new(&self.limits));
     }
 
     /// Marks the sessions whose claims have waited long enough. Their next parts of

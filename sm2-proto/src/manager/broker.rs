@@ -9,13 +9,13 @@ use super::{
     links::{Agreed, Pair},
     node_record::NodeRecord,
     phase::Phase,
-    policy::{count, within},
+    quota::{count, within},
     session::Session,
 };
 use crate::{
     Contract, EntityId, InterfaceId, Kind, LinkId, LinkKey, LinkQos, NodeId, Quota, Refusal,
     VERSION, Violation,
-    control::{Key, LinkPeer, ToNode, UnlinkedReason, encode_to_node},
+    control::{Key, Limit, LinkPeer, ToNode, UnlinkedReason, encode_to_node},
     match_contracts,
 };
 
@@ -81,9 +81,9 @@ impl Manager {
         let Some(record) = self.node(node) else {
             return Ok(());
         };
-        record.refuse_interface(&self.policy)?;
+        record.refuse_interface(&self.limits)?;
         self.users
-            .refuse_interface(record.credentials(), &self.policy)
+            .refuse_interface(record.credentials(), &self.limits)
     }
 
     /// Whether a session may be linked: not before it has claimed all its links.
@@ -102,7 +102,7 @@ impl Manager {
         contract: &Contract,
         channel: &Channel,
     ) -> Result<(), Refusal> {
-        let limit = self.policy.links_per_session();
+        let limit = self.limits.links_per_session();
         // If the quota has room for a link with each counterpart, none has to be compared. A link
         // within the session has two ends there.
         if ours + 2 * channel.counterpart_count(contract.kind()) <= limit {
@@ -154,7 +154,7 @@ impl Manager {
         record.declare(entity.interface, Arc::clone(&contract));
         self.supersede(entity.node, &contract);
         self.member_changed(entity);
-        let mut budget = Budget::of_declare(&self.policy);
+        let mut budget = Budget::of_declare(&self.limits);
         //= SM2-RES-002
         let (links, more) = if self.may_link(entity.node) {
             self.link_missing(entity, EntityId::FIRST, &mut budget)
@@ -172,7 +172,7 @@ impl Manager {
             session.settle(entity.interface, after);
             self.jobs.insert(entity.node);
         }
-        let spent = Budget::of_declare(&self.policy).left() - budget.left();
+        let spent = Budget::of_declare(&self.limits).left() - budget.left();
         self.jobs.charge(entity.node, spent);
     }
 
@@ -189,7 +189,7 @@ impl Manager {
     //= SM2-WCH-004
     fn refuse(&mut self, entity: EntityId, contract: Contract, reason: Refusal) {
         let EntityId { node, interface } = entity;
-        let limit = self.policy.refusals_per_session;
+        let limit = self.limits.count(Limit::RefusalsPerSession);
         let record = self.sessions.get_mut(&node);
         let Some(record) = record.and_then(Session::node_mut) else {
             return;
@@ -210,7 +210,7 @@ impl Manager {
     }
 
     fn quota(&self, node: NodeId) -> UnlinkedReason {
-        let limit = count(self.policy.links_per_session());
+        let limit = count(self.limits.links_per_session());
         UnlinkedReason::Quota { node, limit }
     }
 
@@ -271,7 +271,7 @@ impl Manager {
     /// Links pairs again that could not be linked for want of descriptors or memory.
     //= SM2-LNK-008, SM2-LNK-009, SM2-SES-009
     pub(super) fn link_again(&mut self) {
-        let mut budget = Budget::new(&self.policy);
+        let mut budget = Budget::new(&self.limits);
         while !budget.is_spent()
             && let Some(pair) = self.shortage.pop()
         {
@@ -289,7 +289,7 @@ impl Manager {
 
     /// A node of this pair whose quota has no room for one more link.
     fn node_without_room(&self, pair: Pair) -> Option<NodeId> {
-        let limit = self.policy.links_per_session();
+        let limit = self.limits.links_per_session();
         let mut nodes = pair.entities().map(|it| it.node).into_iter();
         let ends = |node| pair.entities().iter().filter(|it| it.node == node).count();
         nodes.find(|&node| self.link_ends(node) + ends(node) > limit)
@@ -307,7 +307,7 @@ impl Manager {
             version: VERSION,
             qos: LinkQos {
                 sealed: qos.sealed
-                    || (self.policy).seals(us.credentials().uid == them.credentials().uid),
+                    || (self.limits).seals(us.credentials().uid == them.credentials().uid),
                 ..qos
             },
         };

@@ -6,7 +6,7 @@
 //! wait in its socket: the machine queues nothing, and their order is kept. An interface that is gone leaves the
 //! machine's tables with the first part; only its links remain, in `EndingLinks`, until the other ends are told.
 
-use super::policy::Policy;
+use crate::control::{Limit, Limits};
 
 /// The cost of comparing two contracts, which is the unit.
 pub(super) const PAIR: usize = 1;
@@ -22,14 +22,14 @@ pub(super) const LINK: usize = 64;
 pub(super) struct Budget(usize);
 
 impl Budget {
-    pub(super) const fn new(policy: &Policy) -> Self {
-        Self(policy.work_per_turn)
+    pub(super) const fn new(limits: &Limits) -> Self {
+        Self(limits.count(Limit::WorkPerTurn))
     }
 
     /// The budget of the first part of a DECLARE. It is four times as large, because DECLARED counts
     /// the links of this part: a publisher waits for them before its first message.
-    pub(super) const fn of_declare(policy: &Policy) -> Self {
-        Self(policy.work_per_turn.saturating_mul(4))
+    pub(super) const fn of_declare(limits: &Limits) -> Self {
+        Self(limits.count(Limit::WorkPerTurn).saturating_mul(4))
     }
 
     pub(super) const fn unlimited() -> Self {

@@ -3,7 +3,11 @@
 use alloc::string::String;
 
 use super::{Manager, session::Session};
-use crate::{NodeId, TypeId, Violation, control::ToNode, schema::Schema};
+use crate::{
+    NodeId, TypeId, Violation,
+    control::{Limit, ToNode},
+    schema::Schema,
+};
 
 impl Manager {
     //= SM2-SCH-001
@@ -17,7 +21,7 @@ impl Manager {
         if schema.hash() != data.hash {
             return Err(violation!(BadSchema, "SM2-SCH-001"));
         }
-        let quota = self.policy.schema_bytes_per_session;
+        let quota = self.limits.count(Limit::SchemaBytesPerSession);
         if let Some(record) = self.sessions.get_mut(&node).and_then(Session::node_mut)
             && record.register(&data, cost_bytes(&data, &text), quota)
         {

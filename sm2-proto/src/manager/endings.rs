@@ -10,7 +10,7 @@ use super::{
 };
 use crate::{
     Code, EntityId, Farewell, Instant, LinkId, Violation,
-    control::{Key, ToNode, UnlinkedReason},
+    control::{Key, Limit, ToNode, UnlinkedReason},
 };
 
 impl Manager {
@@ -60,7 +60,7 @@ impl Manager {
         }
         self.reload.forget_interface(entity);
         self.end_interface(entity, remains, Farewell::Done);
-        self.work(entity.node, &mut Budget::new(&self.policy));
+        self.work(entity.node, &mut Budget::new(&self.limits));
         let interface = entity.interface;
         self.send(entity.node, &ToNode::Withdrawn { interface });
         Ok(())
@@ -173,9 +173,11 @@ impl Manager {
     //= SM2-WCH-004
     pub(super) fn mark_unlinked(&mut self, pair: Pair, reason: UnlinkedReason) {
         if self.is_there(pair)
-            && self
-                .unlinked_pairs
-                .insert(pair, reason, self.policy.unlinked_per_session)
+            && self.unlinked_pairs.insert(
+                pair,
+                reason,
+                self.limits.count(Limit::UnlinkedPerSession),
+            )
         {
             self.changed(key(pair));
         }

@@ -81,7 +81,7 @@ impl Manager {
     }
 
     const fn is_full(&self, record: &NodeRecord) -> bool {
-        record.links_in_flight >= self.policy.links_in_flight()
+        record.links_in_flight >= self.limits.links_in_flight()
     }
 
     /// Whether the LINKs of a new link have to wait: one of the two sessions has no room, or older
@@ -96,7 +96,7 @@ impl Manager {
     /// the budget of one part allows.
     //= SM2-LNK-007, SM2-SES-009
     pub(super) fn announce_pending(&mut self, node: NodeId, mut after: LinkId) {
-        let mut budget = Budget::new(&self.policy);
+        let mut budget = Budget::new(&self.limits);
         while !self.holds_back(node, 1)
             && let Some(link) = self.pending_links.next_of(node, after)
         {

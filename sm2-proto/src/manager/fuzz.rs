@@ -7,38 +7,33 @@
 use alloc::{collections::BTreeSet, sync::Arc, vec::Vec};
 use core::time::Duration;
 
-use super::{Credentials, Input, Manager, Output, Policy};
+use super::{Credentials, Input, Manager, Output};
 use crate::{
     Code, Contract, Datagram, EntityId, FdFacts, Instant, InterfaceId, LinkId, LinkKey, Machine,
     NodeId, Seals,
-    control::{Key, PolicyProblem, SchemaText, ToManager, decode_to_node, encode_to_manager},
+    control::{
+        Key, Limit, Limits, PolicyProblem, SchemaText, ToManager, decode_to_node, encode_to_manager,
+    },
     fuzz::script::{Script, key_of},
     policy::{AccessPolicy, Effect, Tables},
 };
 
 const EPOCH: u64 = 1;
-const POLICY: Policy = Policy {
-    greeting: Duration::from_secs(2),
-    recovery: Duration::from_secs(3),
-    confirmation: Duration::from_secs(3),
-    queue_bytes: usize::MAX,
-    greetings_per_user: 3,
-    greetings_per_process: usize::MAX,
-    sessions_per_process: usize::MAX,
-    interfaces_per_process: usize::MAX,
-    sessions_per_user: 3,
-    interfaces_per_session: 6,
-    interfaces_per_user: 10,
-    links_per_session: 8,
-    schema_bytes_per_session: 50,
-    refusals_per_session: 2,
-    unlinked_per_session: 3,
-    changes_remembered: 20,
-    links_in_flight: 256,
-    work_per_turn: 256,
-    seal_all: false,
-    waive_user_boundary: false,
-};
+const LIMITS: Limits = Limits::all(u32::MAX)
+    .with(Limit::Greeting, 2_000)
+    .with(Limit::Recovery, 3_000)
+    .with(Limit::Confirmation, 3_000)
+    .with(Limit::GreetingsPerUser, 3)
+    .with(Limit::SessionsPerUser, 3)
+    .with(Limit::InterfacesPerSession, 6)
+    .with(Limit::InterfacesPerUser, 10)
+    .with(Limit::LinksPerSession, 8)
+    .with(Limit::SchemaBytesPerSession, 50)
+    .with(Limit::RefusalsPerSession, 2)
+    .with(Limit::UnlinkedPerSession, 3)
+    .with(Limit::ChangesRemembered, 20)
+    .with(Limit::LinksInFlight, 256)
+    .with(Limit::WorkPerTurn, 256);
 const CONNECTIONS: usize = 8;
 const SOCKET: FdFacts = FdFacts {
     regular: false,
@@ -72,7 +67,7 @@ const FILES: [FdFacts; 4] = [
 pub(crate) fn session(data: &[u8]) {
     let mut fuzz = Fuzz {
         script: Script::new(data),
-        manager: Manager::new(EPOCH, 7, POLICY),
+        manager: Manager::new(EPOCH, 7, LIMITS),
         now: Instant(0),
         connections: [NodeId(0); CONNECTIONS],
         connected: 0,
@@ -315,10 +310,10 @@ impl<'a> Fuzz<'a> {
     fn feed(&mut self, input: Input<'_>) {
         // One answer, one hang-up, the sessions that did not greet in time, the watchers, those that
         // wait for a policy, the suspended interfaces, the links, and the claims.
-        let links = self.manager.links() + POLICY.links_per_session;
+        let links = self.manager.links() + LIMITS.links_per_session();
         let sessions = self.manager.sessions();
-        let suspended = sessions * POLICY.interfaces_per_session;
-        let most = 2 + 3 * sessions + suspended + 3 * links + sessions * POLICY.links_per_session;
+        let suspended = sessions * LIMITS.count(Limit::InterfacesPerSession);
+        let most = 2 + 3 * sessions + suspended + 3 * links + sessions * LIMITS.links_per_session();
         let taken = self.manager.handle(self.now, input);
         taken.expect("session numbers grow");
         let outputs: Vec<Output> = core::iter::from_fn(|| self.manager.poll()).collect();

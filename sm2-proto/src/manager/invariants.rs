@@ -1,6 +1,7 @@
 //! The invariants between the tables of a Manager. Debug builds check them after each input.
 
 use super::{Manager, links::Pair, node_record::NodeRecord, phase::Phase, session::Session};
+use crate::control::Limit;
 use crate::{EntityId, LinkId, NodeId, match_contracts};
 
 /// A larger domain is checked only once in [`SPACING`] revisions, because the cost of a check grows
@@ -23,7 +24,8 @@ impl Manager {
                 "each channel has interfaces, and a type as long as one states it",
             ),
             (
-                self.unlinked_pairs.agree(self.policy.unlinked_per_session)
+                self.unlinked_pairs
+                    .agree(self.limits.count(Limit::UnlinkedPerSession))
                     && self
                         .unlinked_pairs
                         .iter()
@@ -99,7 +101,7 @@ impl Manager {
             ),
             (
                 self.each_node()
-                    .all(|it| it.refused().len() <= self.policy.refusals_per_session),
+                    .all(|it| it.refused().len() <= self.limits.count(Limit::RefusalsPerSession)),
                 "refusals are remembered within their quota",
             ),
             (

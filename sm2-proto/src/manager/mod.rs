@@ -6,14 +6,13 @@
 //! | inspect | [`Manager::revision`], [`Manager::sessions`], [`Manager::links`] |
 //! | ask before reading and writing | [`Manager::is_busy`], [`Manager::awaits_room`] |
 //!
-//! One machine serves all sessions. The driver numbers the connections that it accepts, makes the
-//! socket pairs that [`Output::Link`] asks for, and closes the connections that [`Output::HangUp`]
-//! names. A violation ends the session of the node that committed it, and nothing else.
+//! One machine serves all sessions. The driver numbers the connections that it accepts, makes the socket pairs that
+//! [`Output::Link`] asks for, and closes the connections that [`Output::HangUp`] names. A violation ends the session of
+//! the node that committed it, and nothing else.
 //!
-//! Each input does a bounded amount of work ([`Policy::work_per_turn`]). Longer work is done in
-//! parts: the deadline is then in the past, each [`Input::Tick`] does one part, and the further
-//! frames of the session wait in its socket ([`Manager::is_busy`]). LINKs wait for nodes that do not
-//! read their sockets ([`Manager::awaits_room`]).
+//! Each input does a bounded amount of work ([`Limit::WorkPerTurn`]). Longer work is done in parts: the deadline is
+//! then in the past, each [`Input::Tick`] does one part, and the further frames of the session wait in its socket
+//! ([`Manager::is_busy`]). LINKs wait for nodes that do not read their sockets ([`Manager::awaits_room`]).
 //!
 //! The example `own_loop` of `sm2-manager` is a complete driver in a loop of its own.
 
@@ -40,9 +39,9 @@ mod node_record;
 mod page;
 mod pending_links;
 mod phase;
-mod policy;
 #[cfg(any(kani, test))]
 mod proofs;
+mod quota;
 mod reload;
 mod reload_requests;
 mod requested_reload;
@@ -84,20 +83,21 @@ use self::{
 pub use self::{
     event::{Cause, Credentials, Input, Misuse, Output},
     phase::{PHASES, Phase, TO_MANAGER_KINDS, ToManagerKind, legal},
-    policy::Policy,
     session::STANDBY_PREFIX,
 };
 use crate::{
     Datagram, EntityId, Farewell, FdFacts, Instant, LinkQos, Machine, MisuseError, Name, NodeId,
     Refusal, VERSION, Violation,
-    control::{Key, SchemaText, ToManager, ToNode, decode_to_manager, encode_to_node},
+    control::{
+        Key, Limit, Limits, SchemaText, ToManager, ToNode, decode_to_manager, encode_to_node,
+    },
     machine::debug_assert_drained,
 };
 
 /// The machine. See the [module](self) for the order of calls.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Manager {
-    policy: Policy,
+    limits: Limits,
     log: Log,
     last_node: NodeId,
     access: Access,
@@ -111,8 +111,8 @@ pub struct Manager {
     schemas: Schemas,
     /// The sessions that wait for a change of the domain.
     watchers: BTreeSet<NodeId>,
-    /// The time by which each session that is not ready has to be. Sessions are numbered in the
-    /// order in which they came, so the first deadline is the earliest.
+    /// The time by which each session that is not ready has to be. Sessions are numbered as they came, so the first
+    /// deadline is the earliest.
     greeting: BTreeMap<NodeId, Instant>,
     pending_links: PendingLinks,
     /// The sessions whose claims have waited long enough and are being given up.
@@ -136,10 +136,10 @@ impl Manager {
     /// process knows: the keys of links follow from it (SM2-LNK-002).
     //= SM2-SES-007
     #[must_use]
-    pub const fn new(epoch: u64, secret: u128, policy: Policy) -> Self {
+    pub const fn new(epoch: u64, secret: u128, limits: Limits) -> Self {
         Self {
-            policy,
-            log: Log::new(policy.changes_remembered),
+            limits,
+            log: Log::new(limits.count(Limit::ChangesRemembered)),
             last_node: NodeId(0),
             access: Access::new(),
             sessions: BTreeMap::new(),
@@ -155,7 +155,7 @@ impl Manager {
             pending_links: PendingLinks::new(),
             expired: BTreeSet::new(),
             ending_links: EndingLinks::new(),
-            jobs: FairQueue::new(policy.work_per_turn),
+            jobs: FairQueue::new(limits.count(Limit::WorkPerTurn)),
             shortage: Shortage::new(),
             lost_counters: VecDeque::new(),
             reload: Reload::new(),
@@ -270,8 +270,9 @@ impl Manager {
     fn connect(&mut self, now: Instant, node: NodeId, who: Credentials) {
         self.last_node = node;
         self.sessions.insert(node, Session::new(who));
-        self.greeting.insert(node, now.after(self.policy.greeting));
-        if !self.users.connect(who, &self.policy) {
+        self.greeting
+            .insert(node, now.after(self.limits.time(Limit::Greeting)));
+        if !self.users.connect(who, &self.limits) {
             self.end_session(node, Cause::Farewell(Farewell::Resources));
         }
     }
@@ -305,8 +306,7 @@ impl Manager {
         }
     }
 
-    /// Handles one frame that is legal in the session's phase, and the descriptor that came with
-    /// it.
+    /// Handles one frame that is legal in the session's phase, and the descriptor that came with it.
     fn step(
         &mut self,
         now: Instant,
@@ -385,7 +385,7 @@ impl Manager {
         } else if self.names.contains(&name) {
             Err(Refusal::NameTaken)
         } else {
-            self.users.refuse_session(who, &self.policy)
+            self.users.refuse_session(who, &self.limits)
         };
         let answer = match granted {
             Err(reason) => ToNode::HelloRefused { reason },
@@ -431,7 +431,7 @@ impl Manager {
         self.pending_links.forget_session(node);
         self.expired.remove(&node);
         self.forget_lost_counters(node);
-        self.work(node, &mut Budget::new(&self.policy));
+        self.work(node, &mut Budget::new(&self.limits));
         let goodbye = cause
             .code()
             .map(|code| encode_to_node(&ToNode::Goodbye { code }));

@@ -23,7 +23,8 @@ use super::{
 };
 use crate::{
     Contract, EntityId, Farewell, Instant, InterfaceId, Kind, LinkId, NodeId, Refusal,
-    control::ToNode, policy::AccessPolicy,
+    control::{Limit, ToNode},
+    policy::AccessPolicy,
 };
 
 impl Manager {
@@ -49,7 +50,7 @@ impl Manager {
     /// Does one part of the work: of a pass, or the end of one session.
     //= SM2-SES-009
     pub(super) fn apply_policy(&mut self, now: Instant) {
-        let mut budget = Budget::new(&self.policy);
+        let mut budget = Budget::new(&self.limits);
         while !budget.is_spent()
             && let Some(pass) = self.reload.pass
         {
@@ -58,7 +59,7 @@ impl Manager {
                 Pass::Allow(at, after) => self.allow(at, after, &mut budget),
             };
             if self.reload.pass.is_none() {
-                self.reload.until = Some(now.after(self.policy.confirmation));
+                self.reload.until = Some(now.after(self.limits.time(Limit::Confirmation)));
             }
         }
         if self.reload.pass.is_none()

@@ -11,9 +11,10 @@ use alloc::{
 };
 use core::ops::Bound;
 
-use super::{Credentials, Policy, links::Pair, policy::within};
+use super::{Credentials, links::Pair, quota::within};
 use crate::{
-    Contract, EntityId, InterfaceId, LinkId, Name, Quota, Refusal, TypeId, Violation, control::Item,
+    Contract, EntityId, InterfaceId, LinkId, Name, Quota, Refusal, TypeId, Violation,
+    control::{Item, Limit, Limits},
 };
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -116,8 +117,8 @@ impl NodeRecord {
         Ok(())
     }
 
-    pub(super) fn refuse_interface(&self, policy: &Policy) -> Result<(), Refusal> {
-        let limit = policy.interfaces_per_session;
+    pub(super) fn refuse_interface(&self, limits: &Limits) -> Result<(), Refusal> {
+        let limit = limits.count(Limit::InterfacesPerSession);
         within(limit, self.interfaces() + 1, Quota::InterfacesPerSession)
     }
 

@@ -152,7 +152,7 @@ impl Manager {
     }
 
     fn domain(&self) -> Item {
-        let limits = self.policy.limits();
+        let limits = self.limits;
         Item::Domain { limits }
     }
 }

@@ -3,13 +3,13 @@
 use super::{
     Cause, Credentials, Input, Manager, Misuse, Output,
     phase::{PHASES, Phase, TO_MANAGER_KINDS, ToManagerKind, legal},
-    policy::{Policy, within},
+    quota::within,
     users::Users,
 };
 use crate::{
     Code, Datagram, Farewell, FdFacts, Instant, Machine, Name, NodeId, Quota, Refusal, Seals,
     VERSION,
-    control::{ToNode, encode_to_node},
+    control::{Limit, Limits, ToNode, encode_to_node},
     limits::LINKS_MAX,
     proofs::{below, one_of},
 };
@@ -59,16 +59,15 @@ fn quota_is_exact() {
 #[cfg_attr(kani, kani::proof)]
 fn users_apart_are_sealed() {
     let (seal_all, waive_user_boundary, same_user): (bool, bool, bool) = kani::any();
-    let policy = Policy {
+    let limits = Limits {
         seal_all,
         waive_user_boundary,
-        links_per_session: kani::any(),
-        ..Policy::default()
+        ..Limits::default().with(Limit::LinksPerSession, kani::any())
     };
-    let sealed = policy.seals(same_user);
+    let sealed = limits.seals(same_user);
     assert!(sealed || (!seal_all && (same_user || waive_user_boundary)));
     assert!(!sealed || seal_all || !(same_user || waive_user_boundary));
-    assert!(policy.links_per_session() <= LINKS_MAX);
+    assert!(limits.links_per_session() <= LINKS_MAX);
     kani::cover!(sealed && !seal_all, "sealed for the users' sake");
     kani::cover!(!sealed && !same_user, "waived");
 }
@@ -87,12 +86,10 @@ const fn user(uid: u32) -> Credentials {
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(8))]
 fn charges_end_at_zero() {
-    let policy = Policy {
-        greetings_per_user: 1,
-        sessions_per_user: 2,
-        interfaces_per_user: 1,
-        ..Policy::default()
-    };
+    let limits = Limits::default()
+        .with(Limit::GreetingsPerUser, 1)
+        .with(Limit::SessionsPerUser, 2)
+        .with(Limit::InterfacesPerUser, 1);
     let mut users = Users::new();
     // By user: not welcomed, welcomed, interfaces.
     let mut held = [[0_usize; 3]; 2];
@@ -102,7 +99,7 @@ fn charges_end_at_zero() {
         match kani::any_where(|step: &Option<bool>| step.is_some() || *welcomed > 0) {
             Some(true) => {
                 *greeting += 1;
-                assert_eq!(users.connect(user(uid), &policy), *greeting <= 1);
+                assert_eq!(users.connect(user(uid), &limits), *greeting <= 1);
             }
             Some(false) => {
                 kani::assume(*greeting > 0);
@@ -115,11 +112,11 @@ fn charges_end_at_zero() {
             }
         }
         assert_eq!(
-            users.refuse_session(user(uid), &policy).is_ok(),
+            users.refuse_session(user(uid), &limits).is_ok(),
             *welcomed < 2
         );
         assert_eq!(
-            users.refuse_interface(user(uid), &policy).is_ok(),
+            users.refuse_interface(user(uid), &limits).is_ok(),
             *interfaces < 1
         );
     }
@@ -153,8 +150,8 @@ fn name(text: &str) -> Name {
 }
 
 /// A Manager with two connections of one user.
-fn manager(policy: Policy) -> Manager {
-    let mut manager = Manager::new(7, 1, policy);
+fn manager(limits: Limits) -> Manager {
+    let mut manager = Manager::new(7, 1, limits);
     for session in [OURS, OTHER] {
         manager.connect(NOW, session, user(1));
     }
@@ -177,7 +174,7 @@ fn bring(manager: &mut Manager, session: NodeId, phase: Phase, text: &str) {
 // One session.
 #[cfg_attr(kani, kani::unwind(4))]
 fn session_numbers_are_fresh() {
-    let mut manager = Manager::new(7, 1, Policy::default());
+    let mut manager = Manager::new(7, 1, Limits::default());
     let (last, next): (u64, u64) = kani::any();
     manager.last_node = NodeId(last);
     let before = manager.clone();
@@ -213,10 +210,7 @@ fn session_numbers_are_fresh() {
 fn hello_is_refused_in_order() {
     let (taken, quota_used, resuming): (bool, bool, bool) = kani::any();
     let limit = if quota_used { 1 } else { 2 };
-    let mut manager = manager(Policy {
-        sessions_per_user: limit,
-        ..Policy::default()
-    });
+    let mut manager = manager(Limits::default().with(Limit::SessionsPerUser, limit));
     bring(&mut manager, OTHER, Phase::Ready, "a");
     manager.outputs.clear();
     let (min, max): (u16, u16) = (any_version(), any_version());
@@ -285,7 +279,7 @@ fn any_version() -> u16 {
 // Two sessions; frames of one byte.
 #[cfg_attr(kani, kani::unwind(14))]
 fn an_ended_session_is_silent() {
-    let mut manager = manager(Policy::default());
+    let mut manager = manager(Limits::default());
     let (phase, theirs) = (one_of(&PHASES), one_of(&PHASES));
     bring(&mut manager, OURS, phase, "a");
     bring(&mut manager, OTHER, theirs, "b");
@@ -357,7 +351,7 @@ fn an_ended_session_is_silent() {
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(14))]
 fn counters_are_kept_once() {
-    let mut manager = manager(Policy::default());
+    let mut manager = manager(Limits::default());
     bring(&mut manager, OURS, Phase::Ready, "a");
     manager.outputs.clear();
     let file = FdFacts {

@@ -3,13 +3,10 @@
 #[cfg(any(kani, test))]
 mod proofs;
 
+use crate::control::{Limit, Limits};
 use alloc::collections::BTreeMap;
 
-use super::{
-    Credentials,
-    policy::{Policy, within},
-    session::Session,
-};
+use super::{Credentials, quota::within, session::Session};
 use crate::{Quota, Refusal};
 
 /// The usage of one user or process.
@@ -37,24 +34,33 @@ impl Owner {
         process.into_iter().chain([Self::User(who.uid)])
     }
 
-    const fn greetings(self, policy: &Policy) -> usize {
+    const fn greetings(self, limits: &Limits) -> usize {
         match self {
-            Self::User(_) => policy.greetings_per_user,
-            Self::Process(..) => policy.greetings_per_process,
+            Self::User(_) => limits.count(Limit::GreetingsPerUser),
+            Self::Process(..) => limits.count(Limit::GreetingsPerProcess),
         }
     }
 
-    const fn sessions(self, policy: &Policy) -> (usize, Quota) {
+    const fn sessions(self, limits: &Limits) -> (usize, Quota) {
         match self {
-            Self::User(_) => (policy.sessions_per_user, Quota::SessionsPerUser),
-            Self::Process(..) => (policy.sessions_per_process, Quota::SessionsPerProcess),
+            Self::User(_) => (limits.count(Limit::SessionsPerUser), Quota::SessionsPerUser),
+            Self::Process(..) => (
+                limits.count(Limit::SessionsPerProcess),
+                Quota::SessionsPerProcess,
+            ),
         }
     }
 
-    const fn interfaces(self, policy: &Policy) -> (usize, Quota) {
+    const fn interfaces(self, limits: &Limits) -> (usize, Quota) {
         match self {
-            Self::User(_) => (policy.interfaces_per_user, Quota::InterfacesPerUser),
-            Self::Process(..) => (policy.interfaces_per_process, Quota::InterfacesPerProcess),
+            Self::User(_) => (
+                limits.count(Limit::InterfacesPerUser),
+                Quota::InterfacesPerUser,
+            ),
+            Self::Process(..) => (
+                limits.count(Limit::InterfacesPerProcess),
+                Quota::InterfacesPerProcess,
+            ),
         }
     }
 }
@@ -70,12 +76,12 @@ impl Users {
 
     /// Adds a connection. Returns whether the quotas allow it; the connection counts until it
     /// leaves in either case.
-    pub(super) fn connect(&mut self, who: Credentials, policy: &Policy) -> bool {
+    pub(super) fn connect(&mut self, who: Credentials, limits: &Limits) -> bool {
         let mut fits = true;
         for owner in Owner::of(who) {
             let usage = self.0.entry(owner).or_default();
             usage.greeting += 1;
-            fits &= usage.greeting <= owner.greetings(policy);
+            fits &= usage.greeting <= owner.greetings(limits);
         }
         fits
     }
@@ -118,9 +124,9 @@ impl Users {
     }
 
     //= SM2-IFC-006, SM2-SES-010
-    pub(super) fn refuse_session(&self, who: Credentials, policy: &Policy) -> Result<(), Refusal> {
+    pub(super) fn refuse_session(&self, who: Credentials, limits: &Limits) -> Result<(), Refusal> {
         Owner::of(who).try_for_each(|owner| {
-            let (limit, quota) = owner.sessions(policy);
+            let (limit, quota) = owner.sessions(limits);
             within(limit, self.usage(owner).welcomed + 1, quota)
         })
     }
@@ -129,10 +135,10 @@ impl Users {
     pub(super) fn refuse_interface(
         &self,
         who: Credentials,
-        policy: &Policy,
+        limits: &Limits,
     ) -> Result<(), Refusal> {
         Owner::of(who).try_for_each(|owner| {
-            let (limit, quota) = owner.interfaces(policy);
+            let (limit, quota) = owner.interfaces(limits);
             within(limit, self.usage(owner).interfaces + 1, quota)
         })
     }

@@ -45,7 +45,7 @@ impl Manager {
             self.announce_pending(node, after);
         }
         if let Some(node) = self.jobs.next() {
-            self.work(node, &mut Budget::new(&self.policy));
+            self.work(node, &mut Budget::new(&self.limits));
         }
     }
 

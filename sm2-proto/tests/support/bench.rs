@@ -1,12 +1,10 @@
 //! A Manager under test. It takes frames, and returns its outputs as readable events.
 #![allow(dead_code, reason = "each test uses a part")]
 
-use std::time::Duration;
-
 use sm2_proto::{
     Code, Contract, Datagram, FdFacts, Instant, InterfaceId, LinkId, LinkKey, Machine, NodeId,
-    control::{ToManager, ToNode, decode_to_node, encode_to_manager},
-    manager::{Cause, Credentials, Input, Manager, Output, Policy},
+    control::{Limit, Limits, ToManager, ToNode, decode_to_node, encode_to_manager},
+    manager::{Cause, Credentials, Input, Manager, Output},
 };
 
 use super::contracts::name;
@@ -16,28 +14,10 @@ const SECRET: u128 = 0x5EC2E7;
 /// SipHash-2-4 of the bytes of 1 under that secret, computed by another implementation.
 pub(crate) const FIRST_KEY: u64 = 0xFEDA_BC3F_4DF5_1929;
 
-pub(crate) const UNLIMITED: Policy = Policy {
-    greeting: Duration::from_secs(2),
-    recovery: Duration::from_secs(5),
-    confirmation: Duration::from_secs(5),
-    queue_bytes: usize::MAX,
-    greetings_per_user: usize::MAX,
-    greetings_per_process: usize::MAX,
-    sessions_per_user: usize::MAX,
-    sessions_per_process: usize::MAX,
-    interfaces_per_process: usize::MAX,
-    interfaces_per_session: usize::MAX,
-    interfaces_per_user: usize::MAX,
-    links_per_session: usize::MAX,
-    schema_bytes_per_session: usize::MAX,
-    refusals_per_session: usize::MAX,
-    unlinked_per_session: usize::MAX,
-    changes_remembered: usize::MAX,
-    links_in_flight: usize::MAX,
-    work_per_turn: usize::MAX,
-    seal_all: false,
-    waive_user_boundary: false,
-};
+pub(crate) const UNLIMITED: Limits = Limits::all(u32::MAX)
+    .with(Limit::Greeting, 2_000)
+    .with(Limit::Recovery, 5_000)
+    .with(Limit::Confirmation, 5_000);
 
 /// One output of the Manager, with its frames decoded.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -47,7 +27,7 @@ pub(crate) enum Event {
     CountersKept(NodeId),
     /// The receiver, and the owner of the counters.
     CountersSent(NodeId, ToNode, NodeId),
-    /// The driver has to read the access policy.
+    /// The driver has to read the access limits.
     PolicyWanted,
     HungUp(NodeId, Option<Code>, Cause),
 }
@@ -60,13 +40,13 @@ pub(crate) struct Bench {
 }
 
 impl Bench {
-    pub(crate) fn new(policy: Policy) -> Self {
-        Self::with_secret(policy, SECRET)
+    pub(crate) fn new(limits: Limits) -> Self {
+        Self::with_secret(limits, SECRET)
     }
 
-    pub(crate) fn with_secret(policy: Policy, secret: u128) -> Self {
+    pub(crate) fn with_secret(limits: Limits, secret: u128) -> Self {
         Self {
-            manager: Manager::new(EPOCH, secret, policy),
+            manager: Manager::new(EPOCH, secret, limits),
             now: Instant(1),
             connections: 0,
         }

@@ -3,8 +3,8 @@
 
 use sm2_proto::{
     Contract, EntityId, InterfaceId, LinkId, NodeId, Violation,
-    control::{Item, Page, ToManager, ToNode},
-    manager::{Cause, Policy},
+    control::{Item, Limits, Page, ToManager, ToNode},
+    manager::Cause,
 };
 
 use crate::support::{
@@ -58,8 +58,8 @@ pub(crate) fn claimed(bench: &mut Bench, node: NodeId) -> Vec<Event> {
 }
 
 /// Both ends of LINK are back, in sessions of their own; nothing is claimed.
-pub(crate) fn both_back(policy: Policy) -> (Bench, NodeId, NodeId) {
-    let mut bench = Bench::new(policy);
+pub(crate) fn both_back(limits: Limits) -> (Bench, NodeId, NodeId) {
+    let mut bench = Bench::new(limits);
     let a = back(&mut bench, "a", &[(OFFERING, scan())]);
     let b = back(&mut bench, "b", &[(DEMANDING, wanted())]);
     (bench, a, b)

@@ -3,7 +3,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use sm2_proto::{
-    Contract, EntityId, LinkId, LinkKey, NodeId, control::Item, manager::Policy, match_contracts,
+    Contract, EntityId, LinkId, LinkKey, NodeId,
+    control::{Item, Limits},
+    match_contracts,
 };
 
 use crate::support::bench::EPOCH;
@@ -72,13 +74,13 @@ impl Oracle {
     /// The QoS that SPEC demands of a link; `None` if the two do not match.
     pub(crate) fn qos(
         &self,
-        policy: &Policy,
+        limits: &Limits,
         one: EntityId,
         other: EntityId,
     ) -> Option<(bool, bool)> {
         let qos = match_contracts(&self.interfaces[&one], &self.interfaces[&other]).ok()?;
         let same = self.sessions[&one.node].uid == self.sessions[&other.node].uid;
-        Some((qos.reliable, qos.sealed || policy.seal_all || !same))
+        Some((qos.reliable, qos.sealed || limits.seal_all || !same))
     }
 
     pub(crate) fn pair(&self, one: EntityId, other: EntityId) -> [EntityId; 2] {
@@ -88,11 +90,11 @@ impl Oracle {
 
     /// Links one interface with all others that it can be linked with, because its session is
     /// ready.
-    pub(crate) fn link_all(&mut self, policy: &Policy, one: EntityId) -> usize {
+    pub(crate) fn link_all(&mut self, limits: &Limits, one: EntityId) -> usize {
         let before = self.links.len();
         let others: Vec<EntityId> = self.interfaces.keys().copied().collect();
         for other in others {
-            let Some((reliable, sealed)) = self.qos(policy, one, other) else {
+            let Some((reliable, sealed)) = self.qos(limits, one, other) else {
                 continue;
             };
             let ends = self.pair(one, other);
@@ -128,7 +130,7 @@ impl Oracle {
                 .any(|it| it.id == id && it.ends.contains(&entity))
     }
 
-    pub(crate) fn claim(&mut self, policy: &Policy, entity: EntityId, id: LinkId, said: Said) {
+    pub(crate) fn claim(&mut self, limits: &Limits, entity: EntityId, id: LinkId, said: Said) {
         let meets = |it: &Half| it.id == id && it.said == said;
         let Some(at) = self.halves.iter().position(meets) else {
             let until = None;
@@ -143,7 +145,7 @@ impl Oracle {
         let other = self.halves.remove(at).entity;
         let ends = self.pair(entity, other);
         let free = !self.links.iter().any(|link| link.ends == ends);
-        match self.qos(policy, entity, other) {
+        match self.qos(limits, entity, other) {
             Some((reliable, sealed))
                 if free && reliable == said.reliable && sealed <= said.sealed =>
             {

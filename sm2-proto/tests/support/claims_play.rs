@@ -4,8 +4,8 @@ use std::{collections::BTreeSet, time::Duration};
 
 use sm2_proto::{
     Contract, EntityId, InterfaceId, LinkId, Machine, NodeId,
-    control::{Item, Key, Page, ToManager, ToNode},
-    manager::{Input, Policy},
+    control::{Item, Key, Limits, Page, ToManager, ToNode},
+    manager::Input,
 };
 
 use crate::{
@@ -36,23 +36,23 @@ pub(crate) struct Play {
     observer: NodeId,
     oracle: Oracle,
     slots: [Option<NodeId>; SLOTS],
-    policy: Policy,
+    limits: Limits,
 }
 
 impl Play {
     pub(crate) fn new(seal_all: bool) -> Self {
-        let policy = Policy {
+        let limits = Limits {
             seal_all,
             ..UNLIMITED
         };
-        let mut bench = Bench::new(policy);
+        let mut bench = Bench::new(limits);
         let observer = bench.node(9, "observer");
         Self {
             bench,
             observer,
             oracle: Oracle::default(),
             slots: [None; SLOTS],
-            policy,
+            limits,
         }
     }
 
@@ -146,7 +146,7 @@ impl Play {
         let matches = if session.resuming {
             0
         } else {
-            self.oracle.link_all(&self.policy, entity)
+            self.oracle.link_all(&self.limits, entity)
         };
         let answer = ToNode::Declared {
             interface: entity.interface,
@@ -185,7 +185,7 @@ impl Play {
             reliable: said.reliable,
             sealed: said.sealed,
         };
-        self.oracle.claim(&self.policy, entity, link, said);
+        self.oracle.claim(&self.limits, entity, link, said);
         self.bench.send(session.node, &frame)
     }
 
@@ -204,7 +204,7 @@ impl Play {
         }
         let entities: Vec<EntityId> = self.oracle.interfaces.keys().copied().collect();
         for entity in entities.into_iter().filter(|it| it.node == node) {
-            self.oracle.link_all(&self.policy, entity);
+            self.oracle.link_all(&self.limits, entity);
         }
         self.bench.send(node, &ToManager::Claimed)
     }

@@ -156,14 +156,7 @@ pub(crate) fn contracts() -> impl Strategy<Value = Contract> {
 }
 
 fn refusals() -> impl Strategy<Value = Refusal> + Clone {
-    let quota = prop_oneof![
-        Just(Quota::SessionsPerUser),
-        Just(Quota::InterfacesPerSession),
-        Just(Quota::InterfacesPerUser),
-        Just(Quota::LinksPerSession),
-        Just(Quota::SessionsPerProcess),
-        Just(Quota::InterfacesPerProcess),
-    ];
+    let quota = proptest::sample::select(Quota::ALL.as_slice());
     prop_oneof![
         Just(Refusal::NameTaken),
         any::<(u16, u16)>().prop_map(|(min, max)| Refusal::Version { min, max }),
@@ -176,25 +169,8 @@ fn refusals() -> impl Strategy<Value = Refusal> + Clone {
 }
 
 fn limits() -> impl Strategy<Value = Limits> {
-    (any::<[u32; Limit::COUNT]>(), any::<[bool; 2]>()).prop_map(|(numbers, flags)| Limits {
-        sessions_per_user: numbers[0],
-        interfaces_per_session: numbers[1],
-        interfaces_per_user: numbers[2],
-        links_per_session: numbers[3],
-        sessions_per_process: numbers[4],
-        interfaces_per_process: numbers[5],
-        greetings_per_user: numbers[6],
-        greetings_per_process: numbers[7],
-        greeting_ms: numbers[8],
-        recovery_ms: numbers[9],
-        confirmation_ms: numbers[10],
-        queue_bytes: numbers[11],
-        schema_bytes_per_session: numbers[12],
-        refusals_per_session: numbers[13],
-        unlinked_per_session: numbers[14],
-        changes_remembered: numbers[15],
-        links_in_flight: numbers[16],
-        work_per_turn: numbers[17],
+    (any::<[u32; Limit::COUNT]>(), any::<[bool; 2]>()).prop_map(|(values, flags)| Limits {
+        values,
         seal_all: flags[0],
         waive_user_boundary: flags[1],
     })

@@ -7,8 +7,8 @@ use std::collections::{BTreeMap, VecDeque};
 
 use sm2_proto::{
     Code, Contract, Datagram, FdFacts, Instant, InterfaceId, LinkId, Machine, Name, NodeId, Seals,
-    control::decode_to_manager,
-    manager::{Cause, Credentials, Input, Manager, Output, Policy},
+    control::{Limit, Limits, decode_to_manager},
+    manager::{Cause, Credentials, Input, Manager, Output},
     node::{self, Node},
 };
 
@@ -27,12 +27,10 @@ const SOCKET: FdFacts = FdFacts {
     seals: Seals(0),
 };
 
-/// The default policy, except that no node is sent more than this many LINKs ahead of its reading.
-fn policy(links_in_flight: usize) -> Policy {
-    Policy {
-        links_in_flight,
-        ..Policy::default()
-    }
+/// The default limits, except that no node is sent more than this many LINKs ahead of its reading.
+fn limits(links_in_flight: usize) -> Limits {
+    let links_in_flight = u32::try_from(links_in_flight).expect("a small number");
+    Limits::default().with(Limit::LinksInFlight, links_in_flight)
 }
 
 /// The two directions of one connection. Datagrams that a closed end has not read are lost.
@@ -73,23 +71,23 @@ pub(crate) struct World {
     trace: Vec<(NodeId, Vec<u8>)>,
     /// Whether rogues send their bytes, or only close their connection.
     rogues: bool,
-    /// The limit of the policy.
+    /// Its limit.
     links_in_flight: usize,
 }
 
 impl World {
     /// No node is sent more than this many LINKs ahead of its reading.
     pub(crate) fn new(slots: usize, rogues: bool, links_in_flight: usize) -> Self {
-        let policy = policy(links_in_flight);
+        let limits = self::limits(links_in_flight);
         Self {
-            manager: Manager::new(EPOCH, 1, policy),
+            manager: Manager::new(EPOCH, 1, limits),
             oracle: Oracle::new(links_in_flight),
             sockets: BTreeMap::new(),
             processes: vec![None; slots],
             connections: 0,
             shortage: 0,
             failed: Vec::new(),
-            onlooker: Onlooker::new(policy.limits()),
+            onlooker: Onlooker::new(limits),
             trace: Vec::new(),
             rogues,
             links_in_flight,

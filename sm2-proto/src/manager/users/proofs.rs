@@ -1,6 +1,7 @@
 //! Harnesses for the usage of users: one step from any usage.
 
-use super::{super::policy::count, Credentials, Owner, Policy, Quota, Refusal, Usage, Users};
+use super::{super::quota::count, Credentials, Owner, Quota, Refusal, Usage, Users};
+use crate::control::{Limit, Limits};
 use crate::proofs::{below, one_of};
 
 /// A user whose processes have no numbers.
@@ -36,17 +37,18 @@ fn a_step_changes_its_own_charge() {
     if usage != Usage::default() {
         users.0.insert(Owner::User(1), usage);
     }
-    let limit: usize = kani::any();
-    let policy = Policy {
-        greetings_per_user: limit,
-        sessions_per_user: limit,
-        interfaces_per_user: limit,
-        ..Policy::default()
-    };
+    let limit: u32 = kani::any();
+    let limits = Limits::default()
+        .with(Limit::GreetingsPerUser, limit)
+        .with(Limit::SessionsPerUser, limit)
+        .with(Limit::InterfacesPerUser, limit);
     match below(5) {
         0 => {
             usage.greeting += 1;
-            assert_eq!(users.connect(user(1), &policy), usage.greeting <= limit);
+            assert_eq!(
+                users.connect(user(1), &limits),
+                usage.greeting <= limits.count(Limit::GreetingsPerUser)
+            );
         }
         1 => {
             // A connection that is welcomed was greeting before.
@@ -82,12 +84,12 @@ fn a_step_changes_its_own_charge() {
     assert!(users.0.get(&Owner::User(2)) == Some(&bystander));
     let charged = users.0.get(&Owner::User(1)).copied();
     assert!(charged == (usage != Usage::default()).then_some(usage));
-    assert_refusals(&users, usage, &policy);
+    assert_refusals(&users, usage, &limits);
 }
 
 /// The quotas of user 1 refuse exactly the requests that exceed them.
-fn assert_refusals(users: &Users, usage: Usage, policy: &Policy) {
-    let limit = policy.sessions_per_user;
+fn assert_refusals(users: &Users, usage: Usage, limits: &Limits) {
+    let limit = limits.count(Limit::SessionsPerUser);
     let refused = |quota| {
         let limit = count(limit);
         Err(Refusal::Quota { quota, limit })
@@ -97,14 +99,14 @@ fn assert_refusals(users: &Users, usage: Usage, policy: &Policy) {
     } else {
         refused(Quota::SessionsPerUser)
     };
-    assert_eq!(users.refuse_session(user(1), policy), session);
+    assert_eq!(users.refuse_session(user(1), limits), session);
     let has_room = usage.interfaces < limit;
     let interface = if has_room {
         Ok(())
     } else {
         refused(Quota::InterfacesPerUser)
     };
-    assert_eq!(users.refuse_interface(user(1), policy), interface);
+    assert_eq!(users.refuse_interface(user(1), limits), interface);
     kani::cover!(!has_room && limit > 0, "used up");
 }
 

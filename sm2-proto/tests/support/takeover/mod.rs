@@ -7,9 +7,9 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use sm2_proto::{
     Code, Contract, Datagram, Farewell, FdFacts, Instant, InterfaceId, LinkId, Machine, NodeId,
-    control::{ToNode, decode_to_node},
+    control::{Limit, Limits, ToNode, decode_to_node},
     domain::Mirror,
-    manager::{self, Cause, Credentials, Manager, Policy},
+    manager::{self, Cause, Credentials, Manager},
     node::{self, Node},
 };
 
@@ -75,7 +75,7 @@ struct Program {
 
 #[derive(Debug)]
 pub(crate) struct World {
-    policy: Policy,
+    limits: Limits,
     now: Instant,
     epoch: u64,
     sessions: u64,
@@ -87,12 +87,12 @@ pub(crate) struct World {
 }
 
 impl World {
-    #[allow(dead_code, reason = "not every test chooses a policy")]
+    #[allow(dead_code, reason = "not every test chooses a limits")]
     pub(crate) fn new() -> Self {
-        Self::with(Policy::default())
+        Self::with(Limits::default())
     }
 
-    pub(crate) fn with(policy: Policy) -> Self {
+    pub(crate) fn with(limits: Limits) -> Self {
         let program = |at: usize| Program {
             node: Node::new(name(["lidar", "planner", "arm"][at])),
             connection: None,
@@ -102,7 +102,7 @@ impl World {
             mirror: Mirror::new(),
         };
         let mut world = Self {
-            policy,
+            limits,
             now: Instant(1),
             epoch: 0,
             sessions: 0,
@@ -122,7 +122,7 @@ impl World {
     pub(crate) fn start(&mut self) {
         if self.manager.is_none() {
             self.epoch += 1;
-            self.manager = Some(Manager::new(self.epoch, 7, self.policy));
+            self.manager = Some(Manager::new(self.epoch, 7, self.limits));
             self.broken.clear();
         }
     }
@@ -362,7 +362,7 @@ impl World {
         let outputs: Vec<_> = std::iter::from_fn(|| manager.poll()).collect();
         let links = outputs.iter();
         let links = links.filter(|it| matches!(it, manager::Output::Link { .. }));
-        let most = 2 * self.policy.links_in_flight;
+        let most = 2 * self.limits.count(Limit::LinksInFlight);
         assert!(links.count() <= most, "{outputs:?}");
         for output in outputs {
             match output {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use sm2_proto::{LinkId, NodeId, manager::Manager};
 
-use super::{World, policy};
+use super::{World, limits};
 use crate::support::oracle::{End, LinkQos, pair};
 
 impl World {
@@ -12,7 +12,7 @@ impl World {
     pub(super) fn check_listing(&mut self) {
         assert_eq!(self.manager.sessions(), self.oracle.sessions());
         if let Some(session) = self.oracle.a_ready_session() {
-            let expected = self.oracle.listing(policy(self.links_in_flight).limits());
+            let expected = self.oracle.listing(limits(self.links_in_flight));
             self.onlooker.check(&self.manager, session, &expected);
         }
     }
@@ -38,7 +38,7 @@ impl World {
         assert_eq!(self.manager.links(), known.len());
     }
 
-    /// No session is sent more LINKs than the policy allows before it has read all of them. One
+    /// No session is sent more LINKs than the limits allows before it has read all of them. One
     /// more is allowed if a link joins two interfaces of the session.
     //= SM2-LNK-007 test
     pub(super) fn check_pace(&self, session: NodeId) {

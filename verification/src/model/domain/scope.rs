@@ -1,8 +1,7 @@
 //! The bounds of a search: the nodes, and the events that may happen.
 
-use sm2_proto::{
-    Contract, DemandedQos, Name, OfferedQos, Period, ServiceQos, TypeId, manager::Policy,
-};
+use sm2_proto::control::{Limit, Limits};
+use sm2_proto::{Contract, DemandedQos, Name, OfferedQos, Period, ServiceQos, TypeId};
 
 use super::Restriction;
 
@@ -81,7 +80,7 @@ pub struct Scope {
     /// difference go first.
     pub reduced: bool,
     /// The work that the Manager does before it serves others. One unit cuts it after each link.
-    pub work_per_turn: usize,
+    pub work_per_turn: u32,
     /// The access policy of the domain from the first reload to the second, and so on. Otherwise
     /// everything is allowed.
     pub restriction: Restriction,
@@ -118,7 +117,7 @@ impl Scope {
             eager: true,
             settled: true,
             reduced: true,
-            work_per_turn: Policy::default().work_per_turn,
+            work_per_turn: Limits::default().of(Limit::WorkPerTurn),
             restriction: Restriction::NoSubscriber,
             max_links: None,
             fault: None,

@@ -1,10 +1,11 @@
 //! The effect of each action on a moment.
 
+use sm2_proto::control::{Limit, Limits};
 use std::rc::Rc;
 
 use sm2_proto::{
     Code, Farewell, InterfaceId, LinkId, Machine,
-    manager::{self, Manager, Policy},
+    manager::{self, Manager},
     node,
 };
 
@@ -83,13 +84,11 @@ impl World {
             self.epoch += 1;
         }
         // No node requests changes here; pages are requested.
-        let policy = Policy {
-            changes_remembered: 0,
-            work_per_turn: scope.work_per_turn,
-            ..Policy::default()
-        };
+        let limits = Limits::default()
+            .with(Limit::ChangesRemembered, 0)
+            .with(Limit::WorkPerTurn, scope.work_per_turn);
         let epoch = self.epoch_number();
-        let manager = Manager::new(epoch, epoch.into(), policy);
+        let manager = Manager::new(epoch, epoch.into(), limits);
         let manager = match self.access(scope) {
             Some(access) => manager.with_access_policy(access),
             None => manager,

@@ -114,9 +114,9 @@ struct Taker<'a> {
     last_serial: bool,
 }
 
-/// The positions of a Manager's 64-bit numbers: after the three times of its policy.
-const REVISION_AT: usize = 3;
-const LAST_SESSION_AT: usize = 4;
+/// The positions of a Manager's 64-bit numbers. Its limits have 32 bits.
+const REVISION_AT: usize = 0;
+const LAST_SESSION_AT: usize = 1;
 
 impl<'a> Taker<'a> {
     fn new(keys: &'a Keys, revision: Option<u64>) -> Self {
