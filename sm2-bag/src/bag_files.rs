@@ -82,6 +82,11 @@ impl BagFiles {
         &self.paths
     }
 
+    /// Whether each payload is compressed, as rosbag2 can do it.
+    pub(crate) const fn has_packed_payloads(&self) -> bool {
+        self.has_packed_payloads
+    }
+
     /// Whether this is one file, and everything that has to be known of it stands in it.
     pub(crate) const fn is_one(&self) -> bool {
         self.paths.len() == 1 && !self.has_packed_payloads

@@ -174,7 +174,7 @@ fn write(
 }
 
 /// Notes a damaged part, which may have been read before.
-fn note_damaged(damaged: &mut Vec<DamagedPart>, part: DamagedPart) {
+pub(crate) fn note_damaged(damaged: &mut Vec<DamagedPart>, part: DamagedPart) {
     if !damaged.contains(&part) {
         damaged.push(part);
     }

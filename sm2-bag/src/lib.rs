@@ -148,7 +148,7 @@ pub use crate::{
     rosbag2::Rosbag2Error,
     source::Source,
     storage::{BagFile, FreeBytes, Storage, SyncWork},
-    verify::{Damage, Verdict, check, check_observed},
+    verify::{Damage, Verdict, check},
     writer::Compression,
     written_by::WrittenBy,
 };

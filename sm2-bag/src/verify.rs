@@ -9,8 +9,11 @@ use mcap::records::ChunkIndex;
 use serde::Serialize;
 
 use crate::bag::{Bag, open_file, scan_file};
+use crate::bag_files::BagFiles;
+use crate::copy::note_damaged;
 use crate::damaged::DamagedPart;
 use crate::error::ReadError;
+use crate::messages::Filter;
 use crate::observer::{Observer, unobserved};
 use crate::report::Report;
 use crate::scan::Scan;
@@ -73,15 +76,28 @@ impl fmt::Display for Damage {
 ///
 /// [`ReadError`], if the file cannot be read or is not an MCAP file.
 pub fn check(path: &Path) -> Result<Verdict, ReadError> {
-    check_observed(path, &mut unobserved)
+    check_file(path, false, &mut unobserved)
 }
 
-/// As [`check`].
-///
-/// # Errors
-///
-/// [`ReadError`].
-pub fn check_observed(path: &Path, observer: &mut Observer<'_>) -> Result<Verdict, ReadError> {
+impl BagFiles {
+    /// Does what [`check`](fn@check) does for each file.
+    ///
+    /// # Errors
+    ///
+    /// [`ReadError`], if a file cannot be read or is not an MCAP file.
+    pub fn check(&self, observer: &mut Observer<'_>) -> Result<Vec<Verdict>, ReadError> {
+        let paths = self.paths().iter();
+        let verdicts = paths.map(|it| check_file(it, self.has_packed_payloads(), observer));
+        verdicts.collect()
+    }
+}
+
+/// `has_packed_payloads` says that each payload of the file is compressed, although the file may not say it.
+fn check_file(
+    path: &Path,
+    has_packed_payloads: bool,
+    observer: &mut Observer<'_>,
+) -> Result<Verdict, ReadError> {
     let (file, end) = open_file(path, observer)?;
     let scan = scan_file(path, &file, end, observer)?;
     let unreadable = scan.damaged.iter().chain(&scan.torn).cloned();
@@ -121,10 +137,32 @@ pub fn check_observed(path: &Path, observer: &mut Observer<'_>) -> Result<Verdic
         }
     };
     damages.extend(unreadable);
+    let bag = match has_packed_payloads {
+        true => bag.with_packed_payloads(),
+        false => bag,
+    };
+    damages.extend(wrong_payloads(&bag)?);
     damages.extend(records);
     damages.extend(wrong_times.map(|offset| Damage::Times { offset }));
     let report = bag.report();
     Ok(Verdict { damages, report })
+}
+
+/// The payloads that are compressed on their own and cannot be decompressed. A part is named once.
+fn wrong_payloads(bag: &Bag) -> Result<Vec<Damage>, ReadError> {
+    let mut parts = Vec::new();
+    if !bag.has_packed_payloads() {
+        return Ok(Vec::new());
+    }
+    for message in bag.messages(&Filter::default()) {
+        match message {
+            Ok(_) => {}
+            Err(ReadError::Damaged { part, .. }) => note_damaged(&mut parts, part),
+            Err(error) => return Err(error),
+        }
+    }
+    parts.retain(|it| !bag.damaged().contains(it));
+    Ok(parts.into_iter().map(Damage::Unreadable).collect())
 }
 
 /// The number of messages that were read.

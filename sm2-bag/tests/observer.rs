@@ -4,8 +4,8 @@ use std::ops::ControlFlow;
 use std::time::Duration;
 
 use sm2_bag::{
-    Bag, Compression, CopyError, Filter, Observer, Options, ReadError, check_observed,
-    copy_observed, diff_observed, recover_observed,
+    Bag, BagFiles, Compression, CopyError, Filter, Observer, Options, ReadError, copy_observed,
+    diff_observed, recover_observed,
 };
 
 use crate::common::{Domain, named, record};
@@ -70,7 +70,9 @@ fn work_with_bags_is_observed_and_ended() {
     let file_bytes = path.metadata().unwrap().len();
     let is_file = |bytes: u64| bytes > payloads && bytes <= file_bytes;
 
-    assert!(is_file(observe(|it| check_observed(&path, it))));
+    assert!(is_file(observe(|it| BagFiles::find(&path)
+        .unwrap()
+        .check(it))));
     let bag = Bag::open(&path).unwrap();
     let differ = observe(|it| diff_observed([std::slice::from_ref(&bag); 2], it));
     assert_eq!(differ, 2 * payloads);

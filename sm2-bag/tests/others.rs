@@ -11,8 +11,8 @@ use std::thread;
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{WriteOptions, Writer};
 use sm2_bag::{
-    Bag, BagFiles, Compression, Filter, PlayOptions, Player, ReadError, Report, check, copy, diff,
-    messages, recover,
+    Bag, BagFiles, Compression, Damage, Filter, PlayOptions, Player, ReadError, Report, check,
+    copy, diff, messages, recover,
 };
 use sm2_node::{Name, Node, Shutdown, TypeId};
 
@@ -426,6 +426,11 @@ fn a_message_that_is_not_compressed_as_it_should_be_is_damaged() {
     let read: Vec<_> = bag.messages(&Filter::default()).collect();
     let damaged = |at: usize| matches!(read[at], Err(ReadError::Damaged { .. }));
     assert_eq!([0, 1, 2].map(damaged), [false, true, false]);
+    let damages = check(&path).unwrap().damages;
+    assert!(
+        matches!(damages[..], [Damage::Unreadable(_)]),
+        "{damages:?}"
+    );
     let report = copy(&[bag], &copied, &Filter::default(), Compression::None).unwrap();
     assert_eq!((report.topics[0].messages, report.damaged.len()), (2, 1));
     let payloads: Vec<_> = content(&[Bag::open(&copied).unwrap()]);

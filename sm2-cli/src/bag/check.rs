@@ -49,12 +49,8 @@ struct CheckedFile<'a> {
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let files = BagFiles::find(&arguments.file)?;
     let mut work = Work::begin([&files])?;
-    let check = |path: &PathBuf| {
-        let verdict = sm2_bag::check_observed(path, &mut |it| work.note(it));
-        verdict.map_err(|it| work.error(it))
-    };
-    let verdicts = files.paths().iter().map(check);
-    let verdicts = verdicts.collect::<Result<Vec<_>, _>>()?;
+    let verdicts = files.check(&mut |it| work.note(it));
+    let verdicts = verdicts.map_err(|it| work.error(it))?;
     let reports: Vec<_> = verdicts.iter().map(|it| it.report.clone()).collect();
     let checked = Checked {
         damages: verdicts.iter().flat_map(|it| it.damages.clone()).collect(),
