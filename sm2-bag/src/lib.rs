@@ -141,7 +141,7 @@ pub use crate::{
         LeftOut, PlayCommand, PlayCommandError, PlayControl, PlayOptions, PlayReport, PlayStatus,
         PlayedTopic, Player,
     },
-    recorder::{Options, Progress, RECORDER_NICE, Recorder, Split, Step, Topics},
+    recorder::{Options, Progress, Recorder, Split, Step, Topics},
     recover::{recover, recover_observed},
     report::{Report, TopicReport},
     restamp::{Restamped, restamp},

@@ -29,7 +29,7 @@ use sm2_node::{ConnectError, Node, Sample, Timer, WaitSet};
 use sm2_proto::{Instant, Name};
 
 use self::new_topics::NewTopics;
-pub use self::options::{Options, Progress, RECORDER_NICE, Step, Topics};
+pub use self::options::{Options, Progress, Step, Topics};
 pub use self::parts::Split;
 use self::parts::{Output, Parts};
 use self::polled::{Polled, intervals};

@@ -10,11 +10,10 @@ use std::{
     time::Duration,
 };
 
-use clap::{Args, Subcommand, value_parser};
+use clap::{Args, Subcommand, ValueEnum};
 use signal_hook::consts::SIGUSR1;
 use sm2_bag::{
-    BagFile, Folder, Options, RECORDER_NICE, RecordError, Recorder, Split, Step, Topics,
-    create_first, numbered,
+    BagFile, Folder, Options, RecordError, Recorder, Split, Step, Topics, create_first, numbered,
 };
 use sm2_io::clock;
 use sm2_node::{ConnectError, Node};
@@ -68,9 +67,9 @@ pub(crate) struct Arguments {
     /// Leave out and count longer messages [default: no limit, but none longer than --budget finds room]
     #[arg(long, value_name = "SIZE")]
     max_len: Option<Size>,
-    /// The nice value of the recorder, from 0 to 19: the higher, the less it delays others on a busy machine
-    #[arg(long, value_name = "N", default_value_t = RECORDER_NICE, value_parser = value_parser!(i32).range(0..=19))]
-    nice: i32,
+    /// The processor time that the recorder gets: normal, or idle, what the other programs of the machine leave
+    #[arg(long, value_enum, default_value_t = Priority::Normal, hide_possible_values = true)]
+    priority: Priority,
     /// How often the recording is made safe against a power cut
     #[arg(long, value_name = "TIME", default_value = "100ms", value_parser = time::span)]
     sync: Duration,
@@ -101,6 +100,15 @@ pub(crate) struct Arguments {
     domain: Domain,
 }
 
+/// Which processor time the recorder gets.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
+enum Priority {
+    /// As much as each other program.
+    Normal,
+    /// The time that the other programs leave.
+    Idle,
+}
+
 /// The commands below `sm2 record`.
 #[derive(Debug, Subcommand)]
 enum Action {
@@ -113,8 +121,8 @@ The file is in the MCAP format, which other tools read as well. An existing file
 
 Publishers do not wait for the recorder or for its disk, except those of --reliable topics. If the disk is
 too slow, up to --budget bytes of messages wait in memory; then messages are dropped. Missing messages are
-counted and shown at the end, and the bag has their times and reasons. While all processors are busy, the
-recorder gets less of them than other programs of its session (--nice); in a unit of systemd, CPUWeight decides.
+counted and shown at the end, and the bag has their times and reasons. With --priority idle, the recorder
+delays no other program that wakes up, but it misses messages while all processors are busy.
 
 Messages above 64 KiB go to the disk past the page cache, if the file system has O_DIRECT.
 
@@ -168,10 +176,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     if let Some(Action::Trigger(arguments)) = &arguments.action {
         return trigger::run(arguments);
     }
-    // Threads that start later inherit it, and so does the one of the node.
-    if let Err(error) = sm2_io::raise_nice(arguments.nice) {
+    // Threads that start later inherit the policy.
+    if arguments.priority == Priority::Idle
+        && let Err(error) = sm2_io::run_when_idle()
+    {
         stderr_line!(
-            "sm2: the recorder may delay others, because the system refuses a lower priority: {error}"
+            "sm2: the recorder may delay others: the system refuses it the policy SCHED_IDLE ({error})"
         );
     }
     let options = arguments.options();

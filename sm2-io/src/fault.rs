@@ -215,7 +215,7 @@ impl Call {
                 &[libc::ENOMEM, libc::ENOSPC, libc::EACCES]
             }
             Self::Read => &[libc::EINTR, libc::ENOMEM],
-            Self::SetScheduler | Self::SetPriority => &[libc::EPERM],
+            Self::SetScheduler => &[libc::EPERM],
             Self::UdpBind => &[libc::EMFILE, libc::ENFILE, libc::ENOBUFS, libc::ENOMEM],
             // Without EAGAIN: after one, the runtime waits for an edge, which only the kernel's own EAGAIN brings.
             Self::UdpSend | Self::UdpRecv => &[libc::ENOBUFS, libc::ENOMEM],

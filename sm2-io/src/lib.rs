@@ -103,6 +103,6 @@ pub use socket::{
     Listener, PeerCredentials, Received, ReceivedFds, RecvError, SendError, SeqPacket,
 };
 pub use syscall::files::{duplicate, lock_file};
-pub use thread::{raise_nice, run_when_idle, spawn_without_signals};
+pub use thread::{run_when_idle, spawn_without_signals};
 pub use timer::Timer;
 pub use waker::Waker;

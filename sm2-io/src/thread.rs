@@ -36,20 +36,6 @@ pub fn run_when_idle() -> io::Result<()> {
     Ok(scheduling::set_idle()?)
 }
 
-/// Raises the nice value of the calling thread to at least `nice` (up to 19): a thread of the same session with a lower
-/// one displaces it when it wakes up, and gets more of a processor that both want. Threads that the calling thread
-/// starts afterwards inherit the value.
-///
-/// # Errors
-///
-/// Any error of `setpriority(2)`, such as that of a sandbox that forbids the call.
-pub fn raise_nice(nice: i32) -> io::Result<()> {
-    match scheduling::nice()? {
-        present if present >= nice => Ok(()),
-        _ => Ok(scheduling::set_nice(nice)?),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use std::thread;
@@ -66,19 +52,5 @@ mod tests {
             [before, own, child].map(|it| it.policy)
         });
         assert_eq!(policies.join().unwrap(), [0, 5, 5]);
-    }
-
-    #[test]
-    fn a_nice_value_is_raised_and_inherited() {
-        let values = thread::spawn(|| {
-            let before = Scheduling::of_this_thread().nice;
-            let raised = [before + 2, before + 1].map(|nice| {
-                super::raise_nice(nice).unwrap();
-                Scheduling::of_this_thread().nice - before
-            });
-            let child = thread::spawn(Scheduling::of_this_thread).join().unwrap();
-            (raised, child.nice - before)
-        });
-        assert_eq!(values.join().unwrap(), ([2, 2], 2));
     }
 }

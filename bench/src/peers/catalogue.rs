@@ -318,6 +318,11 @@ pub const PEERS: &[PeerInfo] = &[
         "QUIC by quinn with the congestion controller BBR, otherwise as raw-quinn",
     )),
     recorder(brokered(peer(
+        "sm2-idle",
+        Family::Sm2,
+        "SM2, pooled, reliable; the recorder runs while no other program wants the processor (SCHED_IDLE)",
+    ))),
+    recorder(brokered(peer(
         "mcap-writer",
         Family::Sm2,
         "SM2's topics, recorded by the writer of the crate mcap: BufWriter<File>, its chunks, no compression",

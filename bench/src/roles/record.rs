@@ -12,6 +12,9 @@ use crate::{
     peers::{Peer, Publish},
 };
 
+/// The peer whose recorder leaves the processor to others.
+const IDLE_RECORDER: &str = "sm2-idle";
+
 /// The time between two ticks of the small topics, in nanoseconds.
 const TICK_NS: u64 = 1_000_000;
 
@@ -101,6 +104,10 @@ pub(super) fn small_topics<P: Peer>(
 
 /// Records until `stop`.
 pub(super) fn record<P: Peer>(domain: &Domain, recording: &Recording) -> Result<Outcome, Failure> {
+    if domain.peer == IDLE_RECORDER {
+        // Threads that start later inherit the policy.
+        sm2_io::run_when_idle()?;
+    }
     let peer = P::open(domain, "recorder", false)?;
     let mut begun = Ok((0, 0));
     peer.record(recording, || {

@@ -11,11 +11,6 @@ use crate::patterns::TopicPatterns;
 use crate::storage::{FreeBytes, free_bytes};
 use crate::writer::Compression;
 
-/// The nice value with which a program should run a [`Recorder`](crate::Recorder): `sm2_io::raise_nice` sets it for a
-/// thread and all that it starts. A subscriber that has nothing to do with the recording is then not delayed by it, and
-/// the recorder still gets a quarter of a processor that another program wants all the time.
-pub const RECORDER_NICE: i32 = 5;
-
 /// The options of a recording.
 #[derive(Clone, Debug)]
 pub struct Options {

@@ -160,18 +160,19 @@ fn a_recording_ends_when_the_disk_is_nearly_full() {
 }
 
 #[test]
-fn a_recorder_runs_with_a_nice_value_of_its_own() {
+fn a_recorder_can_leave_the_processor_to_others() {
+    const NORMAL: u32 = 0;
+    const IDLE: u32 = 5;
     let domain = Domain::new();
-    let own = Scheduling::of_this_thread().nice;
-    for (arguments, expected) in [(&[][..], own.max(5)), (&["--nice", "0"][..], own.max(0))] {
-        let file = domain.path(&format!("nice{}.mcap", arguments.len()));
+    for (arguments, expected) in [(&[][..], NORMAL), (&["--priority", "idle"][..], IDLE)] {
+        let file = domain.path(&format!("priority{expected}.mcap"));
         let file = file.to_str().unwrap();
         let recorder = domain.start(&[&["record", "--all", "-o", file][..], arguments].concat());
         until("the file is there", || Path::new(file).exists());
         let threads = Scheduling::of_process(recorder.pid().unsigned_abs());
         assert!(
-            threads.len() > 1 && threads.iter().all(|it| it.nice == expected),
-            "{expected}: {threads:?}"
+            threads.len() > 1 && threads.iter().all(|it| it.policy == expected),
+            "{threads:?}"
         );
         recorder.signal(Signal::SIGTERM);
         recorder.finish();

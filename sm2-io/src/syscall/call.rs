@@ -73,8 +73,6 @@ pub enum Call {
     GetLimit,
     /// `sched_setscheduler(2)`
     SetScheduler,
-    /// `setpriority(2)`
-    SetPriority,
     /// `mmap(2)`
     Mmap,
     /// `madvise(2)`
@@ -104,7 +102,7 @@ pub enum Call {
 #[cfg(feature = "fault-injection")]
 impl Call {
     /// All kinds.
-    pub const ALL: [Self; 46] = [
+    pub const ALL: [Self; 45] = [
         Self::Socket,
         Self::SocketPair,
         Self::Connect,
@@ -138,7 +136,6 @@ impl Call {
         Self::Stat,
         Self::GetLimit,
         Self::SetScheduler,
-        Self::SetPriority,
         Self::Mmap,
         Self::Advise,
         Self::Lock,

@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeSet, os::fd::AsFd, os::unix::net::UnixStream, thread, time::Duration};
 
-use sm2_bag::{BagFile, Options, RECORDER_NICE, Recorder, Step, Topics};
+use sm2_bag::{BagFile, Options, Recorder, Step, Topics};
 use sm2_node::{Name, Node, Subscriber, WaitSet};
 
 use crate::{
@@ -23,8 +23,6 @@ pub(super) fn bag(
     recording: &Recording,
     ready: impl FnOnce(),
 ) -> Result<(), PeerError> {
-    // As `sm2 record` does.
-    sm2_io::raise_nice(RECORDER_NICE).map_err(PeerError::caused("lower the priority"))?;
     let (stop, stopper) =
         UnixStream::pair().map_err(PeerError::caused("make a pair of sockets"))?;
     thread::spawn(move || {
