@@ -81,6 +81,8 @@ impl Arguments {
 ///
 /// [`CliError::Demo`], [`CliError::Output`], [`CliError::System`], [`CliError::File`].
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    // The processes of the demo inherit it.
+    sm2_io::raise_descriptor_limit();
     let interrupt = Interrupt::install().map_err(CliError::system("catch signals"))?;
     let mut out = Output::new();
     let format = match (arguments.json, out.is_terminal()) {

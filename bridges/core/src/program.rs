@@ -145,6 +145,8 @@ impl<C, E: Error + 'static, B> Program<C, E, B> {
     ) -> Result<(), Box<dyn Error>> {
         let config = (self.load)(config)?;
         let shadow = shadow.map(self.load).transpose()?;
+        // Other programs decide how many topics, links and connections there are.
+        sm2_io::raise_descriptor_limit();
         let shutdown = Shutdown::new()?;
         let mut bridge = (self.start)(&config)?;
         if let Some(shadow) = shadow {
