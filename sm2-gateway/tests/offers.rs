@@ -21,19 +21,23 @@ use sm2_proto::{
 };
 
 fn world() -> World {
-    let link = Profile {
+    let mut world = World::new(&link(Duration::from_millis(1)), Congestion::Steady);
+    // Both sides have greeted.
+    events(&mut world);
+    world
+}
+
+/// A link without loss, with 1 Gbit/s and this delay.
+fn link(delay: Duration) -> Profile {
+    Profile {
         rate_bit: 1e9,
         loss_permille: 0,
-        delay: Duration::from_millis(1),
+        delay,
         jitter: Duration::ZERO,
         queue: Duration::from_secs(1),
         pauses: Vec::new(),
         seed: 1,
-    };
-    let mut world = World::new(&link, Congestion::Steady);
-    // Both sides have greeted.
-    events(&mut world);
-    world
+    }
 }
 
 /// Returns the events of the far side within three seconds.
@@ -192,6 +196,73 @@ fn messages_for_a_peer_take_no_more_memory_than_they_may() {
     world.command(0, Command::Forget { call: CallId(1) });
     let superseded = world.counts(0).0.superseded;
     assert_eq!(superseded, 17, "the three newest stay");
+}
+
+/// A payload whose memory is counted.
+struct Counted(Vec<u8>, #[expect(dead_code, reason = "counts")] Arc<()>);
+
+impl AsRef<[u8]> for Counted {
+    fn as_ref(&self) -> &[u8] {
+        &self.0
+    }
+}
+
+/// On a long link, QUIC holds what the peer has not acknowledged yet: up to 3 MB. This adds to what waits.
+#[test]
+fn what_waits_and_what_quic_holds_have_one_limit() {
+    const PAYLOAD_BYTES: usize = 25_000;
+    const TOPICS: u64 = 20;
+    let limits = Limits {
+        message_bytes: 1 << 18,
+        memory_bytes: 1 << 20,
+        ..Limits::default()
+    };
+    let most = limits.memory_bytes as usize / PAYLOAD_BYTES;
+    let link = Profile {
+        rate_bit: 2.5e8,
+        ..link(Duration::from_millis(50))
+    };
+    let mut world = World::with_limits(&link, Congestion::NewReno, limits);
+    events(&mut world);
+    for number in 1..=TOPICS {
+        offer(&mut world, number);
+    }
+    events(&mut world);
+    for number in 1..=TOPICS {
+        let (offer, depth) = (OfferId(number), 1_024);
+        world.command(1, Command::Control(ControlCommand::Want { offer, depth }));
+    }
+    events(&mut world);
+    let counted = Arc::new(());
+    let held = || Arc::strong_count(&counted) - 1;
+    let (mut peak, mut received) = (0, 0);
+    // More than the link carries, for 1.6 s.
+    for sequence in 1..=2_500 {
+        let payload = Counted(vec![0; PAYLOAD_BYTES], Arc::clone(&counted));
+        let message = Message {
+            sequence,
+            published_at: world.now,
+            payload: Bytes::from_owner(payload),
+        };
+        let offer = OfferId(1 + sequence % TOPICS);
+        world.command(0, Command::Message { offer, message });
+        let until = world.now.after(Duration::from_micros(640));
+        while world.now < until {
+            let step = world.step(until).into_iter();
+            received += step
+                .filter(|(_, it)| matches!(it, Event::Message { .. }))
+                .count();
+            peak = peak.max(held());
+        }
+    }
+    println!("{peak} payloads of {most}; {received} messages have arrived");
+    assert!(peak <= most, "{peak} payloads, and {most} may be held");
+    // The memory is used, and what it holds arrives.
+    assert!(peak > most / 2, "{peak} payloads, and {most} may be held");
+    assert!(received > 100, "{received} messages");
+    let rest = events(&mut world);
+    assert!(rest.iter().any(|it| matches!(it, Event::Message { .. })));
+    assert_eq!(held(), 0, "all are acknowledged");
 }
 
 #[test]

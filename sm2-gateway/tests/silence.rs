@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, net::SocketAddr, sync::Arc, time::Duration};
 
-use bytes::BytesMut;
+use bytes::{Bytes, BytesMut};
 use quinn_proto::{
     Connection, ConnectionError, ConnectionHandle, DatagramEvent, Dir, EndpointConfig, StreamEvent,
     StreamId, TransportConfig, VarInt, crypto::rustls::QuicClientConfig,
@@ -10,7 +10,7 @@ use quinn_proto::{
 use sm2_gateway::{
     clock::Clock,
     hub::DEFAULT_SEND_QOS,
-    peer::{Command, Input, Limits, Me, Output, Peer},
+    peer::{Command, Input, Limits, Me, Message, Output, Peer},
 };
 use sm2_io::quic::{Arrival, Congestion, Endpoint, SecretKey, Trusted};
 use sm2_proto::{
@@ -42,6 +42,7 @@ struct World {
     hand: (ConnectionHandle, Connection),
     gateway_endpoint: Endpoint,
     gateway: Option<(ConnectionHandle, Peer)>,
+    limits: Limits,
     /// The streams that the gateway has stopped, with its codes.
     stopped: Vec<(StreamId, u64)>,
     /// The code with which the gateway has closed the connection.
@@ -51,6 +52,11 @@ struct World {
 impl World {
     /// A world in which the hand has sent nothing since the handshake.
     fn silent(transport: TransportConfig) -> Self {
+        Self::limited(transport, Limits::default())
+    }
+
+    /// The same, for a gateway with these limits.
+    fn limited(transport: TransportConfig, limits: Limits) -> Self {
         let clock = Clock::of_the_machine();
         let now = sm2_io::clock::now();
         let [key, gateway_key] = [(); 2].map(|()| SecretKey::generate().unwrap());
@@ -80,6 +86,7 @@ impl World {
             hand_endpoint,
             gateway_endpoint: gateway_endpoint.unwrap(),
             gateway: None,
+            limits,
             stopped: Vec::new(),
             closed: None,
         };
@@ -90,7 +97,12 @@ impl World {
 
     /// A world in which the gateway wants an offer of the hand.
     fn new(transport: TransportConfig) -> Self {
-        let mut world = Self::silent(transport);
+        Self::silent(transport).greeted().0
+    }
+
+    /// The same world, and the control stream.
+    fn greeted(self) -> (Self, StreamId) {
+        let mut world = self;
         world.pass(MOMENT);
         let control = world.hand.1.streams().open(Dir::Bi).unwrap();
         let hello = Frame::Hello {
@@ -101,15 +113,7 @@ impl World {
         };
         let offer = Frame::Offer {
             offer: OFFER,
-            subject: Subject::Topic {
-                name: Name::new("topic").unwrap(),
-                data: TypeId {
-                    name: Name::new("bytes").unwrap(),
-                    hash: 0,
-                },
-                reliable: false,
-                latched: 0,
-            },
+            subject: topic("topic"),
             path: vec![Hop {
                 gateway: world.id,
                 epoch: 1,
@@ -121,7 +125,7 @@ impl World {
         let want = ControlCommand::Want { offer, depth };
         world.feed(Input::Command(Command::Control(want)));
         world.pass(MOMENT);
-        world
+        (world, control)
     }
 
     fn write(&mut self, stream: StreamId, bytes: &[u8]) {
@@ -155,7 +159,7 @@ impl World {
         match arrival {
             Some(Arrival::New(handle, connection)) => {
                 let (clock, me) = (self.clock, self.me.clone());
-                let peer = Peer::new(*connection, clock, me, BTreeMap::new(), Limits::default());
+                let peer = Peer::new(*connection, clock, me, BTreeMap::new(), self.limits);
                 self.gateway = Some((handle, peer));
             }
             Some(Arrival::Event(_, event)) => self.feed(Input::Quic(event)),
@@ -247,6 +251,18 @@ impl World {
     }
 }
 
+fn topic(name: &str) -> Subject {
+    Subject::Topic {
+        name: Name::new(name).unwrap(),
+        data: TypeId {
+            name: Name::new("bytes").unwrap(),
+            hash: 0,
+        },
+        reliable: false,
+        latched: 0,
+    }
+}
+
 //= SM2-GWM-011 test
 #[test]
 fn a_stream_on_which_nothing_arrives_is_stopped() {
@@ -275,6 +291,73 @@ fn a_stream_on_which_nothing_arrives_is_stopped() {
     let expired = u64::from(StreamEnd::Expired.code().0);
     assert_eq!(world.stopped, [(begun, expired)]);
     assert_eq!(world.refused(), 1);
+}
+
+/// The hand reads nothing, so messages that were started stay in memory. There is memory for what arrives all the same,
+/// and both together take no more than they may.
+#[test]
+fn what_is_sent_and_what_arrives_have_one_limit() {
+    const MEMORY_BYTES: usize = 1 << 20;
+    const SENT_BYTES: usize = 20_000;
+    const ARRIVING_BYTES: usize = 99_000;
+    let limits = Limits {
+        message_bytes: 1 << 20,
+        memory_bytes: MEMORY_BYTES as u64,
+        ..Limits::default()
+    };
+    let mut transport = TransportConfig::default();
+    transport.stream_receive_window(VarInt::from_u32(1_000));
+    let (mut world, control) = World::limited(transport, limits).greeted();
+    for number in 1..=60 {
+        let offer = OfferId(number);
+        let subject = topic(&format!("topic{number}"));
+        let (path, qos) = (vec![world.me.hop], DEFAULT_SEND_QOS);
+        world.feed(Input::Command(Command::Offer {
+            offer,
+            subject,
+            path,
+            qos,
+        }));
+        world.pass(MOMENT);
+        world.write(control, &Frame::Want { offer, depth: 1 }.to_bytes());
+        let message = Message {
+            sequence: 1,
+            published_at: world.now,
+            payload: Bytes::from(vec![0; SENT_BYTES]),
+        };
+        world.feed(Input::Command(Command::Message { offer, message }));
+        world.pass(MOMENT);
+    }
+    let opened = world.hand.1.streams().remote_open_streams(Dir::Uni);
+    let sent_bytes = usize::try_from(opened).unwrap() * SENT_BYTES;
+    let half = MEMORY_BYTES / 2;
+    assert!(
+        (half - SENT_BYTES..=half).contains(&sent_bytes),
+        "{sent_bytes} bytes"
+    );
+    let header = Header {
+        kind: HeaderKind::Message {
+            sequence: 1,
+            age_ns: 0,
+        },
+        offer: OFFER,
+        len: ARRIVING_BYTES as u64 + 1,
+    };
+    let message = [&header.to_bytes()[..], &[7; ARRIVING_BYTES]].concat();
+    let mut begun = 0;
+    while world.stopped.is_empty() {
+        begun += 1;
+        let stream = world.hand.1.streams().open(Dir::Uni).unwrap();
+        world.write(stream, &message);
+        world.pass(MOMENT);
+    }
+    let kept_bytes = (begun - 1) * ARRIVING_BYTES;
+    let rest = MEMORY_BYTES - sent_bytes;
+    assert!(
+        (rest - ARRIVING_BYTES..=rest).contains(&kept_bytes),
+        "{kept_bytes} bytes"
+    );
+    assert_eq!(world.closed, None);
 }
 
 //= SM2-GWF-001 test

@@ -96,8 +96,8 @@ impl Peer {
 
     /// True if a request or a reply of this length fits in the memory budget.
     fn has_room_for(&self, len_bytes: usize) -> bool {
-        let max_bytes = self.memory_bytes_beside(self.incoming.held_bytes());
-        self.calls.writing_bytes() + len_bytes as u64 <= max_bytes
+        let used_bytes = self.incoming.held_bytes() + self.sending_bytes();
+        used_bytes + len_bytes as u64 <= self.memory_bytes()
     }
 
     fn send_call(&mut self, id: StreamId, offer: Whose, header: &Header, payload: Bytes) {

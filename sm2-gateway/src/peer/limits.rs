@@ -10,8 +10,8 @@ use sm2_proto::limits::MESSAGE_MAX;
 pub struct Limits {
     /// The greatest length of a payload, from a peer or from the domain. A longer one is refused.
     pub message_bytes: u64,
-    /// The greatest sum of the lengths of payloads that have not arrived completely; of messages for
-    /// the peer; and of requests and replies for the peer.
+    /// The greatest sum of the lengths of payloads that have not arrived completely, and of messages, requests and
+    /// replies for the peer that the peer has not acknowledged.
     pub memory_bytes: u64,
     /// The greatest sum of all these bytes of all peers. Each connected peer has an equal part.
     pub gateway_bytes: u64,
@@ -79,8 +79,8 @@ impl fmt::Display for Limit {
         f.write_str(match self {
             Self::MessageBytes => "greatest length of a message, request or reply",
             Self::MemoryBytes => {
-                "greatest sum, for each peer, of payloads that are arriving; of messages that wait; and of requests \
-                 and replies that wait"
+                "greatest sum, for each peer, of payloads that are arriving, and of messages, requests and replies \
+                 that the peer has not acknowledged"
             }
             Self::GatewayBytes => {
                 "greatest sum of all these bytes of all peers; each connected peer has an equal part"

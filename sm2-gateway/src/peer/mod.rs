@@ -23,6 +23,7 @@ mod phase;
 mod reading;
 mod stream;
 mod topics;
+mod unacked;
 mod waiting_offers;
 mod writing;
 
@@ -52,6 +53,7 @@ use self::{
     phase::{Open, Phase},
     stream::{quic_code, stream_id},
     topics::Topics,
+    unacked::Unacked,
     waiting_offers::WaitingOffers,
 };
 pub use self::{
@@ -71,6 +73,9 @@ use crate::{
 /// A stream on which nothing arrives for this long is refused.
 //= SM2-GWM-011
 const STUCK_TIMEOUT: Duration = Duration::from_secs(30);
+/// No message starts while those that were started and are not acknowledged take this part of the memory: so there is
+/// always memory for what arrives, whatever the peer does not acknowledge.
+const SENDING_DIVISOR: u64 = 2;
 /// The most bytes that one system call can send over UDP, in any number of datagrams: an IPv4 packet less the headers
 /// of IP and UDP. Linux refuses more (EMSGSIZE), and then all of these datagrams are lost.
 const TRANSMIT_MAX_BYTES: usize = 65_535 - 20 - 8;
@@ -90,6 +95,7 @@ pub struct Peer {
     waiting_offers: WaitingOffers,
     topics: Topics,
     calls: OpenCalls,
+    unacked: Unacked,
     ahead: Ahead,
     gate: Option<Gate>,
     tally: Tally,
@@ -161,6 +167,7 @@ impl Peer {
             waiting_offers: WaitingOffers::default(),
             topics: Topics::new(limits.memory_bytes),
             calls: OpenCalls::default(),
+            unacked: Unacked::default(),
             ahead: Ahead::default(),
             gate: None,
             tally: Tally::default(),
@@ -178,14 +185,17 @@ impl Peer {
         self
     }
 
-    /// The memory that this peer may use now, beside `used_bytes` for other purposes.
-    fn memory_bytes_beside(&self, used_bytes: u64) -> u64 {
-        let part = self
-            .phase
-            .open()
-            .map_or(u64::MAX, |it| it.member.part_bytes());
-        part.saturating_sub(used_bytes)
-            .min(self.limits.memory_bytes)
+    /// The memory that this peer may use now: for payloads that arrive, that wait, that are being written, and that
+    /// QUIC holds.
+    fn memory_bytes(&self) -> u64 {
+        let part = self.phase.open().map(|it| it.member.part_bytes());
+        self.limits.memory_bytes.min(part.unwrap_or(u64::MAX))
+    }
+
+    /// The memory of what is for the peer and cannot be dropped: all but the messages that wait.
+    fn sending_bytes(&self) -> u64 {
+        let writing_bytes = self.calls.writing_bytes() + self.topics.in_flight_bytes();
+        writing_bytes + self.unacked.bytes()
     }
 
     /// The side that opened the connection.
@@ -289,6 +299,7 @@ impl Peer {
             now: now.at,
             connection: &mut self.connection,
             tally: &mut self.tally,
+            unacked: &mut self.unacked,
             gate: self.gate.as_ref(),
         };
         (&mut self.topics, outlet)
@@ -327,10 +338,11 @@ impl Peer {
         }
         self.make_offers(now);
         self.write_control(now);
+        let memory_bytes = self.memory_bytes();
         let used_bytes = self.incoming.held_bytes() + self.calls.writing_bytes();
-        let max_bytes = self.memory_bytes_beside(used_bytes);
+        let max_bytes = memory_bytes.saturating_sub(used_bytes + self.unacked.bytes());
         let (topics, mut outlet) = self.topics(now);
-        topics.limit(&mut outlet, max_bytes);
+        topics.limit(&mut outlet, max_bytes, memory_bytes / SENDING_DIVISOR);
     }
 
     fn on_quic(&mut self, now: Now, event: quinn_proto::Event) {
@@ -344,11 +356,8 @@ impl Peer {
             Quic::Stream(StreamEvent::Stopped { id, error_code }) => {
                 self.stopped(now, id, error_code);
             }
-            Quic::Stream(
-                StreamEvent::Writable { .. }
-                | StreamEvent::Finished { .. }
-                | StreamEvent::Available { .. },
-            ) => {}
+            Quic::Stream(StreamEvent::Finished { id }) => self.unacked.remove(id),
+            Quic::Stream(StreamEvent::Writable { .. } | StreamEvent::Available { .. }) => {}
             Quic::DatagramReceived => self.datagrams(now),
         }
     }

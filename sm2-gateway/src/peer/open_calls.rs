@@ -102,7 +102,10 @@ impl OpenCalls {
         self.writing.retain_mut(|(offer, outgoing)| {
             match outgoing.write(outlet.connection, room) {
                 Written::Part | Written::NoRoom => return true,
-                Written::All => outlet.tally.count(*offer, |it| it.sent += 1),
+                Written::All => {
+                    outlet.tally.count(*offer, |it| it.sent += 1);
+                    outlet.unacked.add(outgoing.stream, outgoing.len_bytes());
+                }
                 Written::Stopped => outlet.tally.count(*offer, |it| it.withdrawn += 1),
             }
             false

@@ -3,7 +3,7 @@
 use quinn_proto::Connection;
 use sm2_proto::{Instant, gateway::OfferId};
 
-use super::gate::Gate;
+use super::{gate::Gate, unacked::Unacked};
 use crate::tally::{Tally, Whose};
 
 /// The connection to which payloads are written, and the counters that record them.
@@ -11,6 +11,7 @@ pub(super) struct Outlet<'a> {
     pub(super) now: Instant,
     pub(super) connection: &'a mut Connection,
     pub(super) tally: &'a mut Tally,
+    pub(super) unacked: &'a mut Unacked,
     /// The rules, until all offers that they deny are withdrawn.
     pub(super) gate: Option<&'a Gate>,
 }

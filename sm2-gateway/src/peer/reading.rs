@@ -69,7 +69,7 @@ impl Peer {
             self.session_event(now, PeerEvent::Control(bytes));
             return;
         }
-        let memory_bytes = self.memory_bytes_beside(self.calls.writing_bytes());
+        let memory_bytes = self.memory_bytes().saturating_sub(self.sending_bytes());
         let limits = Limits {
             memory_bytes,
             ..self.limits
@@ -237,6 +237,7 @@ impl Peer {
             self.calls.stop_writing(id, &mut self.tally);
             // Fails only for a stream that is closed already.
             let _ = self.connection.send_stream(id).reset(code);
+            self.unacked.remove(id);
         }
     }
 

@@ -36,6 +36,8 @@ pub(super) struct Topics {
     stream: Option<StreamId>,
     /// The number of long messages that were started.
     long_started: i32,
+    /// No message starts beside others that take more than this.
+    sending_max_bytes: u64,
 }
 
 /// An offered topic.
@@ -68,6 +70,7 @@ impl Topics {
             in_flight: BTreeMap::new(),
             stream: None,
             long_started: 0,
+            sending_max_bytes: u64::MAX,
         }
     }
 
@@ -112,8 +115,15 @@ impl Topics {
         self.schedule(outlet, Input::Close { offer });
     }
 
-    /// Changes how much memory the messages may occupy. Newer messages displace the oldest.
-    pub(super) fn limit(&mut self, outlet: &mut Outlet<'_>, max_bytes: u64) {
+    /// Changes how much memory the messages may occupy, and those of them that are started and not acknowledged. Newer
+    /// messages displace the oldest.
+    pub(super) fn limit(
+        &mut self,
+        outlet: &mut Outlet<'_>,
+        max_bytes: u64,
+        sending_max_bytes: u64,
+    ) {
+        self.sending_max_bytes = sending_max_bytes;
         if self.schedule.max_bytes() != max_bytes {
             self.schedule(outlet, Input::Limit { max_bytes });
         }
@@ -146,6 +156,17 @@ impl Topics {
             outlet.tally.count(Whose::Ours(offer), |it| it.offered += 1);
             self.schedule(outlet, Input::Enqueue { offer, message });
         }
+    }
+
+    /// The sum of the lengths of the messages that are started and not written completely.
+    pub(super) fn in_flight_bytes(&self) -> u64 {
+        self.in_flight.values().map(InFlight::len_bytes).sum()
+    }
+
+    /// Whether a message may start beside those that are not acknowledged.
+    fn may_start(&self, outlet: &Outlet<'_>, len_bytes: usize) -> bool {
+        let sending_bytes = self.in_flight_bytes() + outlet.unacked.bytes();
+        sending_bytes == 0 || sending_bytes + len_bytes as u64 <= self.sending_max_bytes
     }
 
     /// True if there is nothing to write.
@@ -184,6 +205,7 @@ impl Topics {
     /// Writes messages until one of them can start, is complete or refused, or is denied. Returns the
     /// scheduler's input.
     fn write_first(&mut self, outlet: &mut Outlet<'_>, room: &mut Room) -> Option<Input<Message>> {
+        let mut may_start = true;
         for next in self.schedule.order() {
             let offer = match next {
                 Next::Continue { offer } => offer,
@@ -191,10 +213,16 @@ impl Topics {
                 Next::Start { offer } if outlet.denies(offer) => {
                     return Some(Input::Close { offer });
                 }
+                // Shorter ones do not overtake it, or it might wait for ever.
+                Next::Start { .. } if !may_start => continue,
                 Next::Start { offer } => {
                     let len_bytes = self.schedule.next(offer)?.message.payload.len();
                     if room.left(len_bytes) == 0 {
                         return None;
+                    }
+                    may_start = self.may_start(outlet, len_bytes);
+                    if !may_start {
+                        continue;
                     }
                     let streams = outlet.connection.streams();
                     self.stream = self.stream.or_else(|| { streams }.open(Dir::Uni));
@@ -277,6 +305,15 @@ impl Topics {
 }
 
 impl InFlight {
+    /// The length of the payload.
+    fn len_bytes(&self) -> u64 {
+        let len_bytes = match self {
+            Self::NotBegun { message, .. } => message.payload.len(),
+            Self::Writing(outgoing) => outgoing.len_bytes(),
+        };
+        len_bytes as u64
+    }
+
     fn write(
         &mut self,
         offer: OfferId,
@@ -302,8 +339,10 @@ impl InFlight {
             return Written::Part;
         };
         let written = outgoing.write(outlet.connection, room);
-        if written == Written::Stopped {
-            outgoing.reset(outlet.connection, StreamEnd::Withdrawn);
+        match written {
+            Written::All => outlet.unacked.add(outgoing.stream, outgoing.len_bytes()),
+            Written::Stopped => outgoing.reset(outlet.connection, StreamEnd::Withdrawn),
+            Written::Part | Written::NoRoom => {}
         }
         written
     }

@@ -25,6 +25,7 @@ impl Peer {
             now: now.at,
             connection: &mut self.connection,
             tally: &mut self.tally,
+            unacked: &mut self.unacked,
             gate: self.gate.as_ref(),
         };
         self.calls.write(&mut outlet, &mut room);

@@ -38,6 +38,7 @@ pub(crate) struct World {
     pub(crate) now: Instant,
     clock: Clock,
     pub(crate) loss_permille: u32,
+    limits: [Limits; 2],
     sides: [Side; 2],
     /// The memory of the gateway at each side.
     pub(crate) budgets: [Budget; 2],
@@ -47,15 +48,20 @@ pub(crate) struct World {
 
 impl World {
     pub(crate) fn new(link: &Profile, congestion: Congestion) -> Self {
-        Self::with_budget(
-            link,
-            congestion,
-            Budget::new(Limits::default().gateway_bytes),
-        )
+        Self::with_limits(link, congestion, Limits::default())
+    }
+
+    /// Two sides, of which the near one has these limits.
+    pub(crate) fn with_limits(link: &Profile, congestion: Congestion, near: Limits) -> Self {
+        Self::with_memory(link, congestion, near, Budget::new(near.gateway_bytes))
     }
 
     /// Two sides, of which the near one has this memory.
     pub(crate) fn with_budget(link: &Profile, congestion: Congestion, near: Budget) -> Self {
+        Self::with_memory(link, congestion, Limits::default(), near)
+    }
+
+    fn with_memory(link: &Profile, congestion: Congestion, limits: Limits, near: Budget) -> Self {
         let clock = Clock::of_the_machine();
         let now = sm2_io::clock::now();
         let keys = [(); 2].map(|()| SecretKey::generate().unwrap());
@@ -82,6 +88,7 @@ impl World {
             now,
             clock,
             loss_permille: link.loss_permille,
+            limits: [limits, Limits::default()],
             sides,
             budgets: [near, Budget::new(Limits::default().gateway_bytes)],
             events: Vec::new(),
@@ -111,7 +118,7 @@ impl World {
 
     fn open(&mut self, at: usize, handle: ConnectionHandle, connection: quinn_proto::Connection) {
         let (clock, me) = (self.clock, self.sides[at].me.clone());
-        let peer = Peer::new(connection, clock, me, BTreeMap::new(), Limits::default());
+        let peer = Peer::new(connection, clock, me, BTreeMap::new(), self.limits[at]);
         let peer = peer.with_budget(self.budgets[at].clone());
         self.sides[at].peer = Some((handle, peer));
     }
