@@ -38,6 +38,9 @@ pub struct Report {
     pub peers: Vec<PeerReport>,
     /// The trusted peers without a connection.
     pub absent: Vec<String>,
+    /// The topics and services of the domain that peers want and that the gateway has no descriptors for.
+    #[serde(default)]
+    pub waiting: Vec<String>,
     /// The limits in force.
     pub limits: Limits,
     /// The changes that the shadow configuration would make, if there is one.

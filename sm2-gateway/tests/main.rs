@@ -7,6 +7,8 @@ mod common;
 mod age;
 mod beside;
 mod config;
+#[cfg(feature = "program")]
+mod descriptors;
 mod domains;
 mod duplicates;
 mod hostile_peers;

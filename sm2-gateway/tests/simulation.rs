@@ -107,6 +107,11 @@ fn two_gateways() {
 }
 
 #[test]
+fn two_gateways_without_descriptors_for_all() {
+    seeds(Arrangement::ShortPair, 4);
+}
+
+#[test]
 fn a_chain_of_three() {
     seeds(Arrangement::Chain, 3);
 }

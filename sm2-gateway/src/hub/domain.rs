@@ -6,6 +6,7 @@ use sm2_proto::{
     gateway::{GatewayId, Outcome, Subject},
 };
 
+use super::shares::Links;
 use crate::peer::CallId;
 
 /// The number that the domain's side gives to a request for a remote server.
@@ -21,6 +22,21 @@ pub enum LocalEvent {
         subject: Subject,
         /// True if the domain has some.
         present: bool,
+    },
+    /// The processes with publishers of a topic, or servers of a service, have changed. Comes before [`Present`], and
+    /// again without any when the subject is gone.
+    ///
+    /// [`Present`]: Self::Present
+    Links {
+        /// The topic or service.
+        subject: Subject,
+        /// How many publishers or servers each process has.
+        links: Links,
+    },
+    /// The number of interfaces that the Manager lets the gateway's node have for topics and services of the domain.
+    Interfaces {
+        /// The number.
+        most: u64,
     },
     /// The subscribers of a remote topic in the domain have changed.
     Taken {

@@ -22,6 +22,7 @@ mod policy;
 mod reload;
 mod routes;
 mod sequences;
+mod shares;
 mod status;
 
 use std::{
@@ -44,6 +45,7 @@ pub use self::{
     latched::LATCHED_MAX,
     output::Output,
     policy::{DEFAULT_SEND_QOS, Policy},
+    shares::{Links, Process, Room},
     status::{Denial, PeerStatus},
 };
 use self::{
@@ -53,6 +55,7 @@ use self::{
     peer::Peer,
     policy::Reload,
     sequences::Sequences,
+    shares::Shares,
 };
 use crate::{
     peer::{Command, ConnectionId, Event},
@@ -73,6 +76,7 @@ pub struct Hub {
     routes: BTreeMap<(Subject, GatewayId), (GatewayId, OfferId)>,
     sequences: Sequences,
     latched: Latched,
+    shares: Shares,
     calls: OpenCalls,
     reload: Option<Reload>,
     outputs: VecDeque<Output>,
@@ -137,10 +141,18 @@ impl Hub {
             routes: BTreeMap::new(),
             sequences: Sequences::default(),
             latched: Latched::default(),
+            shares: Shares::new(Room::UNLIMITED),
             calls: OpenCalls::default(),
             reload: None,
             outputs: VecDeque::new(),
         }
+    }
+
+    /// Limits the topics and services of the domain that the gateway takes.
+    #[must_use]
+    pub fn with_room(mut self, room: Room) -> Self {
+        self.shares = Shares::new(room);
+        self
     }
 
     /// The connection with this peer, if there is one.
@@ -323,6 +335,14 @@ impl Hub {
         match event {
             LocalEvent::Present { subject, present } => {
                 self.route(now, router::Input::Local { subject, present });
+            }
+            LocalEvent::Links { subject, links } => {
+                self.shares.set_links(&subject, links);
+                self.share();
+            }
+            LocalEvent::Interfaces { most } => {
+                self.shares.set_interfaces(most);
+                self.share();
             }
             LocalEvent::Taken {
                 subject,

@@ -1,6 +1,9 @@
 //! The outputs of a hub.
 
-use sm2_proto::{Name, gateway::GatewayId};
+use sm2_proto::{
+    Name,
+    gateway::{GatewayId, Subject},
+};
 
 use super::domain::LocalCommand;
 use crate::peer::{Command, ConnectionId};
@@ -17,6 +20,11 @@ pub enum Output {
     },
     /// A command to the domain's side.
     Local(LocalCommand),
+    /// A peer wants a topic or service of the domain, and the gateway has no room for it: its process has its share.
+    Waits {
+        /// The topic or service.
+        subject: Subject,
+    },
     /// There is a connection with this peer. Discovery stops looking for it.
     Connected {
         /// The id of the peer.

@@ -9,7 +9,7 @@ use sm2_proto::{
     },
 };
 
-use super::{Hub, LocalCommand, Output};
+use super::{Hub, LocalCommand, Output, shares::Change};
 use crate::{peer::Command, tally::Whose};
 
 impl Hub {
@@ -82,14 +82,28 @@ impl Hub {
             }
             // The domain's side takes each message, whatever depth the peers want.
             router::Output::Subscribe { subject, .. } => {
-                let command = LocalCommand::Subscribe { subject };
-                self.outputs.push_back(Output::Local(command));
+                self.shares.want(subject);
+                self.share();
             }
             router::Output::Unsubscribe { subject } => {
-                self.latched.forget(&subject, Source::Local);
-                let command = LocalCommand::Unsubscribe { subject };
-                self.outputs.push_back(Output::Local(command));
+                self.shares.unwant(&subject);
+                self.share();
             }
+        }
+    }
+
+    /// Carries out what the shares of the domain's processes decide.
+    pub(super) fn share(&mut self) {
+        while let Some(change) = self.shares.poll() {
+            let output = match change {
+                Change::Take(subject) => Output::Local(LocalCommand::Subscribe { subject }),
+                Change::GiveUp(subject) => {
+                    self.latched.forget(&subject, Source::Local);
+                    Output::Local(LocalCommand::Unsubscribe { subject })
+                }
+                Change::Wait(subject) => Output::Waits { subject },
+            };
+            self.outputs.push_back(output);
         }
     }
 

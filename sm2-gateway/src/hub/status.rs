@@ -73,6 +73,11 @@ impl Hub {
         self.peers.iter().map(status).collect()
     }
 
+    /// The topics and services of the domain that peers want and that the gateway has no room for.
+    pub fn waiting(&self) -> impl Iterator<Item = &Subject> {
+        self.shares.waiting()
+    }
+
     /// The rules in force.
     #[must_use]
     pub const fn rules(&self) -> &Rules {

@@ -1,7 +1,7 @@
 //! Follows the domain: its own publishers and servers, and its subscribers of remote topics.
 
 use std::{
-    collections::{BTreeMap, BTreeSet},
+    collections::BTreeMap,
     io,
     sync::{Arc, Mutex, PoisonError},
     thread,
@@ -11,14 +11,14 @@ use std::{
 use sm2_node::Node;
 use sm2_proto::{
     Contract, Name, TypeId,
-    domain::{Domain, InterfaceView},
+    domain::{Domain, InterfaceView, NodeView},
     gateway::{GatewayId, Subject},
     limits::QOS_MAX,
 };
 
 use crate::{
     channel::hub::{HubEvent, HubHandle},
-    hub::LocalEvent,
+    hub::{Links, LocalEvent, Process},
     names::is_of_gateway,
     retry,
 };
@@ -61,8 +61,10 @@ impl RemoteTopics {
 /// The part of the domain that concerns the gateway.
 #[derive(Debug, Default, PartialEq, Eq)]
 struct DomainState {
-    /// The topics and services with publishers or servers of the domain itself.
-    present: BTreeSet<Subject>,
+    /// The topics and services with publishers or servers of the domain itself, and how many each process has.
+    present: BTreeMap<Subject, Links>,
+    /// The number of interfaces that the Manager lets a node have.
+    interfaces: Option<u32>,
     /// The greatest subscriber depth and the generation of each remote topic. The generation makes a
     /// re-inserted topic a difference, which the hub must learn.
     taken: BTreeMap<(Subject, GatewayId), (u16, u64)>,
@@ -97,24 +99,28 @@ pub(super) fn start(node: &Node, remote: RemoteTopics, hub: HubHandle) -> io::Re
 }
 
 impl DomainState {
-    fn of(domain: &Domain, remote: &BTreeMap<(Subject, GatewayId), u64>) -> Self {
-        let is_of_domain = |it: &InterfaceView<'_>| {
+    fn of<'a>(domain: &'a Domain, remote: &BTreeMap<(Subject, GatewayId), u64>) -> Self {
+        let of_domain = |it: InterfaceView<'a>| {
             let node = domain.node(it.entity.node);
-            it.refused.is_none() && node.is_some_and(|node| !is_of_gateway(node.name))
+            let node = node.filter(|node| it.refused.is_none() && !is_of_gateway(node.name))?;
+            let NodeView { uid, pid, .. } = node;
+            Some((it.contract, Process { uid, pid }))
         };
-        let contracts: Vec<&Contract> = (domain.interfaces())
-            .filter(is_of_domain)
-            .map(|it| it.contract)
-            .collect();
-        let mut state = Self::default();
+        let contracts: Vec<_> = domain.interfaces().filter_map(of_domain).collect();
+        let mut state = Self {
+            interfaces: domain.limits().map(|it| it.interfaces_per_session),
+            ..Self::default()
+        };
         let mut topics = BTreeMap::new();
-        for contract in &contracts {
+        for (contract, process) in &contracts {
             match contract {
                 Contract::Publisher { topic, data, offer } => {
-                    let (reliable, latched) = topics.entry((topic, data)).or_insert((false, 0));
+                    let topic = topics.entry((topic, data));
+                    let (reliable, latched, links) = topic.or_insert((false, 0, Links::new()));
                     *reliable |= offer.reliable;
                     // Each publisher keeps its own latched messages.
                     *latched = QOS_MAX.min(*latched + offer.latched);
+                    *links.entry(*process).or_default() += 1;
                 }
                 Contract::Server {
                     service,
@@ -122,25 +128,30 @@ impl DomainState {
                     reply,
                     ..
                 } => {
-                    state.present.insert(Subject::Service {
+                    let service = Subject::Service {
                         name: service.clone(),
                         request: request.clone(),
                         reply: reply.clone(),
-                    });
+                    };
+                    let links = state.present.entry(service).or_default();
+                    *links.entry(*process).or_default() += 1;
                 }
                 Contract::Subscriber { .. } | Contract::Client { .. } => {}
             }
         }
         let topics = topics.into_iter();
-        let topic = |((name, data), (reliable, latched)): ((&Name, &TypeId), _)| Subject::Topic {
-            name: name.clone(),
-            data: data.clone(),
-            reliable,
-            latched,
+        let topic = |((name, data), (reliable, latched, links)): ((&Name, &TypeId), _)| {
+            let topic = Subject::Topic {
+                name: name.clone(),
+                data: data.clone(),
+                reliable,
+                latched,
+            };
+            (topic, links)
         };
         state.present.extend(topics.map(topic));
         for ((subject, origin), generation) in remote {
-            let takes = |contract: &&Contract| depth(contract, subject);
+            let takes = |(contract, _): &(&Contract, Process)| depth(contract, subject);
             if let Some(depth) = contracts.iter().filter_map(takes).max() {
                 let taken = (depth, *generation);
                 state.taken.insert((subject.clone(), *origin), taken);
@@ -159,11 +170,31 @@ impl DomainState {
             origin: *origin,
             taken,
         };
-        let gone = self.present.difference(&now.present);
-        let new = now.present.difference(&self.present);
+        let links = |subject: &Subject, links| LocalEvent::Links {
+            subject: subject.clone(),
+            links,
+        };
+        let gone = self
+            .present
+            .keys()
+            .filter(|it| !now.present.contains_key(it));
+        let new = now
+            .present
+            .keys()
+            .filter(|it| !self.present.contains_key(it));
+        let linked = (now.present.iter()).filter(|(it, links)| self.present.get(it) != Some(links));
+        let interfaces = now.interfaces.filter(|_| self.interfaces != now.interfaces);
+        // One is the server of status reports.
+        let interfaces = interfaces.map(|it| LocalEvent::Interfaces {
+            most: u64::from(it).saturating_sub(1),
+        });
         let left = self.taken.keys().filter(|it| !now.taken.contains_key(it));
         let other = (now.taken.iter()).filter(|(it, taken)| self.taken.get(it) != Some(taken));
-        (gone.map(|it| present(it, false)))
+        interfaces
+            .into_iter()
+            .chain(linked.map(|(it, now)| links(it, now.clone())))
+            .chain(gone.clone().map(|it| present(it, false)))
+            .chain(gone.map(|it| links(it, Links::new())))
             .chain(new.map(|it| present(it, true)))
             .chain(left.map(|it| taken(it, None)))
             .chain(other.map(|(it, (depth, _))| taken(it, Some(*depth))))

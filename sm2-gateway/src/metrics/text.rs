@@ -130,6 +130,10 @@ fn peers(report: &Report, registry: &mut Registry) {
             rtt.get_or_create(&labels).set(ms / 1e3);
         }
     }
+    let waiting = Gauge::<i64>::default();
+    waiting.set(i64::try_from(report.waiting.len()).unwrap_or(i64::MAX));
+    let help = "Topics and services that peers want and that the gateway has no descriptors for";
+    registry.register("waiting_names", help, waiting);
     let help = "Whether there is a connection";
     registry.register("peer_connected", help, connected);
     let help = "Topics and services that the rules deny";
@@ -236,6 +240,7 @@ mod tests {
             id: "cd".to_owned(),
             peers: vec![peer],
             absent: vec!["away".to_owned()],
+            waiting: vec!["topic flood".to_owned(); 3],
             limits: Limits::default(),
             shadow: None,
         };
@@ -261,6 +266,7 @@ mod tests {
             "sm2_gateway_peer_connected{gateway=\"near\",peer=\"away\"} 0",
             "sm2_gateway_peer_denied{gateway=\"near\",peer=\"far\"} 9",
             "sm2_gateway_peer_rtt_seconds{gateway=\"near\",peer=\"far\"} 0.0015",
+            "sm2_gateway_waiting_names{gateway=\"near\"} 3",
             "# EOF",
         ] {
             assert!(text.lines().any(|it| it == line), "{line}\n{text}");

@@ -56,6 +56,9 @@ fn table(report: &Report, out: &mut impl Write) -> Result<(), ProgramError> {
     for it in report.shadow.iter().flatten() {
         write_line(out, format!("  shadow: {it}"))?;
     }
+    for subject in &report.waiting {
+        write_line(out, format!("  no descriptors for {subject}"))?;
+    }
     for name in &report.absent {
         write_line(out, format!("  {name}: not connected"))?;
     }

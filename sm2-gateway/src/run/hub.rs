@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, sync::Arc};
 use sm2_proto::{
     Code, Machine, Name,
     gateway::{
-        GatewayId, PeerFarewell,
+        GatewayId, PeerFarewell, Subject,
         session::{self, Initiator},
     },
 };
@@ -29,11 +29,15 @@ use crate::{
     },
     hub::{Hub, Input, LocalCommand, LocalEvent, NoRoom, Output},
     peer::{Command, ConnectionId, Event},
+    report::subject_label,
     shadow::RuleSet,
 };
 
 /// The code that closes a connection when this gateway stops, or stops trusting the peer.
 const SHUTTING_DOWN: Code = PeerFarewell::ShuttingDown.code();
+
+/// So many topics and services without room are logged one by one.
+const LOGGED_MAX: u64 = 16;
 
 /// The state of the hub task.
 struct Task {
@@ -47,6 +51,8 @@ struct Task {
     shared: Arc<GatewayState>,
     local: LocalHandle,
     connections: BTreeMap<ConnectionId, Connection>,
+    /// How often there was no room for a topic or service.
+    waited: u64,
 }
 
 struct Connection {
@@ -69,6 +75,7 @@ pub(super) async fn run(
         shared,
         local,
         connections: BTreeMap::new(),
+        waited: 0,
     };
     loop {
         let event = match task.hub.deadline() {
@@ -157,6 +164,7 @@ impl Task {
             names: self.names.clone(),
             rule_lines: self.rule_lines.clone(),
             limits: self.shared.limits,
+            waiting: self.hub.waiting().map(subject_label).collect(),
             shadow: lock(&self.shared.shadow).clone(),
             peers: asked.collect(),
         };
@@ -219,6 +227,7 @@ impl Task {
                         self.no_room(NoRoom::ForDomain { subject, origin });
                     }
                 }
+                Output::Waits { subject } => self.waits(&subject),
                 Output::Connected { peer, epoch, name } => {
                     tracing::info!(%name, id = %peer, "peer connected");
                     lock(&self.shared.epochs).insert(peer, epoch);
@@ -233,6 +242,19 @@ impl Task {
                     self.shared.network.send(NetworkEvent::Lost { peer });
                 }
             }
+        }
+    }
+
+    /// Logs that there is no room for a topic or service. One process can cause that for thousands.
+    fn waits(&mut self, subject: &Subject) {
+        self.waited += 1;
+        let (name, count) = (subject.name(), self.waited);
+        if count <= LOGGED_MAX {
+            tracing::warn!(%name, "no descriptors for what a peer wants: raise the limit (ulimit -n)");
+        } else if count.is_power_of_two() {
+            tracing::warn!(
+                "no descriptors for topics and services that peers want: {count} times so far"
+            );
         }
     }
 

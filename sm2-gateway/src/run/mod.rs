@@ -45,7 +45,7 @@ use crate::{
     },
     clock::Clock,
     config::Config,
-    hub::Hub,
+    hub::{Hub, Room},
     keys::{self, KeyFileError},
     local::{Local, LocalError},
     peer::{Budget, Me},
@@ -54,6 +54,9 @@ use crate::{
 
 /// Time for the connection tasks to send their close frames.
 const CLOSE_DELAY: Duration = Duration::from_millis(500);
+
+/// More descriptors than this have no use: the Manager lets a node have so many interfaces and links at most.
+const DESCRIPTORS_MAX: usize = 1 << 16;
 
 /// Why a gateway did not start or stopped by itself.
 #[derive(Debug, thiserror::Error)]
@@ -109,6 +112,7 @@ impl Gateway {
     /// # Panics
     /// Outside of a tokio runtime with I/O and time enabled.
     pub async fn start(config: &Config) -> Result<Self, RunError> {
+        let room = room();
         let key = keys::load(&config.key)?;
         let id = key.id();
         let socket = Socket::bind(config.listen).map_err(|source| RunError::Listen {
@@ -146,7 +150,7 @@ impl Gateway {
         });
         let (ending, ended) = watch::channel(None);
         tokio::spawn(hub::run(
-            Hub::new(hop, config.policy.clone()),
+            Hub::new(hop, config.policy.clone()).with_room(room),
             labels(config),
             Arc::clone(&shared),
             hub_inbox,
@@ -245,6 +249,17 @@ impl Gateway {
         let _ = self.hub.send(HubEvent::Stop).await;
         // The connection tasks send the close frames meanwhile.
         tokio::time::sleep(CLOSE_DELAY).await;
+    }
+}
+
+/// The room for topics and services of the domain: half of the descriptors. The others are for topics and services of
+/// peers, for the sockets of connections, and for the program that a gateway is a part of.
+fn room() -> Room {
+    // If the number is unknown, declaring an interface or accepting a link tells.
+    let free = sm2_io::free_descriptors(DESCRIPTORS_MAX).unwrap_or(DESCRIPTORS_MAX);
+    Room {
+        descriptors: free as u64 / 2,
+        ..Room::UNLIMITED
     }
 }
 

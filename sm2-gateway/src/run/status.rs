@@ -43,6 +43,8 @@ pub(super) struct PendingReport {
     /// The line of each rule.
     pub(super) rule_lines: Vec<usize>,
     pub(super) limits: Limits,
+    /// The topics and services that peers want and the gateway has no room for.
+    pub(super) waiting: Vec<String>,
     pub(super) shadow: Option<Vec<ShadowReport>>,
     pub(super) peers: Vec<(PeerStatus, Option<oneshot::Receiver<ConnectionReport>>)>,
 }
@@ -57,6 +59,7 @@ impl PendingReport {
             id: self.me.hop.gateway.to_string(),
             peers: Vec::new(),
             absent: absent.map(|(_, name)| name.to_string()).collect(),
+            waiting: self.waiting,
             limits: self.limits,
             shadow: self.shadow,
         };

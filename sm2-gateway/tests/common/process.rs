@@ -12,12 +12,14 @@ use std::{
 
 use sm2_test_support::SOON;
 
+const PROGRAM: &str = env!("CARGO_BIN_EXE_sm2-gateway");
+
 /// A gateway in a separate process, which is killed when the test ends.
 pub(crate) struct Process(Child);
 
 impl Process {
     pub(crate) fn start(config: &Path) -> Self {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_sm2-gateway"));
+        let mut command = Command::new(PROGRAM);
         let command = command.arg("run").arg(config);
         let command = command.stdout(Stdio::null()).stderr(Stdio::null());
         Self(command.spawn().unwrap())
@@ -25,7 +27,17 @@ impl Process {
 
     /// Starts a gateway, and returns the address of its socket, which it logs.
     pub(crate) fn listening(config: &Path) -> (Self, SocketAddr) {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_sm2-gateway"));
+        Self::listening_as(&mut Command::new(PROGRAM), config)
+    }
+
+    /// The same, with so many descriptors at most: the soft and the hard limit.
+    pub(crate) fn with_limits(config: &Path, soft: u64, hard: u64) -> (Self, SocketAddr) {
+        let mut command = Command::new("sh");
+        let script = format!("ulimit -Sn {soft} && ulimit -Hn {hard} && exec \"$0\" \"$@\"");
+        Self::listening_as(command.args(["-c", &script, PROGRAM]), config)
+    }
+
+    fn listening_as(command: &mut Command, config: &Path) -> (Self, SocketAddr) {
         let command = command.arg("run").arg(config).env("SM2_LOG", "info");
         let command = command.stdout(Stdio::null()).stderr(Stdio::piped());
         let mut child = command.spawn().unwrap();
@@ -43,6 +55,18 @@ impl Process {
         });
         let address = addresses.recv_timeout(SOON).expect("a log of the address");
         (process, address)
+    }
+
+    /// The number of the process.
+    pub(crate) fn id(&self) -> u32 {
+        self.0.id()
+    }
+
+    /// The number of open descriptors.
+    pub(crate) fn descriptors(&self) -> usize {
+        fs::read_dir(format!("/proc/{}/fd", self.0.id()))
+            .unwrap()
+            .count()
     }
 
     /// Kills the process with SIGKILL.

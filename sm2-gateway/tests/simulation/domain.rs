@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use bytes::Bytes;
 use sm2_gateway::{
-    hub::{LocalCommand, LocalEvent, RequestId},
+    hub::{LocalCommand, LocalEvent, Process, RequestId},
     peer::CallId,
 };
 use sm2_proto::{
@@ -39,11 +39,8 @@ pub(crate) struct Domain {
 impl Domain {
     /// Returns the domain, and the first events for its gateway.
     pub(crate) fn new(me: usize, nodes: Nodes, random: Random) -> (Self, Vec<LocalEvent>) {
-        let present = |subject: &Subject| LocalEvent::Present {
-            subject: subject.clone(),
-            present: true,
-        };
-        let events = nodes.present.iter().map(present).collect();
+        let present = |subject: &Subject| presence(subject, true);
+        let events = nodes.present.iter().flat_map(present).collect();
         let domain = Self {
             me,
             nodes,
@@ -62,7 +59,7 @@ impl Domain {
             true => self.nodes.present.insert(subject.clone()),
             false => self.nodes.present.remove(&subject),
         };
-        vec![LocalEvent::Present { subject, present }]
+        presence(&subject, present).into()
     }
 
     /// Adds the first subscriber of a topic, or removes the last one.
@@ -86,7 +83,7 @@ impl Domain {
     ) -> Vec<LocalEvent> {
         match command {
             LocalCommand::Subscribe { subject } => {
-                self.subscribed.insert(subject);
+                assert!(self.subscribed.insert(subject), "it is subscribed");
             }
             LocalCommand::Unsubscribe { subject } => {
                 assert!(self.subscribed.remove(&subject), "it was not subscribed");
@@ -141,6 +138,10 @@ impl Domain {
         Vec::new()
     }
 
+    pub(crate) fn waits(&self, subject: &Subject) {
+        assert!(!self.subscribed.contains(subject), "it is subscribed");
+    }
+
     pub(crate) fn deadline(&self) -> Option<Instant> {
         self.serving.values().map(|(due, _)| *due).min()
     }
@@ -160,6 +161,27 @@ impl Domain {
 
     pub(crate) fn is_serving(&self) -> bool {
         !self.serving.is_empty()
+    }
+}
+
+/// The process whose nodes have the publisher or server of a subject.
+pub(crate) fn process(subject: &Subject) -> Process {
+    let is_first = subject.name().as_str().starts_with("a/");
+    let pid = if is_first { 1 } else { 2 };
+    Process { uid: 0, pid }
+}
+
+fn presence(subject: &Subject, present: bool) -> [LocalEvent; 2] {
+    let links = present.then(|| (process(subject), 1));
+    let links = LocalEvent::Links {
+        subject: subject.clone(),
+        links: links.into_iter().collect(),
+    };
+    let subject = subject.clone();
+    let event = LocalEvent::Present { subject, present };
+    match present {
+        true => [links, event],
+        false => [event, links],
     }
 }
 

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use quinn_proto::{Connection, ConnectionHandle};
 use sm2_gateway::{
     clock::Clock,
-    hub::{Hub, Input, LocalCommand, LocalEvent, Output},
+    hub::{Hub, Input, LocalCommand, LocalEvent, Output, Room},
     peer::{self, Command, ConnectionId, Limits, Me, Peer},
 };
 use sm2_io::quic::{Arrival, Congestion, Endpoint, SecretKey, Trusted};
@@ -72,6 +72,7 @@ pub(crate) struct Start {
     pub(crate) epoch: u64,
     pub(crate) known: Vec<Known>,
     pub(crate) rules: RuleSet,
+    pub(crate) room: Room,
     pub(crate) nodes: Nodes,
     pub(crate) random: Random,
 }
@@ -84,6 +85,7 @@ impl Node {
             epoch,
             known,
             rules,
+            room,
             nodes,
             mut random,
         } = start;
@@ -110,7 +112,7 @@ impl Node {
                 }
             })
             .collect();
-        let hub = Hub::new(hop, rules.policy(ids));
+        let hub = Hub::new(hop, rules.policy(ids)).with_room(room);
         world.ledger.policy(now, index, rules);
         let (domain, events) = Domain::new(index, nodes, random.fork());
         let mut node = Self {
@@ -322,6 +324,7 @@ impl Node {
                 command,
             } => self.command(now, connection, command, world),
             Output::Local(command) => self.domain_command(now, command, world),
+            Output::Waits { subject } => self.domain.waits(&subject),
             Output::Connected { peer, epoch, .. } => {
                 self.epochs.insert(peer, epoch);
                 let input = discovery::Input::Connected { peer, epoch };

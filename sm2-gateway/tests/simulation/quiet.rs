@@ -1,14 +1,21 @@
 //! The checks after a time without events.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use sm2_proto::gateway::{Outcome, SubjectKind, session::Initiator};
 
-use super::{ops::ask, script::Simulation};
+use super::{
+    domain::process,
+    ops::ask,
+    script::{SHORT_OF, Simulation},
+};
 
 impl Simulation {
     /// Runs all checks.
     pub(crate) fn check_quiet(&mut self) {
         self.check_connected();
         self.check_shown();
+        self.check_shares();
         self.check_messages();
         self.check_calls();
         self.run(3_000);
@@ -42,11 +49,13 @@ impl Simulation {
         let count = self.world.ledger.ids.len();
         let (mut present, mut shown, mut takes, mut subscribed) =
             (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let mut waiting = Vec::new();
         for node in self.nodes() {
             present.push(node.domain.nodes.present.clone());
             shown.push(node.domain.shown.clone());
             takes.push(node.domain.nodes.takes.clone());
             subscribed.push(node.domain.subscribed.clone());
+            waiting.push(node.hub.waiting().cloned().collect::<BTreeSet<_>>());
         }
         let ledger = &self.world.ledger;
         for subject in &subjects {
@@ -62,7 +71,26 @@ impl Simulation {
                     is_taken |= reaches && is_wanted;
                 }
                 let is_subscribed = subscribed[origin].contains(subject);
+                let is_subscribed = is_subscribed || waiting[origin].contains(subject);
                 assert_eq!(is_subscribed, is_taken, "{subject:?} taken at {origin}");
+            }
+        }
+    }
+
+    /// A gateway lets a subject wait only if it has no descriptors for it, and if no other process has more.
+    fn check_shares(&mut self) {
+        for node in self.nodes() {
+            let subscribed = &node.domain.subscribed;
+            let mut of_process = BTreeMap::<_, u64>::new();
+            for subject in subscribed {
+                *of_process.entry(process(subject)).or_default() += 1;
+            }
+            let most = of_process.values().copied().max().unwrap_or(0);
+            for subject in node.hub.waiting() {
+                assert!(!subscribed.contains(subject));
+                assert_eq!(subscribed.len() as u64, SHORT_OF, "{subject:?} waits");
+                let own = of_process.get(&process(subject)).copied().unwrap_or(0);
+                assert!(own + 1 >= most, "{subject:?} of {subscribed:?}");
             }
         }
     }

@@ -2,7 +2,10 @@
 
 use std::collections::BTreeSet;
 
-use sm2_gateway::clock::{Clock, Now};
+use sm2_gateway::{
+    clock::{Clock, Now},
+    hub::Room,
+};
 use sm2_io::quic::SecretKey;
 use sm2_proto::{
     Instant,
@@ -27,10 +30,17 @@ const PKCS8_HEAD: [u8; 16] = [
     0x30, 0x2e, 0x02, 0x01, 0x00, 0x30, 0x05, 0x06, 0x03, 0x2b, 0x65, 0x70, 0x04, 0x22, 0x04, 0x20,
 ];
 
+/// The descriptors of a subject with one publisher or server.
+const SUBJECT_DESCRIPTORS: u64 = 6;
+/// The subjects for which a gateway has descriptors that lacks some.
+pub(crate) const SHORT_OF: u64 = 3;
+
 /// The number of gateways, and the pairs that trust each other.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Arrangement {
     Pair,
+    /// A pair without descriptors for all subjects of a domain.
+    ShortPair,
     Chain,
     Triangle,
     Ring,
@@ -39,15 +49,25 @@ pub(crate) enum Arrangement {
 impl Arrangement {
     const fn gateways(self) -> usize {
         match self {
-            Self::Pair => 2,
+            Self::Pair | Self::ShortPair => 2,
             Self::Chain | Self::Triangle => 3,
             Self::Ring => 4,
         }
     }
 
+    const fn room(self) -> Room {
+        match self {
+            Self::ShortPair => Room {
+                descriptors: SHORT_OF * SUBJECT_DESCRIPTORS,
+                ..Room::UNLIMITED
+            },
+            Self::Pair | Self::Chain | Self::Triangle | Self::Ring => Room::UNLIMITED,
+        }
+    }
+
     fn links(self) -> &'static [(usize, usize)] {
         match self {
-            Self::Pair => &[(0, 1)],
+            Self::Pair | Self::ShortPair => &[(0, 1)],
             Self::Chain => &[(0, 1), (1, 2)],
             Self::Triangle => &[(0, 1), (1, 2), (2, 0)],
             Self::Ring => &[(0, 1), (1, 2), (2, 3), (3, 0)],
@@ -74,6 +94,7 @@ pub(crate) struct Simulation {
     is_scripted: bool,
     pub(crate) epoch: u64,
     pub(crate) subjects: Vec<Subject>,
+    room: Room,
 }
 
 impl Simulation {
@@ -128,6 +149,7 @@ impl Simulation {
             is_scripted: true,
             epoch: 0,
             subjects: subjects(),
+            room: arrangement.room(),
         };
         for index in 0..count {
             let nodes = simulation.any_nodes();
@@ -175,6 +197,7 @@ impl Simulation {
             epoch,
             known: known.collect(),
             rules,
+            room: self.room,
             nodes,
             random: self.random.fork(),
         };
