@@ -63,13 +63,9 @@ pub(crate) fn read(yaml: &str) -> OfferedQos {
     let is_latched = durabilities.peek().is_some()
         && durabilities.all(|it| it == "transient_local" || it == "1");
     OfferedQos {
-        depth: DEPTH,
         reliable: is_reliable,
         latched: if is_latched { DEPTH } else { 0 },
-        sealed: false,
-        deadline: Period::NONE,
-        lifespan: Period::NONE,
-        lease: Period::NONE,
+        ..OfferedQos::new(DEPTH)
     }
 }
 
@@ -98,13 +94,12 @@ mod tests {
     #[test]
     fn the_qos_of_a_publisher_has_the_form_of_rosbag2() {
         let offer = OfferedQos {
-            depth: 3,
             reliable: true,
             latched: 5,
             sealed: true,
             deadline: Period(2_000_000_007),
-            lifespan: Period::NONE,
             lease: Period(9),
+            ..OfferedQos::new(3)
         };
         let expected = "- history: keep_last\n  depth: 5\n  reliability: reliable\n  durability: transient_local\n  \
                         deadline:\n    sec: 2\n    nsec: 7\n  \

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use sm2_proto::schema::{Root, Schema};
-use sm2_proto::{Name, OfferedQos, Period, TypeId};
+use sm2_proto::{Name, OfferedQos, TypeId};
 
 use crate::ros_qos;
 
@@ -28,15 +28,7 @@ pub struct Source {
 }
 
 /// The QoS in the bag of a publisher that is gone before its first message was taken.
-pub(crate) const UNKNOWN_OFFER: OfferedQos = OfferedQos {
-    depth: 1,
-    reliable: false,
-    latched: 0,
-    sealed: false,
-    deadline: Period::NONE,
-    lifespan: Period::NONE,
-    lease: Period::NONE,
-};
+pub(crate) const UNKNOWN_OFFER: OfferedQos = OfferedQos::new(1);
 
 /// The encoding of a schema record with a schema text of SM2.
 const SCHEMA_ENCODING: &str = "sm2";
@@ -163,6 +155,8 @@ impl Source {
 
 #[cfg(test)]
 mod tests {
+    use sm2_proto::Period;
+
     use super::*;
 
     fn source(schema: Option<&str>) -> Source {
@@ -175,13 +169,11 @@ mod tests {
                 hash: 0x00ff_0000_0000_0001,
             },
             offer: OfferedQos {
-                depth: 8,
                 reliable: true,
                 latched: 1,
-                sealed: false,
                 deadline: Period(5),
-                lifespan: Period::NONE,
                 lease: Period(7),
+                ..OfferedQos::new(8)
             },
             schema: schema.map(str::to_owned),
         }

@@ -23,7 +23,7 @@ use sm2_io::{SeqPacket, wait_readable};
 use sm2_manager::{Manager, Options};
 use sm2_proto::{
     Contract, Datagram, DemandedQos, FdFacts, InterfaceId, Machine, Name, NodeId, OfferedQos,
-    Period, TypeId,
+    TypeId,
     control::{Limits, ToManager, ToNode, decode_to_node, encode_to_manager},
     limits::DATAGRAM_MAX,
     manager::{self, Credentials, Input, Output},
@@ -367,28 +367,13 @@ fn publisher(topic: &str) -> Contract {
         name: text("Scan"),
         hash: 1,
     };
-    let offer = OfferedQos {
-        depth: 8,
-        reliable: false,
-        latched: 0,
-        sealed: false,
-        deadline: Period::NONE,
-        lifespan: Period::NONE,
-        lease: Period::NONE,
-    };
+    let offer = OfferedQos::new(8);
     let topic = text(topic);
     Contract::Publisher { topic, data, offer }
 }
 
 fn subscriber(topic: &str) -> Contract {
-    let demand = DemandedQos {
-        depth: 8,
-        reliable: false,
-        max_borrowed: 2,
-        sealed: false,
-        deadline: Period::NONE,
-        lease: Period::NONE,
-    };
+    let demand = DemandedQos::new(8, 2);
     Contract::Subscriber {
         topic: text(topic),
         data: None,

@@ -210,14 +210,7 @@ impl<T: Message + ?Sized> SubscriberBuilder<T> {
         Self {
             declaration: Declaration::new(shared, topic),
             data: Some(T::type_id()),
-            demand: DemandedQos {
-                depth: 8,
-                reliable: false,
-                max_borrowed: 4,
-                sealed: false,
-                deadline: Period::NONE,
-                lease: Period::NONE,
-            },
+            demand: DemandedQos::new(8, 4),
             receives: PhantomData,
         }
     }

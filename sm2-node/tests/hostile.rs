@@ -12,7 +12,7 @@ use nix::sys::memfd::{MFdFlags, memfd_create};
 use sm2_io::fault::{Call, Injector};
 use sm2_io::{Listener, RecvError, SeqPacket, wait_readable};
 use sm2_node::diagnostics::End;
-use sm2_node::domain::{DemandedQos, Period};
+use sm2_node::domain::DemandedQos;
 use sm2_node::{ConnectError, DeclareError, Node, Publisher, Subscriber};
 use sm2_proto::{Contract, Seals, ViolationKind, violation};
 
@@ -143,14 +143,7 @@ fn a_subscriber_that_breaks_the_protocol_loses_its_link_alone() {
     let contract = Contract::Subscriber {
         topic: topic(),
         data: None,
-        demand: DemandedQos {
-            depth: 2,
-            reliable: false,
-            max_borrowed: 1,
-            sealed: false,
-            deadline: Period::NONE,
-            lease: Period::NONE,
-        },
+        demand: DemandedQos::new(2, 1),
     };
     let raw = Raw::declare(&domain, "raw", &contract);
     raw.open(RECEIVER, 3);

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use crate::common::{SOON, until};
 use sm2_io::{Listener, RecvError, SeqPacket, wait_readable};
-use sm2_node::domain::{Contract, DemandedQos, InterfaceId, LinkId, LinkPeer, NodeId, Period};
+use sm2_node::domain::{Contract, DemandedQos, InterfaceId, LinkId, LinkPeer, NodeId};
 use sm2_node::{CallError, ConnectError, Name, Node, NodeBuilder, Publisher};
 use sm2_proto::control::{Changes, Page, ToManager, ToNode, decode_to_manager, encode_to_node};
 use sm2_proto::{Datagram, Farewell, FdFacts, LinkKey, Refusal, Seals, violation};
@@ -200,14 +200,7 @@ fn declared(matches: u32) -> ToNode {
 }
 
 fn link() -> ToNode {
-    let demand = DemandedQos {
-        depth: 8,
-        reliable: false,
-        max_borrowed: 4,
-        sealed: false,
-        deadline: Period::NONE,
-        lease: Period::NONE,
-    };
+    let demand = DemandedQos::new(8, 4);
     ToNode::Link {
         interface: INTERFACE,
         link: LINK,

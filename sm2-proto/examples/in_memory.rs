@@ -15,7 +15,7 @@ use std::fmt::{self, Debug, Display, Formatter};
 
 use sm2_proto::{
     Contract, Datagram, DemandedQos, Farewell, FdFacts, Instant, InterfaceId, LinkQos, Machine,
-    Name, NodeId, OfferedQos, Period, TypeId, Violation,
+    Name, NodeId, OfferedQos, TypeId, Violation,
     control::{Limits, decode_to_manager, decode_to_node},
     link::{
         self, Body, Config, Link, NoMemory, OutboundMessage, Payload, Publications, Role, Status,
@@ -112,27 +112,12 @@ impl World {
         let publisher = Contract::Publisher {
             topic: name("scan"),
             data: data.clone(),
-            offer: OfferedQos {
-                depth: 8,
-                reliable: false,
-                latched: 0,
-                sealed: false,
-                deadline: Period::NONE,
-                lifespan: Period::NONE,
-                lease: Period::NONE,
-            },
+            offer: OfferedQos::new(8),
         };
         let subscriber = Contract::Subscriber {
             topic: name("scan"),
             data: Some(data),
-            demand: DemandedQos {
-                depth: 8,
-                reliable: false,
-                max_borrowed: 2,
-                sealed: false,
-                deadline: Period::NONE,
-                lease: Period::NONE,
-            },
+            demand: DemandedQos::new(8, 2),
         };
         let program = |text, contract| Program {
             name: text,

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant as Clock};
 
 use sm2_proto::{
     Code, Contract, Datagram, DemandedQos, Instant, InterfaceId, LinkId, Machine, Name, NodeId,
-    OfferedQos, Period, TypeId,
+    OfferedQos, TypeId,
     control::{Limits, ToManager, encode_to_manager},
     manager::{Credentials, Input, Manager, Output},
 };
@@ -86,13 +86,8 @@ impl Domain {
         }
         for at in 0..interfaces {
             let offer = OfferedQos {
-                depth: 8,
                 reliable: true,
-                latched: 0,
-                sealed: false,
-                deadline: Period::NONE,
-                lifespan: Period::NONE,
-                lease: Period::NONE,
+                ..OfferedQos::new(8)
             };
             domain.send(
                 NodeId(at / PER_SESSION + 1),
@@ -113,12 +108,8 @@ impl Domain {
         let at = repetition * 7_919 % self.interfaces;
         let interface = InterfaceId(repetition + 1);
         let demand = DemandedQos {
-            depth: 8,
             reliable: true,
-            max_borrowed: 2,
-            sealed: false,
-            deadline: Period::NONE,
-            lease: Period::NONE,
+            ..DemandedQos::new(8, 2)
         };
         let declare = ToManager::Declare {
             interface,

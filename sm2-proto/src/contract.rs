@@ -42,6 +42,22 @@ pub struct OfferedQos {
     pub lease: Period,
 }
 
+impl OfferedQos {
+    /// The QoS of a best-effort publisher of this depth, without any other quality.
+    #[must_use]
+    pub const fn new(depth: u16) -> Self {
+        Self {
+            depth,
+            reliable: false,
+            latched: 0,
+            sealed: false,
+            deadline: Period::NONE,
+            lifespan: Period::NONE,
+            lease: Period::NONE,
+        }
+    }
+}
+
 /// The QoS that a subscriber demands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct DemandedQos {
@@ -57,6 +73,22 @@ pub struct DemandedQos {
     pub deadline: Period,
     /// The longest time between two signs of life of a publisher's program.
     pub lease: Period,
+}
+
+impl DemandedQos {
+    /// The QoS of a best-effort subscriber of this depth that holds at most `max_borrowed` messages of a link at a
+    /// time, without any other quality.
+    #[must_use]
+    pub const fn new(depth: u16, max_borrowed: u16) -> Self {
+        Self {
+            depth,
+            reliable: false,
+            max_borrowed,
+            sealed: false,
+            deadline: Period::NONE,
+            lease: Period::NONE,
+        }
+    }
 }
 
 /// The QoS that a server or client demands of its links.

@@ -42,14 +42,7 @@ pub(crate) fn subscriber() -> Contract {
     Contract::Subscriber {
         topic: name(true),
         data: None,
-        demand: DemandedQos {
-            depth: 1,
-            reliable: false,
-            max_borrowed: 1,
-            sealed: false,
-            deadline: Period::NONE,
-            lease: Period::NONE,
-        },
+        demand: DemandedQos::new(1, 1),
     }
 }
 
@@ -66,25 +59,19 @@ fn contract(depth: u16, max_borrowed: u16) -> Contract {
             topic: called,
             data: type_id(kani::any()),
             offer: OfferedQos {
-                depth,
                 reliable,
                 latched: max_borrowed,
                 sealed,
-                deadline: Period::NONE,
-                lifespan: Period::NONE,
-                lease: Period::NONE,
+                ..OfferedQos::new(depth)
             },
         },
         (true, false) => Contract::Subscriber {
             topic: called,
             data: kani::any::<Option<bool>>().map(type_id),
             demand: DemandedQos {
-                depth,
                 reliable,
-                max_borrowed,
                 sealed,
-                deadline: Period::NONE,
-                lease: Period::NONE,
+                ..DemandedQos::new(depth, max_borrowed)
             },
         },
         (false, true) => Contract::Server {
@@ -149,13 +136,9 @@ fn periods_decide_a_match(
         topic: name(true),
         data: type_id(true),
         offer: OfferedQos {
-            depth: 1,
-            reliable: false,
-            latched: 0,
-            sealed: false,
             deadline: Period(offered_deadline),
-            lifespan: Period::NONE,
             lease: Period(offered_lease),
+            ..OfferedQos::new(1)
         },
     };
     let mut subscriber = subscriber();

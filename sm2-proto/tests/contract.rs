@@ -7,8 +7,8 @@ use std::{
 };
 
 use sm2_proto::{
-    Code, Contract, Datagram, DemandedQos, Error, Instant, LinkId, Machine, Name, NodeId, Period,
-    TypeId, VERSION,
+    Code, Contract, Datagram, DemandedQos, Error, Instant, LinkId, Machine, Name, NodeId, TypeId,
+    VERSION,
     gateway::{
         Action, GatewayId, Hop, OfferId, Pattern, Rule, Rules, Subject,
         discovery::{self, Discovery},
@@ -91,14 +91,7 @@ fn link() -> Link {
     let contract = Contract::Subscriber {
         topic: Name::new("scan").unwrap(),
         data: None,
-        demand: DemandedQos {
-            depth: 1,
-            reliable: false,
-            max_borrowed: 1,
-            sealed: false,
-            deadline: Period::NONE,
-            lease: Period::NONE,
-        },
+        demand: DemandedQos::new(1, 1),
     };
     let config = link::Config::new(&contract, LINK, VERSION, false, false);
     let mut link = Link::new(config);

@@ -197,21 +197,18 @@ fn contracts() -> [Contract; 4] {
         hash: 0,
     };
     let offer = OfferedQos {
-        depth: 7,
         reliable: true,
         latched: 3,
-        sealed: false,
         deadline: Period(11),
         lifespan: Period(12),
         lease: Period(14),
+        ..OfferedQos::new(7)
     };
     let demand = DemandedQos {
-        depth: 8,
         reliable: true,
-        max_borrowed: 4,
-        sealed: false,
         deadline: Period(13),
         lease: Period(15),
+        ..DemandedQos::new(8, 4)
     };
     let qos = ServiceQos {
         depth: 9,

@@ -12,7 +12,7 @@ use proptest::{
         Config, FileFailurePersistence, RngAlgorithm, TestCaseError, TestError, TestRng, TestRunner,
     },
 };
-use sm2_proto::{Contract, DemandedQos, Name, OfferedQos, Period, ServiceQos, TypeId};
+use sm2_proto::{Contract, DemandedQos, Name, OfferedQos, ServiceQos, TypeId};
 use sm2_verification::model::{
     Failure, Property,
     domain::{Action, Budget, Fault, Restriction, Scope, World},
@@ -51,13 +51,9 @@ fn contract() -> impl Strategy<Value = Contract> {
                 topic: name(topic),
                 data: data("T"),
                 offer: OfferedQos {
-                    depth: 1,
                     reliable,
-                    latched: 0,
                     sealed,
-                    deadline: Period::NONE,
-                    lifespan: Period::NONE,
-                    lease: Period::NONE,
+                    ..OfferedQos::new(1)
                 },
             }
         });
@@ -67,12 +63,8 @@ fn contract() -> impl Strategy<Value = Contract> {
                 topic: name(topic),
                 data: typed.then(|| data("T")),
                 demand: DemandedQos {
-                    depth: 1,
                     reliable,
-                    max_borrowed: 1,
-                    sealed: false,
-                    deadline: Period::NONE,
-                    lease: Period::NONE,
+                    ..DemandedQos::new(1, 1)
                 },
             }
         });

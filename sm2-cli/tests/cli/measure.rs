@@ -6,7 +6,7 @@ use nix::sys::signal::Signal;
 use serde_json::{Value, json};
 use sm2_io::SeqPacket;
 use sm2_proto::{
-    Contract, InterfaceId, OfferedQos, Period, TypeId,
+    Contract, InterfaceId, OfferedQos, TypeId,
     control::{ToManager, encode_to_manager},
 };
 
@@ -235,15 +235,7 @@ fn silent_publisher(domain: &Domain, name: &str, topic: &str) -> SeqPacket {
         name: "bytes".parse().unwrap(),
         hash: 0,
     };
-    let offer = OfferedQos {
-        depth: 1,
-        reliable: false,
-        latched: 0,
-        sealed: false,
-        deadline: Period::NONE,
-        lifespan: Period::NONE,
-        lease: Period::NONE,
-    };
+    let offer = OfferedQos::new(1);
     let topic = topic.parse().unwrap();
     let hello = ToManager::Hello {
         min_version: 1,

@@ -44,15 +44,7 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
         Self {
             declaration: Declaration::new(shared, topic),
             data: None,
-            offer: OfferedQos {
-                depth: 8,
-                reliable: false,
-                latched: 0,
-                sealed: false,
-                deadline: Period::NONE,
-                lifespan: Period::NONE,
-                lease: Period::NONE,
-            },
+            offer: OfferedQos::new(8),
             publish_timeout: PUBLISH_TIMEOUT_DEFAULT,
             wait_share_percent: WaitBudget::SHARE_DEFAULT_PERCENT,
             memory: Memory {

@@ -5,7 +5,7 @@ use std::os::fd::{AsFd, BorrowedFd};
 use std::time::{Duration, Instant};
 
 use sm2_io::{RecvError, SeqPacket, wait_readable};
-use sm2_node::domain::{LinkId, OfferedQos, Period};
+use sm2_node::domain::{LinkId, OfferedQos};
 use sm2_node::{Message, Name, Subscriber};
 use sm2_proto::node::{Input, Node, Output};
 use sm2_proto::{Contract, Datagram, Machine};
@@ -110,15 +110,7 @@ pub(crate) fn raw_publisher(domain: &Domain) -> (Raw, Subscriber<[u8]>) {
     let contract = Contract::Publisher {
         topic: topic(),
         data: <[u8]>::type_id(),
-        offer: OfferedQos {
-            depth: 1,
-            reliable: false,
-            latched: 0,
-            sealed: false,
-            deadline: Period::NONE,
-            lifespan: Period::NONE,
-            lease: Period::NONE,
-        },
+        offer: OfferedQos::new(1),
     };
     let raw = Raw::declare(domain, "raw", &contract);
     raw.open(SENDER, 0);

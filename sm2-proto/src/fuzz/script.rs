@@ -140,21 +140,19 @@ impl<'a> Script<'a> {
             sealed,
         };
         let demand = DemandedQos {
-            depth,
             reliable,
-            max_borrowed,
             sealed,
             deadline,
             lease: deadline,
+            ..DemandedQos::new(depth, max_borrowed)
         };
         let offer = OfferedQos {
-            depth,
             reliable,
-            latched: 0,
             sealed,
             deadline,
             lifespan: deadline,
             lease: deadline,
+            ..OfferedQos::new(depth)
         };
         Some(match choice % 4 {
             0 => Contract::Publisher {

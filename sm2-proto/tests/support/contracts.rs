@@ -23,13 +23,9 @@ pub(crate) fn publisher_with(topic: &str, data: &TypeId, reliable: bool, sealed:
         topic: name(topic),
         data: data.clone(),
         offer: OfferedQos {
-            depth: 4,
             reliable,
-            latched: 0,
             sealed,
-            deadline: Period::NONE,
-            lifespan: Period::NONE,
-            lease: Period::NONE,
+            ..OfferedQos::new(4)
         },
     }
 }
@@ -53,12 +49,9 @@ pub(crate) fn subscriber_with(
         topic: name(topic),
         data: data.cloned(),
         demand: DemandedQos {
-            depth: 4,
             reliable,
-            max_borrowed: 2,
             sealed,
-            deadline: Period::NONE,
-            lease: Period::NONE,
+            ..DemandedQos::new(4, 2)
         },
     }
 }

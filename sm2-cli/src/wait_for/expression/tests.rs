@@ -1,5 +1,5 @@
 use sm2_proto::{
-    Contract, DemandedQos, EntityId, InterfaceId, NodeId, OfferedQos, Period, TypeId, control::Item,
+    Contract, DemandedQos, EntityId, InterfaceId, NodeId, OfferedQos, TypeId, control::Item,
 };
 
 use super::*;
@@ -31,27 +31,12 @@ fn domain() -> Domain {
             name: name("bytes"),
             hash: 0,
         },
-        offer: OfferedQos {
-            depth: 1,
-            reliable: false,
-            latched: 0,
-            sealed: false,
-            deadline: Period::NONE,
-            lifespan: Period::NONE,
-            lease: Period::NONE,
-        },
+        offer: OfferedQos::new(1),
     };
     let subscriber = Contract::Subscriber {
         topic: name("scan"),
         data: None,
-        demand: DemandedQos {
-            depth: 1,
-            reliable: false,
-            max_borrowed: 1,
-            sealed: false,
-            deadline: Period::NONE,
-            lease: Period::NONE,
-        },
+        demand: DemandedQos::new(1, 1),
     };
     let mut domain = Domain::new();
     domain.page([

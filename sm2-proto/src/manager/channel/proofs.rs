@@ -5,7 +5,7 @@ use alloc::sync::Arc;
 
 use super::{Channels, Contract, EntityId, Kind, Name, TypeId};
 use crate::{
-    DemandedQos, InterfaceId, NodeId, OfferedQos, Period, Refusal, ServiceQos,
+    DemandedQos, InterfaceId, NodeId, OfferedQos, Refusal, ServiceQos,
     proofs::{below, one_of},
 };
 
@@ -30,27 +30,12 @@ fn contract(kind: Kind, on: &str, hash: Option<u64>) -> Contract {
         Kind::Publisher => Contract::Publisher {
             topic: name(on),
             data: data(hash.unwrap_or(1)),
-            offer: OfferedQos {
-                depth: 1,
-                reliable: false,
-                latched: 0,
-                sealed: false,
-                deadline: Period::NONE,
-                lifespan: Period::NONE,
-                lease: Period::NONE,
-            },
+            offer: OfferedQos::new(1),
         },
         Kind::Subscriber => Contract::Subscriber {
             topic: name(on),
             data: hash.map(data),
-            demand: DemandedQos {
-                depth: 1,
-                reliable: false,
-                max_borrowed: 1,
-                sealed: false,
-                deadline: Period::NONE,
-                lease: Period::NONE,
-            },
+            demand: DemandedQos::new(1, 1),
         },
         Kind::Server => Contract::Server {
             service: name(on),

@@ -4,8 +4,8 @@ use alloc::collections::BTreeMap;
 
 use super::{Answer, Answered, Interface, Judged, Link, Misuse, Standing, State, Withdrawal};
 use crate::{
-    Contract, DemandedQos, InterfaceId, LinkId, LinkKey, LinkQos, Name, NodeId, OfferedQos, Period,
-    TypeId, VERSION,
+    Contract, DemandedQos, InterfaceId, LinkId, LinkKey, LinkQos, Name, NodeId, OfferedQos, TypeId,
+    VERSION,
     control::LinkPeer,
     proofs::{below, one_of},
 };
@@ -77,13 +77,9 @@ fn publisher(reliable: bool, sealed: bool) -> Contract {
         topic: topic(),
         data: data(),
         offer: OfferedQos {
-            depth: 1,
             reliable,
-            latched: 0,
             sealed,
-            deadline: Period::NONE,
-            lifespan: Period::NONE,
-            lease: Period::NONE,
+            ..OfferedQos::new(1)
         },
     }
 }
@@ -97,12 +93,9 @@ fn subscriber(topic: Name, reliable: bool, sealed: bool) -> LinkPeer {
             topic,
             data: None,
             demand: DemandedQos {
-                depth: 1,
                 reliable,
-                max_borrowed: 1,
                 sealed,
-                deadline: Period::NONE,
-                lease: Period::NONE,
+                ..DemandedQos::new(1, 1)
             },
         },
     }

@@ -393,13 +393,8 @@ fn publisher(topic: &str) -> Contract {
         topic: name(topic),
         data: data("T"),
         offer: OfferedQos {
-            depth: 1,
             reliable: true,
-            latched: 0,
-            sealed: false,
-            deadline: Period::NONE,
-            lifespan: Period::NONE,
-            lease: Period::NONE,
+            ..OfferedQos::new(1)
         },
     }
 }
@@ -408,14 +403,7 @@ fn subscriber(topic: &str) -> Contract {
     Contract::Subscriber {
         topic: name(topic),
         data: None,
-        demand: DemandedQos {
-            depth: 1,
-            reliable: false,
-            max_borrowed: 1,
-            sealed: false,
-            deadline: Period::NONE,
-            lease: Period::NONE,
-        },
+        demand: DemandedQos::new(1, 1),
     }
 }
 
