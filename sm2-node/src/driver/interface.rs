@@ -10,15 +10,14 @@ mod events;
 mod lease;
 mod limit;
 mod links;
-mod liveliness;
 mod publish;
+mod qos;
 mod ready;
 mod reports;
 mod server;
 mod settle;
 mod take;
 mod taken;
-mod tick;
 
 use std::collections::VecDeque;
 

@@ -10,7 +10,7 @@
 //! | `background` | the thread that drives the control side |
 //! | `control`, `drive` | [`Control`]: the state under that lock, and the work of its pending events |
 //! | `session` | the connection with the Manager, requests of handles, and the way back to a Manager |
-//! | `qos_timer`, `tick` | the timer of deadlines, and the interfaces that it ticks |
+//! | `qos_timer` | the timer of deadlines and leases, and the interfaces that it ticks |
 //! | `questions` | queries of the program to the Manager, and the answers |
 //! | `shared_interface` | [`SharedInterface`]: an interface as its handles and samples share it, and its lock |
 //! | `context` | the parts of an interface's driver that a call lends to the interface and its links |
@@ -58,7 +58,6 @@ mod sleepers;
 #[cfg(test)]
 mod sleepers_tests;
 mod status;
-mod tick;
 mod token;
 mod undriven_control;
 mod wait;

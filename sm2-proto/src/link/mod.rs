@@ -74,7 +74,6 @@ mod absence;
 mod attachments;
 mod calls;
 mod config;
-mod deadline;
 mod debt;
 mod frame_kind;
 #[cfg(any(test, feature = "fuzzing"))]
@@ -83,8 +82,6 @@ mod inbound;
 mod inspect;
 mod lane;
 mod lease;
-mod lifespan;
-mod liveliness;
 mod machine;
 mod max_len;
 mod memory;
@@ -95,6 +92,7 @@ mod phase;
 #[cfg(any(kani, test))]
 mod proofs;
 mod publications;
+mod qos;
 mod receive;
 mod ring;
 mod role;

@@ -1,15 +1,18 @@
-//! Counting the missed deadlines of a publisher, and those of the links of a subscriber, and checking who is alive.
+//! The deadline and the lease of an interface: of its publisher, and of the publishers at the other ends of its links.
 
 use std::mem;
 use std::sync::Arc;
 
-use sm2_proto::{DeadlineWatch, Instant, LeaseWatch, Period};
+use sm2_proto::control::LinkPeer;
+use sm2_proto::link::Input;
+use sm2_proto::{DeadlineWatch, Instant, LeaseWatch, Newest, Period};
 
 use super::Interface;
 use crate::Event;
 use crate::driver::context::Context;
 use crate::driver::counters::note;
 use crate::driver::link::LinkDriver;
+use crate::driver::token::LinkToken;
 
 impl Interface {
     /// The publisher publishes a message at this time.
@@ -88,5 +91,82 @@ impl Interface {
         let links = self.links().filter(|link| !link.buried);
         own + self.deadline.missed_on_ended_links
             + links.map(LinkDriver::missed_deadlines).sum::<u64>()
+    }
+
+    /// The publisher publishes at this time, which asserts its liveliness. If it was not alive, its subscribers learn
+    /// of it at once.
+    //= SM2-QOS-012, SM2-QOS-013
+    #[inline]
+    pub(super) fn assert_by_publication(&mut self, time: Instant, context: &mut Context<'_>) {
+        if let Some(watch) = &mut self.lease.watch {
+            let was_alive = watch.is_alive();
+            watch.assert(time, time);
+            if !was_alive {
+                self.assert_liveliness(time, context);
+            }
+            // ALIVE may have been held back on a link that does not get the message.
+            self.ask_for_tick();
+        }
+    }
+
+    /// The program asserts the liveliness of its publisher at this time.
+    //= SM2-QOS-012, SM2-QOS-013
+    pub(crate) fn assert_liveliness(&mut self, time: Instant, context: &mut Context<'_>) {
+        if let Some(watch) = &mut self.lease.watch {
+            watch.assert(time, time);
+        }
+        self.note_own_liveliness();
+        for link in self.links.iter_mut().filter(|link| link.is_open()) {
+            link.feed(Input::Assert(time), context.sets, &mut self.outbox);
+        }
+        self.bury_ended(context);
+        self.ask_for_tick();
+    }
+
+    /// Checks the liveliness of the publisher of this interface.
+    pub(super) fn check_liveliness(&mut self, now: Instant) {
+        if let Some(watch) = &mut self.lease.watch {
+            watch.check(Newest::NONE, now);
+        }
+        self.note_own_liveliness();
+    }
+
+    fn note_own_liveliness(&mut self) {
+        let change = self.lease.watch.as_mut().and_then(LeaseWatch::take_change);
+        if let Some(is_alive) = change {
+            self.note_liveliness(is_alive, None);
+        }
+    }
+
+    /// Tells the program whether the publisher at the other end of a link has stopped being alive, or is alive again.
+    #[inline]
+    pub(super) fn note_liveliness_of(&mut self, token: LinkToken) {
+        let Some(link) = self.links.get_mut(token) else {
+            return;
+        };
+        if let Some(is_alive) = link.take_liveliness_change() {
+            let peer = Some(Arc::clone(&link.peer));
+            self.note_liveliness(is_alive, peer);
+        }
+    }
+
+    fn note_liveliness(&mut self, is_alive: bool, peer: Option<Arc<LinkPeer>>) {
+        if is_alive {
+            return self.events.push(Event::LivelinessRegained { peer });
+        }
+        note(self.entry.as_mut(), |entry| entry.lost_liveliness());
+        self.events.push(Event::LivelinessLost { peer });
+    }
+
+    /// Keeps the count of a link that is about to be removed.
+    pub(super) fn keep_lost_liveliness(&mut self, losses: u64) {
+        self.lease.lost_on_ended_links += losses;
+    }
+
+    /// How often a publisher stopped being alive: this one, or those of all links of a subscriber, current and past.
+    pub(crate) fn lost_liveliness(&self) -> u64 {
+        let own = (self.lease.watch.as_ref()).map_or(0, LeaseWatch::losses);
+        let links = self.links().filter(|link| !link.buried);
+        own + self.lease.lost_on_ended_links + links.map(LinkDriver::lost_liveliness).sum::<u64>()
     }
 }

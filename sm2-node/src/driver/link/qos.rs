@@ -1,0 +1,106 @@
+//! The QoS of a topic's link: ticks for the deadline and the lease, and messages that are older than their lifespan.
+
+use std::mem;
+
+use sm2_proto::link::{Delivery, Input};
+use sm2_proto::{Instant, Machine, Period};
+
+use super::LinkDriver;
+use crate::driver::context::Context;
+use crate::driver::counters::note;
+use crate::driver::outbox::Outbox;
+
+impl LinkDriver {
+    /// The time of the next tick, if there is one.
+    pub(in crate::driver) fn deadline(&self) -> Option<Instant> {
+        self.machine.deadline()
+    }
+
+    /// Subscriber: counts the periods that have passed without a message, and checks whether the publisher is alive.
+    /// On the socket lane the messages may wait in the socket; ALIVE does so on both lanes. Publisher: sends ALIVE that
+    /// was held back.
+    //= SM2-QOS-009, SM2-QOS-012, SM2-QOS-013
+    pub(in crate::driver) fn tick(&mut self, context: &mut Context<'_>, outbox: &mut Outbox) {
+        if self.deadline().is_none_or(|due| context.now < due) {
+            return;
+        }
+        self.receive_all(context, outbox);
+        self.machine.tick(context.now, &self.mapped);
+        self.drain_idle(context.sets, outbox);
+    }
+
+    /// How many periods have passed without a message.
+    pub(in crate::driver) fn missed_deadlines(&self) -> u64 {
+        self.machine.missed_deadlines()
+    }
+
+    /// How many more periods have passed without a message than at the last call.
+    pub(in crate::driver) fn take_new_misses(&mut self) -> u64 {
+        let missed = self.missed_deadlines();
+        let more = missed - mem::replace(&mut self.reported_misses, missed);
+        if more > 0 {
+            note(self.entry.as_mut(), |entry| entry.missed_deadlines(more));
+        }
+        more
+    }
+
+    /// How often the publisher stopped being alive.
+    pub(in crate::driver) fn lost_liveliness(&self) -> u64 {
+        self.machine.lost_liveliness()
+    }
+
+    /// Whether the publisher is alive, if that has changed since the last call.
+    #[inline]
+    pub(in crate::driver) fn take_liveliness_change(&mut self) -> Option<bool> {
+        let change = self.machine.take_liveliness_change();
+        if change == Some(false) {
+            note(self.entry.as_mut(), |entry| entry.lost_liveliness());
+        }
+        change
+    }
+
+    /// Gives a message back that is older than its lifespan. The next message reports what was lost before this one.
+    //= SM2-QOS-010
+    #[cold]
+    pub(super) fn drop_taken(
+        &mut self,
+        delivery: &Delivery,
+        context: &mut Context<'_>,
+        outbox: &mut Outbox,
+    ) {
+        self.account.expire(delivery, self.entry.as_mut());
+        self.lost_with_expired = self.lost_with_expired.saturating_add(delivery.lost);
+        self.received.expired += 1;
+        note(self.entry.as_mut(), |entry| entry.expired(1));
+        self.kept.remove(&delivery.sequence);
+        let wake = self.machine.expire(&self.mapped, delivery);
+        self.wake(wake.unwrap_or_default(), context.sets);
+        self.drain_if_due(context.sets, outbox);
+    }
+
+    /// Whether a message of the backlog with this time is older than its lifespan.
+    pub(in crate::driver) fn is_expired(&self, time: Instant) -> bool {
+        self.machine.is_expired(time, sm2_io::clock::now)
+    }
+
+    /// Counts a message that is older than its lifespan as not sent on this link.
+    //= SM2-QOS-010
+    pub(in crate::driver) fn drop_expired(
+        &mut self,
+        context: &mut Context<'_>,
+        outbox: &mut Outbox,
+    ) {
+        self.feed(Input::Expired, context.sets, outbox);
+        self.note_fates();
+    }
+
+    /// Drops the messages that wait for the window and are older than their lifespan.
+    //= SM2-QOS-010
+    #[inline]
+    pub(super) fn expire_unsent(&mut self, context: &Context<'_>, outbox: &mut Outbox) {
+        if self.machine.config().lifespan != Period::NONE && self.machine.has_queued() {
+            self.machine.expire_unsent(sm2_io::clock::now());
+            self.drain_idle(context.sets, outbox);
+        }
+    }
+}
