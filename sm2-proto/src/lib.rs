@@ -92,7 +92,7 @@ pub use ids::{EntityId, InterfaceId, LinkId, LinkKey, NodeId};
 pub use machine::{Error, Machine, MisuseError};
 pub use matching::{LinkQos, Mismatch, match_contracts};
 pub use name::{Name, NameError};
-pub use qos::{DeadlineWatch, LeaseWatch, Newest, Period};
+pub use qos::{Newest, Period, QosWatch};
 pub use refusal::{Quota, Refusal};
 pub use time::Instant;
 pub use violation::Violation;

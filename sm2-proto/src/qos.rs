@@ -78,23 +78,39 @@ impl fmt::Display for Period {
     }
 }
 
-/// Counts the periods of a deadline that pass without a message.
+/// Watches whether a publisher keeps the times of its QoS: a message in each period of its deadline, and a sign of life
+/// within its lease. A publisher watches itself, and a receiver the publisher at the other end. The default watches
+/// nothing.
 ///
-/// The caller calls [`check`](Self::check) at the time of [`due`](Self::due). Messages need no call, except those of a
-/// publisher: only it knows the time of each message that was published since the last check.
-//= SM2-QOS-009
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct DeadlineWatch {
-    /// The period in nanoseconds, not zero.
-    period_ns: u64,
-    /// The time of the last message, or the end of the last period that was missed, or the start.
-    last: Instant,
-    /// The start of the present period: later than `last` if the last check found a message whose time it did not
-    /// know.
-    base: Instant,
+/// The caller calls [`check`](Self::check) at the time of [`due`](Self::due). A receiver need do nothing when a message
+/// comes.
+//= SM2-QOS-009, SM2-QOS-012
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct QosWatch {
+    deadline: Option<Timer>,
+    /// How many periods of the deadline have passed without a message.
+    missed: u64,
+    /// The result of the last [`take_missed`](Self::take_missed).
+    told_missed: u64,
+    lease: Option<Timer>,
+    /// Whether the last sign of life was older than the lease.
+    is_lost: bool,
+    /// The result of the last [`take_liveliness_change`](Self::take_liveliness_change).
+    told_lost: bool,
+    losses: u64,
     /// The number of the newest message at the last check; zero if there was none.
     newest: u64,
-    missed: u64,
+}
+
+/// The time that may pass from one sign of a publisher to the next one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+struct Timer {
+    /// Not none.
+    period: Period,
+    /// The time of the last sign, or of the start. Of a deadline, the end of the last period that was missed is one.
+    last: Instant,
+    /// The next check is one period later. After `last` if a message has come whose time is not known.
+    base: Instant,
 }
 
 /// The newest message at a check.
@@ -102,166 +118,196 @@ pub struct DeadlineWatch {
 pub struct Newest {
     /// The number of the message, which grows with each message; zero if there was none.
     pub sequence: u64,
-    /// The time of its publication; `None` if the message waits in a ring.
+    /// The time of its publication; `None` if the message waits in a ring: it is known once the message was taken.
     pub time: Option<Instant>,
 }
 
 impl Newest {
-    /// There was no message.
+    /// There was no message. A publisher checks itself with it.
     pub const NONE: Self = Self {
         sequence: 0,
         time: None,
     };
 }
 
-impl DeadlineWatch {
-    /// Starts the first period now; `None` if there is no deadline.
-    #[must_use]
-    pub const fn new(deadline: Period, now: Instant) -> Option<Self> {
-        if deadline.0 == 0 {
-            return None;
-        }
-        Some(Self {
-            period_ns: deadline.0,
+impl Timer {
+    fn new(period: Period, now: Instant) -> Option<Self> {
+        (period != Period::NONE).then_some(Self {
+            period,
             last: now,
             base: now,
-            newest: 0,
-            missed: 0,
         })
     }
 
-    /// The end of the present period.
-    #[must_use]
-    pub const fn due(&self) -> Instant {
-        Instant(self.base.0.saturating_add(self.period_ns))
+    const fn due(&self) -> Instant {
+        Instant(self.base.0.saturating_add(self.period.0))
     }
 
-    /// How many periods have passed without a message.
+    /// There was a sign at this time. The other end tells it, so a time in the future counts as now.
+    fn sign(&mut self, time: Instant, now: Instant) {
+        self.last = self.last.max(time.min(now));
+    }
+
+    /// Whether the last sign is a period old.
+    const fn is_over(&self, now: Instant) -> bool {
+        self.period.has_passed(self.last, now)
+    }
+
+    /// Ends the periods that have passed since `base`. Returns their number.
+    fn end_periods(&mut self, now: Instant) -> u64 {
+        let passed = now.0.saturating_sub(self.base.0) / self.period.0;
+        if passed > 0 {
+            self.base = Instant(self.base.0 + passed * self.period.0);
+            self.last = self.base;
+        }
+        passed
+    }
+}
+
+impl QosWatch {
+    /// Watches from now on.
     #[must_use]
-    pub const fn missed(&self) -> u64 {
+    pub fn new(deadline: Period, lease: Period, now: Instant) -> Self {
+        Self {
+            deadline: Timer::new(deadline, now),
+            lease: Timer::new(lease, now),
+            ..Self::default()
+        }
+    }
+
+    /// The time of the next check; `None` if there is nothing to watch.
+    #[must_use]
+    pub fn due(&self) -> Option<Instant> {
+        let timers = self.deadline.iter().chain(&self.lease);
+        timers.map(Timer::due).min()
+    }
+
+    /// Whether there is a lease.
+    #[must_use]
+    #[inline]
+    pub const fn has_lease(&self) -> bool {
+        self.lease.is_some()
+    }
+
+    /// The publisher publishes now.
+    #[inline]
+    pub fn published(&mut self, now: Instant) {
+        if let Some(deadline) = &mut self.deadline {
+            self.missed = self.missed.saturating_add(deadline.end_periods(now));
+            deadline.sign(now, now);
+            deadline.base = deadline.last;
+        }
+        self.assert(now, now);
+    }
+
+    /// The publisher's program showed at `time` that it is alive.
+    pub fn assert(&mut self, time: Instant, now: Instant) {
+        if let Some(lease) = &mut self.lease {
+            lease.sign(time, now);
+            self.is_lost &= lease.is_over(now);
+        }
+    }
+
+    /// Counts the periods of the deadline that have passed now, and checks whether the last sign of life is older than
+    /// the lease.
+    pub fn check(&mut self, newest: Newest, now: Instant) {
+        let is_unknown = newest.time.is_none() && newest.sequence != self.newest;
+        self.newest = newest.sequence;
+        if let Some(deadline) = &mut self.deadline {
+            if let Some(time) = newest.time {
+                deadline.sign(time, now);
+                deadline.base = deadline.last;
+            } else if is_unknown {
+                deadline.base = now;
+            }
+            self.missed = self.missed.saturating_add(deadline.end_periods(now));
+        }
+        if let Some(lease) = &mut self.lease {
+            if let Some(time) = newest.time.or(is_unknown.then_some(now)) {
+                lease.sign(time, now);
+            }
+            let is_lost = lease.is_over(now);
+            self.losses = (self.losses).saturating_add(u64::from(is_lost && !self.is_lost));
+            self.is_lost = is_lost;
+            lease.base = if is_lost { now } else { lease.last };
+        }
+    }
+
+    /// How many periods of the deadline have passed without a message.
+    #[must_use]
+    pub const fn missed_deadlines(&self) -> u64 {
         self.missed
     }
 
-    /// A message is published now, which ends the present period.
-    pub fn published(&mut self, now: Instant) {
-        self.count_missed(now);
-        self.last = self.last.max(now);
-        self.base = self.last;
+    /// How many more periods have passed without a message than at the last call.
+    pub const fn take_missed(&mut self) -> u64 {
+        self.missed - mem::replace(&mut self.told_missed, self.missed)
     }
 
-    /// Counts the periods that have passed now. The other end tells the time of its message, so a time in the future
-    /// counts as now.
-    pub fn check(&mut self, newest: Newest, now: Instant) {
-        match newest.time {
-            Some(time) => {
-                self.last = self.last.max(time.min(now));
-                self.base = self.last;
-            }
-            // The time is known once the message was taken.
-            None if newest.sequence != self.newest => self.base = now,
-            None => {}
-        }
-        self.newest = newest.sequence;
-        self.count_missed(now);
-    }
-
-    /// Counts the periods that have passed since the start of the present one.
-    pub fn count_missed(&mut self, now: Instant) {
-        let passed = now.0.saturating_sub(self.base.0) / self.period_ns;
-        if passed > 0 {
-            self.missed = self.missed.saturating_add(passed);
-            self.base = Instant(self.base.0 + passed * self.period_ns);
-            self.last = self.base;
-        }
-    }
-}
-
-/// Watches whether a publisher's program shows in time that it is alive.
-///
-/// The caller calls [`check`](Self::check) at the time of [`due`](Self::due).
-//= SM2-QOS-012
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct LeaseWatch {
-    lease: Period,
-    /// The time of the last sign of life, or the start.
-    last: Instant,
-    /// The time from which the next check is one lease away.
-    base: Instant,
-    /// The number of the newest message at the last check; zero if there was none.
-    newest: u64,
-    is_alive: bool,
-    /// The result of the last [`take_change`](Self::take_change), or `true`.
-    told: bool,
-    losses: u64,
-}
-
-impl LeaseWatch {
-    /// The program is alive now; `None` if there is no lease.
-    #[must_use]
-    pub const fn new(lease: Period, now: Instant) -> Option<Self> {
-        if lease.0 == 0 {
-            return None;
-        }
-        Some(Self {
-            lease,
-            last: now,
-            base: now,
-            newest: 0,
-            is_alive: true,
-            told: true,
-            losses: 0,
-        })
-    }
-
-    /// The time of the next check.
-    #[must_use]
-    pub const fn due(&self) -> Instant {
-        Instant(self.base.0.saturating_add(self.lease.0))
-    }
-
-    /// Whether the program has shown in time that it is alive.
+    /// Whether the program has shown in time that it is alive. Always true without a lease.
     #[must_use]
     pub const fn is_alive(&self) -> bool {
-        self.is_alive
+        !self.is_lost
     }
 
     /// Whether the program is alive, if that has changed since the last call.
-    pub fn take_change(&mut self) -> Option<bool> {
-        let changed = mem::replace(&mut self.told, self.is_alive) != self.is_alive;
-        changed.then_some(self.is_alive)
+    #[inline]
+    pub fn take_liveliness_change(&mut self) -> Option<bool> {
+        let was_lost = mem::replace(&mut self.told_lost, self.is_lost);
+        (was_lost != self.is_lost).then_some(!self.is_lost)
     }
 
     /// How often the program stopped being alive.
     #[must_use]
-    pub const fn losses(&self) -> u64 {
+    pub const fn lost_liveliness(&self) -> u64 {
         self.losses
     }
+}
 
-    /// The program showed at `time` that it is alive. The other end tells this time, so a time in the future counts
-    /// as now.
-    pub fn assert(&mut self, time: Instant, now: Instant) {
-        self.note(time, now);
-        self.is_alive |= !self.lease.has_passed(self.last, now);
+/// The ALIVE frames of one link: at most one in each quarter of the lease.
+//= SM2-QOS-013
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub(crate) struct AliveFrames {
+    /// The time in an ALIVE that has to be sent.
+    due: Option<Instant>,
+    /// The time of the newest assertion that came too soon after the last ALIVE.
+    held: Option<Instant>,
+    /// The time from which on there may be another ALIVE.
+    next: Instant,
+}
+
+impl AliveFrames {
+    /// The program is alive at this time. If the assertion before was not sent yet, only this one is.
+    pub(crate) const fn assert(&mut self, lease: Period, time: Instant) {
+        if self.due.is_none() && time.0 < self.next.0 {
+            self.held = Some(time);
+        } else {
+            self.send(lease, time, time);
+        }
     }
 
-    /// Checks whether the last sign of life is older than the lease.
-    pub fn check(&mut self, newest: Newest, now: Instant) {
-        match newest.time {
-            Some(time) => self.note(time, now),
-            // The time is known once the message was taken.
-            None if newest.sequence != self.newest => self.note(now, now),
-            None => {}
+    /// Sends the assertion that was held back, once it is time.
+    pub(crate) const fn send_held(&mut self, lease: Period, now: Instant) {
+        if now.0 >= self.next.0
+            && let Some(time) = self.held
+        {
+            self.send(lease, time, now);
         }
-        self.newest = newest.sequence;
-        let is_alive = !self.lease.has_passed(self.last, now);
-        if self.is_alive && !is_alive {
-            self.losses = self.losses.saturating_add(1);
-        }
-        self.is_alive = is_alive;
-        self.base = if is_alive { self.last } else { now };
     }
 
-    fn note(&mut self, time: Instant, now: Instant) {
-        self.last = self.last.max(time.min(now));
+    const fn send(&mut self, lease: Period, time: Instant, now: Instant) {
+        self.due = Some(time);
+        self.held = None;
+        self.next = Instant(now.0.saturating_add(lease.0 / 4));
+    }
+
+    /// The time in the ALIVE that is sent now, if one has to be sent.
+    pub(crate) const fn take(&mut self) -> Option<Instant> {
+        self.due.take()
+    }
+
+    /// The time at which an assertion is sent that was held back.
+    pub(crate) fn held_until(&self) -> Option<Instant> {
+        self.held.map(|_| self.next)
     }
 }

@@ -6,7 +6,7 @@ use crate::link_support::{config, drain, open_to, opened, with_ring};
 use crate::ring_support::{RECEIVER, Rig};
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
-    Code, Datagram, DeadlineWatch, Instant, Machine, Newest, Period,
+    Code, Datagram, Instant, Machine, Newest, Period, QosWatch,
     link::{
         Config, Input, Link, NoMemory, Role, Status,
         wire::{Carrier, Form, Frame, MessageFrame},
@@ -40,7 +40,12 @@ fn periods_are_durations_in_range() {
     assert_eq!(Period::NONE.get(), None);
     assert_eq!(Period(1_500_000_000).to_string(), "1.5s");
     assert_eq!(Period::NONE.to_string(), "none");
-    assert_eq!(DeadlineWatch::new(Period::NONE, Instant(3)), None);
+    assert_eq!(watch(Period::NONE.0, 3).due(), None);
+}
+
+/// Watches this deadline alone.
+fn watch(period: u64, from: u64) -> QosWatch {
+    QosWatch::new(Period(period), Period::NONE, Instant(from))
 }
 
 /// The number of whole periods between consecutive moments, the last of which is now.
@@ -56,7 +61,7 @@ proptest! {
         period in 1..20_u64,
         steps in vec((0..30_u64, any::<bool>()), 0..60),
     ) {
-        let mut watch = DeadlineWatch::new(Period(period), Instant(7)).unwrap();
+        let mut watch = watch(period, 7);
         let (mut now, mut moments) = (7, vec![7]);
         for (step, publishes) in steps {
             now += step;
@@ -64,15 +69,15 @@ proptest! {
                 watch.published(Instant(now));
                 moments.push(now);
             } else {
-                watch.count_missed(Instant(now));
+                watch.check(Newest::NONE, Instant(now));
                 let all: Vec<_> = moments.iter().copied().chain([now]).collect();
-                prop_assert_eq!(watch.missed(), gaps(&all, period));
+                prop_assert_eq!(watch.missed_deadlines(), gaps(&all, period));
             }
-            prop_assert!(publishes || watch.due() > Instant(now));
+            prop_assert!(publishes || watch.due() > Some(Instant(now)));
         }
         moments.push(now);
-        watch.count_missed(Instant(now));
-        prop_assert_eq!(watch.missed(), gaps(&moments, period));
+        watch.check(Newest::NONE, Instant(now));
+        prop_assert_eq!(watch.missed_deadlines(), gaps(&moments, period));
     }
 
     /// A receiver that is ticked in time counts what its publisher counts, on the socket lane.
@@ -92,7 +97,7 @@ proptest! {
         }
         tick_until(&mut link, now + period + 1);
         moments.push(now + period + 1);
-        prop_assert_eq!(link.missed_deadlines(), gaps(&moments, period));
+        prop_assert_eq!(link.watch().missed_deadlines(), gaps(&moments, period));
     }
 }
 
@@ -153,19 +158,19 @@ fn times_before_the_opening_and_in_the_future_do_not_count() {
     // A latched message: the period that began with the opening goes on.
     data(&mut link, 1, Instant(3), Instant(101));
     link.tick(Instant(109), &NoMemory);
-    assert_eq!(link.missed_deadlines(), 0);
+    assert_eq!(link.watch().missed_deadlines(), 0);
     link.tick(Instant(110), &NoMemory);
-    assert_eq!(link.missed_deadlines(), 1);
+    assert_eq!(link.watch().missed_deadlines(), 1);
     // A publisher whose times are wrong gains no more than a period.
     data(&mut link, 2, Instant(u64::MAX), Instant(111));
     link.tick(Instant(120), &NoMemory);
     assert_eq!(
-        (link.missed_deadlines(), link.deadline()),
+        (link.watch().missed_deadlines(), link.deadline()),
         (1, Some(Instant(130)))
     );
     link.tick(Instant(140), &NoMemory);
     assert_eq!(
-        (link.missed_deadlines(), link.deadline()),
+        (link.watch().missed_deadlines(), link.deadline()),
         (1, Some(Instant(150)))
     );
 }
@@ -176,14 +181,14 @@ fn a_receiver_that_looks_late_counts_all_periods_without_a_message() {
     let mut link = receiver(10, Instant(0));
     link.tick(Instant(39), &NoMemory);
     assert_eq!(
-        (link.missed_deadlines(), link.deadline()),
+        (link.watch().missed_deadlines(), link.deadline()),
         (3, Some(Instant(40)))
     );
     // Nobody knows which messages came in time, so it does not accuse the publisher.
     data(&mut link, 1, Instant(95), Instant(97));
     link.tick(Instant(99), &NoMemory);
     assert_eq!(
-        (link.missed_deadlines(), link.deadline()),
+        (link.watch().missed_deadlines(), link.deadline()),
         (3, Some(Instant(105)))
     );
 }
@@ -196,12 +201,12 @@ fn only_an_open_receiver_has_a_deadline() {
         assert_eq!(link.deadline().is_some(), role == Role::Receiver);
         link.tick(Instant(25), &NoMemory);
         let missed = if role == Role::Receiver { 2 } else { 0 };
-        assert_eq!(link.missed_deadlines(), missed);
+        assert_eq!(link.watch().missed_deadlines(), missed);
         link.handle(Instant(26), Input::Close(Code(0))).unwrap();
         drain(&mut link);
         assert_eq!(link.deadline(), None);
         link.tick(Instant(99), &NoMemory);
-        assert_eq!(link.missed_deadlines(), missed, "the count stays");
+        assert_eq!(link.watch().missed_deadlines(), missed, "the count stays");
     }
     assert_eq!(opened(config(Role::Receiver)).deadline(), None);
 }
@@ -220,7 +225,7 @@ fn tick(rig: &mut Rig, now: u64) -> (u64, u64) {
     let receiver = &mut rig.ends[RECEIVER];
     receiver.tick(Instant(now), &rig.words);
     let due = receiver.deadline().expect("the link is open");
-    (receiver.missed_deadlines(), due.0)
+    (receiver.watch().missed_deadlines(), due.0)
 }
 
 //= SM2-QOS-009 test
@@ -248,15 +253,21 @@ fn a_message_in_a_ring_counts_before_and_after_it_is_taken() {
 
 #[test]
 fn a_message_whose_time_is_not_known_begins_a_period() {
-    let mut watch = DeadlineWatch::new(Period(10), Instant(0)).unwrap();
+    let mut watch = watch(10, 0);
     let found = |sequence| Newest {
         sequence,
         time: None,
     };
     watch.check(found(0), Instant(10));
-    assert_eq!(watch.missed(), 1, "there was no message");
+    assert_eq!(watch.missed_deadlines(), 1, "there was no message");
     watch.check(found(3), Instant(25));
-    assert_eq!((watch.missed(), watch.due()), (1, Instant(35)));
+    assert_eq!(
+        (watch.missed_deadlines(), watch.due()),
+        (1, Some(Instant(35)))
+    );
     watch.check(found(3), Instant(35));
-    assert_eq!((watch.missed(), watch.due()), (2, Instant(45)));
+    assert_eq!(
+        (watch.missed_deadlines(), watch.due()),
+        (2, Some(Instant(45)))
+    );
 }

@@ -4,7 +4,7 @@ use crate::link_support::{config, drain, feed, open_to, opened, sent, with_ring}
 use crate::ring_support::{RECEIVER, Rig, SENDER};
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
-    Code, Datagram, Instant, LeaseWatch, Machine, Newest, Period,
+    Code, Datagram, Instant, Machine, Newest, Period, QosWatch,
     link::{
         Config, End, Error, Input, Link, Misuse, NoMemory, Role, Status,
         wire::{Carrier, Form, Frame, MessageFrame},
@@ -21,17 +21,17 @@ proptest! {
         lease in 1..20_u64,
         steps in vec(0..40_u64, 0..40),
     ) {
-        let mut watch = LeaseWatch::new(Period(lease), Instant(7)).unwrap();
+        let mut watch = QosWatch::new(Period::NONE, Period(lease), Instant(7));
         let (mut last, mut now, mut losses) = (7, 7, 0);
         for step in steps {
             let next = now + step;
-            while watch.due().0 <= next {
-                now = watch.due().0;
+            while let Some(Instant(due)) = watch.due().filter(|it| it.0 <= next) {
+                now = due;
                 let was_alive = watch.is_alive();
                 watch.check(Newest::NONE, Instant(now));
                 prop_assert_eq!(watch.is_alive(), now - last < lease);
                 losses += u64::from(was_alive && !watch.is_alive());
-                prop_assert!(watch.due() > Instant(now), "checks advance");
+                prop_assert!(watch.due() > Some(Instant(now)), "checks advance");
             }
             now = next;
             prop_assert!(!watch.is_alive() || now - last < lease, "noticed in time");
@@ -39,13 +39,14 @@ proptest! {
             last = now;
             prop_assert!(watch.is_alive(), "an assertion is noticed at once");
         }
-        prop_assert_eq!(watch.losses(), losses);
+        prop_assert_eq!(watch.lost_liveliness(), losses);
     }
 }
 
 #[test]
 fn a_lease_of_nothing_is_not_watched() {
-    assert_eq!(LeaseWatch::new(Period::NONE, Instant(3)), None);
+    let watch = QosWatch::new(Period::NONE, Period::NONE, Instant(3));
+    assert_eq!((watch, watch.due()), (QosWatch::default(), None));
 }
 
 fn with_lease(config: Config, lease: u64) -> Config {
@@ -97,7 +98,7 @@ fn data(sequence: u64, time: u64) -> Frame<'static> {
 fn tick(link: &mut Link, now: u64) -> (bool, u64, u64) {
     link.tick(Instant(now), &NoMemory);
     let due = link.deadline().expect("the link is open").0;
-    (link.is_peer_alive(), link.lost_liveliness(), due)
+    (link.watch().is_alive(), link.watch().lost_liveliness(), due)
 }
 
 //= SM2-QOS-012 test
@@ -113,9 +114,9 @@ fn messages_and_assertions_are_signs_of_life() {
     assert_eq!(tick(&mut link, 128), (false, 1, 138), "it is counted once");
     // A message is noticed at the next tick, an assertion at once.
     receive(&mut link, &data(2, 130), 130);
-    assert!(!link.is_peer_alive());
+    assert!(!link.watch().is_alive());
     receive(&mut link, &alive(131), 131);
-    assert!(link.is_peer_alive());
+    assert!(link.watch().is_alive());
     assert_eq!(tick(&mut link, 138), (true, 1, 141));
     assert_eq!(tick(&mut link, 141), (false, 2, 151));
     // One that came too late is not a sign that it is alive now.
@@ -140,12 +141,12 @@ fn only_an_open_receiver_that_demands_a_lease_watches() {
         let watches = role == Role::Receiver;
         assert_eq!(link.deadline().is_some(), watches);
         link.tick(Instant(25), &NoMemory);
-        assert_eq!(link.is_peer_alive(), !watches);
+        assert_eq!(link.watch().is_alive(), !watches);
         link.handle(Instant(26), Input::Close(Code(0))).unwrap();
         drain(&mut link);
         assert_eq!(link.deadline(), None);
         link.tick(Instant(99), &NoMemory);
-        assert_eq!(link.lost_liveliness(), u64::from(watches));
+        assert_eq!(link.watch().lost_liveliness(), u64::from(watches));
     }
     assert_eq!(opened(config(Role::Receiver)).deadline(), None);
 }
@@ -162,7 +163,7 @@ fn the_first_of_deadline_and_lease_is_due() {
     assert_eq!(link.deadline(), Some(Instant(7)));
     assert_eq!(tick(&mut link, 7), (true, 0, 10));
     assert_eq!(tick(&mut link, 10), (false, 1, 14));
-    assert_eq!(link.missed_deadlines(), 1);
+    assert_eq!(link.watch().missed_deadlines(), 1);
 }
 
 //= SM2-QOS-013 test
@@ -284,7 +285,7 @@ fn a_message_in_a_ring_is_a_sign_of_life() {
     let tick = |rig: &mut Rig, now: u64| {
         let receiver = &mut rig.ends[RECEIVER];
         receiver.tick(Instant(now), &rig.words);
-        (receiver.is_peer_alive(), receiver.deadline().unwrap().0)
+        (receiver.watch().is_alive(), receiver.deadline().unwrap().0)
     };
     assert_eq!(tick(&mut rig, 50), (false, 100));
     let _ = rig.send(1, 1).unwrap();
@@ -306,5 +307,5 @@ fn a_message_in_a_ring_is_a_sign_of_life() {
     assert_eq!(packet, alive(371).to_vec());
     let input = Input::Datagram(Datagram::new(&packet));
     rig.ends[RECEIVER].handle(Instant(372), input).unwrap();
-    assert!(rig.ends[RECEIVER].is_peer_alive());
+    assert!(rig.ends[RECEIVER].watch().is_alive());
 }

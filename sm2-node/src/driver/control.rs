@@ -143,7 +143,7 @@ impl Control {
             self.counting.free(entry);
         }
         if let Some(at) = tick_at {
-            self.tick_at(id, at);
+            self.qos_timer.tick_at(id, at);
         }
         if wants_page {
             self.expect_page(sets);

@@ -6,7 +6,6 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use sm2_io::Event;
-use sm2_proto::{Instant, InterfaceId};
 
 use super::control::Control;
 use super::event_sets::NodeSets;
@@ -78,24 +77,17 @@ impl Control {
         has_ended
     }
 
-    /// An interface has to be ticked at this time.
-    //= SM2-QOS-009
-    pub(super) fn tick_at(&mut self, interface: InterfaceId, at: Instant) {
-        self.qos_timer.interfaces.insert(interface);
-        self.qos_timer.set(at);
-    }
-
-    /// Ticks all interfaces that have deadlines.
-    //= SM2-QOS-009
+    /// Ticks all interfaces that have a deadline or a lease.
+    //= SM2-QOS-009, SM2-QOS-012
     pub(super) fn on_qos_timer(&mut self, sets: &NodeSets) {
         if !self.qos_timer.fires() {
             return;
         }
         let now = sm2_io::clock::now();
-        let all: Vec<_> = self.qos_timer.interfaces.iter().copied().collect();
+        let all: Vec<_> = self.qos_timer.interfaces().collect();
         for id in all {
             let Some(interface) = self.interfaces.get(&id).map(Arc::clone) else {
-                self.qos_timer.interfaces.remove(&id);
+                self.qos_timer.remove(id);
                 continue;
             };
             if let Some(results) = interface.tick(now) {

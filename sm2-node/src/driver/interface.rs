@@ -4,10 +4,8 @@ mod absence;
 mod away;
 mod calls;
 mod client;
-mod deadline;
 mod event_queue;
 mod events;
-mod lease;
 mod limit;
 mod links;
 mod publish;
@@ -23,15 +21,13 @@ use std::collections::VecDeque;
 
 use sm2_io::{CounterEntry, Event};
 use sm2_proto::link::{Counters, Input, MaxLen};
-use sm2_proto::{Code, Contract, Farewell, Instant, LinkId, Name, Refusal};
+use sm2_proto::{Code, Contract, Farewell, Instant, LinkId, Name, QosWatch, Refusal};
 
 use self::absence::Absence;
 use self::calls::Calls;
 pub(crate) use self::calls::{CallId, Outcome};
 pub(crate) use self::client::Choice;
-use self::deadline::Deadline;
 use self::event_queue::EventQueue;
-use self::lease::Lease;
 use self::links::Links;
 pub(crate) use self::publish::Offered;
 pub(crate) use self::ready::Condition;
@@ -78,8 +74,14 @@ pub(crate) struct Interface {
     is_closed: bool,
     /// Events that the program has not taken.
     pub(crate) events: EventQueue,
-    deadline: Deadline,
-    lease: Lease,
+    /// The deadline and the lease of a publisher. Watches nothing at all other interfaces.
+    watch: QosWatch,
+    /// The time of the next tick, if the control side knows one.
+    tick_at: Option<Instant>,
+    /// How many deadlines were missed on links that are gone.
+    ended_missed: u64,
+    /// How often publishers stopped being alive on links that are gone.
+    ended_losses: u64,
     /// Results of calls that the control side has to handle.
     for_control: ForControl,
 }
@@ -128,8 +130,17 @@ impl Interface {
     ) -> Self {
         Self {
             absence: Absence::of(&contract),
-            deadline: Deadline::of(&contract),
-            lease: Lease::of(&contract),
+            watch: match &contract {
+                Contract::Publisher { offer, .. } => {
+                    QosWatch::new(offer.deadline, offer.lease, sm2_io::clock::now())
+                }
+                Contract::Subscriber { .. } | Contract::Server { .. } | Contract::Client { .. } => {
+                    QosWatch::default()
+                }
+            },
+            tick_at: None,
+            ended_missed: 0,
+            ended_losses: 0,
             contract,
             max_len,
             state: State::Declaring,

@@ -83,8 +83,6 @@ pub(crate) struct LinkDriver {
     pub(super) has_joined: bool,
     /// How many messages that the other side does not get were reported to the program.
     reported_drops: u64,
-    /// How many missed periods of the deadline were reported to the program.
-    reported_misses: u64,
     /// The entry of its counters, until the link is buried.
     pub(super) entry: Option<CounterEntry>,
     /// The values in the entry.
@@ -148,7 +146,6 @@ impl LinkDriver {
             account: LinkAccount::default(),
             has_joined: false,
             reported_drops: 0,
-            reported_misses: 0,
             entry,
             noted: Counters::default(),
             last_call: 0,
@@ -316,9 +313,9 @@ impl LinkDriver {
                 away: self.account.away(),
                 ..self.received
             },
-            missed_deadlines: self.missed_deadlines(),
-            alive: self.machine.is_peer_alive(),
-            lost_liveliness: self.lost_liveliness(),
+            missed_deadlines: self.qos_watch().missed_deadlines(),
+            alive: self.qos_watch().is_alive(),
+            lost_liveliness: self.qos_watch().lost_liveliness(),
             end: self.end(),
         }
     }

@@ -1,8 +1,9 @@
-//! When the deadlines of a node are checked, and what wakes it for that.
+//! When the deadlines and leases of a node are checked, and what wakes it for that.
 //!
 //! The timer is in the control set, so it wakes the background thread, or else the calls of the program and an event
-//! loop that polls the node's descriptor. A node without deadlines has no such timer, and messages do not touch it: the
-//! tick at the end of a period finds out whether a message came, and sets the timer to the end of the next period.
+//! loop that polls the node's descriptor. A node without deadlines and leases has no such timer, and messages do not
+//! touch it: the tick at the end of a period finds out whether a message came, and sets the timer to the end of the
+//! next period.
 
 use std::collections::BTreeSet;
 use std::io;
@@ -13,19 +14,19 @@ use sm2_proto::{Instant, InterfaceId};
 use super::event_sets::NodeSets;
 use super::token::QOS_TIMER;
 
-/// The timer of the deadlines of all interfaces of a node.
+/// The timer of the deadlines and leases of all interfaces of a node.
 #[derive(Debug, Default)]
 pub(super) struct QosTimer {
-    /// `None` until an interface has a deadline.
+    /// `None` until an interface has a deadline or a lease.
     timer: Option<Timer>,
     /// The time to which the timer is set.
     at: Option<Instant>,
-    /// The interfaces that have deadlines.
-    pub(super) interfaces: BTreeSet<InterfaceId>,
+    /// The interfaces that have been ticked, or will be.
+    interfaces: BTreeSet<InterfaceId>,
 }
 
 impl QosTimer {
-    /// Makes the timer, before the first interface with a deadline is declared.
+    /// Makes the timer, before the first interface with a deadline or a lease is declared.
     ///
     /// # Errors
     ///
@@ -39,8 +40,10 @@ impl QosTimer {
         Ok(())
     }
 
-    /// Sets the timer to this time, unless it is set to an earlier one.
-    pub(super) fn set(&mut self, at: Instant) {
+    /// An interface has to be ticked at this time. Sets the timer to it, unless it is set to an earlier one.
+    //= SM2-QOS-009, SM2-QOS-012
+    pub(super) fn tick_at(&mut self, interface: InterfaceId, at: Instant) {
+        self.interfaces.insert(interface);
         let Some(timer) = &self.timer else { return };
         if self.at.is_some_and(|earlier| earlier <= at) {
             return;
@@ -51,6 +54,16 @@ impl QosTimer {
                 tracing::error!(%error, "cannot set a timer: this node does not notice missed deadlines");
             }
         }
+    }
+
+    /// The interfaces to tick.
+    pub(super) fn interfaces(&self) -> impl Iterator<Item = InterfaceId> {
+        self.interfaces.iter().copied()
+    }
+
+    /// Ticks an interface no more, because it is gone.
+    pub(super) fn remove(&mut self, interface: InterfaceId) {
+        self.interfaces.remove(&interface);
     }
 
     /// Whether the time has come to which the timer was set.

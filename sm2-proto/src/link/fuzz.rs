@@ -361,12 +361,13 @@ impl World {
     /// Ticks the deadline and the lease at any time. Only a receiver that has one counts.
     fn tick(&mut self, script: &mut Script<'_>) -> Option<()> {
         let now = Instant(u64::from(script.byte()?));
-        let before = self.link.missed_deadlines();
+        let before = self.link.watch().missed_deadlines();
         self.link.tick(now, &NoMemory);
-        let after = self.link.missed_deadlines();
+        let after = self.link.watch().missed_deadlines();
         let is_receiver = self.link.config().role == Role::Receiver;
         assert!(after >= before && (after == before || is_receiver));
-        assert!(self.link.is_peer_alive() || (is_receiver && self.link.lost_liveliness() > 0));
+        let watch = self.link.watch();
+        assert!(watch.is_alive() || (is_receiver && watch.lost_liveliness() > 0));
         self.drain();
         assert!(self.link.deadline().is_none_or(|due| due > now));
         Some(())

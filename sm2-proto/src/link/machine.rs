@@ -7,7 +7,6 @@ use super::{
     SegmentInfo,
     calls::{Placed, Served},
     lane::Lane,
-    lease::Lease,
     outbound::{Outbound, OutboundFrame},
     phase::Phase,
     ring::RingSender,
@@ -15,8 +14,8 @@ use super::{
     wire::{Frame, LANE_RING, LANE_SOCKET, Open},
 };
 use crate::{
-    Code, DeadlineWatch, Instant, Machine, Violation, limits::MESSAGE_MAX,
-    machine::debug_assert_drained,
+    Code, Instant, Machine, QosWatch, Violation, limits::MESSAGE_MAX,
+    machine::debug_assert_drained, qos::AliveFrames,
 };
 
 /// One end of one link. The [documentation of the module](crate::link) gives the order in which its
@@ -43,10 +42,10 @@ pub struct Link {
     pub(super) peer_max_len: u64,
     /// The publications that the other end's OPEN states.
     pub(super) peer_publications: Publications,
-    /// The deadline, from the time at which the link opened.
-    pub(super) watch: Option<DeadlineWatch>,
-    /// The liveliness of the publisher.
-    pub(super) lease: Lease,
+    /// Of a receiver, from the time at which the link opened.
+    pub(super) watch: QosWatch,
+    /// Of a sender whose receiver demands a lease.
+    pub(super) alive_frames: AliveFrames,
 }
 
 /// The state of a link that is over.
@@ -80,12 +79,12 @@ impl Link {
             // Its OPEN has not come.
             peer_max_len: MESSAGE_MAX,
             peer_publications: Publications::UNKNOWN,
-            watch: None,
-            lease: Lease::default(),
+            watch: QosWatch::default(),
+            alive_frames: AliveFrames::default(),
         }
     }
 
-    fn handle_live(&mut self, phase: Phase, input: Input<'_>) -> Result<(), Error> {
+    fn handle_live(&mut self, now: Instant, phase: Phase, input: Input<'_>) -> Result<(), Error> {
         match input {
             Input::Datagram(datagram) => {
                 debug_assert_drained(&self.events);
@@ -94,7 +93,7 @@ impl Link {
                     self.finish(End::Eof);
                     return Ok(());
                 }
-                self.receive(phase, &datagram)
+                self.receive(now, phase, &datagram)
                     .map_err(|violation| self.violated(violation))?;
             }
             Input::Eof => self.finish(End::Eof),
@@ -269,7 +268,7 @@ impl Link {
         if packet.is_some() {
             return packet;
         }
-        if let Some(time) = self.lease.due.take() {
+        if let Some(time) = self.alive_frames.take() {
             return Some(Packet::bare(Frame::Alive { time }.head()));
         }
         if let Some(call) = self.placed.poll() {
@@ -344,12 +343,11 @@ impl Machine for Link {
         let result = match self.state {
             Ok(phase) => {
                 let shows_life = input.is_unsent_publication();
-                let result = self.handle_live(phase, input);
+                let result = self.handle_live(now, phase, input);
                 if shows_life && result.is_ok() {
                     self.show_life(now);
                 }
-                self.start_deadline(now);
-                self.watch_liveliness(now);
+                self.start_watch(now);
                 self.expire_unsent(now);
                 result
             }
@@ -371,7 +369,6 @@ impl Machine for Link {
     /// The time of the next [`tick`](Link::tick); `None` unless a receiver demands a deadline or a lease, or
     /// ALIVE is held back.
     fn deadline(&self) -> Option<Instant> {
-        let due = self.period_end().into_iter().chain(self.lease_end());
-        due.min()
+        self.next_tick()
     }
 }

@@ -81,7 +81,6 @@ pub(crate) mod fuzz;
 mod inbound;
 mod inspect;
 mod lane;
-mod lease;
 mod machine;
 mod max_len;
 mod memory;

@@ -1,17 +1,18 @@
 //! The QoS of a topic's link: the deadline and the lease of a receiver, and the lifespan of the messages.
 
 use super::{
-    Delivery, Error, Fate, Link, LinkMemory, Misuse, Output, Role, Wake, lane::Lane, lease::Lease,
-    phase::Phase, wire::Given,
+    Delivery, Error, Fate, Link, LinkMemory, Misuse, Output, Role, Wake, lane::Lane, phase::Phase,
+    wire::Given,
 };
-use crate::{DeadlineWatch, Instant, LeaseWatch, Machine, Newest, Period, Violation};
+use crate::{Instant, Machine, Newest, Period, QosWatch, Violation};
 
 impl Link {
-    /// Starts the first period once the link is open.
-    //= SM2-QOS-009
-    pub(super) fn start_deadline(&mut self, now: Instant) {
-        if self.watch.is_none() && self.state == Ok(Phase::Open) {
-            self.watch = DeadlineWatch::new(self.config.deadline, now);
+    /// A receiver watches the publisher from the time at which the link opens.
+    //= SM2-QOS-009, SM2-QOS-012
+    pub(super) fn start_watch(&mut self, now: Instant) {
+        let is_open_receiver = self.config.role == Role::Receiver && self.state == Ok(Phase::Open);
+        if is_open_receiver && self.watch.due().is_none() {
+            self.watch = QosWatch::new(self.config.deadline, self.config.lease, now);
         }
     }
 
@@ -19,17 +20,12 @@ impl Link {
     /// publisher is alive. Sender: sends ALIVE if it was held back.
     /// A driver calls this at the time of [`deadline`](crate::Machine::deadline), after it has fed all datagrams that
     /// the socket has.
-    //= SM2-QOS-009, SM2-QOS-012
+    //= SM2-QOS-009, SM2-QOS-012, SM2-QOS-013
     pub fn tick(&mut self, now: Instant, memory: &impl LinkMemory) {
         if self.deadline().is_some() {
             let newest = self.newest(memory);
-            if let Some(watch) = &mut self.watch {
-                watch.check(newest, now);
-            }
-            if let Some(watch) = &mut self.lease.watch {
-                watch.check(newest, now);
-            }
-            self.send_held_alive(now);
+            self.watch.check(newest, now);
+            self.alive_frames.send_held(self.config.lease, now);
         }
         self.invariants();
     }
@@ -45,19 +41,27 @@ impl Link {
         }
     }
 
-    /// How many periods of the deadline have passed without a message. Zero for all roles but a receiver.
+    /// The time of the next [`tick`](Self::tick).
+    pub(super) fn next_tick(&self) -> Option<Instant> {
+        let due = self.watch.due().or(self.alive_frames.held_until());
+        due.filter(|_| self.state.is_ok())
+    }
+
+    /// How the publisher at the other end keeps its deadline and its lease, as far as the last [`tick`](Self::tick) and
+    /// the last ALIVE tell. Watches nothing for all roles but a receiver.
     #[must_use]
-    pub fn missed_deadlines(&self) -> u64 {
-        self.watch.as_ref().map_or(0, DeadlineWatch::missed)
+    #[inline]
+    pub const fn watch(&self) -> &QosWatch {
+        &self.watch
     }
 
-    /// The end of the present period, as long as the link is not over.
-    pub(super) fn period_end(&self) -> Option<Instant> {
-        let watch = self.watch.as_ref().filter(|_| self.state.is_ok())?;
-        Some(watch.due())
+    /// As [`watch`](Self::watch), to take the changes since the last call.
+    #[inline]
+    pub const fn watch_mut(&mut self) -> &mut QosWatch {
+        &mut self.watch
     }
 
-    /// Notes an assertion of the publisher's program. If the one before was not sent yet, only this one is.
+    /// Sends an assertion of the publisher's program.
     //= SM2-QOS-013
     pub(super) fn assert_liveliness(&mut self, time: Instant) -> Result<(), Misuse> {
         if self.config.role != Role::Sender {
@@ -72,83 +76,18 @@ impl Link {
 
     /// The publisher's program is alive at this time.
     pub(super) fn show_life(&mut self, time: Instant) {
-        if self.config.lease == Period::NONE {
-            return;
+        if self.config.lease != Period::NONE {
+            self.alive_frames.assert(self.config.lease, time);
         }
-        if self.lease.due.is_none() && time < self.lease.next {
-            self.lease.held = Some(time);
-        } else {
-            self.send_alive(time, time);
-        }
-    }
-
-    /// Sends the assertion that was held back, once it is time.
-    //= SM2-QOS-013
-    pub(super) fn send_held_alive(&mut self, now: Instant) {
-        if now >= self.lease.next
-            && let Some(time) = self.lease.held
-        {
-            self.send_alive(time, now);
-        }
-    }
-
-    fn send_alive(&mut self, time: Instant, now: Instant) {
-        let quarter = self.config.lease.0 / 4;
-        self.lease.due = Some(time);
-        self.lease.held = None;
-        self.lease.next = Instant(now.0.saturating_add(quarter));
     }
 
     //= SM2-QOS-013
-    pub(super) fn on_alive(&mut self, time: Instant) -> Result<(), Violation> {
+    pub(super) fn on_alive(&mut self, time: Instant, now: Instant) -> Result<(), Violation> {
         if self.config.lease == Period::NONE {
             return Err(violation!(WrongRole, "SM2-QOS-013"));
         }
-        self.lease.came = Some(time);
+        self.watch.assert(time, now);
         Ok(())
-    }
-
-    /// Starts to watch once the link is open, and notes an assertion that came.
-    //= SM2-QOS-012
-    pub(super) fn watch_liveliness(&mut self, now: Instant) {
-        if self.config.role != Role::Receiver || self.state != Ok(Phase::Open) {
-            return;
-        }
-        let Lease { watch, came, .. } = &mut self.lease;
-        if watch.is_none() {
-            *watch = LeaseWatch::new(self.config.lease, now);
-        }
-        if let (Some(watch), Some(time)) = (watch, came.take()) {
-            watch.assert(time, now);
-        }
-    }
-
-    /// Whether the publisher at the other end has shown in time that its program is alive, as far as the last
-    /// [`tick`](Self::tick) and the last ALIVE tell. Always true without a lease, and for all roles but a receiver.
-    #[must_use]
-    pub fn is_peer_alive(&self) -> bool {
-        (self.lease.watch.as_ref()).is_none_or(LeaseWatch::is_alive)
-    }
-
-    /// Whether the publisher at the other end [is alive](Self::is_peer_alive), if that has changed since the last call.
-    #[inline]
-    pub fn take_liveliness_change(&mut self) -> Option<bool> {
-        self.lease.watch.as_mut()?.take_change()
-    }
-
-    /// How often the publisher at the other end has lost its liveliness.
-    #[must_use]
-    pub fn lost_liveliness(&self) -> u64 {
-        self.lease.watch.as_ref().map_or(0, LeaseWatch::losses)
-    }
-
-    /// The time at which the liveliness is checked next, or at which an assertion is sent that was held back.
-    pub(super) fn lease_end(&self) -> Option<Instant> {
-        if self.state.is_err() {
-            return None;
-        }
-        let held = self.lease.held.map(|_| self.lease.next);
-        self.lease.watch.as_ref().map(LeaseWatch::due).or(held)
     }
 
     /// Drops the messages that wait at this end and are older than their lifespan. A driver calls this before it asks

@@ -14,7 +14,7 @@ use super::{
     wire::{Frame, Given, LANE_RING, LANE_SOCKET, MessageFrame, Open},
 };
 use crate::{
-    Datagram, Farewell, FdFacts, Violation,
+    Datagram, Farewell, FdFacts, Instant, Violation,
     limits::{MESSAGE_MAX, WINDOW_MAX},
 };
 
@@ -25,6 +25,7 @@ impl Link {
     /// Handles one datagram. A frame that violates SPEC has no other effect than the violation.
     pub(super) fn receive(
         &mut self,
+        now: Instant,
         phase: Phase,
         datagram: &Datagram<'_>,
     ) -> Result<(), Violation> {
@@ -52,7 +53,7 @@ impl Link {
             // DOORBELL has no content: the driver checks the ring after each wake-up.
             Frame::Doorbell => Ok(()),
             Frame::Detached { segment } => self.on_detached(segment),
-            Frame::Alive { time } => self.on_alive(time),
+            Frame::Alive { time } => self.on_alive(time, now),
             //= SM2-OPN-005, SM2-COD-001
             Frame::Close(code) => {
                 self.finish(End::Peer(code));

@@ -230,8 +230,7 @@ impl Interface {
         is_heard: bool,
         context: &mut Context<'_>,
     ) {
-        self.meet_deadline(time);
-        self.assert_by_publication(time, context);
+        self.note_publication(time, context);
         self.unheard += u64::from(!is_heard);
         note(self.entry.as_mut(), |entry| {
             entry.published(time, len);

@@ -111,8 +111,8 @@ impl Interface {
             self.for_control.ends.push((link.id, code));
         }
         let status = link.status();
-        self.keep_missed_deadlines(status.missed_deadlines);
-        self.keep_lost_liveliness(status.lost_liveliness);
+        self.ended_missed += status.missed_deadlines;
+        self.ended_losses += status.lost_liveliness;
         add_counters(&mut self.ended_sum, &status.counters);
         if self.ended.len() == HISTORY {
             self.ended.pop_front();

@@ -1,9 +1,7 @@
 //! The QoS of a topic's link: ticks for the deadline and the lease, and messages that are older than their lifespan.
 
-use std::mem;
-
 use sm2_proto::link::{Delivery, Input};
-use sm2_proto::{Instant, Machine, Period};
+use sm2_proto::{Instant, Machine, Period, QosWatch};
 
 use super::LinkDriver;
 use crate::driver::context::Context;
@@ -29,30 +27,24 @@ impl LinkDriver {
         self.drain_idle(context.sets, outbox);
     }
 
-    /// How many periods have passed without a message.
-    pub(in crate::driver) fn missed_deadlines(&self) -> u64 {
-        self.machine.missed_deadlines()
+    /// How the publisher at the other end of a subscriber's link keeps its deadline and its lease.
+    pub(in crate::driver) const fn qos_watch(&self) -> &QosWatch {
+        self.machine.watch()
     }
 
     /// How many more periods have passed without a message than at the last call.
-    pub(in crate::driver) fn take_new_misses(&mut self) -> u64 {
-        let missed = self.missed_deadlines();
-        let more = missed - mem::replace(&mut self.reported_misses, missed);
+    pub(in crate::driver) fn take_missed(&mut self) -> u64 {
+        let more = self.machine.watch_mut().take_missed();
         if more > 0 {
             note(self.entry.as_mut(), |entry| entry.missed_deadlines(more));
         }
         more
     }
 
-    /// How often the publisher stopped being alive.
-    pub(in crate::driver) fn lost_liveliness(&self) -> u64 {
-        self.machine.lost_liveliness()
-    }
-
     /// Whether the publisher is alive, if that has changed since the last call.
     #[inline]
     pub(in crate::driver) fn take_liveliness_change(&mut self) -> Option<bool> {
-        let change = self.machine.take_liveliness_change();
+        let change = self.machine.watch_mut().take_liveliness_change();
         if change == Some(false) {
             note(self.entry.as_mut(), |entry| entry.lost_liveliness());
         }

@@ -1,7 +1,7 @@
 //! Harness for the first frame of a link.
 
 use crate::{
-    Datagram, LinkId, VERSION, Violation,
+    Datagram, Instant, LinkId, VERSION, Violation,
     limits::WINDOW_MAX,
     link::{
         Link, Publications, Role,
@@ -89,7 +89,7 @@ fn open_is_checked() {
     let expected = legal(ours.role, &open, named);
     let before = link.clone();
     let bytes = Frame::Open(open).head();
-    let verdict = link.receive(Phase::Opening, &Datagram::new(&bytes));
+    let verdict = link.receive(Instant(0), Phase::Opening, &Datagram::new(&bytes));
     assert_eq!(verdict, expected);
     assert_eq!(link.is_open(), expected.is_ok());
     assert!(expected.is_ok() || link == before);
