@@ -75,6 +75,7 @@ mod attachments;
 mod calls;
 mod config;
 mod debt;
+mod fate;
 mod frame_kind;
 #[cfg(any(test, feature = "fuzzing"))]
 pub(crate) mod fuzz;
@@ -104,6 +105,7 @@ pub mod wire;
 pub use self::{
     absence::{Absences, Account, Missed, Record},
     config::Config,
+    fate::{Counters, Fate},
     frame_kind::{Carrier, FrameKind},
     lane::LaneKind,
     machine::Link,
@@ -116,7 +118,7 @@ pub use self::{
     segments::{SegmentInfo, SlotRange},
     status::Status,
     types::{
-        Body, Counters, Delivery, End, Error, Fate, Input, Misuse, NoDelivery, OutboundMessage,
-        Output, Payload, Placement, TooManyBorrowed,
+        Body, Delivery, End, Error, Input, Misuse, NoDelivery, OutboundMessage, Output, Payload,
+        Placement, TooManyBorrowed,
     },
 };
