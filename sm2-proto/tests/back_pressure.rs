@@ -9,7 +9,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use sm2_proto::{
     Instant, Machine, WaitBudget,
-    link::{Input, Link, NoMemory, Role, wire::Given},
+    link::{Fate, Input, Link, NoMemory, Role, wire::Given},
 };
 
 const MS: u64 = 1_000_000;
@@ -105,7 +105,7 @@ impl Publisher {
             if peer.has_room() {
                 peer.send(id);
             } else if peer.link.owes() {
-                peer.link.handle(NOW, Input::Skip).unwrap();
+                peer.link.handle(NOW, Input::Drop(Fate::Deadline)).unwrap();
             } else {
                 waiting.push(at);
             }
@@ -134,7 +134,7 @@ impl Publisher {
         self.waits.push((begin, self.now));
         for at in waiting {
             let peer = &mut self.peers[at];
-            peer.link.handle(NOW, Input::Skip).unwrap();
+            peer.link.handle(NOW, Input::Drop(Fate::Deadline)).unwrap();
             assert!(peer.link.owes());
         }
     }

@@ -146,11 +146,11 @@ fn without_a_lifespan_messages_wait() {
 #[test]
 fn a_publication_that_is_too_old_is_counted_and_not_sent() {
     let mut link = opened(with_lifespan(config(Role::Sender), 10));
-    assert_eq!(link.handle(Instant(0), Input::Expired), Ok(()));
+    assert_eq!(link.handle(Instant(0), Input::Drop(Fate::Expired)), Ok(()));
     assert_eq!(drain(&mut link), []);
     assert_eq!((link.counters().offered, link.counters().expired), (1, 1));
     let mut receiver = opened(config(Role::Receiver));
-    let wrong = receiver.handle(Instant(0), Input::Expired);
+    let wrong = receiver.handle(Instant(0), Input::Drop(Fate::Expired));
     assert_eq!(wrong, Err(Error::Misuse(Misuse::WrongRole)));
     assert_eq!(
         offer(&mut receiver, message(1)),
@@ -196,7 +196,10 @@ fn a_back_word_says_that_its_message_has_expired() {
     );
     let counters = rig.ends[SENDER].counters();
     assert_eq!((counters.expired, counters.delivered), (2, 1));
-    assert_eq!(rig.ends[SENDER].handle(Instant(0), Input::Expired), Ok(()));
+    assert_eq!(
+        rig.ends[SENDER].handle(Instant(0), Input::Drop(Fate::Expired)),
+        Ok(())
+    );
     assert_eq!(rig.ends[SENDER].counters().expired, 3);
 }
 

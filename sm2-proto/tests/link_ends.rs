@@ -155,15 +155,42 @@ fn a_close_that_was_not_polled_is_dropped_when_the_socket_blocks() {
     assert_eq!(drain(&mut link), [Output::Ended(end)]);
 }
 
+/// A driver says of a publication only what it can know. Each fate has a count of its own, and all of them add up.
+//= SM2-QOS-011 test
+#[test]
+fn a_publication_is_dropped_with_a_fate_that_the_driver_knows() {
+    for fate in Fate::ALL {
+        let mut link = opened(Config {
+            reliable: true,
+            ..config(Role::Sender)
+        });
+        let expected = match fate {
+            Fate::Delivered | Fate::Discarded | Fate::Closed => Err(Misuse::WrongFate.into()),
+            Fate::Deadline => Err(Misuse::RoomLeft.into()),
+            Fate::Overwritten | Fate::PoolLimit | Fate::TooLong | Fate::Expired => Ok(()),
+        };
+        assert_eq!(link.handle(NOW, Input::Drop(fate)), expected, "{fate}");
+        let (counters, dropped) = (link.counters(), u64::from(expected.is_ok()));
+        assert_eq!((counters.offered, counters.of(fate)), (dropped, dropped));
+        assert!(counters.is_balanced() && counters.dropped() == dropped);
+    }
+}
+
 /// Calls and inputs that a role does not have are misuse.
 #[test]
 fn roles_have_their_inputs() {
     type Call = fn(&mut Link) -> Result<(), Error>;
     let all: [(&str, Call); 7] = [
         ("send", |link| offer(link, message(1))),
-        ("skip", |link| link.handle(NOW, Input::Skip)),
-        ("pass over", |link| link.handle(NOW, Input::PassOver)),
-        ("pool limit", |link| link.handle(NOW, Input::PoolLimit)),
+        ("deadline", |link| {
+            link.handle(NOW, Input::Drop(Fate::Deadline))
+        }),
+        ("overwritten", |link| {
+            link.handle(NOW, Input::Drop(Fate::Overwritten))
+        }),
+        ("pool limit", |link| {
+            link.handle(NOW, Input::Drop(Fate::PoolLimit))
+        }),
         ("release", |link| give_back(link, 1)),
         ("cancel", |link| link.handle(NOW, Input::Cancel { call: 1 })),
         ("retire", |link| {

@@ -6,7 +6,7 @@ use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
     Code, Datagram, Instant, Machine, Newest, Period, QosWatch,
     link::{
-        Config, End, Error, Input, Link, Misuse, NoMemory, Role, Status,
+        Config, End, Error, Fate, Input, Link, Misuse, NoMemory, Role, Status,
         wire::{Carrier, Form, Frame, MessageFrame},
     },
     violation,
@@ -217,10 +217,10 @@ fn a_sender_tells_a_receiver_that_demands_a_lease() {
 #[test]
 fn alive_is_sent_for_a_publication_that_is_not() {
     let inputs = [
-        Input::PassOver,
-        Input::PoolLimit,
-        Input::TooLong,
-        Input::Expired,
+        Input::Drop(Fate::Overwritten),
+        Input::Drop(Fate::PoolLimit),
+        Input::Drop(Fate::TooLong),
+        Input::Drop(Fate::Expired),
     ];
     for (lease, expected) in [(0, vec![]), (10, vec![alive(7).to_vec()])] {
         for input in inputs.clone() {
@@ -235,7 +235,7 @@ fn alive_is_sent_for_a_publication_that_is_not() {
         ..with_lease(config(Role::Sender), 10)
     };
     let mut link = opened(reliable);
-    let refused = link.handle(Instant(7), Input::Skip);
+    let refused = link.handle(Instant(7), Input::Drop(Fate::Deadline));
     assert_eq!(refused, Err(Misuse::RoomLeft.into()));
     assert!(packets(&mut link).is_empty());
 }

@@ -7,8 +7,8 @@ use sm2_proto::{
     Datagram, FdFacts, Instant, Machine,
     limits::CALLS_MAX,
     link::{
-        At, Body, Config, Counters, Error, FrameKind, Input, LaneKind, Misuse, OutboundMessage,
-        Output, RingLayout, Role, Status, Wake, wire::Frame,
+        At, Body, Config, Counters, Error, Fate, FrameKind, Input, LaneKind, Misuse,
+        OutboundMessage, Output, RingLayout, Role, Status, Wake, wire::Frame,
     },
 };
 
@@ -220,7 +220,7 @@ fn what_can_never_be_sent_is_refused_at_once() {
     let reply = (pair.server.link).send(&pair.world.rings[CALLER], good.clone(), |_, _| {});
     assert_eq!(reply, Err(Error::Misuse(Misuse::UnknownCall)));
     assert_eq!(
-        pair.caller.link.handle(NOW, Input::PassOver),
+        pair.caller.link.handle(NOW, Input::Drop(Fate::Overwritten)),
         Err(Misuse::WrongRole.into())
     );
     // Before RING arrives, the caller does not know how many calls have room.

@@ -145,7 +145,7 @@ fn a_publication_that_the_pool_limit_drops_is_counted_until_a_release() {
     let mut link = opened(config(Role::Sender));
     send(&mut link, message(1));
     for _ in 0..2 {
-        link.handle(NOW, Input::PoolLimit).unwrap();
+        link.handle(NOW, Input::Drop(Fate::PoolLimit)).unwrap();
         assert!(link.owes() && link.has_room(&NoMemory));
     }
     release_all(&mut link, Given::Consumed, &[1]);
@@ -201,7 +201,7 @@ fn a_blocked_socket_displaces_only_what_the_window_does_not_admit() {
 fn reliable_waits_for_room_or_skips() {
     let mut link = opened(reliable(Role::Sender));
     assert_eq!(
-        link.handle(NOW, Input::Skip),
+        link.handle(NOW, Input::Drop(Fate::Deadline)),
         Err(Error::Misuse(Misuse::RoomLeft))
     );
     for id in 1..=5 {
@@ -209,14 +209,14 @@ fn reliable_waits_for_room_or_skips() {
     }
     assert!(!link.has_room(&NoMemory) && !link.owes());
     assert_eq!(refused(&mut link, message(6)), Misuse::NoRoom);
-    assert_eq!(link.handle(NOW, Input::Skip), Ok(()));
+    assert_eq!(link.handle(NOW, Input::Drop(Fate::Deadline)), Ok(()));
     assert_eq!(drain(&mut link), []);
     assert!(link.owes());
     // It has room again, but owes until all five have come back.
     release_all(&mut link, Given::Consumed, &[1]);
     assert!(link.has_room(&NoMemory) && link.owes());
     send(&mut link, message(7));
-    assert_eq!(link.handle(NOW, Input::Skip), Ok(()));
+    assert_eq!(link.handle(NOW, Input::Drop(Fate::Deadline)), Ok(()));
     release_all(&mut link, Given::Consumed, &[2, 3]);
     send(&mut link, message(9));
     release_all(&mut link, Given::Consumed, &[4, 5]);

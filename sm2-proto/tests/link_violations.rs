@@ -9,7 +9,7 @@ use crate::link_support::*;
 use sm2_proto::{
     Code, Datagram, FdFacts, Machine, Seals, Violation, ViolationKind,
     link::{
-        Config, End, Error, Input, Link, MaxLen, Output, Role, SegmentInfo, Status,
+        Config, End, Error, Fate, Input, Link, MaxLen, Output, Role, SegmentInfo, Status,
         wire::{Carrier, Form, Frame, Given, MessageFrame, Open},
     },
     violation,
@@ -431,7 +431,7 @@ fn assert_dead(mut link: Link, end: End) {
     let inputs = [
         Input::Datagram(Datagram::new(&close)),
         Input::Eof,
-        Input::Skip,
+        Input::Drop(Fate::Deadline),
         Input::Cancel { call: 1 },
         Input::Attach(SEGMENT),
         Input::Retire { segment: 1 },

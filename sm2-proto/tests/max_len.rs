@@ -217,7 +217,7 @@ fn a_sender_sends_nothing_that_is_too_long() {
     let misuse = Err(Error::Misuse(Misuse::NotAccepted));
     assert_eq!(offer(&mut link, sealed_message(2, LEAST + 1)), misuse);
     assert_eq!(drain(&mut link), []);
-    link.handle(NOW, Input::TooLong).unwrap();
+    link.handle(NOW, Input::Drop(Fate::TooLong)).unwrap();
     assert!(!link.owes());
     let expected = Counters {
         offered: 2,
@@ -231,7 +231,7 @@ fn a_sender_sends_nothing_that_is_too_long() {
     let mut rig = short_ring(true);
     ring_send(&mut rig, 1, LEAST).unwrap();
     assert_eq!(ring_send(&mut rig, 2, LEAST + 1), misuse);
-    rig.input(SENDER, Input::TooLong).unwrap();
+    rig.input(SENDER, Input::Drop(Fate::TooLong)).unwrap();
     assert!(!rig.ends[SENDER].owes());
     assert_eq!(rig.ends[SENDER].counters(), expected);
 }
@@ -241,7 +241,7 @@ fn a_sender_sends_nothing_that_is_too_long() {
 fn only_a_sender_counts_messages_as_too_long() {
     for role in [Role::Receiver, Role::Caller, Role::Server] {
         let mut link = opened(config(role));
-        let result = link.handle(NOW, Input::TooLong);
+        let result = link.handle(NOW, Input::Drop(Fate::TooLong));
         assert_eq!(result, Err(Error::Misuse(Misuse::WrongRole)), "{role:?}");
     }
 }

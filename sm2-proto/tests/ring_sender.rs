@@ -143,8 +143,10 @@ fn reliable_never_displaces() {
 fn a_deadline_that_passed() {
     let mut rig = Rig::open(true, 1, 1);
     let _ = rig.send(1, 1).unwrap();
-    rig.input(SENDER, Input::Skip).unwrap();
-    rig.ends[SENDER].handle(NOW, Input::PassOver).unwrap();
+    rig.input(SENDER, Input::Drop(Fate::Deadline)).unwrap();
+    rig.ends[SENDER]
+        .handle(NOW, Input::Drop(Fate::Overwritten))
+        .unwrap();
     assert!(rig.ends[SENDER].owes());
     let delivery = rig.taken();
     let _ = rig.harvest().unwrap();
@@ -164,7 +166,7 @@ fn a_deadline_that_passed() {
 fn a_publication_that_the_pool_limit_drops() {
     let mut rig = Rig::open(true, 2, 1);
     let _ = rig.send(1, 1).unwrap();
-    rig.input(SENDER, Input::PoolLimit).unwrap();
+    rig.input(SENDER, Input::Drop(Fate::PoolLimit)).unwrap();
     let delivery = rig.taken();
     assert!(rig.ends[SENDER].owes());
     let _ = rig.release(delivery.sequence).unwrap();

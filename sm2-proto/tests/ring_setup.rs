@@ -8,9 +8,9 @@ use sm2_proto::{
     Instant, Machine,
     limits::{RING_SEGMENTS_MAX, SLOT_HEAD},
     link::{
-        At, Attachment, Body, Config, Error, FrameKind, Input, LaneKind, LentRing, Link, Misuse,
-        NoDelivery, NoMemory, NotAWord, OutboundMessage, Output, RingLayout, Role, SegmentInfo,
-        SlotHead, Status, Wake, Word, doorbell,
+        At, Attachment, Body, Config, Error, Fate, FrameKind, Input, LaneKind, LentRing, Link,
+        Misuse, NoDelivery, NoMemory, NotAWord, OutboundMessage, Output, RingLayout, Role,
+        SegmentInfo, SlotHead, Status, Wake, Word, doorbell,
         wire::{Carrier, Frame},
     },
     violation,
@@ -291,13 +291,13 @@ fn the_calls_are_the_same_on_both_lanes() {
         let sent = receiver.send(&rig.words, message(1), |_, _| {});
         assert_eq!(sent, wrong);
         let wrong = wrong.map(drop);
-        assert_eq!(receiver.handle(NOW, Input::PassOver), wrong);
+        assert_eq!(receiver.handle(NOW, Input::Drop(Fate::Overwritten)), wrong);
         assert_eq!(receiver.handle(NOW, Input::Attach(segment(0))), wrong);
         assert_eq!(sender.handle(NOW, Input::Attach(segment(0))), Ok(()));
         let harvested = receiver.harvest(&rig.words, |_, _| {});
         assert_eq!(harvested, Ok(Wake::NotNeeded));
         assert!(!receiver.has_room(&rig.words) && !sender.may_take(&rig.words));
-        assert_eq!(sender.handle(NOW, Input::PassOver), Ok(()));
+        assert_eq!(sender.handle(NOW, Input::Drop(Fate::Overwritten)), Ok(()));
         let counters = sender.counters();
         assert_eq!((counters.offered, counters.overwritten), (1, 1));
     }

@@ -15,8 +15,8 @@ use bytes::Bytes;
 pub(crate) use self::ring::words;
 use self::world::World;
 use super::{
-    Body, Carrier, Input, LaneKind, NoDelivery, NoMemory, OutboundMessage, Publications, Role,
-    SegmentInfo, Status,
+    Body, Carrier, Fate, Input, LaneKind, NoDelivery, NoMemory, OutboundMessage, Publications,
+    Role, SegmentInfo, Status,
     wire::{Form, Frame, Given, LANE_RING, LANE_SOCKET, MessageFrame, Open},
 };
 use crate::{Code, Datagram, FdFacts, Instant, LinkId, Machine, Seals, fuzz::Script};
@@ -344,7 +344,7 @@ impl World {
 
     fn wish(&mut self, script: &mut Script<'_>) -> Option<()> {
         match script.byte()? % 5 {
-            0 => self.input(Input::Skip),
+            0 => self.input(Input::Drop(Fate::Deadline)),
             1 => self.tick(script)?,
             2 => {
                 let call = self.call(script)?;

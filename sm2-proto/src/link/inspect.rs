@@ -93,8 +93,8 @@ impl Link {
         self.lane.counters()
     }
 
-    /// Whether the link owes: a publication was not sent ([`Input::Skip`](super::Input::Skip) or
-    /// [`Input::PoolLimit`](super::Input::PoolLimit)), and the other end has not released all
+    /// Whether the link owes: a publication was dropped ([`Fate::Deadline`](super::Fate::Deadline) or
+    /// [`Fate::PoolLimit`](super::Fate::PoolLimit)), and the other end has not released all
     /// messages that were in flight then. A publisher does not wait for such a link (SM2-QOS-015).
     #[must_use]
     #[inline]

@@ -7,9 +7,8 @@ use super::{
     SegmentInfo,
     calls::{Placed, Served},
     lane::Lane,
-    outbound::{Outbound, OutboundFrame},
+    outbound::OutboundFrame,
     phase::Phase,
-    ring::RingSender,
     segments::Geometry,
     wire::{Frame, LANE_RING, LANE_SOCKET, Open},
 };
@@ -97,17 +96,7 @@ impl Link {
                     .map_err(|violation| self.violated(violation))?;
             }
             Input::Eof => self.finish(End::Eof),
-            Input::Skip => self.skip()?,
-            Input::PassOver => self.drop_publication(Outbound::pass_over, RingSender::pass_over)?,
-            Input::PoolLimit => {
-                self.drop_publication(Outbound::hold_back, RingSender::hold_back)?
-            }
-            Input::TooLong => {
-                self.drop_publication(Outbound::drop_too_long, RingSender::drop_too_long)?
-            }
-            Input::Expired => {
-                self.drop_publication(Outbound::drop_expired, RingSender::drop_expired)?
-            }
+            Input::Drop(fate) => self.drop_publication(fate)?,
             Input::Assert(time) => self.assert_liveliness(time)?,
             Input::SegmentMissing => {
                 self.on_segment_missing();
@@ -138,36 +127,24 @@ impl Link {
         }
     }
 
-    /// Handles [`Input::Skip`]: a reliable publisher's deadline passed while it waited for room.
-    fn skip(&mut self) -> Result<(), Misuse> {
-        if self.config.role != Role::Sender || !self.config.reliable {
+    /// Counts a publication that is not sent on this link.
+    fn drop_publication(&mut self, fate: Fate) -> Result<(), Misuse> {
+        let waits = self.config.reliable;
+        if self.config.role != Role::Sender || (fate == Fate::Deadline && !waits) {
             return Err(Misuse::WrongRole);
+        }
+        if !fate.is_unsent() {
+            return Err(Misuse::WrongFate);
         }
         match &mut self.lane {
             Lane::Undecided => Err(Misuse::NotOpen),
-            Lane::Socket(socket) => socket.outbound.skip(),
+            Lane::Socket(socket) => socket.outbound.drop_publication(fate),
             Lane::Ring(ring) => {
-                ring.sender_mut().ok_or(Misuse::NotOpen)?.skip();
+                let sender = ring.sender_mut().ok_or(Misuse::NotOpen)?;
+                sender.drop_publication(fate);
                 Ok(())
             }
         }
-    }
-
-    /// Counts a publication that is not sent on this link, by the method of its lane.
-    fn drop_publication(
-        &mut self,
-        by_socket: fn(&mut Outbound),
-        by_ring: fn(&mut RingSender),
-    ) -> Result<(), Misuse> {
-        if self.config.role != Role::Sender {
-            return Err(Misuse::WrongRole);
-        }
-        match &mut self.lane {
-            Lane::Undecided => return Err(Misuse::NotOpen),
-            Lane::Socket(socket) => by_socket(&mut socket.outbound),
-            Lane::Ring(ring) => by_ring(ring.sender_mut().ok_or(Misuse::NotOpen)?),
-        }
-        Ok(())
     }
 
     fn cancel(&mut self, call: u64) -> Result<(), Misuse> {
@@ -342,7 +319,7 @@ impl Machine for Link {
     fn handle(&mut self, now: Instant, input: Input<'_>) -> Result<(), Error> {
         let result = match self.state {
             Ok(phase) => {
-                let shows_life = input.is_unsent_publication();
+                let shows_life = matches!(input, Input::Drop(_));
                 let result = self.handle_live(now, phase, input);
                 if shows_life && result.is_ok() {
                     self.show_life(now);

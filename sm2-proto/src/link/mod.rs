@@ -39,7 +39,7 @@
 //! | --- | --- |
 //! | before it writes a message | [`Link::placement`]: where the payload has to be |
 //! | before it waits, or may choose | [`Link::has_room`] |
-//! | before it writes a message | [`Link::peer_max_len`]: for a longer one, [`Input::TooLong`] |
+//! | before it writes a message | [`Link::peer_max_len`]: for a longer one, [`Input::Drop`] |
 //! | for each message | [`Link::send`]; if that returns [`Misuse::NotAttached`], [`Input::Attach`], and once more |
 //! | to learn what came back | [`Link::harvest`] |
 //! | before it sleeps until there is room | [`Link::park`], and looks again |

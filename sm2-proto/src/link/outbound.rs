@@ -4,7 +4,6 @@
 //! *unreleased* until RELEASE names it. Only waiting messages count against `depth` and can be
 //! displaced.
 
-mod lifespan;
 #[cfg(any(kani, test))]
 mod proofs;
 
@@ -22,7 +21,7 @@ use super::{
     wire::{Form, Frame, Given, MessageFrame},
 };
 use crate::{
-    Period, Violation,
+    Instant, Period, Violation,
     limits::{CALLS_MAX, INLINE_MAX, RELEASE_MAX},
 };
 
@@ -183,44 +182,42 @@ impl Outbound {
         Ok(displaced.map(|displaced| displaced.key))
     }
 
-    /// Counts a message whose deadline passed while the application waited for room.
-    //= SM2-QOS-014
-    pub(super) fn skip(&mut self) -> Result<(), Misuse> {
-        if self.has_room() {
+    /// Counts a publication that is not sent on this link.
+    //= SM2-QOS-008, SM2-QOS-010, SM2-QOS-014, SM2-QOS-015, SM2-QOS-017
+    pub(super) fn drop_publication(&mut self, fate: Fate) -> Result<(), Misuse> {
+        if fate == Fate::Deadline && self.has_room() {
             return Err(Misuse::RoomLeft);
         }
-        self.counters.offered += 1;
-        self.counters.deadline += 1;
-        self.incur_debt();
+        self.counters.drop_publication(fate);
+        if fate.incurs_debt() {
+            let in_flight = self.in_flight() as u64;
+            self.debt.incur(self.last_id.unwrap_or(0), in_flight);
+        }
         Ok(())
     }
 
-    /// Counts a publication that is not sent on this link.
-    pub(super) const fn pass_over(&mut self) {
-        self.counters.offered += 1;
-        self.counters.overwritten += 1;
-    }
-
-    /// Counts a publication that is not sent on this link because of the pool limit.
-    //= SM2-QOS-017
-    pub(super) fn hold_back(&mut self) {
-        self.counters.offered += 1;
-        self.counters.pool_limit += 1;
-        self.incur_debt();
-    }
-
-    //= SM2-QOS-015
-    fn incur_debt(&mut self) {
-        let in_flight = self.in_flight() as u64;
-        self.debt.incur(self.last_id.unwrap_or(0), in_flight);
-    }
-
-    /// Counts a publication that is not sent on this link because it is longer than the other end
-    /// accepts.
-    //= SM2-QOS-008
-    pub(super) const fn drop_too_long(&mut self) {
-        self.counters.offered += 1;
-        self.counters.too_long += 1;
+    /// Drops the messages that were not sent and are older than their lifespan. Passes their keys to `each`.
+    //= SM2-QOS-010
+    pub(super) fn expire(&mut self, now: Instant, mut each: impl FnMut(u64)) {
+        let lifespan = self.lifespan;
+        let is_over = |it: Option<&OutboundMessage>| {
+            it.is_some_and(|message| lifespan.has_passed(message.time, now))
+        };
+        loop {
+            // The admitted messages are older than those that wait.
+            let message = if is_over(self.admitted.front()) {
+                self.admitted.pop_front()
+            } else if self.admitted.is_empty() && is_over(self.waiting.front()) {
+                self.waiting.pop_front()
+            } else {
+                None
+            };
+            let Some(message) = message else { break };
+            self.counters.expired += 1;
+            self.settle(message.id, slot_of(&message.body), false);
+            each(message.key);
+            self.admit();
+        }
     }
 
     /// Moves waiting messages to the admitted ones while the window has room.
@@ -272,19 +269,11 @@ impl Outbound {
         let Unreleased { key, id, slot } = self.unreleased.remove(&sequence)?;
         self.settle(id, slot, true);
         let fate = match given {
-            Given::Consumed => {
-                self.counters.delivered += 1;
-                Fate::Delivered
-            }
-            Given::Discarded => {
-                self.counters.discarded += 1;
-                Fate::Discarded
-            }
-            Given::Expired => {
-                self.counters.expired += 1;
-                Fate::Expired
-            }
+            Given::Consumed => Fate::Delivered,
+            Given::Discarded => Fate::Discarded,
+            Given::Expired => Fate::Expired,
         };
+        *self.counters.of_mut(fate) += 1;
         Some(Released { key, id, fate })
     }
 
@@ -403,7 +392,7 @@ impl Outbound {
     /// Checks the invariants, which hold after each call.
     pub(super) fn invariants(&self) {
         let it = self.counters();
-        debug_assert_eq!(it.offered, it.delivered + it.dropped() + it.in_flight);
+        debug_assert!(it.is_balanced(), "{it:?}");
         debug_assert!(self.waiting.len() <= self.depth);
         debug_assert!(self.debt.left() <= it.in_flight);
         let used = self.admitted.len() + self.unreleased.len();

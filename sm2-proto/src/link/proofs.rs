@@ -1,8 +1,8 @@
 //! Harnesses for a link's frames, tables, addresses and windows.
 
 use super::{
-    Body, Carrier, Config, End, Error, FrameKind, Input, Link, MaxLen, NoMemory, OutboundMessage,
-    Output, Publications, Role, Status, Wake,
+    Body, Carrier, Config, End, Error, Fate, FrameKind, Input, Link, MaxLen, NoMemory,
+    OutboundMessage, Output, Publications, Role, Status, Wake,
     inbound::Inbound,
     lane,
     phase::{Phase, check_kind},
@@ -430,7 +430,7 @@ fn an_ended_link_is_silent() {
         1 => link.handle(NOW, Input::Datagram(Datagram::new(&close))),
         2 => link.handle(NOW, Input::Datagram(Datagram::new(&[0xff]))),
         3 => link.send(&NoMemory, message, |_, _| {}).map(drop),
-        4 => link.handle(NOW, Input::Skip),
+        4 => link.handle(NOW, Input::Drop(Fate::Deadline)),
         5 => link.release(&NoMemory, 1).map(drop),
         6 => link.handle(NOW, Input::Cancel { call: 1 }),
         7 => link.handle(NOW, Input::Writable),

@@ -12,22 +12,18 @@ pub enum Input<'a> {
     Datagram(Datagram<'a>),
     /// The stream ended: the other end's process is gone, or it closed the socket.
     Eof,
-    /// A reliable publisher's deadline passed while it waited for room, or it does not wait for this
-    /// link: one message is dropped for this link alone, and the link [owes](super::Link::owes).
-    Skip,
-    /// The driver does not send a publication on this link, because the link has no room at this
-    /// moment. The publication counts as [`Fate::Overwritten`].
-    PassOver,
-    /// The driver does not send a publication on this link, because unsettled messages of this link
-    /// take too much of the publisher's memory. The publication counts as `Counters::pool_limit`,
-    /// and the link [owes](super::Link::owes) from then on.
-    PoolLimit,
-    /// The driver does not send a publication on this link, because the publication is longer than
-    /// [`Link::peer_max_len`](super::Link::peer_max_len). It counts as `Counters::too_long`.
-    TooLong,
-    /// The driver does not send a publication on this link, because the publication is older than its lifespan. It
-    /// counts as `Counters::expired`.
-    Expired,
+    /// The driver does not send a publication on this link alone, which counts with this fate:
+    ///
+    /// * [`Fate::Overwritten`]: the link has no slot or no room at this moment.
+    /// * [`Fate::Deadline`]: the deadline of the publication passed while a reliable publisher waited for room, or it
+    ///   does not wait for this link. The link [owes](super::Link::owes) from then on.
+    /// * [`Fate::PoolLimit`]: unsettled messages of this link take too much of the publisher's memory. The link owes
+    ///   from then on.
+    /// * [`Fate::TooLong`]: the publication is longer than [`Link::peer_max_len`](super::Link::peer_max_len).
+    /// * [`Fate::Expired`]: the publication is older than its lifespan.
+    ///
+    /// All others are [`Misuse::WrongFate`].
+    Drop(Fate),
     /// The publisher's program asserted its liveliness at this time. The machine sends ALIVE if the subscriber demands
     /// a lease.
     Assert(Instant),
@@ -57,16 +53,6 @@ pub enum Input<'a> {
     Writable,
     /// Ends the link from this side.
     Close(Code),
-}
-
-impl Input<'_> {
-    /// Whether a publication is not sent on this link.
-    pub(super) const fn is_unsent_publication(&self) -> bool {
-        matches!(
-            self,
-            Self::Skip | Self::PassOver | Self::PoolLimit | Self::TooLong | Self::Expired
-        )
-    }
 }
 
 /// An action that the driver has to perform. Outputs that refer to *the datagram just handled* are
@@ -276,9 +262,12 @@ pub enum Misuse {
     /// The window and the queue are full, and the link is reliable.
     #[error("there is no room: wait until has_room, or skip the message")]
     NoRoom,
-    /// [`Input::Skip`] was fed while the link had room.
+    /// [`Input::Drop`] with [`Fate::Deadline`] was fed while the link had room.
     #[error("there is room: send the message")]
     RoomLeft,
+    /// [`Input::Drop`] was fed with a fate that only the machine finds.
+    #[error("only the machine finds that fate: drop a publication by another one")]
+    WrongFate,
     /// 1,024 calls of this link have no reply yet.
     #[error("1,024 calls of this link have no reply yet: wait for some")]
     CallLimit,

@@ -107,7 +107,7 @@ impl Pair {
         );
         if room.is_err() && link.config().reliable {
             if link.config().role == Role::Sender {
-                self.feed(end, Input::Skip);
+                self.feed(end, Input::Drop(Fate::Deadline));
                 self.ends[end].skipped += 1;
             }
             return;

@@ -207,10 +207,16 @@ impl Sending {
                     };
                     assert!(expected, "{misuse}");
                     if reliable && misuse == Misuse::NoRoom {
-                        self.at.link.handle(NOW, Input::Skip).unwrap();
+                        self.at
+                            .link
+                            .handle(NOW, Input::Drop(Fate::Deadline))
+                            .unwrap();
                         self.skipped += 1;
                     } else {
-                        self.at.link.handle(NOW, Input::PassOver).unwrap();
+                        self.at
+                            .link
+                            .handle(NOW, Input::Drop(Fate::Overwritten))
+                            .unwrap();
                         self.passed_over += 1;
                     }
                     return;

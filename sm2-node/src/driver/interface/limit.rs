@@ -8,6 +8,7 @@
 use std::collections::{HashMap, HashSet};
 
 use sm2_proto::Instant;
+use sm2_proto::link::Fate;
 
 use super::Interface;
 use crate::driver::context::Context;
@@ -136,7 +137,7 @@ impl Interface {
         let mut published = Published::default();
         for link in self.links.iter_mut().filter(|link| link.is_open()) {
             if link.accepts(len) {
-                link.hold_back(context, &mut self.outbox);
+                link.drop_publication(Fate::PoolLimit, context, &mut self.outbox);
             } else {
                 link.drop_too_long(len, context, &mut self.outbox);
                 published.too_long += 1;

@@ -1,6 +1,6 @@
 //! Publishing a message on all links of a publisher, and keeping it for links that open later.
 
-use sm2_proto::link::Status;
+use sm2_proto::link::{Fate, Status};
 use sm2_proto::{Contract, Instant};
 
 use super::Interface;
@@ -186,13 +186,13 @@ impl Interface {
             //= SM2-QOS-014, SM2-QOS-015
             // Links with room get the message first. Of the others, a link that owes is skipped at once.
             if !link.is_reliable() && link.is_suspended() {
-                link.hold_back(context, &mut self.outbox);
+                link.drop_publication(Fate::PoolLimit, context, &mut self.outbox);
             } else if !link.is_reliable() || link.has_room() {
                 link.send(key, Status::Ok, context, &mut self.outbox);
                 link.watch_in_background(context.sets);
                 offered.links += usize::from(link.is_open());
             } else if link.owes() {
-                link.skip(context, &mut self.outbox);
+                link.drop_without_room(context, &mut self.outbox);
                 offered.missed += 1;
             } else {
                 offered.waiting.push(link.token());
@@ -214,7 +214,7 @@ impl Interface {
                 link.drop_too_long(len, context, &mut self.outbox);
                 offered.count_too_long(link);
             } else if link.is_suspended() {
-                link.hold_back(context, &mut self.outbox);
+                link.drop_publication(Fate::PoolLimit, context, &mut self.outbox);
             }
             offered.has_ended |= link.is_over_unnoticed();
         }
@@ -287,7 +287,7 @@ impl Interface {
             self.publish_more(&mut offered, context);
             for token in offered.waiting.drain(..) {
                 if let Some(link) = self.links.get_mut(token) {
-                    link.skip(context, &mut self.outbox);
+                    link.drop_without_room(context, &mut self.outbox);
                     offered.missed += 1;
                     offered.has_ended |= link.is_over_unnoticed();
                 }
@@ -340,7 +340,7 @@ impl Interface {
             let len = label.map_or(0, |label| label.len);
             if label.is_some_and(|label| link.is_expired(label.time)) {
                 link.backlog.pop_front();
-                link.drop_expired(context, &mut self.outbox);
+                link.drop_publication(Fate::Expired, context, &mut self.outbox);
                 self.outbox.release(key);
                 continue;
             }

@@ -1,6 +1,6 @@
 //! The QoS of a topic's link: ticks for the deadline and the lease, and messages that are older than their lifespan.
 
-use sm2_proto::link::{Delivery, Input};
+use sm2_proto::link::Delivery;
 use sm2_proto::{Instant, Machine, Period, QosWatch};
 
 use super::LinkDriver;
@@ -73,17 +73,6 @@ impl LinkDriver {
     /// Whether a message of the backlog with this time is older than its lifespan.
     pub(in crate::driver) fn is_expired(&self, time: Instant) -> bool {
         self.machine.is_expired(time, sm2_io::clock::now)
-    }
-
-    /// Counts a message that is older than its lifespan as not sent on this link.
-    //= SM2-QOS-010
-    pub(in crate::driver) fn drop_expired(
-        &mut self,
-        context: &mut Context<'_>,
-        outbox: &mut Outbox,
-    ) {
-        self.feed(Input::Expired, context.sets, outbox);
-        self.note_fates();
     }
 
     /// Drops the messages that wait for the window and are older than their lifespan.

@@ -1,7 +1,7 @@
 //! Sending the messages of a link, on whichever lane its machine has agreed on.
 
 use sm2_proto::Farewell;
-use sm2_proto::link::{Body, Error, Input, Misuse, Role, Status, Wake};
+use sm2_proto::link::{Body, Error, Fate, Input, Misuse, Role, Status, Wake};
 
 use super::LinkDriver;
 use crate::driver::context::Context;
@@ -106,7 +106,7 @@ impl LinkDriver {
         let peer = &self.peer.name;
         if matches!(error, NoForm::Slot(_)) && self.role() == Role::Sender {
             tracing::warn!(link = %self.id, %peer, %error, "no slot for a message: this link misses it");
-            return self.pass_over(context, outbox);
+            return self.drop_publication(Fate::Overwritten, context, outbox);
         }
         tracing::warn!(link = %self.id, %peer, %error, "no memory for a message: this link is closed");
         let code = Farewell::Resources.code();
@@ -139,11 +139,18 @@ impl LinkDriver {
             outbox.hold(key);
             return self.backlog.push_front(key);
         }
-        self.pass_over(context, outbox);
+        self.drop_publication(Fate::Overwritten, context, outbox);
     }
 
-    fn pass_over(&mut self, context: &mut Context<'_>, outbox: &mut Outbox) {
-        self.feed(Input::PassOver, context.sets, outbox);
+    /// Drops a publication for this link alone.
+    //= SM2-QOS-010, SM2-QOS-017
+    pub(in crate::driver) fn drop_publication(
+        &mut self,
+        fate: Fate,
+        context: &mut Context<'_>,
+        outbox: &mut Outbox,
+    ) {
+        self.feed(Input::Drop(fate), context.sets, outbox);
         self.note_fates();
     }
 
@@ -160,16 +167,19 @@ impl LinkDriver {
             let (link, peer, max_len) = (self.id, &self.peer.name, self.peer_max_len());
             tracing::warn!(%link, %peer, len, max_len, "the peer misses a message that is longer than it accepts");
         }
-        self.feed(Input::TooLong, context.sets, outbox);
-        self.note_fates();
+        self.drop_publication(Fate::TooLong, context, outbox);
     }
 
     /// Drops a message for this link alone, because it had no room until the deadline, or
     /// because the publisher does not wait for it.
     //= SM2-QOS-014, SM2-QOS-015
-    pub(in crate::driver) fn skip(&mut self, context: &mut Context<'_>, outbox: &mut Outbox) {
+    pub(in crate::driver) fn drop_without_room(
+        &mut self,
+        context: &mut Context<'_>,
+        outbox: &mut Outbox,
+    ) {
         if self.is_suspended() && self.is_open() {
-            return self.hold_back(context, outbox);
+            return self.drop_publication(Fate::PoolLimit, context, outbox);
         }
         debug_assert!(
             !self.has_room_for_backlog(),
@@ -180,8 +190,7 @@ impl LinkDriver {
                 let (link, peer) = (self.id, &self.peer.name);
                 tracing::warn!(%link, %peer, "a reliable subscriber without room misses messages until it catches up");
             }
-            self.feed(Input::Skip, context.sets, outbox);
-            self.note_fates();
+            self.drop_publication(Fate::Deadline, context, outbox);
         }
     }
 

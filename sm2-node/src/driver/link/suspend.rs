@@ -1,10 +1,6 @@
 //! Links that get no message until their receiver releases one.
 
-use sm2_proto::link::Input;
-
 use super::LinkDriver;
-use crate::driver::context::Context;
-use crate::driver::outbox::Outbox;
 
 impl LinkDriver {
     /// Whether the link was suspended and has released nothing since.
@@ -37,13 +33,6 @@ impl LinkDriver {
     fn released(&self) -> u64 {
         let counters = self.counters();
         counters.delivered + counters.discarded + counters.expired
-    }
-
-    /// Counts a publication that the limit of memory keeps from this link.
-    //= SM2-QOS-017
-    pub(in crate::driver) fn hold_back(&mut self, context: &mut Context<'_>, outbox: &mut Outbox) {
-        self.feed(Input::PoolLimit, context.sets, outbox);
-        self.note_fates();
     }
 
     /// Passes the key of each message in flight to `each`.

@@ -341,9 +341,9 @@ impl<'a> Ring<'a> {
             0 => self.world.input(Input::Attach(segment(id))),
             1 => self.world.input(Input::Retire { segment: id }),
             2 => self.world.frame(&Frame::Detached { segment: id }, &[]),
-            _ if step > 4 => self.world.input(Input::PoolLimit),
-            _ if id == 0 => self.world.input(Input::TooLong),
-            _ => self.world.input(Input::PassOver),
+            _ if step > 4 => self.world.input(Input::Drop(Fate::PoolLimit)),
+            _ if id == 0 => self.world.input(Input::Drop(Fate::TooLong)),
+            _ => self.world.input(Input::Drop(Fate::Overwritten)),
         }
         Some(())
     }

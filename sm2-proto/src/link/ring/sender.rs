@@ -1,6 +1,5 @@
 //! The sender's side of a ring: the words that it put, and the messages that are not settled.
 
-mod not_sent;
 #[cfg(any(kani, test))]
 mod proofs;
 
@@ -371,11 +370,7 @@ impl RingSender {
             self.returned += 1;
             let back = self.settle(bits);
             let (key, fate) = back.ok_or(violation!(BadWord, "SM2-RNG-016"))?;
-            if fate == Fate::Expired {
-                self.counters.expired += 1;
-            } else {
-                self.counters.delivered += 1;
-            }
+            *self.counters.of_mut(fate) += 1;
             settled(key, fate);
         }
         Ok(())
@@ -405,11 +400,19 @@ impl RingSender {
         Some((key, fate))
     }
 
+    /// Counts a publication that is not sent on this link.
+    //= SM2-QOS-008, SM2-QOS-010, SM2-QOS-014, SM2-QOS-015, SM2-QOS-017
+    pub(in crate::link) const fn drop_publication(&mut self, fate: Fate) {
+        self.counters.drop_publication(fate);
+        if fate.incurs_debt() {
+            self.debt.incur(self.sequence, self.unreleased as u64);
+        }
+    }
+
     /// Counts a queued message that is not sent, because the link is over.
     //= SM2-OPN-007
     pub(super) const fn count_closed(&mut self) {
-        self.counters.offered += 1;
-        self.counters.closed += 1;
+        self.counters.drop_publication(Fate::Closed);
     }
 
     /// Ends the sender's side with the link. Passes the keys of all messages that were not settled
@@ -467,7 +470,7 @@ impl RingSender {
     pub(in crate::link) fn invariants(&self) {
         if cfg!(debug_assertions) {
             let it = self.counters();
-            debug_assert_eq!(it.offered, it.delivered + it.dropped() + it.in_flight);
+            debug_assert!(it.is_balanced(), "{it:?}");
             debug_assert!(self.debt.left() <= it.in_flight);
             let segments = self.segments.iter().flatten();
             debug_assert_eq!(self.attached, segments.clone().count());

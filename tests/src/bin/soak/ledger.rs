@@ -30,7 +30,7 @@ pub(crate) struct End {
 }
 
 /// Messages of a sender for which no fate is counted, or two.
-pub(crate) const fn unbalanced(counters: &Counters) -> u64 {
+pub(crate) fn unbalanced(counters: &Counters) -> u64 {
     let settled = counters.delivered + counters.dropped() + counters.in_flight;
     counters.offered.abs_diff(settled)
 }

@@ -2,7 +2,7 @@
 
 use sm2_proto::{
     Farewell,
-    link::{Body, Delivery, Input, Link, NoMemory, OutboundMessage, Payload, Status},
+    link::{Body, Delivery, Fate, Input, Link, NoMemory, OutboundMessage, Payload, Status},
 };
 
 use super::{
@@ -116,7 +116,7 @@ impl World {
     pub(super) fn skip(&mut self, scope: &LinkScope) -> Result<(), Failure> {
         self.budget.skips -= 1;
         self.flows[0].skipped();
-        self.feed(scope, 0, Input::Skip)
+        self.feed(scope, 0, Input::Drop(Fate::Deadline))
     }
 
     pub(super) fn take(&mut self, scope: &LinkScope, at: usize) -> Result<(), Failure> {

@@ -322,28 +322,19 @@ impl Flow {
         };
         entry.fate = Some(fate);
         entry.owed = false;
-        let (tally, place) = (&mut self.tally, entry.stage);
+        *self.tally.of_mut(fate) += 1;
+        let place = entry.stage;
         let is_true = match fate {
-            Fate::Delivered => {
-                tally.delivered += 1;
-                place == Stage::Named(Given::Consumed)
-            }
-            Fate::Discarded => {
-                tally.discarded += 1;
-                place == Stage::Named(Given::Discarded)
-            }
+            Fate::Delivered => place == Stage::Named(Given::Consumed),
+            Fate::Discarded => place == Stage::Named(Given::Discarded),
             Fate::Overwritten => {
-                tally.overwritten += 1;
                 let told = self.displaced.take();
                 entry.stage = Stage::Gone;
                 told == Some(id) && place == Stage::Queued
             }
-            Fate::Closed => {
-                tally.closed += 1;
-                over
-            }
+            Fate::Closed => over,
             // Every message of the model is shorter than any maximum, and has no lifespan.
-            Fate::Deadline | Fate::TooLong | Fate::Expired => false,
+            Fate::Deadline | Fate::PoolLimit | Fate::TooLong | Fate::Expired => false,
         };
         if is_true {
             return Ok(*entry);

@@ -2,7 +2,7 @@
 
 use sm2_proto::{
     Datagram, Farewell, Machine,
-    link::{Error, Input, Link, NoMemory, Role},
+    link::{Error, Fate, Input, Link, NoMemory, Role},
 };
 
 use super::{
@@ -142,7 +142,7 @@ fn check_silence(at: usize, end: &End) -> Result<(), Failure> {
         Input::Datagram(Datagram::new(&[0])),
         Input::Cancel { call: 1 },
         Input::Retire { segment: 0 },
-        Input::Skip,
+        Input::Drop(Fate::Deadline),
     ];
     let mut link: Link = end.link.clone();
     for input in inputs {
