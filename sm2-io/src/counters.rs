@@ -28,7 +28,7 @@ use std::sync::Arc;
 use sm2_proto::counters::{
     ENTRY_FIELDS, Entry, MAX_ENTRIES, MAX_FILE_BYTES, field, header, recent_index,
 };
-use sm2_proto::link::Counters;
+use sm2_proto::link::{Counters, Fate};
 use sm2_proto::{Instant, InterfaceId, LinkId, Seals};
 
 use crate::mapping::writable::MappingMut;
@@ -218,15 +218,10 @@ impl Update<'_> {
     #[inline]
     pub fn fates(&mut self, fates: &Counters) {
         self.set(field::OFFERED, fates.offered);
-        self.set(field::DELIVERED, fates.delivered);
-        self.set(field::OVERWRITTEN, fates.overwritten);
-        self.set(field::DISCARDED, fates.discarded);
-        self.set(field::DEADLINE, fates.deadline);
-        self.set(field::CLOSED, fates.closed);
-        self.set(field::POOL_LIMIT, fates.pool_limit);
-        self.set(field::TOO_LONG, fates.too_long);
-        self.set(field::EXPIRED, fates.expired);
         self.set(field::IN_FLIGHT, fates.in_flight);
+        for fate in Fate::ALL {
+            self.set(field::of_fate(fate), fates.of(fate));
+        }
     }
 
     /// Sending side: those of the [fates](Self::fates) that sending a message changes.

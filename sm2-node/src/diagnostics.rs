@@ -5,6 +5,6 @@
 //! [`Node::inspect`](crate::Node::inspect) opens the [`CounterView`] of any node of the domain.
 
 pub use sm2_io::CounterView;
-pub use sm2_proto::link::{Counters, End};
+pub use sm2_proto::link::{Counters, End, Fate};
 
 pub use crate::driver::{LinkStatus, Received};

@@ -9,7 +9,7 @@
 
 use core::time::Duration;
 
-use crate::link::Counters;
+use crate::link::{Counters, Fate};
 use crate::{Instant, InterfaceId, LinkId};
 
 /// The first field of the header: the bytes `SM2C`, then the `u32` 1.
@@ -35,6 +35,8 @@ pub const RECENT: usize = 32;
 //= SM2-CNT-012
 #[allow(missing_docs, reason = "the fields of Entry say what they are")]
 pub mod field {
+    use crate::link::Fate;
+
     /// 0: not in use; odd: being written; even: grows with each change (SM2-CNT-005).
     pub const TURN: usize = 0;
     /// 1: an interface; 2: its end of a link.
@@ -71,6 +73,22 @@ pub mod field {
     pub const RESERVED: usize = 26;
     /// The first of [`super::RECENT`] fields.
     pub const RECENT: usize = 32;
+
+    /// The position of the number of messages with this fate.
+    #[must_use]
+    #[inline]
+    pub const fn of_fate(fate: Fate) -> usize {
+        match fate {
+            Fate::Delivered => DELIVERED,
+            Fate::Overwritten => OVERWRITTEN,
+            Fate::Discarded => DISCARDED,
+            Fate::Deadline => DEADLINE,
+            Fate::Closed => CLOSED,
+            Fate::PoolLimit => POOL_LIMIT,
+            Fate::TooLong => TOO_LONG,
+            Fate::Expired => EXPIRED,
+        }
+    }
 }
 
 const _: () = assert!(field::RECENT + RECENT == ENTRY_FIELDS);
@@ -199,6 +217,14 @@ impl Entry {
         };
         let mut recent_ns = [0; RECENT];
         recent_ns.copy_from_slice(&words[field::RECENT..]);
+        let mut fates = Counters {
+            offered: words[field::OFFERED],
+            in_flight: words[field::IN_FLIGHT],
+            ..Counters::default()
+        };
+        for fate in Fate::ALL {
+            *fates.of_mut(fate) = words[field::of_fate(fate)];
+        }
         Some(Self {
             interface: InterfaceId(words[field::INTERFACE]),
             link,
@@ -206,18 +232,7 @@ impl Entry {
             bytes: words[field::BYTES],
             last: Instant(words[field::LAST]),
             lost: words[field::LOST],
-            fates: Counters {
-                offered: words[field::OFFERED],
-                delivered: words[field::DELIVERED],
-                overwritten: words[field::OVERWRITTEN],
-                discarded: words[field::DISCARDED],
-                deadline: words[field::DEADLINE],
-                closed: words[field::CLOSED],
-                pool_limit: words[field::POOL_LIMIT],
-                too_long: words[field::TOO_LONG],
-                expired: words[field::EXPIRED],
-                in_flight: words[field::IN_FLIGHT],
-            },
+            fates,
             delay_sum_ns: words[field::DELAY_SUM],
             delay_max_ns: words[field::DELAY_MAX],
             short_since: match words[field::SHORT_SINCE] {
@@ -250,15 +265,10 @@ impl Entry {
         words[field::LAST] = self.last.0;
         words[field::LOST] = self.lost;
         words[field::OFFERED] = self.fates.offered;
-        words[field::DELIVERED] = self.fates.delivered;
-        words[field::OVERWRITTEN] = self.fates.overwritten;
-        words[field::DISCARDED] = self.fates.discarded;
-        words[field::DEADLINE] = self.fates.deadline;
-        words[field::CLOSED] = self.fates.closed;
         words[field::IN_FLIGHT] = self.fates.in_flight;
-        words[field::POOL_LIMIT] = self.fates.pool_limit;
-        words[field::TOO_LONG] = self.fates.too_long;
-        words[field::EXPIRED] = self.fates.expired;
+        for fate in Fate::ALL {
+            words[field::of_fate(fate)] = self.fates.of(fate);
+        }
         words[field::DELAY_SUM] = self.delay_sum_ns;
         words[field::DELAY_MAX] = self.delay_max_ns;
         words[field::SHORT_SINCE] = self.short_since.map_or(0, |since| since.0);

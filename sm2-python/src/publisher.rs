@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use pyo3::prelude::*;
 use sm2_node::WaitError;
+use sm2_node::diagnostics::Fate;
 
 use crate::detached::detached;
 use crate::errors::{self, raise};
@@ -148,18 +149,12 @@ impl Publisher {
     #[getter]
     fn counters(&self) -> PyResult<HashMap<&'static str, u64>> {
         let counters = self.inner.with(|handle| handle.counters())?;
-        Ok(HashMap::from([
+        let fates = Fate::ALL.map(|fate| (fate.as_str(), counters.of(fate)));
+        let others = [
             ("offered", counters.offered),
-            ("delivered", counters.delivered),
-            ("overwritten", counters.overwritten),
-            ("discarded", counters.discarded),
-            ("deadline", counters.deadline),
-            ("closed", counters.closed),
-            ("pool_limit", counters.pool_limit),
-            ("too_long", counters.too_long),
-            ("expired", counters.expired),
             ("in_flight", counters.in_flight),
-        ]))
+        ];
+        Ok(others.into_iter().chain(fates).collect())
     }
 
     #[getter]

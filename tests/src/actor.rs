@@ -4,6 +4,7 @@
 use std::{path::Path, process::Command};
 
 use nix::sys::signal::Signal;
+use sm2_proto::link::Fate;
 
 use crate::{
     census::Census,
@@ -178,24 +179,15 @@ impl Counted {
             open: text.contains("open=true"),
             offered: of("offered"),
             delivered: of("delivered"),
-            dropped: [
-                "overwritten",
-                "discarded",
-                "deadline",
-                "closed",
-                "pool_limit",
-                "too_long",
-            ]
-            .map(of)
-            .iter()
-            .sum(),
+            dropped: (Fate::ALL.into_iter().filter(|it| it.is_drop()))
+                .map(|fate| of(fate.as_str()))
+                .sum(),
             in_flight: of("in_flight"),
             text: text.to_owned(),
         }
     }
 
-    /// The number of this kind alone: `overwritten`, `discarded`, `deadline`, `closed`, `pool_limit`,
-    /// `too_long`.
+    /// The number of this kind alone, such as [`Fate::as_str`].
     #[must_use]
     #[track_caller]
     pub fn of(&self, kind: &str) -> u64 {

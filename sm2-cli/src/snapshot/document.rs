@@ -190,10 +190,10 @@ impl Document {
                 link.offering.clone(),
                 link.demanding.clone(),
                 terms.into(),
-                number(counters.map(|it| it.offered)),
-                number(counters.map(|it| it.delivered)),
-                number(counters.map(|it| it.dropped())),
-                number(counters.map(|it| it.in_flight)),
+                number(counters.map(|it| it.0.offered)),
+                number(counters.map(|it| it.0.delivered)),
+                number(counters.map(|it| it.0.dropped())),
+                number(counters.map(|it| it.0.in_flight)),
                 number(taken.as_ref().map(|it| it.lost)),
                 delay.map_or_else(|| "-".into(), |delay| format!("{delay:.3}")),
             ]);
@@ -218,7 +218,7 @@ fn counted(view: &View<'_>, sample: &Sample, link: &LinkView) -> CountedLink {
         },
         counters: sample
             .offering(view.domain, link)
-            .map(|entry| Fates::from(&entry.fates)),
+            .map(|entry| Fates(entry.fates)),
         taken: taken.map(|entry| Taken {
             messages: entry.messages,
             bytes: entry.bytes,

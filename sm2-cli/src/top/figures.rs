@@ -228,9 +228,7 @@ fn sums(view: &View<'_>, before: &Sample, now: &Sample, it: InterfaceView<'_>) -
             sums.publishers = 1;
             for link in links {
                 let fates = now.offering(domain, link).map(|entry| entry.fates);
-                let dropped = fates.map(|it| {
-                    (it.offered - it.delivered.min(it.offered)).saturating_sub(it.in_flight) as f64
-                });
+                let dropped = fates.map(|it| it.dropped() as f64);
                 sums.dropped = plus(sums.dropped, dropped);
             }
         }

@@ -1,8 +1,11 @@
 //! `sm2 topic loss`: the fates of messages.
 
 use clap::Args;
-use serde::Serialize;
-use sm2_proto::{Kind, link::Counters};
+use serde::{Serialize, Serializer};
+use sm2_proto::{
+    Kind,
+    link::{Counters, Fate},
+};
 
 use super::measure::{self, Look, Measure, cell};
 use crate::{ended::Ended, error::CliError};
@@ -48,48 +51,24 @@ pub(super) struct Row {
     away: Option<u64>,
 }
 
-/// The fates of the messages of a link. Field names are part of the command's interface.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub(crate) struct Fates {
-    pub(crate) offered: u64,
-    pub(crate) delivered: u64,
-    overwritten: u64,
-    discarded: u64,
-    deadline: u64,
-    closed: u64,
-    pool_limit: u64,
-    too_long: u64,
-    expired: u64,
-    pub(crate) in_flight: u64,
-}
+/// The fates of the messages of a link, as a map of their names. They are part of the command's interface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Fates(pub(crate) Counters);
 
 impl Fates {
-    /// The number of messages that did not arrive, for any reason.
-    pub(crate) const fn dropped(&self) -> u64 {
-        self.overwritten
-            .saturating_add(self.discarded)
-            .saturating_add(self.deadline)
-            .saturating_add(self.closed)
-            .saturating_add(self.pool_limit)
-            .saturating_add(self.too_long)
-            .saturating_add(self.expired)
+    /// The names and numbers in the order in which they are shown. The first number is the sum of the others.
+    fn all(self) -> impl Iterator<Item = (&'static str, u64)> {
+        let fates = Fate::ALL.map(|fate| (fate.as_str(), self.0.of(fate)));
+        let offered = [("offered", self.0.offered)].into_iter();
+        offered
+            .chain(fates)
+            .chain([("in_flight", self.0.in_flight)])
     }
 }
 
-impl From<&Counters> for Fates {
-    fn from(of: &Counters) -> Self {
-        Self {
-            offered: of.offered,
-            delivered: of.delivered,
-            overwritten: of.overwritten,
-            discarded: of.discarded,
-            deadline: of.deadline,
-            closed: of.closed,
-            pool_limit: of.pool_limit,
-            too_long: of.too_long,
-            expired: of.expired,
-            in_flight: of.in_flight,
-        }
+impl Serialize for Fates {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(self.all())
     }
 }
 
@@ -128,7 +107,7 @@ impl Measure<14> for Loss {
                 Some(Row {
                     publisher: look.view.name_of(link.offering.node).to_owned(),
                     subscriber: look.view.name_of(link.demanding.node).to_owned(),
-                    fates: Fates::from(&entry.fates),
+                    fates: Fates(entry.fates),
                     lost: taken.map(|entry| entry.lost),
                     away: taken.map(|entry| entry.away),
                 })
@@ -137,27 +116,29 @@ impl Measure<14> for Loss {
     }
 
     fn cells(row: &Row) -> [String; 14] {
-        let fates = &row.fates;
-        [
-            row.publisher.clone(),
-            row.subscriber.clone(),
-            fates.offered.to_string(),
-            fates.delivered.to_string(),
-            fates.overwritten.to_string(),
-            fates.discarded.to_string(),
-            fates.deadline.to_string(),
-            fates.closed.to_string(),
-            fates.pool_limit.to_string(),
-            fates.too_long.to_string(),
-            fates.expired.to_string(),
-            fates.in_flight.to_string(),
-            cell(row.lost.map(|lost| lost as f64), 0),
-            cell(row.away.map(|away| away as f64), 0),
-        ]
+        let ends = [row.publisher.clone(), row.subscriber.clone()].into_iter();
+        let fates = row.fates.all().map(|(_, messages)| messages.to_string());
+        let losses = [row.lost, row.away].map(|it| cell(it.map(|messages| messages as f64), 0));
+        let mut cells = ends.chain(fates).chain(losses);
+        std::array::from_fn(|_| cells.next().unwrap_or_default())
     }
 }
 
 /// Runs the command.
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     measure::run::<14, Loss>(&arguments.common)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_number_has_the_heading_of_its_name() {
+        let names = Fates(Counters::default()).all();
+        let names: Vec<_> = names
+            .map(|(name, _)| name.to_uppercase().replace('_', " "))
+            .collect();
+        assert_eq!(names, <Loss as Measure<14>>::HEADINGS[2..12]);
+    }
 }

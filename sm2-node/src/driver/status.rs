@@ -64,17 +64,3 @@ impl Received {
         self.lost = self.lost.saturating_add(header.lost);
     }
 }
-
-/// Adds `more` to `sum`.
-pub(super) fn add_counters(sum: &mut Counters, more: &Counters) {
-    sum.offered += more.offered;
-    sum.delivered += more.delivered;
-    sum.overwritten += more.overwritten;
-    sum.discarded += more.discarded;
-    sum.deadline += more.deadline;
-    sum.closed += more.closed;
-    sum.pool_limit += more.pool_limit;
-    sum.too_long += more.too_long;
-    sum.expired += more.expired;
-    sum.in_flight += more.in_flight;
-}

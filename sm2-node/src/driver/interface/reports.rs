@@ -4,7 +4,7 @@ use sm2_proto::link::Counters;
 
 use super::Interface;
 use crate::driver::link::LinkDriver;
-use crate::driver::status::{LinkStatus, add_counters};
+use crate::driver::status::LinkStatus;
 
 impl Interface {
     /// The statuses of all links, ended links first.
@@ -21,7 +21,7 @@ impl Interface {
     pub(crate) fn counters(&self) -> Counters {
         let mut sum = self.ended_sum;
         for link in self.links().filter(|link| !link.buried) {
-            add_counters(&mut sum, &link.counters());
+            sum.add(&link.counters());
         }
         sum
     }

@@ -8,7 +8,6 @@ use super::Interface;
 use crate::driver::context::Context;
 use crate::driver::limits::{ENDED_WITH_MESSAGES, HISTORY};
 use crate::driver::link::LinkDriver;
-use crate::driver::status::add_counters;
 use crate::driver::token::LinkToken;
 
 impl Interface {
@@ -113,7 +112,7 @@ impl Interface {
         let status = link.status();
         self.ended_missed += status.missed_deadlines;
         self.ended_losses += status.lost_liveliness;
-        add_counters(&mut self.ended_sum, &status.counters);
+        self.ended_sum.add(&status.counters);
         if self.ended.len() == HISTORY {
             self.ended.pop_front();
         }

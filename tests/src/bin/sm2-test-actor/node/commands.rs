@@ -25,7 +25,7 @@ use std::{
     fs::File,
 };
 
-use sm2_node::diagnostics::LinkStatus;
+use sm2_node::diagnostics::{Fate, LinkStatus};
 
 use sm2_node::{Call, Client, Node, Publisher, Request, Sample, Server, Subscriber, TypeId};
 use sm2_tests::{TIMEOUT, pattern};
@@ -338,20 +338,11 @@ fn describe(link: &LinkStatus) -> String {
         " | peer={} open={} reliable={} sealed={}",
         link.peer.name, link.open, link.reliable, link.sealed
     );
-    let _ = write!(
-        text,
-        " offered={} delivered={} overwritten={} discarded={} deadline={} closed={} \
-         pool_limit={} too_long={} in_flight={}",
-        counters.offered,
-        counters.delivered,
-        counters.overwritten,
-        counters.discarded,
-        counters.deadline,
-        counters.closed,
-        counters.pool_limit,
-        counters.too_long,
-        counters.in_flight,
-    );
+    let _ = write!(text, " offered={}", counters.offered);
+    for fate in Fate::ALL {
+        let _ = write!(text, " {fate}={}", counters.of(fate));
+    }
+    let _ = write!(text, " in_flight={}", counters.in_flight);
     text
 }
 
