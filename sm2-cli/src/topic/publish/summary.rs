@@ -2,7 +2,10 @@
 
 use std::fmt;
 
-use sm2_proto::{link::Counters, text::Counted};
+use sm2_proto::{
+    link::{Counters, Fate},
+    text::Counted,
+};
 
 use crate::size::Size;
 
@@ -37,33 +40,66 @@ impl fmt::Display for Summary {
         if counters.in_flight > 0 {
             write!(f, ", {} still in flight", counters.in_flight)?;
         }
-        let dropped = [
-            (counters.overwritten, "overwritten before they were sent"),
-            (counters.discarded, "overwritten before they were received"),
-            (
-                counters.deadline,
-                "at the deadline of a subscriber without room",
-            ),
-            (counters.closed, "to subscribers that left"),
-            (
-                counters.pool_limit,
-                "at --pool-limit, to subscribers that hold samples",
-            ),
-            (counters.too_long, "longer than their subscribers accept"),
-        ];
-        write!(
-            f,
-            ", {} dropped",
-            dropped.iter().map(|(count, _)| count).sum::<u64>()
-        )?;
+        let dropped = Fate::ALL
+            .into_iter()
+            .filter_map(|fate| Some((counters.of(fate), reason(fate)?)))
+            .filter(|(count, _)| *count > 0);
         let reasons: Vec<_> = dropped
-            .iter()
-            .filter(|(count, _)| *count > 0)
             .map(|(count, reason)| format!("{count} {reason}"))
             .collect();
+        write!(f, ", {} dropped", counters.dropped())?;
         match reasons.is_empty() {
             true => Ok(()),
             false => write!(f, " ({})", reasons.join(", ")),
         }
+    }
+}
+
+/// Why a message with this fate was dropped; `None` if it was delivered.
+const fn reason(fate: Fate) -> Option<&'static str> {
+    Some(match fate {
+        Fate::Delivered => return None,
+        Fate::Overwritten => "overwritten before they were sent",
+        Fate::Discarded => "overwritten before they were received",
+        Fate::Deadline => "at the deadline of a subscriber without room",
+        Fate::Closed => "to subscribers that left",
+        Fate::PoolLimit => "at --pool-limit, to subscribers that hold samples",
+        Fate::TooLong => "longer than their subscribers accept",
+        Fate::Expired => "older than their --lifespan",
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Each message that was offered is among the numbers: delivered, in flight, or dropped for a reason.
+    #[test]
+    fn the_summary_has_every_fate() {
+        let mut counters = Counters {
+            in_flight: 1,
+            ..Counters::default()
+        };
+        for (place, fate) in Fate::ALL.into_iter().enumerate() {
+            *counters.of_mut(fate) = 10 << place;
+        }
+        counters.offered = 1 + counters.delivered + counters.dropped();
+        assert!(counters.is_balanced());
+        let text = Summary(Tally::default(), counters).to_string();
+        let (_, counts) = text.split_once(": ").unwrap();
+        let (dropped, reasons) = counts.split_once(" (").unwrap();
+        assert!(
+            dropped.ends_with(&format!("{} dropped", counters.dropped())),
+            "{text}"
+        );
+        let first = |it: &str| {
+            it.trim_end_matches(')')
+                .split(' ')
+                .next()?
+                .parse::<u64>()
+                .ok()
+        };
+        let sum: u64 = reasons.split(", ").filter_map(first).sum();
+        assert_eq!(sum, counters.dropped(), "{text}");
     }
 }
