@@ -107,7 +107,9 @@ fn an_empty_datagram(a: &SeqPacket, b: &SeqPacket, fd: BorrowedFd<'_>) {
     use nix::sys::socket::{ControlMessage, MsgFlags, sendmsg};
     let fds = [fd.as_raw_fd(); 3];
     let rights = [ControlMessage::ScmRights(&fds)];
+    // QEMU does not send a datagram that has no part at all.
+    let parts = [IoSlice::new(&[])];
     let flags = MsgFlags::empty();
-    sendmsg::<()>(a.as_fd().as_raw_fd(), &[], &rights, flags, None).unwrap();
+    sendmsg::<()>(a.as_fd().as_raw_fd(), &parts, &rights, flags, None).unwrap();
     assert!(matches!(b.recv(&mut [0; 8]), Err(RecvError::Closed)));
 }

@@ -185,19 +185,26 @@ fn busy_calls_of_a_node_without_the_thread_find_new_links() {
 }
 
 #[test]
-fn the_thread_has_a_name_blocks_signals_and_ends_with_the_node() {
+fn the_thread_has_a_name_and_ends_with_the_node() {
     let domain = Domain::new();
-    let node = domain.busy_node(true, "signals");
+    let node = domain.busy_node(true, "named");
     // The thread takes its name when it begins.
+    until(|| threads("sm2:named").len() == 1);
+    drop(node);
+    assert!(threads("sm2:named").is_empty());
+    let node = domain.busy("named").background(false).connect();
+    assert!(threads("sm2:named").is_empty());
+    drop(node);
+}
+
+#[test]
+fn the_thread_blocks_signals() {
+    let domain = Domain::new();
+    let _node = domain.busy_node(true, "signals");
     until(|| threads("sm2:signals").len() == 1);
     let task = threads("sm2:signals")[0];
     // All signals but SIGKILL and SIGSTOP, which cannot be blocked, and two that the C library keeps for itself.
     assert_eq!(status(task, "SigBlk:"), "fffffffe7ffbfeff");
-    drop(node);
-    assert!(threads("sm2:signals").is_empty());
-    let node = domain.busy("signals").background(false).connect();
-    assert!(threads("sm2:signals").is_empty());
-    drop(node);
 }
 
 /// Scheduling is that of the thread that connected the node, so a program sets both before it connects.

@@ -76,8 +76,10 @@ fn a_program_that_is_started_inherits_nothing() {
     let mut command = Command::new("sleep");
     command.arg("600").stdin(Stdio::null());
     let mut child = command.stdout(Stdio::null()).spawn().unwrap();
-    let folder = format!("/proc/{}/fd", child.id());
-    let descriptors = fs::read_dir(folder).unwrap().map(|it| {
+    let folder = format!("/proc/{}", child.id());
+    // On an emulated processor, the child has the descriptors of this process until it becomes the other program.
+    until(|| fs::read_to_string(format!("{folder}/comm")).unwrap() == "sleep\n");
+    let descriptors = fs::read_dir(folder + "/fd").unwrap().map(|it| {
         let path = it.unwrap().path();
         fs::read_link(path).unwrap_or_default()
     });
