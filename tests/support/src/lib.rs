@@ -20,8 +20,12 @@ pub use skip::{skip, skip_without};
 pub use stopped::wait_until_stopped;
 
 /// The time limit of everything that has to succeed. It is far beyond what a loaded machine needs, and costs nothing
-/// when the test passes.
-pub const SOON: Duration = Duration::from_secs(60);
+/// when the test passes. Tests that are built for an emulated processor, which is far slower, have ten times as long:
+/// `SM2_EMULATED` is set then.
+pub const SOON: Duration = Duration::from_secs(match option_env!("SM2_EMULATED") {
+    Some(_) => 600,
+    None => 60,
+});
 
 /// Returns once `is_so` does, which it tries every millisecond.
 ///
