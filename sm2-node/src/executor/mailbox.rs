@@ -75,6 +75,11 @@ impl<A> Mailbox<A> {
         }
     }
 
+    /// Whether a letter asks for the removal of a callback.
+    pub(super) fn has_removals(&self) -> bool {
+        !self.letters().removals.is_empty()
+    }
+
     /// The threads are about to start.
     pub(super) fn begin(&self) {
         self.letters().is_over = false;

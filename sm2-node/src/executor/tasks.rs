@@ -74,6 +74,15 @@ impl<'a> Tasks<'a> {
                 self.set.suspend(due.key);
                 continue;
             }
+            // The wait set may report a source before the mailbox. A callback that removed this one left the letter
+            // before it gave back the turn.
+            if self.mailbox.has_removals() {
+                self.read_mail()?;
+                if !self.all.contains_key(&due.id) {
+                    self.resume(task.turn().give_back())?;
+                    continue;
+                }
+            }
             // The callback may have run in another thread since the source was reported: then it may have read all.
             let cause = self.set.confirm(due.key, due.cause)?;
             if !self.set.contains(due.key) {
