@@ -163,16 +163,19 @@ impl PooledMapping {
         true
     }
 
-    /// Prefetches the cache line at `start`, which is about to be read.
+    /// Prefetches the cache line at `start`, which is about to be read. Does nothing on processors other than x86-64,
+    /// because Rust has no stable prefetch for them.
     #[inline]
     pub fn prefetch(&self, start: u64) {
+        let line = self.region.as_ptr().wrapping_add(start as usize);
         #[cfg(target_arch = "x86_64")]
         {
             use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-            let line = self.region.as_ptr().wrapping_add(start as usize);
             // SAFETY: a prefetch reads and changes nothing, and cannot fault, wherever `line` is.
             unsafe { _mm_prefetch::<_MM_HINT_T0>(line.cast()) };
         }
+        #[cfg(not(target_arch = "x86_64"))]
+        let _ = line;
     }
 
     /// The whole aligned words, which another process may be changing. Only for relaxed loads: Rust
