@@ -25,13 +25,13 @@ readonly tier1=(tools commits fmt clauses publish deny no-std clippy doc test mo
     bag ros book c python bridges foxglove view)
 # Tier 2: `first` one after the other, then `long` and `beside` side by side.
 readonly first=(tools commits fmt clauses publish no-std clippy doc test modes demo faults soak)
-readonly long=(asan check)
+readonly long=(asan check aarch64)
 readonly beside=(deny micro bag ros book c python bridges foxglove view)
 readonly tier2=("${first[@]}" "${long[@]}" "${beside[@]}")
 # The time limit of each step, in seconds: about three times what it takes on a quiet machine of two cores.
 declare -rA limits=([tools]=600 [commits]=60 [fmt]=60 [clauses]=300 [publish]=120 [deny]=900 [no-std]=150 [clippy]=600
     [doc]=300 [test]=$((full ? 3600 : 1200)) [modes]=400 [models]=400 [asan]=1500 [micro]=600 [check]=5400 [demo]=1200 [faults]=600
-    [soak]=900 [bag]=900 [ros]=900 [book]=900 [c]=1800 [python]=1800 [bridges]=2400 [foxglove]=2400
+    [soak]=900 [aarch64]=3600 [bag]=900 [ros]=900 [book]=900 [c]=1800 [python]=1800 [bridges]=2400 [foxglove]=2400
     [view]=900)
 
 # Packages outside the workspace, each a workspace of its own.
@@ -88,16 +88,22 @@ install() {
     rm -rf "$CARGO_TARGET_DIR/tools/build"
 }
 
+# PACKAGE...: installs packages of Debian. The lanes of tier 2 take turns: apt-get does not wait for another one.
+apt_install() {
+    local apt_get=(flock --close "$logs/apt.lock")
+    [ "$(id -u)" -eq 0 ] || apt_get+=(sudo -n)
+    apt_get+=(apt-get)
+    "${apt_get[@]}" update && DEBIAN_FRONTEND=noninteractive "${apt_get[@]}" install -y "$@"
+}
+
 # Installs packages of Debian whose program is missing. Reads lines `PACKAGE PROGRAM`.
 install_packages() {
-    local sudo=() missing=() package program
-    [ "$(id -u)" -eq 0 ] || sudo=(sudo -n)
+    local missing=() package program
     while read -r package program; do
         (PATH=$PATH:/usr/sbin:/sbin && command -v "$program") >/dev/null || missing+=("$package")
     done
     if [ ${#missing[@]} -gt 0 ]; then
-        "${sudo[@]}" apt-get update &&
-            DEBIAN_FRONTEND=noninteractive "${sudo[@]}" apt-get install -y "${missing[@]}" ||
+        apt_install "${missing[@]}" ||
             echo "cannot be installed here, so their tests are skipped: ${missing[*]}"
     fi
 }
