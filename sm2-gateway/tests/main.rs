@@ -5,6 +5,7 @@
 mod common;
 
 mod age;
+mod beacons;
 mod beside;
 mod config;
 #[cfg(feature = "program")]

@@ -8,6 +8,8 @@
 mod calls;
 mod error;
 mod requests;
+#[cfg(test)]
+mod tests;
 mod topics;
 mod watch;
 

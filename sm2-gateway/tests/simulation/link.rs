@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use quinn_proto::{ConnectionHandle, EndpointEvent, Transmit};
 use sm2_gateway::{
-    hub,
+    Counts, hub,
     peer::{Command, ConnectionId, Event, Input, Output, Peer},
 };
 use sm2_proto::{
@@ -64,6 +64,20 @@ impl Link {
                 }
                 Output::Endpoint(event) => self.endpoint_events.push(event),
             }
+        }
+        self.check_counts();
+    }
+
+    /// Each message, request and reply that was offered ends once: in the total, and under its name.
+    fn check_counts(&self) {
+        let ended = |it: &Counts| it.sent + it.superseded + it.expired + it.withdrawn;
+        let total = self.peer.counts();
+        match self.ended {
+            Some(_) => assert_eq!(ended(&total), total.offered, "{total:?}"),
+            None => assert!(ended(&total) <= total.offered, "{total:?}"),
+        }
+        for ((_, name), it) in self.peer.counts_by_name() {
+            assert!(ended(&it) <= it.offered, "{name}: {it:?}");
         }
     }
 
