@@ -123,9 +123,12 @@ fn a_hostile_length_costs_nothing() {
         "string a",
         "wstring a",
     ] {
-        assert_eq!(fault(text, &bytes).2, Fault::Short, "{text}");
+        // The fault is that of the length, before any element.
+        let (path, at, fault) = fault(text, &bytes);
+        assert_eq!((&*path, at, fault), ("a", 8, Fault::Short), "{text}");
     }
-    assert_eq!(fault("float64[4294967295] a", &bytes).2, Fault::Short);
+    let (path, at, short) = fault("float64[4294967295] a", &bytes);
+    assert_eq!((&*path, at, short), ("a", 4, Fault::Short));
     let error = encode(&set("float64[4294967295] a"), &name(), &json!({})).unwrap_err();
     assert!(matches!(error, EncodeError::TooLong { .. }), "{error}");
 }

@@ -135,3 +135,24 @@ fn map(file: File, len: usize) -> io::Result<SealedLoan> {
     }
     SealedLoan::of(file, mapping, len, Pages::Small)
 }
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::MetadataExt;
+
+    use super::*;
+
+    /// A kernel without memory refuses the allocation, and not the message that is written later.
+    #[test]
+    fn all_pages_exist_before_the_message() {
+        for capacity in [1, 4_096, 100_000] {
+            let preallocated = Preallocated::for_copies(capacity).unwrap();
+            // Too short for huge pages, which are mapped.
+            let Form::File { file, .. } = &preallocated.0 else {
+                panic!("{preallocated:?}");
+            };
+            let allocated_bytes = 512 * file.metadata().unwrap().blocks();
+            assert!(allocated_bytes >= capacity as u64, "{preallocated:?}");
+        }
+    }
+}
