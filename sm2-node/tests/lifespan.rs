@@ -4,7 +4,7 @@ use std::thread;
 use std::time::Duration;
 
 use crate::common::fixture::Fixture;
-use crate::common::{SOON, meet, until};
+use crate::common::{Domain, SOON, meet, until};
 use sm2_node::{Node, Publisher};
 
 /// Long enough that a busy machine does not miss it.
@@ -111,4 +111,28 @@ fn the_accounts_are_exact_while_messages_expire() {
         assert_eq!(it.offered, 10);
         assert!(it.expired > 0, "{it:?}");
     });
+}
+
+/// On the socket lane, where a publisher has a queue: in a ring, the subscriber finds what is too old.
+//= SM2-QOS-010 test
+#[test]
+fn what_is_too_old_leaves_the_queue_although_the_subscriber_takes_nothing() {
+    for background in [true, false] {
+        let domain = Domain::new();
+        let node = |name| domain.builder(name).ring_lane(false).background(background);
+        let talker = node("talker").connect().unwrap();
+        let builder = talker.publisher_builder::<[u8]>("topic").reliable(true);
+        // Longer than it takes to fill the queue.
+        let builder = builder.depth(2).lifespan(Duration::from_millis(100));
+        let publisher = builder.declare().unwrap();
+        let listener = node("listener").connect().unwrap();
+        let builder = listener.subscriber_builder::<[u8]>("topic").reliable(true);
+        let subscriber = builder.depth(1).max_borrowed(1).declare().unwrap();
+        meet(&publisher, &[&subscriber]);
+        until(|| publisher.try_publish(b"old").unwrap().is_none());
+        until(|| publisher.try_publish(b"new").unwrap().is_some());
+        let counters = publisher.counters();
+        assert!(counters.expired > 0, "{counters:?}");
+        assert_eq!((counters.delivered, counters.deadline), (0, 0));
+    }
 }

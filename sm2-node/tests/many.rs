@@ -249,3 +249,37 @@ fn a_message_that_is_none_costs_no_other() {
         "also those behind the one that cannot be read"
     );
 }
+
+/// A group of short messages is published under one lock, so it has one time. That is so for reliable links as well, as
+/// long as they have room.
+#[test]
+fn a_group_of_short_messages_has_one_time() {
+    let domain = Domain::new();
+    let (publisher, subscriber) = linked(&domain, true, 64, 5);
+    let message: &[u8] = b"short";
+    publisher.publish_all([message; 32]).unwrap();
+    let mut times = Vec::new();
+    until(|| {
+        while let Some(sample) = subscriber.try_recv().unwrap() {
+            times.push(sample.source_time());
+        }
+        times.len() == 32
+    });
+    assert!(times.iter().all(|it| *it == times[0]), "{times:?}");
+}
+
+/// A message that finds no room in the ring of a reliable link waits for it.
+#[test]
+fn a_reliable_link_without_room_delays_its_group() {
+    let domain = Domain::new();
+    let (publisher, subscriber) = linked(&domain, true, 2, 1);
+    let messages: Vec<[u8; 1]> = (0..32).map(|number| [number]).collect();
+    thread::scope(|scope| {
+        scope.spawn(|| publisher.publish_all(messages.iter().map(|it| &it[..])));
+        for message in &messages {
+            let sample = subscriber.recv_timeout(SOON).unwrap().expect("a message");
+            assert_eq!((&*sample, sample.lost()), (&message[..], 0));
+        }
+    });
+    assert_eq!(publisher.counters().dropped(), 0);
+}

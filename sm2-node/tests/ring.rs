@@ -46,6 +46,47 @@ fn the_ring_lane_is_used_if_both_sides_offer_it() {
     }
 }
 
+/// The subscriber counts as linked before the publisher has read its answer. The publisher's other link is open, with room
+/// in its ring, so the publisher would need no socket for the message.
+#[test]
+fn a_subscriber_that_counts_as_linked_gets_the_next_message() {
+    let domain = Domain::new();
+    // Each node handles its sockets in calls of this test only.
+    let node = |name| {
+        let builder = domain.builder(name).ring_lane(true).background(false);
+        builder.connect().unwrap()
+    };
+    let publisher = node("talker").publisher::<[u8]>("topic").unwrap();
+    let first = node("first").subscriber::<[u8]>("topic").unwrap();
+    meet(&publisher, &[&first]);
+    for turn in 0..20 {
+        let listener = node("second");
+        let second = listener.subscriber::<[u8]>("topic").unwrap();
+        until(|| {
+            publisher
+                .links()
+                .iter()
+                .filter(|it| it.end.is_none())
+                .count()
+                == 2
+        });
+        second.wait_for_publishers_timeout(1, SOON).unwrap();
+        let bytes = pattern(100, turn);
+        assert_eq!(publisher.publish(&bytes).unwrap().links, 2, "turn {turn}");
+        assert!(*next(&first) == *bytes);
+        assert!(*next(&second) == *bytes);
+        drop((second, listener));
+        until(|| {
+            publisher
+                .links()
+                .iter()
+                .filter(|it| it.end.is_none())
+                .count()
+                == 1
+        });
+    }
+}
+
 /// Message lengths around the limits of each form and of each slot size.
 const SIZES: [usize; 12] = [
     0,
