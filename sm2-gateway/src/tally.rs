@@ -213,4 +213,35 @@ mod tests {
         assert_eq!(tally.total().received, NAMES_MAX as u64 + 99);
         assert_eq!(tally.offers.len(), 1);
     }
+
+    #[test]
+    fn a_sum_has_each_count_once() {
+        let counts = |number: u64| Counts {
+            offered: number,
+            sent: 2 * number,
+            superseded: 3 * number,
+            expired: 4 * number,
+            withdrawn: 5 * number,
+            received: 6 * number,
+            refused: 7 * number,
+            lost: 8 * number,
+            skipped: 9 * number,
+        };
+        let mut sum = counts(100);
+        sum += counts(1);
+        assert_eq!(sum, counts(101));
+        // A peer says which numbers it skips.
+        let skipped = u64::MAX;
+        sum += Counts {
+            skipped,
+            ..Counts::default()
+        };
+        assert_eq!(
+            sum,
+            Counts {
+                skipped,
+                ..counts(101)
+            }
+        );
+    }
 }

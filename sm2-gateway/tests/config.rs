@@ -1,8 +1,11 @@
 //! Configurations: which are refused and at which line, and which changes a reload refuses.
 
-use std::path::Path;
+use std::{num::NonZero, path::Path, time::Duration};
 
-use sm2_gateway::{Address, Config, ConfigError, DomainLocation, peer::Limits};
+use sm2_gateway::{
+    Address, Config, ConfigError, DomainLocation, hub::DEFAULT_SEND_QOS, peer::Limits,
+};
+use sm2_proto::gateway::schedule::SendQos;
 
 const GOOD: &str = "name = \"near\"\nkey = \"key\"\n";
 
@@ -71,6 +74,27 @@ fn each_key_that_only_a_restart_can_take_is_named() {
     let rule = "[[rule]]\naction = \"allow\"\nnames = \"**\"\n";
     let other = with_addresses("\"robot:1\"") + rule;
     assert_eq!(old.fixed_keys(&parse(&other).unwrap()), Vec::<&str>::new());
+}
+
+#[test]
+fn a_rule_has_the_parameters_of_its_keys() {
+    let rule = "[[rule]]\naction = \"allow\"\nnames = \"**\"\n";
+    let send_qos = |keys: &str| {
+        let config = parse(&format!("{GOOD}{rule}{keys}"));
+        config.map(|it| it.policy.send_qos)
+    };
+    assert_eq!(send_qos("").unwrap(), [DEFAULT_SEND_QOS]);
+    let keys = "priority = 7\nmessages_per_s = 10\nbytes_per_s = 20\nmax_age_ms = 30\n";
+    let expected = SendQos {
+        depth: DEFAULT_SEND_QOS.depth,
+        priority: 7,
+        messages_per_s: NonZero::new(10),
+        bytes_per_s: NonZero::new(20),
+        max_age: Some(Duration::from_millis(30)),
+    };
+    assert_eq!(send_qos(keys).unwrap(), [expected]);
+    let error = send_qos("priority = 8\n").unwrap_err().to_string();
+    assert!(error.contains("a priority is 0 to 7"), "{error}");
 }
 
 #[test]

@@ -53,3 +53,48 @@ impl Latched {
         kept.into_iter().flatten().cloned().collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use bytes::Bytes;
+    use sm2_proto::{Instant, Name, TypeId};
+
+    use super::*;
+
+    fn topic(name: &str) -> Subject {
+        let name = Name::new(name).unwrap();
+        Subject::Topic {
+            name: name.clone(),
+            data: TypeId { name, hash: 0 },
+            reliable: false,
+            latched: 2,
+        }
+    }
+
+    fn message(len: usize) -> Message {
+        Message {
+            sequence: 1,
+            published_at: Instant(0),
+            payload: Bytes::from(vec![0; len]),
+        }
+    }
+
+    #[test]
+    fn all_topics_share_the_memory_and_what_is_forgotten_leaves_it() {
+        let mut latched = Latched::default();
+        let (large, small) = (topic("map"), topic("pose"));
+        for _ in 0..3 {
+            for _ in 0..3 {
+                latched.keep(&large, Source::Local, message(BYTES_MAX / 2));
+            }
+            assert_eq!(latched.messages(&large, Source::Local).len(), 2);
+            latched.keep(&small, Source::Local, message(1));
+            assert!(latched.messages(&small, Source::Local).is_empty());
+            latched.forget(&large, Source::Local);
+            latched.keep(&small, Source::Local, message(1));
+            assert_eq!(latched.messages(&small, Source::Local).len(), 1);
+            latched.forget(&small, Source::Local);
+            assert_eq!(latched.bytes, 0);
+        }
+    }
+}

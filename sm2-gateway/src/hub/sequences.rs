@@ -87,3 +87,64 @@ impl Sequences {
         self.seen.remove(&(subject.clone(), origin));
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use sm2_proto::{Name, TypeId};
+
+    use super::*;
+
+    fn key(origin: usize) -> (Subject, GatewayId) {
+        let name = Name::new("scan").unwrap();
+        let subject = Subject::Topic {
+            name: name.clone(),
+            data: TypeId { name, hash: 0 },
+            reliable: false,
+            latched: 0,
+        };
+        let mut id = [0; 32];
+        id[..8].copy_from_slice(&origin.to_le_bytes());
+        (subject, GatewayId(id))
+    }
+
+    #[test]
+    fn origins_that_nobody_wants_are_forgotten_only_when_they_are_too_many() {
+        let mut sequences = Sequences::default();
+        let take = |sequences: &mut Sequences, (subject, gateway): &(Subject, GatewayId)| {
+            let origin = Hop {
+                gateway: *gateway,
+                epoch: 1,
+            };
+            sequences.take(subject, origin, 1).is_some()
+        };
+        for origin in 0..SEEN_LEAST {
+            sequences.make_room(&key(origin), |_| false);
+            assert!(take(&mut sequences, &key(origin)));
+        }
+        // A known one needs no room.
+        sequences.make_room(&key(0), |_| false);
+        assert_eq!(sequences.remembered(), SEEN_LEAST);
+        sequences.make_room(&key(SEEN_LEAST), |it| *it == key(7));
+        assert_eq!(sequences.remembered(), 1);
+        assert!(take(&mut sequences, &key(SEEN_LEAST)));
+        assert!(!take(&mut sequences, &key(7)), "a message comes once");
+        assert!(take(&mut sequences, &key(8)));
+    }
+
+    #[test]
+    fn messages_between_two_that_were_taken_are_missing_while_the_topic_is_wanted() {
+        let mut sequences = Sequences::default();
+        let (subject, gateway) = key(0);
+        let origin = |epoch| Hop { gateway, epoch };
+        assert_eq!(sequences.take(&subject, origin(1), 5), Some(0));
+        assert_eq!(sequences.take(&subject, origin(1), 6), Some(0));
+        assert_eq!(sequences.take(&subject, origin(1), 9), Some(2));
+        assert_eq!(sequences.take(&subject, origin(1), 9), None);
+        sequences.wanted(&subject, gateway);
+        assert_eq!(sequences.take(&subject, origin(1), 20), Some(0));
+        // Another process numbers its messages anew.
+        assert_eq!(sequences.take(&subject, origin(2), 3), Some(0));
+        sequences.forget(&subject, gateway);
+        assert_eq!(sequences.take(&subject, origin(2), 3), Some(0));
+    }
+}

@@ -120,11 +120,9 @@ async fn take(
             continue;
         }
         let published_at = sample.source_time();
-        let is_short = sample.len() <= COPY_MAX_BYTES;
         // One reference is this task's own.
-        let has_few_left = Arc::strong_count(&borrowed) > COPY_FROM_BORROWED;
-        // The hub keeps latched messages, so borrowing them would use up the samples.
-        let payload = match is_short || has_few_left || subject.latched() > 0 {
+        let others = Arc::strong_count(&borrowed) - 1;
+        let payload = match is_copied(sample.len(), others, subject.latched()) {
             true => Bytes::copy_from_slice(&sample),
             false => Bytes::from_owner(Borrowed {
                 sample,
@@ -143,6 +141,12 @@ async fn take(
 }
 
 /// Declares a publisher that stands for remote ones.
+/// Whether a message is copied, while this number of samples is borrowed.
+const fn is_copied(len: usize, borrowed: usize, latched: u16) -> bool {
+    // The hub keeps latched messages, so borrowing them would use up the samples.
+    len <= COPY_MAX_BYTES || borrowed >= COPY_FROM_BORROWED || latched > 0
+}
+
 pub(super) fn publisher(
     node: &Node,
     name: &Name,
@@ -159,4 +163,19 @@ pub(super) fn publisher(
         // A subscriber without room misses the message: it must not delay what arrives here.
         .publish_timeout(Duration::ZERO);
     Ok(builder.declare()?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_messages_are_borrowed_while_few_are() {
+        let long = (16 << 10) + 1;
+        assert!(is_copied(0, 0, 0) && is_copied(long - 1, 0, 0));
+        assert!(!is_copied(long, 0, 0) && !is_copied(long, 7, 0));
+        assert!(is_copied(long, 8, 0) && is_copied(long, 0, 1));
+        // A peer that keeps what it has leaves samples for the others.
+        const { assert!(COPY_FROM_BORROWED < MAX_BORROWED as usize) };
+    }
 }

@@ -218,3 +218,6 @@ fn depth(contract: &Contract, subject: &Subject) -> Option<u16> {
         _ => None,
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -45,8 +45,7 @@ impl Ahead {
             self.unsent_bytes = 0;
         }
         let window = connection.congestion_state().window();
-        let least = u64::from(connection.current_mtu()) * LEAST_DATAGRAMS;
-        let most = least + window / WINDOW_DIVISOR + SPARE_BYTES as u64;
+        let most = most_bytes(connection.current_mtu(), window);
         let left = most.saturating_sub(self.unsent_bytes);
         Room {
             left_bytes: usize::try_from(left).unwrap_or(usize::MAX),
@@ -70,6 +69,12 @@ impl Ahead {
     }
 }
 
+/// How much QUIC may hold that it has not sent, with this length of datagrams and this congestion window.
+const fn most_bytes(mtu: u16, window_bytes: u64) -> u64 {
+    let least = mtu as u64 * LEAST_DATAGRAMS;
+    least + window_bytes / WINDOW_DIVISOR + SPARE_BYTES as u64
+}
+
 /// How much may be written.
 #[derive(Debug)]
 pub(super) struct Room {
@@ -90,5 +95,16 @@ impl Room {
     pub(super) fn take(&mut self, len_bytes: usize) {
         self.left_bytes = self.left_bytes.saturating_sub(len_bytes);
         self.taken_bytes += len_bytes;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quic_holds_some_datagrams_and_a_part_of_the_window() {
+        assert_eq!(most_bytes(1_200, 0), 19_200 + (16 << 10));
+        assert_eq!(most_bytes(1_200, 160_000) - most_bytes(1_200, 0), 10_000);
     }
 }

@@ -120,3 +120,18 @@ fn code_name(code: Code) -> String {
     let name = farewell.or_else(violation);
     name.map_or_else(|| format!("code {}", code.0), str::to_owned)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A gateway that is stale does not dial the peer again before a while.
+    #[test]
+    fn only_one_farewell_says_that_this_process_is_stale() {
+        let closed = |farewell: PeerFarewell| Reason::Session(End::Closed(Some(farewell.code())));
+        assert!(closed(PeerFarewell::Stale).is_stale());
+        assert!(!closed(PeerFarewell::Duplicate).is_stale());
+        assert!(!Reason::Session(End::Closed(None)).is_stale());
+        assert!(!Reason::Handshake(HandshakeError::NoKey).is_stale());
+    }
+}

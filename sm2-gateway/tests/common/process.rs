@@ -25,7 +25,7 @@ impl Process {
         Self(command.spawn().unwrap())
     }
 
-    /// Starts a gateway, and returns the address of its socket, which it logs.
+    /// Starts a gateway, and returns the address of its socket, which it logs by default.
     pub(crate) fn listening(config: &Path) -> (Self, SocketAddr) {
         Self::listening_as(&mut Command::new(PROGRAM), config)
     }
@@ -38,7 +38,7 @@ impl Process {
     }
 
     fn listening_as(command: &mut Command, config: &Path) -> (Self, SocketAddr) {
-        let command = command.arg("run").arg(config).env("SM2_LOG", "info");
+        let command = command.arg("run").arg(config).env_remove("SM2_LOG");
         let command = command.stdout(Stdio::null()).stderr(Stdio::piped());
         let mut child = command.spawn().unwrap();
         let log = BufReader::new(child.stderr.take().unwrap());
