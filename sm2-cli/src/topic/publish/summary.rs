@@ -102,4 +102,22 @@ mod tests {
         let sum: u64 = reasons.split(", ").filter_map(first).sum();
         assert_eq!(sum, counters.dropped(), "{text}");
     }
+    #[test]
+    fn nothing_that_did_not_occur_is_named() {
+        let tally = Tally {
+            messages: 2,
+            bytes: 6,
+            unheard: 0,
+            links: 1,
+        };
+        let counters = Counters {
+            offered: 2,
+            delivered: 2,
+            ..Counters::default()
+        };
+        assert_eq!(
+            Summary(tally, counters).to_string(),
+            "published 2 messages (6 bytes) to 1 subscriber: 2 delivered, 0 dropped"
+        );
+    }
 }
