@@ -2,7 +2,7 @@
 
 use std::{fmt::Write as _, path::Path, time::Duration};
 
-use sm2_bag::{GapReason, Report};
+use sm2_bag::{GapReason, Report, TopicReport};
 use sm2_proto::text::Counted;
 
 use crate::{ended::Ended, error::CliError, output::Output, size::Size, time::Span};
@@ -18,52 +18,8 @@ const GAPS_SHOWN: usize = 10;
 pub(crate) fn show(out: &mut Output, path: &Path, report: &Report) -> Result<(), CliError> {
     out.line(title(path, report))?;
     for topic in &report.topics {
-        let size = topic.bytes.map(|it| format!(", {}", Size(it)));
-        out.line(format_args!(
-            "  {} ({}): {}{}, lost {}",
-            topic.name,
-            topic.r#type,
-            Counted::new(topic.messages, "message"),
-            size.unwrap_or_default(),
-            topic.lost
-        ))?;
-        for (messages, text) in [
-            (topic.repeated, "of before, with which it begins"),
-            (topic.not_repeated, "of before that it LACKS: no room"),
-        ] {
-            if messages > 0 {
-                let latched = Counted::new(messages, "latched message");
-                out.line(format_args!("    {latched} {text}"))?;
-            }
-        }
-        for gap in topic.gaps.iter().take(GAPS_SHOWN) {
-            let at = gap
-                .from_ns
-                .saturating_sub(report.start_ns.unwrap_or(gap.from_ns));
-            let reason = match gap.reason {
-                GapReason::Displaced => "newer messages displaced them before they were taken",
-                GapReason::Budget => "the disk was too slow for --budget",
-                GapReason::DiskFull => "the disk was full",
-                GapReason::Damaged => "they were in a damaged part",
-                GapReason::TooLong => "they were longer than --max-len",
-                GapReason::PoolLimit => "the pool_limit of the publisher was reached",
-                GapReason::Deadline => "the publisher did not wait longer",
-                GapReason::Expired => "they were older than their lifespan",
-            };
-            out.line(format_args!(
-                "    {} of {} missing at {} for {}: {reason}",
-                gap.messages,
-                gap.publisher,
-                Span(Duration::from_nanos(at)),
-                Span(Duration::from_nanos(gap.to_ns.saturating_sub(gap.from_ns))),
-            ))?;
-        }
-        let more = topic.gaps.len().saturating_sub(GAPS_SHOWN) as u64;
-        if more > 0 {
-            out.line(format_args!(
-                "    {} more (--json has all of them)",
-                Counted::new(more, "gap")
-            ))?;
+        for line in topic_lines(topic, report.start_ns) {
+            out.line(line)?;
         }
     }
     show_missing(out, report)?;
@@ -71,6 +27,58 @@ pub(crate) fn show(out: &mut Output, path: &Path, report: &Report) -> Result<(),
         out.line(format_args!("  left out as damaged: {part}"))?;
     }
     Ok(())
+}
+
+/// A line of the counts of a topic, and indented lines of what is special about it.
+fn topic_lines(topic: &TopicReport, start_ns: Option<u64>) -> Vec<String> {
+    let size = topic.bytes.map(|it| format!(", {}", Size(it)));
+    let mut lines = vec![format!(
+        "  {} ({}): {}{}, lost {}",
+        topic.name,
+        topic.r#type,
+        Counted::new(topic.messages, "message"),
+        size.unwrap_or_default(),
+        topic.lost
+    )];
+    for (messages, text) in [
+        (topic.repeated, "of before, with which it begins"),
+        (topic.not_repeated, "of before that it LACKS: no room"),
+    ] {
+        if messages > 0 {
+            let latched = Counted::new(messages, "latched message");
+            lines.push(format!("    {latched} {text}"));
+        }
+    }
+    for gap in topic.gaps.iter().take(GAPS_SHOWN) {
+        let at = gap.from_ns.saturating_sub(start_ns.unwrap_or(gap.from_ns));
+        lines.push(format!(
+            "    {} of {} missing at {} for {}: {}",
+            gap.messages,
+            gap.publisher,
+            Span(Duration::from_nanos(at)),
+            Span(Duration::from_nanos(gap.to_ns.saturating_sub(gap.from_ns))),
+            reason(gap.reason),
+        ));
+    }
+    let more = topic.gaps.len().saturating_sub(GAPS_SHOWN) as u64;
+    if more > 0 {
+        let more = Counted::new(more, "gap");
+        lines.push(format!("    {more} more (--json has all of them)"));
+    }
+    lines
+}
+
+const fn reason(reason: GapReason) -> &'static str {
+    match reason {
+        GapReason::Displaced => "newer messages displaced them before they were taken",
+        GapReason::Budget => "the disk was too slow for --budget",
+        GapReason::DiskFull => "the disk was full",
+        GapReason::Damaged => "they were in a damaged part",
+        GapReason::TooLong => "they were longer than --max-len",
+        GapReason::PoolLimit => "the pool_limit of the publisher was reached",
+        GapReason::Deadline => "the publisher did not wait longer",
+        GapReason::Expired => "they were older than their lifespan",
+    }
 }
 
 /// The first line: the times of a bag, and whether it is complete.
@@ -139,5 +147,68 @@ pub(crate) const fn ended(report: &Report) -> Ended {
     match report.damaged.is_empty() {
         true => Ended::Done,
         false => Ended::No,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sm2_bag::Gap;
+
+    fn topic(gaps: usize) -> TopicReport {
+        let gap = |number: u64| Gap {
+            publisher: "camera".to_owned(),
+            from_ns: number * 1_000_000_000,
+            to_ns: (number + 1) * 1_000_000_000,
+            messages: number,
+            reason: GapReason::Budget,
+        };
+        TopicReport {
+            name: "image".to_owned(),
+            r#type: "bytes".to_owned(),
+            messages: 3,
+            gaps: (1..=gaps as u64).map(gap).collect(),
+            ..TopicReport::default()
+        }
+    }
+
+    #[test]
+    fn a_topic_without_gaps_has_one_line() {
+        let lines = topic_lines(&topic(0), Some(0));
+        assert_eq!(lines, ["  image (bytes): 3 messages, lost 0"]);
+    }
+
+    #[test]
+    fn the_first_gaps_are_named_and_the_others_counted() {
+        for (gaps, more) in [
+            (GAPS_SHOWN, None),
+            (
+                GAPS_SHOWN + 1,
+                Some("    1 gap more (--json has all of them)"),
+            ),
+        ] {
+            let lines = topic_lines(&topic(gaps), Some(0));
+            let named = lines.iter().filter(|it| it.contains("of camera missing"));
+            assert_eq!(named.count(), GAPS_SHOWN);
+            let last = lines.last().filter(|it| !it.contains("missing"));
+            assert_eq!(last.map(String::as_str), more);
+        }
+    }
+
+    #[test]
+    fn latched_messages_of_before_are_told_where_there_are_any() {
+        let topic = TopicReport {
+            repeated: 2,
+            not_repeated: 1,
+            ..topic(0)
+        };
+        let lines = topic_lines(&topic, None);
+        assert_eq!(
+            lines[1..],
+            [
+                "    2 latched messages of before, with which it begins",
+                "    1 latched message of before that it LACKS: no room"
+            ]
+        );
     }
 }

@@ -41,3 +41,15 @@ impl Ticker {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn work_goes_on_until_it_is_due_and_no_longer_than_to_the_next_line() {
+        let ticker = Ticker::new();
+        assert_eq!(ticker.left(clock::now()), Duration::ZERO);
+        assert!(ticker.left(Instant(u64::MAX)) <= PROGRESS);
+    }
+}
