@@ -45,6 +45,5 @@ pub(crate) fn run(arguments: &Arguments, mut root: Command) -> Result<Ended, Cli
     generate(shell, &mut root, "sm2", &mut script);
     let mut out = Output::new();
     out.write(|out| out.write_all(&script))?;
-    out.flush()?;
     Ok(Ended::Done)
 }

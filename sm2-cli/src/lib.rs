@@ -125,7 +125,7 @@ pub fn run(arguments: Vec<OsString>) -> ExitCode {
         Command::Demo(arguments) => demo::run(&arguments),
         Command::DemoPart(arguments) => demo::run_process(&arguments),
     };
-    match result {
+    match result.and_then(|ended| output::written().map(|()| ended)) {
         Ok(Ended::Done) => ExitCode::SUCCESS,
         Ok(Ended::No) => ExitCode::FAILURE,
         Ok(Ended::Stopped(signal)) => ExitCode::from(signal.status()),

@@ -48,7 +48,6 @@ pub(crate) fn run(arguments: &Arguments, mut root: Command) -> Result<Ended, Cli
             let page = page(named(&root, &arguments.command)?).map_err(CliError::Output)?;
             let mut out = Output::new();
             out.write(|out| out.write_all(&page))?;
-            out.flush()?;
         }
     }
     Ok(Ended::Done)

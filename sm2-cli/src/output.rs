@@ -4,6 +4,7 @@ use std::{
     fmt,
     io::{self, BufWriter, IsTerminal, StdoutLock, Write},
     os::fd::{AsFd, BorrowedFd},
+    sync::OnceLock,
 };
 
 use serde::Serialize;
@@ -13,7 +14,23 @@ use crate::{
     printable::{printable, printable_json},
 };
 
-/// Standard output, locked for as long as a command runs.
+/// The error of an output that could not be written out as it was dropped.
+static UNWRITTEN: OnceLock<io::Error> = OnceLock::new();
+
+/// Whether all output of a command that has ended was written.
+///
+/// # Errors
+///
+/// [`CliError::Output`], with the first error.
+pub(crate) fn written() -> Result<(), CliError> {
+    match UNWRITTEN.get() {
+        None => Ok(()),
+        Some(error) => Err(CliError::Output(io::Error::new(error.kind(), error))),
+    }
+}
+
+/// Standard output, locked for as long as a command runs. Its buffer is written out when it is dropped: an error is
+/// that of the [command](written).
 pub(crate) struct Output(BufWriter<StdoutLock<'static>>);
 
 impl Output {
@@ -57,7 +74,7 @@ impl Output {
         })
     }
 
-    /// Writes the buffer out.
+    /// Writes the buffer out now, because more comes later or never.
     pub(crate) fn flush(&mut self) -> Result<(), CliError> {
         self.write(Write::flush)
     }
@@ -66,5 +83,14 @@ impl Output {
 impl AsFd for Output {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.0.get_ref().as_fd()
+    }
+}
+
+impl Drop for Output {
+    fn drop(&mut self) {
+        if let Err(error) = self.0.flush() {
+            // The first error is the reason of all others.
+            let _ = UNWRITTEN.set(error);
+        }
     }
 }

@@ -132,7 +132,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         true => out.json(&played)?,
         false => show(&mut out, &played)?,
     }
-    out.flush()?;
     Ok(match session.stopped() {
         Some(signal) if !arguments.again => Ended::Stopped(signal),
         _ if !played.damaged.is_empty() || !played.left_out.is_empty() => Ended::No,

@@ -260,7 +260,6 @@ fn record_bag<'a>(
             true => out.json(report)?,
             false => show(&mut out, &path, report)?,
         }
-        out.flush()?;
     }
     recorded.map_err(failed)?;
     let report = finished.map_err(failed)?;

@@ -131,7 +131,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
             out.line(line)?;
         }
     }
-    out.flush()?;
     Ok(if answer.is_linked() {
         Ended::Done
     } else {

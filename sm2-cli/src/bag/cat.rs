@@ -104,7 +104,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
             Err(error) => return Err(error.into()),
         }
     }
-    cat.out.flush()?;
     Ok(match is_whole {
         true => Ended::Done,
         false => Ended::No,

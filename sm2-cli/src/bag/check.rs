@@ -85,7 +85,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
             out.line("no damage")?;
         }
     }
-    out.flush()?;
     Ok(match checked.damages.is_empty() {
         true => Ended::Done,
         false => Ended::No,

@@ -166,6 +166,5 @@ fn write(
         true => out.json(&report)?,
         false => show(&mut out, &target.output, &report)?,
     }
-    out.flush()?;
     Ok(ended(&report))
 }

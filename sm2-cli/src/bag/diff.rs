@@ -64,7 +64,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         (false, Some(difference)) => out.line(difference)?,
         (false, None) => out.line("the payloads are the same")?,
     }
-    out.flush()?;
     let is_whole = damaged.iter().all(Vec::is_empty);
     Ok(match difference {
         None if is_whole => Ended::Done,

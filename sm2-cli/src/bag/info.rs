@@ -51,6 +51,5 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         true => out.json(&report)?,
         false => show(&mut out, &arguments.file, &report)?,
     }
-    out.flush()?;
     Ok(Ended::Done)
 }

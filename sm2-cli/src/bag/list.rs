@@ -78,7 +78,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         true => out.json(&Bags { bags })?,
         false => out.line(table(&bags))?,
     }
-    out.flush()?;
     Ok(ended)
 }
 

@@ -57,6 +57,5 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         true => out.json(&report)?,
         false => show(&mut out, &path, &report)?,
     }
-    out.flush()?;
     Ok(ended(&report))
 }

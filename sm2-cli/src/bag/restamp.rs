@@ -74,6 +74,5 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         ))?;
         show(&mut out, to, &restamped.report)?;
     }
-    out.flush()?;
     Ok(ended(&restamped.report))
 }

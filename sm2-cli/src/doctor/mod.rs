@@ -93,7 +93,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
             }
         }
     }
-    out.flush()?;
     Ok(match report.level {
         Level::Bad => Ended::No,
         Level::Ok | Level::Warn => Ended::Done,

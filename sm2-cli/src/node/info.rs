@@ -82,7 +82,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
             out.line(table(&info.interfaces))?;
         }
     }
-    out.flush()?;
     Ok(Ended::Done)
 }
 

@@ -60,7 +60,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         true => out.json(&nodes)?,
         false => out.line(table(&nodes.nodes))?,
     }
-    out.flush()?;
     Ok(Ended::Done)
 }
 

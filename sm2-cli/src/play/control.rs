@@ -85,7 +85,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         // Also the answer of a program that is not a player.
         _ => out.line(reply)?,
     }
-    out.flush()?;
     Ok(Ended::Done)
 }
 

@@ -66,6 +66,5 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     for warning in file.warnings() {
         out.line(format_args!("warning: {warning}"))?;
     }
-    out.flush()?;
     Ok(Ended::Done)
 }

@@ -147,7 +147,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
             "{name} has at most one publisher, by the entry {by}"
         ))?;
     }
-    out.flush()?;
     Ok(match (binding, decision.effect) {
         (None, Effect::Allow) => Ended::Done,
         _ => Ended::No,

@@ -79,7 +79,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         None => {
             let mut out = Output::new();
             out.write(|out| std::io::Write::write_all(out, text.as_bytes()))?;
-            out.flush()?;
         }
     }
     Ok(Ended::Done)

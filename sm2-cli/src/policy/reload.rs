@@ -37,6 +37,5 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     session.node.reload_policy(arguments.timeout)?;
     let mut out = Output::new();
     out.line(format_args!("the access policy is applied"))?;
-    out.flush()?;
     Ok(Ended::Done)
 }

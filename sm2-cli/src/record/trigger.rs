@@ -58,6 +58,5 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     };
     let mut out = Output::new();
     out.line(String::from_utf8_lossy(&reply))?;
-    out.flush()?;
     Ok(Ended::Done)
 }

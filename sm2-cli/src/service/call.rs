@@ -126,7 +126,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         let lines = messages::lines(&bytes, schema, arguments.show);
         out.write(|out| out.write_all(&lines))?;
     }
-    out.flush()?;
     Ok(Ended::Done)
 }
 

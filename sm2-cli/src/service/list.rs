@@ -64,7 +64,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         true => out.json(&services)?,
         false => out.line(table(&services.services))?,
     }
-    out.flush()?;
     Ok(Ended::Done)
 }
 

@@ -69,7 +69,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         true => out.json(&document)?,
         false => document.print(&mut out)?,
     }
-    out.flush()?;
     Ok(Ended::Done)
 }
 

@@ -156,7 +156,6 @@ fn print(arguments: &Arguments, monitor: &mut Monitor<'_>) -> Result<Ended, CliE
             }
         }
     }
-    out.flush()?;
     Ok(Ended::Done)
 }
 

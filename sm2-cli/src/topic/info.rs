@@ -83,7 +83,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         true => out.json(&info)?,
         false => print(&info, &mut out)?,
     }
-    out.flush()?;
     Ok(Ended::Done)
 }
 

@@ -58,7 +58,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         true => out.json(&topics)?,
         false => out.line(table(&topics.topics))?,
     }
-    out.flush()?;
     Ok(Ended::Done)
 }
 

@@ -105,7 +105,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
             waited_s: (waited * 1e3).round() / 1e3,
             expressions: seen,
         })?;
-        out.flush()?;
     }
     Ok(if met { Ended::Done } else { Ended::No })
 }

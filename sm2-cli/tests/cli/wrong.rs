@@ -266,18 +266,27 @@ fn folders_that_cannot_be_written_are_named() {
     echo(&used).failed(1, &["000003.bin", "name an empty folder"]);
 }
 
+/// Commands write their output at their end; `record` has its summary then.
 #[test]
 fn output_that_cannot_be_written_is_told() {
     let domain = Domain::new();
     let full = || File::options().write(true).open("/dev/full").unwrap();
-    for command in [&["node", "list"][..], &["topic", "list", "--json"]] {
-        let listed = domain.command(command).stdout(full()).output().unwrap();
-        assert_eq!(listed.status.code(), Some(1));
-        let errors = String::from_utf8(listed.stderr).unwrap();
-        assert!(
-            errors.starts_with("sm2: cannot write to standard output: No space"),
-            "{errors}"
-        );
+    let bag = domain.path("bag.mcap");
+    let bag = bag.to_str().unwrap();
+    for command in [
+        &["record", "--all", "--seconds", "0.1", "--output", bag][..],
+        &["node", "list"],
+        &["topic", "list", "--json"],
+        &["snapshot"],
+    ] {
+        let run = domain.command(command).stdout(full()).output().unwrap();
+        let errors = String::from_utf8(run.stderr).unwrap();
+        assert_eq!(run.status.code(), Some(1), "{command:?}: {errors}");
+        let told = errors.lines().filter(|it| it.starts_with("sm2: "));
+        let told: Vec<_> = told.collect();
+        assert_eq!(told.len(), 1, "{command:?}: {errors}");
+        let reason = "sm2: cannot write to standard output: No space";
+        assert!(told[0].starts_with(reason), "{command:?}: {errors}");
     }
 }
 
