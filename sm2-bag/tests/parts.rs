@@ -175,6 +175,8 @@ fn a_ring_removes_the_oldest_bags_also_of_earlier_recordings() {
     let (created, removed) = folder.counts();
     assert!(created > 15 && removed > 10, "{created}, {removed}");
     let first = bags(&path);
+    // And the photo.
+    assert_eq!((created - removed) as usize, first.len() - 1);
     let kept = numbers(&first[..first.len() - 1]);
     assert_eq!(kept, Vec::from_iter(100 - kept.len() as u64..100));
     record_in(&domain, ring("bag-b"), split, 10);
