@@ -11,6 +11,7 @@ use std::{
 use sm2_node::Node;
 use sm2_proto::{
     Contract, Name, TypeId,
+    control::Limit,
     domain::{Domain, InterfaceView, NodeView},
     gateway::{GatewayId, Subject},
     limits::QOS_MAX,
@@ -108,7 +109,7 @@ impl DomainState {
         };
         let contracts: Vec<_> = domain.interfaces().filter_map(of_domain).collect();
         let mut state = Self {
-            interfaces: domain.limits().map(|it| it.interfaces_per_session),
+            interfaces: domain.limits().map(|it| it.of(Limit::InterfacesPerSession)),
             ..Self::default()
         };
         let mut topics = BTreeMap::new();
