@@ -46,8 +46,8 @@ fn the_ring_lane_is_used_if_both_sides_offer_it() {
     }
 }
 
-/// The subscriber counts as linked before the publisher has read its answer. The publisher's other link is open, with room
-/// in its ring, so the publisher would need no socket for the message.
+/// The subscriber counts as linked before the publisher has read its answer. The publisher's other link is open, with
+/// room in its ring, so the publisher would need no socket for the message.
 #[test]
 fn a_subscriber_that_counts_as_linked_gets_the_next_message() {
     let domain = Domain::new();

@@ -271,22 +271,15 @@ fn folders_that_cannot_be_written_are_named() {
 fn output_that_cannot_be_written_is_told() {
     let domain = Domain::new();
     let full = || File::options().write(true).open("/dev/full").unwrap();
-    let bag = domain.path("bag.mcap");
-    let bag = bag.to_str().unwrap();
-    for command in [
-        &["record", "--all", "--seconds", "0.1", "--output", bag][..],
-        &["node", "list"],
-        &["topic", "list", "--json"],
-        &["snapshot"],
-    ] {
+    let bag = domain.path("b").display().to_string();
+    let record = ["record", "--all", "--seconds", "0.1", "-o", &bag];
+    let list = ["topic", "list", "--json"];
+    for command in [&record[..], &["node", "list"], &list, &["snapshot"]] {
         let run = domain.command(command).stdout(full()).output().unwrap();
         let errors = String::from_utf8(run.stderr).unwrap();
         assert_eq!(run.status.code(), Some(1), "{command:?}: {errors}");
-        let told = errors.lines().filter(|it| it.starts_with("sm2: "));
-        let told: Vec<_> = told.collect();
-        assert_eq!(told.len(), 1, "{command:?}: {errors}");
         let reason = "sm2: cannot write to standard output: No space";
-        assert!(told[0].starts_with(reason), "{command:?}: {errors}");
+        assert!(errors.contains(reason), "{command:?}: {errors}");
     }
 }
 
