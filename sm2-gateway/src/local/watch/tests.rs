@@ -1,3 +1,5 @@
+use std::collections::BTreeSet;
+
 use sm2_manager::{Background, Options};
 use sm2_node::domain::Watch;
 use sm2_test_support::until;
@@ -59,21 +61,19 @@ fn until_seen(
     taken: &[(Subject, GatewayId, u16, u64)],
 ) {
     let taken = taken.iter().cloned();
-    let expected = DomainState {
-        present: present.iter().cloned().collect(),
-        taken: taken
-            .map(|(subject, origin, depth, generation)| ((subject, origin), (depth, generation)))
-            .collect(),
-    };
+    let taken: BTreeMap<_, _> = taken
+        .map(|(subject, origin, depth, generation)| ((subject, origin), (depth, generation)))
+        .collect();
+    let present: BTreeSet<_> = present.iter().collect();
     let mut seen = DomainState::default();
-    until(&format!("{expected:?}"), || {
+    until(&format!("{present:?}, {taken:?}"), || {
         watch.wait_timeout(Duration::from_millis(1)).unwrap();
         let now = DomainState::of(watch.domain(), &remote.lock().generations);
         if now != seen {
             println!("{now:?}");
             seen = now;
         }
-        seen == expected
+        seen.present.keys().eq(present.iter().copied()) && seen.taken == taken
     });
 }
 
