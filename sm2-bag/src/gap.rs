@@ -34,9 +34,9 @@ pub enum GapReason {
     /// They were longer than the recorder [takes](crate::Options::max_len_bytes).
     TooLong,
     /// The publisher did not send them, because its [`pool_limit`](sm2_node::PublisherBuilder::pool_limit) left no
-    /// memory while the recorder held its messages (SM2-QOS-017).
+    /// memory while the recorder held its messages (SM2-QOS-007).
     PoolLimit,
-    /// The publisher of a reliable topic did not wait longer for the recorder (SM2-QOS-014).
+    /// The publisher of a reliable topic did not wait longer for the recorder (SM2-QOS-002).
     Deadline,
     /// They were older than their lifespan (SM2-QOS-010).
     Expired,

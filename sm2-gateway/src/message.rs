@@ -22,7 +22,7 @@ pub struct Message {
 impl Message {
     /// A message that arrives with this age. Its time of publication is earlier by the age, so
     /// that the age grows while this gateway keeps the message.
-    //= SM2-GWM-005
+    //= SM2-GWM-007
     pub(crate) fn arrived(now: Instant, sequence: u64, age: Duration, payload: Bytes) -> Self {
         let age_ns = u64::try_from(age.as_nanos()).unwrap_or(u64::MAX);
         Self {
@@ -50,7 +50,7 @@ impl Message {
 mod tests {
     use super::*;
 
-    //= SM2-GWM-005 test
+    //= SM2-GWM-007 test
     #[test]
     fn the_age_grows_while_a_gateway_keeps_a_message() {
         let age = |now, age_ns, later| {

@@ -234,7 +234,7 @@ fn a_service_of_one_domain_is_called_in_another() {
     runtime.block_on(right.stop());
 }
 
-//= SM2-GWR-003, SM2-GWR-005 test
+//= SM2-GWR-003, SM2-GWR-004 test
 #[test]
 fn rules_that_change_take_effect_at_once() {
     let (near, far) = (Domain::new("near"), Domain::new("far"));
@@ -293,7 +293,7 @@ fn rules_that_change_take_effect_at_once() {
 }
 
 /// A latched message is published once, before any subscriber exists.
-//= SM2-GWM-008 test
+//= SM2-GWM-009 test
 #[test]
 fn what_is_latched_reaches_subscribers_that_come_later() {
     let [a, b, c] = ["a", "b", "c"].map(Domain::new);

@@ -211,7 +211,7 @@ fn what_was_known_of_a_peer_is_forgotten_with_its_connection() {
     assert!(tell(&mut hub, 1, message(1, 1)).is_empty());
 }
 
-//= SM2-GWO-007 test
+//= SM2-GWO-005 test
 #[test]
 fn questions_have_answers() {
     let rules = vec![rule(Action::Deny, "secret/**"), rule(Action::Allow, "**")];
@@ -259,7 +259,7 @@ fn between() -> Hub {
     hub
 }
 
-//= SM2-GWM-005 test
+//= SM2-GWM-007 test
 #[test]
 fn a_message_is_passed_on_as_it_came() {
     let mut hub = between();
@@ -298,7 +298,7 @@ fn a_message_is_passed_on_as_it_came() {
     assert!(!said.iter().any(back), "{said:?}");
 }
 
-//= SM2-GWM-007 test
+//= SM2-GWM-008 test
 #[test]
 fn a_message_is_taken_once() {
     let mut hub = between();

@@ -307,7 +307,7 @@ fn requests_for_a_peer_take_no_more_memory_than_they_may() {
     assert_eq!(world.counts(1).0.lost, 1);
 }
 
-//= SM2-GWR-005 test
+//= SM2-GWR-004 test
 #[test]
 fn what_other_rules_deny_is_not_sent_before_its_offer_is_withdrawn() {
     let mut world = world();
@@ -364,7 +364,7 @@ fn what_other_rules_deny_is_not_sent_before_its_offer_is_withdrawn() {
     assert_eq!(received(&mut world), [(1, 5)]);
 }
 
-//= SM2-GWR-005 test
+//= SM2-GWR-004 test
 #[test]
 fn a_request_that_other_rules_deny_is_abandoned() {
     let mut world = world();

@@ -263,7 +263,7 @@ fn topic(name: &str) -> Subject {
     }
 }
 
-//= SM2-GWM-011 test
+//= SM2-GWM-010 test
 #[test]
 fn a_stream_on_which_nothing_arrives_is_stopped() {
     let mut world = World::new(TransportConfig::default());

@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release -p sm2-io --example wake_many`
 //!
-//! - *one by one*: a datagram of 64 bytes to the socket of each receiver, as DOORBELL (SM2-RNG-015);
+//! - *one by one*: a datagram of 64 bytes to the socket of each receiver, as DOORBELL (SM2-RNG-012);
 //! - *together*: one write to an eventfd that is in the epoll set of each receiver, edge-triggered, so that nobody has
 //!   to read it.
 //!

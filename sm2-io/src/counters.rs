@@ -71,7 +71,7 @@ impl CounterEntry {
 
     /// Starts a change of the entry, which ends when the result is dropped. Readers retry until
     /// then: do nothing else in between.
-    //= SM2-CNT-005
+    //= SM2-CNT-006
     #[inline]
     pub fn update(&mut self) -> Update<'_> {
         let words = entry_words(self.mapping.words(), self.index);
@@ -88,7 +88,7 @@ impl CounterPage {
     ///
     /// Any error of `memfd_create(2)`, `ftruncate(2)` and `mmap(2)`, such as too many descriptors or
     /// no memory.
-    //= SM2-CNT-003
+    //= SM2-CNT-004
     pub fn new() -> io::Result<Self> {
         let file = create(c"sm2-counters", MAX_FILE_BYTES)?;
         let mapping = MappingMut::new(file.as_fd(), MAX_FILE_BYTES, false)?;
@@ -141,7 +141,7 @@ impl CounterPage {
     }
 
     /// Frees an entry. Readers no longer see it; a later allocation may reuse it.
-    //= SM2-CNT-005
+    //= SM2-CNT-006
     pub fn free(&mut self, entry: CounterEntry) {
         debug_assert!(Arc::ptr_eq(&self.mapping, &entry.mapping));
         seqlock::free(entry_words(self.mapping.words(), entry.index));
@@ -175,7 +175,7 @@ pub struct Update<'a> {
     change: Change<'a, ENTRY_FIELDS>,
 }
 
-//= SM2-CNT-012
+//= SM2-CNT-005
 impl Update<'_> {
     /// Sending side: counts a message (or call) of `len_bytes` that was published `at` this time.
     #[inline]

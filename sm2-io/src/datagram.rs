@@ -80,7 +80,7 @@ pub enum SendError {
     #[error("the peer has closed the connection")]
     Closed,
     /// Too many descriptors of this user are in flight, because some receiver does not read them. It
-    /// may be another one than the addressed one (SM2-TRN-010).
+    /// may be another one than the addressed one (SM2-TRN-009).
     #[error("too many descriptors in flight: some receiver does not read them")]
     TooManyInFlight,
     /// The datagram is larger than the socket's send buffer can ever hold, or

@@ -34,7 +34,7 @@ impl Ring {
     ///
     /// Any error of `memfd_create(2)`, `ftruncate(2)` and `mmap(2)`, such as too many descriptors or
     /// no memory.
-    //= SM2-RNG-014
+    //= SM2-RNG-002
     pub fn create(layout: RingLayout) -> io::Result<(Self, OwnedFd)> {
         let file = create(c"sm2-ring", layout.size_bytes())?;
         add_seals(&file, Seals::RING)?;

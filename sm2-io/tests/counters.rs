@@ -52,7 +52,7 @@ fn file_with(entries: &[[u64; 64]]) -> CounterView {
     CounterView::open(file(&words, len, Seals::POOLED)).unwrap()
 }
 
-//= SM2-CNT-003 test
+//= SM2-CNT-004 test
 #[test]
 fn a_file_that_only_its_author_can_write() {
     let page = CounterPage::new().unwrap();
@@ -73,7 +73,7 @@ fn a_file_that_only_its_author_can_write() {
     assert_eq!(view.entries().count(), 0);
 }
 
-//= SM2-CNT-012 test
+//= SM2-CNT-005 test
 #[test]
 fn what_is_counted_is_seen() {
     let mut page = CounterPage::new().unwrap();
@@ -164,7 +164,7 @@ fn looking_changes_nothing() {
     assert_eq!((seen, state()), (30, before));
 }
 
-//= SM2-CNT-005 test
+//= SM2-CNT-006 test
 #[test]
 fn an_entry_is_used_again_but_never_its_turns() {
     let mut page = CounterPage::new().unwrap();
@@ -197,7 +197,7 @@ fn an_entry_is_used_again_but_never_its_turns() {
     assert!(turn(&page, 4_000) > latest && turn(&page, 4_000).is_multiple_of(2));
 }
 
-//= SM2-CNT-005 test
+//= SM2-CNT-006 test
 #[test]
 fn a_change_that_does_not_end_is_reported() {
     let mut page = CounterPage::new().unwrap();
@@ -216,7 +216,7 @@ fn a_change_that_does_not_end_is_reported() {
     assert_eq!(view.read(0).unwrap().unwrap().messages, 2);
 }
 
-//= SM2-CNT-005 test
+//= SM2-CNT-006 test
 #[test]
 fn a_reader_never_sees_half_a_change() {
     let mut page = CounterPage::new().unwrap();
@@ -282,7 +282,7 @@ fn assert_consistent(entry: &Entry) {
     assert!(entry.recent().eq(expected), "{entry:?}");
 }
 
-//= SM2-CNT-003 test
+//= SM2-CNT-004 test
 #[test]
 fn files_that_are_not_of_counters() {
     let words = header(1);
@@ -321,8 +321,8 @@ fn files_that_are_not_of_counters() {
     }
 }
 
-//= SM2-CNT-012 test
 //= SM2-CNT-005 test
+//= SM2-CNT-006 test
 #[test]
 fn entries_that_are_not_as_they_should_be() {
     let good = Entry {
@@ -347,7 +347,7 @@ fn entries_that_are_not_as_they_should_be() {
     );
 }
 
-//= SM2-CNT-005 test
+//= SM2-CNT-006 test
 #[test]
 fn a_file_full_of_changes_that_do_not_end() {
     let good = Entry::default().to_words(2);

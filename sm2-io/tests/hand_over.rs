@@ -42,8 +42,8 @@ fn refused(old: UnlockedSocket) -> (UnlockedSocket, DomainSocketError) {
     (not.socket, not.reason)
 }
 
-//= SM2-RES-010 test
-//= SM2-TRN-008 test
+//= SM2-RES-009 test
+//= SM2-TRN-007 test
 #[test]
 fn a_successor_replaces_the_socket_in_one_step() {
     let (_guard, path) = place();
@@ -67,7 +67,7 @@ fn a_successor_replaces_the_socket_in_one_step() {
     assert!(names_in(path.parent().unwrap()).is_empty());
 }
 
-//= SM2-RES-010 test
+//= SM2-RES-009 test
 #[test]
 fn what_nobody_took_is_taken_back() {
     let (_guard, path) = place();
@@ -135,7 +135,7 @@ fn activated(path: &Path) -> OwnedFd {
     Listener::bind(path, 5).unwrap().into()
 }
 
-//= SM2-TRN-008 test
+//= SM2-TRN-007 test
 #[test]
 fn a_socket_from_outside_is_used_and_left() {
     let (_guard, path) = place();
@@ -205,8 +205,8 @@ fn descriptors_that_are_no_socket_of_a_domain() {
 }
 
 /// Owners that start and end in every possible way, as fast as possible.
-//= SM2-TRN-008 test
-//= SM2-RES-010 test
+//= SM2-TRN-007 test
+//= SM2-RES-009 test
 #[test]
 fn never_two_owners() {
     let (_guard, path) = place();

@@ -64,8 +64,8 @@ fn until(lines: &Receiver<String>, end: &str) -> bool {
     }
 }
 
-//= SM2-TRN-008 test
-//= SM2-RES-010 test
+//= SM2-TRN-007 test
+//= SM2-RES-009 test
 #[test]
 fn never_two_owners() {
     if ran_alone(concat!(module_path!(), "::never_two_owners")) {

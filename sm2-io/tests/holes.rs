@@ -38,7 +38,7 @@ fn resident(address: *const u8) -> u64 {
     kib.parse::<u64>().unwrap() * 1024
 }
 
-//= SM2-PAY-010 test
+//= SM2-PAY-009 test
 #[test]
 fn a_hole_costs_its_receiver_nothing() {
     if ran_alone(concat!(
@@ -63,7 +63,7 @@ fn a_hole_costs_its_receiver_nothing() {
 }
 
 /// A hole behind the message does not matter.
-//= SM2-PAY-010 test
+//= SM2-PAY-009 test
 #[test]
 fn a_message_without_holes_is_present_at_once() {
     if ran_alone(concat!(

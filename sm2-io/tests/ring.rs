@@ -50,7 +50,7 @@ fn word_at(file: &File, offset: u64) -> u64 {
     u64::from_le_bytes(bytes)
 }
 
-//= SM2-RNG-014 test
+//= SM2-RNG-002 test
 #[test]
 fn a_new_ring_has_just_these_seals_and_just_this_size_and_is_all_zero() {
     for (depth, window) in LAYOUTS {
@@ -71,7 +71,7 @@ fn a_new_ring_has_just_these_seals_and_just_this_size_and_is_all_zero() {
     }
 }
 
-//= SM2-RNG-014 test
+//= SM2-RNG-002 test
 #[test]
 fn each_word_is_where_spec_says() {
     for (depth, window) in LAYOUTS {
@@ -135,7 +135,7 @@ fn two_mappings_hand_words_over_one_by_one() {
     other.join().expect("the other side");
 }
 
-//= SM2-RNG-014 test
+//= SM2-RNG-002 test
 #[test]
 fn nobody_can_change_the_size_of_a_ring_or_add_a_seal() {
     let (ring, fd) = Ring::create(layout(8, 12)).expect("a ring");

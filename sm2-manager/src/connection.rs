@@ -104,7 +104,7 @@ impl Connection {
     }
 
     /// Sends a frame now, or queues it. The queue is limited to `limit_bytes`.
-    //= SM2-TRN-009
+    //= SM2-TRN-008
     pub(crate) fn send(
         &mut self,
         frame: Vec<u8>,
@@ -192,9 +192,9 @@ fn transmit(socket: &SeqPacket, parcel: &Parcel) -> Result<Sent, Lost> {
     match result {
         Ok(()) => Ok(Sent::Taken),
         Err(SendError::WouldBlock) => Ok(Sent::Full),
-        //= SM2-TRN-010
+        //= SM2-TRN-009
         Err(SendError::TooManyInFlight) => Ok(Sent::Crowded),
-        //= SM2-TRN-013
+        //= SM2-TRN-012
         Err(SendError::Io(error)) if is_shortage(&error) => Ok(Sent::Short),
         Err(SendError::Closed) => Err(Lost::Closed),
         Err(SendError::TooLong | SendError::Io(_)) => Err(Lost::Stalled),

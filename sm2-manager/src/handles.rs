@@ -18,7 +18,7 @@ impl Stopper {
     }
 }
 
-/// Makes a Manager hand over its domain, from any thread (SM2-RES-010).
+/// Makes a Manager hand over its domain, from any thread (SM2-RES-009).
 #[derive(Clone, Debug)]
 pub struct HandOver(pub(crate) Arc<Waker>);
 

@@ -89,6 +89,6 @@ pub struct RunError(#[from] io::Error);
 pub enum Outcome {
     /// A [`Stopper`](crate::Stopper) ended it.
     Stopped,
-    /// Another Manager has taken over (SM2-RES-010).
+    /// Another Manager has taken over (SM2-RES-009).
     HandedOver,
 }

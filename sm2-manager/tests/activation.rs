@@ -74,7 +74,7 @@ impl Init {
     }
 }
 
-//= SM2-TRN-008 sys
+//= SM2-TRN-007 sys
 #[test]
 fn whoever_connects_between_two_managers_is_served() {
     let init = Init::new();

@@ -108,7 +108,7 @@ fn open(manager: &Program) -> usize {
 }
 
 /// A Manager accepts no more nodes than it can receive counters files from.
-//= SM2-CNT-001, SM2-TRN-011 sys
+//= SM2-CNT-001, SM2-TRN-010 sys
 #[test]
 fn a_manager_that_is_short_of_descriptors_blames_no_node() {
     let domain = TestDomain::new();
@@ -143,7 +143,7 @@ fn a_manager_that_is_short_of_descriptors_blames_no_node() {
     }
 }
 
-//= SM2-CNT-001, SM2-CNT-002 sys
+//= SM2-CNT-001, SM2-CNT-003 sys
 #[test]
 fn counters_are_kept_with_the_session_and_shown_to_whoever_asks() {
     let domain = TestDomain::new();
@@ -192,7 +192,7 @@ fn counters_are_kept_with_the_session_and_shown_to_whoever_asks() {
     common::eventually("the Manager to close the file", || open(&manager) == idle);
 }
 
-//= SM2-TRN-011, SM2-CNT-001 sys
+//= SM2-TRN-010, SM2-CNT-001 sys
 #[test]
 fn every_other_descriptor_is_closed() {
     let domain = TestDomain::new();
@@ -217,10 +217,10 @@ fn every_other_descriptor_is_closed() {
             &[one.as_fd()],
             violation!(NotAMemfd, "SM2-CNT-001"),
         ),
-        (&counters, &[], violation!(FdCount, "SM2-TRN-011")),
-        (&counters, &one_too_many, violation!(FdCount, "SM2-TRN-011")),
-        (&counters, &many, violation!(FdCount, "SM2-TRN-011")),
-        (&query, &[page.as_fd()], violation!(FdCount, "SM2-TRN-011")),
+        (&counters, &[], violation!(FdCount, "SM2-TRN-010")),
+        (&counters, &one_too_many, violation!(FdCount, "SM2-TRN-010")),
+        (&counters, &many, violation!(FdCount, "SM2-TRN-010")),
+        (&query, &[page.as_fd()], violation!(FdCount, "SM2-TRN-010")),
     ] {
         let node = Raw::welcomed(&domain, "node");
         node.send(frame, fds);
@@ -240,7 +240,7 @@ fn every_other_descriptor_is_closed() {
 }
 
 /// Counters files that are sent to a tool count as in flight, as the sockets of links do.
-//= SM2-TRN-010, SM2-TRN-009 sys
+//= SM2-TRN-009, SM2-TRN-008 sys
 #[test]
 fn whoever_asks_and_does_not_read_is_given_up() {
     let domain = TestDomain::new();

@@ -23,7 +23,7 @@ impl Drop for Ends<'_> {
     }
 }
 
-//= SM2-RES-010 sys
+//= SM2-RES-009 sys
 #[test]
 fn a_stream_of_connecting_nodes_goes_on_while_managers_replace_each_other() {
     let domain = TestDomain::new();
@@ -59,7 +59,7 @@ fn a_stream_of_connecting_nodes_goes_on_while_managers_replace_each_other() {
     assert_eq!(domain.files(), ["domain.sock", "domain.sock.lock"]);
 }
 
-//= SM2-RES-010, SM2-SES-008 sys
+//= SM2-RES-009, SM2-SES-008 sys
 #[test]
 fn sessions_end_only_once_the_next_one_serves() {
     let domain = TestDomain::new();
@@ -75,7 +75,7 @@ fn sessions_end_only_once_the_next_one_serves() {
     active.says("handed over");
 }
 
-//= SM2-RES-010 sys
+//= SM2-RES-009 sys
 #[test]
 fn without_a_successor_the_manager_goes_on() {
     let domain = TestDomain::new();
@@ -103,7 +103,7 @@ fn without_a_successor_the_manager_goes_on() {
     }
 }
 
-//= SM2-RES-010 sys
+//= SM2-RES-009 sys
 #[test]
 fn to_replace_nobody_is_to_start() {
     let domain = TestDomain::new();
@@ -111,7 +111,7 @@ fn to_replace_nobody_is_to_start() {
     assert_eq!(domain.client("node").server(), manager.pid());
 }
 
-//= SM2-RES-010, SM2-TRN-008 sys
+//= SM2-RES-009, SM2-TRN-007 sys
 #[test]
 fn a_manager_is_replaced_though_others_stand_by() {
     let domain = TestDomain::new();
@@ -165,7 +165,7 @@ fn a_program_that_embeds_its_manager_is_not_asked() {
     assert_eq!(domain.files(), ["domain.sock", "domain.sock.lock"]);
 }
 
-//= SM2-RES-010 sys
+//= SM2-RES-009 sys
 #[test]
 fn a_standby_of_a_program_hands_over_and_stands_by_again() {
     let domain = TestDomain::new();
@@ -184,7 +184,7 @@ fn a_standby_of_a_program_hands_over_and_stands_by_again() {
 }
 
 /// The connection of the standby may still wait to be accepted when the hand-over begins.
-//= SM2-RES-010 sys
+//= SM2-RES-009 sys
 #[test]
 fn a_standby_takes_part_as_soon_as_it_has_connected() {
     for _ in 0..8 {

@@ -8,7 +8,7 @@ use std::{
 use crate::common::{Program, TestDomain};
 use nix::{sys::signal::Signal, unistd::geteuid};
 
-//= SM2-TRN-008 sys
+//= SM2-TRN-007 sys
 #[test]
 fn a_lock_file_that_was_left_over_is_no_obstacle() {
     let domain = TestDomain::new();

@@ -95,7 +95,7 @@ fn count(manager: &Program, text: &str) -> usize {
 }
 
 /// Once the Manager says that the policy is applied, nothing comes that the policy denies.
-//= SM2-ACC-013, SM2-ACC-017, SM2-ACC-012 sys
+//= SM2-ACC-013, SM2-ACC-014, SM2-ACC-012 sys
 #[test]
 fn what_the_new_policy_denies_is_not_delivered() {
     for sealed in [false, true] {
@@ -157,7 +157,7 @@ fn a_policy_comes_and_goes() {
 }
 
 /// A node of the Manager's user has the policy read again. The call returns when the policy is applied.
-//= SM2-ACC-015, SM2-ACC-016 sys
+//= SM2-ACC-016, SM2-ACC-017 sys
 #[test]
 fn a_node_has_the_policy_read_again() {
     let domain = TestDomain::new();
@@ -223,7 +223,7 @@ nodes = [\"other\"]
 ";
 
 /// A loan that was taken before its segment was replaced is published from another one.
-//= SM2-ACC-018 sys
+//= SM2-ACC-015 sys
 #[test]
 fn a_loan_outlasts_the_denial_of_another_subscriber() {
     let domain = TestDomain::new();

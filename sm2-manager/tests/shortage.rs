@@ -128,7 +128,7 @@ impl Pair {
     }
 }
 
-//= SM2-TRN-013, SM2-LNK-008 test
+//= SM2-TRN-012, SM2-LNK-008 test
 #[test]
 fn a_shortage_of_the_managers_ends_no_session_and_no_link() {
     let shortages = [
@@ -160,7 +160,7 @@ fn a_shortage_of_the_managers_ends_no_session_and_no_link() {
 }
 
 /// No successor comes, and the first attempt to watch the listening socket again fails.
-//= SM2-TRN-013, SM2-RES-010 test
+//= SM2-TRN-012, SM2-RES-009 test
 #[test]
 fn a_domain_that_was_taken_back_accepts_nodes_although_its_socket_cannot_be_watched_at_once() {
     let domain = Short::start();
@@ -214,7 +214,7 @@ fn read(socket: &SeqPacket) -> ToNode {
 }
 
 /// The Manager asks the kernel to report room only once a socket is full, and that request fails.
-//= SM2-TRN-013 test
+//= SM2-TRN-012 test
 #[test]
 fn frames_that_wait_for_room_are_sent_although_the_socket_cannot_be_watched() {
     const QUERIES: usize = 3_000;

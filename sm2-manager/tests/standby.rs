@@ -8,7 +8,7 @@ use nix::sys::signal::Signal;
 use sm2_manager::{Background, Options, Outcome, Role, Standby};
 use sm2_proto::{Farewell, node::End};
 
-//= SM2-TRN-008, SM2-SES-007 sys
+//= SM2-TRN-007, SM2-SES-007 sys
 #[test]
 fn two_take_turns_while_each_is_killed() {
     let domain = TestDomain::new();
@@ -36,7 +36,7 @@ fn two_take_turns_while_each_is_killed() {
     assert_eq!(domain.files(), ["domain.sock", "domain.sock.lock"]);
 }
 
-//= SM2-TRN-008 sys
+//= SM2-TRN-007 sys
 #[test]
 fn both_killed_and_one_started_later() {
     let domain = TestDomain::new();
@@ -53,7 +53,7 @@ fn both_killed_and_one_started_later() {
     }
 }
 
-//= SM2-TRN-008 sys
+//= SM2-TRN-007 sys
 #[test]
 fn of_several_standbys_one_serves_and_the_others_wait_for_its_end() {
     let domain = TestDomain::new();
@@ -73,7 +73,7 @@ fn of_several_standbys_one_serves_and_the_others_wait_for_its_end() {
     }
 }
 
-//= SM2-SES-008, SM2-TRN-008 sys
+//= SM2-SES-008, SM2-TRN-007 sys
 #[test]
 fn a_manager_that_is_stopped_leaves_the_domain_to_its_standby() {
     let domain = TestDomain::new();

@@ -117,7 +117,7 @@ impl NodeBuilder {
     /// Sets how many bytes this node maps for other nodes, to read the messages of their segments and
     /// sealed files: 1 TiB by default. The mappings of one node take at most as many bytes as are free, so
     /// that there is always room for others. A link whose other side exceeds this ends with the code
-    /// `resources`; other links go on (SM2-SEG-007).
+    /// `resources`; other links go on (SM2-SEG-006).
     ///
     /// All nodes of a process share one bound as well: the greatest one of its nodes.
     ///

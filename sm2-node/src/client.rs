@@ -27,8 +27,8 @@ use crate::{CallError, DeclareError, Message, StoreError, Wait};
 ///
 /// A call goes to one server: the one with the fewest pending calls and unreleased replies of this client,
 /// counted together. Among equals, the server that has been linked for the longest time is chosen
-/// (SM2-SRV-006). When a server ends, its calls fail at
-/// once (SM2-SRV-005). They are not repeated elsewhere, because the server may have executed them.
+/// (SM2-SRV-005). When a server ends, its calls fail at
+/// once (SM2-SRV-004). They are not repeated elsewhere, because the server may have executed them.
 ///
 /// The client's [descriptor](std::os::fd::AsFd) is readable when a [`Call::try_wait`] may have a result: call
 /// it for all pending calls, then poll again.
@@ -50,7 +50,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
     }
 
     /// Sends a request and waits for the reply, without a time limit. If the server ends, the call fails at
-    /// once (SM2-SRV-005).
+    /// once (SM2-SRV-004).
     ///
     /// # Errors
     ///
@@ -414,7 +414,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ClientBuilder<Q, R> {
     inline_max_setter!("Requests");
     max_len_setter!(
         "reply",
-        "A server sends no longer one: the call fails with [`CallError::Failed`] (SM2-SRV-008)."
+        "A server sends no longer one: the call fails with [`CallError::Failed`] (SM2-SRV-007)."
     );
     wait_setter!("a reply");
 

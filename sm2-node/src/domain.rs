@@ -66,7 +66,7 @@ impl Node {
     /// # Errors
     ///
     /// See [`QueryError`].
-    //= SM2-CNT-002
+    //= SM2-CNT-003
     pub fn inspect(&self, node: NodeId) -> Result<Option<CounterView>, QueryError> {
         let deadline = until(Some(self.shared.manager_timeout));
         match self.shared.ask(&Question::Inspect(node), deadline)? {
@@ -102,7 +102,7 @@ impl Node {
     /// # Errors
     ///
     /// See [`ReloadError`]. After an error other than [`ReloadError::Query`], the policy before is in force.
-    //= SM2-ACC-015
+    //= SM2-ACC-016
     pub fn reload_policy(&self, timeout: Duration) -> Result<(), ReloadError> {
         let deadline = until(Some(timeout));
         match self.shared.ask(&Question::Reload, deadline)? {

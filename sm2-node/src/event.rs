@@ -36,7 +36,7 @@ pub enum Event {
         /// The number of periods since the last event.
         periods: u64,
     },
-    /// A publisher is not alive any more: neither a message nor an assertion has come within the lease (SM2-QOS-012).
+    /// A publisher is not alive any more: neither a message nor an assertion has come within the lease (SM2-QOS-011).
     LivelinessLost {
         /// At a subscriber, the publisher. `None` at a publisher: its own program has shown no sign of life.
         peer: Option<Arc<LinkPeer>>,

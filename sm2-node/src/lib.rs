@@ -192,7 +192,7 @@
 //! # Further reading
 //!
 //! [`Node`], [`Publisher`], [`Subscriber`], [`Server`], [`Client`] and their builders; [`mod@domain`] and
-//! [`diagnostics`] for tools; the examples; `SPEC.md` for the protocol. Names such as `SM2-QOS-014` refer to
+//! [`diagnostics`] for tools; the examples; `SPEC.md` for the protocol. Names such as `SM2-QOS-002` refer to
 //! its clauses.
 #![deny(unsafe_code)]
 #![deny(clippy::disallowed_types)]

@@ -1,4 +1,4 @@
-//! How many ends of links the nodes of this process can have (SM2-LNK-010).
+//! How many ends of links the nodes of this process can have (SM2-LNK-007).
 //!
 //! Each link needs descriptors, and other nodes decide how many links a node gets. So a node states how many
 //! ends of links it can have: those that it has, and some *ahead*, for which the process has free descriptors
@@ -25,7 +25,7 @@ const RESERVE: usize = 64;
 const AHEAD: usize = 16;
 
 /// How many links a node can have at least while descriptors are free, also if its neighbours have all of them ahead:
-/// they may never need them. If they do, the process loses a descriptor, and the node states less (SM2-TRN-012).
+/// they may never need them. If they do, the process loses a descriptor, and the node states less (SM2-TRN-011).
 const LEAST: usize = 4;
 
 static PROCESS: LazyLock<Arc<Mutex<Books>>> = LazyLock::new(Arc::default);
@@ -98,7 +98,7 @@ impl LinkRoom {
 
     /// Looks for room for more links, if the node has few ahead. `free` returns the number of free
     /// descriptors, up to one that suffices. Returns the number to be stated if it grows.
-    //= SM2-LNK-010
+    //= SM2-LNK-007
     pub(crate) fn look(&mut self, free: impl FnOnce(usize) -> io::Result<usize>) -> Option<u32> {
         let mut books = lock(&self.share.books);
         let ours = books.nodes.get(&self.share.id).copied()?;
@@ -127,7 +127,7 @@ impl LinkRoom {
 
     /// A descriptor of a link was lost: the node has no room beyond the links that it has. Returns the number
     /// to be stated, if it is another one.
-    //= SM2-LNK-010
+    //= SM2-LNK-007
     pub(crate) fn run_out(&mut self) -> Option<u32> {
         self.low = 0;
         let mut stated = None;
@@ -214,7 +214,7 @@ mod tests {
         }
     }
 
-    //= SM2-LNK-010 test
+    //= SM2-LNK-007 test
     #[test]
     fn links_use_all_descriptors_but_the_reserve() {
         for (limit, links) in [(1_024, 480), (64, 24), (16, 6), (4, 1), (0, 0)] {
@@ -226,7 +226,7 @@ mod tests {
         }
     }
 
-    //= SM2-LNK-010 test
+    //= SM2-LNK-007 test
     #[test]
     fn a_node_states_no_more_ahead_than_it_needs_soon() {
         let process = Process::new(1_000_000);
@@ -240,7 +240,7 @@ mod tests {
     }
 
     /// The nodes of a process together state no more than it has.
-    //= SM2-LNK-010 test
+    //= SM2-LNK-007 test
     #[test]
     fn a_node_leaves_room_for_its_neighbours() {
         let process = Process::new(264);
@@ -256,7 +256,7 @@ mod tests {
         assert_eq!(process.fill(&mut one).len(), 100);
     }
 
-    //= SM2-LNK-010, SM2-TRN-012 test
+    //= SM2-LNK-007, SM2-TRN-011 test
     #[test]
     fn a_node_that_ran_out_states_what_it_has() {
         let process = Process::new(264);

@@ -79,7 +79,7 @@ impl Deref for PooledBytes {
         //
         // - Only the author of the segment has a writable mapping (F_SEAL_FUTURE_WRITE, which
         //   `PooledFile` proves), and SM2-PAY-005 forbids the author to write to the slot before
-        //   every receiver has released the message; SM2-OPN-008 extends that beyond the end of
+        //   every receiver has released the message; SM2-OPN-010 extends that beyond the end of
         //   the link. The caller of `new` promised that this receiver has not released it.
         // - An author that breaks SPEC runs as the same user: links between users are sealed
         //   unless the operator waives it (SECURITY.md, "The boundary is the user"). Such a

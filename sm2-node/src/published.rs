@@ -6,7 +6,7 @@ pub struct Published {
     /// How many links accepted the message.
     pub links: usize,
     /// How many reliable links miss this message. Links that had no room until the deadline, or hold too much of
-    /// the pool, owe from then on: nothing waits for them (SM2-QOS-015, SM2-QOS-017). The others do not accept
+    /// the pool, owe from then on: nothing waits for them (SM2-QOS-003, SM2-QOS-007). The others do not accept
     /// messages of this length: see [`too_long`](Self::too_long).
     pub missed: usize,
     /// How many links, best-effort ones included, miss this message because it is longer than the

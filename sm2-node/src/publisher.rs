@@ -73,7 +73,7 @@ impl<T: Message + ?Sized> Publisher<T> {
     /// All subscribers that have room get the message first. Then the call waits for all reliable ones without room at
     /// the same time. A subscriber without room at the end of the timeout misses the message
     /// ([`Published::missed`]), and no later publication waits for it until it has released all messages that were in
-    /// flight to it (SM2-QOS-015). With `Duration::ZERO` the call waits for no subscriber.
+    /// flight to it (SM2-QOS-003). With `Duration::ZERO` the call waits for no subscriber.
     ///
     /// # Errors
     ///
@@ -90,7 +90,7 @@ impl<T: Message + ?Sized> Publisher<T> {
     /// Sends one message to all subscribers, or to none of them.
     ///
     /// Returns `None` if [`publish`](Self::publish) would wait: a reliable subscriber has no room. No subscriber gets
-    /// the message then, and nothing is counted. A reliable subscriber that missed a message and owes (SM2-QOS-015) is
+    /// the message then, and nothing is counted. A reliable subscriber that missed a message and owes (SM2-QOS-003) is
     /// not considered: without room, it misses this message, too.
     ///
     /// # Errors
@@ -106,7 +106,7 @@ impl<T: Message + ?Sized> Publisher<T> {
     /// unless another thread publishes or a subscriber joins in between.
     ///
     /// Does not wait for subscribers that are not reliable, nor for a reliable one that missed a message and owes
-    /// (SM2-QOS-015). A [`Shutdown`](crate::Shutdown) ends the wait.
+    /// (SM2-QOS-003). A [`Shutdown`](crate::Shutdown) ends the wait.
     ///
     /// # Errors
     ///
@@ -144,7 +144,7 @@ impl<T: Message + ?Sized> Publisher<T> {
     }
 
     /// Returns the fates of all messages, summed over all current and past links: `offered = delivered +
-    /// overwritten + discarded + deadline + closed + pool_limit + too_long + expired + in_flight` (SM2-QOS-011).
+    /// overwritten + discarded + deadline + closed + pool_limit + too_long + expired + in_flight` (SM2-QOS-006).
     pub fn counters(&self) -> Counters {
         self.core
             .handle

@@ -6,7 +6,7 @@
 //! process share one bound, and each has its own one as well.
 //!
 //! The bound counts addresses and not memory, because files with holes are mapped without populating them
-//! (SM2-PAY-010).
+//! (SM2-PAY-009).
 
 use std::collections::HashMap;
 use std::io;
@@ -112,7 +112,7 @@ impl MappingQuota {
 
 impl PeerQuota {
     /// Takes `bytes` for a mapping.
-    //= SM2-SEG-007
+    //= SM2-SEG-006
     fn reserve(self: &Arc<Self>, bytes: u64) -> Result<MappedBytes, QuotaExceeded> {
         let [own, process] = &self.books;
         lock(own).reserve(self.peer, bytes)?;
@@ -224,7 +224,7 @@ mod tests {
         MappingQuota::within(&Arc::default(), limit_bytes)
     }
 
-    //= SM2-SEG-007 test
+    //= SM2-SEG-006 test
     #[test]
     fn the_nodes_of_a_process_share_one_bound() {
         let process = Arc::default();
@@ -254,7 +254,7 @@ mod tests {
         assert_eq!((own, all), (0, 0), "also after a refusal");
     }
 
-    //= SM2-SEG-007 test
+    //= SM2-SEG-006 test
     #[test]
     fn a_peer_takes_as_much_as_stays_free() {
         let quota = quota(100);

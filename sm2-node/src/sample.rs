@@ -14,7 +14,7 @@ use crate::{Message, RecvError};
 ///
 /// The memory does not change as long as the sample exists, even after the subscriber, the node, the
 /// publisher or the Manager has ended: the publisher must not write to a slot before it is released
-/// (SM2-PAY-005, SM2-OPN-008). A subscriber that does not trust the publisher requires
+/// (SM2-PAY-005, SM2-OPN-010). A subscriber that does not trust the publisher requires
 /// [sealed](crate::SubscriberBuilder::sealed) messages.
 pub struct Sample<T: Message + ?Sized> {
     /// Before the receipt, so that it is dropped first: the view may refer to the slot that the receipt

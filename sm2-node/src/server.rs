@@ -31,7 +31,7 @@ const NOT_STORED: &str = "the server could not store the reply";
 ///
 /// Several servers may serve one service; each call goes to one of them. Requests are taken from each client
 /// in turn. If a request is cancelled or expires before the program takes it, the library answers it
-/// (SM2-SRV-003).
+/// (SM2-SRV-002).
 ///
 /// The server's [descriptor](std::os::fd::AsFd) is readable when [`try_recv`](Self::try_recv) may have a
 /// request. Dropping the server withdraws it, once all taken requests are answered.
@@ -251,7 +251,7 @@ impl Pending {
     }
 
     /// Tells the client that it does not accept a reply of this length.
-    //= SM2-SRV-008
+    //= SM2-SRV-007
     fn refuse(mut self, len: u64, max_len: u64) -> ReplyError {
         let reason = format!("the reply has {len} bytes, but the client accepts at most {max_len}");
         self.explain(reason.into());
@@ -355,7 +355,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ServerBuilder<Q, R> {
     max_len_setter!(
         "request",
         "A client sends no longer one: its call fails with
-[`CallError::TooLong`](crate::CallError::TooLong) (SM2-SRV-007)."
+[`CallError::TooLong`](crate::CallError::TooLong) (SM2-SRV-006)."
     );
     wait_setter!("a request");
 

@@ -176,7 +176,7 @@ impl<T: Message + ?Sized> Subscriber<T> {
     /// Returns how many of the [lost](Self::lost) messages were published while their publisher had no link with this
     /// subscriber, because the link had ended and a new one had not opened yet. The messages that an ended link did not
     /// bring any more are among them. They count when the new link opens, or with its first message if the publisher is
-    /// latched (SM2-QOS-018).
+    /// latched (SM2-QOS-013).
     pub fn away(&self) -> u64 {
         (self.handle).with_driven(|interface, _| interface.away())
     }
@@ -224,8 +224,8 @@ impl<T: Message + ?Sized> SubscriberBuilder<T> {
     /// Requests reliable delivery; `false` by default. No message displaces another one: the publisher waits
     /// until this subscriber has room, for at most its
     /// [`publish_timeout`](crate::PublisherBuilder::publish_timeout) and within its
-    /// [share](crate::PublisherBuilder::wait_share_percent) (SM2-QOS-014, SM2-QOS-016). A subscriber that missed a
-    /// message is not waited for until it has released all messages that it had then (SM2-QOS-015). A gap is shown by
+    /// [share](crate::PublisherBuilder::wait_share_percent) (SM2-QOS-002, SM2-QOS-004). A subscriber that missed a
+    /// message is not waited for until it has released all messages that it had then (SM2-QOS-003). A gap is shown by
     /// [`Sample::lost`](crate::Sample::lost). A reliable subscriber matches only reliable publishers.
     pub const fn reliable(mut self, reliable: bool) -> Self {
         self.demand.reliable = reliable;
@@ -257,7 +257,7 @@ impl<T: Message + ?Sized> SubscriberBuilder<T> {
     /// When a lease passes without a message and without an
     /// [assertion](crate::Publisher::assert_liveliness), this is an [event](crate::Event::LivelinessLost) and counts
     /// as [lost](Subscriber::lost_liveliness). [`alive`](crate::diagnostics::LinkStatus::alive) of its link is `false`
-    /// until the publisher [is alive again](crate::Event::LivelinessRegained) (SM2-QOS-012).
+    /// until the publisher [is alive again](crate::Event::LivelinessRegained) (SM2-QOS-011).
     pub const fn liveliness(mut self, lease: Duration) -> Self {
         self.demand.lease = Period::new(lease);
         self

@@ -391,7 +391,7 @@ impl<'fd, T: Clone> WaitSet<'fd, T> {
             sources.descriptor_ready(Key(event.token), event);
             short_of_memory |= self.watches.handle(event.token, sources);
         }
-        //= SM2-TRN-014
+        //= SM2-TRN-013
         if short_of_memory && !sources.has_ready() {
             thread::sleep(pause);
         }

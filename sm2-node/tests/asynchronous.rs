@@ -200,7 +200,7 @@ fn a_sink_waits_for_a_reliable_subscriber_without_blocking_the_thread() {
     });
 }
 
-//= SM2-QOS-014 test
+//= SM2-QOS-002 test
 #[test]
 fn a_publication_that_finds_no_room_in_time_says_so() {
     let domain = Domain::new();
@@ -257,7 +257,7 @@ fn services_are_async_functions() {
     });
 }
 
-//= SM2-SRV-004 test
+//= SM2-SRV-003 test
 #[test]
 fn a_call_that_is_dropped_is_cancelled() {
     let domain = Domain::new();
@@ -284,7 +284,7 @@ fn a_call_that_is_dropped_is_cancelled() {
 }
 
 /// A task that waits for its own reply may read the reply of another task.
-//= SM2-RNG-015 test
+//= SM2-RNG-012 test
 #[test]
 fn a_task_is_woken_though_another_one_took_note_of_its_reply() {
     for lane in LANES {

@@ -99,7 +99,7 @@ impl Pair {
 
 /// A link that ends for want of descriptors is made again. The messages of the first link that wait in its socket or
 /// ring are taken first.
-//= SM2-QOS-018 test
+//= SM2-QOS-013 test
 #[test]
 fn messages_between_two_links_are_counted_once() {
     for ring in LANES {
@@ -132,7 +132,7 @@ fn messages_between_two_links_are_counted_once() {
 }
 
 /// The next Manager makes the link anew, because it had ended before: OPEN says what was published meanwhile.
-//= SM2-QOS-018, SM2-OPN-010 test
+//= SM2-QOS-013, SM2-OPN-006 test
 #[test]
 fn one_message_counts_as_soon_as_there_is_a_link_again() {
     for ring in LANES {
@@ -156,7 +156,7 @@ fn one_message_counts_as_soon_as_there_is_a_link_again() {
     }
 }
 
-//= SM2-QOS-018 test
+//= SM2-QOS-013 test
 #[test]
 fn a_latched_publisher_sends_some_of_them_again() {
     for ring in LANES {
@@ -180,7 +180,7 @@ fn a_latched_publisher_sends_some_of_them_again() {
 }
 
 /// A subscriber that comes for the first time misses nothing, and neither does one that meets another publisher.
-//= SM2-QOS-018 test
+//= SM2-QOS-013 test
 #[test]
 fn another_publisher_begins_anew() {
     let domain = Domain::new();
@@ -206,7 +206,7 @@ fn another_publisher_begins_anew() {
 
 /// A policy denies the publisher for a while: its messages in the link are lost, and those that it publishes meanwhile
 /// are away.
-//= SM2-QOS-018, SM2-ACC-017 test
+//= SM2-QOS-013, SM2-ACC-014 test
 #[test]
 fn messages_of_a_suspended_publisher_are_counted() {
     for ring in LANES {

@@ -38,7 +38,7 @@ fn take(subscriber: &Subscriber<[u8]>, samples: &mut Vec<Sample<[u8]>>) {
 
 /// Subscribers that release one message after each fourth publication made each of the next publications wait. A
 /// healthy subscriber beside them got a third of the messages that a publisher sends at 200 Hz.
-//= SM2-QOS-015 test
+//= SM2-QOS-003 test
 #[test]
 fn subscribers_that_release_now_and_then_are_waited_for_once() {
     for count in [1, 10] {
@@ -88,7 +88,7 @@ fn subscribers_that_release_now_and_then_are_waited_for_once() {
 }
 
 /// A link that owes gets what it has room for, and no publication waits for it until all that it had has come back.
-//= SM2-QOS-015 test
+//= SM2-QOS-003 test
 #[test]
 fn a_link_that_owes_is_not_waited_for_until_it_has_caught_up() {
     Fixture::each(|it| {
@@ -118,7 +118,7 @@ fn a_link_that_owes_is_not_waited_for_until_it_has_caught_up() {
 }
 
 /// The waits for all links come from one budget: once it is used up, a link that does not owe misses a message, too.
-//= SM2-QOS-016 test
+//= SM2-QOS-004 test
 #[test]
 fn all_links_share_the_time_that_a_publisher_waits() {
     Fixture::each(|it| {

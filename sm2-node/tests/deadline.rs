@@ -115,7 +115,7 @@ fn a_tick_reads_the_messages_of_a_sleeping_program() {
     });
 }
 
-//= SM2-QOS-009, SM2-MAT-005 test
+//= SM2-QOS-009, SM2-MAT-001 test
 #[test]
 fn only_a_deadline_that_is_short_enough_matches() {
     Fixture::each(|it| {

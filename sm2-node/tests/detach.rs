@@ -14,7 +14,7 @@ fn segments() -> usize {
 
 /// One subscriber ends while it holds a message, so that this memory is not written again. The other one
 /// releases the message, and nothing is published any more.
-//= SM2-OPN-008 test
+//= SM2-OPN-010 test
 #[test]
 fn what_is_not_used_again_is_unmapped_without_another_message() {
     if ran_alone(concat!(

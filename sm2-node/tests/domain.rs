@@ -285,7 +285,7 @@ fn entity(node: &Node, domain: &Mirror, kind: sm2_node::domain::Kind) -> EntityI
     found.find(|it| it.contract.kind() == kind).unwrap().entity
 }
 
-//= SM2-MAT-005, SM2-WCH-004 test
+//= SM2-MAT-001, SM2-WCH-004 test
 #[test]
 fn why_says_what_is_linked_and_what_is_not() {
     let domain = Domain::new();
@@ -382,7 +382,7 @@ fn counters_of(node: &Node, tool: &Node) -> Vec<Entry> {
     view.entries().map(|(_, entry)| entry.unwrap()).collect()
 }
 
-//= SM2-CNT-002, SM2-CNT-012 test
+//= SM2-CNT-003, SM2-CNT-005 test
 #[test]
 fn counters_of_a_node_can_be_looked_at_and_survive_its_manager() {
     let mut domain = Domain::new();

@@ -16,7 +16,7 @@ fn datagrams_until_full() -> usize {
 /// On the ring lane, the socket carries little more than ATTACH and DETACH. Each message here needs a new
 /// segment, and the segment of the last message but one goes back to the system. The packet that fills the socket is
 /// an ATTACH in one of two runs. Its segment goes back to the system while the ATTACH waits.
-//= SM2-RNG-010, SM2-SEG-005 test
+//= SM2-RNG-009, SM2-SEG-005 test
 #[test]
 fn a_segment_that_is_freed_while_its_attach_waits_does_not_end_the_link() {
     for first in [1, 2] {

@@ -135,7 +135,7 @@ fn honest(domain: &Domain) -> (Publisher<[u8]>, Subscriber<[u8]>) {
     (publisher, subscriber)
 }
 
-//= SM2-OPN-006 test
+//= SM2-OPN-008 test
 #[test]
 fn a_subscriber_that_breaks_the_protocol_loses_its_link_alone() {
     let domain = Domain::new();
@@ -159,7 +159,7 @@ fn a_subscriber_that_breaks_the_protocol_loses_its_link_alone() {
     let ended = &links[0];
     assert_eq!(
         ended.end,
-        Some(End::Violation(violation!(BadRelease, "SM2-MSG-006")))
+        Some(End::Violation(violation!(BadRelease, "SM2-MSG-004")))
     );
     assert_eq!(ended.peer.name.as_str(), "raw");
     assert_eq!((ended.counters.offered, ended.counters.closed), (1, 1));
@@ -206,7 +206,7 @@ fn sealed(sequence: u64, len: u64) -> Vec<u8> {
 }
 
 /// A subscriber with the default maximum takes a message of exactly 1 GiB, and does not map a file of 6 GiB.
-//= SM2-PAY-011 test
+//= SM2-PAY-010 test
 #[test]
 fn a_message_that_is_too_long_is_refused_before_it_is_mapped() {
     let domain = Domain::new();
@@ -233,7 +233,7 @@ fn a_message_that_is_too_long_is_refused_before_it_is_mapped() {
     let code = raw.closed(|| assert!(subscriber.try_recv().unwrap().is_none()));
     assert_eq!(code, ViolationKind::MessageTooLong.code().0);
     assert_eq!(mappings(), before);
-    let end = End::Violation(violation!(MessageTooLong, "SM2-PAY-011"));
+    let end = End::Violation(violation!(MessageTooLong, "SM2-PAY-010"));
     assert_eq!(subscriber.links()[0].end, Some(end));
 }
 
@@ -253,7 +253,7 @@ fn what_is_no_sealed_memory_is_never_mapped() {
 /// A segment whose slot begins with a frame header. The receiver uses the length and the offset of the
 /// datagram, whatever the shared memory contains.
 //= SM2-PAY-006 test
-//= SM2-PAY-002 test
+//= SM2-PAY-003 test
 #[test]
 fn lengths_and_places_come_from_the_datagram() {
     let domain = Domain::new();

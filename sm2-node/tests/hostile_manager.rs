@@ -346,7 +346,7 @@ fn managers_that_go_or_refuse_while_a_node_comes_back_are_followed_by_others() {
     carries(&publisher, &peer);
 }
 
-//= SM2-RES-011 test
+//= SM2-RES-010 test
 #[test]
 fn a_declaration_that_is_refused_is_renewed_in_the_next_session() {
     let (manager, publisher, peer) = Manager::with_linked_node();
@@ -473,7 +473,7 @@ fn a_call_does_not_wait_for_a_link_that_was_announced_and_never_comes() {
     assert!(matches!(result, Err(CallError::NoServer { .. })));
 }
 
-//= SM2-LNK-009, SM2-LNK-006 test
+//= SM2-LNK-009, SM2-LNK-005 test
 #[test]
 fn unlinked_tells_how_the_link_ended() {
     let (close, open) = ([9, 0, 42, 0, 0, 0, 0, 0], open());

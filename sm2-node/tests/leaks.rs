@@ -20,7 +20,7 @@ fn shared_mappings() -> usize {
         .count()
 }
 
-//= SM2-OPN-007 test
+//= SM2-OPN-009 test
 #[test]
 fn no_descriptor_and_no_mapping_stays_behind() {
     if ran_alone(concat!(

@@ -21,7 +21,7 @@ fn publishers(node: &Node, lifespan: Duration) -> [Publisher<[u8]>; 3] {
     })
 }
 
-//= SM2-QOS-010, SM2-QOS-011 test
+//= SM2-QOS-010, SM2-QOS-006 test
 #[test]
 fn messages_that_are_too_old_are_not_handed_out() {
     Fixture::each(|it| {
@@ -61,7 +61,7 @@ fn messages_in_time_are_handed_out() {
     });
 }
 
-//= SM2-QOS-010, SM2-QOS-003 test
+//= SM2-QOS-010, SM2-QOS-005 test
 #[test]
 fn latched_messages_expire_as_well() {
     Fixture::each(|it| {
@@ -81,7 +81,7 @@ fn latched_messages_expire_as_well() {
 }
 
 /// Messages that wait for a subscriber that takes none leave the queue of the publisher, which has room again.
-//= SM2-QOS-010, SM2-QOS-011 test
+//= SM2-QOS-010, SM2-QOS-006 test
 #[test]
 fn the_accounts_are_exact_while_messages_expire() {
     Fixture::each(|it| {

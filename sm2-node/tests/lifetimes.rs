@@ -9,7 +9,7 @@ use crate::common::{Domain, SOON, meet, next, pair, pattern, until};
 use sm2_node::{EncodeError, Message, Payload, PayloadError};
 use sm2_proto::Contract;
 
-//= SM2-OPN-007, SM2-OPN-008 test
+//= SM2-OPN-009, SM2-OPN-010 test
 #[test]
 fn a_sample_stays_as_it_is_when_all_else_is_gone() {
     let domain = Domain::new();
@@ -92,7 +92,7 @@ fn a_payload_that_outlives_its_sample_stays_as_it_is() {
     }
 }
 
-//= SM2-TRN-006, SM2-OPN-005, SM2-LNK-006 test
+//= SM2-TRN-005, SM2-OPN-007, SM2-LNK-005 test
 #[test]
 fn what_was_sent_before_the_publisher_went_is_received() {
     let domain = Domain::new();

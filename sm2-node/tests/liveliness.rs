@@ -40,7 +40,7 @@ fn change(events: &Events, to_alive: bool, act: impl Fn()) -> Option<String> {
     panic!("waited in vain")
 }
 
-//= SM2-QOS-012, SM2-QOS-013 test
+//= SM2-QOS-011, SM2-QOS-012 test
 #[test]
 fn both_sides_notice_a_program_that_stops_and_goes_on() {
     Fixture::each(|it| {
@@ -82,7 +82,7 @@ fn both_sides_notice_a_program_that_stops_and_goes_on() {
     });
 }
 
-//= SM2-QOS-012 test
+//= SM2-QOS-011 test
 #[test]
 fn a_program_that_shows_itself_in_time_is_alive() {
     Fixture::each(|it| {
@@ -101,7 +101,7 @@ fn a_program_that_shows_itself_in_time_is_alive() {
 }
 
 /// Only the background thread is there to notice it.
-//= SM2-QOS-012 test
+//= SM2-QOS-011 test
 #[test]
 fn a_sleeping_program_misses_no_loss_of_liveliness() {
     Fixture::each(|it| {
@@ -116,7 +116,7 @@ fn a_sleeping_program_misses_no_loss_of_liveliness() {
 
 /// The program of the subscriber reads nothing. Packets for all assertions would fill the socket, and the message would
 /// find no room.
-//= SM2-QOS-013 test
+//= SM2-QOS-012 test
 #[test]
 fn assertions_do_not_wait_for_a_subscriber_that_reads_nothing() {
     Fixture::each(|it| {
@@ -137,7 +137,7 @@ fn assertions_do_not_wait_for_a_subscriber_that_reads_nothing() {
     });
 }
 
-//= SM2-QOS-012, SM2-MAT-005 test
+//= SM2-QOS-011, SM2-MAT-001 test
 #[test]
 fn only_a_lease_that_is_short_enough_matches() {
     Fixture::each(|it| {

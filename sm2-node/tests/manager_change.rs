@@ -316,7 +316,7 @@ fn a_node_whose_name_was_taken_meanwhile_goes_on_trying() {
     stream.receive();
 }
 
-//= SM2-RES-011 test
+//= SM2-RES-010 test
 #[test]
 fn an_interface_that_the_next_manager_refuses_keeps_its_links() {
     let mut domain = Domain::new();

@@ -31,7 +31,7 @@ fn linked(
 }
 
 /// Short and long messages, far more than there is room for: every byte arrives, in order, on both lanes.
-//= SM2-QOS-014 test
+//= SM2-QOS-002 test
 #[test]
 fn all_messages_come_in_their_order() {
     const MESSAGES: usize = if cfg!(feature = "slow") { 700 } else { 210 };

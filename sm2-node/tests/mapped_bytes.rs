@@ -10,7 +10,7 @@ use sm2_test_support::ran_alone;
 
 /// A publisher that attaches sparse segments leaves room for a newcomer, and loses its link when it
 /// attaches one more than its part.
-//= SM2-SEG-007 test
+//= SM2-SEG-006 test
 #[test]
 fn a_peer_cannot_use_up_the_addresses_of_others() {
     if ran_alone(concat!(

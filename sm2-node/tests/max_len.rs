@@ -58,7 +58,7 @@ fn counters(publisher: &Publisher<[u8]>, name: &str) -> Counters {
     link.expect("a link").counters
 }
 
-//= SM2-QOS-008, SM2-PAY-011 test
+//= SM2-QOS-008, SM2-PAY-010 test
 #[test]
 fn a_message_that_is_too_long_skips_its_links_alone() {
     for form in FORMS {
@@ -149,7 +149,7 @@ fn a_message_that_nobody_accepts_takes_no_memory() {
     }
 }
 
-//= SM2-QOS-003, SM2-QOS-008 test
+//= SM2-QOS-005, SM2-QOS-008 test
 #[test]
 fn latched_messages_that_are_too_long_are_left_out() {
     for form in FORMS {
@@ -201,7 +201,7 @@ fn service(domain: &Domain, form: Form, [server, client]: [u64; 2]) -> Echo {
     (server, client)
 }
 
-//= SM2-SRV-007 test
+//= SM2-SRV-006 test
 #[test]
 fn a_request_that_is_too_long_fails_at_once() {
     for form in FORMS {
@@ -222,7 +222,7 @@ fn a_request_that_is_too_long_fails_at_once() {
     }
 }
 
-//= SM2-SRV-006, SM2-SRV-007 test
+//= SM2-SRV-005, SM2-SRV-006 test
 #[test]
 fn a_request_goes_to_a_server_that_accepts_its_length() {
     let domain = Domain::new();
@@ -258,7 +258,7 @@ fn a_request_goes_to_a_server_that_accepts_its_length() {
     drop(calls);
 }
 
-//= SM2-SRV-008 test
+//= SM2-SRV-007 test
 #[test]
 fn a_reply_that_is_too_long_is_an_error_at_both_ends() {
     for form in FORMS {

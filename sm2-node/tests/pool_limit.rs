@@ -135,7 +135,7 @@ impl Scene {
     }
 }
 
-//= SM2-QOS-017 test
+//= SM2-QOS-007 test
 #[test]
 fn two_that_never_release_leave_half_of_the_limit_to_the_third() {
     /// More than the limit has room for.
@@ -178,7 +178,7 @@ fn two_that_never_release_leave_half_of_the_limit_to_the_third() {
 
 /// A publisher waits for a reliable subscriber that holds too much once, and then not again until it
 /// releases a sample.
-//= SM2-QOS-017, SM2-QOS-014 test
+//= SM2-QOS-007, SM2-QOS-002 test
 #[test]
 fn a_reliable_subscriber_that_never_releases_is_waited_for_once() {
     const TIMEOUT: Duration =
@@ -222,7 +222,7 @@ fn a_reliable_subscriber_that_never_releases_is_waited_for_once() {
 }
 
 /// Messages that no longer fit at all are not errors of the publisher, however it makes them.
-//= SM2-QOS-017 test
+//= SM2-QOS-007 test
 #[test]
 fn subscribers_that_hold_all_memory_cause_no_error() {
     for form in FORMS {

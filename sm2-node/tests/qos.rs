@@ -7,7 +7,7 @@ use crate::common::{Domain, SOON, default_pair, meet, next, pair, pattern, ring_
 use sm2_io::fault::{Call, Injector};
 use sm2_node::{Node, RecvError, Sample, Subscriber};
 
-//= SM2-QOS-003 test
+//= SM2-QOS-005 test
 #[test]
 fn late_subscribers_get_what_is_latched_first() {
     let domain = Domain::new();
@@ -32,7 +32,7 @@ fn late_subscribers_get_what_is_latched_first() {
     }
 }
 
-//= SM2-QOS-003 test
+//= SM2-QOS-005 test
 #[test]
 fn a_reliable_subscriber_gets_all_that_is_latched_however_small_its_window() {
     let domain = Domain::new();
@@ -81,7 +81,7 @@ fn take_while_driving(subscriber: &Subscriber<[u8]>, node: &Node) -> Sample<[u8]
 }
 
 //= SM2-QOS-001 test
-//= SM2-QOS-011 test
+//= SM2-QOS-006 test
 #[test]
 fn a_subscriber_that_never_reads_costs_only_itself_and_every_loss_is_counted() {
     let domain = Domain::new();
@@ -143,7 +143,7 @@ fn a_subscriber_that_never_reads_costs_only_itself_and_every_loss_is_counted() {
     assert_eq!(asleep.lost() + seen, rounds);
 }
 
-//= SM2-QOS-014 test
+//= SM2-QOS-002 test
 #[test]
 fn a_reliable_publisher_waits_until_its_deadline_for_each_link_alone() {
     let domain = Domain::new();

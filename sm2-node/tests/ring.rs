@@ -25,7 +25,7 @@ fn rings(end: &dyn Endpoint) -> Vec<(String, bool)> {
     rings
 }
 
-//= SM2-RNG-013 test
+//= SM2-RNG-001 test
 #[test]
 fn the_ring_lane_is_used_if_both_sides_offer_it() {
     for (talker, listener) in [(true, true), (true, false), (false, true), (false, false)] {
@@ -151,7 +151,7 @@ const LONGEST: usize = if cfg!(feature = "slow") {
 
 /// Messages that were stored for no link, for a sealed link, or for the socket lane. A subscriber that comes
 /// later needs them in a slot with a head.
-//= SM2-QOS-003 test
+//= SM2-QOS-005 test
 #[test]
 fn a_late_subscriber_gets_what_was_stored_in_any_form() {
     let lengths = [0, 10, 5_000, 100_000, LONGEST];
@@ -262,7 +262,7 @@ const LONG: usize = if cfg!(feature = "slow") {
 };
 
 /// Messages that are held or not taken, with and without their node, are compared byte by byte.
-//= SM2-RNG-011 test
+//= SM2-RNG-010 test
 #[test]
 fn what_was_published_outlives_its_publisher() {
     for ring in [true, false] {
@@ -373,7 +373,7 @@ fn messages_of_all_sizes_in_any_order_need_no_more_than_the_pool() {
 
 /// Segment numbers are reused. A link uses a number again only after its receiver has reported that it
 /// unmapped the segment.
-//= SM2-RNG-010 test
+//= SM2-RNG-009 test
 //= SM2-RNG-003 test
 #[test]
 fn segments_may_be_more_than_there_are_numbers_for_them() {

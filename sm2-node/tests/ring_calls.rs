@@ -73,7 +73,7 @@ const LONGEST: usize = if cfg!(feature = "slow") {
     1 << 20
 };
 
-//= SM2-RNG-013, SM2-RNG-014 test
+//= SM2-RNG-001, SM2-RNG-002 test
 #[test]
 fn the_ring_lane_is_used_if_both_offer_it_and_nothing_has_to_be_sealed() {
     let sizes = [0, 1, 4_032, 4_033, 4_096, 4_097, 61_441, LONGEST];
@@ -106,7 +106,7 @@ fn the_ring_lane_is_used_if_both_offer_it_and_nothing_has_to_be_sealed() {
     }
 }
 
-//= SM2-RNG-015 test
+//= SM2-RNG-012 test
 #[test]
 fn each_way_of_waiting_gets_its_requests_and_its_replies() {
     const ROUNDS: u64 = CALLS;
@@ -133,7 +133,7 @@ fn each_way_of_waiting_gets_its_requests_and_its_replies() {
 
 /// A program polls the descriptor whenever it finds nothing: each request, and each reply, must make it
 /// readable.
-//= SM2-RNG-015 test
+//= SM2-RNG-012 test
 #[test]
 fn polled_descriptors_are_readable_for_every_request_and_reply() {
     const ROUNDS: u64 = if cfg!(feature = "slow") { 500 } else { 100 };
@@ -199,7 +199,7 @@ fn futures_are_woken_for_every_request_and_reply() {
 }
 
 /// More calls than the server has room for, and more replies than the client has room for.
-//= SM2-RNG-015, SM2-SRV-003 test
+//= SM2-RNG-012, SM2-SRV-002 test
 #[test]
 fn calls_that_wait_for_room_are_all_answered() {
     for lane in LANES {
@@ -228,7 +228,7 @@ const SEGMENT_ROUNDS: u64 = if cfg!(feature = "slow") { 4 } else { 1 };
 
 /// Replies in memory that is new to the client, which reads its socket for the segment. It may also read the
 /// bell of another reply there.
-//= SM2-RNG-015 test
+//= SM2-RNG-012 test
 #[test]
 fn replies_that_bring_their_segments() {
     for way in WAYS {
@@ -287,7 +287,7 @@ fn threads_that_share_a_client() {
 
 /// Calls that are cancelled while they wait at the client, while they are in flight, and while the server
 /// handles them.
-//= SM2-SRV-004, SM2-RNG-012 test
+//= SM2-SRV-003, SM2-RNG-011 test
 #[test]
 fn a_call_is_cancelled_wherever_it_is() {
     for lane in LANES {
@@ -327,7 +327,7 @@ fn a_call_is_cancelled_wherever_it_is() {
 }
 
 /// A server that ends: its replies arrive, and all other calls fail at once.
-//= SM2-RNG-011, SM2-SRV-005 test
+//= SM2-RNG-010, SM2-SRV-004 test
 #[test]
 fn replies_outlive_their_server() {
     for lane in LANES {

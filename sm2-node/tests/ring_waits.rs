@@ -61,7 +61,7 @@ fn take_all(rounds: u64, taken: &AtomicU64, mut next: impl FnMut(u64) -> Sample<
     }
 }
 
-//= SM2-RNG-015 test
+//= SM2-RNG-012 test
 #[test]
 fn each_way_of_waiting_gets_what_comes() {
     const ROUNDS: u64 = if cfg!(feature = "slow") { 400 } else { 100 };
@@ -107,7 +107,7 @@ fn whoever_waits_for_a_time_waits_no_longer() {
 }
 
 /// A program polls the descriptor whenever it finds nothing: each message must make it readable.
-//= SM2-RNG-015 test
+//= SM2-RNG-012 test
 #[test]
 fn a_polled_descriptor_is_readable_for_every_message() {
     const ROUNDS: u64 = if cfg!(feature = "slow") { 1_000 } else { 200 };
@@ -203,8 +203,8 @@ fn patient(
     (subscriber, published, thread)
 }
 
-//= SM2-QOS-014 test
-//= SM2-RNG-015 test
+//= SM2-QOS-002 test
+//= SM2-RNG-012 test
 #[test]
 fn a_publisher_that_waits_for_room_is_woken_by_who_makes_some() {
     const ROUNDS: u64 = if cfg!(feature = "slow") { 1_000 } else { 200 };
@@ -227,7 +227,7 @@ fn a_publisher_that_waits_for_room_is_woken_by_who_makes_some() {
     }
 }
 
-//= SM2-QOS-014 test
+//= SM2-QOS-002 test
 #[test]
 fn a_publisher_that_waits_for_room_is_woken_when_nobody_is_left() {
     for ring in LANES {

@@ -100,7 +100,7 @@ fn a_wait_for_room_ends_with_a_shutdown() {
 
 /// A subscriber that has no room until the timeout misses the message. From then on nothing waits for it, until it has
 /// released all that it had.
-//= SM2-QOS-014, SM2-QOS-015 test
+//= SM2-QOS-002, SM2-QOS-003 test
 #[test]
 fn a_publication_has_its_own_timeout() {
     Fixture::each(|it| {
@@ -153,8 +153,8 @@ fn a_publication_has_its_own_timeout() {
     });
 }
 
-/// A subscriber that holds the memory has no room (SM2-QOS-017), for short messages as for long ones.
-//= SM2-QOS-017 test
+/// A subscriber that holds the memory has no room (SM2-QOS-007), for short messages as for long ones.
+//= SM2-QOS-007 test
 #[test]
 fn a_subscriber_that_holds_the_memory_has_no_room() {
     Fixture::each(|it| {

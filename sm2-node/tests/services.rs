@@ -96,7 +96,7 @@ fn many_calls_at_once_are_answered_each_by_its_own_reply() {
     assert_eq!(server.join().unwrap(), 64);
 }
 
-//= SM2-SRV-006 test
+//= SM2-SRV-005 test
 #[test]
 fn a_server_whose_replies_are_held_is_not_chosen_while_another_has_room() {
     let domain = Domain::new();
@@ -128,7 +128,7 @@ fn a_server_whose_replies_are_held_is_not_chosen_while_another_has_room() {
     served(1, 3).reply("three").unwrap();
 }
 
-//= SM2-SRV-006 test
+//= SM2-SRV-005 test
 #[test]
 fn a_call_goes_to_the_server_with_the_fewest_calls_and_to_the_oldest_among_equals() {
     let domain = Domain::new();
@@ -218,7 +218,7 @@ fn a_call_without_a_server_fails_at_once() {
     assert!(matches!(error, CallError::NoServer { .. }), "{error}");
 }
 
-//= SM2-SRV-002, SM2-SRV-003 test
+//= SM2-SRV-001, SM2-SRV-002 test
 #[test]
 fn a_deadline_ends_the_call_on_both_sides() {
     let domain = Domain::new();
@@ -316,7 +316,7 @@ fn a_request_that_is_refused_or_dropped_is_answered_all_the_same() {
     assert!(matches!(&error, CallError::Failed { reason, .. } if *reason == long));
 }
 
-//= SM2-SRV-005 test
+//= SM2-SRV-004 test
 #[test]
 fn a_server_that_ends_fails_its_calls_at_once() {
     let domain = Domain::new();

@@ -59,7 +59,7 @@ fn link(end: &dyn Endpoint) -> LinkStatus {
     links.remove(0)
 }
 
-//= SM2-TRN-014 test
+//= SM2-TRN-013 test
 #[test]
 fn a_shortage_of_memory_ends_no_link_and_loses_no_message() {
     let shortages = [
@@ -107,7 +107,7 @@ fn a_shortage_of_memory_ends_no_link_and_loses_no_message() {
     }
 }
 
-//= SM2-TRN-014 test
+//= SM2-TRN-013 test
 #[test]
 fn a_link_reports_its_shortage_of_memory() {
     let domain = Domain::new();
@@ -124,7 +124,7 @@ fn a_link_reports_its_shortage_of_memory() {
 }
 
 /// A thread sleeps until its ring has a message. Nothing but the DOORBELL wakes it.
-//= SM2-TRN-014, SM2-RNG-015 test
+//= SM2-TRN-013, SM2-RNG-012 test
 #[test]
 fn a_doorbell_without_memory_is_sent_later() {
     let domain = Domain::new();
@@ -165,7 +165,7 @@ fn a_doorbell_without_memory_is_sent_later() {
     assert!(messages > 1);
 }
 
-//= SM2-TRN-014 test
+//= SM2-TRN-013 test
 #[test]
 fn a_wait_outlasts_a_shortage_of_memory() {
     let domain = Domain::new();
@@ -228,7 +228,7 @@ fn an_interface_that_is_declared_belongs_to_the_descriptor_of_its_node() {
 }
 
 /// A program polls the descriptor of its subscriber, which the kernel had no memory to make at first.
-//= SM2-TRN-014 test
+//= SM2-TRN-013 test
 #[test]
 fn a_program_that_polls_hears_of_messages_after_a_shortage() {
     let shortages = [
@@ -277,7 +277,7 @@ fn a_program_that_polls_hears_of_messages_after_a_shortage() {
 }
 
 /// A thread that waits while a socket is ready and cannot be read pauses between its tries.
-//= SM2-TRN-014 test
+//= SM2-TRN-013 test
 #[test]
 fn a_wait_does_not_spin_while_memory_is_short() {
     let domain = Domain::new();
@@ -368,7 +368,7 @@ fn sealed_pair(domain: &Domain) -> (Publisher<[u8]>, Subscriber<[u8]>, Vec<u8>) 
     (publisher, subscriber, message)
 }
 
-//= SM2-TRN-014 test
+//= SM2-TRN-013 test
 #[test]
 fn a_sealed_message_without_memory_to_map_it_is_lost_alone() {
     // EAGAIN: `mlockall` keeps the process from mapping more.
@@ -422,7 +422,7 @@ fn a_message_whose_file_cannot_be_mapped_ends_its_link_alone() {
 }
 
 /// The ATTACH of a segment waits in the socket while the ring already has a message in the segment.
-//= SM2-TRN-014, SM2-RNG-007 test
+//= SM2-TRN-013, SM2-RNG-007 test
 #[test]
 fn an_attach_that_cannot_be_read_is_no_fault_of_the_publisher() {
     let domain = Domain::new();
@@ -442,7 +442,7 @@ fn an_attach_that_cannot_be_read_is_no_fault_of_the_publisher() {
     link(&publisher);
 }
 
-//= SM2-TRN-014 test
+//= SM2-TRN-013 test
 #[test]
 fn a_session_outlasts_a_shortage_of_memory() {
     let shortages = [

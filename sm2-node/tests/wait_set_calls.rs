@@ -61,7 +61,7 @@ fn a_wait_costs_the_same_for_any_number_of_sources() {
     }
 }
 
-//= SM2-TRN-014 test
+//= SM2-TRN-013 test
 #[test]
 fn a_wait_survives_a_lack_of_memory() {
     Fixture::each(|it| {

@@ -77,12 +77,12 @@ codes! {
     Farewell {
         Done = 0, "done", "SM2-COD-001";
         GreetingTimeout = 1, "greeting-timeout", "SM2-SES-004";
-        Stalled = 2, "stalled", "SM2-TRN-009";
+        Stalled = 2, "stalled", "SM2-TRN-008";
         ShuttingDown = 3, "shutting-down", "SM2-SES-008";
         Resources = 4, "resources", "SM2-COD-001";
-        PeerGone = 5, "peer-gone", "SM2-LNK-006";
+        PeerGone = 5, "peer-gone", "SM2-LNK-005";
         NotAdopted = 6, "not-adopted", "SM2-RES-005";
-        Denied = 7, "denied", "SM2-ACC-017";
+        Denied = 7, "denied", "SM2-ACC-014";
     }
 }
 

@@ -13,7 +13,7 @@ use crate::link::{Counters, Fate};
 use crate::{Instant, InterfaceId, LinkId};
 
 /// The first field of the header: the bytes `SM2C`, then the `u32` 1.
-//= SM2-CNT-003
+//= SM2-CNT-004
 pub const MAGIC: u64 = u64::from_le_bytes(*b"SM2C\x01\0\0\0");
 
 /// The fields of an entry, and of the header.
@@ -31,13 +31,13 @@ pub const MAX_ENTRIES: u32 = (MAX_FILE_BYTES / ENTRY_BYTES) as u32 - 1;
 /// The number of messages that an entry remembers one by one.
 pub const RECENT: usize = 32;
 
-/// The positions of an entry's fields (SM2-CNT-012).
-//= SM2-CNT-012
+/// The positions of an entry's fields (SM2-CNT-005).
+//= SM2-CNT-005
 #[allow(missing_docs, reason = "the fields of Entry say what they are")]
 pub mod field {
     use crate::link::Fate;
 
-    /// 0: not in use; odd: being written; even: grows with each change (SM2-CNT-005).
+    /// 0: not in use; odd: being written; even: grows with each change (SM2-CNT-006).
     pub const TURN: usize = 0;
     /// 1: an interface; 2: its end of a link.
     pub const KIND: usize = 1;
@@ -100,7 +100,7 @@ pub const KIND_LINK: u64 = 2;
 
 /// The number of entries of a file of `size_bytes`; `None` if no file of counters has that size.
 #[must_use]
-//= SM2-CNT-003
+//= SM2-CNT-004
 pub const fn entries_in(size_bytes: u64) -> Option<u32> {
     if !size_bytes.is_multiple_of(ENTRY_BYTES)
         || size_bytes < 2 * ENTRY_BYTES
@@ -113,7 +113,7 @@ pub const fn entries_in(size_bytes: u64) -> Option<u32> {
 
 /// The fields of the header of a file with that many entries.
 #[must_use]
-//= SM2-CNT-003
+//= SM2-CNT-004
 pub const fn header(entries: u32) -> [u64; ENTRY_FIELDS] {
     let mut fields = [0; ENTRY_FIELDS];
     fields[0] = MAGIC;
@@ -123,7 +123,7 @@ pub const fn header(entries: u32) -> [u64; ENTRY_FIELDS] {
 
 /// The index of message number `message` (the first is 1) among the recent ones.
 #[must_use]
-//= SM2-CNT-012
+//= SM2-CNT-005
 pub const fn recent_index(message: u64) -> usize {
     (message.wrapping_sub(1) % RECENT as u64) as usize
 }
@@ -188,10 +188,10 @@ impl Default for Entry {
 }
 
 impl Entry {
-    /// Reads an entry. `None` if the entry is not in use, is being written, or breaks SM2-CNT-012:
+    /// Reads an entry. `None` if the entry is not in use, is being written, or breaks SM2-CNT-005:
     /// a kind that is unknown, an interface with a link, or a reserved field that is not zero.
     #[must_use]
-    //= SM2-CNT-012
+    //= SM2-CNT-005
     pub fn from_words(words: &[u64; ENTRY_FIELDS]) -> Option<Self> {
         let turn = words[field::TURN];
         if turn == 0
@@ -249,7 +249,7 @@ impl Entry {
 
     /// The fields of this entry, with that [`TURN`](field::TURN).
     #[must_use]
-    //= SM2-CNT-012
+    //= SM2-CNT-005
     pub fn to_words(&self, turn: u64) -> [u64; ENTRY_FIELDS] {
         let mut words = [0; ENTRY_FIELDS];
         words[field::TURN] = turn;
@@ -282,7 +282,7 @@ impl Entry {
 
     /// The notes of at most [`RECENT`] last messages, the oldest first: times of publication on a
     /// sending side, delays on a receiving side.
-    //= SM2-CNT-012
+    //= SM2-CNT-005
     pub fn recent(&self) -> impl ExactSizeIterator<Item = u64> + Clone + '_ {
         let noted = self.messages.min(RECENT as u64);
         let oldest = self.messages - noted;

@@ -39,18 +39,18 @@ impl<'a> Datagram<'a> {
 
     /// Checks that a frame carries exactly as many descriptors as its type names, as far as this
     /// process could receive them.
-    //= SM2-TRN-011, SM2-TRN-012
+    //= SM2-TRN-010, SM2-TRN-011
     pub(crate) fn check_fds(&self, expected: usize) -> Result<(), Violation> {
         if self.has_lost_fds(expected) || (self.fds.len() == expected && !self.control_truncated) {
             Ok(())
         } else {
-            Err(violation!(FdCount, "SM2-TRN-011"))
+            Err(violation!(FdCount, "SM2-TRN-010"))
         }
     }
 
     /// Whether this process lost descriptors of a frame whose type names this many. If as many
     /// came, the sender sent more.
-    //= SM2-TRN-012
+    //= SM2-TRN-011
     pub(crate) const fn has_lost_fds(&self, expected: usize) -> bool {
         self.control_truncated && self.fds.len() < expected
     }

@@ -32,7 +32,7 @@ pub const SEGMENTS_MAX: usize = 256;
 /// The most links that one interface has at a time, whatever the Manager's quota.
 pub const LINKS_MAX: usize = 65_536;
 /// The most publishers without a link whose publications a subscriber remembers.
-//= SM2-QOS-018
+//= SM2-QOS-013
 pub const ABSENCES_MAX: usize = 256;
 /// The largest segment or sealed file, in bytes.
 pub const SEGMENT_BYTES_MAX: u64 = 1 << 41;
@@ -53,7 +53,7 @@ pub const SCHEMA_DEPTH_MAX: usize = 64;
 pub const RING_SEGMENTS_MAX: u32 = 32_768;
 /// How many messages of a ring may be displaced in a row before its receiver counts as stopped. Up to
 /// this number the low halves of sequence numbers tell how often the sender went round.
-//= SM2-RNG-011
+//= SM2-RNG-010
 pub const RING_DISPLACED_MAX: u32 = 1 << 31;
 /// The length of the head at the end of a slot, in bytes.
 pub const SLOT_HEAD: usize = 64;

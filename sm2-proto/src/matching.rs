@@ -29,7 +29,7 @@ pub enum Mismatch {
 }
 
 /// Checks whether two interfaces match. Returns the QoS that the two sides alone ask for.
-//= SM2-MAT-005, SM2-MAT-003
+//= SM2-MAT-001, SM2-MAT-003
 pub fn match_contracts(one: &Contract, other: &Contract) -> Result<LinkQos, Mismatch> {
     if one.kind().counterpart() != other.kind() {
         return Err(Mismatch::Kind);

@@ -88,7 +88,7 @@ fn contract(depth: u16, max_borrowed: u16) -> Contract {
     }
 }
 
-//= SM2-MAT-005, SM2-MAT-003 kani
+//= SM2-MAT-001, SM2-MAT-003 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(4))]
 fn matching_is_symmetric() {
@@ -109,7 +109,7 @@ fn matching_is_symmetric() {
 }
 
 /// Two interfaces that match but for their deadlines match if the offer is there and not longer.
-//= SM2-MAT-005, SM2-QOS-009 kani
+//= SM2-MAT-001, SM2-QOS-009 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(4))]
 fn deadlines_decide_a_match() {
@@ -118,7 +118,7 @@ fn deadlines_decide_a_match() {
 }
 
 /// The same for leases.
-//= SM2-MAT-005, SM2-QOS-012 kani
+//= SM2-MAT-001, SM2-QOS-011 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(4))]
 fn leases_decide_a_match() {
@@ -178,7 +178,7 @@ fn legal_contracts_have_legal_windows() {
     }
 }
 
-//= SM2-CNT-003 kani
+//= SM2-CNT-004 kani
 #[cfg_attr(kani, kani::proof)]
 fn counter_files_are_whole() {
     let size_bytes: u64 = kani::any();
@@ -195,7 +195,7 @@ fn counter_files_are_whole() {
     kani::cover!(in_range && !whole, "half an entry");
 }
 
-//= SM2-CNT-012 kani
+//= SM2-CNT-005 kani
 #[cfg_attr(kani, kani::proof)]
 fn recent_messages_follow_each_other() {
     let message = kani::any_where(|message: &u64| *message < u64::MAX);
@@ -206,7 +206,7 @@ fn recent_messages_follow_each_other() {
     kani::cover!(next == 0 && message > 0, "begins again");
 }
 
-//= SM2-CNT-012 kani
+//= SM2-CNT-005 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(66))]
 fn counter_entries_are_canonical() {
@@ -256,7 +256,7 @@ fn truncated_datagrams_are_refused() {
 
 /// A datagram has exactly the number of descriptors that its type names. Only the receiver itself can
 /// have lost some.
-//= SM2-TRN-011, SM2-TRN-012 kani
+//= SM2-TRN-010, SM2-TRN-011 kani
 #[cfg_attr(kani, kani::proof)]
 fn descriptors_are_counted() {
     let files = [FdFacts::default(); 3];
@@ -269,7 +269,7 @@ fn descriptors_are_counted() {
     };
     let expected = match (some_lost, came < wanted, came == wanted) {
         (true, true, _) | (false, _, true) => Ok(()),
-        _ => Err(violation!(FdCount, "SM2-TRN-011")),
+        _ => Err(violation!(FdCount, "SM2-TRN-010")),
     };
     assert_eq!(datagram.check_fds(wanted), expected);
     assert_eq!(datagram.has_lost_fds(wanted), some_lost && came < wanted);
@@ -304,7 +304,7 @@ fn deadlines_saturate() {
 }
 
 /// Every set of seals against every set that may be needed.
-//= SM2-SEG-001, SM2-CNT-003 kani
+//= SM2-SEG-001, SM2-CNT-004 kani
 #[cfg_attr(kani, kani::proof)]
 fn seals_are_all_needed() {
     // The seals that the kernel has, and two more that it may get.
@@ -326,7 +326,7 @@ fn seals_are_all_needed() {
 }
 
 /// No count of messages, time or delay in a stranger's file makes a reader overflow or panic.
-//= SM2-CNT-012, SM2-CNT-005 kani
+//= SM2-CNT-005, SM2-CNT-006 kani
 #[cfg_attr(kani, kani::proof)]
 // 32 recent messages.
 #[cfg_attr(kani, kani::unwind(34))]
@@ -356,7 +356,7 @@ fn a_strangers_counters_can_be_read() {
 }
 
 /// Mean and deviation of any three durations are in their range.
-//= SM2-CNT-012 kani
+//= SM2-CNT-005 kani
 #[cfg_attr(kani, kani::proof)]
 // Three durations; the root of 128 bits takes 64 steps.
 #[cfg_attr(kani, kani::unwind(66))]

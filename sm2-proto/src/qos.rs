@@ -84,7 +84,7 @@ impl fmt::Display for Period {
 ///
 /// The caller calls [`check`](Self::check) at the time of [`due`](Self::due). A receiver need do nothing when a message
 /// comes.
-//= SM2-QOS-009, SM2-QOS-012
+//= SM2-QOS-009, SM2-QOS-011
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct QosWatch {
     deadline: Option<Timer>,
@@ -265,7 +265,7 @@ impl QosWatch {
 }
 
 /// The ALIVE frames of one link: at most one in each quarter of the lease.
-//= SM2-QOS-013
+//= SM2-QOS-012
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub(crate) struct AliveFrames {
     /// The time in an ALIVE that has to be sent.

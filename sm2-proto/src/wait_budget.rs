@@ -24,7 +24,7 @@ use crate::Instant;
 ///
 /// The caller takes a grant only if a link without room does not owe ([`Link::owes`](crate::link::Link::owes)), so a
 /// publication that waits for nobody costs nothing here.
-//= SM2-QOS-016
+//= SM2-QOS-004
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct WaitBudget {
     share_percent: u8,

@@ -44,7 +44,7 @@ const fn missed(lost: u64, away: u64, unreported: u64) -> Missed {
     }
 }
 
-//= SM2-OPN-010 test
+//= SM2-OPN-006 test
 #[test]
 fn open_says_what_a_publisher_has_published() {
     let says = |role, publications| {
@@ -83,7 +83,7 @@ fn open_says_what_a_publisher_has_published() {
     assert_eq!(link.peer_publications(), published(5));
 }
 
-//= SM2-QOS-018 test
+//= SM2-QOS-013 test
 #[test]
 fn one_message_that_was_published_meanwhile_counts_when_the_link_opens() {
     let (mut account, away) = Account::open(published(11), false, Some(taken_up_to(10)));
@@ -186,7 +186,7 @@ fn no_number_of_another_process_makes_it_fail() {
     }
 }
 
-//= SM2-QOS-018 test
+//= SM2-QOS-013 test
 #[test]
 fn a_bounded_number_of_publishers_is_remembered() {
     let mut absences = Absences::default();
@@ -432,7 +432,7 @@ proptest! {
     #![proptest_config(cases(2_000))]
 
     /// `published = taken + expired + lost on links + away`, over the life of the pair.
-    //= SM2-QOS-018 test
+    //= SM2-QOS-013 test
     #[test]
     fn every_message_has_one_fate(
         steps in prop::collection::vec(step(), 1..80),

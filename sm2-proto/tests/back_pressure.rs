@@ -161,7 +161,7 @@ impl Publisher {
 /// One message each 20 ms, which made each publication wait.
 const NOW_AND_THEN: [(u64, u64); 1] = [(20 * MS, 1)];
 
-//= SM2-QOS-015, SM2-QOS-016 test
+//= SM2-QOS-003, SM2-QOS-004 test
 #[test]
 fn links_that_release_now_and_then_are_waited_for_once() {
     for count in [1, 10] {
@@ -182,7 +182,7 @@ fn links_that_release_now_and_then_are_waited_for_once() {
 }
 
 /// Its window is full after 25 ms, and the publisher waits for the rest of its pause.
-//= SM2-QOS-014 test
+//= SM2-QOS-002 test
 #[test]
 fn a_link_that_is_briefly_behind_misses_nothing() {
     let pause = [(80 * MS, 5), (MS, 5)];
@@ -195,7 +195,7 @@ fn a_link_that_is_briefly_behind_misses_nothing() {
 }
 
 /// With the share of 100 %, the publisher is as slow as the link.
-//= SM2-QOS-016 test
+//= SM2-QOS-004 test
 #[test]
 fn without_a_limit_a_slow_link_misses_nothing() {
     let mut publisher = Publisher::new(100, [NOW_AND_THEN.to_vec()]);
@@ -205,7 +205,7 @@ fn without_a_limit_a_slow_link_misses_nothing() {
     assert!(publisher.published < MESSAGES / 3);
 }
 
-//= SM2-QOS-016 test
+//= SM2-QOS-004 test
 #[test]
 fn what_is_left_ends_a_wait() {
     let at = |ms: u64| Instant(ms * MS);
@@ -240,7 +240,7 @@ proptest! {
 
     /// The publisher waits for its share only, and subscribers that keep up get at least 0.97 of the messages that they
     /// would get alone. Any number of other subscribers releases any number of messages at any time.
-    //= SM2-QOS-016 test
+    //= SM2-QOS-004 test
     #[test]
     fn any_pattern_of_releases_leaves_the_others_their_share(
         patterns in vec(vec((1..300_u64, 0..=6_u64), 1..6), 1..=10)
@@ -259,7 +259,7 @@ proptest! {
     }
 
     /// The same for any share.
-    //= SM2-QOS-016 test
+    //= SM2-QOS-004 test
     #[test]
     fn the_waits_keep_to_any_share(
         share in 0..=100_u8,

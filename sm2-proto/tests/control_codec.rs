@@ -28,20 +28,20 @@ proptest! {
         let own = usize::from(frame == ToManager::Counters);
         for fds in 0..=3 {
             let decoded = decode_to_manager(&datagram(&bytes, fds));
-            let expected = if fds == own { Ok(frame.clone()) } else { Err(violation!(FdCount, "SM2-TRN-011")) };
+            let expected = if fds == own { Ok(frame.clone()) } else { Err(violation!(FdCount, "SM2-TRN-010")) };
             prop_assert_eq!(decoded, expected);
         }
         prop_assert_eq!(naive::to_manager(&bytes, own, false), Ok(json(&frame)));
     }
 
-    //= SM2-FRM-001, SM2-FRM-002, SM2-TRN-011 test
+    //= SM2-FRM-001, SM2-FRM-002, SM2-TRN-010 test
     #[test]
     fn there_and_back_to_the_node(frame in frames::to_node()) {
         let bytes = encode_to_node(&frame);
         let own = usize::from(matches!(frame, ToNode::Link { .. } | ToNode::Inspected { .. }));
         for fds in 0..=3 {
             let decoded = decode_to_node(&datagram(&bytes, fds));
-            let expected = if fds == own { Ok(frame.clone()) } else { Err(violation!(FdCount, "SM2-TRN-011")) };
+            let expected = if fds == own { Ok(frame.clone()) } else { Err(violation!(FdCount, "SM2-TRN-010")) };
             prop_assert_eq!(decoded, expected);
         }
         prop_assert_eq!(naive::to_node(&bytes, own, false), Ok(json(&frame)));
@@ -430,7 +430,7 @@ fn precedence() {
     }
     let hello = encode_to_manager(&hello("a"));
     let decoded = decode_to_manager(&datagram(&hello, 1));
-    assert_eq!(decoded, Err(violation!(FdCount, "SM2-TRN-011")));
+    assert_eq!(decoded, Err(violation!(FdCount, "SM2-TRN-010")));
     let cut = Datagram {
         data_truncated: true,
         control_truncated: true,

@@ -43,7 +43,7 @@ fn link_end() -> Entry {
 }
 
 /// Each field holds its own index, except the turn, the kind and the reserved words.
-//= SM2-CNT-012 test
+//= SM2-CNT-005 test
 #[test]
 fn every_field_has_its_place() {
     let mut expected: [u64; ENTRY_FIELDS] = core::array::from_fn(|index| index as u64);
@@ -62,8 +62,8 @@ fn every_field_has_its_place() {
     assert_eq!(Entry::from_words(&expected), Some(interface));
 }
 
-//= SM2-CNT-012 test
 //= SM2-CNT-005 test
+//= SM2-CNT-006 test
 #[test]
 fn what_is_not_an_entry() {
     let good = link_end().to_words(2);
@@ -89,7 +89,7 @@ fn what_is_not_an_entry() {
     assert_eq!(Entry::from_words(&interface), None);
 }
 
-//= SM2-CNT-003 test
+//= SM2-CNT-004 test
 #[test]
 fn sizes_and_headers() {
     assert_eq!((MAX_ENTRIES, MAX_FILE_BYTES), (8_191, 4_194_304));
@@ -115,7 +115,7 @@ fn sizes_and_headers() {
     assert_eq!(words[2..], [0; 62]);
 }
 
-//= SM2-CNT-012 test
+//= SM2-CNT-005 test
 #[test]
 fn recent_messages_come_oldest_first() {
     assert_eq!(

@@ -48,7 +48,7 @@ fn unlinked(interface: u64, link: LinkId, code: Code) -> ToManager {
 }
 
 /// The node ends the link of a LINK whose socket it lost. All else goes on.
-//= SM2-TRN-012, SM2-LNK-009 test
+//= SM2-TRN-011, SM2-LNK-009 test
 #[test]
 fn a_node_ends_the_link_whose_socket_it_lost_and_no_other() {
     let mut node = ready();
@@ -73,7 +73,7 @@ fn a_node_ends_the_link_whose_socket_it_lost_and_no_other() {
     assert_eq!(sent(&ended).len(), 1);
 }
 
-//= SM2-TRN-012, SM2-IFC-004 test
+//= SM2-TRN-011, SM2-IFC-004 test
 #[test]
 fn a_node_that_drops_the_interface_says_nothing() {
     let mut node = interface_in("dropping");
@@ -81,7 +81,7 @@ fn a_node_that_drops_the_interface_says_nothing() {
     assert_eq!(receive(&mut node, &unlink_1(1, 2)), Ok(Vec::new()));
 }
 
-//= SM2-TRN-012, SM2-CNT-002 test
+//= SM2-TRN-011, SM2-CNT-003 test
 #[test]
 fn counters_that_a_node_could_not_receive_are_none() {
     let mut node = ready();
@@ -94,7 +94,7 @@ fn counters_that_a_node_could_not_receive_are_none() {
 }
 
 /// COUNTERS is legal once more after one whose file the Manager could not receive.
-//= SM2-TRN-012, SM2-CNT-001 test
+//= SM2-TRN-011, SM2-CNT-001 test
 #[test]
 fn counters_that_the_manager_could_not_receive_may_come_again() {
     let mut bench = Bench::new(UNLIMITED);
@@ -111,13 +111,13 @@ fn counters_that_the_manager_could_not_receive_may_come_again() {
     assert_eq!(bench.datagram(node, whole), [Event::CountersKept(node)]);
     // A frame of another type has none that could be lost.
     let query = encode_to_manager(&ToManager::Query { after: None });
-    let violation = violation!(FdCount, "SM2-TRN-011");
+    let violation = violation!(FdCount, "SM2-TRN-010");
     let hung_up = Event::HungUp(node, Some(violation.code()), Cause::Violation(violation));
     assert_eq!(bench.datagram(node, lost(&query)), [hung_up]);
 }
 
 /// The Manager asks again for counters whose file it lost, after a second.
-//= SM2-CNT-008 test
+//= SM2-CNT-002 test
 #[test]
 fn lost_counters_are_asked_for_again() {
     let mut bench = Bench::new(UNLIMITED);

@@ -142,8 +142,8 @@ proptest! {
     #![proptest_config(cases(300))]
 
     //= SM2-IFC-002, SM2-IFC-003, SM2-IFC-004, SM2-IFC-005, SM2-IFC-007 test
-    //= SM2-MAT-005, SM2-MAT-002, SM2-MAT-003 test
-    //= SM2-LNK-001, SM2-LNK-002, SM2-LNK-003, SM2-LNK-009, SM2-LNK-007, SM2-TRN-006 test
+    //= SM2-MAT-001, SM2-MAT-002, SM2-MAT-003 test
+    //= SM2-LNK-001, SM2-LNK-002, SM2-LNK-003, SM2-LNK-009, SM2-LNK-006, SM2-TRN-005 test
     #[test]
     fn a_few_nodes(slots in 2..5_usize, ahead in ahead(), ops in vec(op(), 1..120)) {
         run(slots, ahead, &ops, true).end();

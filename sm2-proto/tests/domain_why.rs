@@ -107,7 +107,7 @@ fn who_is_not_there() {
     assert_eq!(party(at(9, 4)), "interface 4 of node 9");
 }
 
-//= SM2-MAT-005 test
+//= SM2-MAT-001 test
 #[test]
 fn kinds_reliability_deadlines_and_leases() {
     assert_eq!(
@@ -454,7 +454,7 @@ proptest! {
 
     /// A verdict says *matches* of exactly those pairs that match, whichever interface is named
     /// first, and has a text for each finding.
-    //= SM2-MAT-005 test
+    //= SM2-MAT-001 test
     #[test]
     fn why_agrees_with_the_rule(items in vec(items(), 0..40), one in entities(), other in entities()) {
         let mut domain = Domain::new();

@@ -35,7 +35,7 @@ fn field() -> impl Strategy<Value = u64> {
 proptest! {
     #![proptest_config(cases(500))]
 
-    //= SM2-GWF-002, SM2-GWO-006, SM2-FRM-001, SM2-FRM-002, SM2-NAM-001 test
+    //= SM2-GWF-002, SM2-GWO-007, SM2-FRM-001, SM2-FRM-002, SM2-NAM-001 test
     #[test]
     fn frames_and_what_is_almost_one(frame in frames::any_frame(), edits in vec(any::<(u16, u8, u8)>(), 0..4)) {
         let mut body = frame.to_bytes().split_off(4);
@@ -47,7 +47,7 @@ proptest! {
         }
     }
 
-    //= SM2-GWO-006 test
+    //= SM2-GWO-007 test
     #[test]
     fn paths(hops in vec((0_u8..12, 0_u64..2), 0..10)) {
         let hop = |(gateway, epoch)| Hop { gateway: GatewayId([gateway; 32]), epoch };
@@ -93,7 +93,7 @@ proptest! {
         }
     }
 
-    //= SM2-GWM-002, SM2-SRV-003, SM2-PAY-008 test
+    //= SM2-GWM-002, SM2-SRV-002, SM2-PAY-008 test
     #[test]
     fn headers(kind in 0_u64..5, fields in [field(), field(), field(), field()], change in any::<Option<(u8, u8)>>()) {
         let [offer, second, third, len] = fields;

@@ -114,7 +114,7 @@ fn the_bytes_of_each_frame() {
     }
 }
 
-//= SM2-GWF-002, SM2-GWO-006, SM2-FRM-001, SM2-FRM-002, SM2-NAM-001 test
+//= SM2-GWF-002, SM2-GWO-007, SM2-FRM-001, SM2-FRM-002, SM2-NAM-001 test
 #[test]
 fn bodies_that_are_refused() {
     let table: [(&[u8], &str); 16] = [
@@ -132,8 +132,8 @@ fn bodies_that_are_refused() {
         (b"\x07\x01\0\x01.", "bad-name (SM2-NAM-001)"),
         (b"\x07\x01\0\x02\xc3\xa4", "bad-name (SM2-NAM-001)"),
         (b"\x07\x01\0\x01\xff", "bad-name (SM2-FRM-001)"),
-        (b"\x04\x01\0", "bad-qos (SM2-GWO-006)"),
-        (b"\x04\x01\x81\x08", "bad-qos (SM2-GWO-006)"),
+        (b"\x04\x01\0", "bad-qos (SM2-GWO-007)"),
+        (b"\x04\x01\x81\x08", "bad-qos (SM2-GWO-007)"),
     ];
     for (body, expected) in table {
         let refused = Frame::from_body(body).expect_err("it is refused");
@@ -159,7 +159,7 @@ fn bodies_that_are_refused() {
         let expected = if is_legal {
             Ok(frame.clone())
         } else {
-            Err(violation!(PeerViolationKind::BadPath, "SM2-GWO-006"))
+            Err(violation!(PeerViolationKind::BadPath, "SM2-GWO-007"))
         };
         assert_eq!(Frame::from_body(&frame.to_bytes()[4..]), expected);
     }
@@ -270,7 +270,7 @@ fn the_bytes_of_a_header() {
     assert_eq!(Header::from_bytes(&expected), Ok(request));
 }
 
-//= SM2-GWM-002, SM2-SRV-003, SM2-PAY-008 test
+//= SM2-GWM-002, SM2-SRV-002, SM2-PAY-008 test
 #[test]
 fn headers_that_are_refused() {
     for (number, status) in (0..).zip(Outcome::ALL) {

@@ -421,7 +421,7 @@ proptest! {
 
     /// Each message is started or dropped once, for a reason that holds. The messages of a topic start
     /// in their order and none too old, and no message waits that may start.
-    //= SM2-GWM-004, SM2-GWM-010 test
+    //= SM2-GWM-004, SM2-GWM-006 test
     #[test]
     fn each_message_ends_once(all in vec(qos(), TOPICS), ops in vec(op(), 1..120)) {
         let mut compared = Compared::new(all);

@@ -297,7 +297,7 @@ fn of_two_connections_both_sides_keep_the_same() {
     assert!(older_stays(small, great, same, same), "a tie");
 }
 
-//= SM2-GWO-005 test
+//= SM2-GWO-006 test
 #[test]
 fn questions() {
     let kind = SubjectKind::Topic;
@@ -335,7 +335,7 @@ fn questions() {
     }
     assert_eq!(
         bench.frame(&ask(AskId(0))),
-        ended(violation!(PeerViolationKind::Malformed, "SM2-GWO-005"))
+        ended(violation!(PeerViolationKind::Malformed, "SM2-GWO-006"))
     );
     let mut bench = Bench::open();
     for number in 0..QUESTIONS_MAX as u64 {
@@ -360,7 +360,7 @@ fn questions() {
     assert_eq!(bench.frame(&answer(AskId(0), verdict)), [answered]);
     let refused = ended(violation!(
         PeerViolationKind::UnexpectedAnswer,
-        "SM2-GWO-005"
+        "SM2-GWO-006"
     ));
     assert_eq!(bench.frame(&answer(AskId(0), verdict)), refused);
 }

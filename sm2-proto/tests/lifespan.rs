@@ -46,7 +46,7 @@ fn a_message_expires_at_the_end_of_its_lifespan() {
     assert!(!server.is_expired(time, || panic!("reads no clock")));
 }
 
-//= SM2-QOS-010, SM2-MSG-006 test
+//= SM2-QOS-010, SM2-MSG-004 test
 #[test]
 fn a_receiver_gives_an_expired_message_back() {
     let mut link = opened(with_lifespan(reliable(Role::Receiver), 10));
@@ -71,7 +71,7 @@ fn a_receiver_gives_an_expired_message_back() {
     assert_eq!(sent(&drain(&mut link)), []);
 }
 
-//= SM2-QOS-010, SM2-QOS-011 test
+//= SM2-QOS-010, SM2-QOS-006 test
 #[test]
 fn a_sender_counts_what_its_receiver_gave_back_as_expired() {
     let mut link = opened(with_lifespan(config(Role::Sender), 10));
@@ -104,7 +104,7 @@ fn queued(config: Config) -> Link {
     link
 }
 
-//= SM2-QOS-010, SM2-QOS-011 test
+//= SM2-QOS-010, SM2-QOS-006 test
 #[test]
 fn messages_that_wait_at_the_sender_expire() {
     let mut link = queued(with_lifespan(reliable(Role::Sender), 10));
@@ -142,7 +142,7 @@ fn without_a_lifespan_messages_wait() {
     assert_eq!(link.in_flight(), 3);
 }
 
-//= SM2-QOS-010, SM2-QOS-011 test
+//= SM2-QOS-010, SM2-QOS-006 test
 #[test]
 fn a_publication_that_is_too_old_is_counted_and_not_sent() {
     let mut link = opened(with_lifespan(config(Role::Sender), 10));
@@ -174,7 +174,7 @@ fn expire(rig: &mut Rig) {
     let _ = rig.ends[RECEIVER].expire(&rig.words, &taken).unwrap();
 }
 
-//= SM2-QOS-010, SM2-RNG-016, SM2-QOS-011 test
+//= SM2-QOS-010, SM2-RNG-008, SM2-QOS-006 test
 #[test]
 fn a_back_word_says_that_its_message_has_expired() {
     let mut rig = rig([5, 5]);
@@ -203,7 +203,7 @@ fn a_back_word_says_that_its_message_has_expired() {
     assert_eq!(rig.ends[SENDER].counters().expired, 3);
 }
 
-//= SM2-RNG-016 test
+//= SM2-RNG-008 test
 #[test]
 fn a_back_word_cannot_say_so_without_a_lifespan() {
     let mut rig = rig([0, 5]);

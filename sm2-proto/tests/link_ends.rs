@@ -62,7 +62,7 @@ fn busy_sender() -> Link {
     link
 }
 
-//= SM2-OPN-005, SM2-OPN-007 test
+//= SM2-OPN-007, SM2-OPN-009 test
 #[test]
 fn closing_says_so_settles_all_and_is_last() {
     let mut link = busy_sender();
@@ -89,7 +89,7 @@ fn closing_says_so_settles_all_and_is_last() {
     assert_eq!(link.counters().closed, 4);
 }
 
-//= SM2-OPN-005, SM2-OPN-007, SM2-COD-001 test
+//= SM2-OPN-007, SM2-OPN-009, SM2-COD-001 test
 #[test]
 fn close_from_the_other_end_is_not_answered() {
     for code in [0, 5, 71, 999, u16::MAX] {
@@ -101,7 +101,7 @@ fn close_from_the_other_end_is_not_answered() {
     }
 }
 
-//= SM2-TRN-003, SM2-OPN-007 test
+//= SM2-TRN-003, SM2-OPN-009 test
 #[test]
 fn the_end_of_the_stream_and_a_read_of_nothing_are_the_same() {
     for input in [Input::Eof, Input::Datagram(Datagram::new(&[]))] {
@@ -114,7 +114,7 @@ fn the_end_of_the_stream_and_a_read_of_nothing_are_the_same() {
     }
 }
 
-//= SM2-OPN-005 test
+//= SM2-OPN-007 test
 #[test]
 fn what_came_before_the_end_can_be_taken_after_it() {
     let mut link = opened(config(Role::Receiver));
@@ -156,7 +156,7 @@ fn a_close_that_was_not_polled_is_dropped_when_the_socket_blocks() {
 }
 
 /// A driver says of a publication only what it can know. Each fate has a count of its own, and all of them add up.
-//= SM2-QOS-011 test
+//= SM2-QOS-006 test
 #[test]
 fn a_publication_is_dropped_with_a_fate_that_the_driver_knows() {
     for fate in Fate::ALL {

@@ -1,4 +1,4 @@
-//! Liveliness: who counts as alive at which time (SM2-QOS-012), and ALIVE (SM2-QOS-013).
+//! Liveliness: who counts as alive at which time (SM2-QOS-011), and ALIVE (SM2-QOS-012).
 
 use crate::link_support::{config, drain, feed, open_to, opened, sent, with_ring};
 use crate::ring_support::{RECEIVER, Rig, SENDER};
@@ -15,7 +15,7 @@ use sm2_proto::{
 proptest! {
     /// Signs of life at any times, and checks whenever they are due: a program is alive exactly while its last sign
     /// is not older than its lease, as far as the last check tells.
-    //= SM2-QOS-012 test
+    //= SM2-QOS-011 test
     #[test]
     fn a_program_is_alive_while_its_last_sign_is_young(
         lease in 1..20_u64,
@@ -101,7 +101,7 @@ fn tick(link: &mut Link, now: u64) -> (bool, u64, u64) {
     (link.watch().is_alive(), link.watch().lost_liveliness(), due)
 }
 
-//= SM2-QOS-012 test
+//= SM2-QOS-011 test
 #[test]
 fn messages_and_assertions_are_signs_of_life() {
     let mut link = receiver(10, Instant(100));
@@ -124,7 +124,7 @@ fn messages_and_assertions_are_signs_of_life() {
     assert_eq!(tick(&mut link, 155), (false, 2, 165));
 }
 
-//= SM2-QOS-012 test
+//= SM2-QOS-011 test
 #[test]
 fn a_time_in_the_future_counts_as_now() {
     let mut link = receiver(10, Instant(0));
@@ -133,7 +133,7 @@ fn a_time_in_the_future_counts_as_now() {
     assert_eq!(tick(&mut link, 15), (false, 1, 25));
 }
 
-//= SM2-QOS-012 test
+//= SM2-QOS-011 test
 #[test]
 fn only_an_open_receiver_that_demands_a_lease_watches() {
     for role in Role::ALL {
@@ -152,7 +152,7 @@ fn only_an_open_receiver_that_demands_a_lease_watches() {
 }
 
 /// The deadline and the lease are two periods of their own.
-//= SM2-QOS-009, SM2-QOS-012 test
+//= SM2-QOS-009, SM2-QOS-011 test
 #[test]
 fn the_first_of_deadline_and_lease_is_due() {
     let demanding = Config {
@@ -166,10 +166,10 @@ fn the_first_of_deadline_and_lease_is_due() {
     assert_eq!(link.watch().missed_deadlines(), 1);
 }
 
-//= SM2-QOS-013 test
+//= SM2-QOS-012 test
 #[test]
 fn only_a_receiver_that_demands_a_lease_takes_alive() {
-    let refused = Error::Ended(End::Violation(violation!(WrongRole, "SM2-QOS-013")));
+    let refused = Error::Ended(End::Violation(violation!(WrongRole, "SM2-QOS-012")));
     for (lease, expected) in [(0, Err(refused)), (1, Ok(()))] {
         for config in [config(Role::Receiver), with_ring(Role::Receiver)] {
             let mut link = opened(with_lease(config, lease));
@@ -186,7 +186,7 @@ fn packets(link: &mut Link) -> Vec<Vec<u8>> {
     sent(&drain(link)).iter().map(|it| it.to_vec()).collect()
 }
 
-//= SM2-QOS-013 test
+//= SM2-QOS-012 test
 #[test]
 fn a_sender_tells_a_receiver_that_demands_a_lease() {
     let mut link = Link::new(with_lease(config(Role::Sender), 10));
@@ -213,7 +213,7 @@ fn a_sender_tells_a_receiver_that_demands_a_lease() {
 }
 
 /// A publication that a receiver does not get is a sign of life all the same.
-//= SM2-QOS-013 test
+//= SM2-QOS-012 test
 #[test]
 fn alive_is_sent_for_a_publication_that_is_not() {
     let inputs = [
@@ -241,7 +241,7 @@ fn alive_is_sent_for_a_publication_that_is_not() {
 }
 
 /// A program that asserts its liveliness often does not fill the socket of a receiver that reads seldom.
-//= SM2-QOS-013 test
+//= SM2-QOS-012 test
 #[test]
 fn alive_is_sent_once_in_a_quarter_of_the_lease() {
     let mut link = opened(with_lease(config(Role::Sender), 40));
@@ -272,7 +272,7 @@ fn alive_is_sent_once_in_a_quarter_of_the_lease() {
 }
 
 /// Both ends of a ring, whose receiver demands a lease. The message with an id was published at 100 + id.
-//= SM2-QOS-012 test
+//= SM2-QOS-011 test
 #[test]
 fn a_message_in_a_ring_is_a_sign_of_life() {
     let receiver = Config {

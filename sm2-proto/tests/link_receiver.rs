@@ -33,7 +33,7 @@ fn discarded(sequences: &[u64]) -> Vec<u8> {
     release(sm2_proto::link::wire::Given::Discarded, sequences)
 }
 
-//= SM2-MSG-006, SM2-MSG-005 test
+//= SM2-MSG-004, SM2-MSG-005 test
 #[test]
 fn the_application_takes_the_oldest_and_holds_no_more_than_it_may() {
     let mut link = opened(reliable(Role::Receiver));
@@ -63,7 +63,7 @@ fn only_what_is_held_can_be_given_back() {
     assert_eq!(give_back(&mut link, 1), not_borrowed, "twice");
 }
 
-//= SM2-QOS-001, SM2-MSG-006 test
+//= SM2-QOS-001, SM2-MSG-004 test
 #[test]
 fn one_more_than_depth_displaces_the_oldest() {
     let mut link = opened(config(Role::Receiver));
@@ -75,7 +75,7 @@ fn one_more_than_depth_displaces_the_oldest() {
     assert_eq!((take(&mut link).sequence, link.untaken(&NoMemory)), (2, 1));
 }
 
-//= SM2-QOS-014, SM2-MSG-003 test
+//= SM2-QOS-002, SM2-MSG-003 test
 #[test]
 fn reliable_displaces_nothing_and_ends_at_the_window() {
     let mut link = opened(reliable(Role::Receiver));
@@ -123,7 +123,7 @@ fn what_is_displaced_before_anything_was_taken_is_lost() {
 }
 
 /// One RELEASE holds at most 512 sequence numbers, ascending, all with one fate.
-//= SM2-MSG-006 test
+//= SM2-MSG-004 test
 #[test]
 fn releases_are_batched() {
     let config = Config {
@@ -181,7 +181,7 @@ fn a_short_release_needs_no_second_piece() {
     assert_eq!(packet.to_vec(), consumed(&[1, 2, 3, 4, 5, 6]));
 }
 
-//= SM2-PAY-001 test
+//= SM2-PAY-002 test
 #[test]
 fn the_longest_inline_payload() {
     for (len, legal) in [(INLINE_MAX, true), (INLINE_MAX + 1, false)] {
@@ -198,13 +198,13 @@ fn the_longest_inline_payload() {
         } else {
             assert_eq!(
                 reject(&mut link, &Frame::Message(message)),
-                violation!(BadLength, "SM2-PAY-001")
+                violation!(BadLength, "SM2-PAY-002")
             );
         }
     }
 }
 
-//= SM2-PAY-002, SM2-PAY-005, SM2-SEG-003, SM2-SEG-005 test
+//= SM2-PAY-003, SM2-PAY-005, SM2-SEG-003, SM2-SEG-005 test
 #[test]
 fn a_slot_is_busy_until_its_release_has_left() {
     let mut link = opened(config(Role::Receiver));
@@ -275,7 +275,7 @@ fn a_displaced_message_keeps_its_slot_until_its_release_has_left() {
     accept(&mut link, &data_pooled(3, 3, 0));
 }
 
-//= SM2-PAY-003, SM2-SEG-001, SM2-SEG-002 test
+//= SM2-PAY-004, SM2-SEG-001, SM2-SEG-002 test
 #[test]
 fn the_descriptor_of_a_sealed_message_is_kept_if_it_may_be_mapped() {
     let frame = |len| {

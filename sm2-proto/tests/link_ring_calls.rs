@@ -24,7 +24,7 @@ fn kinds(pair: &Calls, end: usize) -> Vec<FrameKind> {
     wires[end].iter().map(kind).collect()
 }
 
-//= SM2-RNG-013, SM2-RNG-014 test
+//= SM2-RNG-001, SM2-RNG-002 test
 #[test]
 fn each_end_makes_the_ring_that_it_takes_from() {
     let mut pair = Calls::fresh([1, 2], [3, 2]);
@@ -46,7 +46,7 @@ fn each_end_makes_the_ring_that_it_takes_from() {
 
 /// The caller's ring has as many places as the limit of depths allows, even where the window is
 /// larger.
-//= SM2-RNG-014 test
+//= SM2-RNG-002 test
 #[test]
 fn a_caller_has_a_place_for_each_reply_within_the_limits() {
     for (depth, max_borrowed, expected) in [
@@ -68,7 +68,7 @@ fn a_caller_has_a_place_for_each_reply_within_the_limits() {
     assert_eq!(with_ring(Role::Sender).ring_layout(), None);
 }
 
-//= SM2-SRV-002, SM2-SRV-003, SM2-RNG-004 test
+//= SM2-SRV-001, SM2-SRV-002, SM2-RNG-004 test
 #[test]
 fn a_call_and_its_reply() {
     let mut pair = pair();
@@ -103,7 +103,7 @@ fn a_call_and_its_reply() {
 }
 
 /// A call or reply without room waits at its sender, is counted, and is sent once there is room.
-//= SM2-RNG-015, SM2-QOS-011 test
+//= SM2-RNG-012, SM2-QOS-006 test
 #[test]
 fn calls_and_replies_that_wait_for_room() {
     let mut pair = pair();
@@ -164,7 +164,7 @@ fn request(id: u64, slot: u32) -> OutboundMessage {
 }
 
 /// The limit includes the calls that wait for room.
-//= SM2-SRV-002 test
+//= SM2-SRV-001 test
 #[test]
 fn no_more_calls_than_the_limit() {
     let mut pair = pair();
@@ -236,7 +236,7 @@ fn cancel(pair: &mut Calls, call: u64) -> Result<(), Error> {
     result
 }
 
-//= SM2-RNG-012, SM2-SRV-004 test
+//= SM2-RNG-011, SM2-SRV-003 test
 #[test]
 fn a_cancel_that_overtakes_its_request() {
     let mut pair = pair();
@@ -262,7 +262,7 @@ fn a_cancel_that_overtakes_its_request() {
 }
 
 /// The reply is sent, taken and released before the server reads the CANCEL.
-//= SM2-RNG-012 test
+//= SM2-RNG-011 test
 #[test]
 fn a_cancel_that_is_overtaken_by_its_reply() {
     for taken in [false, true] {
@@ -284,7 +284,7 @@ fn a_cancel_that_is_overtaken_by_its_reply() {
 }
 
 /// A caller sends one CANCEL per call, and none once it has taken the reply.
-//= SM2-RNG-012 test
+//= SM2-RNG-011 test
 #[test]
 fn a_caller_cancels_while_it_waits() {
     let mut pair = pair();
@@ -305,7 +305,7 @@ fn a_caller_cancels_while_it_waits() {
 }
 
 /// The server has replied to one of two calls when the stream ends.
-//= SM2-RNG-011, SM2-SRV-005 test
+//= SM2-RNG-010, SM2-SRV-004 test
 #[test]
 fn a_reply_in_the_ring_has_come() {
     let mut pair = pair();
@@ -333,7 +333,7 @@ fn a_reply_in_the_ring_has_come() {
 }
 
 /// After the caller has gone, requests left in the ring are ignored.
-//= SM2-RNG-011 test
+//= SM2-RNG-010 test
 #[test]
 fn a_request_in_the_ring_when_the_caller_went() {
     let mut pair = pair();

@@ -33,7 +33,7 @@ fn numbers(outputs: &[Output]) -> Vec<(u64, u64)> {
     sent(outputs).iter().filter_map(number).collect()
 }
 
-//= SM2-MSG-001, SM2-MSG-002, SM2-PAY-001 test
+//= SM2-MSG-001, SM2-MSG-002, SM2-PAY-002 test
 #[test]
 fn an_inline_message_follows_its_header() {
     let mut link = opened(config(Role::Sender));
@@ -60,7 +60,7 @@ fn an_inline_message_follows_its_header() {
     assert_eq!((packet.payload.clone(), packet.attachment), (payload, None));
 }
 
-//= SM2-PAY-003 test
+//= SM2-PAY-004 test
 #[test]
 fn a_sealed_message_takes_its_descriptor_along() {
     let mut link = opened(Config {
@@ -81,7 +81,7 @@ fn a_sealed_message_takes_its_descriptor_along() {
     assert_eq!((packet.len_bytes(), packet.to_vec()[1]), (48, 2));
 }
 
-//= SM2-PAY-002, SM2-SEG-003 test
+//= SM2-PAY-003, SM2-SEG-003 test
 #[test]
 fn a_segment_is_attached_once_before_its_first_message() {
     let mut link = opened(config(Role::Sender));
@@ -110,7 +110,7 @@ fn no_more_than_the_window_is_unreleased() {
     assert_eq!(link.in_flight(), 4);
 }
 
-//= SM2-QOS-001, SM2-QOS-011 test
+//= SM2-QOS-001, SM2-QOS-006 test
 #[test]
 fn keep_last_displaces_the_oldest_that_waits() {
     let mut link = opened(config(Role::Sender));
@@ -139,7 +139,7 @@ fn keep_last_displaces_the_oldest_that_waits() {
     assert_eq!(link.counters(), expected);
 }
 
-//= SM2-QOS-011, SM2-QOS-017 test
+//= SM2-QOS-006, SM2-QOS-007 test
 #[test]
 fn a_publication_that_the_pool_limit_drops_is_counted_until_a_release() {
     let mut link = opened(config(Role::Sender));
@@ -196,7 +196,7 @@ fn a_blocked_socket_displaces_only_what_the_window_does_not_admit() {
     assert_eq!(numbers(&drain(&mut link)), [(1, 1), (2, 2), (3, 3)]);
 }
 
-//= SM2-QOS-014, SM2-QOS-015, SM2-QOS-011 test
+//= SM2-QOS-002, SM2-QOS-003, SM2-QOS-006 test
 #[test]
 fn reliable_waits_for_room_or_skips() {
     let mut link = opened(reliable(Role::Sender));
@@ -233,7 +233,7 @@ fn reliable_waits_for_room_or_skips() {
     assert_eq!(link.counters(), expected);
 }
 
-//= SM2-MSG-006 test
+//= SM2-MSG-004 test
 #[test]
 fn an_illegal_release_settles_nothing_of_it() {
     for named in [&[1, 4][..], &[2, 1], &[1, 1], &[0, 1], &[]] {
@@ -247,7 +247,7 @@ fn an_illegal_release_settles_nothing_of_it() {
     }
 }
 
-//= SM2-MSG-006 test
+//= SM2-MSG-004 test
 #[test]
 fn release_names_at_most_512() {
     for (count, legal) in [(512, true), (513, false)] {
@@ -398,7 +398,7 @@ fn what_the_other_end_would_reject_is_not_sent() {
     }
 }
 
-//= SM2-PAY-009, SM2-PAY-008 test
+//= SM2-PAY-001, SM2-PAY-008 test
 #[test]
 fn a_sealed_link_sends_no_pooled_message() {
     let mut link = opened(Config {
@@ -420,7 +420,7 @@ fn a_sealed_link_sends_no_pooled_message() {
 }
 
 /// A hostile peer cannot release a message that still waits for the window or the socket.
-//= SM2-MSG-003, SM2-MSG-006 test
+//= SM2-MSG-003, SM2-MSG-004 test
 #[test]
 fn what_was_not_sent_cannot_be_released() {
     let mut link = opened(config(Role::Sender));

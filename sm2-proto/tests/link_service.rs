@@ -35,7 +35,7 @@ fn refused(link: &mut Link, message: OutboundMessage) -> Misuse {
     }
 }
 
-//= SM2-SRV-002, SM2-SRV-003 test
+//= SM2-SRV-001, SM2-SRV-002 test
 #[test]
 fn a_call_is_open_until_its_one_reply() {
     let mut link = caller();
@@ -58,11 +58,11 @@ fn a_call_is_open_until_its_one_reply() {
     );
     assert_eq!(
         reject(&mut link, &reply(2, 7)),
-        violation!(UnknownCall, "SM2-SRV-003")
+        violation!(UnknownCall, "SM2-SRV-002")
     );
 }
 
-//= SM2-SRV-003 test
+//= SM2-SRV-002 test
 #[test]
 fn every_status_reaches_the_caller() {
     for status in Status::ALL {
@@ -80,7 +80,7 @@ fn every_status_reaches_the_caller() {
     }
 }
 
-//= SM2-SRV-002 test
+//= SM2-SRV-001 test
 #[test]
 fn no_more_than_1024_calls_are_open() {
     let mut link = caller();
@@ -95,7 +95,7 @@ fn no_more_than_1024_calls_are_open() {
     send(&mut link, message(2000));
 }
 
-//= SM2-SRV-003 test
+//= SM2-SRV-002 test
 #[test]
 fn a_server_replies_once_to_what_it_was_asked() {
     let mut link = server();
@@ -117,7 +117,7 @@ fn a_server_replies_once_to_what_it_was_asked() {
     assert_eq!(refused(&mut link, message(1)), Misuse::UnknownCall);
 }
 
-//= SM2-SRV-003 test
+//= SM2-SRV-002 test
 #[test]
 fn a_cancelled_call_has_no_payload() {
     for (status, legal) in [
@@ -159,7 +159,7 @@ fn a_reply_always_has_room() {
 }
 
 /// A reply that waits for the window has not been sent, so its call still counts as open.
-//= SM2-SRV-002 test
+//= SM2-SRV-001 test
 #[test]
 fn a_call_counts_until_its_reply_has_left() {
     let large = Config {
@@ -176,11 +176,11 @@ fn a_call_counts_until_its_reply_has_left() {
     accept(&mut link, &request(1025, 1025));
     assert_eq!(
         reject(&mut link, &request(1026, 1026)),
-        violation!(CallLimit, "SM2-SRV-002")
+        violation!(CallLimit, "SM2-SRV-001")
     );
 }
 
-//= SM2-SRV-004 test
+//= SM2-SRV-003 test
 #[test]
 fn a_call_is_cancelled_once() {
     let mut link = caller();
@@ -195,7 +195,7 @@ fn a_call_is_cancelled_once() {
     assert_eq!(cancel(&mut link, 1), Ok(vec![]), "it has its reply");
 }
 
-//= SM2-SRV-004 test
+//= SM2-SRV-003 test
 #[test]
 fn cancel_leaves_after_its_request() {
     let mut link = opened_with(config(Role::Caller), &open_with(&config(Role::Caller), 1));
@@ -211,7 +211,7 @@ fn cancel_leaves_after_its_request() {
     assert_eq!(kinds, [5, 8]);
 }
 
-//= SM2-SRV-004 test
+//= SM2-SRV-003 test
 #[test]
 fn a_cancel_that_the_reply_overtook_is_not_sent() {
     let mut link = caller();
@@ -223,7 +223,7 @@ fn a_cancel_that_the_reply_overtook_is_not_sent() {
     assert_eq!(drain(&mut link), []);
 }
 
-//= SM2-SRV-004 test
+//= SM2-SRV-003 test
 #[test]
 fn the_server_hears_of_a_cancel_and_still_replies() {
     let mut link = server();
@@ -243,7 +243,7 @@ fn the_server_hears_of_a_cancel_and_still_replies() {
     assert_eq!(sent(&outputs).len(), 1);
 }
 
-//= SM2-SRV-004 test
+//= SM2-SRV-003 test
 #[test]
 fn a_cancel_that_crossed_the_reply_is_ignored_once() {
     let mut link = server();
@@ -253,16 +253,16 @@ fn a_cancel_that_crossed_the_reply_is_ignored_once() {
     assert_eq!(accept(&mut link, &Frame::Cancel { call: 1 }), []);
     assert_eq!(
         reject(&mut link, &Frame::Cancel { call: 1 }),
-        violation!(BadCancel, "SM2-SRV-004")
+        violation!(BadCancel, "SM2-SRV-003")
     );
     release_all(&mut released, Given::Consumed, &[1]);
     assert_eq!(
         reject(&mut released, &Frame::Cancel { call: 1 }),
-        violation!(UnknownCall, "SM2-SRV-004")
+        violation!(UnknownCall, "SM2-SRV-003")
     );
 }
 
-//= SM2-SRV-005 test
+//= SM2-SRV-004 test
 #[test]
 fn when_the_link_ends_calls_without_a_reply_fail() {
     let mut link = caller();

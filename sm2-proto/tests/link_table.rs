@@ -14,7 +14,7 @@ use sm2_proto::{
 
 /// A `.` marks a frame that the state allows; its fields may still be wrong. In `opening` and
 /// `open, ring`, both ends offer the ring lane. In `ended`, the lane makes no difference.
-//= SM2-OPN-001, SM2-WIR-002, SM2-RNG-013 test
+//= SM2-OPN-001, SM2-WIR-002, SM2-RNG-001 test
 const EXPECTED: &str = "\
 opening        Sender           Receiver         Caller           Server
 Open           .                .                .                .
@@ -120,7 +120,7 @@ fn line(name: &str, cells: [String; 4]) -> String {
 
 fn config_on(ring: bool, role: Role) -> Config {
     let config = if ring { with_ring(role) } else { config(role) };
-    // Otherwise ALIVE is illegal (SM2-QOS-013).
+    // Otherwise ALIVE is illegal (SM2-QOS-012).
     let lease = Period(1);
     Config { lease, ..config }
 }
@@ -155,7 +155,7 @@ fn cell(state: State, ring: bool, role: Role, kind: FrameKind) -> String {
 }
 
 /// The ring lane is used only if both ends offer it.
-//= SM2-OPN-004, SM2-RNG-013 test
+//= SM2-OPN-004, SM2-RNG-001 test
 #[test]
 fn a_lane_is_used_only_if_both_offer_it() {
     for role in Role::ALL {
@@ -164,7 +164,7 @@ fn a_lane_is_used_only_if_both_offer_it() {
             let has_ring = ours && theirs;
             assert_eq!(link.lane() == LaneKind::Ring, has_ring, "{role:?}");
             let doorbell = feed(&mut link, &Frame::Doorbell.to_vec(), &[]);
-            let end = Error::Ended(End::Violation(violation!(WrongLane, "SM2-RNG-013")));
+            let end = Error::Ended(End::Violation(violation!(WrongLane, "SM2-RNG-001")));
             assert_eq!(doorbell, if has_ring { Ok(()) } else { Err(end) });
         }
     }
@@ -172,7 +172,7 @@ fn a_lane_is_used_only_if_both_offer_it() {
 
 /// A sealed link never uses the ring lane: its ends do not offer it, and ignore the other end's
 /// offer.
-//= SM2-RNG-013 test
+//= SM2-RNG-001 test
 #[test]
 fn a_sealed_link_has_no_ring() {
     for role in Role::ALL {

@@ -86,13 +86,13 @@ fn datagram_rows() -> Vec<Row> {
             &[],
         ),
         raw(
-            violation!(Malformed, "SM2-MSG-006"),
+            violation!(Malformed, "SM2-MSG-004"),
             sender(),
             &[7, 3, 0, 0, 0, 0, 0, 0],
             &[],
         ),
         raw(
-            violation!(FdCount, "SM2-TRN-011"),
+            violation!(FdCount, "SM2-TRN-010"),
             sender(),
             &[9, 0, 0, 0, 0, 0, 0, 0],
             &[sealed(1)],
@@ -132,22 +132,22 @@ fn open_rows() -> Vec<Row> {
             &changed(&|it| it.lanes = 0),
         ),
         row(
-            violation!(BadOpen, "SM2-OPN-009"),
+            violation!(BadOpen, "SM2-OPN-005"),
             fresh(),
             &changed(&|it| it.max_len = 0),
         ),
         row(
-            violation!(BadOpen, "SM2-OPN-009"),
+            violation!(BadOpen, "SM2-OPN-005"),
             fresh(),
             &changed(&|it| it.max_len = (1 << 30) + 1),
         ),
         row(
-            violation!(BadOpen, "SM2-OPN-010"),
+            violation!(BadOpen, "SM2-OPN-006"),
             fresh(),
             &changed(&|it| it.publications.publisher = 1),
         ),
         row(
-            violation!(BadOpen, "SM2-OPN-010"),
+            violation!(BadOpen, "SM2-OPN-006"),
             fresh(),
             &changed(&|it| it.publications.published = 1),
         ),
@@ -187,7 +187,7 @@ fn flow_rows() -> Vec<Row> {
             &data(4, 4),
         ),
         row(
-            violation!(BadRelease, "SM2-MSG-006"),
+            violation!(BadRelease, "SM2-MSG-004"),
             sender(),
             &Frame::Release {
                 given: Given::Consumed,
@@ -197,17 +197,17 @@ fn flow_rows() -> Vec<Row> {
         ),
         expired_row(),
         row(
-            violation!(UnknownSegment, "SM2-PAY-002"),
+            violation!(UnknownSegment, "SM2-PAY-003"),
             receiver(),
             &data_pooled(1, 1, 0),
         ),
         row(
-            violation!(BadSlot, "SM2-PAY-002"),
+            violation!(BadSlot, "SM2-PAY-003"),
             attached(),
             &data_pooled(1, 1, 2),
         ),
         row(
-            violation!(BadLength, "SM2-PAY-002"),
+            violation!(BadLength, "SM2-PAY-003"),
             attached(),
             &Frame::Message(long),
         ),
@@ -217,12 +217,12 @@ fn flow_rows() -> Vec<Row> {
             &data_pooled(2, 2, 0),
         ),
         row(
-            violation!(NotSealed, "SM2-PAY-009"),
+            violation!(NotSealed, "SM2-PAY-001"),
             sealed_link.clone(),
             &data_pooled(1, 1, 0),
         ),
         row(
-            violation!(NotSealed, "SM2-PAY-009"),
+            violation!(NotSealed, "SM2-PAY-001"),
             sealed_link,
             &Frame::Attach(SEGMENT),
         ),
@@ -253,7 +253,7 @@ fn too_long_row() -> Row {
         len: 1_025,
         ..from_peer(Carrier::Data, 1, 1)
     });
-    row(violation!(MessageTooLong, "SM2-PAY-011"), link, &frame)
+    row(violation!(MessageTooLong, "SM2-PAY-010"), link, &frame)
 }
 
 /// A receiver with three of three messages unreleased: the RELEASE of the displaced one waits for
@@ -367,37 +367,37 @@ fn service_rows() -> Vec<Row> {
     };
     vec![
         row(
-            violation!(CallLimit, "SM2-SRV-002"),
+            violation!(CallLimit, "SM2-SRV-001"),
             full,
             &request(1025, 1025),
         ),
         row(
-            violation!(BadCancel, "SM2-SRV-004"),
+            violation!(BadCancel, "SM2-SRV-003"),
             cancelled,
             &Frame::Cancel { call: 1 },
         ),
         row(
-            violation!(UnknownCall, "SM2-SRV-003"),
+            violation!(UnknownCall, "SM2-SRV-002"),
             opened(config(Role::Caller)),
             &reply(1, 1),
         ),
         row(
-            violation!(UnknownCall, "SM2-SRV-004"),
+            violation!(UnknownCall, "SM2-SRV-003"),
             opened(config(Role::Server)),
             &Frame::Cancel { call: 1 },
         ),
         row(
-            violation!(BadLength, "SM2-SRV-003"),
+            violation!(BadLength, "SM2-SRV-002"),
             called,
             &Frame::Message(late),
         ),
     ]
 }
 
-//= SM2-OPN-006, SM2-TRN-004, SM2-TRN-011, SM2-WIR-001 test
-//= SM2-PAY-002, SM2-PAY-009, SM2-PAY-005, SM2-MSG-003 test
+//= SM2-OPN-008, SM2-TRN-004, SM2-TRN-010, SM2-WIR-001 test
+//= SM2-PAY-003, SM2-PAY-001, SM2-PAY-005, SM2-MSG-003 test
 //= SM2-SEG-001, SM2-SEG-002, SM2-SEG-003, SM2-SEG-004, SM2-SEG-005 test
-//= SM2-RNG-013, SM2-RNG-014, SM2-RNG-010 test
+//= SM2-RNG-001, SM2-RNG-002, SM2-RNG-009 test
 #[test]
 fn each_violation_ends_the_link_for_good() {
     for Row {
@@ -453,7 +453,7 @@ fn assert_dead(mut link: Link, end: End) {
 }
 
 /// While the driver keeps a packet, CLOSE cannot replace it.
-//= SM2-OPN-006 test
+//= SM2-OPN-008 test
 #[test]
 fn a_blocked_link_ends_without_close() {
     for Row {

@@ -33,7 +33,7 @@ fn hung_up(node: NodeId, rule: Violation) -> Event {
     Event::HungUp(node, Some(rule.code()), Cause::Violation(rule))
 }
 
-//= SM2-CNT-001, SM2-CNT-002 test
+//= SM2-CNT-001, SM2-CNT-003 test
 #[test]
 fn counters_are_kept_and_handed_on() {
     let mut bench = Bench::new(UNLIMITED);
@@ -60,7 +60,7 @@ fn counters_are_kept_and_handed_on() {
     assert_eq!(inspect(&mut bench, a), [none(a)]);
 }
 
-//= SM2-CNT-001, SM2-CNT-003 test
+//= SM2-CNT-001, SM2-CNT-004 test
 #[test]
 fn files_that_are_no_counters() {
     let with = |size_bytes| FdFacts {
@@ -121,7 +121,7 @@ fn files_that_are_no_counters() {
             ..Datagram::new(&bytes)
         };
         let events = bench.clone().datagram(node, datagram);
-        assert_eq!(events, [hung_up(node, violation!(FdCount, "SM2-TRN-011"))]);
+        assert_eq!(events, [hung_up(node, violation!(FdCount, "SM2-TRN-010"))]);
     }
 }
 

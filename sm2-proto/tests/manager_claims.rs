@@ -316,7 +316,7 @@ fn a_name_taken_across_the_gap() {
 }
 
 /// An interface that was refused during the resumption can be neither claimed for nor linked.
-//= SM2-RES-011, SM2-IFC-005 test
+//= SM2-RES-010, SM2-IFC-005 test
 #[test]
 fn an_interface_that_is_refused_now() {
     let mut bench = Bench::new(UNLIMITED);

@@ -13,7 +13,7 @@ use sm2_proto::{
     manager::{Cause, Credentials, Input, Manager, Misuse},
 };
 
-//= SM2-TRN-009, SM2-SES-006 test
+//= SM2-TRN-008, SM2-SES-006 test
 #[test]
 fn a_session_that_does_not_read_is_given_up() {
     let mut bench = Bench::new(UNLIMITED);
@@ -162,7 +162,7 @@ fn a_manager_that_ends_leaves_the_links_alone() {
     assert_eq!(bench.hello(greeting, "late"), []);
 }
 
-//= SM2-RES-010 test
+//= SM2-RES-009 test
 #[test]
 fn only_standbys_are_told_early_of_a_hand_over() {
     let mut bench = Bench::new(UNLIMITED);
@@ -185,7 +185,7 @@ fn only_standbys_are_told_early_of_a_hand_over() {
 }
 
 /// HELLO, DECLARE and all other frames of one session do not affect another one.
-//= SM2-TRN-007, SM2-IFC-003 test
+//= SM2-TRN-006, SM2-IFC-003 test
 #[test]
 fn interfaces_belong_to_their_session() {
     let mut bench = Bench::new(UNLIMITED);

@@ -55,7 +55,7 @@ fn offering(bench: &mut Bench, text: &str, publishers: u64) -> NodeId {
     node
 }
 
-//= SM2-LNK-007, SM2-IFC-002, SM2-MAT-002 test
+//= SM2-LNK-006, SM2-IFC-002, SM2-MAT-002 test
 #[test]
 fn links_wait_until_others_are_read() {
     let mut bench = Bench::new(LIMITS);
@@ -81,7 +81,7 @@ fn links_wait_until_others_are_read() {
     );
 }
 
-//= SM2-LNK-007 test
+//= SM2-LNK-006 test
 #[test]
 fn a_session_that_does_not_read_holds_up_no_other() {
     let mut bench = Bench::new(LIMITS);
@@ -102,7 +102,7 @@ fn a_session_that_does_not_read_holds_up_no_other() {
 
 /// A session that never reads costs the Manager no more than the LINKs in flight and the ends of
 /// its links, whatever other nodes do.
-//= SM2-LNK-007 test
+//= SM2-LNK-006 test
 #[test]
 fn no_session_fills_the_queue_of_another() {
     let mut bench = Bench::new(LIMITS);
@@ -121,7 +121,7 @@ fn no_session_fills_the_queue_of_another() {
 }
 
 /// The same for a session under the default limits, in bytes: the Manager buffers at most 1 MiB.
-//= SM2-LNK-007, SM2-TRN-009 test
+//= SM2-LNK-006, SM2-TRN-008 test
 #[test]
 fn an_honest_session_is_not_made_to_stall() {
     const QUEUE_BYTES: usize = 1 << 20;
@@ -169,7 +169,7 @@ fn an_honest_session_is_not_made_to_stall() {
     assert!(bytes > 0 && bytes < QUEUE_BYTES, "{bytes} bytes");
 }
 
-//= SM2-LNK-007, SM2-LNK-003 test
+//= SM2-LNK-006, SM2-LNK-003 test
 #[test]
 fn links_that_end_before_are_never_named() {
     let mut bench = Bench::new(LIMITS);
@@ -192,7 +192,7 @@ fn links_that_end_before_are_never_named() {
     assert_eq!(told.len(), 5, "{told:?}");
 }
 
-//= SM2-LNK-007, SM2-LNK-003 test
+//= SM2-LNK-006, SM2-LNK-003 test
 #[test]
 fn nobody_knows_a_link_that_it_was_not_told_of() {
     let mut bench = Bench::new(LIMITS);
@@ -213,7 +213,7 @@ fn nobody_knows_a_link_that_it_was_not_told_of() {
 }
 
 /// Without descriptors no LINK is sent, so no frame has to be read before the others.
-//= SM2-LNK-007, SM2-IFC-002 test
+//= SM2-LNK-006, SM2-IFC-002 test
 #[test]
 fn links_that_fail_leave_their_room_to_others() {
     let mut bench = Bench::new(LIMITS);
@@ -229,7 +229,7 @@ fn links_that_fail_leave_their_room_to_others() {
 }
 
 /// The first call goes to the server that has connected, however slow the other servers are.
-//= SM2-LNK-007 test
+//= SM2-LNK-006 test
 #[test]
 fn matches_counts_only_what_follows_at_once() {
     let mut bench = Bench::new(LIMITS);
@@ -244,7 +244,7 @@ fn matches_counts_only_what_follows_at_once() {
 }
 
 /// One CLAIMED of a session with this many subscribers, each of which matches this many publishers.
-//= SM2-RES-007, SM2-LNK-007 test
+//= SM2-RES-007, SM2-LNK-006 test
 #[test]
 fn one_claimed_is_settled_in_parts() {
     const SUBSCRIBERS: u64 = 200;

@@ -35,7 +35,7 @@ fn qos(policy: Limits, one: (u32, &Contract), other: (u32, &Contract)) -> Option
     Some(qos[0])
 }
 
-//= SM2-MAT-005, SM2-MAT-003, SM2-LNK-001 test
+//= SM2-MAT-001, SM2-MAT-003, SM2-LNK-001 test
 #[test]
 fn terms_of_topics() {
     // offered, demanded: reliable; then matched, reliable.
@@ -93,7 +93,7 @@ fn terms_of_services() {
     }
 }
 
-//= SM2-MAT-005, SM2-NAM-001 test
+//= SM2-MAT-001, SM2-NAM-001 test
 #[test]
 fn what_does_not_match() {
     let (a, b) = (data("A"), data("B"));

@@ -81,7 +81,7 @@ fn scene(policy: Limits, publishers: u64, room: u32) -> (Bench, NodeId, NodeId, 
     (bench, talker, listener, made)
 }
 
-//= SM2-LNK-010 test
+//= SM2-LNK-007 test
 #[test]
 fn links_beyond_the_room_of_a_node_wait_until_others_end() {
     let (mut bench, talker, listener, at_once) = scene(UNLIMITED, 6, 3);
@@ -105,7 +105,7 @@ fn links_beyond_the_room_of_a_node_wait_until_others_end() {
     assert_eq!(waiting(&mut bench, listener), 1);
 }
 
-//= SM2-LNK-010 test
+//= SM2-LNK-007 test
 #[test]
 fn max_links_changes_the_room_and_ends_nothing() {
     let (mut bench, _, listener, at_once) = scene(UNLIMITED, 6, 2);
@@ -128,7 +128,7 @@ fn max_links_changes_the_room_and_ends_nothing() {
 }
 
 /// WITHDRAW replaces the farewells of all links of the interface.
-//= SM2-LNK-010, SM2-IFC-003 test
+//= SM2-LNK-007, SM2-IFC-003 test
 #[test]
 fn a_withdrawn_interface_leaves_room_for_others() {
     let (mut bench, talker, listener, _) = scene(UNLIMITED, 4, 3);
@@ -148,7 +148,7 @@ fn a_withdrawn_interface_leaves_room_for_others() {
 }
 
 /// A link of a session with itself has two ends there.
-//= SM2-LNK-010 test
+//= SM2-LNK-007 test
 #[test]
 fn a_link_with_itself_needs_room_for_both_ends() {
     let mut bench = Bench::new(UNLIMITED);
@@ -163,7 +163,7 @@ fn a_link_with_itself_needs_room_for_both_ends() {
 }
 
 /// Both sides need room, and a node without room holds up no other pair.
-//= SM2-LNK-010 test
+//= SM2-LNK-007 test
 #[test]
 fn a_full_node_holds_up_no_other() {
     let mut bench = Bench::new(UNLIMITED);
@@ -191,7 +191,7 @@ fn a_full_node_holds_up_no_other() {
 }
 
 /// A driver without descriptors for a socket pair: neither node has the link.
-//= SM2-LNK-008, SM2-LNK-010 test
+//= SM2-LNK-008, SM2-LNK-007 test
 #[test]
 fn a_link_that_could_not_be_made_takes_no_room() {
     let (mut bench, _, listener, _) = scene(UNLIMITED, 3, 1);
@@ -205,7 +205,7 @@ fn a_link_that_could_not_be_made_takes_no_room() {
 }
 
 /// Claims count beyond the room, and do not end for it.
-//= SM2-LNK-010, SM2-RES-004 test
+//= SM2-LNK-007, SM2-RES-004 test
 #[test]
 fn links_of_an_earlier_manager_go_on_beyond_the_room() {
     let mut bench = Bench::new(UNLIMITED);
@@ -246,7 +246,7 @@ fn links_of_an_earlier_manager_go_on_beyond_the_room() {
 }
 
 /// Nobody knows a link that waits: its number can only have been guessed.
-//= SM2-LNK-010, SM2-LNK-003 test
+//= SM2-LNK-007, SM2-LNK-003 test
 #[test]
 fn why_names_the_node_without_room() {
     let (mut bench, talker, listener, _) = scene(UNLIMITED, 2, 1);
@@ -281,7 +281,7 @@ fn why_names_the_node_without_room() {
 }
 
 /// A watcher learns that a link waits no more.
-//= SM2-LNK-010, SM2-WCH-002 test
+//= SM2-LNK-007, SM2-WCH-002 test
 #[test]
 fn changes_show_the_end_of_waiting() {
     let (mut bench, _, listener, _) = scene(UNLIMITED, 2, 1);

@@ -170,7 +170,7 @@ fn the_end_of_a_session_with_many_links_is_cut() {
     assert_eq!(bench.manager.links(), peers.len());
 }
 
-//= SM2-SES-009, SM2-LNK-007 test
+//= SM2-SES-009, SM2-LNK-006 test
 #[test]
 fn a_link_that_nobody_was_told_of_ends_in_silence() {
     let policy = POLICY.with(Limit::LinksInFlight, 1);
@@ -187,7 +187,7 @@ fn a_link_that_nobody_was_told_of_ends_in_silence() {
     assert_eq!(bench.manager.links(), 0);
 }
 
-//= SM2-SES-009, SM2-LNK-007 test
+//= SM2-SES-009, SM2-LNK-006 test
 #[test]
 fn links_that_waited_for_room_are_announced_in_parts() {
     let policy = POLICY.with(Limit::LinksInFlight, 30);

@@ -280,7 +280,7 @@ fn links_per_session_of_the_other_side() {
 }
 
 /// Both ends of a link within one session count.
-//= SM2-MAT-005, SM2-MAT-002 test
+//= SM2-MAT-001, SM2-MAT-002 test
 #[test]
 fn links_within_one_session() {
     for (limit, granted) in [(1, false), (2, true), (3, true)] {

@@ -48,7 +48,7 @@ fn pair(bench: &mut Bench) -> (NodeId, NodeId, LinkId) {
     (talker, listener, links[0])
 }
 
-//= SM2-ACC-013, SM2-ACC-017 test
+//= SM2-ACC-013, SM2-ACC-014 test
 #[test]
 fn a_denied_interface_loses_its_links_and_comes_back() {
     let mut bench = Bench::new(UNLIMITED);
@@ -155,7 +155,7 @@ fn an_exclusive_topic_keeps_the_publisher_that_came_first() {
     assert_eq!(reload(&mut bench, exclusive(Vec::new())), [lose(first)]);
 }
 
-//= SM2-ACC-017 test
+//= SM2-ACC-014 test
 #[test]
 fn a_node_that_does_not_confirm_is_ended() {
     let limits = UNLIMITED.with(Limit::Confirmation, 7_000);
@@ -199,7 +199,7 @@ fn a_node_that_does_not_confirm_is_ended() {
 
 /// A suspended interface without links is confirmed as well, because messages of links that ended
 /// before may wait in its node. Each suspension is confirmed for itself.
-//= SM2-ACC-017 test
+//= SM2-ACC-014 test
 #[test]
 fn an_interface_without_links_confirms_each_suspension() {
     let rules = || tables(vec![deny("deaf", Action::Subscribe, &["a"], &[])]);
@@ -258,7 +258,7 @@ fn a_denied_name_ends_the_session_after_its_links() {
 }
 
 /// A node comes back with an interface that the policy of this Manager denies.
-//= SM2-RES-011, SM2-ACC-017 test
+//= SM2-RES-010, SM2-ACC-014 test
 #[test]
 fn a_renewed_interface_that_is_denied_stays_suspended() {
     let policy = UNLIMITED.with(Limit::InterfacesPerSession, 1);

@@ -32,7 +32,7 @@ const fn answer(node: NodeId, outcome: ReloadOutcome) -> Event {
     Event::Sent(node, ToNode::Reloaded { outcome })
 }
 
-//= SM2-ACC-016 test
+//= SM2-ACC-017 test
 #[test]
 fn only_the_managers_user_and_root_may_ask() {
     let mut bench = bench();
@@ -52,7 +52,7 @@ fn only_the_managers_user_and_root_may_ask() {
     assert_eq!(reload(&mut bench, owner), [refused]);
 }
 
-//= SM2-ACC-015 test
+//= SM2-ACC-016 test
 #[test]
 fn the_answer_comes_when_the_policy_is_applied() {
     let mut bench = bench();
@@ -83,7 +83,7 @@ fn the_answer_comes_when_the_policy_is_applied() {
     assert_eq!(settle(&mut bench), both);
 }
 
-//= SM2-ACC-015 test
+//= SM2-ACC-016 test
 #[test]
 fn what_cannot_be_used_is_said_and_changes_nothing() {
     let mut bench = bench();
@@ -118,7 +118,7 @@ fn what_cannot_be_used_is_said_and_changes_nothing() {
     assert!(bench.manager.has_access_policy());
 }
 
-//= SM2-ACC-015 test
+//= SM2-ACC-016 test
 #[test]
 fn a_domain_without_a_policy_says_so() {
     let mut bench = bench();
@@ -136,7 +136,7 @@ fn a_domain_without_a_policy_says_so() {
     assert_eq!(settle(&mut bench), [applied]);
 }
 
-//= SM2-ACC-015 test
+//= SM2-ACC-016 test
 #[test]
 fn a_session_that_the_policy_ends_is_answered_first() {
     let mut bench = bench();
@@ -150,7 +150,7 @@ fn a_session_that_the_policy_ends_is_answered_first() {
     assert!(!bench.manager.is_applying_policy());
 }
 
-//= SM2-ACC-015 test
+//= SM2-ACC-016 test
 #[test]
 fn one_question_at_a_time() {
     let mut bench = bench();
@@ -160,7 +160,7 @@ fn one_question_at_a_time() {
         if reads {
             bench.input(Input::SetAccessPolicy(access(tables(Vec::new()))));
         }
-        let twice = violation!(ReloadTwice, "SM2-ACC-015");
+        let twice = violation!(ReloadTwice, "SM2-ACC-016");
         let hung_up = Event::HungUp(tool, Some(twice.code()), Cause::Violation(twice));
         assert_eq!(reload(&mut bench, tool), [hung_up]);
         // Nobody waits any more.

@@ -262,7 +262,7 @@ fn breaches(link: LinkId) -> Vec<(Violation, Vec<u8>, usize)> {
             violation!(UnknownLink, "SM2-LNK-003"),
             unlinked(7, other_serial),
         ),
-        (violation!(UnexpectedSuspended, "SM2-ACC-017"), suspended(7)),
+        (violation!(UnexpectedSuspended, "SM2-ACC-014"), suspended(7)),
         (
             violation!(BadSchema, "SM2-SCH-001"),
             ToManager::Schema(SchemaText {
@@ -286,8 +286,8 @@ fn breaches(link: LinkId) -> Vec<(Violation, Vec<u8>, usize)> {
             vec![0, 1, 1, 1, b' '],
             0,
         ),
-        (violation!(FdCount, "SM2-TRN-011"), vec![2, 7], 1),
-        (violation!(FdCount, "SM2-TRN-011"), vec![9], 0),
+        (violation!(FdCount, "SM2-TRN-010"), vec![2, 7], 1),
+        (violation!(FdCount, "SM2-TRN-010"), vec![9], 0),
         (violation!(NotAMemfd, "SM2-CNT-001"), vec![9], 1),
     ]);
     breaches

@@ -16,7 +16,7 @@ use sm2_proto::{
 /// The least maximum, in bytes.
 const LEAST: u64 = 1_024;
 
-const TOO_LONG: End = End::Violation(violation!(MessageTooLong, "SM2-PAY-011"));
+const TOO_LONG: End = End::Violation(violation!(MessageTooLong, "SM2-PAY-010"));
 
 fn short(role: Role) -> Config {
     Config {
@@ -41,7 +41,7 @@ fn sealed_message(id: u64, len: u64) -> OutboundMessage {
     }
 }
 
-//= SM2-OPN-009 test
+//= SM2-OPN-005 test
 #[test]
 fn a_maximum_is_rounded_up_within_the_range_of_open() {
     for (bytes, expected) in [
@@ -58,7 +58,7 @@ fn a_maximum_is_rounded_up_within_the_range_of_open() {
     assert_eq!(MaxLen::default().bytes(), 1 << 30);
 }
 
-//= SM2-OPN-009 test
+//= SM2-OPN-005 test
 #[test]
 fn open_names_the_own_maximum_and_tells_that_of_the_other_end() {
     for role in Role::ALL {
@@ -87,7 +87,7 @@ fn from_peer_of_len(carrier: Carrier, form: Form, len: u64, rest: &[u8]) -> Mess
     }
 }
 
-//= SM2-PAY-011 test
+//= SM2-PAY-010 test
 #[test]
 fn on_the_socket_lane_exactly_the_maximum_is_accepted() {
     let bytes = [7; LEAST as usize + 1];
@@ -126,7 +126,7 @@ fn on_the_socket_lane_exactly_the_maximum_is_accepted() {
 }
 
 /// The driver keeps and maps a file only after `Output::Keep`, so it never sees this one.
-//= SM2-PAY-011 test
+//= SM2-PAY-010 test
 #[test]
 fn a_file_of_a_message_that_is_too_long_is_not_kept() {
     let mut link = opened(Config {
@@ -179,7 +179,7 @@ fn ring_send(rig: &mut Rig, id: u64, len: u64) -> Result<(), Error> {
     sent.map(drop)
 }
 
-//= SM2-PAY-011, SM2-RNG-004 test
+//= SM2-PAY-010, SM2-RNG-004 test
 #[test]
 fn on_the_ring_lane_exactly_the_maximum_is_accepted() {
     for (len, in_head, expected) in [
@@ -246,7 +246,7 @@ fn only_a_sender_counts_messages_as_too_long() {
     }
 }
 
-//= SM2-QOS-008, SM2-SRV-007 test
+//= SM2-QOS-008, SM2-SRV-006 test
 #[test]
 fn messages_that_were_queued_before_open_are_dropped() {
     for role in [Role::Sender, Role::Caller] {
@@ -266,7 +266,7 @@ fn messages_that_were_queued_before_open_are_dropped() {
     }
 }
 
-//= SM2-SRV-007, SM2-SRV-008 test
+//= SM2-SRV-006, SM2-SRV-007 test
 #[test]
 fn callers_and_servers_send_nothing_that_is_too_long() {
     let misuse = Err(Error::Misuse(Misuse::NotAccepted));

@@ -49,7 +49,7 @@ fn one_answer_for_each_watch() {
     assert_eq!(sent(&drain(&mut node)), [ToManager::Watch { after: 9 }]);
 }
 
-//= SM2-ACC-015 test
+//= SM2-ACC-016 test
 #[test]
 fn one_answer_for_each_reload() {
     let mut node = ready();
@@ -58,7 +58,7 @@ fn one_answer_for_each_reload() {
     let answer = Output::Reloaded(ReloadOutcome::Applied);
     assert_eq!(receive(&mut node, &reloaded()), Ok(vec![answer]));
     let unasked = violation(&mut node.clone(), &reloaded());
-    assert_eq!(unasked, violation!(UnexpectedReloaded, "SM2-ACC-015"));
+    assert_eq!(unasked, violation!(UnexpectedReloaded, "SM2-ACC-016"));
     node.handle(NOW, Input::Reload).expect("ready");
     assert_eq!(sent(&drain(&mut node)), [ToManager::Reload]);
 }
@@ -76,12 +76,12 @@ fn counters_go_out_once_per_session() {
     assert_eq!(node.handle(NOW, Input::Counters), Ok(()));
 }
 
-//= SM2-CNT-008 test
+//= SM2-CNT-002 test
 #[test]
 fn counters_that_were_lost_go_out_again() {
     let mut node = ready();
     let early = violation(&mut node.clone(), &ToNode::CountersLost);
-    assert_eq!(early, violation!(UnexpectedCounters, "SM2-CNT-008"));
+    assert_eq!(early, violation!(UnexpectedCounters, "SM2-CNT-002"));
     node.handle(NOW, Input::Counters).expect("ready");
     let first = drain(&mut node);
     for _ in 0..2 {
@@ -89,11 +89,11 @@ fn counters_that_were_lost_go_out_again() {
     }
     come_back(&mut node);
     let early = violation(&mut node, &ToNode::CountersLost);
-    assert_eq!(early, violation!(UnexpectedCounters, "SM2-CNT-008"));
+    assert_eq!(early, violation!(UnexpectedCounters, "SM2-CNT-002"));
 }
 
 /// The Manager learns it before it can make a link. The next Manager learns it as well.
-//= SM2-LNK-010 test
+//= SM2-LNK-007 test
 #[test]
 fn every_manager_learns_how_many_links_a_node_can_have() {
     let frame = |max_links| ToManager::MaxLinks { max_links };
@@ -122,7 +122,7 @@ fn every_manager_learns_how_many_links_a_node_can_have() {
     assert!(node.handle(NOW, Input::MaxLinks(1)).is_err());
 }
 
-//= SM2-CNT-002 test
+//= SM2-CNT-003 test
 #[test]
 fn inspects_are_answered_in_their_order() {
     let mut node = ready();
@@ -134,7 +134,7 @@ fn inspects_are_answered_in_their_order() {
     let none = |node| ToNode::NotInspected { node: NodeId(node) };
     for early in [found(5), none(5)] {
         let early = violation(&mut node.clone(), &early);
-        assert_eq!(early, violation!(UnexpectedCounters, "SM2-CNT-002"));
+        assert_eq!(early, violation!(UnexpectedCounters, "SM2-CNT-003"));
     }
     let answer = receive(&mut node, &found(4));
     assert_eq!(answer, Ok(vec![Output::Inspected { node: NodeId(4) }]));
@@ -142,7 +142,7 @@ fn inspects_are_answered_in_their_order() {
     assert_eq!(answer, Ok(vec![Output::NotInspected { node: NodeId(5) }]));
     for unasked in [found(4), none(5)] {
         let unasked = violation(&mut node.clone(), &unasked);
-        assert_eq!(unasked, violation!(UnexpectedCounters, "SM2-CNT-002"));
+        assert_eq!(unasked, violation!(UnexpectedCounters, "SM2-CNT-003"));
     }
 }
 

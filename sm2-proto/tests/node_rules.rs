@@ -142,7 +142,7 @@ fn declares_are_answered_in_their_order() {
     receive(&mut node, &declared(3)).expect("then the younger one");
 }
 
-//= SM2-LNK-005, SM2-VER-002 test
+//= SM2-LNK-004, SM2-VER-002 test
 #[test]
 fn a_link_that_cannot_be() {
     let altered = |alter: &dyn Fn(&mut u16, &mut bool, &mut LinkPeer)| {
@@ -169,12 +169,12 @@ fn a_link_that_cannot_be() {
     for frame in &frames {
         assert_eq!(
             violation(&mut ready(), frame),
-            violation!(BadLink, "SM2-LNK-005")
+            violation!(BadLink, "SM2-LNK-004")
         );
     }
     assert_eq!(
         violation(&mut ready(), &link(1, 1)),
-        violation!(BadLinkId, "SM2-LNK-005")
+        violation!(BadLinkId, "SM2-LNK-004")
     );
     // The id is checked before the contents of the link.
     let mut both = frames[0].clone();
@@ -183,7 +183,7 @@ fn a_link_that_cannot_be() {
     }
     assert_eq!(
         violation(&mut ready(), &both),
-        violation!(BadLinkId, "SM2-LNK-005")
+        violation!(BadLinkId, "SM2-LNK-004")
     );
 }
 
@@ -206,7 +206,7 @@ fn the_manager_may_seal_without_a_demand_but_not_unseal() {
     receive(&mut node, &declared(1)).expect("legal");
     assert_eq!(
         violation(&mut node, &sealed(1, false)),
-        violation!(BadLink, "SM2-LNK-005")
+        violation!(BadLink, "SM2-LNK-004")
     );
 }
 
@@ -276,7 +276,7 @@ fn nothing_is_answered_while_dropping() {
 }
 
 /// The number of links that a Manager can make a node keep is limited.
-//= SM2-LNK-005 test
+//= SM2-LNK-004 test
 #[test]
 fn links_of_an_interface_are_bounded() {
     let mut node = interface_in("live");
@@ -286,7 +286,7 @@ fn links_of_an_interface_are_bounded() {
     let mut full = node.clone();
     assert_eq!(
         violation(&mut full, &link(1, 0)),
-        violation!(BadLink, "SM2-LNK-005")
+        violation!(BadLink, "SM2-LNK-004")
     );
     receive(&mut node, &unlink(1, 1)).expect("legal");
     receive(&mut node, &link(1, 0)).expect("there is room again");

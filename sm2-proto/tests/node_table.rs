@@ -190,8 +190,8 @@ fn stays(node: &Node) -> bool {
     withdrawn.is_ok()
 }
 
-//= SM2-IFC-002, SM2-IFC-003, SM2-IFC-004, SM2-FRM-004, SM2-LNK-003, SM2-LNK-005, SM2-ACC-013 test
-//= SM2-RES-011 test
+//= SM2-IFC-002, SM2-IFC-003, SM2-IFC-004, SM2-FRM-004, SM2-LNK-003, SM2-LNK-004, SM2-ACC-013 test
+//= SM2-RES-010 test
 #[test]
 fn every_state_of_an_interface_and_frame() {
     for (state, frame, cell) in table(INTERFACE) {

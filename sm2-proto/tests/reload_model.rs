@@ -345,7 +345,7 @@ proptest! {
 
     /// A Manager that gets another policy comes to the state that it would have if it had always
     /// had this policy: the same links, interfaces and reasons. Changes stay exact all along.
-    //= SM2-ACC-013, SM2-ACC-017, SM2-ACC-010, SM2-WCH-003 test
+    //= SM2-ACC-013, SM2-ACC-014, SM2-ACC-010, SM2-WCH-003 test
     #[test]
     fn a_reload_leads_to_the_domain_of_the_new_policy(steps in vec(step(), 1..60)) {
         let mut world = World::new();

@@ -322,8 +322,8 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: cases(600).cases, ..ProptestConfig::default() })]
 
     /// Checks CALL-RING and CALL-CANCEL.
-    //= SM2-RNG-014, SM2-RNG-016, SM2-RNG-015, SM2-RNG-010, SM2-RNG-011, SM2-RNG-012 test
-    //= SM2-SRV-003, SM2-SRV-005, SM2-OPN-008 test
+    //= SM2-RNG-002, SM2-RNG-008, SM2-RNG-012, SM2-RNG-009, SM2-RNG-010, SM2-RNG-011 test
+    //= SM2-SRV-002, SM2-SRV-004, SM2-OPN-010 test
     #[test]
     fn ring_calls_pair(
         depth in [1_u16..4, 1..4],

@@ -33,7 +33,7 @@ fn violation(of: Violation) -> Error {
     Error::Ended(End::Violation(of))
 }
 
-//= SM2-RNG-012 test
+//= SM2-RNG-011 test
 #[test]
 fn cancels_that_no_caller_sends() {
     // Two requests can be in flight.
@@ -41,14 +41,14 @@ fn cancels_that_no_caller_sends() {
     assert_eq!(cancel(&mut twice, 9), Ok(()));
     assert_eq!(
         cancel(&mut twice, 9),
-        Err(violation(violation!(BadCancel, "SM2-RNG-012")))
+        Err(violation(violation!(BadCancel, "SM2-RNG-011")))
     );
     let mut many = pair();
     assert_eq!(cancel(&mut many, 9), Ok(()));
     assert_eq!(cancel(&mut many, 2), Ok(()));
     assert_eq!(
         cancel(&mut many, 5),
-        Err(violation(violation!(UnknownCall, "SM2-RNG-012")))
+        Err(violation(violation!(UnknownCall, "SM2-RNG-011")))
     );
     // The server owes the reply to this call.
     let mut owed = pair();
@@ -58,7 +58,7 @@ fn cancels_that_no_caller_sends() {
     assert!(owed.server.cancelled.contains(&1));
     assert_eq!(
         cancel(&mut owed, 1),
-        Err(violation(violation!(BadCancel, "SM2-RNG-012")))
+        Err(violation(violation!(BadCancel, "SM2-RNG-011")))
     );
     // A CANCEL for a call that, as the ring shows later, was not made.
     let mut never = pair();
@@ -71,7 +71,7 @@ fn cancels_that_no_caller_sends() {
     let words = &never.world.rings[SERVER];
     let head = |_| Some(head(3, 0, 0));
     let taken = never.server.link.take(&LentRing::new(words, head));
-    let end = End::Violation(violation!(UnknownCall, "SM2-RNG-012"));
+    let end = End::Violation(violation!(UnknownCall, "SM2-RNG-011"));
     assert_eq!(taken, Err(NoDelivery::Ended(end)));
 }
 
@@ -85,7 +85,7 @@ fn head(id: u64, len: u64, status: u16) -> [u8; 64] {
 }
 
 /// Each row is the second request that the server finds, after the call with number 1.
-//= SM2-RNG-004, SM2-SRV-002, SM2-RNG-007 test
+//= SM2-RNG-004, SM2-SRV-001, SM2-RNG-007 test
 #[test]
 fn requests_that_a_server_refuses() {
     let good = head(2, 0, 0);
@@ -151,7 +151,7 @@ impl RingMemory for Between<'_> {
 }
 
 /// The call whose word was overwritten fails like all others, and each call fails once.
-//= SM2-RNG-016, SM2-SRV-005 test
+//= SM2-RNG-008, SM2-SRV-004 test
 #[test]
 fn a_server_that_writes_where_the_caller_does() {
     let mut pair = pair();
@@ -190,7 +190,7 @@ fn a_server_that_writes_where_the_caller_does() {
 }
 
 /// Calls that never reached the ring fail as well.
-//= SM2-QOS-011 test
+//= SM2-QOS-006 test
 #[test]
 fn calls_that_waited_are_closed_by_the_end() {
     let mut pair = pair();
@@ -205,7 +205,7 @@ fn calls_that_waited_are_closed_by_the_end() {
 }
 
 /// Each row is the first reply that the caller finds, after the calls 1 and 3.
-//= SM2-RNG-004, SM2-SRV-003 test
+//= SM2-RNG-004, SM2-SRV-002 test
 #[test]
 fn replies_that_a_caller_refuses() {
     let rows = [
@@ -248,7 +248,7 @@ fn replies_that_a_caller_refuses() {
 }
 
 /// One request more than the limit of calls without a reply.
-//= SM2-SRV-002 test
+//= SM2-SRV-001 test
 #[test]
 fn a_caller_without_measure() {
     let mut pair = pair();
@@ -263,7 +263,7 @@ fn a_caller_without_measure() {
             .link
             .take(&LentRing::new(words, |_| Some(head(id, 0, 0))));
         if id > CALLS_MAX as u64 {
-            let end = End::Violation(violation!(CallLimit, "SM2-SRV-002"));
+            let end = End::Violation(violation!(CallLimit, "SM2-SRV-001"));
             assert_eq!(taken, Err(NoDelivery::Ended(end)));
             break;
         }
@@ -280,7 +280,7 @@ fn a_caller_without_measure() {
 }
 
 /// An end takes nothing from a peer that never hands over a ring.
-//= SM2-RNG-014 test
+//= SM2-RNG-002 test
 #[test]
 fn nothing_is_taken_before_the_other_ring_is_there() {
     let config = with_ring(Role::Server);
@@ -299,7 +299,7 @@ fn nothing_is_taken_before_the_other_ring_is_there() {
     assert_eq!(taken.unwrap().unwrap().id, 1);
 }
 
-//= SM2-RNG-014 test
+//= SM2-RNG-002 test
 #[test]
 fn a_second_ring_is_wrong_at_both_ends() {
     for role in [Role::Caller, Role::Server] {
@@ -310,7 +310,7 @@ fn a_second_ring_is_wrong_at_both_ends() {
         accept(&mut link, &RING);
         assert_eq!(
             link_support::reject(&mut link, &RING),
-            violation!(BadRing, "SM2-RNG-014")
+            violation!(BadRing, "SM2-RNG-002")
         );
     }
 }

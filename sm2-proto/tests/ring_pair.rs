@@ -32,8 +32,8 @@ fn op() -> impl Strategy<Value = Op> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: cases(400).cases, ..ProptestConfig::default() })]
 
-    //= SM2-RNG-014, SM2-RNG-005, SM2-RNG-006, SM2-RNG-007, SM2-RNG-016 test
-    //= SM2-RNG-015, SM2-RNG-010, SM2-RNG-011, SM2-OPN-008, SM2-PAY-005 test
+    //= SM2-RNG-002, SM2-RNG-005, SM2-RNG-006, SM2-RNG-007, SM2-RNG-008 test
+    //= SM2-RNG-012, SM2-RNG-009, SM2-RNG-010, SM2-OPN-010, SM2-PAY-005 test
     #[test]
     fn ring_pair(
         reliable: bool,

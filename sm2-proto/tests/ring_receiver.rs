@@ -15,7 +15,7 @@ use sm2_proto::{
     violation,
 };
 
-//= SM2-RNG-004, SM2-RNG-007, SM2-PAY-002, SM2-PAY-006 test
+//= SM2-RNG-004, SM2-RNG-007, SM2-PAY-003, SM2-PAY-006 test
 #[test]
 fn a_delivery_says_what_the_head_says() {
     let mut rig = Rig::open(false, 2, 1);
@@ -281,7 +281,7 @@ fn a_segment_that_is_unknown_once_the_socket_is_read() {
     assert_eq!(rig.take(), Ok(None), "nothing is taken after a violation");
 }
 
-//= SM2-RNG-010, SM2-SEG-005 test
+//= SM2-RNG-009, SM2-SEG-005 test
 #[test]
 fn a_segment_of_a_message_that_is_held_is_busy() {
     let mut rig = Rig::open(false, 2, 1);
@@ -296,7 +296,7 @@ fn a_segment_of_a_message_that_is_held_is_busy() {
 
 /// Until DETACHED is sent, the segment's number is not free and the segment counts. So a sender
 /// that reads nothing cannot make the receiver remember more than 256 segments.
-//= SM2-RNG-010, SM2-SEG-004 test
+//= SM2-RNG-009, SM2-SEG-004 test
 #[test]
 fn segments_that_are_leaving_count() {
     let attach = |rig: &mut Rig, id| {
@@ -331,7 +331,7 @@ fn segments_that_are_leaving_count() {
 
 /// Messages left in the ring when the link ends can still be taken, in order and with their
 /// segments.
-//= SM2-RNG-011, SM2-OPN-005, SM2-OPN-007 test
+//= SM2-RNG-010, SM2-OPN-007, SM2-OPN-009 test
 #[test]
 fn what_is_left_can_be_taken() {
     for ends_with in 0..3 {
@@ -367,7 +367,7 @@ fn what_is_left_can_be_taken() {
 
 /// After the end, the receiver takes a bounded number of messages from a sender that does not know
 /// of the end and continues. Until then the sender sees a receiver that obeys its window.
-//= SM2-RNG-011 test
+//= SM2-RNG-010 test
 #[test]
 fn depth_messages_at_most_are_left() {
     let mut rig = Rig::open(false, 2, 1);
@@ -389,7 +389,7 @@ fn depth_messages_at_most_are_left() {
 
 /// A wrong word after the end of the link ends the taking of left messages. The reason of the end
 /// does not change.
-//= SM2-RNG-011 test
+//= SM2-RNG-010 test
 #[test]
 fn a_bad_word_after_the_end() {
     let mut rig = Rig::open(false, 2, 1);
@@ -403,7 +403,7 @@ fn a_bad_word_after_the_end() {
 }
 
 /// A sender is killed after it has removed the oldest word and before it puts the next one.
-//= SM2-RNG-006, SM2-RNG-011 test
+//= SM2-RNG-006, SM2-RNG-010 test
 #[test]
 fn a_sender_that_died_while_it_made_room() {
     let mut rig = Rig::open(false, 3, 1);
@@ -428,7 +428,7 @@ fn a_sender_that_died_while_it_made_room() {
 }
 
 /// When a segment's number is used again, the geometry of the new segment applies.
-//= SM2-RNG-010 test
+//= SM2-RNG-009 test
 #[test]
 fn a_number_with_another_form() {
     let mut rig = Rig::open(false, 2, 1);

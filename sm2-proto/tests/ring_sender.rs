@@ -31,7 +31,7 @@ fn a_word_is_put_at_its_index() {
 
 /// A ring of depth n holds the last n messages. Each displaced message is settled once, and its
 /// slot is free.
-//= SM2-RNG-005, SM2-QOS-001, SM2-QOS-011 test
+//= SM2-RNG-005, SM2-QOS-001, SM2-QOS-006 test
 #[test]
 fn keep_last_is_exact() {
     let mut rig = Rig::open(false, 2, 1);
@@ -108,7 +108,7 @@ fn a_receiver_that_holds_the_window_is_found() {
     assert_eq!((counters.offered, counters.closed), (4, 4));
 }
 
-//= SM2-RNG-005, SM2-QOS-014 test
+//= SM2-RNG-005, SM2-QOS-002 test
 #[test]
 fn reliable_never_displaces() {
     let mut rig = Rig::open(true, 2, 1);
@@ -138,7 +138,7 @@ fn reliable_never_displaces() {
 
 /// A message whose sender gave up waiting is counted, and the link owes until that message is
 /// given back.
-//= SM2-QOS-014, SM2-QOS-011 test
+//= SM2-QOS-002, SM2-QOS-006 test
 #[test]
 fn a_deadline_that_passed() {
     let mut rig = Rig::open(true, 1, 1);
@@ -161,7 +161,7 @@ fn a_deadline_that_passed() {
 
 /// A publication that the pool limit keeps from the link is counted, and the link owes until
 /// that message is given back.
-//= SM2-QOS-017 test
+//= SM2-QOS-007 test
 #[test]
 fn a_publication_that_the_pool_limit_drops() {
     let mut rig = Rig::open(true, 2, 1);
@@ -177,7 +177,7 @@ fn a_publication_that_the_pool_limit_drops() {
     assert_eq!((counters.dropped(), counters.delivered), (1, 1));
 }
 
-//= SM2-RNG-016, SM2-MSG-006 test
+//= SM2-RNG-008, SM2-MSG-004 test
 #[test]
 fn messages_come_back_in_any_order() {
     let mut rig = Rig::open(true, 3, 3);
@@ -203,7 +203,7 @@ fn messages_come_back_in_any_order() {
     assert_eq!(rig.words.back()[3], word(0, 2, 4));
 }
 
-//= SM2-RNG-015 test
+//= SM2-RNG-012 test
 #[test]
 fn the_bell_rings_once_for_who_is_parked() {
     let mut rig = Rig::open(true, 2, 1);
@@ -243,7 +243,7 @@ fn the_bell_rings_once_for_who_is_parked() {
 
 /// Messages that are given back together are one batch: the parked word is read once, after the last
 /// of them.
-//= SM2-RNG-015 test
+//= SM2-RNG-012 test
 #[test]
 fn a_batch_rings_the_bell_once() {
     let mut rig = Rig::open(false, 3, 3);
@@ -266,7 +266,7 @@ fn a_batch_rings_the_bell_once() {
 
 /// Taking a message never wakes a best-effort sender, which displaces messages instead of waiting
 /// for room.
-//= SM2-RNG-015 test
+//= SM2-RNG-012 test
 #[test]
 fn only_reliable_links_tell_of_room() {
     let mut rig = Rig::open(false, 1, 1);
@@ -277,7 +277,7 @@ fn only_reliable_links_tell_of_room() {
     assert_eq!(rig.words.read(At::SenderParked), 1);
 }
 
-//= SM2-RNG-010, SM2-SEG-005 test
+//= SM2-RNG-009, SM2-SEG-005 test
 #[test]
 fn a_number_is_used_again_after_detached() {
     let mut rig = Rig::open(false, 2, 1);
@@ -312,7 +312,7 @@ fn a_number_is_used_again_after_detached() {
 
 /// A segment that is retired before it was announced still sends its frames in order: ATTACH,
 /// DETACH, DETACHED.
-//= SM2-RNG-010 test
+//= SM2-RNG-009 test
 #[test]
 fn retired_before_it_was_announced() {
     let mut rig = Rig::open(false, 2, 1);
@@ -326,7 +326,7 @@ fn retired_before_it_was_announced() {
 }
 
 /// At most 256 segments exist at a time, including those whose DETACHED has not arrived.
-//= SM2-SEG-004, SM2-RNG-010 test
+//= SM2-SEG-004, SM2-RNG-009 test
 #[test]
 fn no_more_segments_than_the_limit() {
     let mut rig = Rig::open(false, 2, 1);
@@ -397,7 +397,7 @@ fn what_cannot_be_sent_changes_nothing() {
     assert_eq!(rig.words.take_accesses(), 0);
 }
 
-//= SM2-OPN-007, SM2-OPN-008, SM2-QOS-011, SM2-RNG-011 test
+//= SM2-OPN-009, SM2-OPN-010, SM2-QOS-006, SM2-RNG-010 test
 #[test]
 fn the_end_settles_all() {
     let mut rig = Rig::open(false, 2, 1);
@@ -420,7 +420,7 @@ fn the_end_settles_all() {
 
 /// Messages that come back before CLOSE or the end of the stream count as delivered, although no
 /// one harvested them before.
-//= SM2-QOS-011, SM2-RNG-011 test
+//= SM2-QOS-006, SM2-RNG-010 test
 #[test]
 fn messages_that_came_back_before_the_end_are_delivered() {
     for input in [Some(Farewell::Done.code()), None] {
@@ -452,19 +452,19 @@ fn messages_that_came_back_before_the_end_are_delivered() {
 }
 
 /// A word that is not a message of the link is a violation, also just before the end.
-//= SM2-RNG-016 test
+//= SM2-RNG-008 test
 #[test]
 fn a_false_word_just_before_the_end_is_a_violation() {
     let mut rig = Rig::open(false, 4, 2);
     let _ = rig.send(1, 1).unwrap();
     rig.words.write(At::Back(0), word(0, 9, 9));
-    let end = End::Violation(violation!(BadWord, "SM2-RNG-016"));
+    let end = End::Violation(violation!(BadWord, "SM2-RNG-008"));
     assert_eq!(rig.settle_returned(), Err(Error::Ended(end)));
     assert_eq!(rig.settled(), [(10, Fate::Closed)]);
 }
 
 /// A new ring must be all zeros. Any other word is a violation by the other end.
-//= SM2-RNG-014, SM2-RNG-005 test
+//= SM2-RNG-002, SM2-RNG-005 test
 #[test]
 fn a_ring_begins_with_zeros() {
     let mut rig = Rig::fresh(false, 2, 1);

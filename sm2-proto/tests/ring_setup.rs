@@ -16,7 +16,7 @@ use sm2_proto::{
     violation,
 };
 
-//= SM2-RNG-014, SM2-RNG-015 test
+//= SM2-RNG-002, SM2-RNG-012 test
 #[test]
 fn open_then_ring_then_all_else() {
     let mut rig = Rig::fresh(false, 2, 1);
@@ -50,7 +50,7 @@ fn open_then_ring_then_all_else() {
 }
 
 /// RING is the first frame after OPEN, even if a full socket has delayed OPEN.
-//= SM2-RNG-014 test
+//= SM2-RNG-002 test
 #[test]
 fn ring_waits_for_our_open_and_goes_before_detached() {
     let mut link = Link::new(with_ring(Role::Receiver));
@@ -69,7 +69,7 @@ fn ring_waits_for_our_open_and_goes_before_detached() {
     assert_eq!(packets.len(), 2);
 }
 
-//= SM2-RNG-014 test
+//= SM2-RNG-002 test
 #[test]
 fn the_layout_is_that_of_the_table() {
     // Columns: depth, window, offset of the back words, size.
@@ -222,7 +222,7 @@ fn a_message_waits_for_its_segment() {
 }
 
 /// A side that does not offer the ring lane checks the RING of a side that does, and does not use it.
-//= SM2-RNG-013, SM2-RNG-014 test
+//= SM2-RNG-001, SM2-RNG-002 test
 #[test]
 fn a_ring_that_is_not_used() {
     for role in [Role::Sender, Role::Caller, Role::Server] {
@@ -232,7 +232,7 @@ fn a_ring_that_is_not_used() {
         assert!(link.lane() == LaneKind::Socket && link.is_open());
         assert_eq!(accept(&mut link, &RING), []);
         let second = link_support::reject(&mut link, &RING);
-        assert_eq!(second, violation!(BadRing, "SM2-RNG-014"));
+        assert_eq!(second, violation!(BadRing, "SM2-RNG-002"));
     }
     // Its own ring is not used either: it has sent RING before it knew the lane.
     let mut link = Link::new(with_ring(Role::Receiver));
@@ -246,7 +246,7 @@ fn a_ring_that_is_not_used() {
 
 /// Before OPEN arrives the lane is unknown, so no message is accepted: it might be for the wrong
 /// lane.
-//= SM2-RNG-013, SM2-RNG-014 test
+//= SM2-RNG-001, SM2-RNG-002 test
 #[test]
 fn nothing_is_taken_before_the_lane_is_known() {
     let mut link = Link::new(with_ring(Role::Sender));
@@ -309,7 +309,7 @@ fn the_calls_are_the_same_on_both_lanes() {
 }
 
 /// The window is `depth + max_borrowed` of the receiver. The sender's depth does not matter.
-//= SM2-RNG-014 test
+//= SM2-RNG-002 test
 #[test]
 fn the_ring_is_as_deep_as_the_receiver_says() {
     let config = Config {

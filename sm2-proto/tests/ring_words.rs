@@ -167,15 +167,15 @@ fn a_message_has_its_limit_in_any_slot() {
     }
 }
 
-//= SM2-RNG-016 test
+//= SM2-RNG-008 test
 #[test]
 fn a_back_word_that_was_not_taken_yet() {
     let mut rig = busy(false);
     // Message 2 was given back in the first word, so the second word is next.
     rig.words.write(At::Back(1), 1);
-    let ended = Error::Ended(end(violation!(BadWord, "SM2-RNG-016")));
+    let ended = Error::Ended(end(violation!(BadWord, "SM2-RNG-008")));
     assert_eq!(rig.release(1), Err(ended));
-    assert_over(&mut rig, RECEIVER, violation!(BadWord, "SM2-RNG-016"));
+    assert_over(&mut rig, RECEIVER, violation!(BadWord, "SM2-RNG-008"));
 }
 
 /// Each row is a word that the sender finds in place of its own, or where it has put none.
@@ -216,7 +216,7 @@ fn words_that_a_sender_refuses_in_its_place() {
             assert_over(&mut rig, SENDER, violation!(BadWord, "SM2-RNG-005"));
         } else {
             let _ = rig.release(1).unwrap();
-            let ended = Error::Ended(end(violation!(BadWord, "SM2-RNG-016")));
+            let ended = Error::Ended(end(violation!(BadWord, "SM2-RNG-008")));
             assert_eq!(rig.harvest(), Err(ended));
         }
         assert_settled_once(&rig);
@@ -264,7 +264,7 @@ fn a_reliable_sender_gets_nothing() {
     assert_over(&mut rig, SENDER, violation!(BadWord, "SM2-RNG-005"));
 }
 
-//= SM2-RNG-016, SM2-MSG-006 test
+//= SM2-RNG-008, SM2-MSG-004 test
 #[test]
 fn words_that_a_sender_refuses_to_take_back() {
     let rows = [
@@ -281,21 +281,21 @@ fn words_that_a_sender_refuses_to_take_back() {
     for bits in rows {
         let mut rig = busy(false);
         rig.words.write(At::Back(0), bits);
-        let ended = Error::Ended(end(violation!(BadWord, "SM2-RNG-016")));
+        let ended = Error::Ended(end(violation!(BadWord, "SM2-RNG-008")));
         assert_eq!(rig.harvest(), Err(ended), "{bits:x}");
-        assert_over(&mut rig, SENDER, violation!(BadWord, "SM2-RNG-016"));
+        assert_over(&mut rig, SENDER, violation!(BadWord, "SM2-RNG-008"));
         assert_settled_once(&rig);
         assert_eq!(rig.settled.len(), 3);
     }
 }
 
 /// One message is given back twice.
-//= SM2-RNG-016, SM2-MSG-006 test
+//= SM2-RNG-008, SM2-MSG-004 test
 #[test]
 fn given_back_twice() {
     let mut rig = busy(false);
     rig.words.write(At::Back(1), word(0, 2, 2));
-    let ended = Error::Ended(end(violation!(BadWord, "SM2-RNG-016")));
+    let ended = Error::Ended(end(violation!(BadWord, "SM2-RNG-008")));
     assert_eq!(rig.harvest(), Err(ended));
     assert_eq!(rig.settled()[0], (20, Fate::Delivered));
     let mut rig = busy(false);
@@ -306,7 +306,7 @@ fn given_back_twice() {
 
 /// A message is given back while it is still in the ring. The sender sees that when it reuses the
 /// index.
-//= SM2-RNG-005, SM2-RNG-016 test
+//= SM2-RNG-005, SM2-RNG-008 test
 #[test]
 fn given_back_without_being_taken() {
     let mut rig = busy(false);
@@ -324,7 +324,7 @@ fn given_back_without_being_taken() {
 }
 
 /// A message cannot be given back while it is being sent.
-//= SM2-RNG-006, SM2-RNG-016 test
+//= SM2-RNG-006, SM2-RNG-008 test
 #[test]
 fn given_back_before_it_was_put() {
     let mut rig = rig(false);
@@ -334,7 +334,7 @@ fn given_back_before_it_was_put() {
     }
     // The window is full, so the sender looks at the back words.
     rig.words.write(At::Back(0), word(0, 7, 7));
-    let ended = Error::Ended(end(violation!(BadWord, "SM2-RNG-016")));
+    let ended = Error::Ended(end(violation!(BadWord, "SM2-RNG-008")));
     assert_eq!(rig.send(7, 7), Err(ended));
     let last = rig.settled.iter().filter(|it| it.0 == 70);
     assert_eq!(last.collect::<Vec<_>>(), [&(70, Fate::Closed)]);
@@ -342,7 +342,7 @@ fn given_back_before_it_was_put() {
 }
 
 /// A CLOSE with the code of a violation is not a violation by the end that receives it.
-//= SM2-OPN-005, SM2-OPN-006 test
+//= SM2-OPN-007, SM2-OPN-008 test
 #[test]
 fn the_other_end_hears_of_it() {
     let mut rig = busy(false);

@@ -83,7 +83,7 @@ fn limits() -> impl Strategy<Value = Limits> {
 proptest! {
     #![proptest_config(cases(200))]
 
-    //= SM2-RES-001, SM2-RES-002, SM2-RES-004, SM2-RES-006, SM2-RES-007, SM2-NOD-003, SM2-MAT-002, SM2-LNK-007 model
+    //= SM2-RES-001, SM2-RES-002, SM2-RES-004, SM2-RES-006, SM2-RES-007, SM2-NOD-003, SM2-MAT-002, SM2-LNK-006 model
     #[test]
     fn managers_come_and_go(limits in limits(), steps in vec(step(), 1..160)) {
         let mut world = World::with(limits);
@@ -114,7 +114,7 @@ proptest! {
 
 /// A node whose own interfaces match is given up while the link between them is still pending, and the
 /// Manager ends one link at a time. Both ends of that link are then gone.
-//= SM2-LNK-007, SM2-SES-009 model
+//= SM2-LNK-006, SM2-SES-009 model
 #[test]
 fn a_pending_link_ends_once_if_both_interfaces_are_gone() {
     let mut world = World::with(

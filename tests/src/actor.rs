@@ -151,7 +151,7 @@ pub fn number(answer: &str, key: &str) -> u64 {
     value.unwrap_or_else(|| panic!("no number {key} in {answer:?}"))
 }
 
-/// The fates of the messages of one link, counted by its sender (SM2-QOS-011).
+/// The fates of the messages of one link, counted by its sender (SM2-QOS-006).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Counted {
     /// The node at the other end.

@@ -92,7 +92,7 @@ fn exchange(from: &mut Actor, to: &mut Actor, topic: &str) {
     }
 }
 
-//= SM2-TRN-001, SM2-TRN-007 sys
+//= SM2-TRN-001, SM2-TRN-006 sys
 #[test]
 fn a_container_needs_the_folder_of_the_socket_and_nothing_else() {
     if !is_possible() {

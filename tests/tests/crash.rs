@@ -117,8 +117,8 @@ fn kill_inside_a_call(domain: &TempDomain) {
 
 /// A publisher and a client whose peers die continue at once. Otherwise their waits would end in
 /// errors that the actor does not expect.
-//= SM2-SES-003, SM2-SES-006, SM2-OPN-007, SM2-SRV-005, SM2-LNK-009 sys
-//= SM2-TRN-006, SM2-QOS-014, SM2-SRV-006 sys
+//= SM2-SES-003, SM2-SES-006, SM2-OPN-009, SM2-SRV-004, SM2-LNK-009 sys
+//= SM2-TRN-005, SM2-QOS-002, SM2-SRV-005 sys
 #[test]
 fn processes_killed_at_random_moments_leave_the_others_alone() {
     let mut random = Random::seeded();
@@ -172,7 +172,7 @@ fn work_goes_on_without_the_manager() {
 
 /// Reliable and best-effort links, checked by the numbers of the publications, while the Manager is
 /// killed.
-//= SM2-NOD-003, SM2-QOS-011 sys
+//= SM2-NOD-003, SM2-QOS-006 sys
 #[test]
 fn no_message_is_lost_when_the_manager_is_killed() {
     const BATCH: u64 = 500;
@@ -226,14 +226,14 @@ fn impatient(domain: &TempDomain) -> Actor {
 
 /// Each process that waits for a dying process is told of its death, so that no wait runs into a
 /// deadline.
-//= SM2-SRV-005, SM2-QOS-014, SM2-OPN-007 sys
+//= SM2-SRV-004, SM2-QOS-002, SM2-OPN-009 sys
 #[test]
 fn whoever_waits_for_the_dead_hears_of_it() {
     wait_for_the_dead(true);
 }
 
 /// Without a Manager, the link itself tells of the death.
-//= SM2-NOD-003, SM2-SRV-005, SM2-OPN-007 sys
+//= SM2-NOD-003, SM2-SRV-004, SM2-OPN-009 sys
 #[test]
 fn whoever_waits_for_the_dead_hears_of_it_without_a_manager() {
     wait_for_the_dead(false);
@@ -279,7 +279,7 @@ fn wait_for_the_dead(managed: bool) {
     assert_eq!(talker.tell("publish t 3 100"), "took=0 missed=0");
 }
 
-//= SM2-SRV-003 sys
+//= SM2-SRV-002 sys
 #[test]
 fn a_reply_to_a_dead_client_is_an_error_at_once() {
     let domain = TempDomain::new();

@@ -52,13 +52,13 @@ fn starve(demand: &str) {
     });
 }
 
-//= SM2-TRN-012, SM2-LNK-009, SM2-OPN-006 sys
+//= SM2-TRN-011, SM2-LNK-009, SM2-OPN-008 sys
 #[test]
 fn a_subscriber_that_cannot_take_a_sealed_message_is_linked_again_later() {
     starve("sealed");
 }
 
-//= SM2-TRN-012, SM2-LNK-009, SM2-OPN-006 sys
+//= SM2-TRN-011, SM2-LNK-009, SM2-OPN-008 sys
 #[test]
 fn a_subscriber_that_cannot_take_a_segment_is_linked_again_later() {
     starve("");
@@ -111,7 +111,7 @@ fn session_of(manager: &ManagerProcess, wanted: &str) -> u64 {
 
 /// A new link needs a descriptor. A node without a free one is not linked for now. Its session and
 /// its other links go on, and no other node is affected.
-//= SM2-TRN-012, SM2-LNK-009, SM2-SES-006 sys
+//= SM2-TRN-011, SM2-LNK-009, SM2-SES-006 sys
 #[test]
 fn a_node_that_cannot_take_a_link_keeps_its_session_and_its_links() {
     let domain = TempDomain::new();
@@ -167,7 +167,7 @@ const LEFT: u32 = 5;
 /// A process with few descriptors matches more publishers than it can be linked with. The Manager holds the
 /// other links back, says so, and makes them when there is room. No descriptor is ever lost, and the link that
 /// the process already had loses no message.
-//= SM2-LNK-010 sys
+//= SM2-LNK-007 sys
 #[test]
 fn links_beyond_the_room_of_a_process_wait() {
     let domain = TempDomain::new();

@@ -178,20 +178,20 @@ fn play(reliable: bool) {
     }
 }
 
-//= SM2-QOS-001, SM2-QOS-011, SM2-MSG-002, SM2-MSG-005 sys
+//= SM2-QOS-001, SM2-QOS-006, SM2-MSG-002, SM2-MSG-005 sys
 #[test]
 fn a_best_effort_subscriber_that_does_not_play_along_loses_alone() {
     play(false);
 }
 
-//= SM2-QOS-014, SM2-QOS-011, SM2-MSG-002, SM2-MSG-005 sys
+//= SM2-QOS-002, SM2-QOS-006, SM2-MSG-002, SM2-MSG-005 sys
 #[test]
 fn a_reliable_subscriber_that_does_not_play_along_loses_alone() {
     play(true);
 }
 
 /// A client makes calls and is stopped. Its server still answers the others.
-//= SM2-SRV-003 sys
+//= SM2-SRV-002 sys
 #[test]
 fn a_stopped_client_keeps_no_server_from_others() {
     let domain = TempDomain::new();

@@ -17,7 +17,7 @@ static IN_FLIGHT: Mutex<()> = Mutex::new(());
 
 /// The link ends that a deaf node does not read are descriptors of the Manager. Their number is
 /// limited: further links wait until the node reads, and no other node is affected.
-//= SM2-LNK-007, SM2-IFC-002, SM2-TRN-009 sys
+//= SM2-LNK-006, SM2-IFC-002, SM2-TRN-008 sys
 #[test]
 fn links_of_a_node_that_does_not_read_wait_and_nobody_else_does() {
     const LINKS: u64 = 1_023;
@@ -67,7 +67,7 @@ fn links_of_a_node_that_does_not_read_wait_and_nobody_else_does() {
 
 /// The frames that are queued for a node that does not read can exceed the Manager's descriptors. Then
 /// only this node is disconnected.
-//= SM2-TRN-009, SM2-SES-006, SM2-LNK-009 sys
+//= SM2-TRN-008, SM2-SES-006, SM2-LNK-009 sys
 #[test]
 fn a_node_that_does_not_take_its_links_does_not_use_up_the_descriptors() {
     let _alone = IN_FLIGHT.lock().unwrap_or_else(PoisonError::into_inner);
@@ -153,7 +153,7 @@ fn a_manager_that_runs_out_of_descriptors_recovers() {
 /// The kernel counts descriptors in flight for the user who sends them. Above the limit of open
 /// files it refuses further ones from an unprivileged user (`ETOOMANYREFS`), even if their receiver
 /// is not the one that does not read.
-//= SM2-TRN-010 sys
+//= SM2-TRN-009 sys
 #[test]
 fn descriptors_in_flight_that_nobody_takes_cost_the_one_who_does_not() {
     if !geteuid().is_root() {

@@ -32,7 +32,7 @@ fn talk(ends: &[RawLink; 2]) {
     assert_eq!(ends[0].end.expect().bytes, b"so am I");
 }
 
-//= SM2-SES-008, SM2-TRN-008 sys
+//= SM2-SES-008, SM2-TRN-007 sys
 #[test]
 fn a_signal_ends_a_manager_in_order() {
     for signal in [Signal::SIGTERM, Signal::SIGINT] {
@@ -53,7 +53,7 @@ fn a_signal_ends_a_manager_in_order() {
     }
 }
 
-//= SM2-NOD-003, SM2-SES-007, SM2-TRN-008 sys
+//= SM2-NOD-003, SM2-SES-007, SM2-TRN-007 sys
 #[test]
 fn a_manager_that_was_killed_is_replaced_and_its_links_live() {
     let domain = TempDomain::new();
@@ -79,7 +79,7 @@ fn a_manager_that_was_killed_is_replaced_and_its_links_live() {
     assert_eq!(epochs.len(), 3, "no epoch is used twice");
 }
 
-//= SM2-TRN-008 sys
+//= SM2-TRN-007 sys
 #[test]
 fn a_second_manager_is_refused_and_the_first_one_serves_on() {
     let domain = TempDomain::new();
@@ -103,7 +103,7 @@ fn a_second_manager_is_refused_and_the_first_one_serves_on() {
     talk(&ends);
 }
 
-//= SM2-TRN-008 sys
+//= SM2-TRN-007 sys
 #[test]
 fn of_managers_that_start_at_once_one_serves() {
     let domain = TempDomain::new();
@@ -122,7 +122,7 @@ fn of_managers_that_start_at_once_one_serves() {
     assert_eq!(winner.node("only").nodes(), ["only"]);
 }
 
-//= SM2-TRN-008 sys
+//= SM2-TRN-007 sys
 #[test]
 fn a_socket_that_a_dead_manager_left_is_replaced() {
     let domain = TempDomain::new();

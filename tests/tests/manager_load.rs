@@ -124,7 +124,7 @@ fn another_process(domain: &TempDomain, name: &str) -> Process {
     process
 }
 
-//= SM2-TRN-011 sys
+//= SM2-TRN-010 sys
 #[test]
 fn a_flood_of_descriptors_leaves_none_behind() {
     let domain = TempDomain::new();
@@ -149,7 +149,7 @@ fn a_flood_of_descriptors_leaves_none_behind() {
     baseline.restored(manager.pid());
 }
 
-//= SM2-TRN-009 sys
+//= SM2-TRN-008 sys
 #[test]
 fn a_node_that_does_not_read_is_given_up_and_nobody_waits_for_it() {
     // With the default, which is eight times as long, the test takes eight times as long.
@@ -192,7 +192,7 @@ fn a_node_that_does_not_read_is_given_up_and_nobody_waits_for_it() {
 
 /// The bytes that wait for a node that does not read are as many as the option says: the same answers fit into
 /// the default, and not into an eighth of it.
-//= SM2-TRN-009 sys
+//= SM2-TRN-008 sys
 #[test]
 fn the_queue_of_a_node_is_as_long_as_its_option_says() {
     const QUERIES: usize = 60;
@@ -291,7 +291,7 @@ fn a_flood_of_legal_frames_keeps_nobody_from_being_served() {
 
 /// Sockets sent over sockets, including one sent over itself. The kernel has to collect the cycle,
 /// and the Manager closes the descriptors.
-//= SM2-TRN-011 sys
+//= SM2-TRN-010 sys
 #[test]
 fn sockets_that_carry_sockets_leave_nothing_behind() {
     let domain = TempDomain::new();

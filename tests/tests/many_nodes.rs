@@ -24,7 +24,7 @@ fn open_links(subscribers: &[Subscriber<[u8]>]) -> usize {
 }
 
 /// Links that a lack of descriptors holds up cost no node its session, and they are made when there is room.
-//= SM2-LNK-010, SM2-TRN-012 sys
+//= SM2-LNK-007, SM2-TRN-011 sys
 #[test]
 fn the_nodes_of_a_process_share_its_descriptors() {
     if ran_alone(concat!(

@@ -201,7 +201,7 @@ const SCRIPTS: [Script; 5] = [
     }),
 ];
 
-//= SM2-RNG-004, SM2-RNG-007, SM2-SRV-002 sys
+//= SM2-RNG-004, SM2-RNG-007, SM2-SRV-001 sys
 #[test]
 fn a_client_that_breaks_a_rule_hears_which_one() {
     let domain = TempDomain::new();
@@ -216,7 +216,7 @@ fn a_client_that_breaks_a_rule_hears_which_one() {
     }
 }
 
-//= SM2-RNG-004, SM2-RNG-007, SM2-RNG-016, SM2-RNG-012, SM2-SRV-002 sys
+//= SM2-RNG-004, SM2-RNG-007, SM2-RNG-008, SM2-RNG-011, SM2-SRV-001 sys
 #[test]
 fn a_client_that_writes_anything_anywhere_loses_its_link_alone() {
     let mut random = Random::seeded();
@@ -253,7 +253,7 @@ fn a_client_that_writes_anything_anywhere_loses_its_link_alone() {
 }
 
 /// CANCEL arrives on the socket before the request is in the ring, and long after its reply.
-//= SM2-RNG-012 sys
+//= SM2-RNG-011 sys
 #[test]
 fn a_cancel_may_come_before_its_request_and_after_its_reply() {
     let domain = TempDomain::new();

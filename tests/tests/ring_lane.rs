@@ -96,7 +96,7 @@ fn something(random: &mut Random, near: u64) -> u64 {
     }
 }
 
-//= SM2-RNG-004, SM2-RNG-007, SM2-RNG-016 sys
+//= SM2-RNG-004, SM2-RNG-007, SM2-RNG-008 sys
 #[test]
 fn a_publisher_that_writes_anything_anywhere_loses_its_link_alone() {
     const WRITES: usize = 2_000_000;
@@ -177,7 +177,7 @@ fn a_publisher_that_changes_words_in_front_of_the_receiver_stops_nobody() {
     });
 }
 
-//= SM2-RNG-015 sys
+//= SM2-RNG-012 sys
 #[test]
 fn a_flood_of_doorbells_stops_nobody() {
     let domain = TempDomain::new();
@@ -205,7 +205,7 @@ fn a_flood_of_doorbells_stops_nobody() {
 }
 
 /// The publisher agrees on a ring and then does nothing more.
-//= SM2-RNG-014 sys
+//= SM2-RNG-002 sys
 #[test]
 fn a_publisher_that_never_maps_the_ring_stops_nobody() {
     let domain = TempDomain::new();
@@ -226,7 +226,7 @@ fn a_publisher_that_never_maps_the_ring_stops_nobody() {
 }
 
 /// When a publisher is killed, only the messages left in the ring can still be taken.
-//= SM2-RNG-011 sys
+//= SM2-RNG-010 sys
 #[test]
 fn what_a_killed_publisher_left_in_the_ring_is_there() {
     for offer in ["", "reliable_ms=60000"] {
@@ -289,7 +289,7 @@ impl Talk {
 }
 
 /// A receiver agrees on a ring, and makes it late or never.
-//= SM2-RNG-014 sys
+//= SM2-RNG-002 sys
 #[test]
 fn a_ring_that_never_comes_is_not_waited_for() {
     for (offer, qos) in [("", Qos::PLAIN), ("reliable_ms=60000", Qos::RELIABLE)] {
@@ -314,7 +314,7 @@ fn a_ring_that_never_comes_is_not_waited_for() {
 }
 
 /// A receiver takes nothing: its own messages are displaced, or dropped after the deadline.
-//= SM2-RNG-005, SM2-QOS-001, SM2-QOS-014 sys
+//= SM2-RNG-005, SM2-QOS-001, SM2-QOS-002 sys
 #[test]
 fn a_ring_that_is_never_emptied_costs_its_receiver_alone() {
     for (offer, qos) in [("", Qos::PLAIN), ("reliable_ms=30", Qos::RELIABLE)] {
@@ -376,7 +376,7 @@ fn holes_in_a_ring_are_no_fault() {
 }
 
 /// Random words at random places while the talker publishes.
-//= SM2-RNG-005, SM2-RNG-016 sys
+//= SM2-RNG-005, SM2-RNG-008 sys
 #[test]
 fn a_subscriber_that_writes_anything_anywhere_loses_its_link_alone() {
     let mut random = Random::new(2);
@@ -409,7 +409,7 @@ fn a_subscriber_that_writes_anything_anywhere_loses_its_link_alone() {
 }
 
 /// RING with a file that cannot be mapped for writing is a violation.
-//= SM2-RNG-014 test
+//= SM2-RNG-002 test
 #[test]
 fn a_ring_that_is_not_open_for_writing_costs_its_receiver_alone() {
     let domain = TempDomain::new();

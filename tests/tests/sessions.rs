@@ -110,7 +110,7 @@ fn whoever_crashed_is_gone_before_newcomers_are_heard() {
     assert!(matches!(answer, ToNode::Welcome { .. }), "{answer:?}");
 }
 
-//= SM2-TRN-007 sys
+//= SM2-TRN-006 sys
 #[test]
 fn who_a_node_is_comes_from_the_kernel() {
     let domain = TempDomain::new();
@@ -147,7 +147,7 @@ fn manager_forgot(manager: &ManagerProcess) -> bool {
     manager.node("observer").nodes() == ["observer"]
 }
 
-//= SM2-TRN-006 sys
+//= SM2-TRN-005 sys
 #[test]
 fn what_was_sent_before_the_end_counts() {
     let domain = TempDomain::new();

@@ -94,7 +94,7 @@ fn lengths_come_from_the_datagram_whatever_stands_in_memory() {
     assert_eq!(listener.tell("free t"), "freed=1");
 }
 
-//= SM2-OPN-005, SM2-OPN-007 sys
+//= SM2-OPN-007, SM2-OPN-009 sys
 #[test]
 fn what_was_received_outlives_its_publisher() {
     for offer in ["", "sealed"] {
@@ -182,7 +182,7 @@ fn contents(files: &[File]) -> Vec<Vec<u8>> {
 
 /// A receiver that the policy cuts off keeps its mapping, whatever it was told. No further message is written to it,
 /// while the other receivers go on.
-//= SM2-ACC-018 sys
+//= SM2-ACC-015 sys
 #[test]
 fn a_denied_receiver_finds_no_further_message_in_its_mapping() {
     let domain = TempDomain::new();

@@ -80,14 +80,14 @@ fn carry(offer: &str, form: u8, sizes: &[usize]) {
     }
 }
 
-//= SM2-PAY-001 sys
+//= SM2-PAY-002 sys
 #[test]
 fn inline_messages_arrive_intact() {
     let sizes = [0, 1, 47, 48, PAGE - 1, PAGE, PAGE + 1, 61_439, 61_440];
     carry("inline_max=61440", form::INLINE, &sizes);
 }
 
-//= SM2-PAY-002 sys
+//= SM2-PAY-003 sys
 #[test]
 fn pooled_messages_arrive_intact() {
     let sizes = [
@@ -105,7 +105,7 @@ fn pooled_messages_arrive_intact() {
     carry("inline_max=0", form::POOLED, &sizes);
 }
 
-//= SM2-PAY-003 sys
+//= SM2-PAY-004 sys
 #[test]
 fn sealed_messages_arrive_intact() {
     let sizes = [0, 1, PAGE - 1, PAGE, PAGE + 1, MIB, 2 * MIB + 1, MOST, 1];
@@ -113,7 +113,7 @@ fn sealed_messages_arrive_intact() {
 }
 
 /// The library never uses shared memory for an empty message; another implementation may.
-//= SM2-PAY-002, SM2-PAY-003 sys
+//= SM2-PAY-003, SM2-PAY-004 sys
 #[test]
 fn empty_messages_in_shared_memory_are_messages() {
     let domain = TempDomain::new();
@@ -140,7 +140,7 @@ fn empty_messages_in_shared_memory_are_messages() {
     assert_eq!(taken, "got=3 bytes=0 first=1 last=3 lost=0 damaged=0");
 }
 
-//= SM2-SRV-003 sys
+//= SM2-SRV-002 sys
 #[test]
 fn requests_and_replies_of_every_size_arrive_intact() {
     for (inline, sealed) in [

@@ -238,7 +238,7 @@ fn print_times(what: &str, mut times: Vec<Duration>) {
 }
 
 //= SM2-RES-001, SM2-RES-002, SM2-RES-004, SM2-RES-007, SM2-NOD-003 sys
-//= SM2-TRN-008, SM2-SES-008 sys
+//= SM2-TRN-007, SM2-SES-008 sys
 #[test]
 fn kills_of_the_manager_under_load_are_not_noticed() {
     let domain = TempDomain::new();
@@ -287,7 +287,7 @@ fn both_managers_killed_and_one_started_later() {
     print_times("a declaration, from the start on", times);
 }
 
-//= SM2-RES-010, SM2-NOD-003 sys
+//= SM2-RES-009, SM2-NOD-003 sys
 #[test]
 fn a_hand_over_is_not_noticed() {
     let domain = TempDomain::new();

@@ -87,7 +87,7 @@ fn exchange(options: &[&str], sealed: bool) {
     }
 }
 
-//= SM2-MAT-003, SM2-TRN-007 sys
+//= SM2-MAT-003, SM2-TRN-006 sys
 #[test]
 fn links_between_users_are_sealed() {
     exchange(&[], true);
@@ -99,7 +99,7 @@ fn a_domain_may_waive_the_boundary() {
     exchange(&["--waive-user-boundary", "true"], false);
 }
 
-//= SM2-PAY-009 sys
+//= SM2-PAY-001 sys
 #[test]
 fn a_segment_for_another_user_ends_the_link() {
     let Some(domain) = open_domain() else {

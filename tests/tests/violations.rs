@@ -74,7 +74,7 @@ fn run_against(manager: &ManagerProcess, rows: &[Row<RawNode>]) {
     }
 }
 
-//= SM2-TRN-004, SM2-TRN-011, SM2-FRM-001, SM2-FRM-002 sys
+//= SM2-TRN-004, SM2-TRN-010, SM2-FRM-001, SM2-FRM-002 sys
 //= SM2-FRM-003, SM2-NAM-001, SM2-SES-001, SM2-SES-002 sys
 //= SM2-SES-005, SM2-SES-006, SM2-IFC-001, SM2-IFC-003 sys
 //= SM2-LNK-003, SM2-COD-001 sys
@@ -86,7 +86,7 @@ fn a_node_that_breaks_spec_is_gone_and_nobody_else() {
     run_against(&manager, &manager::precedence());
 }
 
-//= SM2-TRN-011 sys
+//= SM2-TRN-010 sys
 #[test]
 fn a_manager_without_descriptors_to_spare_hangs_up_on_whoever_sends_too_many() {
     let domain = TempDomain::new();
@@ -153,7 +153,7 @@ fn links_go_on(stage: &NodeStage, mut actor: RefMut<'_, Actor>, row: &Row<NodeSt
     }
 }
 
-//= SM2-NOD-001, SM2-NOD-002, SM2-NOD-003, SM2-LNK-005, SM2-IFC-002 sys
+//= SM2-NOD-001, SM2-NOD-002, SM2-NOD-003, SM2-LNK-004, SM2-IFC-002 sys
 //= SM2-IFC-007, SM2-FRM-004 sys
 #[test]
 fn a_manager_that_breaks_spec_is_left_and_links_go_on() {
@@ -217,12 +217,12 @@ fn run_against_link(rows: Vec<LinkRow>, options: &[&str]) {
     assert!(tell("take by 4").ends_with("lost=0 damaged=0"));
 }
 
-//= SM2-TRN-004, SM2-TRN-011, SM2-OPN-001, SM2-OPN-002, SM2-OPN-003 sys
-//= SM2-OPN-004, SM2-OPN-005, SM2-OPN-006, SM2-OPN-007, SM2-LNK-009 sys
-//= SM2-WIR-001, SM2-WIR-002, SM2-PAY-001, SM2-PAY-002, SM2-PAY-003 sys
-//= SM2-PAY-009, SM2-PAY-005, SM2-PAY-008, SM2-SEG-001, SM2-SEG-002 sys
+//= SM2-TRN-004, SM2-TRN-010, SM2-OPN-001, SM2-OPN-002, SM2-OPN-003 sys
+//= SM2-OPN-004, SM2-OPN-007, SM2-OPN-008, SM2-OPN-009, SM2-LNK-009 sys
+//= SM2-WIR-001, SM2-WIR-002, SM2-PAY-002, SM2-PAY-003, SM2-PAY-004 sys
+//= SM2-PAY-001, SM2-PAY-005, SM2-PAY-008, SM2-SEG-001, SM2-SEG-002 sys
 //= SM2-SEG-003, SM2-SEG-004, SM2-SEG-005, SM2-MSG-001, SM2-MSG-002 sys
-//= SM2-MSG-003, SM2-MSG-006, SM2-SRV-002, SM2-SRV-003, SM2-SRV-004 sys
+//= SM2-MSG-003, SM2-MSG-004, SM2-SRV-001, SM2-SRV-002, SM2-SRV-003 sys
 #[test]
 fn a_peer_that_breaks_spec_loses_its_link_and_nothing_else_happens() {
     let mut rows = link_rows::rows();
@@ -230,7 +230,7 @@ fn a_peer_that_breaks_spec_loses_its_link_and_nothing_else_happens() {
     run_against_link(rows, &[]);
 }
 
-//= SM2-TRN-011 sys
+//= SM2-TRN-010 sys
 #[test]
 fn a_node_without_descriptors_to_spare_closes_the_link_of_whoever_sends_too_many() {
     run_against_link(link_rows::starved_rows(), &["--nofile", "40"]);

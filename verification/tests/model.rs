@@ -95,8 +95,8 @@ fn named(name: &str, fault: Option<Fault>, reduced: bool) -> Scope {
 }
 
 //= SM2-NOD-001, SM2-NOD-003, SM2-SES-005, SM2-SES-006, SM2-LNK-002, SM2-LNK-003, SM2-LNK-009 model
-//= SM2-MAT-002, SM2-RES-002, SM2-RES-004, SM2-RES-007, SM2-IFC-004, SM2-IFC-007, SM2-TRN-006 model
-//= SM2-ACC-009, SM2-ACC-013, SM2-ACC-017, SM2-LNK-010 model
+//= SM2-MAT-002, SM2-RES-002, SM2-RES-004, SM2-RES-007, SM2-IFC-004, SM2-IFC-007, SM2-TRN-005 model
+//= SM2-ACC-009, SM2-ACC-013, SM2-ACC-014, SM2-LNK-007 model
 #[test]
 fn nothing_breaks_in_the_small_scopes() {
     for &name in part_of(&SMALL, 5) {

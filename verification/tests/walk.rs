@@ -143,7 +143,7 @@ fn checked(walk: &Walk, fault: Option<Fault>) -> Result<usize, TestCaseError> {
     go(walk, fault).map_err(|failure| TestCaseError::fail(failure.to_string()))
 }
 
-//= SM2-MAT-005, SM2-MAT-002, SM2-MAT-003, SM2-IFC-007, SM2-NOD-001, SM2-SES-005, SM2-SES-008 test
+//= SM2-MAT-001, SM2-MAT-002, SM2-MAT-003, SM2-IFC-007, SM2-NOD-001, SM2-SES-005, SM2-SES-008 test
 //= SM2-LNK-002, SM2-LNK-003, SM2-LNK-009, SM2-RES-002, SM2-RES-004, SM2-RES-007 test
 #[test]
 fn random_walks_end_as_matching_says() {

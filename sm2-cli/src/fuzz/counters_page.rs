@@ -34,7 +34,7 @@ const ENTRIES_MAX: usize = 3;
 
 /// A file is opened if and only if it is a valid counter file. Each entry reads as its words say, or not at
 /// all. The tables of `sm2 top` can be drawn from any entries.
-//= SM2-CNT-003, SM2-CNT-012, SM2-CNT-005 fuzz
+//= SM2-CNT-004, SM2-CNT-005, SM2-CNT-006 fuzz
 pub(super) fn file(data: &[u8]) {
     let mut script = Script::new(data);
     if let Some((before, now)) = pages(&mut script) {

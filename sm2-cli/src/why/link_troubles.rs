@@ -31,7 +31,7 @@ struct TooLong {
     messages: u64,
 }
 
-/// An end of a link whose node is short of memory there (SM2-TRN-014).
+/// An end of a link whose node is short of memory there (SM2-TRN-013).
 #[derive(Serialize)]
 struct ShortOfMemory {
     /// The interface whose node is short of memory.

@@ -50,7 +50,7 @@ fn a_topic_is_shown_with_its_type_and_interfaces() {
 }
 
 /// An emergency stop that nobody hears is counted.
-//= SM2-CNT-012 sys
+//= SM2-CNT-005 sys
 #[test]
 fn messages_that_nobody_hears_are_shown() {
     let domain = Domain::new();
@@ -84,7 +84,7 @@ fn messages_that_nobody_hears_are_shown() {
 }
 
 /// The leases, and how often a publisher stopped being alive.
-//= SM2-CNT-012, SM2-QOS-012 sys
+//= SM2-CNT-005, SM2-QOS-011 sys
 #[test]
 fn lost_liveliness_is_shown() {
     let domain = Domain::new();
@@ -112,7 +112,7 @@ fn lost_liveliness_is_shown() {
 }
 
 /// The deadlines, and the periods in which there was no message.
-//= SM2-CNT-012, SM2-QOS-009 sys
+//= SM2-CNT-005, SM2-QOS-009 sys
 #[test]
 fn missed_deadlines_are_shown() {
     let domain = Domain::new();

@@ -48,7 +48,7 @@ fn segments(link: &RawLink) -> Vec<File> {
 }
 
 /// Once `sm2 policy reload` has returned, the publisher's program writes nothing to the memory that the spy maps.
-//= SM2-ACC-018 sys
+//= SM2-ACC-015 sys
 #[test]
 fn a_denied_subscriber_reads_nothing_more_from_its_mapping() {
     let folder = tempfile::tempdir().unwrap();

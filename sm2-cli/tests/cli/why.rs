@@ -162,7 +162,7 @@ fn a_denial_names_its_rule() {
 }
 
 /// The publisher's node cannot send for want of memory, and says so in its counters as long as that lasts.
-//= SM2-TRN-014, SM2-CNT-012 sys
+//= SM2-TRN-013, SM2-CNT-005 sys
 #[test]
 fn a_node_that_is_short_of_memory_is_named() {
     let domain = Domain::new();

@@ -42,7 +42,7 @@ impl Hub {
     }
 
     /// A message of a peer has arrived.
-    //= SM2-GWM-005
+    //= SM2-GWM-007
     pub(super) fn message(
         &mut self,
         now: Instant,
@@ -56,7 +56,7 @@ impl Hub {
         };
         // The message may have been in flight when another offer replaced its offer.
         //= SM2-GWO-004
-        //= SM2-GWR-005
+        //= SM2-GWR-004
         self.settle(now, &subject, Source::Remote(origin.gateway));
         let key = (subject, origin.gateway);
         if self.routes.get(&key) != Some(&(peer, offer)) {
@@ -94,7 +94,7 @@ impl Hub {
     }
 
     /// A peer wants a topic, perhaps later than others: sends it the latched messages.
-    //= SM2-GWM-008
+    //= SM2-GWM-009
     pub(super) fn replay(&mut self, peer: GatewayId, offer: OfferId) {
         let Some((subject, source)) = self.source(peer, offer) else {
             return;
@@ -106,7 +106,7 @@ impl Hub {
 
     /// The gateway no longer wants a remote topic. When it wants the topic again, the latched
     /// messages are sent again.
-    //= SM2-GWM-007
+    //= SM2-GWM-008
     pub(super) fn unused(&mut self, subject: &Subject, origin: GatewayId) {
         if subject.latched() > 0 {
             self.latched.forget(subject, Source::Remote(origin));

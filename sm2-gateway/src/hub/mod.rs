@@ -4,7 +4,7 @@
 //! sequence number of each topic, the newest messages of latched topics, and the callers that wait for
 //! replies. It is a [`Machine`]: its driver, the task in `run`, does all I/O.
 //!
-//! Work that concerns thousands of routes is cut into pieces (SM2-GWR-005, SM2-GWO-008). `cargo run --release -p
+//! Work that concerns thousands of routes is cut into pieces (SM2-GWR-004, SM2-GWO-008). `cargo run --release -p
 //! sm2-gateway --example busy` prints the processor times for 16,384 routes of four peers. On a busy machine, the
 //! longest piece was 1.2 ms at the end of a connection (81 ms in total), and 0.6 ms with rules that deny everything (61
 //! ms in total). A report of the gateway's status is still one piece, of 29 ms there.
@@ -381,7 +381,7 @@ impl Hub {
         }
     }
 
-    //= SM2-GWO-007
+    //= SM2-GWO-005
     fn verdict(&self, peer: GatewayId, kind: SubjectKind, name: &Name) -> Verdict {
         if !self.policy.rules.allow(kind, name, Direction::Out, &peer) {
             return Verdict::Denied;

@@ -23,7 +23,7 @@ use crate::peer::{Command, ConnectionId};
 const PIECE_OFFERS: usize = 512;
 
 impl Hub {
-    //= SM2-GWR-005
+    //= SM2-GWR-004
     pub(super) fn reload(&mut self, now: Instant, policy: Policy) {
         self.policy = policy;
         let rules = self.policy.rules.clone();
@@ -84,7 +84,7 @@ impl Hub {
     }
 
     /// False if other rules deny the service, and the router has not come to it yet.
-    //= SM2-GWR-005
+    //= SM2-GWR-004
     pub(super) fn may_reply(&self, call: &OpenCall) -> bool {
         if self.router.deadline().is_none() {
             return true;

@@ -41,7 +41,7 @@ impl Sequences {
 
     /// Takes a message if it is newer than all that were taken from its origin. Returns how many
     /// messages are missing in between.
-    //= SM2-GWM-007
+    //= SM2-GWM-008
     pub(super) fn take(&mut self, subject: &Subject, origin: Hop, sequence: u64) -> Option<u64> {
         let seen = self.seen.entry((subject.clone(), origin.gateway));
         let last = seen.or_default();

@@ -65,7 +65,7 @@ impl Peer {
 
     /// Stops sending the messages and requests that the rules deny. Waiting messages are judged when they
     /// are about to start.
-    //= SM2-GWR-005
+    //= SM2-GWR-004
     pub(super) fn gate(&mut self, now: Now, rules: Option<Arc<Rules>>) {
         let gate = rules.zip(peer_of(&self.connection));
         self.gate = gate.map(|(rules, peer)| Gate { rules, peer });

@@ -43,7 +43,7 @@ pub(super) enum Progress {
 
 impl Incoming {
     /// Adds bytes of a stream.
-    //= SM2-GWM-006
+    //= SM2-GWM-011
     pub(super) fn push(
         &mut self,
         id: StreamId,
@@ -77,7 +77,7 @@ impl Incoming {
         };
         let len = (stream.body.len() + bytes.len()) as u64;
         if len > header.len {
-            return Err(violation!(PeerViolationKind::Malformed, "SM2-GWM-006"));
+            return Err(violation!(PeerViolationKind::Malformed, "SM2-GWM-011"));
         }
         self.held_bytes += bytes.len() as u64;
         if header.len > limits.message_bytes || self.held_bytes > limits.memory_bytes {
@@ -89,16 +89,16 @@ impl Incoming {
     }
 
     /// The stream has ended. Returns what it carried.
-    //= SM2-GWM-006
+    //= SM2-GWM-011
     pub(super) fn finish(&mut self, id: StreamId) -> Result<(Header, Bytes), PeerViolation> {
         let stream = self
             .remove(id)
-            .ok_or(violation!(PeerViolationKind::Malformed, "SM2-GWM-006"))?;
+            .ok_or(violation!(PeerViolationKind::Malformed, "SM2-GWM-011"))?;
         let header = stream
             .header
-            .ok_or(violation!(PeerViolationKind::Malformed, "SM2-GWM-006"))?;
+            .ok_or(violation!(PeerViolationKind::Malformed, "SM2-GWM-011"))?;
         if stream.body.len() as u64 != header.len {
-            return Err(violation!(PeerViolationKind::Malformed, "SM2-GWM-006"));
+            return Err(violation!(PeerViolationKind::Malformed, "SM2-GWM-011"));
         }
         Ok((header, stream.body.into()))
     }
@@ -167,7 +167,7 @@ mod tests {
         [&header.to_bytes()[..], &vec![7; payload]].concat()
     }
 
-    //= SM2-GWM-006 test
+    //= SM2-GWM-011 test
     #[test]
     fn a_payload_has_the_length_that_its_header_says() {
         for (len, payload, is_legal) in [(0, 0, true), (5, 5, true), (5, 4, false)] {
@@ -187,11 +187,11 @@ mod tests {
         let more = incoming.push(id(0), &stream(5, 6), Instant(0), &LIMITS);
         assert_eq!(
             more,
-            Err(violation!(PeerViolationKind::Malformed, "SM2-GWM-006"))
+            Err(violation!(PeerViolationKind::Malformed, "SM2-GWM-011"))
         );
         assert_eq!(
             incoming.finish(id(9)),
-            Err(violation!(PeerViolationKind::Malformed, "SM2-GWM-006"))
+            Err(violation!(PeerViolationKind::Malformed, "SM2-GWM-011"))
         );
         let mut incoming = Incoming::default();
         let head = &stream(5, 5)[..HEADER_LEN - 1];
@@ -201,7 +201,7 @@ mod tests {
         );
         assert_eq!(
             incoming.finish(id(0)),
-            Err(violation!(PeerViolationKind::Malformed, "SM2-GWM-006"))
+            Err(violation!(PeerViolationKind::Malformed, "SM2-GWM-011"))
         );
     }
 

@@ -71,7 +71,7 @@ use crate::{
 };
 
 /// A stream on which nothing arrives for this long is refused.
-//= SM2-GWM-011
+//= SM2-GWM-010
 const STUCK_TIMEOUT: Duration = Duration::from_secs(30);
 /// No message starts while those that were started and are not acknowledged take this part of the memory: so there is
 /// always memory for what arrives, whatever the peer does not acknowledge.

@@ -185,7 +185,7 @@ impl Topics {
     }
 
     /// Ends what is being sent of topics that other rules deny.
-    //= SM2-GWR-005
+    //= SM2-GWR-004
     pub(super) fn reset_denied(&mut self, outlet: &mut Outlet<'_>) {
         let in_flight = self.in_flight.keys().copied();
         let denied: Vec<OfferId> = in_flight.filter(|it| outlet.denies(*it)).collect();
@@ -209,7 +209,7 @@ impl Topics {
         for next in self.schedule.order() {
             let offer = match next {
                 Next::Continue { offer } => offer,
-                //= SM2-GWR-005
+                //= SM2-GWR-004
                 Next::Start { offer } if outlet.denies(offer) => {
                     return Some(Input::Close { offer });
                 }

@@ -192,7 +192,7 @@ impl Gateway {
 
     /// Replaces the rules, with their limits, and the peers by those of `config`. Other settings of
     /// `config` have no effect.
-    //= SM2-GWR-005
+    //= SM2-GWR-004
     pub async fn reload(&self, config: &Config) {
         self.trusted.set(config.peers.iter().map(|it| it.id));
         // The hub needs no rules once it has ended.

@@ -122,8 +122,8 @@ fn illegal_frames(me: GatewayId, other: GatewayId) -> Vec<Case> {
 //= SM2-GWO-001 test
 //= SM2-GWO-002 test
 //= SM2-GWO-003 test
-//= SM2-GWO-005 test
 //= SM2-GWO-006 test
+//= SM2-GWO-007 test
 #[test]
 fn frames_that_are_not_legal_end_the_connection() {
     let mut bench = Bench::new();

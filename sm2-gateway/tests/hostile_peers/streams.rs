@@ -56,7 +56,7 @@ fn illegal_streams() -> [(&'static str, Dir, Vec<u8>, PeerViolationKind); 10] {
 //= SM2-GWM-001 test
 //= SM2-GWM-002 test
 //= SM2-GWM-003 test
-//= SM2-GWM-006 test
+//= SM2-GWM-011 test
 //= SM2-GWS-001 test
 #[test]
 fn streams_that_are_not_legal_end_the_connection() {
@@ -97,7 +97,7 @@ fn streams_that_are_not_legal_end_the_connection() {
 }
 
 /// Payloads beyond the limits are refused, and the connection stays.
-//= SM2-GWM-006 test
+//= SM2-GWM-011 test
 #[test]
 fn payloads_that_are_too_long_are_refused() {
     let mut bench = Bench::new();

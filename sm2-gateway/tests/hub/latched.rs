@@ -60,7 +60,7 @@ fn want(hub: &mut Hub, connection: u64) -> Vec<Output> {
     )
 }
 
-//= SM2-GWM-008 test
+//= SM2-GWM-009 test
 #[test]
 fn a_peer_that_comes_later_gets_the_newest_of_what_is_latched() {
     let subject = latched(2);
@@ -104,7 +104,7 @@ fn what_is_kept_is_bounded() {
 }
 
 /// A hub that passes messages of peer 2 on to peer 3.
-//= SM2-GWM-007, SM2-GWM-008 test
+//= SM2-GWM-008, SM2-GWM-009 test
 #[test]
 fn what_is_latched_comes_again_when_it_is_wanted_again() {
     let mut hub = hub();

@@ -132,7 +132,7 @@ fn rules(said: &[Output], is_some: bool) -> Vec<u64> {
     said.iter().map_while(of).collect()
 }
 
-//= SM2-GWR-005 test
+//= SM2-GWR-004 test
 #[test]
 fn nothing_passes_that_other_rules_deny_before_they_are_announced() {
     let mut hub = crowd();
@@ -188,7 +188,7 @@ fn nothing_passes_that_other_rules_deny_before_they_are_announced() {
     );
 }
 
-//= SM2-GWR-005 test
+//= SM2-GWR-004 test
 #[test]
 fn other_rules_are_announced_in_bounded_pieces() {
     let mut hub = crowd();
@@ -247,7 +247,7 @@ fn the_qos_of_offers_changes_in_bounded_pieces() {
     assert_eq!(distinct.len(), changed.len(), "each one once");
 }
 
-//= SM2-GWR-005 test
+//= SM2-GWR-004 test
 #[test]
 fn other_rules_withdraw_before_anything_else_is_said() {
     let mut hub = between();

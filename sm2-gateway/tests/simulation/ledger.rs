@@ -173,10 +173,10 @@ impl Ledger {
     }
 
     /// Checks a message that a gateway publishes in its domain.
-    //= SM2-GWM-005 test
     //= SM2-GWM-007 test
+    //= SM2-GWM-008 test
     //= SM2-GWR-003 test
-    //= SM2-GWR-005 test
+    //= SM2-GWR-004 test
     pub(crate) fn delivered(
         &mut self,
         node: usize,

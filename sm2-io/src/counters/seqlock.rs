@@ -22,7 +22,7 @@ pub(super) struct Change<'a, const N: usize> {
 impl<'a, const N: usize> Change<'a, N> {
     /// Starts a change. `turn` is the turn of the last change of these words; the change raises it, so
     /// that it is greater than every turn before.
-    //= SM2-CNT-005
+    //= SM2-CNT-006
     #[inline]
     pub(super) fn begin(words: &'a [AtomicU64; N], turn: &'a mut u64) -> Self {
         // Odd, and greater than before, even if the last change was never dropped.
@@ -56,7 +56,7 @@ impl<'a, const N: usize> Change<'a, N> {
 }
 
 impl<const N: usize> Drop for Change<'_, N> {
-    //= SM2-CNT-005
+    //= SM2-CNT-006
     #[inline]
     fn drop(&mut self) {
         *self.turn += 1;
@@ -67,7 +67,7 @@ impl<const N: usize> Drop for Change<'_, N> {
 }
 
 /// Marks the words as unused.
-//= SM2-CNT-005
+//= SM2-CNT-006
 pub(super) fn free<const N: usize>(words: &[AtomicU64; N]) {
     // The other words stay: a reader that is copying them sees that the turn has changed. Relaxed:
     // nothing else has to be visible with it.
@@ -75,7 +75,7 @@ pub(super) fn free<const N: usize>(words: &[AtomicU64; N]) {
 }
 
 /// Copies the words; `None` if a change was going on.
-//= SM2-CNT-005
+//= SM2-CNT-006
 pub(super) fn copy<const N: usize>(words: &[AtomicU64; N]) -> Option<[u64; N]> {
     // Relaxed: the only ordering that Rust promises for read-only memory.
     let word = |index: usize| u64::from_le(words[index].load(Ordering::Relaxed));

@@ -39,7 +39,7 @@ impl CounterView {
     /// # Errors
     ///
     /// See [`CounterError`]; the descriptor is closed then.
-    //= SM2-CNT-003
+    //= SM2-CNT-004
     pub fn open(fd: OwnedFd) -> Result<Self, CounterError> {
         let file = InspectedFd::new(fd).map_err(failed("inspect"))?;
         let file = file.into_pooled()?;
@@ -78,7 +78,7 @@ impl CounterView {
     /// # Panics
     ///
     /// If there is no such entry.
-    //= SM2-CNT-005
+    //= SM2-CNT-006
     pub fn read(&self, index: u32) -> Result<Option<Entry>, Unreadable> {
         let capacity = self.capacity;
         assert!(index < capacity, "entry {index} of {capacity}");
@@ -182,7 +182,7 @@ pub enum Unreadable {
     /// The entry changed during each attempt, or its writer was stopped during a change.
     #[error("the entry changed during every attempt to read it: try again, or check its node")]
     Torn,
-    /// The entry breaks SM2-CNT-012.
+    /// The entry breaks SM2-CNT-005.
     #[error("the entry has a kind or fields that this version does not know")]
     Malformed,
 }

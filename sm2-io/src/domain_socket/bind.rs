@@ -68,7 +68,7 @@ impl BindOptions {
     /// or to one that depends on a current directory; and as
     /// [`acquire_at`](Self::acquire_at), among them [`DomainSocketError::Busy`]. The socket is
     /// closed then.
-    //= SM2-TRN-008
+    //= SM2-TRN-007
     pub fn adopt(self, socket: OwnedFd) -> Result<DomainSocket, DomainSocketError> {
         let listener = Listener::from_fd(socket)
             .map_err(|source| DomainSocketError::NotAListener { source })?;

@@ -31,7 +31,7 @@ impl DomainSocket {
 
     /// Releases the lock, so that a successor can take it and replace the socket. Until then the socket
     /// stays in place and this process keeps listening.
-    //= SM2-RES-010
+    //= SM2-RES-009
     #[must_use = "dropping it ends listening"]
     pub fn hand_over(self) -> UnlockedSocket {
         let Self {
@@ -83,7 +83,7 @@ impl UnlockedSocket {
 
     /// Whether the path no longer names this socket: a successor has replaced it, and may have removed
     /// its own since. No new connection can arrive then.
-    //= SM2-RES-010
+    //= SM2-RES-009
     #[must_use]
     pub fn is_replaced(&self) -> bool {
         !self.file.is_there()
@@ -97,7 +97,7 @@ impl UnlockedSocket {
     /// [`DomainSocketError::Busy`] while another process holds the lock,
     /// [`DomainSocketError::Replaced`] if another process has held it: see
     /// [`is_replaced`](Self::is_replaced). Others as [`DomainLock::acquire`].
-    //= SM2-RES-010
+    //= SM2-RES-009
     pub fn reclaim(self) -> Result<DomainSocket, Box<NotReclaimed>> {
         let not = |socket, reason| Err(Box::new(NotReclaimed { socket, reason }));
         let lock = match DomainLock::acquire(self.path()) {

@@ -192,7 +192,7 @@ fn map(fd: BorrowedFd<'_>, size_bytes: u64, len: u64, populate: bool) -> io::Res
         return Err(io::ErrorKind::InvalidInput.into());
     }
     let mut flags = MapFlags::MAP_SHARED;
-    //= SM2-PAY-010
+    //= SM2-PAY-009
     flags.set(MapFlags::MAP_POPULATE, populate && !has_hole(fd, len));
     //= SM2-PAY-007
     let region = Region::map(fd, len, ProtFlags::PROT_READ, flags)?;

@@ -44,7 +44,7 @@ impl InspectedFd {
     ///
     /// This process is short of something that the answer needs ([`Side::Receiver`]). The descriptor is closed: it
     /// counts as one that could not be received.
-    //= SM2-TRN-012
+    //= SM2-TRN-011
     pub fn new(fd: OwnedFd) -> io::Result<Self> {
         match facts(fd.as_fd()) {
             Err(error) if blame(&error) == Side::Receiver => Err(error),

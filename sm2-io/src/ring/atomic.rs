@@ -38,6 +38,6 @@ pub(super) fn take(word: &AtomicU64, bits: u64) -> bool {
 pub(super) fn order() {
     // Pairs with the same fence on the other side: one side writes a message word and then reads the
     // parked word, the other writes the parked word and then reads the message word. At least one of
-    // them sees the write of the other, so that no wake-up is lost (SM2-RNG-015).
+    // them sees the write of the other, so that no wake-up is lost (SM2-RNG-012).
     fence(Ordering::SeqCst);
 }

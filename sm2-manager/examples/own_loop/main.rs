@@ -48,7 +48,7 @@ use sm2_proto::{Datagram, FdFacts, Instant, Machine, NodeId};
 
 use node::{Node, Sent};
 
-/// How many descriptors a node may leave unread while too many are in flight (SM2-TRN-010).
+/// How many descriptors a node may leave unread while too many are in flight (SM2-TRN-009).
 const UNTAKEN: usize = 64;
 /// How many datagrams of one node are read before other nodes are served.
 const TURN: usize = 32;

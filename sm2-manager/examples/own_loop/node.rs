@@ -7,7 +7,7 @@ use std::rc::Rc;
 
 use sm2_io::{SendError, SeqPacket};
 
-/// How many bytes are queued for a node that does not read (SM2-TRN-009).
+/// How many bytes are queued for a node that does not read (SM2-TRN-008).
 const QUEUE_BYTES: usize = 1 << 20;
 
 /// The smallest size that the kernel accounts for an unread datagram.

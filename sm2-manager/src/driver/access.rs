@@ -11,7 +11,7 @@ use crate::policy_file;
 impl Manager {
     /// Reads the policy if a handle or a node asked for that, and reports once a policy is applied. While another
     /// Manager may take the lock, the policy waits: it is read and replaced only under the lock.
-    //= SM2-ACC-012, SM2-ACC-013, SM2-ACC-015
+    //= SM2-ACC-012, SM2-ACC-013, SM2-ACC-016
     pub(super) fn reload_policy(&mut self) {
         if self.reload.is_due && self.door.is_open() {
             self.reload.is_due = false;

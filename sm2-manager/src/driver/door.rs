@@ -128,14 +128,14 @@ impl Door {
     }
 
     /// Watches the listening socket again; later if that fails now.
-    //= SM2-TRN-013
+    //= SM2-TRN-012
     fn watch_again(&mut self, epoll: &Epoll) {
         let is_watched = self.watch(epoll, Interest::READABLE);
         self.accept_again = (!is_watched).then(|| clock::now().after(ACCEPT_PAUSE));
     }
 
     /// Releases the lock and stops accepting connections.
-    //= SM2-RES-010
+    //= SM2-RES-009
     pub(super) fn offer(&mut self, epoll: &Epoll) {
         if self.adopted {
             warn!(
@@ -160,7 +160,7 @@ impl Door {
     }
 
     /// Checks whether a successor is there. Takes the domain back if none has come in time.
-    //= SM2-RES-010
+    //= SM2-RES-009
     pub(super) fn look(&mut self, epoll: &Epoll) -> Found {
         let now = clock::now();
         match self.claim.take() {

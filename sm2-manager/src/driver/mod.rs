@@ -91,7 +91,7 @@ impl Manager {
     ///
     /// [`StartError::Limit`] if a limit is wrong; [`StartError::DomainSocket`] if another Manager holds the domain
     /// or the path cannot be used; [`StartError::Io`] if the process has no descriptors left.
-    //= SM2-TRN-001, SM2-TRN-008
+    //= SM2-TRN-001, SM2-TRN-007
     pub fn bind(path: &Path, options: Options) -> Result<Self, StartError> {
         let handles = Handles::new().map_err(StartError::io("make an eventfd"))?;
         Self::bind_with(path, &options, &handles)
@@ -105,7 +105,7 @@ impl Manager {
     ///
     /// As for [`bind`](Self::bind); also if `socket` is not a listening `AF_UNIX` `SOCK_SEQPACKET` socket
     /// with a path. In that case the socket is closed.
-    //= SM2-TRN-008
+    //= SM2-TRN-007
     pub fn adopt(socket: OwnedFd, options: Options) -> Result<Self, StartError> {
         options.limits.check()?;
         let endpoint = options.bind_options().adopt(socket)?;
@@ -125,7 +125,7 @@ impl Manager {
         Self::at(Door::new(endpoint, false), options, handles)
     }
 
-    //= SM2-SES-007, SM2-LNK-002, SM2-ACC-012, SM2-ACC-016
+    //= SM2-SES-007, SM2-LNK-002, SM2-ACC-012, SM2-ACC-017
     fn at(door: Door, options: &Options, handles: &Handles) -> Result<Self, StartError> {
         let access = policy_file::of_domain(door.path(), options)?;
         let epoll = Epoll::new().map_err(StartError::io("create an epoll set"))?;
@@ -360,7 +360,7 @@ impl Manager {
 
     /// Says goodbye to every node because another Manager serves now. Pending connections are accepted first,
     /// so that they get the goodbye too.
-    //= SM2-RES-010, SM2-SES-008
+    //= SM2-RES-009, SM2-SES-008
     fn leave(&mut self) {
         self.accept_pending();
         self.feed(Input::Shutdown);
@@ -390,7 +390,7 @@ impl Manager {
         while let Some(session) = self.given_up.pop_front() {
             self.step(Input::Stalled { session }, Vec::new());
         }
-        //= SM2-LNK-007
+        //= SM2-LNK-006
         while let Some(session) = self.drained.pop_first() {
             let waiting = self.connections.get(&session).map(Connection::is_waiting);
             if waiting == Some(false) && self.machine.awaits_room(session) {
@@ -430,13 +430,13 @@ impl Manager {
                         connection.counters = fds.next().map(Arc::new);
                     }
                 }
-                //= SM2-CNT-002
+                //= SM2-CNT-003
                 Output::SendCounters { session, frame, of } => {
                     let owner = self.connections.get(&of);
                     let file = owner.and_then(|owner| owner.counters.clone());
                     self.send(session, frame, file);
                 }
-                //= SM2-ACC-015
+                //= SM2-ACC-016
                 Output::ReadAccessPolicy => self.reload.ask(),
                 Output::HangUp {
                     session,

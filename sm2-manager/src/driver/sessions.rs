@@ -38,7 +38,7 @@ impl Manager {
         Ok(Some(Arrival { socket, place }))
     }
 
-    //= SM2-TRN-007
+    //= SM2-TRN-006
     pub(super) fn connect(&mut self, Arrival { socket, place }: Arrival) {
         self.last_session += 1;
         let session = NodeId(self.last_session);
@@ -150,7 +150,7 @@ impl Manager {
                 let fds: io::Result<Vec<_>> = fds.collect();
                 let is_lost = received.control_truncated || fds.is_err();
                 let fds = fds.unwrap_or_default();
-                //= SM2-TRN-012
+                //= SM2-TRN-011
                 if is_lost && self.log.may_write(Warning::NotReceived, clock::now()) {
                     warn!(
                         %session,
@@ -176,7 +176,7 @@ impl Manager {
                 if self.log.may_write(Warning::NotRead, clock::now()) {
                     warn!(%session, %error, "cannot read from a node");
                 }
-                //= SM2-TRN-013
+                //= SM2-TRN-012
                 match is_shortage(&error) {
                     true => self.is_short_of_memory = true,
                     false => self.feed(Input::Closed { session }),
@@ -242,7 +242,7 @@ impl Manager {
             match self.epoll.modify(&connection.socket, session.0, interest) {
                 Ok(()) => connection.interest = interest,
                 // Sending again changes the interest again.
-                //= SM2-TRN-013
+                //= SM2-TRN-012
                 Err(_) => self.send_again(session),
             }
         }

@@ -31,7 +31,7 @@ impl Manager {
 
     /// If the process is out of descriptors, gives up the node with the most queued descriptors, so that a
     /// node that does not read cannot block the others. Returns whether descriptors were freed.
-    //= SM2-TRN-009
+    //= SM2-TRN-008
     pub(super) fn make_descriptors(&mut self, error: &io::Error) -> bool {
         let short = [libc::EMFILE, libc::ENFILE].map(Some);
         if !short.contains(&error.raw_os_error()) {
@@ -51,7 +51,7 @@ impl Manager {
     }
 
     /// Pauses sending because the kernel is short of memory.
-    //= SM2-TRN-013
+    //= SM2-TRN-012
     pub(super) fn send_again(&mut self, session: NodeId) {
         let now = clock::now();
         if self.log.may_write(Warning::NotSent, now) {
@@ -77,7 +77,7 @@ impl Manager {
     /// Handles too many descriptors in flight. The kernel counts all of them for this process, whichever node
     /// does not read. Gives up the node that left the most unread, if these are many, and pauses sending to
     /// all others.
-    //= SM2-TRN-010
+    //= SM2-TRN-009
     pub(super) fn crowded(&mut self) {
         self.send_again = Some(clock::now().after(SEND_PAUSE));
         let all = self.connections.iter_mut();

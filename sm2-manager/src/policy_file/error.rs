@@ -91,7 +91,7 @@ pub enum PolicyFileError {
 
 impl PolicyFileError {
     /// The kind of problem, as RELOADED names it.
-    //= SM2-ACC-015
+    //= SM2-ACC-016
     pub(crate) const fn problem(&self) -> PolicyProblem {
         match self {
             Self::Io { .. } | Self::NotAFile { .. } | Self::NotLinked { .. } => {

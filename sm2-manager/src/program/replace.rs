@@ -81,7 +81,7 @@ pub enum ReplaceError {
 }
 
 /// Serves at `path`. If another Manager serves there, asks it to hand over and waits for its lock.
-//= SM2-RES-010, SM2-TRN-008
+//= SM2-RES-009, SM2-TRN-007
 pub(super) fn take_over(path: &Path, options: Options) -> Result<Manager, ReplaceError> {
     let start = Instant::now();
     let mut look_at = start;

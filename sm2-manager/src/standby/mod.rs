@@ -134,7 +134,7 @@ impl Standby {
     /// # Errors
     ///
     /// [`RunError`] if waiting for events fails.
-    //= SM2-TRN-008
+    //= SM2-TRN-007
     pub fn run(&mut self, mut on: impl FnMut(Role)) -> Result<Outcome, RunError> {
         let mut pause = Pause::new();
         loop {

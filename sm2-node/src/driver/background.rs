@@ -75,7 +75,7 @@ impl Drop for BackgroundThread {
 
 /// Drives the control side until the end of the node. If the kernel had no memory for an event, pauses before it tries
 /// again.
-//= SM2-TRN-014
+//= SM2-TRN-013
 fn run(sets: &NodeSets, stop: &Waker, mut drive: impl FnMut() -> bool) {
     loop {
         // Only a `tracing` subscriber can panic here: no other code of the program runs on this thread. The node

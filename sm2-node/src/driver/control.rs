@@ -53,7 +53,7 @@ pub(crate) struct Control {
     /// The warnings about a shortage of memory.
     pub(super) shortages: LimitedWarning,
     /// Whether a descriptor was ready in the last drive, but the kernel had no memory to use it. The descriptor is
-    /// still ready, so a thread that waits for it pauses first (SM2-TRN-014).
+    /// still ready, so a thread that waits for it pauses first (SM2-TRN-013).
     pub(super) short_of_memory: bool,
     /// The token of the newest link.
     pub(super) last_token: LinkToken,

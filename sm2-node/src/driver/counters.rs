@@ -79,7 +79,7 @@ pub(super) fn note_taken(
 }
 
 /// Changes an entry, if the interface or link has one.
-//= SM2-CNT-012
+//= SM2-CNT-005
 #[inline]
 pub(super) fn note(entry: Option<&mut CounterEntry>, change: impl FnOnce(&mut Update<'_>)) {
     if let Some(entry) = entry {

@@ -78,7 +78,7 @@ impl Control {
     }
 
     /// Ticks all interfaces that have a deadline or a lease.
-    //= SM2-QOS-009, SM2-QOS-012
+    //= SM2-QOS-009, SM2-QOS-011
     pub(super) fn on_qos_timer(&mut self, sets: &NodeSets) {
         if !self.qos_timer.fires() {
             return;
@@ -97,7 +97,7 @@ impl Control {
     }
 
     /// Notes that a descriptor could not be used, although it was ready.
-    //= SM2-TRN-014
+    //= SM2-TRN-013
     pub(super) fn not_ready(&mut self, reason: &dyn Display) {
         self.short_of_memory = true;
         if let Some(count) = self.shortages.note(sm2_io::clock::now()) {

@@ -211,7 +211,7 @@ impl Interface {
     }
 
     /// The Manager of this session refused the interface, although an earlier Manager or access policy had granted it.
-    //= SM2-RES-011, SM2-ACC-013
+    //= SM2-RES-010, SM2-ACC-013
     pub(super) fn refuse_again(&mut self, reason: Refusal) {
         let (kind, name) = (self.contract.kind(), self.contract.name());
         match reason.is_denial() {

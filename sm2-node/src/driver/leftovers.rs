@@ -1,6 +1,6 @@
 //! Memory of messages that goes back to the system in parts.
 //!
-//! A subscriber that dies with many messages leaves whole segments that must not be written again (SM2-OPN-008), and a
+//! A subscriber that dies with many messages leaves whole segments that must not be written again (SM2-OPN-010), and a
 //! publisher that rests has segments that it does not need. Giving back hundreds of megabytes takes as long as many
 //! messages, and the kernel locks the mappings of the process meanwhile. So the call that finds such memory only moves
 //! it here. The control side then gives it back: at most [`PART_BYTES`] at a time, without a lock of the node, and with

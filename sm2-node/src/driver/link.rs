@@ -58,7 +58,7 @@ pub(crate) struct LinkDriver {
     needless_watches: u8,
     /// Whether a DOORBELL could not be sent for want of memory.
     bell_due: bool,
-    /// Whether the kernel had no memory for the last packet, or to read the socket (SM2-TRN-014).
+    /// Whether the kernel had no memory for the last packet, or to read the socket (SM2-TRN-013).
     short_of_memory: bool,
     /// Whether the entry says so.
     noted_short: bool,
@@ -70,7 +70,7 @@ pub(crate) struct LinkDriver {
     pub(super) is_backlog_filled: bool,
     /// Whether the interface knows that the link is over.
     pub(super) buried: bool,
-    /// How many messages the receiver had released when the link was suspended (SM2-QOS-017).
+    /// How many messages the receiver had released when the link was suspended (SM2-QOS-007).
     suspended: Option<u64>,
     /// How many messages the application holds.
     held: usize,
@@ -163,7 +163,7 @@ impl LinkDriver {
 
     /// Whether the access policy denies the link, as the Manager or the other side says: its messages
     /// that were not taken are discarded.
-    //= SM2-ACC-017
+    //= SM2-ACC-014
     pub(super) fn is_denied(&self) -> bool {
         self.denied || self.end_code() == Some(Farewell::Denied.code())
     }
@@ -215,7 +215,7 @@ impl LinkDriver {
     }
 
     /// Whether the other side accepts messages of this length.
-    //= SM2-QOS-008, SM2-SRV-007, SM2-SRV-008
+    //= SM2-QOS-008, SM2-SRV-006, SM2-SRV-007
     #[inline]
     pub(crate) const fn accepts(&self, len: u64) -> bool {
         len <= self.peer_max_len()
@@ -241,7 +241,7 @@ impl LinkDriver {
     }
 
     /// Whether a publication waits for this link, which wants every message: it has no room and does not owe.
-    //= SM2-QOS-014, SM2-QOS-015
+    //= SM2-QOS-002, SM2-QOS-003
     #[inline]
     pub(super) fn delays_publication(&self) -> bool {
         self.is_open() && self.is_reliable() && !self.has_room() && !self.owes()

@@ -6,7 +6,7 @@
 //! message.
 //!
 //! If a link *ended* with a message, the slot of the message is not written again: the process at
-//! the other end may be alive and may still read the slot. SM2-OPN-007 settles such messages in the
+//! the other end may be alive and may still read the slot. SM2-OPN-009 settles such messages in the
 //! counters, but a reader may still use them. The slot is abandoned, and its memory returns to the
 //! system when the last reader unmaps it.
 
@@ -129,7 +129,7 @@ impl Outbox {
         self.leftovers.extend(file.map(Leftover::File));
         self.messages.remove(key);
         if let Some(lease) = lease {
-            //= SM2-OPN-008
+            //= SM2-OPN-010
             let over = match is_orphaned {
                 true => self.pool.abandon(lease),
                 false => self.pool.give_back(lease),

@@ -41,7 +41,7 @@ impl QosTimer {
     }
 
     /// An interface has to be ticked at this time. Sets the timer to it, unless it is set to an earlier one.
-    //= SM2-QOS-009, SM2-QOS-012
+    //= SM2-QOS-009, SM2-QOS-011
     pub(super) fn tick_at(&mut self, interface: InterfaceId, at: Instant) {
         self.interfaces.insert(interface);
         let Some(timer) = &self.timer else { return };

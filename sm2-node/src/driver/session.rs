@@ -33,7 +33,7 @@ pub(super) struct Session {
     unsent: VecDeque<Frame>,
     /// Whether the control set also watches for the socket to become writable.
     blocked: bool,
-    /// Whether the kernel had no memory for the last frame, or to read the socket (SM2-TRN-014).
+    /// Whether the kernel had no memory for the last frame, or to read the socket (SM2-TRN-013).
     short_of_memory: bool,
     /// The end of the last session. `None` once a Manager knows all interfaces of this node.
     pub(super) away: Option<End>,
@@ -126,7 +126,7 @@ impl Session {
         let incoming = match receive(self.socket.as_ref()?, buffer) {
             Ok(incoming) => incoming,
             Err(RecvError::WouldBlock) => return None,
-            //= SM2-TRN-014
+            //= SM2-TRN-013
             // The socket stays readable.
             Err(RecvError::Io(error)) if is_shortage(&error) => {
                 self.short_of_memory = true;
@@ -173,10 +173,10 @@ impl Session {
             let fd = fd.as_ref().map(AsFd::as_fd);
             match socket.send(&[IoSlice::new(bytes)], fd.as_slice()) {
                 // The Manager has closed its end. The frames that it sent before are read first,
-                // and then the end of the stream (SM2-TRN-006).
+                // and then the end of the stream (SM2-TRN-005).
                 Ok(()) | Err(SendError::Closed) => {}
                 Err(SendError::WouldBlock) => break,
-                //= SM2-TRN-014
+                //= SM2-TRN-013
                 Err(SendError::TooManyInFlight) => {
                     self.short_of_memory = true;
                     break;

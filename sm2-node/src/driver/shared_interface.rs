@@ -57,7 +57,7 @@ pub(crate) struct InterfaceDriver {
     /// The time at which the current call began.
     now: Instant,
     /// Whether a socket was ready in the last drive, but the kernel had no memory to use it. The socket is still
-    /// ready, so a thread that waits for it pauses first (SM2-TRN-014).
+    /// ready, so a thread that waits for it pauses first (SM2-TRN-013).
     pub(super) short_of_memory: bool,
     /// The warnings about a shortage of memory.
     shortages: LimitedWarning,
@@ -396,7 +396,7 @@ impl InterfaceDriver {
     }
 
     /// Notes that a socket could not be used, although it was ready.
-    //= SM2-TRN-014
+    //= SM2-TRN-013
     fn not_ready(&mut self, reason: &dyn Display) {
         self.short_of_memory = true;
         if let Some(count) = self.shortages.note(sm2_io::clock::now()) {

@@ -14,7 +14,7 @@ const DESCRIPTORS: usize = 4;
 
 /// Sleeps until one of `sets` has an event, another thread signals `waker`, the program requests a shutdown, or the
 /// timeout. If the kernel has no memory for an event, pauses instead, but not after a signal.
-//= SM2-TRN-014
+//= SM2-TRN-013
 pub(super) fn sleep(
     sets: &[BorrowedFd<'_>],
     waker: Option<&Waker>,

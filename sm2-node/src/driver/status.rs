@@ -24,15 +24,15 @@ pub struct LinkStatus {
     /// Whether messages go through a ring in shared memory instead of the socket.
     pub ring: bool,
     /// Whether the kernel had no memory when the node last used the link's socket. The link goes on as soon as
-    /// there is memory (SM2-TRN-014).
+    /// there is memory (SM2-TRN-013).
     pub short_of_memory: bool,
-    /// Counts of the messages that this side sent on the link, by outcome (SM2-QOS-011).
+    /// Counts of the messages that this side sent on the link, by outcome (SM2-QOS-006).
     pub counters: Counters,
     /// Counts of the messages from the other side.
     pub received: Received,
     /// How many periods of the deadline that this subscriber demands have passed without a message (SM2-QOS-009).
     pub missed_deadlines: u64,
-    /// Whether the publisher at the other end is alive (SM2-QOS-012). Always true for a subscriber that demands no
+    /// Whether the publisher at the other end is alive (SM2-QOS-011). Always true for a subscriber that demands no
     /// liveliness, and at all other interfaces.
     pub alive: bool,
     /// How often the publisher at the other end stopped being alive.
@@ -51,7 +51,7 @@ pub struct Received {
     /// Messages that were lost on the link before the messages that the program took.
     pub lost: u64,
     /// Messages that were published while the publisher had no link with this subscriber, before this link
-    /// (SM2-QOS-018). They are not in `lost`.
+    /// (SM2-QOS-013). They are not in `lost`.
     pub away: u64,
     /// Messages that were older than their lifespan when the program would have taken them (SM2-QOS-010).
     pub expired: u64,

@@ -142,7 +142,7 @@ impl NodeState {
 
     /// Notes that there was no memory or descriptor for a program that polls an interface. The node's descriptor
     /// becomes readable, so that the program tries again.
-    //= SM2-TRN-014
+    //= SM2-TRN-013
     pub(crate) fn signal_shortage(&self, error: &io::Error) {
         let mut control = self.lock();
         control.not_ready(error);
@@ -228,7 +228,7 @@ impl SharedInterface {
                 now = sm2_io::clock::now();
                 continue;
             }
-            //= SM2-RNG-015
+            //= SM2-RNG-012
             locked.park();
             if let Some(found) = look(&mut locked) {
                 return Ok(Some(found));

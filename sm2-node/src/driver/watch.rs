@@ -73,7 +73,7 @@ impl Watch {
         if locked.change(&mut look) {
             return locked.short_of_memory;
         }
-        //= SM2-RNG-015
+        //= SM2-RNG-012
         locked.park();
         locked.change(&mut look);
         locked.short_of_memory

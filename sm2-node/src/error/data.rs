@@ -143,7 +143,7 @@ pub enum CallError {
         /// The service.
         service: Name,
     },
-    /// The server ended before it replied (SM2-SRV-005).
+    /// The server ended before it replied (SM2-SRV-004).
     #[error("the server of {service} ended before it replied: call again if that is safe")]
     ServerGone {
         /// The service.
@@ -180,7 +180,7 @@ pub enum CallError {
         /// The limit for each server.
         limit: usize,
     },
-    /// The request is longer than every linked server accepts (SM2-SRV-007).
+    /// The request is longer than every linked server accepts (SM2-SRV-006).
     #[error(
         "the request has {len} bytes, but no server of {service} accepts more than {max_len}: \
          raise max_len of the server, or split the request"
@@ -236,7 +236,7 @@ pub enum ReplyError {
     #[error(transparent)]
     Store(#[from] StoreError),
     /// The reply is longer than the client accepts. The client is told that the call failed
-    /// (SM2-SRV-008).
+    /// (SM2-SRV-007).
     #[error(
         "the reply has {len} bytes, but client {client} accepts at most {max_len}: \
          raise max_len of the client, or split the reply"

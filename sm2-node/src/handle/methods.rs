@@ -46,7 +46,7 @@ macro_rules! interface_methods {
 
             /// True if the current Manager has granted this declaration. False without a Manager,
             /// and if a Manager that took over refused it or another access policy denies it, which is
-            /// logged with the reason (SM2-RES-011, SM2-ACC-013). Open links remain, unless the policy
+            /// logged with the reason (SM2-RES-010, SM2-ACC-013). Open links remain, unless the policy
             /// denies them.
             #[must_use]
             pub fn is_registered(&self) -> bool {

@@ -137,7 +137,7 @@ impl Unreadable {
     /// # Errors
     ///
     /// This process is short of something.
-    //= SM2-SEG-001, SM2-TRN-014
+    //= SM2-SEG-001, SM2-TRN-013
     pub(super) fn check(self) -> Result<(), RecvError> {
         match self.side {
             Side::Sender => Ok(()),

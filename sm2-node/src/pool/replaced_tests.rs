@@ -4,7 +4,7 @@ use super::tests::{marks, reserved, taken};
 use super::*;
 
 /// No slot of a replaced segment serves another message, neither a free one nor one that comes back.
-//= SM2-ACC-018 test
+//= SM2-ACC-015 test
 #[test]
 fn replaced_segments_serve_no_further_message() {
     let mut pool = Pool::new(1 << 20);

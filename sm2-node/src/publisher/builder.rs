@@ -70,13 +70,13 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
     ///
     /// For a reliable subscriber, no message displaces another one. If such a subscriber has no room, the
     /// publisher waits for at most the [`publish_timeout`](Self::publish_timeout), and then skips this
-    /// subscriber (SM2-QOS-014). Subscribers that have room get the message before the publisher waits, but the next
+    /// subscriber (SM2-QOS-002). Subscribers that have room get the message before the publisher waits, but the next
     /// message reaches them later. So that no subscriber can slow down the others for long, two rules limit the wait:
     ///
     /// - A subscriber that missed a message *owes*: no publication waits for it until it has released all messages that
-    ///   were in flight to it then (SM2-QOS-015). It still gets each message for which it has room.
+    ///   were in flight to it then (SM2-QOS-003). It still gets each message for which it has room.
     /// - All waits of the publisher together take at most one `publish_timeout`, and the
-    ///   [`wait_share_percent`](Self::wait_share_percent) of the time (SM2-QOS-016).
+    ///   [`wait_share_percent`](Self::wait_share_percent) of the time (SM2-QOS-004).
     ///
     /// Each message that a subscriber misses by these rules counts as
     /// [`deadline`](sm2_proto::link::Counters::deadline) here and in [`Published::missed`](crate::Published::missed).
@@ -101,7 +101,7 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
     /// above 100 count as 100.
     ///
     /// In any period, all waits of this publisher together take at most this share of the period, and once the longest
-    /// timeout of a publication (SM2-QOS-016). If nothing is left, a publication does not wait: a reliable subscriber
+    /// timeout of a publication (SM2-QOS-004). If nothing is left, a publication does not wait: a reliable subscriber
     /// without room misses the message. With the default, subscribers that keep up get at least 0.97 of the messages
     /// that the program publishes in 8 s, whatever reliable subscribers do. With 0 the publisher waits for one timeout
     /// in its life; with 100, each publication can wait for its whole timeout.
@@ -113,7 +113,7 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
     }
 
     /// Keeps the last `messages`, and sends them to every new subscriber before any other message
-    /// (SM2-QOS-003): 0 to 1,024; 0 by default.
+    /// (SM2-QOS-005): 0 to 1,024; 0 by default.
     pub const fn latched(mut self, messages: u16) -> Self {
         self.offer.latched = messages;
         self
@@ -138,7 +138,7 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
     ///
     /// The first lease begins when the publisher is declared. When a lease passes without a sign of life, this side and
     /// each subscriber that demands a liveliness get an [event](crate::Event::LivelinessLost).
-    /// [Another one](crate::Event::LivelinessRegained) tells them that the publisher is alive again (SM2-QOS-012).
+    /// [Another one](crate::Event::LivelinessRegained) tells them that the publisher is alive again (SM2-QOS-011).
     pub const fn liveliness(mut self, lease: Duration) -> Self {
         self.offer.lease = Period::new(lease);
         self
@@ -171,7 +171,7 @@ system after [`keep_idle`](Self::keep_idle)."
     ///
     /// A subscriber that keeps its samples keeps their memory. When unreleased messages fill half of the limit,
     /// the publisher suspends the subscriber with the oldest one: it gets no message until it releases one
-    /// (SM2-QOS-017), and the messages that it misses count as
+    /// (SM2-QOS-007), and the messages that it misses count as
     /// [`pool_limit`](sm2_proto::link::Counters::pool_limit). Its samples stay valid, and their memory no longer
     /// counts as available: the others share half of the rest in the same way. The second half is for the
     /// subscribers that release what they get. A limit of 0 leaves only the reserved memory, all of which one

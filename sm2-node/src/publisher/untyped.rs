@@ -199,7 +199,7 @@ impl UntypedPublisher {
             if offered.waiting.is_empty() {
                 return Publication::Done(interface.finish(offered, context));
             }
-            //= SM2-QOS-016
+            //= SM2-QOS-004
             let grant = self.budget().grant(now, timeout);
             if grant.is_empty() {
                 return Publication::Done(interface.finish(offered, context));
@@ -232,7 +232,7 @@ impl UntypedPublisher {
     }
 
     /// Waits until all links have the message, or the deadline has passed.
-    //= SM2-QOS-014
+    //= SM2-QOS-002
     pub(super) fn complete(&self, publication: Publication) -> Result<Published, PublishError> {
         let (mut offered, grant) = match publication {
             Publication::Done(published) => return Ok(published),

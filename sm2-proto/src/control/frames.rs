@@ -88,7 +88,7 @@ pub enum ToManager {
         /// The type.
         data: TypeId,
     },
-    /// The node states how many ends of links it can have at a time (SM2-LNK-010).
+    /// The node states how many ends of links it can have at a time (SM2-LNK-007).
     MaxLinks {
         /// The number. The newest one counts.
         max_links: u32,

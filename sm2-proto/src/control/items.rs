@@ -27,7 +27,7 @@ pub enum Item {
         /// Whether the node is still claiming links of an earlier Manager.
         resuming: bool,
         /// The number of ends of links that the node can have at a time, if it stated one
-        /// (SM2-LNK-010).
+        /// (SM2-LNK-007).
         max_links: Option<u32>,
     },
     /// An interface.
@@ -78,7 +78,7 @@ pub enum Item {
         reason: UnlinkedReason,
     },
     /// A link that neither node was told of yet, because one of them has no room for it
-    /// (SM2-LNK-007, SM2-LNK-010).
+    /// (SM2-LNK-006, SM2-LNK-007).
     Waiting {
         /// Its number.
         link: LinkId,

@@ -293,7 +293,7 @@ impl Limits {
     }
 
     /// The LINKs that a session is sent before its socket has taken all of them.
-    //= SM2-LNK-007
+    //= SM2-LNK-006
     pub(crate) const fn links_in_flight(&self) -> usize {
         match self.count(Limit::LinksInFlight) {
             0 => 1,

@@ -25,7 +25,7 @@ fn datagram<'a>(bytes: &'a [u8], files: &'a [FdFacts; 2], fds: usize) -> Datagra
 }
 
 /// DECODE-TOTAL and DECODE-CANONICAL: any two bytes to the Manager.
-//= SM2-FRM-001, SM2-FRM-002, SM2-TRN-011 kani
+//= SM2-FRM-001, SM2-FRM-002, SM2-TRN-010 kani
 #[cfg_attr(kani, kani::proof)]
 // Two bytes; numbers of up to ten.
 #[cfg_attr(kani, kani::unwind(12))]
@@ -53,7 +53,7 @@ fn short_frames_to_a_manager_are_canonical() {
 }
 
 /// DECODE-TOTAL and DECODE-CANONICAL: any two bytes to a node.
-//= SM2-FRM-001, SM2-FRM-002, SM2-TRN-011 kani
+//= SM2-FRM-001, SM2-FRM-002, SM2-TRN-010 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(12))]
 fn short_frames_to_a_node_are_canonical() {
@@ -139,7 +139,7 @@ fn any_number() -> u64 {
 
 /// A frame is read back unchanged. It is refused with one byte more or less, another number of
 /// descriptors, or a number that is longer than necessary.
-//= SM2-FRM-001, SM2-FRM-002, SM2-TRN-011 kani
+//= SM2-FRM-001, SM2-FRM-002, SM2-TRN-010 kani
 #[cfg_attr(kani, kani::proof)]
 // Frames of at most 40 bytes.
 #[cfg_attr(kani, kani::unwind(42))]
@@ -172,7 +172,7 @@ fn frames_are_read_exactly() {
         _ => {
             let fds = kani::any_where(|fds: &u8| *fds < 3 && usize::from(*fds) != wanted);
             let decoded = decode_to_manager(&datagram(&bytes, &files, usize::from(fds)));
-            assert_eq!(decoded, Err(violation!(FdCount, "SM2-TRN-011")));
+            assert_eq!(decoded, Err(violation!(FdCount, "SM2-TRN-010")));
             kani::cover!(fds == 2 && wanted == 1, "two instead of one");
             return;
         }

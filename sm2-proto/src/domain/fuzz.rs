@@ -145,7 +145,7 @@ fn entities(item: &Item) -> Vec<EntityId> {
 }
 
 /// Words of a file whose author is not trusted.
-//= SM2-CNT-012 fuzz
+//= SM2-CNT-005 fuzz
 fn counters(script: &mut Script<'_>) -> Option<()> {
     let mut words = [0; ENTRY_FIELDS];
     // The turn and the kind of a legal entry, unless the bytes choose others.

@@ -119,7 +119,7 @@ pub enum Finding {
         /// The quota.
         limit: u32,
     },
-    /// They match; a node has no room for more links (SM2-LNK-010).
+    /// They match; a node has no room for more links (SM2-LNK-007).
     NoRoom {
         /// The node.
         node: NodeId,
@@ -129,7 +129,7 @@ pub enum Finding {
         max_links: u32,
     },
     /// They match; their link is made as soon as both nodes have read what was sent to them
-    /// (SM2-LNK-007).
+    /// (SM2-LNK-006).
     Waiting {
         /// The link's number.
         link: LinkId,
@@ -198,7 +198,7 @@ pub enum Part {
 }
 
 impl Verdict {
-    /// Whether the contracts of the two match (SM2-MAT-005), so that only other rules can prevent a
+    /// Whether the contracts of the two match (SM2-MAT-001), so that only other rules can prevent a
     /// link.
     #[must_use]
     pub const fn matches(&self) -> bool {

@@ -11,7 +11,7 @@ use crate::{
 };
 
 /// The reason why the two interfaces are linked or not. Their order does not matter.
-//= SM2-MAT-005, SM2-MAT-003, SM2-WCH-004
+//= SM2-MAT-001, SM2-MAT-003, SM2-WCH-004
 #[must_use]
 pub fn why(domain: &Domain, one: EntityId, other: EntityId) -> Verdict {
     let (one, other) = sorted(domain, one, other);
@@ -87,7 +87,7 @@ fn find(domain: &Domain, one: &InterfaceView<'_>, other: &InterfaceView<'_>) -> 
 }
 
 /// The reason why the link of two interfaces waits, if it does.
-//= SM2-LNK-007, SM2-LNK-010
+//= SM2-LNK-006, SM2-LNK-007
 fn waiting(domain: &Domain, offering: EntityId, demanding: EntityId) -> Option<Finding> {
     let mut waiting = domain.waiting_links();
     let (link, ..) = waiting.find(|&(_, one, other)| (one, other) == (offering, demanding))?;

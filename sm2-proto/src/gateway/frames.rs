@@ -141,7 +141,7 @@ pub struct Hop {
     pub epoch: u64,
 }
 
-/// The answer to ASK (SM2-GWO-007).
+/// The answer to ASK (SM2-GWO-005).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Verdict {
     /// The asking side has an offer of the subject.
@@ -179,17 +179,17 @@ impl Frame {
     }
 
     /// Checks the bounds of the fields.
-    //= SM2-GWO-006
+    //= SM2-GWO-007
     pub(super) fn check(&self) -> Result<(), PeerViolation> {
         match self {
             Self::Want { depth, .. } if !(1..=QOS_MAX).contains(depth) => {
-                Err(violation!(PeerViolationKind::BadQos, "SM2-GWO-006"))
+                Err(violation!(PeerViolationKind::BadQos, "SM2-GWO-007"))
             }
             Self::Offer { subject, .. } if subject.latched() > QOS_MAX => {
-                Err(violation!(PeerViolationKind::BadQos, "SM2-GWO-006"))
+                Err(violation!(PeerViolationKind::BadQos, "SM2-GWO-007"))
             }
             Self::Offer { path, .. } if !is_path(path) => {
-                Err(violation!(PeerViolationKind::BadPath, "SM2-GWO-006"))
+                Err(violation!(PeerViolationKind::BadPath, "SM2-GWO-007"))
             }
             _ => Ok(()),
         }

@@ -206,7 +206,7 @@ impl Router {
     }
 
     /// Settles the next sources that are left: those of connections that have ended, then those of the walk.
-    //= SM2-GWR-005, SM2-GWO-008
+    //= SM2-GWR-004, SM2-GWO-008
     fn settle_piece(&mut self) {
         let mut decisions = 0;
         while decisions < PIECE_DECISIONS {

@@ -20,7 +20,7 @@
 //!
 //! A topic of weight `w` begins to wait at virtual time `v`, for a message of at most `len` bytes. Until
 //! this message is sent, every other topic, of weight `u`, sends at most one message and `len * u / w`
-//! bytes (SM2-GWM-009). Proof:
+//! bytes (SM2-GWM-005). Proof:
 //!
 //! 1. The finish tag of the message is at most `v + len / w`, and stays so: neither later publications
 //!    nor drops change a start tag. Only the start of a message ends it.
@@ -327,7 +327,7 @@ impl<M> Schedule<M> {
         if topic.in_flight.is_none() && topic.free_at > now {
             timer = timer.into_iter().chain([topic.free_at]).min();
         } else if topic.in_flight.is_none() {
-            //= SM2-GWM-009
+            //= SM2-GWM-005
             let start_tag = *topic.start_tag.get_or_insert(self.finish_tag);
             let finish_tag = start_tag.saturating_add(topic.qos.virtual_len(next.len_bytes));
             topic.ready = Some(finish_tag);
@@ -338,7 +338,7 @@ impl<M> Schedule<M> {
     }
 
     /// Starts the next message of a topic. Messages that are too old by now are dropped instead.
-    //= SM2-GWM-010
+    //= SM2-GWM-006
     fn start(&mut self, now: Instant, offer: OfferId) -> Result<(), Misuse> {
         let is_full = self.in_flight.len() >= MESSAGES_IN_FLIGHT_MAX;
         if self.topic(offer)?.ready.is_none() || is_full {

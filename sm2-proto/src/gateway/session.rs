@@ -328,21 +328,21 @@ impl Session {
         Ok(())
     }
 
-    //= SM2-GWO-005
+    //= SM2-GWO-006
     fn asked_by_peer(&mut self, ask: AskId) -> Result<(), PeerViolation> {
         if self.unanswered.len() >= QUESTIONS_MAX {
-            return Err(violation!(PeerViolationKind::Malformed, "SM2-GWO-005"));
+            return Err(violation!(PeerViolationKind::Malformed, "SM2-GWO-006"));
         }
         self.unanswered.push_back(ask);
         Ok(())
     }
 
-    //= SM2-GWO-005
+    //= SM2-GWO-006
     fn answered_by_peer(&mut self, ask: AskId) -> Result<(), PeerViolation> {
         if self.asked.front() != Some(&ask) {
             return Err(violation!(
                 PeerViolationKind::UnexpectedAnswer,
-                "SM2-GWO-005"
+                "SM2-GWO-006"
             ));
         }
         self.asked.pop_front();

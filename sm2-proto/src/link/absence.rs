@@ -1,4 +1,4 @@
-//! The messages that a publisher published while it had no link with a subscriber (SM2-QOS-018).
+//! The messages that a publisher published while it had no link with a subscriber (SM2-QOS-013).
 //!
 //! A link can end and be made anew between the same two interfaces: after a shortage of descriptors, when a policy
 //! allows the pair again, or when another Manager did not adopt the link. The publisher cannot count what it published
@@ -65,7 +65,7 @@ impl Account {
     /// Begins the account of a link. Returns it with the number of messages that were published while there was no
     /// link, as far as OPEN tells. A `latched` publisher sends some of them again on the new link, so their number is
     /// known with its first message.
-    //= SM2-QOS-018
+    //= SM2-QOS-013
     #[must_use]
     pub const fn open(of: Publications, latched: bool, record: Option<Record>) -> (Self, u64) {
         let Some(record) = record else {
@@ -112,7 +112,7 @@ impl Account {
 
     /// Counts a message for the application. `lost` is the number of messages that were lost on the link before it,
     /// since the message before, taken or expired.
-    //= SM2-QOS-018
+    //= SM2-QOS-013
     pub const fn take(&mut self, id: u64, lost: u64) -> Missed {
         let missed = self.expire(id, lost);
         let unreported = self.unreported;
@@ -125,7 +125,7 @@ impl Account {
 
     /// Counts a message that has expired, as [`take`](Self::take). The driver reports the returned losses with the next
     /// message.
-    //= SM2-QOS-018
+    //= SM2-QOS-013
     pub const fn expire(&mut self, id: u64, lost: u64) -> Missed {
         let (lost, away) = match self.progress {
             Progress::First { .. } | Progress::Settled => {

@@ -27,7 +27,7 @@ struct Call {
 
 impl Placed {
     /// Checks whether one more call is allowed.
-    //= SM2-SRV-002
+    //= SM2-SRV-001
     pub(super) fn check(&self) -> Result<(), Misuse> {
         if self.calls.len() >= CALLS_MAX {
             Err(Misuse::CallLimit)
@@ -53,7 +53,7 @@ impl Placed {
 
     /// Called when the application no longer wants the reply; `last` is the id of its last call. A
     /// call that already has its reply is not affected.
-    //= SM2-SRV-004
+    //= SM2-SRV-003
     pub(super) fn cancel(&mut self, call: u64, last: Option<u64>) -> Result<(), Misuse> {
         match self.calls.get_mut(&call) {
             Some(state) if state.cancelled => Ok(()),
@@ -70,13 +70,13 @@ impl Placed {
     }
 
     /// Checks whether this REPLY is legal now.
-    //= SM2-SRV-003
+    //= SM2-SRV-002
     pub(super) fn check_reply(&self, call: u64, status: Status, len: u64) -> Result<(), Violation> {
         if !self.calls.get(&call).is_some_and(|state| state.sent) {
-            return Err(violation!(UnknownCall, "SM2-SRV-003"));
+            return Err(violation!(UnknownCall, "SM2-SRV-002"));
         }
         if !status.has_payload() && len != 0 {
-            return Err(violation!(BadLength, "SM2-SRV-003"));
+            return Err(violation!(BadLength, "SM2-SRV-002"));
         }
         Ok(())
     }
@@ -103,7 +103,7 @@ impl Placed {
     }
 
     /// Ends all calls with the link. Returns the calls that will not get a reply, the oldest first.
-    //= SM2-SRV-005
+    //= SM2-SRV-004
     pub(super) fn end(&mut self) -> impl Iterator<Item = u64> + use<> {
         self.cancels.clear();
         mem::take(&mut self.calls).into_keys()
@@ -164,13 +164,13 @@ impl Got {
 
 impl Served {
     /// Checks whether this REQUEST is legal now.
-    //= SM2-SRV-002
+    //= SM2-SRV-001
     pub(super) fn check_request(&self, call: u64) -> Result<(), Violation> {
         if call <= self.last.unwrap_or(0) {
-            return Err(violation!(BadId, "SM2-SRV-002"));
+            return Err(violation!(BadId, "SM2-SRV-001"));
         }
         if self.open >= CALLS_MAX {
-            return Err(violation!(CallLimit, "SM2-SRV-002"));
+            return Err(violation!(CallLimit, "SM2-SRV-001"));
         }
         Ok(())
     }
@@ -189,45 +189,45 @@ impl Served {
     }
 
     /// Handles CANCEL. Returns whether the application has to be told.
-    //= SM2-SRV-004
+    //= SM2-SRV-003
     pub(super) fn cancel(&mut self, call: u64) -> Result<bool, Violation> {
         let got = self
             .calls
             .get_mut(&call)
-            .ok_or(violation!(UnknownCall, "SM2-SRV-004"))?;
-        got.cancel().ok_or(violation!(BadCancel, "SM2-SRV-004"))
+            .ok_or(violation!(UnknownCall, "SM2-SRV-003"))?;
+        got.cancel().ok_or(violation!(BadCancel, "SM2-SRV-003"))
     }
 
     /// Handles CANCEL on the ring lane, where CANCEL can overtake its request, and the reply can
     /// overtake CANCEL. At most `most` requests are in the ring. Returns whether the application
     /// has to be told.
-    //= SM2-RNG-012
+    //= SM2-RNG-011
     pub(super) fn cancel_of_ring(&mut self, call: u64, most: usize) -> Result<bool, Violation> {
         if let Some(got) = self.calls.get_mut(&call) {
             return match got.cancel() {
                 Some(is_new) => Ok(is_new),
-                None => Err(violation!(BadCancel, "SM2-RNG-012")),
+                None => Err(violation!(BadCancel, "SM2-RNG-011")),
             };
         }
         if self.last.is_some_and(|last| call <= last) {
             return Ok(false);
         }
         if self.early.contains(&call) {
-            return Err(violation!(BadCancel, "SM2-RNG-012"));
+            return Err(violation!(BadCancel, "SM2-RNG-011"));
         }
         if self.early.len() >= most {
-            return Err(violation!(UnknownCall, "SM2-RNG-012"));
+            return Err(violation!(UnknownCall, "SM2-RNG-011"));
         }
         self.early.insert(call);
         Ok(false)
     }
 
     /// Records a request that was taken from a ring. Returns whether it is already cancelled.
-    //= SM2-RNG-012, SM2-SRV-002
+    //= SM2-RNG-011, SM2-SRV-001
     pub(super) fn taken_from_ring(&mut self, call: u64) -> Result<bool, Violation> {
         self.check_request(call)?;
         if self.early.first().is_some_and(|early| *early < call) {
-            return Err(violation!(UnknownCall, "SM2-RNG-012"));
+            return Err(violation!(UnknownCall, "SM2-RNG-011"));
         }
         self.requested(call);
         if self.early.remove(&call) {
@@ -238,7 +238,7 @@ impl Served {
     }
 
     /// Checks whether the application may reply.
-    //= SM2-SRV-003
+    //= SM2-SRV-002
     pub(super) fn check(&self, call: u64) -> Result<(), Misuse> {
         match self.calls.get(&call) {
             Some(Got {

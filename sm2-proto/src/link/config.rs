@@ -84,7 +84,7 @@ impl Config {
 
     /// The same configuration, with what the interface at the other end decides: the lifespan of a publisher, the
     /// lease of a subscriber.
-    //= SM2-QOS-010, SM2-QOS-013
+    //= SM2-QOS-010, SM2-QOS-012
     #[must_use]
     pub const fn with_peer(mut self, peer: &Contract) -> Self {
         match self.role {
@@ -107,7 +107,7 @@ impl Config {
     }
 
     /// `max_len` of this end's OPEN, in units of 1,024 bytes.
-    //= SM2-OPN-009
+    //= SM2-OPN-005
     pub(super) const fn max_len_units(&self) -> u32 {
         if self.role.receives() {
             self.max_len.units()
@@ -119,7 +119,7 @@ impl Config {
     /// The layout of the ring that this end creates; `None` for a sender. The ring is as deep as
     /// the number of messages that may wait for the application. That number is `depth`, except for
     /// a caller, whose ring has room for the reply to each of its calls.
-    //= SM2-RNG-014
+    //= SM2-RNG-002
     #[must_use]
     pub const fn ring_layout(&self) -> Option<RingLayout> {
         let window = self.window();
@@ -137,7 +137,7 @@ impl Config {
     pub(super) fn in_range(self) -> Self {
         Self {
             reliable: self.reliable || matches!(self.role, Role::Caller | Role::Server),
-            //= SM2-RNG-013
+            //= SM2-RNG-001
             ring: self.ring && !self.sealed,
             depth: self.depth.clamp(1, QOS_MAX),
             max_borrowed: self.max_borrowed.clamp(1, QOS_MAX),

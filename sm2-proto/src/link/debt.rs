@@ -16,7 +16,7 @@
 /// | [`clear`](Self::clear) | no debt | no debt |
 ///
 /// Messages are numbered in the order in which they were sent, by any increasing number.
-//= SM2-QOS-015
+//= SM2-QOS-003
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub(in crate::link) struct Debt {
     /// The number of the newest message in flight when the debt was incurred; 0 without a debt.
@@ -98,7 +98,7 @@ mod tests {
 
     proptest! {
         /// A link owes exactly while a message is in flight that was in flight when a publication last missed it.
-        //= SM2-QOS-015 test
+        //= SM2-QOS-003 test
         #[test]
         fn a_link_owes_what_was_in_flight(steps in vec(prop_oneof![
             Just(Step::Send),

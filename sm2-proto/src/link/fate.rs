@@ -37,7 +37,7 @@ impl Fate {
     ];
 
     /// The name in SPEC, in counters and in JSON.
-    //= SM2-QOS-011
+    //= SM2-QOS-006
     #[must_use]
     pub const fn as_str(self) -> &'static str {
         match self {
@@ -72,7 +72,7 @@ impl Fate {
     }
 
     /// Whether the link of a publication that was not sent owes from then on.
-    //= SM2-QOS-015
+    //= SM2-QOS-003
     pub(super) const fn incurs_debt(self) -> bool {
         matches!(self, Self::Deadline | Self::PoolLimit)
     }
@@ -152,7 +152,7 @@ impl Counters {
     }
 
     /// Whether each message that was offered has one fate or is in flight.
-    //= SM2-QOS-011
+    //= SM2-QOS-006
     #[must_use]
     pub fn is_balanced(&self) -> bool {
         let settled = self.delivered.saturating_add(self.dropped());

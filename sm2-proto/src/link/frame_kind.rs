@@ -76,7 +76,7 @@ impl FrameKind {
 
     /// Whether frames of this kind are legal on links of the ring lane (`ring`) or of the socket
     /// lane. For RING, `ring` says whether the sender of the frame offers the ring lane.
-    //= SM2-RNG-013
+    //= SM2-RNG-001
     #[must_use]
     pub const fn is_on(self, ring: bool) -> bool {
         match self {

@@ -30,7 +30,7 @@ const NOW: Instant = Instant(0);
 const STRIDE: u64 = 4_096;
 
 /// Runs the steps that the bytes encode. Panics if the machine broke its contract.
-//= SM2-WIR-001, SM2-QOS-011 fuzz
+//= SM2-WIR-001, SM2-QOS-006 fuzz
 pub(crate) fn frames(data: &[u8]) {
     check_round_trip(data, &[]);
     check_round_trip(data, &[FdFacts::default()]);

@@ -108,7 +108,7 @@ impl Inbound {
     }
 
     /// Handles ATTACH.
-    //= SM2-PAY-009, SM2-SEG-001, SM2-SEG-003, SM2-SEG-004
+    //= SM2-PAY-001, SM2-SEG-001, SM2-SEG-003, SM2-SEG-004
     pub(super) fn attach(&mut self, info: &SegmentInfo, fds: &[FdFacts]) -> Result<(), Violation> {
         self.check_pooled()?;
         let is_taken = self.segments.contains_key(&info.id);
@@ -148,13 +148,13 @@ impl Inbound {
         if !is_legal_len(message.len) {
             return Err(violation!(BadLength, "SM2-PAY-008"));
         }
-        //= SM2-PAY-011
+        //= SM2-PAY-010
         if message.len > self.max_len {
-            return Err(violation!(MessageTooLong, "SM2-PAY-011"));
+            return Err(violation!(MessageTooLong, "SM2-PAY-010"));
         }
         if message.form == Form::Sealed {
             let verified =
-                Verified::sealed(fds.first().ok_or(violation!(FdCount, "SM2-TRN-011"))?)?;
+                Verified::sealed(fds.first().ok_or(violation!(FdCount, "SM2-TRN-010"))?)?;
             verified.check_message(message.len)?;
         }
         let MessageFrame {
@@ -199,9 +199,9 @@ impl Inbound {
 
     fn check_form(&self, message: &MessageFrame<'_>) -> Result<(Payload, Option<Slot>), Violation> {
         match message.form {
-            //= SM2-PAY-001
+            //= SM2-PAY-002
             Form::Inline if message.len > INLINE_MAX as u64 => {
-                Err(violation!(BadLength, "SM2-PAY-001"))
+                Err(violation!(BadLength, "SM2-PAY-002"))
             }
             Form::Inline => Ok((Payload::Inline(Bytes::copy_from_slice(message.rest)), None)),
             Form::Pooled { segment, slot } => {
@@ -211,34 +211,34 @@ impl Inbound {
                     Some(Slot { segment, slot }),
                 ))
             }
-            //= SM2-PAY-003
+            //= SM2-PAY-004
             Form::Sealed => Ok((Payload::Sealed, None)),
         }
     }
 
     /// Whether the link may have segments and pooled messages.
-    //= SM2-PAY-009
+    //= SM2-PAY-001
     const fn check_pooled(&self) -> Result<(), Violation> {
         if self.sealed {
-            return Err(violation!(NotSealed, "SM2-PAY-009"));
+            return Err(violation!(NotSealed, "SM2-PAY-001"));
         }
         Ok(())
     }
 
     /// Returns the offset of the payload of a pooled message.
-    //= SM2-PAY-002, SM2-PAY-005
+    //= SM2-PAY-003, SM2-PAY-005
     fn check_slot(&self, segment: u32, slot: u32, len: u64) -> Result<u64, Violation> {
         self.check_pooled()?;
         let segment = self
             .segments
             .get(&segment)
-            .ok_or(violation!(UnknownSegment, "SM2-PAY-002"))?;
+            .ok_or(violation!(UnknownSegment, "SM2-PAY-003"))?;
         let offset = segment
             .geometry
             .offset(slot)
-            .ok_or(violation!(BadSlot, "SM2-PAY-002"))?;
+            .ok_or(violation!(BadSlot, "SM2-PAY-003"))?;
         if len > segment.geometry.stride() {
-            return Err(violation!(BadLength, "SM2-PAY-002"));
+            return Err(violation!(BadLength, "SM2-PAY-003"));
         }
         if segment.busy.contains(&slot) {
             return Err(violation!(SlotBusy, "SM2-PAY-005"));
@@ -247,7 +247,7 @@ impl Inbound {
     }
 
     /// Accepts a message. Returns the sequence number of the message that it displaced, if any.
-    //= SM2-QOS-001, SM2-QOS-014
+    //= SM2-QOS-001, SM2-QOS-002
     pub(super) fn accept(&mut self, checked: CheckedMessage) -> Option<u64> {
         let CheckedMessage { ready, carrier } = checked;
         self.sequence = ready.delivery.sequence;
@@ -307,7 +307,7 @@ impl Inbound {
     }
 
     /// Returns the next RELEASE to send.
-    //= SM2-MSG-006, SM2-MSG-005
+    //= SM2-MSG-004, SM2-MSG-005
     pub(super) fn poll(&mut self) -> Option<Packet> {
         let (given, pending) = if !self.discarded.is_empty() {
             (Given::Discarded, &mut self.discarded)
@@ -347,7 +347,7 @@ impl Inbound {
     }
 
     /// Ends this side with the link. Ready messages stay valid; all others count as given back.
-    //= SM2-OPN-005, SM2-OPN-007
+    //= SM2-OPN-007, SM2-OPN-009
     pub(super) fn end(&mut self) {
         self.consumed.clear();
         self.discarded.clear();

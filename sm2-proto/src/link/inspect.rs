@@ -95,7 +95,7 @@ impl Link {
 
     /// Whether the link owes: a publication was dropped ([`Fate::Deadline`](super::Fate::Deadline) or
     /// [`Fate::PoolLimit`](super::Fate::PoolLimit)), and the other end has not released all
-    /// messages that were in flight then. A publisher does not wait for such a link (SM2-QOS-015).
+    /// messages that were in flight then. A publisher does not wait for such a link (SM2-QOS-003).
     #[must_use]
     #[inline]
     pub fn owes(&self) -> bool {

@@ -13,7 +13,7 @@ use super::{Config, Counters, ring::RingLane, socket_lane::SocketLane};
 pub(super) enum Lane {
     /// This end offers both lanes, and the other end's OPEN has not come. Until then no message is
     /// accepted, because a message that was placed for one lane could not be sent on the other.
-    //= SM2-RNG-013
+    //= SM2-RNG-001
     Undecided,
     /// Messages are sent over the socket (SPEC sections 8.1 to 8.4).
     Socket(SocketLane),
@@ -92,7 +92,7 @@ impl Lane {
 
     /// Ends the lane with its link. Passes the keys of all messages that were not settled to
     /// `each`.
-    //= SM2-OPN-007
+    //= SM2-OPN-009
     pub(super) fn end(&mut self, by_violation: bool, each: impl FnMut(u64)) {
         match self {
             Self::Undecided => {}

@@ -181,7 +181,7 @@ impl Link {
     }
 
     /// Ends the link by a violation. No other function does so.
-    //= SM2-OPN-006
+    //= SM2-OPN-008
     pub(super) fn violated(&mut self, violation: Violation) -> Error {
         let end = End::Violation(violation);
         self.finish(end);
@@ -189,7 +189,7 @@ impl Link {
     }
 
     /// Ends the link. No other function does so.
-    //= SM2-OPN-005, SM2-OPN-006, SM2-OPN-007, SM2-SRV-005
+    //= SM2-OPN-007, SM2-OPN-008, SM2-OPN-009, SM2-SRV-004
     pub(super) fn finish(&mut self, end: End) {
         let code = match end {
             End::Local(code) => Some(code),
@@ -227,7 +227,7 @@ impl Link {
 
     /// Builds the next frame from the current state: OPEN first, then RING, and frames that give back before
     /// frames that ask for something.
-    //= SM2-OPN-001, SM2-RNG-014
+    //= SM2-OPN-001, SM2-RNG-002
     fn transmit(&mut self) -> Option<Packet> {
         if !self.open_sent {
             self.open_sent = true;
@@ -274,7 +274,7 @@ impl Link {
     }
 
     /// Our OPEN.
-    //= SM2-OPN-002, SM2-OPN-003, SM2-OPN-004, SM2-OPN-009, SM2-OPN-010, SM2-RNG-013
+    //= SM2-OPN-002, SM2-OPN-003, SM2-OPN-004, SM2-OPN-005, SM2-OPN-006, SM2-RNG-001
     fn open(&self) -> Frame<'static> {
         Frame::Open(Open {
             role: self.config.role as u8,

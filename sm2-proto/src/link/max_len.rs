@@ -42,7 +42,7 @@ impl MaxLen {
     }
 
     /// Reads `max_len` of an OPEN that is not a sender's. `None` if it is out of its range.
-    //= SM2-OPN-009
+    //= SM2-OPN-005
     pub(super) const fn from_units(units: u32) -> Option<Self> {
         match units {
             1..=UNITS_MAX => Some(Self { units }),

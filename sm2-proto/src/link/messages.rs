@@ -22,7 +22,7 @@ impl Link {
     /// than [`peer_max_len`](Self::peer_max_len). [`Misuse::NoRoom`] occurs on reliable links, and on the
     /// ring lane while a packet is blocked. [`Error::Ended`]: the link is over. If it was over
     /// before the call, nothing was sent. Otherwise this call ended the link, because the receiver
-    /// violated SPEC or has stopped (SM2-RNG-011), and the outputs settle this message too.
+    /// violated SPEC or has stopped (SM2-RNG-010), and the outputs settle this message too.
     #[inline]
     pub fn send(
         &mut self,
@@ -35,7 +35,7 @@ impl Link {
         }
         let result = match &self.lane {
             _ if !self.config.role.sends() => Err(Misuse::WrongRole.into()),
-            //= SM2-QOS-008, SM2-SRV-007, SM2-SRV-008
+            //= SM2-QOS-008, SM2-SRV-006, SM2-SRV-007
             _ if message.len > self.peer_max_len && message.len <= MESSAGE_MAX => {
                 Err(Misuse::NotAccepted.into())
             }
@@ -109,7 +109,7 @@ impl Link {
     /// # Errors
     /// [`Error::Misuse`]: the ring was not lent. [`Error::Ended`]: the link is over, perhaps by a
     /// violation that this call found.
-    //= SM2-RNG-011, SM2-QOS-011
+    //= SM2-RNG-010, SM2-QOS-006
     pub fn settle_returned(
         &mut self,
         memory: &impl LinkMemory,
@@ -223,7 +223,7 @@ impl Link {
     }
 
     /// Gives back several messages in this order, as [`release`](Self::release) gives back one. On
-    /// the ring lane they are one batch, with one fence: see SM2-RNG-015.
+    /// the ring lane they are one batch, with one fence: see SM2-RNG-012.
     ///
     /// # Errors
     /// That of the first message that has one. The other messages are given back all the same, but the
@@ -276,7 +276,7 @@ impl Link {
 
     /// Announces that this end is about to sleep until its socket is readable. The driver looks for
     /// messages or room once more before it sleeps.
-    //= SM2-RNG-015
+    //= SM2-RNG-012
     #[inline]
     pub fn park(&self, memory: &impl LinkMemory) {
         if let Some((words, parked)) = self.parked_word(memory) {

@@ -23,11 +23,11 @@
 //! * The first reason to end stays: every later input returns [`Error::Ended`] with that reason.
 //!   Before [`Output::Ended`], all messages are settled, and a CLOSE is transmitted if one is due
 //!   and the socket is not blocked. After the end, the application can still take the messages that
-//!   were ready; on the ring lane not after a violation (SM2-RNG-011). It still has to release a
+//!   were ready; on the ring lane not after a violation (SM2-RNG-010). It still has to release a
 //!   taken message to stay within `max_borrowed`. On the socket lane no RELEASE is sent for it; on
 //!   the ring lane its word is still put, as the sender may not know of the end.
 //! * A sender must not write again to slots whose messages were settled as [`Fate::Closed`]
-//!   (SM2-OPN-008).
+//!   (SM2-OPN-010).
 //!
 //! # Messages
 //!

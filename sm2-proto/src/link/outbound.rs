@@ -157,7 +157,7 @@ impl Outbound {
 
     /// Accepts a message that [`check`](Self::check) has allowed. Returns the key of the message
     /// that it displaced, if any.
-    //= SM2-QOS-001, SM2-QOS-014
+    //= SM2-QOS-001, SM2-QOS-002
     pub(super) fn send(&mut self, message: OutboundMessage) -> Result<Option<u64>, Misuse> {
         let displaced = if self.has_room() {
             None
@@ -183,7 +183,7 @@ impl Outbound {
     }
 
     /// Counts a publication that is not sent on this link.
-    //= SM2-QOS-008, SM2-QOS-010, SM2-QOS-014, SM2-QOS-015, SM2-QOS-017
+    //= SM2-QOS-008, SM2-QOS-010, SM2-QOS-002, SM2-QOS-003, SM2-QOS-007
     pub(super) fn drop_publication(&mut self, fate: Fate) -> Result<(), Misuse> {
         if fate == Fate::Deadline && self.has_room() {
             return Err(Misuse::RoomLeft);
@@ -232,7 +232,7 @@ impl Outbound {
     }
 
     /// Handles RELEASE. If any of its numbers is illegal, none of them has an effect.
-    //= SM2-MSG-006
+    //= SM2-MSG-004
     pub(super) fn release(
         &mut self,
         frame: &Frame<'_>,
@@ -248,12 +248,12 @@ impl Outbound {
         for sequence in frame.sequences() {
             count += 1;
             if sequence <= last || count > RELEASE_MAX || !self.unreleased.contains_key(&sequence) {
-                return Err(violation!(BadRelease, "SM2-MSG-006"));
+                return Err(violation!(BadRelease, "SM2-MSG-004"));
             }
             last = sequence;
         }
         if count == 0 {
-            return Err(violation!(BadRelease, "SM2-MSG-006"));
+            return Err(violation!(BadRelease, "SM2-MSG-004"));
         }
         for sequence in frame.sequences() {
             if let Some(released) = self.take_unreleased(sequence, given) {
@@ -264,7 +264,7 @@ impl Outbound {
         Ok(())
     }
 
-    //= SM2-QOS-011
+    //= SM2-QOS-006
     fn take_unreleased(&mut self, sequence: u64, given: Given) -> Option<Released> {
         let Unreleased { key, id, slot } = self.unreleased.remove(&sequence)?;
         self.settle(id, slot, true);
@@ -332,7 +332,7 @@ impl Outbound {
 
     /// Ends this side with the link: all messages count as given back. Passes the keys of all
     /// messages that were not settled to `each`, the oldest first.
-    //= SM2-OPN-007
+    //= SM2-OPN-009
     pub(super) fn end(&mut self, mut each: impl FnMut(u64)) {
         let before = self.counters();
         self.counters = Counters {
@@ -381,7 +381,7 @@ impl Outbound {
         self.waiting.len() + self.admitted.len() + self.unreleased.len()
     }
 
-    //= SM2-QOS-011
+    //= SM2-QOS-006
     pub(super) fn counters(&self) -> Counters {
         Counters {
             in_flight: self.in_flight() as u64,
@@ -434,7 +434,7 @@ fn slot_of(body: &Body) -> Option<Slot> {
 }
 
 /// Builds the frame of a message.
-//= SM2-MSG-002, SM2-PAY-001, SM2-PAY-002, SM2-PAY-003
+//= SM2-MSG-002, SM2-PAY-002, SM2-PAY-003, SM2-PAY-004
 fn packet(carrier: Carrier, sequence: u64, message: OutboundMessage) -> Packet {
     let OutboundMessage {
         key,

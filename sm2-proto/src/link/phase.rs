@@ -18,7 +18,7 @@ pub(super) enum Phase {
 
 /// Checks whether a frame of this kind is legal now. `ring` says whether the link uses the ring lane or, for RING,
 /// whether the other end offers it.
-//= SM2-OPN-001, SM2-WIR-002, SM2-RNG-013
+//= SM2-OPN-001, SM2-WIR-002, SM2-RNG-001
 pub(super) const fn check_kind(
     phase: Phase,
     role: Role,
@@ -32,7 +32,7 @@ pub(super) const fn check_kind(
         (Phase::Open, kind) if !kind.is_received_by(role) => {
             Err(violation!(WrongRole, "SM2-WIR-002"))
         }
-        (Phase::Open, kind) if !kind.is_on(ring) => Err(violation!(WrongLane, "SM2-RNG-013")),
+        (Phase::Open, kind) if !kind.is_on(ring) => Err(violation!(WrongLane, "SM2-RNG-001")),
         (Phase::Open, _) => Ok(()),
     }
 }

@@ -50,7 +50,7 @@ enum Lane {
     Ring,
 }
 
-/// The table of SPEC section 7 and SM2-RNG-013. For each kind: its number; whether sender,
+/// The table of SPEC section 7 and SM2-RNG-001. For each kind: its number; whether sender,
 /// receiver, caller and server receive it; and its lanes.
 const RECEIVED_BY: [(u8, [bool; 4], Lane); 13] = [
     (1, [true, true, true, true], Lane::Both),
@@ -68,7 +68,7 @@ const RECEIVED_BY: [(u8, [bool; 4], Lane); 13] = [
     (19, [false, true, false, false], Lane::Both),
 ];
 
-//= SM2-OPN-001, SM2-WIR-002, SM2-RNG-013 kani
+//= SM2-OPN-001, SM2-WIR-002, SM2-RNG-001 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(15))]
 fn link_phase_table() {
@@ -89,12 +89,12 @@ fn link_phase_table() {
         FrameKind::Open => Err(violation!(UnexpectedOpen, "SM2-OPN-001")),
         _ if opening => Err(violation!(ExpectedOpen, "SM2-OPN-001")),
         _ if !received => Err(violation!(WrongRole, "SM2-WIR-002")),
-        _ if other_lane => Err(violation!(WrongLane, "SM2-RNG-013")),
+        _ if other_lane => Err(violation!(WrongLane, "SM2-RNG-001")),
         _ => Ok(()),
     };
     assert_eq!(verdict, expected);
     kani::cover!(
-        verdict == Err(violation!(WrongLane, "SM2-RNG-013")) && ring,
+        verdict == Err(violation!(WrongLane, "SM2-RNG-001")) && ring,
         "not on a ring"
     );
     kani::cover!(
@@ -134,7 +134,7 @@ const RESERVED: [(u8, usize, &[usize]); 9] = [
 ];
 
 /// DECODE-TOTAL and DECODE-CANONICAL for frames of fixed length.
-//= SM2-WIR-001, SM2-TRN-011 kani
+//= SM2-WIR-001, SM2-TRN-010 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(50))]
 fn fixed_frames_are_canonical() {
@@ -167,7 +167,7 @@ fn fixed_frames_are_canonical() {
 
 /// Sets one byte of a frame of zeros: checks which bytes are reserved, and which values are
 /// illegal.
-//= SM2-WIR-001, SM2-TRN-011, SM2-MSG-006 kani
+//= SM2-WIR-001, SM2-TRN-010, SM2-MSG-004 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(50))]
 fn each_reserved_byte_is_checked() {
@@ -187,9 +187,9 @@ fn each_reserved_byte_is_checked() {
     let expected = if reserved.contains(&at) && value != 0 {
         Err(violation!(ReservedNotZero, "SM2-WIR-001"))
     } else if unknown_fate {
-        Err(violation!(Malformed, "SM2-MSG-006"))
+        Err(violation!(Malformed, "SM2-MSG-004"))
     } else if (fds == 1) != takes_file {
-        Err(violation!(FdCount, "SM2-TRN-011"))
+        Err(violation!(FdCount, "SM2-TRN-010"))
     } else {
         Ok(())
     };
@@ -199,7 +199,7 @@ fn each_reserved_byte_is_checked() {
 }
 
 /// DECODE-TOTAL and DECODE-CANONICAL for frames that carry messages.
-//= SM2-WIR-001, SM2-PAY-001, SM2-PAY-009 kani
+//= SM2-WIR-001, SM2-PAY-002, SM2-PAY-001 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(52))]
 fn message_frames_are_canonical() {
@@ -225,7 +225,7 @@ fn message_frames_are_canonical() {
 }
 
 /// DAT-BOUNDS: no address lies outside its segment, whatever the peer sends.
-//= SM2-SEG-003, SM2-PAY-002 kani
+//= SM2-SEG-003, SM2-PAY-003 kani
 #[cfg_attr(kani, kani::proof)]
 fn slots_are_inside() {
     let (stride, slots, slot): (u64, u32, u32) = kani::any();
@@ -380,7 +380,7 @@ fn last_outputs(link: &mut Link, end: End) -> (u32, u32, u32) {
 
 /// LNK-ABSORB: an end that is over returns the pending outputs and at most one CLOSE, and then no
 /// output for any input.
-//= SM2-OPN-005, SM2-OPN-006, SM2-OPN-007, SM2-SRV-005 kani
+//= SM2-OPN-007, SM2-OPN-008, SM2-OPN-009, SM2-SRV-004 kani
 #[cfg_attr(kani, kani::proof)]
 // At most four outputs; twelve kinds of frames; heads of at most 48 bytes.
 #[cfg_attr(kani, kani::unwind(50))]

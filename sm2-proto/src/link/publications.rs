@@ -1,8 +1,8 @@
 //! The identity of a publisher and the number of its publications, as the OPEN of a sender states them.
 
-/// The identity of a publisher and the number of its publications (SM2-OPN-010). From it, a subscriber that had a link
+/// The identity of a publisher and the number of its publications (SM2-OPN-006). From it, a subscriber that had a link
 /// with the same publisher before learns how many messages were published in between.
-//= SM2-OPN-010
+//= SM2-OPN-006
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Publications {
     /// A random number that the publisher keeps as long as it exists. 0 if the publisher does not say it.

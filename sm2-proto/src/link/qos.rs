@@ -8,7 +8,7 @@ use crate::{Instant, Machine, Newest, Period, QosWatch, Violation};
 
 impl Link {
     /// A receiver watches the publisher from the time at which the link opens.
-    //= SM2-QOS-009, SM2-QOS-012
+    //= SM2-QOS-009, SM2-QOS-011
     pub(super) fn start_watch(&mut self, now: Instant) {
         let is_open_receiver = self.config.role == Role::Receiver && self.state == Ok(Phase::Open);
         if is_open_receiver && self.watch.due().is_none() {
@@ -20,7 +20,7 @@ impl Link {
     /// publisher is alive. Sender: sends ALIVE if it was held back.
     /// A driver calls this at the time of [`deadline`](crate::Machine::deadline), after it has fed all datagrams that
     /// the socket has.
-    //= SM2-QOS-009, SM2-QOS-012, SM2-QOS-013
+    //= SM2-QOS-009, SM2-QOS-011, SM2-QOS-012
     pub fn tick(&mut self, now: Instant, memory: &impl LinkMemory) {
         if self.deadline().is_some() {
             let newest = self.newest(memory);
@@ -62,7 +62,7 @@ impl Link {
     }
 
     /// Sends an assertion of the publisher's program.
-    //= SM2-QOS-013
+    //= SM2-QOS-012
     pub(super) fn assert_liveliness(&mut self, time: Instant) -> Result<(), Misuse> {
         if self.config.role != Role::Sender {
             return Err(Misuse::WrongRole);
@@ -81,10 +81,10 @@ impl Link {
         }
     }
 
-    //= SM2-QOS-013
+    //= SM2-QOS-012
     pub(super) fn on_alive(&mut self, time: Instant, now: Instant) -> Result<(), Violation> {
         if self.config.lease == Period::NONE {
-            return Err(violation!(WrongRole, "SM2-QOS-013"));
+            return Err(violation!(WrongRole, "SM2-QOS-012"));
         }
         self.watch.assert(time, now);
         Ok(())

@@ -19,7 +19,7 @@ use crate::{
 };
 
 /// A frame of the other lane. Defensive: [`phase::check_kind`] has already refused such a frame.
-const WRONG_LANE: Violation = violation!(WrongLane, "SM2-RNG-013");
+const WRONG_LANE: Violation = violation!(WrongLane, "SM2-RNG-001");
 
 impl Link {
     /// Handles one datagram. A frame that violates SPEC has no other effect than the violation.
@@ -30,13 +30,13 @@ impl Link {
         datagram: &Datagram<'_>,
     ) -> Result<(), Violation> {
         let frame = Frame::decode(datagram)?;
-        //= SM2-RNG-013
+        //= SM2-RNG-001
         let is_ring = match frame {
             Frame::Ring { .. } => self.peer_offers_ring,
             _ => matches!(self.lane, Lane::Ring(_)),
         };
         phase::check_kind(phase, self.config.role, is_ring, frame.kind())?;
-        //= SM2-TRN-012
+        //= SM2-TRN-011
         if datagram.has_lost_fds(frame.fds()) {
             self.finish(End::Local(Farewell::Resources.code()));
             return Ok(());
@@ -54,7 +54,7 @@ impl Link {
             Frame::Doorbell => Ok(()),
             Frame::Detached { segment } => self.on_detached(segment),
             Frame::Alive { time } => self.on_alive(time, now),
-            //= SM2-OPN-005, SM2-COD-001
+            //= SM2-OPN-007, SM2-COD-001
             Frame::Close(code) => {
                 self.finish(End::Peer(code));
                 Ok(())
@@ -62,7 +62,7 @@ impl Link {
         }
     }
 
-    //= SM2-OPN-002, SM2-OPN-003, SM2-OPN-004, SM2-OPN-009, SM2-OPN-010
+    //= SM2-OPN-002, SM2-OPN-003, SM2-OPN-004, SM2-OPN-005, SM2-OPN-006
     fn on_open(&mut self, open: &Open) -> Result<(), Violation> {
         let config = &self.config;
         let expected = (config.role.counterpart() as u8, config.version, config.id);
@@ -82,10 +82,10 @@ impl Link {
         let peer_max_len = match (config.role, MaxLen::from_units(open.max_len)) {
             (Role::Receiver, None) if open.max_len == 0 => MESSAGE_MAX,
             (Role::Sender | Role::Caller | Role::Server, Some(max_len)) => max_len.bytes(),
-            _ => return Err(violation!(BadOpen, "SM2-OPN-009")),
+            _ => return Err(violation!(BadOpen, "SM2-OPN-005")),
         };
         if !open.publications.is_legal(config.role == Role::Receiver) {
-            return Err(violation!(BadOpen, "SM2-OPN-010"));
+            return Err(violation!(BadOpen, "SM2-OPN-006"));
         }
         self.peer_max_len = peer_max_len;
         self.peer_publications = open.publications;
@@ -97,7 +97,7 @@ impl Link {
     }
 
     /// Chooses the lane, which is known once the other end's OPEN has come.
-    //= SM2-RNG-013
+    //= SM2-RNG-001
     fn open_lane(&mut self, open: &Open) {
         if self.config.ring && self.peer_offers_ring {
             self.lane = Lane::Ring(RingLane::new(&self.config, open.window));
@@ -113,7 +113,7 @@ impl Link {
                     let (key, call) = (message.key, message.id);
                     let fate = Fate::TooLong;
                     events.push_back(Output::Settled { key, fate });
-                    //= SM2-SRV-007
+                    //= SM2-SRV-006
                     if self.config.role == Role::Caller {
                         placed.replied(call);
                         events.push_back(Output::CallFailed { call });

@@ -27,21 +27,21 @@ impl Verified {
     }
 
     /// Checks the descriptor of a ring with this depth and window. Returns its layout.
-    //= SM2-RNG-014
+    //= SM2-RNG-002
     pub(super) fn ring(depth: u16, window: u32, fds: &[FdFacts]) -> Result<RingLayout, Violation> {
-        let facts = fds.first().ok_or(violation!(FdCount, "SM2-TRN-011"))?;
-        let verified = Self::with(facts, Seals::RING, clause!("SM2-RNG-014"))?;
+        let facts = fds.first().ok_or(violation!(FdCount, "SM2-TRN-010"))?;
+        let verified = Self::with(facts, Seals::RING, clause!("SM2-RNG-002"))?;
         let cannot_be_written = Seals(Seals::WRITE.0 | Seals::FUTURE_WRITE.0);
         RingLayout::new(depth, window)
             .filter(|layout| {
                 facts.seals.0 & cannot_be_written.0 == 0
                     && verified.size_bytes == layout.size_bytes()
             })
-            .ok_or(violation!(BadRing, "SM2-RNG-014"))
+            .ok_or(violation!(BadRing, "SM2-RNG-002"))
     }
 
     /// Checks that the descriptor is a regular file with the `needed` seals, as `clause` requires.
-    //= SM2-SEG-001, SM2-RNG-014
+    //= SM2-SEG-001, SM2-RNG-002
     const fn with(facts: &FdFacts, needed: Seals, clause: Clause) -> Result<Self, Violation> {
         if !facts.regular {
             return Err(Violation::new(ViolationKind::NotAMemfd, clause));
@@ -115,7 +115,7 @@ impl Geometry {
 
     /// The offset of a slot in bytes. The slot lies entirely within the segment. `None` if there is
     /// no such slot.
-    //= SM2-PAY-002
+    //= SM2-PAY-003
     #[inline]
     pub(super) const fn offset(self, slot: u32) -> Option<u64> {
         if slot < self.slots {
@@ -135,7 +135,7 @@ pub(super) fn check_attach(
     is_taken: bool,
     count: usize,
 ) -> Result<Geometry, Violation> {
-    let verified = Verified::pooled(fds.first().ok_or(violation!(FdCount, "SM2-TRN-011"))?)?;
+    let verified = Verified::pooled(fds.first().ok_or(violation!(FdCount, "SM2-TRN-010"))?)?;
     if is_taken {
         return Err(violation!(BadSegmentId, "SM2-SEG-003"));
     }

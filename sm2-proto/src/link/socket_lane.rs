@@ -22,11 +22,11 @@ impl SocketLane {
     }
 
     /// Handles a RING whose ring this end does not use.
-    //= SM2-RNG-014
+    //= SM2-RNG-002
     pub(super) fn on_ring(&mut self, window: u32) -> Result<(), Violation> {
         match self.unused_ring.take() {
             Some(expected) if expected == window => Ok(()),
-            _ => Err(violation!(BadRing, "SM2-RNG-014")),
+            _ => Err(violation!(BadRing, "SM2-RNG-002")),
         }
     }
 

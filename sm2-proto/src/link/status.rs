@@ -1,6 +1,6 @@
 //! The outcome of a call, as its reply states it.
 
-/// The outcome of a call (SM2-SRV-003).
+/// The outcome of a call (SM2-SRV-002).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u16)]
 pub enum Status {
@@ -30,7 +30,7 @@ impl Status {
         matches!(self, Self::Ok | Self::Failed)
     }
 
-    //= SM2-SRV-003
+    //= SM2-SRV-002
     pub(super) fn from_number(number: u16) -> Option<Self> {
         Self::ALL
             .into_iter()

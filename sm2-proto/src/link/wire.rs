@@ -175,7 +175,7 @@ impl<'a> Frame<'a> {
                 FrameKind::Detached => Self::detached(Layout::exactly(bytes)?)?,
                 FrameKind::Alive => Self::alive(Layout::exactly(bytes)?)?,
             };
-        //= SM2-TRN-011
+        //= SM2-TRN-010
         datagram.check_fds(frame.fds())?;
         Ok(frame)
     }
@@ -232,14 +232,14 @@ impl<'a> Frame<'a> {
                 slot: layout.u32::<8>(),
             },
             Form::SEALED => Form::Sealed,
-            //= SM2-PAY-009
-            _ => return Err(violation!(Malformed, "SM2-PAY-009")),
+            //= SM2-PAY-001
+            _ => return Err(violation!(Malformed, "SM2-PAY-001")),
         };
         Ok(Self::Message(MessageFrame {
             carrier,
             form,
             status: Status::from_number(layout.u16::<2>())
-                .ok_or(violation!(Malformed, "SM2-SRV-003"))?,
+                .ok_or(violation!(Malformed, "SM2-SRV-002"))?,
             sequence: layout.u64::<16>(),
             id: layout.u64::<24>(),
             time: Instant(layout.u64::<32>()),
@@ -252,7 +252,7 @@ impl<'a> Frame<'a> {
         let (layout, rest) = Layout::<RELEASE>::split(bytes)?;
         layout.check_zero::<4, 4>()?;
         let given =
-            Given::from_number(layout.u8::<1>()).ok_or(violation!(Malformed, "SM2-MSG-006"))?;
+            Given::from_number(layout.u8::<1>()).ok_or(violation!(Malformed, "SM2-MSG-004"))?;
         Ok(Self::Release {
             given,
             count: layout.u16::<2>(),
@@ -302,7 +302,7 @@ impl<'a> Frame<'a> {
     }
 
     /// Checks that the bytes after the header have the length that the header states.
-    //= SM2-WIR-001, SM2-PAY-001
+    //= SM2-WIR-001, SM2-PAY-002
     pub fn check_length(&self) -> Result<(), Violation> {
         let (expected, rest) = match self {
             Self::Message(MessageFrame {
@@ -456,7 +456,7 @@ impl Given {
             0 => Some(Self::Consumed),
             1 => Some(Self::Discarded),
             2 => Some(Self::Expired),
-            //= SM2-MSG-006
+            //= SM2-MSG-004
             _ => None,
         }
     }

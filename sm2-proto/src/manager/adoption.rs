@@ -41,7 +41,7 @@ impl Manager {
         let record = session.node_mut();
         let record = record.ok_or(violation!(UnknownInterface, "SM2-RES-003"))?;
         record.claim(interface, link);
-        //= SM2-ACC-017
+        //= SM2-ACC-014
         if record.suspended(interface).is_some() {
             self.begin_unlink(entity, link, Farewell::Denied.code());
             return Ok(());
@@ -141,7 +141,7 @@ impl Manager {
             // The interface is gone, and its links are being ended.
             return self.ending_links.forget(entity, link);
         }
-        //= SM2-ACC-017
+        //= SM2-ACC-014
         if code == Farewell::Denied.code() {
             self.reload.ask(entity, Some(link));
         }

@@ -41,7 +41,7 @@ impl Manager {
     }
 
     /// Keeps an interface that an earlier Manager granted and that the policy denies.
-    //= SM2-RES-011
+    //= SM2-RES-010
     fn declare_denied(&mut self, entity: EntityId, contract: Contract, reason: Refusal) {
         if let Err(reason) = self.check_quotas(entity.node) {
             return self.refuse(entity, contract, reason);
@@ -142,7 +142,7 @@ impl Manager {
 
     /// Grants an interface, answers, and links it as far as the budget of one part allows. Later
     /// parts link it with its other matches.
-    //= SM2-IFC-002, SM2-LNK-007, SM2-SES-009
+    //= SM2-IFC-002, SM2-LNK-006, SM2-SES-009
     fn grant(&mut self, entity: EntityId, contract: Contract) {
         let record = self.sessions.get_mut(&entity.node);
         let Some(record) = record.and_then(Session::node_mut) else {
@@ -322,7 +322,7 @@ impl Manager {
     }
 
     /// The two LINKs of a live link.
-    //= SM2-LNK-001, SM2-LNK-002, SM2-LNK-007
+    //= SM2-LNK-001, SM2-LNK-002, SM2-LNK-006
     pub(super) fn announcement(
         &self,
         (link, key): (LinkId, LinkKey),

@@ -139,7 +139,7 @@ impl Channel {
     }
 
     /// The interfaces on the other side after an id, in ascending order, and whether they match.
-    //= SM2-MAT-005
+    //= SM2-MAT-001
     pub(super) fn counterparts(
         &self,
         contract: &Contract,

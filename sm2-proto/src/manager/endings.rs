@@ -54,7 +54,7 @@ impl Manager {
             .and_then(|it| Some((it.credentials(), it.withdraw(entity.interface)?)))
             .ok_or(violation!(UnknownInterface, "SM2-IFC-003"))?;
         self.users.withdraw(who, 1);
-        //= SM2-LNK-010
+        //= SM2-LNK-007
         if was_short {
             self.pending_links.has_room(entity.node);
         }
@@ -101,7 +101,7 @@ impl Manager {
         }
         let farewells = record.farewell(interface, link)?;
         self.reload.confirm(entity, Some(link));
-        //= SM2-LNK-010
+        //= SM2-LNK-007
         if was_short {
             self.pending_links.has_room(node);
         }
@@ -144,7 +144,7 @@ impl Manager {
 
     /// One end of a link is gone. The other end gets UNLINK if the link was live at both ends and
     /// its LINKs were sent.
-    //= SM2-LNK-007
+    //= SM2-LNK-006
     pub(super) fn end_link(
         &mut self,
         link: LinkId,

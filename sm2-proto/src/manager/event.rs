@@ -8,7 +8,7 @@ use crate::{
 };
 
 /// The credentials of the process at the other end of a connection, as the kernel reports them.
-//= SM2-TRN-007
+//= SM2-TRN-006
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Credentials {
     /// The user.

@@ -1,5 +1,5 @@
 //! Flow control for LINK frames: a node is sent no more than a limit beyond what its socket has
-//! taken (SM2-LNK-007), and no more than it has room for (SM2-LNK-010).
+//! taken (SM2-LNK-006), and no more than it has room for (SM2-LNK-007).
 //!
 //! Other nodes decide how many links a node gets, so they could otherwise fill its queue at the Manager. A link is
 //! recorded at once, and its two LINK frames are sent together, as soon as both nodes have room. The Manager observes
@@ -28,7 +28,7 @@ impl Manager {
             .is_some_and(|it| self.is_full(it))
     }
 
-    //= SM2-LNK-007
+    //= SM2-LNK-006
     pub(super) fn drained(&mut self, node: NodeId) {
         let record = self.sessions.get_mut(&node).and_then(Session::node_mut);
         if let Some(record) = record {
@@ -49,7 +49,7 @@ impl Manager {
     }
 
     /// MAX_LINKS: links may wait for the room that the node states.
-    //= SM2-LNK-010
+    //= SM2-LNK-007
     pub(super) fn set_max_links(&mut self, node: NodeId, max_links: u32) {
         let record = self.sessions.get_mut(&node).and_then(Session::node_mut);
         if record.is_some_and(|it| it.set_max_links(max_links)) {
@@ -66,7 +66,7 @@ impl Manager {
     }
 
     /// Whether one of the two sessions has no room for a link of this pair.
-    //= SM2-LNK-007, SM2-LNK-010
+    //= SM2-LNK-006, SM2-LNK-007
     fn lacks_room(&self, pair: Pair) -> bool {
         pair.nodes().any(|node| {
             let ends = pair.entities().iter().filter(|it| it.node == node).count();
@@ -86,7 +86,7 @@ impl Manager {
 
     /// Whether the LINKs of a new link have to wait: one of the two sessions has no room, or older
     /// links of the session are pending and about to be announced.
-    //= SM2-LNK-007, SM2-LNK-010
+    //= SM2-LNK-006, SM2-LNK-007
     pub(super) fn must_wait(&self, pair: Pair) -> bool {
         let is_announceable = |it| self.pending_links.is_announceable(it);
         self.lacks_room(pair) || pair.nodes().any(is_announceable)
@@ -94,7 +94,7 @@ impl Manager {
 
     /// Announces the pending links of a session after this one, as far as both ends have room and
     /// the budget of one part allows.
-    //= SM2-LNK-007, SM2-SES-009
+    //= SM2-LNK-006, SM2-SES-009
     pub(super) fn announce_pending(&mut self, node: NodeId, mut after: LinkId) {
         let mut budget = Budget::new(&self.limits);
         while !self.holds_back(node, 1)

@@ -1,5 +1,5 @@
 //! COUNTERS hands the file of a node's counters to the Manager, and INSPECT asks for such a file
-//! (SM2-CNT-001, SM2-CNT-002).
+//! (SM2-CNT-001, SM2-CNT-003).
 
 use core::time::Duration;
 
@@ -15,7 +15,7 @@ const ASK_AGAIN: Duration = Duration::from_secs(1);
 
 impl Manager {
     /// COUNTERS. Without `file`, the Manager's process had no free descriptor for it.
-    //= SM2-CNT-001, SM2-CNT-003, SM2-TRN-012, SM2-CNT-008
+    //= SM2-CNT-001, SM2-CNT-004, SM2-TRN-011, SM2-CNT-002
     pub(super) fn keep_counters(
         &mut self,
         now: Instant,
@@ -48,7 +48,7 @@ impl Manager {
     }
 
     /// Asks each node for its counters whose file was lost a while ago.
-    //= SM2-CNT-008
+    //= SM2-CNT-002
     pub(super) fn ask_for_lost_counters(&mut self, now: Instant) {
         while let Some(&(at, node)) = self.lost_counters.front()
             && at <= now
@@ -65,7 +65,7 @@ impl Manager {
         self.lost_counters.retain(|it| it.1 != node);
     }
 
-    //= SM2-CNT-002, SM2-ACC-011
+    //= SM2-CNT-003, SM2-ACC-011
     pub(super) fn inspect(&mut self, node: NodeId, of: NodeId) {
         let kept = self
             .sessions

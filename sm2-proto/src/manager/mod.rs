@@ -479,7 +479,7 @@ impl Manager {
     }
 
     /// Says goodbye to all standbys, which wait for the end of this Manager.
-    //= SM2-RES-010
+    //= SM2-RES-009
     fn dismiss_standbys(&mut self) {
         let sessions = self.sessions.iter();
         let standbys = sessions.filter(|(_, session)| session.is_standby());

@@ -1,4 +1,4 @@
-//! Another access policy for a domain that runs (SM2-ACC-013, SM2-ACC-017).
+//! Another access policy for a domain that runs (SM2-ACC-013, SM2-ACC-014).
 //!
 //! | pass | on each interface, in ascending order |
 //! | --- | --- |
@@ -30,7 +30,7 @@ use crate::{
 impl Manager {
     /// Whether the last [`Input::SetAccessPolicy`](super::Input::SetAccessPolicy) is still being
     /// applied. When this is false, no node delivers a message of a link that the policy denies.
-    //= SM2-ACC-017
+    //= SM2-ACC-014
     #[must_use]
     pub fn is_applying_policy(&self) -> bool {
         !self.reload.is_over()
@@ -147,14 +147,14 @@ impl Manager {
     }
 
     /// Suspends an interface that was granted or suspended in this session: its node answers.
-    //= SM2-ACC-017
+    //= SM2-ACC-014
     fn suspend_answered(&mut self, entity: EntityId, reason: Refusal) {
         self.reload.ask(entity, None);
         self.suspend(entity, reason);
     }
 
     /// Ends the links of a suspended interface. Returns whether none is left.
-    //= SM2-ACC-017
+    //= SM2-ACC-014
     fn end_suspended(&mut self, entity: EntityId, budget: &mut Budget) -> bool {
         // Each part ends one at least, even if the judgement has spent the budget.
         loop {
@@ -172,7 +172,7 @@ impl Manager {
     }
 
     /// Ends a live link of a suspended interface at both ends.
-    //= SM2-ACC-017, SM2-LNK-007
+    //= SM2-ACC-014, SM2-LNK-006
     fn deny_link(&mut self, entity: EntityId, link: LinkId, pair: Option<Pair>) {
         let code = Farewell::Denied.code();
         let unheard_of = pair.is_some_and(|pair| self.pending_links.remove(pair, link));

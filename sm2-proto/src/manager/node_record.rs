@@ -254,20 +254,20 @@ impl NodeRecord {
     }
 
     /// MAX_LINKS has come. Returns whether it states another number than before.
-    //= SM2-LNK-010
+    //= SM2-LNK-007
     pub(super) fn set_max_links(&mut self, max_links: u32) -> bool {
         self.max_links.replace(max_links) != Some(max_links)
     }
 
     /// Whether the node has no room for this many ends of links beside those that it knows.
-    //= SM2-LNK-010
+    //= SM2-LNK-007
     pub(super) fn lacks_room_for(&self, ends: usize) -> bool {
         let room = |max_links| usize::try_from(max_links).unwrap_or(usize::MAX);
         (self.max_links).is_some_and(|max_links| self.known_ends + ends > room(max_links))
     }
 
     /// The LINK of a link of this interface is sent.
-    //= SM2-LNK-007, SM2-LNK-010
+    //= SM2-LNK-006, SM2-LNK-007
     pub(super) fn announce(&mut self, interface: InterfaceId) {
         self.links_in_flight += 1;
         self.know(interface);

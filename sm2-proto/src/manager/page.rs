@@ -116,7 +116,7 @@ impl Manager {
     }
 
     /// The item of a link, which shows whether its nodes know it.
-    //= SM2-LNK-010
+    //= SM2-LNK-007
     fn as_announced(&self, item: Item) -> Item {
         match item {
             Item::Link {

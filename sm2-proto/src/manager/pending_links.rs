@@ -1,4 +1,4 @@
-//! The links whose LINK frames wait until both nodes have read the frames before (SM2-LNK-007).
+//! The links whose LINK frames wait until both nodes have read the frames before (SM2-LNK-006).
 
 use alloc::collections::{BTreeMap, BTreeSet};
 use core::ops::Bound;

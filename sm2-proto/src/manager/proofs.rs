@@ -347,7 +347,7 @@ fn an_ended_session_is_silent() {
 }
 
 /// A file of counters is kept once, and only as a regular file with its seals and a legal size.
-//= SM2-CNT-001, SM2-CNT-003 kani
+//= SM2-CNT-001, SM2-CNT-004 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(14))]
 fn counters_are_kept_once() {

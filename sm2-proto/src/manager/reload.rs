@@ -1,4 +1,4 @@
-//! The progress of an access policy that is being applied to a domain that runs (SM2-ACC-017).
+//! The progress of an access policy that is being applied to a domain that runs (SM2-ACC-014).
 
 use alloc::collections::{BTreeMap, BTreeSet, btree_map::Entry};
 
@@ -64,11 +64,11 @@ impl Reload {
     }
 
     /// SUSPENDED.
-    //= SM2-ACC-017
+    //= SM2-ACC-014
     pub(super) fn suspended(&mut self, entity: EntityId) -> Result<(), Violation> {
         match self.confirm(entity, None) {
             true => Ok(()),
-            false => Err(violation!(UnexpectedSuspended, "SM2-ACC-017")),
+            false => Err(violation!(UnexpectedSuspended, "SM2-ACC-014")),
         }
     }
 

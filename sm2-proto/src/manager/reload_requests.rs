@@ -1,4 +1,4 @@
-//! The sessions that have the access policy read again (SM2-ACC-015).
+//! The sessions that have the access policy read again (SM2-ACC-016).
 
 use alloc::collections::BTreeSet;
 use core::mem;

@@ -1,4 +1,4 @@
-//! RELOAD: who may have the access policy read again, and the answers (SM2-ACC-015, SM2-ACC-016).
+//! RELOAD: who may have the access policy read again, and the answers (SM2-ACC-016, SM2-ACC-017).
 
 use alloc::borrow::ToOwned;
 
@@ -15,7 +15,7 @@ const ROOT: u32 = 0;
 impl Manager {
     /// Sets the user of the Manager's process. Its sessions and those of root may have the access
     /// policy read again. To be called before the first input; without it, only root may.
-    //= SM2-ACC-016
+    //= SM2-ACC-017
     #[must_use]
     pub const fn with_owner(mut self, uid: u32) -> Self {
         self.reload_requests.owner = Some(uid);
@@ -23,10 +23,10 @@ impl Manager {
     }
 
     /// RELOAD.
-    //= SM2-ACC-015, SM2-ACC-016
+    //= SM2-ACC-016, SM2-ACC-017
     pub(super) fn reload(&mut self, node: NodeId) -> Result<(), Violation> {
         if self.reload_requests.waits(node) {
-            return Err(violation!(ReloadTwice, "SM2-ACC-015"));
+            return Err(violation!(ReloadTwice, "SM2-ACC-016"));
         }
         let uid = self.sessions.get(&node).map(|it| it.credentials().uid);
         if uid == Some(ROOT) || (uid.is_some() && uid == self.reload_requests.owner) {
@@ -40,7 +40,7 @@ impl Manager {
     }
 
     /// The policy was read. `is_missing`: the domain had none, and has none now.
-    //= SM2-ACC-015
+    //= SM2-ACC-016
     pub(super) fn policy_was_read(&mut self, is_missing: bool) {
         if is_missing {
             self.answer_readers(&ReloadOutcome::NoPolicy);
@@ -50,7 +50,7 @@ impl Manager {
     }
 
     /// The policy cannot be used.
-    //= SM2-ACC-013, SM2-ACC-015
+    //= SM2-ACC-013, SM2-ACC-016
     pub(super) fn refuse_reloads(&mut self, problem: PolicyProblem, text: &str) {
         let text = start_of(text).to_owned();
         self.answer_readers(&ReloadOutcome::Unusable { problem, text });
@@ -65,7 +65,7 @@ impl Manager {
 
     /// Answers the sessions that wait for the policy, once it is applied. Those whose names it denies
     /// are ended after their answer.
-    //= SM2-ACC-017, SM2-ACC-015
+    //= SM2-ACC-014, SM2-ACC-016
     pub(super) fn answer_reloads(&mut self) {
         if !self
             .reload

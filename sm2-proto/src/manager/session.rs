@@ -8,7 +8,7 @@ use alloc::collections::BTreeSet;
 use super::{Credentials, links::Pair, node_record::NodeRecord, phase::Phase};
 use crate::{EntityId, Instant, InterfaceId, Name, NodeId, Violation, limits::LINKS_MAX};
 
-/// How the names of standby Managers begin (SM2-RES-010).
+/// How the names of standby Managers begin (SM2-RES-009).
 pub const STANDBY_PREFIX: &str = "sm2/standby/";
 
 /// | state | leads to | by |

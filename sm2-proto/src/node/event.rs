@@ -53,7 +53,7 @@ pub enum Input<'a> {
         node: NodeId,
     },
     /// State how many ends of links this node can have at a time. Legal in every state but *ended*;
-    /// the machine tells each Manager (SM2-LNK-010).
+    /// the machine tells each Manager (SM2-LNK-007).
     MaxLinks(u32),
     /// Register the text of a type.
     Schema(SchemaText),
@@ -102,7 +102,7 @@ pub enum Output {
     /// The interface was refused. An interface that was live before stays: if the access policy denies
     /// it, [`Output::Unlink`] ends its links, and [`Output::Declared`] follows once another policy
     /// allows it (SM2-ACC-013). With any other reason it keeps its links and is declared again in the
-    /// next session (SM2-RES-011). Of any other interface, the number is spent.
+    /// next session (SM2-RES-010). Of any other interface, the number is spent.
     DeclareRefused {
         /// The interface.
         interface: InterfaceId,
@@ -134,7 +134,7 @@ pub enum Output {
     },
     /// The Manager ended this link, now or with an earlier session: end its machine with this code.
     /// With `denied`, the link may have ended before, and its messages that were not taken are
-    /// discarded (SM2-ACC-017).
+    /// discarded (SM2-ACC-014).
     Unlink {
         /// The interface of the link.
         interface: InterfaceId,
@@ -225,7 +225,7 @@ pub enum Misuse {
     /// One WATCH at a time (SM2-WCH-001).
     #[error("the changes that were asked for have not come yet: wait for them")]
     WatchTwice,
-    /// One RELOAD at a time (SM2-ACC-015).
+    /// One RELOAD at a time (SM2-ACC-016).
     #[error("the access policy is being read again already: wait for the answer")]
     ReloadTwice,
     /// COUNTERS goes out once per session (SM2-CNT-001).

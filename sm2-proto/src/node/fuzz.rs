@@ -117,7 +117,7 @@ impl Session {
                 ref reason,
             } => {
                 self.refused = Some(interface);
-                // The Manager keeps an interface that a policy denies, if the node had it before (SM2-RES-011).
+                // The Manager keeps an interface that a policy denies, if the node had it before (SM2-RES-010).
                 let was_granted = granted.contains(&interface);
                 if reason.is_denial() && was_granted && !self.dropping.contains(&interface) {
                     self.live.insert(interface);

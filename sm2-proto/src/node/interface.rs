@@ -117,7 +117,7 @@ impl Interface {
 
     /// The contract, if DECLARE has to be repeated in this session. The interface counts as
     /// declared from now on.
-    //= SM2-RES-002, SM2-RES-011
+    //= SM2-RES-002, SM2-RES-010
     pub(super) fn renew(&mut self) -> Option<&Contract> {
         self.step(State::Dormant, State::Renewing)
     }
@@ -144,7 +144,7 @@ impl Interface {
 
     /// DECLARE_REFUSED has come. Only a renewed interface stays. `is_denial`: the access policy is the
     /// reason, and the Manager keeps a renewed interface.
-    //= SM2-RES-011
+    //= SM2-RES-010
     pub(super) fn refused(&mut self, is_denial: bool) -> Result<Answered, Violation> {
         let (state, answered) = match self.state {
             State::Declaring => (State::Declaring, Answered::First),
@@ -192,7 +192,7 @@ impl Interface {
 
     /// Removes and returns the links that are not claimed: the Manager does not adopt those of an
     /// interface that the access policy denies, and sends no UNLINK for them.
-    //= SM2-RES-011
+    //= SM2-RES-010
     pub(super) fn take_unclaimed(&mut self) -> impl Iterator<Item = LinkId> + use<> {
         let links = core::mem::take(&mut self.links).into_iter();
         let (unclaimed, rest): (BTreeMap<_, _>, _) =
@@ -271,7 +271,7 @@ impl Interface {
 
     /// LINK has come. Returns whether the link is to be used: a LINK that crossed WITHDRAW is
     /// legal, but has no effect.
-    //= SM2-LNK-005, SM2-IFC-004
+    //= SM2-LNK-004, SM2-IFC-004
     pub(super) fn link(
         &mut self,
         id: LinkId,
@@ -279,19 +279,19 @@ impl Interface {
         peer: &LinkPeer,
     ) -> Result<bool, Violation> {
         if !matches!(self.state, State::Live | State::Dropping) {
-            return Err(violation!(UnknownInterface, "SM2-LNK-005"));
+            return Err(violation!(UnknownInterface, "SM2-LNK-004"));
         }
         if self.links.contains_key(&id) {
-            return Err(violation!(BadLinkId, "SM2-LNK-005"));
+            return Err(violation!(BadLinkId, "SM2-LNK-004"));
         }
         let asked = match_contracts(&self.contract, &peer.contract)
-            .map_err(|_| violation!(BadLink, "SM2-LNK-005"))?;
+            .map_err(|_| violation!(BadLink, "SM2-LNK-004"))?;
         // Only sealing may go beyond what both sides ask for, because the Manager has reasons of
         // its own.
         let qos = link.qos;
         let fits = asked.reliable == qos.reliable && asked.sealed <= qos.sealed;
         if !fits || link.version != VERSION || self.links.len() == LINKS_MAX {
-            return Err(violation!(BadLink, "SM2-LNK-005"));
+            return Err(violation!(BadLink, "SM2-LNK-004"));
         }
         self.links.insert(id, (Standing::Known, link));
         Ok(self.state == State::Live)

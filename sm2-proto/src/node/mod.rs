@@ -302,7 +302,7 @@ impl Node {
         Ok(())
     }
 
-    //= SM2-LNK-010
+    //= SM2-LNK-007
     fn set_max_links(&mut self, max_links: u32) -> Result<(), Error> {
         if let Phase::Ended(end) = self.phase {
             return Err(Error::Ended(end));

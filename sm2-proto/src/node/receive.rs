@@ -101,7 +101,7 @@ impl Node {
             }
             ToNode::Inspected { node } => {
                 session.requests.inspected(node)?;
-                //= SM2-TRN-012
+                //= SM2-TRN-011
                 self.emit(match has_fds {
                     true => Output::Inspected { node },
                     false => Output::NotInspected { node },
@@ -115,7 +115,7 @@ impl Node {
                 session.requests.described(&data, text.as_deref())?;
                 self.emit(Output::Described { data, text });
             }
-            //= SM2-CNT-008
+            //= SM2-CNT-002
             ToNode::CountersLost => {
                 session.requests.counters_lost()?;
                 self.send_counters();
@@ -151,7 +151,7 @@ impl Node {
                 self.emit(Output::DeclareRefused { interface, reason });
                 self.end_unclaimed(interface);
                 // After the outputs by which the driver discards.
-                //= SM2-ACC-017
+                //= SM2-ACC-014
                 self.send(&ToManager::Suspended { interface });
             }
             return Ok(());
@@ -185,7 +185,7 @@ impl Node {
     }
 
     /// Ends the links of a denied interface that this Manager does not know.
-    //= SM2-RES-011, SM2-ACC-017
+    //= SM2-RES-010, SM2-ACC-014
     fn end_unclaimed(&mut self, interface: InterfaceId) {
         let links = self.interface(interface).map(Interface::take_unclaimed);
         for link in links.into_iter().flatten() {
@@ -208,7 +208,7 @@ impl Node {
         Ok(())
     }
 
-    //= SM2-RES-002, SM2-FRM-004, SM2-TRN-012
+    //= SM2-RES-002, SM2-FRM-004, SM2-TRN-011
     fn link(
         &mut self,
         interface: InterfaceId,
@@ -221,7 +221,7 @@ impl Node {
             Phase::Ready(session) => session.interfaces.by_id.get_mut(&interface),
             _ => None,
         };
-        let asked = asked.ok_or(violation!(UnknownInterface, "SM2-LNK-005"))?;
+        let asked = asked.ok_or(violation!(UnknownInterface, "SM2-LNK-004"))?;
         if !asked.link(link, ours, &peer)? {
             return Ok(());
         }
@@ -263,7 +263,7 @@ impl Node {
         let answer = ours.unlink(link)?;
         // Messages of a link that has ended may still wait for the program. They are discarded before
         // the Manager gets the answer.
-        //= SM2-ACC-017
+        //= SM2-ACC-014
         let is_denied = code == Farewell::Denied.code();
         if answer == Answer::Unlinked || (answer == Answer::Crossed && is_denied) {
             self.emit(Output::Unlink {

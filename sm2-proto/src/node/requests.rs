@@ -65,10 +65,10 @@ impl Requests {
     }
 
     /// Whether COUNTERS_LOST may come.
-    //= SM2-CNT-008
+    //= SM2-CNT-002
     pub(super) const fn counters_lost(&self) -> Result<(), Violation> {
         if !self.counters {
-            return Err(violation!(UnexpectedCounters, "SM2-CNT-008"));
+            return Err(violation!(UnexpectedCounters, "SM2-CNT-002"));
         }
         Ok(())
     }
@@ -77,10 +77,10 @@ impl Requests {
         self.inspecting.push_back(node);
     }
 
-    //= SM2-CNT-002
+    //= SM2-CNT-003
     pub(super) fn inspected(&mut self, node: NodeId) -> Result<(), Violation> {
         if self.inspecting.front() != Some(&node) {
-            return Err(violation!(UnexpectedCounters, "SM2-CNT-002"));
+            return Err(violation!(UnexpectedCounters, "SM2-CNT-003"));
         }
         self.inspecting.pop_front();
         Ok(())
@@ -102,7 +102,7 @@ impl Requests {
         Ok(())
     }
 
-    //= SM2-ACC-015
+    //= SM2-ACC-016
     pub(super) const fn reload(&mut self) -> Result<(), Misuse> {
         if self.reloading {
             return Err(Misuse::ReloadTwice);
@@ -111,10 +111,10 @@ impl Requests {
         Ok(())
     }
 
-    //= SM2-ACC-015
+    //= SM2-ACC-016
     pub(super) const fn reloaded(&mut self) -> Result<(), Violation> {
         if !self.reloading {
-            return Err(violation!(UnexpectedReloaded, "SM2-ACC-015"));
+            return Err(violation!(UnexpectedReloaded, "SM2-ACC-016"));
         }
         self.reloading = false;
         Ok(())

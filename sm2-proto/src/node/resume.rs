@@ -46,7 +46,7 @@ impl Node {
         }
         let known = self.phase.take_known();
         // Before the first DECLARE or CLAIM, so before this Manager makes any link.
-        //= SM2-LNK-010
+        //= SM2-LNK-007
         if let Some(max_links) = self.max_links {
             self.send(&ToManager::MaxLinks { max_links });
         }

@@ -8,7 +8,7 @@ use crate::{
 /// Two correct ends of one link, a topic's or a service's, under operations that the bytes say:
 /// no end ever accuses the other, the books of both agree with plain lists after each one, and
 /// at rest every message is accounted for.
-//= SM2-MSG-001, SM2-MSG-003, SM2-MSG-006, SM2-SEG-004, SM2-QOS-011, SM2-SRV-003 fuzz
+//= SM2-MSG-001, SM2-MSG-003, SM2-MSG-004, SM2-SEG-004, SM2-QOS-006, SM2-SRV-002 fuzz
 pub(crate) fn link_pair(data: &[u8]) {
     let mut script = Script::new(data);
     let Some(mut pair) = pair(&mut script) else {

@@ -70,7 +70,7 @@ pub(crate) fn count(pieces: &[Vec<Output>], is_it: fn(&&Output) -> bool) -> usiz
     pieces.iter().flatten().filter(is_it).count()
 }
 
-//= SM2-GWR-005 test
+//= SM2-GWR-004 test
 #[test]
 fn other_rules_are_applied_in_bounded_pieces() {
     for is_one in [false, true] {
@@ -105,7 +105,7 @@ fn an_unwant_ends_one_want_of_many_origins() {
 }
 
 /// A peer that connects again and again does not keep the router from settling every source.
-//= SM2-GWR-005 test
+//= SM2-GWR-004 test
 #[test]
 fn connections_do_not_hold_up_other_rules() {
     let (mut bench, own_offers) = crowd(false);
@@ -419,7 +419,7 @@ proptest! {
     /// which follows from the facts.
     //= SM2-GWO-004 test
     //= SM2-GWR-003 test
-    //= SM2-GWR-005 test
+    //= SM2-GWR-004 test
     #[test]
     fn all_pieces_together_are_as_good_as_one(steps in steps(), crowd in any::<bool>()) {
         let mut bench = Bench(Router::new(hop(0), open()));

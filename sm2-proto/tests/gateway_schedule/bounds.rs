@@ -12,7 +12,7 @@ use sm2_proto::{
 
 use super::{Bench, FREE, MS, drop};
 
-//= SM2-GWM-010 test
+//= SM2-GWM-006 test
 #[test]
 fn a_message_that_waits_for_the_link_expires() {
     let qos = SendQos {
@@ -46,7 +46,7 @@ fn a_message_that_waits_for_the_link_expires() {
 }
 
 /// A link that is never idle carries 200 topics, which publish faster than it can send.
-//= SM2-GWM-009 test
+//= SM2-GWM-005 test
 #[test]
 fn each_of_200_topics_is_served_within_its_share() {
     const PACKET_BYTES: u64 = 1_000;

@@ -37,19 +37,19 @@ pub(crate) fn lane_rows() -> Vec<Row> {
     });
     vec![
         row(
-            violation!(WrongLane, "SM2-RNG-013"),
+            violation!(WrongLane, "SM2-RNG-001"),
             receiver(),
             &data(1, 1),
         ),
-        row(violation!(WrongLane, "SM2-RNG-013"), sender(), &release),
-        row(violation!(WrongLane, "SM2-RNG-013"), super::sender(), &RING),
+        row(violation!(WrongLane, "SM2-RNG-001"), sender(), &release),
+        row(violation!(WrongLane, "SM2-RNG-001"), super::sender(), &RING),
         row(
-            violation!(WrongLane, "SM2-RNG-013"),
+            violation!(WrongLane, "SM2-RNG-001"),
             super::receiver(),
             &Frame::Doorbell,
         ),
         row(
-            violation!(WrongLane, "SM2-RNG-013"),
+            violation!(WrongLane, "SM2-RNG-001"),
             super::sender(),
             &DETACHED,
         ),
@@ -72,27 +72,27 @@ pub(crate) fn file_rows() -> Vec<Row> {
     let mut second = sender();
     accept(&mut second, &RING);
     vec![
-        row(violation!(BadRing, "SM2-RNG-014"), sender(), &ring(0, 3)),
-        row(violation!(BadRing, "SM2-RNG-014"), sender(), &ring(1025, 3)),
-        row(violation!(BadRing, "SM2-RNG-014"), sender(), &ring(3, 3)),
-        row(violation!(BadRing, "SM2-RNG-014"), sender(), &ring(2, 4)),
-        row(violation!(BadRing, "SM2-RNG-014"), second, &RING),
-        with(violation!(NotAMemfd, "SM2-RNG-014"), &|it| {
+        row(violation!(BadRing, "SM2-RNG-002"), sender(), &ring(0, 3)),
+        row(violation!(BadRing, "SM2-RNG-002"), sender(), &ring(1025, 3)),
+        row(violation!(BadRing, "SM2-RNG-002"), sender(), &ring(3, 3)),
+        row(violation!(BadRing, "SM2-RNG-002"), sender(), &ring(2, 4)),
+        row(violation!(BadRing, "SM2-RNG-002"), second, &RING),
+        with(violation!(NotAMemfd, "SM2-RNG-002"), &|it| {
             it.regular = false
         }),
-        with(violation!(SealsMissing, "SM2-RNG-014"), &|it| {
+        with(violation!(SealsMissing, "SM2-RNG-002"), &|it| {
             it.seals = Seals(0x3)
         }),
-        with(violation!(BadRing, "SM2-RNG-014"), &|it| {
+        with(violation!(BadRing, "SM2-RNG-002"), &|it| {
             it.seals = Seals(0xf)
         }),
-        with(violation!(BadRing, "SM2-RNG-014"), &|it| {
+        with(violation!(BadRing, "SM2-RNG-002"), &|it| {
             it.seals = Seals(0x17)
         }),
-        with(violation!(BadRing, "SM2-RNG-014"), &|it| {
+        with(violation!(BadRing, "SM2-RNG-002"), &|it| {
             it.size_bytes = 4095
         }),
-        with(violation!(BadRing, "SM2-RNG-014"), &|it| {
+        with(violation!(BadRing, "SM2-RNG-002"), &|it| {
             it.size_bytes = 8192
         }),
     ]
@@ -105,12 +105,12 @@ pub(crate) fn detached_rows() -> Vec<Row> {
     drain(&mut attached);
     vec![
         row(
-            violation!(UnknownSegment, "SM2-RNG-010"),
+            violation!(UnknownSegment, "SM2-RNG-009"),
             sender(),
             &DETACHED,
         ),
         row(
-            violation!(UnknownSegment, "SM2-RNG-010"),
+            violation!(UnknownSegment, "SM2-RNG-009"),
             attached,
             &DETACHED,
         ),

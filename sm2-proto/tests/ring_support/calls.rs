@@ -293,7 +293,7 @@ impl Side {
     }
 
     /// A call fails only when no reply is left in the ring.
-    //= SM2-RNG-011 test
+    //= SM2-RNG-010 test
     fn check_nothing_left(&self) {
         assert_eq!(self.link.calls(), 0);
         let failed = (self.calls.iter()).filter(|(_, it)| **it == Some(Outcome::Failed));

@@ -22,7 +22,7 @@ impl Pair {
         }
     }
 
-    //= SM2-QOS-011 test
+    //= SM2-QOS-006 test
     fn check_counters(&self) {
         let sending = &self.sending;
         if !self.sound {
@@ -89,7 +89,7 @@ impl Pair {
     }
 
     /// An end sleeps only if it has nothing to do, or if a datagram is about to wake it.
-    //= SM2-RNG-015 test
+    //= SM2-RNG-012 test
     fn check_awake(&self) {
         let ends = [&self.sending.at, &self.receiving.at];
         for end in [0, 1] {

@@ -1,4 +1,4 @@
-//! The rules SM2-MAT-005 and SM2-MAT-003 written from SPEC alone, without the code of the machines:
+//! The rules SM2-MAT-001 and SM2-MAT-003 written from SPEC alone, without the code of the machines:
 //! whether two interfaces are to be linked, and with what QoS. The model in `verification/` uses
 //! this file as well.
 
@@ -11,7 +11,7 @@ pub(crate) struct LinkQos {
     pub(crate) sealed: bool,
 }
 
-/// SM2-MAT-005 and, for the two sides alone, SM2-MAT-003.
+/// SM2-MAT-001 and, for the two sides alone, SM2-MAT-003.
 pub(crate) fn qos(one: &Contract, other: &Contract) -> Option<LinkQos> {
     match (one, other) {
         (

@@ -70,7 +70,7 @@ impl Oracle {
     }
 
     /// Checks the Manager's outputs for a legal frame of a node.
-    //= SM2-LNK-007 test
+    //= SM2-LNK-006 test
     pub(crate) fn handled(&mut self, node: NodeId, frame: ToManager, events: &[Event]) {
         // One answer, and only the frames of the links that the input affects.
         let ends = self.links.values().flatten();
@@ -111,7 +111,7 @@ impl Oracle {
     }
 
     /// Both sides of a link that was made are told of it, once, as long as both exist.
-    //= SM2-LNK-007 test
+    //= SM2-LNK-006 test
     fn linked(&mut self, event: &Event) {
         let Event::Linked(link, ends) = event else {
             panic!("{event:?} is no link");

@@ -108,7 +108,7 @@ class Publisher(Interface, Generic[T]):
 
     @property
     def counters(self) -> dict[str, int]:
-        """The fates of all messages, summed over all links: `offered` is the sum of the others (SM2-QOS-011)."""
+        """The fates of all messages, summed over all links: `offered` is the sum of the others (SM2-QOS-006)."""
         return self._native.counters
 
     @property

@@ -31,7 +31,7 @@ fn transport() -> Rows {
             node.ready();
             node.send_nulls([0; 65_537], 3);
         });
-    let count = Rule::new(FdCount, "SM2-TRN-011")
+    let count = Rule::new(FdCount, "SM2-TRN-010")
         .row("HELLO with a descriptor", |node| {
             node.send_nulls(control::hello("offender"), 1);
         })

@@ -37,7 +37,7 @@ pub fn rows() -> Rows {
 #[must_use]
 pub fn starved_rows() -> Rows {
     let what = "more descriptors than the Manager can take";
-    all([Rule::new(FdCount, "SM2-TRN-011").row(what, |node| {
+    all([Rule::new(FdCount, "SM2-TRN-010").row(what, |node| {
         node.send_nulls(control::hello("offender"), 200)
     })])
 }
@@ -201,7 +201,7 @@ pub fn precedence() -> Rows {
         Rule::new(NotCanonical, "SM2-FRM-002").row("too long a number, and a descriptor", |node| {
             node.send_nulls([5, 0x80, 0], 1)
         }),
-        Rule::new(FdCount, "SM2-TRN-011").row("a descriptor, before HELLO", |node| {
+        Rule::new(FdCount, "SM2-TRN-010").row("a descriptor, before HELLO", |node| {
             node.send_nulls(control::query(), 1)
         }),
         Rule::new(ExpectedHello, "SM2-SES-001")

@@ -197,7 +197,7 @@ pub fn rows() -> Rows {
 #[must_use]
 pub fn starved_rows() -> Rows {
     let what = "LINK with more descriptors than the node can take";
-    all([Rule::new(FdCount, "SM2-TRN-011").row(what, |stage| {
+    all([Rule::new(FdCount, "SM2-TRN-010").row(what, |stage| {
         stage.live("");
         let nulls: Vec<_> = (0..200).map(|_| memory::null()).collect();
         let fds: Vec<_> = nulls.iter().map(AsFd::as_fd).collect();
@@ -207,7 +207,7 @@ pub fn starved_rows() -> Rows {
 
 fn transport() -> Rows {
     let long = Rule::new(FrameTooLong, "SM2-TRN-004").linked("65,537 bytes", [0; 65_537]);
-    let count = Rule::new(FdCount, "SM2-TRN-011")
+    let count = Rule::new(FdCount, "SM2-TRN-010")
         .row("WELCOME with a descriptor", |stage| {
             let null = memory::null();
             stage.session.send_fds(welcome(1, 9, 1), &[null.as_fd()]);
@@ -302,14 +302,14 @@ fn interfaces() -> Rows {
     let pages = Rule::new(UnexpectedPage, "SM2-IFC-007").linked("PAGE without a QUERY", page(&[]));
     let watched =
         Rule::new(UnexpectedChanges, "SM2-WCH-001").linked("CHANGES without a WATCH", changes(2));
-    let counters = Rule::new(UnexpectedCounters, "SM2-CNT-002")
+    let counters = Rule::new(UnexpectedCounters, "SM2-CNT-003")
         .linked("NOT_INSPECTED without an INSPECT", not_inspected(1))
         .row("INSPECTED without an INSPECT", |stage| {
             stage.linked();
             let file = memory::segment(1_024);
             stage.session.send_fds(inspected(1), &[file.as_fd()]);
         });
-    let lost = Rule::new(UnexpectedCounters, "SM2-CNT-008").row(
+    let lost = Rule::new(UnexpectedCounters, "SM2-CNT-002").row(
         "COUNTERS_LOST without COUNTERS",
         |stage| {
             stage.ready();
@@ -332,7 +332,7 @@ fn interfaces() -> Rows {
             stage.waiting.set(true);
         },
     );
-    let policies = Rule::new(UnexpectedReloaded, "SM2-ACC-015")
+    let policies = Rule::new(UnexpectedReloaded, "SM2-ACC-016")
         .linked("RELOADED without a RELOAD", reloaded());
     let interfaces = all([answers, withdrawals, unlinks]);
     let asked = all([pages, watched, counters, lost, schemas, texts, policies]);
@@ -355,11 +355,11 @@ fn links() -> Rows {
             assert_eq!(answer[..2], [3, SUBSCRIBER as u8], "UNLINKED");
             stage.send(unlink(SUBSCRIBER, other, 0));
         });
-    let twice = Rule::new(BadLinkId, "SM2-LNK-005").row("LINK twice", |stage| {
+    let twice = Rule::new(BadLinkId, "SM2-LNK-004").row("LINK twice", |stage| {
         stage.linked();
         stage.send_link(&link());
     });
-    let interface = Rule::new(UnknownInterface, "SM2-LNK-005")
+    let interface = Rule::new(UnknownInterface, "SM2-LNK-004")
         .row("LINK for an interface that the node never had", |stage| {
             stage.linked();
             let interface = 7;
@@ -388,7 +388,7 @@ fn bad_links() -> Rows {
         version: 2,
         ..link()
     };
-    let rule = Rule::new(BadLink, "SM2-LNK-005")
+    let rule = Rule::new(BadLink, "SM2-LNK-004")
         .link(
             "whose peer subscribes too",
             "",

@@ -57,12 +57,12 @@ pub(super) fn rows() -> Rows {
         node.give_counters(&file);
         node.send_fds(control::counters(), &[file.as_fd()]);
     });
-    let reload = Rule::new(ReloadTwice, "SM2-ACC-015").row("RELOAD twice", |node| {
+    let reload = Rule::new(ReloadTwice, "SM2-ACC-016").row("RELOAD twice", |node| {
         node.ready();
         // Some RELOAD comes before the answer to the one before.
         while node.peer().try_send(&control::reload(), &[]).is_ok() {}
     });
-    let suspended = Rule::new(UnexpectedSuspended, "SM2-ACC-017")
+    let suspended = Rule::new(UnexpectedSuspended, "SM2-ACC-014")
         .row("SUSPENDED of an interface that there is not", |node| {
             node.ready();
             node.send(control::suspended(7));

@@ -16,7 +16,7 @@ include!(concat!(env!("OUT_DIR"), "/counters.rs"));
 
 const MIX: &str = "a mix of two writings";
 
-//= SM2-CNT-005 loom
+//= SM2-CNT-006 loom
 #[test]
 fn a_reader_never_takes_a_mix() {
     use shipped::scenarios::{changes, readers, reuse, stopped};
@@ -26,7 +26,7 @@ fn a_reader_never_takes_a_mix() {
     holds("counters: a writer that was stopped", Some(3), stopped);
 }
 
-//= SM2-CNT-005 loom
+//= SM2-CNT-006 loom
 #[test]
 fn each_part_of_it_is_needed() {
     macro_rules! fail {

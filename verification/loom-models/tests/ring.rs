@@ -39,7 +39,7 @@ const BOTH: Terms = Terms {
     ..ALL
 };
 
-//= SM2-RNG-005, SM2-RNG-006, SM2-RNG-007, SM2-RNG-016, SM2-RNG-015 loom
+//= SM2-RNG-005, SM2-RNG-006, SM2-RNG-007, SM2-RNG-008, SM2-RNG-012 loom
 #[test]
 fn the_last_message_always_comes() {
     holds("ring: keep-last", Some(3), || ring::keep_last(LAST));
@@ -56,7 +56,7 @@ fn the_last_message_always_comes() {
     holds("ring: all is given back", Some(3), || ring::flush(LAST));
 }
 
-//= SM2-RNG-005, SM2-RNG-015 loom
+//= SM2-RNG-005, SM2-RNG-012 loom
 #[test]
 fn nothing_is_lost_on_a_reliable_link() {
     holds("ring: reliable", Some(3), || ring::reliable(ALL));
@@ -65,7 +65,7 @@ fn nothing_is_lost_on_a_reliable_link() {
     holds("ring: a batch", Some(3), || ring::batch(BOTH));
 }
 
-//= SM2-RNG-011 loom
+//= SM2-RNG-010 loom
 #[test]
 fn either_side_may_stop() {
     let sender = |terms: Terms, steps| Terms {
@@ -99,7 +99,7 @@ fn either_side_may_stop() {
 const LOST: &str = "deadlock";
 const RACE: &str = "Causality violation";
 
-//= SM2-RNG-015 loom
+//= SM2-RNG-012 loom
 #[test]
 fn each_part_of_it_is_needed() {
     words();

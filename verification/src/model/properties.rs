@@ -27,36 +27,36 @@ pub enum Property {
     /// `MGR-MIRROR`: pages show the exact state (SM2-IFC-007).
     MirrorIsExact,
     /// `ACC-RELOAD`: exactly those interfaces are suspended that the access policy denies, and their
-    /// links have ended once the policy is applied (SM2-ACC-009, SM2-ACC-013, SM2-ACC-017).
+    /// links have ended once the policy is applied (SM2-ACC-009, SM2-ACC-013, SM2-ACC-014).
     PolicyHolds,
     /// `MGR-PACE`: a node has no more links than it stated room for, and no link waits while there
-    /// is room (SM2-LNK-010).
+    /// is room (SM2-LNK-007).
     WithinRoom,
     /// `MGR-TOTAL`, `MGR-INV`: no machine panics. With debug assertions, the Manager's tables agree
     /// after each input.
     Invariants,
     /// `LNK-NOFALSE`: a correct end of a link accuses no correct end, and never ends without a
-    /// reason (SM2-OPN-006).
+    /// reason (SM2-OPN-008).
     EndAccusesNobody,
     /// `LNK-ORDER`: messages arrive in order and once, and only keep-last loses any (SM2-MSG-001,
-    /// SM2-MSG-002, SM2-QOS-001, SM2-QOS-014).
+    /// SM2-MSG-002, SM2-QOS-001, SM2-QOS-002).
     MessagesInOrder,
     /// `DAT-REFS`: a slot is written again only after its release, and every slot and descriptor is
-    /// returned (SM2-PAY-005, SM2-MSG-006, SM2-SEG-005, SM2-OPN-008).
+    /// returned (SM2-PAY-005, SM2-MSG-004, SM2-SEG-005, SM2-OPN-010).
     SlotsComeBack,
     /// `LNK-WINDOW`: at most `window` messages are unreleased, and at most `max_borrowed` are held
     /// (SM2-MSG-003, SM2-MSG-005).
     WithinWindow,
     /// `LNK-FATES`: each message is settled once, with its true fate, and counted accordingly
-    /// (SM2-QOS-011).
+    /// (SM2-QOS-006).
     FatesAreTrue,
     /// `LNK-DEBT`: a link owes exactly while a message is in flight that was in flight when a publication
-    /// last missed the link (SM2-QOS-015).
+    /// last missed the link (SM2-QOS-003).
     DebtIsTrue,
-    /// `RPC-ONCE`: each call ends once, with its own reply or with the link (SM2-SRV-003,
-    /// SM2-SRV-004, SM2-SRV-005).
+    /// `RPC-ONCE`: each call ends once, with its own reply or with the link (SM2-SRV-002,
+    /// SM2-SRV-003, SM2-SRV-004).
     CallsEndOnce,
-    /// `LNK-ABSORB`: an end that has ended has no outputs (SM2-OPN-005, SM2-OPN-007).
+    /// `LNK-ABSORB`: an end that has ended has no outputs (SM2-OPN-007, SM2-OPN-009).
     SilentAfterEnd,
     /// `LNK-QUIET`: once all is quiet, both ends are open or both have ended, and no message that
     /// must be delivered is pending (SM2-OPN-001, SM2-MSG-005).

@@ -11,7 +11,7 @@ use crate::driver::token::LinkToken;
 
 impl Interface {
     /// The publications that a publisher states in the OPEN of a new link.
-    //= SM2-OPN-010
+    //= SM2-OPN-006
     pub(in crate::driver) const fn publications(&self) -> Publications {
         match self.absence.publisher {
             0 => Publications::UNKNOWN,
@@ -29,7 +29,7 @@ impl Interface {
 
     /// Opens the account of a link whose OPEN has come, unless messages of an older link of the publisher are left:
     /// those come first.
-    //= SM2-QOS-018
+    //= SM2-QOS-013
     #[inline]
     pub(super) fn note_absence(&mut self, token: LinkToken) {
         let link = self.links.get_mut(token);

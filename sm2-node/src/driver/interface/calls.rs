@@ -65,7 +65,7 @@ impl Calls {
                 link.release(&[(token, sequence)], context.sets, outbox);
             }
         }
-        //= SM2-SRV-005
+        //= SM2-SRV-004
         for id in link.failed.drain(..) {
             self.finish(CallId { token, id }, Outcome::ServerGone);
         }
@@ -73,7 +73,7 @@ impl Calls {
 
     /// The access policy denies the link: its calls fail, also those whose replies the program has not
     /// seen.
-    //= SM2-ACC-017
+    //= SM2-ACC-014
     fn deny(&mut self, token: LinkToken) {
         let calls = self.open.iter_mut().filter(|(call, _)| call.token == token);
         for (_, outcome) in calls {

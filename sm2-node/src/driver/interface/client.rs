@@ -39,7 +39,7 @@ impl Interface {
     }
 
     /// Chooses the server for the next call, with a request of this length.
-    //= SM2-SRV-006, SM2-SRV-007
+    //= SM2-SRV-005, SM2-SRV-006
     pub(crate) fn choose_server(&self, len: u64) -> Choice {
         let is_meant = |link: &&LinkDriver| link.is_open() && (self.servers)(&link.peer.name);
         let open = || self.links().filter(is_meant);

@@ -42,7 +42,7 @@ impl Interface {
 
     /// Suspends the links that hold too much, the one with the oldest message first. Links that
     /// have released something since are active again.
-    //= SM2-QOS-017
+    //= SM2-QOS-007
     pub(super) fn suspend_holders(&mut self, len: u64) {
         for link in self.links.iter_mut() {
             link.resume_if_released();
@@ -122,7 +122,7 @@ impl Interface {
     /// Counts a message that finds no memory, on every open link that accepts its length. `None` if no link
     /// holds a message:
     /// then the publisher itself uses the memory.
-    //= SM2-QOS-017
+    //= SM2-QOS-007
     pub(crate) fn miss(
         &mut self,
         time: Instant,

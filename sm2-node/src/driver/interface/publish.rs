@@ -183,7 +183,7 @@ impl Interface {
                 link.resume_if_released();
                 self.outbox.recheck();
             }
-            //= SM2-QOS-014, SM2-QOS-015
+            //= SM2-QOS-002, SM2-QOS-003
             // Links with room get the message first. Of the others, a link that owes is skipped at once.
             if !link.is_reliable() && link.is_suspended() {
                 link.drop_publication(Fate::PoolLimit, context, &mut self.outbox);
@@ -323,7 +323,7 @@ impl Interface {
 
     /// Sends the latched messages on a link that has just opened, before all other messages. On a
     /// reliable link, sends as many at a time as the link has room for.
-    //= SM2-QOS-003
+    //= SM2-QOS-005
     pub(super) fn replay(&mut self, token: LinkToken, context: &mut Context<'_>) {
         let Some(link) = self.links.get_mut(token).filter(|link| link.is_open()) else {
             return;

@@ -16,7 +16,7 @@ use crate::driver::token::LinkToken;
 impl Interface {
     /// The publisher publishes a message at this time, which asserts its liveliness. If it was not alive, its
     /// subscribers learn of it at once.
-    //= SM2-QOS-009, SM2-QOS-012, SM2-QOS-013
+    //= SM2-QOS-009, SM2-QOS-011, SM2-QOS-012
     #[inline]
     pub(super) fn note_publication(&mut self, time: Instant, context: &mut Context<'_>) {
         let was_alive = self.watch.is_alive();
@@ -31,7 +31,7 @@ impl Interface {
     }
 
     /// The program asserts the liveliness of its publisher at this time.
-    //= SM2-QOS-012, SM2-QOS-013
+    //= SM2-QOS-011, SM2-QOS-012
     pub(crate) fn assert_liveliness(&mut self, time: Instant, context: &mut Context<'_>) {
         self.watch.assert(time, time);
         self.note_own_liveliness();
@@ -43,7 +43,7 @@ impl Interface {
     }
 
     /// Counts the periods that have passed without a message, checks who is alive, and asks for the next tick.
-    //= SM2-QOS-009, SM2-QOS-012
+    //= SM2-QOS-009, SM2-QOS-011
     pub(in crate::driver) fn tick(&mut self, context: &mut Context<'_>) {
         self.tick_at = None;
         self.watch.check(Newest::NONE, context.now);

@@ -17,7 +17,7 @@ impl Interface {
     }
 
     /// The sum over all links of the interface, current and past.
-    //= SM2-QOS-011
+    //= SM2-QOS-006
     pub(crate) fn counters(&self) -> Counters {
         let mut sum = self.ended_sum;
         for link in self.links().filter(|link| !link.buried) {

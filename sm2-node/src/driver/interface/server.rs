@@ -24,7 +24,7 @@ impl Interface {
             let deadline = taken.header.time;
             let cancelled = self.is_cancelled(CallId { token, id });
             let late = deadline.0 != 0 && deadline <= sm2_io::clock::now();
-            //= SM2-SRV-003
+            //= SM2-SRV-002
             let status = match (cancelled, late) {
                 (true, _) => Status::Cancelled,
                 (false, true) => Status::DeadlinePassed,

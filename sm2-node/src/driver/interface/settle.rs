@@ -67,7 +67,7 @@ impl Interface {
 
     /// The access policy denies the interface: discards what links that have ended left. The Manager
     /// ends the other links.
-    //= SM2-ACC-017
+    //= SM2-ACC-014
     pub(in crate::driver) fn discard_ended(&mut self, context: &mut Context<'_>) {
         let ended = self.links.iter_mut().filter(|it| it.buried);
         let mut tokens = Vec::new();

@@ -92,7 +92,7 @@ impl Interface {
     }
 
     /// Gives messages back for the application. Consecutive messages of one link are one batch.
-    //= SM2-MSG-005, SM2-RNG-015
+    //= SM2-MSG-005, SM2-RNG-012
     pub(crate) fn give_back_all(&mut self, places: &[(LinkToken, u64)], context: &mut Context<'_>) {
         for batch in places.chunk_by(|it, next| it.0 == next.0) {
             self.give_back_batch(batch[0].0, batch, context);

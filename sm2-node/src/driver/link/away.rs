@@ -34,7 +34,7 @@ impl LinkDriver {
 
     /// Opens the account. Returns how many messages were published while the publisher had no link, and counts them for
     /// this link.
-    //= SM2-QOS-018
+    //= SM2-QOS-013
     pub(in crate::driver) fn open_account(
         &mut self,
         publications: Publications,
@@ -53,7 +53,7 @@ impl LinkDriver {
 
     /// Ends the account of a link that is removed. Returns what is remembered of its publisher: nothing if the
     /// publisher is gone. `dropped` messages of the link were counted as lost.
-    //= SM2-QOS-018
+    //= SM2-QOS-013
     pub(in crate::driver) fn close_account(&self, dropped: u64) -> Option<(u64, Record)> {
         let is_gone = self.end_code() == Some(Farewell::Done.code());
         let account = self.account.account.filter(|_| !is_gone)?;

@@ -32,7 +32,7 @@ impl LinkDriver {
     }
 
     /// Memory is short, on this end of the link.
-    //= SM2-TRN-014
+    //= SM2-TRN-013
     #[cold]
     pub(super) fn be_short_of_memory(&mut self) {
         self.short_of_memory = true;

@@ -76,19 +76,19 @@ impl LinkDriver {
     fn transmit(&mut self, unsent: Unsent, sets: &LinkSets, outbox: &Outbox) {
         match self.offer(&unsent, outbox) {
             // The other side has closed the socket. The datagrams that it sent before are read
-            // first, and then the end of the stream (SM2-TRN-006).
+            // first, and then the end of the stream (SM2-TRN-005).
             Ok(()) | Err(SendError::Closed) => {
                 if unsent.packet.attachment == Some(Attachment::Ring) {
                     self.own_ring = None;
                 }
             }
             Err(SendError::WouldBlock) => self.keep_unsent(unsent, sets),
-            //= SM2-TRN-014
+            //= SM2-TRN-013
             Err(SendError::Io(error)) if is_shortage(&error) => {
                 self.be_short_of_memory();
                 self.keep_unsent(unsent, sets);
             }
-            //= SM2-TRN-010
+            //= SM2-TRN-009
             Err(error @ (SendError::TooManyInFlight | SendError::TooLong | SendError::Io(_))) => {
                 self.fail(Farewell::Resources, &error);
             }
@@ -156,7 +156,7 @@ impl LinkDriver {
     }
 
     /// Maps a segment of the other side once, for all messages in it.
-    //= SM2-PAY-007, SM2-SEG-007
+    //= SM2-PAY-007, SM2-SEG-006
     fn attach(&mut self, segment: u32, len: u64, fd: Option<InspectedFd>) {
         let mapped = fd
             .ok_or_else(|| io::Error::from(io::ErrorKind::NotFound))
@@ -182,7 +182,7 @@ impl LinkDriver {
     }
 
     /// Requests the end of the link, because a file of the other side cannot be used.
-    //= SM2-SEG-001, SM2-SEG-007
+    //= SM2-SEG-001, SM2-SEG-006
     pub(in crate::driver) fn refuse_file(&mut self, error: &io::Error) {
         let is_too_long = error.get_ref().is_some_and(|it| it.is::<QuotaExceeded>());
         match blame(error) {
@@ -204,7 +204,7 @@ impl LinkDriver {
         }
     }
 
-    //= SM2-OPN-006, SM2-OPN-007
+    //= SM2-OPN-008, SM2-OPN-009
     fn hang_up(&mut self, end: End, sets: &LinkSets) {
         self.unsent = None;
         self.bell_due = false;

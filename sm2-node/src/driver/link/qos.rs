@@ -17,7 +17,7 @@ impl LinkDriver {
     /// Subscriber: counts the periods that have passed without a message, and checks whether the publisher is alive.
     /// On the socket lane the messages may wait in the socket; ALIVE does so on both lanes. Publisher: sends ALIVE that
     /// was held back.
-    //= SM2-QOS-009, SM2-QOS-012, SM2-QOS-013
+    //= SM2-QOS-009, SM2-QOS-011, SM2-QOS-012
     pub(in crate::driver) fn tick(&mut self, context: &mut Context<'_>, outbox: &mut Outbox) {
         if self.deadline().is_none_or(|due| context.now < due) {
             return;

@@ -45,7 +45,7 @@ impl LinkDriver {
     }
 
     /// Reads at most `most` datagrams.
-    //= SM2-TRN-014
+    //= SM2-TRN-013
     fn receive(&mut self, most: usize, context: &mut Context<'_>, outbox: &mut Outbox) {
         if with_buffer(|buffer| self.receive_into(buffer, most, context, outbox)).is_err() {
             self.be_short_of_memory();
@@ -68,13 +68,13 @@ impl LinkDriver {
                     self.datagram(bytes, incoming, context.sets, outbox);
                 }
                 Err(RecvError::WouldBlock) => return,
-                //= SM2-TRN-006
+                //= SM2-TRN-005
                 // `Closed` comes after all queued datagrams.
                 Err(RecvError::Closed) => {
                     self.settle_returned(context, outbox);
                     return self.feed(Input::Eof, context.sets, outbox);
                 }
-                //= SM2-TRN-014
+                //= SM2-TRN-013
                 // The socket stays readable.
                 Err(RecvError::Io(error)) if is_shortage(&error) => {
                     self.be_short_of_memory();
@@ -96,7 +96,7 @@ impl LinkDriver {
             data_truncated: came.data_truncated,
             control_truncated: came.control_truncated,
         };
-        //= SM2-TRN-012
+        //= SM2-TRN-011
         if came.control_truncated {
             let (link, peer) = (self.id, &self.peer.name);
             tracing::warn!(%link, %peer, "no free descriptor for a frame: raise the limit of open files (ulimit -n)");
@@ -126,7 +126,7 @@ impl LinkDriver {
 
     /// Handles UNLINK: the Manager says that the other side is gone. Messages that the other side
     /// sent before still count. If the access policy denies the link, they count as lost.
-    //= SM2-TRN-006, SM2-LNK-006, SM2-ACC-017
+    //= SM2-TRN-005, SM2-LNK-005, SM2-ACC-014
     pub(in crate::driver) fn unlink(
         &mut self,
         code: Code,

@@ -134,7 +134,7 @@ impl LinkDriver {
         if self.role() != Role::Sender {
             return;
         }
-        //= SM2-QOS-014, SM2-QOS-003
+        //= SM2-QOS-002, SM2-QOS-005
         if misuse == Misuse::NoRoom && self.unsent.is_some() && keeps {
             outbox.hold(key);
             return self.backlog.push_front(key);
@@ -143,7 +143,7 @@ impl LinkDriver {
     }
 
     /// Drops a publication for this link alone.
-    //= SM2-QOS-010, SM2-QOS-017
+    //= SM2-QOS-010, SM2-QOS-007
     pub(in crate::driver) fn drop_publication(
         &mut self,
         fate: Fate,
@@ -172,7 +172,7 @@ impl LinkDriver {
 
     /// Drops a message for this link alone, because it had no room until the deadline, or
     /// because the publisher does not wait for it.
-    //= SM2-QOS-014, SM2-QOS-015
+    //= SM2-QOS-002, SM2-QOS-003
     pub(in crate::driver) fn drop_without_room(
         &mut self,
         context: &mut Context<'_>,
@@ -211,7 +211,7 @@ impl LinkDriver {
     }
 
     /// Settles the messages that came back before the link may end, and sends nothing.
-    //= SM2-RNG-011
+    //= SM2-RNG-010
     pub(super) fn settle_returned(&mut self, context: &mut Context<'_>, outbox: &mut Outbox) {
         if self.machine.is_woken_by_socket() || self.machine.end().is_some() {
             return;

@@ -148,7 +148,7 @@ impl LinkDriver {
     }
 
     /// Gives the messages at these places of this link back for the application, as one batch.
-    //= SM2-RNG-016, SM2-RNG-015, SM2-MSG-005
+    //= SM2-RNG-008, SM2-RNG-012, SM2-MSG-005
     #[inline]
     pub(in crate::driver) fn release(
         &mut self,

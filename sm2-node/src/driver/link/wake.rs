@@ -15,7 +15,7 @@ impl LinkDriver {
     }
 
     /// Announces that a thread is about to sleep until this link has an event.
-    //= SM2-RNG-015
+    //= SM2-RNG-012
     pub(in crate::driver) fn park(&self) {
         if self.machine.end().is_none() {
             self.machine.park(&self.mapped);
@@ -24,7 +24,7 @@ impl LinkDriver {
 
     /// Wakes the other side if that is needed. If the socket is full, it is readable at the other
     /// end, so the other side is awake or will wake.
-    //= SM2-RNG-015
+    //= SM2-RNG-012
     #[inline]
     pub(in crate::driver) fn wake(&mut self, wake: Wake, sets: &LinkSets) {
         if wake.is_needed() {
@@ -34,7 +34,7 @@ impl LinkDriver {
 
     /// Sends a DOORBELL. Without memory for it, sends it when the socket is writable: the other side sleeps, and
     /// nothing else wakes it.
-    //= SM2-TRN-014
+    //= SM2-TRN-013
     pub(super) fn ring_bell(&mut self, sets: &LinkSets) {
         let Some(socket) = &self.socket else { return };
         if let Err(SendError::Io(error)) = socket.send(&[IoSlice::new(&doorbell())], &[])

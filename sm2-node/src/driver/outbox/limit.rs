@@ -3,7 +3,7 @@
 //! Messages that suspended links still hold take a part of the limit. Of the rest, active links may hold at most half,
 //! and all of the reserved memory; the other half is for subscribers that release what they get. If the messages of
 //! active links exceed this bound, the publisher suspends the subscriber that has kept its samples longest
-//! (SM2-QOS-017). A limit that only stopped the last allocation would take the memory from all subscribers.
+//! (SM2-QOS-007). A limit that only stopped the last allocation would take the memory from all subscribers.
 //!
 //! A decision visits every message in flight. It is due only when the use of memory has grown to a mark that the last
 //! decision set, so a message costs one comparison.

@@ -92,7 +92,7 @@ impl Outbox {
 
     /// Lets all further messages go to new segments: a process that the access policy has cut off may map those that
     /// exist.
-    //= SM2-ACC-018
+    //= SM2-ACC-015
     pub(crate) fn replace_segments(&mut self) {
         let over = self.pool.replace_all();
         self.close(over);

@@ -12,7 +12,7 @@ const LOOK_AGAIN: Duration = Duration::from_millis(100);
 impl Control {
     /// Tells the Manager how many links this node can have, if that has grown. A node that has no room looks
     /// again when its timer says so. The caller drains the machine.
-    //= SM2-LNK-010
+    //= SM2-LNK-007
     pub(in crate::driver) fn state_links(&mut self) {
         if let Some(max_links) = self.link_room.look(sm2_io::free_descriptors) {
             self.session.tell(Input::MaxLinks(max_links));
@@ -22,7 +22,7 @@ impl Control {
 
     /// Tells the Manager that this node has no room beyond the links that it has, because a descriptor of a
     /// link was lost.
-    //= SM2-LNK-010, SM2-TRN-012
+    //= SM2-LNK-007, SM2-TRN-011
     pub(super) fn ran_out_of_links(&mut self) {
         if let Some(max_links) = self.link_room.run_out() {
             self.session.tell(Input::MaxLinks(max_links));

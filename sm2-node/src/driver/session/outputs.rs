@@ -206,7 +206,7 @@ impl Control {
     }
 
     /// Counts a LINK whose socket was lost. The machine has told the Manager.
-    //= SM2-TRN-012
+    //= SM2-TRN-011
     fn link_lost(&mut self, id: InterfaceId, link: LinkId, peer: &LinkPeer, sets: &NodeSets) {
         self.with_interface(id, sets, |interface, _| {
             interface.link_came();

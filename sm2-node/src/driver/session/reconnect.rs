@@ -26,7 +26,7 @@ impl Control {
     }
 
     /// Handles the timer: looks for room for links, or tries to connect.
-    //= SM2-RES-001, SM2-LNK-010
+    //= SM2-RES-001, SM2-LNK-007
     pub(in crate::driver) fn on_timer(&mut self, sets: &NodeSets) {
         if !self.reconnect.timer.drain() {
             return;

@@ -115,7 +115,7 @@ impl Oracle {
             }
             Frame::Ask { ask, kind, name } => {
                 if self.owed.len() == 64 {
-                    return Err(violation!(PeerViolationKind::Malformed, "SM2-GWO-005"));
+                    return Err(violation!(PeerViolationKind::Malformed, "SM2-GWO-006"));
                 }
                 self.owed.push_back(ask);
                 Ok(vec![Output::Event(Event::Asked { ask, kind, name })])
@@ -124,7 +124,7 @@ impl Oracle {
                 if self.asked.front() != Some(&ask) {
                     return Err(violation!(
                         PeerViolationKind::UnexpectedAnswer,
-                        "SM2-GWO-005"
+                        "SM2-GWO-006"
                     ));
                 }
                 self.asked.pop_front();

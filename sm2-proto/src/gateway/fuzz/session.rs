@@ -34,7 +34,7 @@ const fn hop(gateway: u8) -> Hop {
 
 /// A session gives the outputs that SPEC demands, settles each call once, and gives no output after its
 /// end.
-//= SM2-GWF-001, SM2-GWO-001, SM2-GWO-002, SM2-GWO-003, SM2-GWO-005, SM2-GWM-001, SM2-GWS-001, SM2-GWS-002 fuzz
+//= SM2-GWF-001, SM2-GWO-001, SM2-GWO-002, SM2-GWO-003, SM2-GWO-006, SM2-GWM-001, SM2-GWS-001, SM2-GWS-002 fuzz
 pub(crate) fn session(data: &[u8]) {
     let Ok(name) = Name::new("me") else {
         return;

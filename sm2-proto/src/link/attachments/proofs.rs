@@ -178,7 +178,7 @@ fn attachments_step() {
 
 /// A slot outside its segment is refused, and so is a slot of a segment whose stride or number of
 /// slots has changed.
-//= SM2-PAY-002, SM2-SEG-003 kani
+//= SM2-PAY-003, SM2-SEG-003 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(6))]
 fn only_slots_of_the_segment_are_used() {

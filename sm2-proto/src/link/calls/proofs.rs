@@ -33,7 +33,7 @@ fn placed(calls: [Option<(Call, bool)>; 3]) -> Placed {
 
 /// At the caller: a call that was sent gets exactly one reply. CANCEL is sent at most once, and
 /// only for a call that was sent and has no reply yet.
-//= SM2-SRV-002, SM2-SRV-003, SM2-SRV-004, SM2-SRV-005 kani
+//= SM2-SRV-001, SM2-SRV-002, SM2-SRV-003, SM2-SRV-004 kani
 #[cfg_attr(kani, kani::proof)]
 // Three calls, so trees have at most four entries.
 #[cfg_attr(kani, kani::unwind(6))]
@@ -98,15 +98,15 @@ fn reply_comes(books: &mut Placed, calls: &mut [Option<(Call, bool)>; 3], at: us
     let sent = call.is_some_and(|(call, _)| call.sent);
     let empty = matches!(status, Status::Cancelled | Status::DeadlinePassed);
     let expected = if !sent {
-        Err(violation!(UnknownCall, "SM2-SRV-003"))
+        Err(violation!(UnknownCall, "SM2-SRV-002"))
     } else if empty && len > 0 {
-        Err(violation!(BadLength, "SM2-SRV-003"))
+        Err(violation!(BadLength, "SM2-SRV-002"))
     } else {
         Ok(())
     };
     assert_eq!(books.check_reply(id, status, len), expected);
     kani::cover!(
-        expected == Err(violation!(BadLength, "SM2-SRV-003")),
+        expected == Err(violation!(BadLength, "SM2-SRV-002")),
         "a reply that must be empty"
     );
     if expected.is_ok() {
@@ -115,7 +115,7 @@ fn reply_comes(books: &mut Placed, calls: &mut [Option<(Call, bool)>; 3], at: us
         let again = books.check_reply(id, status, len);
         assert_eq!(
             again,
-            Err(violation!(UnknownCall, "SM2-SRV-003")),
+            Err(violation!(UnknownCall, "SM2-SRV-002")),
             "answered once"
         );
         kani::cover!(true, "answered");
@@ -146,7 +146,7 @@ fn served(calls: [Option<Got>; 4]) -> Served {
 
 /// At the server: each call gets exactly one reply, and can be cancelled at most once until its
 /// REPLY is released.
-//= SM2-SRV-002, SM2-SRV-003, SM2-SRV-004 kani
+//= SM2-SRV-001, SM2-SRV-002, SM2-SRV-003 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(6))]
 fn a_call_is_replied_to_once() {
@@ -160,8 +160,8 @@ fn a_call_is_replied_to_once() {
         0 => request_comes(&mut books, &mut calls, at),
         1 => {
             let expected = match got {
-                None => Err(violation!(UnknownCall, "SM2-SRV-004")),
-                Some(got) if got.cancelled => Err(violation!(BadCancel, "SM2-SRV-004")),
+                None => Err(violation!(UnknownCall, "SM2-SRV-003")),
+                Some(got) if got.cancelled => Err(violation!(BadCancel, "SM2-SRV-003")),
                 Some(_) => Ok(owed),
             };
             assert_eq!(books.cancel(id), expected);
@@ -211,7 +211,7 @@ fn a_call_is_replied_to_once() {
 fn request_comes(books: &mut Served, calls: &mut [Option<Got>; 4], at: usize) {
     let id = at as u64 + 1;
     let expected = if at < 3 {
-        Err(violation!(BadId, "SM2-SRV-002"))
+        Err(violation!(BadId, "SM2-SRV-001"))
     } else {
         Ok(())
     };
@@ -222,7 +222,7 @@ fn request_comes(books: &mut Served, calls: &mut [Option<Got>; 4], at: usize) {
         calls[at] = Some(Got { reply, cancelled });
         assert_eq!(
             books.check_request(id),
-            Err(violation!(BadId, "SM2-SRV-002")),
+            Err(violation!(BadId, "SM2-SRV-001")),
             "numbers grow"
         );
     }
@@ -231,7 +231,7 @@ fn request_comes(books: &mut Served, calls: &mut [Option<Got>; 4], at: usize) {
 /// CALL-CANCEL: on the ring lane, CANCEL may come before its request and after its reply. CANCEL is
 /// refused only if no caller that obeys SPEC can have sent it: a second CANCEL for one call, a
 /// CANCEL for a call that then does not come, or more CANCELs than requests can be in the ring.
-//= SM2-RNG-012 kani
+//= SM2-RNG-011 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(6))]
 fn a_cancel_of_any_time() {
@@ -256,9 +256,9 @@ fn a_cancel_of_any_time() {
     if kani::any() {
         let verdict = books.cancel_of_ring(call, 2);
         let expected = match remembered {
-            Some(true) => Err(violation!(BadCancel, "SM2-RNG-012")),
-            Some(false) if before.early.len() == 2 => Err(violation!(UnknownCall, "SM2-RNG-012")),
-            None if call == 2 && owed == Some(true) => Err(violation!(BadCancel, "SM2-RNG-012")),
+            Some(true) => Err(violation!(BadCancel, "SM2-RNG-011")),
+            Some(false) if before.early.len() == 2 => Err(violation!(UnknownCall, "SM2-RNG-011")),
+            None if call == 2 && owed == Some(true) => Err(violation!(BadCancel, "SM2-RNG-011")),
             None if call == 2 && owed == Some(false) => Ok(true),
             _ => Ok(false),
         };
@@ -272,9 +272,9 @@ fn a_cancel_of_any_time() {
     } else {
         let verdict = books.taken_from_ring(call);
         let expected = match remembered {
-            None => Err(violation!(BadId, "SM2-SRV-002")),
+            None => Err(violation!(BadId, "SM2-SRV-001")),
             Some(_) if ids(early).any(|it| it < call) => {
-                Err(violation!(UnknownCall, "SM2-RNG-012"))
+                Err(violation!(UnknownCall, "SM2-RNG-011"))
             }
             Some(cancelled) => Ok(cancelled),
         };
@@ -288,7 +288,7 @@ fn a_cancel_of_any_time() {
         }
         kani::cover!(verdict == Ok(true), "cancelled before it came");
         kani::cover!(
-            verdict == Err(violation!(UnknownCall, "SM2-RNG-012")),
+            verdict == Err(violation!(UnknownCall, "SM2-RNG-011")),
             "it never came"
         );
     }
@@ -296,7 +296,7 @@ fn a_cancel_of_any_time() {
 }
 
 /// Each end accepts exactly 1,024 open calls.
-//= SM2-SRV-002 kani
+//= SM2-SRV-001 kani
 #[cfg_attr(kani, kani::proof)]
 // All 1,024 calls, and the next one.
 #[cfg_attr(kani, kani::unwind(1026))]
@@ -325,7 +325,7 @@ fn no_more_calls_than_the_limit() {
     books.invariants();
     let next = open as u64 + 1;
     let expected = if full {
-        Err(violation!(CallLimit, "SM2-SRV-002"))
+        Err(violation!(CallLimit, "SM2-SRV-001"))
     } else {
         Ok(())
     };

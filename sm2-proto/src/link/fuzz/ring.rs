@@ -35,7 +35,7 @@ const fn segment(id: u32) -> SegmentInfo {
 }
 
 /// Runs the steps that the bytes encode. Panics if the machine broke its contract.
-//= SM2-RNG-005, SM2-RNG-006, SM2-RNG-007, SM2-RNG-016, SM2-RNG-011, SM2-RNG-012 fuzz
+//= SM2-RNG-005, SM2-RNG-006, SM2-RNG-007, SM2-RNG-008, SM2-RNG-010, SM2-RNG-011 fuzz
 pub(crate) fn words(data: &[u8]) {
     let mut script = Script::new(data);
     let Some(mut ring) = Ring::new(&mut script) else {

@@ -111,13 +111,13 @@ impl Arrival {
         } else {
             match frame.form {
                 Form::Pooled { .. } if state.books.sealed => {
-                    Err(violation!(NotSealed, "SM2-PAY-009"))
+                    Err(violation!(NotSealed, "SM2-PAY-001"))
                 }
-                Form::Pooled { segment: 4.., .. } => Err(violation!(UnknownSegment, "SM2-PAY-002")),
-                Form::Pooled { slot: 4.., .. } => Err(violation!(BadSlot, "SM2-PAY-002")),
-                Form::Inline if frame.len > limit => Err(violation!(BadLength, "SM2-PAY-001")),
+                Form::Pooled { segment: 4.., .. } => Err(violation!(UnknownSegment, "SM2-PAY-003")),
+                Form::Pooled { slot: 4.., .. } => Err(violation!(BadSlot, "SM2-PAY-003")),
+                Form::Inline if frame.len > limit => Err(violation!(BadLength, "SM2-PAY-002")),
                 Form::Pooled { .. } if frame.len > limit => {
-                    Err(violation!(BadLength, "SM2-PAY-002"))
+                    Err(violation!(BadLength, "SM2-PAY-003"))
                 }
                 Form::Sealed if frame.len > limit => Err(violation!(BadLength, "SM2-PAY-008")),
                 Form::Pooled { slot: 0, .. }
@@ -126,7 +126,7 @@ impl Arrival {
                     Err(violation!(SlotBusy, "SM2-PAY-005"))
                 }
                 _ if frame.len > state.books.max_len => {
-                    Err(violation!(MessageTooLong, "SM2-PAY-011"))
+                    Err(violation!(MessageTooLong, "SM2-PAY-010"))
                 }
                 Form::Sealed if file.seals != Seals::SEALED => {
                     Err(violation!(SealsMissing, "SM2-SEG-001"))
@@ -142,8 +142,8 @@ impl Arrival {
 
 /// A message is admitted exactly if it obeys the rules of SPEC section 8 for flow, form, slot and
 /// file.
-//= SM2-MSG-001, SM2-MSG-002, SM2-MSG-003, SM2-PAY-001, SM2-PAY-002, SM2-PAY-005, SM2-PAY-008 kani
-//= SM2-PAY-009, SM2-PAY-011, SM2-SEG-001, SM2-SEG-002 kani
+//= SM2-MSG-001, SM2-MSG-002, SM2-MSG-003, SM2-PAY-002, SM2-PAY-003, SM2-PAY-005, SM2-PAY-008 kani
+//= SM2-PAY-001, SM2-PAY-010, SM2-SEG-001, SM2-SEG-002 kani
 #[cfg_attr(kani, kani::proof)]
 // Two messages; trees of at most two entries.
 #[cfg_attr(kani, kani::unwind(8))]
@@ -169,11 +169,11 @@ fn a_message_is_admitted_exactly() {
         "its window is full"
     );
     kani::cover!(
-        expected == Err(violation!(NotSealed, "SM2-PAY-009")),
+        expected == Err(violation!(NotSealed, "SM2-PAY-001")),
         "its link is sealed"
     );
     kani::cover!(
-        expected == Err(violation!(MessageTooLong, "SM2-PAY-011")),
+        expected == Err(violation!(MessageTooLong, "SM2-PAY-010")),
         "it is longer than this end accepts"
     );
     kani::cover!(expected.is_ok() && form == Form::Sealed, "a sealed message");
@@ -199,7 +199,7 @@ fn a_message_is_admitted_exactly() {
 
 /// Each message is taken once, given back once and released once. Messages are released in order,
 /// and displaced messages before the messages that the application gave back.
-//= SM2-MSG-006, SM2-MSG-005, SM2-PAY-005 kani
+//= SM2-MSG-004, SM2-MSG-005, SM2-PAY-005 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(8))]
 fn each_message_is_released_once() {
@@ -294,7 +294,7 @@ fn ring_segments(attached: impl Iterator<Item = u32>, leaving: Option<u32>) -> R
 
 /// A segment can be attached if its number is free and the link is not sealed, and detached if none
 /// of its slots is in use.
-//= SM2-PAY-009, SM2-SEG-001, SM2-SEG-003, SM2-SEG-005 kani
+//= SM2-PAY-001, SM2-SEG-001, SM2-SEG-003, SM2-SEG-005 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(8))]
 fn segments_come_and_go() {
@@ -307,7 +307,7 @@ fn segments_come_and_go() {
             let attach = Attach::any(id);
             let was_there = books.segments.contains_key(&id);
             let expected = if books.sealed {
-                Err(violation!(NotSealed, "SM2-PAY-009"))
+                Err(violation!(NotSealed, "SM2-PAY-001"))
             } else {
                 attach.expected(was_there)
             };

@@ -6,7 +6,7 @@
 //! all its calls. A message without room waits in the machine, where the limit of calls bounds the queue, so no reply
 //! is refused. Whenever messages wait, the machine itself parks for room, whether or not a thread sleeps, and only then
 //! does the peer ring the bell for room. CANCEL stays on the socket: in the ring, it would wait behind the request that
-//! it cancels. On the socket it can arrive early or late, and SM2-RNG-012 states how far a server relies on it.
+//! it cancels. On the socket it can arrive early or late, and SM2-RNG-011 states how far a server relies on it.
 
 use super::super::{
     At, Delivery, Error, Fate, Link, Misuse, Output, RingMemory, Role, Wake,
@@ -40,7 +40,7 @@ impl Link {
             .map_err(|violation| self.violated(violation))
     }
 
-    //= SM2-SRV-002, SM2-SRV-003
+    //= SM2-SRV-001, SM2-SRV-002
     fn check_queue(&self, message: &RingMessage) -> Result<(), Misuse> {
         let Lane::Ring(ring) = &self.lane else {
             return Err(Misuse::NotOpen);
@@ -62,7 +62,7 @@ impl Link {
 
     /// Sends queued messages while there is room. If some remain for lack of room, this end parks,
     /// so that the other end wakes it, and then tries once more.
-    //= SM2-RNG-015
+    //= SM2-RNG-012
     pub(super) fn send_queued(
         &mut self,
         words: &impl RingMemory,
@@ -134,7 +134,7 @@ impl Link {
     }
 
     /// Updates the calls for a message that was taken, or for a look that found none.
-    //= SM2-RNG-004, SM2-SRV-003
+    //= SM2-RNG-004, SM2-SRV-002
     pub(super) fn note_call(&mut self, taken: Option<&Delivery>) -> Result<(), Violation> {
         match (self.config.role, taken) {
             // After the end, no client waits for a reply.
@@ -160,7 +160,7 @@ impl Link {
     }
 
     /// Whether the application can still take replies of a link that is over.
-    //= SM2-RNG-011
+    //= SM2-RNG-010
     pub(in crate::link) fn may_bring_replies(&self) -> bool {
         let Lane::Ring(ring) = &self.lane else {
             return false;
@@ -170,7 +170,7 @@ impl Link {
     }
 
     /// Fails the calls without a reply, if the link is over and no reply can come any more.
-    //= SM2-SRV-005
+    //= SM2-SRV-004
     pub(in crate::link) fn fail_calls(&mut self) {
         if !self.may_bring_replies() {
             let failed = self.placed.end();

@@ -78,7 +78,7 @@ impl Link {
         let Some(words) = memory.incoming() else {
             return Err(NoDelivery::Misuse(Misuse::NotLent));
         };
-        //= SM2-RNG-014
+        //= SM2-RNG-002
         if is_awaited {
             return Ok(None);
         }

@@ -148,7 +148,7 @@ impl State {
 /// DAT-REFS: RELEASE is accepted exactly if all messages that it names are outstanding, in
 /// ascending order. If it is accepted, exactly these messages are settled once and their slots are
 /// free. Otherwise nothing changes.
-//= SM2-MSG-003, SM2-MSG-006, SM2-QOS-011 kani
+//= SM2-MSG-003, SM2-MSG-004, SM2-QOS-006 kani
 #[cfg_attr(kani, kani::proof)]
 // At most seven messages; trees of at most three entries; lists of at most three numbers.
 #[cfg_attr(kani, kani::unwind(10))]
@@ -189,7 +189,7 @@ fn release_is_exact() {
         "one of two was released before"
     );
     if !legal {
-        assert_eq!(verdict, Err(violation!(BadRelease, "SM2-MSG-006")));
+        assert_eq!(verdict, Err(violation!(BadRelease, "SM2-MSG-004")));
         assert!(state.books == before && settled.is_empty());
         return;
     }
@@ -293,7 +293,7 @@ fn sent_messages_are_numbered() {
 
 /// One more message finds room, displaces the oldest waiting message, or is refused. OPEN and an
 /// expired deadline also keep the state consistent.
-//= SM2-QOS-001, SM2-QOS-014, SM2-QOS-011, SM2-OPN-003 kani
+//= SM2-QOS-001, SM2-QOS-002, SM2-QOS-006, SM2-OPN-003 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(10))]
 fn one_more_message_keeps_the_books() {
@@ -355,7 +355,7 @@ fn one_more_message_keeps_the_books() {
 }
 
 /// The end settles each unsettled message once, the oldest first.
-//= SM2-OPN-007, SM2-QOS-011 kani
+//= SM2-OPN-009, SM2-QOS-006 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(10))]
 fn the_end_settles_all() {

@@ -53,16 +53,16 @@ fn legal(role: Role, open: &Open, named: bool) -> Result<(), Violation> {
     } else if open.lanes & 1 == 0 {
         Err(violation!(BadOpen, "SM2-OPN-004"))
     } else if !is_accepting {
-        Err(violation!(BadOpen, "SM2-OPN-009"))
+        Err(violation!(BadOpen, "SM2-OPN-005"))
     } else if !says {
-        Err(violation!(BadOpen, "SM2-OPN-010"))
+        Err(violation!(BadOpen, "SM2-OPN-006"))
     } else {
         Ok(())
     }
 }
 
 /// The first OPEN opens the link exactly if each of its fields is legal. Otherwise nothing changes.
-//= SM2-OPN-002, SM2-OPN-003, SM2-OPN-004, SM2-OPN-009, SM2-OPN-010 kani
+//= SM2-OPN-002, SM2-OPN-003, SM2-OPN-004, SM2-OPN-005, SM2-OPN-006 kani
 #[cfg_attr(kani, kani::proof)]
 // 48 bytes of OPEN; twelve kinds of frames.
 #[cfg_attr(kani, kani::unwind(50))]
@@ -102,11 +102,11 @@ fn open_is_checked() {
         "a window that is too large"
     );
     kani::cover!(
-        expected == Err(violation!(BadOpen, "SM2-OPN-009")) && ours.role == Role::Sender,
+        expected == Err(violation!(BadOpen, "SM2-OPN-005")) && ours.role == Role::Sender,
         "a maximum length that is out of its range"
     );
     kani::cover!(
-        expected == Err(violation!(BadOpen, "SM2-OPN-010")) && ours.role == Role::Sender,
+        expected == Err(violation!(BadOpen, "SM2-OPN-006")) && ours.role == Role::Sender,
         "a receiver with a number of publications"
     );
     if expected.is_ok() {

@@ -38,7 +38,7 @@ enum Outgoing {
 impl RingLane {
     /// Creates the lane after both ends have offered it in OPEN; `window` is from the other end's
     /// OPEN.
-    //= SM2-RNG-013, SM2-RNG-014
+    //= SM2-RNG-001, SM2-RNG-002
     pub(in crate::link) fn new(config: &Config, window: u32) -> Self {
         let incoming = config.ring_layout().map(|layout| {
             let carrier = Carrier::to(config.role);
@@ -64,7 +64,7 @@ impl RingLane {
     }
 
     /// Handles RING, which has a ring of this layout.
-    //= SM2-RNG-014
+    //= SM2-RNG-002
     pub(in crate::link) fn on_ring(
         &mut self,
         config: &Config,
@@ -78,12 +78,12 @@ impl RingLane {
                 *outgoing = Outgoing::Here(sender);
                 Ok(())
             }
-            _ => Err(violation!(BadRing, "SM2-RNG-014")),
+            _ => Err(violation!(BadRing, "SM2-RNG-002")),
         }
     }
 
     /// Handles DETACH.
-    //= SM2-RNG-010
+    //= SM2-RNG-009
     pub(in crate::link) fn on_detach(&mut self, segment: u32) -> Result<(), Violation> {
         if self.incoming.as_ref().is_some_and(|it| it.holds(segment)) {
             return Err(violation!(SegmentBusy, "SM2-SEG-005"));
@@ -92,15 +92,15 @@ impl RingLane {
     }
 
     /// Handles DETACHED.
-    //= SM2-RNG-010
+    //= SM2-RNG-009
     pub(in crate::link) fn on_detached(&mut self, segment: u32) -> Result<(), Violation> {
         let sender = self.sender_mut();
-        let sender = sender.ok_or(violation!(UnknownSegment, "SM2-RNG-010"))?;
+        let sender = sender.ok_or(violation!(UnknownSegment, "SM2-RNG-009"))?;
         sender.detached(segment)
     }
 
     /// Returns the next frame that has to be sent over the socket.
-    //= SM2-RNG-010
+    //= SM2-RNG-009
     pub(in crate::link) fn poll(&mut self) -> Option<Packet> {
         if let Some(segment) = self.segments.poll_detached() {
             return Some(Packet::bare(Frame::Detached { segment }.head()));

@@ -44,7 +44,7 @@ pub(in crate::link) enum RingSendError {
     Misuse(Misuse),
     /// The receiver violated SPEC. The message is recorded, and the end of the link settles it.
     Violation(Violation),
-    /// The message is in the ring, but the receiver has stopped (SM2-RNG-011). The end of the link
+    /// The message is in the ring, but the receiver has stopped (SM2-RNG-010). The end of the link
     /// settles the message.
     Stopped,
 }

@@ -28,7 +28,7 @@
 //! - A receiver prefetches head and payload while it takes their word. No read overtakes the atomic operation on the
 //!   word.
 //! - Messages that a program gives back together are one batch: their words are put, then one fence follows
-//!   (SM2-RNG-015).
+//!   (SM2-RNG-012).
 
 mod lane;
 mod memory;

@@ -79,7 +79,7 @@ fn any_at() -> At {
 
 /// RNG-INDEX: words do not overlap, and all words lie in the file, including those for any sequence
 /// number.
-//= SM2-RNG-014 kani
+//= SM2-RNG-002 kani
 #[cfg_attr(kani, kani::proof)]
 fn words_are_inside() {
     let depth: u16 = one_of(&[0, 1, 2, 8, 1_023, 1_024, 1_025, kani::any()]);
@@ -326,7 +326,7 @@ fn settle(fates: &mut [Option<Fate>; 8], key: u64, fate: Fate) {
 /// RNG-FIFO: seven steps of two ends that obey SPEC. Messages are taken in the order in which they
 /// were sent. On a reliable link, all messages are taken. Otherwise the last two stay in the ring,
 /// and a message is discarded exactly if it was not taken and is not in the ring.
-//= SM2-RNG-005, SM2-RNG-006, SM2-RNG-007, SM2-RNG-016, SM2-QOS-001 kani
+//= SM2-RNG-005, SM2-RNG-006, SM2-RNG-007, SM2-RNG-008, SM2-QOS-001 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(10))]
 fn the_last_two_are_there() {

@@ -111,7 +111,7 @@ impl RingReceiver {
     /// The sequence number of the oldest message in the ring. A sender that died while it made room
     /// left an empty word at the index of its oldest message; the messages after it are still in
     /// the ring.
-    //= SM2-RNG-011
+    //= SM2-RNG-010
     #[inline]
     fn oldest(&self, words: &impl RingMemory) -> u64 {
         if self.left.is_none() || !self.displaces {
@@ -227,7 +227,7 @@ impl RingReceiver {
 
     /// Handles a word that was taken out of the ring: checks the head of its message and delivers
     /// it.
-    //= SM2-RNG-004, SM2-PAY-005, SM2-PAY-006, SM2-PAY-008, SM2-PAY-011, SM2-MSG-002, SM2-SRV-002
+    //= SM2-RNG-004, SM2-PAY-005, SM2-PAY-006, SM2-PAY-008, SM2-PAY-010, SM2-MSG-002, SM2-SRV-001
     #[inline]
     pub(in crate::link) fn receive(
         &mut self,
@@ -277,19 +277,19 @@ impl RingReceiver {
     }
 
     /// The violation of a message with an illegal length.
-    //= SM2-RNG-004, SM2-PAY-008, SM2-PAY-011
+    //= SM2-RNG-004, SM2-PAY-008, SM2-PAY-010
     #[cold]
     fn illegal_len(&self, len: u64, slot: SlotRange) -> Violation {
         if len > MESSAGE_MAX || len > slot.stride - SLOT_HEAD as u64 {
             return violation!(BadLength, "SM2-RNG-004");
         }
         debug_assert!(len > self.max_len);
-        violation!(MessageTooLong, "SM2-PAY-011")
+        violation!(MessageTooLong, "SM2-PAY-010")
     }
 
     /// Called when the application gives messages back. Returns whether the sender has to be woken,
     /// or the first error.
-    //= SM2-RNG-015
+    //= SM2-RNG-012
     #[inline]
     pub(in crate::link) fn release_all(
         &mut self,
@@ -305,7 +305,7 @@ impl RingReceiver {
     }
 
     /// Puts the word of a message into the next back word.
-    //= SM2-RNG-016, SM2-MSG-006, SM2-QOS-010
+    //= SM2-RNG-008, SM2-MSG-004, SM2-QOS-010
     #[inline]
     fn release(
         &mut self,
@@ -320,7 +320,7 @@ impl RingReceiver {
         let at = self.layout.back_word(self.given);
         self.given += 1;
         if words.swap(at, word.to_bits()) != EMPTY {
-            let violation = violation!(BadWord, "SM2-RNG-016");
+            let violation = violation!(BadWord, "SM2-RNG-008");
             return Err(NotReleased::Violation(violation));
         }
         Ok(())
@@ -332,7 +332,7 @@ impl RingReceiver {
     }
 
     /// Ends the receiver's side with the link. After a violation no message can be taken.
-    //= SM2-RNG-011
+    //= SM2-RNG-010
     pub(in crate::link) const fn end(&mut self, by_violation: bool) {
         self.left = Some(if by_violation { 0 } else { self.layout.depth() });
     }

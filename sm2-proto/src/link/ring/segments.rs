@@ -20,7 +20,7 @@ pub(in crate::link) struct RingSegments {
 
 impl RingSegments {
     /// Handles ATTACH.
-    //= SM2-SEG-001, SM2-SEG-003, SM2-SEG-004, SM2-RNG-003, SM2-RNG-010
+    //= SM2-SEG-001, SM2-SEG-003, SM2-SEG-004, SM2-RNG-003, SM2-RNG-009
     pub(in crate::link) fn attach(
         &mut self,
         info: &SegmentInfo,
@@ -40,7 +40,7 @@ impl RingSegments {
     }
 
     /// Handles DETACH.
-    //= SM2-SEG-005, SM2-RNG-010
+    //= SM2-SEG-005, SM2-RNG-009
     pub(in crate::link) fn detach(&mut self, segment: u32) -> Result<(), Violation> {
         let place = self.place(segment);
         let place = place.map_err(|_| violation!(UnknownSegment, "SM2-SEG-005"))?;

@@ -108,7 +108,7 @@ impl RingSender {
 
     /// Attaches the segment, unless it is attached. If 256 numbers are in use, an idle segment is
     /// detached instead, and the caller has to try again after DETACHED.
-    //= SM2-RNG-003, SM2-RNG-010, SM2-SEG-004
+    //= SM2-RNG-003, SM2-RNG-009, SM2-SEG-004
     pub(in crate::link) fn attach(&mut self, info: &SegmentInfo) -> Result<(), Misuse> {
         if let Some(segment) = self.segment(info.id) {
             if segment.info == *info && segment.state != State::Detaching {
@@ -178,7 +178,7 @@ impl RingSender {
     }
 
     /// Handles DETACHED.
-    //= SM2-RNG-010
+    //= SM2-RNG-009
     pub(in crate::link) fn detached(&mut self, id: u32) -> Result<(), Violation> {
         let is_announced = !self.steps.contains(&SegmentFrame::Detach(id));
         match self.segments.get_mut(id as usize) {
@@ -192,7 +192,7 @@ impl RingSender {
                 self.attached -= 1;
                 Ok(())
             }
-            _ => Err(violation!(UnknownSegment, "SM2-RNG-010")),
+            _ => Err(violation!(UnknownSegment, "SM2-RNG-009")),
         }
     }
 
@@ -225,7 +225,7 @@ impl RingSender {
     }
 
     /// Puts a message into the ring. Returns whether the receiver has to be woken.
-    //= SM2-RNG-005, SM2-RNG-011
+    //= SM2-RNG-005, SM2-RNG-010
     pub(in crate::link) fn send(
         &mut self,
         words: &impl RingMemory,
@@ -355,7 +355,7 @@ impl RingSender {
     }
 
     /// Settles the messages that the receiver gave back.
-    //= SM2-RNG-016
+    //= SM2-RNG-008
     pub(in crate::link) fn harvest(
         &mut self,
         words: &impl RingMemory,
@@ -369,7 +369,7 @@ impl RingSender {
             let bits = words.swap(at, EMPTY);
             self.returned += 1;
             let back = self.settle(bits);
-            let (key, fate) = back.ok_or(violation!(BadWord, "SM2-RNG-016"))?;
+            let (key, fate) = back.ok_or(violation!(BadWord, "SM2-RNG-008"))?;
             *self.counters.of_mut(fate) += 1;
             settled(key, fate);
         }
@@ -378,7 +378,7 @@ impl RingSender {
 
     /// Settles the message that these bits name, and returns its key and whether it was delivered or
     /// has expired. `None` if they name no unsettled message.
-    //= SM2-RNG-016
+    //= SM2-RNG-008
     #[inline]
     fn settle(&mut self, bits: u64) -> Option<(u64, Fate)> {
         let word = Word::from_bits(bits).ok()??;
@@ -401,7 +401,7 @@ impl RingSender {
     }
 
     /// Counts a publication that is not sent on this link.
-    //= SM2-QOS-008, SM2-QOS-010, SM2-QOS-014, SM2-QOS-015, SM2-QOS-017
+    //= SM2-QOS-008, SM2-QOS-010, SM2-QOS-002, SM2-QOS-003, SM2-QOS-007
     pub(in crate::link) const fn drop_publication(&mut self, fate: Fate) {
         self.counters.drop_publication(fate);
         if fate.incurs_debt() {
@@ -410,14 +410,14 @@ impl RingSender {
     }
 
     /// Counts a queued message that is not sent, because the link is over.
-    //= SM2-OPN-007
+    //= SM2-OPN-009
     pub(super) const fn count_closed(&mut self) {
         self.counters.drop_publication(Fate::Closed);
     }
 
     /// Ends the sender's side with the link. Passes the keys of all messages that were not settled
     /// to `each`.
-    //= SM2-OPN-007
+    //= SM2-OPN-009
     pub(in crate::link) fn end(&mut self, mut each: impl FnMut(u64)) {
         let slots = self.segments.drain(..).flatten().flat_map(|it| it.slots);
         for sent in slots.flatten() {
@@ -446,7 +446,7 @@ impl RingSender {
         self.unreleased as usize
     }
 
-    //= SM2-QOS-011
+    //= SM2-QOS-006
     #[inline]
     pub(in crate::link) fn counters(&self) -> Counters {
         Counters {

@@ -43,7 +43,7 @@ impl Wake {
 }
 
 /// The DOORBELL datagram, which wakes the other end.
-//= SM2-RNG-015
+//= SM2-RNG-012
 #[must_use]
 pub fn doorbell() -> Head {
     Frame::Doorbell.head()
@@ -51,7 +51,7 @@ pub fn doorbell() -> Head {
 
 /// Clears the other end's `parked` word after this end put or took a word. Returns whether the
 /// other end had parked.
-//= SM2-RNG-015
+//= SM2-RNG-012
 #[inline]
 pub(in crate::link) fn wake_parked(words: &impl RingMemory, parked: At) -> Wake {
     // Pairs with the SeqCst fence in `Link::park`: either the other end sees our word when it looks

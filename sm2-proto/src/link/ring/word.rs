@@ -86,7 +86,7 @@ pub enum At {
 }
 
 /// The layout of a ring: how many words it has, and their offsets.
-//= SM2-RNG-014
+//= SM2-RNG-002
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct RingLayout {
     depth: u16,

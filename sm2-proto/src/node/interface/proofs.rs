@@ -191,7 +191,7 @@ pub(in crate::node) fn expected_link(interface: &Interface) -> Option<bool> {
 }
 
 /// CLI-DROPPING and the other rows: the frames that the Manager may send about an interface.
-//= SM2-IFC-002, SM2-IFC-004, SM2-LNK-003, SM2-LNK-005, SM2-RES-011 kani
+//= SM2-IFC-002, SM2-IFC-004, SM2-LNK-003, SM2-LNK-004, SM2-RES-010 kani
 #[cfg_attr(kani, kani::proof)]
 // Two links; names of one byte.
 #[cfg_attr(kani, kani::unwind(4))]
@@ -233,9 +233,9 @@ fn interface_table() {
         3 => {
             let peer = subscriber(topic(), false, false);
             let expected = if !matches!(at, Row::Live | Row::Dropping) {
-                Err(violation!(UnknownInterface, "SM2-LNK-005"))
+                Err(violation!(UnknownInterface, "SM2-LNK-004"))
             } else if standing.is_some() {
-                Err(violation!(BadLinkId, "SM2-LNK-005"))
+                Err(violation!(BadLinkId, "SM2-LNK-004"))
             } else {
                 Ok(at == Row::Live)
             };
@@ -319,7 +319,7 @@ fn one_farewell_of_each_end() {
 
 /// The program and the session change an interface in this order: declared once, renewed once in
 /// each session, claimed once, and removed only after it was withdrawn.
-//= SM2-RES-002, SM2-RES-011, SM2-NOD-003, SM2-SES-006 kani
+//= SM2-RES-002, SM2-RES-010, SM2-NOD-003, SM2-SES-006 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(4))]
 fn interfaces_outlive_sessions() {
@@ -388,7 +388,7 @@ fn interfaces_outlive_sessions() {
 
 /// LINK is taken exactly with a peer that matches, and with the QoS that both sides ask for; only
 /// `sealed` may be more.
-//= SM2-LNK-005, SM2-MAT-003, SM2-VER-002 kani
+//= SM2-LNK-004, SM2-MAT-003, SM2-VER-002 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(4))]
 fn links_have_the_terms_that_were_asked_for() {
@@ -414,7 +414,7 @@ fn links_have_the_terms_that_were_asked_for() {
     let expected = if matches && fits && !next_version {
         Ok(true)
     } else {
-        Err(violation!(BadLink, "SM2-LNK-005"))
+        Err(violation!(BadLink, "SM2-LNK-004"))
     };
     let peer = subscriber(theirs, demands, demands_seals);
     assert_eq!(it.link(LINKS[0], link, &peer), expected);

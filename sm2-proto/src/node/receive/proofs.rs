@@ -145,7 +145,7 @@ fn any_frame(interface: InterfaceId) -> ToNode {
 }
 
 const fn unexpected_reloaded() -> Result<(), Violation> {
-    Err(violation!(UnexpectedReloaded, "SM2-ACC-015"))
+    Err(violation!(UnexpectedReloaded, "SM2-ACC-016"))
 }
 
 /// Whether the frame may tell that a new access policy allows or denies the interface.
@@ -157,8 +157,8 @@ fn is_judged(interface: &Interface, frame: &ToNode) -> bool {
 
 /// CLI-PHASE: a frame has the effect that the tables of SPEC sections 4.2 and 4.3 state. A
 /// violation ends the session and has no other effect.
-//= SM2-NOD-001, SM2-NOD-002, SM2-IFC-002, SM2-IFC-007, SM2-WCH-001, SM2-CNT-002, SM2-SCH-002 kani
-//= SM2-FRM-004, SM2-LNK-003, SM2-ACC-015 kani
+//= SM2-NOD-001, SM2-NOD-002, SM2-IFC-002, SM2-IFC-007, SM2-WCH-001, SM2-CNT-003, SM2-SCH-002 kani
+//= SM2-FRM-004, SM2-LNK-003, SM2-ACC-016 kani
 #[cfg_attr(kani, kani::proof)]
 // One interface with two links; names of one byte, frames of at most 24.
 #[cfg_attr(kani, kani::unwind(26))]
@@ -203,7 +203,7 @@ fn session_table() {
         (_, ToNode::Changes(_)) if !asked => Err(violation!(UnexpectedChanges, "SM2-WCH-001")),
         (_, ToNode::Inspected { .. }) if asked => Ok(()),
         (_, ToNode::Inspected { .. } | ToNode::NotInspected { .. }) => {
-            Err(violation!(UnexpectedCounters, "SM2-CNT-002"))
+            Err(violation!(UnexpectedCounters, "SM2-CNT-003"))
         }
         (_, ToNode::Described { .. }) if !asked => Err(violation!(UnexpectedSchema, "SM2-SCH-002")),
         (_, ToNode::Described { text: Some(_), .. }) => Err(violation!(BadSchema, "SM2-SCH-002")),

@@ -5,7 +5,7 @@ use crate::proofs::{below, one_of};
 
 /// An answer is legal exactly while its request is open, in the order of the requests. Each
 /// request is answered once.
-//= SM2-IFC-007, SM2-WCH-001, SM2-CNT-001, SM2-CNT-002, SM2-ACC-015 kani
+//= SM2-IFC-007, SM2-WCH-001, SM2-CNT-001, SM2-CNT-003, SM2-ACC-016 kani
 #[cfg_attr(kani, kani::proof)]
 // At most two requests of a kind.
 #[cfg_attr(kani, kani::unwind(4))]
@@ -79,7 +79,7 @@ fn reload(requests: &mut Requests) {
         assert_eq!(requests.reload(), if reloading { twice } else { Ok(()) });
         assert_eq!(requests.reload(), twice);
     } else {
-        let unexpected = Err(violation!(UnexpectedReloaded, "SM2-ACC-015"));
+        let unexpected = Err(violation!(UnexpectedReloaded, "SM2-ACC-016"));
         let expected = if reloading { Ok(()) } else { unexpected };
         assert_eq!(requests.reloaded(), expected);
         assert_eq!(requests.reloaded(), unexpected, "answered once");
@@ -94,7 +94,7 @@ fn inspected(requests: &mut Requests, inspecting: &[NodeId]) {
     let expected = if is_first {
         Ok(())
     } else {
-        Err(violation!(UnexpectedCounters, "SM2-CNT-002"))
+        Err(violation!(UnexpectedCounters, "SM2-CNT-003"))
     };
     assert_eq!(requests.inspected(node), expected);
     assert_eq!(

@@ -24,7 +24,7 @@ impl World {
         for (link, pair) in self.held() {
             assert_eq!(pair.sockets, [Socket::Held; 2], "{link}");
             // A link whose two interfaces were refused stays open, and is not claimed
-            // (SM2-RES-011).
+            // (SM2-RES-010).
             let granted = |end| entities.iter().any(|it| it.end == end);
             let [one, other] = pair.ends.map(granted);
             assert_eq!(one, other, "{link} has no claim of one end");

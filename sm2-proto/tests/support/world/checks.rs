@@ -40,7 +40,7 @@ impl World {
 
     /// No session is sent more LINKs than the limits allows before it has read all of them. One
     /// more is allowed if a link joins two interfaces of the session.
-    //= SM2-LNK-007 test
+    //= SM2-LNK-006 test
     pub(super) fn check_pace(&self, session: NodeId) {
         let waiting = self.sockets[&session].to_node.iter();
         let links = waiting.filter(|(_, fds)| !fds.is_empty()).count();

@@ -47,7 +47,7 @@ impl LinkStage {
 }
 
 fn lanes() -> Rows {
-    let mut lane = Rule::new(WrongLane, "SM2-RNG-013");
+    let mut lane = Rule::new(WrongLane, "SM2-RNG-001");
     for (real, what, number) in [
         (Server, "REQUEST", kind::REQUEST),
         (Client, "REPLY", kind::REPLY),
@@ -67,7 +67,7 @@ fn lanes() -> Rows {
                 detached(1),
             );
     }
-    let twice = Rule::new(BadRing, "SM2-RNG-014")
+    let twice = Rule::new(BadRing, "SM2-RNG-002")
         .fresh(Server, "RING of a caller, twice", |stage| {
             stage.rings().0.offer(&stage.link);
         })
@@ -78,7 +78,7 @@ fn lanes() -> Rows {
 }
 
 fn cancels() -> Rows {
-    let twice = Rule::new(BadCancel, "SM2-RNG-012").fresh(
+    let twice = Rule::new(BadCancel, "SM2-RNG-011").fresh(
         Server,
         "CANCEL twice before its request",
         |stage| {
@@ -87,7 +87,7 @@ fn cancels() -> Rows {
             stage.send(cancel(3));
         },
     );
-    let many = Rule::new(UnknownCall, "SM2-RNG-012").fresh(
+    let many = Rule::new(UnknownCall, "SM2-RNG-011").fresh(
         Server,
         "CANCEL of more calls than have room",
         |stage| {

@@ -57,7 +57,7 @@ fn order() -> Rows {
 
 fn ids() -> Rows {
     let mut of_data = Rule::new(BadId, "SM2-MSG-002");
-    let mut of_calls = Rule::new(BadId, "SM2-SRV-002");
+    let mut of_calls = Rule::new(BadId, "SM2-SRV-001");
     for id in [0, 6, 7] {
         of_data = of_data.open(
             Subscriber,
@@ -87,7 +87,7 @@ fn windows() -> Rows {
         stage.victim.borrow_mut().tell("hold x 2");
         stage.send(inline(kind::DATA, WINDOW + 1, b"x"));
     });
-    let calls = Rule::new(CallLimit, "SM2-SRV-002");
+    let calls = Rule::new(CallLimit, "SM2-SRV-001");
     let what = "1,025 calls without a reply";
     all([
         exceeded,
@@ -106,7 +106,7 @@ fn releases() -> Rows {
         ("513 messages", (1..=513).collect()),
         ("the last possible number", vec![u64::MAX]),
     ];
-    let mut rule = Rule::new(BadRelease, "SM2-MSG-006");
+    let mut rule = Rule::new(BadRelease, "SM2-MSG-004");
     for (what, sequences) in lists {
         rule = rule.fresh(Publisher, format!("RELEASE of {what}"), move |stage| {
             stage.published(3);
@@ -147,7 +147,7 @@ fn releases() -> Rows {
 }
 
 fn replies() -> Rows {
-    let unknown = Rule::new(UnknownCall, "SM2-SRV-003")
+    let unknown = Rule::new(UnknownCall, "SM2-SRV-002")
         .sent(Client, "REPLY without a call", inline(kind::REPLY, 1, b"x"))
         .fresh(Client, "REPLY for another call", |stage| {
             let id = stage.called() + 1;
@@ -158,7 +158,7 @@ fn replies() -> Rows {
             stage.send(identified(kind::REPLY, 1, id));
             stage.send(identified(kind::REPLY, 2, id));
         });
-    let mut length = Rule::new(BadLength, "SM2-SRV-003");
+    let mut length = Rule::new(BadLength, "SM2-SRV-002");
     for status in [2, 3] {
         let what = format!("REPLY with status {status} and a payload");
         length = length.fresh(Client, what, move |stage| {
@@ -175,7 +175,7 @@ fn replies() -> Rows {
 }
 
 fn cancels() -> Rows {
-    let mut unknown = Rule::new(UnknownCall, "SM2-SRV-004");
+    let mut unknown = Rule::new(UnknownCall, "SM2-SRV-003");
     for call in [0, 2, u64::MAX] {
         let what = format!("CANCEL of call {call}, which was never made");
         unknown = unknown.fresh(Server, what, move |stage| {
@@ -183,7 +183,7 @@ fn cancels() -> Rows {
             stage.send(cancel(call));
         });
     }
-    let twice = Rule::new(BadCancel, "SM2-SRV-004").fresh(Server, "CANCEL twice", |stage| {
+    let twice = Rule::new(BadCancel, "SM2-SRV-003").fresh(Server, "CANCEL twice", |stage| {
         stage.messages(1);
         stage.send(cancel(1));
         stage.send(cancel(1));

@@ -58,7 +58,7 @@ fn transport() -> Rows {
         ("CLOSE with one", 1, close(0)),
     ];
     let mut count =
-        Rule::new(FdCount, "SM2-TRN-011").fresh(Subscriber, "OPEN with a descriptor", |stage| {
+        Rule::new(FdCount, "SM2-TRN-010").fresh(Subscriber, "OPEN with a descriptor", |stage| {
             stage.send_nulls(stage.greeting().bytes(), 1);
         });
     for (what, fds, bytes) in with_fds {
@@ -80,7 +80,7 @@ fn transport() -> Rows {
 pub(super) fn starved() -> Rows {
     let what = "more descriptors than the node can take";
     all([
-        Rule::new(FdCount, "SM2-TRN-011").open(Subscriber, what, |stage| {
+        Rule::new(FdCount, "SM2-TRN-010").open(Subscriber, what, |stage| {
             stage.send_nulls(sealed(kind::DATA, 1, 1), 200)
         }),
     ])
@@ -109,7 +109,7 @@ fn roles() -> Rows {
         }
     }
     let what = "ALIVE to a Subscriber that demands no lease";
-    let alive = Rule::new(WrongRole, "SM2-QOS-013").sent(Subscriber, what, alive(1));
+    let alive = Rule::new(WrongRole, "SM2-QOS-012").sent(Subscriber, what, alive(1));
     let rule = rule.open(Publisher, "ATTACH to a Publisher", |stage| {
         stage.send_fd(attach(1, 4096, 1), &memory::segment(4096));
     });
@@ -147,14 +147,14 @@ pub(super) fn precedence() -> Rows {
             "reserved, and form 3",
             reserved.bytes(),
         ),
-        Rule::new(Malformed, "SM2-PAY-009").open(
+        Rule::new(Malformed, "SM2-PAY-001").open(
             Subscriber,
             "form 3, with a descriptor",
             move |stage| {
                 stage.send_nulls(other_form.bytes(), 1);
             },
         ),
-        Rule::new(FdCount, "SM2-TRN-011").fresh(
+        Rule::new(FdCount, "SM2-TRN-010").fresh(
             Subscriber,
             "a descriptor, before OPEN",
             move |stage| {

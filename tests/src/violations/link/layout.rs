@@ -50,7 +50,7 @@ fn lengths() -> Rows {
         )
         .sent(Publisher, "RELEASE longer than it says", more);
     let inline = inline(kind::DATA, 1, &vec![0; 61_441]);
-    let too_long = Rule::new(BadLength, "SM2-PAY-001");
+    let too_long = Rule::new(BadLength, "SM2-PAY-002");
     all([
         fixed,
         varying,
@@ -92,7 +92,7 @@ fn values() -> Rows {
     let request = Head::nth(kind::REQUEST, 1);
     let reply = Head::nth(kind::REPLY, 1);
     all([
-        Rule::new(Malformed, "SM2-PAY-009")
+        Rule::new(Malformed, "SM2-PAY-001")
             .sent(Subscriber, "form 3", Head { form: 3, ..data }.bytes())
             .sent(
                 Server,
@@ -103,8 +103,8 @@ fn values() -> Rows {
                 }
                 .bytes(),
             ),
-        Rule::new(Malformed, "SM2-MSG-006").sent(Publisher, "fate 3", release(3, &[1])),
-        Rule::new(Malformed, "SM2-SRV-003").sent(
+        Rule::new(Malformed, "SM2-MSG-004").sent(Publisher, "fate 3", release(3, &[1])),
+        Rule::new(Malformed, "SM2-SRV-002").sent(
             Client,
             "status 4",
             Head { status: 4, ..reply }.bytes(),

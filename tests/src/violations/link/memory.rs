@@ -243,7 +243,7 @@ fn segments() -> Rows {
 }
 
 fn slots() -> Rows {
-    let unknown = Rule::new(UnknownSegment, "SM2-PAY-002")
+    let unknown = Rule::new(UnknownSegment, "SM2-PAY-003")
         .sent(
             Subscriber,
             "a slot of no segment",
@@ -258,7 +258,7 @@ fn slots() -> Rows {
                 stage.send(pooled(kind::DATA, 1, 1, 0, 1));
             },
         );
-    let mut bad = Rule::new(BadSlot, "SM2-PAY-002");
+    let mut bad = Rule::new(BadSlot, "SM2-PAY-003");
     for slot in [2, u32::MAX] {
         bad = bad.fresh(Subscriber, format!("slot {slot} of two"), move |stage| {
             stage.attached(2);
@@ -277,7 +277,7 @@ fn slots() -> Rows {
             stage.victim.borrow_mut().tell("hold x 1");
             stage.send(pooled(kind::DATA, 2, 1, 0, 1));
         });
-    let sealed = Rule::new(NotSealed, "SM2-PAY-009")
+    let sealed = Rule::new(NotSealed, "SM2-PAY-001")
         .sent(
             SealedSubscriber,
             "a slot on a sealed link",
@@ -290,7 +290,7 @@ fn slots() -> Rows {
 }
 
 fn lengths() -> Rows {
-    let mut of_slots = Rule::new(BadLength, "SM2-PAY-002");
+    let mut of_slots = Rule::new(BadLength, "SM2-PAY-003");
     for len in [PAGE + 1, u64::MAX] {
         let what = format!("{len} bytes in a slot of a page");
         of_slots = of_slots.fresh(Subscriber, what, move |stage| {
@@ -310,7 +310,7 @@ fn lengths() -> Rows {
             stage.send_fd(head.bytes(), &memory::sealed(PAGE));
         });
     }
-    let mut too_long = Rule::new(MessageTooLong, "SM2-PAY-011");
+    let mut too_long = Rule::new(MessageTooLong, "SM2-PAY-010");
     for (real, len) in [(Subscriber, (1 << 30) + 1), (BestEffort, 1_025)] {
         let what = format!("a sealed message of {len} bytes for {real:?}");
         too_long = too_long.open(real, what, move |stage| {

@@ -85,7 +85,7 @@ fn fields() -> Rows {
         ],
     );
     let max_lens = with(
-        Rule::new(BadOpen, "SM2-OPN-009"),
+        Rule::new(BadOpen, "SM2-OPN-005"),
         &[
             (Subscriber, "max_len 1 of a sender", |it| it.max_len = 1),
             (Publisher, "max_len 0 of a receiver", |it| it.max_len = 0),
@@ -97,7 +97,7 @@ fn fields() -> Rows {
         ],
     );
     let publications = with(
-        Rule::new(BadOpen, "SM2-OPN-010"),
+        Rule::new(BadOpen, "SM2-OPN-006"),
         &[
             (Subscriber, "published, without publisher", |it| {
                 it.published = 1

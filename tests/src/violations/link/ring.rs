@@ -64,7 +64,7 @@ impl LinkStage {
 }
 
 fn lanes() -> Rows {
-    let with_ring = Rule::new(WrongLane, "SM2-RNG-013")
+    let with_ring = Rule::new(WrongLane, "SM2-RNG-001")
         .fresh(Subscriber, "DATA on the ring lane", |stage| {
             let _sender = stage.sender(1);
             stage.send(inline(kind::DATA, 1, b"x"));
@@ -148,7 +148,7 @@ fn layouts() -> Rows {
             let _sender = stage.sender(1);
             stage.send([kind::DOORBELL]);
         });
-    let count = Rule::new(FdCount, "SM2-TRN-011")
+    let count = Rule::new(FdCount, "SM2-TRN-010")
         .fresh(Publisher, "RING without a descriptor", move |stage| {
             offer(stage, ring(DEPTH, WINDOW), 0);
         })
@@ -160,7 +160,7 @@ fn layouts() -> Rows {
 
 /// Files that are illegal for a ring.
 fn files() -> Rows {
-    let kinds = Rule::new(NotAMemfd, "SM2-RNG-014")
+    let kinds = Rule::new(NotAMemfd, "SM2-RNG-002")
         .fresh(Publisher, "/dev/null for a ring", |stage| {
             stage.agree();
             stage.send_fd(ring(DEPTH, WINDOW), &memory::null());
@@ -179,7 +179,7 @@ fn files() -> Rows {
                 stage.send_fd(ring(DEPTH, WINDOW), &memory::reopened(&file));
             },
         );
-    let mut missing = Rule::new(SealsMissing, "SM2-RNG-014");
+    let mut missing = Rule::new(SealsMissing, "SM2-RNG-002");
     let seals = [
         ("SEAL", Seals::SEAL),
         ("SHRINK", Seals::SHRINK),
@@ -192,7 +192,7 @@ fn files() -> Rows {
             stage.offer(DEPTH, WINDOW, seals, size(DEPTH, WINDOW));
         });
     }
-    let mut bad = Rule::new(BadRing, "SM2-RNG-014");
+    let mut bad = Rule::new(BadRing, "SM2-RNG-002");
     for (name, seals) in [("WRITE", Seals::SEALED), ("FUTURE_WRITE", Seals::POOLED)] {
         bad = bad.fresh(Publisher, format!("a ring with {name}"), move |stage| {
             stage.offer(DEPTH, WINDOW, seals, size(DEPTH, WINDOW));
@@ -207,7 +207,7 @@ fn files() -> Rows {
 }
 
 fn offers() -> Rows {
-    let mut bad = Rule::new(BadRing, "SM2-RNG-014");
+    let mut bad = Rule::new(BadRing, "SM2-RNG-002");
     let offers = [
         ("depth 0", 0, WINDOW),
         ("depth 1,025", 1025, 2048),
@@ -227,7 +227,7 @@ fn offers() -> Rows {
     let bad = bad.fresh(Publisher, "RING twice", |stage| {
         stage.receiver().offer(&stage.link);
     });
-    let detached = Rule::new(UnknownSegment, "SM2-RNG-010")
+    let detached = Rule::new(UnknownSegment, "SM2-RNG-009")
         .fresh(Publisher, "DETACHED without DETACH", |stage| {
             let _receiver = stage.receiver();
             stage.send(detached(0));

@@ -177,7 +177,7 @@ fn heads() -> Rows {
         });
     }
     let too_long = put(
-        Rule::new(MessageTooLong, "SM2-PAY-011"),
+        Rule::new(MessageTooLong, "SM2-PAY-010"),
         BestEffort,
         "a head of 1,025 bytes",
         |_, sender| {
@@ -247,7 +247,7 @@ fn back_words() -> Rows {
         }),
         ("a slot that is none given back", |bits| bits | 0xffff),
     ];
-    let mut rule = Rule::new(BadWord, "SM2-RNG-016");
+    let mut rule = Rule::new(BadWord, "SM2-RNG-008");
     for real in [Publisher, ReliablePublisher] {
         for (what, forge) in forged {
             rule = rule.fresh(real, format!("{what} ({real:?})"), move |stage| {

@@ -62,7 +62,7 @@ impl World {
 
     /// Once a Manager has applied a policy that it got while it ran, no node that it has welcomed
     /// holds a link that the policy denies.
-    //= SM2-ACC-017 model
+    //= SM2-ACC-014 model
     pub(super) fn check_applied(&self, scope: &Scope) -> Result<(), Failure> {
         let manager = self.manager.as_ref().map(|it| it.machine());
         let is_applied = manager.is_some_and(|it| !it.is_applying_policy());

@@ -17,7 +17,7 @@ impl World {
     /// # Errors
     ///
     /// The first property that does not hold.
-    //= SM2-MAT-005, SM2-MAT-002, SM2-MAT-003, SM2-RES-002, SM2-RES-004, SM2-RES-007 model
+    //= SM2-MAT-001, SM2-MAT-002, SM2-MAT-003, SM2-RES-002, SM2-RES-004, SM2-RES-007 model
     pub fn check(&self, scope: &Scope, actions: &[Action]) -> Result<bool, Failure> {
         let mut joined = Vec::new();
         for (link, pair) in &self.pairs {

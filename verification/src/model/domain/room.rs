@@ -24,7 +24,7 @@ impl Scope {
 
 impl World {
     /// No node has more links than it has room for.
-    //= SM2-LNK-010 model
+    //= SM2-LNK-007 model
     pub(super) fn check_room(&self, scope: &Scope) -> Result<(), Failure> {
         for (at, program) in self.programs.iter().enumerate() {
             if scope
@@ -39,7 +39,7 @@ impl World {
     }
 
     /// When all is quiet, a link waits only if one of its nodes has no room for it.
-    //= SM2-LNK-010 model
+    //= SM2-LNK-007 model
     pub(super) fn check_waiting(
         &self,
         scope: &Scope,

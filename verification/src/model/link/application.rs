@@ -135,7 +135,7 @@ impl World {
         self.drain(scope, at, None)
     }
 
-    //= SM2-PAY-001, SM2-PAY-002, SM2-PAY-003 model
+    //= SM2-PAY-002, SM2-PAY-003, SM2-PAY-004 model
     fn locate(&mut self, at: usize, entry: &Entry, delivery: &Delivery) -> Result<Source, Failure> {
         let end = self.end(at);
         let source = match &delivery.payload {
@@ -159,7 +159,7 @@ impl World {
     }
 
     /// Checks that the content of a held message is the sent one.
-    //= SM2-PAY-005, SM2-OPN-005, SM2-OPN-008 model
+    //= SM2-PAY-005, SM2-OPN-007, SM2-OPN-010 model
     fn check_content(&self, at: usize, id: u64, source: Source) -> Result<(), Failure> {
         let (found, property) = match source {
             Source::Nothing => return Ok(()),
@@ -197,7 +197,7 @@ impl World {
     }
 
     /// The server is told that the caller no longer wants a reply.
-    //= SM2-SRV-004 model
+    //= SM2-SRV-003 model
     pub(super) fn told_of_cancel(&mut self, at: usize, call: u64) -> Result<(), Failure> {
         let asked = self.ends[1 - at].cancelled.contains(&call);
         let end = self.end(at);

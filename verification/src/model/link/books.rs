@@ -127,7 +127,7 @@ impl Flow {
     }
 
     /// Returns the room at the sender, which knows the window only after OPEN.
-    //= SM2-QOS-001, SM2-QOS-014 model
+    //= SM2-QOS-001, SM2-QOS-002 model
     pub(super) fn room(&self, limits: &FlowLimits, opened: bool) -> Room {
         let window = if opened { limits.window } else { 0 };
         let admitted = window.saturating_sub(self.unreleased());
@@ -160,7 +160,7 @@ impl Flow {
     }
 
     /// Whether the link owes.
-    //= SM2-QOS-015 model
+    //= SM2-QOS-003 model
     pub(super) fn owes(&self) -> bool {
         self.unsettled().any(|it| it.owed)
     }
@@ -297,7 +297,7 @@ impl Flow {
     }
 
     /// Records that a RELEASE that names this message was sent.
-    //= SM2-MSG-006 model
+    //= SM2-MSG-004 model
     pub(super) fn named(&mut self, sequence: u64, given: Given) -> Result<(), Failure> {
         let back = Stage::Back(sequence, given);
         let mut entries = self.entries.iter_mut();
@@ -312,7 +312,7 @@ impl Flow {
     }
 
     /// Records the fate that is reported to the sender. `over` is true if the link has ended.
-    //= SM2-MSG-006, SM2-QOS-011 model
+    //= SM2-MSG-004, SM2-QOS-006 model
     pub(super) fn settled(&mut self, id: u64, fate: Fate, over: bool) -> Result<Entry, Failure> {
         let mut entries = self.entries.iter_mut();
         let found = entries.find(|it| it.id == id && it.fate.is_none());

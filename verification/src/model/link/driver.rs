@@ -156,7 +156,7 @@ impl World {
             Output::Ring(_) => unreachable!("no end offers a ring"),
             Output::Settled { key, fate } => self.settle(scope, at, key, fate),
             Output::Cancelled { call } => self.told_of_cancel(at, call),
-            //= SM2-SRV-005 model
+            //= SM2-SRV-004 model
             Output::CallFailed { call } => match self.end(at).calls.remove(&call) {
                 true => Ok(()),
                 false => fail(Property::CallsEndOnce, format!("call {call} fails again")),
@@ -184,7 +184,7 @@ impl World {
         fail(Property::MessagesInOrder, what)
     }
 
-    //= SM2-OPN-008 model
+    //= SM2-OPN-010 model
     fn settle(
         &mut self,
         scope: &LinkScope,
@@ -261,7 +261,7 @@ impl World {
     }
 
     /// Puts a packet in flight.
-    //= SM2-OPN-005, SM2-OPN-007 model
+    //= SM2-OPN-007, SM2-OPN-009 model
     fn put(&mut self, scope: &LinkScope, at: usize, parcel: Parcel) -> Result<(), Failure> {
         let last = self.wires[at].queue.back();
         if self.ends[at].over.is_some() || last.is_some_and(|it| it.bytes[0] == CLOSE) {
@@ -311,7 +311,7 @@ impl World {
     }
 
     /// A link has ended for one end, so its driver closes the socket.
-    //= SM2-OPN-005, SM2-OPN-006, SM2-OPN-007, SM2-TRN-006 model
+    //= SM2-OPN-007, SM2-OPN-008, SM2-OPN-009, SM2-TRN-005 model
     fn hang_up(&mut self, scope: &LinkScope, at: usize, reason: Reason) -> Result<(), Failure> {
         let other = &self.ends[1 - at];
         let just = match reason {

@@ -39,7 +39,7 @@ impl World {
     }
 
     /// The counters of the machine agree with the plain lists.
-    //= SM2-QOS-011 model
+    //= SM2-QOS-006 model
     fn check_books(&self, scope: &LinkScope, at: usize, end: &End) -> Result<(), Failure> {
         let (link, flow) = (&end.link, &self.flows[at]);
         let (counted, wanted) = (link.counters(), flow.counters());
@@ -91,12 +91,12 @@ impl World {
 
     fn check_quiet(&self, at: usize, end: &End) -> Result<(), Failure> {
         let (link, other) = (&end.link, &self.ends[1 - at]);
-        //= SM2-SRV-003, SM2-SRV-005 model
+        //= SM2-SRV-002, SM2-SRV-004 model
         if !end.calls.is_empty() || link.calls() > 0 {
             let what = format!("calls {:?} of end {at} never end", end.calls);
             return fail(Property::CallsEndOnce, what);
         }
-        //= SM2-PAY-005, SM2-MSG-006, SM2-OPN-007 model
+        //= SM2-PAY-005, SM2-MSG-004, SM2-OPN-009 model
         if !end.pool.all_back() || !end.files.is_empty() || !end.held.is_empty() {
             let what = format!("end {at} has slots {:?}, files {:?}", end.pool, end.files);
             return fail(Property::SlotsComeBack, what);
@@ -129,7 +129,7 @@ impl World {
 }
 
 /// Checks that an end that is over ignores all inputs, and keeps its reason.
-//= SM2-OPN-005, SM2-OPN-007 model
+//= SM2-OPN-007, SM2-OPN-009 model
 fn check_silence(at: usize, end: &End) -> Result<(), Failure> {
     let Some(reason) = end.over else {
         return Ok(());

@@ -27,7 +27,7 @@ fn receiver(depth: u16, reliable: bool, next: u64) -> RingReceiver {
 /// RNG-FIFO: for each low half of a sequence number, the word names the expected message, or a
 /// message that is later by whole rounds and not further ahead than a legal sender can be, or is
 /// invalid.
-//= SM2-RNG-007, SM2-RNG-011 kani
+//= SM2-RNG-007, SM2-RNG-010 kani
 #[cfg_attr(kani, kani::proof)]
 fn only_later_rounds_are_believed() {
     let depth = one_of(&DEPTHS);
@@ -146,7 +146,7 @@ impl RingMemory for Answers {
 
 /// RNG-HOSTILE: whatever the words contain, `take` makes a bounded number of accesses. It returns
 /// nothing, or a message that lies in its segment and that the application does not hold yet.
-//= SM2-RNG-007, SM2-RNG-011, SM2-PAY-002, SM2-PAY-005 kani
+//= SM2-RNG-007, SM2-RNG-010, SM2-PAY-003, SM2-PAY-005 kani
 #[cfg_attr(kani, kani::proof)]
 // Two rounds of two words, and the same number of accesses to find the oldest message; four
 // answers.
@@ -218,7 +218,7 @@ fn a_look_at_any_words() {
 }
 
 /// RNG-HOSTILE: a message is given back once and within bounds, whatever the back word contained.
-//= SM2-RNG-016, SM2-MSG-006 kani
+//= SM2-RNG-008, SM2-MSG-004 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(6))]
 fn a_message_is_given_back_once() {
@@ -240,7 +240,7 @@ fn a_message_is_given_back_once() {
     let sequence = one_of(&[3, 4, u64::MAX]);
     let released = receiver.release_all(&words, [sequence], Given::Consumed);
     let not_held = Err(NotReleased::Misuse(Misuse::NotBorrowed));
-    let not_free = Err(NotReleased::Violation(violation!(BadWord, "SM2-RNG-016")));
+    let not_free = Err(NotReleased::Violation(violation!(BadWord, "SM2-RNG-008")));
     assert_eq!(released != not_held, sequence == 4);
     assert!(words.accesses.get() <= 3);
     if released != not_held {

@@ -124,7 +124,7 @@ const STATES: [(u64, u64); 5] = [(0, 0), (1, 1), (2, 0), (2, 1), (3, 1)];
 
 /// RNG-HOSTILE: sends one more message while the words have any values. The call makes a bounded
 /// number of accesses, each message is settled at most once, and the counters stay consistent.
-//= SM2-RNG-005, SM2-RNG-006, SM2-RNG-016, SM2-QOS-011 kani
+//= SM2-RNG-005, SM2-RNG-006, SM2-RNG-008, SM2-QOS-006 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(12))]
 fn a_message_to_any_words() {
@@ -177,7 +177,7 @@ fn a_message_to_any_words() {
 
 /// RNG-HOSTILE: a word that claims to give a message back either names an unsettled message, or is
 /// a violation.
-//= SM2-RNG-016, SM2-MSG-006 kani
+//= SM2-RNG-008, SM2-MSG-004 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(12))]
 fn any_words_given_back() {
@@ -208,7 +208,7 @@ fn any_words_given_back() {
     sender.invariants();
     kani::cover!(result.is_ok() && settled.len() == 2, "two came back");
     kani::cover!(
-        result == Err(violation!(BadWord, "SM2-RNG-016")) && settled.len() == 1,
+        result == Err(violation!(BadWord, "SM2-RNG-008")) && settled.len() == 1,
         "the second is wrong"
     );
 }
@@ -216,7 +216,7 @@ fn any_words_given_back() {
 /// RNG-FIFO: the link ends if the receiver takes nothing while 2^31 messages are displaced, even if
 /// the application holds as many messages as it may. The low halves of sequence numbers therefore
 /// stay unambiguous.
-//= SM2-RNG-011 kani
+//= SM2-RNG-010 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(12))]
 fn a_stopped_receiver_is_given_up() {
@@ -251,7 +251,7 @@ fn a_stopped_receiver_is_given_up() {
 }
 
 /// The count of displaced messages starts again when the receiver takes one.
-//= SM2-RNG-011 kani
+//= SM2-RNG-010 kani
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(12))]
 fn one_taken_begins_the_count_anew() {

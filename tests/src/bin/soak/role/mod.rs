@@ -105,7 +105,7 @@ fn ends(links: &[LinkStatus]) -> String {
     all.join(" ")
 }
 
-/// Checks the sender's equation of each link (SM2-QOS-011).
+/// Checks the sender's equation of each link (SM2-QOS-006).
 fn audit(links: &[LinkStatus], tally: &mut Tally) {
     for link in links {
         let missing = unbalanced(&link.counters);

@@ -91,7 +91,7 @@ impl Numbers {
     /// Checks every byte of a message, that it is newer than the message before, and that each message between the two
     /// is counted as lost: over the life of the pair, each publication is taken or lost, on whatever link it came or
     /// came not. Returns its publisher's instance and its number if it is intact.
-    //= SM2-QOS-018 sys
+    //= SM2-QOS-013 sys
     pub(super) fn check(&mut self, sample: &Sample<[u8]>, tally: &mut Tally) -> Option<(u64, u64)> {
         tally.checked += 1;
         tally.remote += u64::from(self.is_remote);
