@@ -14,7 +14,6 @@ pub(crate) const HASTY_TESTS: &[(&str, usize)] = &[
     ("sm2-gateway/tests/stuck_link.rs", 1),
     ("sm2-manager/tests/own_loop.rs", 1),
     ("sm2-node/tests/common/threads.rs", 1),
-    ("sm2-node/tests/executor_ends.rs", 1),
     ("sm2-node/tests/manager_change.rs", 1),
     ("sm2-node/tests/ring_calls.rs", 1),
     ("sm2-node/tests/ring_waits.rs", 1),
