@@ -19,14 +19,19 @@ pub(crate) struct Arguments {
 }
 
 const HELP: &str = "\
-For each link since it was made: messages OFFERED to it, DELIVERED (released by the subscriber's
-program), OVERWRITTEN (by newer ones before they were sent), DISCARDED (replaced by newer ones before
-they were received), dropped at a DEADLINE, CLOSED (lost with the link), and IN FLIGHT. POOL LIMIT is
-the number of messages that were not sent because the subscriber held too much of the publisher's
-memory. TOO LONG counts those that are longer than the subscriber accepts, and EXPIRED those that were
-older than their lifespan. OFFERED is the sum of all these. LOST is the number of messages that the
-subscriber has counted as lost on the link. AWAY is the number of those that were published before the
-link was made, after an earlier link of the same pair had ended.
+Each number counts the messages of a link since it was made:
+  OFFERED      the sum of the next nine
+  DELIVERED    released by the subscriber's program
+  OVERWRITTEN  replaced by newer ones before they were sent
+  DISCARDED    replaced by newer ones before they were received
+  DEADLINE     dropped because there was no room before their deadline
+  CLOSED       lost with the link
+  POOL LIMIT   not sent because the subscriber held too much of the publisher's memory
+  TOO LONG     longer than the subscriber accepts
+  EXPIRED      older than their lifespan
+  IN FLIGHT    sent, and not settled yet
+  LOST         counted as lost by the subscriber
+  AWAY         published before the link was made, after an earlier link of the same pair had ended
 
 The command reads counters that every node keeps: it does not subscribe, and publishers do not notice
 it. It waits for a topic that does not exist yet; with --count, for 10 s (see --timeout).
