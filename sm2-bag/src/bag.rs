@@ -388,8 +388,8 @@ impl Bag {
     }
 }
 
-/// Opens a file that begins like an MCAP file. Returns it with its length in bytes. A file that is compressed as a
-/// whole is decompressed.
+/// Opens a file that begins like an MCAP file, or is the beginning of one: its recorder may have been killed before the
+/// first byte. Returns it with its length in bytes. A file that is compressed as a whole is decompressed.
 pub(crate) fn open_file(
     path: &Path,
     observer: &mut Observer<'_>,
@@ -404,7 +404,8 @@ pub(crate) fn open_file(
     }
     let end = file.metadata().map_err(failed)?.len();
     let mut magic = [0; MAGIC.len()];
-    if end < MAGIC.len() as u64 || file.read_exact_at(&mut magic, 0).is_err() || magic != MAGIC {
+    let begin = &mut magic[..MAGIC.len().min(usize::try_from(end).unwrap_or(usize::MAX))];
+    if file.read_exact_at(begin, 0).is_err() || !MAGIC.starts_with(begin) {
         return Err(ReadError::NotABag { path: path.into() });
     }
     Ok((file, end))

@@ -64,6 +64,10 @@ impl Scan {
         if let Some(known) = known {
             (scan.summary.schemas, scan.summary.channels) = (known.schemas, known.channels);
         }
+        if end < MAGIC.len() as u64 {
+            scan.torn = Some(DamagedPart::new((0, end), &McapError::UnexpectedEof));
+            return Ok(scan);
+        }
         let mut resync = Resync::new(file, end);
         let mut crc = crc32fast::Hasher::new();
         crc.update(MAGIC);

@@ -294,3 +294,26 @@ fn attachments_are_copied_unless_they_are_damaged() {
         }
     }
 }
+
+/// A recorder that is killed at once leaves an empty file, or a part of the first bytes. It is a bag without messages,
+/// which keeps nobody from reading the others.
+#[test]
+fn a_file_that_was_just_begun_is_an_incomplete_bag() {
+    let folder = memory_folder();
+    let [begun, whole, copied] = ["begun", "whole", "copied"].map(|it| folder.path().join(it));
+    fs::write(&whole, chunked(Compression::None, MESSAGES)).unwrap();
+    for len in 0..mcap::MAGIC.len() {
+        fs::write(&begun, &mcap::MAGIC[..len]).unwrap();
+        let bag = Bag::open(&begun).unwrap();
+        assert!(
+            !bag.report().complete && bag.report().topics.is_empty(),
+            "{len}"
+        );
+        let damages = check(&begun).unwrap().damages;
+        assert!(damages.contains(&Damage::Incomplete), "{len}: {damages:?}");
+        let bags = [bag, Bag::open(&whole).unwrap()];
+        let report = copy(&bags, &copied, &Filter::default(), Compression::None).unwrap();
+        assert_eq!(report.topics[0].messages, MESSAGES, "{len}");
+        fs::remove_file(&copied).unwrap();
+    }
+}
