@@ -70,7 +70,8 @@ impl fmt::Display for Damage {
     }
 }
 
-/// Reads a bag completely and once, verifies all checksums, and compares the summary with the records.
+/// Reads a bag completely and once, verifies all checksums, and compares the summary with the records. Payloads that
+/// are compressed on their own are read once more, to decompress them.
 ///
 /// # Errors
 ///

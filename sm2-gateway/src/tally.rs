@@ -50,6 +50,22 @@ pub struct Counts {
     pub skipped: u64,
 }
 
+#[cfg(test)]
+impl Counts {
+    /// A value of its own for each count, in their order from 1 on.
+    pub(crate) const ALL_DIFFERENT: Self = Self {
+        offered: 1,
+        sent: 2,
+        superseded: 3,
+        expired: 4,
+        withdrawn: 5,
+        received: 6,
+        refused: 7,
+        lost: 8,
+        skipped: 9,
+    };
+}
+
 impl AddAssign for Counts {
     fn add_assign(&mut self, other: Self) {
         let Self {

@@ -59,31 +59,21 @@ fn a_subscriber_that_counts_as_linked_gets_the_next_message() {
     let publisher = node("talker").publisher::<[u8]>("topic").unwrap();
     let first = node("first").subscriber::<[u8]>("topic").unwrap();
     meet(&publisher, &[&first]);
+    let linked = || {
+        let links = publisher.links().into_iter();
+        links.filter(|it| it.end.is_none()).count()
+    };
     for turn in 0..20 {
         let listener = node("second");
         let second = listener.subscriber::<[u8]>("topic").unwrap();
-        until(|| {
-            publisher
-                .links()
-                .iter()
-                .filter(|it| it.end.is_none())
-                .count()
-                == 2
-        });
+        until(|| linked() == 2);
         second.wait_for_publishers_timeout(1, SOON).unwrap();
         let bytes = pattern(100, turn);
         assert_eq!(publisher.publish(&bytes).unwrap().links, 2, "turn {turn}");
         assert!(*next(&first) == *bytes);
         assert!(*next(&second) == *bytes);
         drop((second, listener));
-        until(|| {
-            publisher
-                .links()
-                .iter()
-                .filter(|it| it.end.is_none())
-                .count()
-                == 1
-        });
+        until(|| linked() == 1);
     }
 }
 

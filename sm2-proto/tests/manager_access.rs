@@ -60,8 +60,8 @@ fn tables(rules: Vec<Rule>) -> Tables {
     }
 }
 
-fn bench_with(policy: Limits, tables: Tables) -> Bench {
-    let mut bench = Bench::new(policy);
+fn bench_with(limits: Limits, tables: Tables) -> Bench {
+    let mut bench = Bench::new(limits);
     let access = AccessPolicy::new(tables).unwrap();
     bench.manager = bench.manager.with_access_policy(access);
     bench
@@ -90,12 +90,12 @@ fn a_binding_refuses_names_of_nodes() {
         nodes: patterns(&["arm/*"]),
         members: members(&[], &[70, 100]),
     };
-    let policy = UNLIMITED.with(Limit::SessionsPerUser, 1);
+    let limits = UNLIMITED.with(Limit::SessionsPerUser, 1);
     let tables = Tables {
         bindings: vec![bound],
         ..tables(Vec::new())
     };
-    let mut bench = bench_with(policy, tables);
+    let mut bench = bench_with(limits, tables);
     let reason = denied(Some("arms"));
     let stranger = bench.connect(GUEST);
     assert_eq!(refusal(&bench.hello(stranger, "arm/left")), Some(&reason));
@@ -181,8 +181,8 @@ fn an_exclusive_topic_has_one_publisher() {
         exclusive: vec![entry],
         ..tables(Vec::new())
     };
-    let policy = UNLIMITED.with(Limit::InterfacesPerSession, 2);
-    let mut bench = bench_with(policy, tables);
+    let limits = UNLIMITED.with(Limit::InterfacesPerSession, 2);
+    let mut bench = bench_with(limits, tables);
     let (a, b) = (bench.node(GUEST, "a"), bench.node(ADMIN, "b"));
     let velocity = publisher("cmd_vel", &data("Twist"));
     let exclusive = Refusal::Exclusive {
@@ -310,8 +310,8 @@ struct World {
 impl World {
     fn new() -> Self {
         // Each input does as little as possible, so that links end in parts.
-        let policy = UNLIMITED.with(Limit::WorkPerTurn, 1);
-        let mut bench = bench_with(policy, tables(Vec::new()));
+        let limits = UNLIMITED.with(Limit::WorkPerTurn, 1);
+        let mut bench = bench_with(limits, tables(Vec::new()));
         let admin = bench.node(ADMIN, "shut/admin");
         let guest = bench.node(GUEST, "guest");
         let known = snapshot(&mut bench, guest);

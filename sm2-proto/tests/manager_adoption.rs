@@ -191,9 +191,9 @@ fn claims_without_the_key_change_nothing() {
 
 /// Each link is adopted if its QoS fits. Otherwise both ends are told `not-adopted` and, if they
 /// match, linked anew.
-fn adoption(policy: Limits, one: (u32, &Contract), other: (u32, &Contract), qos: [bool; 2]) {
+fn adoption(limits: Limits, one: (u32, &Contract), other: (u32, &Contract), qos: [bool; 2]) {
     let [reliable, sealed] = qos;
-    let mut bench = Bench::new(policy);
+    let mut bench = Bench::new(limits);
     let a = back_as(&mut bench, one.0, "a", &[(1, one.1.clone())]);
     let b = back_as(&mut bench, other.0, "b", &[(2, other.1.clone())]);
     let claim = |interface| ToManager::Claim {
@@ -211,7 +211,7 @@ fn adoption(policy: Limits, one: (u32, &Contract), other: (u32, &Contract), qos:
         assert_eq!(seen_by(events, b), [unlink(2, LINK, 6)]);
     };
     // The QoS with which a Manager would link the two now.
-    let mut anew = Bench::new(policy);
+    let mut anew = Bench::new(limits);
     let (c, d) = (anew.node(one.0, "c"), anew.node(other.0, "d"));
     anew.declared(c, 1, one.1);
     let made = anew.declare(d, 2, other.1);
@@ -266,7 +266,7 @@ fn terms_of_adoption() {
         for seal_all in booleans {
             for uid in [1, 2] {
                 for waive_user_boundary in booleans {
-                    let policy = Limits {
+                    let limits = Limits {
                         seal_all,
                         waive_user_boundary,
                         ..UNLIMITED
@@ -274,8 +274,8 @@ fn terms_of_adoption() {
                     for reliable in booleans {
                         for sealed in booleans {
                             let qos = [reliable, sealed];
-                            adoption(policy, (1, one), (uid, other), qos);
-                            adoption(policy, (1, other), (uid, one), qos);
+                            adoption(limits, (1, one), (uid, other), qos);
+                            adoption(limits, (1, other), (uid, one), qos);
                         }
                     }
                 }

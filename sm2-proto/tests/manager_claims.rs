@@ -184,9 +184,9 @@ fn a_claim_ends_like_any_link() {
 //= SM2-RES-008, SM2-RES-007, SM2-WCH-004 test
 #[test]
 fn quotas_of_links() {
-    let policy = UNLIMITED.with(Limit::LinksPerSession, 2);
+    let limits = UNLIMITED.with(Limit::LinksPerSession, 2);
     let links = [1, 2, 3].map(|serial| LinkId { serial, ..LINK });
-    let mut bench = Bench::new(policy);
+    let mut bench = Bench::new(limits);
     let a = back(&mut bench, "a", &[(1, scan())]);
     let others = ["b", "c", "d"].map(|text| back(&mut bench, text, &[(1, wanted())]));
     for (node, link) in others.into_iter().zip(links) {
@@ -214,8 +214,8 @@ fn quotas_of_links() {
         (1, publisher("map", &data("Map"))),
         (2, subscriber("map", None)),
     ];
-    let policy = UNLIMITED.with(Limit::LinksPerSession, 1);
-    let mut bench = Bench::new(policy);
+    let limits = UNLIMITED.with(Limit::LinksPerSession, 1);
+    let mut bench = Bench::new(limits);
     let node = back(&mut bench, "a", &both);
     assert_eq!(claimed(&mut bench, node), []);
     let unlinked = Item::Unlinked {

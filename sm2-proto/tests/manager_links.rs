@@ -15,8 +15,8 @@ use sm2_proto::{
 };
 
 /// The QoS with which a link between users `a` and `b` is made.
-fn qos(policy: Limits, one: (u32, &Contract), other: (u32, &Contract)) -> Option<(bool, bool)> {
-    let mut bench = Bench::new(policy);
+fn qos(limits: Limits, one: (u32, &Contract), other: (u32, &Contract)) -> Option<(bool, bool)> {
+    let mut bench = Bench::new(limits);
     let a = bench.node(one.0, "a");
     let b = bench.node(other.0, "b");
     bench.declared(a, 1, one.1);
@@ -53,7 +53,7 @@ fn terms_of_topics() {
                     for (other_user, waive) in
                         [(false, false), (false, true), (true, false), (true, true)]
                     {
-                        let policy = Limits {
+                        let limits = Limits {
                             seal_all,
                             waive_user_boundary: waive,
                             ..UNLIMITED
@@ -66,9 +66,9 @@ fn terms_of_topics() {
                             || seal_all
                             || (other_user && !waive);
                         let expected = reliable.map(|reliable| (reliable, sealed));
-                        assert_eq!(qos(policy, one, other), expected);
+                        assert_eq!(qos(limits, one, other), expected);
                         // The order of the declarations does not matter.
-                        assert_eq!(qos(policy, other, one), expected);
+                        assert_eq!(qos(limits, other, one), expected);
                     }
                 }
             }

@@ -59,8 +59,8 @@ fn waiting(bench: &mut Bench, asks: NodeId) -> usize {
 }
 
 /// A publisher's node with `publishers` publishers, and a node that has room for `room` links.
-fn scene(policy: Limits, publishers: u64, room: u32) -> (Bench, NodeId, NodeId, Vec<u64>) {
-    let mut bench = Bench::new(policy);
+fn scene(limits: Limits, publishers: u64, room: u32) -> (Bench, NodeId, NodeId, Vec<u64>) {
+    let mut bench = Bench::new(limits);
     let talker = bench.node(1, "talker");
     for interface in 1..=publishers {
         bench.declared(talker, interface, &scan());

@@ -12,7 +12,7 @@ use sm2_proto::{
 };
 
 /// Two links are made in one part, or eight of them end. The first part of a DECLARE makes eight.
-const POLICY: Limits = UNLIMITED.with(Limit::WorkPerTurn, 128);
+const LIMITS: Limits = UNLIMITED.with(Limit::WorkPerTurn, 128);
 const LINKS_PER_PART: usize = 2;
 const LINKS_AT_ONCE: usize = 8;
 const ENDS_PER_PART: usize = 8;
@@ -68,7 +68,7 @@ fn items(bench: &mut Bench, node: NodeId) -> Vec<Item> {
 //= SM2-SES-009, SM2-IFC-002, SM2-MAT-002 test
 #[test]
 fn a_declare_with_many_matches_is_cut() {
-    let mut bench = Bench::new(POLICY);
+    let mut bench = Bench::new(LIMITS);
     let peers = peers(&mut bench);
     let node = bench.node(1, "many");
     let first = bench.declared(node, 1, &subscriber("scan", None));
@@ -92,7 +92,7 @@ fn a_declare_with_many_matches_is_cut() {
 //= SM2-SES-009 test
 #[test]
 fn frames_are_handled_in_their_order() {
-    let mut bench = Bench::new(POLICY);
+    let mut bench = Bench::new(LIMITS);
     let peers = peers(&mut bench);
     let node = bench.node(1, "many");
     bench.declare(node, 1, &subscriber("scan", None));
@@ -111,7 +111,7 @@ fn frames_are_handled_in_their_order() {
 //= SM2-SES-009, SM2-IFC-003, SM2-LNK-003 test
 #[test]
 fn a_withdraw_with_many_links_is_cut() {
-    let mut bench = Bench::new(POLICY);
+    let mut bench = Bench::new(LIMITS);
     let (node, peers) = linked(&mut bench);
     let events = bench.withdraw(node, 1);
     assert_eq!(events.len(), ENDS_PER_PART + 1, "WITHDRAWN is the last one");
@@ -146,7 +146,7 @@ fn a_withdraw_with_many_links_is_cut() {
 //= SM2-SES-009, SM2-SES-006, SM2-SES-003 test
 #[test]
 fn the_end_of_a_session_with_many_links_is_cut() {
-    let mut bench = Bench::new(POLICY);
+    let mut bench = Bench::new(LIMITS);
     let (node, peers) = linked(&mut bench);
     let events = bench.close(node);
     assert_eq!(events.len(), ENDS_PER_PART + 1);
@@ -173,8 +173,8 @@ fn the_end_of_a_session_with_many_links_is_cut() {
 //= SM2-SES-009, SM2-LNK-006 test
 #[test]
 fn a_link_that_nobody_was_told_of_ends_in_silence() {
-    let policy = POLICY.with(Limit::LinksInFlight, 1);
-    let mut bench = Bench::new(policy);
+    let limits = LIMITS.with(Limit::LinksInFlight, 1);
+    let mut bench = Bench::new(limits);
     let peers = peers(&mut bench);
     let node = bench.node(1, "many");
     bench.declare(node, 1, &subscriber("scan", None));
@@ -190,8 +190,8 @@ fn a_link_that_nobody_was_told_of_ends_in_silence() {
 //= SM2-SES-009, SM2-LNK-006 test
 #[test]
 fn links_that_waited_for_room_are_announced_in_parts() {
-    let policy = POLICY.with(Limit::LinksInFlight, 30);
-    let mut bench = Bench::new(policy);
+    let limits = LIMITS.with(Limit::LinksInFlight, 30);
+    let mut bench = Bench::new(limits);
     let peers = peers(&mut bench);
     let node = bench.node(1, "many");
     let mut made = bench.declared(node, 1, &subscriber("scan", None));
@@ -206,7 +206,7 @@ fn links_that_waited_for_room_are_announced_in_parts() {
 //= SM2-SES-009, SM2-RES-006 test
 #[test]
 fn claims_that_nobody_shares_are_given_up_in_parts() {
-    let mut bench = Bench::new(POLICY);
+    let mut bench = Bench::new(LIMITS);
     let node = bench.connect(1);
     bench.send(node, &resuming("back"));
     bench.declare(node, 1, &scan());
@@ -230,7 +230,7 @@ fn claims_that_nobody_shares_are_given_up_in_parts() {
 //= SM2-SES-009 test
 #[test]
 fn busy_sessions_take_turns() {
-    let mut bench = Bench::new(POLICY);
+    let mut bench = Bench::new(LIMITS);
     peers(&mut bench);
     let both = ["one", "two"].map(|it| bench.node(1, it));
     for node in both {
@@ -253,7 +253,7 @@ fn busy_sessions_take_turns() {
 #[test]
 fn a_quiet_session_goes_before_busy_ones() {
     const BUSY: u64 = 20;
-    let mut bench = Bench::new(POLICY);
+    let mut bench = Bench::new(LIMITS);
     peers(&mut bench);
     let quiet = bench.node(1, "quiet");
     let topic = |at: u64| format!("busy{at}");
@@ -296,7 +296,7 @@ fn a_quiet_session_goes_before_busy_ones() {
 //= SM2-SES-008, SM2-SES-009 test
 #[test]
 fn a_shutdown_leaves_no_work() {
-    let mut bench = Bench::new(POLICY);
+    let mut bench = Bench::new(LIMITS);
     let (node, peers) = linked(&mut bench);
     bench.withdraw(node, 1);
     let events = bench.input(Input::Shutdown);
