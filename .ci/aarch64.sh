@@ -24,6 +24,9 @@ step_aarch64() {
     export CC_aarch64_unknown_linux_gnu=aarch64-linux-gnu-gcc
     export CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc
     export CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_RUSTFLAGS=-Clink-arg=$aarch64_link
+    # Emulated code is slow, so it is optimised, and each property is tried with fewer cases: the values matter on every
+    # processor, and here only what differs between processors does.
+    export CARGO_PROFILE_DEV_OPT_LEVEL=1 PROPTEST_CASES=16
     # Longer time limits: sm2_test_support::SOON.
     export SM2_EMULATED=1
     # The installed programs work on processes of this processor. RUSTFLAGS would replace the flags above.
