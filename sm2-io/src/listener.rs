@@ -8,11 +8,16 @@ use nix::errno::Errno;
 use nix::libc;
 
 use crate::socket::{SeqPacket, address, adopt};
+use crate::syscall::fork::Unforked;
 use crate::syscall::sockets::{self, sockopt};
 
 /// A listening `AF_UNIX` `SOCK_SEQPACKET` socket, close-on-exec, non-blocking.
+///
+/// A child that this process makes by `fork(2)` keeps neither the listener nor the connections that it accepts: they end
+/// with this process.
 #[derive(Debug)]
 pub struct Listener {
+    unforked: Unforked,
     fd: OwnedFd,
 }
 
@@ -31,9 +36,16 @@ impl Listener {
         let address = address(path)?;
         let fd = sockets::seqpacket()?;
         sockets::bind(fd.as_fd(), &address)?;
-        let listener = Self { fd };
+        let listener = Self::new(fd);
         listener.listen(backlog)?;
         Ok(listener)
+    }
+
+    fn new(fd: OwnedFd) -> Self {
+        Self {
+            unforked: Unforked::new(fd.as_fd()),
+            fd,
+        }
     }
 
     /// Listens with this backlog from now on. The kernel records the calling process as the one
@@ -60,7 +72,7 @@ impl Listener {
     pub fn from_fd(fd: OwnedFd) -> io::Result<Self> {
         let fd = adopt(fd)?;
         if sockets::get_option(&fd, sockopt::AcceptConn)? {
-            Ok(Self { fd })
+            Ok(Self::new(fd))
         } else {
             Err(io::ErrorKind::InvalidInput.into())
         }
@@ -93,6 +105,7 @@ impl AsFd for Listener {
 
 impl From<Listener> for OwnedFd {
     fn from(listener: Listener) -> Self {
+        drop(listener.unforked);
         listener.fd
     }
 }

@@ -13,6 +13,7 @@ use nix::libc;
 use crate::cmsg::{ControlBuffer, ControlMessage};
 pub use crate::datagram::{Received, ReceivedFds, RecvError, SendError};
 pub use crate::listener::Listener;
+use crate::syscall::fork::Unforked;
 use crate::syscall::sockets::{self, UnixAddr, sockopt};
 
 /// A connected `AF_UNIX` `SOCK_SEQPACKET` socket, close-on-exec, non-blocking.
@@ -20,6 +21,8 @@ use crate::syscall::sockets::{self, UnixAddr, sockopt};
 /// Sending and receiving take `&self`: the kernel serialises them.
 #[derive(Debug)]
 pub struct SeqPacket {
+    /// Of an accepted connection, so that it ends with the process that serves it.
+    unforked: Option<Unforked>,
     fd: OwnedFd,
 }
 
@@ -37,7 +40,7 @@ impl SeqPacket {
         let address = address(path)?;
         let fd = sockets::seqpacket()?;
         sockets::connect(fd.as_fd(), &address)?;
-        Ok(Self { fd })
+        Ok(Self::new(fd))
     }
 
     /// Makes two sockets that are connected with each other.
@@ -47,7 +50,7 @@ impl SeqPacket {
     /// Any error of `socketpair(2)`, such as too many descriptors or no memory.
     pub fn pair() -> io::Result<(Self, Self)> {
         let (a, b) = sockets::seqpacket_pair()?;
-        Ok((Self { fd: a }, Self { fd: b }))
+        Ok((Self::new(a), Self::new(b)))
     }
 
     /// Takes ownership of a descriptor, such as one that came with a message.
@@ -57,12 +60,19 @@ impl SeqPacket {
     /// `InvalidInput` if it is not an `AF_UNIX` `SOCK_SEQPACKET` socket; it
     /// is closed then. A socket that is not connected answers `Closed` when it is used.
     pub fn from_fd(fd: OwnedFd) -> io::Result<Self> {
-        Ok(Self { fd: adopt(fd)? })
+        Ok(Self::new(adopt(fd)?))
+    }
+
+    const fn new(fd: OwnedFd) -> Self {
+        Self { unforked: None, fd }
     }
 
     /// A connection that a listener has just accepted, with both flags set.
-    pub(crate) const fn accepted(fd: OwnedFd) -> Self {
-        Self { fd }
+    pub(crate) fn accepted(fd: OwnedFd) -> Self {
+        Self {
+            unforked: Some(Unforked::new(fd.as_fd())),
+            fd,
+        }
     }
 
     /// The process at the other end when the connection was made (`SO_PEERCRED`).
@@ -284,6 +294,7 @@ impl AsFd for SeqPacket {
 
 impl From<SeqPacket> for OwnedFd {
     fn from(socket: SeqPacket) -> Self {
+        drop(socket.unforked);
         socket.fd
     }
 }

@@ -14,6 +14,7 @@
 mod call;
 pub(crate) mod events;
 pub(crate) mod files;
+pub(crate) mod fork;
 pub(crate) mod memory;
 pub(crate) mod processes;
 pub(crate) mod scheduling;

@@ -1,7 +1,9 @@
 //! A Manager on a thread of its own.
 
 use std::{
+    mem,
     path::{Path, PathBuf},
+    process,
     thread::{self, JoinHandle},
 };
 
@@ -10,6 +12,9 @@ use crate::{
 };
 
 /// A Manager that runs on its own thread. Dropping this handle stops it.
+///
+/// The Manager ends with this process. A child that was made by `fork(2)` keeps neither the domain nor its sessions, and
+/// may drop its copy of this handle.
 #[derive(Debug)]
 pub struct Background {
     path: PathBuf,
@@ -17,6 +22,8 @@ pub struct Background {
     hand_over: HandOver,
     policy_reload: PolicyReloader,
     thread: Option<JoinHandle<Result<(), RunError>>>,
+    /// The number of the process that has the thread.
+    process: u32,
 }
 
 impl Background {
@@ -73,6 +80,7 @@ impl Background {
             hand_over,
             policy_reload,
             thread: Some(thread),
+            process: process::id(),
         })
     }
 
@@ -105,6 +113,11 @@ impl Background {
     }
 
     fn join(&mut self) -> Result<(), RunError> {
+        if self.process != process::id() {
+            // The thread is that of the parent: it can be neither stopped nor joined here.
+            mem::forget(self.thread.take());
+            return Ok(());
+        }
         self.stopper.stop();
         match self.thread.take().map(JoinHandle::join) {
             Some(Ok(result)) => result,

@@ -3,10 +3,15 @@
 use std::fs;
 use std::io::{Read, Write};
 use std::os::unix::net::UnixStream;
+use std::path::Path;
 use std::process::{Command, Stdio};
+use std::thread;
 
 use nix::sys::signal::{Signal, kill};
+use nix::sys::wait::waitpid;
 use nix::unistd::{ForkResult, Pid, fork, getpid};
+use sm2_manager::{Background, Options};
+use sm2_node::Node;
 use sm2_test_support::ran_alone;
 
 use crate::common::{Domain, LANES, SOON, next, until};
@@ -61,6 +66,62 @@ fn a_forked_child_does_not_keep_the_session_of_its_parent() {
         hold.read_exact(&mut number).unwrap();
         kill(Pid::from_raw(i32::from_ne_bytes(number)), None).unwrap();
     }
+}
+
+/// Serves a domain until it is killed. After the first byte on `line`, makes a child by `fork(2)`, which has all
+/// descriptors, drops its copy of the Manager, says its number, and lives until the other end of `line` is closed.
+fn serve_fork_and_wait(socket: &Path, mut line: UnixStream) -> ! {
+    let manager = Background::start(socket, Options::default()).unwrap();
+    line.write_all(&[0]).unwrap();
+    line.read_exact(&mut [0]).unwrap();
+    // SAFETY: the child drops a handle, reads, writes and ends, and runs nothing else.
+    if let ForkResult::Child = unsafe { fork() }.unwrap() {
+        drop(manager);
+        let number = getpid().as_raw().to_ne_bytes();
+        let _ = line.write_all(&number);
+        let _ = line.read(&mut [0]);
+        // SAFETY: ends this process without running anything else of the test program.
+        unsafe { nix::libc::_exit(0) }
+    }
+    loop {
+        thread::park();
+    }
+}
+
+/// The child of a process that embeds a Manager keeps neither the domain nor the sessions of its nodes.
+#[test]
+fn a_forked_child_does_not_keep_the_domain_of_its_parent() {
+    if ran_alone(concat!(
+        module_path!(),
+        "::a_forked_child_does_not_keep_the_domain_of_its_parent"
+    )) {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let socket = folder.path().join("domain.sock");
+    let (mut hold, line) = UnixStream::pair().unwrap();
+    hold.set_read_timeout(Some(SOON)).unwrap();
+    // SAFETY: this process has one thread beside that of the test harness, which holds no lock that the child needs.
+    let ForkResult::Parent { child: server } = unsafe { fork() }.unwrap() else {
+        drop(hold);
+        serve_fork_and_wait(&socket, line);
+    };
+    drop(line);
+    hold.read_exact(&mut [0]).unwrap();
+    let node = Node::builder("node").socket(&socket).connect().unwrap();
+    hold.write_all(&[0]).unwrap();
+    let mut number = [0; 4];
+    hold.read_exact(&mut number).unwrap();
+    // The child has dropped its copy of the Manager, which serves as before.
+    let other = Node::builder("other").socket(&socket).connect().unwrap();
+    assert!(node.is_connected() && other.is_connected());
+    kill(server, Signal::SIGKILL).unwrap();
+    waitpid(server, None).unwrap();
+    until(|| !node.is_connected());
+    let _next = Background::start(&socket, Options::default()).unwrap();
+    until(|| node.is_connected());
+    // The child lives.
+    kill(Pid::from_raw(i32::from_ne_bytes(number)), None).unwrap();
 }
 
 /// A program that is started by `posix_spawn(3)` or `exec(3)` gets no descriptor of a node.

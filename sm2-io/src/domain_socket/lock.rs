@@ -2,20 +2,23 @@
 
 use std::fs::File;
 use std::io;
+use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
 
 use super::error::DomainSocketError;
 use super::files::{Identity, directory_of, failed, names, prepare_directory, with_suffix};
 use super::path::check_path;
 use crate::syscall::files;
+use crate::syscall::fork::Unforked;
 
-/// The right to bind a domain's socket. At most one process holds it.
+/// The right to bind a domain's socket. At most one process holds it, and it ends with this process, even if children
+/// that it made by `fork(2)` live on.
 #[derive(Debug)]
 pub struct DomainLock {
     socket_path: PathBuf,
     lock_path: PathBuf,
     /// `None` while the value is dropped without removing the file.
-    lock: Option<File>,
+    lock: Option<(Unforked, File)>,
 }
 
 impl DomainLock {
@@ -44,7 +47,7 @@ impl DomainLock {
                 return Ok(Self {
                     socket_path: path.to_owned(),
                     lock_path,
-                    lock: Some(file),
+                    lock: Some((Unforked::new(file.as_fd()), file)),
                 });
             }
         }
@@ -58,15 +61,15 @@ impl DomainLock {
 
     /// Releases the lock, and leaves its file for the next holder.
     pub(super) fn leave(mut self) {
-        if let Some(lock) = self.lock.take() {
-            unlock(&lock);
+        if let Some((_, lock)) = &self.lock.take() {
+            unlock(lock);
         }
     }
 }
 
 impl Drop for DomainLock {
     fn drop(&mut self) {
-        if let Some(lock) = &self.lock {
+        if let Some((_, lock)) = &self.lock {
             // Still locked: a process that has opened this file will find, once it gets the lock, that
             // the name is gone, and try again.
             let _ = files::remove(&self.lock_path);

@@ -87,6 +87,9 @@ impl Manager {
     /// Claims the socket at `path` and listens. Nodes can connect from now on; they are served once
     /// [`run`](Manager::run) is called.
     ///
+    /// The domain belongs to this process. A child that is made by `fork(2)` afterwards does not keep the socket, so a
+    /// program that goes to the background by `fork(2)` does that before.
+    ///
     /// # Errors
     ///
     /// [`StartError::Limit`] if a limit is wrong; [`StartError::DomainSocket`] if another Manager holds the domain
