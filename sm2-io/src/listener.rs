@@ -13,8 +13,8 @@ use crate::syscall::sockets::{self, sockopt};
 
 /// A listening `AF_UNIX` `SOCK_SEQPACKET` socket, close-on-exec, non-blocking.
 ///
-/// A child that this process makes by `fork(2)` keeps neither the listener nor the connections that it accepts: they end
-/// with this process.
+/// A child that this process makes by `fork(2)` keeps neither the listener nor the connections that it accepts: they
+/// end with this process.
 #[derive(Debug)]
 pub struct Listener {
     unforked: Unforked,

@@ -1,17 +1,18 @@
 //! Descriptors that a child made by `fork(2)` does not keep.
 //!
-//! Such a child has copies of all descriptors of its parent, and a socket or a lock ends with its last copy. A child that
-//! outlives its parent would therefore keep what the parent served. In the child, each of these numbers refers to an
-//! unused eventfd instead: they are not closed, because the child also has copies of the values that own them.
+//! Such a child has copies of all descriptors of its parent, and a socket or a lock ends with its last copy. A child
+//! that outlives its parent would therefore keep what the parent served. In the child, each of these numbers refers to
+//! an unused eventfd instead: they are not closed, because the child also has copies of the values that own them.
 //!
 //! `posix_spawn(3)` and `exec(3)` close all descriptors of SM2. A child that was made by `clone(2)` directly keeps its
 //! copies, and so does one that was made while the descriptor was being created, or that has no descriptor left.
 
 use std::os::fd::{AsRawFd, BorrowedFd, RawFd};
 use std::sync::Once;
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use nix::libc;
+
+use crate::sync::{AtomicU64, Ordering::Relaxed};
 
 /// The numbers below this are noted. A process with more descriptors has raised its limit far above the usual one.
 const NUMBERS: usize = 1 << 16;
