@@ -13,8 +13,8 @@ use crate::{
 
 /// A Manager that runs on its own thread. Dropping this handle stops it.
 ///
-/// The Manager ends with this process. A child that was made by `fork(2)` keeps neither the domain nor its sessions, and
-/// may drop its copy of this handle.
+/// The Manager ends with this process. A child that was made by `fork(2)` keeps neither the domain nor its sessions,
+/// and may drop its copy of this handle.
 #[derive(Debug)]
 pub struct Background {
     path: PathBuf,
