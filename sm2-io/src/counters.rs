@@ -211,7 +211,7 @@ impl Update<'_> {
 
     /// Receiving side: counts messages that were older than their lifespan when the application would have taken them.
     pub fn expired(&mut self, messages: u64) {
-        self.add(field::EXPIRED, messages);
+        self.add(Fate::Expired.position(), messages);
     }
 
     /// Sending side: the fates of the link's messages so far.
@@ -220,7 +220,7 @@ impl Update<'_> {
         self.set(field::OFFERED, fates.offered);
         self.set(field::IN_FLIGHT, fates.in_flight);
         for fate in Fate::ALL {
-            self.set(field::of_fate(fate), fates.of(fate));
+            self.set(fate.position(), fates.of(fate));
         }
     }
 
@@ -228,9 +228,9 @@ impl Update<'_> {
     #[inline]
     pub fn sent(&mut self, fates: &Counters) {
         self.set(field::OFFERED, fates.offered);
-        self.set(field::DELIVERED, fates.delivered);
-        self.set(field::OVERWRITTEN, fates.overwritten);
-        self.set(field::DISCARDED, fates.discarded);
+        for fate in [Fate::Delivered, Fate::Overwritten, Fate::Discarded] {
+            self.set(fate.position(), fates.of(fate));
+        }
         self.set(field::IN_FLIGHT, fates.in_flight);
     }
 

@@ -31,12 +31,10 @@ pub const MAX_ENTRIES: u32 = (MAX_FILE_BYTES / ENTRY_BYTES) as u32 - 1;
 /// The number of messages that an entry remembers one by one.
 pub const RECENT: usize = 32;
 
-/// The positions of an entry's fields (SM2-CNT-005).
+/// The positions of an entry's fields (SM2-CNT-005), without those of [`Fate::position`].
 //= SM2-CNT-005
 #[allow(missing_docs, reason = "the fields of Entry say what they are")]
 pub mod field {
-    use crate::link::Fate;
-
     /// 0: not in use; odd: being written; even: grows with each change (SM2-CNT-006).
     pub const TURN: usize = 0;
     /// 1: an interface; 2: its end of a link.
@@ -49,22 +47,14 @@ pub mod field {
     pub const LAST: usize = 7;
     pub const LOST: usize = 8;
     pub const OFFERED: usize = 9;
-    pub const DELIVERED: usize = 10;
-    pub const OVERWRITTEN: usize = 11;
-    pub const DISCARDED: usize = 12;
-    pub const DEADLINE: usize = 13;
-    pub const CLOSED: usize = 14;
     pub const IN_FLIGHT: usize = 15;
     pub const DELAY_SUM: usize = 16;
     pub const DELAY_MAX: usize = 17;
-    pub const POOL_LIMIT: usize = 18;
-    pub const TOO_LONG: usize = 19;
     pub const SHORT_SINCE: usize = 20;
     /// Messages that were published while no link was open.
     pub const UNHEARD: usize = 21;
     /// Periods of the deadline that passed without a message.
     pub const MISSED_DEADLINES: usize = 22;
-    pub const EXPIRED: usize = 23;
     /// How often the publisher stopped being alive.
     pub const LOST_LIVELINESS: usize = 24;
     /// Messages that were published while their publisher had no link with the subscriber.
@@ -73,22 +63,6 @@ pub mod field {
     pub const RESERVED: usize = 26;
     /// The first of [`super::RECENT`] fields.
     pub const RECENT: usize = 32;
-
-    /// The position of the number of messages with this fate.
-    #[must_use]
-    #[inline]
-    pub const fn of_fate(fate: Fate) -> usize {
-        match fate {
-            Fate::Delivered => DELIVERED,
-            Fate::Overwritten => OVERWRITTEN,
-            Fate::Discarded => DISCARDED,
-            Fate::Deadline => DEADLINE,
-            Fate::Closed => CLOSED,
-            Fate::PoolLimit => POOL_LIMIT,
-            Fate::TooLong => TOO_LONG,
-            Fate::Expired => EXPIRED,
-        }
-    }
 }
 
 const _: () = assert!(field::RECENT + RECENT == ENTRY_FIELDS);
@@ -223,7 +197,7 @@ impl Entry {
             ..Counters::default()
         };
         for fate in Fate::ALL {
-            *fates.of_mut(fate) = words[field::of_fate(fate)];
+            *fates.of_mut(fate) = words[fate.position()];
         }
         Some(Self {
             interface: InterfaceId(words[field::INTERFACE]),
@@ -267,7 +241,7 @@ impl Entry {
         words[field::OFFERED] = self.fates.offered;
         words[field::IN_FLIGHT] = self.fates.in_flight;
         for fate in Fate::ALL {
-            words[field::of_fate(fate)] = self.fates.of(fate);
+            words[fate.position()] = self.fates.of(fate);
         }
         words[field::DELAY_SUM] = self.delay_sum_ns;
         words[field::DELAY_MAX] = self.delay_max_ns;
