@@ -71,7 +71,7 @@ class Sm2:
                         raise TimeoutError("a subscriber missed a message")
                     return
                 with declared.loan(length) as array:
-                    write(array.ctypes.data)
+                    write(array.__array_interface__["data"][0])
 
             def matched(self) -> int:
                 """How many subscribers are linked."""
@@ -102,7 +102,7 @@ class Sm2:
                     if sample is None:
                         return
                     array = sample.numpy()
-                    is_done = message(array.ctypes.data, len(sample))
+                    is_done = message(array.__array_interface__["data"][0], len(sample))
                     del sample, array
                     if is_done:
                         return

@@ -1,4 +1,4 @@
-//! The process at the other end of a connection, and its end.
+//! The process at the other end of a connection, its end, and the children of this process.
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
@@ -7,7 +7,7 @@ use nix::libc;
 
 use crate::shortage::is_shortage;
 use crate::socket::SeqPacket;
-use crate::syscall::processes;
+use crate::syscall::{fork, processes};
 
 /// The process that made a connection.
 ///
@@ -26,6 +26,26 @@ pub enum PeerProcess {
 /// not waited for it.
 #[derive(Debug)]
 pub struct ProcessFd(OwnedFd);
+
+/// The process that made a value, to tell it from a child that has a copy of the value, because it was made by
+/// `fork(2)`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Maker(u64);
+
+impl Maker {
+    /// This process.
+    #[must_use]
+    pub fn this_process() -> Self {
+        Self(fork::forks())
+    }
+
+    /// Whether this process is a child of the maker. Makes no system call, so it does not see that a child was made by
+    /// `clone(2)` directly.
+    #[must_use]
+    pub fn is_parent(self) -> bool {
+        self != Self::this_process()
+    }
+}
 
 impl PeerProcess {
     /// The process that made this connection: by `SO_PEERPIDFD`, or before Linux 6.5 by the number of

@@ -3,9 +3,10 @@
 use std::{
     mem,
     path::{Path, PathBuf},
-    process,
     thread::{self, JoinHandle},
 };
+
+use sm2_io::Maker;
 
 use crate::{
     HandOver, Manager, Options, Outcome, PolicyReloader, RunError, Standby, StartError, Stopper,
@@ -22,8 +23,8 @@ pub struct Background {
     hand_over: HandOver,
     policy_reload: PolicyReloader,
     thread: Option<JoinHandle<Result<(), RunError>>>,
-    /// The number of the process that has the thread.
-    process: u32,
+    /// The process that has the thread.
+    maker: Maker,
 }
 
 impl Background {
@@ -80,7 +81,7 @@ impl Background {
             hand_over,
             policy_reload,
             thread: Some(thread),
-            process: process::id(),
+            maker: Maker::this_process(),
         })
     }
 
@@ -113,7 +114,7 @@ impl Background {
     }
 
     fn join(&mut self) -> Result<(), RunError> {
-        if self.process != process::id() {
+        if self.maker.is_parent() {
             // The thread is that of the parent: it can be neither stopped nor joined here.
             mem::forget(self.thread.take());
             return Ok(());

@@ -1,10 +1,10 @@
 //! Handles of SM2 as Python objects own them: they can be closed, and a forked child cannot use them.
 
 use std::mem;
-use std::process;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use pyo3::PyResult;
+use sm2_io::Maker;
 
 use crate::errors::{ClosedError, ForkError};
 
@@ -19,7 +19,7 @@ pub(crate) type PublisherHandle = Arc<sm2_node::Publisher<[u8]>>;
 pub(crate) struct Owned<T> {
     /// Locked for short moments, by threads that have the GIL.
     value: Mutex<Option<T>>,
-    process: u32,
+    maker: Maker,
     /// The noun for error texts.
     what: &'static str,
 }
@@ -28,7 +28,7 @@ impl<T> Owned<T> {
     pub(crate) fn new(what: &'static str, value: T) -> Self {
         Self {
             value: Mutex::new(Some(value)),
-            process: process::id(),
+            maker: Maker::this_process(),
             what,
         }
     }
@@ -73,15 +73,15 @@ impl<T> Owned<T> {
         if !self.is_inherited() {
             return Ok(());
         }
-        let Self { process, what, .. } = self;
+        let what = self.what;
         Err(ForkError::new_err(format!(
-            "this {what} belongs to process {process}, which forked this one: connect a node of your own, or start \
+            "this {what} belongs to the process that forked this one: connect a node of your own, or start \
              the child with multiprocessing's method 'spawn'"
         )))
     }
 
     fn is_inherited(&self) -> bool {
-        self.process != process::id()
+        self.maker.is_parent()
     }
 
     fn closed(&self) -> pyo3::PyErr {

@@ -1,4 +1,4 @@
-//! Descriptors that a child made by `fork(2)` does not keep.
+//! Children made by `fork(2)`: how they know that they are, and which descriptors they do not keep.
 //!
 //! Such a child has copies of all descriptors of its parent, and a socket or a lock ends with its last copy. A child
 //! that outlives its parent would therefore keep what the parent served. In the child, each of these numbers refers to
@@ -21,6 +21,25 @@ const BITS: usize = u64::BITS as usize;
 /// One bit for each number. Relaxed, because a child is made with a copy of the memory as the forking thread sees it.
 static NOTED: [AtomicU64; NUMBERS / BITS] = [const { AtomicU64::new(0) }; NUMBERS / BITS];
 
+/// How many forks are between this process and the one that has loaded this library.
+static FORKS: AtomicU64 = AtomicU64::new(0);
+
+/// How many forks are between this process and the one that has loaded this library. Unlike `getpid(2)`, this needs no
+/// system call. A child that was made by `clone(2)` directly has the number of its parent.
+pub(crate) fn forks() -> u64 {
+    handle_forks();
+    FORKS.load(Relaxed)
+}
+
+fn handle_forks() {
+    static HOOK: Once = Once::new();
+    HOOK.call_once(|| {
+        // SAFETY: the handler is a function of this library, and makes only calls that are safe after `fork`. If there
+        // is no memory for the handler, a child takes itself for its parent, and keeps the descriptors.
+        let _ = unsafe { libc::pthread_atfork(None, None, Some(in_child)) };
+    });
+}
+
 /// A note that the children of this process do not keep a descriptor. It is dropped before the descriptor is closed.
 #[derive(Debug)]
 pub(crate) struct Unforked {
@@ -30,12 +49,7 @@ pub(crate) struct Unforked {
 impl Unforked {
     /// Notes an open descriptor.
     pub(crate) fn new(fd: BorrowedFd<'_>) -> Self {
-        static HOOK: Once = Once::new();
-        HOOK.call_once(|| {
-            // SAFETY: the handler is a function of this library, and makes only calls that are safe after `fork`. If
-            // there is no memory for the handler, children keep the descriptors.
-            let _ = unsafe { libc::pthread_atfork(None, None, Some(in_child)) };
-        });
+        handle_forks();
         let number = fd.as_raw_fd();
         if let Some((word, bit)) = place(number) {
             word.fetch_or(bit, Relaxed);
@@ -57,9 +71,10 @@ fn place(number: RawFd) -> Option<(&'static AtomicU64, u64)> {
     Some((NOTED.get(number / BITS)?, 1 << (number % BITS)))
 }
 
-/// Gives up the copies of the noted descriptors. Runs in the child, before `fork` returns, so it may neither allocate
+/// Counts the fork, and gives up the copies of the noted descriptors. Runs in the child, before `fork` returns, so it may neither allocate
 /// nor lock.
 extern "C" fn in_child() {
+    FORKS.fetch_add(1, Relaxed);
     let mut unused = -1;
     for (index, word) in NOTED.iter().enumerate() {
         let mut bits = word.load(Relaxed);

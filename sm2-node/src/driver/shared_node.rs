@@ -4,11 +4,10 @@ use std::io;
 use std::mem;
 use std::ops::Deref;
 use std::path::PathBuf;
-use std::process;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use sm2_io::{Interest, SeqPacket, Waker};
+use sm2_io::{Interest, Maker, SeqPacket, Waker};
 use sm2_proto::node::Input;
 use sm2_proto::{Farewell, InterfaceId, Name};
 
@@ -41,7 +40,7 @@ pub(crate) struct NodeState {
     /// The timeout for an answer of the Manager.
     pub(crate) manager_timeout: Duration,
     /// The process that connected the node.
-    process: u32,
+    maker: Maker,
     /// Signalled when the session changes, until [`drive_all`](Self::drive_all).
     pub(super) changed: Arc<Waker>,
     control: Mutex<Control>,
@@ -89,7 +88,7 @@ impl SharedNode {
                 sets,
                 name,
                 manager_timeout,
-                process: process::id(),
+                maker: Maker::this_process(),
                 changed,
                 control: Mutex::new(control),
             }),
@@ -136,7 +135,7 @@ impl NodeState {
     /// Whether this process is a child, made by `fork(2)`, of the process that connected the node. Such a child has
     /// copies of the node's descriptors, but not its threads, and another thread may have held a lock.
     pub(crate) fn is_inherited(&self) -> bool {
-        self.process != process::id()
+        self.maker.is_parent()
     }
 
     /// Locks the control side. If another thread panicked under the lock, the state is still consistent: the only user

@@ -2,10 +2,9 @@
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
-use std::process;
 use std::sync::Arc;
 
-use sm2_io::Waker;
+use sm2_io::{Maker, Waker};
 
 use super::context::Context;
 use super::interface::Interface;
@@ -19,7 +18,7 @@ pub(crate) struct Watch {
     interface: Arc<SharedInterface>,
     waker: Arc<Waker>,
     /// The process that created it.
-    process: u32,
+    maker: Maker,
 }
 
 impl Watch {
@@ -29,7 +28,7 @@ impl Watch {
         Ok(Self {
             interface: Arc::clone(interface),
             waker,
-            process: process::id(),
+            maker: Maker::this_process(),
         })
     }
 
@@ -83,7 +82,7 @@ impl Watch {
 impl Drop for Watch {
     fn drop(&mut self) {
         // In a child that was made by `fork(2)`, another thread of the parent may have held the lock.
-        if self.process == process::id() {
+        if !self.maker.is_parent() {
             self.interface.lock().sleepers.leave(&self.waker);
         }
     }
