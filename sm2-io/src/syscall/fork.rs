@@ -71,8 +71,8 @@ fn place(number: RawFd) -> Option<(&'static AtomicU64, u64)> {
     Some((NOTED.get(number / BITS)?, 1 << (number % BITS)))
 }
 
-/// Counts the fork, and gives up the copies of the noted descriptors. Runs in the child, before `fork` returns, so it may neither allocate
-/// nor lock.
+/// Counts the fork, and gives up the copies of the noted descriptors. Runs in the child, before `fork` returns, so it
+/// may neither allocate nor lock.
 extern "C" fn in_child() {
     FORKS.fetch_add(1, Relaxed);
     let mut unused = -1;
