@@ -37,7 +37,7 @@ pub enum GapReason {
     /// memory while the recorder held its messages (SM2-QOS-007).
     PoolLimit,
     /// The publisher of a reliable topic did not wait longer for the recorder (SM2-QOS-002).
-    Deadline,
+    NoRoom,
     /// They were older than their lifespan (SM2-QOS-010).
     Expired,
 }
@@ -50,7 +50,7 @@ impl GapReason {
         Self::Damaged,
         Self::TooLong,
         Self::PoolLimit,
-        Self::Deadline,
+        Self::NoRoom,
         Self::Expired,
     ];
 
@@ -62,7 +62,7 @@ impl GapReason {
             Self::Damaged => "damaged",
             Self::TooLong => "too_long",
             Self::PoolLimit => "pool_limit",
-            Self::Deadline => "deadline",
+            Self::NoRoom => "no_room",
             Self::Expired => "expired",
         }
     }

@@ -158,7 +158,7 @@ fn messages_for_which_a_publisher_does_not_wait_are_counted() {
             data.publish(&[1; 100]).unwrap();
         }
     });
-    let expected = (vec![GapReason::Deadline], 200);
+    let expected = (vec![GapReason::NoRoom], 200);
     assert_eq!(reasons_and_sum(&report), expected, "{report:?}");
     assert!(report.topics[0].messages > 0);
 }

@@ -445,7 +445,7 @@ typedef struct sm2_publisher_options_t {
 
 /*
  The fates of the messages of a publisher, summed over all current and past links: `offered = delivered + overwritten
- + discarded + deadline + closed + pool_limit + too_long + expired + in_flight`.
+ + discarded + no_room + closed + pool_limit + too_long + expired + in_flight`.
  */
 typedef struct sm2_publisher_counters_t {
   /*
@@ -479,7 +479,7 @@ typedef struct sm2_publisher_counters_t {
   /*
    Messages for which a reliable subscriber had no room in time.
    */
-  uint64_t deadline;
+  uint64_t no_room;
   /*
    Messages that were lost with their link.
    */

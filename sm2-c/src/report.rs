@@ -24,7 +24,7 @@ pub struct PublishResult {
 }
 
 /// The fates of the messages of a publisher, summed over all current and past links: `offered = delivered + overwritten
-/// + discarded + deadline + closed + pool_limit + too_long + expired + in_flight`.
+/// + discarded + no_room + closed + pool_limit + too_long + expired + in_flight`.
 #[repr(C)]
 #[derive(Debug)]
 pub struct PublisherCounters {
@@ -43,7 +43,7 @@ pub struct PublisherCounters {
     /// Messages that a newer one displaced at the subscriber, or that it dropped.
     pub discarded: u64,
     /// Messages for which a reliable subscriber had no room in time.
-    pub deadline: u64,
+    pub no_room: u64,
     /// Messages that were lost with their link.
     pub closed: u64,
     /// Messages that were not sent because the subscriber holds too much memory.
@@ -119,7 +119,7 @@ impl PublisherCounters {
             delivered: counters.delivered,
             overwritten: counters.overwritten,
             discarded: counters.discarded,
-            deadline: counters.deadline,
+            no_room: counters.no_room,
             closed: counters.closed,
             pool_limit: counters.pool_limit,
             too_long: counters.too_long,

@@ -76,7 +76,7 @@ const fn reason(reason: GapReason) -> &'static str {
         GapReason::Damaged => "they were in a damaged part",
         GapReason::TooLong => "they were longer than --max-len",
         GapReason::PoolLimit => "the pool_limit of the publisher was reached",
-        GapReason::Deadline => "the publisher did not wait longer",
+        GapReason::NoRoom => "the publisher did not wait longer",
         GapReason::Expired => "they were older than their lifespan",
     }
 }

@@ -99,7 +99,7 @@ fn what_is_counted_is_seen() {
             delivered: message - 1,
             overwritten: 1,
             discarded: 2,
-            deadline: 3,
+            no_room: 3,
             closed: 4,
             pool_limit: 6,
             too_long: 7,

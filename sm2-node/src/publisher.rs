@@ -144,7 +144,7 @@ impl<T: Message + ?Sized> Publisher<T> {
     }
 
     /// Returns the fates of all messages, summed over all current and past links: `offered = delivered +
-    /// overwritten + discarded + deadline + closed + pool_limit + too_long + expired + in_flight` (SM2-QOS-006).
+    /// overwritten + discarded + no_room + closed + pool_limit + too_long + expired + in_flight` (SM2-QOS-006).
     pub fn counters(&self) -> Counters {
         self.core
             .handle

@@ -99,7 +99,7 @@ fn whoever_has_no_room_misses_what_others_get() {
         let sent = publisher
             .links()
             .iter()
-            .map(|it| it.counters.deadline)
+            .map(|it| it.counters.no_room)
             .sum::<u64>();
         assert_eq!(published.missed as u64, sent);
         assert!((1..20).contains(&published.missed));

@@ -105,7 +105,7 @@ impl Publisher {
             if peer.has_room() {
                 peer.send(id);
             } else if peer.link.owes() {
-                peer.link.handle(NOW, Input::Drop(Fate::Deadline)).unwrap();
+                peer.link.handle(NOW, Input::Drop(Fate::NoRoom)).unwrap();
             } else {
                 waiting.push(at);
             }
@@ -134,7 +134,7 @@ impl Publisher {
         self.waits.push((begin, self.now));
         for at in waiting {
             let peer = &mut self.peers[at];
-            peer.link.handle(NOW, Input::Drop(Fate::Deadline)).unwrap();
+            peer.link.handle(NOW, Input::Drop(Fate::NoRoom)).unwrap();
             assert!(peer.link.owes());
         }
     }
@@ -154,7 +154,7 @@ impl Publisher {
     }
 
     fn missed(&self, at: usize) -> u64 {
-        self.peers[at].link.counters().deadline
+        self.peers[at].link.counters().no_room
     }
 }
 
@@ -176,7 +176,7 @@ fn links_that_release_now_and_then_are_waited_for_once() {
         for at in 0..count {
             let counters = publisher.peers[at].link.counters();
             assert_eq!(counters.offered, publisher.published);
-            assert!(counters.deadline > 1_000, "{counters:?}");
+            assert!(counters.no_room > 1_000, "{counters:?}");
         }
     }
 }
@@ -254,7 +254,7 @@ proptest! {
         for peer in &publisher.peers {
             let it = peer.link.counters();
             prop_assert_eq!(it.offered, publisher.published);
-            prop_assert_eq!(it.offered, it.delivered + it.deadline + it.in_flight);
+            prop_assert_eq!(it.offered, it.delivered + it.no_room + it.in_flight);
         }
     }
 

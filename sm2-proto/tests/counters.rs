@@ -24,7 +24,7 @@ fn link_end() -> Entry {
             delivered: 10,
             overwritten: 11,
             discarded: 12,
-            deadline: 13,
+            no_room: 13,
             closed: 14,
             pool_limit: 18,
             too_long: 19,

@@ -166,7 +166,7 @@ fn a_publication_is_dropped_with_a_fate_that_the_driver_knows() {
         });
         let expected = match fate {
             Fate::Delivered | Fate::Discarded | Fate::Closed => Err(Misuse::WrongFate.into()),
-            Fate::Deadline => Err(Misuse::RoomLeft.into()),
+            Fate::NoRoom => Err(Misuse::RoomLeft.into()),
             Fate::Overwritten | Fate::PoolLimit | Fate::TooLong | Fate::Expired => Ok(()),
         };
         assert_eq!(link.handle(NOW, Input::Drop(fate)), expected, "{fate}");
@@ -182,8 +182,8 @@ fn roles_have_their_inputs() {
     type Call = fn(&mut Link) -> Result<(), Error>;
     let all: [(&str, Call); 7] = [
         ("send", |link| offer(link, message(1))),
-        ("deadline", |link| {
-            link.handle(NOW, Input::Drop(Fate::Deadline))
+        ("no_room", |link| {
+            link.handle(NOW, Input::Drop(Fate::NoRoom))
         }),
         ("overwritten", |link| {
             link.handle(NOW, Input::Drop(Fate::Overwritten))

@@ -235,7 +235,7 @@ fn alive_is_sent_for_a_publication_that_is_not() {
         ..with_lease(config(Role::Sender), 10)
     };
     let mut link = opened(reliable);
-    let refused = link.handle(Instant(7), Input::Drop(Fate::Deadline));
+    let refused = link.handle(Instant(7), Input::Drop(Fate::NoRoom));
     assert_eq!(refused, Err(Misuse::RoomLeft.into()));
     assert!(packets(&mut link).is_empty());
 }

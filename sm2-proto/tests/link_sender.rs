@@ -201,7 +201,7 @@ fn a_blocked_socket_displaces_only_what_the_window_does_not_admit() {
 fn reliable_waits_for_room_or_skips() {
     let mut link = opened(reliable(Role::Sender));
     assert_eq!(
-        link.handle(NOW, Input::Drop(Fate::Deadline)),
+        link.handle(NOW, Input::Drop(Fate::NoRoom)),
         Err(Error::Misuse(Misuse::RoomLeft))
     );
     for id in 1..=5 {
@@ -209,14 +209,14 @@ fn reliable_waits_for_room_or_skips() {
     }
     assert!(!link.has_room(&NoMemory) && !link.owes());
     assert_eq!(refused(&mut link, message(6)), Misuse::NoRoom);
-    assert_eq!(link.handle(NOW, Input::Drop(Fate::Deadline)), Ok(()));
+    assert_eq!(link.handle(NOW, Input::Drop(Fate::NoRoom)), Ok(()));
     assert_eq!(drain(&mut link), []);
     assert!(link.owes());
     // It has room again, but owes until all five have come back.
     release_all(&mut link, Given::Consumed, &[1]);
     assert!(link.has_room(&NoMemory) && link.owes());
     send(&mut link, message(7));
-    assert_eq!(link.handle(NOW, Input::Drop(Fate::Deadline)), Ok(()));
+    assert_eq!(link.handle(NOW, Input::Drop(Fate::NoRoom)), Ok(()));
     release_all(&mut link, Given::Consumed, &[2, 3]);
     send(&mut link, message(9));
     release_all(&mut link, Given::Consumed, &[4, 5]);
@@ -226,7 +226,7 @@ fn reliable_waits_for_room_or_skips() {
     let expected = Counters {
         offered: 9,
         delivered: 6,
-        deadline: 2,
+        no_room: 2,
         in_flight: 1,
         ..Counters::default()
     };

@@ -431,7 +431,7 @@ fn assert_dead(mut link: Link, end: End) {
     let inputs = [
         Input::Datagram(Datagram::new(&close)),
         Input::Eof,
-        Input::Drop(Fate::Deadline),
+        Input::Drop(Fate::NoRoom),
         Input::Cancel { call: 1 },
         Input::Attach(SEGMENT),
         Input::Retire { segment: 1 },

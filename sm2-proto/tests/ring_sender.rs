@@ -143,7 +143,7 @@ fn reliable_never_displaces() {
 fn a_deadline_that_passed() {
     let mut rig = Rig::open(true, 1, 1);
     let _ = rig.send(1, 1).unwrap();
-    rig.input(SENDER, Input::Drop(Fate::Deadline)).unwrap();
+    rig.input(SENDER, Input::Drop(Fate::NoRoom)).unwrap();
     rig.ends[SENDER]
         .handle(NOW, Input::Drop(Fate::Overwritten))
         .unwrap();
@@ -155,7 +155,7 @@ fn a_deadline_that_passed() {
     let _ = rig.harvest().unwrap();
     assert!(!rig.ends[SENDER].owes());
     let counters = rig.ends[SENDER].counters();
-    assert_eq!((counters.offered, counters.deadline), (3, 1));
+    assert_eq!((counters.offered, counters.no_room), (3, 1));
     assert_eq!((counters.overwritten, counters.delivered), (1, 1));
 }
 

@@ -15,8 +15,8 @@ use crate::options::{Seconds, time};
 use crate::sample::{Account, Sample};
 use crate::wait::until_found;
 
-/// How long `recv` waits in `sm2-node` first, which is faster than to poll a descriptor. A signal does not end this part,
-/// so Ctrl-C may take as long as this.
+/// How long `recv` waits in `sm2-node` first, which is faster than to poll a descriptor. A signal does not end this
+/// part, so Ctrl-C may take as long.
 const QUICK: Duration = Duration::from_millis(100);
 
 type Handle = Arc<sm2_node::Subscriber<[u8]>>;

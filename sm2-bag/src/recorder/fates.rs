@@ -8,7 +8,7 @@ use crate::gap::GapReason;
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Known {
     pool_limit: u64,
-    deadline: u64,
+    no_room: u64,
     /// Messages that were not sent because they were too old.
     expired_unsent: u64,
     /// Messages that were too old when the recorder would have taken them. The next message does not show that they
@@ -32,7 +32,7 @@ impl Known {
         now.expired_taken = now.expired_taken.max(link.received.expired);
         if let Some(fates) = fates {
             now.pool_limit = now.pool_limit.max(fates.pool_limit);
-            now.deadline = now.deadline.max(fates.deadline);
+            now.no_room = now.no_room.max(fates.no_room);
             // The publisher counts both kinds together.
             let unsent = fates.expired.saturating_sub(now.expired_taken);
             now.expired_unsent = now.expired_unsent.max(unsent);
@@ -50,7 +50,7 @@ impl Known {
                 now.pool_limit,
                 true,
             ),
-            loss(GapReason::Deadline, before.deadline, now.deadline, true),
+            loss(GapReason::NoRoom, before.no_room, now.no_room, true),
             loss(
                 GapReason::Expired,
                 before.expired_unsent,

@@ -24,7 +24,7 @@ Each number counts the messages of a link since it was made:
   DELIVERED    released by the subscriber's program
   OVERWRITTEN  replaced by newer ones before they were sent
   DISCARDED    replaced by newer ones before they were received
-  DEADLINE     dropped because there was no room before their deadline
+  NO ROOM      dropped because there was no room before their deadline
   CLOSED       lost with the link
   POOL LIMIT   not sent because the subscriber held too much of the publisher's memory
   TOO LONG     longer than the subscriber accepts
@@ -90,7 +90,7 @@ impl Measure<14> for Loss {
         "DELIVERED",
         "OVERWRITTEN",
         "DISCARDED",
-        "DEADLINE",
+        "NO ROOM",
         "CLOSED",
         "POOL LIMIT",
         "TOO LONG",

@@ -76,8 +76,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     feed.tally.unheard = publisher.unheard();
     stderr_line!("{}", Summary(feed.tally, counters));
     let missed = match flushed {
-        false if arguments.reliable => counters.deadline + counters.in_flight,
-        _ => counters.deadline,
+        false if arguments.reliable => counters.no_room + counters.in_flight,
+        _ => counters.no_room,
     };
     let links = publisher.links();
     let reliable = || links.iter().filter(|link| link.reliable);

@@ -185,7 +185,7 @@ fn loss_adds_up() {
         "delivered",
         "overwritten",
         "discarded",
-        "deadline",
+        "no_room",
         "closed",
         "pool_limit",
         "too_long",

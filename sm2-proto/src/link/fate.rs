@@ -95,8 +95,8 @@ fates! {
     Overwritten overwritten 11 Yes
         "Displaced by a later message before it left this side, or not sent for lack of a slot or of room."
     Discarded discarded 12 No "Displaced by a later message on the other side."
-    Deadline deadline 13 Owed
-        "Not sent, because a deadline passed while a reliable publisher waited for room."
+    NoRoom no_room 13 Owed
+        "Not sent, because a reliable subscriber had no room in time, or the publisher does not wait for it any more."
     Closed closed 14 No "Not settled when the link ended."
     PoolLimit pool_limit 18 Owed
         "Not sent, because messages of this link take too much of the publisher's memory."

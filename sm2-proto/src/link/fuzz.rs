@@ -344,7 +344,7 @@ impl World {
 
     fn wish(&mut self, script: &mut Script<'_>) -> Option<()> {
         match script.byte()? % 5 {
-            0 => self.input(Input::Drop(Fate::Deadline)),
+            0 => self.input(Input::Drop(Fate::NoRoom)),
             1 => self.tick(script)?,
             2 => {
                 let call = self.call(script)?;

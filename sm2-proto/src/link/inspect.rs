@@ -93,7 +93,7 @@ impl Link {
         self.lane.counters()
     }
 
-    /// Whether the link owes: a publication was dropped ([`Fate::Deadline`](super::Fate::Deadline) or
+    /// Whether the link owes: a publication was dropped ([`Fate::NoRoom`](super::Fate::NoRoom) or
     /// [`Fate::PoolLimit`](super::Fate::PoolLimit)), and the other end has not released all
     /// messages that were in flight then. A publisher does not wait for such a link (SM2-QOS-003).
     #[must_use]

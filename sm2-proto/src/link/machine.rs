@@ -130,7 +130,7 @@ impl Link {
     /// Counts a publication that is not sent on this link.
     fn drop_publication(&mut self, fate: Fate) -> Result<(), Misuse> {
         let waits = self.config.reliable;
-        if self.config.role != Role::Sender || (fate == Fate::Deadline && !waits) {
+        if self.config.role != Role::Sender || (fate == Fate::NoRoom && !waits) {
             return Err(Misuse::WrongRole);
         }
         if !fate.is_unsent() {

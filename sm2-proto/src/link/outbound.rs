@@ -185,7 +185,7 @@ impl Outbound {
     /// Counts a publication that is not sent on this link.
     //= SM2-QOS-008, SM2-QOS-010, SM2-QOS-002, SM2-QOS-003, SM2-QOS-007
     pub(super) fn drop_publication(&mut self, fate: Fate) -> Result<(), Misuse> {
-        if fate == Fate::Deadline && self.has_room() {
+        if fate == Fate::NoRoom && self.has_room() {
             return Err(Misuse::RoomLeft);
         }
         self.counters.drop_publication(fate);

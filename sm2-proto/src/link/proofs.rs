@@ -430,7 +430,7 @@ fn an_ended_link_is_silent() {
         1 => link.handle(NOW, Input::Datagram(Datagram::new(&close))),
         2 => link.handle(NOW, Input::Datagram(Datagram::new(&[0xff]))),
         3 => link.send(&NoMemory, message, |_, _| {}).map(drop),
-        4 => link.handle(NOW, Input::Drop(Fate::Deadline)),
+        4 => link.handle(NOW, Input::Drop(Fate::NoRoom)),
         5 => link.release(&NoMemory, 1).map(drop),
         6 => link.handle(NOW, Input::Cancel { call: 1 }),
         7 => link.handle(NOW, Input::Writable),

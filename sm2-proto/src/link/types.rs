@@ -15,7 +15,7 @@ pub enum Input<'a> {
     /// The driver does not send a publication on this link alone, which counts with this fate:
     ///
     /// * [`Fate::Overwritten`]: the link has no slot or no room at this moment.
-    /// * [`Fate::Deadline`]: the deadline of the publication passed while a reliable publisher waited for room, or it
+    /// * [`Fate::NoRoom`]: the deadline of the publication passed while a reliable publisher waited for room, or it
     ///   does not wait for this link. The link [owes](super::Link::owes) from then on.
     /// * [`Fate::PoolLimit`]: unsettled messages of this link take too much of the publisher's memory. The link owes
     ///   from then on.
@@ -262,7 +262,7 @@ pub enum Misuse {
     /// The window and the queue are full, and the link is reliable.
     #[error("there is no room: wait until has_room, or skip the message")]
     NoRoom,
-    /// [`Input::Drop`] with [`Fate::Deadline`] was fed while the link had room.
+    /// [`Input::Drop`] with [`Fate::NoRoom`] was fed while the link had room.
     #[error("there is room: send the message")]
     RoomLeft,
     /// [`Input::Drop`] was fed with a fate that only the machine finds.

@@ -107,7 +107,7 @@ impl Pair {
         );
         if room.is_err() && link.config().reliable {
             if link.config().role == Role::Sender {
-                self.feed(end, Input::Drop(Fate::Deadline));
+                self.feed(end, Input::Drop(Fate::NoRoom));
                 self.ends[end].skipped += 1;
             }
             return;
@@ -384,7 +384,7 @@ impl Pair {
                 delivered: tally(Some(Fate::Delivered)),
                 overwritten: tally(Some(Fate::Overwritten)),
                 discarded: tally(Some(Fate::Discarded)),
-                deadline: at.skipped,
+                no_room: at.skipped,
                 closed: tally(Some(Fate::Closed)),
                 pool_limit: 0,
                 too_long: tally(Some(Fate::TooLong)),

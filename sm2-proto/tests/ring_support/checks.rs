@@ -34,7 +34,7 @@ impl Pair {
             delivered: tally(Some(Fate::Delivered)),
             overwritten: sending.passed_over,
             discarded: tally(Some(Fate::Discarded)),
-            deadline: sending.skipped,
+            no_room: sending.skipped,
             closed: 0,
             pool_limit: 0,
             too_long: 0,

@@ -207,10 +207,7 @@ impl Sending {
                     };
                     assert!(expected, "{misuse}");
                     if reliable && misuse == Misuse::NoRoom {
-                        self.at
-                            .link
-                            .handle(NOW, Input::Drop(Fate::Deadline))
-                            .unwrap();
+                        self.at.link.handle(NOW, Input::Drop(Fate::NoRoom)).unwrap();
                         self.skipped += 1;
                     } else {
                         self.at

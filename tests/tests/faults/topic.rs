@@ -119,7 +119,7 @@ impl Topic {
         }
         let dropped = |link: &LinkStatus| {
             let counters = link.counters;
-            let sum = counters.overwritten + counters.discarded + counters.deadline;
+            let sum = counters.overwritten + counters.discarded + counters.no_room;
             sum + counters.closed + counters.pool_limit + counters.in_flight
         };
         let counted = links.iter().map(dropped).sum::<u64>() + self.subscriber.lost() + between;

@@ -193,7 +193,7 @@ impl Talkers {
         account.unsaid = match has_lifespan {
             // The link has ended before its last messages were found too old.
             true => u64::from(u32::MAX),
-            false => counters.pool_limit + counters.deadline,
+            false => counters.pool_limit + counters.no_room,
         };
     }
 

@@ -61,7 +61,7 @@ const fn reason(fate: Fate) -> Option<&'static str> {
         Fate::Delivered => return None,
         Fate::Overwritten => "overwritten before they were sent",
         Fate::Discarded => "overwritten before they were received",
-        Fate::Deadline => "at the deadline of a subscriber without room",
+        Fate::NoRoom => "at the deadline of a subscriber without room",
         Fate::Closed => "to subscribers that left",
         Fate::PoolLimit => "at --pool-limit, to subscribers that hold samples",
         Fate::TooLong => "longer than their subscribers accept",

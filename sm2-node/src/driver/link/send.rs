@@ -186,11 +186,11 @@ impl LinkDriver {
             "what is latched fills all room"
         );
         if !self.has_room_for_backlog() && self.is_open() {
-            if self.counters().deadline == 0 {
+            if self.counters().no_room == 0 {
                 let (link, peer) = (self.id, &self.peer.name);
                 tracing::warn!(%link, %peer, "a reliable subscriber without room misses messages until it catches up");
             }
-            self.drop_publication(Fate::Deadline, context, outbox);
+            self.drop_publication(Fate::NoRoom, context, outbox);
         }
     }
 

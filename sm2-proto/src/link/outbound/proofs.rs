@@ -326,11 +326,11 @@ fn one_more_message_keeps_the_books() {
             kani::cover!(!room && reliable, "no room");
         }
         1 => {
-            let verdict = state.books.drop_publication(Fate::Deadline);
+            let verdict = state.books.drop_publication(Fate::NoRoom);
             assert_eq!(verdict.is_ok(), !room);
             assert_eq!(state.books.owes(), !room);
             let after = state.books.counters();
-            assert_eq!(after.deadline, before.deadline + u64::from(!room));
+            assert_eq!(after.no_room, before.no_room + u64::from(!room));
         }
         _ => {
             // OPEN comes once, before any message was sent.

@@ -116,7 +116,7 @@ impl World {
     pub(super) fn skip(&mut self, scope: &LinkScope) -> Result<(), Failure> {
         self.budget.skips -= 1;
         self.flows[0].skipped();
-        self.feed(scope, 0, Input::Drop(Fate::Deadline))
+        self.feed(scope, 0, Input::Drop(Fate::NoRoom))
     }
 
     pub(super) fn take(&mut self, scope: &LinkScope, at: usize) -> Result<(), Failure> {

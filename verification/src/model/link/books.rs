@@ -153,7 +153,7 @@ impl Flow {
     /// Records that a deadline passed.
     pub(super) fn skipped(&mut self) {
         self.tally.offered += 1;
-        self.tally.deadline += 1;
+        self.tally.no_room += 1;
         for entry in self.entries.iter_mut().filter(|it| it.fate.is_none()) {
             entry.owed = true;
         }
@@ -334,7 +334,7 @@ impl Flow {
             }
             Fate::Closed => over,
             // Every message of the model is shorter than any maximum, and has no lifespan.
-            Fate::Deadline | Fate::PoolLimit | Fate::TooLong | Fate::Expired => false,
+            Fate::NoRoom | Fate::PoolLimit | Fate::TooLong | Fate::Expired => false,
         };
         if is_true {
             return Ok(*entry);

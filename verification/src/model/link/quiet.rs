@@ -142,7 +142,7 @@ fn check_silence(at: usize, end: &End) -> Result<(), Failure> {
         Input::Datagram(Datagram::new(&[0])),
         Input::Cancel { call: 1 },
         Input::Retire { segment: 0 },
-        Input::Drop(Fate::Deadline),
+        Input::Drop(Fate::NoRoom),
     ];
     let mut link: Link = end.link.clone();
     for input in inputs {
