@@ -22,6 +22,7 @@ use super::interface::{ForControl, Interface, State};
 use super::limited_warning::LimitedWarning;
 use super::limits::{ENDS, SOCKETS, SOCKETS_WAIT_NS, put_ends_last};
 use super::link::LinkDriver;
+use super::next_words::NextWords;
 use super::sleepers::Sleepers;
 use super::token::LinkToken;
 
@@ -403,6 +404,11 @@ impl InterfaceDriver {
             let node = &self.node_name;
             tracing::warn!(%node, %reason, count, "cannot use a socket now: the node tries again");
         }
+    }
+
+    /// The words that the next messages of the links fill.
+    pub(super) fn next_words(&self) -> NextWords {
+        NextWords::of(self.interface.links().filter_map(LinkDriver::next_word))
     }
 
     /// Whether all messages come through rings and no link is opening, so that the sockets need to be read only from

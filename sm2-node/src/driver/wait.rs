@@ -205,11 +205,10 @@ impl SharedInterface {
                 return Err(WaitFailure::Shutdown);
             }
             if now < spin_until.min(until.unwrap_or(spin_until)) && locked.has_rings_only() {
+                // Threads that wait for the lock can take it meanwhile.
+                let next_words = locked.next_words();
                 drop(locked);
-                // Threads that wait for the lock can take it during the pauses.
-                for _ in 0..PAUSES {
-                    std::hint::spin_loop();
-                }
+                next_words.spin(PAUSES);
                 now = sm2_io::clock::now();
                 continue;
             }

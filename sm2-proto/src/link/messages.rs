@@ -197,6 +197,21 @@ impl Link {
         }
     }
 
+    /// The word of the incoming ring that the next message fills, on a live link on the ring lane. A thread that spins
+    /// can watch this word without the machine. Once it is not [`EMPTY`](super::EMPTY), [`take`](Self::take) may return
+    /// a message; another call of the machine changes the word.
+    #[must_use]
+    #[inline]
+    pub const fn next_word(&self) -> Option<At> {
+        match &self.lane {
+            Lane::Ring(ring) if !ring.is_awaited() => match &ring.incoming {
+                Some(receiver) => receiver.next_word(),
+                None => None,
+            },
+            _ => None,
+        }
+    }
+
     /// An upper bound for the number of messages that wait for [`take`](Self::take).
     #[inline]
     pub fn untaken(&self, memory: &impl LinkMemory) -> usize {

@@ -14,7 +14,7 @@ use crate::quota::MappedSegment;
 #[derive(Debug, Default)]
 pub(super) struct Mapped {
     /// The ring that this side takes messages from.
-    pub(super) incoming: Option<Ring>,
+    pub(super) incoming: Option<Arc<Ring>>,
     /// The ring that this side sends through.
     pub(super) outgoing: Option<Ring>,
     /// The segments of the other side.
@@ -67,7 +67,7 @@ impl LinkMemory for Mapped {
 
     #[inline]
     fn incoming(&self) -> Option<&Ring> {
-        self.incoming.as_ref()
+        self.incoming.as_deref()
     }
 
     #[inline]
@@ -92,7 +92,7 @@ pub(super) fn make_ring(config: &mut link::Config, mapped: &mut Mapped) -> Optio
     let layout = (config.ring_layout()).filter(|_| config.ring && !config.sealed)?;
     match Ring::create(layout) {
         Ok((ring, file)) => {
-            mapped.incoming = Some(ring);
+            mapped.incoming = Some(Arc::new(ring));
             Some(file)
         }
         Err(error) => {

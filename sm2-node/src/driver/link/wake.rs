@@ -1,9 +1,10 @@
 //! Waking the other side of a link, and asking to be woken.
 
 use std::io::IoSlice;
+use std::sync::Arc;
 
-use sm2_io::{Interest, SendError, is_shortage};
-use sm2_proto::link::{Wake, doorbell};
+use sm2_io::{Interest, Ring, SendError, is_shortage};
+use sm2_proto::link::{At, Wake, doorbell};
 
 use super::LinkDriver;
 use crate::driver::event_sets::LinkSets;
@@ -12,6 +13,12 @@ impl LinkDriver {
     /// Whether each message makes the link's socket readable.
     pub(crate) const fn is_woken_by_socket(&self) -> bool {
         self.machine.is_woken_by_socket()
+    }
+
+    /// The ring and its word that the next message fills, if this link receives through a ring.
+    pub(in crate::driver) fn next_word(&self) -> Option<(Arc<Ring>, At)> {
+        let word = self.machine.next_word()?;
+        Some((Arc::clone(self.mapped.incoming.as_ref()?), word))
     }
 
     /// Announces that a thread is about to sleep until this link has an event.

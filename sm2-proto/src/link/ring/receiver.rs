@@ -103,6 +103,15 @@ impl RingReceiver {
         self.layout
     }
 
+    /// The word that the next message fills; `None` after the end of the link.
+    #[inline]
+    pub(in crate::link) const fn next_word(&self) -> Option<At> {
+        match self.left {
+            None => Some(self.layout.forward(self.next)),
+            Some(_) => None,
+        }
+    }
+
     /// Whether there is a message, or an invalid word.
     pub(in crate::link) fn may_take(&self, words: &impl RingMemory) -> bool {
         self.left != Some(0) && words.load(self.layout.forward(self.oldest(words))) != EMPTY
