@@ -5,7 +5,7 @@
 )]
 
 use std::{
-    fs, io,
+    io,
     os::{
         fd::{AsFd, BorrowedFd},
         unix::net::UnixStream,
@@ -21,6 +21,7 @@ use signal_hook::{
     flag,
     low_level::pipe,
 };
+use sm2_io::is_signal_ignored;
 
 /// The exit status of a program that a signal ended is this much more than the signal.
 const STATUS_OF_SIGNALS: i32 = 128;
@@ -61,7 +62,7 @@ impl Interrupt {
         };
         interrupt.add(SIGINT)?;
         interrupt.add(SIGTERM)?;
-        if !is_ignored(SIGHUP) {
+        if !is_signal_ignored(SIGHUP) {
             interrupt.add(SIGHUP)?;
         }
         // Nobody looks at the flag.
@@ -91,14 +92,6 @@ impl Interrupt {
             number => Some(Stopped(number)),
         }
     }
-}
-
-/// Whether this process ignores a signal, as the kernel says.
-fn is_ignored(number: i32) -> bool {
-    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
-    let bits = ignored.and_then(|it| u64::from_str_radix(it.trim(), 16).ok());
-    bits.is_some_and(|it| it >> (number - 1) & 1 == 1)
 }
 
 impl AsFd for Interrupt {

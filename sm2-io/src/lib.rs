@@ -93,7 +93,7 @@ pub use latch::Latch;
 pub use log_level::{WrongLogLevel, log_levels};
 pub use mapping::{PooledMapping, Scratch, SealedMapping};
 pub use memfd::{InspectedFd, Preallocated, SealedLoan, Segment, VerifyError};
-pub use process::{Maker, PeerProcess, ProcessFd};
+pub use process::{Maker, PeerProcess, ProcessFd, is_signal_ignored};
 pub use ring::Ring;
 #[cfg(feature = "tokio")]
 pub use runtime::watch_readable;

@@ -7,7 +7,7 @@ use nix::libc;
 
 use crate::shortage::is_shortage;
 use crate::socket::SeqPacket;
-use crate::syscall::{fork, processes};
+use crate::syscall::{files, fork, processes};
 
 /// The process that made a connection.
 ///
@@ -26,6 +26,15 @@ pub enum PeerProcess {
 /// not waited for it.
 #[derive(Debug)]
 pub struct ProcessFd(OwnedFd);
+
+/// Whether this process ignores a signal, as the kernel says: for example SIGHUP, if `nohup(1)` has started the process.
+#[must_use]
+pub fn is_signal_ignored(number: i32) -> bool {
+    let status = files::read_text("/proc/self/status").unwrap_or_default();
+    let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let bits = ignored.and_then(|it| u64::from_str_radix(it.trim(), 16).ok());
+    bits.is_some_and(|it| (1..=64).contains(&number) && it >> (number - 1) & 1 == 1)
+}
 
 /// The process that made a value, to tell it from a child that has a copy of the value, because it was made by
 /// `fork(2)`.

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use common::Outcome;
 use sm2_node::lockstep::Inputs;
-use sm2_node::{Node, Publisher};
+use sm2_node::{Node, Publisher, Shutdown};
 
 /// Everything on which the outputs depend.
 struct Filter {
@@ -21,7 +21,7 @@ fn main() -> ExitCode {
 }
 
 fn filter() -> Outcome {
-    let shutdown = common::shutdown_on_ctrl_c()?;
+    let shutdown = Shutdown::on_signals()?;
     let node = Node::builder("filter").shutdown(&shutdown).connect()?;
     let output = node.publisher::<f32>("mean")?;
     let distances = node

@@ -5,7 +5,7 @@ mod common;
 
 use std::time::Duration;
 
-use sm2_node::{Executor, Node, Timer};
+use sm2_node::{Executor, Node, Shutdown, Timer};
 
 #[derive(Default)]
 struct Robot {
@@ -20,7 +20,7 @@ fn main() -> std::process::ExitCode {
 
 fn drive() -> common::Outcome {
     let seconds = common::argument(1, u64::MAX)?;
-    let shutdown = common::shutdown_on_ctrl_c()?;
+    let shutdown = Shutdown::on_signals()?;
     let node = Node::builder("robot").shutdown(&shutdown).connect()?;
     let images = node.publisher::<[u8]>("camera/image")?;
     let speeds = node.publisher::<f64>("speed")?;

@@ -40,19 +40,16 @@ use sm2_io::Latch;
 ///
 /// # Signals
 ///
-/// [`request`](Self::request) is async-signal-safe: it stores a word, writes to an eventfd, and leaves `errno` as it
-/// was. A handler must not drop the last clone.
+/// [`on_signals`](Self::on_signals) gives a handle whose shutdown Ctrl-C requests. A program with signal handlers of its
+/// own calls [`request`](Self::request) in them, which is async-signal-safe: it stores a word, writes to an eventfd, and
+/// leaves `errno` as it was. A handler must not drop the last clone.
 ///
-/// ```no_run
+#[cfg_attr(feature = "signals", doc = "```no_run")]
+#[cfg_attr(not(feature = "signals"), doc = "```ignore")]
 /// use sm2_node::{Node, Shutdown};
 ///
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-/// let shutdown = Shutdown::new()?;
-/// let on_signal = shutdown.clone();
-/// // SAFETY: the handler only requests the shutdown, which is async-signal-safe.
-/// unsafe {
-///     signal_hook::low_level::register(signal_hook::consts::SIGINT, move || on_signal.request())?;
-/// }
+/// let shutdown = Shutdown::on_signals()?;
 /// let node = Node::builder("listener").shutdown(&shutdown).connect()?;
 /// let subscriber = node.subscriber::<str>("chatter")?;
 /// while let Ok(sample) = subscriber.recv() {
@@ -75,6 +72,45 @@ impl Shutdown {
     pub fn new() -> io::Result<Self> {
         let latch = Arc::new(Latch::new()?);
         Ok(Self { latch })
+    }
+
+    /// Creates a handle whose shutdown is requested by Ctrl-C (SIGINT), SIGTERM and SIGHUP; not by SIGHUP if the
+    /// process was started with that signal ignored, as `nohup(1)` does. A signal after the request ends the process at
+    /// once, even if the program is stuck.
+    ///
+    /// A thread waits for the signals until the process ends. Each call makes a further handle with a thread of its own,
+    /// so a program calls this once, and clones the handle.
+    ///
+    /// # Errors
+    ///
+    /// Errors of `sigaction(2)`, `socketpair(2)` and `pthread_create(3)`: too many descriptors, or no memory.
+    #[cfg(feature = "signals")]
+    pub fn on_signals() -> io::Result<Self> {
+        let shutdown = Self::new()?;
+        shutdown.request_on_signals()?;
+        Ok(shutdown)
+    }
+
+    #[cfg(feature = "signals")]
+    fn request_on_signals(&self) -> io::Result<()> {
+        use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+        use signal_hook::iterator::Signals;
+
+        let mut signals = Signals::new([SIGINT, SIGTERM])?;
+        if !sm2_io::is_signal_ignored(SIGHUP) {
+            signals.add_signal(SIGHUP)?;
+        }
+        let shutdown = self.clone();
+        let wait = move || {
+            for signal in signals.forever() {
+                if shutdown.is_requested() {
+                    // The process ends here. If that fails, nothing else can be done.
+                    let _ = signal_hook::low_level::emulate_default_handler(signal);
+                }
+                shutdown.request();
+            }
+        };
+        sm2_io::spawn_without_signals("sm2:signals".into(), wait).map(drop)
     }
 
     /// Ends all waits, now and later. Never blocks.

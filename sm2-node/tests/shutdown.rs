@@ -1,6 +1,17 @@
 //! A shutdown ends every wait of a node, with and without its background thread, on both lanes.
 
+use std::io::{BufRead, BufReader};
+use std::os::fd::OwnedFd;
+use std::os::unix::net::UnixStream;
+use std::os::unix::process::ExitStatusExt;
+use std::path::PathBuf;
+use std::process::{Child, Command};
+use std::thread;
 use std::time::Duration;
+
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+use sm2_io::is_signal_ignored;
 
 use crate::common::fixture::Fixture;
 use crate::common::threads::{until_asleep, while_asleep};
@@ -209,6 +220,68 @@ fn a_signal_handler_ends_a_wait() {
     );
     assert!(matches!(ended, Err(RecvError::Shutdown)), "{ended:?}");
     signal_hook::low_level::unregister(id.unwrap());
+}
+
+/// A child that waits for a message until a signal ends the wait, and is then stuck. Says both.
+fn wait_and_be_stuck(socket: PathBuf) -> ! {
+    let shutdown = Shutdown::on_signals().unwrap();
+    let node = Node::builder("listener").socket(socket);
+    let node = node.shutdown(&shutdown).connect().unwrap();
+    let subscriber = node.subscriber::<str>("topic").unwrap();
+    println!("waiting");
+    let ended = subscriber.recv().map(drop);
+    assert!(matches!(ended, Err(RecvError::Shutdown)), "{ended:?}");
+    println!("stuck");
+    loop {
+        thread::park();
+    }
+}
+
+/// A child that does not outlive the test.
+struct Killed(Child);
+
+impl Drop for Killed {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// The first signal ends the waits, and one more ends a program that is stuck.
+#[test]
+fn signals_end_the_waits_and_then_the_program() {
+    const DOMAIN: &str = "SM2_TEST_DOMAIN_OF_SIGNALS";
+    const TEST: &str = "shutdown::signals_end_the_waits_and_then_the_program";
+    if let Some(socket) = std::env::var_os(DOMAIN) {
+        wait_and_be_stuck(socket.into());
+    }
+    let domain = Domain::new();
+    let signals = [Signal::SIGINT, Signal::SIGTERM, Signal::SIGHUP];
+    for signal in signals
+        .into_iter()
+        .filter(|it| !is_signal_ignored(*it as i32))
+    {
+        let (says, output) = UnixStream::pair().unwrap();
+        says.set_read_timeout(Some(SOON)).unwrap();
+        let mut command = Command::new(std::env::current_exe().unwrap());
+        command.args(["--exact", TEST, "--nocapture", "--test-threads=1"]);
+        command
+            .env(DOMAIN, domain.socket())
+            .stdout(OwnedFd::from(output));
+        let mut child = Killed(command.spawn().unwrap());
+        drop(command);
+        let number = Pid::from_raw(child.0.id().try_into().unwrap());
+        let mut lines = BufReader::new(says).lines();
+        for line in ["waiting", "stuck"] {
+            assert!(
+                lines.any(|it| it.unwrap().ends_with(line)),
+                "{signal}: {line}"
+            );
+            kill(number, signal).unwrap();
+        }
+        until(|| child.0.try_wait().unwrap().is_some());
+        assert_eq!(child.0.wait().unwrap().signal(), Some(signal as i32));
+    }
 }
 
 #[test]

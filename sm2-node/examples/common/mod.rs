@@ -12,8 +12,7 @@ use nix::sys::signal::{SigSet, Signal};
 use nix::sys::signalfd::{SfdFlags, SignalFd};
 use nix::sys::time::TimeSpec;
 use nix::sys::timerfd::{ClockId, Expiration, TimerFd, TimerFlags, TimerSetTimeFlags};
-use signal_hook::consts::SIGINT;
-use sm2_node::{Shutdown, Subscriber};
+use sm2_node::Subscriber;
 
 /// The result of an example, or of a part of one.
 pub(crate) type Outcome<T = ()> = Result<T, Box<dyn Error + Send + Sync>>;
@@ -50,15 +49,6 @@ pub(crate) fn argument<T: FromStr>(at: usize, default: T) -> Outcome<T> {
     };
     let wrong = |_| format!("argument {at} is {text:?}: give a {}", type_name::<T>());
     text.parse().map_err(|error| wrong(error).into())
-}
-
-/// A handle whose shutdown Ctrl-C requests. Ctrl-C no longer ends the program.
-pub(crate) fn shutdown_on_ctrl_c() -> io::Result<Shutdown> {
-    let shutdown = Shutdown::new()?;
-    let on_signal = shutdown.clone();
-    // SAFETY: the handler only requests the shutdown, which is async-signal-safe.
-    unsafe { signal_hook::low_level::register(SIGINT, move || on_signal.request())? };
-    Ok(shutdown)
 }
 
 /// A descriptor that becomes readable on Ctrl-C. Ctrl-C no longer ends the program.
