@@ -27,7 +27,8 @@ pub enum PeerProcess {
 #[derive(Debug)]
 pub struct ProcessFd(OwnedFd);
 
-/// Whether this process ignores a signal, as the kernel says: for example SIGHUP, if `nohup(1)` has started the process.
+/// Whether this process ignores a signal, as the kernel says: for example SIGHUP, if `nohup(1)` has started the
+/// process.
 #[must_use]
 pub fn is_signal_ignored(number: i32) -> bool {
     let status = files::read_text("/proc/self/status").unwrap_or_default();

@@ -40,9 +40,9 @@ use sm2_io::Latch;
 ///
 /// # Signals
 ///
-/// [`on_signals`](Self::on_signals) gives a handle whose shutdown Ctrl-C requests. A program with signal handlers of its
-/// own calls [`request`](Self::request) in them, which is async-signal-safe: it stores a word, writes to an eventfd, and
-/// leaves `errno` as it was. A handler must not drop the last clone.
+/// [`on_signals`](Self::on_signals) gives a handle whose shutdown Ctrl-C requests. A program with signal handlers of
+/// its own calls [`request`](Self::request) in them, which is async-signal-safe: it stores a word, writes to an
+/// eventfd, and leaves `errno` as it was. A handler must not drop the last clone.
 ///
 #[cfg_attr(feature = "signals", doc = "```no_run")]
 #[cfg_attr(not(feature = "signals"), doc = "```ignore")]
@@ -78,8 +78,8 @@ impl Shutdown {
     /// process was started with that signal ignored, as `nohup(1)` does. A signal after the request ends the process at
     /// once, even if the program is stuck.
     ///
-    /// A thread waits for the signals until the process ends. Each call makes a further handle with a thread of its own,
-    /// so a program calls this once, and clones the handle.
+    /// A thread waits for the signals until the process ends. Each call makes a further handle with a thread of its
+    /// own, so a program calls this once, and clones the handle.
     ///
     /// # Errors
     ///
