@@ -3,9 +3,29 @@
 //! A growing table repeats its headings when a column becomes wider. No crate offers that, and complete tables share
 //! its few lines.
 
-use std::fmt;
+use std::{fmt, marker::PhantomData};
 
-/// A table whose rows are all known: a heading for each column, and rows with as many cells.
+/// A column of a table: its heading, and its cell in a row.
+pub(crate) type Column<R> = (&'static str, fn(&R) -> String);
+
+/// A row of a table.
+pub(crate) trait Row: Sized + 'static {
+    /// The columns, from left to right.
+    const COLUMNS: &'static [Column<Self>];
+}
+
+/// A table of rows that are all known.
+pub(crate) struct Table<'a, R>(pub(crate) &'a [R]);
+
+impl<R: Row> fmt::Display for Table<'_, R> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let headings = [headings::<R>()];
+        let rows: Vec<_> = headings.into_iter().chain(cells(self.0)).collect();
+        write_table(f, &rows)
+    }
+}
+
+/// A table whose rows have no type of their own: a heading for each column, and rows with as many cells.
 #[derive(Clone, Debug)]
 pub(crate) struct Columns<const N: usize> {
     rows: Vec<[String; N]>,
@@ -23,55 +43,52 @@ impl<const N: usize> Columns<N> {
     }
 }
 
-/// Columns of numbers are aligned right, all others left. A `-` stands for an unknown number.
 impl<const N: usize> fmt::Display for Columns<N> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let widths = widths(&self.rows);
-        let numeric = numeric(&self.rows[1..]);
-        for (at, row) in self.rows.iter().enumerate() {
-            let line_break = if at == 0 { "" } else { "\n" };
-            write!(f, "{line_break}{}", line(row, &widths, &numeric))?;
-        }
-        Ok(())
+        write_table(f, &self.rows)
     }
 }
 
 /// A table that grows while a command runs. The headings are printed again when a column becomes wider.
 #[derive(Clone, Debug)]
-pub(crate) struct Stream<const N: usize> {
-    headings: [String; N],
-    numeric: [bool; N],
-    widths: [usize; N],
+pub(crate) struct Stream<R> {
+    numeric: Vec<bool>,
+    widths: Vec<usize>,
     printed: bool,
+    row: PhantomData<R>,
 }
 
-impl<const N: usize> Stream<N> {
+impl<R: Row> Stream<R> {
     /// The first `texts` columns hold texts, the others numbers.
-    pub(crate) fn new(headings: [&str; N], texts: usize) -> Self {
-        let headings = headings.map(str::to_owned);
+    pub(crate) fn new(texts: usize) -> Self {
+        let headings = headings::<R>();
         Self {
             // Wide enough for usual numbers, so that headings are rarely repeated.
-            widths: std::array::from_fn(|at| headings[at].chars().count().max(8)),
-            headings,
-            numeric: std::array::from_fn(|at| at >= texts),
+            widths: headings
+                .iter()
+                .map(|it| it.chars().count().max(8))
+                .collect(),
+            numeric: (0..headings.len()).map(|at| at >= texts).collect(),
             printed: false,
+            row: PhantomData,
         }
     }
 
     /// The lines of more rows.
-    pub(crate) fn lines(&mut self, rows: &[[String; N]]) -> Vec<String> {
-        let needed = widths(rows);
-        let fits = needed
+    pub(crate) fn lines(&mut self, rows: &[R]) -> Vec<String> {
+        let rows: Vec<_> = cells(rows).collect();
+        let needed = widths(&rows);
+        let mut lines = Vec::new();
+        let is_wider = needed
             .iter()
             .zip(&self.widths)
-            .all(|(need, have)| need <= have);
-        let mut lines = Vec::new();
-        if !fits || !self.printed {
+            .any(|(need, have)| need > have);
+        if is_wider || !self.printed {
             for (have, need) in self.widths.iter_mut().zip(needed) {
                 *have = need.max(*have);
             }
             self.printed = true;
-            lines.push(line(&self.headings, &self.widths, &self.numeric));
+            lines.push(line(&headings::<R>(), &self.widths, &self.numeric));
         }
         lines.extend(
             rows.iter()
@@ -81,23 +98,52 @@ impl<const N: usize> Stream<N> {
     }
 }
 
-fn widths<const N: usize>(rows: &[[String; N]]) -> [usize; N] {
-    std::array::from_fn(|column| {
-        let cells = rows.iter().map(|row| row[column].chars().count());
+fn headings<R: Row>() -> Vec<String> {
+    R::COLUMNS
+        .iter()
+        .map(|(heading, _)| String::from(*heading))
+        .collect()
+}
+
+fn cells<R: Row>(rows: &[R]) -> impl Iterator<Item = Vec<String>> {
+    rows.iter()
+        .map(|row| R::COLUMNS.iter().map(|(_, cell)| cell(row)).collect())
+}
+
+/// Writes rows, the first of which is that of the headings. Columns of numbers are aligned right, all others left. A
+/// `-` stands for an unknown number.
+fn write_table(f: &mut fmt::Formatter<'_>, rows: &[impl AsRef<[String]>]) -> fmt::Result {
+    let widths = widths(rows);
+    let numeric = numeric(&rows[1..], widths.len());
+    for (at, row) in rows.iter().enumerate() {
+        let line_break = if at == 0 { "" } else { "\n" };
+        write!(f, "{line_break}{}", line(row.as_ref(), &widths, &numeric))?;
+    }
+    Ok(())
+}
+
+fn widths(rows: &[impl AsRef<[String]>]) -> Vec<usize> {
+    let columns = rows.first().map_or(0, |row| row.as_ref().len());
+    let width = |column: usize| {
+        let cells = rows.iter().map(|row| row.as_ref()[column].chars().count());
         cells.max().unwrap_or(0)
-    })
+    };
+    (0..columns).map(width).collect()
 }
 
 /// Whether each column holds only numbers. The first column names the rows and is never one of numbers.
-fn numeric<const N: usize>(rows: &[[String; N]]) -> [bool; N] {
+fn numeric(rows: &[impl AsRef<[String]>], columns: usize) -> Vec<bool> {
     let is_number = |cell: &str| {
         let mut bytes = cell.bytes();
         cell == "-" || bytes.all(|byte| byte.is_ascii_digit() || byte == b'.')
     };
-    std::array::from_fn(|column| column > 0 && rows.iter().all(|row| is_number(&row[column])))
+    let numbers = |column: usize| rows.iter().all(|row| is_number(&row.as_ref()[column]));
+    (0..columns)
+        .map(|column| column > 0 && numbers(column))
+        .collect()
 }
 
-fn line<const N: usize>(row: &[String; N], widths: &[usize; N], numeric: &[bool; N]) -> String {
+fn line(row: &[String], widths: &[usize], numeric: &[bool]) -> String {
     let cells = row.iter().zip(widths).zip(numeric);
     let cells = cells.map(|((cell, width), numeric)| match numeric {
         true => format!("{cell:>width$}"),

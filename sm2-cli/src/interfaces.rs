@@ -3,9 +3,18 @@
 use std::fmt;
 
 use serde::Serialize;
-use sm2_proto::{Contract, EntityId, Kind, Name, Period, Refusal, TypeId, domain::InterfaceView};
+use sm2_proto::{
+    Contract, EntityId, InterfaceId, Kind, Name, NodeId, Period, Refusal, TypeId,
+    domain::InterfaceView,
+};
 
-use crate::{columns::Columns, connect::Session, error::CliError, names, view::View};
+use crate::{
+    columns::{Column, Row, Table},
+    connect::Session,
+    error::CliError,
+    names,
+    view::{View, service_types, topic_type},
+};
 
 /// An interface. Field names are part of the command's interface.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -44,7 +53,7 @@ pub(crate) enum Types {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub(crate) struct Type {
     pub(crate) name: String,
-    pub(crate) schema: String,
+    hash: String,
 }
 
 /// The quality of service. A setting that the kind of interface lacks is absent.
@@ -69,36 +78,44 @@ pub(crate) struct Qos {
     pub(crate) liveliness_ns: Option<u64>,
 }
 
-/// The type that an interface has stated, and its schema.
-#[derive(Default, Serialize)]
-pub(crate) struct Stated {
-    /// `None` if no interface has stated a type.
-    #[serde(rename = "type")]
-    pub(crate) data: Option<Type>,
+/// The type of a topic, request or reply with its schema. `None` if no interface has stated one.
+#[derive(Serialize)]
+#[serde(transparent)]
+pub(crate) struct StatedType(Option<Described>);
+
+#[derive(Serialize)]
+struct Described {
+    #[serde(flatten)]
+    data: Type,
     /// The schema text of SPEC, Annex A. `None` if no node has registered it.
     schema: Option<String>,
 }
 
-impl Stated {
+impl StatedType {
     /// Asks the Manager for the schema.
     ///
     /// # Errors
     ///
     /// As [`Session::describe`].
     pub(crate) fn of(session: &Session, data: Option<&TypeId>) -> Result<Self, CliError> {
-        let Some(data) = data else {
-            return Ok(Self::default());
+        let describe = |data: &TypeId| {
+            let schema = session.describe(data)?;
+            let data = data.into();
+            Ok(Described { data, schema })
         };
-        Ok(Self {
-            data: Some(data.into()),
-            schema: session.describe(data)?,
-        })
+        data.map(describe).transpose().map(Self)
     }
 
-    /// The schema text, or the reason why there is none.
-    pub(crate) fn schema(&self) -> &str {
-        let schema = self.schema.as_deref();
-        schema.unwrap_or("no node has registered its schema")
+    /// The type and its schema text, or the reason why there is none.
+    pub(crate) fn texts(&self) -> [String; 2] {
+        let data = self.0.as_ref().map(|it| it.data.to_string());
+        let schema = self.0.as_ref().and_then(|it| it.schema.as_deref());
+        [
+            data.unwrap_or_else(|| "no interface has stated a type".into()),
+            schema
+                .unwrap_or("no node has registered its schema")
+                .to_owned(),
+        ]
     }
 }
 
@@ -147,25 +164,26 @@ impl Interface {
             refused: refused.map(Refusal::to_string),
         }
     }
+
+    pub(crate) const fn entity(&self) -> EntityId {
+        EntityId {
+            node: NodeId(self.node_id),
+            interface: InterfaceId(self.interface),
+        }
+    }
 }
 
 impl Types {
     fn of(contract: &Contract) -> Self {
-        match contract {
-            Contract::Publisher { data, .. } => Self::Topic {
-                data: Some(data.into()),
+        match contract.kind() {
+            Kind::Publisher | Kind::Subscriber => Self::Topic {
+                data: topic_type(contract).map(Type::from),
             },
-            Contract::Subscriber { data, .. } => Self::Topic {
-                data: data.as_ref().map(Type::from),
-            },
-            Contract::Server { request, reply, .. } => Self::Service {
-                request: Some(request.into()),
-                reply: Some(reply.into()),
-            },
-            Contract::Client { types, .. } => Self::Service {
-                request: types.as_ref().map(|(request, _)| request.into()),
-                reply: types.as_ref().map(|(_, reply)| reply.into()),
-            },
+            Kind::Server | Kind::Client => {
+                let types = service_types(contract).map(|both| both.map(Type::from));
+                let [request, reply] = types.map_or([None, None], |both| both.map(Some));
+                Self::Service { request, reply }
+            }
         }
     }
 }
@@ -174,14 +192,14 @@ impl From<&TypeId> for Type {
     fn from(data: &TypeId) -> Self {
         Self {
             name: data.name.to_string(),
-            schema: format!("{:016x}", data.hash),
+            hash: format!("{:016x}", data.hash),
         }
     }
 }
 
 impl fmt::Display for Type {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} (schema {})", self.name, self.schema)
+        write!(f, "{} (schema {})", self.name, self.hash)
     }
 }
 
@@ -259,23 +277,28 @@ impl fmt::Display for Qos {
     }
 }
 
+impl Row for Interface {
+    const COLUMNS: &'static [Column<Self>] = &[
+        ("NODE", |it| it.node.clone()),
+        ("KIND", |it| it.kind.into()),
+        ("NAME", |it| it.name.clone()),
+        ("TYPE", |it| it.types.to_string()),
+        ("NUMBER", |it| it.interface.to_string()),
+        ("LINKS", |it| it.links.to_string()),
+        ("QOS", |it| it.qos.to_string()),
+        ("STATE", |it| match &it.refused {
+            None => "granted".into(),
+            Some(reason) => format!("refused: {reason}"),
+        }),
+    ];
+}
+
 /// A table of interfaces.
-pub(crate) fn table(interfaces: &[Interface]) -> Columns<8> {
-    let mut table = Columns::new([
-        "NODE", "KIND", "NAME", "TYPE", "NUMBER", "LINKS", "QOS", "STATE",
-    ]);
-    for it in interfaces {
-        let state = it.refused.as_deref();
-        table.push([
-            it.node.clone(),
-            it.kind.into(),
-            it.name.clone(),
-            it.types.to_string(),
-            it.interface.to_string(),
-            it.links.to_string(),
-            it.qos.to_string(),
-            state.map_or("granted".into(), |reason| format!("refused: {reason}")),
-        ]);
-    }
-    table
+pub(crate) const fn table(interfaces: &[Interface]) -> Table<'_, Interface> {
+    Table(interfaces)
+}
+
+/// The name of a type, or `-` if no interface has stated one.
+pub(crate) fn type_cell(data: Option<&Type>) -> String {
+    data.map_or_else(|| "-".into(), |data| data.name.clone())
 }

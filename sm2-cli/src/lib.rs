@@ -6,7 +6,8 @@
 //! use it: `main.rs` only calls [`main`].
 //!
 //! Modules that commands share: `connect` (the node, and signals), `follow` (changes of the domain), `view`
-//! (indexes of the domain), `names` (names on the command line), `sampling` (counters), `output` and `columns`.
+//! (indexes of the domain), `names` (names on the command line), `sampling` (counters), `report` (the frame of lists
+//! and `info`), `output` and `columns`.
 #![forbid(unsafe_code)]
 #![deny(clippy::disallowed_types)]
 
@@ -17,7 +18,6 @@ mod args;
 mod bag;
 mod bag_choice;
 mod bag_summary;
-mod broken_promises;
 mod built_in;
 mod columns;
 mod command;
@@ -33,6 +33,7 @@ mod follow;
 mod foxglove;
 #[cfg(feature = "fuzzing")]
 pub mod fuzz;
+mod interface_troubles;
 mod interfaces;
 mod interrupt;
 mod limits;
@@ -47,6 +48,7 @@ mod printable;
 mod record;
 #[cfg(test)]
 mod reference;
+mod report;
 mod ros_types;
 mod sampling;
 mod service;
@@ -60,7 +62,6 @@ mod top;
 mod topic;
 mod topic_patterns;
 mod transcode;
-mod unheard;
 mod usage;
 mod view;
 mod wait;

@@ -69,25 +69,60 @@ impl<'a> View<'a> {
         of_kind.map(Contract::name).collect()
     }
 
+    /// The granted interfaces of all topics, or of all services, by name.
+    pub(crate) fn by_name(&self, kinds: &[Kind]) -> BTreeMap<&'a Name, Vec<InterfaceView<'a>>> {
+        let mut all: BTreeMap<_, Vec<_>> = BTreeMap::new();
+        for it in self
+            .granted()
+            .filter(|it| kinds.contains(&it.contract.kind()))
+        {
+            all.entry(it.contract.name()).or_default().push(it);
+        }
+        all
+    }
+
+    /// The number of links between interfaces of one topic or service. Each link has one publisher or server.
+    pub(crate) fn links_from(&self, interfaces: &[InterfaceView<'_>]) -> usize {
+        let offers =
+            |it: &&InterfaceView<'_>| matches!(it.contract.kind(), Kind::Publisher | Kind::Server);
+        let offering = interfaces.iter().filter(offers);
+        offering.map(|it| self.links_of(it.entity).len()).sum()
+    }
+
     /// The type of a topic, if an interface has stated one.
     pub(crate) fn topic_type(&self, topic: &Name) -> Option<&'a TypeId> {
-        self.on(topic, TOPIC).find_map(|it| match it.contract {
-            Contract::Publisher { data, .. } => Some(data),
-            Contract::Subscriber { data, .. } => data.as_ref(),
-            Contract::Server { .. } | Contract::Client { .. } => None,
-        })
+        self.on(topic, TOPIC).find_map(|it| topic_type(it.contract))
     }
 
     /// The types of a service's requests and replies, if an interface has stated them.
     pub(crate) fn service_types(&self, service: &Name) -> Option<[&'a TypeId; 2]> {
-        self.on(service, SERVICE).find_map(|it| match it.contract {
-            Contract::Server { request, reply, .. } => Some([request, reply]),
-            Contract::Client { types, .. } => {
-                types.as_ref().map(|(request, reply)| [request, reply])
-            }
-            Contract::Publisher { .. } | Contract::Subscriber { .. } => None,
-        })
+        self.on(service, SERVICE)
+            .find_map(|it| service_types(it.contract))
     }
+}
+
+/// The type of messages that a publisher or subscriber has stated.
+pub(crate) const fn topic_type(contract: &Contract) -> Option<&TypeId> {
+    match contract {
+        Contract::Publisher { data, .. } => Some(data),
+        Contract::Subscriber { data, .. } => data.as_ref(),
+        Contract::Server { .. } | Contract::Client { .. } => None,
+    }
+}
+
+/// The types of requests and replies that a server or client has stated.
+pub(crate) fn service_types(contract: &Contract) -> Option<[&TypeId; 2]> {
+    match contract {
+        Contract::Server { request, reply, .. } => Some([request, reply]),
+        Contract::Client { types, .. } => types.as_ref().map(|(request, reply)| [request, reply]),
+        Contract::Publisher { .. } | Contract::Subscriber { .. } => None,
+    }
+}
+
+/// The number of interfaces of one kind.
+pub(crate) fn count(interfaces: &[InterfaceView<'_>], kind: Kind) -> usize {
+    let of_kind = interfaces.iter().filter(|it| it.contract.kind() == kind);
+    of_kind.count()
 }
 
 /// The kinds of interfaces that topics have.

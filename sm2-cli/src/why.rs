@@ -18,12 +18,12 @@ use crate::{
     connect::Session,
     ended::Ended,
     error::CliError,
+    interface_troubles::InterfaceTrouble,
     interfaces::Interface,
     names::{Selector, titles},
     output::Output,
     sampling::Sample,
     stopped::StoppedNode,
-    unheard::Unheard,
     view::View,
 };
 
@@ -77,7 +77,7 @@ pub(crate) struct Pair {
     #[serde(flatten)]
     troubles: LinkTroubles,
     /// The messages that one of them published to nobody.
-    unheard: Vec<Unheard>,
+    unheard: Vec<InterfaceTrouble>,
     /// The verdict as text.
     text: String,
 }
@@ -95,7 +95,7 @@ pub(crate) struct Around {
     #[serde(flatten)]
     troubles: LinkTroubles,
     /// The messages that the interfaces published to nobody.
-    unheard: Vec<Unheard>,
+    unheard: Vec<InterfaceTrouble>,
     interfaces: Vec<One>,
 }
 
@@ -189,7 +189,7 @@ impl Pair {
             linked: verdict.is_linked(),
             stopped: stopped_nodes(domain, [one, other]),
             troubles: LinkTroubles::find(view, &sample, &[one, other]),
-            unheard: Unheard::find(view, &sample, &[one, other]),
+            unheard: InterfaceTrouble::unheard(view, &sample, &[one, other]),
             text: verdict.to_string(),
             differences: differences(session, domain, &verdict),
             verdict,
@@ -213,7 +213,7 @@ impl Around {
         let stopped = stopped_nodes(domain, with_peers(view, &entities));
         let sample = sample_around(session, view, &entities);
         let troubles = LinkTroubles::find(view, &sample, &entities);
-        let unheard = Unheard::find(view, &sample, &entities);
+        let unheard = InterfaceTrouble::unheard(view, &sample, &entities);
         let interfaces = entities
             .into_iter()
             .map(|entity| one(session, view, entity));
@@ -405,7 +405,7 @@ fn sample_around(session: &Session, view: &View<'_>, of: &[EntityId]) -> Sample 
     Sample::if_known(&session.node, view.domain, &nodes)
 }
 
-fn unheard_lines(unheard: &[Unheard]) -> impl Iterator<Item = String> {
+fn unheard_lines(unheard: &[InterfaceTrouble]) -> impl Iterator<Item = String> {
     unheard
         .iter()
         .map(|publisher| format!("Note: {publisher}."))

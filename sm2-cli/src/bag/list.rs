@@ -10,7 +10,12 @@ use serde::Serialize;
 use sm2_bag::{Bag, BagFiles, Report};
 
 use crate::{
-    columns::Columns, ended::Ended, error::CliError, output::Output, size::Size, time::Span,
+    columns::{Column, Row},
+    ended::Ended,
+    error::CliError,
+    report::{self, List},
+    size::Size,
+    time::Span,
 };
 
 /// `sm2 bag ls`.
@@ -36,12 +41,6 @@ Examples:
   sm2 bag ls
   sm2 bag ls . --json";
 
-/// The object that `--json` prints.
-#[derive(Serialize)]
-struct Bags {
-    bags: Vec<Listed>,
-}
-
 #[derive(Serialize)]
 struct Listed {
     path: PathBuf,
@@ -63,21 +62,17 @@ struct Listed {
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let paths = bag_paths(&arguments.folder)?;
     let mut ended = Ended::Done;
-    let mut bags = Vec::new();
+    let (name, mut rows) = ("bags", Vec::new());
     for path in paths {
         match listed(&path) {
-            Ok(bag) => bags.push(bag),
+            Ok(bag) => rows.push(bag),
             Err(error) => {
                 stderr_line!("sm2: {error}");
                 ended = Ended::No;
             }
         }
     }
-    let mut out = Output::new();
-    match arguments.json {
-        true => out.json(&Bags { bags })?,
-        false => out.line(table(&bags))?,
-    }
+    report::print(&List { name, rows }, arguments.json)?;
     Ok(ended)
 }
 
@@ -124,30 +119,22 @@ fn sum(counts: impl Iterator<Item = u64>) -> u64 {
     counts.fold(0, u64::saturating_add)
 }
 
-fn table(bags: &[Listed]) -> Columns<7> {
-    let mut table = Columns::new([
-        "BAG", "SIZE", "LENGTH", "TOPICS", "MESSAGES", "LOST", "STATE",
-    ]);
-    for bag in bags {
-        let length = match (bag.start_ns, bag.end_ns) {
+impl Row for Listed {
+    const COLUMNS: &'static [Column<Self>] = &[
+        ("BAG", |it| it.path.display().to_string()),
+        ("SIZE", |it| Size(it.file_bytes).to_string()),
+        ("LENGTH", |it| match (it.start_ns, it.end_ns) {
             (Some(start), Some(end)) => {
                 Span(Duration::from_nanos(end.saturating_sub(start))).to_string()
             }
             _ => "-".to_owned(),
-        };
-        let state = match bag.complete {
-            true => "complete",
-            false => "INCOMPLETE",
-        };
-        table.push([
-            bag.path.display().to_string(),
-            Size(bag.file_bytes).to_string(),
-            length,
-            bag.topics.to_string(),
-            bag.messages.to_string(),
-            bag.lost.to_string(),
-            state.to_owned(),
-        ]);
-    }
-    table
+        }),
+        ("TOPICS", |it| it.topics.to_string()),
+        ("MESSAGES", |it| it.messages.to_string()),
+        ("LOST", |it| it.lost.to_string()),
+        ("STATE", |it| match it.complete {
+            true => "complete".to_owned(),
+            false => "INCOMPLETE".to_owned(),
+        }),
+    ];
 }

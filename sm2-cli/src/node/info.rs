@@ -1,15 +1,16 @@
+//! `sm2 node info`.
+
 use clap::Args;
 use serde::Serialize;
 use sm2_proto::{Name, domain::NodeView};
 
 use crate::{
-    args::{Domain, name},
-    connect::Session,
+    args::name,
     ended::Ended,
     error::CliError,
     interfaces::{Interface, table},
     names,
-    output::Output,
+    report::{Options, Report, facts},
     view::View,
 };
 
@@ -20,11 +21,8 @@ pub(crate) struct Arguments {
     /// The node
     #[arg(value_name = "NODE", value_parser = name)]
     node: Name,
-    /// Print one JSON object
-    #[arg(long)]
-    json: bool,
     #[command(flatten)]
-    domain: Domain,
+    options: Options,
 }
 
 const HELP: &str = "\
@@ -34,11 +32,8 @@ Examples:
   sm2 node info talker
   sm2 node info talker --json | jq -r '.interfaces[].name'";
 
-/// The object that `--json` prints.
 #[derive(Serialize)]
 struct Info {
-    /// The domain's revision.
-    revision: u64,
     id: u64,
     name: String,
     uid: u32,
@@ -52,60 +47,54 @@ struct Info {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let session = Session::open(&arguments.domain, "node-info")?;
-    let domain = session.snapshot()?;
-    let view = View::new(&domain);
-    let Some(node) = domain.node_named(arguments.node.as_str()) else {
-        let known = domain.nodes().map(|node| node.name);
-        return Err(names::unknown("node", &arguments.node, known));
-    };
-    let info = info(&view, node);
-    let mut out = Output::new();
-    if arguments.json {
-        out.json(&info)?;
-    } else {
-        out.line(format_args!("node         {}", info.name))?;
-        out.line(format_args!("id           {}", info.id))?;
-        out.line(format_args!(
-            "process      {} of user {}",
-            info.pid, info.uid
-        ))?;
-        let state = if info.resuming { "resuming" } else { "ready" };
-        out.line(format_args!("state        {state}"))?;
-        let peers = match info.linked_with.as_slice() {
-            [] => "nobody".to_owned(),
-            peers => peers.join(", "),
-        };
-        out.line(format_args!("linked with  {peers}"))?;
-        if !info.interfaces.is_empty() {
-            out.line("")?;
-            out.line(table(&info.interfaces))?;
-        }
-    }
-    Ok(Ended::Done)
+    arguments.options.print("node-info", |_, view| {
+        let node = view.domain.node_named(arguments.node.as_str());
+        node.map(|node| info(view, node)).ok_or_else(|| {
+            let known = view.domain.nodes().map(|node| node.name);
+            names::unknown("node", &arguments.node, known)
+        })
+    })
 }
 
 fn info(view: &View<'_>, node: NodeView<'_>) -> Info {
-    let own = view.domain.interfaces_of(node.node);
-    let mut linked_with: Vec<_> = own
-        .flat_map(|it| view.links_of(it.entity))
-        .map(|link| match link.offering.node == node.node {
+    let own = || view.domain.interfaces_of(node.node);
+    let peers = own().flat_map(|it| view.links_of(it.entity)).map(|link| {
+        match link.offering.node == node.node {
             true => link.demanding.node,
             false => link.offering.node,
-        })
-        .map(|peer| view.name_of(peer).to_owned())
-        .collect();
+        }
+    });
+    let mut linked_with: Vec<_> = peers.map(|it| view.name_of(it).to_owned()).collect();
     linked_with.sort_unstable();
     linked_with.dedup();
-    let own = view.domain.interfaces_of(node.node);
     Info {
-        revision: view.domain.revision(),
         id: node.node.0,
         name: node.name.to_string(),
         uid: node.uid,
         pid: node.pid,
         resuming: node.resuming,
-        interfaces: own.map(|it| Interface::new(view, it)).collect(),
+        interfaces: own().map(|it| Interface::new(view, it)).collect(),
         linked_with,
+    }
+}
+
+impl Report for Info {
+    fn text(&self) -> String {
+        let peers = match self.linked_with.as_slice() {
+            [] => "nobody".to_owned(),
+            peers => peers.join(", "),
+        };
+        let facts = facts(&[
+            ("node", &self.name),
+            ("id", &self.id.to_string()),
+            ("process", &format!("{} of user {}", self.pid, self.uid)),
+            ("state", if self.resuming { "resuming" } else { "ready" }),
+            ("linked with", &peers),
+        ]);
+        let facts = facts.join("\n");
+        match self.interfaces.as_slice() {
+            [] => facts,
+            interfaces => format!("{facts}\n\n{}", table(interfaces)),
+        }
     }
 }

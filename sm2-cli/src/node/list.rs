@@ -1,137 +1,72 @@
-use std::collections::BTreeMap;
+//! `sm2 node list`.
 
-use clap::Args;
 use serde::Serialize;
-use sm2_proto::{Kind, Name, NodeId, domain::Domain as Mirror};
+use sm2_proto::{Kind, domain::NodeView};
 
 use crate::{
-    args::Domain, columns::Columns, connect::Session, ended::Ended, error::CliError, output::Output,
+    columns::{Column, Row},
+    ended::Ended,
+    error::CliError,
+    report::{List, Options},
+    view::{View, count},
 };
 
-/// `sm2 node list`.
-#[derive(Args, Debug)]
-#[command(after_help = HELP)]
-pub(crate) struct Arguments {
-    /// Print one JSON object
-    #[arg(long)]
-    json: bool,
-    #[command(flatten)]
-    domain: Domain,
-}
-
-const HELP: &str = "\
+pub(super) const HELP: &str = "\
 LINKS counts the ends of links: a link between two interfaces of one node counts twice.
 
 Examples:
   sm2 node list
   sm2 node list --json | jq '.nodes[] | select(.publishers > 0)'";
 
-/// The object that `--json` prints.
 #[derive(Serialize)]
-struct Nodes {
-    /// The domain's revision.
-    revision: u64,
-    nodes: Vec<Node>,
-}
-
-/// A node.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 struct Node {
     id: u64,
     name: String,
     uid: u32,
     pid: i32,
-    publishers: u64,
-    subscribers: u64,
-    servers: u64,
-    clients: u64,
-    links: u64,
+    publishers: usize,
+    subscribers: usize,
+    servers: usize,
+    clients: usize,
+    links: usize,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let session = Session::open(&arguments.domain, "node-list")?;
-    let domain = session.snapshot()?;
-    let nodes = Nodes {
-        revision: domain.revision(),
-        nodes: nodes(&domain, session.node.name()),
-    };
-    let mut out = Output::new();
-    match arguments.json {
-        true => out.json(&nodes)?,
-        false => out.line(table(&nodes.nodes))?,
-    }
-    Ok(Ended::Done)
+impl Row for Node {
+    const COLUMNS: &'static [Column<Self>] = &[
+        ("NODE", |it| it.name.clone()),
+        ("ID", |it| it.id.to_string()),
+        ("UID", |it| it.uid.to_string()),
+        ("PID", |it| it.pid.to_string()),
+        ("PUBLISHERS", |it| it.publishers.to_string()),
+        ("SUBSCRIBERS", |it| it.subscribers.to_string()),
+        ("SERVERS", |it| it.servers.to_string()),
+        ("CLIENTS", |it| it.clients.to_string()),
+        ("LINKS", |it| it.links.to_string()),
+    ];
 }
 
-/// The nodes in the order in which they connected, without the one named `itself`.
-fn nodes(domain: &Mirror, itself: &Name) -> Vec<Node> {
-    let others = domain.nodes().filter(|node| node.name != itself);
-    let mut nodes: BTreeMap<NodeId, Node> = others
-        .map(|it| {
-            let node = Node {
-                id: it.node.0,
-                name: it.name.to_string(),
-                uid: it.uid,
-                pid: it.pid,
-                publishers: 0,
-                subscribers: 0,
-                servers: 0,
-                clients: 0,
-                links: 0,
-            };
-            (it.node, node)
-        })
-        .collect();
-    for it in domain.interfaces().filter(|it| it.refused.is_none()) {
-        if let Some(node) = nodes.get_mut(&it.entity.node) {
-            *node.count_of(it.contract.kind()) += 1;
-        }
-    }
-    for link in domain.links() {
-        for entity in [link.offering, link.demanding] {
-            if let Some(node) = nodes.get_mut(&entity.node) {
-                node.links += 1;
-            }
-        }
-    }
-    nodes.into_values().collect()
+/// Lists the nodes in the order in which they connected, without that of the command.
+pub(super) fn run(options: &Options) -> Result<Ended, CliError> {
+    options.print("node-list", |session, view| {
+        let nodes = view.domain.nodes();
+        let others = nodes.filter(|it| it.name != session.node.name());
+        let (name, rows) = ("nodes", others.map(|it| node(view, it)).collect());
+        Ok(List { name, rows })
+    })
 }
 
-impl Node {
-    const fn count_of(&mut self, kind: Kind) -> &mut u64 {
-        match kind {
-            Kind::Publisher => &mut self.publishers,
-            Kind::Subscriber => &mut self.subscribers,
-            Kind::Server => &mut self.servers,
-            Kind::Client => &mut self.clients,
-        }
+fn node(view: &View<'_>, node: NodeView<'_>) -> Node {
+    let own = || view.domain.interfaces_of(node.node);
+    let granted: Vec<_> = own().filter(|it| it.refused.is_none()).collect();
+    Node {
+        id: node.node.0,
+        name: node.name.to_string(),
+        uid: node.uid,
+        pid: node.pid,
+        publishers: count(&granted, Kind::Publisher),
+        subscribers: count(&granted, Kind::Subscriber),
+        servers: count(&granted, Kind::Server),
+        clients: count(&granted, Kind::Client),
+        links: own().map(|it| view.links_of(it.entity).len()).sum(),
     }
-}
-
-fn table(nodes: &[Node]) -> Columns<9> {
-    let mut table = Columns::new([
-        "NODE",
-        "ID",
-        "UID",
-        "PID",
-        "PUBLISHERS",
-        "SUBSCRIBERS",
-        "SERVERS",
-        "CLIENTS",
-        "LINKS",
-    ]);
-    for node in nodes {
-        table.push([
-            node.name.clone(),
-            node.id.to_string(),
-            node.uid.to_string(),
-            node.pid.to_string(),
-            node.publishers.to_string(),
-            node.subscribers.to_string(),
-            node.servers.to_string(),
-            node.clients.to_string(),
-            node.links.to_string(),
-        ]);
-    }
-    table
 }

@@ -5,13 +5,14 @@ mod list;
 
 use clap::Subcommand;
 
-use crate::{ended::Ended, error::CliError};
+use crate::{ended::Ended, error::CliError, report::Options};
 
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     /// List the nodes of a domain
-    List(list::Arguments),
+    #[command(after_help = list::HELP)]
+    List(Options),
     /// Show a node: its process, its interfaces, its links
     Info(info::Arguments),
 }
@@ -23,7 +24,7 @@ pub(crate) enum Command {
 /// Any [`CliError`].
 pub(crate) fn run(command: &Command) -> Result<Ended, CliError> {
     match command {
-        Command::List(arguments) => list::run(arguments),
+        Command::List(options) => list::run(options),
         Command::Info(arguments) => info::run(arguments),
     }
 }

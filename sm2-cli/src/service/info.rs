@@ -1,15 +1,16 @@
+//! `sm2 service info`.
+
 use clap::Args;
 use serde::Serialize;
 use sm2_proto::Name;
 
 use crate::{
-    args::{Domain, name},
-    connect::Session,
+    args::name,
     ended::Ended,
     error::CliError,
-    interfaces::{self, Interface, Stated, table},
-    output::Output,
-    view::{SERVICE, View},
+    interfaces::{self, Interface, StatedType, table},
+    report::{Options, Report, facts},
+    view::SERVICE,
 };
 
 /// `sm2 service info`.
@@ -19,11 +20,8 @@ pub(crate) struct Arguments {
     /// The service
     #[arg(value_name = "NAME", value_parser = name)]
     service: Name,
-    /// Print one JSON object
-    #[arg(long)]
-    json: bool,
     #[command(flatten)]
-    domain: Domain,
+    options: Options,
 }
 
 const HELP: &str = "\
@@ -33,52 +31,42 @@ Examples:
   sm2 service info sum
   sm2 service info sum --json | jq -r .request.schema";
 
-/// The object that `--json` prints.
 #[derive(Serialize)]
 struct Info {
-    /// The domain's revision.
-    revision: u64,
     name: String,
-    request: Stated,
-    reply: Stated,
+    request: StatedType,
+    reply: StatedType,
     interfaces: Vec<Interface>,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let session = Session::open(&arguments.domain, "service-info")?;
-    let domain = session.snapshot()?;
-    let view = View::new(&domain);
     let service = &arguments.service;
-    let interfaces = interfaces::on(&view, SERVICE, "service", service)?;
-    let [request, reply] = match view.service_types(service) {
-        Some(types) => types.map(Some),
-        None => [None; 2],
-    };
-    let info = Info {
-        revision: domain.revision(),
-        name: service.to_string(),
-        request: Stated::of(&session, request)?,
-        reply: Stated::of(&session, reply)?,
-        interfaces,
-    };
-    let mut out = Output::new();
-    match arguments.json {
-        true => out.json(&info)?,
-        false => print(&info, &mut out)?,
-    }
-    Ok(Ended::Done)
+    arguments.options.print("service-info", |session, view| {
+        let interfaces = interfaces::on(view, SERVICE, "service", service)?;
+        let [request, reply] = match view.service_types(service) {
+            Some(types) => types.map(Some),
+            None => [None; 2],
+        };
+        Ok(Info {
+            name: service.to_string(),
+            request: StatedType::of(session, request)?,
+            reply: StatedType::of(session, reply)?,
+            interfaces,
+        })
+    })
 }
 
-fn print(info: &Info, out: &mut Output) -> Result<(), CliError> {
-    out.line(format_args!("service         {}", info.name))?;
-    for (what, half) in [("request", &info.request), ("reply", &info.reply)] {
-        match &half.data {
-            Some(data) => out.line(format_args!("{what:<16}{data}"))?,
-            None => out.line(format_args!("{what:<16}no interface has stated a type"))?,
-        }
-        let schema = format!("{what} schema");
-        out.line(format_args!("{schema:<16}{}", half.schema()))?;
+impl Report for Info {
+    fn text(&self) -> String {
+        let ([request, request_schema], [reply, reply_schema]) =
+            (self.request.texts(), self.reply.texts());
+        let facts = facts(&[
+            ("service", &self.name),
+            ("request", &request),
+            ("request schema", &request_schema),
+            ("reply", &reply),
+            ("reply schema", &reply_schema),
+        ]);
+        format!("{}\n\n{}", facts.join("\n"), table(&self.interfaces))
     }
-    out.line("")?;
-    out.line(table(&info.interfaces))
 }

@@ -7,13 +7,14 @@ mod list;
 use clap::Subcommand;
 
 pub(crate) use self::call::{ask, stopped};
-use crate::{ended::Ended, error::CliError};
+use crate::{ended::Ended, error::CliError, report::Options};
 
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     /// List the services of a domain
-    List(list::Arguments),
+    #[command(after_help = list::HELP)]
+    List(Options),
     /// Show a service: its types, its servers and clients
     Info(info::Arguments),
     /// Call a service and print the reply
@@ -27,7 +28,7 @@ pub(crate) enum Command {
 /// Any [`CliError`].
 pub(crate) fn run(command: &Command) -> Result<Ended, CliError> {
     match command {
-        Command::List(arguments) => list::run(arguments),
+        Command::List(options) => list::run(options),
         Command::Info(arguments) => info::run(arguments),
         Command::Call(arguments) => call::run(arguments),
     }

@@ -1,38 +1,22 @@
 //! `sm2 topic delay`: the delays of messages from publishing to receiving.
 
-use clap::Args;
 use serde::Serialize;
-use sm2_proto::{Kind, counters::Entry};
+use sm2_proto::Kind;
 
-use super::measure::{self, Look, Measure, cell};
+use super::measure::{Look, Measure, cell, help};
 use crate::{
-    ended::Ended,
-    error::CliError,
+    columns::{self, Column},
     sampling::{median_ns, millis},
 };
 
-/// `sm2 topic delay`.
-#[derive(Args, Debug)]
-#[command(after_help = HELP)]
-pub(crate) struct Arguments {
-    #[command(flatten)]
-    common: measure::Common,
-}
-
-const HELP: &str = "\
+pub(super) const HELP: &str = help!(
+    "\
 The delay of a message is the time from publishing until the subscriber's program receives it, in
 milliseconds. The figures cover up to 32 last messages of each link; WORST is the longest delay since
-the link was made. A program that is slow to receive its messages has long delays.
-
-The command reads counters that every node keeps: it does not subscribe, and publishers do not notice
-it. It waits for a topic that does not exist yet; with --count, for 10 s (see --timeout).
-
-Exit status: 0 ended by Ctrl-C or after --count reports, 1 failed, 2 wrong usage, 130 Ctrl-C before
---count reports were made.
-
-Examples:
-  sm2 topic delay scan
-  sm2 topic delay scan --json | jq '.links[].p50_ms'";
+the link was made. A program that is slow to receive its messages has long delays.",
+    "  sm2 topic delay scan
+  sm2 topic delay scan --json | jq '.links[].p50_ms'"
+);
 
 /// The delays of one link.
 #[derive(Serialize)]
@@ -50,62 +34,38 @@ pub(super) struct Row {
     worst_ms: f64,
 }
 
-struct Delay;
+impl columns::Row for Row {
+    const COLUMNS: &'static [Column<Self>] = &[
+        ("SUBSCRIBER", |it| it.subscriber.clone()),
+        ("PUBLISHER", |it| it.publisher.clone()),
+        ("MEAN ms", |it| cell(it.mean_ms, 3)),
+        ("P50 ms", |it| cell(it.p50_ms, 3)),
+        ("MAX ms", |it| cell(it.max_ms, 3)),
+        ("WORST ms", |it| cell(Some(it.worst_ms), 3)),
+        ("MESSAGES", |it| it.messages.to_string()),
+    ];
+}
 
-impl Measure<7> for Delay {
+impl Measure for Row {
     const ROLE: &str = "delay";
     const OF: Kind = Kind::Subscriber;
     const ROWS: &str = "links";
-    const HEADINGS: [&str; 7] = [
-        "SUBSCRIBER",
-        "PUBLISHER",
-        "MEAN ms",
-        "P50 ms",
-        "MAX ms",
-        "WORST ms",
-        "MESSAGES",
-    ];
     const TEXTS: usize = 2;
-    type Row = Row;
 
-    fn rows(look: &Look<'_>) -> Vec<Row> {
-        let row = |publisher, subscriber, entry: &Entry| {
+    fn rows(look: &Look<'_>) -> Vec<Self> {
+        look.of_links(|link| {
+            let entry = look.now.demanding(look.view.domain, link)?;
             let recent = entry.recent_delays();
-            Row {
-                publisher: look.view.name_of(publisher).to_owned(),
-                subscriber: look.view.name_of(subscriber).to_owned(),
+            Some(Self {
+                publisher: look.view.name_of(link.offering.node).to_owned(),
+                subscriber: look.view.name_of(link.demanding.node).to_owned(),
                 messages: entry.messages,
                 recent: recent.map_or(0, |it| it.count),
                 mean_ms: recent.map(|it| millis(it.mean_ns)),
                 p50_ms: median_ns(entry).map(millis),
                 max_ms: recent.map(|it| millis(it.max_ns)),
                 worst_ms: millis(entry.delay_max_ns),
-            }
-        };
-        let subscribers = look.counted(Kind::Subscriber);
-        let links = subscribers.flat_map(|it| look.view.links_of(it.entity));
-        links
-            .filter_map(|link| {
-                let entry = look.now.demanding(look.view.domain, link)?;
-                Some(row(link.offering.node, link.demanding.node, entry))
             })
-            .collect()
+        })
     }
-
-    fn cells(row: &Row) -> [String; 7] {
-        [
-            row.subscriber.clone(),
-            row.publisher.clone(),
-            cell(row.mean_ms, 3),
-            cell(row.p50_ms, 3),
-            cell(row.max_ms, 3),
-            cell(Some(row.worst_ms), 3),
-            row.messages.to_string(),
-        ]
-    }
-}
-
-/// Runs the command.
-pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    measure::run::<7, Delay>(&arguments.common)
 }

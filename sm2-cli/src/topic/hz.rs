@@ -1,38 +1,22 @@
 //! `sm2 topic hz`: the rate at which messages are published.
 
-use clap::Args;
 use serde::Serialize;
-use sm2_proto::{Kind, counters::Entry};
+use sm2_proto::Kind;
 
-use super::measure::{self, Look, Measure, cell};
+use super::measure::{Look, Measure, cell, help};
 use crate::{
-    ended::Ended,
-    error::CliError,
+    columns::{self, Column},
     sampling::{Millis, hundredths},
 };
 
-/// `sm2 topic hz`.
-#[derive(Args, Debug)]
-#[command(after_help = HELP)]
-pub(crate) struct Arguments {
-    #[command(flatten)]
-    common: measure::Common,
-}
-
-const HELP: &str = "\
+pub(super) const HELP: &str = help!(
+    "\
 HZ is the number of messages that each publisher published per second of the interval. The other
-columns are the times between its last messages, up to 32 of them, in milliseconds.
-
-The command reads counters that every node keeps: it does not subscribe, and publishers do not notice
-it. It waits for a topic that does not exist yet; with --count, for 10 s (see --timeout).
-
-Exit status: 0 ended by Ctrl-C or after --count reports, 1 failed, 2 wrong usage, 130 Ctrl-C before
---count reports were made.
-
-Examples:
-  sm2 topic hz scan
+columns are the times between its last messages, up to 32 of them, in milliseconds.",
+    "  sm2 topic hz scan
   sm2 topic hz scan --interval 200ms --count 5
-  sm2 topic hz scan --json | jq '.publishers[].hz'";
+  sm2 topic hz scan --json | jq '.publishers[].hz'"
+);
 
 /// A publisher.
 #[derive(Serialize)]
@@ -47,56 +31,39 @@ pub(super) struct Row {
     gap_ms: Option<Millis>,
 }
 
-struct Hz;
-
-impl Measure<7> for Hz {
-    const ROLE: &str = "hz";
-    const OF: Kind = Kind::Publisher;
-    const ROWS: &str = "publishers";
-    const HEADINGS: [&str; 7] = [
-        "PUBLISHER",
-        "HZ",
-        "MEAN ms",
-        "MIN ms",
-        "MAX ms",
-        "STD DEV ms",
-        "MESSAGES",
-    ];
-    const TEXTS: usize = 1;
-    type Row = Row;
-
-    fn rows(look: &Look<'_>) -> Vec<Row> {
-        let domain = look.view.domain;
-        let row = |entity| {
-            let entry: &Entry = look.now.interface(domain, entity)?;
-            let rate = look.now.rate(look.before, domain, entity);
-            Some(Row {
-                node: look.view.name_of(entity.node).to_owned(),
-                interface: entity.interface.0,
-                messages: entry.messages,
-                hz: rate.map(|rate| hundredths(rate.messages_per_s)),
-                gap_ms: entry.gaps().map(Millis::from),
-            })
-        };
-        let publishers = look.counted(Kind::Publisher);
-        publishers.filter_map(|it| row(it.entity)).collect()
-    }
-
-    fn cells(row: &Row) -> [String; 7] {
-        let gap = |of: fn(&Millis) -> f64| cell(row.gap_ms.as_ref().map(of), 3);
-        [
-            row.node.clone(),
-            cell(row.hz, 2),
-            gap(|it| it.mean),
-            gap(|it| it.min),
-            gap(|it| it.max),
-            gap(|it| it.std_dev),
-            row.messages.to_string(),
-        ]
+impl Row {
+    fn gap(&self, of: fn(&Millis) -> f64) -> String {
+        cell(self.gap_ms.as_ref().map(of), 3)
     }
 }
 
-/// Runs the command.
-pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    measure::run::<7, Hz>(&arguments.common)
+impl columns::Row for Row {
+    const COLUMNS: &'static [Column<Self>] = &[
+        ("PUBLISHER", |it| it.node.clone()),
+        ("HZ", |it| cell(it.hz, 2)),
+        ("MEAN ms", |it| it.gap(|gap| gap.mean)),
+        ("MIN ms", |it| it.gap(|gap| gap.min)),
+        ("MAX ms", |it| it.gap(|gap| gap.max)),
+        ("STD DEV ms", |it| it.gap(|gap| gap.std_dev)),
+        ("MESSAGES", |it| it.messages.to_string()),
+    ];
+}
+
+impl Measure for Row {
+    const ROLE: &str = "hz";
+    const OF: Kind = Kind::Publisher;
+    const ROWS: &str = "publishers";
+    const TEXTS: usize = 1;
+
+    fn rows(look: &Look<'_>) -> Vec<Self> {
+        look.of_interfaces(|entity, entry| Self {
+            node: look.view.name_of(entity.node).to_owned(),
+            interface: entity.interface.0,
+            messages: entry.messages,
+            hz: look
+                .rate(entity)
+                .map(|rate| hundredths(rate.messages_per_s)),
+            gap_ms: entry.gaps().map(Millis::from),
+        })
+    }
 }

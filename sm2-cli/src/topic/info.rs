@@ -1,18 +1,18 @@
+//! `sm2 topic info`.
+
 use clap::Args;
 use serde::Serialize;
 use sm2_proto::Name;
 
 use crate::{
-    args::{Domain, name},
-    broken_promises::{LostLiveliness, MissedDeadlines},
-    connect::Session,
+    args::name,
     ended::Ended,
     error::CliError,
-    interfaces::{self, Interface, Stated, table},
-    output::Output,
+    interface_troubles::InterfaceTroubles,
+    interfaces::{self, Interface, StatedType, table},
+    report::{Options, Report, facts},
     sampling::Sample,
-    unheard::Unheard,
-    view::{TOPIC, View},
+    view::TOPIC,
 };
 
 /// `sm2 topic info`.
@@ -22,11 +22,8 @@ pub(crate) struct Arguments {
     /// The topic
     #[arg(value_name = "NAME", value_parser = name)]
     topic: Name,
-    /// Print one JSON object
-    #[arg(long)]
-    json: bool,
     #[command(flatten)]
-    domain: Domain,
+    options: Options,
 }
 
 const HELP: &str = "\
@@ -39,70 +36,44 @@ Exit status: 0 shown, 1 the topic has no publisher and no subscriber, 2 wrong us
 
 Examples:
   sm2 topic info scan
-  sm2 topic info scan --json | jq -r .schema";
+  sm2 topic info scan --json | jq -r .type.schema";
 
-/// The object that `--json` prints.
 #[derive(Serialize)]
 struct Info {
-    /// The domain's revision.
-    revision: u64,
     name: String,
-    #[serde(flatten)]
-    stated: Stated,
+    #[serde(rename = "type")]
+    data: StatedType,
     interfaces: Vec<Interface>,
-    /// The publishers that published messages while no subscriber was linked.
-    unheard: Vec<Unheard>,
-    /// The publishers and subscribers that missed their deadlines.
-    missed_deadlines: Vec<MissedDeadlines>,
-    /// The publishers that stopped being alive, and the subscribers that noticed it.
-    lost_liveliness: Vec<LostLiveliness>,
+    #[serde(flatten)]
+    troubles: InterfaceTroubles,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let session = Session::open(&arguments.domain, "topic-info")?;
-    let domain = session.snapshot()?;
-    let view = View::new(&domain);
     let topic = &arguments.topic;
-    let interfaces = interfaces::on(&view, TOPIC, "topic", topic)?;
-    let on_topic = (domain.interfaces())
-        .filter(|it| TOPIC.contains(&it.contract.kind()) && it.contract.name() == topic);
-    let all: Vec<_> = on_topic.map(|it| it.entity).collect();
-    let nodes = all.iter().map(|it| it.node).collect();
-    let sample = Sample::if_known(&session.node, &domain, &nodes);
-    let info = Info {
-        revision: domain.revision(),
-        name: topic.to_string(),
-        stated: Stated::of(&session, view.topic_type(topic))?,
-        unheard: Unheard::find(&view, &sample, &all),
-        missed_deadlines: MissedDeadlines::find(&view, &sample, &all),
-        lost_liveliness: LostLiveliness::find(&view, &sample, &all),
-        interfaces,
-    };
-    let mut out = Output::new();
-    match arguments.json {
-        true => out.json(&info)?,
-        false => print(&info, &mut out)?,
-    }
-    Ok(Ended::Done)
+    arguments.options.print("topic-info", |session, view| {
+        let interfaces = interfaces::on(view, TOPIC, "topic", topic)?;
+        let entities: Vec<_> = interfaces.iter().map(Interface::entity).collect();
+        let nodes = entities.iter().map(|it| it.node).collect();
+        let sample = Sample::if_known(&session.node, view.domain, &nodes);
+        Ok(Info {
+            name: topic.to_string(),
+            data: StatedType::of(session, view.topic_type(topic))?,
+            interfaces,
+            troubles: InterfaceTroubles::find(view, &sample, &entities),
+        })
+    })
 }
 
-fn print(info: &Info, out: &mut Output) -> Result<(), CliError> {
-    out.line(format_args!("topic   {}", info.name))?;
-    match &info.stated.data {
-        Some(data) => out.line(format_args!("type    {data}"))?,
-        None => out.line("type    no interface has stated one")?,
+impl Report for Info {
+    fn text(&self) -> String {
+        let [data, schema] = self.data.texts();
+        let facts = facts(&[("topic", &self.name), ("type", &data), ("schema", &schema)]);
+        let table = [String::new(), table(&self.interfaces).to_string()];
+        let lines: Vec<_> = facts
+            .into_iter()
+            .chain(table)
+            .chain(self.troubles.lines())
+            .collect();
+        lines.join("\n")
     }
-    out.line(format_args!("schema  {}", info.stated.schema()))?;
-    out.line("")?;
-    out.line(table(&info.interfaces))?;
-    for publisher in &info.unheard {
-        out.line(format_args!("{publisher}"))?;
-    }
-    for interface in &info.missed_deadlines {
-        out.line(format_args!("{interface}"))?;
-    }
-    for interface in &info.lost_liveliness {
-        out.line(format_args!("{interface}"))?;
-    }
-    Ok(())
 }

@@ -1,24 +1,16 @@
 //! `sm2 topic loss`: the fates of messages.
 
-use clap::Args;
 use serde::{Serialize, Serializer};
 use sm2_proto::{
     Kind,
     link::{Counters, Fate},
 };
 
-use super::measure::{self, Look, Measure, cell};
-use crate::{ended::Ended, error::CliError};
+use super::measure::{Look, Measure, cell, help};
+use crate::columns::{self, Column};
 
-/// `sm2 topic loss`.
-#[derive(Args, Debug)]
-#[command(after_help = HELP)]
-pub(crate) struct Arguments {
-    #[command(flatten)]
-    common: measure::Common,
-}
-
-const HELP: &str = "\
+pub(super) const HELP: &str = help!(
+    "\
 Each number counts the messages of a link since it was made:
   OFFERED      the sum of the next nine
   DELIVERED    released by the subscriber's program
@@ -31,17 +23,10 @@ Each number counts the messages of a link since it was made:
   EXPIRED      older than their lifespan
   IN FLIGHT    sent, and not settled yet
   LOST         counted as lost by the subscriber
-  AWAY         published before the link was made, after an earlier link of the same pair had ended
-
-The command reads counters that every node keeps: it does not subscribe, and publishers do not notice
-it. It waits for a topic that does not exist yet; with --count, for 10 s (see --timeout).
-
-Exit status: 0 ended by Ctrl-C or after --count reports, 1 failed, 2 wrong usage, 130 Ctrl-C before
---count reports were made.
-
-Examples:
-  sm2 topic loss camera
-  sm2 topic loss camera --count 1 --json | jq '.links[] | select(.lost > 0)'";
+  AWAY         published before the link was made, after an earlier link of the same pair had ended",
+    "  sm2 topic loss camera
+  sm2 topic loss camera --count 1 --json | jq '.links[] | select(.lost > 0)'"
+);
 
 /// A link.
 #[derive(Serialize)]
@@ -60,78 +45,60 @@ pub(super) struct Row {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Fates(pub(crate) Counters);
 
-impl Fates {
-    /// The names and numbers in the order in which they are shown. The first number is the sum of the others.
-    fn all(self) -> impl Iterator<Item = (&'static str, u64)> {
+impl Serialize for Fates {
+    /// The first number is the sum of the others.
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let fates = Fate::ALL.map(|fate| (fate.as_str(), self.0.of(fate)));
         let offered = [("offered", self.0.offered)].into_iter();
-        offered
-            .chain(fates)
-            .chain([("in_flight", self.0.in_flight)])
+        let in_flight = [("in_flight", self.0.in_flight)];
+        serializer.collect_map(offered.chain(fates).chain(in_flight))
     }
 }
 
-impl Serialize for Fates {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_map(self.all())
+impl Row {
+    fn of(&self, fate: Fate) -> String {
+        self.fates.0.of(fate).to_string()
     }
 }
 
-struct Loss;
+impl columns::Row for Row {
+    const COLUMNS: &'static [Column<Self>] = &[
+        ("PUBLISHER", |it| it.publisher.clone()),
+        ("SUBSCRIBER", |it| it.subscriber.clone()),
+        ("OFFERED", |it| it.fates.0.offered.to_string()),
+        ("DELIVERED", |it| it.of(Fate::Delivered)),
+        ("OVERWRITTEN", |it| it.of(Fate::Overwritten)),
+        ("DISCARDED", |it| it.of(Fate::Discarded)),
+        ("DEADLINE", |it| it.of(Fate::Deadline)),
+        ("CLOSED", |it| it.of(Fate::Closed)),
+        ("POOL LIMIT", |it| it.of(Fate::PoolLimit)),
+        ("TOO LONG", |it| it.of(Fate::TooLong)),
+        ("EXPIRED", |it| it.of(Fate::Expired)),
+        ("IN FLIGHT", |it| it.fates.0.in_flight.to_string()),
+        ("LOST", |it| cell(it.lost.map(|lost| lost as f64), 0)),
+        ("AWAY", |it| cell(it.away.map(|away| away as f64), 0)),
+    ];
+}
 
-impl Measure<14> for Loss {
+impl Measure for Row {
     const ROLE: &str = "loss";
     const OF: Kind = Kind::Publisher;
     const ROWS: &str = "links";
-    const HEADINGS: [&str; 14] = [
-        "PUBLISHER",
-        "SUBSCRIBER",
-        "OFFERED",
-        "DELIVERED",
-        "OVERWRITTEN",
-        "DISCARDED",
-        "NO ROOM",
-        "CLOSED",
-        "POOL LIMIT",
-        "TOO LONG",
-        "EXPIRED",
-        "IN FLIGHT",
-        "LOST",
-        "AWAY",
-    ];
     const TEXTS: usize = 2;
-    type Row = Row;
 
-    fn rows(look: &Look<'_>) -> Vec<Row> {
-        let publishers = look.counted(Kind::Publisher);
-        let links = publishers.flat_map(|it| look.view.links_of(it.entity));
-        links
-            .filter_map(|link| {
-                let entry = look.now.offering(look.view.domain, link)?;
-                let taken = look.now.demanding(look.view.domain, link);
-                Some(Row {
-                    publisher: look.view.name_of(link.offering.node).to_owned(),
-                    subscriber: look.view.name_of(link.demanding.node).to_owned(),
-                    fates: Fates(entry.fates),
-                    lost: taken.map(|entry| entry.lost),
-                    away: taken.map(|entry| entry.away),
-                })
+    fn rows(look: &Look<'_>) -> Vec<Self> {
+        look.of_links(|link| {
+            let entry = look.now.offering(look.view.domain, link)?;
+            let taken = look.now.demanding(look.view.domain, link);
+            Some(Self {
+                publisher: look.view.name_of(link.offering.node).to_owned(),
+                subscriber: look.view.name_of(link.demanding.node).to_owned(),
+                fates: Fates(entry.fates),
+                lost: taken.map(|entry| entry.lost),
+                away: taken.map(|entry| entry.away),
             })
-            .collect()
+        })
     }
-
-    fn cells(row: &Row) -> [String; 14] {
-        let ends = [row.publisher.clone(), row.subscriber.clone()].into_iter();
-        let fates = row.fates.all().map(|(_, messages)| messages.to_string());
-        let losses = [row.lost, row.away].map(|it| cell(it.map(|messages| messages as f64), 0));
-        let mut cells = ends.chain(fates).chain(losses);
-        std::array::from_fn(|_| cells.next().unwrap_or_default())
-    }
-}
-
-/// Runs the command.
-pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    measure::run::<14, Loss>(&arguments.common)
 }
 
 #[cfg(test)]
@@ -139,11 +106,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_number_has_the_heading_of_its_name() {
-        let names = Fates(Counters::default()).all();
-        let names: Vec<_> = names
-            .map(|(name, _)| name.to_uppercase().replace('_', " "))
-            .collect();
-        assert_eq!(names, <Loss as Measure<14>>::HEADINGS[2..12]);
+    fn each_fate_has_a_column_of_its_name() {
+        let headings = <Row as columns::Row>::COLUMNS
+            .iter()
+            .map(|(heading, _)| *heading);
+        let headings: Vec<_> = headings.skip(3).take(Fate::ALL.len()).collect();
+        let names = Fate::ALL.map(|it| it.as_str().to_uppercase().replace('_', " "));
+        assert_eq!(names, *headings);
     }
 }

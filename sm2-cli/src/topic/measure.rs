@@ -1,17 +1,21 @@
 //! The common part of `hz`, `bw`, `delay` and `loss`: they wait for the topic, and then read the counters of
 //! its nodes once per interval.
 
-use std::{collections::BTreeSet, marker::PhantomData, os::fd::AsFd, time::Duration};
+use std::{collections::BTreeSet, os::fd::AsFd, slice, time::Duration};
 
 use clap::Args;
 use serde::Serialize;
 use serde_json::json;
 use sm2_io::clock;
-use sm2_proto::{Instant, Kind, Name, NodeId, domain::InterfaceView};
+use sm2_proto::{
+    EntityId, Instant, Kind, Name, NodeId,
+    counters::{Entry, Rate},
+    domain::LinkView,
+};
 
 use crate::{
     args::{self, Domain},
-    columns::Stream,
+    columns::{Row, Stream},
     connect::Session,
     ended::Ended,
     error::CliError,
@@ -24,9 +28,9 @@ use crate::{
     wait::For,
 };
 
-/// The arguments of all of these commands.
+/// The arguments of each of these commands.
 #[derive(Args, Debug)]
-pub(crate) struct Common {
+pub(crate) struct Arguments {
     /// The topic
     #[arg(value_name = "NAME", value_parser = args::name)]
     topic: Name,
@@ -49,7 +53,7 @@ pub(crate) struct Common {
 /// The default of `--timeout` for a command that ends by itself: it must not wait forever.
 const TIMEOUT_WITH_COUNT: Duration = Duration::from_secs(10);
 
-impl Common {
+impl Arguments {
     /// The longest wait for something to measure; `None` for a command that only a signal ends.
     fn timeout(&self) -> Option<Duration> {
         self.timeout
@@ -57,58 +61,92 @@ impl Common {
     }
 }
 
-/// One of these commands.
-pub(super) trait Measure<const N: usize> {
+/// The help of one of these commands: its own text, and its examples.
+macro_rules! help {
+    ($own:literal, $examples:literal) => {
+        concat!(
+            $own,
+            "
+
+The command reads counters that every node keeps: it does not subscribe, and publishers do not notice
+it. It waits for a topic that does not exist yet; with --count, for 10 s (see --timeout).
+
+Exit status: 0 ended by Ctrl-C or after --count reports, 1 failed, 2 wrong usage, 130 Ctrl-C before
+--count reports were made.
+
+Examples:
+",
+            $examples
+        )
+    };
+}
+
+pub(super) use help;
+
+/// One of these commands, as a row of its reports.
+pub(super) trait Measure: Row + Serialize {
     /// The role of the command's node, a part of the node's name.
     const ROLE: &str;
     /// The kind of interface whose counters a report needs.
     const OF: Kind;
     /// The name of a report's rows in JSON.
     const ROWS: &str;
-    /// The columns of its table.
-    const HEADINGS: [&str; N];
     /// The number of leading columns that hold texts.
     const TEXTS: usize;
-    /// A row as JSON.
-    type Row: Serialize;
 
     /// The rows of a report.
-    fn rows(look: &Look<'_>) -> Vec<Self::Row>;
-
-    /// A row as cells.
-    fn cells(row: &Self::Row) -> [String; N];
+    fn rows(look: &Look<'_>) -> Vec<Self>;
 }
 
 /// The input of a report: the domain, and two samples of its counters.
 pub(super) struct Look<'a> {
     pub(super) view: View<'a>,
-    pub(super) topic: &'a Name,
+    topic: &'a Name,
+    /// The kind of interface that is measured.
+    of: Kind,
     pub(super) now: &'a Sample,
     pub(super) before: &'a Sample,
 }
 
-impl<'a> Look<'a> {
-    /// The topic's interfaces of a kind whose nodes keep counters.
-    pub(super) fn counted(&self, kind: Kind) -> impl Iterator<Item = InterfaceView<'a>> {
-        let all = self.view.granted();
-        all.filter(move |it| it.contract.kind() == kind && it.contract.name() == self.topic)
-            .filter(|it| self.now.interface(self.view.domain, it.entity).is_some())
+impl Look<'_> {
+    /// The rows of the topic's interfaces whose nodes keep counters.
+    pub(super) fn of_interfaces<R>(&self, row: impl Fn(EntityId, &Entry) -> R) -> Vec<R> {
+        let rows = self.counted().map(|(entity, entry)| row(entity, entry));
+        rows.collect()
+    }
+
+    /// The rows of the links of these interfaces.
+    pub(super) fn of_links<R>(&self, row: impl Fn(&LinkView) -> Option<R>) -> Vec<R> {
+        let interfaces = self.counted();
+        let links = interfaces.flat_map(|(entity, _)| self.view.links_of(entity));
+        links.filter_map(row).collect()
+    }
+
+    /// The rate of an interface. `None` for one that came during the interval.
+    pub(super) fn rate(&self, entity: EntityId) -> Option<Rate> {
+        self.now.rate(self.before, self.view.domain, entity)
+    }
+
+    fn counted(&self) -> impl Iterator<Item = (EntityId, &Entry)> {
+        let all = self.view.on(self.topic, slice::from_ref(&self.of));
+        let entry = |entity| self.now.interface(self.view.domain, entity);
+        all.filter_map(move |it| Some((it.entity, entry(it.entity)?)))
     }
 }
 
 /// Prints reports until a signal comes, the reader of the output ends, or `--count` reports were printed.
-pub(super) fn run<const N: usize, M: Measure<N>>(arguments: &Common) -> Result<Ended, CliError> {
+pub(super) fn run<M: Measure>(arguments: &Arguments) -> Result<Ended, CliError> {
     let session = Session::open(&arguments.domain, M::ROLE)?;
     let mut follow = Follow::new(&session, arguments.domain.connect_timeout)?;
     let mut sampler = Sampler::new();
-    let mut printer = Printer::<N, M>::new(arguments);
+    let mut printer = Printer::<M>::new(arguments);
     let mut before: Option<Sample> = None;
     let mut due = clock::now();
     let mut reports = 0;
     while arguments.count.is_none_or(|count| reports < count) {
-        if !is_there::<N, M>(&follow, &arguments.topic) {
+        if !is_there(&follow, &arguments.topic, M::OF) {
             before = None;
-            if !await_topic::<N, M>(&session, &mut follow, arguments, &printer.out)? {
+            if !await_topic(&session, &mut follow, arguments, M::OF, &printer.out)? {
                 return Ok(ended(&session, arguments));
             }
             due = clock::now();
@@ -119,6 +157,7 @@ pub(super) fn run<const N: usize, M: Measure<N>>(arguments: &Common) -> Result<E
             let look = Look {
                 view: View::new(follow.domain()),
                 topic: &arguments.topic,
+                of: M::OF,
                 now: &now,
                 before,
             };
@@ -137,18 +176,17 @@ pub(super) fn run<const N: usize, M: Measure<N>>(arguments: &Common) -> Result<E
 }
 
 /// The result after a signal or the end of the reader. Without `--count`, both are the regular end.
-fn ended(session: &Session, arguments: &Common) -> Ended {
+fn ended(session: &Session, arguments: &Arguments) -> Ended {
     match session.stopped() {
         Some(signal) if arguments.count.is_some() => Ended::Stopped(signal),
         _ => Ended::Done,
     }
 }
 
-fn is_there<const N: usize, M: Measure<N>>(follow: &Follow<'_>, topic: &Name) -> bool {
+fn is_there(follow: &Follow<'_>, topic: &Name, kind: Kind) -> bool {
     let mut interfaces = follow.domain().interfaces();
-    interfaces.any(|it| {
-        it.refused.is_none() && it.contract.kind() == M::OF && it.contract.name() == topic
-    })
+    interfaces
+        .any(|it| it.refused.is_none() && it.contract.kind() == kind && it.contract.name() == topic)
 }
 
 /// The nodes with an interface on a topic.
@@ -162,10 +200,11 @@ fn nodes_on(follow: &Follow<'_>, topic: &Name) -> BTreeSet<NodeId> {
 /// # Errors
 ///
 /// [`CliError::NothingToMeasure`] after the timeout.
-fn await_topic<const N: usize, M: Measure<N>>(
+fn await_topic(
     session: &Session,
     follow: &mut Follow<'_>,
-    arguments: &Common,
+    arguments: &Arguments,
+    kind: Kind,
     out: &Output,
 ) -> Result<bool, CliError> {
     let topic = &arguments.topic;
@@ -178,11 +217,8 @@ fn await_topic<const N: usize, M: Measure<N>>(
         true => String::new(),
         false => names::hint(topic.as_str(), known),
     };
-    stderr_line!(
-        "sm2: waiting for a {} of {topic} (Ctrl-C ends){hint}",
-        M::OF
-    );
-    while !is_there::<N, M>(follow, topic) {
+    stderr_line!("sm2: waiting for a {kind} of {topic} (Ctrl-C ends){hint}");
+    while !is_there(follow, topic, kind) {
         let woken = follow.wait(&[(out.as_fd(), For::Hangup)], until)?;
         if session.stopped().is_some() || woken.ready == [true] {
             return Ok(false);
@@ -190,7 +226,7 @@ fn await_topic<const N: usize, M: Measure<N>>(
         if let Some(timeout) = timeout.filter(|timeout| clock::now().since(start) >= *timeout) {
             return Err(CliError::NothingToMeasure {
                 topic: topic.clone(),
-                kind: M::OF,
+                kind,
                 seconds: timeout.as_secs_f64(),
             });
         }
@@ -217,23 +253,21 @@ fn sleep(
 }
 
 /// Prints reports.
-struct Printer<'a, const N: usize, M> {
-    arguments: &'a Common,
+struct Printer<'a, M> {
+    arguments: &'a Arguments,
     out: Output,
-    table: Stream<N>,
+    table: Stream<M>,
     /// The nodes that were already reported as nodes without counters.
     named: BTreeSet<Name>,
-    measure: PhantomData<M>,
 }
 
-impl<'a, const N: usize, M: Measure<N>> Printer<'a, N, M> {
-    fn new(arguments: &'a Common) -> Self {
+impl<'a, M: Measure> Printer<'a, M> {
+    fn new(arguments: &'a Arguments) -> Self {
         Self {
             arguments,
             out: Output::new(),
-            table: Stream::new(M::HEADINGS, M::TEXTS),
+            table: Stream::new(M::TEXTS),
             named: BTreeSet::new(),
-            measure: PhantomData,
         }
     }
 
@@ -256,8 +290,7 @@ impl<'a, const N: usize, M: Measure<N>> Printer<'a, N, M> {
                 M::ROWS: rows,
             }))?;
         } else {
-            let cells: Vec<_> = rows.iter().map(M::cells).collect();
-            for line in self.table.lines(&cells) {
+            for line in self.table.lines(&rows) {
                 self.out.line(line)?;
             }
         }

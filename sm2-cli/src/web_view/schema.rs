@@ -5,7 +5,7 @@ use sm2_proto::Name;
 use crate::{
     connect::Session,
     error::CliError,
-    interfaces::Stated,
+    interfaces::StatedType,
     view::{SERVICE, TOPIC, View},
 };
 
@@ -26,8 +26,9 @@ pub(super) fn lines(
     };
     let mut lines = Vec::new();
     for (role, data) in [of_topic, request, reply].into_iter().flatten() {
+        let [_, schema] = StatedType::of(session, Some(data))?.texts();
         lines.push(format!("{role} {}", data.name));
-        lines.extend(broken(Stated::of(session, Some(data))?.schema()));
+        lines.extend(broken(&schema));
     }
     if lines.is_empty() {
         let is_known = [TOPIC, SERVICE].map(|kinds| view.names(kinds).contains(name));

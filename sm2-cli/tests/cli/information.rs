@@ -21,13 +21,16 @@ fn a_topic_is_shown_with_its_type_and_interfaces() {
     let info = domain.json(&["topic", "info", "/acceleration"]);
     assert_eq!(info["name"], "acceleration");
     assert_eq!(info["type"]["name"], "f64-list");
-    assert_eq!(info["schema"], "plain:list[f64]");
+    assert_eq!(info["type"]["schema"], "plain:list[f64]");
+    let listed = &domain.list("topic")["topics"][0]["type"];
+    assert_eq!(info["type"]["hash"], listed["hash"]);
     let interfaces = info["interfaces"].as_array().unwrap();
     let publisher = interfaces
         .iter()
         .find(|it| it["kind"] == "publisher")
         .unwrap();
     assert_eq!(publisher["node"], "imu");
+    assert_eq!(&publisher["type"], listed);
     let qos = json!({
         "depth": 3,
         "reliable": false,

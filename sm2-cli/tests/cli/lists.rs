@@ -42,7 +42,7 @@ fn topics_are_listed_with_their_counts() {
     let expected = json!([
         {
             "name": "imu",
-            "type": { "name": "sensor/Imu", "schema": "00000000000000ab" },
+            "type": { "name": "sensor/Imu", "hash": "00000000000000ab" },
             "publishers": 1, "subscribers": 2, "links": 2,
         },
         { "name": "map", "type": null, "publishers": 0, "subscribers": 1, "links": 0 },

@@ -118,6 +118,8 @@ fn services_are_listed_and_shown() {
 
         let info = domain.json(&["service", "info", "sum"]);
         assert_eq!(info["request"]["schema"], "plain:list[f64]");
+        assert_eq!(info["request"]["hash"], service["request"]["hash"]);
+        assert_eq!(info["interfaces"][0]["request"], service["request"]);
         assert_eq!(info["interfaces"][0]["node"], "adder");
         assert_eq!(info["interfaces"][0]["kind"], "server");
         let text = domain.run(&["service", "info", "sum"]).stdout();

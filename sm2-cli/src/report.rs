@@ -1,0 +1,105 @@
+//! The frame of the commands that report on the domain as it is now: the lists and `info`.
+
+use clap::Args;
+use serde::{Serialize, Serializer};
+
+use crate::{
+    args::Domain,
+    columns::{Row, Table},
+    connect::Session,
+    ended::Ended,
+    error::CliError,
+    output::Output,
+    view::View,
+};
+
+/// The answer of a command. `--json` prints it as one object.
+pub(crate) trait Report: Serialize {
+    /// The lines for people.
+    fn text(&self) -> String;
+}
+
+/// Prints a report.
+///
+/// # Errors
+///
+/// [`CliError::Output`].
+pub(crate) fn print(report: &impl Report, json: bool) -> Result<(), CliError> {
+    let mut out = Output::new();
+    match json {
+        true => out.json(report),
+        false => out.line(report.text()),
+    }
+}
+
+/// The options of a command that reports on the domain.
+#[derive(Args, Debug)]
+pub(crate) struct Options {
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    domain: Domain,
+}
+
+impl Options {
+    /// Prints a report on the domain at one revision. `role` is a part of the name of the command's node.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Session::open`] and of `report`, [`CliError::Query`], [`CliError::Output`].
+    pub(crate) fn print<R: Report>(
+        &self,
+        role: &str,
+        report: impl FnOnce(&Session, &View<'_>) -> Result<R, CliError>,
+    ) -> Result<Ended, CliError> {
+        let session = Session::open(&self.domain, role)?;
+        let domain = session.snapshot()?;
+        let report = Dated {
+            revision: domain.revision(),
+            report: report(&session, &View::new(&domain))?,
+        };
+        print(&report, self.json)?;
+        Ok(Ended::Done)
+    }
+}
+
+/// A report with the revision of the domain that it is about.
+#[derive(Serialize)]
+struct Dated<R> {
+    revision: u64,
+    #[serde(flatten)]
+    report: R,
+}
+
+impl<R: Report> Report for Dated<R> {
+    fn text(&self) -> String {
+        self.report.text()
+    }
+}
+
+/// A list: a table, and in JSON an array under a name.
+pub(crate) struct List<R> {
+    pub(crate) name: &'static str,
+    pub(crate) rows: Vec<R>,
+}
+
+impl<R: Row + Serialize> Report for List<R> {
+    fn text(&self) -> String {
+        Table(&self.rows).to_string()
+    }
+}
+
+impl<R: Serialize> Serialize for List<R> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map([(self.name, &self.rows)])
+    }
+}
+
+/// A line for each fact, with the values below each other.
+pub(crate) fn facts(facts: &[(&str, &str)]) -> Vec<String> {
+    let labels = facts.iter().map(|(label, _)| label.chars().count());
+    let width = labels.max().unwrap_or(0);
+    let line = |(label, value): &(&str, &str)| format!("{label:<width$}  {value}");
+    facts.iter().map(line).collect()
+}
