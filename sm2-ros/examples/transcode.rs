@@ -29,7 +29,7 @@ fn main() -> Result<(), Error> {
             .map(|at| u8::from_str_radix(&digits[2 * at..][..2], 16))
             .collect::<Result<Vec<_>, _>>()?;
         let type_name = name.parse()?;
-        let json = decode(&set, &type_name, &bytes, usize::MAX)?.to_json();
+        let json = serde_json::to_value(decode(&set, &type_name, &bytes, usize::MAX)?)?;
         let again = digits_of(&encode(&set, &type_name, &json)?);
         let mut typed = Typed {
             name,

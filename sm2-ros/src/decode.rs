@@ -53,7 +53,7 @@ impl<'a> Decoder<'a> {
         for field in &message.fields {
             let value = self.field(&field.ty);
             let value = value.map_err(|error| error.within(&field.name))?;
-            fields.push((&*field.name, value));
+            fields.push((field.name.as_ref().into(), value));
         }
         Ok(Value::Struct(fields))
     }

@@ -3,8 +3,9 @@
 use serde_json::Value as Json;
 use sm2_ros_idl::{Base, Field, FieldType, Message, Primitive, Set, Shape, TypeName};
 
-use crate::EncodeError;
 use crate::cdr::Writer;
+use crate::value::{float, found};
+use crate::{EncodeError, FieldPath};
 
 /// Encodes a JSON object as a message of the type `name`. Fields that the object lacks have the default value
 /// of the definition, or else zero, the empty text or the empty sequence. The texts `NaN`, `inf` and `-inf` are
@@ -49,7 +50,7 @@ impl Encoder<'_> {
         let mut names = object.into_iter().flat_map(|it| it.keys());
         if let Some(field) = names.find(|it| message.fields.iter().all(|f| *f.name != ***it)) {
             return Err(EncodeError::Field {
-                path: String::new(),
+                path: FieldPath::MESSAGE,
                 ty: message.name.to_string(),
                 field: field.clone(),
             });
@@ -184,7 +185,7 @@ impl Encoder<'_> {
             return Ok(());
         }
         Err(EncodeError::TooLong {
-            path: String::new(),
+            path: FieldPath::MESSAGE,
             max: MAX_BYTES,
         })
     }
@@ -195,21 +196,9 @@ impl Encoder<'_> {
             return Ok(());
         }
         Err(EncodeError::Missing {
-            path: String::new(),
+            path: FieldPath::MESSAGE,
             max: MISSING_MAX,
         })
-    }
-}
-
-fn float(given: &Json) -> Option<f64> {
-    match given {
-        Json::String(text) => match text.as_str() {
-            "NaN" => Some(f64::NAN),
-            "inf" => Some(f64::INFINITY),
-            "-inf" => Some(f64::NEG_INFINITY),
-            _ => None,
-        },
-        other => other.as_f64(),
     }
 }
 
@@ -249,20 +238,17 @@ fn unquoted(text: &str) -> &str {
     inner('"').or_else(|| inner('\'')).unwrap_or(text)
 }
 
-fn wrong(expected: &str, found: &Json) -> EncodeError {
-    /// The most characters of a found value that an error shows.
-    const CHARS: usize = 40;
-    let found = found.to_string();
+fn wrong(expected: &str, given: &Json) -> EncodeError {
     EncodeError::Value {
-        path: String::new(),
+        path: FieldPath::MESSAGE,
         expected: expected.to_owned(),
-        found: found.chars().take(CHARS).collect(),
+        found: found(given),
     }
 }
 
 fn wrong_len(expected: &str, found: Option<usize>) -> EncodeError {
     EncodeError::Value {
-        path: String::new(),
+        path: FieldPath::MESSAGE,
         expected: expected.to_owned(),
         found: found.unwrap_or(0).to_string(),
     }

@@ -1,6 +1,34 @@
 //! Errors of decoding the bytes of a message, and of encoding a message.
 
+use std::fmt;
+
 use sm2_ros_idl::SetError;
+
+/// The path of fields and elements to a value, such as `points[3].x`. That of the whole message is shown as `message`.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct FieldPath(String);
+
+impl FieldPath {
+    /// The path to the whole message.
+    pub const MESSAGE: Self = Self(String::new());
+
+    /// Puts a step in front: the name of a field, or an element (`[3]`).
+    pub fn prepend(&mut self, step: &str) {
+        if !self.0.is_empty() && !self.0.starts_with('[') {
+            self.0.insert(0, '.');
+        }
+        self.0.insert_str(0, step);
+    }
+}
+
+impl fmt::Display for FieldPath {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match &*self.0 {
+            "" => "message",
+            path => path,
+        })
+    }
+}
 
 /// Bytes that are not a message of the type.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -9,7 +37,7 @@ pub enum DecodeError {
     #[error("{path}: {fault}, at byte {at}")]
     Value {
         /// The path of fields to the value.
-        path: String,
+        path: FieldPath,
         /// The offset from the start of the message, in bytes.
         at: usize,
         /// The fault.
@@ -56,7 +84,7 @@ pub enum Fault {
 
 impl DecodeError {
     pub(crate) const fn new(at: usize, fault: Fault) -> Self {
-        let path = String::new();
+        let path = FieldPath::MESSAGE;
         Self::Value { path, at, fault }
     }
 
@@ -65,7 +93,7 @@ impl DecodeError {
     #[cold]
     pub fn within(mut self, step: &str) -> Self {
         if let Self::Value { path, .. } = &mut self {
-            within(path, step);
+            path.prepend(step);
         }
         self
     }
@@ -78,7 +106,7 @@ pub enum EncodeError {
     #[error("{path}: expected {expected}, found {found}")]
     Value {
         /// The path of fields to the value.
-        path: String,
+        path: FieldPath,
         /// The expected value.
         expected: String,
         /// The value that was found.
@@ -88,7 +116,7 @@ pub enum EncodeError {
     #[error("{path}: the type {ty} has no field {field}")]
     Field {
         /// The path of fields to the structure.
-        path: String,
+        path: FieldPath,
         /// The type of the structure.
         ty: String,
         /// The name.
@@ -98,7 +126,7 @@ pub enum EncodeError {
     #[error("{path}: {len} elements, where the definition allows {max}")]
     Limit {
         /// The path of fields to the value.
-        path: String,
+        path: FieldPath,
         /// The length of the value.
         len: usize,
         /// The limit of the definition, or of CDR.
@@ -116,7 +144,7 @@ pub enum EncodeError {
     #[error("{path}: the message would be longer than {max} bytes")]
     TooLong {
         /// The path of fields to the value.
-        path: String,
+        path: FieldPath,
         /// The limit, in bytes.
         max: usize,
     },
@@ -124,7 +152,7 @@ pub enum EncodeError {
     #[error("{path}: more than {max} values are missing")]
     Missing {
         /// The path of fields to the value.
-        path: String,
+        path: FieldPath,
         /// The limit.
         max: usize,
     },
@@ -143,16 +171,9 @@ impl EncodeError {
             | Self::Field { path, .. }
             | Self::Limit { path, .. }
             | Self::Missing { path, .. }
-            | Self::TooLong { path, .. } => within(path, step),
+            | Self::TooLong { path, .. } => path.prepend(step),
             Self::Room { .. } | Self::Set(_) => {}
         }
         self
     }
-}
-
-fn within(path: &mut String, step: &str) {
-    if !path.is_empty() && !path.starts_with('[') {
-        path.insert(0, '.');
-    }
-    path.insert_str(0, step);
 }

@@ -163,12 +163,13 @@ fn message(set: &Set, name: &TypeName, bytes: &[u8]) -> Option<Json> {
         })
     );
     assert!(is_too_much || value.is_ok() == short.is_ok(), "{short:?}");
-    let json = value.ok()?.to_json();
+    let json = serde_json::to_value(value.ok()?).expect("every message has its JSON");
     let again = encode(set, name, &json).expect("the JSON of a message");
     let value = decode(set, name, &again, usize::MAX);
+    let value = value.expect("a message that was encoded");
     assert_eq!(
-        value.expect("a message that was encoded").to_json(),
-        json,
+        serde_json::to_value(value).ok().as_ref(),
+        Some(&json),
         "{name}"
     );
     Some(json)

@@ -28,11 +28,11 @@ pub mod fuzz;
 pub mod message;
 pub mod place;
 mod types;
-mod value;
+pub mod value;
 
 pub use decode::decode;
 pub use encode::encode;
-pub use error::{DecodeError, EncodeError, Fault};
+pub use error::{DecodeError, EncodeError, Fault, FieldPath};
 #[cfg(feature = "messages")]
 #[doc(hidden)]
 pub use sm2_node;

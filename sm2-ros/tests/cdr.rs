@@ -18,9 +18,13 @@ fn bytes(text: &str, value: &Json) -> Vec<u8> {
     encode(&set(text), &name(), value).unwrap()
 }
 
+fn json_of(value: &Value<'_>) -> Json {
+    serde_json::to_value(value).unwrap()
+}
+
 fn fault(text: &str, bytes: &[u8]) -> (String, usize, Fault) {
     match decode(&set(text), &name(), bytes, usize::MAX) {
-        Err(DecodeError::Value { path, at, fault }) => (path, at, fault),
+        Err(DecodeError::Value { path, at, fault }) => (path.to_string(), at, fault),
         other => panic!("{other:?}"),
     }
 }
@@ -38,7 +42,7 @@ fn numbers_are_aligned_behind_the_header() {
     assert_eq!(bytes, expected.concat());
     let set = set(text);
     let decoded = decode(&set, &name(), &bytes, usize::MAX).unwrap();
-    assert_eq!(decoded.to_json(), value);
+    assert_eq!(json_of(&decoded), value);
 }
 
 #[test]
@@ -49,7 +53,7 @@ fn both_byte_orders_are_read() {
     for bytes in [little, big] {
         let set = set(text);
         let value = decode(&set, &name(), &bytes, usize::MAX).unwrap();
-        assert_eq!(value.to_json(), json!({"a": 0x201, "b": "ä"}));
+        assert_eq!(json_of(&value), json!({"a": 0x201, "b": "ä"}));
     }
 }
 
@@ -62,7 +66,7 @@ fn missing_fields_have_their_defaults() {
     let value = decode(&set, &name(), &bytes, usize::MAX).unwrap();
     let expected =
         json!({"a": 7, "b": "x y", "c": [1.5, -2.0], "d": true, "e": [0, 0, 0], "f": ""});
-    assert_eq!(value.to_json(), expected);
+    assert_eq!(json_of(&value), expected);
 }
 
 #[test]
@@ -87,11 +91,14 @@ fn wrong_bytes_have_a_place_and_a_reason() {
     let head = [0, 1, 0, 0];
     let with = |rest: &[u8]| [&head[..], rest].concat();
     let at = |path: &str, at, fault| (path.to_owned(), at, fault);
-    assert_eq!(fault("int8 a", &[1, 0, 0, 0]), at("", 0, Fault::Header));
+    assert_eq!(
+        fault("int8 a", &[1, 0, 0, 0]),
+        at("message", 0, Fault::Header)
+    );
     assert_eq!(fault("int32 a", &with(&[1, 0])), at("a", 4, Fault::Short));
     assert_eq!(
         fault("int8 a", &with(&[0; 5])),
-        at("", 5, Fault::LeftOver(4))
+        at("message", 5, Fault::LeftOver(4))
     );
     assert_eq!(fault("bool a", &with(&[2])), at("a", 5, Fault::Bool(2)));
     assert_eq!(
@@ -200,6 +207,10 @@ fn values_that_do_not_fit_have_a_path() {
         "u[1].s: expected a text of at most 2, found 3"
     );
     assert_eq!(error(json!({"a": 256})), "a: expected uint8, found 256");
+    assert_eq!(
+        error(json!([1])),
+        "message: expected an object with the fields, found an array"
+    );
     assert_eq!(
         error(json!({"u": [{"x": 1}]})),
         "u[0]: the type p/msg/U has no field x"

@@ -46,7 +46,7 @@ fn walk(set: &Set, name: &TypeName, bytes: &[u8], at: usize) -> Result<Json, Dec
 
 fn json_of(set: &Set, part: &Part<'_>, bytes: &[u8]) -> Result<Json, DecodeError> {
     Ok(match part {
-        Part::Value(value) => value.to_json(),
+        Part::Value(value) => serde_json::to_value(value).unwrap(),
         Part::List(parts) => {
             let parts = parts.iter().map(|it| json_of(set, it, bytes));
             Json::Array(parts.collect::<Result<_, _>>()?)
@@ -79,12 +79,12 @@ fn json_of(set: &Set, part: &Part<'_>, bytes: &[u8]) -> Result<Json, DecodeError
 fn fields_that_are_read_one_by_one_are_those_of_the_message() {
     let (set, name) = (set(), outer());
     let bytes = encode(&set, &name, &value()).unwrap();
-    let whole = decode(&set, &name, &bytes, usize::MAX).unwrap().to_json();
+    let whole = decode(&set, &name, &bytes, usize::MAX).unwrap();
+    let whole = serde_json::to_value(whole).unwrap();
     assert_eq!(walk(&set, &name, &bytes, place::START), Ok(whole));
     let defaults = encode(&set, &name, &json!({})).unwrap();
-    let whole = decode(&set, &name, &defaults, usize::MAX)
-        .unwrap()
-        .to_json();
+    let whole = decode(&set, &name, &defaults, usize::MAX).unwrap();
+    let whole = serde_json::to_value(whole).unwrap();
     assert_eq!(walk(&set, &name, &defaults, place::START), Ok(whole));
 }
 

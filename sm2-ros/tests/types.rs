@@ -179,5 +179,5 @@ fn limits_are_checked_in_both_directions() {
     else {
         panic!("{error}");
     };
-    assert_eq!(path, "dimensions");
+    assert_eq!(path.to_string(), "dimensions");
 }

@@ -127,6 +127,6 @@ fn a_length_beyond_the_message_is_refused() {
             4 => (Fault::Short, "intensities"),
             _ => (Fault::Short, "ranges"),
         };
-        assert_eq!((fault, path.as_str()), (expected, field), "{len}");
+        assert_eq!((fault, &*path.to_string()), (expected, field), "{len}");
     }
 }

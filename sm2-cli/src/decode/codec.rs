@@ -4,11 +4,12 @@ use sm2_proto::{
     Name,
     schema::{Definition, ParseError, Root, Schema},
 };
+use sm2_ros::Value;
 use sm2_ros_idl::{
     Base, DefinitionError, Message, NameError, Primitive, Set, SetError, Shape, TypeHash, TypeName,
 };
 
-use super::{DecodeError, EncodeError, Limits, Value};
+use super::{DecodeError, EncodeError, Limits};
 
 /// Decodes and encodes the messages of one type.
 #[derive(Debug)]
@@ -82,7 +83,7 @@ impl Codec {
     ) -> Result<Value<'a>, DecodeError> {
         match self {
             Self::Schema(schema) => super::decode(schema, bytes, keep),
-            Self::Ros(ros) => Ok(sm2_ros::decode(&ros.set, &ros.name, bytes, keep)?.into()),
+            Self::Ros(ros) => Ok(sm2_ros::decode(&ros.set, &ros.name, bytes, keep)?),
         }
     }
 
@@ -148,26 +149,4 @@ fn has_bytes(message: &Message) -> bool {
     };
     let mut fields = message.fields.iter();
     fields.any(|it| is_long(it.ty.shape) && is_byte(&it.ty.base))
-}
-
-impl<'a> From<sm2_ros::Value<'a>> for Value<'a> {
-    fn from(value: sm2_ros::Value<'a>) -> Self {
-        use sm2_ros::Value as Ros;
-        match value {
-            Ros::Bool(value) => Self::Bool(value),
-            Ros::Unsigned(number) => Self::Unsigned(number),
-            Ros::Signed(number) => Self::Signed(number),
-            Ros::F32(number) => Self::F32(number),
-            Ros::F64(number) => Self::F64(number),
-            Ros::Text(text) => Self::Text(text),
-            Ros::List { items, more } => {
-                let items = items.into_iter().map(Self::from).collect();
-                Self::List { items, more }
-            }
-            Ros::Struct(fields) => {
-                let field = |(name, value): (&'a str, Ros<'a>)| (name.into(), value.into());
-                Self::Struct(fields.into_iter().map(field).collect())
-            }
-        }
-    }
 }

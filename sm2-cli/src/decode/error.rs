@@ -4,15 +4,16 @@ use sm2_proto::{
     schema::{Layout, NoLayout},
     text::Counted,
 };
+use sm2_ros::{FieldPath, value};
 
 /// Bytes that do not decode as the type that the publisher declared.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum DecodeError {
     /// The value at one place.
-    #[error("{}: {wrong}, at byte {at}", name_of(path))]
+    #[error("{path}: {wrong}, at byte {at}")]
     Value {
-        /// The path of fields to the value, each with its `.` or `[]`.
-        path: String,
+        /// The path of fields to the value.
+        path: FieldPath,
         /// The offset in bytes.
         at: usize,
         /// The fault.
@@ -41,7 +42,7 @@ pub(crate) enum DecodeError {
     #[error("its encoding {0} is not known here")]
     Encoding(Box<str>),
     /// No message of this type of ROS 2.
-    #[error("{}", ros_text(.0))]
+    #[error(transparent)]
     Ros(#[from] sm2_ros::DecodeError),
 }
 
@@ -72,7 +73,7 @@ pub(crate) enum Wrong {
 
 impl DecodeError {
     pub(super) const fn new(at: usize, wrong: Wrong) -> Self {
-        let path = String::new();
+        let path = FieldPath::MESSAGE;
         Self::Value { path, at, wrong }
     }
 
@@ -90,7 +91,7 @@ impl DecodeError {
     /// Puts a step in front of the path, for an error in a part of the message.
     pub(super) fn within(mut self, step: impl FnOnce() -> String) -> Self {
         if let Self::Value { path, .. } = &mut self {
-            path.insert_str(0, &step());
+            path.prepend(&step());
         }
         self
     }
@@ -100,10 +101,10 @@ impl DecodeError {
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum EncodeError {
     /// The value at one place.
-    #[error("{}: {wrong}", name_of(path))]
+    #[error("{path}: {wrong}")]
     Value {
-        /// The path of fields to the value: see [`DecodeError::Value`].
-        path: String,
+        /// The path of fields to the value.
+        path: FieldPath,
         /// The expected value, and the value that was found.
         wrong: String,
     },
@@ -114,59 +115,29 @@ pub(crate) enum EncodeError {
     #[error("its encoding {0} is not known here: give the message as a file")]
     Encoding(Box<str>),
     /// No message of this type of ROS 2.
-    #[error("{}", ros_text(.0))]
+    #[error(transparent)]
     Ros(#[from] sm2_ros::EncodeError),
 }
 
 impl EncodeError {
     pub(super) const fn new(wrong: String) -> Self {
-        let path = String::new();
+        let path = FieldPath::MESSAGE;
         Self::Value { path, wrong }
     }
 
     pub(super) fn expected(what: &str, found: &serde_json::Value) -> Self {
-        let found = match found {
-            serde_json::Value::Array(_) => "an array".to_owned(),
-            serde_json::Value::Object(_) => "an object".to_owned(),
-            scalar => brief(&scalar.to_string()),
-        };
-        Self::new(format!("expected {what}, found {found}"))
+        Self::new(format!("expected {what}, found {}", value::found(found)))
     }
 
     pub(super) fn within(mut self, step: impl FnOnce() -> String) -> Self {
         if let Self::Value { path, .. } = &mut self {
-            path.insert_str(0, &step());
+            path.prepend(&step());
         }
         self
     }
 }
 
-/// The start of a text that may be long.
-fn brief(text: &str) -> String {
-    const CHARS: usize = 40;
-    match text.char_indices().nth(CHARS) {
-        Some((end, _)) => format!("{}…", &text[..end]),
-        None => text.to_owned(),
-    }
-}
-
 /// The step to a field or variant. Control characters of its name are escaped: any node can register a name.
 pub(super) fn step(name: &str) -> String {
-    format!(".{}", name.escape_debug())
-}
-
-/// The text of an error of `sm2-ros`. The path of an error of the whole message is empty there.
-fn ros_text(error: &impl std::fmt::Display) -> String {
-    let text = error.to_string();
-    match text.starts_with(": ") {
-        true => name_of("") + &text,
-        false => text,
-    }
-}
-
-fn name_of(path: &str) -> String {
-    match path.strip_prefix('.').unwrap_or(path) {
-        "" => "message".to_owned(),
-        path => path.to_owned(),
-    }
+    name.escape_debug().to_string()
 }

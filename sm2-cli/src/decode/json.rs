@@ -7,11 +7,11 @@ use serde::{
     de::{DeserializeSeed, IgnoredAny, MapAccess, SeqAccess, Visitor},
 };
 use sm2_proto::schema::{Field, Scalar, Type};
+use sm2_ros::Value;
 
 use super::{
     error::{DecodeError, Wrong},
     shape::Shape,
-    value::Value,
 };
 
 /// Decodes a message in JSON. `serde_json` limits the depth.

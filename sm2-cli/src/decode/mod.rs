@@ -1,30 +1,24 @@
 //! Messages of types that this program was not built with, read and written by their schemas.
 //!
 //! A [`Codec`] decodes for `sm2 topic echo`, and encodes JSON from the command line; [`show()`] is for the terminal.
-//! Messages of ROS 2 (SM2-TYP-002) are read and written by `sm2-ros`, all others here.
-//!
-//! | type | JSON, in and out |
-//! | --- | --- |
-//! | numbers | numbers; `"NaN"`, `"inf"`, `"-inf"` and 128-bit ones as texts (only in output with encoding `json`) |
-//! | structure | object; a tuple is an array, a tuple of one value is that value, an empty structure is `null` |
-//! | enumeration | `"Name"`, or `{"Name": fields}` |
-//! | map | object, if keys are texts, characters, whole numbers or booleans; else an array of pairs |
-//! | optional | the value or `null` |
+//! Messages of ROS 2 (SM2-TYP-002) are read and written by `sm2-ros`, all others here. Both have the same [`Value`],
+//! whose JSON is described in [`sm2_ros::value`]; this module accepts the same JSON. A tuple is a list, a tuple of one
+//! value is that value, and an optional field is its value or `null`. In the encoding `json`, only numbers stand for
+//! numbers.
 mod codec;
 mod error;
 mod json;
 mod reader;
 mod shape;
 mod show;
-mod value;
 mod writer;
 
 use sm2_proto::schema::{Encoding, Layout, Root, Schema, Type};
+pub(crate) use sm2_ros::Value;
 
 pub(crate) use self::codec::{Codec, CodecError};
 pub(crate) use self::error::{DecodeError, EncodeError};
 pub(crate) use self::show::{Limits, show};
-pub(crate) use self::value::Value;
 use self::{
     error::Wrong,
     reader::{Form, Reader},

@@ -1,11 +1,11 @@
 //! Decodes plain and postcard messages of a type.
 
 use sm2_proto::schema::{Field, Layout, Scalar, Type, Variant};
+use sm2_ros::Value;
 
 use super::{
     error::{DecodeError, Wrong, step},
     shape::Shape,
-    value::Value,
 };
 
 /// The average number of values that one byte may decode to. Nested structures need several. Without a limit,

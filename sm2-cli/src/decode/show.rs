@@ -2,7 +2,7 @@
 
 use std::fmt::{self, Write};
 
-use super::value::{Value, more};
+use sm2_ros::value::{Value, more};
 
 /// The limits of the text.
 #[derive(Clone, Copy, Debug)]

@@ -5,6 +5,7 @@ use sm2_proto::{
     schema::{Field, Scalar, Type, Variant},
     text::Counted,
 };
+use sm2_ros::value::float;
 
 use super::{
     error::{EncodeError, step},
@@ -273,14 +274,10 @@ impl Writer {
     }
 
     fn float(&self, given: &Json) -> Result<f64, EncodeError> {
-        let number = match given.as_str() {
-            Some("NaN") => Some(f64::NAN),
-            Some("inf") => Some(f64::INFINITY),
-            Some("-inf") => Some(f64::NEG_INFINITY),
-            _ => None,
+        let number = match self.form {
+            Form::Json => given.as_f64(),
+            Form::Plain | Form::Postcard => float(given),
         };
-        let number = number.filter(|_| self.form != Form::Json);
-        let number = number.or_else(|| given.as_f64());
         number.ok_or_else(|| EncodeError::expected("a number", given))
     }
 

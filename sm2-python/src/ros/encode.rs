@@ -7,8 +7,8 @@ use pyo3::exceptions::{
 };
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
-use sm2_ros::EncodeError;
 use sm2_ros::cdr::Writer;
+use sm2_ros::{EncodeError, FieldPath};
 use sm2_ros_idl::{Base, Field, FieldType, Message, Primitive, Shape, TypeName};
 
 use super::types::{Types, dtype};
@@ -52,8 +52,7 @@ fn is_of_value(py: Python<'_>, error: &PyErr) -> bool {
 enum Wrong {
     Value(EncodeError),
     Python {
-        /// The steps to the value, the last one first.
-        path: Vec<String>,
+        path: FieldPath,
         error: PyErr,
     },
 }
@@ -63,7 +62,7 @@ impl Wrong {
         match self {
             Self::Value(error) => Self::Value(error.within(step)),
             Self::Python { mut path, error } => {
-                path.push(step.to_owned());
+                path.prepend(step);
                 Self::Python { path, error }
             }
         }
@@ -71,26 +70,16 @@ impl Wrong {
 
     /// The path, with a colon. The text of an `EncodeError` has its own.
     fn text(&self) -> String {
-        let Self::Python { path, .. } = self else {
-            return String::new();
-        };
-        let mut text = String::new();
-        for step in path.iter().rev() {
-            if !text.is_empty() && !step.starts_with('[') {
-                text.push('.');
-            }
-            text.push_str(step);
+        match self {
+            Self::Value(_) => String::new(),
+            Self::Python { path, .. } => format!("{path}: "),
         }
-        if !text.is_empty() {
-            text.push_str(": ");
-        }
-        text
     }
 }
 
 impl From<PyErr> for Wrong {
     fn from(error: PyErr) -> Self {
-        let path = Vec::new();
+        let path = FieldPath::MESSAGE;
         Self::Python { path, error }
     }
 }

@@ -176,7 +176,7 @@ fn single<'py>(py: Python<'py>, value: Value<'static>) -> PyResult<Bound<'py, Py
         Value::F32(number) => number.into_bound_py_any(py),
         Value::F64(number) => number.into_bound_py_any(py),
         Value::Text(text) => text.into_bound_py_any(py),
-        Value::List { .. } | Value::Struct(_) => Err(RecvError::new_err(
+        _ => Err(RecvError::new_err(
             "a single value is neither a list nor a message",
         )),
     }

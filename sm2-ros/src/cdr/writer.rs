@@ -3,7 +3,7 @@
 use zerocopy::IntoBytes;
 
 use super::Number;
-use crate::EncodeError;
+use crate::{EncodeError, FieldPath};
 
 /// The bytes in front of a message: a version and the byte order, and two bytes of options.
 pub(crate) const HEADER_BYTES: usize = 4;
@@ -221,7 +221,7 @@ fn check(len: usize, max: Option<u32>) -> Result<u32, EncodeError> {
     match u32::try_from(len) {
         Ok(len) if len <= max => Ok(len),
         _ => Err(EncodeError::Limit {
-            path: String::new(),
+            path: FieldPath::MESSAGE,
             len,
             max,
         }),
