@@ -103,13 +103,19 @@ struct State {
     written: Written,
     is_closed: bool,
     failure: Failure,
-    is_disk_full: bool,
+    disk: Disk,
+    /// Whether a reliable topic was refused.
+    is_refused: bool,
+}
+
+/// The room on the disk.
+#[derive(Debug, Default)]
+struct Disk {
+    is_full: bool,
     /// How many threads wait until the disk takes what they write.
     stuck: usize,
     /// Whether a full disk costs messages, until it has room again, instead of ending the recording.
     waits_for_room: bool,
-    /// Whether a reliable topic was refused.
-    is_refused: bool,
 }
 
 /// An event for which the writer wakes up.
@@ -332,7 +338,7 @@ impl Queue {
     /// Notes whether the disk takes only the messages that wait already, and no others.
     pub(crate) fn note_disk(&self, is_full: bool) {
         let mut state = self.lock();
-        state.is_disk_full = is_full;
+        state.disk.is_full = is_full;
         if !is_full {
             self.signal_room(&mut state);
         }
@@ -340,17 +346,17 @@ impl Queue {
 
     pub(crate) fn is_disk_full(&self) -> bool {
         let state = self.lock();
-        state.is_disk_full || state.stuck > 0
+        state.disk.is_full || state.disk.stuck > 0
     }
 
     /// Notes that a thread begins or ends to wait, because the disk does not take what it writes.
     pub(crate) fn note_stuck(&self, is_stuck: bool) {
         let mut state = self.lock();
         match is_stuck {
-            true => state.stuck += 1,
-            false => state.stuck -= 1,
+            true => state.disk.stuck += 1,
+            false => state.disk.stuck -= 1,
         }
-        if state.stuck == 0 {
+        if state.disk.stuck == 0 {
             self.signal_room(&mut state);
         }
     }
@@ -358,7 +364,7 @@ impl Queue {
     /// Whether a thread waits when the disk does not take what it writes. When the recording ends, nothing waits.
     pub(crate) fn may_be_stuck(&self) -> bool {
         let state = self.lock();
-        state.waits_for_room && !state.is_closed
+        state.disk.waits_for_room && !state.is_closed
     }
 
     /// Whether messages are dropped because the disk is full.
@@ -368,13 +374,13 @@ impl Queue {
 
     /// Lets a full disk cost messages, which become gaps, instead of ending the recording.
     pub(crate) fn wait_for_room(&self) {
-        self.lock().waits_for_room = true;
+        self.lock().disk.waits_for_room = true;
     }
 
     /// Whether the recording ends because the disk is full.
     pub(crate) fn ends_by_full_disk(&self) -> bool {
         let state = self.lock();
-        state.is_disk_full && !state.waits_for_room
+        state.disk.is_full && !state.disk.waits_for_room
     }
 
     /// The error of the writer, if it failed and nobody has taken the error.
@@ -393,7 +399,7 @@ impl Queue {
 impl State {
     /// Whether messages are dropped because the disk is full.
     const fn lacks_room(&self) -> bool {
-        self.waits_for_room && (self.is_disk_full || self.stuck > 0)
+        self.disk.waits_for_room && (self.disk.is_full || self.disk.stuck > 0)
     }
 
     const fn has_failed(&self) -> bool {

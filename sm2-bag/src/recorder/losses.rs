@@ -81,13 +81,16 @@ impl Recorder<'_> {
             return;
         }
         let topic = &self.topics[number];
-        let is_late = topic.looked_at.is_none_or(|it| at.since(it) >= LOOK_AGAIN);
+        let is_late = topic
+            .losses
+            .looked_at
+            .is_none_or(|it| at.since(it) >= LOOK_AGAIN);
         // An overload displaces messages all the time, and nothing else does.
         let is_due = is_late || topic.may_lose_in_silence();
         if is_due {
             self.look_at_losses(|it| *it == number);
             // A look for other reasons does not count: the loss that follows it would have none.
-            self.topics[number].looked_at = Some(at);
+            self.topics[number].losses.looked_at = Some(at);
         }
         let now = self.clock.wall_at(at);
         self.lost += self.topics[number].note_lost(&self.node, sample, now, is_due);

@@ -94,7 +94,7 @@ impl Recorder<'_> {
             source,
             times,
             // While the disk stalls, the publisher gets its slots back. One with little memory gets them at once.
-            payload: match !topic.is_pool_short && self.queue.held(held_by) < HELD_MAX {
+            payload: match !topic.losses.is_pool_short && self.queue.held(held_by) < HELD_MAX {
                 true => Payload::Held(sample, held_by),
                 false => Payload::Owned(sample.to_vec()),
             },

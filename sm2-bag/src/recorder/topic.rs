@@ -28,16 +28,22 @@ pub(super) struct Topic {
     pub(super) was_linked: bool,
     /// When the recorder subscribed to it, in nanoseconds of the wall clock.
     pub(super) since_ns: u64,
+    pub(super) losses: Losses,
+    /// Few, and most often one.
+    publishers: Vec<Publisher>,
+}
+
+/// The messages of a topic that are not recorded.
+#[derive(Default)]
+pub(super) struct Losses {
     /// Whether it is logged that a message was too long.
     has_logged_too_long: bool,
     /// When the counters of its publishers were last read because messages were missing.
     pub(super) looked_at: Option<Instant>,
     /// The losses that they have shown, for each link.
-    losses: BTreeMap<LinkId, Known>,
+    of_links: BTreeMap<LinkId, Known>,
     /// Whether a publisher had too little memory, because the recorder held messages.
     pub(super) is_pool_short: bool,
-    /// Few, and most often one.
-    publishers: Vec<Publisher>,
 }
 
 /// The frequency of a topic, which decides whether it is polled.
@@ -131,10 +137,7 @@ impl Topic {
             is_reliable,
             was_linked: false,
             since_ns,
-            has_logged_too_long: false,
-            looked_at: None,
-            losses: BTreeMap::new(),
-            is_pool_short: false,
+            losses: Losses::default(),
             publishers: Vec::new(),
         }
     }
@@ -224,18 +227,18 @@ impl Topic {
         mut fates: impl FnMut(&LinkStatus) -> Option<Counters>,
     ) -> u64 {
         let links = self.subscriber.links();
-        (self.losses).retain(|id, _| links.iter().any(|it| it.id == *id));
+        (self.losses.of_links).retain(|id, _| links.iter().any(|it| it.id == *id));
         let mut lost = 0;
         for link in links {
             let Contract::Publisher { data, .. } = &link.peer.contract else {
                 continue;
             };
-            let known = self.losses.entry(link.id).or_default();
+            let known = self.losses.of_links.entry(link.id).or_default();
             for loss in known.advance(&link, fates(&link).as_ref()) {
                 if loss.messages == 0 {
                     continue;
                 }
-                self.is_pool_short |= loss.reason == GapReason::PoolLimit;
+                self.losses.is_pool_short |= loss.reason == GapReason::PoolLimit;
                 let number = self.number(node, &link.peer.name, data);
                 let publisher = &mut self.publishers[number];
                 let mut messages = loss.messages;
@@ -256,7 +259,7 @@ impl Topic {
     /// Whether messages may be lost without a later message that shows it.
     pub(super) fn may_lose_in_silence(&self) -> bool {
         let has_lifespan = |it: &Publisher| it.source.offer.lifespan != Period::NONE;
-        self.is_reliable || self.is_pool_short || self.publishers.iter().any(has_lifespan)
+        self.is_reliable || self.losses.is_pool_short || self.publishers.iter().any(has_lifespan)
     }
 
     /// Passes all gaps to the writer.
@@ -347,7 +350,7 @@ impl Topic {
 
     /// Logs that a message is left out because of its length. Names the topic once.
     pub(super) fn log_too_long(&mut self, len_bytes: u64) {
-        if !std::mem::replace(&mut self.has_logged_too_long, true) {
+        if !std::mem::replace(&mut self.losses.has_logged_too_long, true) {
             let topic = self.subscriber.topic();
             tracing::error!(%topic, len_bytes, "messages are left out: they are longer than the recorder takes");
         }

@@ -127,12 +127,20 @@ struct State {
     /// How many of 16 choices of this sample are 0, because deep paths often need many zeros.
     zeros: u64,
     lossy: bool,
-    /// True if a value of 16 bits was requested.
-    sixteen: bool,
-    /// True if values of 16 bits are limited to boundary values, because all of them were too many.
-    coarse: bool,
+    sixteen: Sixteen,
     chosen: bool,
     covers: BTreeMap<&'static str, u64>,
+}
+
+/// The values of 16 bits that are chosen from.
+#[derive(Default, PartialEq, Eq)]
+enum Sixteen {
+    /// None was requested so far.
+    #[default]
+    Unused,
+    All,
+    /// Boundary values, because all values were too many.
+    Boundaries,
 }
 
 thread_local!(static STATE: RefCell<State> = RefCell::default());
@@ -213,8 +221,11 @@ impl State {
     /// Starts again with boundary values for 16 bits. Returns false if none were requested.
     fn coarsen(&mut self) -> bool {
         self.path.clear();
-        self.coarse = self.sixteen;
-        self.coarse
+        if self.sixteen == Sixteen::Unused {
+            return false;
+        }
+        self.sixteen = Sixteen::Boundaries;
+        true
     }
 
     /// Advances `path` to the next path. Returns false after the last.
@@ -259,10 +270,12 @@ pub(crate) fn choose_where(holds: impl Fn(u8) -> bool) -> u8 {
 /// Chooses a value of 16 bits: any value, unless that makes too many paths.
 pub(crate) fn sixteen() -> u64 {
     with(|state| {
-        state.sixteen = true;
+        if state.sixteen == Sixteen::Unused {
+            state.sixteen = Sixteen::All;
+        }
         let coarse = match &mut state.random {
             Some(seed) => next(seed).is_multiple_of(2),
-            None => state.coarse,
+            None => state.sixteen == Sixteen::Boundaries,
         };
         if coarse {
             state.boundary(&SIXTEEN)

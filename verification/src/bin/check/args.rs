@@ -23,9 +23,19 @@ pub(crate) struct Args {
     pub(crate) quick: bool,
     pub(crate) write: bool,
     pub(crate) missing: bool,
-    pub(crate) table: bool,
+    pub(crate) action: Action,
     /// The selected engines, properties and harnesses; empty for all.
     pub(crate) only: Vec<String>,
+}
+
+/// The task of the program.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Action {
+    /// Runs the checks.
+    #[default]
+    Run,
+    /// Prints the tables of README.md.
+    PrintTable,
 }
 
 impl Args {
@@ -38,7 +48,7 @@ impl Args {
                 "--quick" => args.quick = true,
                 "--write" => args.write = true,
                 "--missing" => args.missing = true,
-                "--table" => args.table = true,
+                "--table" => args.action = Action::PrintTable,
                 "--only" => naming = true,
                 "--help" | "-h" => {
                     println!("{USAGE}");

@@ -34,7 +34,7 @@ use sm2_verification::properties::{
     Engine, Gap, GapKind, Register, Run, Session, readme_table, with_table,
 };
 
-use self::args::Args;
+use self::args::{Action, Args};
 use self::plan::{Plan, target};
 use self::process::Interrupts;
 use self::run::Ran;
@@ -90,7 +90,7 @@ impl Check {
     }
 
     fn run(mut self) -> io::Result<ExitCode> {
-        if self.args.table {
+        if self.args.action == Action::PrintTable {
             return say(&readme_table(&self.register)).map(|()| ExitCode::SUCCESS);
         }
         if let Some(unknown) = self.select() {
