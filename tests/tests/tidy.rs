@@ -1,4 +1,5 @@
-//! A test of the repository itself: dependencies between files, sizes, repetition, sentences, time limits of tests.
+//! A test of the repository itself: dependencies between files, sizes, types, repetition, sentences, time limits of
+//! tests.
 //!
 //! Each check returns findings; `known.rs` lists the offenders that still exist. A list can only
 //! shrink: a finding that is not listed fails, and so does an entry that finds nothing any more.
@@ -17,6 +18,7 @@ mod prose;
 mod repetition;
 mod sizes;
 mod sources;
+mod types;
 
 use std::{
     collections::BTreeMap,
@@ -106,6 +108,45 @@ fn no_files_of_a_crate_depend_on_each_other() {
     let advice = "Dependencies go from roots to leaves: move what both files need into a file below \
                   both, or hand it over as an argument.";
     compare(offences, known::FILES_IN_CYCLES, advice);
+}
+
+#[test]
+fn structures_have_few_flags() {
+    let repository = repository();
+    let files = repository.rust();
+    let found = files.flat_map(|(path, text)| {
+        let of_file = types::many_flags(path, text).into_iter();
+        of_file.map(move |it| (path, it))
+    });
+    compare_types(&repository, found, known::FLAGS);
+}
+
+#[test]
+fn a_type_is_implemented_in_few_files() {
+    let repository = repository();
+    let found = repository.crate_roots().into_iter().flat_map(|root| {
+        let modules = modules::read_crate(&repository, root);
+        let of_crate = types::scattered_types(&modules).into_iter();
+        of_crate.map(move |it| (root, it))
+    });
+    compare_types(&repository, found, known::IMPL_FILES);
+}
+
+/// As [`compare`], for types. Each is found in a file or in the crate of a root file.
+fn compare_types<'a>(
+    repository: &Sources,
+    found: impl Iterator<Item = (&'a Path, types::Misshapen)>,
+    known: &[(&str, usize)],
+) {
+    let is_package = |folder: &Path| repository.get(&folder.join("Cargo.toml")).is_some();
+    let mut offences = Offences::new();
+    for (path, it) in found {
+        let name = prose::package_of(path, is_package).join(&it.name);
+        note(&mut offences, &name, it.count, &it.text);
+    }
+    let advice =
+        "Make an enum or a structure of what belongs together; CONTRIBUTING, Style, has the rules.";
+    compare(offences, known, advice);
 }
 
 #[test]

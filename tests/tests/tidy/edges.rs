@@ -62,6 +62,23 @@ pub(crate) fn edges(modules: &[Module]) -> Vec<Edge> {
     edges
 }
 
+/// The types of this crate that have `impl` blocks: for each block, the file that defines the type, the type's name,
+/// and the file of the block.
+pub(crate) fn implementations(modules: &[Module]) -> Vec<(&Path, &str, &Path)> {
+    let resolver = Resolver { modules };
+    let mut found = Vec::new();
+    for (index, module) in modules.iter().enumerate() {
+        for path in &module.impls {
+            if let Target::Item(defining) = resolver.resolve(index, path, 0)
+                && let Some(name) = path.last()
+            {
+                found.push((&*modules[defining].file, name.as_str(), &*module.file));
+            }
+        }
+    }
+    found
+}
+
 struct Resolver<'a> {
     modules: &'a [Module],
 }

@@ -6,6 +6,29 @@ pub(crate) const FILES_IN_CYCLES: &[(&str, usize)] = &[];
 /// File, and how many of its lines, functions, or the file itself are too long at most.
 pub(crate) const SIZES: &[(&str, usize)] = &[];
 
+/// Folder of a package with the name of a structure, and how many `bool` fields it has at most.
+pub(crate) const FLAGS: &[(&str, usize)] = &[
+    ("bench/Mode", 4),
+    ("bench/PeerInfo", 8),
+    ("sm2-cli/State", 4),
+    ("sm2-node/LinkDriver", 7),
+    ("sm2-node/LinkStatus", 6),
+    ("sm2-proto/Link", 4),
+    ("sm2-proto/Session", 5),
+    ("verification/LinkScope", 5),
+    ("verification/loom-models/Order", 5),
+];
+
+/// Folder of a package with the name of a type, and how many files have its `impl` blocks at most.
+pub(crate) const IMPL_FILES: &[(&str, usize)] = &[
+    ("sm2-node/Control", 8),
+    ("sm2-node/Interface", 12),
+    ("sm2-node/LinkDriver", 11),
+    ("sm2-proto/Link", 7),
+    ("sm2-proto/Manager", 14),
+    ("verification/World", 11),
+];
+
 /// File, and how many of its runs of ten lines or more stand elsewhere, too, at most.
 pub(crate) const REPETITIONS: &[(&str, usize)] = &[];
 

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde_json::json;
 
-use super::{cycles, edges, modules, packages, prose, repetition, sizes, sources::Sources};
+use super::{cycles, edges, modules, packages, prose, repetition, sizes, sources::Sources, types};
 
 /// The edges of a crate of these files, as `from -> to`.
 fn edges_of(files: &[(&str, &str)]) -> Vec<String> {
@@ -213,6 +213,54 @@ fn repeated_lines_are_found() {
     assert_eq!(found, [expected]);
     let same_line = "    x();\n".repeat(19);
     assert_eq!(repetition::repetitions([(a, &*same_line)]), []);
+}
+
+#[test]
+fn flags_of_structures_are_counted() {
+    let text = "struct Three { a: bool, b: bool, c: bool, d: Option<bool>, e: u8 }
+        fn f() { struct Four(bool, bool, bool, bool); }
+        #[derive(Debug, clap::Args)] struct Options { a: bool, b: bool, c: bool, d: bool }
+        #[derive(Debug, Clone)] struct Five { a: bool, b: bool, c: bool, d: bool, e: bool }";
+    let found = types::many_flags(Path::new("a.rs"), text);
+    let found: Vec<_> = found.iter().map(|it| &*it.text).collect();
+    let expected = [
+        "a.rs:2: Four has 4 bools (3 at most)",
+        "a.rs:4: Five has 5 bools (3 at most)",
+    ];
+    assert_eq!(found, expected);
+}
+
+#[test]
+fn files_that_implement_a_type_are_counted() {
+    let root = "mod ty; mod other; mod a; mod b; mod c; mod d; mod e; mod f; use ty::T;";
+    let block = "use crate::T; impl T {} impl T {} impl<U> From<U> for Vec<T> {}";
+    let scattered = |root: &str| -> Vec<String> {
+        let files = [
+            ("src/lib.rs", root),
+            ("src/ty.rs", "pub struct T; impl T {}"),
+            ("src/other.rs", "struct T; impl T {}"),
+            ("src/a.rs", block),
+            ("src/b.rs", block),
+            ("src/c.rs", block),
+            ("src/d.rs", block),
+            ("src/e.rs", "impl Clone for super::ty::T {}"),
+            (
+                "src/f.rs",
+                "#[cfg(test)] mod tests { impl super::super::T {} }",
+            ),
+        ];
+        let modules = modules::read_crate(&Sources::made_up(&files), Path::new("src/lib.rs"));
+        let found = types::scattered_types(&modules).into_iter();
+        found.map(|it| it.text).collect()
+    };
+    assert_eq!(scattered(root), Vec::<String>::new());
+    let files = "src/a.rs, src/b.rs, src/c.rs, src/d.rs, src/e.rs, src/lib.rs, src/ty.rs";
+    assert_eq!(
+        scattered(&format!("{root} impl Drop for T {{}}")),
+        [format!(
+            "T of src/ty.rs has impl blocks in 7 files (6 at most): {files}"
+        )]
+    );
 }
 
 #[test]

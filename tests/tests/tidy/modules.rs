@@ -9,7 +9,7 @@ use std::{
 
 use proc_macro2::{TokenStream, TokenTree};
 use syn::{
-    Attribute, Item, ItemMod, ItemUse, Meta, UseTree, Visibility,
+    Attribute, Item, ItemMod, ItemUse, Meta, Type, UseTree, Visibility,
     spanned::Spanned,
     visit::{self, Visit},
 };
@@ -42,6 +42,8 @@ pub(crate) struct Module {
     pub(crate) items: HashSet<String>,
     pub(crate) imports: Vec<Import>,
     pub(crate) mentions: Vec<Mention>,
+    /// The paths of the types that `impl` blocks are of.
+    pub(crate) impls: Vec<Vec<String>>,
 }
 
 /// All modules of the crate with this root file; the root comes first.
@@ -223,6 +225,12 @@ impl<'ast> Visit<'ast> for Reader<'_> {
         match item {
             Item::Mod(child) => self.read_child(child),
             Item::Use(it) => self.import(it),
+            Item::Impl(it) => {
+                if let Some(path) = path_of(&it.self_ty) {
+                    self.modules[self.current].impls.push(path);
+                }
+                visit::visit_item(self, item);
+            }
             other => visit::visit_item(self, other),
         }
     }
@@ -276,6 +284,17 @@ fn flatten(tree: &UseTree, prefix: &mut Vec<String>, flat: &mut Vec<FlatUse>) {
                 flatten(inner, prefix, flat);
             }
         }
+    }
+}
+
+/// The path of a type, if it has one.
+fn path_of(of: &Type) -> Option<Vec<String>> {
+    match of {
+        Type::Path(it) if it.qself.is_none() => {
+            let parts = it.path.segments.iter().map(|it| it.ident.to_string());
+            Some(parts.collect())
+        }
+        _ => None,
     }
 }
 
