@@ -14,7 +14,7 @@ use crate::error::{CopyError, ReadError, WriteError};
 use crate::gap::Gap;
 use crate::latched::Whole;
 use crate::messages::{BagMessage, Filter};
-use crate::observer::{Observer, note, unobserved};
+use crate::observer::{Observer, report_progress, unobserved};
 use crate::profile::Profile;
 use crate::repeated::{NotRepeated, is_repeated, mark_repeated};
 use crate::report::{Counts, Report};
@@ -151,14 +151,14 @@ fn write(
         let (is_repeated, message) = match found {
             Ok(it) => it,
             Err(ReadError::Damaged { part, .. }) => {
-                note_damaged(&mut damaged[number], part);
+                add_damaged(&mut damaged[number], part);
                 continue;
             }
             Err(error) => return Err(error.into()),
         };
         (new.message(number, &message, is_repeated)).map_err(failed)?;
         *read.entry((number, message.channel.id)).or_default() += 1;
-        note(observer, message.data.len() as u64)?;
+        report_progress(observer, message.data.len() as u64)?;
     }
     let has_all_times = filter.from_ns.is_none() && filter.to_ns.is_none();
     for (number, (bag, parts)) in bags.iter().zip(&damaged).enumerate() {
@@ -173,8 +173,8 @@ fn write(
     new.finish().map_err(failed)
 }
 
-/// Notes a damaged part, which may have been read before.
-pub(crate) fn note_damaged(damaged: &mut Vec<DamagedPart>, part: DamagedPart) {
+/// Adds a damaged part, which may have been read before.
+pub(crate) fn add_damaged(damaged: &mut Vec<DamagedPart>, part: DamagedPart) {
     if !damaged.contains(&part) {
         damaged.push(part);
     }

@@ -12,7 +12,7 @@ use crate::damaged::DamagedPart;
 use crate::error::ReadError;
 use crate::latched::messages;
 use crate::messages::Filter;
-use crate::observer::{Observer, note, unobserved};
+use crate::observer::{Observer, report_progress, unobserved};
 use crate::repeated::is_repeated;
 
 /// The first difference of two bags, in the order of their messages.
@@ -148,7 +148,7 @@ fn first(
             if message.is_repeated() {
                 continue;
             }
-            note(observer, message.data.len() as u64)?;
+            report_progress(observer, message.data.len() as u64)?;
             let topic = &message.channel.topic;
             let of_topic = match compared.get_mut(topic) {
                 Some(it) => it,

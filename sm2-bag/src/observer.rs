@@ -14,7 +14,7 @@ pub(crate) const fn unobserved(_: u64) -> ControlFlow<()> {
 }
 
 /// Tells the observer about bytes that were read.
-pub(crate) fn note(observer: &mut Observer<'_>, bytes: u64) -> Result<(), ReadError> {
+pub(crate) fn report_progress(observer: &mut Observer<'_>, bytes: u64) -> Result<(), ReadError> {
     match observer(bytes) {
         ControlFlow::Continue(()) => Ok(()),
         ControlFlow::Break(()) => Err(ReadError::Stopped),

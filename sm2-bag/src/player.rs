@@ -300,7 +300,7 @@ fn publish(
     Ok(true)
 }
 
-/// Notes that the messages of a damaged part are not played. It may have been read before.
+/// Reports that the messages of a damaged part are not played. It may have been read before.
 fn leave_out(damaged: &mut Vec<DamagedPart>, path: &Path, part: DamagedPart) {
     if damaged.contains(&part) {
         return;

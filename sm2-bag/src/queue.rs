@@ -295,8 +295,8 @@ impl Queue {
         !state.is_closed || !state.batches.is_empty()
     }
 
-    /// Notes that a payload was written. The caller has dropped it.
-    pub(crate) fn note_written(&self, len_bytes: usize, held: Option<HeldBy>) {
+    /// Counts a payload as written. The caller has dropped it.
+    pub(crate) fn mark_written(&self, len_bytes: usize, held: Option<HeldBy>) {
         let mut state = self.lock();
         state.waiting_bytes -= len_bytes as u64;
         state.written.messages += 1;
@@ -324,7 +324,7 @@ impl Queue {
         self.changed.notify_one();
     }
 
-    /// Notes that writing failed, and drops all items.
+    /// Keeps the error of writing, and drops all items.
     pub(crate) fn fail(&self, error: WriteError) {
         let mut state = self.lock();
         state.failure = Failure::New(error);
@@ -335,8 +335,8 @@ impl Queue {
         self.lock().has_failed()
     }
 
-    /// Notes whether the disk takes only the messages that wait already, and no others.
-    pub(crate) fn note_disk(&self, is_full: bool) {
+    /// Sets whether the disk takes only the messages that wait already, and no others.
+    pub(crate) fn set_disk_full(&self, is_full: bool) {
         let mut state = self.lock();
         state.disk.is_full = is_full;
         if !is_full {
@@ -349,8 +349,8 @@ impl Queue {
         state.disk.is_full || state.disk.stuck > 0
     }
 
-    /// Notes that a thread begins or ends to wait, because the disk does not take what it writes.
-    pub(crate) fn note_stuck(&self, is_stuck: bool) {
+    /// Counts a thread that begins or ends to wait, because the disk does not take what it writes.
+    pub(crate) fn set_stuck(&self, is_stuck: bool) {
         let mut state = self.lock();
         match is_stuck {
             true => state.disk.stuck += 1,

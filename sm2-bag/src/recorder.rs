@@ -363,7 +363,7 @@ impl<'fd> Recorder<'fd> {
         self.topics
             .iter_mut()
             .for_each(|it| it.flush_gaps(&self.queue));
-        self.note_unlinked();
+        self.report_unlinked();
         match self.new_topics.unnamed() {
             0 => {}
             count => self.queue.push(Item::NotRecorded(count as u64)),
@@ -377,7 +377,7 @@ impl<'fd> Recorder<'fd> {
         }
     }
 
-    /// Notes that the domain has changed.
+    /// Follows the changes of the domain.
     fn look_at_domain(&mut self) -> Result<(), RecordError> {
         loop {
             // The call that finds no change asks the Manager for the next one.
@@ -418,7 +418,7 @@ impl<'fd> Recorder<'fd> {
         Ok(())
     }
 
-    /// Notes a step of the wall clock.
+    /// Looks for a step of the wall clock.
     fn compare_clocks(&mut self) {
         let options = &self.options;
         let clock = ClockRelation::read(options.wall_clock, options.monotonic_clock);

@@ -16,7 +16,7 @@ use crate::copy::{copy_observed, create, write_error};
 use crate::damaged;
 use crate::error::{CopyError, WriteError};
 use crate::messages::Filter;
-use crate::observer::{Observer, note, unobserved};
+use crate::observer::{Observer, report_progress, unobserved};
 use crate::profile::Profile;
 use crate::report::{Counts, Report};
 use crate::scan::Scan;
@@ -55,7 +55,7 @@ pub fn recover_observed(
     create(to, |created| {
         let mut stopped = Ok(());
         let copied = copy(&file, &scan, described.as_ref(), created, &mut |bytes| {
-            stopped = note(observer, bytes);
+            stopped = report_progress(observer, bytes);
             stopped.is_ok()
         });
         stopped?;

@@ -173,7 +173,7 @@ impl ReportBuilder {
         report.bytes = report.bytes.map(|it| it.saturating_add(counts.bytes));
     }
 
-    /// Notes that the lengths of messages are not known.
+    /// Removes the lengths of messages, which are not known.
     pub(crate) fn forget_bytes(&mut self) {
         let topics = self.topics.values_mut().filter(|it| it.messages > 0);
         topics.for_each(|it| it.bytes = None);

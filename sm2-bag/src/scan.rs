@@ -14,7 +14,7 @@ use crate::chunk::{RECORD_HEAD_BYTES, RawRecord, RecordReader};
 use crate::content::{Entry, WithoutPayloads};
 use crate::damaged::DamagedPart;
 use crate::error::{ReadError, is_of_system};
-use crate::observer::{Observer, note};
+use crate::observer::{Observer, report_progress};
 use crate::report::{Counts, widen};
 use crate::resync::Resync;
 
@@ -94,7 +94,7 @@ impl Scan {
                         if matches!(record.opcode, op::CHUNK | op::MESSAGE) {
                             certain = at;
                         }
-                        note(observer, record.len_bytes())?;
+                        report_progress(observer, record.len_bytes())?;
                         continue;
                     }
                     Err(error) => (Some(record.len_bytes()), error),
@@ -107,7 +107,7 @@ impl Scan {
             let to = next.unwrap_or(end);
             let from = if to < at { certain } else { at };
             let part = DamagedPart::new((from, to - from), &error);
-            note(observer, to.saturating_sub(at))?;
+            report_progress(observer, to.saturating_sub(at))?;
             (certain, at) = (to, to);
             if next.is_none() {
                 scan.torn = Some(part);

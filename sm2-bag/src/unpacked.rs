@@ -14,7 +14,7 @@ use nix::errno::Errno;
 use nix::fcntl::OFlag;
 
 use crate::error::ReadError;
-use crate::observer::{Observer, note};
+use crate::observer::{Observer, report_progress};
 use crate::storage::FreeBytes;
 
 /// The first bytes of a file that zstd wrote.
@@ -69,7 +69,7 @@ pub(crate) fn unpack(
             Err(error) if is_full(&error) => return Err(no_room()),
             written => written.map_err(failed)?,
         }
-        note(observer, 0)?;
+        report_progress(observer, 0)?;
     }
 }
 

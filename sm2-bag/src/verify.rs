@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use crate::bag::{Bag, open_file, scan_file};
 use crate::bag_files::BagFiles;
-use crate::copy::note_damaged;
+use crate::copy::add_damaged;
 use crate::damaged::DamagedPart;
 use crate::error::ReadError;
 use crate::messages::Filter;
@@ -158,7 +158,7 @@ fn wrong_payloads(bag: &Bag) -> Result<Vec<Damage>, ReadError> {
     for message in bag.messages(&Filter::default()) {
         match message {
             Ok(_) => {}
-            Err(ReadError::Damaged { part, .. }) => note_damaged(&mut parts, part),
+            Err(ReadError::Damaged { part, .. }) => add_damaged(&mut parts, part),
             Err(error) => return Err(error),
         }
     }

@@ -325,7 +325,7 @@ impl BagWriter {
         Ok((self.mcap).add_channel(schema, topic, &encoding, &metadata)?)
     }
 
-    /// Notes messages that are missing.
+    /// Writes which messages are missing.
     pub(crate) fn gap(&mut self, source: &Arc<Source>, gap: Gap) -> Result<(), WriteError> {
         // A topic whose only messages are missing has a channel, too.
         self.channel(source)?;
@@ -351,20 +351,20 @@ impl BagWriter {
         Ok(())
     }
 
-    /// Notes that a topic is not recorded from now on, or was not until now.
+    /// Writes that a topic is not recorded from now on, or was not until now.
     pub(crate) fn missing(&mut self, missing: MissingTopic) -> Result<(), WriteError> {
         self.metadata(MissingTopic::RECORD, missing.metadata())?;
         self.missing.push(missing);
         Ok(())
     }
 
-    /// Notes how many topics were not recorded and have no name.
+    /// Writes how many topics were not recorded and have no name.
     pub(crate) fn not_recorded(&mut self, topics: u64) -> Result<(), WriteError> {
         self.not_recorded += topics;
         self.metadata(NotRecorded::RECORD, NotRecorded(topics).metadata())
     }
 
-    /// Notes latched messages that are not repeated.
+    /// Writes which latched messages are not repeated.
     pub(crate) fn not_repeated(&mut self, not_repeated: NotRepeated) -> Result<(), WriteError> {
         self.metadata(NotRepeated::RECORD, not_repeated.metadata())?;
         self.not_repeated.push(not_repeated);

@@ -47,7 +47,7 @@ fn a_peer_that_does_nothing_harms_nobody() {
         let stream = idle.open(Dir::Uni);
         idle.write(stream, &[1]);
     }
-    idle.settle();
+    idle.round_trip();
     bench.is_undisturbed_beside(&mut idle);
     drop(idle);
     // This takes 5 s. Otherwise the connection ends when the next one greets with a greater epoch.
@@ -74,7 +74,7 @@ fn a_peer_that_does_nothing_harms_nobody() {
             });
         }
     }
-    deaf.settle();
+    deaf.round_trip();
     deaf.is_deaf = true;
     publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
     let long = "x".repeat(50_000);

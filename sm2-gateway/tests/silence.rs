@@ -90,7 +90,7 @@ impl World {
             stopped: Vec::new(),
             closed: None,
         };
-        world.settle();
+        world.exchange();
         assert!(world.gateway.is_some());
         world
     }
@@ -131,7 +131,7 @@ impl World {
     fn write(&mut self, stream: StreamId, bytes: &[u8]) {
         let written = self.hand.1.send_stream(stream).write(bytes);
         assert_eq!(written, Ok(bytes.len()));
-        self.settle();
+        self.exchange();
     }
 
     /// Feeds the gateway and carries out its outputs.
@@ -179,7 +179,7 @@ impl World {
     }
 
     /// Exchanges all datagrams that are due now.
-    fn settle(&mut self) {
+    fn exchange(&mut self) {
         let quic = self.clock.at(self.now).quic;
         let mut buffer = Vec::new();
         loop {
@@ -227,7 +227,7 @@ impl World {
     fn pass(&mut self, time: Duration) {
         let until = self.now.after(time);
         loop {
-            self.settle();
+            self.exchange();
             let hand = self.hand.1.poll_timeout().map(|it| self.clock.of(it));
             let gateway = self.gateway.as_ref().and_then(|(_, it)| it.deadline());
             let next = hand.into_iter().chain(gateway).min();

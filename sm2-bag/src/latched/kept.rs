@@ -40,8 +40,8 @@ impl Kept {
         }
     }
 
-    /// Notes a message that was written, and forgets the one that it displaces from the latched messages.
-    pub(crate) fn note(&mut self, source: &Arc<Source>, times: MessageTimes, data: &[u8]) {
+    /// Keeps a message that was written, and forgets the one that it displaces from the latched messages.
+    pub(crate) fn keep(&mut self, source: &Arc<Source>, times: MessageTimes, data: &[u8]) {
         let latched = usize::from(source.offer.latched);
         if latched == 0 {
             return;
@@ -145,8 +145,8 @@ mod tests {
         let mut all = Kept::new(1_000);
         let (two, none) = (Source::of_test("mapper", 2), Source::of_test("mapper", 0));
         for number in 0..5 {
-            all.note(&two, times(number), &[0; 10]);
-            all.note(&none, times(number), &[0; 10]);
+            all.keep(&two, times(number), &[0; 10]);
+            all.keep(&none, times(number), &[0; 10]);
         }
         assert_eq!(kept(&all), [(3, true), (4, true)]);
         assert_eq!(all.bytes, 20);
@@ -160,13 +160,13 @@ mod tests {
         let mut all = Kept::new(20);
         let two = Source::of_test("mapper", 2);
         for (number, len) in [(0, 15), (1, 6), (2, 5), (3, 20)] {
-            all.note(&two, times(number), &vec![0; len]);
+            all.keep(&two, times(number), &vec![0; len]);
         }
         // The second one did not fit beside the first one, which the third one displaced, and the last one fits not
         // beside the third one.
         assert_eq!(kept(&all), [(2, true), (3, false)]);
         assert_eq!(all.bytes, 5);
-        all.note(&two, times(4), &[0; 20]);
+        all.keep(&two, times(4), &[0; 20]);
         assert_eq!(kept(&all), [(3, false), (4, true)]);
     }
 }

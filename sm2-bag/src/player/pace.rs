@@ -53,7 +53,7 @@ impl Pace {
         *self = Self::new(now, self.time(now), rate);
     }
 
-    /// Notes that the replay has reached `time`, which the clock does not tell: at the greatest speed, and after a step
+    /// Sets the replay to `time`, which the clock does not tell: at the greatest speed, and after a step
     /// during a pause.
     pub(super) fn reach(&mut self, now: Instant, time: u64) {
         *self = Self::new(now, self.time.max(time), self.rate);

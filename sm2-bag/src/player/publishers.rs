@@ -96,7 +96,7 @@ impl Declared {
         Ok(declared)
     }
 
-    /// Notes that a topic is not played, because its type in the domain is another one.
+    /// Reports that a topic is not played, because its type in the domain is another one.
     fn leave_out(&mut self, topic: String, error: &DeclareError) {
         let reason = error.to_string();
         let left_out = LeftOut { topic, reason };

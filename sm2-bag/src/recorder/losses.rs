@@ -75,8 +75,8 @@ impl Views {
 }
 
 impl Recorder<'_> {
-    /// Notes that messages are missing before this one. The counters tell the reasons.
-    pub(super) fn note_lost(&mut self, number: usize, sample: &Sample<[u8]>, at: Instant) {
+    /// Counts the messages that are missing before this one. The counters tell the reasons.
+    pub(super) fn count_lost(&mut self, number: usize, sample: &Sample<[u8]>, at: Instant) {
         if sample.lost() == 0 {
             return;
         }
@@ -93,7 +93,7 @@ impl Recorder<'_> {
             self.topics[number].losses.looked_at = Some(at);
         }
         let now = self.clock.wall_at(at);
-        self.lost += self.topics[number].note_lost(&self.node, sample, now, is_due);
+        self.lost += self.topics[number].count_lost(&self.node, sample, now, is_due);
         self.has_gaps = true;
     }
 

@@ -127,7 +127,7 @@ impl NewTopics {
         self.missed.count - self.missed.named
     }
 
-    /// Notes that the domain has changed.
+    /// Has the topics of the domain compared again, because the domain has changed.
     pub(super) const fn domain_changed(&mut self) {
         self.is_stale = self.patterns.is_some();
     }
@@ -212,8 +212,8 @@ impl NewTopics {
         }
     }
 
-    /// Notes whether the recorder has subscribed to a topic. Returns the errors that end the recording.
-    pub(super) fn note(
+    /// Sets whether the recorder has subscribed to a topic. Returns the errors that end the recording.
+    pub(super) fn set_subscribed(
         &mut self,
         topic: Name,
         subscribed: Result<(), RecordError>,

@@ -110,7 +110,7 @@ impl Parts {
         data: &[u8],
     ) -> Result<(), WriteError> {
         self.make_room(source, times.log_time, data.len())?;
-        self.note(source, times, data);
+        self.keep(source, times, data);
         self.bag.message(source, times, data)
     }
 
@@ -122,15 +122,15 @@ impl Parts {
         done: Done,
     ) -> Result<(), WriteError> {
         self.make_room(source, times.log_time, message.len())?;
-        self.note(source, times, &message);
+        self.keep(source, times, &message);
         self.bag.long_message(source, times, message, done)
     }
 
-    /// Notes a message that is about to be written.
-    fn note(&mut self, source: &Arc<Source>, times: MessageTimes, data: &[u8]) {
+    /// Keeps a message that is about to be written.
+    fn keep(&mut self, source: &Arc<Source>, times: MessageTimes, data: &[u8]) {
         self.has_messages = true;
         if self.folder.is_some() {
-            self.kept.note(source, times, data);
+            self.kept.keep(source, times, data);
         }
     }
 

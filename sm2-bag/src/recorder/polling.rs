@@ -21,7 +21,7 @@ impl Recorder<'_> {
             self.set.remove(timer);
         }
         for message in found.drain(..) {
-            self.note(message.topic, message.sample, message.at);
+            self.record(message.topic, message.sample, message.at);
         }
         self.polled[interval].keep(found);
         for number in ended? {

@@ -54,18 +54,18 @@ impl Recorder<'_> {
         let mut samples = std::mem::take(&mut self.samples);
         let taken = topic.take(&mut samples, most);
         for sample in samples.drain(..) {
-            self.note(number, sample, (self.options.monotonic_clock)());
+            self.record(number, sample, (self.options.monotonic_clock)());
         }
         self.samples = samples;
         Ok(taken?)
     }
 
-    /// Passes a message that came at this time to the writer, or notes that it is missing.
-    pub(super) fn note(&mut self, number: usize, sample: Sample<[u8]>, at: Instant) {
-        self.note_lost(number, &sample, at);
+    /// Passes a message that came at this time to the writer, or counts it as missing.
+    pub(super) fn record(&mut self, number: usize, sample: Sample<[u8]>, at: Instant) {
+        self.count_lost(number, &sample, at);
         let topic = &mut self.topics[number];
         let now = self.clock.wall_at(at);
-        let Some(taken) = topic.note(&self.node, &sample, &self.clock, now) else {
+        let Some(taken) = topic.describe(&self.node, &sample, &self.clock, now) else {
             return;
         };
         let held_by = HeldBy(number);
@@ -81,11 +81,11 @@ impl Recorder<'_> {
                 self.too_long += 1;
                 topic.log_too_long(len_bytes);
             }
-            topic.note_dropped(&taken, reason);
+            topic.count_dropped(&taken, reason);
             self.has_gaps = true;
             return;
         }
-        topic.note_recorded(&taken, &self.queue);
+        topic.mark_recorded(&taken, &self.queue);
         let Taken { source, times, .. } = taken;
         if sample.len() <= COPY_MAX_BYTES {
             return self.queue.push_copy(source, times, &sample);

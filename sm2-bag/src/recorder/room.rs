@@ -36,14 +36,14 @@ impl Room {
         if !self.is_to_wait(&done) {
             return done;
         }
-        self.queue.note_stuck(true);
+        self.queue.set_stuck(true);
         while self.is_to_wait(&done) {
             if !self.remove_oldest() {
                 thread::sleep(RETRY);
             }
             done = work();
         }
-        self.queue.note_stuck(false);
+        self.queue.set_stuck(false);
         done
     }
 

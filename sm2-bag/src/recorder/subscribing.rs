@@ -25,14 +25,14 @@ impl<'fd> Recorder<'fd> {
     pub(super) fn subscribe_next(&mut self) -> Result<(), RecordError> {
         let (domain, now_ns) = (self.watch.domain(), self.now_ns());
         let next = self.new_topics.next(domain, &mut self.topics, now_ns);
-        let noted = next.map_or(Ok(()), |topic| {
+        let result = next.map_or(Ok(()), |topic| {
             let subscribed = self.subscribe_in_a_session(&topic);
-            self.new_topics.note(topic, subscribed, now_ns)
+            self.new_topics.set_subscribed(topic, subscribed, now_ns)
         });
         for missing in self.new_topics.take_changes() {
             self.queue.push(Item::Missing(missing));
         }
-        noted
+        result
     }
 
     /// Subscribes to a topic. If the session has as many interfaces as it may have, connects another one.
@@ -117,8 +117,8 @@ impl<'fd> Recorder<'fd> {
             .collect()
     }
 
-    /// Notes the topics that have never had a link, and the patterns that no topic has matched.
-    pub(super) fn note_unlinked(&mut self) {
+    /// Reports the topics that have never had a link, and the patterns that no topic has matched.
+    pub(super) fn report_unlinked(&mut self) {
         let missing = |it: &Pattern| MissingTopic {
             topic: it.as_str().to_owned(),
             reason: "no topic matched".to_owned(),

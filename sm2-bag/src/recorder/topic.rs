@@ -163,7 +163,7 @@ impl Topic {
 
     /// Describes a message that was taken at `now`, a time of the wall clock. `None` if its sender is not a publisher,
     /// which the Manager never links.
-    pub(super) fn note(
+    pub(super) fn describe(
         &mut self,
         node: &Node,
         sample: &Sample<[u8]>,
@@ -195,9 +195,9 @@ impl Topic {
         }
     }
 
-    /// Notes that messages are missing before this one, which comes at `now`. Returns the number of those that were not
-    /// counted before. `is_explained`: the counters of the publisher were read before.
-    pub(super) fn note_lost(
+    /// Counts the messages that are missing before this one, which comes at `now`. Returns the number of those that
+    /// were not counted before. `is_explained`: the counters of the publisher were read before.
+    pub(super) fn count_lost(
         &mut self,
         node: &Node,
         sample: &Sample<[u8]>,
@@ -219,7 +219,7 @@ impl Topic {
         displaced
     }
 
-    /// Notes what the links have lost since the last look. Returns the number of messages.
+    /// Counts the messages that the links have lost since the last look. Returns the number of messages.
     pub(super) fn look_at_losses(
         &mut self,
         node: &Node,
@@ -303,7 +303,7 @@ impl Topic {
         depths.min().unwrap_or_default()
     }
 
-    /// Notes whether it has, or has had, a link.
+    /// Looks whether it has, or has had, a link.
     pub(super) fn look_for_link(&mut self) {
         self.was_linked =
             self.was_linked || !self.publishers.is_empty() || !self.subscriber.links().is_empty();
@@ -315,14 +315,14 @@ impl Topic {
     }
 
     /// The message will be in the bag, behind the gaps before it.
-    pub(super) fn note_recorded(&mut self, taken: &Taken, queue: &Queue) {
+    pub(super) fn mark_recorded(&mut self, taken: &Taken, queue: &Queue) {
         let publisher = &mut self.publishers[taken.publisher];
         publisher.flush_gaps(queue);
         publisher.last_time = Some(taken.times.log_time);
     }
 
     /// The message is dropped for this reason.
-    pub(super) fn note_dropped(&mut self, taken: &Taken, reason: GapReason) {
+    pub(super) fn count_dropped(&mut self, taken: &Taken, reason: GapReason) {
         self.publishers[taken.publisher].lose(taken.times.log_time, 1, reason);
     }
 

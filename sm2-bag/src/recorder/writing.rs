@@ -40,7 +40,7 @@ pub(super) fn write(
             // Nothing of an idle recording grows, but a full disk may have got room.
             if state == State::Syncing || is_full {
                 let was_full = std::mem::replace(&mut is_full, parts.is_disk_full()?);
-                queue.note_disk(is_full);
+                queue.set_disk_full(is_full);
                 // A synchronization that has just begun has the gaps.
                 if was_full && !is_full && state == State::Synced {
                     state = State::Written;
@@ -83,15 +83,15 @@ fn write_item(
             Payload::Copied(place) => {
                 let data = &copies[place];
                 parts.message(&source, times, data)?;
-                queue.note_written(data.len(), None);
+                queue.mark_written(data.len(), None);
                 Ok(())
             }
             Payload::Held(message, by) => {
-                let done = note_written(queue, message.len(), Some(by));
+                let done = mark_written(queue, message.len(), Some(by));
                 parts.long_message(&source, times, LongMessage::Held(message), done)
             }
             Payload::Owned(data) => {
-                let done = note_written(queue, data.len(), None);
+                let done = mark_written(queue, data.len(), None);
                 parts.long_message(&source, times, LongMessage::Owned(data), done)
             }
         },
@@ -107,10 +107,10 @@ fn write_item(
     }
 }
 
-/// Notes that a long message was written.
-fn note_written(queue: &Arc<Queue>, len: usize, held: Option<HeldBy>) -> Done {
+/// Counts a long message as written.
+fn mark_written(queue: &Arc<Queue>, len: usize, held: Option<HeldBy>) -> Done {
     let queue = Arc::clone(queue);
-    Box::new(move || queue.note_written(len, held))
+    Box::new(move || queue.mark_written(len, held))
 }
 
 /// How much of the file is safe against a power cut.

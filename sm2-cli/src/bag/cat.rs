@@ -92,7 +92,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
             Ok(message) => {
                 left -= 1;
                 cat.print(file, &message)?;
-                if work.note(message.data.len() as u64).is_break() {
+                if work.advance(message.data.len() as u64).is_break() {
                     return Err(work.error(ReadError::Stopped));
                 }
             }

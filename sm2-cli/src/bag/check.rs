@@ -49,7 +49,7 @@ struct CheckedFile<'a> {
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let files = BagFiles::find(&arguments.file)?;
     let mut work = Work::begin([&files])?;
-    let verdicts = files.check(&mut |it| work.note(it));
+    let verdicts = files.check(&mut |it| work.advance(it));
     let verdicts = verdicts.map_err(|it| work.error(it))?;
     let reports: Vec<_> = verdicts.iter().map(|it| it.report.clone()).collect();
     let checked = Checked {

@@ -159,7 +159,7 @@ fn write(
     work: &mut Work,
 ) -> Result<Ended, CliError> {
     let (to, compression) = (&target.output, compression.into());
-    let report = sm2_bag::copy_observed(bags, to, filter, compression, &mut |it| work.note(it));
+    let report = sm2_bag::copy_observed(bags, to, filter, compression, &mut |it| work.advance(it));
     let report = report.map_err(|it| work.error(it))?;
     let mut out = Output::new();
     match target.json {

@@ -44,7 +44,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let mut work = Work::begin(&files)?;
     let mut open = |files| work.open(files, "comparing");
     let [first, second] = [open(&files[0])?, open(&files[1])?];
-    let difference = sm2_bag::diff_observed([&first, &second], &mut |it| work.note(it));
+    let difference = sm2_bag::diff_observed([&first, &second], &mut |it| work.advance(it));
     let Comparison {
         difference,
         damaged,

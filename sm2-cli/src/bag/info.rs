@@ -42,7 +42,7 @@ Examples:
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let files = BagFiles::find(&arguments.file)?;
     let mut work = Work::begin([&files])?;
-    let bags = files.open(&mut |it| work.note(it));
+    let bags = files.open(&mut |it| work.advance(it));
     let bags = bags.map_err(|it| work.error(it))?;
     let reports: Vec<_> = bags.iter().map(Bag::report).collect();
     let report = Report::of_files(&reports);

@@ -50,7 +50,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let files = BagFiles::find(&arguments.file)?;
     // The readable part is read twice.
     let mut work = Work::begin([&files; 2])?;
-    let report = sm2_bag::recover_observed(&arguments.file, &path, &mut |it| work.note(it));
+    let report = sm2_bag::recover_observed(&arguments.file, &path, &mut |it| work.advance(it));
     let report = report.map_err(|it| work.error(it))?;
     let mut out = Output::new();
     match arguments.json {

@@ -57,7 +57,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let mut work = Work::begin([&files])?;
     let bags = work.open(&files, "copying")?;
     let (to, compression) = (&arguments.output, arguments.compression.into());
-    let restamped = sm2_bag::restamp(&bags, to, compression, &mut |it| work.note(it));
+    let restamped = sm2_bag::restamp(&bags, to, compression, &mut |it| work.advance(it));
     let restamped = restamped.map_err(|it| work.error(it))?;
     let mut out = Output::new();
     if arguments.json {

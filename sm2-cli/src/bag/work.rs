@@ -49,7 +49,7 @@ impl Work {
     ///
     /// [`CliError::ReadBag`], [`CliError::Stopped`].
     pub(super) fn open(&mut self, bag: &BagFiles, doing: &str) -> Result<Vec<Bag>, CliError> {
-        let bags = bag.open(&mut |it| self.note(it));
+        let bags = bag.open(&mut |it| self.advance(it));
         let bags = bags.map_err(|it| self.error(it))?;
         for bag in bags.iter().filter(|it| !it.is_complete()) {
             let path = bag.path().display();
@@ -58,8 +58,8 @@ impl Work {
         Ok(bags)
     }
 
-    /// Takes note of bytes that were read.
-    pub(super) fn note(&mut self, bytes: u64) -> ControlFlow<()> {
+    /// Counts bytes that were read.
+    pub(super) fn advance(&mut self, bytes: u64) -> ControlFlow<()> {
         self.progress.read_bytes += bytes;
         let progress = self.progress;
         self.ticker.tick(|| progress);

@@ -21,7 +21,7 @@ Each number counts the messages of a link since it was made:
   POOL LIMIT   not sent because the subscriber held too much of the publisher's memory
   TOO LONG     longer than the subscriber accepts
   EXPIRED      older than their lifespan
-  IN FLIGHT    sent, and not settled yet
+  IN FLIGHT    sent, and neither delivered nor dropped yet
   LOST         counted as lost by the subscriber
   AWAY         published before the link was made, after an earlier link of the same pair had ended",
     "  sm2 topic loss camera

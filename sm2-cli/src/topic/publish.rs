@@ -38,7 +38,7 @@ const TIMEOUT: Duration = Duration::from_secs(10);
 const FAREWELL: Duration = Duration::from_secs(1);
 
 /// The timeout for subscribers to release their messages before the summary is printed.
-const SETTLING: Duration = Duration::from_millis(200);
+const RELEASE_TIMEOUT: Duration = Duration::from_millis(200);
 
 /// A wait is cut into steps of this length, so that a signal ends the wait soon.
 const STEP: Duration = Duration::from_millis(100);
@@ -70,7 +70,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         // After an error, the messages that were already published are flushed too.
         flushed = feed.flush()?;
         all?;
-        feed.settle()?;
+        feed.wait_for_releases()?;
     }
     let counters = publisher.counters();
     feed.tally.unheard = publisher.unheard();
@@ -266,9 +266,9 @@ impl Feed<'_> {
         Ok(true)
     }
 
-    /// Waits up to [`SETTLING`] for subscribers to release their messages, so that the counts are final.
-    fn settle(&self) -> Result<(), CliError> {
-        let until = clock::now().after(SETTLING);
+    /// Waits up to [`RELEASE_TIMEOUT`] for subscribers to release their messages, so that the counts are final.
+    fn wait_for_releases(&self) -> Result<(), CliError> {
+        let until = clock::now().after(RELEASE_TIMEOUT);
         while self.publisher.counters().in_flight > 0 && clock::now() < until {
             drive(&self.session.node, &[], Some(until))?;
         }

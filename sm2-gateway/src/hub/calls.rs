@@ -22,7 +22,7 @@ impl Hub {
         deadline: Option<Instant>,
         payload: Bytes,
     ) {
-        self.settle(now, subject, Source::Remote(origin));
+        self.update_route(now, subject, Source::Remote(origin));
         let caller = Caller::Local { request };
         self.call_remote(caller, subject, origin, deadline, payload);
     }
@@ -38,7 +38,7 @@ impl Hub {
         payload: Bytes,
     ) {
         if let Some((subject, source)) = self.source(peer, offer) {
-            self.settle(now, &subject, source);
+            self.update_route(now, &subject, source);
         }
         match self.source(peer, offer) {
             Some((subject, Source::Local)) if subject.kind() == SubjectKind::Service => {

@@ -22,7 +22,7 @@ impl Hub {
         published_at: Instant,
         payload: Bytes,
     ) {
-        self.settle(now, subject, Source::Local);
+        self.update_route(now, subject, Source::Local);
         let message = Message {
             sequence: self.sequences.next(subject),
             published_at,
@@ -57,7 +57,7 @@ impl Hub {
         // The message may have been in flight when another offer replaced its offer.
         //= SM2-GWO-004
         //= SM2-GWR-004
-        self.settle(now, &subject, Source::Remote(origin.gateway));
+        self.update_route(now, &subject, Source::Remote(origin.gateway));
         let key = (subject, origin.gateway);
         if self.routes.get(&key) != Some(&(peer, offer)) {
             return;

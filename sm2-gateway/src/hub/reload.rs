@@ -1,7 +1,7 @@
 //! Other rules: in force at once, and announced in pieces.
 //!
 //! 1. Each connection gets the rules, and sends nothing from then on that they deny.
-//! 2. The router settles all sources in pieces. A source that is used in between is settled first.
+//! 2. The router applies the rules to all sources in pieces, and first to a source that is used in between.
 //! 3. The QoS of the offers changes, in pieces.
 //! 4. Each connection learns that nothing is left that the rules deny.
 

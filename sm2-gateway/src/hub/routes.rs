@@ -24,7 +24,7 @@ impl Hub {
     /// Applies the current rules and connections to a source that is about to be used, if the router has not come
     /// to the source yet.
     //= SM2-GWR-004
-    pub(super) fn settle(&mut self, now: Instant, subject: &Subject, source: Source) {
+    pub(super) fn update_route(&mut self, now: Instant, subject: &Subject, source: Source) {
         if self.router.deadline().is_some() {
             let subject = subject.clone();
             self.route(now, router::Input::Use { subject, source });

@@ -146,19 +146,19 @@ impl Shares {
             self.count(subject, Taken { holder, links });
         }
         if was_wanted {
-            self.settle();
+            self.rebalance();
         }
         self.invariants();
     }
 
     pub(super) fn set_interfaces(&mut self, most: u64) {
         self.room.interfaces = most;
-        self.settle();
+        self.rebalance();
         self.invariants();
     }
 
     /// Gives back what exceeds the room, and fills what is free.
-    fn settle(&mut self) {
+    fn rebalance(&mut self) {
         if let Some(steps) = self.plan(Room::NONE, 0) {
             self.carry_out(steps);
         }

@@ -22,7 +22,7 @@ pub enum LocalError {
 
 impl LocalError {
     /// True if no Manager has answered.
-    pub(crate) const fn is_silence(&self) -> bool {
+    pub(crate) const fn lacks_manager(&self) -> bool {
         matches!(
             self,
             Self::Connect(_)

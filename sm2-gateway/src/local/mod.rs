@@ -215,7 +215,7 @@ impl Local {
             let name = missing.subject().name();
             tracing::debug!(%name, %error, "still cannot declare an interface of a gateway");
             self.missing.push(missing);
-            if error.is_silence() {
+            if error.lacks_manager() {
                 break;
             }
         }

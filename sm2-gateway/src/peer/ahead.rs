@@ -91,7 +91,7 @@ impl Room {
         }
     }
 
-    /// Notes that this many bytes were written.
+    /// Counts bytes that were written.
     pub(super) fn take(&mut self, len_bytes: usize) {
         self.left_bytes = self.left_bytes.saturating_sub(len_bytes);
         self.taken_bytes += len_bytes;

@@ -36,7 +36,7 @@ pub(crate) struct Client {
     /// The bytes of the control stream.
     reader: FrameReader,
     pub(crate) frames: Vec<Frame>,
-    /// The number of the last question that [`settle`](Self::settle) has asked.
+    /// The number of the last question that [`round_trip`](Self::round_trip) has asked.
     asked: AskId,
     /// Streams that the other side has stopped reading, with its error code.
     pub(crate) stopped: BTreeMap<StreamId, u64>,
@@ -93,7 +93,7 @@ impl Client {
     }
 
     /// Waits until the other side has handled everything that was sent before: it has answered a question.
-    pub(crate) fn settle(&mut self) {
+    pub(crate) fn round_trip(&mut self) {
         self.ask();
         self.until("the answer", Self::is_answered);
     }
@@ -101,7 +101,7 @@ impl Client {
     /// Asks a question.
     pub(crate) fn ask(&mut self) {
         self.asked.0 += 1;
-        let name = Name::new("settled").unwrap();
+        let name = Name::new("round-trip").unwrap();
         let (ask, kind) = (self.asked, SubjectKind::Topic);
         self.frame(&Frame::Ask { ask, kind, name });
     }

@@ -91,7 +91,7 @@ fn what_a_peer_sends_takes_no_more_memory_than_it_may() {
         most = most.max(gateway.private_bytes());
         most > before + MEMORY_BYTES / 2
     });
-    client.settle();
+    client.round_trip();
     most = most.max(gateway.private_bytes());
     println!(
         "a hostile peer: {:.1} MB before, {:.1} MB at most; {:.1} MB of payloads were allowed",

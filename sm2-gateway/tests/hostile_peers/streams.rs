@@ -128,7 +128,7 @@ fn payloads_that_are_too_long_are_refused() {
     for stream in begun {
         client.give_up_sending(stream);
     }
-    client.settle();
+    client.round_trip();
     // A message that the gateway refuses, because it does not know yet that others were given up, is sent again.
     let mut sequence = 0;
     let mut sent = None;
@@ -170,7 +170,7 @@ fn a_peer_that_reads_nothing_does_not_starve_the_others() {
     });
     let offer = client.frames.iter().find_map(chatter).unwrap();
     client.frame(&Frame::Want { offer, depth: 64 });
-    client.settle();
+    client.round_trip();
     client.is_deaf = true;
     for _ in 0..64 {
         bench.carries(20_000, &mut client);
@@ -202,11 +202,11 @@ fn drop_calls(client: &mut Client, request: impl Fn(u64) -> Header) {
             stream
         })
         .collect();
-    client.settle();
+    client.round_trip();
     for stream in dropped {
         client.give_up(stream);
     }
-    client.settle();
+    client.round_trip();
 }
 
 /// A peer may abandon any number of calls.
@@ -232,7 +232,7 @@ fn calls_that_are_dropped_leave_room_for_others() {
     });
     let offer = offers.unwrap();
     client.frame(&Frame::Want { offer, depth: 1 });
-    client.settle();
+    client.round_trip();
     let left_ns = 0;
     let request = |len| Header {
         kind: HeaderKind::Request { left_ns },

@@ -1,4 +1,4 @@
-//! Other rules for more routes than one piece settles.
+//! Other rules for more routes than one piece has.
 
 use std::{collections::BTreeSet, num::NonZeroU64};
 
@@ -23,7 +23,7 @@ use super::{
 /// So many topics of the domain that other rules need several pieces.
 const TOPICS: u64 = 1_000;
 
-/// The offers to peer 3, the last ones in the order of settling: a topic and a service of the domain, and a topic of
+/// The offers to peer 3, the last ones in the order of the pieces: a topic and a service of the domain, and a topic of
 /// peer 9.
 const OWN: u64 = TOPICS + 1;
 const NEAR: u64 = TOPICS + 2;
