@@ -69,7 +69,7 @@ impl columns::Row for Row {
         ("DELIVERED", |it| it.of(Fate::Delivered)),
         ("OVERWRITTEN", |it| it.of(Fate::Overwritten)),
         ("DISCARDED", |it| it.of(Fate::Discarded)),
-        ("DEADLINE", |it| it.of(Fate::Deadline)),
+        ("NO ROOM", |it| it.of(Fate::NoRoom)),
         ("CLOSED", |it| it.of(Fate::Closed)),
         ("POOL LIMIT", |it| it.of(Fate::PoolLimit)),
         ("TOO LONG", |it| it.of(Fate::TooLong)),
