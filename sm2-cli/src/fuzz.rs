@@ -5,6 +5,8 @@ mod command_line;
 mod counters_page;
 mod messages;
 
+use sm2_node::explain::difference;
+
 /// Fuzzes the words of a command line and the environment.
 pub fn command_line(data: &[u8]) {
     command_line::words(data);
@@ -18,6 +20,10 @@ pub fn counters_page(data: &[u8]) {
 /// Fuzzes messages. The input has two lines with schema texts, and then a message of the first type or JSON
 /// for one.
 pub fn schema_text(data: &[u8]) {
-    sm2_proto::fuzz::schema_text(messages::schemas(data));
+    if let Some([one, other]) = sm2_proto::fuzz::schema_text(messages::schemas(data)) {
+        let same = one == other;
+        assert_eq!(difference(&one, &other).is_none(), same);
+        assert_eq!(difference(&other, &one).is_none(), same);
+    }
     messages::message(data);
 }

@@ -1,6 +1,7 @@
 //! The limits in force at the Manager, and how much of them is used.
 
 use serde::Serialize;
+use sm2_node::explain::{processes, sessions, users};
 use sm2_proto::control::{Limit, Limits};
 
 use crate::{columns::Columns, view::View};
@@ -40,7 +41,7 @@ pub(crate) fn quotas(view: &View<'_>) -> Vec<Quota> {
             kind,
         });
     };
-    for (uid, usage) in view.domain.users() {
+    for (uid, usage) in users(view.domain) {
         let of = format!("user {uid}");
         add(&of, "sessions", usage.sessions, Limit::SessionsPerUser);
         add(
@@ -50,7 +51,7 @@ pub(crate) fn quotas(view: &View<'_>) -> Vec<Quota> {
             Limit::InterfacesPerUser,
         );
     }
-    for ((_, pid), usage) in view.domain.processes() {
+    for ((_, pid), usage) in processes(view.domain) {
         let of = format!("process {pid}");
         add(&of, "sessions", usage.sessions, Limit::SessionsPerProcess);
         add(
@@ -60,7 +61,7 @@ pub(crate) fn quotas(view: &View<'_>) -> Vec<Quota> {
             Limit::InterfacesPerProcess,
         );
     }
-    for (node, usage) in view.domain.sessions() {
+    for (node, usage) in sessions(view.domain) {
         let of = format!("node {}", view.name_of(node));
         let shown = [
             ("interfaces", usage.interfaces, Limit::InterfacesPerSession),

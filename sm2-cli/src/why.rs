@@ -6,10 +6,9 @@ use std::collections::BTreeSet;
 
 use clap::Args;
 use serde::Serialize;
+use sm2_node::explain::{Finding, Near, Verdict, difference, nearest, why};
 use sm2_proto::{
-    Contract, EntityId, Kind, Refusal, TypeId,
-    domain::{Domain as Mirror, Finding, Near, Verdict, nearest, why},
-    schema::Schema,
+    Contract, EntityId, Kind, Refusal, TypeId, domain::Domain as Mirror, schema::Schema,
 };
 
 use self::link_troubles::LinkTroubles;
@@ -294,7 +293,7 @@ fn differences(session: &Session, domain: &Mirror, verdict: &Verdict) -> Vec<Str
     // The verdict is complete without schemas.
     let schema = |data: &TypeId| Schema::parse(&session.describe(data).ok()??).ok();
     let difference = |(ours, theirs): (&TypeId, &TypeId)| {
-        let difference = schema(ours)?.difference(&schema(theirs)?)?;
+        let difference = difference(&schema(ours)?, &schema(theirs)?)?;
         Some(format!(
             "First difference of {} (here: what was refused, there: what is in use): {difference}.",
             ours.name

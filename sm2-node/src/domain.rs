@@ -11,8 +11,8 @@ use std::time::Duration;
 use sm2_io::CounterView;
 use sm2_proto::control::ReloadOutcome;
 pub use sm2_proto::control::{Change, Item, Key, Limits, LinkPeer, PolicyProblem, UnlinkedReason};
-use sm2_proto::domain::{Ask, Mirror, nearest, why};
-pub use sm2_proto::domain::{Domain, Finding, Near, Verdict};
+pub use sm2_proto::domain::Domain;
+use sm2_proto::domain::{Ask, Mirror};
 pub use sm2_proto::{
     Contract, DemandedQos, EntityId, InterfaceId, Kind, LinkId, NodeId, OfferedQos, Period,
     ServiceQos,
@@ -21,6 +21,8 @@ use sm2_proto::{Instant, TypeId};
 
 use crate::driver::{Answer, ControlBell, Followed, Lost, Question, SharedNode, Ticket};
 pub use crate::error::{QueryError, ReloadError};
+pub use crate::explain::{Finding, Near, Verdict};
+use crate::explain::{nearest, why};
 use crate::handle::{Handle, until};
 use crate::node::Node;
 use crate::schema::{SchemaError, check_schema};

@@ -214,6 +214,9 @@ mod error;
 mod event;
 mod events;
 pub mod executor;
+pub mod explain;
+#[cfg(feature = "fuzzing")]
+pub mod fuzz;
 mod handle;
 mod link_room;
 mod loan;

@@ -7,9 +7,12 @@ pub(crate) mod script;
 
 pub use script::Script;
 
-/// Pages, changes and counters of a Manager that does not obey SPEC.
-pub fn domain_mirror(data: &[u8]) {
-    crate::domain::fuzz::mirror(data);
+use crate::{domain::Domain, schema::Schema};
+
+/// Pages, changes and counters of a Manager that does not obey SPEC. `query` asks what tools ask of
+/// the domain; `sm2-node` has the queries.
+pub fn domain_mirror(data: &[u8], query: fn(&Domain)) {
+    crate::domain::fuzz::mirror(data, query);
 }
 
 /// Beacons of any sender, and the results of attempts to connect.
@@ -43,7 +46,7 @@ pub fn ring_words(data: &[u8]) {
     crate::link::fuzz::words(data);
 }
 
-/// Two schema texts with a line feed between them.
-pub fn schema_text(data: &[u8]) {
-    crate::schema::fuzz::text(data);
+/// Two schema texts with a line feed between them. Returns the schemas, if both texts are schemas.
+pub fn schema_text(data: &[u8]) -> Option<[Schema; 2]> {
+    crate::schema::fuzz::text(data)
 }

@@ -15,7 +15,7 @@ const TARGETS: [(&str, Body); 17] = [
     ("command_line", Err("sm2-cli")),
     ("control_codec", Ok(fuzzed::control_codec)),
     ("counters_page", Err("sm2-cli")),
-    ("domain_mirror", Ok(fuzz::domain_mirror)),
+    ("domain_mirror", Err("sm2-node")),
     ("gateway_discovery", Ok(fuzz::gateway_discovery)),
     ("gateway_frames", Ok(fuzzed::gateway_frames)),
     ("gateway_session", Ok(fuzz::gateway_session)),

@@ -44,7 +44,6 @@ mod descriptors_lost;
 mod domain_mirror;
 mod domain_model;
 mod domain_views;
-mod domain_why;
 mod example_in_memory;
 mod fuzz_corpus;
 mod gateway_beacon;

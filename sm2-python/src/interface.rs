@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use pyo3::prelude::*;
 use sm2_node::WaitError;
-use sm2_proto::domain::Near;
+use sm2_node::domain::Near;
 
 use crate::errors::{self, raise};
 use crate::wait::in_slices;

@@ -1,7 +1,7 @@
 //! Message types that are known only at run time: a name and a schema text.
 
 use pyo3::prelude::*;
-use sm2_node::{Name, TypeId};
+use sm2_node::{Name, TypeId, explain::difference};
 use sm2_proto::schema::Schema;
 
 use crate::errors::SchemaError;
@@ -53,7 +53,7 @@ pub(crate) fn comparison(ours: &MessageType, theirs: &TypeId, their_text: Option
     );
     if let (Some(ours), Some(theirs)) = (our_text, their_text)
         && let (Ok(ours), Ok(theirs)) = (Schema::parse(ours), Schema::parse(theirs))
-        && let Some(difference) = ours.difference(&theirs)
+        && let Some(difference) = difference(&ours, &theirs)
     {
         lines.push_str("\n  first difference: ");
         lines.push_str(&difference.to_string());

@@ -1,9 +1,10 @@
 //! A process without free descriptors loses the messages and links that need one. No other process
 //! is affected.
 
+use sm2_node::explain::{Finding, why};
 use sm2_proto::{
     control::{Page, ToNode},
-    domain::{Domain, Finding, why},
+    domain::Domain,
 };
 use sm2_tests::{
     actor::{Actor, number},

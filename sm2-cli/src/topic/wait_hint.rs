@@ -3,7 +3,8 @@
 use std::time::Duration;
 
 use sm2_node::diagnostics::LinkStatus;
-use sm2_proto::{Kind, Name, domain::nearest, text::Counted};
+use sm2_node::explain::nearest;
+use sm2_proto::{Kind, Name, text::Counted};
 
 use crate::connect::Session;
 

@@ -59,7 +59,7 @@ macro_rules! interface_methods {
             /// # Errors
             ///
             /// See [`QueryError`](crate::domain::QueryError).
-            pub fn why(&self) -> Result<Vec<sm2_proto::domain::Near>, $crate::error::QueryError> {
+            pub fn why(&self) -> Result<Vec<$crate::explain::Near>, $crate::error::QueryError> {
                 self.handle().why()
             }
 

@@ -1,13 +1,9 @@
-//! The mirror of a domain: its nodes, interfaces and links, and the reasons why interfaces are
-//! linked or not.
+//! The mirror of a domain: its nodes, interfaces and links.
 //!
 //! | to do | call |
 //! | --- | --- |
 //! | keep a mirror | [`Mirror`] makes the requests and takes the answers |
 //! | list items | [`Domain::nodes`], [`Domain::interfaces`], [`Domain::links`], [`Domain::find`] |
-//! | compare usage with quotas | [`Domain::users`], [`Domain::sessions`], [`Domain::limits`] |
-//! | explain a pair | [`why`] |
-//! | explain an interface without links | [`nearest`] |
 //!
 //! A [`Domain`] holds the items that a Manager sent, and nothing else. An item may name nodes that
 //! the domain does not show. All methods then answer without them; none panics.
@@ -15,24 +11,13 @@
 #[cfg(feature = "fuzzing")]
 pub(crate) mod fuzz;
 mod mirror;
-mod names;
-mod near;
-mod text;
-mod usage;
-mod verdict;
 mod view;
-mod why;
 
 use alloc::{collections::BTreeMap, vec::Vec};
 
 pub use self::{
     mirror::{Ask, BrokenAnswer, Mirror},
-    names::NearName,
-    near::{NEAR_MAX, Near, nearest},
-    usage::{SessionUsage, UserUsage},
-    verdict::{Finding, Part, Party, Reliability, Seal, TypePair, Verdict},
     view::{InterfaceView, LinkView, NodeView},
-    why::why,
 };
 use crate::control::{Change, Item, Key};
 

@@ -38,7 +38,7 @@ impl fmt::Display for Definition {
 }
 
 /// Displays a hash as ROS 2 does.
-pub(super) struct Rihs01<'a>(pub(super) &'a [u8; 32]);
+struct Rihs01<'a>(&'a [u8; 32]);
 
 impl fmt::Display for Rihs01<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -12,7 +12,6 @@
 //! ([`Display`](fmt::Display)) from which it was made.
 
 mod definition;
-mod difference;
 #[cfg(feature = "fuzzing")]
 pub(crate) mod fuzz;
 pub mod hash;
@@ -25,7 +24,6 @@ mod tree;
 use core::fmt;
 
 pub use self::definition::Definition;
-pub use self::difference::Difference;
 pub use self::layout::{Layout, NoLayout};
 pub use self::parse::{ParseError, Reason, is_name};
 pub use self::tree::{Encoding, Field, Root, Scalar, Type, Variant};
@@ -68,13 +66,6 @@ impl Schema {
             Root::Type(ty) => hash::message(self.encoding.name(), ty.hash()),
             Root::Definition(definition) => hash::cdr(definition.rihs01()),
         }
-    }
-
-    /// The first difference between this schema and another one, if they differ.
-    #[must_use]
-    pub fn difference(&self, other: &Self) -> Option<Difference> {
-        let [here, there] = [self, other].map(|it| (&it.encoding, &it.root));
-        difference::of(here, there)
     }
 }
 

@@ -232,82 +232,6 @@ fn what_has_no_plain_layout_says_why() {
     assert_eq!(longest.fixed_bytes, MESSAGE_MAX);
 }
 
-fn difference(here: &str, there: &str) -> Option<String> {
-    let difference = parsed(here).difference(&parsed(there));
-    difference.map(|it| it.to_string())
-}
-
-#[test]
-fn the_first_difference_is_named_with_its_path() {
-    let cases = [
-        (
-            "plain:u8",
-            "postcard:u8",
-            "message: encoded as plain here, encoded as postcard there",
-        ),
-        ("plain:u8", "plain:i8", "message: u8 here, i8 there"),
-        (
-            IMU,
-            "plain:struct{stamp_ns:u64,acceleration:array[f64;0000000000000004],}",
-            "acceleration: array of 3 f64 here, array of 4 f64 there",
-        ),
-        (
-            "plain:struct{p:list[struct{x:f64,}],}",
-            "plain:struct{p:list[struct{x:f32,}],}",
-            "p[].x: f64 here, f32 there",
-        ),
-        (
-            "plain:struct{a:struct{x:u8,},}",
-            "plain:struct{a:struct{x:u8,y:u8,},}",
-            "a: no more than 1 field here, field y there",
-        ),
-        (
-            "plain:struct{a:u8,}",
-            "plain:struct{b:u8,}",
-            "message: field a here, field b there",
-        ),
-        (
-            "plain:struct{}",
-            "plain:struct{b:u8,}",
-            "message: no fields here, field b there",
-        ),
-        (
-            "json:enum{A:struct{},}",
-            "json:enum{A:struct{v:u8,},}",
-            "A: no fields here, field v there",
-        ),
-        (
-            "json:enum{A:struct{},B:struct{},}",
-            "json:enum{A:struct{},}",
-            "message: variant B here, no more than 1 variant there",
-        ),
-        (
-            "json:map[string,list[option[u8]]]",
-            "json:map[string,list[option[string]]]",
-            "[][]: u8 here, string there",
-        ),
-        (
-            "plain:array[array[f64;0000000000000002];0000000000000003]",
-            "plain:array[array[f32;0000000000000002];0000000000000003]",
-            "[][]: f64 here, f32 there",
-        ),
-        (
-            "json:map[string,u8]",
-            "json:map[u8,u8]",
-            "[key]: string here, u8 there",
-        ),
-        (
-            "json:list[struct{a:u8,}]",
-            "json:set[struct{a:u8,}]",
-            "message: list of structure of 1 field here, set of structure of 1 field there",
-        ),
-    ];
-    for (here, there, expected) in cases {
-        assert_eq!(difference(here, there).as_deref(), Some(expected));
-    }
-    assert_eq!(difference(PATH, PATH), None);
-}
-
 fn names() -> impl Strategy<Value = String> {
     "[a-zA-Z0-9_ü界-]{1,6}"
 }
@@ -413,20 +337,10 @@ proptest! {
     fn any_tree_is_read_from_its_text(schema in schemas()) {
         let text = schema.to_string();
         prop_assert_eq!(Schema::parse(&text), Ok(schema.clone()));
-        prop_assert_eq!(schema.difference(&schema), None);
         prop_assert_eq!(schema.hash(), hash_of_text(&text));
         // Any text is read without a panic.
         if let Root::Type(ty) = schema.root() {
             let _ = Layout::of(ty);
-        }
-    }
-
-    #[test]
-    fn schemas_that_differ_have_a_difference(here in schemas(), there in schemas()) {
-        let found = here.difference(&there);
-        prop_assert_eq!(found.is_some(), here != there);
-        if let Some(Difference { path, here: one, there: other }) = found {
-            prop_assert_ne!(&one, &other, "{}", path);
         }
     }
 

@@ -1,9 +1,10 @@
 //! The texts of verdicts: what stands between two interfaces, and what to do about it.
 
-use core::fmt;
+use std::fmt;
+
+use sm2_proto::{Code, EntityId, Farewell, Kind, NodeId, Period, Refusal, text::Counted};
 
 use super::{Finding, NearName, Part, Party, Reliability, Seal, TypePair, Verdict};
-use crate::{Code, EntityId, Farewell, Kind, NodeId, Period, Refusal, text::Counted};
 
 impl fmt::Display for Party {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -1,14 +1,13 @@
 //! Derives from the items of a domain why two interfaces are linked or not.
 
-use alloc::vec::Vec;
+use sm2_proto::{
+    Contract, EntityId, Kind, Mismatch, Refusal, TypeId,
+    control::UnlinkedReason,
+    domain::{Domain, InterfaceView, LinkView},
+    match_contracts,
+};
 
-use super::{
-    Domain, Finding, InterfaceView, LinkView, Part, Party, Reliability, Seal, TypePair, Verdict,
-    names,
-};
-use crate::{
-    Contract, EntityId, Kind, Mismatch, Refusal, TypeId, control::UnlinkedReason, match_contracts,
-};
+use super::{Finding, Part, Party, Reliability, Seal, TypePair, Verdict, names};
 
 /// The reason why the two interfaces are linked or not. Their order does not matter.
 //= SM2-MAT-001, SM2-MAT-003, SM2-WCH-004
@@ -21,8 +20,8 @@ pub fn why(domain: &Domain, one: EntityId, other: EntityId) -> Verdict {
         (Some(one), Some(other)) => find(domain, &one, &other),
     };
     Verdict {
-        one: domain.party(one),
-        other: domain.party(other),
+        one: party(domain, one),
+        other: party(domain, other),
         finding,
     }
 }
@@ -237,20 +236,18 @@ fn against(domain: &Domain, refused: &Contract, reason: &Refusal) -> Option<Part
     };
     let mut granted = domain.interfaces().filter(|it| it.refused.is_none());
     let found = granted.find(|it| it.contract.name() == refused.name() && states(it.contract))?;
-    Some(domain.party(found.entity))
+    Some(party(domain, found.entity))
 }
 
-impl Domain {
-    /// An interface with its names.
-    pub(super) fn party(&self, entity: EntityId) -> Party {
-        let node = self.node(entity.node);
-        let contract = self.interface(entity).map(|it| it.contract);
-        Party {
-            entity,
-            node: node.map(|it| it.name.clone()),
-            uid: node.map(|it| it.uid),
-            kind: contract.map(Contract::kind),
-            name: contract.map(|it| it.name().clone()),
-        }
+/// An interface with its names.
+fn party(domain: &Domain, entity: EntityId) -> Party {
+    let node = domain.node(entity.node);
+    let contract = domain.interface(entity).map(|it| it.contract);
+    Party {
+        entity,
+        node: node.map(|it| it.name.clone()),
+        uid: node.map(|it| it.uid),
+        kind: contract.map(Contract::kind),
+        name: contract.map(|it| it.name().clone()),
     }
 }

@@ -1,12 +1,8 @@
 //! The first difference of two schemas, for a person who wants to know why two programs do not fit.
 
-use alloc::{format, string::String};
-use core::fmt;
+use std::fmt;
 
-use super::{
-    definition::{Definition, Rihs01},
-    tree::{Encoding, Field, Root, Type},
-};
+use sm2_proto::schema::{Definition, Encoding, Field, Root, Schema, Type};
 
 /// The first place where two schemas differ.
 ///
@@ -29,12 +25,14 @@ impl fmt::Display for Difference {
     }
 }
 
-pub(super) fn of(here: (&Encoding, &Root), there: (&Encoding, &Root)) -> Option<Difference> {
-    if here.0 != there.0 {
+/// The first difference between two schemas, if they differ.
+#[must_use]
+pub fn difference(here: &Schema, there: &Schema) -> Option<Difference> {
+    if here.encoding() != there.encoding() {
         let side = |it: &Encoding| format!("encoded as {}", it.name());
-        return difference("", side(here.0), side(there.0));
+        return found("", side(here.encoding()), side(there.encoding()));
     }
-    match (here.1, there.1) {
+    match (here.root(), there.root()) {
         (Root::Type(here), Root::Type(there)) => types("", here, there),
         (Root::Definition(here), Root::Definition(there)) => definitions(here, there),
         // The encodings differ: a definition has encoding `cdr`, and a type has another one.
@@ -53,14 +51,15 @@ fn definitions(here: &Definition, there: &Definition) -> Option<Difference> {
             [Some(here), Some(there)] if here == there => {
                 path = here.strip_prefix("MSG: ").unwrap_or(path);
             }
-            sides => return difference(&shown(path), side(sides[0]), side(sides[1])),
+            sides => return found(&shown(path), side(sides[0]), side(sides[1])),
         }
     }
     if here.rihs01() == there.rihs01() {
         return None;
     }
-    let hash = |it: &Definition| format!("{}", Rihs01(it.rihs01()));
-    difference("", hash(here), hash(there))
+    // The first line of the text.
+    let hash = |it: &Definition| it.to_string().lines().next().unwrap_or_default().to_owned();
+    found("", hash(here), hash(there))
 }
 
 /// One side of a difference: a line that a program prints, or the end of the definition.
@@ -84,11 +83,11 @@ fn types(path: &str, here: &Type, there: &Type) -> Option<Difference> {
             (here.len(), there.len()),
             |at| {
                 [
-                    here.get(at).map(|it| &*it.name),
-                    there.get(at).map(|it| &*it.name),
+                    here.get(at).map(|it| it.name()),
+                    there.get(at).map(|it| it.name()),
                 ]
             },
-            |path, at| fields(path, &here[at].fields, &there[at].fields),
+            |path, at| fields(path, here[at].fields(), there[at].fields()),
         ),
         (
             Type::Array { element: here, len },
@@ -110,7 +109,7 @@ fn types(path: &str, here: &Type, there: &Type) -> Option<Difference> {
             .or_else(|| types(&format!("{path}[]"), value, other_value)),
         (Type::Option(here), Type::Option(there)) => types(path, here, there),
         _ if here == there => None,
-        _ => difference(path, brief(here), brief(there)),
+        _ => found(path, brief(here), brief(there)),
     }
 }
 
@@ -121,11 +120,11 @@ fn fields(path: &str, here: &[Field], there: &[Field]) -> Option<Difference> {
         (here.len(), there.len()),
         |at| {
             [
-                here.get(at).map(|it| &*it.name),
-                there.get(at).map(|it| &*it.name),
+                here.get(at).map(|it| it.name()),
+                there.get(at).map(|it| it.name()),
             ]
         },
-        |path, at| types(path, &here[at].ty, &there[at].ty),
+        |path, at| types(path, here[at].ty(), there[at].ty()),
     )
 }
 
@@ -155,13 +154,13 @@ fn members<'a>(
                     return Some(found);
                 }
             }
-            [name, other] => return difference(path, side(name, here), side(other, there)),
+            [name, other] => return found(path, side(name, here), side(other, there)),
         }
     }
     None
 }
 
-fn difference(path: &str, here: String, there: String) -> Option<Difference> {
+fn found(path: &str, here: String, there: String) -> Option<Difference> {
     let path = path.into();
     Some(Difference { path, here, there })
 }

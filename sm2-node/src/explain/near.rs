@@ -1,12 +1,11 @@
 //! The nearest counterparts of an interface without links, and what keeps each from being linked.
 
-use alloc::vec::Vec;
-use core::fmt;
+use std::fmt;
 
 use serde::Serialize;
+use sm2_proto::{EntityId, domain::Domain};
 
-use super::{Domain, Finding, NearName, Verdict, names, why};
-use crate::EntityId;
+use super::{Finding, NearName, Verdict, names, why};
 
 /// The greatest number of counterparts that [`nearest`] returns.
 pub const NEAR_MAX: usize = 8;

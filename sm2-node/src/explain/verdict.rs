@@ -1,16 +1,14 @@
-use alloc::{string::String, vec::Vec};
-
 use serde::Serialize;
-
-use super::NearName;
-use crate::{
+use sm2_proto::{
     Code, EntityId, InterfaceId, Kind, LinkId, Name, NodeId, Period, Refusal, TypeId,
     schema::Schema,
 };
 
+use super::{NearName, difference};
+
 /// The reason why two interfaces are linked or not.
 ///
-/// [`Display`](core::fmt::Display) writes one line with the finding, and a second line with a
+/// [`Display`](std::fmt::Display) writes one line with the finding, and a second line with a
 /// remedy if there is one.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Verdict {
@@ -246,8 +244,8 @@ impl Verdict {
                 let mut schema = |data| text(data).and_then(|it| Schema::parse(&it).ok());
                 if let (Some(ours), Some(theirs)) = (schema(&pair.offered), schema(&pair.demanded))
                 {
-                    let difference = ours.difference(&theirs);
-                    pair.difference = difference.map(|it| alloc::format!("{it}"));
+                    let difference = difference(&ours, &theirs);
+                    pair.difference = difference.map(|it| it.to_string());
                 }
             }
         }

@@ -1,10 +1,9 @@
 //! Names that a person may have meant to be the same.
 //!
-//! A crate for edit distances would need std, and this rule also compares the segments of names.
+//! This rule compares the segments of names, too, which a crate for edit distances does not.
 
 use serde::Serialize;
-
-use crate::Name;
+use sm2_proto::Name;
 
 /// The way in which two different names look alike: the first that applies, in this order, because
 /// the likelier mistake comes first.
@@ -72,7 +71,7 @@ fn without_segments(longer: &str, shorter: &str) -> bool {
         // If the whole shorter name stands in front, its last segment has to be the last of both.
         None => longer.next_back().is_some_and(|it| Some(it) == last),
         Some(first) => {
-            let mut left = core::iter::once(first).chain(shorter);
+            let mut left = std::iter::once(first).chain(shorter);
             loop {
                 match (left.next_back(), longer.next_back()) {
                     (None, _) => break true,

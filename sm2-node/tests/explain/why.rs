@@ -1,7 +1,17 @@
 //! The texts of a domain's mirror about two interfaces, word for word.
 
-use crate::support::{
-    cases,
+use proptest::{collection::vec, prelude::*};
+use sm2_node::explain::{Finding, NEAR_MAX, NearName, nearest, sessions, users, why};
+use sm2_proto::{
+    Code, Contract, EntityId, LinkId, NodeId, Quota, Refusal, TypeId,
+    control::{Item, Limits, UnlinkedReason},
+    domain::Domain,
+    match_contracts,
+    schema::Schema,
+};
+
+use super::{
+    cases::cases,
     contracts::{
         client, data, name, publisher, publisher_with, scan, server, subscriber, subscriber_with,
         with_deadline, with_lease,
@@ -9,14 +19,6 @@ use crate::support::{
     items::{
         LIDAR, LINK, PLANNER, at, domain, entities, interface, items, link, node, refusal, sub,
     },
-};
-use proptest::{collection::vec, prelude::*};
-use sm2_proto::{
-    Code, Contract, EntityId, NodeId, Quota, Refusal, TypeId,
-    control::{Item, Limits, UnlinkedReason},
-    domain::{Domain, Finding, NEAR_MAX, NearName, nearest, why},
-    match_contracts,
-    schema::Schema,
 };
 
 /// The text about lidar's and planner's first interfaces.
@@ -266,6 +268,47 @@ fn types_that_differ() {
     assert_eq!(verdict.clone().with_schemas(|_| None), verdict);
 }
 
+/// A link that waits for room counts for the quota.
+//= SM2-LNK-007 test
+#[test]
+fn the_node_without_room_is_named() {
+    let no_room = Item::Node {
+        node: NodeId(PLANNER),
+        name: name("planner"),
+        uid: 1_000,
+        pid: 7,
+        resuming: false,
+        max_links: Some(1),
+    };
+    let waiting = Item::Waiting {
+        link: LinkId { serial: 2, ..LINK },
+        offering: at(LIDAR, 2),
+        demanding: at(PLANNER, 1),
+    };
+    let more = [
+        no_room,
+        link(false, false),
+        interface(at(LIDAR, 2), &scan()),
+        waiting,
+    ];
+    let domain = domain(&scan(), &sub(), &more);
+    let verdict = why(&domain, at(LIDAR, 2), at(PLANNER, 1));
+    let expected = Finding::NoRoom {
+        node: NodeId(PLANNER),
+        used: 1,
+        max_links: 1,
+    };
+    assert_eq!(verdict.finding, expected);
+    assert!(verdict.matches() && !verdict.is_linked());
+    let text = verdict.to_string();
+    assert!(
+        text.contains("node planner has no room for more links: 1 of 1.")
+            && text.contains("ulimit -n"),
+        "{text}"
+    );
+    assert_eq!(sessions(&domain)[&NodeId(PLANNER)].links, 2);
+}
+
 //= SM2-WCH-004, SM2-IFC-005, SM2-IFC-006 test
 #[test]
 fn refusals_name_the_conflicting_interface() {
@@ -407,48 +450,6 @@ fn a_matching_pair_waits_for_claims() {
     assert_eq!(said(&[]), due);
 }
 
-#[test]
-fn the_nearest_come_first() {
-    let mut domain = domain(&scan(), &subscriber("front/scan", None), &[]);
-    let strict = subscriber_with("scan", None, true, false);
-    let plain = publisher_with("scan", &data("Scan"), false, false);
-    domain.page([
-        interface(at(LIDAR, 1), &plain),
-        interface(at(LIDAR, 2), &scan()),
-        interface(at(PLANNER, 2), &subscriber("Scan", None)),
-        interface(at(PLANNER, 3), &strict),
-        interface(at(PLANNER, 4), &subscriber("image", None)),
-        refusal(at(PLANNER, 5), &sub(), &Refusal::NameTaken),
-        interface(at(PLANNER, 6), &sub()),
-        interface(at(PLANNER, 7), &client("scan", None)),
-    ]);
-    let near = |domain: &Domain| {
-        let near = nearest(domain, at(LIDAR, 1));
-        assert!(
-            near.iter()
-                .all(|it| it.to_string() == it.verdict.to_string())
-        );
-        near.iter()
-            .map(|it| it.entity.interface.0)
-            .collect::<Vec<_>>()
-    };
-    assert_eq!(near(&domain), [6, 5, 3, 2, 1]);
-    // An interface that has a link is not named.
-    domain.page([Item::Link {
-        link: LINK,
-        offering: at(LIDAR, 1),
-        demanding: at(PLANNER, 6),
-        version: 1,
-        reliable: false,
-        sealed: false,
-    }]);
-    assert_eq!(near(&domain), [5, 3, 2, 1]);
-    domain.page((10..99).map(|number| interface(at(PLANNER, number), &strict)));
-    domain.page([interface(at(PLANNER, 99), &sub())]);
-    assert_eq!(near(&domain).len(), NEAR_MAX);
-    assert_eq!(near(&domain)[..3], [99, 5, 3], "the best of all");
-}
-
 proptest! {
     #![proptest_config(cases(1_000))]
 
@@ -472,13 +473,19 @@ proptest! {
         };
         // The Manager decides alone which links exist, whatever other items it sends.
         prop_assert!(verdict.matches() == matches || verdict.is_linked());
+        let pair = (verdict.one.entity, verdict.other.entity);
+        let mut links = domain.links();
+        let linked = links.any(|it| (it.offering, it.demanding) == pair);
+        let known = [one, other].map(|it| domain.interface(it).is_some()) == [true; 2];
+        prop_assert_eq!(verdict.is_linked(), linked && known);
         let near = nearest(&domain, one);
         prop_assert!(near.len() <= NEAR_MAX);
         for near in near {
             let expected = why(&domain, one, near.entity);
+            prop_assert!(!near.verdict.is_linked());
             prop_assert_eq!(near.verdict, expected);
         }
         // Counting and listing must not panic on any items.
-        prop_assert!(domain.sessions().len() >= domain.users().len());
+        prop_assert!(sessions(&domain).len() >= users(&domain).len());
     }
 }
