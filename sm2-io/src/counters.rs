@@ -107,11 +107,12 @@ impl CounterPage {
     }
 
     /// Allocates an entry for an interface as a whole, or for its end of a link, with all counts
-    /// zero. `None` if all [`MAX_ENTRIES`] are in use.
+    /// zero, `created` at that time. `None` if all [`MAX_ENTRIES`] are in use.
     pub fn allocate(
         &mut self,
         interface: InterfaceId,
         link: Option<LinkId>,
+        created: Instant,
     ) -> Option<CounterEntry> {
         let (index, turn) = match self.freed.pop() {
             Some(freed) => freed,
@@ -129,6 +130,7 @@ impl CounterPage {
         let blank = Entry {
             interface,
             link,
+            created,
             ..Entry::default()
         };
         let mut update = entry.update();
@@ -212,6 +214,17 @@ impl Update<'_> {
     /// Receiving side: counts messages that were older than their lifespan when the application would have taken them.
     pub fn expired(&mut self, messages: u64) {
         self.add(Fate::Expired.position(), messages);
+    }
+
+    /// Subscriber's end of a link: the messages that the application holds.
+    #[inline]
+    pub fn held(&mut self, messages: u64) {
+        self.change.put(field::HELD, messages);
+    }
+
+    /// Subscriber's end of a link: the greatest number of messages that the application can hold.
+    pub fn max_held(&mut self, messages: u64) {
+        self.set(field::MAX_HELD, messages);
     }
 
     /// Sending side: the fates of the link's messages so far.

@@ -71,7 +71,7 @@ fn the_path_of_a_message_does_not_allocate() {
 #[test]
 fn counting_a_message_does_not_allocate() {
     let mut page = CounterPage::new().unwrap();
-    let mut entry = page.allocate(InterfaceId(1), None).unwrap();
+    let mut entry = page.allocate(InterfaceId(1), None, Instant(0)).unwrap();
     let count = allocations(|| {
         for message in 1..=100 {
             let mut update = entry.update();

@@ -77,8 +77,10 @@ fn a_file_that_only_its_author_can_write() {
 #[test]
 fn what_is_counted_is_seen() {
     let mut page = CounterPage::new().unwrap();
-    let mut sender = page.allocate(InterfaceId(1), Some(LINK)).unwrap();
-    let mut receiver = page.allocate(InterfaceId(2), None).unwrap();
+    let mut sender = page
+        .allocate(InterfaceId(1), Some(LINK), Instant(0))
+        .unwrap();
+    let mut receiver = page.allocate(InterfaceId(2), None, Instant(0)).unwrap();
     let view = view(&page);
     let of = |id, link| Entry {
         interface: InterfaceId(id),
@@ -114,6 +116,8 @@ fn what_is_counted_is_seen() {
         drop(update);
         let mut update = receiver.update();
         update.lost_liveliness();
+        update.max_held(9);
+        update.held(message % 9);
         update.away(3);
         update.taken(at, Instant(at.0 - 100 + message), 20);
         update.lost(2);
@@ -131,6 +135,7 @@ fn what_is_counted_is_seen() {
         got.messages = message;
         got.bytes += 20;
         got.last = at;
+        (got.held, got.max_held) = (message % 9, 9);
         (got.lost, got.lost_liveliness, got.away) = (2 * message, message, 3 * message);
         got.fates.expired += 2;
         got.delay_sum_ns += 100 - message;
@@ -150,7 +155,7 @@ fn what_is_counted_is_seen() {
 fn looking_changes_nothing() {
     let mut page = CounterPage::new().unwrap();
     let entries: Vec<_> = (1..=30)
-        .map(|id| page.allocate(InterfaceId(id), None).unwrap())
+        .map(|id| page.allocate(InterfaceId(id), None, Instant(0)).unwrap())
         .collect();
     let state = || {
         let file = File::from(page.as_fd().try_clone_to_owned().unwrap());
@@ -170,9 +175,12 @@ fn an_entry_is_used_again_but_never_its_turns() {
     let mut page = CounterPage::new().unwrap();
     let view = view(&page);
     let mut all: Vec<_> = (0..MAX_ENTRIES)
-        .map(|id| page.allocate(InterfaceId(u64::from(id) + 1), None).unwrap())
+        .map(|id| {
+            page.allocate(InterfaceId(u64::from(id) + 1), None, Instant(0))
+                .unwrap()
+        })
         .collect();
-    assert!(page.allocate(InterfaceId(9), None).is_none());
+    assert!(page.allocate(InterfaceId(9), None, Instant(0)).is_none());
     assert_eq!(view.entries().count(), 8_191);
     let last = view.read(MAX_ENTRIES - 1).unwrap().unwrap();
     assert_eq!(last.interface, InterfaceId(8_191));
@@ -186,7 +194,9 @@ fn an_entry_is_used_again_but_never_its_turns() {
     assert_eq!((turn(&page, 4_000), view.read(4_000)), (0, Ok(None)));
     assert_eq!(view.entries().count(), 8_190);
 
-    let entry = page.allocate(InterfaceId(77), Some(LINK)).unwrap();
+    let entry = page
+        .allocate(InterfaceId(77), Some(LINK), Instant(0))
+        .unwrap();
     assert_eq!(entry.index(), 4_000);
     let blank = Entry {
         interface: InterfaceId(77),
@@ -202,7 +212,7 @@ fn an_entry_is_used_again_but_never_its_turns() {
 fn a_change_that_does_not_end_is_reported() {
     let mut page = CounterPage::new().unwrap();
     let view = view(&page);
-    let mut entry = page.allocate(InterfaceId(1), None).unwrap();
+    let mut entry = page.allocate(InterfaceId(1), None, Instant(0)).unwrap();
     let mut update = entry.update();
     update.published(Instant(1), 1);
     assert_eq!(view.read(0), Err(Unreadable::Torn));
@@ -227,7 +237,7 @@ fn a_reader_never_sees_half_a_change() {
             // Two allocations use the same entry in turn: their counts must never mix.
             while !done.load(Ordering::Relaxed) {
                 for id in 1..=2 {
-                    let mut entry = page.allocate(InterfaceId(id), None).unwrap();
+                    let mut entry = page.allocate(InterfaceId(id), None, Instant(0)).unwrap();
                     for message in 1..=100 {
                         let mut update = entry.update();
                         update.published(Instant(message * id), message);

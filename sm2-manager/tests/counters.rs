@@ -153,7 +153,9 @@ fn counters_are_kept_with_the_session_and_shown_to_whoever_asks() {
 
     let node = Raw::welcomed(&domain, "node");
     let mut page = CounterPage::new().unwrap();
-    let mut entry = page.allocate(InterfaceId(7), None).unwrap();
+    let mut entry = page
+        .allocate(InterfaceId(7), None, sm2_proto::Instant(0))
+        .unwrap();
     node.send(&ToManager::Counters, &[page.as_fd()]);
     node.inspect(node.id);
     let (ToNode::Inspected { .. }, Some(_)) = node.next() else {

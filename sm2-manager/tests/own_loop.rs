@@ -372,7 +372,9 @@ fn it_keeps_counters_and_shows_them() {
 
     let mut page = CounterPage::new().unwrap();
     let interface = InterfaceId(7);
-    let mut entry = page.allocate(interface, None).expect("the page is empty");
+    let mut entry = page
+        .allocate(interface, None, sm2_proto::Instant(0))
+        .expect("the page is empty");
     entry.update().lost(3);
     let frame = encode_to_manager(&ToManager::Counters);
     let parts = [IoSlice::new(&frame)];

@@ -442,6 +442,38 @@ fn counters_of_a_node_can_be_looked_at_and_survive_its_manager() {
     );
 }
 
+//= SM2-CNT-005, SM2-MSG-005 test
+#[test]
+fn counters_say_how_many_samples_an_application_holds() {
+    let domain = Domain::new();
+    let (talker, listener) = (domain.node("talker"), domain.node("listener"));
+    let publisher = talker.publisher::<[u8]>("topic").unwrap();
+    let builder = listener.subscriber_builder::<[u8]>("topic");
+    let subscriber = builder.max_borrowed(3).declare().unwrap();
+    meet(&publisher, &[&subscriber]);
+    let shown = || {
+        let entries = counters_of(&listener, &talker);
+        let [interface, end] = &entries[..] else {
+            panic!("{entries:?}");
+        };
+        assert_eq!((interface.held, interface.max_held), (0, 0));
+        assert!(interface.created.0 > 0 && interface.created <= end.created);
+        assert_eq!(end.max_held, 3);
+        (end.messages, end.held)
+    };
+    assert_eq!(shown(), (0, 0));
+    let mut held = Vec::new();
+    for message in 1..=3 {
+        publisher.publish(&[1]).unwrap();
+        held.push(next(&subscriber));
+        assert_eq!(shown(), (message, message));
+    }
+    held.remove(1);
+    assert_eq!(shown(), (3, 2));
+    drop(held);
+    assert_eq!(shown(), (3, 0));
+}
+
 #[test]
 fn counters_of_a_service_count_calls() {
     let domain = Domain::new();

@@ -59,8 +59,13 @@ pub mod field {
     pub const LOST_LIVELINESS: usize = 24;
     /// Messages that were published while their publisher had no link with the subscriber.
     pub const AWAY: usize = 25;
+    /// Samples that the application has taken and not released.
+    pub const HELD: usize = 26;
+    /// The greatest number of samples that the application can hold.
+    pub const MAX_HELD: usize = 27;
+    pub const CREATED: usize = 28;
     /// The first of the fields that are zero, up to [`RECENT`].
-    pub const RESERVED: usize = 26;
+    pub const RESERVED: usize = 29;
     /// The first of [`super::RECENT`] fields.
     pub const RECENT: usize = 32;
 }
@@ -134,6 +139,12 @@ pub struct Entry {
     /// Messages that were published while their publisher had no link with the subscriber: of a subscriber, those of
     /// `lost`; of its end of a link, those before the link, which are not in `lost`.
     pub away: u64,
+    /// Messages that the application has taken and not released, of a subscriber's end of a link.
+    pub held: u64,
+    /// The greatest number of messages that the application can hold, of a subscriber's end of a link.
+    pub max_held: u64,
+    /// The time at which the entry was created; zero if it is not stated.
+    pub created: Instant,
     /// The last messages, by [`recent_index`]: a sending side notes the time of each publication, a
     /// receiving side its delay. See [`recent`](Self::recent).
     pub recent_ns: [u64; RECENT],
@@ -156,6 +167,9 @@ impl Default for Entry {
             missed_deadlines: 0,
             lost_liveliness: 0,
             away: 0,
+            held: 0,
+            max_held: 0,
+            created: Instant(0),
             recent_ns: [0; RECENT],
         }
     }
@@ -217,6 +231,9 @@ impl Entry {
             missed_deadlines: words[field::MISSED_DEADLINES],
             lost_liveliness: words[field::LOST_LIVELINESS],
             away: words[field::AWAY],
+            held: words[field::HELD],
+            max_held: words[field::MAX_HELD],
+            created: Instant(words[field::CREATED]),
             recent_ns,
         })
     }
@@ -250,6 +267,9 @@ impl Entry {
         words[field::MISSED_DEADLINES] = self.missed_deadlines;
         words[field::LOST_LIVELINESS] = self.lost_liveliness;
         words[field::AWAY] = self.away;
+        words[field::HELD] = self.held;
+        words[field::MAX_HELD] = self.max_held;
+        words[field::CREATED] = self.created.0;
         words[field::RECENT..].copy_from_slice(&self.recent_ns);
         words
     }

@@ -38,6 +38,9 @@ fn link_end() -> Entry {
         missed_deadlines: 22,
         lost_liveliness: 24,
         away: 25,
+        held: 26,
+        max_held: 27,
+        created: Instant(28),
         recent_ns: core::array::from_fn(|index| 32 + index as u64),
     }
 }
@@ -49,7 +52,7 @@ fn every_field_has_its_place() {
     let mut expected: [u64; ENTRY_FIELDS] = core::array::from_fn(|index| index as u64);
     expected[0] = 42;
     expected[1] = 2;
-    expected[26..32].fill(0);
+    expected[29..32].fill(0);
     assert_eq!(link_end().to_words(42), expected);
     assert_eq!(Entry::from_words(&expected), Some(link_end()));
     let interface = Entry {

@@ -16,7 +16,9 @@ const LINK: LinkId = LinkId {
 fn update(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("counters");
     let mut page = CounterPage::new().expect("a file in memory");
-    let mut entry = page.allocate(InterfaceId(1), Some(LINK)).expect("room");
+    let mut entry = page
+        .allocate(InterfaceId(1), Some(LINK), Instant(0))
+        .expect("room");
     let mut now = 1_000;
     group.bench_function("published", |bencher| {
         bencher.iter(|| {

@@ -50,7 +50,8 @@ impl Counting {
         interface: InterfaceId,
         link: Option<LinkId>,
     ) -> Option<CounterEntry> {
-        self.page.as_mut()?.allocate(interface, link)
+        let created = sm2_io::clock::now();
+        self.page.as_mut()?.allocate(interface, link, created)
     }
 
     pub(super) fn free(&mut self, entry: CounterEntry) {
@@ -60,21 +61,20 @@ impl Counting {
     }
 }
 
-/// Counts a message of a topic that the application took at `now`. `away` of the messages that were lost before it were
-/// published while there was no link.
+/// Counts a message of a topic that the application took at `now`, and makes a further change of the entry.
 #[inline]
 pub(super) fn note_taken(
     entry: Option<&mut CounterEntry>,
     now: Instant,
     header: &Header,
-    away: u64,
+    change: impl FnOnce(&mut Update<'_>),
 ) {
     note(entry, |entry| {
         entry.taken(now, header.time, header.len);
         if header.lost > 0 {
             entry.lost(header.lost);
-            entry.away(away);
         }
+        change(entry);
     });
 }
 

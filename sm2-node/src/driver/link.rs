@@ -28,6 +28,7 @@ use sm2_proto::{Code, Farewell, LinkId};
 
 use self::account::LinkAccount;
 use self::mapped::{Mapped, make_ring};
+use super::counters::note;
 use super::event_sets::BackgroundInterest;
 use super::outbox::{MessageKey, Needs};
 use super::status::{LinkStatus, Received};
@@ -114,9 +115,14 @@ impl LinkDriver {
         peer: Arc<LinkPeer>,
         (socket, room): (SeqPacket, HeldLink),
         mut config: link::Config,
-        entry: Option<CounterEntry>,
+        mut entry: Option<CounterEntry>,
         quota: Arc<PeerQuota>,
     ) -> Self {
+        if config.role == Role::Receiver {
+            note(entry.as_mut(), |entry| {
+                entry.max_held(config.max_borrowed.into())
+            });
+        }
         let mut mapped = Mapped::default();
         let own_ring = make_ring(&mut config, &mut mapped);
         Self {

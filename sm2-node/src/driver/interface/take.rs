@@ -34,7 +34,11 @@ impl Interface {
                 self.absence.add(away);
                 self.events.push_loss(peer, header.lost);
                 if is_topic {
-                    note_taken(self.entry.as_mut(), now, header, away);
+                    note_taken(self.entry.as_mut(), now, header, |entry| {
+                        if away > 0 {
+                            entry.away(away);
+                        }
+                    });
                 }
             };
             match link.take(&mut count, put, context, &mut self.outbox) {

@@ -11,7 +11,7 @@ use sm2_proto::{Instant, Machine};
 use super::LinkDriver;
 use super::account::Before;
 use crate::driver::context::Context;
-use crate::driver::counters::note_taken;
+use crate::driver::counters::{note, note_taken};
 use crate::driver::event_sets::LinkSets;
 use crate::driver::interface::{Header, Taken};
 use crate::driver::outbox::Outbox;
@@ -111,7 +111,8 @@ impl LinkDriver {
             self.held += 1;
             self.received.add(&header);
             if is_topic {
-                note_taken(self.entry.as_mut(), now, &header, 0);
+                let held = self.held as u64;
+                note_taken(self.entry.as_mut(), now, &header, |entry| entry.held(held));
             }
             let Before { away, unreported } =
                 (self.account).take(&mut header, delivery.lost, self.entry.as_mut());
@@ -164,6 +165,9 @@ impl LinkDriver {
             "{batch:?} on {}",
             self.id
         );
+        if self.role() == Role::Receiver {
+            note(self.entry.as_mut(), |entry| entry.held(self.held as u64));
+        }
         self.wake(released.unwrap_or_default(), sets);
         self.drain_if_due(sets, outbox);
     }
