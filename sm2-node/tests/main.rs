@@ -9,6 +9,7 @@ mod away;
 mod back_pressure;
 mod background;
 mod clock;
+mod counters;
 mod deadline;
 mod deaths;
 mod derive;
