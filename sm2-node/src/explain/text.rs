@@ -151,7 +151,11 @@ impl Verdict {
         } else {
             write!(f, "{one} and {other} are no counterparts.")?;
         }
-        write!(f, "\nA {kind} is linked with {}s only.", kind.counterpart())
+        write!(f, "\nA {kind} is linked with {}s only", kind.counterpart())?;
+        if kind != theirs {
+            write!(f, ", and a {theirs} with {}s", theirs.counterpart())?;
+        }
+        f.write_str(".")
     }
 
     fn write_seals(&self, f: &mut fmt::Formatter<'_>, seals: &[Seal]) -> fmt::Result {

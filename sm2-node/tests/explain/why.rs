@@ -120,7 +120,7 @@ fn kinds_reliability_deadlines_and_leases() {
     assert_eq!(
         text(&scan(), &client("scan", None), &[]),
         "lidar's publisher of scan and planner's client of scan are no counterparts.\n\
-         A publisher is linked with subscribers only."
+         A publisher is linked with subscribers only, and a client with servers."
     );
     let domain = domain(&scan(), &sub(), &[]);
     let itself = why(&domain, at(LIDAR, 1), at(LIDAR, 1)).to_string();
