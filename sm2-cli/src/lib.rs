@@ -6,8 +6,8 @@
 //! use it: `main.rs` only calls [`main`].
 //!
 //! Modules that commands share: `connect` (the node, and signals), `follow` (changes of the domain), `view`
-//! (indexes of the domain), `names` (names on the command line), `sampling` (counters), `report` (the frame of lists
-//! and `info`), `output` and `columns`.
+//! (indexes of the domain), `names` (names on the command line), `sampling` and `observation` (counters), `troubles`
+//! (what counters tell about links), `report` (the frame of lists and `info`), `output` and `columns`.
 #![forbid(unsafe_code)]
 #![deny(clippy::disallowed_types)]
 
@@ -41,10 +41,12 @@ mod manual;
 mod messages;
 mod names;
 mod node;
+mod observation;
 mod output;
 mod play;
 mod policy;
 mod printable;
+mod process;
 mod record;
 #[cfg(test)]
 mod reference;
@@ -62,6 +64,7 @@ mod top;
 mod topic;
 mod topic_patterns;
 mod transcode;
+mod troubles;
 mod usage;
 mod view;
 mod wait;
@@ -129,6 +132,7 @@ pub fn run(arguments: Vec<OsString>) -> ExitCode {
     match result.and_then(|ended| output::written().map(|()| ended)) {
         Ok(Ended::Done) => ExitCode::SUCCESS,
         Ok(Ended::No) => ExitCode::FAILURE,
+        Ok(Ended::NotWorking) => ExitCode::from(ended::NOT_WORKING),
         Ok(Ended::Stopped(signal)) => ExitCode::from(signal.status()),
         Err(error) if error.is_broken_pipe() => ExitCode::SUCCESS,
         Err(error @ CliError::Stopped(_)) => ExitCode::from(error.status()),

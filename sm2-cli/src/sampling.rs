@@ -10,7 +10,7 @@ use sm2_io::{CounterView, clock};
 use sm2_node::Node;
 use sm2_node::domain::QueryError;
 use sm2_proto::{
-    EntityId, Instant, InterfaceId, LinkId, Name, NodeId,
+    EntityId, Instant, InterfaceId, Kind, LinkId, Name, NodeId,
     counters::{Entry, Rate, Summary},
     domain::{Domain, LinkView},
 };
@@ -45,6 +45,17 @@ struct End {
     node: Name,
     interface: InterfaceId,
     link: Option<LinkId>,
+}
+
+/// The counters of the two ends of a link, in the direction of messages or requests. An end whose node keeps no
+/// counters has `None`.
+pub(crate) struct Ends<'s> {
+    /// The publisher or client.
+    pub(crate) sender: EntityId,
+    /// The subscriber or server.
+    pub(crate) receiver: EntityId,
+    pub(crate) sent: Option<&'s Entry>,
+    pub(crate) taken: Option<&'s Entry>,
 }
 
 impl Sampler {
@@ -195,6 +206,33 @@ impl Sample {
     /// The counters of the demanding side of a link.
     pub(crate) fn demanding(&self, domain: &Domain, link: &LinkView) -> Option<&Entry> {
         self.end(domain, link.demanding, Some(link.link))
+    }
+
+    /// The counters of both ends of a link, in the direction of messages or requests.
+    pub(crate) fn ends(&self, view: &View<'_>, link: &LinkView) -> Ends<'_> {
+        let offering = view.domain.interface(link.offering);
+        let is_service = offering.is_some_and(|it| it.contract.kind() == Kind::Server);
+        let (sender, receiver) = match is_service {
+            true => (link.demanding, link.offering),
+            false => (link.offering, link.demanding),
+        };
+        Ends {
+            sender,
+            receiver,
+            sent: self.end(view.domain, sender, Some(link.link)),
+            taken: self.end(view.domain, receiver, Some(link.link)),
+        }
+    }
+
+    /// Whether messages were dropped or deadlines missed, at any time.
+    pub(crate) fn has_losses(&self) -> bool {
+        let mut entries = self.entries.values();
+        entries.any(|it| it.fates.dropped() > 0 || it.missed_deadlines > 0)
+    }
+
+    /// The time at which the counters were read.
+    pub(crate) const fn at(&self) -> Instant {
+        self.at
     }
 
     fn end(&self, domain: &Domain, entity: EntityId, link: Option<LinkId>) -> Option<&Entry> {

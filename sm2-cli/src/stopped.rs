@@ -1,9 +1,11 @@
 //! Nodes whose process does not run, because a signal or a debugger stopped it.
 
-use std::{fmt, fs, os::unix::fs::MetadataExt};
+use std::fmt;
 
 use serde::Serialize;
 use sm2_proto::{Name, domain::NodeView};
+
+use crate::process;
 
 /// A node whose process is stopped. Its links stay, and it takes no messages.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -25,13 +27,9 @@ enum StoppedBy {
 
 impl StoppedNode {
     /// Reads the state of the node's process from `/proc`. `None` if the process runs, or if this
-    /// program cannot see it: the Manager may have another process namespace.
+    /// program cannot see it.
     pub(crate) fn find(node: &NodeView<'_>) -> Option<Self> {
-        let folder = format!("/proc/{}", node.pid);
-        // In another namespace the number could belong to somebody else's process.
-        let owner = fs::metadata(&folder).ok()?.uid();
-        let stat = fs::read_to_string(format!("{folder}/stat")).ok()?;
-        let by = state(&stat).filter(|_| owner == node.uid)?;
+        let by = state(&process::stat(node)?)?;
         Some(Self {
             node: node.name.clone(),
             pid: node.pid,
@@ -60,10 +58,9 @@ impl fmt::Display for StoppedNode {
     }
 }
 
-/// The state in a line of `/proc/PID/stat`: `77 (na me) T 1 …`. The name may contain anything.
+/// The state in the fields of `/proc/PID/stat`: `T 1 …`.
 fn state(stat: &str) -> Option<StoppedBy> {
-    let (_, fields) = stat.rsplit_once(')')?;
-    match fields.trim_start().chars().next()? {
+    match stat.chars().next()? {
         'T' => Some(StoppedBy::Signal),
         't' => Some(StoppedBy::Debugger),
         _ => None,
@@ -75,10 +72,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_state_is_found_behind_any_name() {
-        assert_eq!(state("77 (a) T (b) S 1 77"), None);
-        assert_eq!(state("77 (a) S (b) T 1 77"), Some(StoppedBy::Signal));
-        assert_eq!(state("77 (gdb me) t 1 77"), Some(StoppedBy::Debugger));
-        assert_eq!(state("77 (a"), None);
+    fn the_state_is_the_first_field() {
+        assert_eq!(state("S 1 77"), None);
+        assert_eq!(state("T 1 77"), Some(StoppedBy::Signal));
+        assert_eq!(state("t 1 77"), Some(StoppedBy::Debugger));
+        assert_eq!(state(""), None);
     }
 }

@@ -1,17 +1,15 @@
 //! `sm2 why`: explains why two interfaces are linked or not, or lists the nearest counterparts of one.
 
-mod link_troubles;
-
 use std::collections::BTreeSet;
 
 use clap::Args;
 use serde::Serialize;
+use sm2_io::clock;
 use sm2_node::explain::{Finding, Near, Verdict, difference, nearest, why};
 use sm2_proto::{
-    Contract, EntityId, Kind, Refusal, TypeId, domain::Domain as Mirror, schema::Schema,
+    Contract, EntityId, Instant, Kind, Refusal, TypeId, domain::Domain as Mirror, schema::Schema,
 };
 
-use self::link_troubles::LinkTroubles;
 use crate::{
     args::Domain,
     connect::Session,
@@ -20,9 +18,11 @@ use crate::{
     interface_troubles::InterfaceTrouble,
     interfaces::Interface,
     names::{Selector, titles},
+    observation::Observation,
     output::Output,
     sampling::Sample,
     stopped::StoppedNode,
+    troubles::LinkTroubles,
     view::View,
 };
 
@@ -46,10 +46,15 @@ pub(crate) struct Arguments {
 const HELP: &str = "\
 With A alone, why shows the links of A, and the counterparts that nearly match, with the reason for
 which they do not. If types differ and their schemas are registered, why names the first field that
-differs. If a node is stopped, why says how to continue it. If messages were longer than a subscriber
-accepts, why says how many. If a node is short of memory on a link, why says for how long.
+differs.
 
-Exit status: 0 linked, 1 not linked (or there is no such interface), 2 wrong usage.
+For links, why reads the counters of both nodes: which end has taken nothing for 2 s or more while
+messages wait, how many samples it holds, which messages were longer than a subscriber accepts, which
+node is short of memory, and which one is stopped. If messages were dropped or deadlines missed before,
+why reads the counters again a second later, and shows what was lost or missed in between.
+
+Exit status: 0 linked, 1 not linked (or there is no such interface), 2 wrong usage, 3 linked, but not
+working: an end takes nothing, a deadline is being missed, or a node is stopped or short of memory.
 
 Examples:
   sm2 why talker:scan listener:scan
@@ -66,6 +71,8 @@ pub(crate) struct Pair {
     /// The domain's revision.
     revision: u64,
     linked: bool,
+    /// Whether messages get through; false if the two are not linked.
+    working: bool,
     verdict: Verdict,
     /// The first differences of the types, for an interface that was refused for its type. Empty if their
     /// schemas are not registered.
@@ -88,6 +95,8 @@ pub(crate) struct Around {
     revision: u64,
     /// Whether every interface has a link.
     linked: bool,
+    /// Whether every interface has a link, and messages get through on all links.
+    working: bool,
     /// The nodes of the interfaces, and of those that they are linked with, that are stopped.
     stopped: Vec<StoppedNode>,
     /// The troubles on the links of the interfaces.
@@ -111,7 +120,7 @@ struct One {
 #[serde(untagged)]
 pub(crate) enum Answer {
     Pair(Box<Pair>),
-    Around(Around),
+    Around(Box<Around>),
 }
 
 /// Runs the command.
@@ -121,7 +130,11 @@ pub(crate) enum Answer {
 /// Any [`CliError`].
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let session = Session::open(&arguments.domain, "why")?;
-    let answer = Answer::find(&session, &arguments.one, arguments.other.as_ref())?;
+    let wait = |until| Ok(!session.pause(until)?);
+    let answer = Answer::find(&session, &arguments.one, arguments.other.as_ref(), wait)?;
+    if let Some(signal) = session.stopped() {
+        return Ok(Ended::Stopped(signal));
+    }
     let mut out = Output::new();
     if arguments.json {
         out.json(&answer)?;
@@ -130,15 +143,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
             out.line(line)?;
         }
     }
-    Ok(if answer.is_linked() {
-        Ended::Done
-    } else {
-        Ended::No
+    Ok(match answer.is_linked_and_working() {
+        (false, _) => Ended::No,
+        (true, false) => Ended::NotWorking,
+        (true, true) => Ended::Done,
     })
 }
 
 impl Answer {
     /// Asks the Manager for the domain, and explains the links of `one`, or why it is linked with `other` or not.
+    /// `wait` is that of [`Observation::make`].
     ///
     /// # Errors
     ///
@@ -147,12 +161,13 @@ impl Answer {
         session: &Session,
         one: &Selector,
         other: Option<&Selector>,
+        wait: impl FnOnce(Instant) -> Result<bool, CliError>,
     ) -> Result<Self, CliError> {
         let domain = session.snapshot()?;
         let view = View::new(&domain);
         Ok(match other {
-            Some(other) => Self::Pair(Box::new(Pair::find(session, &view, one, other)?)),
-            None => Self::Around(Around::find(session, &view, one)?),
+            Some(other) => Self::Pair(Box::new(Pair::find(session, &view, [one, other], wait)?)),
+            None => Self::Around(Box::new(Around::find(session, &view, one, wait)?)),
         })
     }
 
@@ -164,10 +179,10 @@ impl Answer {
         }
     }
 
-    const fn is_linked(&self) -> bool {
+    const fn is_linked_and_working(&self) -> (bool, bool) {
         match self {
-            Self::Pair(pair) => pair.linked,
-            Self::Around(around) => around.linked,
+            Self::Pair(pair) => (pair.linked, pair.working),
+            Self::Around(around) => (around.linked, around.working),
         }
     }
 }
@@ -176,19 +191,24 @@ impl Pair {
     fn find(
         session: &Session,
         view: &View<'_>,
-        one: &Selector,
-        other: &Selector,
+        [one, other]: [&Selector; 2],
+        wait: impl FnOnce(Instant) -> Result<bool, CliError>,
     ) -> Result<Self, CliError> {
         let domain = view.domain;
         let (one, other) = pair(view, one, other)?;
         let verdict = explain(session, why(domain, one, other));
-        let sample = sample_around(session, view, &[one, other]);
+        let observation = observe(session, view, &[one, other], wait);
+        let readings = observation.readings();
+        let troubles = LinkTroubles::find(view, readings, &[one, other]);
+        let stopped = stopped_nodes(domain, [one, other]);
+        let linked = verdict.is_linked();
         Ok(Self {
             revision: domain.revision(),
-            linked: verdict.is_linked(),
-            stopped: stopped_nodes(domain, [one, other]),
-            troubles: LinkTroubles::find(view, &sample, &[one, other]),
-            unheard: InterfaceTrouble::unheard(view, &sample, &[one, other]),
+            linked,
+            working: linked && stopped.is_empty() && troubles.is_working(),
+            stopped,
+            troubles,
+            unheard: InterfaceTrouble::unheard(view, readings.now, &[one, other]),
             text: verdict.to_string(),
             differences: differences(session, domain, &verdict),
             verdict,
@@ -199,27 +219,35 @@ impl Pair {
         let mut lines: Vec<_> = self.text.lines().map(str::to_owned).collect();
         lines.extend(self.differences.iter().cloned());
         lines.extend(unheard_lines(&self.unheard));
-        lines.extend(stopped_lines(&self.stopped));
         lines.extend(self.troubles.lines());
+        lines.extend(stopped_lines(&self.stopped));
         lines
     }
 }
 
 impl Around {
-    fn find(session: &Session, view: &View<'_>, of: &Selector) -> Result<Self, CliError> {
+    fn find(
+        session: &Session,
+        view: &View<'_>,
+        of: &Selector,
+        wait: impl FnOnce(Instant) -> Result<bool, CliError>,
+    ) -> Result<Self, CliError> {
         let domain = view.domain;
         let entities = of.entities(view)?;
         let stopped = stopped_nodes(domain, with_peers(view, &entities));
-        let sample = sample_around(session, view, &entities);
-        let troubles = LinkTroubles::find(view, &sample, &entities);
-        let unheard = InterfaceTrouble::unheard(view, &sample, &entities);
+        let observation = observe(session, view, &entities, wait);
+        let readings = observation.readings();
+        let troubles = LinkTroubles::find(view, readings, &entities);
+        let unheard = InterfaceTrouble::unheard(view, readings.now, &entities);
         let interfaces = entities
             .into_iter()
             .map(|entity| one(session, view, entity));
         let interfaces: Vec<_> = interfaces.flatten().collect();
+        let linked = interfaces.iter().all(|it| !it.linked_with.is_empty());
         Ok(Self {
             revision: domain.revision(),
-            linked: interfaces.iter().all(|it| !it.linked_with.is_empty()),
+            linked,
+            working: linked && stopped.is_empty() && troubles.is_working(),
             stopped,
             troubles,
             unheard,
@@ -249,8 +277,8 @@ impl Around {
             }
         }
         lines.extend(unheard_lines(&self.unheard));
-        lines.extend(stopped_lines(&self.stopped));
         lines.extend(self.troubles.lines());
+        lines.extend(stopped_lines(&self.stopped));
         lines
     }
 }
@@ -399,9 +427,15 @@ fn with_peers(view: &View<'_>, of: &[EntityId]) -> impl Iterator<Item = EntityId
 }
 
 /// The counters of these interfaces, and of those that they are linked with. A verdict is complete without them.
-fn sample_around(session: &Session, view: &View<'_>, of: &[EntityId]) -> Sample {
+fn observe(
+    session: &Session,
+    view: &View<'_>,
+    of: &[EntityId],
+    wait: impl FnOnce(Instant) -> Result<bool, CliError>,
+) -> Observation {
     let nodes = with_peers(view, of).map(|it| it.node).collect();
-    Sample::if_known(&session.node, view.domain, &nodes)
+    let observed = Observation::make(&session.node, view.domain, &nodes, wait);
+    observed.unwrap_or_else(|_| Observation::once(Sample::new(clock::now(), [])))
 }
 
 fn unheard_lines(unheard: &[InterfaceTrouble]) -> impl Iterator<Item = String> {

@@ -1,19 +1,23 @@
 //! Checks of the Manager at the socket, and of the state of its domain.
 
-use std::{collections::BTreeSet, path::Path};
+use std::{collections::BTreeSet, os::fd::AsFd, path::Path};
 
-use sm2_io::SeqPacket;
+use sm2_io::{SeqPacket, clock};
 use sm2_node::{ConnectError, Node};
 use sm2_proto::{control::Limits, domain::Domain as Mirror};
 
 use super::check::Check;
 use crate::{
     args::Domain,
+    connect::drive,
     error::CliError,
     interrupt::Interrupt,
     limits::{Quota, quotas},
+    observation::Observation,
     stopped::StoppedNode,
+    troubles::{LinkTroubles, NotTaking},
     view::View,
+    wait::For,
 };
 
 /// The start of the node names of standby Managers.
@@ -66,8 +70,10 @@ pub(super) fn look(options: &Domain, path: &Path, interrupt: &Interrupt) -> Foun
     )];
     match node.snapshot() {
         Ok(mirror) => {
-            let quotas = quotas(&View::new(&mirror));
-            checks.extend(domain(&mirror, &quotas, &node));
+            let view = View::new(&mirror);
+            let quotas = quotas(&view);
+            let troubles = troubles(&node, &view, interrupt);
+            checks.extend(domain(&view, &quotas, &troubles, &node));
             Found {
                 checks,
                 nodes: Some(mirror.nodes().count() as u64),
@@ -84,14 +90,70 @@ pub(super) fn look(options: &Domain, path: &Path, interrupt: &Interrupt) -> Foun
 }
 
 /// The checks of the state of a domain. `node` is the node of this command.
-pub(super) fn domain(mirror: &Mirror, quotas: &[Quota], node: &Node) -> [Check; 5] {
+pub(super) fn domain(
+    view: &View<'_>,
+    quotas: &[Quota],
+    troubles: &LinkTroubles,
+    node: &Node,
+) -> [Check; 7] {
+    let mirror = view.domain;
     [
         standby(mirror),
         resuming(mirror),
         stopped(mirror),
+        consumers(troubles),
+        deadlines(troubles),
         usage(quotas),
         refused(mirror, node),
     ]
+}
+
+/// The troubles on all links. There are none if the counters cannot be read.
+fn troubles(node: &Node, view: &View<'_>, interrupt: &Interrupt) -> LinkTroubles {
+    let nodes = view.domain.nodes().map(|it| it.node).collect();
+    let wait = |until| {
+        let signal = [(interrupt.as_fd(), For::Reading)];
+        while interrupt.signal().is_none() && clock::now() < until {
+            drive(node, &signal, Some(until))?;
+        }
+        Ok(interrupt.signal().is_none())
+    };
+    let observed = Observation::make(node, view.domain, &nodes, wait);
+    observed.map_or_else(
+        |_| LinkTroubles::default(),
+        |it| LinkTroubles::of_all(view, it.readings()),
+    )
+}
+
+/// Subscribers and servers that take nothing although messages wait.
+fn consumers(troubles: &LinkTroubles) -> Check {
+    const CHECK: &str = "consumers";
+    let found: Vec<_> = troubles
+        .not_taking
+        .iter()
+        .map(ToString::to_string)
+        .collect();
+    let remedies: BTreeSet<_> = troubles.not_taking.iter().map(NotTaking::remedy).collect();
+    let remedies: Vec<_> = remedies.into_iter().collect();
+    match found.is_empty() {
+        true => Check::ok(CHECK, "all take what waits for them"),
+        false => Check::warn(CHECK, found.join(", "), remedies.join("; or ")),
+    }
+}
+
+/// Deadlines that are being missed.
+fn deadlines(troubles: &LinkTroubles) -> Check {
+    const CHECK: &str = "deadlines";
+    let missing = &troubles.missing_deadlines;
+    let found: Vec<_> = missing.iter().map(ToString::to_string).collect();
+    match missing.first() {
+        None => Check::ok(CHECK, "none is being missed"),
+        Some(first) => Check::warn(
+            CHECK,
+            found.join(", "),
+            format!("see `sm2 why {}`", first.interface),
+        ),
+    }
 }
 
 fn unreachable(error: CliError, who: &str) -> Check {

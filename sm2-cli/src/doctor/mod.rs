@@ -23,7 +23,9 @@ use crate::{
     error::CliError,
     interrupt::Interrupt,
     limits::{self, Quota},
+    observation::Readings,
     output::Output,
+    troubles::LinkTroubles,
     view::View,
 };
 
@@ -41,6 +43,7 @@ pub(crate) struct Arguments {
 const HELP: &str = "\
 Each check is ok, warn or bad. A check that is not ok names a remedy. Below the checks are the limits
 in force at the Manager, each with its greatest use and the option that sets it. doctor changes nothing.
+If messages were dropped or deadlines missed before, doctor reads the counters again a second later.
 
 Exit status: 0 no check is bad, 1 a check is bad, 2 wrong usage.
 
@@ -100,8 +103,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
 }
 
 /// The checks that need nothing but a domain and this machine. `node` is the node of the command.
-pub(crate) fn checks(view: &View<'_>, node: &Node) -> Vec<Check> {
-    let mut checks = Vec::from(manager::domain(view.domain, &limits::quotas(view), node));
+pub(crate) fn checks(view: &View<'_>, readings: Readings<'_>, node: &Node) -> Vec<Check> {
+    let troubles = LinkTroubles::of_all(view, readings);
+    let quotas = limits::quotas(view);
+    let mut checks = Vec::from(manager::domain(view, &quotas, &troubles, node));
     checks.extend(machine::checks(Some(view.domain.nodes().count() as u64)));
     checks
 }

@@ -18,9 +18,11 @@ use crate::{
     error::CliError,
     interfaces::{self, Interface},
     limits::{self, Quota, quotas},
+    observation::Readings,
     output::Output,
     sampling::{Sample, median_ns, millis},
     topic::Fates,
+    troubles::LinkTroubles,
     view::View,
 };
 
@@ -31,6 +33,8 @@ pub(crate) struct Document {
     epoch: Option<String>,
     revision: u64,
     limits: Option<Limits>,
+    /// The troubles on all links.
+    troubles: LinkTroubles,
     nodes: Vec<Node>,
     /// Includes refused interfaces.
     interfaces: Vec<Interface>,
@@ -67,15 +71,17 @@ impl Document {
     pub(crate) fn new(
         session: &Session,
         view: &View<'_>,
-        sample: &Sample,
+        readings: Readings<'_>,
         gateways: Vec<Gateway>,
     ) -> Self {
+        let sample = readings.now;
         let itself = session.node.name();
         let items = view.domain.items();
         let mut document = Self {
             epoch: session.node.epoch().map(|epoch| format!("{epoch:x}")),
             revision: view.domain.revision(),
             limits: view.domain.limits().copied(),
+            troubles: LinkTroubles::of_all(view, readings),
             nodes: Vec::new(),
             interfaces: Vec::new(),
             links: view
@@ -116,6 +122,9 @@ impl Document {
             Counted::new(self.interfaces.len() as u64, "interface"),
             Counted::new(self.links.len() as u64, "link")
         ))?;
+        for line in self.troubles.lines() {
+            out.line(line)?;
+        }
         let mut nodes = Columns::new(["NODE", "ID", "UID", "PID", "STATE"]);
         for node in &self.nodes {
             nodes.push([

@@ -16,8 +16,8 @@ use sm2_proto::{
 pub(crate) use self::named_item::reason_text;
 use self::{document::Document, named_item::NamedItem};
 use crate::{
-    args::Domain, connect::Session, ended::Ended, error::CliError, follow::Follow, output::Output,
-    sampling::Sampler, view::View, wait::For,
+    args::Domain, connect::Session, ended::Ended, error::CliError, follow::Follow,
+    observation::Observation, output::Output, view::View, wait::For,
 };
 
 /// `sm2 snapshot`.
@@ -38,14 +38,18 @@ const HELP: &str = "\
 Shows nodes, interfaces (refused ones too), links with their counters, pairs that match and are not
 linked, the use of quotas, the limits in force at the Manager, and the reports of gateways about
 their peers. A gateway that does not answer within a second is marked. Everything is from one
-revision of the domain; counters are read a moment later. With --watch, `+` marks an item that is new
-or has changed, and `-` one that is gone. When another Manager takes over, the differences are printed.
+revision of the domain; counters are read a moment later. The first lines name the ends of links that
+take nothing although messages wait, or hold all samples that they can hold, and the deadlines that are
+being missed; for them the counters are read again a second later if there were losses. With --watch,
+`+` marks an item that is new or has changed, and `-` one that is gone. When another Manager takes over,
+the differences are printed.
 
 Exit status: 0 done or --watch was ended by Ctrl-C, 1 failed, 2 wrong usage.
 
 Examples:
   sm2 snapshot
   sm2 snapshot --json | jq '.links[] | select(.counters.overwritten > 0)'
+  sm2 snapshot --json | jq .troubles.not_taking
   sm2 snapshot --json | jq '.gateways[].report.peers[] | {name, messages, denied}'
   sm2 snapshot --watch";
 
@@ -61,9 +65,18 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     }
     let domain = session.snapshot()?;
     let nodes = domain.nodes().map(|node| node.node).collect();
-    let sample = Sampler::new().look(&session.node, &domain, &nodes)?;
+    let wait = |until| Ok(!session.pause(until)?);
+    let observation = Observation::make(&session.node, &domain, &nodes, wait)?;
+    if let Some(signal) = session.stopped() {
+        return Ok(Ended::Stopped(signal));
+    }
     let gateways = gateways::ask(&session, &domain);
-    let document = Document::new(&session, &View::new(&domain), &sample, gateways);
+    let document = Document::new(
+        &session,
+        &View::new(&domain),
+        observation.readings(),
+        gateways,
+    );
     let mut out = Output::new();
     match arguments.json {
         true => out.json(&document)?,

@@ -10,9 +10,10 @@ use ratatui::{
 use sm2_proto::text::Counted;
 
 use super::{
-    figures::{Cell, Figures, Tab, Table},
+    figures::{Figures, Tab},
     history::History,
     state::State,
+    table::{Cell, Table},
 };
 
 /// The blanks between two columns.
@@ -44,7 +45,7 @@ pub(super) fn draw(frame: &mut Frame<'_>, figures: &Figures, history: &History, 
     let shown = figures.table(state.tab);
     let widths = widths(shown);
     let columns = fitting_columns(shown, &widths, state.sort, screen);
-    let hidden = shown.columns.len() - columns.len();
+    let hidden = shown.shown_columns(state.sort).len() - columns.len();
     let taken = needed(&widths, &columns) + usize::from(GAP);
     let room = usize::from(screen).checked_sub(taken);
     let room = room.filter(|it| *it >= usize::from(TREND));
@@ -114,7 +115,7 @@ fn footer(state: &State, hidden: usize, screen: u16) -> String {
 /// The columns that fit the screen, in their order. A cell is never cut: whole columns are left out, by
 /// their rank. The name stays, and the column by which rows are sorted is left out last.
 fn fitting_columns(table: &Table, widths: &[usize], sort: usize, screen: u16) -> Vec<usize> {
-    let mut columns: Vec<_> = (0..table.columns.len()).collect();
+    let mut columns = table.shown_columns(sort);
     while needed(widths, &columns) > usize::from(screen) {
         let others = columns.iter().enumerate().skip(1);
         let lowest = others.min_by_key(|&(_, &at)| (at == sort, table.columns[at].rank));
@@ -160,7 +161,7 @@ fn table<'a>(
 ) -> Tables<'a> {
     let is_number = |column: usize| {
         let mut cells = table.rows.iter().filter_map(|row| row.get(column));
-        cells.any(|cell| matches!(cell, Cell::Number(_)))
+        cells.any(|cell| matches!(cell, Cell::Number(_) | Cell::Old(_)))
     };
     let aligned = |column: usize, text: String| {
         let alignment = match is_number(column) {
@@ -185,7 +186,10 @@ fn table<'a>(
         let column = table.columns[at];
         let shown = aligned(at, column.show(cell));
         match cell {
-            Cell::Number(Some(1.0..)) if column.is_loss => shown.style(alarm(state)),
+            Cell::Number(Some(number)) if column.is_loss && *number > 0.0 => {
+                shown.style(alarm(state))
+            }
+            Cell::Old(_) => shown.style(Style::new().add_modifier(Modifier::DIM)),
             Cell::Number(_) | Cell::Text(_) => shown,
         }
     };

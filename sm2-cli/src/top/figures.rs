@@ -3,11 +3,18 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
-use serde_json::{Map, Value};
-use sm2_proto::{Contract, Kind, Name, NodeId, domain::InterfaceView};
+use serde_json::Value;
+use sm2_proto::{
+    Contract, Kind, Name, NodeId,
+    domain::{InterfaceView, LinkView},
+};
 
+use super::table::{Cell, Column, NAME, Table, column, loss, plus, rate};
 use crate::{
-    sampling::{Sample, hundredths, median_ns, millis},
+    observation::Readings,
+    process::ProcessorUse,
+    sampling::{median_ns, millis},
+    troubles::untaken,
     view::View,
 };
 
@@ -26,64 +33,8 @@ pub(super) enum Tab {
     Nodes,
 }
 
-/// A table whose first column is the name.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Table {
-    pub(super) columns: &'static [Column],
-    pub(super) rows: Vec<Vec<Cell>>,
-}
-
-/// A column of a table.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Column {
-    pub(super) heading: &'static str,
-    /// Its name in JSON.
-    key: &'static str,
-    /// The number of decimals that its numbers have.
-    decimals: usize,
-    /// On a narrow screen, the column with the lowest rank is left out first. See [`HELP`](super::HELP).
-    pub(super) rank: u8,
-    /// Whether its numbers are messages per second, which the sparkline adds up.
-    is_rate: bool,
-    /// Whether a number above 0 asks for attention.
-    pub(super) is_loss: bool,
-}
-
-/// A cell.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) enum Cell {
-    Text(String),
-    /// `None` if the number is not known.
-    Number(Option<f64>),
-}
-
-const fn column(heading: &'static str, key: &'static str, decimals: usize, rank: u8) -> Column {
-    Column {
-        heading,
-        key,
-        decimals,
-        rank,
-        is_rate: false,
-        is_loss: false,
-    }
-}
-
-const fn rate(heading: &'static str, key: &'static str, rank: u8) -> Column {
-    Column {
-        is_rate: true,
-        ..column(heading, key, 2, rank)
-    }
-}
-
-const fn loss(heading: &'static str, key: &'static str, rank: u8) -> Column {
-    Column {
-        is_loss: true,
-        ..column(heading, key, 0, rank)
-    }
-}
-
-/// The rank of a table's first column, which is never left out.
-const NAME: u8 = u8::MAX;
+const MISSED: &str = "missed_deadlines_per_s";
+const STALLED: &str = "stalled_s";
 
 const TOPICS: &[Column] = &[
     column("TOPIC", "name", 0, NAME),
@@ -91,24 +42,33 @@ const TOPICS: &[Column] = &[
     column("PUBS", "publishers", 0, 2),
     column("SUBS", "subscribers", 0, 3),
     column("LINKS", "links", 0, 1),
-    rate("HZ", "hz", 8),
-    column("MB/s", "mb_per_s", 3, 6),
-    column("P50 ms", "delay_p50_ms", 3, 5),
-    loss("DROPPED", "dropped", 4),
-    loss("LOST", "lost", 7),
+    rate("HZ", "hz", 12),
+    column("MB/s", "mb_per_s", 3, 8),
+    column("P50 ms", "delay_p50_ms", 3, 7).that_ages(),
+    loss("DROPPED", "dropped", 0, 5),
+    loss("LOST", "lost", 0, 9),
+    loss("LOSS/s", "lost_per_s", 1, 10),
+    loss("MISS/s", MISSED, 1, 6).shown_with(MISSED),
+    column("HELD", "held", 0, 4).shown_with(STALLED),
+    loss("STALL s", STALLED, 1, 11).shown_with(STALLED),
 ];
 
 const NODES: &[Column] = &[
     column("NODE", "name", 0, NAME),
     column("PID", "pid", 0, 2),
+    column("CPU %", "cpu_percent", 1, 9),
     column("IFACES", "interfaces", 0, 0),
     column("LINKS", "links", 0, 1),
-    rate("OUT/s", "out_per_s", 8),
-    column("OUT MB/s", "out_mb_per_s", 3, 5),
-    rate("IN/s", "in_per_s", 7),
-    column("IN MB/s", "in_mb_per_s", 3, 4),
-    loss("DROPPED", "dropped", 3),
-    loss("LOST", "lost", 6),
+    rate("OUT/s", "out_per_s", 13),
+    column("OUT MB/s", "out_mb_per_s", 3, 6),
+    rate("IN/s", "in_per_s", 11),
+    column("IN MB/s", "in_mb_per_s", 3, 5),
+    loss("DROPPED", "dropped", 0, 4),
+    loss("LOST", "lost", 0, 8),
+    loss("LOSS/s", "lost_per_s", 1, 10),
+    loss("MISS/s", MISSED, 1, 7).shown_with(MISSED),
+    column("HELD", "held", 0, 3).shown_with(STALLED),
+    loss("STALL s", STALLED, 1, 12).shown_with(STALLED),
 ];
 
 /// The sums for a topic or a node. A figure that no node counts is `None`.
@@ -124,17 +84,31 @@ struct Sums {
     in_bytes_per_s: Option<f64>,
     dropped: Option<f64>,
     lost: Option<f64>,
+    /// The messages of each second that were dropped on links to the subscribers and servers.
+    lost_per_s: Option<f64>,
+    missed_deadlines_per_s: Option<f64>,
+    /// The samples that the subscribers hold.
+    held: Option<f64>,
+    /// The longest time for which a subscriber or server has taken nothing while messages waited.
+    stalled_s: Option<f64>,
     /// The largest median delay of all links.
     delay_ns: Option<u64>,
+    /// Whether a message was taken in the interval, so that the delay is not an old one.
+    delay_is_new: bool,
 }
 
 impl Figures {
     /// The figures of the time between two samples, without the node `itself`.
-    pub(super) fn new(view: &View<'_>, before: &Sample, now: &Sample, itself: &Name) -> Self {
+    pub(super) fn new(
+        view: &View<'_>,
+        readings: Readings<'_>,
+        processors: &ProcessorUse,
+        itself: &Name,
+    ) -> Self {
         let mut topics: BTreeMap<&Name, Sums> = BTreeMap::new();
         let mut nodes: BTreeMap<NodeId, Sums> = BTreeMap::new();
         for it in view.granted() {
-            let sums = sums(view, before, now, it);
+            let sums = sums(view, readings, it);
             if matches!(it.contract.kind(), Kind::Publisher | Kind::Subscriber) {
                 topics.entry(it.contract.name()).or_default().add(&sums);
             }
@@ -148,7 +122,7 @@ impl Figures {
         let others = view.domain.nodes().filter(|node| node.name != itself);
         let nodes = others.map(|node| {
             let sums = nodes.get(&node.node).copied().unwrap_or_default();
-            sums.node(node.name.as_str(), node.pid)
+            sums.node(node.name.as_str(), node.pid, processors.percent(node.pid))
         });
         Self {
             topics: Table {
@@ -186,25 +160,20 @@ pub(crate) struct InterfaceFigures {
 
 impl InterfaceFigures {
     /// The figures of the time between two samples.
-    pub(crate) fn new(
-        view: &View<'_>,
-        before: &Sample,
-        now: &Sample,
-        it: InterfaceView<'_>,
-    ) -> Self {
+    pub(crate) fn new(view: &View<'_>, readings: Readings<'_>, it: InterfaceView<'_>) -> Self {
         Self {
             node_id: it.entity.node.0,
             interface: it.entity.interface.0,
-            sums: sums(view, before, now, it),
+            sums: sums(view, readings, it),
         }
     }
 }
 
 /// The figures of one interface.
-fn sums(view: &View<'_>, before: &Sample, now: &Sample, it: InterfaceView<'_>) -> Sums {
-    let domain = view.domain;
+fn sums(view: &View<'_>, readings: Readings<'_>, it: InterfaceView<'_>) -> Sums {
+    let (domain, now) = (view.domain, readings.now);
     let links = view.links_of(it.entity);
-    let rate = now.rate(before, domain, it.entity);
+    let rate = (readings.before).and_then(|before| now.rate(before, domain, it.entity));
     let mut sums = Sums {
         interfaces: 1,
         links: links.len(),
@@ -223,6 +192,11 @@ fn sums(view: &View<'_>, before: &Sample, now: &Sample, it: InterfaceView<'_>) -
             .interface(domain, it.entity)
             .map(|entry| entry.lost as f64);
     }
+    let missed = readings.growth(
+        |sample| sample.interface(domain, it.entity),
+        |it| it.missed_deadlines,
+    );
+    sums.missed_deadlines_per_s = readings.per_s(missed);
     match it.contract.kind() {
         Kind::Publisher => {
             sums.publishers = 1;
@@ -235,14 +209,33 @@ fn sums(view: &View<'_>, before: &Sample, now: &Sample, it: InterfaceView<'_>) -
         Kind::Subscriber => {
             sums.subscribers = 1;
             let ends = links.iter().filter_map(|link| now.demanding(domain, link));
-            sums.delay_ns = ends.filter_map(median_ns).max();
+            sums.delay_ns = ends.clone().filter_map(median_ns).max();
+            sums.delay_is_new = rate.is_none_or(|rate| rate.messages_per_s > 0.0);
+            let held = ends.map(|end| end.held as f64);
+            sums.held = held.fold(None, |sum, held| plus(sum, Some(held)));
+            sums.receive(view, readings, links);
         }
-        Kind::Server | Kind::Client => {}
+        Kind::Server => sums.receive(view, readings, links),
+        Kind::Client => {}
     }
     sums
 }
 
 impl Sums {
+    /// Adds what the links to a subscriber or server lose, and how long it has taken nothing.
+    fn receive(&mut self, view: &View<'_>, readings: Readings<'_>, links: &[LinkView]) {
+        for link in links {
+            let lost = readings.growth(|it| it.ends(view, link).sent, |it| it.fates.dropped());
+            self.lost_per_s = plus(self.lost_per_s, readings.per_s(lost));
+            let ends = readings.now.ends(view, link);
+            if ends.sent.is_some() && ends.taken.is_some() {
+                let stalled = untaken(&ends).and_then(|it| it.too_long(readings.now.at()));
+                let stalled_s = stalled.unwrap_or_default().as_secs_f64();
+                self.stalled_s = larger(self.stalled_s, Some(stalled_s));
+            }
+        }
+    }
+
     fn add(&mut self, more: &Self) {
         self.interfaces += more.interfaces;
         self.publishers += more.publishers;
@@ -254,7 +247,13 @@ impl Sums {
         self.in_bytes_per_s = plus(self.in_bytes_per_s, more.in_bytes_per_s);
         self.dropped = plus(self.dropped, more.dropped);
         self.lost = plus(self.lost, more.lost);
+        self.lost_per_s = plus(self.lost_per_s, more.lost_per_s);
+        self.missed_deadlines_per_s =
+            plus(self.missed_deadlines_per_s, more.missed_deadlines_per_s);
+        self.held = plus(self.held, more.held);
+        self.stalled_s = larger(self.stalled_s, more.stalled_s);
         self.delay_ns = self.delay_ns.max(more.delay_ns);
+        self.delay_is_new |= more.delay_is_new;
     }
 
     fn topic(&self, name: &str, data: &str) -> Vec<Cell> {
@@ -268,17 +267,25 @@ impl Sums {
             number((self.links / 2) as f64),
             Cell::Number(self.out_per_s),
             Cell::Number(self.out_bytes_per_s.map(|bytes| bytes / 1e6)),
-            Cell::Number(self.delay_ns.map(millis)),
+            match self.delay_ns.map(millis) {
+                Some(delay_ms) if !self.delay_is_new => Cell::Old(delay_ms),
+                delay_ms => Cell::Number(delay_ms),
+            },
             Cell::Number(self.dropped),
             Cell::Number(self.lost),
+            Cell::Number(self.lost_per_s),
+            Cell::Number(self.missed_deadlines_per_s),
+            Cell::Number(self.held),
+            Cell::Number(self.stalled_s),
         ]
     }
 
-    fn node(&self, name: &str, pid: i32) -> Vec<Cell> {
+    fn node(&self, name: &str, pid: i32, processor: Option<f64>) -> Vec<Cell> {
         let number = |value: f64| Cell::Number(Some(value));
         vec![
             Cell::Text(name.to_owned()),
             number(f64::from(pid)),
+            Cell::Number(processor),
             number(f64::from(self.interfaces)),
             number(self.links as f64),
             Cell::Number(self.out_per_s),
@@ -287,14 +294,18 @@ impl Sums {
             Cell::Number(self.in_bytes_per_s.map(|bytes| bytes / 1e6)),
             Cell::Number(self.dropped),
             Cell::Number(self.lost),
+            Cell::Number(self.lost_per_s),
+            Cell::Number(self.missed_deadlines_per_s),
+            Cell::Number(self.held),
+            Cell::Number(self.stalled_s),
         ]
     }
 }
 
-/// The sum of those of the two that are known.
-fn plus(one: Option<f64>, other: Option<f64>) -> Option<f64> {
+/// The larger of those of the two that are known.
+fn larger(one: Option<f64>, other: Option<f64>) -> Option<f64> {
     match (one, other) {
-        (Some(one), Some(other)) => Some(one + other),
+        (Some(one), Some(other)) => Some(one.max(other)),
         (known, None) | (None, known) => known,
     }
 }
@@ -312,6 +323,11 @@ impl Figures {
             delay_ns: Some(5_715_000),
             dropped: Some(1_234_567.0),
             lost: Some(98_765.0),
+            lost_per_s: Some(1_234.5),
+            missed_deadlines_per_s: Some(10.0),
+            held: Some(16.0),
+            stalled_s: Some(86_400.0),
+            delay_is_new: true,
             ..Sums::default()
         };
         let node = Sums {
@@ -326,80 +342,8 @@ impl Figures {
         };
         let nodes = Table {
             columns: NODES,
-            rows: vec![node.node("camera-driver", 1_234_567)],
+            rows: vec![node.node("camera-driver", 1_234_567, Some(123.4))],
         };
         Self { topics, nodes }
-    }
-}
-
-impl Table {
-    /// The messages per second of a row, in all its directions. `None` if they are not known.
-    pub(super) fn rate(&self, row: &[Cell]) -> Option<f64> {
-        let rates = self.columns.iter().zip(row).filter(|(it, _)| it.is_rate);
-        rates.fold(None, |sum, (_, cell)| match cell {
-            Cell::Number(number) => plus(sum, *number),
-            Cell::Text(_) => sum,
-        })
-    }
-
-    fn json(&self) -> Value {
-        let row = |row: &Vec<Cell>| {
-            let members = self.columns.iter().zip(row).map(|(column, cell)| {
-                let value = match cell {
-                    Cell::Text(text) => Value::from(text.as_str()),
-                    Cell::Number(Some(number)) if column.decimals == 0 => {
-                        Value::from(number.round() as i64)
-                    }
-                    Cell::Number(Some(number)) if column.decimals == 2 => {
-                        Value::from(hundredths(*number))
-                    }
-                    Cell::Number(number) => Value::from(*number),
-                };
-                (column.key.to_owned(), value)
-            });
-            Value::Object(members.collect::<Map<_, _>>())
-        };
-        self.rows.iter().map(row).collect()
-    }
-}
-
-impl Column {
-    #[cfg(test)]
-    pub(super) const fn test(heading: &'static str, decimals: usize) -> Self {
-        Self {
-            is_rate: true,
-            ..column(heading, heading, decimals, NAME)
-        }
-    }
-
-    /// A cell of this column as text.
-    pub(super) fn show(&self, cell: &Cell) -> String {
-        match cell {
-            Cell::Text(text) => text.clone(),
-            Cell::Number(Some(number)) => format!("{number:.*}", self.decimals),
-            Cell::Number(None) => "-".into(),
-        }
-    }
-}
-
-impl Cell {
-    pub(super) fn as_text(&self) -> &str {
-        match self {
-            Self::Text(text) => text,
-            Self::Number(_) => "",
-        }
-    }
-
-    /// Orders numbers from the largest to the smallest, unknown ones last, and texts alphabetically.
-    pub(super) fn order(&self, other: &Self) -> std::cmp::Ordering {
-        match (self, other) {
-            (Self::Text(one), Self::Text(other)) => one.cmp(other),
-            (Self::Number(one), Self::Number(other)) => {
-                let value = |it: &Option<f64>| it.unwrap_or(f64::NEG_INFINITY);
-                value(other).total_cmp(&value(one))
-            }
-            (Self::Text(_), Self::Number(_)) => std::cmp::Ordering::Less,
-            (Self::Number(_), Self::Text(_)) => std::cmp::Ordering::Greater,
-        }
     }
 }

@@ -3,7 +3,10 @@
 use sm2_proto::Name;
 
 use super::figures::Figures;
-use crate::{sampling::Sample, view::View};
+use crate::{
+    observation::Readings, process::ProcessorUse, sampling::Sample, troubles::LinkTroubles,
+    view::View,
+};
 
 /// Builds all tables from two samples. Each row has a cell for every column, no cell contains a control
 /// character, and the tables can be written as JSON.
@@ -11,7 +14,17 @@ pub(crate) fn figures(view: &View<'_>, before: &Sample, now: &Sample) {
     let Ok(itself) = Name::new("a") else {
         return;
     };
-    let figures = Figures::new(view, before, now, &itself);
+    let readings = Readings {
+        before: Some(before),
+        now,
+    };
+    let figures = Figures::new(view, readings, &ProcessorUse::default(), &itself);
+    let troubles = LinkTroubles::of_all(view, readings);
+    assert!(
+        troubles
+            .lines()
+            .all(|line| !line.contains(char::is_control))
+    );
     for table in [&figures.topics, &figures.nodes] {
         for row in &table.rows {
             assert_eq!(row.len(), table.columns.len());

@@ -4,7 +4,10 @@ use std::collections::{BTreeMap, VecDeque};
 
 use ratatui::symbols::bar;
 
-use super::figures::{Figures, Tab, Table};
+use super::{
+    figures::{Figures, Tab},
+    table::Table,
+};
 
 /// How many intervals are kept: those of two minutes, unless `--interval` is given.
 const KEPT: usize = 120;
@@ -78,8 +81,8 @@ fn add(rates: &mut Rates, table: &Table) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::top::figures::Cell;
     use crate::top::state::tests::figures;
+    use crate::top::table::Cell;
 
     /// The history of intervals in which the topic `scan` had these rates.
     fn history(rates: &[Option<f64>]) -> History {

@@ -1,7 +1,7 @@
 //! `sm2 top`: rates and losses of a domain, live.
 //!
-//! [`figures`] computes the tables, [`history`] keeps the rates of the last intervals, [`state`] handles keys, [`draw`]
-//! lays out the screen, and [`screen`] owns the terminal.
+//! [`figures`] computes each [`table`], [`history`] keeps the rates of the last intervals, [`state`] handles keys,
+//! [`draw`] lays out the screen, and [`screen`] owns the terminal.
 
 mod draw;
 mod figures;
@@ -10,6 +10,7 @@ pub(crate) mod fuzz;
 mod history;
 mod screen;
 mod state;
+mod table;
 
 use std::{
     io::{self, IsTerminal},
@@ -34,7 +35,9 @@ use crate::{
     ended::Ended,
     error::CliError,
     follow::Follow,
+    observation::Readings,
     output::Output,
+    process::ProcessorUse,
     sampling::{Sample, Sampler},
     time,
     view::View,
@@ -65,9 +68,16 @@ Keys: q quits; Tab or the left and right arrows switch between topics and nodes;
 and j) move; s sorts by the next column, r the other way round; / filters by name (Enter keeps it,
 Esc drops it). A `-` is a figure of a node that keeps no counters.
 
-On a narrow screen whole columns are left out, in this order. Topics: TYPE, LINKS, PUBS, SUBS,
-DROPPED, P50 ms, MB/s, LOST, HZ. Nodes: IFACES, LINKS, PID, DROPPED, IN MB/s, OUT MB/s, LOST, IN/s,
-OUT/s. The column by which rows are sorted is left out last; --once and --json have all columns.
+DROPPED and LOST are totals; LOSS/s has the messages of each second that subscribers did not get, and
+MISS/s the missed deadlines. HELD has the samples that subscribers hold. STALL s is the time for which a
+subscriber or server has taken nothing while messages waited, from 2 s on. The screen shows MISS/s, HELD
+and STALL s only while a deadline is missed or an end takes nothing. A delay in brackets is old: no message
+was taken in the interval. CPU % is the processor time of the node's process; 100 is one core.
+
+On a narrow screen whole columns are left out, in this order. Topics: TYPE, LINKS, PUBS, SUBS, HELD,
+DROPPED, MISS/s, P50 ms, MB/s, LOST, LOSS/s, STALL s, HZ. Nodes: IFACES, LINKS, PID, HELD, DROPPED,
+IN MB/s, OUT MB/s, MISS/s, LOST, CPU %, LOSS/s, IN/s, STALL s, OUT/s. The column by which rows are
+sorted is left out last; --once and --json have all columns.
 
 On a wide screen, TREND has the messages per second of each of the last intervals, 120 at most, the
 newest at the right; the highest block is the largest of them. Losses are red where the terminal has
@@ -97,6 +107,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         follow: Follow::new(&session, arguments.domain.connect_timeout)?,
         session: &session,
         sampler: Sampler::new(),
+        processors: ProcessorUse::default(),
         before: None,
     };
     match once {
@@ -113,6 +124,7 @@ struct Monitor<'a> {
     session: &'a Session,
     follow: Follow<'a>,
     sampler: Sampler,
+    processors: ProcessorUse,
     before: Option<Sample>,
 }
 
@@ -122,9 +134,13 @@ impl Monitor<'_> {
         let domain = self.follow.domain();
         let nodes = domain.nodes().map(|node| node.node).collect();
         let now = self.sampler.look(&self.session.node, domain, &nodes)?;
-        let before = self.before.as_ref().unwrap_or(&now);
+        self.processors.look(domain.nodes());
+        let readings = Readings {
+            before: self.before.as_ref(),
+            now: &now,
+        };
         let itself = self.session.node.name();
-        let figures = Figures::new(&View::new(domain), before, &now, itself);
+        let figures = Figures::new(&View::new(domain), readings, &self.processors, itself);
         self.before = Some(now);
         Ok(figures)
     }

@@ -2,7 +2,10 @@
 
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
-use super::figures::{Cell, Figures, Tab};
+use super::{
+    figures::{Figures, Tab},
+    table::Cell,
+};
 
 /// The consequence of a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -17,6 +17,7 @@ use crate::{
     ended::Ended,
     error::CliError,
     follow::Follow,
+    observation::Readings,
     sampling::{Sample, Sampler},
     snapshot::{document::Document, gateways},
     top::InterfaceFigures,
@@ -115,10 +116,14 @@ impl<'a> Feed<'a> {
 
     fn answer(&self, question: &Question) -> Result<Vec<String>, String> {
         match question {
-            Question::Why { one, other } => match Answer::find(self.session, one, other.as_ref()) {
-                Ok(answer) => Ok(answer.lines()),
-                Err(error) => Err(error.to_string()),
-            },
+            Question::Why { one, other } => {
+                // Clients wait for samples meanwhile, so there is one reading of the counters.
+                let never = |_| Ok(false);
+                match Answer::find(self.session, one, other.as_ref(), never) {
+                    Ok(answer) => Ok(answer.lines()),
+                    Err(error) => Err(error.to_string()),
+                }
+            }
             Question::Schema(name) => {
                 let lines = schema::lines(self.session, &View::new(self.follow.domain()), name);
                 lines.map_err(|error| error.to_string())
@@ -138,10 +143,14 @@ impl<'a> Feed<'a> {
         let sample = self.sampler.look(&self.session.node, domain, &nodes)?;
         let before = self.before.take().filter(|it| sample.since(it) < RATES);
         let before = before.as_ref().unwrap_or(&sample);
+        let readings = Readings {
+            before: Some(before),
+            now: &sample,
+        };
         let granted = view.granted();
-        let figures = granted.map(|it| InterfaceFigures::new(&view, before, &sample, it));
+        let figures = granted.map(|it| InterfaceFigures::new(&view, readings, it));
         if now >= self.checks_due {
-            self.checks = doctor::checks(&view, &self.session.node);
+            self.checks = doctor::checks(&view, readings, &self.session.node);
             self.checks_due = now.after(CHECKS);
         }
         self.samples += 1;
@@ -149,7 +158,7 @@ impl<'a> Feed<'a> {
             sample: self.samples,
             connected: self.session.is_connected(),
             figures: figures.collect(),
-            domain: Document::new(self.session, &view, &sample, Vec::new()),
+            domain: Document::new(self.session, &view, readings, Vec::new()),
             events: self.events.list(),
             checks: &self.checks,
         };

@@ -97,8 +97,13 @@ impl Domain {
 
     /// The JSON output of a command, which must succeed.
     pub(crate) fn json(&self, arguments: &[&str]) -> Value {
+        self.json_ending_with(0, arguments)
+    }
+
+    /// The JSON output of a command, which must end with this status.
+    pub(crate) fn json_ending_with(&self, status: i32, arguments: &[&str]) -> Value {
         let finished = self.run(&[arguments, &["--json"]].concat());
-        assert_eq!(finished.code(), 0, "{arguments:?}: {finished:?}");
+        assert_eq!(finished.code(), status, "{arguments:?}: {finished:?}");
         let stdout = finished.stdout();
         assert_eq!(stdout.lines().count(), 1, "{arguments:?}: {stdout}");
         serde_json::from_str(&stdout).unwrap()

@@ -6,6 +6,7 @@ mod bag_topics;
 mod bag_work;
 mod black_box;
 mod common;
+mod consumers;
 mod decoded;
 mod demo;
 mod doctor;

@@ -44,8 +44,12 @@ fn a_stopped_node_is_named() {
             why.ends_with(&expected)
         });
     }
-    let why = domain.json(&["why", &one]);
+    let why = domain.json_ending_with(3, &["why", &one]);
     assert_eq!(why["stopped"][0]["node"], *other, "{why}");
+    assert_eq!(
+        (&why["linked"], &why["working"]),
+        (&true.into(), &false.into())
+    );
     listener.signal(Signal::SIGCONT);
 }
 
@@ -191,7 +195,9 @@ fn a_node_that_is_short_of_memory_is_named() {
     }]);
     publisher.publish(b"held").unwrap();
     for arguments in [&pair[..], &around] {
-        let why = domain.json(arguments);
+        let why = domain.json_ending_with(3, arguments);
+        // The message is still at the sender.
+        assert_eq!(why["not_taking"], none);
         let [short] = &why["short_of_memory"].as_array().unwrap()[..] else {
             panic!("{why}");
         };
@@ -205,7 +211,7 @@ fn a_node_that_is_short_of_memory_is_named() {
         assert!(line.contains(" s on its link with listener:scan: messages wait"));
     }
     // A call that fails again does not begin another shortage.
-    let seconds = || domain.json(&pair)["short_of_memory"][0]["seconds"].as_f64();
+    let seconds = || domain.json_ending_with(3, &pair)["short_of_memory"][0]["seconds"].as_f64();
     let before = seconds();
     publisher.links();
     assert!(seconds() >= before);

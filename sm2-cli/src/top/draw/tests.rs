@@ -154,14 +154,46 @@ fn losses_are_red_where_there_are_colours() {
             let red = cells.filter(|it| it.fg == Color::Red);
             red.map(|it| it.symbol()).collect::<String>()
         };
-        // The numbers of messages that were dropped, and lost.
-        let expected = if colours { "123456798765" } else { "" };
+        // DROPPED, LOST, LOSS/s, MISS/s and STALL s.
+        let expected = if colours {
+            "1234567987651234.510.086400.0"
+        } else {
+            ""
+        };
         assert_eq!(red(2).replace(' ', ""), expected);
         assert_eq!(red(3), "");
         state.connected = false;
         let buffer = self::buffer(&figures, &History::default(), &mut state, 100, 5);
         assert_eq!(buffer[(0, 0)].fg == Color::Red, colours);
     }
+}
+
+/// Columns that have only zeros leave their room to the others, unless the rows are sorted by them.
+#[test]
+fn columns_of_troubles_are_shown_while_there_are_some() {
+    let mut figures = Figures::large();
+    let headings = |figures: &Figures, sort| {
+        let mut state = State {
+            sort,
+            ..State::default()
+        };
+        screen_of(figures, &mut state, 200, 4)[1].clone()
+    };
+    let has = |line: &str| ["MISS/s", "HELD", "STALL s"].map(|it| line.contains(it));
+    assert_eq!(has(&headings(&figures, 0)), [true; 3]);
+    let columns = figures.topics.columns.iter();
+    let at = |heading| {
+        columns
+            .clone()
+            .position(|it| it.heading == heading)
+            .unwrap()
+    };
+    let (missed, held, stalled) = (at("MISS/s"), at("HELD"), at("STALL s"));
+    figures.topics.rows[0][stalled] = Cell::Number(Some(0.0));
+    assert_eq!(has(&headings(&figures, 0)), [true, false, false]);
+    figures.topics.rows[0][missed] = Cell::Number(None);
+    assert_eq!(has(&headings(&figures, 0)), [false; 3]);
+    assert_eq!(has(&headings(&figures, held)), [false, true, false]);
 }
 
 #[test]
@@ -187,67 +219,73 @@ const WIDTHS: &[(u16, &[&str], &[&str])] = &[
     (
         40,
         &[
-            "TOPICv                    HZ   LOST",
-            "camera/front/image  30000.25  98765",
-            "7 columns hidden  q quit",
+            "TOPICv                    HZ   STALL s",
+            "camera/front/image  30000.25   86400.0",
+            "11 columns hidden  q quit",
         ],
         &[
-            "NODEv             OUT/s      IN/s   LOST",
-            "camera-driver  30000.25  12345.50  98765",
-            "6 columns hidden  q quit",
+            "NODEv             OUT/s   STALL s",
+            "camera-driver  30000.25   86400.0",
+            "12 columns hidden  q quit",
         ],
     ),
     (
         60,
         &[
-            "TOPICv                    HZ     MB/s   P50 ms   LOST",
-            "camera/front/image  30000.25  745.700    5.715  98765",
-            "5 columns hidden  q quit  Tab topics/nodes  s sort",
+            "TOPICv                    HZ   LOST   LOSS/s   STALL s",
+            "camera/front/image  30000.25  98765   1234.5   86400.0",
+            "9 columns hidden  q quit  Tab topics/nodes  s sort",
         ],
         &[
-            "NODEv             OUT/s   OUT MB/s      IN/s   LOST",
-            "camera-driver  30000.25    745.700  12345.50  98765",
-            "5 columns hidden  q quit  Tab topics/nodes  s sort",
+            "NODEv           CPU %     OUT/s      IN/s   LOSS/s   STALL s",
+            "camera-driver   123.4  30000.25  12345.50   1234.5   86400.0",
+            "9 columns hidden  q quit  Tab topics/nodes  s sort",
         ],
     ),
     (
         80,
         &[
-            "TOPICv               PUBS   SUBS        HZ     MB/s   P50 ms   DROPPED   LOST",
-            "camera/front/image      2     12  30000.25  745.700    5.715   1234567  98765",
-            "2 columns hidden  q quit  Tab topics/nodes  s sort  r reverse  / filter",
+            "TOPICv                    HZ     MB/s   P50 ms   LOST   LOSS/s   STALL s",
+            "camera/front/image  30000.25  745.700    5.715  98765   1234.5   86400.0",
+            "7 columns hidden  q quit  Tab topics/nodes  s sort  r reverse  / filter",
         ],
         &[
-            "NODEv              PID     OUT/s   OUT MB/s      IN/s   IN MB/s   DROPPED   LOST",
-            "camera-driver  1234567  30000.25    745.700  12345.50  1234.568   1234567  98765",
-            "2 columns hidden  q quit  Tab topics/nodes  s sort  r reverse  / filter",
+            "NODEv           CPU %     OUT/s      IN/s   LOST   LOSS/s   MISS/s   STALL s",
+            "camera-driver   123.4  30000.25  12345.50  98765   1234.5     10.0   86400.0",
+            "7 columns hidden  q quit  Tab topics/nodes  s sort  r reverse  / filter",
         ],
     ),
     (
         120,
         &[
-            "TOPICv              TYPE           PUBS   SUBS   LINKS        HZ     MB/s   P50 ms   DROPPED   LOST  \
-             TREND",
-            "camera/front/image  sensor/Image      2     12      24  30000.25  745.700    5.715   1234567  98765",
-            "q quit  Tab topics/nodes  s sort  r reverse  / filter",
+            "TOPICv               PUBS   SUBS   LINKS        HZ     MB/s   P50 ms   DROPPED   LOST   LOSS/s   \
+             MISS/s   HELD   STALL s",
+            "camera/front/image      2     12      24  30000.25  745.700    5.715   1234567  98765   1234.5     \
+             10.0     16   86400.0",
+            "1 column hidden  q quit  Tab topics/nodes  s sort  r reverse  / filter",
         ],
         &[
-            "NODEv              PID   IFACES   LINKS     OUT/s   OUT MB/s      IN/s   IN MB/s   DROPPED   LOST  TREND",
-            "camera-driver  1234567       14      48  30000.25    745.700  12345.50  1234.568   1234567  98765",
-            "q quit  Tab topics/nodes  s sort  r reverse  / filter",
+            "NODEv           CPU %     OUT/s   OUT MB/s      IN/s   IN MB/s   DROPPED   LOST   LOSS/s   MISS/s   \
+             HELD   STALL s",
+            "camera-driver   123.4  30000.25    745.700  12345.50  1234.568   1234567  98765   1234.5     10.0     \
+             16   86400.0",
+            "3 columns hidden  q quit  Tab topics/nodes  s sort  r reverse  / filter",
         ],
     ),
     (
         200,
         &[
-            "TOPICv              TYPE           PUBS   SUBS   LINKS        HZ     MB/s   P50 ms   DROPPED   LOST  \
-             TREND",
-            "camera/front/image  sensor/Image      2     12      24  30000.25  745.700    5.715   1234567  98765",
+            "TOPICv              TYPE           PUBS   SUBS   LINKS        HZ     MB/s   P50 ms   DROPPED   \
+             LOST   LOSS/s   MISS/s   HELD   STALL s  TREND",
+            "camera/front/image  sensor/Image      2     12      24  30000.25  745.700    5.715   1234567  \
+             98765   1234.5     10.0     16   86400.0",
             "q quit  Tab topics/nodes  s sort  r reverse  / filter",
         ],
         &[
-            "NODEv              PID   IFACES   LINKS     OUT/s   OUT MB/s      IN/s   IN MB/s   DROPPED   LOST  TREND",
-            "camera-driver  1234567       14      48  30000.25    745.700  12345.50  1234.568   1234567  98765",
+            "NODEv              PID   CPU %   IFACES   LINKS     OUT/s   OUT MB/s      IN/s   IN MB/s   DROPPED   \
+             LOST   LOSS/s   MISS/s   HELD   STALL s  TREND",
+            "camera-driver  1234567   123.4       14      48  30000.25    745.700  12345.50  1234.568   1234567  \
+             98765   1234.5     10.0     16   86400.0",
             "q quit  Tab topics/nodes  s sort  r reverse  / filter",
         ],
     ),

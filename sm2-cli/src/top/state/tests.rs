@@ -1,5 +1,5 @@
 use super::*;
-use crate::top::figures::{Column, Table};
+use crate::top::table::{Column, Table};
 
 const COLUMNS: &[Column] = &[Column::test("TOPIC", 0), Column::test("HZ", 1)];
 
