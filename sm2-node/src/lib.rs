@@ -100,6 +100,11 @@
 //!
 //! A [`Shutdown`] ends all these waits. The example `robot` is a complete program.
 //!
+//! # Parameters
+//!
+//! A node can have [parameters](params): typed values with defaults, ranges and descriptions, which come from files and
+//! the environment, and which `sm2 param` reads, watches and sets while the program runs.
+//!
 //! # In your own event loop
 //!
 //! A node fits into every loop that can wait until a descriptor is readable. Each of these types implements
@@ -224,6 +229,7 @@ pub mod lockstep;
 mod message;
 mod node;
 mod outgoing;
+pub mod params;
 mod payload;
 mod plain;
 mod pool;
@@ -258,6 +264,7 @@ pub use executor::Executor;
 pub use loan::Loan;
 pub use message::{EncodeError, Message, PayloadError};
 pub use node::Node;
+pub use params::{Parameter, Parameters, ParametersBuilder};
 pub use payload::{Payload, SharedBytes};
 pub use plain::{InPlace, Plain};
 pub use pool::{POOL_LIMIT_BYTES, POOL_LIMIT_MESSAGES};

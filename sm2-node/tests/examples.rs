@@ -10,6 +10,7 @@ use crate::common::{Domain, SOON};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use sm2_node::Node;
+use sm2_node::params::{Assignment, SetParameters, SetParametersResult};
 use sm2_test_support::wait_until_stopped;
 
 const LOOPS: [&str; 3] = ["loop_epoll", "loop_mio", "loop_io_uring"];
@@ -25,8 +26,19 @@ impl Example {
     }
 
     fn start_at(socket: &std::path::Path, name: &str, arguments: &[&str]) -> Self {
+        Self::start_with(socket, name, arguments, |_| {})
+    }
+
+    /// Starts it with more variables.
+    fn start_with(
+        socket: &std::path::Path,
+        name: &str,
+        arguments: &[&str],
+        set_up: impl FnOnce(&mut Command),
+    ) -> Self {
         let mut command = Command::new(path(name));
         command.args(arguments).env("SM2_SOCKET", socket);
+        set_up(&mut command);
         command.stdout(Stdio::piped()).stderr(Stdio::piped());
         Self(command.spawn().unwrap())
     }
@@ -168,6 +180,59 @@ fn robot() {
 
     let text = Example::start(&domain, "robot", &["0"]).output();
     assert!(text.contains("brightness"), "{text}");
+}
+
+#[test]
+fn lidar_parameters() {
+    let domain = Domain::new();
+    let node = domain.node("operator");
+    let scans = node.subscriber::<[f64]>("scan").unwrap();
+    let client = node
+        .client::<SetParameters, SetParametersResult>("parameters/lidar")
+        .unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("robot.toml");
+    std::fs::write(&file, "[lidar]\nmax_range = 10\n").unwrap();
+    let file = file.to_str().unwrap();
+    let _example = Example::start(&domain, "lidar_parameters", &[file]);
+    assert_eq!(*common::next(&scans), [2.5]);
+
+    client.wait_for_servers_timeout(1, SOON).unwrap();
+    let set = |name: &str, value: f64| {
+        let (name, value) = (name.to_owned(), value.into());
+        let parameters = vec![Assignment { name, value }];
+        let request = SetParameters { parameters };
+        (*client.call_timeout(&request, SOON).unwrap()).clone()
+    };
+    assert!(set("max_range", 50.0).successful);
+    common::until(|| *common::next(&scans) == [2.5, 20.0]);
+    let refused = set("min_range", 60.0);
+    assert_eq!(refused.reason, "min_range has to be less than max_range");
+
+    std::fs::write(file, "[lidar]\n\nmin_range = 'near'\n").unwrap();
+    let second = Domain::new();
+    let Output { status, stderr, .. } =
+        Example::start(&second, "lidar_parameters", &[file]).finish();
+    let stderr = String::from_utf8(stderr).unwrap();
+    assert!(!status.success());
+    let expected = format!("lidar: {file}:3: parameter min_range: double is expected");
+    assert!(stderr.starts_with(&expected), "{stderr}");
+}
+
+/// The environment has precedence over the file of `SM2_PARAMS`, and that of an argument, too.
+//= SM2-PRM-006 test
+#[test]
+fn parameters_come_from_the_environment() {
+    let domain = Domain::new();
+    let scans = domain.node("operator").subscriber::<[f64]>("scan").unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("robot.toml");
+    std::fs::write(&file, "[lidar]\nmin_range = 3\nmax_range = 10\n").unwrap();
+    let _example = Example::start_with(&domain.socket(), "lidar_parameters", &[], |command| {
+        command.env("SM2_PARAMS", &file);
+        command.env("SM2_PARAM_MAX_RANGE", "90");
+    });
+    assert_eq!(*common::next(&scans), [20.0, 80.0]);
 }
 
 /// Without a conductor, inputs are handled as they arrive.

@@ -36,6 +36,7 @@ mod many;
 mod mapped_bytes;
 mod max_len;
 mod outlived;
+mod params;
 mod pool_limit;
 mod qos;
 mod reserve;

@@ -4,7 +4,7 @@ use std::io;
 use std::mem;
 use std::ops::Deref;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::Duration;
 
 use sm2_io::{Interest, Maker, SeqPacket, Waker};
@@ -44,6 +44,8 @@ pub(crate) struct NodeState {
     /// Signalled when the session changes, until [`drive_all`](Self::drive_all).
     pub(super) changed: Arc<Waker>,
     control: Mutex<Control>,
+    /// Alive while the node has parameters.
+    parameters: Mutex<Weak<()>>,
 }
 
 /// How a node is driven, and what it offers.
@@ -91,11 +93,24 @@ impl SharedNode {
                 maker: Maker::this_process(),
                 changed,
                 control: Mutex::new(control),
+                parameters: Mutex::default(),
             }),
             background: None,
             #[cfg(feature = "embedded-manager")]
             embedded: None,
         })
+    }
+
+    /// Lets the caller declare the parameters of the node, as long as the result exists; `None` if another caller does.
+    pub(crate) fn claim_parameters(&self) -> Option<Arc<()>> {
+        let parameters = self.parameters.lock();
+        let mut parameters = parameters.unwrap_or_else(PoisonError::into_inner);
+        if parameters.upgrade().is_some() {
+            return None;
+        }
+        let claim = Arc::new(());
+        *parameters = Arc::downgrade(&claim);
+        Some(claim)
     }
 
     /// The control side, as interfaces use it.

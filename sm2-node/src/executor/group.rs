@@ -10,6 +10,7 @@ use super::mailbox::Mailbox;
 use super::task::{Readinesses, Supply, SupplyTask, Ticks};
 use super::tasks::{Addition, Tasks};
 use super::turn::GroupState;
+use crate::params::{Change, Changes};
 use crate::wait_set::{Interest, Key, Readiness, Waitable};
 use crate::{
     Call, CallError, Event, Events, Message, RecvError, Reply, Request, Sample, Server, Subscriber,
@@ -80,6 +81,15 @@ impl<'a, S: Send + 'a> Group<'a, S> {
         F: FnMut(&mut S, Event) -> Result<(), Failure> + Send + 'a,
     {
         self.add_source(events, callback)
+    }
+
+    /// Runs `callback` for each change of parameters that another node asks for, or with the error if it cannot be
+    /// received.
+    pub fn on_change<F>(&self, changes: Changes, callback: F) -> CallbackId
+    where
+        F: FnMut(&mut S, Result<Change, RecvError>) -> Result<(), Failure> + Send + 'a,
+    {
+        self.add_source(changes, callback)
     }
 
     /// Runs `callback` for each tick of a timer.

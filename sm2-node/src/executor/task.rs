@@ -4,6 +4,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::callback::Failure;
 use super::turn::{GroupState, Turn};
+use crate::params::{Change, Changes};
 use crate::wait_set::{Cause, Readiness};
 use crate::{
     Call, CallError, Event, Events, Message, RecvError, Reply, Request, Sample, Server, Subscriber,
@@ -110,6 +111,14 @@ impl Supply for Events {
 
     fn take(&mut self, _: Cause) -> Option<Event> {
         self.pop()
+    }
+}
+
+impl Supply for Changes {
+    type Item = Result<Change, RecvError>;
+
+    fn take(&mut self, _: Cause) -> Option<Self::Item> {
+        self.try_next().transpose()
     }
 }
 

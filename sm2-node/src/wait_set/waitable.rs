@@ -15,7 +15,11 @@ use crate::{Call, Events, Message, Publisher, Server, Subscriber};
 /// | [`Server`] | a request may be there | [`try_recv`](Server::try_recv) |
 /// | [`Call`] | its reply or its failure is there, or its deadline has passed | [`try_wait`](Call::try_wait) |
 /// | [`Events`] | an event is there | [`try_next`](Events::try_next) |
+/// | [`Changes`] of parameters | a request may be there | [`Changes::try_next`] |
 /// | [`Publisher`] | every reliable subscriber has room | [`try_publish`](Publisher::try_publish) |
+///
+/// [`Changes`]: crate::params::Changes
+/// [`Changes::try_next`]: crate::params::Changes::try_next
 ///
 /// A publisher is ready most of the time. So a program adds it while it has a message that found no room, and then
 /// removes it, as it would wait for a writable socket.
