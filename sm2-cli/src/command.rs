@@ -3,7 +3,7 @@
 use clap::{Parser, Subcommand};
 
 use crate::{
-    bag, completions, demo, doctor, foxglove, manual, node, play, policy, record, service,
+    bag, completions, demo, doctor, foxglove, manual, node, param, play, policy, record, service,
     snapshot, top, topic, wait_for, web_view, why,
 };
 
@@ -30,6 +30,9 @@ pub(crate) enum Command {
     /// List nodes, and show what one does
     #[command(subcommand, after_help = NODE_EXAMPLES)]
     Node(node::Command),
+    /// Show, set, watch and store the parameters of nodes
+    #[command(subcommand, after_help = PARAM_EXAMPLES)]
+    Param(param::Command),
     /// Show the whole domain at one moment, or its changes
     Snapshot(snapshot::Arguments),
     /// Wait for conditions on topics, services and nodes
@@ -111,6 +114,12 @@ const NODE_EXAMPLES: &str = "\
 Examples:
   sm2 node list
   sm2 node info talker";
+
+const PARAM_EXAMPLES: &str = "\
+Examples:
+  sm2 param list lidar
+  sm2 param set lidar max_range 12.5
+  sm2 param dump lidar > lidar.toml";
 
 const FOXGLOVE_EXAMPLES: &str = "\
 The program is in the folder of this one, or in a folder of $PATH: `cargo install --path sm2-foxglove`.

@@ -23,6 +23,7 @@ use crate::{
     decode::CodecError,
     ended::WRONG_USAGE,
     interrupt::Stopped,
+    param::ParamError,
     size::{MESSAGE_MAX_BYTES, Size},
 };
 
@@ -205,6 +206,9 @@ pub(crate) enum CliError {
     /// A file is not an access policy.
     #[error(transparent)]
     Policy(#[from] PolicyFileError),
+    /// The parameters of a node cannot be read or set.
+    #[error(transparent)]
+    Param(#[from] ParamError),
     /// A file or folder cannot be used.
     #[error("cannot {action} {}: {source}{}", path.display(), advice(source))]
     File {
@@ -357,6 +361,7 @@ impl CliError {
     pub(crate) fn status(&self) -> u8 {
         match self {
             Self::Stopped(signal) => signal.status(),
+            Self::Param(error) => error.status(),
             Self::LoopOfInput
             | Self::Demo(DemoError::TooLong { .. })
             | Self::NoSuchCommand { .. }

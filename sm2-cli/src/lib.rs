@@ -43,6 +43,7 @@ mod names;
 mod node;
 mod observation;
 mod output;
+mod param;
 mod play;
 mod policy;
 mod printable;
@@ -113,6 +114,7 @@ pub fn run(arguments: Vec<OsString>) -> ExitCode {
         Command::Topic(command) => topic::run(&command),
         Command::Service(command) => service::run(&command),
         Command::Node(command) => node::run(&command),
+        Command::Param(command) => param::run(&command),
         Command::Snapshot(arguments) => snapshot::run(&arguments),
         Command::Wait(arguments) => wait_for::run(&arguments),
         Command::Why(arguments) => why::run(&arguments),

@@ -25,9 +25,14 @@ pub(crate) fn unknown<'a>(
 
 /// `; did you mean scan?`, or nothing.
 pub(crate) fn hint<'a>(name: &str, known: impl IntoIterator<Item = &'a Name>) -> String {
+    hint_of(name, known.into_iter().map(Name::as_str))
+}
+
+/// As [`hint`], for names of any kind.
+pub(crate) fn hint_of<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> String {
     let mut similar: Vec<_> = known
         .into_iter()
-        .filter_map(|it| Some((similarity(name, it.as_str())?, it.as_str())))
+        .filter_map(|it| Some((similarity(name, it)?, it)))
         .collect();
     similar.sort_unstable();
     match similar.first() {

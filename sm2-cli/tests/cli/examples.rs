@@ -123,6 +123,7 @@ fn ending(example: &str) -> Ending {
         "sm2 topic bw",
         "sm2 topic delay",
         "sm2 topic loss",
+        "sm2 param watch",
         "sm2 view",
     ];
     if starts(&["sm2 top"]) && !starts(&["sm2 topic", "sm2 top --once", "sm2 top --json"]) {

@@ -120,6 +120,13 @@ fn what_prints_data_prints_json() {
         "service call",
         "node list",
         "node info",
+        "param list",
+        "param get",
+        "param set",
+        "param describe",
+        "param dump",
+        "param load",
+        "param watch",
         "snapshot",
         "wait",
         "why",
@@ -145,7 +152,7 @@ fn what_prints_data_prints_json() {
 
 #[test]
 fn no_command_shows_the_help() {
-    for arguments in [&[][..], &["topic"], &["node"], &["service"]] {
+    for arguments in [&[][..], &["topic"], &["node"], &["service"], &["param"]] {
         let shown = Running::start(&mut sm2(arguments)).finish();
         assert_eq!(shown.code(), 2);
         assert!(shown.stderr().contains("Usage:"), "{}", shown.stderr());

@@ -23,6 +23,7 @@ mod kills;
 mod lists;
 mod max_len;
 mod measure;
+mod param;
 mod play;
 mod policy;
 mod policy_memory;

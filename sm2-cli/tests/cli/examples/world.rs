@@ -14,7 +14,7 @@ use std::{
 };
 
 use serde::{Deserialize, Serialize};
-use sm2_node::{Message, Node, Publisher, Schema, Subscriber};
+use sm2_node::{Message, Node, Parameters, Publisher, Schema, Subscriber};
 use tempfile::TempDir;
 
 use crate::{
@@ -221,6 +221,8 @@ impl World {
         if is_word_of(example, "pub") {
             fs::write(self.path("work/frames/first.png"), "an image").unwrap();
         }
+        let parameters = "[lidar]\nmax_range = 12.5\n";
+        fs::write(self.path("work/lidar.toml"), parameters).unwrap();
         let policy = "default = \"allow\"\n";
         fs::write(self.path("work/policy.toml"), policy).unwrap();
     }
@@ -339,6 +341,7 @@ struct Moved {
     /// Answers a service, as long as the node lives.
     servers: Vec<Box<dyn Fn() + Send>>,
     received: Arc<AtomicBool>,
+    _parameters: Option<Parameters>,
 }
 
 impl Moved {
@@ -393,6 +396,8 @@ impl Moved {
             }
             nodes.push(driver);
         }
+        let has_parameters = is_word_of(example, "param");
+        let parameters = has_parameters.then(|| parameters(&node("lidar")));
         Self {
             nodes,
             scan,
@@ -401,6 +406,7 @@ impl Moved {
             subscribers,
             servers,
             received,
+            _parameters: parameters,
         }
     }
 
@@ -427,4 +433,13 @@ impl Moved {
             drop(node.spin_once_timeout(Duration::from_millis(2)));
         }
     }
+}
+
+/// The parameters of the node `lidar`.
+fn parameters(lidar: &Node) -> Parameters {
+    let mut builder = lidar.parameters_builder();
+    drop(builder.parameter("min_range", 0.5).add());
+    drop(builder.parameter("max_range", 30.0).add());
+    drop(builder.parameter("frame", "laser".to_owned()).add());
+    builder.declare().unwrap()
 }

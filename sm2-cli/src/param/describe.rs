@@ -1,0 +1,88 @@
+use std::time::Duration;
+
+use clap::Args;
+use sm2_node::params::Entry;
+use sm2_proto::Name;
+
+use super::{
+    row::Node,
+    source::{Source, entry},
+};
+use crate::{
+    args::{Domain, name},
+    connect::Session,
+    ended::Ended,
+    error::CliError,
+    output::Output,
+    service::stopped,
+    time,
+};
+
+/// `sm2 param describe`.
+#[derive(Args, Debug)]
+#[command(after_help = HELP)]
+pub(crate) struct Arguments {
+    /// The node
+    #[arg(value_name = "NODE", value_parser = name)]
+    node: Name,
+    /// The parameters [default: all of the node]
+    #[arg(value_name = "NAME")]
+    names: Vec<String>,
+    /// The timeout for the values of the node
+    #[arg(long, value_name = "TIME", default_value = "5s", value_parser = time::span)]
+    timeout: Duration,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    domain: Domain,
+}
+
+const HELP: &str = "\
+Exit status: 0 printed, 1 there is no such node or parameter, 2 wrong usage, 130 Ctrl-C.
+
+Examples:
+  sm2 param describe lidar
+  sm2 param describe lidar max_range --json";
+
+pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    let session = Session::open(&arguments.domain, "param-describe")?;
+    let node = &arguments.node;
+    let source = Source::open(&session, node)?;
+    let Some(table) = source.first(&session, arguments.timeout)? else {
+        return Ok(stopped(&session));
+    };
+    let entries: Vec<&Entry> = match arguments.names.as_slice() {
+        [] => table.parameters.iter().collect(),
+        names => {
+            let entries = names.iter().map(|it| entry(&table, node, it));
+            entries.collect::<Result<_, _>>()?
+        }
+    };
+    let mut out = Output::new();
+    if arguments.json {
+        out.json(&Node::with(node, &table, entries.into_iter()))?;
+        return Ok(Ended::Done);
+    }
+    for entry in entries {
+        describe(&mut out, entry)?;
+    }
+    Ok(Ended::Done)
+}
+
+fn describe(out: &mut Output, entry: &Entry) -> Result<(), CliError> {
+    out.line(&entry.name)?;
+    out.line(format_args!("  type         {}", entry.kind()))?;
+    let (value, origin) = (&entry.value, entry.origin.word());
+    out.line(format_args!("  value        {value} ({origin})"))?;
+    if let Some(range) = entry.range {
+        out.line(format_args!("  range        {range}"))?;
+    }
+    if entry.read_only {
+        out.line("  read-only    set it in a file or the environment")?;
+    }
+    if !entry.description.is_empty() {
+        out.line(format_args!("  description  {}", entry.description))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,63 @@
+use std::time::Duration;
+
+use clap::Args;
+use sm2_proto::Name;
+
+use super::{
+    row::{Row, bare},
+    source::{Source, entry},
+};
+use crate::{
+    args::{Domain, name},
+    connect::Session,
+    ended::Ended,
+    error::CliError,
+    output::Output,
+    service::stopped,
+    time,
+};
+
+/// `sm2 param get`.
+#[derive(Args, Debug)]
+#[command(after_help = HELP)]
+pub(crate) struct Arguments {
+    /// The node
+    #[arg(value_name = "NODE", value_parser = name)]
+    node: Name,
+    /// The parameter
+    #[arg(value_name = "NAME")]
+    name: String,
+    /// The timeout for the values of the node
+    #[arg(long, value_name = "TIME", default_value = "5s", value_parser = time::span)]
+    timeout: Duration,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    domain: Domain,
+}
+
+const HELP: &str = "\
+Prints a string as it is, and all other values as in TOML: 12.5, true, [1, 2]. The program of the node need not
+do anything for that.
+
+Exit status: 0 printed, 1 there is no such node or parameter, 2 wrong usage, 130 Ctrl-C.
+
+Examples:
+  sm2 param get lidar max_range
+  sm2 param get lidar frame --json";
+
+pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    let session = Session::open(&arguments.domain, "param-get")?;
+    let source = Source::open(&session, &arguments.node)?;
+    let Some(table) = source.first(&session, arguments.timeout)? else {
+        return Ok(stopped(&session));
+    };
+    let entry = entry(&table, &arguments.node, &arguments.name)?;
+    let mut out = Output::new();
+    match arguments.json {
+        true => out.json(&Row::from(entry))?,
+        false => out.line(bare(&entry.value))?,
+    }
+    Ok(Ended::Done)
+}

@@ -1,0 +1,109 @@
+use std::time::Duration;
+
+use clap::Args;
+use serde::Serialize;
+use sm2_io::clock;
+use sm2_node::params::Table;
+use sm2_proto::Name;
+
+use super::{
+    error::ParamError,
+    row::Node,
+    source::{self, Source},
+};
+use crate::{
+    args::{Domain, name},
+    columns::Columns,
+    connect::Session,
+    ended::Ended,
+    error::CliError,
+    output::Output,
+    service::stopped,
+    time::{self, Span},
+};
+
+/// `sm2 param list`.
+#[derive(Args, Debug)]
+#[command(after_help = HELP)]
+pub(crate) struct Arguments {
+    /// The node [default: all nodes that have parameters]
+    #[arg(value_name = "NODE", value_parser = name)]
+    node: Option<Name>,
+    /// The timeout for the values of all nodes
+    #[arg(long, value_name = "TIME", default_value = "5s", value_parser = time::span)]
+    timeout: Duration,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    domain: Domain,
+}
+
+const HELP: &str = "\
+FROM is the place of the value: the default of the program, a file, the environment, or a set.
+
+Exit status: 0 printed, 1 a node has no parameters or has not answered, 2 wrong usage, 130 Ctrl-C.
+
+Examples:
+  sm2 param list
+  sm2 param list lidar --json | jq '.nodes[].parameters[].name'";
+
+/// The object that `--json` prints.
+#[derive(Serialize)]
+struct Nodes<'a> {
+    nodes: Vec<Node<'a>>,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    let session = Session::open(&arguments.domain, "param-list")?;
+    let until = clock::now().after(arguments.timeout);
+    let sources = match &arguments.node {
+        Some(node) => vec![Source::open(&session, node)?],
+        None => {
+            let nodes = source::nodes(&session.snapshot()?);
+            let open = |node| Source::subscribe(&session, node);
+            nodes.iter().map(open).collect::<Result<_, _>>()?
+        }
+    };
+    let mut tables: Vec<(&Name, Table)> = Vec::new();
+    let mut ended = Ended::Done;
+    for source in &sources {
+        match source.first(&session, until.since(clock::now())) {
+            Ok(Some(table)) => tables.push((&source.node, table)),
+            Ok(None) => return Ok(stopped(&session)),
+            // The other nodes are shown all the same.
+            Err(CliError::Param(ParamError::NoTable { node, .. })) => {
+                let timeout = Span(arguments.timeout);
+                stderr_line!("sm2: {}", ParamError::NoTable { node, timeout });
+                ended = Ended::No;
+            }
+            Err(error) => return Err(error),
+        }
+    }
+    let mut out = Output::new();
+    if arguments.json {
+        let nodes = tables.iter().map(|(node, table)| Node::new(node, table));
+        out.json(&Nodes {
+            nodes: nodes.collect(),
+        })?;
+    } else {
+        out.line(rows(&tables))?;
+    }
+    Ok(ended)
+}
+
+fn rows(tables: &[(&Name, Table)]) -> Columns<5> {
+    let mut columns = Columns::new(["NODE", "NAME", "TYPE", "VALUE", "FROM"]);
+    for (node, table) in tables {
+        for entry in &table.parameters {
+            columns.push([
+                node.to_string(),
+                entry.name.clone(),
+                entry.kind().to_string(),
+                entry.value.to_string(),
+                entry.origin.word().to_owned(),
+            ]);
+        }
+    }
+    columns
+}

@@ -1,0 +1,96 @@
+use std::time::Duration;
+
+use clap::Args;
+use serde::Serialize;
+use sm2_node::params::Assignment;
+use sm2_proto::Name;
+
+use super::{
+    error::ParamError,
+    source::{self, Source, entry},
+};
+use crate::{
+    args::{Domain, name},
+    connect::Session,
+    ended::Ended,
+    error::CliError,
+    output::Output,
+    service::stopped,
+    time,
+};
+
+/// `sm2 param set`.
+#[derive(Args, Debug)]
+#[command(after_help = HELP)]
+pub(crate) struct Arguments {
+    /// The node
+    #[arg(value_name = "NODE", value_parser = name)]
+    node: Name,
+    /// A parameter and its new value, such as `max_range 12.5`; may be repeated
+    #[arg(value_names = ["NAME", "VALUE"], num_args = 2.., required = true, allow_negative_numbers = true)]
+    values: Vec<String>,
+    /// The timeout for the values of the node, and for its answer
+    #[arg(long, value_name = "TIME", default_value = "5s", value_parser = time::span)]
+    timeout: Duration,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    domain: Domain,
+}
+
+const HELP: &str = "\
+A string is written as it is, and all other values as in TOML: 12.5, true, '[1, 2]', '[\"a\", \"b\"]'. The node
+gets all values in one request, and sets all of them or none. It refuses values outside of the ranges, and
+its program may refuse others.
+
+Exit status: 0 set, 1 refused, or the node has not answered, 2 wrong usage, 130 Ctrl-C.
+
+Examples:
+  sm2 param set lidar max_range 12.5
+  sm2 param set lidar min_range 0.5 max_range 20 --json";
+
+/// The object that `--json` prints.
+#[derive(Serialize)]
+pub(super) struct Done<'a> {
+    pub(super) node: &'a str,
+    /// The number of parameters in the request.
+    pub(super) parameters: usize,
+    /// The revision of the node's parameters after it.
+    pub(super) revision: u64,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    let Arguments { node, timeout, .. } = arguments;
+    if let [name] = arguments.values.as_chunks::<2>().1 {
+        let name = name.clone();
+        return Err(ParamError::NoValue { name }.into());
+    }
+    let session = Session::open(&arguments.domain, "param-set")?;
+    let source = Source::open(&session, node)?;
+    let Some(table) = source.first(&session, *timeout)? else {
+        return Ok(stopped(&session));
+    };
+    let mut assignments = Vec::new();
+    for [name, text] in arguments.values.as_chunks::<2>().0 {
+        let kind = entry(&table, node, name)?.kind();
+        let name = name.clone();
+        match kind.parse(text) {
+            Ok(value) => assignments.push(Assignment { name, value }),
+            Err(reason) => return Err(ParamError::Value { name, reason }.into()),
+        }
+    }
+    let parameters = assignments.len();
+    let Some(revision) = source::set(&session, node, assignments, *timeout)? else {
+        return Ok(stopped(&session));
+    };
+    let mut out = Output::new();
+    if arguments.json {
+        out.json(&Done {
+            node: node.as_str(),
+            parameters,
+            revision,
+        })?;
+    }
+    Ok(Ended::Done)
+}

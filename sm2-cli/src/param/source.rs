@@ -1,0 +1,178 @@
+//! Reading the parameters of nodes, and setting them.
+
+use std::{collections::BTreeSet, os::fd::AsFd, time::Duration};
+
+use sm2_io::clock;
+use sm2_node::{
+    CallError, Message, Subscriber,
+    params::{
+        self, Assignment, Entry, SetParameters, SetParametersResult, Table, limits::TABLE_MAX,
+    },
+};
+use sm2_proto::{Kind, Name, domain::Domain as Mirror};
+
+use super::error::ParamError;
+use crate::{connect::Session, error::CliError, names, service::ask, time::Span, wait::For};
+
+/// The parameters of one node, as they change.
+pub(super) struct Source {
+    pub(super) node: Name,
+    tables: Subscriber<Table>,
+}
+
+impl Source {
+    /// Subscribes to the parameters of a node.
+    ///
+    /// # Errors
+    ///
+    /// [`CliError::Unknown`] if the domain has no such node, [`ParamError::None`] if the node has no parameters.
+    pub(super) fn open(session: &Session, node: &Name) -> Result<Self, CliError> {
+        let domain = session.snapshot()?;
+        let with_parameters = nodes(&domain);
+        if with_parameters.contains(node) {
+            return Self::subscribe(session, node);
+        }
+        if domain.node_named(node.as_str()).is_some() {
+            return Err(ParamError::None { node: node.clone() }.into());
+        }
+        Err(names::unknown("node", node, &with_parameters))
+    }
+
+    /// Subscribes to the parameters of a node that has some.
+    pub(super) fn subscribe(session: &Session, node: &Name) -> Result<Self, CliError> {
+        let builder = session
+            .node
+            .subscriber_builder(&params::name(node.as_str()));
+        let tables = builder.depth(16).max_len(TABLE_MAX as u64).declare()?;
+        Ok(Self {
+            node: node.clone(),
+            tables,
+        })
+    }
+
+    /// The next table, if one has come.
+    ///
+    /// # Errors
+    ///
+    /// [`ParamError::WrongTable`], [`CliError::Receive`].
+    //= SM2-PRM-005
+    pub(super) fn try_next(&self) -> Result<Option<Table>, CliError> {
+        let Some(sample) = self.tables.try_recv()? else {
+            return Ok(None);
+        };
+        let table: Table = (*sample).clone();
+        match table.check() {
+            Ok(()) => Ok(Some(table)),
+            Err(problem) => {
+                let node = self.node.clone();
+                Err(ParamError::WrongTable { node, problem }.into())
+            }
+        }
+    }
+
+    /// Waits for the next table; `None` if a signal came first, or the time limit has passed.
+    pub(super) fn next(
+        &self,
+        session: &Session,
+        timeout: Option<Duration>,
+    ) -> Result<Option<Table>, CliError> {
+        let until = timeout.map(|it| clock::now().after(it));
+        loop {
+            let table = self.try_next()?;
+            let is_over = until.is_some_and(|it| clock::now() >= it);
+            if table.is_some() || is_over || session.stopped().is_some() {
+                return Ok(table);
+            }
+            session.step(&[(self.tables.as_fd(), For::Reading)], until)?;
+        }
+    }
+
+    /// The present table of the node; `None` if a signal came first.
+    ///
+    /// # Errors
+    ///
+    /// [`ParamError::NoTable`], [`ParamError::WrongTable`].
+    pub(super) fn first(
+        &self,
+        session: &Session,
+        timeout: Duration,
+    ) -> Result<Option<Table>, CliError> {
+        let table = self.next(session, Some(timeout))?;
+        match table {
+            None if session.stopped().is_none() => Err(ParamError::NoTable {
+                node: self.node.clone(),
+                timeout: Span(timeout),
+            }
+            .into()),
+            table => Ok(table),
+        }
+    }
+}
+
+/// The nodes with parameters, also those of other domains that a gateway shows here.
+pub(super) fn nodes(domain: &Mirror) -> BTreeSet<Name> {
+    let granted = domain.interfaces().filter(|it| it.refused.is_none());
+    let publishers = granted.filter(|it| it.contract.kind() == Kind::Publisher);
+    let nodes = publishers.filter_map(|it| {
+        let node = params::node_of(it.contract.name().as_str())?;
+        Name::new(node).ok()
+    });
+    nodes.collect()
+}
+
+/// The parameter of this name.
+///
+/// # Errors
+///
+/// [`ParamError::Unknown`].
+pub(super) fn entry<'a>(
+    table: &'a Table,
+    node: &Name,
+    name: &str,
+) -> Result<&'a Entry, ParamError> {
+    table.get(name).ok_or_else(|| {
+        let known = table.parameters.iter().map(|it| it.name.as_str());
+        ParamError::Unknown {
+            node: node.clone(),
+            name: name.to_owned(),
+            hint: names::hint_of(name, known),
+        }
+    })
+}
+
+/// Sets parameters, all of them or none, and returns the revision after it; `None` if a signal came first.
+///
+/// # Errors
+///
+/// [`ParamError::Refused`], [`ParamError::NoAnswer`], and those of a call.
+pub(super) fn set(
+    session: &Session,
+    node: &Name,
+    parameters: Vec<Assignment>,
+    timeout: Duration,
+) -> Result<Option<u64>, CliError> {
+    let service = params::name(node.as_str());
+    let request = SetParameters { parameters };
+    let (Ok(service), Ok(request)) = (Name::new(&service), request.bytes()) else {
+        return Err(ParamError::None { node: node.clone() }.into());
+    };
+    let node = node.clone();
+    let reply = match ask(session, &service, &request, timeout) {
+        Err(CliError::Call(CallError::DeadlineExceeded { .. })) => {
+            let timeout = Span(timeout);
+            return Err(ParamError::NoAnswer { node, timeout }.into());
+        }
+        reply => reply?,
+    };
+    let Some(reply) = reply else {
+        return Ok(None);
+    };
+    match SetParametersResult::view(reply.into()) {
+        Ok(result) if result.successful => Ok(Some(result.revision)),
+        Ok(result) => {
+            let reason = result.reason.clone();
+            Err(ParamError::Refused { node, reason }.into())
+        }
+        Err(_) => Err(ParamError::WrongReply { node }.into()),
+    }
+}
