@@ -6,7 +6,7 @@ use proptest::prelude::*;
 
 use super::environment::variable;
 use super::file::{File, FileError};
-use super::limits::{PARAMETERS_MAX, TABLE_MAX, TEXT_MAX, VALUE_MAX};
+use super::limits::{NAME_MAX, PARAMETERS_MAX, TABLE_MAX, TEXT_MAX, VALUE_MAX};
 use super::refusal::{Refusal, WrongTable};
 use super::resolve::resolve;
 use super::table::{Assignment, Entry, Origin, SetParameters, SetParametersResult, Table};
@@ -144,6 +144,8 @@ fn ranges_have_the_meaning_of_ros_2() {
 //= SM2-PRM-004 test
 #[test]
 fn the_limits_hold() {
+    let limits = (PARAMETERS_MAX, NAME_MAX, TEXT_MAX, VALUE_MAX, TABLE_MAX);
+    assert_eq!(limits, (1_024, 255, 1_024, 65_536, 1_048_576));
     let of_len = |len: usize| entry("a", "x".repeat(len).into());
     // The variant and the length of the text take four bytes.
     assert!(declared(vec![of_len(VALUE_MAX - 4)], "").is_ok());
