@@ -56,8 +56,10 @@ impl Packages {
             let path = package.folder.join(kind).join(file);
             let text = fs::read_to_string(&path).ok()?;
             let line = text.lines().position(|line| {
-                let name = line.split_ascii_whitespace().nth(1).unwrap_or_default();
-                name.split('=').next() == Some(member) && line.contains(value)
+                let mut words = line.split_ascii_whitespace();
+                let is_comment = words.next().is_none_or(|it| it.starts_with('#'));
+                let name = words.next().and_then(|it| it.split('=').next());
+                !is_comment && name == Some(member) && line.contains(value)
             });
             Some((path, line? + 1))
         })
