@@ -4,8 +4,8 @@
 # run passes and names it. Tests of the pure crates do not depend on the machine, so they have no second try.
 
 # The programs of tests that work with processes, sockets or clocks.
-readonly second_try=" io io_slow node node_slow manager manager_slow gateway gateway_slow bag bag_slow cli cli_slow \
-injected end_to_end end_to_end_slow "
+readonly second_try=" io io_slow node node_slow manager manager_slow gateway gateway_slow lossy_link bag bag_slow cli \
+cli_slow injected end_to_end end_to_end_slow "
 # If more tests fail, the fault is not that of a busy machine.
 readonly second_tries_max=8
 

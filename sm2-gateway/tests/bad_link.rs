@@ -3,6 +3,5 @@
 //! the machine; rates and ages are printed for people.
 
 mod camera;
-mod datagrams;
 mod roaming;
 mod world;

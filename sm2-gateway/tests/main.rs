@@ -18,9 +18,7 @@ mod hub;
 mod killed;
 #[cfg(feature = "metrics")]
 mod metrics;
-mod numbered;
 mod offers;
-mod relay;
 mod rules;
 mod shortage;
 mod silence;

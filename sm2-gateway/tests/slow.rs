@@ -2,5 +2,4 @@
 
 mod bad_link;
 mod common;
-mod numbered;
 mod traffic;

@@ -105,6 +105,73 @@ mod tests {
         assert_eq!(left, (0..200).collect::<Vec<u32>>());
     }
 
+    /// A lane whose host sends a byte in a millisecond, without jitter and pauses.
+    fn slow_lane(epoch: Instant) -> Lane<u32> {
+        let profile = Profile {
+            rate_bit: 8_000.0,
+            delay: ms(7),
+            jitter: Duration::ZERO,
+            queue: ms(300),
+            pauses: Vec::new(),
+            ..Profile::wifi()
+        };
+        Lane::new(&profile, epoch, 1)
+    }
+
+    const fn ms(millis: u64) -> Duration {
+        Duration::from_millis(millis)
+    }
+
+    /// A datagram of 100 bytes with its headers takes 100 ms.
+    #[test]
+    fn datagrams_leave_at_the_rate_and_those_that_would_wait_longer_than_the_queue_are_lost() {
+        let epoch = Instant::now();
+        let mut lane = slow_lane(epoch);
+        let mut shape = |millis| {
+            let sent = lane.shape(epoch + ms(millis), 100 - HEADERS_BYTES, 0);
+            sent.map(|it| it - epoch)
+        };
+        // The fourth one waits exactly as long as the queue holds.
+        for expected in [100, 200, 300, 400] {
+            assert_eq!(shape(0), Some(ms(expected)));
+        }
+        assert_eq!(shape(0), None);
+        assert_eq!(shape(99), None);
+        // A datagram that found no room takes no time of the link.
+        assert_eq!(shape(100), Some(ms(500)));
+        // The link was idle.
+        assert_eq!(shape(1_000), Some(ms(1_100)));
+        assert_eq!(shape(1_050), Some(ms(1_200)));
+    }
+
+    #[test]
+    fn datagrams_are_lost_as_the_loss_says_at_its_ends_too() {
+        let epoch = Instant::now();
+        let mut lane = slow_lane(epoch);
+        for number in 0..10_000_u32 {
+            let now = epoch + ms(1_000) * number;
+            assert_eq!(lane.shape(now, 100 - HEADERS_BYTES, 1_000), None);
+            // A datagram that is lost on its way was sent all the same.
+            let sent = lane.shape(now, 100 - HEADERS_BYTES, 0);
+            assert_eq!(sent, Some(now + ms(200)), "{number}");
+        }
+    }
+
+    #[test]
+    fn an_item_is_there_from_the_time_at_which_it_is_due() {
+        let epoch = Instant::now();
+        let mut lane = slow_lane(epoch);
+        assert_eq!((lane.due(), lane.pop(epoch)), (None, None));
+        lane.push(epoch + ms(10), 1);
+        lane.push(epoch + ms(20), 2);
+        let due = epoch + ms(17);
+        assert_eq!(lane.due(), Some(due));
+        assert_eq!(lane.pop(due - Duration::from_nanos(1)), None);
+        assert_eq!(lane.pop(due), Some(1));
+        assert_eq!(lane.pop(due), None);
+        assert_eq!(lane.due(), Some(epoch + ms(27)));
+    }
+
     /// The numbers of those of `count` datagrams that a link with 4 % loss carries in one direction.
     fn carried(count: u32, salt: u64) -> Vec<u32> {
         let epoch = Instant::now();

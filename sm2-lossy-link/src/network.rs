@@ -109,9 +109,16 @@ impl Network {
                 "drop".to_owned(),
             ],
             (false, 0) => vec!["accept".to_owned()],
-            (false, loss) => vec![format!(
-                "meta l4proto {{ tcp, udp, icmp }} numgen random mod 1000 < {loss} counter drop"
-            )],
+            (false, loss) => {
+                // nft refuses a comparison that is always true.
+                let random = match loss {
+                    1_000.. => String::new(),
+                    loss => format!("numgen random mod 1000 < {loss} "),
+                };
+                vec![format!(
+                    "meta l4proto {{ tcp, udp, icmp }} {random}counter drop"
+                )]
+            }
         };
         let from = "iifname { \"near\", \"far\" }";
         let rules: String = rules.iter().map(|it| format!("{from} {it}\n")).collect();
@@ -230,5 +237,50 @@ fn tell(
         }
         Err(error) if error.kind() == io::ErrorKind::NotFound => Err(Unavailable::Missing(program)),
         Err(error) => Err(error.into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use sm2_test_support::skip;
+
+    use super::*;
+
+    #[test]
+    fn only_an_unspecified_address_is_replaced_by_that_of_the_host() {
+        for (from, side, expected) in [
+            ("0.0.0.0:5", Side::Near, "10.77.1.1:5"),
+            ("0.0.0.0:5", Side::Far, "10.77.2.1:5"),
+            ("[::]:5", Side::Near, "[fd77:1::1]:5"),
+            ("[::]:5", Side::Far, "[fd77:2::1]:5"),
+            ("10.77.2.9:5", Side::Far, "10.77.2.9:5"),
+            ("[fd77:2::9]:5", Side::Far, "[fd77:2::9]:5"),
+        ] {
+            let outside = from_outside(from.parse().unwrap(), side);
+            assert_eq!(outside, expected.parse().unwrap(), "{from} {side:?}");
+        }
+    }
+
+    #[test]
+    fn a_program_that_fails_or_is_missing_is_named() {
+        let namespace = match Namespace::new() {
+            Ok(namespace) => namespace,
+            Err(error) => return skip(format_args!("no namespaces: {error}")),
+        };
+        let output = tell(&namespace, "cat", &[], "text").unwrap();
+        assert_eq!(output, "text");
+        let script = "echo why >&2; echo more >&2; exit 1";
+        match tell(&namespace, "sh", &["-c", script], "").unwrap_err() {
+            Unavailable::Failed { program, reason } => {
+                assert_eq!((program, &*reason), ("sh", "why"));
+            }
+            other => panic!("{other}"),
+        }
+        let missing = tell(&namespace, "sm2-no-such-program", &[], "");
+        let program = "sm2-no-such-program";
+        assert!(matches!(missing, Err(Unavailable::Missing(it)) if it == program));
+        // A file that is no program.
+        let other = tell(&namespace, "/etc/passwd", &[], "");
+        assert!(matches!(other, Err(Unavailable::System(_))), "{other:?}");
     }
 }

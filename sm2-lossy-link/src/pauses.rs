@@ -119,6 +119,30 @@ mod tests {
     }
 
     #[test]
+    fn a_pause_holds_from_its_first_moment_to_its_end() {
+        const COUNT: u32 = 1_000;
+        let epoch = Instant::now();
+        let [moment, mut total] = [1, 0].map(Duration::from_nanos);
+        let Pauses(mut series) = Pauses::new(&[SHORT], epoch, 1);
+        let series = &mut series[0];
+        let mut last = epoch;
+        for _ in 0..COUNT {
+            let (begin, end) = (series.begin, series.begin + SHORT.length);
+            let between = begin - last;
+            assert!(between >= SHORT.every / 2 && between < SHORT.every * 3 / 2);
+            total += between;
+            assert_eq!(series.hold(begin - moment), begin - moment);
+            assert_eq!(series.hold(begin), end);
+            assert_eq!(series.hold(end - moment), end);
+            assert_eq!(series.hold(end), end);
+            assert_ne!(series.begin, begin, "the next pause");
+            last = end;
+        }
+        let mean = total / COUNT;
+        assert!(mean > SHORT.every * 19 / 20 && mean < SHORT.every * 21 / 20);
+    }
+
+    #[test]
     fn without_pauses_nothing_is_held() {
         let epoch = Instant::now();
         let none = Pause {

@@ -278,3 +278,22 @@ fn socket(address: SocketAddr) -> io::Result<UdpSocket> {
     let _ = setsockopt(&socket, sockopt::SndBuf, &KERNEL_BUFFER_BYTES);
     Ok(socket)
 }
+
+#[cfg(test)]
+mod tests {
+    use nix::sys::socket::getsockopt;
+
+    use super::*;
+
+    /// A thread that waits for a processor finds the datagrams that have come meanwhile.
+    #[test]
+    fn a_socket_has_no_smaller_buffers_than_the_system_gives() {
+        let any = SocketAddr::new(Ipv4Addr::LOCALHOST.into(), 0);
+        let [plain, large] = [UdpSocket::bind(any), socket(any)].map(Result::unwrap);
+        let received = [&plain, &large].map(|it| getsockopt(it, sockopt::RcvBuf).unwrap());
+        let sent = [&plain, &large].map(|it| getsockopt(it, sockopt::SndBuf).unwrap());
+        for [plain, large] in [received, sent] {
+            assert!(large >= plain, "{large} bytes, {plain} by default");
+        }
+    }
+}

@@ -42,10 +42,11 @@ pub(crate) enum Role {
 impl Role {
     pub(crate) fn of(name: &TypeName, set: &Set) -> Self {
         let has = |suffix: &str| part(name, suffix).is_some_and(|it| set.get(&it).is_ok());
+        // A definition has all parts of its service or action, so one tells.
         match name.kind() {
             sm2_ros_idl::Kind::Msg => Self::Message,
-            _ if has("_Request") && has("_Response") => Self::Service,
-            _ if has("_SendGoal") && has("_GetResult") => Self::Action,
+            _ if has("_Request") => Self::Service,
+            _ if has("_SendGoal") => Self::Action,
             _ => Self::Message,
         }
     }

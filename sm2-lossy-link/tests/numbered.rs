@@ -1,5 +1,4 @@
 //! Numbered datagrams over an emulated link, and the account of what becomes of them.
-#![allow(dead_code, reason = "each program uses its own part")]
 
 use std::{
     net::{SocketAddr, UdpSocket},
@@ -97,6 +96,11 @@ pub(crate) fn assert_changes(link: LossyLink) {
     assert_eq!(pair.arrived(), ROUND, "{kind}");
     pair.link.set_loss(50.0).unwrap();
     assert!((10..=90).contains(&pair.arrived()), "{kind}");
+    // The loss is a part of all datagrams, and no more.
+    for (percent, arrived) in [(100.0, 0), (-1.0, ROUND), (200.0, 0)] {
+        pair.link.set_loss(percent).unwrap();
+        assert_eq!(pair.arrived(), arrived, "{kind}: {percent} %");
+    }
     pair.link.cut().unwrap();
     assert_eq!(pair.arrived(), 0, "{kind}");
     pair.link.set_loss(0.0).unwrap();
