@@ -160,3 +160,6 @@ fn encoding_of(name: &LitStr) -> Result<Encoding> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

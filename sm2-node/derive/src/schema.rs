@@ -172,3 +172,6 @@ fn field_types(data: &Data) -> Vec<&Type> {
         .map(|field| &field.ty)
         .collect()
 }
+
+#[cfg(test)]
+mod tests;

@@ -72,7 +72,17 @@ fn crates_are_found_in_a_manifest_as_whole_words() {
     ] {
         assert!(names_crate(manifest, "zerocopy"), "{manifest}");
     }
-    assert!(!names_crate("zerocopy-derive = \"0.8\"", "zerocopy"));
+    for manifest in [
+        "zerocopy-derive = \"0.8\"",
+        "zerocopy_derive = \"0.8\"",
+        "zerocopy2",
+        "",
+    ] {
+        assert!(!names_crate(manifest, "zerocopy"), "{manifest}");
+    }
+    // The manifest of this crate, whose folder cargo tells its tests.
+    assert!(manifest_names("proc-macro2"));
+    assert!(!manifest_names("zero-copy"));
 }
 
 #[test]
@@ -115,4 +125,87 @@ fn a_list_without_padding_compiles() {
     ] {
         assert_eq!(error(&input, true), None);
     }
+}
+
+#[test]
+fn each_number_has_its_alignment() {
+    for (alignment, numbers) in [
+        (2, &["u16", "i16"][..]),
+        (4, &["u32", "i32", "f32"]),
+        (8, &["u64", "i64", "f64"]),
+        (16, &["u128", "i128"]),
+    ] {
+        for number in numbers {
+            let ty: Type = syn::parse_str(number).unwrap();
+            for (field, list) in [
+                (quote!(#ty), quote!(u8)),
+                (quote!([#ty; 2]), quote!(i8)),
+                (quote!([[#ty; 2]; 2]), quote!([u8; 3])),
+            ] {
+                let input = parse_quote! {
+                    #[message(name = "a/T")]
+                    #[repr(C)]
+                    struct T { a: #field, list: [#list] }
+                };
+                let error = error(&input, true).unwrap();
+                let expected = format!("`a` has an alignment of {alignment} bytes");
+                assert!(error.starts_with(&expected), "{number}: {error}");
+            }
+            // Before elements with the same alignment, there is no padding.
+            let input = parse_quote! {
+                #[message(name = "a/T")]
+                #[repr(C)]
+                struct T { a: #ty, list: [#ty] }
+            };
+            assert_eq!(error(&input, true), None, "{number}");
+        }
+    }
+}
+
+/// The derive knows the layout of C alone, and its own numbers.
+#[test]
+fn types_of_unknown_layout_are_left_to_the_compiler() {
+    for input in [
+        parse_quote! {
+            #[message(name = "a/T")]
+            #[repr(transparent)]
+            struct T { a: u64, list: [u8] }
+        },
+        parse_quote! {
+            #[message(name = "a/T")]
+            #[repr(C, align(8))]
+            struct T { a: other::Number, list: [u8] }
+        },
+        parse_quote! {
+            #[message(name = "a/T")]
+            #[repr(C)]
+            struct T { a: u64, list: [Other] }
+        },
+    ] {
+        assert_eq!(error(&input, true), None);
+    }
+    let input = parse_quote! {
+        #[message(name = "a/T")]
+        #[repr(align(8), C)]
+        struct T { a: u64, list: [u8] }
+    };
+    assert!(error(&input, true).is_some());
+}
+
+/// Otherwise rustc would report each use of the type, too.
+#[test]
+fn a_type_with_an_error_is_a_message_all_the_same() {
+    let input = parse_quote! {
+        #[message(name = "nav/Path")]
+        struct Path<T> where T: Copy { points: Vec<T> }
+    };
+    let text = message::expand(&input, true).unwrap().to_string();
+    assert!(
+        text.contains("impl < T > :: sm2_node :: Message for Path < T >"),
+        "{text}"
+    );
+    assert!(
+        text.contains("const NAME : & 'static str = \"nav/Path\""),
+        "{text}"
+    );
 }
