@@ -30,12 +30,7 @@ pub fn ros_definition(data: &[u8]) {
     let Ok(text) = str::from_utf8(text) else {
         return;
     };
-    let own = match choice & 4 {
-        0 => "T".to_owned(),
-        _ => "T".repeat(120),
-    };
-    let kind = Kind::ALL.get(usize::from(choice & 3)).copied();
-    let name = TypeName::new("p", kind.unwrap_or(Kind::Msg), &own).expect("a legal name");
+    let (kind, name) = chosen(choice);
     let parsed = match kind {
         None => Set::parse(&name, text),
         Some(_) => {
@@ -54,6 +49,17 @@ pub fn ros_definition(data: &[u8]) {
     }
 }
 
+/// The kind of a definition, and its name.
+fn chosen(choice: u8) -> (Option<Kind>, TypeName) {
+    let own = match choice & 4 {
+        0 => "T".to_owned(),
+        _ => "T".repeat(120),
+    };
+    let kind = Kind::ALL.get(usize::from(choice & 3)).copied();
+    let name = TypeName::new("p", kind.unwrap_or(Kind::Msg), &own).expect("a legal name");
+    (kind, name)
+}
+
 fn text_is_the_type(set: &Set, name: &TypeName) {
     let Ok(text) = set.text(name) else {
         assert!(set.hash(name).is_err() && set.schema_text(name).is_err());
@@ -69,9 +75,8 @@ fn text_is_the_type(set: &Set, name: &TypeName) {
 pub fn ros_message(data: &[u8]) {
     match data {
         [high @ 0x80..=0xff, low, payload @ ..] => {
-            let number = u16::from_be_bytes([high & 0x7f, *low]);
             for_each_type(&mut Chosen {
-                left: usize::from(number) % type_count(),
+                left: number_of(*high, *low, type_count()),
                 payload,
             });
         }
@@ -82,6 +87,11 @@ pub fn ros_message(data: &[u8]) {
             described(text.unwrap_or_default(), payload.unwrap_or_default());
         }
     }
+}
+
+/// The number of a type, of so many.
+fn number_of(high: u8, low: u8, count: usize) -> usize {
+    usize::from(u16::from_be_bytes([high & 0x7f, low])) % count
 }
 
 /// Visits one type.
@@ -173,4 +183,31 @@ fn message(set: &Set, name: &TypeName, bytes: &[u8]) -> Option<Json> {
         "{name}"
     );
     Some(json)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_byte_of_a_definition_chooses_its_kind_and_its_name() {
+        for choice in 0..=u8::MAX {
+            let (kind, name) = chosen(choice);
+            let expected = [Some(Kind::Action), Some(Kind::Msg), Some(Kind::Srv), None];
+            assert_eq!(kind, expected[usize::from(choice) % 4], "{choice}");
+            let len = if choice % 8 < 4 { 1 } else { 120 };
+            assert_eq!(name.name().len(), len, "{choice}");
+            assert_eq!(name.kind(), kind.unwrap_or(Kind::Msg), "{choice}");
+        }
+    }
+
+    #[test]
+    fn each_type_can_be_chosen() {
+        // More types than one byte can number.
+        let count = 300;
+        let all =
+            (0x80..=0xff).flat_map(|high| (0..=0xff).map(move |low| number_of(high, low, count)));
+        let expected = (0..0x8000).map(|it| it % count);
+        assert!(all.eq(expected));
+    }
 }

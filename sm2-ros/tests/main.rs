@@ -10,5 +10,6 @@ mod nodes;
 mod place;
 #[cfg(feature = "common-interfaces")]
 mod types;
+mod values;
 #[cfg(feature = "common-interfaces")]
 mod views;
