@@ -103,8 +103,8 @@ fn the_seventeenth_near_address_takes_the_place_of_the_oldest() {
         assert_eq!(hosts.seen(near), *address, "all sixteen are known");
     }
     let last = hosts.seen(16);
-    for near in 1..16 {
-        assert_eq!(hosts.seen(near), addresses[near]);
+    for (near, address) in addresses.iter().enumerate().skip(1) {
+        assert_eq!(hosts.seen(near), *address);
     }
     hosts.assert_answered(last, 16, "answer");
     // Nothing reaches the oldest one under its old address. Its next datagram gives it another one.
