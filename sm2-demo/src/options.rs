@@ -80,3 +80,6 @@ impl Options {
         Duration::try_from_secs_f64(1.0 / self.rate_hz).unwrap_or(Duration::MAX)
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -24,3 +24,6 @@ pub(crate) fn size_text(bytes: u64) -> String {
     let text = ByteSize(bytes).display().si().to_string();
     text.replace(".0 ", " ")
 }
+
+#[cfg(test)]
+mod tests;

@@ -43,3 +43,21 @@ fn only_folders_of_dead_demos_are_removed() {
     assert_eq!(left, expected);
     drop(lock);
 }
+
+/// Nobody else may remove them, and a lock that cannot be opened may be held.
+#[test]
+fn folders_of_others_and_those_in_doubt_are_left_alone() {
+    let parent = tempfile::tempdir().unwrap();
+    let old = 2 * MIN_AGE;
+    let doubt = make(parent.path(), "sm2-demo-doubt", &[], old);
+    symlink(LOCK, doubt.join(LOCK)).unwrap();
+    // The link has changed the time.
+    let times = FileTimes::new().set_modified(SystemTime::now() - old);
+    File::open(&doubt).unwrap().set_times(times).unwrap();
+    let other = make(parent.path(), "sm2-demo-other", &[LOCK], old);
+    let is_root = std::os::unix::fs::chown(&other, Some(geteuid().as_raw() + 1), None).is_ok();
+
+    remove_leftovers(parent.path());
+    assert!(doubt.exists());
+    assert_eq!(other.exists(), is_root);
+}

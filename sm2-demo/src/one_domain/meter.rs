@@ -102,3 +102,6 @@ fn percent(used: Duration, of: Duration) -> f64 {
         seconds => 100.0 * used.as_secs_f64() / seconds,
     }
 }
+
+#[cfg(test)]
+mod tests;

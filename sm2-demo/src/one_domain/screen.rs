@@ -1,6 +1,6 @@
 //! The output of the demo.
 
-use std::io::Write;
+use std::{io::Write, time::Duration};
 
 use super::{
     child::Child,
@@ -52,8 +52,11 @@ impl<'a> Screen<'a> {
         if self.format == Format::Json {
             return Ok(());
         }
-        let rows = rows(children, costs);
-        let table = table::table(&rows);
+        self.show_rows(meter.elapsed(), &rows(children, costs))
+    }
+
+    fn show_rows(&mut self, elapsed: Duration, rows: &[Row]) -> Result<(), DemoError> {
+        let table = table::table(rows);
         if self.format == Format::Terminal && table.len() <= REDRAWN_LINES {
             self.erase()?;
             self.drawn = table.len();
@@ -61,7 +64,7 @@ impl<'a> Screen<'a> {
                 writeln!(self.out, "{line}")?;
             }
         } else {
-            writeln!(self.out, "{}", table::line(meter.elapsed(), &rows))?;
+            writeln!(self.out, "{}", table::line(elapsed, rows))?;
         }
         Ok(self.out.flush()?)
     }
@@ -96,3 +99,6 @@ fn rows(children: &[Child], costs: &[Cost]) -> Vec<Row> {
     let rows = parts.chain([None]).zip(costs);
     rows.map(|(part, &cost)| Row { part, cost }).collect()
 }
+
+#[cfg(test)]
+mod tests;

@@ -139,3 +139,6 @@ impl ReceptionCounter {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -50,3 +50,18 @@ fn a_message_too_short_to_be_one_is_damaged() {
         assert_eq!(check(&vec![0; len]), Err(Damage { offset: 0 }));
     }
 }
+
+/// The first numbers of splitmix64 with the seeds 0 and 1: neighbouring messages have no bytes in common.
+#[test]
+fn the_first_word_is_the_mixed_number() {
+    assert_eq!(start(0), 0xe220_a839_7b1d_cdaf);
+    assert_eq!(start(1), 0x910a_2dec_8902_5cc1);
+    let [one, two] = [7, 8].map(|number| message(number, 4_096));
+    let equal = one[8..]
+        .iter()
+        .zip(&two[8..])
+        .filter(|(one, two)| one == two);
+    // One byte in 256 is equal by chance.
+    let count = equal.count();
+    assert!(count < 64, "{count}");
+}

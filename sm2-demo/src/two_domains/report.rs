@@ -140,3 +140,6 @@ fn lost(seen: &[Seen]) -> u64 {
         _ => 0,
     }
 }
+
+#[cfg(test)]
+mod tests;
