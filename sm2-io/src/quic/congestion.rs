@@ -9,7 +9,7 @@
 //! | phase | window | until |
 //! | --- | --- | --- |
 //! | start | doubles with each round | three rounds were no faster, or half was lost |
-//! | cruise | rate x (min RTT + queue) | eight rounds |
+//! | cruise | rate x (min RTT + queue) | nine rounds |
 //! | probe | a quarter more | one round |
 //! | drain | rate x min RTT x 3/4 | one round |
 //!
@@ -40,7 +40,7 @@ const ROUND_MIN: Duration = Duration::from_millis(10);
 const RATE_ROUNDS: usize = 12;
 /// The minimum RTT is that of this time.
 const MIN_RTT_WINDOW: Duration = Duration::from_secs(10);
-/// Rounds between two probes.
+/// Rounds of a cruise after its first one.
 const CRUISE_ROUNDS: u32 = 8;
 /// After this many rounds of the start that were no faster, the link is full.
 const FULL_ROUNDS: u32 = 3;
@@ -286,3 +286,6 @@ impl Controller for Steady {
         self
     }
 }
+
+#[cfg(test)]
+mod tests;

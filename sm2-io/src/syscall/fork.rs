@@ -99,3 +99,6 @@ extern "C" fn in_child() {
         unsafe { libc::close(unused) };
     }
 }
+
+#[cfg(test)]
+mod tests;
