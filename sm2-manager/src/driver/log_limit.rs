@@ -139,4 +139,28 @@ mod tests {
         assert_eq!(log.deadline(), None, "nothing is kept");
         assert!(log.may_write(flood, now));
     }
+
+    /// Otherwise the Manager would not sleep from the deadline on.
+    #[test]
+    fn a_period_is_over_at_its_deadline() {
+        let mut log = LogLimit::default();
+        let begin = Instant(1);
+        for warning in [Warning::NotRead, Warning::NotSent] {
+            let kept = (0..17).filter(|_| log.may_write(warning, begin)).count();
+            assert_eq!(kept, 16, "{warning}");
+        }
+        // The period of a warning that was always written ends without a word.
+        assert!(log.may_write(Warning::NotLinked, begin.after(SECOND)));
+        let end = log.deadline().unwrap();
+        assert_eq!(end, begin.after(10 * SECOND));
+        let left_out = [Warning::NotRead, Warning::NotSent].map(|warning| LeftOut {
+            warning,
+            count: 1,
+            seconds: 10,
+        });
+        assert_eq!(log.end_periods(end), left_out);
+        assert_eq!(log.deadline(), Some(end.after(SECOND)));
+        assert_eq!(log.end_periods(end.after(SECOND)), []);
+        assert_eq!(log.deadline(), None);
+    }
 }
