@@ -2,7 +2,7 @@ use super::*;
 use crate::one_domain::report::Subscriber;
 use crate::statistics::Percentiles;
 
-/// What a screen writes: an announcement, the costs of the Manager in two seconds, and the report.
+/// The output of a screen: an announcement, the costs of the Manager in two seconds, and the report.
 fn written(format: Format) -> [String; 4] {
     let mut out = Vec::new();
     let mut ends = [0; 4];

@@ -132,24 +132,9 @@ fn two_equal_names_are_refused() {
 
 #[test]
 fn attributes_that_change_the_encoding_are_refused_everywhere() {
-    let changes = [
-        "content",
-        "deserialize_with",
-        "flatten",
-        "from",
-        "into",
-        "remote",
-        "serialize_with",
-        "skip",
-        "skip_deserializing",
-        "skip_serializing",
-        "skip_serializing_if",
-        "tag",
-        "try_from",
-        "untagged",
-        "with",
-    ];
-    for change in changes {
+    let changes = "content deserialize_with flatten from into remote serialize_with skip skip_deserializing \
+                   skip_serializing skip_serializing_if tag try_from untagged with";
+    for change in changes.split_whitespace() {
         let change = quote::format_ident!("{change}");
         for input in [
             parse_quote! {
