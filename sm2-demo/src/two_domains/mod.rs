@@ -98,12 +98,7 @@ pub fn run(
         Format::Json => write_json(out, &report)?,
         Format::Terminal | Format::Lines => write_summary(out, &report)?,
     }
-    let damaged = report.local.damaged + report.remote.damaged;
-    Ok(match report.interrupted {
-        true => Ending::Stopped,
-        false if damaged > 0 || report.remote.hz == 0.0 => Ending::Bad,
-        false => Ending::Complete,
-    })
+    Ok(report.ending())
 }
 
 /// Sends a datagram to this process itself, as the relay does. A new network namespace has a loopback
@@ -233,7 +228,7 @@ fn measure(
             )?;
         }
         let away = remote.as_ref().map(|(log, _)| log);
-        if stopped || is_over(begin.after(length), join_at, away) {
+        if stopped || is_over(clock::now(), begin.after(length), join_at, &seen(away)) {
             break;
         }
     }
@@ -262,10 +257,9 @@ fn measure(
 
 /// Whether the time of the demo is over, and a message has come to the far domain. On a busy machine, the demo goes on
 /// until one has.
-fn is_over(end: Instant, join_at: Instant, away: Option<&Log>) -> bool {
-    let to = clock::now();
-    let from = join_at.after(SETTLING);
-    to >= end.after(TIMEOUT) || to >= end && Window { from, to }.hz(&seen(away)) > 0.0
+fn is_over(now: Instant, end: Instant, join_at: Instant, away: &[Seen]) -> bool {
+    let (from, to) = (join_at.after(SETTLING), now);
+    now >= end.after(TIMEOUT) || now >= end && Window { from, to }.hz(away) > 0.0
 }
 
 /// Writes a line of the table.
@@ -313,3 +307,6 @@ fn write_summary(out: &mut dyn Write, report: &Report) -> Result<(), DemoError> 
     )?;
     Ok(out.flush()?)
 }
+
+#[cfg(test)]
+mod tests;

@@ -5,6 +5,7 @@ use sm2_lossy_link::LossyLink;
 use sm2_proto::Instant;
 
 use super::traffic::Seen;
+use crate::options::Ending;
 use crate::statistics::{hundredths, nearest_rank};
 
 /// The object that `--json` prints last.
@@ -51,6 +52,16 @@ impl Report {
                 kind: link.kind().as_str(),
             },
             interrupted: false,
+        }
+    }
+
+    /// The end of the run. A damaged message is a bad result, and so is a link that no message passed.
+    pub(crate) fn ending(&self) -> Ending {
+        let is_damaged = self.local.damaged > 0 || self.remote.damaged > 0;
+        match self.interrupted {
+            true => Ending::Stopped,
+            false if is_damaged || self.remote.hz == 0.0 => Ending::Bad,
+            false => Ending::Complete,
         }
     }
 }

@@ -90,3 +90,22 @@ fn the_report_compares_both_subscribers_before_and_after() {
     });
     assert_eq!(json, expected);
 }
+
+#[test]
+fn damage_and_silence_are_bad_unless_the_run_was_stopped() {
+    let link = LossyLink::relay(Profile::wifi());
+    let windows = [window(0, 2), window(2, 4)];
+    let local = [seen(1, 1, 1), seen(2, 2, 1)];
+    let report = |away: &[Seen]| Report::new(16, &link, windows, &local, away);
+    let good = report(&[seen(2, 2, 1)]);
+    assert_eq!(good.ending(), Ending::Complete);
+    let mut damaged = [good.clone(), good.clone()];
+    damaged[0].local.damaged = 1;
+    damaged[1].remote.damaged = 1;
+    let [here, there] = damaged;
+    for mut bad in [here, there, report(&[])] {
+        assert_eq!(bad.ending(), Ending::Bad);
+        bad.interrupted = true;
+        assert_eq!(bad.ending(), Ending::Stopped);
+    }
+}
