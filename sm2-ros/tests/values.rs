@@ -22,7 +22,8 @@ fn encoded(text: &str, value: &Json) -> Result<Vec<u8>, EncodeError> {
 fn there_and_back(text: &str, value: &Json) -> Json {
     let bytes = encoded(text, value).unwrap_or_else(|error| panic!("{text}: {error}"));
     let set = set(text);
-    decode(&set, &name(), &bytes, usize::MAX).unwrap().to_json()
+    let value = decode(&set, &name(), &bytes, usize::MAX).unwrap();
+    serde_json::to_value(&value).unwrap()
 }
 
 #[test]
