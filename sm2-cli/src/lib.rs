@@ -6,8 +6,9 @@
 //! use it: `main.rs` only calls [`main`].
 //!
 //! Modules that commands share: `connect` (the node, and signals), `follow` (changes of the domain), `view`
-//! (indexes of the domain), `names` (names on the command line), `sampling` and `observation` (counters), `troubles`
-//! (what counters tell about links), `report` (the frame of lists and `info`), `output` and `columns`.
+//! (indexes of the domain) and `names` (names on the command line). Those for counters are `sampling`, `observation` and
+//! `troubles` (what counters tell about links). Those for output are `report` (the frame of lists and `info`), `output`
+//! and `columns`.
 #![forbid(unsafe_code)]
 #![deny(clippy::disallowed_types)]
 

@@ -167,7 +167,7 @@ fn play(reliable: bool) {
         println!("{kind}, reliable {reliable}: {link:?}");
         assert_eq!(link.offered, scene.before + ALL, "{kind}");
         assert!(link.open && link.dropped > 0, "{kind}: {link:?}");
-        let reason = if reliable { "deadline" } else { "overwritten" };
+        let reason = if reliable { "no_room" } else { "overwritten" };
         let discarded = if reliable { 0 } else { link.of("discarded") };
         assert_eq!(
             link.of(reason) + discarded,

@@ -330,7 +330,7 @@ fn a_ring_that_is_never_emptied_costs_its_receiver_alone() {
         assert!(count.open);
         assert_eq!((count.offered, count.in_flight), (320, 4));
         let reason = if qos.reliable {
-            "deadline"
+            "no_room"
         } else {
             "discarded"
         };

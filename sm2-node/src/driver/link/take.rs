@@ -165,10 +165,10 @@ impl LinkDriver {
             "{batch:?} on {}",
             self.id
         );
+        self.wake(released.unwrap_or_default(), sets);
         if self.role() == Role::Receiver {
             note(self.entry.as_mut(), |entry| entry.held(self.held as u64));
         }
-        self.wake(released.unwrap_or_default(), sets);
         self.drain_if_due(sets, outbox);
     }
 }
