@@ -110,7 +110,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
         let mut locked = self.handle.interface.lock_driven();
         let choice = locked.change(|interface, _| interface.wait_for_server(len));
         if matches!(choice, Choice::Opening) {
-            self.handle.silence(&mut locked);
+            self.handle.clear(&mut locked);
         }
         drop(locked);
         match choice {
@@ -185,9 +185,9 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
 
 #[cfg(feature = "tokio")]
 impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
-    /// See [`Handle::silenced`].
-    pub(crate) fn silenced(&self) -> Arc<tokio::sync::Notify> {
-        Arc::clone(&self.handle.silenced)
+    /// See [`Handle::cleared`].
+    pub(crate) fn cleared(&self) -> Arc<tokio::sync::Notify> {
+        Arc::clone(&self.handle.cleared)
     }
 }
 
@@ -262,7 +262,7 @@ impl<R: Message + ?Sized> Call<R> {
     ) -> Result<Option<Reply<R>>, CallError> {
         let call = self.call;
         let outcome = (self.handle.interface).wait_as(way, until.into(), |locked| {
-            self.handle.find_or_silence(locked, |locked| {
+            self.handle.find_or_clear(locked, |locked| {
                 locked.change(|interface, context| interface.outcome(call, context))
             })
         });

@@ -219,7 +219,7 @@ impl Watch {
     fn wait_until(&mut self, until: Option<Instant>) -> Result<Vec<Change>, QueryError> {
         // First, so that a change after the look below rings it again.
         if let Some(bell) = &self.bell {
-            bell.silence();
+            bell.clear();
         }
         let changes = self.read(until);
         if let Some(bell) = &self.bell

@@ -36,10 +36,10 @@ pub(crate) struct Handle {
     bell: OnceLock<Bell>,
     /// Set when the program has requested a descriptor.
     polled: OnceLock<()>,
-    /// Tasks that wait for the descriptor. They are notified when another task silences it: the runtime
+    /// Tasks that wait for the descriptor. They are notified when another task clears it: the runtime
     /// reports only changes, so they would miss that one.
     #[cfg(feature = "tokio")]
-    pub(crate) silenced: Arc<tokio::sync::Notify>,
+    pub(crate) cleared: Arc<tokio::sync::Notify>,
 }
 
 impl Handle {
@@ -121,28 +121,28 @@ impl Handle {
         })
     }
 
-    /// Returns what `find` finds. If it finds nothing, silences the descriptor (if there is one) and looks
+    /// Returns what `find` finds. If it finds nothing, clears the descriptor (if there is one) and looks
     /// once more, because a message may have arrived meanwhile.
     #[inline]
-    pub(crate) fn find_or_silence<T>(
+    pub(crate) fn find_or_clear<T>(
         &self,
         locked: &mut LockedInterface<'_>,
         mut find: impl FnMut(&mut LockedInterface<'_>) -> Option<T>,
     ) -> Option<T> {
-        find(locked).or_else(|| match self.silence(locked) {
+        find(locked).or_else(|| match self.clear(locked) {
             true => find(locked),
             false => None,
         })
     }
 
-    /// Silences the descriptor. Returns whether to look once more.
-    pub(crate) fn silence(&self, interface: &mut InterfaceDriver) -> bool {
+    /// Clears the descriptor. Returns whether to look once more.
+    pub(crate) fn clear(&self, interface: &mut InterfaceDriver) -> bool {
         if self.polled.get().is_none() {
             return false;
         }
-        if self.bell.get().is_some_and(|bell| bell.silence(interface)) {
+        if self.bell.get().is_some_and(|bell| bell.clear(interface)) {
             #[cfg(feature = "tokio")]
-            self.silenced.notify_waiters();
+            self.cleared.notify_waiters();
         }
         interface.park();
         true

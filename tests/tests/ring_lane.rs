@@ -329,11 +329,7 @@ fn a_ring_that_is_never_emptied_costs_its_receiver_alone() {
         let count = talk.talker.counted_with("t", "raw");
         assert!(count.open);
         assert_eq!((count.offered, count.in_flight), (320, 4));
-        let reason = if qos.reliable {
-            "no_room"
-        } else {
-            "discarded"
-        };
+        let reason = if qos.reliable { "no_room" } else { "discarded" };
         assert_eq!(count.of(reason), 316);
         // A reliable link keeps the oldest message, a best-effort link the newest.
         let first = if qos.reliable { 1 } else { 317 };

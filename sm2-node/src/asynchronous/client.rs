@@ -85,8 +85,8 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> IntoAsync for Client<Q, R> {
 
     fn into_async(self) -> io::Result<AsyncClient<Q, R>> {
         self.handle().try_descriptor()?;
-        // Each task waits for its own reply. A task that silences the descriptor must tell the others.
-        let silenced = self.silenced();
-        Watched::new(self, silenced).map(AsyncClient)
+        // Each task waits for its own reply. A task that clears the descriptor must tell the others.
+        let cleared = self.cleared();
+        Watched::new(self, cleared).map(AsyncClient)
     }
 }

@@ -37,8 +37,8 @@ impl Bell {
 
     /// Resets the bell, so that it becomes readable at the next event. Returns whether it was
     /// signalled.
-    pub(crate) fn silence(&self, interface: &mut InterfaceDriver) -> bool {
-        interface.sleepers.calm(&self.waker)
+    pub(crate) fn clear(&self, interface: &mut InterfaceDriver) -> bool {
+        interface.sleepers.clear(&self.waker)
     }
 
     /// Removes the bell, because the program does not poll it any more.

@@ -10,5 +10,5 @@ pub(crate) struct Context<'a> {
     pub(crate) now: Instant,
     /// Whether a socket of the interface was read during this call, so that sleepers have to be
     /// woken.
-    pub(crate) stirred: bool,
+    pub(crate) socket_read: bool,
 }

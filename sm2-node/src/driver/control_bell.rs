@@ -27,8 +27,8 @@ impl ControlBell {
     }
 
     /// Resets the bell, so that it becomes readable at the next change.
-    pub(crate) fn silence(&self) {
-        self.node.lock().sleepers.calm(&self.waker);
+    pub(crate) fn clear(&self) {
+        self.node.lock().sleepers.clear(&self.waker);
     }
 
     /// Signals the bell, because there may be another change.

@@ -63,13 +63,13 @@ impl Counting {
 
 /// Counts a message of a topic that the application took at `now`, and makes a further change of the entry.
 #[inline]
-pub(super) fn note_taken(
+pub(super) fn count_taken(
     entry: Option<&mut CounterEntry>,
     now: Instant,
     header: &Header,
     change: impl FnOnce(&mut Update<'_>),
 ) {
-    note(entry, |entry| {
+    update(entry, |entry| {
         entry.taken(now, header.time, header.len);
         if header.lost > 0 {
             entry.lost(header.lost);
@@ -81,7 +81,7 @@ pub(super) fn note_taken(
 /// Changes an entry, if the interface or link has one.
 //= SM2-CNT-005
 #[inline]
-pub(super) fn note(entry: Option<&mut CounterEntry>, change: impl FnOnce(&mut Update<'_>)) {
+pub(super) fn update(entry: Option<&mut CounterEntry>, change: impl FnOnce(&mut Update<'_>)) {
     if let Some(entry) = entry {
         change(&mut entry.update());
     }

@@ -65,7 +65,7 @@ impl Control {
         };
         let result = self.with_interface(interface, sets, |interface, context| {
             interface.on_event(token, event, context);
-            interface.rest_in_background(token, context);
+            interface.after_background_event(token, context);
             let link = interface.link(token);
             let has_ended = link.is_none_or(|it| it.end().is_some());
             (link.is_some_and(LinkDriver::is_short_of_memory), has_ended)
@@ -100,7 +100,7 @@ impl Control {
     //= SM2-TRN-013
     pub(super) fn not_ready(&mut self, reason: &dyn Display) {
         self.short_of_memory = true;
-        if let Some(count) = self.shortages.note(sm2_io::clock::now()) {
+        if let Some(count) = self.shortages.count(sm2_io::clock::now()) {
             tracing::warn!(node = %self.name, %reason, count, "cannot use a socket now: the node tries again");
         }
     }

@@ -242,9 +242,9 @@ impl Interface {
     }
 
     /// Called when the background thread has handled an event of a link.
-    pub(super) fn rest_in_background(&mut self, token: LinkToken, context: &mut Context<'_>) {
+    pub(super) fn after_background_event(&mut self, token: LinkToken, context: &mut Context<'_>) {
         if let Some(link) = self.links.get_mut(token) {
-            link.rest_in_background(context.sets);
+            link.after_background_event(context.sets);
         }
     }
 
@@ -252,7 +252,7 @@ impl Interface {
     pub(super) fn unlink(&mut self, id: LinkId, code: Code, context: &mut Context<'_>) {
         let is_denied = code == Farewell::Denied.code();
         let mut links = self.links.iter();
-        let found = links.find(|link| link.id == id && (is_denied || !link.buried));
+        let found = links.find(|link| link.id == id && (is_denied || !link.end_noticed));
         let token = found.map(LinkDriver::token);
         drop(links);
         // The other side may map all segments, even if its link has ended before.

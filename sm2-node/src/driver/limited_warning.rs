@@ -18,7 +18,7 @@ pub(super) struct LimitedWarning {
 
 impl LimitedWarning {
     /// Counts an event. Returns the number of events since the last warning if a warning is due.
-    pub(super) fn note(&mut self, now: Instant) -> Option<u64> {
+    pub(super) fn count(&mut self, now: Instant) -> Option<u64> {
         self.count += 1;
         if now < self.next {
             return None;
@@ -36,11 +36,11 @@ mod tests {
     fn one_warning_in_ten_seconds_counts_all_events() {
         let mut limited = LimitedWarning::default();
         let second = |at: u64| Instant(at * 1_000_000_000);
-        assert_eq!(limited.note(second(1)), Some(1));
+        assert_eq!(limited.count(second(1)), Some(1));
         for _ in 0..100 {
-            assert_eq!(limited.note(second(10)), None);
+            assert_eq!(limited.count(second(10)), None);
         }
-        assert_eq!(limited.note(second(11)), Some(101));
-        assert_eq!(limited.note(second(20)), None);
+        assert_eq!(limited.count(second(11)), Some(101));
+        assert_eq!(limited.count(second(20)), None);
     }
 }

@@ -28,7 +28,7 @@ use sm2_proto::{Code, Farewell, LinkId};
 
 use self::account::LinkAccount;
 use self::mapped::{Mapped, make_ring};
-use super::counters::note;
+use super::counters::update;
 use super::event_sets::BackgroundInterest;
 use super::outbox::{MessageKey, Needs};
 use super::status::{LinkStatus, Received};
@@ -62,7 +62,7 @@ pub(crate) struct LinkDriver {
     /// Whether the kernel had no memory for the last packet, or to read the socket (SM2-TRN-013).
     short_of_memory: bool,
     /// Whether the entry says so.
-    noted_short: bool,
+    written_short: bool,
     /// The files of sealed messages that were not taken yet, by sequence number.
     kept: HashMap<u64, SealedFile>,
     /// Messages of the latched store that have not been sent on this link yet.
@@ -70,7 +70,7 @@ pub(crate) struct LinkDriver {
     /// Whether the latched messages were put into the backlog, once the link was open.
     pub(super) is_backlog_filled: bool,
     /// Whether the interface knows that the link is over.
-    pub(super) buried: bool,
+    pub(super) end_noticed: bool,
     /// How many messages the receiver had released when the link was suspended (SM2-QOS-007).
     suspended: Option<u64>,
     /// How many messages the application holds.
@@ -84,10 +84,10 @@ pub(crate) struct LinkDriver {
     pub(super) has_joined: bool,
     /// How many messages that the other side does not get were reported to the program.
     reported_drops: u64,
-    /// The entry of its counters, until the link is buried.
+    /// The entry of its counters, until the end of the link is noticed.
     pub(super) entry: Option<CounterEntry>,
     /// The values in the entry.
-    noted: Counters,
+    written: Counters,
     /// Caller: the number of the last call.
     pub(super) last_call: u64,
     /// Caller: calls that failed with the link and were not reported yet.
@@ -119,7 +119,7 @@ impl LinkDriver {
         quota: Arc<PeerQuota>,
     ) -> Self {
         if config.role == Role::Receiver {
-            note(entry.as_mut(), |entry| {
+            update(entry.as_mut(), |entry| {
                 entry.max_held(config.max_borrowed.into())
             });
         }
@@ -140,11 +140,11 @@ impl LinkDriver {
             needless_watches: 0,
             bell_due: false,
             short_of_memory: false,
-            noted_short: false,
+            written_short: false,
             kept: HashMap::new(),
             backlog: VecDeque::new(),
             is_backlog_filled: false,
-            buried: false,
+            end_noticed: false,
             suspended: None,
             held: 0,
             received: Received::default(),
@@ -153,7 +153,7 @@ impl LinkDriver {
             has_joined: false,
             reported_drops: 0,
             entry,
-            noted: Counters::default(),
+            written: Counters::default(),
             last_call: 0,
             failed: Vec::new(),
             cancelled: BTreeSet::new(),
@@ -195,7 +195,7 @@ impl LinkDriver {
     /// Whether the link is over, and its interface does not know that yet.
     #[inline]
     pub(super) fn is_over_unnoticed(&self) -> bool {
-        self.machine.end().is_some() && !self.buried
+        self.machine.end().is_some() && !self.end_noticed
     }
 
     pub(crate) fn counters(&self) -> Counters {

@@ -334,12 +334,12 @@ impl InterfaceDriver {
         let mut context = Context {
             sets,
             now: self.now,
-            stirred: false,
+            socket_read: false,
         };
         let result = change(&mut self.interface, &mut context);
         // The end of a link wakes every thread that waits, also one that spins.
         let has_event = self.interface.has_fresh_events();
-        if context.stirred || has_event || self.interface.has_ended_links() {
+        if context.socket_read || has_event || self.interface.has_ended_links() {
             self.sleepers.wake();
         }
         result
@@ -400,7 +400,7 @@ impl InterfaceDriver {
     //= SM2-TRN-013
     fn not_ready(&mut self, reason: &dyn Display) {
         self.short_of_memory = true;
-        if let Some(count) = self.shortages.note(sm2_io::clock::now()) {
+        if let Some(count) = self.shortages.count(sm2_io::clock::now()) {
             let node = &self.node_name;
             tracing::warn!(%node, %reason, count, "cannot use a socket now: the node tries again");
         }

@@ -107,7 +107,7 @@ impl Sleepers {
     }
 
     pub(super) fn leave(&mut self, waker: &Arc<Waker>) {
-        self.calm(waker);
+        self.clear(waker);
         self.all.retain(|it| !Arc::ptr_eq(&it.waker, waker));
         self.spare.keep(waker);
     }
@@ -118,7 +118,7 @@ impl Sleepers {
         self.all.len()
     }
 
-    /// Notes that the sleeper has the lock, and calls [`calm`](Self::calm) before it releases it. An event that its own
+    /// Notes that the sleeper has the lock, and calls [`clear`](Self::clear) before it releases it. An event that its own
     /// call finds costs no signal then.
     pub(super) fn attend(&mut self, waker: &Arc<Waker>) {
         if let Some(sleeper) = self.find(waker)
@@ -129,7 +129,7 @@ impl Sleepers {
     }
 
     /// Notes that the sleeper has seen all events until now. Returns whether it was woken for one.
-    pub(super) fn calm(&mut self, waker: &Arc<Waker>) -> bool {
+    pub(super) fn clear(&mut self, waker: &Arc<Waker>) -> bool {
         let Some(sleeper) = self.find(waker) else {
             return false;
         };

@@ -21,10 +21,10 @@ fn only_a_sleeper_that_sleeps_is_signalled() {
     let waker = sleepers.enter().unwrap();
     sleepers.attend(&waker);
     sleepers.wake();
-    assert!(!sleepers.calm(&waker), "it looks by itself");
+    assert!(!sleepers.clear(&waker), "it looks by itself");
     sleepers.wake();
     sleepers.attend(&waker);
-    assert!(sleepers.calm(&waker), "it was signalled before");
+    assert!(sleepers.clear(&waker), "it was signalled before");
     sleepers.wake();
-    assert!(sleepers.calm(&waker));
+    assert!(sleepers.clear(&waker));
 }

@@ -152,7 +152,7 @@ impl NodeState {
     /// Does the work of all pending events, also those of the interfaces' links.
     pub(crate) fn drive_all(&self) {
         let mut control = self.lock_driven();
-        control.sleepers.calm(&self.changed);
+        control.sleepers.clear(&self.changed);
         let ready = control.ready_interfaces(&self.sets);
         drop(control);
         for interface in ready {

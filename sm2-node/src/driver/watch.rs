@@ -68,7 +68,7 @@ impl Watch {
         mut look: impl FnMut(&mut Interface, &mut Context<'_>) -> bool,
     ) -> bool {
         // Events until now are seen by the look below, under the same lock.
-        locked.sleepers.calm(&self.waker);
+        locked.sleepers.clear(&self.waker);
         if locked.change(&mut look) {
             return locked.short_of_memory;
         }

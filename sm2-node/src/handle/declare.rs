@@ -51,7 +51,7 @@ impl Handle {
             bell: OnceLock::new(),
             polled: OnceLock::new(),
             #[cfg(feature = "tokio")]
-            silenced: Arc::default(),
+            cleared: Arc::default(),
         };
         let until = until(Some(shared.manager_timeout));
         let answer = shared.wait(until, |control| {

@@ -21,7 +21,7 @@ impl Handle {
         }
         self.check_shutdown(until)?;
         let found = self.interface.wait_as(way, until, |locked| {
-            self.find_or_silence(locked, |locked| take_ready(locked, &mut all, most))
+            self.find_or_clear(locked, |locked| take_ready(locked, &mut all, most))
         });
         found?.transpose()?;
         Ok(all)

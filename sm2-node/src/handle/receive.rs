@@ -42,7 +42,7 @@ impl Handle {
         // Not a result of the closures, each of which would copy the message.
         let mut taken = None;
         let found = self.interface.wait_as(self.wait, until, |locked| {
-            self.find_or_silence(locked, |locked| {
+            self.find_or_clear(locked, |locked| {
                 match locked.change(|interface, context| take(interface, &mut taken, context)) {
                     Ok(()) => taken.is_some().then_some(Ok(())),
                     Err(full) => Some(Err(full)),

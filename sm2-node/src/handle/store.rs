@@ -66,7 +66,7 @@ impl Handle {
         let lease = self.with_undriven(|interface, context| {
             interface.prepare_memory(len as u64, context);
             let lease = interface.outbox.lease(len as u64);
-            interface.rest(now, context);
+            interface.free_idle(now, context);
             lease.map_err(|error| match error {
                 NoSlot::Full => full(interface, len as u64),
                 NoSlot::Io(error) | NoSlot::Lock(error) => StoreError::Io(error),

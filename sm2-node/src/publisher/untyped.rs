@@ -184,7 +184,7 @@ impl UntypedPublisher {
                 return None;
             }
             let offered = interface.publish(forms, now, len, context);
-            interface.rest(now, context);
+            interface.free_idle(now, context);
             Some(interface.finish(offered, context))
         });
         self.refill_spare();
@@ -195,7 +195,7 @@ impl UntypedPublisher {
         let now = sm2_io::clock::now();
         let publication = self.handle.with_undriven(|interface, context| {
             let offered = interface.publish(forms, now, len, context);
-            interface.rest(now, context);
+            interface.free_idle(now, context);
             if offered.waiting.is_empty() {
                 return Publication::Done(interface.finish(offered, context));
             }
@@ -251,26 +251,26 @@ impl UntypedPublisher {
     }
 
     /// Drives the node, and sends to the links that have room now. Returns whether no link without room is
-    /// left. If one is left, the descriptor is silent until the next event.
+    /// left. If one is left, the descriptor is not readable until the next event.
     #[cfg(feature = "tokio")]
     pub(crate) fn send_more(&self, offered: &mut Offered) -> bool {
-        self.is_so_or_silence(|interface, context| interface.publish_more(offered, context))
+        self.is_so_or_clear(|interface, context| interface.publish_more(offered, context))
     }
 
-    /// Drives the node. Returns whether a publication would not wait. If it would, the descriptor is silent until the
+    /// Drives the node. Returns whether a publication would not wait. If it would, the descriptor is not readable until the
     /// next event.
     #[cfg(feature = "tokio")]
     pub(crate) fn has_room(&self) -> bool {
-        self.is_so_or_silence(|interface, _| interface.has_room())
+        self.is_so_or_clear(|interface, _| interface.has_room())
     }
 
     #[cfg(feature = "tokio")]
-    fn is_so_or_silence(
+    fn is_so_or_clear(
         &self,
         mut is_so: impl FnMut(&mut Interface, &mut Context<'_>) -> bool,
     ) -> bool {
         let mut locked = self.handle.interface.lock_driven();
-        let found = self.handle.find_or_silence(&mut locked, |locked| {
+        let found = self.handle.find_or_clear(&mut locked, |locked| {
             locked.change(&mut is_so).then_some(())
         });
         found.is_some()

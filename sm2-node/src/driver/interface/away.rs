@@ -5,7 +5,7 @@ use std::sync::Arc;
 use sm2_proto::link::Publications;
 
 use super::Interface;
-use crate::driver::counters::note;
+use crate::driver::counters::update;
 use crate::driver::link::LinkDriver;
 use crate::driver::token::LinkToken;
 
@@ -31,7 +31,7 @@ impl Interface {
     /// those come first.
     //= SM2-QOS-013
     #[inline]
-    pub(super) fn note_absence(&mut self, token: LinkToken) {
+    pub(super) fn count_absence(&mut self, token: LinkToken) {
         let link = self.links.get_mut(token);
         if let Some(publications) = link.and_then(|it| it.publications_to_account()) {
             self.open_account(token, publications);
@@ -61,7 +61,7 @@ impl Interface {
         let away = link.open_account(publications, record);
         if away > 0 {
             self.absence.add(away);
-            note(self.entry.as_mut(), |entry| entry.away(away));
+            update(self.entry.as_mut(), |entry| entry.away(away));
             self.lose(&peer, away);
         }
     }
@@ -69,14 +69,14 @@ impl Interface {
     /// Removes a link from which no message is taken any more. `dropped` messages of it are lost.
     pub(super) fn remove(&mut self, token: LinkToken, dropped: u64) {
         // An account of a link that waited for an older one until now.
-        self.note_absence(token);
+        self.count_absence(token);
         let Some(link) = self.links.remove(token) else {
             return;
         };
         self.for_control.gone.push(token);
         let (lost, away) = link.not_counted();
         self.absence.add(away);
-        note(self.entry.as_mut(), |entry| entry.away(away));
+        update(self.entry.as_mut(), |entry| entry.away(away));
         let lost = lost.saturating_add(away).saturating_add(dropped);
         self.lose(&link.peer, lost);
         if let Some((publisher, record)) = link.close_account(dropped) {
@@ -93,7 +93,7 @@ impl Interface {
         // Allocates only if there is such a link.
         let tokens: Vec<_> = waiting.map(LinkDriver::token).collect();
         for token in tokens {
-            self.note_absence(token);
+            self.count_absence(token);
         }
     }
 }

@@ -6,7 +6,7 @@ use sm2_proto::link::{Input, Status};
 use super::Interface;
 use super::calls::{CallId, Outcome};
 use crate::driver::context::Context;
-use crate::driver::counters::note;
+use crate::driver::counters::update;
 use crate::driver::link::LinkDriver;
 use crate::driver::outbox::{Forms, Label, Needs};
 use crate::driver::token::LinkToken;
@@ -89,7 +89,7 @@ impl Interface {
             link.send(key, Status::Ok, context, outbox);
         });
         let now = sm2_io::clock::now();
-        note(self.entry.as_mut(), |entry| entry.published(now, len));
+        update(self.entry.as_mut(), |entry| entry.published(now, len));
         self.outbox.release(key);
         // If the link ended before the machine accepted the call, no output reports the call.
         let over = self.link(token).is_none_or(|link| link.end().is_some());

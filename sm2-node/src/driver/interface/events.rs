@@ -7,7 +7,7 @@ use sm2_proto::control::LinkPeer;
 use super::Interface;
 use super::event_queue::EventQueue;
 use crate::Event;
-use crate::driver::counters::note;
+use crate::driver::counters::update;
 use crate::driver::link::LinkDriver;
 
 impl Interface {
@@ -35,10 +35,10 @@ impl Interface {
 
     /// Notes the messages that subscribers do not get.
     #[inline]
-    pub(super) fn note_drops(&mut self) {
+    pub(super) fn report_drops(&mut self) {
         if self.events.is_enabled() {
             for link in self.links.iter_mut() {
-                self.events.note_drops(link);
+                self.events.report_drops(link);
             }
         }
     }
@@ -49,21 +49,21 @@ impl Interface {
             return;
         }
         self.lost = self.lost.saturating_add(messages);
-        note(self.entry.as_mut(), |entry| entry.lost(messages));
+        update(self.entry.as_mut(), |entry| entry.lost(messages));
         self.events.push_loss(publisher, messages);
     }
 }
 
 impl EventQueue {
     /// Notes that a link has opened or ended, when that is noticed first, and what was lost on it.
-    pub(super) fn note_state(&mut self, link: &mut LinkDriver) {
+    pub(super) fn report_state(&mut self, link: &mut LinkDriver) {
         if link.is_open() && !link.has_joined {
             link.has_joined = true;
             let peer = Arc::clone(&link.peer);
             self.push(Event::Joined { peer });
         }
         if self.is_enabled() {
-            self.note_drops(link);
+            self.report_drops(link);
         }
         if let Some(end) = link.end()
             && link.has_joined
@@ -75,7 +75,7 @@ impl EventQueue {
     }
 
     /// Notes the messages that the subscriber of a link does not get.
-    fn note_drops(&mut self, link: &mut LinkDriver) {
+    fn report_drops(&mut self, link: &mut LinkDriver) {
         let dropped = link.take_new_drops();
         self.push_loss(&link.peer, dropped);
     }

@@ -144,7 +144,7 @@ impl Interface {
             }
             published.missed += usize::from(link.is_reliable());
         }
-        self.note_drops();
+        self.report_drops();
         Some(published)
     }
 

@@ -5,7 +5,7 @@ use sm2_proto::{Contract, Instant};
 
 use super::Interface;
 use crate::driver::context::Context;
-use crate::driver::counters::note;
+use crate::driver::counters::update;
 use crate::driver::link::LinkDriver;
 use crate::driver::outbox::{Forms, Label, MessageKey, Needs};
 use crate::driver::token::LinkToken;
@@ -113,7 +113,7 @@ impl Interface {
             ..Forms::default()
         };
         let offered = self.publish(forms, time, len, context);
-        self.rest(time, context);
+        self.free_idle(time, context);
         Some(self.finish(offered, context))
     }
 
@@ -230,9 +230,9 @@ impl Interface {
         is_heard: bool,
         context: &mut Context<'_>,
     ) {
-        self.note_publication(time, context);
+        self.watch_publication(time, context);
         self.unheard += u64::from(!is_heard);
-        note(self.entry.as_mut(), |entry| {
+        update(self.entry.as_mut(), |entry| {
             entry.published(time, len);
             if !is_heard {
                 entry.unheard();
@@ -268,8 +268,8 @@ impl Interface {
 
     /// Frees memory that was unused for long. Cheap enough to call with every message.
     #[inline]
-    pub(crate) fn rest(&mut self, now: Instant, context: &mut Context<'_>) {
-        self.outbox.rest(now);
+    pub(crate) fn free_idle(&mut self, now: Instant, context: &mut Context<'_>) {
+        self.outbox.free_idle(now);
         self.detach_segments(context);
     }
 
@@ -297,10 +297,10 @@ impl Interface {
             self.outbox.release(key);
         }
         if offered.has_ended {
-            self.bury_ended(context);
+            self.notice_ends(context);
         }
         self.detach_segments(context);
-        self.note_drops();
+        self.report_drops();
         Published {
             links: offered.links,
             missed: offered.missed,

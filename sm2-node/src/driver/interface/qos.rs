@@ -9,7 +9,7 @@ use sm2_proto::{Instant, Newest, Period, QosWatch};
 use super::Interface;
 use crate::Event;
 use crate::driver::context::Context;
-use crate::driver::counters::note;
+use crate::driver::counters::update;
 use crate::driver::link::LinkDriver;
 use crate::driver::token::LinkToken;
 
@@ -18,7 +18,7 @@ impl Interface {
     /// subscribers learn of it at once.
     //= SM2-QOS-009, SM2-QOS-011, SM2-QOS-012
     #[inline]
-    pub(super) fn note_publication(&mut self, time: Instant, context: &mut Context<'_>) {
+    pub(super) fn watch_publication(&mut self, time: Instant, context: &mut Context<'_>) {
         let was_alive = self.watch.is_alive();
         self.watch.published(time);
         if self.watch.has_lease() {
@@ -34,11 +34,11 @@ impl Interface {
     //= SM2-QOS-011, SM2-QOS-012
     pub(crate) fn assert_liveliness(&mut self, time: Instant, context: &mut Context<'_>) {
         self.watch.assert(time, time);
-        self.note_own_liveliness();
+        self.update_own_liveliness();
         for link in self.links.iter_mut().filter(|link| link.is_open()) {
             link.feed(Input::Assert(time), context.sets, &mut self.outbox);
         }
-        self.bury_ended(context);
+        self.notice_ends(context);
         self.ask_for_tick();
     }
 
@@ -48,8 +48,8 @@ impl Interface {
         self.tick_at = None;
         self.watch.check(Newest::NONE, context.now);
         let missed = self.watch.take_missed();
-        self.note_missed(missed, None);
-        self.note_own_liveliness();
+        self.count_missed(missed, None);
+        self.update_own_liveliness();
         let tokens: Vec<_> = self.tokens().collect();
         for token in tokens {
             self.with_link(token, context, |link, outbox, context| {
@@ -57,7 +57,7 @@ impl Interface {
             });
             if let Some(link) = self.links.get_mut(token) {
                 let (missed, peer) = (link.take_missed(), Arc::clone(&link.peer));
-                self.note_missed(missed, Some(peer));
+                self.count_missed(missed, Some(peer));
             }
         }
         self.ask_for_tick();
@@ -79,36 +79,36 @@ impl Interface {
         }
     }
 
-    fn note_missed(&mut self, periods: u64, peer: Option<Arc<LinkPeer>>) {
+    fn count_missed(&mut self, periods: u64, peer: Option<Arc<LinkPeer>>) {
         if periods > 0 {
-            note(self.entry.as_mut(), |entry| entry.missed_deadlines(periods));
+            update(self.entry.as_mut(), |entry| entry.missed_deadlines(periods));
             self.events.push(Event::DeadlineMissed { peer, periods });
         }
     }
 
-    fn note_own_liveliness(&mut self) {
+    fn update_own_liveliness(&mut self) {
         if let Some(is_alive) = self.watch.take_liveliness_change() {
-            self.note_liveliness(is_alive, None);
+            self.update_liveliness(is_alive, None);
         }
     }
 
     /// Tells the program whether the publisher at the other end of a link has stopped being alive, or is alive again.
     #[inline]
-    pub(super) fn note_liveliness_of(&mut self, token: LinkToken) {
+    pub(super) fn update_liveliness_of(&mut self, token: LinkToken) {
         let Some(link) = self.links.get_mut(token) else {
             return;
         };
         if let Some(is_alive) = link.take_liveliness_change() {
             let peer = Some(Arc::clone(&link.peer));
-            self.note_liveliness(is_alive, peer);
+            self.update_liveliness(is_alive, peer);
         }
     }
 
-    fn note_liveliness(&mut self, is_alive: bool, peer: Option<Arc<LinkPeer>>) {
+    fn update_liveliness(&mut self, is_alive: bool, peer: Option<Arc<LinkPeer>>) {
         if is_alive {
             return self.events.push(Event::LivelinessRegained { peer });
         }
-        note(self.entry.as_mut(), |entry| entry.lost_liveliness());
+        update(self.entry.as_mut(), |entry| entry.lost_liveliness());
         self.events.push(Event::LivelinessLost { peer });
     }
 
@@ -124,7 +124,7 @@ impl Interface {
     }
 
     fn sum_of_watches(&self, count: fn(&QosWatch) -> u64) -> u64 {
-        let links = self.links().filter(|link| !link.buried);
+        let links = self.links().filter(|link| !link.end_noticed);
         count(&self.watch) + links.map(|link| count(link.qos_watch())).sum::<u64>()
     }
 }

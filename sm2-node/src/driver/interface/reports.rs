@@ -11,7 +11,7 @@ impl Interface {
     pub(crate) fn statuses(&self) -> Vec<LinkStatus> {
         let live = self
             .links()
-            .filter(|link| !link.buried)
+            .filter(|link| !link.end_noticed)
             .map(LinkDriver::status);
         self.ended.iter().cloned().chain(live).collect()
     }
@@ -20,7 +20,7 @@ impl Interface {
     //= SM2-QOS-006
     pub(crate) fn counters(&self) -> Counters {
         let mut sum = self.ended_sum;
-        for link in self.links().filter(|link| !link.buried) {
+        for link in self.links().filter(|link| !link.end_noticed) {
             sum.add(&link.counters());
         }
         sum

@@ -29,7 +29,7 @@ impl Interface {
                 (true, _) => Status::Cancelled,
                 (false, true) => Status::DeadlinePassed,
                 (false, false) => {
-                    self.note_request(token, sm2_io::clock::now(), taken.header.len);
+                    self.count_request(token, sm2_io::clock::now(), taken.header.len);
                     return Ok(());
                 }
             };

@@ -27,7 +27,7 @@ impl Interface {
         }
         // A fault in its ring has ended the link, so the Manager has to be told.
         if is_over {
-            self.bury_ended(context);
+            self.notice_ends(context);
         }
         // The last message of a segment may have come back.
         self.detach_segments(context);
@@ -44,17 +44,17 @@ impl Interface {
         self.calls.collect(token, link, context, &mut self.outbox);
         link.send_queued(context, &mut self.outbox);
         link.watch_in_background(context.sets);
-        link.note_fates();
-        self.events.note_state(link);
+        link.write_fates();
+        self.events.report_state(link);
         let is_over = link.is_over_unnoticed();
-        self.note_absence(token);
+        self.count_absence(token);
         if is_over {
-            self.bury(token);
+            self.notice_end(token);
         }
-        self.note_liveliness_of(token);
+        self.update_liveliness_of(token);
         self.ask_for_tick();
         self.detach_segments(context);
-        let Some(link) = self.links.get(token).filter(|it| it.buried) else {
+        let Some(link) = self.links.get(token).filter(|it| it.end_noticed) else {
             return;
         };
         if link.is_denied() {
@@ -69,7 +69,7 @@ impl Interface {
     /// ends the other links.
     //= SM2-ACC-014
     pub(in crate::driver) fn discard_ended(&mut self, context: &mut Context<'_>) {
-        let ended = self.links.iter_mut().filter(|it| it.buried);
+        let ended = self.links.iter_mut().filter(|it| it.end_noticed);
         let mut tokens = Vec::new();
         for link in ended {
             link.deny();
@@ -81,7 +81,7 @@ impl Interface {
     }
 
     /// Settles the links that ended during a send.
-    pub(super) fn bury_ended(&mut self, context: &mut Context<'_>) {
+    pub(super) fn notice_ends(&mut self, context: &mut Context<'_>) {
         // Allocates only if a link has ended.
         let mut tokens = Vec::new();
         for link in self.links.iter() {
@@ -96,11 +96,11 @@ impl Interface {
     }
 
     /// Records the end of a link: queues it for the Manager, and keeps its counters.
-    fn bury(&mut self, token: LinkToken) {
+    fn notice_end(&mut self, token: LinkToken) {
         let Some(link) = self.links.get_mut(token) else {
             return;
         };
-        link.buried = true;
+        link.end_noticed = true;
         self.outbox.recheck();
         self.for_control.freed.extend(link.entry.take());
         for key in link.backlog.drain(..) {
@@ -123,10 +123,10 @@ impl Interface {
     /// Drops the messages of the oldest ended links, so that an application that takes no messages
     /// does not collect those of all past publishers.
     fn drop_oldest_messages(&mut self) {
-        let buried = || self.links.iter().filter(|link| link.buried);
-        let surplus = buried().count().saturating_sub(ENDED_WITH_MESSAGES);
+        let end_noticed = || self.links.iter().filter(|link| link.end_noticed);
+        let surplus = end_noticed().count().saturating_sub(ENDED_WITH_MESSAGES);
         // Allocates only if there is a surplus.
-        let oldest: Vec<_> = buried().map(LinkDriver::token).take(surplus).collect();
+        let oldest: Vec<_> = end_noticed().map(LinkDriver::token).take(surplus).collect();
         for token in oldest {
             let untaken = self.links.get(token).map_or(0, LinkDriver::untaken);
             self.remove(token, untaken as u64);

@@ -10,7 +10,7 @@ use sm2_proto::{Contract, Instant};
 use super::Interface;
 use super::taken::{Full, Header, Taken};
 use crate::driver::context::Context;
-use crate::driver::counters::{note, note_taken};
+use crate::driver::counters::{count_taken, update};
 use crate::driver::datagram::Incoming;
 use crate::driver::token::LinkToken;
 
@@ -34,7 +34,7 @@ impl Interface {
                 self.absence.add(away);
                 self.events.push_loss(peer, header.lost);
                 if is_topic {
-                    note_taken(self.entry.as_mut(), now, header, |entry| {
+                    count_taken(self.entry.as_mut(), now, header, |entry| {
                         if away > 0 {
                             entry.away(away);
                         }
@@ -51,7 +51,7 @@ impl Interface {
                     return Ok(true);
                 }
                 // The content of the ring ended the link, or its socket was read.
-                Ok(false) if link.end().is_some() || context.stirred => {
+                Ok(false) if link.end().is_some() || context.socket_read => {
                     self.settle_link(token, context);
                 }
                 Ok(false) => {}
@@ -81,10 +81,10 @@ impl Interface {
 
     /// Counts a request that the application took at this time. A request carries its deadline, not the time at
     /// which it was sent.
-    pub(super) fn note_request(&mut self, token: LinkToken, now: Instant, len: u64) {
+    pub(super) fn count_request(&mut self, token: LinkToken, now: Instant, len: u64) {
         let link = self.links.get_mut(token);
         for entry in [self.entry.as_mut(), link.and_then(|it| it.entry.as_mut())] {
-            note(entry, |entry| entry.taken(now, now, len));
+            update(entry, |entry| entry.taken(now, now, len));
         }
     }
 

@@ -5,7 +5,7 @@ use std::mem;
 use sm2_io::CounterEntry;
 use sm2_proto::link::{Account, Delivery};
 
-use crate::driver::counters::note;
+use crate::driver::counters::update;
 use crate::driver::interface::Header;
 
 /// The account of a link, and what the driver needs for it. All of it is unused at the ends of publishers and services.
@@ -83,7 +83,7 @@ impl LinkAccount {
     /// Counts messages that were published while the publisher had no link.
     pub(super) fn add_away(&mut self, messages: u64, entry: Option<&mut CounterEntry>) {
         self.away = self.away.saturating_add(messages);
-        note(entry, |entry| entry.away(messages));
+        update(entry, |entry| entry.away(messages));
     }
 
     /// Counts a message that has expired. The next message reports what was lost before it.

@@ -23,7 +23,7 @@ impl LinkDriver {
 
     /// Wakes the background thread for the events that it has to handle from now on. A system call for each change
     /// would cost more than a few needless wake-ups. Packets therefore wake the thread until it handles one
-    /// ([`rest_in_background`](Self::rest_in_background)), or until calls have read [`NEEDLESS_WATCHES_MAX`] of them
+    /// ([`after_background_event`](Self::after_background_event)), or until calls have read [`NEEDLESS_WATCHES_MAX`] of them
     /// before it.
     #[inline]
     pub(in crate::driver) fn watch_in_background(&mut self, sets: &LinkSets) {
@@ -39,7 +39,7 @@ impl LinkDriver {
     }
 
     /// Stops waking the background thread for packets if no message waits for them.
-    pub(in crate::driver) fn rest_in_background(&mut self, sets: &LinkSets) {
+    pub(in crate::driver) fn after_background_event(&mut self, sets: &LinkSets) {
         self.set_background(self.wanted_in_background(), sets);
     }
 

@@ -6,26 +6,26 @@ use sm2_proto::Instant;
 use sm2_proto::link::Role;
 
 use super::LinkDriver;
-use crate::driver::counters::note;
+use crate::driver::counters::update;
 
 impl LinkDriver {
     /// Counts a message that was sent.
-    pub(in crate::driver) fn note_sent(&mut self, time: Instant, len: u64) {
+    pub(in crate::driver) fn count_sent(&mut self, time: Instant, len: u64) {
         let at = match self.role() {
             // A server's entry counts requests, not replies.
-            Role::Server => return self.note_fates(),
+            Role::Server => return self.write_fates(),
             // A request carries its deadline, not the time at which it was sent.
             Role::Caller => sm2_io::clock::now(),
             Role::Sender | Role::Receiver => time,
         };
         let counters = self.counters();
         // Sending changes no other count.
-        self.noted.offered = counters.offered;
-        self.noted.delivered = counters.delivered;
-        self.noted.overwritten = counters.overwritten;
-        self.noted.discarded = counters.discarded;
-        self.noted.in_flight = counters.in_flight;
-        note(self.entry.as_mut(), |entry| {
+        self.written.offered = counters.offered;
+        self.written.delivered = counters.delivered;
+        self.written.overwritten = counters.overwritten;
+        self.written.discarded = counters.discarded;
+        self.written.in_flight = counters.in_flight;
+        update(self.entry.as_mut(), |entry| {
             entry.published(at, len);
             entry.sent(&counters);
         });
@@ -36,24 +36,24 @@ impl LinkDriver {
     #[cold]
     pub(super) fn be_short_of_memory(&mut self) {
         self.short_of_memory = true;
-        self.note_shortage();
+        self.write_shortage();
     }
 
     /// Writes the begin or the end of a shortage of memory to the entry.
-    pub(super) fn note_shortage(&mut self) {
-        if self.short_of_memory != self.noted_short {
-            self.noted_short = self.short_of_memory;
+    pub(super) fn write_shortage(&mut self) {
+        if self.short_of_memory != self.written_short {
+            self.written_short = self.short_of_memory;
             let since = self.short_of_memory.then(sm2_io::clock::now);
-            note(self.entry.as_mut(), |entry| entry.short_since(since));
+            update(self.entry.as_mut(), |entry| entry.short_since(since));
         }
     }
 
     /// Writes the outcomes of messages to the entry, if they have changed.
-    pub(in crate::driver) fn note_fates(&mut self) {
+    pub(in crate::driver) fn write_fates(&mut self) {
         let counters = self.counters();
-        if counters != self.noted {
-            self.noted = counters;
-            note(self.entry.as_mut(), |entry| entry.fates(&counters));
+        if counters != self.written {
+            self.written = counters;
+            update(self.entry.as_mut(), |entry| entry.fates(&counters));
         }
     }
 

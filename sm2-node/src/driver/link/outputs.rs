@@ -209,7 +209,7 @@ impl LinkDriver {
         self.unsent = None;
         self.bell_due = false;
         self.short_of_memory = false;
-        self.note_shortage();
+        self.write_shortage();
         self.failing = None;
         self.mapped.outgoing = None;
         self.own_ring = None;

@@ -5,7 +5,7 @@ use sm2_proto::{Instant, Machine, Period, QosWatch};
 
 use super::LinkDriver;
 use crate::driver::context::Context;
-use crate::driver::counters::note;
+use crate::driver::counters::update;
 use crate::driver::outbox::Outbox;
 
 impl LinkDriver {
@@ -36,7 +36,7 @@ impl LinkDriver {
     pub(in crate::driver) fn take_missed(&mut self) -> u64 {
         let more = self.machine.watch_mut().take_missed();
         if more > 0 {
-            note(self.entry.as_mut(), |entry| entry.missed_deadlines(more));
+            update(self.entry.as_mut(), |entry| entry.missed_deadlines(more));
         }
         more
     }
@@ -46,7 +46,7 @@ impl LinkDriver {
     pub(in crate::driver) fn take_liveliness_change(&mut self) -> Option<bool> {
         let change = self.machine.watch_mut().take_liveliness_change();
         if change == Some(false) {
-            note(self.entry.as_mut(), |entry| entry.lost_liveliness());
+            update(self.entry.as_mut(), |entry| entry.lost_liveliness());
         }
         change
     }
@@ -63,7 +63,7 @@ impl LinkDriver {
         self.account.expire(delivery, self.entry.as_mut());
         self.lost_with_expired = self.lost_with_expired.saturating_add(delivery.lost);
         self.received.expired += 1;
-        note(self.entry.as_mut(), |entry| entry.expired(1));
+        update(self.entry.as_mut(), |entry| entry.expired(1));
         self.kept.remove(&delivery.sequence);
         let wake = self.machine.expire(&self.mapped, delivery);
         self.wake(wake.unwrap_or_default(), context.sets);

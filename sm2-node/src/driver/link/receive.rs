@@ -31,7 +31,7 @@ impl LinkDriver {
         if event.readable {
             self.receive(BURST, context, outbox);
         }
-        self.note_shortage();
+        self.write_shortage();
     }
 
     /// Reads all datagrams that the socket has, up to the number that a peer that obeys SPEC can

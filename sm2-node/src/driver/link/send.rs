@@ -70,7 +70,7 @@ impl LinkDriver {
             let misuse = match self.machine.send(&self.mapped, message, settled) {
                 Ok(wake) => {
                     self.finish_sending(wake, context, outbox);
-                    self.note_sent(time, len);
+                    self.count_sent(time, len);
                     break;
                 }
                 // The outputs settle the message with all others.
@@ -151,7 +151,7 @@ impl LinkDriver {
         outbox: &mut Outbox,
     ) {
         self.feed(Input::Drop(fate), context.sets, outbox);
-        self.note_fates();
+        self.write_fates();
     }
 
     /// Drops a message for this link alone, because the other side does not accept messages of this
@@ -207,7 +207,7 @@ impl LinkDriver {
                 break;
             }
         }
-        self.note_fates();
+        self.write_fates();
     }
 
     /// Settles the messages that came back before the link may end, and sends nothing.
@@ -220,7 +220,7 @@ impl LinkDriver {
         // If the call finds a violation, the outputs report it.
         let _ = self.machine.settle_returned(&self.mapped, settled);
         self.drain_if_due(context.sets, outbox);
-        self.note_fates();
+        self.write_fates();
     }
 
     /// Sends queued messages after a change that may let them through: a freed segment number, a

@@ -11,7 +11,7 @@ use sm2_proto::{Instant, Machine};
 use super::LinkDriver;
 use super::account::Before;
 use crate::driver::context::Context;
-use crate::driver::counters::{note, note_taken};
+use crate::driver::counters::{count_taken, update};
 use crate::driver::event_sets::LinkSets;
 use crate::driver::interface::{Header, Taken};
 use crate::driver::outbox::Outbox;
@@ -70,7 +70,7 @@ impl LinkDriver {
                 Err(NoDelivery::UnknownSegment) if !looked && self.end().is_none() => {
                     looked = true;
                     self.receive_all(context, outbox);
-                    context.stirred = true;
+                    context.socket_read = true;
                     // One of these datagrams may have been a DOORBELL, and another thread may be
                     // about to sleep.
                     self.park();
@@ -112,7 +112,7 @@ impl LinkDriver {
             self.received.add(&header);
             if is_topic {
                 let held = self.held as u64;
-                note_taken(self.entry.as_mut(), now, &header, |entry| entry.held(held));
+                count_taken(self.entry.as_mut(), now, &header, |entry| entry.held(held));
             }
             let Before { away, unreported } =
                 (self.account).take(&mut header, delivery.lost, self.entry.as_mut());
@@ -167,7 +167,7 @@ impl LinkDriver {
         );
         self.wake(released.unwrap_or_default(), sets);
         if self.role() == Role::Receiver {
-            note(self.entry.as_mut(), |entry| entry.held(self.held as u64));
+            update(self.entry.as_mut(), |entry| entry.held(self.held as u64));
         }
         self.drain_if_due(sets, outbox);
     }

@@ -83,7 +83,7 @@ impl Outbox {
     /// Returns segments to the system that were not used for long. This is cheap enough to be
     /// called for every message.
     #[inline]
-    pub(crate) fn rest(&mut self, now: Instant) {
+    pub(crate) fn free_idle(&mut self, now: Instant) {
         if self.pool.is_sweep_due(now) {
             let idle = self.pool.sweep(now);
             self.close(idle);

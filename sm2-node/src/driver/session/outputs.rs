@@ -147,7 +147,7 @@ impl Control {
 
     fn answered(&mut self, id: InterfaceId, state: State, sets: &NodeSets) {
         self.sleepers.wake();
-        let noted = self.with_interface(id, sets, |interface, _| {
+        let written = self.with_interface(id, sets, |interface, _| {
             if let State::Live { matches } = state {
                 interface.links_due = matches;
             }
@@ -155,7 +155,7 @@ impl Control {
         });
         // The caller that declared the interface no longer waits for the answer. A refused
         // interface does not exist any more.
-        if noted.is_none() {
+        if written.is_none() {
             self.session.tell(Input::Withdraw { interface: id });
         }
     }
@@ -211,7 +211,7 @@ impl Control {
         self.with_interface(id, sets, |interface, _| {
             interface.link_came();
         });
-        if let Some(count) = self.links_lost.note(sm2_io::clock::now()) {
+        if let Some(count) = self.links_lost.count(sm2_io::clock::now()) {
             tracing::warn!(
                 %link,
                 peer = %peer.name,

@@ -378,7 +378,7 @@ pub(crate) fn bell() {
                 match locked.change(|it, _| it.take(ONE)) {
                     Some(()) => missing -= 1,
                     None => {
-                        bell.silence(&mut locked);
+                        bell.clear(&mut locked);
                     }
                 }
             }
