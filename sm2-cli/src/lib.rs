@@ -5,10 +5,10 @@
 //! them into an exit status and a line on standard error. The crate is a library so that fuzz targets can
 //! use it: `main.rs` only calls [`main`].
 //!
-//! Modules that commands share: `connect` (the node, and signals), `follow` (changes of the domain), `view`
-//! (indexes of the domain) and `names` (names on the command line). Those for counters are `sampling`, `observation` and
-//! `troubles` (what counters tell about links). Those for output are `report` (the frame of lists and `info`), `output`
-//! and `columns`.
+//! Modules that commands share: `connect` (the node, and signals), `follow` (changes of the domain), `view` (indexes of
+//! the domain) and `names` (names on the command line). Those for counters are `sampling`, `observation` and `troubles`
+//! (what counters tell about links). Those for output are `report` (the frame of lists and `info`), `output` and
+//! `columns`.
 #![forbid(unsafe_code)]
 #![deny(clippy::disallowed_types)]
 

@@ -118,8 +118,8 @@ impl Sleepers {
         self.all.len()
     }
 
-    /// Notes that the sleeper has the lock, and calls [`clear`](Self::clear) before it releases it. An event that its own
-    /// call finds costs no signal then.
+    /// Notes that the sleeper has the lock, and calls [`clear`](Self::clear) before it releases it. An event that its
+    /// own call finds costs no signal then.
     pub(super) fn attend(&mut self, waker: &Arc<Waker>) {
         if let Some(sleeper) = self.find(waker)
             && sleeper.state == State::Asleep

@@ -257,8 +257,8 @@ impl UntypedPublisher {
         self.is_so_or_clear(|interface, context| interface.publish_more(offered, context))
     }
 
-    /// Drives the node. Returns whether a publication would not wait. If it would, the descriptor is not readable until the
-    /// next event.
+    /// Drives the node. Returns whether a publication would not wait. If it would, the descriptor is not readable until
+    /// the next event.
     #[cfg(feature = "tokio")]
     pub(crate) fn has_room(&self) -> bool {
         self.is_so_or_clear(|interface, _| interface.has_room())

@@ -23,8 +23,8 @@ impl LinkDriver {
 
     /// Wakes the background thread for the events that it has to handle from now on. A system call for each change
     /// would cost more than a few needless wake-ups. Packets therefore wake the thread until it handles one
-    /// ([`after_background_event`](Self::after_background_event)), or until calls have read [`NEEDLESS_WATCHES_MAX`] of them
-    /// before it.
+    /// ([`after_background_event`](Self::after_background_event)), or until calls have read [`NEEDLESS_WATCHES_MAX`] of
+    /// them before it.
     #[inline]
     pub(in crate::driver) fn watch_in_background(&mut self, sets: &LinkSets) {
         let wanted = self.wanted_in_background();
