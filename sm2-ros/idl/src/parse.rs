@@ -128,7 +128,7 @@ fn split_comment(line: &str) -> (&str, Option<&str>) {
     let mut escaped = false;
     for (at, c) in line.char_indices() {
         match (quote, c) {
-            (None, '#') => return (&line[..at], Some(&line[at + 1..])),
+            (None, '#') => return (&line[..at], Some(&line[at..])),
             (None, '"' | '\'') => quote = Some(c),
             (Some(_), '\\') if !escaped => {
                 escaped = true;
