@@ -1,7 +1,10 @@
-//! A second decoder of control frames, written from SPEC section 3 alone: by hand, one byte after
-//! the other. It returns the meaning of a frame as JSON, or the name of the violation.
+//! A second decoder of control frames, written from SPEC section 3 alone: by hand, one byte after the other. It takes
+//! the fields of plain structures from the table in SPEC. It returns the meaning of a frame as JSON, or the name of the
+//! violation.
 
 use serde_json::{Value, json};
+
+const SPEC: &str = include_str!("../../../SPEC.md");
 
 type Read<T> = Result<T, &'static str>;
 
@@ -319,12 +322,26 @@ impl Reader<'_> {
         Ok(value)
     }
 
-    fn service_qos(&mut self) -> Read<Value> {
-        Ok(json!({
-            "depth": self.qos(1)?,
-            "max_borrowed": self.qos(1)?,
-            "sealed": self.bool()?,
-        }))
+    /// A structure of numbers and flags, with the fields that the table in SPEC gives it.
+    fn structure(&mut self, name: &str) -> Read<Value> {
+        let row = format!("| `{name}` | `");
+        let mut rows = SPEC.lines().filter_map(|it| it.strip_prefix(&row));
+        let fields = rows.next().expect("a row").trim_end_matches("` |");
+        let mut value = serde_json::Map::new();
+        for field in fields.split(", ") {
+            let (name, kind) = field.split_once(": ").expect("a name and a type");
+            let read = match (name, kind) {
+                ("depth" | "max_borrowed", "u16") => self.qos(1)?.into(),
+                ("latched", "u16") => self.qos(0)?.into(),
+                (_, "bool") => self.bool()?.into(),
+                (_, "u8") => self.byte()?.into(),
+                (_, "u32") => self.u32()?.into(),
+                (_, "u64") => self.u64()?.into(),
+                other => panic!("{other:?}"),
+            };
+            value.insert(name.to_owned(), read);
+        }
+        Ok(value.into())
     }
 
     fn contract(&mut self) -> Read<Value> {
@@ -332,38 +349,23 @@ impl Reader<'_> {
             0 => json!({"Publisher": {
                 "topic": self.name()?,
                 "data": self.type_id()?,
-                "offer": {
-                    "depth": self.qos(1)?,
-                    "reliable": self.bool()?,
-                    "latched": self.qos(0)?,
-                    "sealed": self.bool()?,
-                    "deadline": self.u64()?,
-                    "lifespan": self.u64()?,
-                    "lease": self.u64()?,
-                },
+                "offer": self.structure("OfferedQos")?,
             }}),
             1 => json!({"Subscriber": {
                 "topic": self.name()?,
                 "data": self.option(Self::type_id)?,
-                "demand": {
-                    "depth": self.qos(1)?,
-                    "reliable": self.bool()?,
-                    "max_borrowed": self.qos(1)?,
-                    "sealed": self.bool()?,
-                    "deadline": self.u64()?,
-                    "lease": self.u64()?,
-                },
+                "demand": self.structure("DemandedQos")?,
             }}),
             2 => json!({"Server": {
                 "service": self.name()?,
                 "request": self.type_id()?,
                 "reply": self.type_id()?,
-                "qos": self.service_qos()?,
+                "qos": self.structure("ServiceQos")?,
             }}),
             3 => json!({"Client": {
                 "service": self.name()?,
                 "types": self.option(|it| Ok([it.type_id()?, it.type_id()?]))?,
-                "qos": self.service_qos()?,
+                "qos": self.structure("ServiceQos")?,
             }}),
             _ => return Err("malformed"),
         })
@@ -399,28 +401,7 @@ impl Reader<'_> {
 
     fn item(&mut self) -> Read<Value> {
         Ok(match self.u32()? {
-            0 => json!({"Domain": {"limits": {
-                "sessions_per_user": self.u32()?,
-                "interfaces_per_session": self.u32()?,
-                "interfaces_per_user": self.u32()?,
-                "links_per_session": self.u32()?,
-                "sessions_per_process": self.u32()?,
-                "interfaces_per_process": self.u32()?,
-                "greetings_per_user": self.u32()?,
-                "greetings_per_process": self.u32()?,
-                "greeting_ms": self.u32()?,
-                "recovery_ms": self.u32()?,
-                "confirmation_ms": self.u32()?,
-                "queue_bytes": self.u32()?,
-                "schema_bytes_per_session": self.u32()?,
-                "refusals_per_session": self.u32()?,
-                "unlinked_per_session": self.u32()?,
-                "changes_remembered": self.u32()?,
-                "links_in_flight": self.u32()?,
-                "work_per_turn": self.u32()?,
-                "seal_all": self.bool()?,
-                "waive_user_boundary": self.bool()?,
-            }}}),
+            0 => json!({"Domain": {"limits": self.structure("Limits")?}}),
             1 => json!({"Node": {
                 "node": self.u64()?,
                 "name": self.name()?,
