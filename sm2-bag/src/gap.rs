@@ -2,7 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use serde::Serialize;
+use serde::{Serialize, Serializer};
+use sm2_proto::link::Fate;
 
 /// Messages of one publisher that were published during a recording, and that the bag does not have.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -20,8 +21,7 @@ pub struct Gap {
 }
 
 /// Why messages are missing in a bag.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum GapReason {
     /// Newer messages of the publisher displaced them before the recorder took them (SM2-QOS-001).
     Displaced,
@@ -33,26 +33,28 @@ pub enum GapReason {
     Damaged,
     /// They were longer than the recorder [takes](crate::Options::max_len_bytes).
     TooLong,
-    /// The publisher did not send them, because its [`pool_limit`](sm2_node::PublisherBuilder::pool_limit) left no
-    /// memory while the recorder held its messages (SM2-QOS-007).
-    PoolLimit,
-    /// The publisher of a reliable topic did not wait longer for the recorder (SM2-QOS-002).
-    NoRoom,
-    /// They were older than their lifespan (SM2-QOS-010).
-    Expired,
+    /// The publisher did not send them for this reason (SM2-QOS-006), or they were [expired](Fate::Expired).
+    Unsent(Fate),
 }
 
 impl GapReason {
-    const ALL: [Self; 8] = [
-        Self::Displaced,
-        Self::Budget,
-        Self::DiskFull,
-        Self::Damaged,
-        Self::TooLong,
-        Self::PoolLimit,
-        Self::NoRoom,
-        Self::Expired,
-    ];
+    /// The reasons by which the publisher did not send a message, but for those that have another name here:
+    /// overwritten messages are [displaced](Self::Displaced), and the recorder takes messages of any length.
+    pub(crate) fn unsent() -> impl Iterator<Item = Fate> {
+        let fates = Fate::ALL.into_iter().filter(|it| it.is_unsent());
+        fates.filter(|it| !matches!(it, Fate::Overwritten | Fate::TooLong))
+    }
+
+    fn all() -> impl Iterator<Item = Self> {
+        let own = [
+            Self::Displaced,
+            Self::Budget,
+            Self::DiskFull,
+            Self::Damaged,
+            Self::TooLong,
+        ];
+        own.into_iter().chain(Self::unsent().map(Self::Unsent))
+    }
 
     const fn as_str(self) -> &'static str {
         match self {
@@ -61,10 +63,15 @@ impl GapReason {
             Self::DiskFull => "disk_full",
             Self::Damaged => "damaged",
             Self::TooLong => "too_long",
-            Self::PoolLimit => "pool_limit",
-            Self::NoRoom => "no_room",
-            Self::Expired => "expired",
+            Self::Unsent(fate) => fate.as_str(),
         }
+    }
+}
+
+/// The name, such as `disk_full`.
+impl Serialize for GapReason {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.as_str())
     }
 }
 
@@ -115,7 +122,7 @@ impl Gap {
             from_ns: number("from_ns")?,
             to_ns: number("to_ns")?,
             messages: number("messages")?,
-            reason: (GapReason::ALL.into_iter()).find(|it| it.as_str() == reason)?,
+            reason: GapReason::all().find(|it| it.as_str() == reason)?,
         };
         Some((metadata.get("topic")?.clone(), gap))
     }
@@ -137,7 +144,7 @@ mod tests {
 
     #[test]
     fn a_record_has_the_whole_gap() {
-        for reason in GapReason::ALL {
+        for reason in GapReason::all() {
             let gap = gap(1, 2, reason);
             let read = Gap::from_metadata(&gap.metadata("image"));
             assert_eq!(read, Some(("image".to_owned(), gap)));

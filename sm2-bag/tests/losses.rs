@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use sm2_bag::{Bag, GapReason, Options, Report, check};
 use sm2_node::Name;
+use sm2_proto::link::Fate;
 
 use crate::common::{Domain, named, record};
 use crate::disk::Disk;
@@ -114,7 +115,7 @@ fn a_publisher_with_little_memory_is_named_as_the_limit_and_relieved() {
         gate.set(false);
         record_until(&mut |it| it.progress().waiting_bytes == 0);
     });
-    let expected = (vec![GapReason::PoolLimit], published);
+    let expected = (vec![GapReason::Unsent(Fate::PoolLimit)], published);
     assert_eq!(reasons_and_sum(&report), expected, "{report:?}");
     assert_eq!(Bag::open(&domain.path("bag")).unwrap().report(), report);
 }
@@ -135,7 +136,7 @@ fn messages_that_the_recorder_takes_too_late_have_expired() {
         }
         std::thread::sleep(Duration::from_millis(5));
     });
-    let expected = (vec![GapReason::Expired], 3);
+    let expected = (vec![GapReason::Unsent(Fate::Expired)], 3);
     assert_eq!(reasons_and_sum(&report), expected, "{report:?}");
 }
 
@@ -158,7 +159,7 @@ fn messages_for_which_a_publisher_does_not_wait_are_counted() {
             data.publish(&[1; 100]).unwrap();
         }
     });
-    let expected = (vec![GapReason::NoRoom], 200);
+    let expected = (vec![GapReason::Unsent(Fate::NoRoom)], 200);
     assert_eq!(reasons_and_sum(&report), expected, "{report:?}");
     assert!(report.topics[0].messages > 0);
 }

@@ -3,7 +3,7 @@
 use std::{fmt::Write as _, path::Path, time::Duration};
 
 use sm2_bag::{GapReason, Report, TopicReport};
-use sm2_proto::text::Counted;
+use sm2_proto::{link::Fate, text::Counted};
 
 use crate::{ended::Ended, error::CliError, output::Output, size::Size, time::Span};
 
@@ -75,9 +75,10 @@ const fn reason(reason: GapReason) -> &'static str {
         GapReason::DiskFull => "the disk was full",
         GapReason::Damaged => "they were in a damaged part",
         GapReason::TooLong => "they were longer than --max-len",
-        GapReason::PoolLimit => "the pool_limit of the publisher was reached",
-        GapReason::NoRoom => "the publisher did not wait longer",
-        GapReason::Expired => "they were older than their lifespan",
+        GapReason::Unsent(Fate::PoolLimit) => "the pool_limit of the publisher was reached",
+        GapReason::Unsent(Fate::NoRoom) => "the publisher did not wait longer",
+        GapReason::Unsent(Fate::Expired) => "they were older than their lifespan",
+        GapReason::Unsent(fate) => fate.meaning(),
     }
 }
 

@@ -11,7 +11,7 @@ use nix::sys::memfd::{MFdFlags, memfd_create};
 use sm2_io::counters::{CounterError, Unreadable};
 use sm2_io::{CounterPage, CounterView};
 use sm2_proto::counters::{ENTRY_BYTES, Entry, MAX_ENTRIES, field, header};
-use sm2_proto::link::Counters;
+use sm2_proto::link::{Counters, Fate};
 use sm2_proto::{Instant, InterfaceId, LinkId, Seals};
 
 /// The time at which an entry begins, for entries that are compared with default ones.
@@ -116,18 +116,14 @@ fn what_is_counted_is_seen() {
         let at = Instant(1_000 * message);
         let mut update = sender.update();
         update.published(at, 10);
-        let fates = Counters {
+        let mut fates = Counters {
             offered: message,
-            delivered: message - 1,
-            overwritten: 1,
-            discarded: 2,
-            no_room: 3,
-            closed: 4,
-            pool_limit: 6,
-            too_long: 7,
-            expired: 8,
             in_flight: 5,
+            ..Counters::default()
         };
+        for (place, fate) in Fate::ALL.into_iter().enumerate() {
+            *fates.of_mut(fate) = message * (place as u64 + 2);
+        }
         update.fates(&fates);
         let short_since = (message % 2 == 1).then_some(at);
         update.short_since(short_since);

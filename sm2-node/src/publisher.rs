@@ -143,8 +143,8 @@ impl<T: Message + ?Sized> Publisher<T> {
         self.core.flush(Some(timeout))
     }
 
-    /// Returns the fates of all messages, summed over all current and past links: `offered = delivered +
-    /// overwritten + discarded + no_room + closed + pool_limit + too_long + expired + in_flight` (SM2-QOS-006).
+    /// Returns the [fates](sm2_proto::link::Fate) of all messages, summed over all current and past links: `offered` is
+    /// the sum of all fates and `in_flight` (SM2-QOS-006).
     pub fn counters(&self) -> Counters {
         self.core
             .handle

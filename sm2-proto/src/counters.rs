@@ -35,6 +35,8 @@ pub const RECENT: usize = 32;
 //= SM2-CNT-005
 #[allow(missing_docs, reason = "the fields of Entry say what they are")]
 pub mod field {
+    use crate::link::Fate;
+
     /// 0: not in use; odd: being written; even: grows with each change (SM2-CNT-006).
     pub const TURN: usize = 0;
     /// 1: an interface; 2: its end of a link.
@@ -65,11 +67,22 @@ pub mod field {
     pub const MAX_HELD: usize = 27;
     pub const CREATED: usize = 28;
     /// The first of the fields that are zero, up to [`RECENT`].
-    pub const RESERVED: usize = 29;
+    pub const RESERVED: usize = {
+        let (mut last, mut at) = (CREATED, 0);
+        while at < Fate::ALL.len() {
+            let position = Fate::ALL[at].position();
+            if position > last {
+                last = position;
+            }
+            at += 1;
+        }
+        last + 1
+    };
     /// The first of [`super::RECENT`] fields.
     pub const RECENT: usize = 32;
 }
 
+const _: () = assert!(field::RESERVED <= field::RECENT);
 const _: () = assert!(field::RECENT + RECENT == ENTRY_FIELDS);
 
 /// The field [`KIND`](field::KIND) of an interface as a whole.

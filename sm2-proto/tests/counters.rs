@@ -1,12 +1,54 @@
 //! Counters as words, and the arithmetic over them.
 
-use core::time::Duration;
+use core::{ops::RangeInclusive, time::Duration};
+use std::collections::BTreeMap;
 
 use sm2_proto::counters::{
     ENTRY_FIELDS, Entry, MAGIC, MAX_ENTRIES, MAX_FILE_BYTES, RECENT, Summary, entries_in, field,
     header, recent_index,
 };
 use sm2_proto::{Instant, InterfaceId, LinkId, link};
+
+/// The fields of an entry and their positions, from the table in SPEC.
+fn fields() -> BTreeMap<&'static str, RangeInclusive<usize>> {
+    let spec = include_str!("../../SPEC.md");
+    let (_, table) = spec.split_once("| 0 | `turn` |").expect("the table");
+    let rows = table.lines().skip(1).take_while(|it| it.starts_with('|'));
+    let number = |it: &str| it.trim().parse::<usize>().expect("a position");
+    let mut fields = BTreeMap::new();
+    for row in rows {
+        let mut cells = row.split('|').skip(1).map(str::trim);
+        let (positions, names) = (cells.next().expect("a cell"), cells.next().expect("a cell"));
+        let (first, last) = positions
+            .split_once(" to ")
+            .or_else(|| positions.split_once(", "))
+            .unwrap_or((positions, positions));
+        let (first, last) = (number(first), number(last));
+        let names: Vec<_> = names.split(", ").map(|it| it.trim_matches('`')).collect();
+        match &*names {
+            [one] => _ = fields.insert(*one, first..=last),
+            all => {
+                assert_eq!(all.len(), last + 1 - first, "{row}");
+                fields.extend(all.iter().zip(first..).map(|(it, at)| (*it, at..=at)));
+            }
+        }
+    }
+    fields
+}
+
+/// Each fate holds the position of its name.
+fn fates() -> link::Counters {
+    let fields = fields();
+    let mut fates = link::Counters {
+        offered: 9,
+        in_flight: 15,
+        ..link::Counters::default()
+    };
+    for fate in link::Fate::ALL {
+        *fates.of_mut(fate) = *fields[fate.as_str()].start() as u64;
+    }
+    fates
+}
 
 fn link_end() -> Entry {
     Entry {
@@ -19,18 +61,7 @@ fn link_end() -> Entry {
         bytes: 6,
         last: Instant(7),
         lost: 8,
-        fates: link::Counters {
-            offered: 9,
-            delivered: 10,
-            overwritten: 11,
-            discarded: 12,
-            no_room: 13,
-            closed: 14,
-            pool_limit: 18,
-            too_long: 19,
-            expired: 23,
-            in_flight: 15,
-        },
+        fates: fates(),
         delay_sum_ns: 16,
         delay_max_ns: 17,
         short_since: Some(Instant(20)),
@@ -52,7 +83,7 @@ fn every_field_has_its_place() {
     let mut expected: [u64; ENTRY_FIELDS] = core::array::from_fn(|index| index as u64);
     expected[0] = 42;
     expected[1] = 2;
-    expected[29..32].fill(0);
+    expected[fields()["reserved"].clone()].fill(0);
     assert_eq!(link_end().to_words(42), expected);
     assert_eq!(Entry::from_words(&expected), Some(link_end()));
     let interface = Entry {

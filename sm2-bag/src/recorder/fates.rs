@@ -1,16 +1,17 @@
 //! The losses of a link, as its two ends count them.
 
+use std::mem;
+
 use sm2_node::diagnostics::{Counters, LinkStatus};
+use sm2_proto::link::Fate;
 
 use crate::gap::GapReason;
 
 /// The losses on a link that are known so far.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Known {
-    pool_limit: u64,
-    no_room: u64,
-    /// Messages that were not sent because they were too old.
-    expired_unsent: u64,
+    /// Messages that were not sent, by [`GapReason::unsent`].
+    unsent: Counters,
     /// Messages that were too old when the recorder would have taken them. The next message does not show that they
     /// are missing.
     expired_taken: u64,
@@ -27,42 +28,35 @@ pub(super) struct Loss {
 
 impl Known {
     /// Takes over the state of a link, and the fates of its messages if they are known. Returns the new losses.
-    pub(super) fn advance(&mut self, link: &LinkStatus, fates: Option<&Counters>) -> [Loss; 4] {
+    pub(super) fn advance(
+        &mut self,
+        link: &LinkStatus,
+        fates: Option<&Counters>,
+    ) -> impl Iterator<Item = Loss> + use<> {
         let mut now = *self;
         now.expired_taken = now.expired_taken.max(link.received.expired);
         if let Some(fates) = fates {
-            now.pool_limit = now.pool_limit.max(fates.pool_limit);
-            now.no_room = now.no_room.max(fates.no_room);
-            // The publisher counts both kinds together.
-            let unsent = fates.expired.saturating_sub(now.expired_taken);
-            now.expired_unsent = now.expired_unsent.max(unsent);
+            for fate in GapReason::unsent() {
+                let count = fates.of(fate);
+                // The publisher counts those that expired at either side together.
+                let unsent = match fate {
+                    Fate::Expired => count.saturating_sub(now.expired_taken),
+                    _ => count,
+                };
+                let known = now.unsent.of_mut(fate);
+                *known = unsent.max(*known);
+            }
         }
-        let before = std::mem::replace(self, now);
-        let loss = |reason, before, now, is_shown| Loss {
-            reason,
-            messages: now - before,
-            is_shown,
-        };
-        [
-            loss(
-                GapReason::PoolLimit,
-                before.pool_limit,
-                now.pool_limit,
-                true,
-            ),
-            loss(GapReason::NoRoom, before.no_room, now.no_room, true),
-            loss(
-                GapReason::Expired,
-                before.expired_unsent,
-                now.expired_unsent,
-                true,
-            ),
-            loss(
-                GapReason::Expired,
-                before.expired_taken,
-                now.expired_taken,
-                false,
-            ),
-        ]
+        let before = mem::replace(self, now);
+        let unsent = GapReason::unsent().map(move |fate| Loss {
+            reason: GapReason::Unsent(fate),
+            messages: now.unsent.of(fate) - before.unsent.of(fate),
+            is_shown: true,
+        });
+        unsent.chain([Loss {
+            reason: GapReason::Unsent(Fate::Expired),
+            messages: now.expired_taken - before.expired_taken,
+            is_shown: false,
+        }])
     }
 }

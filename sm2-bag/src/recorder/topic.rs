@@ -8,6 +8,7 @@ use sm2_node::domain::Contract;
 use sm2_node::wait_set::Key;
 use sm2_node::{Node, RecvError, Sample, Subscriber};
 use sm2_proto::control::LinkPeer;
+use sm2_proto::link::Fate;
 use sm2_proto::{Instant, LinkId, Name, OfferedQos, Period, TypeId};
 
 use super::fates::Known;
@@ -238,7 +239,7 @@ impl Topic {
                 if loss.messages == 0 {
                     continue;
                 }
-                self.losses.is_pool_short |= loss.reason == GapReason::PoolLimit;
+                self.losses.is_pool_short |= loss.reason == GapReason::Unsent(Fate::PoolLimit);
                 let number = self.number(node, &link.peer.name, data);
                 let publisher = &mut self.publishers[number];
                 let mut messages = loss.messages;

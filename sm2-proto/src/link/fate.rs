@@ -19,7 +19,10 @@ macro_rules! fates {
         /// The way in which a message of a link ended.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
         pub enum Fate {
-            $(#[doc = $meaning] $fate,)*
+            $(
+                #[doc = concat!("`", stringify!($count), "`: ", $meaning, ".")]
+                $fate,
+            )*
         }
 
         impl Fate {
@@ -42,6 +45,14 @@ macro_rules! fates {
             pub const fn position(self) -> usize {
                 match self {
                     $(Self::$fate => $position,)*
+                }
+            }
+
+            /// The text that says what became of the message, to follow its name.
+            #[must_use]
+            pub const fn meaning(self) -> &'static str {
+                match self {
+                    $(Self::$fate => $meaning,)*
                 }
             }
 
@@ -91,19 +102,15 @@ macro_rules! fates {
 // The fate, its name and field, its position in an entry, whether a driver can say so of a publication that it does not
 // send, and what it means.
 fates! {
-    Delivered delivered 10 No "Released as consumed: the application took it."
-    Overwritten overwritten 11 Yes
-        "Displaced by a later message before it left this side, or not sent for lack of a slot or of room."
-    Discarded discarded 12 No "Displaced by a later message on the other side."
-    NoRoom no_room 13 Owed
-        "Not sent, because a reliable subscriber had no room in time, or the publisher does not wait for it any more."
-    Closed closed 14 No "Not settled when the link ended."
-    PoolLimit pool_limit 18 Owed
-        "Not sent, because messages of this link take too much of the publisher's memory."
-    TooLong too_long 19 Yes
-        "Longer than the other end accepts. When it was queued, that may not have been known: OPEN came later."
-    Expired expired 23 Yes
-        "Older than its lifespan before it was sent, or before the application at the other end took it."
+    Delivered delivered 10 No "released as consumed: the application took it"
+    Overwritten overwritten 11 Yes "displaced before it was sent, or not sent for lack of a slot or of room"
+    Discarded discarded 12 No "displaced by a later message on the other side"
+    NoRoom no_room 13 Owed "not sent, because a reliable subscriber had no room in time, or its link owed"
+    Closed closed 14 No "not settled when the link ended"
+    PoolLimit pool_limit 18 Owed "not sent, because the subscriber holds too much of the publisher's memory"
+    // When it was queued, that may not have been known: OPEN came later.
+    TooLong too_long 19 Yes "longer than the other end accepts"
+    Expired expired 23 Yes "older than its lifespan before it was sent, or before the application took it"
 }
 
 impl Fate {
@@ -115,7 +122,8 @@ impl Fate {
     }
 
     /// Whether a driver can say so of a publication that it does not send on a link.
-    pub(super) const fn is_unsent(self) -> bool {
+    #[must_use]
+    pub const fn is_unsent(self) -> bool {
         !matches!(self.unsent(), Unsent::No)
     }
 

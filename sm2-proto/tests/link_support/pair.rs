@@ -386,10 +386,10 @@ impl Pair {
                 discarded: tally(Some(Fate::Discarded)),
                 no_room: at.skipped,
                 closed: tally(Some(Fate::Closed)),
-                pool_limit: 0,
                 too_long: tally(Some(Fate::TooLong)),
                 expired: tally(Some(Fate::Expired)),
                 in_flight: tally(None),
+                ..Counters::default()
             };
             assert_eq!(at.link.counters(), expected);
             assert_eq!(at.link.in_flight() as u64, expected.in_flight);

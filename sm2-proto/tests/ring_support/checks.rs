@@ -35,11 +35,8 @@ impl Pair {
             overwritten: sending.passed_over,
             discarded: tally(Some(Fate::Discarded)),
             no_room: sending.skipped,
-            closed: 0,
-            pool_limit: 0,
-            too_long: 0,
-            expired: 0,
             in_flight: tally(None),
+            ..Counters::default()
         };
         assert_eq!(sending.at.link.counters(), expected);
     }

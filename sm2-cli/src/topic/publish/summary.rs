@@ -56,17 +56,22 @@ impl fmt::Display for Summary {
 }
 
 /// Why a message with this fate was dropped; `None` if it was delivered.
-const fn reason(fate: Fate) -> Option<&'static str> {
-    Some(match fate {
-        Fate::Delivered => return None,
-        Fate::Overwritten => "overwritten before they were sent",
-        Fate::Discarded => "overwritten before they were received",
-        Fate::NoRoom => "at the deadline of a subscriber without room",
-        Fate::Closed => "to subscribers that left",
-        Fate::PoolLimit => "at --pool-limit, to subscribers that hold samples",
-        Fate::TooLong => "longer than their subscribers accept",
-        Fate::Expired => "older than their --lifespan",
-    })
+fn reason(fate: Fate) -> Option<&'static str> {
+    let texts = [
+        (Fate::Overwritten, "overwritten before they were sent"),
+        (Fate::Discarded, "overwritten before they were received"),
+        (Fate::NoRoom, "at the deadline of a subscriber without room"),
+        (Fate::Closed, "to subscribers that left"),
+        (
+            Fate::PoolLimit,
+            "at --pool-limit, to subscribers that hold samples",
+        ),
+        (Fate::TooLong, "longer than their subscribers accept"),
+        (Fate::Expired, "older than their --lifespan"),
+    ];
+    let text = texts.into_iter().find(|it| it.0 == fate);
+    let text = text.map_or(fate.as_str(), |it| it.1);
+    fate.is_drop().then_some(text)
 }
 
 #[cfg(test)]

@@ -333,8 +333,8 @@ impl Flow {
                 told == Some(id) && place == Stage::Queued
             }
             Fate::Closed => over,
-            // Every message of the model is shorter than any maximum, and has no lifespan.
-            Fate::NoRoom | Fate::PoolLimit | Fate::TooLong | Fate::Expired => false,
+            // No message of the model has another fate: each is shorter than any maximum, and has no lifespan.
+            _ => false,
         };
         if is_true {
             return Ok(*entry);
