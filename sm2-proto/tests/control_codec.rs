@@ -395,19 +395,24 @@ fn texts() {
 //= SM2-COD-001 test
 #[test]
 fn precedence() {
-    let too_deep = declare(|contract| {
-        if let Contract::Publisher { offer, .. } = contract {
-            offer.depth = 0;
-        }
+    let [too_deep, reliable] = [false, true].map(|is_reliable| {
+        declare(|contract| {
+            if let Contract::Publisher { offer, .. } = contract {
+                offer.depth = 0;
+                offer.reliable = is_reliable;
+            }
+        })
     });
+    let mut flag = too_deep.iter().zip(&reliable);
+    let flag = flag.position(|(one, other)| one != other).unwrap();
     let mut not_canonical = too_deep.clone();
     not_canonical.splice(1..2, [0x81, 0]);
     let mut trailing = not_canonical.clone();
     trailing.push(0);
     // A bool follows the illegal depth: encodings are checked before ranges.
     let mut malformed = trailing.clone();
-    let at = malformed.len() - 5;
-    malformed[at] = 2;
+    // The splice has put one byte in front of it.
+    malformed[flag + 1] = 2;
     // The name precedes the illegal depth.
     let mut bad_name = malformed.clone();
     bad_name[5] = b'.';
