@@ -79,7 +79,7 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
     ///   [`wait_share_percent`](Self::wait_share_percent) of the time (SM2-QOS-004).
     ///
     /// Each message that a subscriber misses by these rules counts as
-    /// [`deadline`](sm2_proto::link::Counters::deadline) here and in [`Published::missed`](crate::Published::missed).
+    /// [`no_room`](sm2_proto::link::Counters::no_room) here and in [`Published::missed`](crate::Published::missed).
     /// The subscriber learns of the gap with the next message: [`Sample::lost`](crate::Sample::lost).
     ///
     /// A transfer that must lose nothing to a subscriber that is slower for long sets `wait_share_percent(100)` and a
