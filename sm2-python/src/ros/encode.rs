@@ -51,10 +51,7 @@ fn is_of_value(py: Python<'_>, error: &PyErr) -> bool {
 /// The reason why a value has no encoding.
 enum Wrong {
     Value(EncodeError),
-    Python {
-        path: FieldPath,
-        error: PyErr,
-    },
+    Python { path: FieldPath, error: PyErr },
 }
 
 impl Wrong {
