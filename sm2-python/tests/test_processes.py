@@ -51,7 +51,7 @@ if child == 0:
         try:
             use()
         except sm2.ForkError as error:
-            refused += "which forked this one" in str(error)
+            refused += "that forked this one" in str(error)
     # A view keeps its memory, and no drop reaches the parent.
     assert (view == 1).all()
     del sample, view, request, call
