@@ -6,7 +6,7 @@ use sm2_proto::Name;
 
 use super::{
     row::Node,
-    source::{Source, entry},
+    source::{self, entry},
 };
 use crate::{
     args::{Domain, name},
@@ -48,8 +48,7 @@ Examples:
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let session = Session::open(&arguments.domain, "param-describe")?;
     let node = &arguments.node;
-    let source = Source::open(&session, node)?;
-    let Some(table) = source.first(&session, arguments.timeout)? else {
+    let Some(table) = source::table(&session, node, arguments.timeout)? else {
         return Ok(stopped(&session));
     };
     let entries: Vec<&Entry> = match arguments.names.as_slice() {

@@ -4,7 +4,7 @@ use clap::Args;
 use sm2_node::params::Table;
 use sm2_proto::Name;
 
-use super::{row::Node, source::Source};
+use super::{row::Node, source};
 use crate::{
     args::{Domain, name},
     connect::Session,
@@ -45,8 +45,7 @@ Examples:
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let session = Session::open(&arguments.domain, "param-dump")?;
     let node = &arguments.node;
-    let source = Source::open(&session, node)?;
-    let Some(table) = source.first(&session, arguments.timeout)? else {
+    let Some(table) = source::table(&session, node, arguments.timeout)? else {
         return Ok(stopped(&session));
     };
     let mut out = Output::new();

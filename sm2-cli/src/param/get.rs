@@ -5,7 +5,7 @@ use sm2_proto::Name;
 
 use super::{
     row::{Row, bare},
-    source::{Source, entry},
+    source::{self, entry},
 };
 use crate::{
     args::{Domain, name},
@@ -49,8 +49,7 @@ Examples:
 
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let session = Session::open(&arguments.domain, "param-get")?;
-    let source = Source::open(&session, &arguments.node)?;
-    let Some(table) = source.first(&session, arguments.timeout)? else {
+    let Some(table) = source::table(&session, &arguments.node, arguments.timeout)? else {
         return Ok(stopped(&session));
     };
     let entry = entry(&table, &arguments.node, &arguments.name)?;

@@ -7,14 +7,13 @@ use sm2_proto::Name;
 use super::{
     error::ParamError,
     set::Done,
-    source::{self, Source, entry},
+    source::{self, entry},
 };
 use crate::{
     args::{Domain, name},
     connect::Session,
     ended::Ended,
     error::CliError,
-    output::Output,
     service::stopped,
     time,
 };
@@ -53,8 +52,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let Arguments { node, timeout, .. } = arguments;
     let file = File::load(&arguments.file).map_err(ParamError::File)?;
     let session = Session::open(&arguments.domain, "param-load")?;
-    let source = Source::open(&session, node)?;
-    let Some(table) = source.first(&session, *timeout)? else {
+    let Some(table) = source::table(&session, node, *timeout)? else {
         return Ok(stopped(&session));
     };
     let assignments = assignments(&file, node, &table)?;
@@ -66,15 +64,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let Some(revision) = revision else {
         return Ok(stopped(&session));
     };
-    let mut out = Output::new();
-    if arguments.json {
-        out.json(&Done {
-            node: node.as_str(),
-            parameters,
-            revision,
-        })?;
-    }
-    Ok(Ended::Done)
+    let done = Done {
+        node: node.as_str(),
+        parameters,
+        revision,
+    };
+    done.print(arguments.json)
 }
 
 /// The values of the file that differ from those of the node.

@@ -7,7 +7,7 @@ use sm2_proto::Name;
 
 use super::{
     error::ParamError,
-    source::{self, Source, entry},
+    source::{self, entry},
 };
 use crate::{
     args::{Domain, name},
@@ -60,6 +60,16 @@ pub(super) struct Done<'a> {
     pub(super) revision: u64,
 }
 
+impl Done<'_> {
+    /// Prints the object for `--json`, and nothing otherwise.
+    pub(super) fn print(&self, json: bool) -> Result<Ended, CliError> {
+        if json {
+            Output::new().json(self)?;
+        }
+        Ok(Ended::Done)
+    }
+}
+
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let Arguments { node, timeout, .. } = arguments;
     if let [name] = arguments.values.as_chunks::<2>().1 {
@@ -67,8 +77,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         return Err(ParamError::NoValue { name }.into());
     }
     let session = Session::open(&arguments.domain, "param-set")?;
-    let source = Source::open(&session, node)?;
-    let Some(table) = source.first(&session, *timeout)? else {
+    let Some(table) = source::table(&session, node, *timeout)? else {
         return Ok(stopped(&session));
     };
     let mut assignments = Vec::new();
@@ -84,13 +93,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let Some(revision) = source::set(&session, node, assignments, *timeout)? else {
         return Ok(stopped(&session));
     };
-    let mut out = Output::new();
-    if arguments.json {
-        out.json(&Done {
-            node: node.as_str(),
-            parameters,
-            revision,
-        })?;
-    }
-    Ok(Ended::Done)
+    let done = Done {
+        node: node.as_str(),
+        parameters,
+        revision,
+    };
+    done.print(arguments.json)
 }

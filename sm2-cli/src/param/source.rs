@@ -109,6 +109,19 @@ impl Source {
     }
 }
 
+/// The present table of a node; `None` if a signal came first.
+///
+/// # Errors
+///
+/// Those of [`Source::open`] and [`Source::first`].
+pub(super) fn table(
+    session: &Session,
+    node: &Name,
+    timeout: Duration,
+) -> Result<Option<Table>, CliError> {
+    Source::open(session, node)?.first(session, timeout)
+}
+
 /// The nodes with parameters, also those of other domains that a gateway shows here.
 pub(super) fn nodes(domain: &Mirror) -> BTreeSet<Name> {
     let granted = domain.interfaces().filter(|it| it.refused.is_none());
