@@ -8,7 +8,8 @@ mod ring;
 
 use super::{
     At, Delivery, Error, Fate, Link, LinkMemory, Misuse, NoDelivery, OutboundMessage, Output,
-    RingMemory, Role, Wake, lane::Lane, machine::Over, socket_lane::SocketLane, wire::Given,
+    RingMemory, RingMessage, Role, Wake, lane::Lane, machine::Over, socket_lane::SocketLane,
+    wire::Given,
 };
 use crate::limits::MESSAGE_MAX;
 
@@ -30,24 +31,53 @@ impl Link {
         message: OutboundMessage,
         mut settled: impl FnMut(u64, Fate),
     ) -> Result<Wake, Error> {
-        if let Some(end) = self.end() {
-            return Err(Error::Ended(end));
-        }
+        self.check_send(message.len)?;
         let result = match &self.lane {
-            _ if !self.config.role.sends() => Err(Misuse::WrongRole.into()),
-            //= SM2-QOS-008, SM2-SRV-006, SM2-SRV-007
-            _ if message.len > self.peer_max_len && message.len <= MESSAGE_MAX => {
-                Err(Misuse::NotAccepted.into())
-            }
             Lane::Undecided => Err(Misuse::NotOpen.into()),
             Lane::Socket(_) => match self.send_by_socket(message) {
                 Ok(()) => Ok(Wake::NotNeeded),
                 Err(misuse) => Err(misuse.into()),
             },
-            Lane::Ring(_) => self.send_by_ring(memory, &message, &mut settled),
+            Lane::Ring(_) => match RingMessage::of(&message) {
+                Some(message) => self.send_by_ring(memory, &message, &mut settled),
+                None => Err(Misuse::NotPooled.into()),
+            },
         };
         self.invariants();
         result
+    }
+
+    /// As [`send`](Self::send), for a message that is in a slot, on the ring lane.
+    ///
+    /// # Errors
+    /// Those of [`send`](Self::send). [`Misuse::NotOpen`] also occurs on the socket lane.
+    #[inline]
+    pub fn send_in_slot(
+        &mut self,
+        memory: &impl LinkMemory,
+        message: &RingMessage,
+        mut settled: impl FnMut(u64, Fate),
+    ) -> Result<Wake, Error> {
+        self.check_send(message.len)?;
+        let result = self.send_by_ring(memory, message, &mut settled);
+        self.invariants();
+        result
+    }
+
+    /// Checks what does not depend on the lane.
+    //= SM2-QOS-008, SM2-SRV-006, SM2-SRV-007
+    #[inline]
+    fn check_send(&self, len: u64) -> Result<(), Error> {
+        if let Some(end) = self.end() {
+            return Err(Error::Ended(end));
+        }
+        if !self.config.role.sends() {
+            return Err(Misuse::WrongRole.into());
+        }
+        if len > self.peer_max_len && len <= MESSAGE_MAX {
+            return Err(Misuse::NotAccepted.into());
+        }
+        Ok(())
     }
 
     fn send_by_socket(&mut self, message: OutboundMessage) -> Result<(), Misuse> {

@@ -113,7 +113,9 @@ pub use self::{
     memory::{LentRing, LinkMemory, NoMemory, NoRing},
     packet::{Attachment, Head, Packet},
     publications::Publications,
-    ring::{At, EMPTY, NotAWord, RingLayout, RingMemory, SlotHead, Wake, Word, doorbell},
+    ring::{
+        At, EMPTY, NotAWord, RingLayout, RingMemory, RingMessage, SlotHead, Wake, Word, doorbell,
+    },
     role::Role,
     segments::{SegmentInfo, SlotRange},
     status::Status,

@@ -1,8 +1,7 @@
 //! Messages that are sent through a ring.
 
 use super::super::{
-    At, Delivery, End, Error, Fate, Link, LinkMemory, Misuse, NoDelivery, OutboundMessage,
-    RingMemory, Wake,
+    At, Delivery, End, Error, Fate, Link, LinkMemory, Misuse, NoDelivery, RingMemory, Wake,
     lane::Lane,
     machine::Over,
     ring::{NotReleased, NotTaken, RingMessage, RingSendError, wake_parked},
@@ -12,14 +11,14 @@ use crate::{Farewell, Violation};
 
 impl Link {
     /// [`Link::send`] on the ring lane.
+    #[inline]
     pub(super) fn send_by_ring(
         &mut self,
         memory: &impl LinkMemory,
-        message: &OutboundMessage,
+        message: &RingMessage,
         settled: &mut impl FnMut(u64, Fate),
     ) -> Result<Wake, Error> {
         let words = memory.outgoing().ok_or(Misuse::NotLent)?;
-        let message = &RingMessage::of(message).ok_or(Misuse::NotPooled)?;
         if self.has_calls() {
             return self.queue_for_ring(words, message, settled);
         }

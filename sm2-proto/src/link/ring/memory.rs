@@ -15,6 +15,7 @@ pub trait RingMemory {
     /// Replaces `bits` by [`EMPTY`](super::EMPTY) if the word still has this value. Returns whether
     /// it had.
     fn take(&self, at: At, bits: u64) -> bool;
-    /// A sequentially consistent fence.
+    /// A sequentially consistent fence. The last access of this thread to a word was a [`swap`](Self::swap) or a
+    /// [`take`](Self::take).
     fn fence(&self);
 }

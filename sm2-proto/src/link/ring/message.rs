@@ -4,9 +4,9 @@ use super::super::{Body, Misuse, OutboundMessage, SegmentInfo};
 use crate::Violation;
 
 /// A message to send, as the ring lane stores it. Its payload and its [head](super::SlotHead) are
-/// already in the slot.
+/// already in the slot: see [`Link::send_in_slot`](crate::link::Link::send_in_slot).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(in crate::link) struct RingMessage {
+pub struct RingMessage {
     /// The same as [`OutboundMessage::key`].
     pub key: u64,
     /// The publisher's count of its publications, or the caller's count of its calls: both increase

@@ -44,7 +44,7 @@ mod word;
 
 pub(super) use self::{
     lane::RingLane,
-    message::{RingMessage, RingSendError},
+    message::RingSendError,
     receiver::{NotReleased, NotTaken, RingReceiver},
     segments::RingSegments,
     send_queue::SendQueue,
@@ -53,6 +53,7 @@ pub(super) use self::{
 };
 pub use self::{
     memory::RingMemory,
+    message::RingMessage,
     wake::{Wake, doorbell},
     word::{At, EMPTY, NotAWord, RingLayout, SlotHead, Word},
 };

@@ -4,6 +4,7 @@
 mod proofs;
 
 use alloc::{collections::VecDeque, vec, vec::Vec};
+use core::num::NonZeroU64;
 
 use super::{
     super::{
@@ -77,7 +78,8 @@ enum State {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 struct Unsettled {
     key: u64,
-    sequence: u64,
+    /// From 1, so that no message takes no further space in the table.
+    sequence: NonZeroU64,
 }
 
 impl RingSender {
@@ -279,10 +281,8 @@ impl RingSender {
         if let Some(segment) = self.segment_mut(message.segment.id) {
             segment.unreleased += 1;
             if let Some(slot) = segment.slots.get_mut(message.slot as usize) {
-                *slot = Some(Unsettled {
-                    key: message.key,
-                    sequence,
-                });
+                let key = message.key;
+                *slot = NonZeroU64::new(sequence).map(|sequence| Unsettled { key, sequence });
             }
         }
     }
@@ -386,6 +386,7 @@ impl RingSender {
         let segment = self.segment_mut(u32::from(word.segment))?;
         let slot = segment.slots.get_mut(usize::from(word.slot))?;
         let Unsettled { key, sequence } = (*slot)?;
+        let sequence = sequence.get();
         let fate = if sequence as u32 == word.sequence {
             Fate::Delivered
         } else if expires && sequence as u32 == !word.sequence {
