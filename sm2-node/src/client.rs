@@ -7,7 +7,6 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use sm2_io::memfd::Side;
-use sm2_proto::control::LinkPeer;
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
@@ -312,25 +311,19 @@ pub struct Reply<R: Message + ?Sized> {
     /// Before the receipt, so that it is dropped first: the view may refer to the slot that the receipt
     /// releases.
     view: R::View,
-    peer: Arc<LinkPeer>,
-    _receipt: Receipt,
+    receipt: Receipt,
 }
 
 impl<R: Message + ?Sized> Reply<R> {
     fn new(service: Name, received: Received) -> Result<Self, CallError> {
         let Received {
-            peer,
             header,
             bytes,
             receipt,
         } = received;
         match header.status {
             Status::Ok => match R::view_in_place(bytes) {
-                Ok(view) => Ok(Self {
-                    view,
-                    peer,
-                    _receipt: receipt,
-                }),
+                Ok(view) => Ok(Self { view, receipt }),
                 Err(reason) => Err(CallError::Payload { service, reason }),
             },
             Status::Failed => {
@@ -345,7 +338,7 @@ impl<R: Message + ?Sized> Reply<R> {
     /// The name of the server's node.
     #[must_use]
     pub fn server(&self) -> &Name {
-        &self.peer.name
+        &self.receipt.peer().name
     }
 }
 
@@ -360,7 +353,7 @@ impl<R: Message + ?Sized> Deref for Reply<R> {
 impl<R: Message + ?Sized + fmt::Debug> fmt::Debug for Reply<R> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Reply")
-            .field("server", &self.peer.name)
+            .field("server", &self.receipt.peer().name)
             .field("message", &&**self)
             .finish()
     }

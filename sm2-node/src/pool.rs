@@ -159,18 +159,14 @@ impl<M> Pool<M> {
     /// Takes a free slot for `len` bytes and a head.
     pub(crate) fn take(&mut self, len: u64) -> Option<Lease<M>> {
         let stride = stride_for(len);
-        let first = (self.segments).partition_point(|it| it.geometry.stride < stride);
-        let segment = self.segments[first..]
-            .iter_mut()
-            .filter(|it| it.geometry.stride <= 2 * stride || it.geometry.reserved)
-            .find(|it| !it.free.is_empty())?;
+        let fits = |it: &Segment<M>| it.geometry.stride <= 2 * stride || it.geometry.reserved;
+        let mut larger = (self.segments.iter_mut()).skip_while(|it| it.geometry.stride < stride);
+        let segment = larger.find(|it| fits(it) && !it.free.is_empty())?;
         segment.touched = true;
-        let lease = segment.free.pop();
-        if let Some(lease) = &lease {
-            self.used += lease.segment.stride;
-        }
+        let lease = segment.free.pop()?;
+        self.used += lease.segment.stride;
         self.check_invariants();
-        lease
+        Some(lease)
     }
 
     /// Returns the segment to [add](Self::add) so that there is a slot for `len` bytes.

@@ -2,9 +2,7 @@
 
 use std::fmt;
 use std::ops::Deref;
-use std::sync::Arc;
 
-use sm2_proto::control::LinkPeer;
 use sm2_proto::{Contract, Instant, Name, TypeId};
 
 use crate::handle::receive::{Receipt, Received};
@@ -23,15 +21,13 @@ pub struct Sample<T: Message + ?Sized> {
     sequence: u64,
     time: Instant,
     lost: u64,
-    peer: Arc<LinkPeer>,
-    _receipt: Receipt,
+    receipt: Receipt,
 }
 
 impl<T: Message + ?Sized> Sample<T> {
     #[inline]
     pub(crate) fn new(received: Received) -> Result<Self, RecvError> {
         let Received {
-            peer,
             header,
             bytes,
             receipt,
@@ -39,7 +35,7 @@ impl<T: Message + ?Sized> Sample<T> {
         let view = match T::view_in_place(bytes) {
             Ok(view) => view,
             Err(reason) => {
-                let publisher = peer.name.clone();
+                let publisher = receipt.peer().name.clone();
                 return Err(RecvError::Payload { publisher, reason });
             }
         };
@@ -48,8 +44,7 @@ impl<T: Message + ?Sized> Sample<T> {
             sequence: header.id,
             time: header.time,
             lost: header.lost,
-            peer,
-            _receipt: receipt,
+            receipt,
         })
     }
 
@@ -74,13 +69,13 @@ impl<T: Message + ?Sized> Sample<T> {
     /// The name of the publisher's node.
     #[must_use]
     pub fn publisher(&self) -> &Name {
-        &self.peer.name
+        &self.receipt.peer().name
     }
 
     /// The type that the publisher declared: the type of the subscriber, unless that accepts any type.
     #[must_use]
     pub fn type_id(&self) -> Option<&TypeId> {
-        match &self.peer.contract {
+        match &self.receipt.peer().contract {
             Contract::Publisher { data, .. } => Some(data),
             _ => None,
         }
@@ -99,7 +94,7 @@ impl<T: Message + ?Sized + fmt::Debug> fmt::Debug for Sample<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Sample")
             .field("sequence", &self.sequence)
-            .field("publisher", &self.peer.name)
+            .field("publisher", &self.receipt.peer().name)
             .field("message", &&**self)
             .finish()
     }

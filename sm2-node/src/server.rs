@@ -89,7 +89,6 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
             return Ok(None);
         };
         let Received {
-            peer,
             header,
             bytes,
             receipt,
@@ -100,7 +99,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
                 token: receipt.token(),
                 id: header.id,
             },
-            client: peer,
+            client: Arc::clone(receipt.peer()),
             answered: false,
         };
         match Q::view_in_place(bytes) {

@@ -2,6 +2,7 @@
 //! lanes.
 
 use crate::common;
+use std::thread;
 use std::time::Duration;
 
 use crate::common::fixture::Fixture;
@@ -213,5 +214,36 @@ fn messages_without_a_subscriber_are_counted() {
         fill(&publisher, b"x");
         publisher.publish_timeout(b"x", Duration::ZERO).unwrap();
         assert_eq!(publisher.unheard(), 2);
+    });
+}
+
+/// How many messages each of two threads publishes.
+const EACH: u64 = 1_000;
+
+/// A message that waits for room is not overtaken by one of another thread that finds room at that moment.
+//= SM2-QOS-002 test
+#[test]
+fn threads_that_wait_for_room_keep_their_order() {
+    Fixture::each(|it| {
+        let (talker, listener) = (it.node("talker"), it.node("listener"));
+        let publisher = publisher(&talker);
+        let subscriber = narrow(&listener);
+        meet(&publisher, &[&subscriber]);
+        let publish = || {
+            for _ in 0..EACH {
+                assert_eq!(publisher.publish(b"x").unwrap().missed, 0);
+            }
+            // Without the background thread, calls send the messages that wait in the publisher.
+            publisher.flush().unwrap();
+        };
+        thread::scope(|scope| {
+            scope.spawn(publish);
+            scope.spawn(publish);
+            for number in 1..=2 * EACH {
+                let sample = next(&subscriber);
+                assert_eq!((sample.sequence(), sample.lost()), (number, 0));
+            }
+        });
+        assert_eq!(publisher.counters().dropped(), 0);
     });
 }

@@ -12,6 +12,7 @@ mod publish;
 mod qos;
 mod ready;
 mod reports;
+mod road;
 mod server;
 mod settle;
 mod take;
@@ -51,6 +52,8 @@ pub(crate) struct Interface {
     pub(super) latched: VecDeque<MessageKey>,
     /// The number of published messages.
     pub(super) published: u64,
+    /// How many publications wait for reliable links.
+    pub(crate) waiting: u32,
     /// The number of messages that were published while no link was open.
     pub(crate) unheard: u64,
     pub(super) calls: Calls,
@@ -148,6 +151,7 @@ impl Interface {
             outbox: Outbox::new(pool_limit),
             latched: VecDeque::new(),
             published: 0,
+            waiting: 0,
             unheard: 0,
             calls: Calls::default(),
             servers: |_| true,
@@ -183,8 +187,13 @@ impl Interface {
         matches!(self.state, State::Live { .. }) && self.refused_again.is_none()
     }
 
-    /// Takes the results of calls that the control side has to handle, if there are any.
+    /// Whether there are results of calls that the control side has to handle.
     #[inline]
+    pub(super) fn has_for_control(&self) -> bool {
+        !self.for_control.is_empty() || !self.outbox.leftovers.is_empty()
+    }
+
+    /// Takes the results of calls that the control side has to handle, if there are any.
     pub(super) fn take_for_control(&mut self) -> Option<ForControl> {
         if !self.outbox.leftovers.is_empty() {
             self.for_control

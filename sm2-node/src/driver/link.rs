@@ -11,6 +11,7 @@ mod mapped;
 mod outputs;
 mod qos;
 mod receive;
+mod road;
 mod send;
 mod suspend;
 mod take;
@@ -22,7 +23,6 @@ use std::sync::Arc;
 
 use sm2_io::memfd::SealedFile;
 use sm2_io::{CounterEntry, SegmentFd, SeqPacket};
-use sm2_proto::control::LinkPeer;
 use sm2_proto::link::{self, Counters, End, Link, Packet, Role};
 use sm2_proto::{Code, Farewell, LinkId};
 
@@ -30,6 +30,7 @@ use self::account::LinkAccount;
 use self::mapped::{Mapped, make_ring};
 use super::counters::update;
 use super::event_sets::BackgroundInterest;
+use super::origin::Origin;
 use super::outbox::{MessageKey, Needs};
 use super::status::{LinkStatus, Received};
 use super::token::LinkToken;
@@ -39,8 +40,7 @@ use crate::quota::PeerQuota;
 #[derive(Debug)]
 pub(crate) struct LinkDriver {
     pub(crate) id: LinkId,
-    pub(crate) peer: Arc<LinkPeer>,
-    token: LinkToken,
+    pub(crate) origin: Arc<Origin>,
     /// The room for the socket, which is given back before the socket is closed.
     room: Option<HeldLink>,
     socket: Option<SeqPacket>,
@@ -111,8 +111,7 @@ struct Unsent {
 
 impl LinkDriver {
     pub(super) fn new(
-        token: LinkToken,
-        peer: Arc<LinkPeer>,
+        origin: Arc<Origin>,
         (socket, room): (SeqPacket, HeldLink),
         mut config: link::Config,
         mut entry: Option<CounterEntry>,
@@ -127,8 +126,7 @@ impl LinkDriver {
         let own_ring = make_ring(&mut config, &mut mapped);
         Self {
             id: config.id,
-            peer,
-            token,
+            origin,
             room: Some(room),
             socket: Some(socket),
             machine: Link::new(config),
@@ -174,8 +172,9 @@ impl LinkDriver {
         self.denied || self.end_code() == Some(Farewell::Denied.code())
     }
 
-    pub(crate) const fn token(&self) -> LinkToken {
-        self.token
+    #[inline]
+    pub(crate) fn token(&self) -> LinkToken {
+        self.origin.token
     }
 
     pub(crate) fn is_open(&self) -> bool {
@@ -277,7 +276,7 @@ impl LinkDriver {
         // While a message waits for the window, more messages are in flight than the window admits.
         let admitted = match self.is_reliable() {
             true => 0,
-            false => self.peer.contract.window() as usize,
+            false => self.origin.peer.contract.window() as usize,
         };
         !self.is_open()
             || (self.backlog.is_empty()
@@ -308,7 +307,7 @@ impl LinkDriver {
     pub(super) fn status(&self) -> LinkStatus {
         LinkStatus {
             id: self.id,
-            peer: Arc::clone(&self.peer),
+            peer: Arc::clone(&self.origin.peer),
             open: self.is_open(),
             reliable: self.is_reliable(),
             sealed: self.is_sealed(),

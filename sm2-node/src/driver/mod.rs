@@ -16,6 +16,7 @@
 //! | `context` | the parts of an interface's driver that a call lends to the interface and its links |
 //! | `interface` | one publisher, subscriber, server or client: its links, and the work with its messages |
 //! | `link` | one end of one link: its socket and machine, sending, taking, mapped memory |
+//! | `origin` | what the messages of a link have in common |
 //! | `outbox` | the messages of an interface that are not settled, and the memory that they are in |
 //! | `leftovers` | memory of messages that goes back to the system in parts |
 //! | `counters`, `status` | what tools and programs can read about interfaces and links |
@@ -48,6 +49,7 @@ mod limited_warning;
 mod limits;
 mod link;
 mod next_words;
+mod origin;
 mod outbox;
 mod qos_timer;
 mod questions;
@@ -73,6 +75,7 @@ pub(crate) use self::interface::{
     CallId, Choice, Condition, Full, Header, Interface, Offered, Outcome, State, Taken,
 };
 pub(crate) use self::limits::SHORTAGE_PAUSE;
+pub(crate) use self::origin::Origin;
 pub(crate) use self::outbox::{Forms, Needs, NoSlot, PoolLimit, Reservation, Reserved};
 pub(crate) use self::questions::{Answer, Followed, Lost, Question, Ticket};
 pub(crate) use self::session::{NotDeclared, may_return};

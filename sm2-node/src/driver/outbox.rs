@@ -27,6 +27,7 @@ use sm2_proto::link::{Fate, Status};
 
 pub(super) use self::forms::NoForm;
 pub(super) use self::limit::Room;
+pub(super) use self::message::info;
 pub(crate) use self::message::{Forms, Label};
 use self::message::{StoredMessage, write_head};
 pub(super) use self::message_key::MessageKey;
@@ -35,7 +36,7 @@ pub(crate) use self::needs::Needs;
 pub(crate) use self::pool_limit::PoolLimit;
 pub(crate) use self::reservation::{NoSlot, Reservation, Reserved};
 use super::leftovers::Leftover;
-use crate::pool::Pool;
+use crate::pool::{Lease, Pool};
 
 #[derive(Debug)]
 pub(crate) struct Outbox {
@@ -89,6 +90,25 @@ impl Outbox {
         self.messages.insert(message)
     }
 
+    /// Stores a message whose payload is in this slot, which was leased under the same lock. The caller holds the
+    /// message until it [releases](Self::release) it.
+    #[inline]
+    pub(super) fn store_in_slot(&mut self, mut lease: Lease<Slot>, label: Label) -> MessageKey {
+        write_head(&mut lease, label, Status::Ok);
+        let Label { id, time, len } = label;
+        self.messages.insert(StoredMessage {
+            forms: Forms {
+                pooled: Some(lease),
+                ..Forms::default()
+            },
+            len,
+            id,
+            time,
+            holders: 1,
+            orphaned: false,
+        })
+    }
+
     /// The fields of a message's header.
     pub(super) fn label(&self, key: MessageKey) -> Option<Label> {
         let StoredMessage { id, time, len, .. } = *self.messages.get(key)?;
@@ -96,6 +116,7 @@ impl Outbox {
     }
 
     /// Adds a holder to a message.
+    #[inline]
     pub(crate) fn hold(&mut self, key: MessageKey) {
         if let Some(message) = self.messages.get_mut(key) {
             message.holders += 1;
@@ -103,8 +124,12 @@ impl Outbox {
     }
 
     /// Removes a holder that did not send the message.
+    #[inline]
     pub(crate) fn release(&mut self, key: MessageKey) {
-        self.remove_holder(key, false);
+        match self.messages.get_mut(key) {
+            Some(message) if message.holders > 1 => message.holders -= 1,
+            _ => self.remove_holder(key, false),
+        }
     }
 
     /// Removes a holder of a message: a link has settled the message.

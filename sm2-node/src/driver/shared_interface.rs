@@ -23,6 +23,7 @@ use super::limited_warning::LimitedWarning;
 use super::limits::{ENDS, SOCKETS, SOCKETS_WAIT_NS, put_ends_last};
 use super::link::LinkDriver;
 use super::next_words::NextWords;
+use super::origin::GiveBack;
 use super::sleepers::Sleepers;
 use super::token::LinkToken;
 
@@ -255,6 +256,13 @@ impl SharedInterface {
     }
 }
 
+impl GiveBack for SharedInterface {
+    //= SM2-MSG-005
+    fn give_back(&self, link: LinkToken, sequence: u64) {
+        (self.lock()).change(|interface, context| interface.give_back(link, sequence, context));
+    }
+}
+
 impl LockedInterface<'_> {
     /// Drives the links.
     pub(super) fn drive(&mut self) {
@@ -270,6 +278,18 @@ impl LockedInterface<'_> {
     ) -> R {
         let sets = &self.shared.sets;
         DerefMut::deref_mut(self).change(sets, change)
+    }
+
+    /// Releases the lock, and then passes the results of the call to the control side.
+    #[cold]
+    fn unlock_and_handle(&mut self) {
+        let results = (self.driver.as_mut()).and_then(|it| it.interface.take_for_control());
+        // The order of locks: the node's lock is never taken under that of an interface.
+        self.driver = None;
+        if let Some(results) = results {
+            let SharedInterface { id, control, .. } = self.shared;
+            control.handle(*id, results);
+        }
     }
 
     /// The same as [`change`](Self::change), but without settling first.
@@ -302,12 +322,8 @@ impl DerefMut for LockedInterface<'_> {
 impl Drop for LockedInterface<'_> {
     #[inline]
     fn drop(&mut self) {
-        let results = (self.driver.as_mut()).and_then(|it| it.interface.take_for_control());
-        // The order of locks: the node's lock is never taken under that of an interface.
-        self.driver = None;
-        if let Some(results) = results {
-            let SharedInterface { id, control, .. } = self.shared;
-            control.handle(*id, results);
+        if (self.driver.as_ref()).is_some_and(|it| it.interface.has_for_control()) {
+            self.unlock_and_handle();
         }
     }
 }

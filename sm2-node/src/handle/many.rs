@@ -1,7 +1,7 @@
 //! Taking many messages under one lock, and releasing them under another one.
 
 use super::Handle;
-use super::receive::{Receipt, Received, Unreadable};
+use super::receive::{Received, Unreadable};
 use crate::driver::LinkToken;
 use crate::driver::{LockedInterface, Taken, Until};
 use crate::{RecvError, Wait};
@@ -44,7 +44,7 @@ impl Handle {
         taken: Vec<Taken>,
         mut each: impl FnMut(Result<Received, RecvError>),
     ) {
-        let place = |it: &Taken| (it.token, it.header.sequence);
+        let place = |it: &Taken| (it.origin.token, it.header.sequence);
         let mut places: Vec<_> = taken.iter().map(place).collect();
         // The messages of one link are one batch. The sort keeps their order.
         places.sort_by_key(|it| it.0);
@@ -53,7 +53,7 @@ impl Handle {
             places,
         };
         for taken in taken {
-            if let Some(opened) = or_error(self.open_with(taken, Receipt::none())) {
+            if let Some(opened) = or_error(self.open_lent(taken)) {
                 each(opened);
             }
         }

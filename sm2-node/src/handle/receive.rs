@@ -1,15 +1,14 @@
 //! Taking messages from an interface, and releasing them.
 
 use std::io;
-use std::sync::{Arc, Weak};
+use std::sync::Arc;
 
 use sm2_io::memfd::{Side, blame};
 use sm2_proto::control::LinkPeer;
 
 use super::Handle;
 use crate::RecvError;
-use crate::driver::LinkToken;
-use crate::driver::{Context, Full, Header, Interface, SharedInterface, Taken, Until};
+use crate::driver::{Context, Full, Header, Interface, LinkToken, Origin, Taken, Until};
 use crate::payload::MessageBytes;
 
 impl Handle {
@@ -65,21 +64,27 @@ impl Handle {
         }
     }
 
-    #[inline]
-    pub(crate) fn open_for(&self, taken: Taken) -> Result<Received, Unreadable> {
-        let receipt = self.receipt(&taken);
-        self.open_with(taken, receipt)
-    }
-
     /// Makes a taken message readable. If that is the sender's fault, closes its link.
     #[inline]
-    pub(super) fn open_with(&self, taken: Taken, receipt: Receipt) -> Result<Received, Unreadable> {
+    pub(crate) fn open_for(&self, taken: Taken) -> Result<Received, Unreadable> {
+        let sequence = taken.header.sequence;
+        self.open_with(taken, sequence)
+    }
+
+    /// As [`open_for`](Self::open_for), for a message that another value releases.
+    #[inline]
+    pub(super) fn open_lent(&self, taken: Taken) -> Result<Received, Unreadable> {
+        self.open_with(taken, 0)
+    }
+
+    #[inline]
+    fn open_with(&self, taken: Taken, sequence: u64) -> Result<Received, Unreadable> {
         let Taken {
-            token,
-            peer,
+            origin,
             header,
             source,
         } = taken;
+        let receipt = Receipt { origin, sequence };
         // SAFETY: only `receipt`, or the `Lent` of its batch, releases the message. `Received`,
         // `Sample`, `Request` and `Reply` drop the bytes before the receipt, `Lent` is dropped
         // after all of them, and none gives the bytes away.
@@ -87,28 +92,20 @@ impl Handle {
         let opened = unsafe { source.open() };
         match opened {
             Ok(bytes) => Ok(Received {
-                peer,
                 header,
                 bytes,
                 receipt,
             }),
             Err(source) => {
                 let side = blame(&source);
+                let Origin { token, peer, .. } = &*receipt.origin;
                 self.with_undriven(|interface, context| match side {
-                    Side::Receiver => interface.lose(&peer, 1),
-                    Side::Sender => interface.unreadable(token, &peer, &source, context),
+                    Side::Receiver => interface.lose(peer, 1),
+                    Side::Sender => interface.unreadable(*token, peer, &source, context),
                 });
+                let peer = Arc::clone(peer);
                 Err(Unreadable { peer, source, side })
             }
-        }
-    }
-
-    #[inline]
-    fn receipt(&self, taken: &Taken) -> Receipt {
-        Receipt {
-            interface: Arc::downgrade(&self.interface),
-            token: taken.token,
-            sequence: taken.header.sequence,
         }
     }
 }
@@ -116,7 +113,6 @@ impl Handle {
 /// A message that the program holds.
 #[derive(Debug)]
 pub(crate) struct Received {
-    pub(crate) peer: Arc<LinkPeer>,
     pub(crate) header: Header,
     pub(crate) bytes: MessageBytes,
     /// Last, because it releases the message: all other fields are dropped before.
@@ -152,34 +148,32 @@ impl Unreadable {
 /// Releases a message when dropped. Keeps neither the node nor its interface alive.
 #[derive(Debug)]
 pub(crate) struct Receipt {
-    interface: Weak<SharedInterface>,
-    token: LinkToken,
+    origin: Arc<Origin>,
+    /// The number of the message on its link, from 1; 0 if another value releases the message.
     sequence: u64,
 }
 
 impl Receipt {
-    /// The receipt of a message that another value releases.
-    pub(super) const fn none() -> Self {
-        Self {
-            interface: Weak::new(),
-            token: LinkToken::FIRST,
-            sequence: 0,
-        }
+    /// The token of its link.
+    pub(crate) fn token(&self) -> LinkToken {
+        self.origin.token
     }
 
-    /// The token of its link.
-    pub(crate) const fn token(&self) -> LinkToken {
-        self.token
+    /// The process that sent the message.
+    #[inline]
+    pub(crate) fn peer(&self) -> &Arc<LinkPeer> {
+        &self.origin.peer
     }
 }
 
 impl Drop for Receipt {
     //= SM2-MSG-005
+    #[inline]
     fn drop(&mut self) {
-        if let Some(interface) = self.interface.upgrade() {
-            interface.lock().change(|interface, context| {
-                interface.give_back(self.token, self.sequence, context);
-            });
+        if self.sequence != 0
+            && let Some(interface) = self.origin.interface.upgrade()
+        {
+            interface.give_back(self.origin.token, self.sequence);
         }
     }
 }

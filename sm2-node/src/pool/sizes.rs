@@ -33,7 +33,8 @@ pub(crate) const fn stride_for(len: u64) -> u64 {
         PAGE..HUGE_PAGE => PAGE,
         HUGE_PAGE.. => HUGE_PAGE,
     };
-    size.next_multiple_of(unit)
+    // As `next_multiple_of`, without a division: each unit is a power of two.
+    (size + unit - 1) & !(unit - 1)
 }
 
 /// Returns how many slots the first segment of a class has.

@@ -1,7 +1,5 @@
 //! Publishing many messages under one lock.
 
-use std::sync::PoisonError;
-
 use super::Publisher;
 use super::untyped::UntypedPublisher;
 use crate::outgoing::Outgoing;
@@ -54,7 +52,6 @@ impl UntypedPublisher {
         run: &mut Vec<Outgoing<'_>>,
         sum: &mut Published,
     ) -> Result<(), PublishError> {
-        let _order = self.order.lock().unwrap_or_else(PoisonError::into_inner);
         let mut rest = run.drain(..);
         loop {
             let sent = self.publish_to_rings(rest.as_slice(), sum);
@@ -62,13 +59,13 @@ impl UntypedPublisher {
             let Some(message) = rest.by_ref().nth(sent) else {
                 return Ok(());
             };
-            let publication = self.start(message, self.publish_timeout)?;
-            sum.add(self.complete(publication)?);
+            sum.add(self.publish_off_road(message, self.publish_timeout)?);
         }
     }
 
     /// Publishes messages under one lock, as long as they are short and the rings of all links have room.
     /// Returns how many were published.
+    #[inline]
     pub(super) fn publish_to_rings(&self, messages: &[Outgoing<'_>], sum: &mut Published) -> usize {
         let now = sm2_io::clock::now();
         let (mut locked, is_driven) = self.handle.interface.lock_if_due(now);

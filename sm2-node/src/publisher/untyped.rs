@@ -29,7 +29,7 @@ const PAUSES: u32 = 64;
 #[derive(Debug)]
 pub(crate) struct UntypedPublisher {
     pub(crate) handle: Handle,
-    /// Held during a publication, so that each link carries messages in order.
+    /// Held during a publication that leaves the road, so that each link carries messages in order.
     pub(super) order: Mutex<()>,
     /// See [`publish_timeout`](crate::PublisherBuilder::publish_timeout).
     pub(crate) publish_timeout: Duration,
@@ -69,12 +69,25 @@ impl UntypedPublisher {
         message: Outgoing<'_>,
         timeout: Duration,
     ) -> Result<Published, PublishError> {
-        let _order = self.order.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(published) = self.publish_one_to_rings(array::from_ref(&message)) {
+        if let Some(published) = self.publish_one_to_rings(&message) {
             return Ok(published);
         }
+        self.publish_off_road(message, timeout)
+    }
+
+    /// Publishes a message in the general way, and waits at most `timeout` for reliable links without room.
+    pub(super) fn publish_off_road(
+        &self,
+        message: Outgoing<'_>,
+        timeout: Duration,
+    ) -> Result<Published, PublishError> {
+        let _order = self.order();
         let publication = self.start(message, timeout)?;
         self.complete(publication)
+    }
+
+    fn order(&self) -> MutexGuard<'_, ()> {
+        self.order.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Publishes a message unless the publication would wait: then `None`, and no link gets the message.
@@ -82,10 +95,10 @@ impl UntypedPublisher {
         &self,
         message: Outgoing<'_>,
     ) -> Result<Option<Published>, PublishError> {
-        let _order = self.order.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(published) = self.publish_one_to_rings(array::from_ref(&message)) {
+        if let Some(published) = self.publish_one_to_rings(&message) {
             return Ok(Some(published));
         }
+        let _order = self.order();
         if !(self.handle).with_driven_if_due(|interface, _| interface.has_room()) {
             return Ok(None);
         }
@@ -100,9 +113,9 @@ impl UntypedPublisher {
 
     /// Publishes a message if it is short and the rings of all links have room.
     #[inline]
-    fn publish_one_to_rings(&self, message: &[Outgoing<'_>; 1]) -> Option<Published> {
+    fn publish_one_to_rings(&self, message: &Outgoing<'_>) -> Option<Published> {
         let mut published = Published::default();
-        let count = self.publish_to_rings(message, &mut published);
+        let count = self.publish_to_rings(array::from_ref(message), &mut published);
         (count == 1).then_some(published)
     }
 
@@ -169,7 +182,7 @@ impl UntypedPublisher {
         len: u64,
         timeout: Duration,
     ) -> Result<Published, PublishError> {
-        let _order = self.order.lock().unwrap_or_else(PoisonError::into_inner);
+        let _order = self.order();
         let publication = self.offer(forms, len, timeout);
         self.complete(publication)
     }
@@ -204,6 +217,8 @@ impl UntypedPublisher {
             if grant.is_empty() {
                 return Publication::Done(interface.finish(offered, context));
             }
+            // Until it is finished, no message on the road overtakes this one.
+            interface.waiting += 1;
             Publication::Waiting { offered, grant }
         });
         if let Publication::Done(_) = publication {
@@ -279,9 +294,10 @@ impl UntypedPublisher {
     /// Stops waiting: links that have no room miss this message.
     pub(crate) fn finish(&self, offered: Offered, grant: WaitGrant) -> Published {
         self.budget().settle(grant, sm2_io::clock::now());
-        let published = self
-            .handle
-            .with_undriven(|interface, context| interface.finish(offered, context));
+        let published = self.handle.with_undriven(|interface, context| {
+            interface.waiting -= 1;
+            interface.finish(offered, context)
+        });
         self.refill_spare();
         published
     }

@@ -43,7 +43,7 @@ impl Interface {
         let Some(link) = self.links.get(token) else {
             return;
         };
-        let peer = Arc::clone(&link.peer);
+        let peer = Arc::clone(&link.origin.peer);
         let mut all = self.links.iter();
         let is_first = !all.any(|it| it.token() < token && it.precedes(&peer, publications));
         drop(all);
@@ -78,9 +78,9 @@ impl Interface {
         self.absence.add(away);
         update(self.entry.as_mut(), |entry| entry.away(away));
         let lost = lost.saturating_add(away).saturating_add(dropped);
-        self.lose(&link.peer, lost);
+        self.lose(&link.origin.peer, lost);
         if let Some((publisher, record)) = link.close_account(dropped) {
-            let node = link.peer.name.clone();
+            let node = link.origin.peer.name.clone();
             self.absence.publishers.keep(node, publisher, record);
         }
         drop(link);

@@ -41,7 +41,8 @@ impl Interface {
     /// Chooses the server for the next call, with a request of this length.
     //= SM2-SRV-005, SM2-SRV-006
     pub(crate) fn choose_server(&self, len: u64) -> Choice {
-        let is_meant = |link: &&LinkDriver| link.is_open() && (self.servers)(&link.peer.name);
+        let is_meant =
+            |link: &&LinkDriver| link.is_open() && (self.servers)(&link.origin.peer.name);
         let open = || self.links().filter(is_meant);
         // The choice and the limit use the same sum: otherwise a server whose replies are held would be
         // chosen and found full, while another one is free. Among links with equal sums, this is the oldest:
@@ -134,7 +135,7 @@ impl Interface {
     pub(crate) fn forget(&mut self, call: CallId, context: &mut Context<'_>) {
         self.cancel(call, context);
         if let Some(Some(Outcome::Reply(taken))) = self.calls.open.remove(&call) {
-            self.give_back(taken.token, taken.header.sequence, context);
+            self.give_back(taken.origin.token, taken.header.sequence, context);
         }
     }
 }

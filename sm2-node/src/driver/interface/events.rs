@@ -21,7 +21,7 @@ impl Interface {
             link.take_new_drops();
             if link.is_open() {
                 link.has_joined = true;
-                let peer = Arc::clone(&link.peer);
+                let peer = Arc::clone(&link.origin.peer);
                 self.events.push(Event::Joined { peer });
             }
         }
@@ -59,7 +59,7 @@ impl EventQueue {
     pub(super) fn report_state(&mut self, link: &mut LinkDriver) {
         if link.is_open() && !link.has_joined {
             link.has_joined = true;
-            let peer = Arc::clone(&link.peer);
+            let peer = Arc::clone(&link.origin.peer);
             self.push(Event::Joined { peer });
         }
         if self.is_enabled() {
@@ -69,7 +69,7 @@ impl EventQueue {
             && link.has_joined
         {
             link.has_joined = false;
-            let peer = Arc::clone(&link.peer);
+            let peer = Arc::clone(&link.origin.peer);
             self.push(Event::Left { peer, end });
         }
     }
@@ -77,6 +77,6 @@ impl EventQueue {
     /// Notes the messages that the subscriber of a link does not get.
     fn report_drops(&mut self, link: &mut LinkDriver) {
         let dropped = link.take_new_drops();
-        self.push_loss(&link.peer, dropped);
+        self.push_loss(&link.origin.peer, dropped);
     }
 }

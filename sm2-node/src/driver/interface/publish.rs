@@ -7,9 +7,8 @@ use super::Interface;
 use crate::driver::context::Context;
 use crate::driver::counters::update;
 use crate::driver::link::LinkDriver;
-use crate::driver::outbox::{Forms, Label, MessageKey, Needs};
+use crate::driver::outbox::{Forms, Label, MessageKey, Needs, Outbox};
 use crate::driver::token::LinkToken;
-use crate::outgoing::{COPY_UNDER_LOCK_MAX, Outgoing};
 use crate::published::Published;
 
 /// A publication that was not sent to all links yet.
@@ -17,17 +16,50 @@ use crate::published::Published;
 pub(crate) struct Offered {
     /// The stored message; `None` if no link needed it.
     key: Option<MessageKey>,
-    links: usize,
-    missed: usize,
+    pub(super) links: usize,
+    pub(super) missed: usize,
     /// Links whose subscriber does not accept messages of this length.
-    too_long: usize,
+    pub(super) too_long: usize,
     /// Reliable links without room.
     pub(crate) waiting: Vec<LinkToken>,
     /// Whether a link has ended during the publication.
-    has_ended: bool,
+    pub(super) has_ended: bool,
 }
 
 impl Offered {
+    /// Offers a stored message to an open link.
+    pub(super) fn offer(
+        &mut self,
+        key: MessageKey,
+        len: u64,
+        link: &mut LinkDriver,
+        context: &mut Context<'_>,
+        outbox: &mut Outbox,
+    ) {
+        if !link.accepts(len) {
+            link.drop_too_long(len, context, outbox);
+            return self.count_too_long(link);
+        }
+        if link.is_resuming() {
+            link.resume_if_released();
+            outbox.recheck();
+        }
+        //= SM2-QOS-002, SM2-QOS-003
+        // Links with room get the message first. Of the others, a link that owes is skipped at once.
+        if !link.is_reliable() && link.is_suspended() {
+            link.drop_publication(Fate::PoolLimit, context, outbox);
+        } else if !link.is_reliable() || link.has_room() {
+            link.send(key, Status::Ok, context, outbox);
+            link.watch_in_background(context.sets);
+            self.links += usize::from(link.is_open());
+        } else if link.owes() {
+            link.drop_without_room(context, outbox);
+            self.missed += 1;
+        } else {
+            self.waiting.push(link.token());
+        }
+    }
+
     /// Counts a link whose subscriber does not accept messages of this length.
     pub(super) fn count_too_long(&mut self, link: &LinkDriver) {
         self.too_long += 1;
@@ -52,91 +84,12 @@ impl Interface {
         needs
     }
 
-    /// Publishes short messages in order, while all open links are on the ring lane and all
-    /// reliable ones have room. Returns how many messages it has published, and adds their results
-    /// to `sum`.
-    #[inline]
-    pub(crate) fn publish_to_rings(
-        &mut self,
-        messages: &[Outgoing<'_>],
-        time: Instant,
-        context: &mut Context<'_>,
-        sum: &mut Published,
-    ) -> usize {
-        let mut count = 0;
-        for message in messages {
-            let Outgoing::Encoded(bytes) = message else {
-                break;
-            };
-            if bytes.len() > COPY_UNDER_LOCK_MAX || !self.has_room_in_rings() {
-                break;
-            }
-            let Some(published) = self.publish_to_slot(bytes, time, context) else {
-                break;
-            };
-            sum.add(published);
-            count += 1;
-        }
-        count
-    }
-
     /// Whether a publication would not wait: each reliable link has room, or owes.
     pub(crate) fn has_room(&self) -> bool {
         !self.links().any(LinkDriver::delays_publication)
     }
 
-    /// Copies a message to a slot and publishes it; `None` if there is no slot, or if a publication waits now.
-    fn publish_to_slot(
-        &mut self,
-        bytes: &[u8],
-        time: Instant,
-        context: &mut Context<'_>,
-    ) -> Option<Published> {
-        let len = bytes.len() as u64;
-        let mut lease = match self.outbox.lease_free(len) {
-            Some(lease) => lease,
-            None => {
-                self.harvest(context);
-                if self.outbox.is_check_due(len) {
-                    self.suspend_holders(len);
-                    // The publication waits for a reliable link that is suspended now.
-                    if !self.has_room() {
-                        return None;
-                    }
-                }
-                self.outbox.lease(len).ok()?
-            }
-        };
-        lease.memory.bytes_mut(bytes.len()).copy_from_slice(bytes);
-        let forms = Forms {
-            pooled: Some(lease),
-            ..Forms::default()
-        };
-        let offered = self.publish(forms, time, len, context);
-        self.free_idle(time, context);
-        Some(self.finish(offered, context))
-    }
-
-    /// Whether links are open, all of them on the ring lane, and all reliable ones with room. If a link is opening,
-    /// the other side may already count as linked, so the caller reads the sockets first.
-    fn has_room_in_rings(&self) -> bool {
-        let mut is_any_open = false;
-        for link in self.links() {
-            if link.is_opening() {
-                return false;
-            }
-            if !link.is_open() {
-                continue;
-            }
-            if !link.needs().slot || (link.is_reliable() && !link.has_room()) {
-                return false;
-            }
-            is_any_open = true;
-        }
-        is_any_open
-    }
-
-    fn latches(&self) -> usize {
+    pub(super) fn latches(&self) -> usize {
         match &self.contract {
             Contract::Publisher { offer, .. } => usize::from(offer.latched),
             _ => 0,
@@ -168,34 +121,9 @@ impl Interface {
         };
         let mut is_heard = false;
         for link in self.links.iter_mut() {
-            if !link.is_open() {
-                offered.has_ended |= link.is_over_unnoticed();
-                continue;
-            }
-            is_heard = true;
-            if !link.accepts(len) {
-                link.drop_too_long(len, context, &mut self.outbox);
-                offered.count_too_long(link);
-                offered.has_ended |= link.is_over_unnoticed();
-                continue;
-            }
-            if link.is_resuming() {
-                link.resume_if_released();
-                self.outbox.recheck();
-            }
-            //= SM2-QOS-002, SM2-QOS-003
-            // Links with room get the message first. Of the others, a link that owes is skipped at once.
-            if !link.is_reliable() && link.is_suspended() {
-                link.drop_publication(Fate::PoolLimit, context, &mut self.outbox);
-            } else if !link.is_reliable() || link.has_room() {
-                link.send(key, Status::Ok, context, &mut self.outbox);
-                link.watch_in_background(context.sets);
-                offered.links += usize::from(link.is_open());
-            } else if link.owes() {
-                link.drop_without_room(context, &mut self.outbox);
-                offered.missed += 1;
-            } else {
-                offered.waiting.push(link.token());
+            if link.is_open() {
+                is_heard = true;
+                offered.offer(key, len, link, context, &mut self.outbox);
             }
             offered.has_ended |= link.is_over_unnoticed();
         }
@@ -308,7 +236,7 @@ impl Interface {
         }
     }
 
-    fn latch(&mut self, key: MessageKey) {
+    pub(super) fn latch(&mut self, key: MessageKey) {
         if self.latches() == 0 {
             return;
         }

@@ -56,7 +56,7 @@ impl Interface {
                 link.tick(context, outbox);
             });
             if let Some(link) = self.links.get_mut(token) {
-                let (missed, peer) = (link.take_missed(), Arc::clone(&link.peer));
+                let (missed, peer) = (link.take_missed(), Arc::clone(&link.origin.peer));
                 self.count_missed(missed, Some(peer));
             }
         }
@@ -99,7 +99,7 @@ impl Interface {
             return;
         };
         if let Some(is_alive) = link.take_liveliness_change() {
-            let peer = Some(Arc::clone(&link.peer));
+            let peer = Some(Arc::clone(&link.origin.peer));
             self.update_liveliness(is_alive, peer);
         }
     }

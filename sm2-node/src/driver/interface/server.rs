@@ -20,7 +20,7 @@ impl Interface {
         while self.take(&mut |taken| *into = Some(taken), context)?
             && let Some(taken) = into
         {
-            let (token, id) = (taken.token, taken.header.id);
+            let (token, id) = (taken.origin.token, taken.header.id);
             let deadline = taken.header.time;
             let cancelled = self.is_cancelled(CallId { token, id });
             let late = deadline.0 != 0 && deadline <= sm2_io::clock::now();

@@ -56,7 +56,7 @@ impl Interface {
                 }
                 Ok(false) => {}
                 Err(error) => {
-                    let peer = Arc::clone(&link.peer);
+                    let peer = Arc::clone(&link.origin.peer);
                     full = Some(Full { error, peer });
                 }
             }

@@ -18,7 +18,7 @@ impl LinkDriver {
     pub(in crate::driver) fn precedes(&self, peer: &LinkPeer, of: Publications) -> bool {
         self.end().is_some()
             && self.machine.peer_publications().publisher == of.publisher
-            && self.peer.name == peer.name
+            && self.origin.peer.name == peer.name
     }
 
     /// Takes no message from this link until those of an older link are taken, or takes them now.
@@ -40,7 +40,7 @@ impl LinkDriver {
         publications: Publications,
         record: Option<Record>,
     ) -> u64 {
-        let is_latched = match &self.peer.contract {
+        let is_latched = match &self.origin.peer.contract {
             Contract::Publisher { offer, .. } => offer.latched > 0,
             _ => false,
         };

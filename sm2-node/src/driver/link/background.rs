@@ -49,7 +49,7 @@ impl LinkDriver {
             return;
         }
         if let Some(socket) = &self.socket
-            && (sets.watch_link_in_background(socket, self.token, wanted)).is_ok()
+            && (sets.watch_link_in_background(socket, self.origin.token, wanted)).is_ok()
         {
             self.in_background = wanted;
         }

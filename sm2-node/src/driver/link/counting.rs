@@ -10,6 +10,7 @@ use crate::driver::counters::update;
 
 impl LinkDriver {
     /// Counts a message that was sent.
+    #[inline]
     pub(in crate::driver) fn count_sent(&mut self, time: Instant, len: u64) {
         let at = match self.role() {
             // A server's entry counts requests, not replies.

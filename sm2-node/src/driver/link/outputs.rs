@@ -136,7 +136,7 @@ impl LinkDriver {
 
     pub(super) fn watch(&mut self, interest: Interest, sets: &LinkSets) {
         if let Some(socket) = &self.socket
-            && let Err(error) = sets.watch_link(socket, self.token, interest)
+            && let Err(error) = sets.watch_link(socket, self.origin.token, interest)
         {
             self.fail(Farewell::Resources, &error);
         }
@@ -193,7 +193,7 @@ impl LinkDriver {
 
     /// Requests the end of the link before its next output.
     pub(in crate::driver) fn fail(&mut self, code: impl Into<Code> + Display, error: &dyn Display) {
-        tracing::warn!(link = %self.id, peer = %self.peer.name, %error, "link given up: {code}");
+        tracing::warn!(link = %self.id, peer = %self.origin.peer.name, %error, "link given up: {code}");
         self.failing = Some(code.into());
     }
 
@@ -226,7 +226,7 @@ impl LinkDriver {
 
     /// Logs the end of the link, as the last step: if the program's logger panics, the rest is done.
     fn log_end(&self, end: End) {
-        let (link, peer) = (self.id, &self.peer.name);
+        let (link, peer) = (self.id, &self.origin.peer.name);
         match end {
             End::Violation(violation) => tracing::warn!(
                 %link, %peer,

@@ -81,7 +81,7 @@ impl LinkDriver {
                     return;
                 }
                 Err(RecvError::Io(error)) => {
-                    tracing::warn!(link = %self.id, peer = %self.peer.name, %error, "link failed");
+                    tracing::warn!(link = %self.id, peer = %self.origin.peer.name, %error, "link failed");
                     self.settle_returned(context, outbox);
                     return self.feed(Input::Eof, context.sets, outbox);
                 }
@@ -98,7 +98,7 @@ impl LinkDriver {
         };
         //= SM2-TRN-011
         if came.control_truncated {
-            let (link, peer) = (self.id, &self.peer.name);
+            let (link, peer) = (self.id, &self.origin.peer.name);
             tracing::warn!(%link, %peer, "no free descriptor for a frame: raise the limit of open files (ulimit -n)");
         }
         // If the datagram is a violation, the outputs report it.

@@ -103,7 +103,7 @@ impl LinkDriver {
 
     /// Handles a message that cannot be put into the form that this link needs.
     fn without_form(&mut self, error: &NoForm, context: &mut Context<'_>, outbox: &mut Outbox) {
-        let peer = &self.peer.name;
+        let peer = &self.origin.peer.name;
         if matches!(error, NoForm::Slot(_)) && self.role() == Role::Sender {
             tracing::warn!(link = %self.id, %peer, %error, "no slot for a message: this link misses it");
             return self.drop_publication(Fate::Overwritten, context, outbox);
@@ -164,7 +164,7 @@ impl LinkDriver {
         outbox: &mut Outbox,
     ) {
         if self.counters().too_long == 0 {
-            let (link, peer, max_len) = (self.id, &self.peer.name, self.peer_max_len());
+            let (link, peer, max_len) = (self.id, &self.origin.peer.name, self.peer_max_len());
             tracing::warn!(%link, %peer, len, max_len, "the peer misses a message that is longer than it accepts");
         }
         self.drop_publication(Fate::TooLong, context, outbox);
@@ -187,7 +187,7 @@ impl LinkDriver {
         );
         if !self.has_room_for_backlog() && self.is_open() {
             if self.counters().no_room == 0 {
-                let (link, peer) = (self.id, &self.peer.name);
+                let (link, peer) = (self.id, &self.origin.peer.name);
                 tracing::warn!(%link, %peer, "a reliable subscriber without room misses messages until it catches up");
             }
             self.drop_publication(Fate::NoRoom, context, outbox);

@@ -17,7 +17,7 @@ impl LinkDriver {
     }
 
     pub(in crate::driver) fn suspend(&mut self) {
-        tracing::debug!(link = %self.id, peer = %self.peer.name, "suspended at the pool limit");
+        tracing::debug!(link = %self.id, peer = %self.origin.peer.name, "suspended at the pool limit");
         self.suspended = Some(self.released());
     }
 

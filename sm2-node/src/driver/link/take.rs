@@ -116,7 +116,7 @@ impl LinkDriver {
             }
             let Before { away, unreported } =
                 (self.account).take(&mut header, delivery.lost, self.entry.as_mut());
-            count(&header, away, &self.peer);
+            count(&header, away, &self.origin.peer);
             header.lost = header.lost.saturating_add(unreported);
             let source = match delivery.payload {
                 Payload::Inline(bytes) => Source::Inline(bytes),
@@ -139,8 +139,7 @@ impl LinkDriver {
             };
             debug_assert!(!matches!(source, Source::Missing), "{header:?}");
             put(Taken {
-                token: self.token,
-                peer: Arc::clone(&self.peer),
+                origin: Arc::clone(&self.origin),
                 header,
                 source,
             });

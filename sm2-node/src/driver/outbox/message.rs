@@ -76,7 +76,8 @@ pub(super) fn write_head(lease: &mut Lease<Slot>, label: Label, status: Status) 
 }
 
 /// The segment of a slot, as messages refer to it.
-pub(super) const fn info<M>(lease: &Lease<M>) -> SegmentInfo {
+#[inline]
+pub(in crate::driver) const fn info<M>(lease: &Lease<M>) -> SegmentInfo {
     SegmentInfo {
         id: lease.segment.id,
         stride: lease.segment.stride,

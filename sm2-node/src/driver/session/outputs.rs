@@ -15,6 +15,7 @@ use crate::driver::event_sets::NodeSets;
 use crate::driver::interface::{Interface, State};
 use crate::driver::limits::BURST;
 use crate::driver::link::LinkDriver;
+use crate::driver::origin::Origin;
 
 impl Control {
     pub(in crate::driver) fn on_session_event(&mut self, event: Event, sets: &NodeSets) {
@@ -231,16 +232,20 @@ impl Control {
         came: &mut Incoming,
         sets: &NodeSets,
     ) {
-        if !self.interfaces.contains_key(&id) {
+        let Some(interface) = self.interfaces.get(&id).map(Arc::downgrade) else {
             return;
-        }
+        };
         let token = self.last_token.next();
         self.last_token = token;
         self.routes.insert(token, id);
         let mut entry = self.counting.allocate(id, Some(link));
         let quota = self.mappings.peer(link.epoch, peer.node);
         let (ring, room) = (self.ring_lane, self.link_room.hold());
-        let peer = Arc::new(peer);
+        let origin = Arc::new(Origin {
+            token,
+            peer: Arc::new(peer),
+            interface,
+        });
         let socket = (came.take_fd())
             .ok_or_else(|| io::Error::from(io::ErrorKind::NotFound))
             .and_then(SeqPacket::from_fd);
@@ -254,10 +259,10 @@ impl Control {
                 max_len: interface.max_len,
                 publications: interface.publications(),
                 ..Config::new(&interface.contract, link, version, reliable, sealed)
-                    .with_peer(&peer.contract)
+                    .with_peer(&origin.peer.contract)
             };
-            let (peer, entry) = (Arc::clone(&peer), entry.take());
-            let driver = LinkDriver::new(token, peer, (socket, room), config, entry, quota);
+            let (origin, entry) = (Arc::clone(&origin), entry.take());
+            let driver = LinkDriver::new(origin, (socket, room), config, entry, quota);
             interface.add_link(driver, context);
             Ok::<_, io::Error>(())
         });
@@ -267,7 +272,7 @@ impl Control {
                 self.counting.free(entry);
             }
             self.session.unlinked(id, link, Farewell::Resources.code());
-            tracing::warn!(%link, peer = %peer.name, %error, "cannot use the link's socket");
+            tracing::warn!(%link, peer = %origin.peer.name, %error, "cannot use the link's socket");
         }
         self.state_links();
     }

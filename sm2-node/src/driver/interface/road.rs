@@ -1,0 +1,140 @@
+//! The road of a short message from the program's bytes to the rings of all links, under one lock:
+//!
+//! 1. [`Interface::publish_to_rings`] checks that each open link is on the road.
+//! 2. The outbox leases a slot; the payload and the head are copied into it once, for all links.
+//! 3. Each link's machine records the message and puts its word into the ring (`link/road.rs`).
+//! 4. The counters of the publisher follow, after the words, since receivers need not wait for them.
+//!
+//! A message leaves the road at one place: where a publication would have to read a socket, to wait, or to prepare another
+//! form of the message, it takes the general way in `publish.rs`. A single link that is suspended, owes, or does not
+//! accept the message gets what [`Offered::offer`] does for it, and the other links stay on the road.
+
+use sm2_proto::Instant;
+use sm2_proto::link::RingMessage;
+
+use super::Interface;
+use super::publish::Offered;
+use crate::driver::context::Context;
+use crate::driver::outbox::{Label, info};
+use crate::outgoing::{COPY_UNDER_LOCK_MAX, Outgoing};
+use crate::pool::Lease;
+use crate::published::Published;
+
+impl Interface {
+    /// Publishes short messages in order, while the road is open. Returns how many messages it has published,
+    /// and adds their results to `sum`.
+    #[inline]
+    pub(crate) fn publish_to_rings(
+        &mut self,
+        messages: &[Outgoing<'_>],
+        time: Instant,
+        context: &mut Context<'_>,
+        sum: &mut Published,
+    ) -> usize {
+        let mut count = 0;
+        if self.waiting > 0 {
+            return 0;
+        }
+        for message in messages {
+            let Outgoing::Encoded(bytes) = message else {
+                break;
+            };
+            if bytes.len() > COPY_UNDER_LOCK_MAX || !self.is_road_open(bytes.len() as u64) {
+                break;
+            }
+            let Some(published) = self.publish_on_road(bytes, time, context) else {
+                break;
+            };
+            sum.add(published);
+            count += 1;
+        }
+        count
+    }
+
+    /// Whether links are open, all of them have rings, and none delays a publication. If a link is opening, the other
+    /// side may already count as linked, so the caller reads the sockets first.
+    #[inline]
+    fn is_road_open(&self, len: u64) -> bool {
+        let mut is_any_open = false;
+        for link in self.links() {
+            if link.is_on_road(len) || link.is_beside_road() {
+                is_any_open = true;
+            } else if link.end().is_none() {
+                return false;
+            }
+        }
+        is_any_open
+    }
+
+    /// Copies a message to a slot and sends it on all open links; `None` if there is no slot, or if a publication waits
+    /// now.
+    #[inline]
+    fn publish_on_road(
+        &mut self,
+        bytes: &[u8],
+        time: Instant,
+        context: &mut Context<'_>,
+    ) -> Option<Published> {
+        let len = bytes.len() as u64;
+        let mut lease = match self.outbox.lease_free(len) {
+            Some(lease) => lease,
+            None => self.lease_after_harvest(len, context)?,
+        };
+        lease.memory.bytes_mut(bytes.len()).copy_from_slice(bytes);
+        self.published += 1;
+        let (segment, slot, id) = (info(&lease), lease.slot, self.published);
+        let key = self.outbox.store_in_slot(lease, Label { id, time, len });
+        self.latch(key);
+        let message = RingMessage {
+            key: key.to_raw(),
+            id,
+            len,
+            segment,
+            slot,
+        };
+        let mut offered = Offered::default();
+        for link in self.links.iter_mut() {
+            if link.is_on_road(len) {
+                match link.send_on_road(&message, time, context, &mut self.outbox) {
+                    true => offered.links += 1,
+                    false => offered.has_ended = true,
+                }
+            } else if link.is_open() {
+                offered.offer(key, len, link, context, &mut self.outbox);
+                offered.has_ended |= link.is_over_unnoticed();
+            }
+        }
+        debug_assert!(offered.waiting.is_empty(), "the road was not open");
+        self.outbox.release(key);
+        self.count_publication(time, len, true, context);
+        self.free_idle(time, context);
+        if offered.has_ended {
+            self.notice_ends(context);
+        }
+        self.report_drops();
+        Some(Published {
+            links: offered.links,
+            missed: offered.missed,
+            too_long: offered.too_long,
+        })
+    }
+
+    /// Leases a slot after the messages that came back were settled; `None` if there is none, or if a publication waits
+    /// now.
+    #[cold]
+    fn lease_after_harvest(
+        &mut self,
+        len: u64,
+        context: &mut Context<'_>,
+    ) -> Option<Lease<sm2_io::Slot>> {
+        self.harvest(context);
+        if self.outbox.is_check_due(len) {
+            self.suspend_holders(len);
+        }
+        // A link has ended, or is suspended now.
+        if !self.is_road_open(len) {
+            return None;
+        }
+        self.outbox.lease(len).ok()
+    }
+}

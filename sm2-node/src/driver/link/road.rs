@@ -1,0 +1,71 @@
+//! One link on the road of a short message: see `interface/road.rs`.
+
+use sm2_proto::Instant;
+use sm2_proto::link::{Error, LaneKind, RingMessage, Status};
+
+use super::LinkDriver;
+use crate::driver::context::Context;
+use crate::driver::outbox::{MessageKey, Outbox};
+
+impl LinkDriver {
+    /// Whether the link takes a message of this length now, through its ring.
+    #[inline]
+    pub(in crate::driver) fn is_on_road(&self, len: u64) -> bool {
+        self.is_open()
+            && self.machine.lane() == LaneKind::Ring
+            && self.accepts(len)
+            && self.suspended.is_none()
+            && self.backlog.is_empty()
+            && (!self.is_reliable() || self.has_room())
+    }
+
+    /// Whether an open link with a ring does not take a message now, and does not delay its publication.
+    pub(in crate::driver) fn is_beside_road(&self) -> bool {
+        self.is_open() && self.machine.lane() == LaneKind::Ring && !self.delays_publication()
+    }
+
+    /// Sends a message that the outbox holds. Returns whether the link is not over.
+    #[inline]
+    pub(in crate::driver) fn send_on_road(
+        &mut self,
+        message: &RingMessage,
+        time: Instant,
+        context: &mut Context<'_>,
+        outbox: &mut Outbox,
+    ) -> bool {
+        let key = MessageKey::from_raw(message.key);
+        // The call itself may settle the message, so the link holds it before the call.
+        outbox.hold(key);
+        let settled = |key, fate| outbox.settle(MessageKey::from_raw(key), fate);
+        match self.machine.send_in_slot(&self.mapped, message, settled) {
+            Ok(wake) => {
+                self.wake(wake, context.sets);
+                self.drain_if_due(context.sets, outbox);
+                self.count_sent(time, message.len);
+                self.watch_in_background(context.sets);
+            }
+            Err(error) => self.not_sent_on_road(&error, key, context, outbox),
+        }
+        self.end().is_none()
+    }
+
+    #[cold]
+    fn not_sent_on_road(
+        &mut self,
+        error: &Error,
+        key: MessageKey,
+        context: &mut Context<'_>,
+        outbox: &mut Outbox,
+    ) {
+        match error {
+            // The outputs settle the message with all others.
+            Error::Ended(_) => self.drain_idle(context.sets, outbox),
+            // Its segment is not attached yet, or the socket does not accept ATTACH.
+            Error::Misuse(_) => {
+                outbox.release(key);
+                self.send(key, Status::Ok, context, outbox);
+                self.watch_in_background(context.sets);
+            }
+        }
+    }
+}
