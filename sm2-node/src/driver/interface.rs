@@ -11,7 +11,6 @@ mod links;
 mod publish;
 mod qos;
 mod ready;
-mod reports;
 mod road;
 mod server;
 mod settle;
@@ -314,5 +313,24 @@ impl Interface {
         let result = change(link, &mut self.outbox, context);
         self.settle_link(token, context);
         Some(result)
+    }
+
+    /// The statuses of all links, ended links first.
+    pub(crate) fn statuses(&self) -> Vec<LinkStatus> {
+        let live = self
+            .links()
+            .filter(|link| !link.end_noticed)
+            .map(LinkDriver::status);
+        self.ended.iter().cloned().chain(live).collect()
+    }
+
+    /// The sum over all links of the interface, current and past.
+    //= SM2-QOS-006
+    pub(crate) fn counters(&self) -> Counters {
+        let mut sum = self.ended_sum;
+        for link in self.links().filter(|link| !link.end_noticed) {
+            sum.add(&link.counters());
+        }
+        sum
     }
 }

@@ -13,7 +13,6 @@ mod qos;
 mod receive;
 mod road;
 mod send;
-mod suspend;
 mod take;
 mod wake;
 

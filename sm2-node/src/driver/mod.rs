@@ -16,7 +16,7 @@
 //! | `context` | the parts of an interface's driver that a call lends to the interface and its links |
 //! | `interface` | one publisher, subscriber, server or client: its links, and the work with its messages |
 //! | `link` | one end of one link: its socket and machine, sending, taking, mapped memory |
-//! | `origin` | what the messages of a link have in common |
+//! | `origin` | the link that messages came from, which all its samples share |
 //! | `outbox` | the messages of an interface that are not settled, and the memory that they are in |
 //! | `leftovers` | memory of messages that goes back to the system in parts |
 //! | `counters`, `status` | what tools and programs can read about interfaces and links |

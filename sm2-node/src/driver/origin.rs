@@ -1,4 +1,4 @@
-//! What the messages of one link have in common.
+//! The link that messages came from.
 
 use std::fmt;
 use std::sync::{Arc, Weak};
@@ -7,8 +7,8 @@ use sm2_proto::control::LinkPeer;
 
 use super::token::LinkToken;
 
-/// The link that a message came from. All messages of the link share this value, so a message costs one reference count.
-/// It keeps neither the node nor its interface alive.
+/// The link that a message came from. All messages of the link share this value, so each costs one reference count. It
+/// keeps neither the node nor its interface alive.
 #[derive(Debug)]
 pub(crate) struct Origin {
     pub(crate) token: LinkToken,

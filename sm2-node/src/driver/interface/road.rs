@@ -5,9 +5,9 @@
 //! 3. Each link's machine records the message and puts its word into the ring (`link/road.rs`).
 //! 4. The counters of the publisher follow, after the words, since receivers need not wait for them.
 //!
-//! A message leaves the road at one place: where a publication would have to read a socket, to wait, or to prepare another
-//! form of the message, it takes the general way in `publish.rs`. A single link that is suspended, owes, or does not
-//! accept the message gets what [`Offered::offer`] does for it, and the other links stay on the road.
+//! A message leaves the road at one place: where a publication would have to read a socket, to wait, or to prepare
+//! another form of the message, it takes the general way in `publish.rs`. A single link that is suspended, owes, or
+//! does not accept the message gets what [`Offered::offer`] does for it, and the other links stay on the road.
 
 use sm2_proto::Instant;
 use sm2_proto::link::RingMessage;
