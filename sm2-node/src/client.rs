@@ -94,6 +94,15 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
 
     fn send_until(&self, request: &Q, deadline: Option<Instant>) -> Result<Call<R>, CallError> {
         let request = Outgoing::new(request).map_err(StoreError::Encode)?;
+        let now = sm2_io::clock::now();
+        let (mut locked, _) = self.handle.interface.lock_if_due(now);
+        let call = locked.change_unharvested(|interface, context| {
+            interface.call_on_road(&request, deadline, context)
+        });
+        drop(locked);
+        if let Some(call) = call {
+            return Ok(self.pending(call, deadline));
+        }
         let needs = self.server(request.len() as u64, deadline)?;
         self.send_to(needs, request, deadline)
     }
@@ -128,24 +137,29 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
         let len = request.len() as u64;
         let forms = self.handle.store(request, needs)?;
         // Chooses the server again, because other calls may have been sent meanwhile.
-        let call =
-            self.handle
-                .with_undriven(|interface, context| match interface.choose_server(len) {
-                    Choice::Link { token, .. } => {
-                        Ok(interface.call(token, forms, len, deadline, context))
-                    }
-                    other => {
-                        interface.drop_forms(forms, context);
-                        Err(other)
-                    }
-                });
-        Ok(Call {
-            call: call.map_err(|choice| self.no_server(choice, len))?,
+        let call = self.handle.with_undriven_now(|interface, context| {
+            match interface.choose_server(len) {
+                Choice::Link { token, .. } => {
+                    Ok(interface.call(token, forms, len, deadline, context))
+                }
+                other => {
+                    interface.drop_forms(forms, context);
+                    Err(other)
+                }
+            }
+        });
+        let call = call.map_err(|choice| self.no_server(choice, len))?;
+        Ok(self.pending(call, deadline))
+    }
+
+    fn pending(&self, call: CallId, deadline: Option<Instant>) -> Call<R> {
+        Call {
+            call,
             handle: Arc::clone(&self.handle),
             deadline,
             done: false,
             replies: PhantomData,
-        })
+        }
     }
 
     /// Waits until the service has a server with an open link. Returns the payload form that the server

@@ -86,6 +86,14 @@ impl Handle {
         self.interface.lock().change(change)
     }
 
+    /// As [`with_undriven`](Self::with_undriven), for a change that needs the time at which the call began.
+    pub(crate) fn with_undriven_now<R>(
+        &self,
+        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
+    ) -> R {
+        self.interface.lock_at_now().change(change)
+    }
+
     pub(crate) fn links(&self) -> Vec<LinkStatus> {
         self.with_driven(|interface, _| interface.statuses())
     }

@@ -220,7 +220,14 @@ impl Pending {
     fn reply(mut self, reply: Outgoing<'_>, status: Status) -> Result<(), ReplyError> {
         let call = self.call;
         let link = {
-            let locked = self.handle.interface.lock_driven_for(call.token);
+            let mut locked = self.handle.interface.lock_driven_for(call.token);
+            let sent = locked.change_unharvested(|interface, context| {
+                interface.reply_on_road(call, &reply, status, context)
+            });
+            if sent == Some(true) {
+                self.answered = true;
+                return Ok(());
+            }
             let link = locked.interface().link(call.token);
             link.filter(|it| it.is_open())
                 .map(|it| (it.needs(), it.peer_max_len()))
@@ -241,9 +248,9 @@ impl Pending {
             Ok(forms) => forms,
             Err(error) => return Err(self.not_stored(error, needs)),
         };
-        let sent = self
-            .handle
-            .with_undriven(|interface, context| interface.reply(call, forms, len, status, context));
+        let sent = self.handle.with_undriven_now(|interface, context| {
+            interface.reply(call, forms, len, status, context)
+        });
         let result = if sent { Ok(()) } else { Err(gone()) };
         self.answered = true;
         result
@@ -268,7 +275,7 @@ impl Pending {
         // On the ring lane the reason needs a slot as well. A short text may fit into one that is there.
         match self.handle.store(reason.as_bytes().into(), needs) {
             Ok(forms) => {
-                self.handle.with_undriven(|interface, context| {
+                self.handle.with_undriven_now(|interface, context| {
                     interface.reply(call, forms, len, Status::Failed, context)
                 });
                 self.answered = true;
@@ -281,7 +288,7 @@ impl Pending {
     /// Answers the call with this reason in place of a reply.
     fn explain(&mut self, reason: Bytes) {
         let call = self.call;
-        self.handle.with_undriven(|interface, context| {
+        self.handle.with_undriven_now(|interface, context| {
             interface.reply_failed(call, reason, context);
         });
         self.answered = true;

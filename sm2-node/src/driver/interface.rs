@@ -302,6 +302,23 @@ impl Interface {
         self.links.iter().map(LinkDriver::token)
     }
 
+    /// Sends a request or a reply on one link, if it exists, and does the work that can follow from that. On the ring
+    /// lane, this is usually none.
+    fn with_sending_link<R>(
+        &mut self,
+        token: LinkToken,
+        context: &mut Context<'_>,
+        send: impl FnOnce(&mut LinkDriver, &mut Outbox, &mut Context<'_>) -> R,
+    ) -> Option<R> {
+        let link = self.links.get_mut(token)?;
+        let result = send(link, &mut self.outbox, context);
+        match link.is_settled() {
+            true => link.watch_in_background(context.sets),
+            false => self.settle_link(token, context),
+        }
+        Some(result)
+    }
+
     /// Changes one link, if it exists, and does the work that follows from the change.
     pub(super) fn with_link<R>(
         &mut self,

@@ -293,6 +293,12 @@ impl LinkDriver {
         self.machine.may_take(&self.mapped)
     }
 
+    /// Whether nothing follows from a message that was sent or released on this link. On the socket lane something may,
+    /// because a call may have read the socket.
+    pub(super) fn is_settled(&self) -> bool {
+        !self.is_woken_by_socket() && self.end().is_none() && !self.machine.has_queued()
+    }
+
     /// The code that is reported to the Manager; `None` while the link is not over.
     pub(super) fn end_code(&self) -> Option<Code> {
         Some(match self.end()? {

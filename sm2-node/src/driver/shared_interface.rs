@@ -109,6 +109,14 @@ impl SharedInterface {
         }
     }
 
+    /// The same for a call that needs the time at which it began.
+    pub(crate) fn lock_at_now(&self) -> LockedInterface<'_> {
+        let now = sm2_io::clock::now();
+        let mut locked = self.lock();
+        locked.now = now;
+        locked
+    }
+
     /// Whether the program has requested a shutdown.
     #[inline]
     pub(crate) fn is_shut_down(&self) -> bool {
@@ -141,7 +149,7 @@ impl SharedInterface {
         if !self.sets.has_background() {
             self.drive_control();
         }
-        let mut locked = self.lock();
+        let mut locked = self.lock_at_now();
         locked.drive();
         locked
     }

@@ -1,4 +1,4 @@
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 
 use sm2_proto::link::Role;
 
@@ -11,11 +11,11 @@ use crate::driver::token::LinkToken;
 /// The calls of a client whose outcome the program has not seen.
 #[derive(Debug, Default)]
 pub(crate) struct Calls {
-    pub(super) open: HashMap<CallId, Option<Outcome>>,
+    pub(super) open: BTreeMap<CallId, Option<Outcome>>,
 }
 
 /// Identifies a call by its link and its number on that link.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(crate) struct CallId {
     pub(crate) token: LinkToken,
     pub(crate) id: u64,

@@ -66,7 +66,7 @@ impl Interface {
         }
     }
 
-    /// Makes a call on this link.
+    /// Makes a call on this link, at the time at which the call of the program began.
     pub(crate) fn call(
         &mut self,
         token: LinkToken,
@@ -85,12 +85,13 @@ impl Interface {
             len,
         };
         let key = self.outbox.store(forms, label);
-        let sent = self.with_link(token, context, |link, outbox, context| {
+        let sent = self.with_sending_link(token, context, |link, outbox, context| {
             link.last_call = id;
             link.send(key, Status::Ok, context, outbox);
         });
-        let now = sm2_io::clock::now();
-        update(self.entry.as_mut(), |entry| entry.published(now, len));
+        update(self.entry.as_mut(), |entry| {
+            entry.published(context.now, len)
+        });
         self.outbox.release(key);
         // If the link ended before the machine accepted the call, no output reports the call.
         let over = self.link(token).is_none_or(|link| link.end().is_some());

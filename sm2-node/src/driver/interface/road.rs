@@ -10,12 +10,13 @@
 //! does not accept the message gets what [`Offered::offer`] does for it, and the other links stay on the road.
 
 use sm2_proto::Instant;
-use sm2_proto::link::RingMessage;
+use sm2_proto::link::{RingMessage, Status};
 
 use super::Interface;
 use super::publish::Offered;
+use super::{CallId, Choice};
 use crate::driver::context::Context;
-use crate::driver::outbox::{Label, info};
+use crate::driver::outbox::{Forms, Label, Needs, info};
 use crate::outgoing::{COPY_UNDER_LOCK_MAX, Outgoing};
 use crate::pool::Lease;
 use crate::published::Published;
@@ -116,6 +117,55 @@ impl Interface {
             links: offered.links,
             missed: offered.missed,
             too_long: offered.too_long,
+        })
+    }
+
+    /// Makes a call with a short request, under one lock. `None` if the call has to be made in the general way: it waits
+    /// for a server, its server has no ring, or no slot is free before messages that came back are settled.
+    pub(crate) fn call_on_road(
+        &mut self,
+        request: &Outgoing<'_>,
+        deadline: Option<Instant>,
+        context: &mut Context<'_>,
+    ) -> Option<CallId> {
+        let len = request.len() as u64;
+        let Choice::Link { token, needs } = self.choose_server(len) else {
+            return None;
+        };
+        let forms = self.short_forms(request, needs)?;
+        Some(self.call(token, forms, len, deadline, context))
+    }
+
+    /// Sends a short reply, under one lock. `None` if it has to be sent in the general way, as for
+    /// [`call_on_road`](Self::call_on_road); also if the client is gone, or does not accept the reply.
+    pub(crate) fn reply_on_road(
+        &mut self,
+        call: CallId,
+        reply: &Outgoing<'_>,
+        status: Status,
+        context: &mut Context<'_>,
+    ) -> Option<bool> {
+        let len = reply.len() as u64;
+        let link = self
+            .link(call.token)
+            .filter(|link| link.is_open() && link.accepts(len))?;
+        let forms = self.short_forms(reply, link.needs())?;
+        Some(self.reply(call, forms, len, status, context))
+    }
+
+    /// Copies a short message to a slot that is free now.
+    fn short_forms(&mut self, message: &Outgoing<'_>, needs: Needs) -> Option<Forms> {
+        let Outgoing::Encoded(bytes) = message else {
+            return None;
+        };
+        if bytes.len() > COPY_UNDER_LOCK_MAX || !needs.slot {
+            return None;
+        }
+        let mut lease = self.outbox.lease_free(bytes.len() as u64)?;
+        lease.memory.bytes_mut(bytes.len()).copy_from_slice(bytes);
+        Some(Forms {
+            pooled: Some(lease),
+            ..Forms::default()
         })
     }
 

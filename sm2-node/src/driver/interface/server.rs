@@ -29,7 +29,7 @@ impl Interface {
                 (true, _) => Status::Cancelled,
                 (false, true) => Status::DeadlinePassed,
                 (false, false) => {
-                    self.count_request(token, sm2_io::clock::now(), taken.header.len);
+                    self.count_request(token, context.now, taken.header.len);
                     return Ok(());
                 }
             };
@@ -68,7 +68,8 @@ impl Interface {
         self.reply(call, forms, len, Status::Failed, context);
     }
 
-    /// Sends a reply. Returns whether the client's link was still open.
+    /// Sends a reply, at the time at which the call of the program began. Returns whether the client's link was still
+    /// open.
     pub(crate) fn reply(
         &mut self,
         call: CallId,
@@ -79,11 +80,11 @@ impl Interface {
     ) -> bool {
         let label = Label {
             id: call.id,
-            time: sm2_io::clock::now(),
+            time: context.now,
             len,
         };
         let key = self.outbox.store(forms, label);
-        let sent = self.with_link(call.token, context, |link, outbox, context| {
+        let sent = self.with_sending_link(call.token, context, |link, outbox, context| {
             link.cancelled.remove(&call.id);
             let open = link.is_open();
             if open {

@@ -115,7 +115,7 @@ impl Interface {
         };
         link.release(batch, context.sets, &mut self.outbox);
         // On a receiver's link that is not over, a release has no further consequences.
-        if link.role() != Role::Receiver || link.end().is_some() {
+        if !link.is_settled() && (link.role() != Role::Receiver || link.end().is_some()) {
             self.settle_link(token, context);
         }
     }

@@ -9,14 +9,14 @@ use super::LinkDriver;
 use crate::driver::counters::update;
 
 impl LinkDriver {
-    /// Counts a message that was sent.
+    /// Counts a message that was sent at `now`.
     #[inline]
-    pub(in crate::driver) fn count_sent(&mut self, time: Instant, len: u64) {
+    pub(in crate::driver) fn count_sent(&mut self, time: Instant, len: u64, now: Instant) {
         let at = match self.role() {
             // A server's entry counts requests, not replies.
             Role::Server => return self.write_fates(),
             // A request carries its deadline, not the time at which it was sent.
-            Role::Caller => sm2_io::clock::now(),
+            Role::Caller => now,
             Role::Sender | Role::Receiver => time,
         };
         let counters = self.counters();

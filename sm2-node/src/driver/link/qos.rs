@@ -75,13 +75,17 @@ impl LinkDriver {
         self.machine.is_expired(time, sm2_io::clock::now)
     }
 
-    /// Drops the messages that wait for the window and are older than their lifespan.
+    /// Drops the messages that wait for the window and are older than their lifespan. Returns whether there may have
+    /// been some.
     //= SM2-QOS-010
     #[inline]
-    pub(super) fn expire_unsent(&mut self, context: &Context<'_>, outbox: &mut Outbox) {
-        if self.machine.config().lifespan != Period::NONE && self.machine.has_queued() {
+    pub(super) fn expire_unsent(&mut self, context: &Context<'_>, outbox: &mut Outbox) -> bool {
+        let may_expire =
+            self.machine.config().lifespan != Period::NONE && self.machine.has_queued();
+        if may_expire {
             self.machine.expire_unsent(sm2_io::clock::now());
             self.drain_idle(context.sets, outbox);
         }
+        may_expire
     }
 }

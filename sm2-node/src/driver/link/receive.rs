@@ -148,11 +148,13 @@ impl LinkDriver {
         self.drain(Incoming::default(), sets, outbox);
     }
 
-    /// Drains the machine if it may have outputs.
+    /// Drains the machine if it may have outputs. Returns whether it may have had some.
     #[inline]
-    pub(in crate::driver) fn drain_if_due(&mut self, sets: &LinkSets, outbox: &mut Outbox) {
-        if self.machine.has_output() {
+    pub(in crate::driver) fn drain_if_due(&mut self, sets: &LinkSets, outbox: &mut Outbox) -> bool {
+        let is_due = self.machine.has_output();
+        if is_due {
             self.drain_idle(sets, outbox);
         }
+        is_due
     }
 }

@@ -41,7 +41,7 @@ impl LinkDriver {
             Ok(wake) => {
                 self.wake(wake, context.sets);
                 self.drain_if_due(context.sets, outbox);
-                self.count_sent(time, message.len);
+                self.count_sent(time, message.len, context.now);
                 self.watch_in_background(context.sets);
             }
             Err(error) => self.not_sent_on_road(&error, key, context, outbox),

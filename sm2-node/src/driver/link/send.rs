@@ -70,7 +70,7 @@ impl LinkDriver {
             let misuse = match self.machine.send(&self.mapped, message, settled) {
                 Ok(wake) => {
                     self.finish_sending(wake, context, outbox);
-                    self.count_sent(time, len);
+                    self.count_sent(time, len, context.now);
                     break;
                 }
                 // The outputs settle the message with all others.
@@ -197,17 +197,22 @@ impl LinkDriver {
     /// Settles the messages that the receiver gave back, and sends queued messages into the new
     /// room.
     pub(in crate::driver) fn harvest(&mut self, context: &mut Context<'_>, outbox: &mut Outbox) {
-        self.expire_unsent(context, outbox);
+        let mut is_changed = self.expire_unsent(context, outbox);
         while self.machine.end().is_none() {
-            let settled = |key, fate| outbox.settle(MessageKey::from_raw(key), fate);
+            let settled = |key, fate| {
+                is_changed = true;
+                outbox.settle(MessageKey::from_raw(key), fate);
+            };
             let harvested = self.machine.harvest(&self.mapped, settled);
             self.wake(harvested.unwrap_or_default(), context.sets);
-            self.drain_if_due(context.sets, outbox);
+            is_changed |= self.drain_if_due(context.sets, outbox);
             if !self.machine.is_due() {
                 break;
             }
         }
-        self.write_fates();
+        if is_changed {
+            self.write_fates();
+        }
     }
 
     /// Settles the messages that came back before the link may end, and sends nothing.
