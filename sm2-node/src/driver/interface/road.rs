@@ -120,8 +120,8 @@ impl Interface {
         })
     }
 
-    /// Makes a call with a short request, under one lock. `None` if the call has to be made in the general way: it waits
-    /// for a server, its server has no ring, or no slot is free before messages that came back are settled.
+    /// Makes a call with a short request, under one lock. `None` if the call has to be made in the general way: it
+    /// waits for a server, its server has no ring, or no slot is free before messages that came back are settled.
     pub(crate) fn call_on_road(
         &mut self,
         request: &Outgoing<'_>,
