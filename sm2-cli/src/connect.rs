@@ -31,7 +31,7 @@ const NAMES: u32 = 16;
 const STEP: Duration = Duration::from_millis(100);
 
 /// The node of a command, and the signals that end the command.
-pub(crate) struct Session {
+pub(crate) struct CommandNode {
     pub(crate) node: Node,
     interrupt: Interrupt,
     /// Whether the Manager was connected at the last check.
@@ -40,7 +40,7 @@ pub(crate) struct Session {
     silent: Cell<bool>,
 }
 
-impl Session {
+impl CommandNode {
     /// Connects to the domain's Manager under a name of `role` and this process' number. Raises the limit of
     /// descriptors before, since other nodes decide how many links, topics or counter files a command has.
     ///
@@ -192,7 +192,7 @@ impl Domain {
     ///
     /// # Errors
     ///
-    /// As [`Session::open`].
+    /// As [`CommandNode::open`].
     pub(crate) fn connect(
         &self,
         path: &Path,

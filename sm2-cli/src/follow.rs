@@ -5,12 +5,12 @@ use std::{os::fd::BorrowedFd, time::Duration};
 use sm2_node::domain::{QueryError, Watch};
 use sm2_proto::{Instant, control::Change, domain::Domain};
 
-use crate::{connect::Session, error::CliError, wait::For};
+use crate::{connect::CommandNode, error::CliError, wait::For};
 
 /// The domain of a session, as it changes. The Manager answers each request when something has changed, so
 /// there is no polling.
 pub(crate) struct Follow<'a> {
-    session: &'a Session,
+    command_node: &'a CommandNode,
     watch: Watch,
 }
 
@@ -29,13 +29,16 @@ impl<'a> Follow<'a> {
     /// # Errors
     ///
     /// [`CliError::Query`].
-    pub(crate) fn new(session: &'a Session, timeout: Duration) -> Result<Self, CliError> {
-        let mut watch = session.node.watch();
+    pub(crate) fn new(command_node: &'a CommandNode, timeout: Duration) -> Result<Self, CliError> {
+        let mut watch = command_node.node.watch();
         // The first answer is never empty: it contains this node.
         if watch.wait_timeout(timeout)?.is_empty() {
             return Err(QueryError::TimedOut.into());
         }
-        Ok(Self { session, watch })
+        Ok(Self {
+            command_node,
+            watch,
+        })
     }
 
     /// The last known state of the domain.
@@ -55,11 +58,11 @@ impl<'a> Follow<'a> {
     ) -> Result<Woken, CliError> {
         let changes = self.watch.try_wait()?;
         if !changes.is_empty() {
-            self.session.is_connected();
+            self.command_node.is_connected();
             let ready = vec![false; others.len()];
             return Ok(Woken { changes, ready });
         }
-        let mut ready = self.session.step(others, until)?;
+        let mut ready = self.command_node.step(others, until)?;
         ready.truncate(others.len());
         let changes = self.watch.try_wait()?;
         Ok(Woken { changes, ready })

@@ -10,7 +10,7 @@ use sm2_proto::{
 
 use crate::{
     columns::{Column, Row, Table},
-    connect::Session,
+    connect::CommandNode,
     error::CliError,
     names,
     view::{View, service_types, topic_type},
@@ -18,7 +18,7 @@ use crate::{
 
 /// An interface. Field names are part of the command's interface.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub(crate) struct Interface {
+pub(crate) struct InterfaceReport {
     pub(crate) node: String,
     pub(crate) node_id: u64,
     /// The node's number of the interface.
@@ -96,10 +96,10 @@ impl StatedType {
     ///
     /// # Errors
     ///
-    /// As [`Session::describe`].
-    pub(crate) fn of(session: &Session, data: Option<&TypeId>) -> Result<Self, CliError> {
+    /// As [`CommandNode::describe`].
+    pub(crate) fn of(command_node: &CommandNode, data: Option<&TypeId>) -> Result<Self, CliError> {
         let describe = |data: &TypeId| {
-            let schema = session.describe(data)?;
+            let schema = command_node.describe(data)?;
             let data = data.into();
             Ok(Described { data, schema })
         };
@@ -129,11 +129,11 @@ pub(crate) fn on(
     kinds: &[Kind],
     what: &'static str,
     name: &Name,
-) -> Result<Vec<Interface>, CliError> {
+) -> Result<Vec<InterfaceReport>, CliError> {
     let all = view.domain.interfaces();
     let there: Vec<_> = all
         .filter(|it| kinds.contains(&it.contract.kind()) && it.contract.name() == name)
-        .map(|it| Interface::new(view, it))
+        .map(|it| InterfaceReport::new(view, it))
         .collect();
     if there.is_empty() {
         return Err(names::unknown(what, name, view.names(kinds)));
@@ -141,7 +141,7 @@ pub(crate) fn on(
     Ok(there)
 }
 
-impl Interface {
+impl InterfaceReport {
     pub(crate) fn new(view: &View<'_>, it: InterfaceView<'_>) -> Self {
         Self::of(view, it.entity, it.contract, it.refused)
     }
@@ -277,7 +277,7 @@ impl fmt::Display for Qos {
     }
 }
 
-impl Row for Interface {
+impl Row for InterfaceReport {
     const COLUMNS: &'static [Column<Self>] = &[
         ("NODE", |it| it.node.clone()),
         ("KIND", |it| it.kind.into()),
@@ -294,7 +294,7 @@ impl Row for Interface {
 }
 
 /// A table of interfaces.
-pub(crate) const fn table(interfaces: &[Interface]) -> Table<'_, Interface> {
+pub(crate) const fn table(interfaces: &[InterfaceReport]) -> Table<'_, InterfaceReport> {
     Table(interfaces)
 }
 

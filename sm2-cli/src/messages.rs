@@ -8,7 +8,7 @@ use serde::Serialize;
 use sm2_proto::{TypeId, schema::Schema};
 
 use crate::{
-    connect::Session,
+    connect::CommandNode,
     decode::{self, Codec, CodecError, Limits, Value},
     error::CliError,
     ros_types::Definitions,
@@ -50,10 +50,10 @@ impl Schemas {
     /// [`CliError::Definition`] if it is a wrong definition of ROS 2.
     pub(crate) fn of(
         &mut self,
-        session: &Session,
+        command_node: &CommandNode,
         data: &TypeId,
     ) -> Result<Option<&Codec>, CliError> {
-        self.ask(session, data);
+        self.ask(command_node, data);
         match self.known.get(data) {
             Some(Some(Ok(codec))) => Ok(Some(codec)),
             Some(Some(Err(error))) => Err(definition(data, error)),
@@ -63,8 +63,8 @@ impl Schemas {
 
     /// The schema of a type, to show messages. If it is a wrong definition of ROS 2, standard error says so once, and
     /// the messages are shown as those of a type without a schema.
-    pub(crate) fn shown(&mut self, session: &Session, data: &TypeId) -> Option<&Codec> {
-        let is_new = self.ask(session, data);
+    pub(crate) fn shown(&mut self, command_node: &CommandNode, data: &TypeId) -> Option<&Codec> {
+        let is_new = self.ask(command_node, data);
         self.known_shown(data, is_new)
     }
 
@@ -91,12 +91,12 @@ impl Schemas {
     }
 
     /// Asks for the schema of a type, unless it is known. Returns whether there is a new answer.
-    fn ask(&mut self, session: &Session, data: &TypeId) -> bool {
+    fn ask(&mut self, command_node: &CommandNode, data: &TypeId) -> bool {
         if self.known.contains_key(data) {
             return false;
         }
         // Without a Manager there is no answer. The next message asks again.
-        let Ok(text) = session.describe(data) else {
+        let Ok(text) = command_node.describe(data) else {
             return false;
         };
         self.learn(data, text);

@@ -14,7 +14,7 @@ use self::keys::{HINT, Keys};
 use crate::{
     args::{Domain, name, rate},
     bag_choice::Choice,
-    connect::Session,
+    connect::CommandNode,
     ended::Ended,
     error::CliError,
     output::Output,
@@ -125,14 +125,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         let path = bag.path().display();
         stderr_line!("sm2: {path} is incomplete: playing what can be read");
     }
-    let session = Session::open(&arguments.domain, "play")?;
-    let played = play(arguments, &bags, &session)?;
+    let command_node = CommandNode::open(&arguments.domain, "play")?;
+    let played = play(arguments, &bags, &command_node)?;
     let mut out = Output::new();
     match arguments.json {
         true => out.json(&played)?,
         false => show(&mut out, &played)?,
     }
-    Ok(match session.stopped() {
+    Ok(match command_node.stopped() {
         Some(signal) if !arguments.again => Ended::Stopped(signal),
         _ if !played.damaged.is_empty() || !played.left_out.is_empty() => Ended::No,
         _ => Ended::Done,
@@ -140,7 +140,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
 }
 
 /// Plays the bags, with `--loop` until a signal or a key ends it.
-fn play(arguments: &Arguments, bags: &[Bag], session: &Session) -> Result<PlayReport, CliError> {
+fn play(
+    arguments: &Arguments,
+    bags: &[Bag],
+    command_node: &CommandNode,
+) -> Result<PlayReport, CliError> {
     let topics = arguments.remap.iter().map(|(from, _)| from.as_str());
     arguments.choice.check(bags, topics)?;
     let starts = bags.iter().filter_map(|it| it.report().start_ns);
@@ -164,7 +168,7 @@ fn play(arguments: &Arguments, bags: &[Bag], session: &Session) -> Result<PlayRe
             .manager_timeout(arguments.domain.connect_timeout)
             .connect()
     };
-    let mut player = Player::new(bags, options, connect, session.signal_fd())?;
+    let mut player = Player::new(bags, options, connect, command_node.signal_fd())?;
     if player.omits_clock() {
         stderr_line!(
             "sm2: the recorded topic clock is left out: domain time is that of this replay"
@@ -177,20 +181,22 @@ fn play(arguments: &Arguments, bags: &[Bag], session: &Session) -> Result<PlayRe
         );
     }
     // A policy may allow the topics, but not the service.
-    if let Err(error) = player.serve(&session.node, &arguments.service) {
+    if let Err(error) = player.serve(&command_node.node, &arguments.service) {
         stderr_line!("sm2: `sm2 play control` does not reach this replay: {error}");
     }
     let control = player.control();
     let keys = match arguments.json {
         true => None,
-        false => Keys::start(control.clone(), session).map_err(CliError::system("read keys"))?,
+        false => {
+            Keys::start(control.clone(), command_node).map_err(CliError::system("read keys"))?
+        }
     };
     if keys.is_some() {
         stderr_line!("{HINT}");
     }
     loop {
         let played = player.play()?;
-        if !arguments.again || session.stopped().is_some() || control.has_ended() {
+        if !arguments.again || command_node.stopped().is_some() || control.has_ended() {
             return Ok(played);
         }
     }

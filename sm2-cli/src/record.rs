@@ -27,7 +27,7 @@ use crate::{
     args::{Domain, name, positive},
     bag_summary::show,
     compression::Compression,
-    connect::Session,
+    connect::CommandNode,
     ended::Ended,
     error::CliError,
     output::Output,
@@ -189,7 +189,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         let topic = topic.to_string();
         return Err(CliError::NotRecorded { topic });
     }
-    let session = Session::open(&arguments.domain, "record")?;
+    let command_node = CommandNode::open(&arguments.domain, "record")?;
     let length = |seconds| Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX);
     let until = match arguments.seconds {
         Some(seconds) => clock::now().after(length(seconds)),
@@ -201,9 +201,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         Some(last) => {
             let output = arguments.output.as_deref().unwrap_or(Path::new("."));
             let (output, end) = ((output, options), (until, arguments.json));
-            black_box::run(&arguments.black_box, last, output, end, &session, connect)?
+            black_box::run(
+                &arguments.black_box,
+                last,
+                output,
+                end,
+                &command_node,
+                connect,
+            )?
         }
-        None => record_bag(arguments, options, until, &session, connect)?,
+        None => record_bag(arguments, options, until, &command_node, connect)?,
     };
     Ok(match is_missing && !arguments.allow_missing {
         true => Ended::No,
@@ -217,12 +224,12 @@ fn record_bag<'a>(
     arguments: &Arguments,
     options: Options,
     until: Instant,
-    session: &'a Session,
+    command_node: &'a CommandNode,
     connect: impl FnMut() -> Result<Node, ConnectError> + Send + 'a,
 ) -> Result<bool, CliError> {
     // It triggers a black box. Without one, it must not end the recording without a summary.
-    session.end_on(SIGUSR1)?;
-    let stop = session.signal_fd();
+    command_node.end_on(SIGUSR1)?;
+    let stop = command_node.signal_fd();
     let split = arguments.split();
     let is_one_file = split.is_none();
     let (path, folder, started) = match split {
@@ -230,12 +237,14 @@ fn record_bag<'a>(
             let (path, file) = create(arguments.output.as_deref())?;
             let folder = Folder::of_file(&path, file);
             let split = Split::default();
-            let started = Recorder::start_in(&session.node, folder.clone(), split, options, stop);
+            let started =
+                Recorder::start_in(&command_node.node, folder.clone(), split, options, stop);
             (path, folder, started)
         }
         Some(split) => {
             let (path, folder) = arguments.folder()?;
-            let started = Recorder::start_in(&session.node, folder.clone(), split, options, stop);
+            let started =
+                Recorder::start_in(&command_node.node, folder.clone(), split, options, stop);
             (path, folder, started)
         }
     };
@@ -246,7 +255,7 @@ fn record_bag<'a>(
     let mut recorder = started.map_err(failed)?;
     recorder.connect_with(connect);
     stderr_line!("recording to {} (Ctrl-C ends)", path.display());
-    let recorded = record(until, session, &mut recorder);
+    let recorded = record(until, command_node, &mut recorder);
     say_unmatched(&recorder.unmatched(), recorder.domain(), "was there");
     let finished = recorder.finish();
     if let (true, (further @ 2.., _)) = (is_one_file, folder.counts()) {
@@ -329,17 +338,17 @@ impl Arguments {
 /// Records, and shows the progress on a terminal.
 fn record(
     until: Instant,
-    session: &Session,
+    command_node: &CommandNode,
     recorder: &mut Recorder<'_>,
 ) -> Result<(), RecordError> {
     let (mut ticker, mut unmatched) = (Ticker::new(), Unmatched::new());
-    while session.stopped().is_none() && clock::now() < until {
+    while command_node.stopped().is_none() && clock::now() < until {
         match recorder.step(unmatched.left(ticker.left(until)))? {
             Step::Timeout | Step::Woken => {}
             Step::Stopped => break,
             Step::DiskFull => return Err(RecordError::DiskFull),
         }
-        session.is_connected();
+        command_node.is_connected();
         ticker.tick(|| Shown(recorder.progress()));
         if unmatched.is_due() {
             say_unmatched(&recorder.unmatched(), recorder.domain(), SO_FAR);

@@ -6,7 +6,7 @@ use serde::{Serialize, Serializer};
 use crate::{
     args::Domain,
     columns::{Row, Table},
-    connect::Session,
+    connect::CommandNode,
     ended::Ended,
     error::CliError,
     output::Output,
@@ -47,17 +47,17 @@ impl Options {
     ///
     /// # Errors
     ///
-    /// Those of [`Session::open`] and of `report`, [`CliError::Query`], [`CliError::Output`].
+    /// Those of [`CommandNode::open`] and of `report`, [`CliError::Query`], [`CliError::Output`].
     pub(crate) fn print<R: Report>(
         &self,
         role: &str,
-        report: impl FnOnce(&Session, &View<'_>) -> Result<R, CliError>,
+        report: impl FnOnce(&CommandNode, &View<'_>) -> Result<R, CliError>,
     ) -> Result<Ended, CliError> {
-        let session = Session::open(&self.domain, role)?;
-        let domain = session.snapshot()?;
+        let command_node = CommandNode::open(&self.domain, role)?;
+        let domain = command_node.snapshot()?;
         let report = Dated {
             revision: domain.revision(),
-            report: report(&session, &View::new(&domain))?,
+            report: report(&command_node, &View::new(&domain))?,
         };
         print(&report, self.json)?;
         Ok(Ended::Done)

@@ -12,11 +12,11 @@ use sm2_proto::{
 
 use crate::{
     args::Domain,
-    connect::Session,
+    connect::CommandNode,
     ended::Ended,
     error::CliError,
     interface_troubles::InterfaceTrouble,
-    interfaces::Interface,
+    interfaces::InterfaceReport,
     names::{Selector, titles},
     observation::Observation,
     output::Output,
@@ -110,7 +110,7 @@ pub(crate) struct Around {
 /// An interface, its links, and its nearest counterparts.
 #[derive(Serialize)]
 struct One {
-    interface: Interface,
+    interface: InterfaceReport,
     linked_with: Vec<String>,
     near: Vec<Near>,
 }
@@ -129,10 +129,15 @@ pub(crate) enum Answer {
 ///
 /// Any [`CliError`].
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let session = Session::open(&arguments.domain, "why")?;
-    let wait = |until| Ok(!session.pause(until)?);
-    let answer = Answer::find(&session, &arguments.one, arguments.other.as_ref(), wait)?;
-    if let Some(signal) = session.stopped() {
+    let command_node = CommandNode::open(&arguments.domain, "why")?;
+    let wait = |until| Ok(!command_node.pause(until)?);
+    let answer = Answer::find(
+        &command_node,
+        &arguments.one,
+        arguments.other.as_ref(),
+        wait,
+    )?;
+    if let Some(signal) = command_node.stopped() {
         return Ok(Ended::Stopped(signal));
     }
     let mut out = Output::new();
@@ -156,18 +161,23 @@ impl Answer {
     ///
     /// # Errors
     ///
-    /// Those of [`Session::snapshot`] and of [`Selector::entities`], [`CliError::Ambiguous`].
+    /// Those of [`CommandNode::snapshot`] and of [`Selector::entities`], [`CliError::Ambiguous`].
     pub(crate) fn find(
-        session: &Session,
+        command_node: &CommandNode,
         one: &Selector,
         other: Option<&Selector>,
         wait: impl FnOnce(Instant) -> Result<bool, CliError>,
     ) -> Result<Self, CliError> {
-        let domain = session.snapshot()?;
+        let domain = command_node.snapshot()?;
         let view = View::new(&domain);
         Ok(match other {
-            Some(other) => Self::Pair(Box::new(Pair::find(session, &view, [one, other], wait)?)),
-            None => Self::Around(Box::new(Around::find(session, &view, one, wait)?)),
+            Some(other) => Self::Pair(Box::new(Pair::find(
+                command_node,
+                &view,
+                [one, other],
+                wait,
+            )?)),
+            None => Self::Around(Box::new(Around::find(command_node, &view, one, wait)?)),
         })
     }
 
@@ -189,15 +199,15 @@ impl Answer {
 
 impl Pair {
     fn find(
-        session: &Session,
+        command_node: &CommandNode,
         view: &View<'_>,
         [one, other]: [&Selector; 2],
         wait: impl FnOnce(Instant) -> Result<bool, CliError>,
     ) -> Result<Self, CliError> {
         let domain = view.domain;
         let (one, other) = pair(view, one, other)?;
-        let verdict = explain(session, why(domain, one, other));
-        let observation = observe(session, view, &[one, other], wait);
+        let verdict = explain(command_node, why(domain, one, other));
+        let observation = observe(command_node, view, &[one, other], wait);
         let readings = observation.readings();
         let troubles = LinkTroubles::find(view, readings, &[one, other]);
         let stopped = stopped_nodes(domain, [one, other]);
@@ -210,7 +220,7 @@ impl Pair {
             troubles,
             unheard: InterfaceTrouble::unheard(view, readings.now, &[one, other]),
             text: verdict.to_string(),
-            differences: differences(session, domain, &verdict),
+            differences: differences(command_node, domain, &verdict),
             verdict,
         })
     }
@@ -227,7 +237,7 @@ impl Pair {
 
 impl Around {
     fn find(
-        session: &Session,
+        command_node: &CommandNode,
         view: &View<'_>,
         of: &Selector,
         wait: impl FnOnce(Instant) -> Result<bool, CliError>,
@@ -235,13 +245,13 @@ impl Around {
         let domain = view.domain;
         let entities = of.entities(view)?;
         let stopped = stopped_nodes(domain, with_peers(view, &entities));
-        let observation = observe(session, view, &entities, wait);
+        let observation = observe(command_node, view, &entities, wait);
         let readings = observation.readings();
         let troubles = LinkTroubles::find(view, readings, &entities);
         let unheard = InterfaceTrouble::unheard(view, readings.now, &entities);
         let interfaces = entities
             .into_iter()
-            .map(|entity| one(session, view, entity));
+            .map(|entity| one(command_node, view, entity));
         let interfaces: Vec<_> = interfaces.flatten().collect();
         let linked = interfaces.iter().all(|it| !it.linked_with.is_empty());
         Ok(Self {
@@ -258,7 +268,7 @@ impl Around {
     fn lines(&self) -> Vec<String> {
         let mut lines = Vec::new();
         for it in &self.interfaces {
-            let Interface {
+            let InterfaceReport {
                 node, kind, name, ..
             } = &it.interface;
             let linked_with = match &*it.linked_with {
@@ -284,13 +294,13 @@ impl Around {
 }
 
 /// A verdict with the first difference of the types. The verdict is complete without their schemas.
-fn explain(session: &Session, verdict: Verdict) -> Verdict {
-    verdict.with_schemas(|data| session.describe(data).ok().flatten())
+fn explain(command_node: &CommandNode, verdict: Verdict) -> Verdict {
+    verdict.with_schemas(|data| command_node.describe(data).ok().flatten())
 }
 
 /// The first difference of each pair of a refused type and the type in use. (For interfaces that were not
 /// refused, the verdict names the difference.)
-fn differences(session: &Session, domain: &Mirror, verdict: &Verdict) -> Vec<String> {
+fn differences(command_node: &CommandNode, domain: &Mirror, verdict: &Verdict) -> Vec<String> {
     let Finding::Refused { entity, reason, .. } = &verdict.finding else {
         return Vec::new();
     };
@@ -319,7 +329,7 @@ fn differences(session: &Session, domain: &Mirror, verdict: &Verdict) -> Vec<Str
         _ => Vec::new(),
     };
     // The verdict is complete without schemas.
-    let schema = |data: &TypeId| Schema::parse(&session.describe(data).ok()??).ok();
+    let schema = |data: &TypeId| Schema::parse(&command_node.describe(data).ok()??).ok();
     let difference = |(ours, theirs): (&TypeId, &TypeId)| {
         let difference = difference(&schema(ours)?, &schema(theirs)?)?;
         Some(format!(
@@ -400,7 +410,7 @@ fn likeliest(view: &View<'_>, pairs: Vec<(EntityId, EntityId)>) -> Vec<(EntityId
     }
 }
 
-fn one(session: &Session, view: &View<'_>, entity: EntityId) -> Option<One> {
+fn one(command_node: &CommandNode, view: &View<'_>, entity: EntityId) -> Option<One> {
     let peers = view
         .links_of(entity)
         .iter()
@@ -409,11 +419,11 @@ fn one(session: &Session, view: &View<'_>, entity: EntityId) -> Option<One> {
             false => link.offering,
         });
     let near = nearest(view.domain, entity).into_iter().map(|near| Near {
-        verdict: explain(session, near.verdict),
+        verdict: explain(command_node, near.verdict),
         ..near
     });
     Some(One {
-        interface: Interface::new(view, view.domain.interface(entity)?),
+        interface: InterfaceReport::new(view, view.domain.interface(entity)?),
         linked_with: peers.map(|peer| view.title(peer)).collect(),
         near: near.collect(),
     })
@@ -428,13 +438,13 @@ fn with_peers(view: &View<'_>, of: &[EntityId]) -> impl Iterator<Item = EntityId
 
 /// The counters of these interfaces, and of those that they are linked with. A verdict is complete without them.
 fn observe(
-    session: &Session,
+    command_node: &CommandNode,
     view: &View<'_>,
     of: &[EntityId],
     wait: impl FnOnce(Instant) -> Result<bool, CliError>,
 ) -> Observation {
     let nodes = with_peers(view, of).map(|it| it.node).collect();
-    let observed = Observation::make(&session.node, view.domain, &nodes, wait);
+    let observed = Observation::make(&command_node.node, view.domain, &nodes, wait);
     observed.unwrap_or_else(|_| Observation::once(Sample::new(clock::now(), [])))
 }
 

@@ -15,7 +15,7 @@ use std::time::Duration;
 use sm2_proto::{Instant, Name};
 
 use crate::driver::{
-    Bell, Context, Interface, InterfaceDriver, LinkStatus, LockedInterface, Reserved,
+    Bell, Context, DeclaredInterface, InterfaceDriver, LinkStatus, LockedInterface, Reserved,
     SharedInterface, SharedNode,
 };
 use crate::{Wait, WaitError};
@@ -65,7 +65,7 @@ impl Handle {
     /// Drives the node and changes the interface.
     pub(crate) fn with_driven<R>(
         &self,
-        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
+        change: impl FnOnce(&mut DeclaredInterface, &mut Context<'_>) -> R,
     ) -> R {
         self.interface.lock_driven().change(change)
     }
@@ -73,7 +73,7 @@ impl Handle {
     /// As [`with_driven`](Self::with_driven), but if all links have rings, drives the node only when it is due.
     pub(crate) fn with_driven_if_due<R>(
         &self,
-        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
+        change: impl FnOnce(&mut DeclaredInterface, &mut Context<'_>) -> R,
     ) -> R {
         self.interface.lock_driven_if_due().change(change)
     }
@@ -81,7 +81,7 @@ impl Handle {
     /// Changes the interface, without driving the node.
     pub(crate) fn with_undriven<R>(
         &self,
-        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
+        change: impl FnOnce(&mut DeclaredInterface, &mut Context<'_>) -> R,
     ) -> R {
         self.interface.lock().change(change)
     }
@@ -89,7 +89,7 @@ impl Handle {
     /// As [`with_undriven`](Self::with_undriven), for a change that needs the time at which the call began.
     pub(crate) fn with_undriven_now<R>(
         &self,
-        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
+        change: impl FnOnce(&mut DeclaredInterface, &mut Context<'_>) -> R,
     ) -> R {
         self.interface.lock_at_now().change(change)
     }

@@ -7,8 +7,8 @@
 
 mod error;
 mod inputs;
+mod member;
 mod message;
-mod session;
 mod subscription;
 mod ticks;
 

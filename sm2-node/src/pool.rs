@@ -57,7 +57,7 @@ const IDS: u32 = 1 << 15;
 #[derive(Debug)]
 pub(crate) struct Pool<M> {
     /// Sorted by slot size, then by age, the oldest first. A few segments, 256 at most.
-    segments: Vec<Segment<M>>,
+    segments: Vec<PoolSegment<M>>,
     next_id: u32,
     limit_bytes: u64,
     /// The total size of all segments, reserved ones included.
@@ -98,7 +98,7 @@ pub(crate) struct Geometry {
 pub(crate) struct Full;
 
 #[derive(Debug)]
-struct Segment<M> {
+struct PoolSegment<M> {
     geometry: Geometry,
     /// Used as a stack.
     free: Vec<Lease<M>>,
@@ -124,7 +124,7 @@ impl Geometry {
     }
 }
 
-impl<M> Segment<M> {
+impl<M> PoolSegment<M> {
     fn is_unused(&self) -> bool {
         self.free.len() == self.geometry.slots as usize
     }
@@ -159,7 +159,7 @@ impl<M> Pool<M> {
     /// Takes a free slot for `len` bytes and a head.
     pub(crate) fn take(&mut self, len: u64) -> Option<Lease<M>> {
         let stride = stride_for(len);
-        let fits = |it: &Segment<M>| it.geometry.stride <= 2 * stride || it.geometry.reserved;
+        let fits = |it: &PoolSegment<M>| it.geometry.stride <= 2 * stride || it.geometry.reserved;
         let mut larger = (self.segments.iter_mut()).skip_while(|it| it.geometry.stride < stride);
         let segment = larger.find(|it| fits(it) && !it.free.is_empty())?;
         segment.touched = true;
@@ -247,11 +247,11 @@ impl<M> Pool<M> {
             self.reserved_bytes += geometry.bytes();
             self.lost = Lost::default();
         }
-        let younger = |it: &Segment<M>| it.geometry.stride <= geometry.stride;
+        let younger = |it: &PoolSegment<M>| it.geometry.stride <= geometry.stride;
         let place = self.segments.partition_point(younger);
         self.segments.insert(
             place,
-            Segment {
+            PoolSegment {
                 geometry,
                 free,
                 gone: 0,
@@ -412,7 +412,7 @@ impl<M> Pool<M> {
     }
 
     /// Frees unused segments for which `is_so` returns true.
-    fn give_up(&mut self, is_so: impl Fn(&Segment<M>) -> bool) -> Vec<u32> {
+    fn give_up(&mut self, is_so: impl Fn(&PoolSegment<M>) -> bool) -> Vec<u32> {
         let mut ids = Vec::new();
         let bytes = &mut self.bytes;
         self.segments.retain(|segment| {
@@ -449,7 +449,7 @@ impl<M> Pool<M> {
         if segment.gone < segment.geometry.slots {
             return None;
         }
-        let Segment {
+        let PoolSegment {
             geometry, replaced, ..
         } = self.segments.remove(place);
         self.bytes -= geometry.bytes();

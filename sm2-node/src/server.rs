@@ -11,7 +11,7 @@ use sm2_proto::control::LinkPeer;
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
-use crate::driver::{CallId, Interface, Needs, PoolLimit, SharedNode, Until};
+use crate::driver::{CallId, DeclaredInterface, Needs, PoolLimit, SharedNode, Until};
 use crate::handle::Handle;
 use crate::handle::declaration::{
     Declaration, inline_max_setter, max_len_setter, schema_of, sealed_setter, wait_setter,
@@ -85,7 +85,10 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
     }
 
     fn take(&self, until: Until) -> Result<Option<Request<Q, R>>, RecvError> {
-        let Some(received) = self.handle.receive(until, Interface::take_request)? else {
+        let Some(received) = self
+            .handle
+            .receive(until, DeclaredInterface::take_request)?
+        else {
             return Ok(None);
         };
         let Received {

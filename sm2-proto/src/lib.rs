@@ -10,7 +10,7 @@
 //! | [`node::Node`] | a node's session with its Manager |
 //! | [`link::Link`] | one end of a link: topics and services alike |
 //! | [`lockstep::Conductor`], [`lockstep::Member`] | the two sides of a lockstep, in which domain time advances |
-//! | [`gateway::session::Session`] | a gateway's session with a peer |
+//! | [`gateway::session::PeerSession`] | a gateway's session with a peer |
 //! | [`gateway::router::Router`] | the routes of a gateway: which offers it makes, uses and passes on |
 //! | [`gateway::discovery::Discovery`] | the peers of a gateway: which one to dial, where and when |
 //! | [`gateway::schedule::Schedule`] | the messages that wait for a connection between gateways |

@@ -21,7 +21,7 @@ use crate::Instant;
 /// | `node::Node`, `link::Link` | all but `Datagram`, because outputs refer to the datagram just handled |
 /// | `gateway::router::Router` | `Taken` |
 /// | `gateway::discovery::Discovery` | `Failed` |
-/// | `gateway::session::Session`, `gateway::schedule::Schedule`, `lockstep::Conductor` | none |
+/// | `gateway::session::PeerSession`, `gateway::schedule::Schedule`, `lockstep::Conductor` | none |
 /// | `lockstep::Member` | none; it has one output at a time |
 ///
 /// A debug assertion in `handle` checks this. The exceptions report that the output just polled

@@ -14,7 +14,7 @@ use sm2_proto::{
         discovery::{self, Discovery},
         router::{self, Router},
         schedule::{self, QueuedMessage, Schedule, SendQos},
-        session::{self, Command, ControlCommand, PeerEvent, Session},
+        session::{self, Command, ControlCommand, PeerEvent, PeerSession},
     },
     link::{self, Link, wire},
     manager::{self, Credentials, Manager},
@@ -164,8 +164,8 @@ fn me() -> Hop {
     }
 }
 
-fn session() -> Session {
-    Session::new(NOW, me(), Name::new("gateway").unwrap(), PEER, 0)
+fn session() -> PeerSession {
+    PeerSession::new(NOW, me(), Name::new("gateway").unwrap(), PEER, 0)
 }
 
 #[test]

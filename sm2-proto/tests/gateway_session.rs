@@ -15,7 +15,7 @@ use sm2_proto::{
         PeerViolationKind, StreamToken, Subject, SubjectKind, Verdict,
         session::{
             Candidate, Command, ControlCommand, End, Event, Initiator, Input, Misuse, Output,
-            PeerEvent, Session, Transport, older_stays,
+            PeerEvent, PeerSession, Transport, older_stays,
         },
     },
     limits::QUESTIONS_MAX,
@@ -32,9 +32,9 @@ fn hop(gateway: u8) -> Hop {
     }
 }
 
-fn session(me: u8, peer: u8) -> Session {
+fn session(me: u8, peer: u8) -> PeerSession {
     let start = Instant(0);
-    Session::new(start, hop(me), name("me"), hop(peer).gateway, 0)
+    PeerSession::new(start, hop(me), name("me"), hop(peer).gateway, 0)
 }
 
 fn hello(of: u8) -> Frame {
@@ -71,11 +71,11 @@ fn service() -> Subject {
 }
 
 /// The session of gateway 1 with gateway 2.
-struct Bench(Session);
+struct Bench(PeerSession);
 
 impl Bench {
     /// A session that has sent its HELLO and waits for that of the peer.
-    fn greeting(mut session: Session) -> Self {
+    fn greeting(mut session: PeerSession) -> Self {
         assert!(matches!(session.poll(), Some(Output::Transmit(_))));
         assert_eq!(session.poll(), None);
         Self(session)
@@ -263,7 +263,7 @@ fn a_peer_that_does_not_greet() {
 fn a_process_that_was_before() {
     for (least, is_stale) in [(0, false), (72, false), (73, true)] {
         let me = hop(1);
-        let session = Session::new(Instant(0), me, name("me"), hop(2).gateway, least);
+        let session = PeerSession::new(Instant(0), me, name("me"), hop(2).gateway, least);
         let mut bench = Bench::greeting(session);
         let last = bench.frame(&hello(2)).pop().unwrap();
         if is_stale {

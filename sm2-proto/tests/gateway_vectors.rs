@@ -16,7 +16,7 @@ use sm2_proto::{
     gateway::{
         Beacon, Frame, FrameReader, GatewayId, Header, Hop, OfferId, PeerFarewell,
         PeerViolationKind, StreamToken, Subject,
-        session::{Command, ControlCommand, End, Input, Output, PeerEvent, Session, Transport},
+        session::{Command, ControlCommand, End, Input, Output, PeerEvent, PeerSession, Transport},
     },
 };
 
@@ -89,7 +89,7 @@ fn name(text: &str) -> Name {
     Name::new(text).expect("legal")
 }
 
-fn feed(session: &mut Session, input: Input<'_>) -> Outcome {
+fn feed(session: &mut PeerSession, input: Input<'_>) -> Outcome {
     let fed = session.handle(NOW, input);
     let outputs = std::iter::from_fn(|| session.poll()).collect();
     match (fed, session.end()) {
@@ -105,12 +105,12 @@ fn feed(session: &mut Session, input: Input<'_>) -> Outcome {
 
 impl Vector {
     /// The session after `before`, `offers` and `call`.
-    fn session(&self) -> Session {
+    fn session(&self) -> PeerSession {
         let me = Hop {
             gateway: GatewayId([1; 32]),
             epoch: 71,
         };
-        let mut session = Session::new(NOW, me, name("me"), PEER.gateway, 70);
+        let mut session = PeerSession::new(NOW, me, name("me"), PEER.gateway, 70);
         while session.poll().is_some() {}
         for before in &self.before {
             let fed = match before.strip_prefix('>') {

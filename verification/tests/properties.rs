@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use sm2_verification::properties::{
-    Engine, Extent, Gap, GapKind, Outcome, Register, Session, outcomes, proofs, proofs_below,
+    Engine, Extent, Gap, GapKind, Outcome, Register, RunResults, outcomes, proofs, proofs_below,
     readme_table, same_figures, with_table,
 };
 
@@ -58,9 +58,9 @@ fn outcome(engine: Engine, harness: &str, covered: &str) -> Outcome {
 }
 
 /// A quick run that agrees with all rows.
-fn as_it_should_be() -> Session {
+fn as_it_should_be() -> RunResults {
     let listed = BTreeSet::from(["small".to_owned(), "large".to_owned()]);
-    Session {
+    RunResults {
         engines: BTreeMap::from([
             (Engine::Model, Extent::RanQuick(listed)),
             (Engine::LibFuzzer, Extent::RanQuick(BTreeSet::new())),
@@ -73,8 +73,8 @@ fn as_it_should_be() -> Session {
     }
 }
 
-fn gaps(session: &Session) -> Vec<GapKind> {
-    let gaps = session.gaps(&register(TEXT));
+fn gaps(results: &RunResults) -> Vec<GapKind> {
+    let gaps = results.gaps(&register(TEXT));
     gaps.into_iter().map(|it| it.kind).collect()
 }
 
@@ -126,9 +126,9 @@ fn nothing_is_wrong_when_all_is_as_the_rows_say() {
 
 #[test]
 fn stale_figures_are_found() {
-    let mut session = as_it_should_be();
-    session.outcomes[0].covered = "707 states, 1379 transitions".to_owned();
-    let found = session.gaps(&register(TEXT));
+    let mut results = as_it_should_be();
+    results.outcomes[0].covered = "707 states, 1379 transitions".to_owned();
+    let found = results.gaps(&register(TEXT));
     assert!(matches!(
         found[..],
         [Gap {
@@ -137,8 +137,8 @@ fn stale_figures_are_found() {
         }]
     ));
     assert_eq!(found[0].line, line("`small`"));
-    session.outcomes[0].held = false;
-    assert_eq!(gaps(&session), [], "its verdict says that it failed");
+    results.outcomes[0].held = false;
+    assert_eq!(gaps(&results), [], "its verdict says that it failed");
 }
 
 #[test]
@@ -170,54 +170,54 @@ fn noise_is_allowed_and_no_more() {
 
 #[test]
 fn a_row_without_its_check_is_found() {
-    let mut session = as_it_should_be();
-    session.outcomes.remove(0);
+    let mut results = as_it_should_be();
+    results.outcomes.remove(0);
     let (engine, harness) = (Engine::Model, "small".to_owned());
-    assert_eq!(gaps(&session), [GapKind::Silent { engine, harness }]);
+    assert_eq!(gaps(&results), [GapKind::Silent { engine, harness }]);
 }
 
 #[test]
 fn a_full_row_is_looked_up_in_a_quick_run_and_wanted_in_a_full_one() {
     let harness = "large".to_owned();
     let engine = Engine::Model;
-    let mut session = as_it_should_be();
+    let mut results = as_it_should_be();
     let listed = BTreeSet::from(["small".to_owned()]);
-    session.engines.insert(engine, Extent::RanQuick(listed));
+    results.engines.insert(engine, Extent::RanQuick(listed));
     let unlisted = GapKind::Unlisted {
         engine,
         harness: harness.clone(),
     };
-    assert_eq!(gaps(&session), [unlisted]);
-    session.engines.insert(engine, Extent::Ran);
-    assert_eq!(gaps(&session), [GapKind::Silent { engine, harness }]);
+    assert_eq!(gaps(&results), [unlisted]);
+    results.engines.insert(engine, Extent::Ran);
+    assert_eq!(gaps(&results), [GapKind::Silent { engine, harness }]);
 }
 
 #[test]
 fn a_check_without_a_row_is_found_and_a_row_is_made_of_it() {
-    let mut session = as_it_should_be();
+    let mut results = as_it_should_be();
     let new = outcome(Engine::LibFuzzer, "words", "~7 executions | more");
-    session.outcomes.push(new);
+    results.outcomes.push(new);
     let (engine, harness) = (Engine::LibFuzzer, "words".to_owned());
-    assert_eq!(gaps(&session), [GapKind::NoRow { engine, harness }]);
+    assert_eq!(gaps(&results), [GapKind::NoRow { engine, harness }]);
     let row = "| `words` | ? | libFuzzer | ? | quick | ~7 executions \\| more |";
-    assert_eq!(session.missing(&register(TEXT)), [row]);
+    assert_eq!(results.missing(&register(TEXT)), [row]);
     let text = TEXT
         .replace("## Checks\n", &format!("## Checks\n\n{HEADS}\n{row}\n"))
         .replace("| ? | libFuzzer", "| TWO-B | libFuzzer")
         .replace("| model 1 |", "| model 1, libFuzzer 1 |");
-    assert_eq!(session.gaps(&register(&text)), []);
+    assert_eq!(results.gaps(&register(&text)), []);
 }
 
 #[test]
 fn who_failed_or_was_not_asked_owes_nothing() {
-    let mut session = as_it_should_be();
-    session.outcomes.clear();
-    session.engines.insert(Engine::Model, Extent::Partly);
-    session.engines.remove(&Engine::LibFuzzer);
-    assert_eq!(gaps(&session), []);
-    session.engines.insert(Engine::LibFuzzer, Extent::Ran);
-    session.only = Some(BTreeSet::from([(Engine::Model, "small".to_owned())]));
-    assert_eq!(gaps(&session), []);
+    let mut results = as_it_should_be();
+    results.outcomes.clear();
+    results.engines.insert(Engine::Model, Extent::Partly);
+    results.engines.remove(&Engine::LibFuzzer);
+    assert_eq!(gaps(&results), []);
+    results.engines.insert(Engine::LibFuzzer, Extent::Ran);
+    results.only = Some(BTreeSet::from([(Engine::Model, "small".to_owned())]));
+    assert_eq!(gaps(&results), []);
 }
 
 #[test]
@@ -230,21 +230,21 @@ fn kani_has_the_rows_of_the_stand_in() {
         )
         .replace("| model 1 |", "| stand-in 1, model 1 |")
         .replace("Words", &format!("{HEADS}\n{row}\n\nWords"));
-    let session = Session {
+    let results = RunResults {
         engines: BTreeMap::from([(Engine::Kani, Extent::Ran)]),
         only: None,
         outcomes: vec![outcome(Engine::Kani, "h", "45 checks, 2/2 covers")],
     };
-    assert_eq!(session.gaps(&register(&text)), []);
+    assert_eq!(results.gaps(&register(&text)), []);
 }
 
 #[test]
 fn figures_are_written_for_what_held_and_ran_alone() {
-    let mut session = as_it_should_be();
-    session.outcomes[0].covered = "8 states, 9 transitions".to_owned();
-    session.outcomes[1].held = false;
+    let mut results = as_it_should_be();
+    results.outcomes[0].covered = "8 states, 9 transitions".to_owned();
+    results.outcomes[1].held = false;
     let mut written = register(TEXT);
-    session.write(&mut written);
+    results.write(&mut written);
     let wanted = TEXT.replace("706 states, 1379 transitions", "8 states, 9 transitions");
     assert_eq!(written.text(), wanted);
 }

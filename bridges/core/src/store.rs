@@ -1,7 +1,7 @@
 //! The store of an outbox: a folder of MCAP files.
 
 mod error;
-mod segment;
+mod file;
 
 use std::collections::VecDeque;
 use std::fs::{self, File, OpenOptions};
@@ -14,7 +14,7 @@ use nix::fcntl::{Flock, FlockArg};
 use sm2_proto::Instant;
 
 pub use self::error::StoreError;
-use self::segment::{Segment, Writing};
+use self::file::{StoreFile, Writing};
 use crate::Durable;
 use crate::spool::{Id, Spool};
 
@@ -35,7 +35,7 @@ pub(crate) struct Store {
     /// The number of the next file.
     next_file: u64,
     /// Closed files, oldest first.
-    closed: VecDeque<Segment>,
+    closed: VecDeque<StoreFile>,
     writing: Option<Writing>,
     /// The messages of one closed file, by its first message.
     loaded: Option<(Id, Vec<Durable>)>,
@@ -61,7 +61,7 @@ impl Store {
         };
         for (number, path) in files(folder)? {
             store.next_file = number + 1;
-            let messages = segment::read(&path)?;
+            let messages = file::read(&path)?;
             let mut ids = messages.iter().map(|it| {
                 let age = Duration::from_nanos(wall.saturating_sub(it.time));
                 spool.restore(it.payload.len() as u64, age, now)
@@ -69,9 +69,9 @@ impl Store {
             match ids.next() {
                 Some(first) => {
                     let len = 1 + ids.count() as u64;
-                    store.closed.push_back(Segment::new(path, first, len));
+                    store.closed.push_back(StoreFile::new(path, first, len));
                 }
-                None => segment::remove(&path)?,
+                None => file::remove(&path)?,
             }
         }
         Ok(store)
@@ -105,22 +105,18 @@ impl Store {
         if let Some(message) = self.writing.as_ref().and_then(|it| it.get(id)) {
             return Ok(message.clone());
         }
-        let segment = self.closed_with(id).map(|it| &self.closed[it]);
-        let segment = segment.ok_or_else(|| StoreError::Damaged {
+        let file = self.closed_with(id).map(|it| &self.closed[it]);
+        let file = file.ok_or_else(|| StoreError::Damaged {
             path: self.folder.clone(),
         })?;
         let damaged = || StoreError::Damaged {
-            path: segment.path().to_owned(),
+            path: file.path().to_owned(),
         };
         let messages = match &mut self.loaded {
-            Some((first, messages)) if *first == segment.first() => messages,
-            loaded => {
-                &mut loaded
-                    .insert((segment.first(), segment::read(segment.path())?))
-                    .1
-            }
+            Some((first, messages)) if *first == file.first() => messages,
+            loaded => &mut loaded.insert((file.first(), file::read(file.path())?)).1,
         };
-        let index = usize::try_from(id.0 - segment.first().0).unwrap_or(usize::MAX);
+        let index = usize::try_from(id.0 - file.first().0).unwrap_or(usize::MAX);
         messages.get(index).cloned().ok_or_else(damaged)
     }
 
@@ -150,14 +146,14 @@ impl Store {
     /// Ends the newest file.
     fn close(
         &mut self,
-        close: fn(Writing) -> Result<Segment, StoreError>,
+        close: fn(Writing) -> Result<StoreFile, StoreError>,
     ) -> Result<(), StoreError> {
         let Some(writing) = self.writing.take() else {
             return Ok(());
         };
-        let segment = close(writing)?;
-        let is_done = segment.is_done();
-        self.closed.push_back(segment);
+        let file = close(writing)?;
+        let is_done = file.is_done();
+        self.closed.push_back(file);
         match is_done {
             true => self.remove(self.closed.len() - 1),
             false => Ok(()),
@@ -165,11 +161,11 @@ impl Store {
     }
 
     fn remove(&mut self, index: usize) -> Result<(), StoreError> {
-        let Some(segment) = self.closed.remove(index) else {
+        let Some(file) = self.closed.remove(index) else {
             return Ok(());
         };
-        self.loaded.take_if(|(first, _)| *first == segment.first());
-        segment::remove(segment.path())
+        self.loaded.take_if(|(first, _)| *first == file.first());
+        file::remove(file.path())
     }
 }
 

@@ -8,7 +8,7 @@ use crate::{
     args::name,
     ended::Ended,
     error::CliError,
-    interfaces::{Interface, table},
+    interfaces::{InterfaceReport, table},
     names,
     report::{Options, Report, facts},
     view::View,
@@ -41,7 +41,7 @@ struct Info {
     /// Whether the node is still claiming the links that an earlier Manager made.
     resuming: bool,
     /// Includes the interfaces that the Manager refused.
-    interfaces: Vec<Interface>,
+    interfaces: Vec<InterfaceReport>,
     /// The names of the nodes at the other ends of its links.
     linked_with: Vec<String>,
 }
@@ -73,7 +73,7 @@ fn info(view: &View<'_>, node: NodeView<'_>) -> Info {
         uid: node.uid,
         pid: node.pid,
         resuming: node.resuming,
-        interfaces: own().map(|it| Interface::new(view, it)).collect(),
+        interfaces: own().map(|it| InterfaceReport::new(view, it)).collect(),
         linked_with,
     }
 }

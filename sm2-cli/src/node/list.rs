@@ -47,9 +47,9 @@ impl Row for Node {
 
 /// Lists the nodes in the order in which they connected, without that of the command.
 pub(super) fn run(options: &Options) -> Result<Ended, CliError> {
-    options.print("node-list", |session, view| {
+    options.print("node-list", |command_node, view| {
         let nodes = view.domain.nodes();
-        let others = nodes.filter(|it| it.name != session.node.name());
+        let others = nodes.filter(|it| it.name != command_node.node.name());
         let (name, rows) = ("nodes", others.map(|it| node(view, it)).collect());
         Ok(List { name, rows })
     })

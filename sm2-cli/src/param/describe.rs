@@ -10,7 +10,7 @@ use super::{
 };
 use crate::{
     args::{Domain, name},
-    connect::Session,
+    connect::CommandNode,
     ended::Ended,
     error::CliError,
     output::Output,
@@ -46,10 +46,10 @@ Examples:
   sm2 param describe lidar max_range --json";
 
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let session = Session::open(&arguments.domain, "param-describe")?;
+    let command_node = CommandNode::open(&arguments.domain, "param-describe")?;
     let node = &arguments.node;
-    let Some(table) = source::table(&session, node, arguments.timeout)? else {
-        return Ok(stopped(&session));
+    let Some(table) = source::table(&command_node, node, arguments.timeout)? else {
+        return Ok(stopped(&command_node));
     };
     let entries: Vec<&Entry> = match arguments.names.as_slice() {
         [] => table.parameters.iter().collect(),

@@ -7,7 +7,7 @@ use sm2_proto::Name;
 use super::{row::Node, source};
 use crate::{
     args::{Domain, name},
-    connect::Session,
+    connect::CommandNode,
     ended::Ended,
     error::CliError,
     output::Output,
@@ -43,10 +43,10 @@ Examples:
   sm2 param dump lidar > lidar.toml";
 
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let session = Session::open(&arguments.domain, "param-dump")?;
+    let command_node = CommandNode::open(&arguments.domain, "param-dump")?;
     let node = &arguments.node;
-    let Some(table) = source::table(&session, node, arguments.timeout)? else {
-        return Ok(stopped(&session));
+    let Some(table) = source::table(&command_node, node, arguments.timeout)? else {
+        return Ok(stopped(&command_node));
     };
     let mut out = Output::new();
     match arguments.json {

@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{
     args::{Domain, name},
-    connect::Session,
+    connect::CommandNode,
     ended::Ended,
     error::CliError,
     output::Output,
@@ -48,9 +48,9 @@ Examples:
   sm2 param get lidar frame --json";
 
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let session = Session::open(&arguments.domain, "param-get")?;
-    let Some(table) = source::table(&session, &arguments.node, arguments.timeout)? else {
-        return Ok(stopped(&session));
+    let command_node = CommandNode::open(&arguments.domain, "param-get")?;
+    let Some(table) = source::table(&command_node, &arguments.node, arguments.timeout)? else {
+        return Ok(stopped(&command_node));
     };
     let entry = entry(&table, &arguments.node, &arguments.name)?;
     let mut out = Output::new();

@@ -14,7 +14,7 @@ use super::{
 use crate::{
     args::{Domain, name},
     columns::Columns,
-    connect::Session,
+    connect::CommandNode,
     ended::Ended,
     error::CliError,
     output::Output,
@@ -55,22 +55,22 @@ struct Nodes<'a> {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let session = Session::open(&arguments.domain, "param-list")?;
+    let command_node = CommandNode::open(&arguments.domain, "param-list")?;
     let until = clock::now().after(arguments.timeout);
     let sources = match &arguments.node {
-        Some(node) => vec![Source::open(&session, node)?],
+        Some(node) => vec![Source::open(&command_node, node)?],
         None => {
-            let nodes = source::nodes(&session.snapshot()?);
-            let open = |node| Source::subscribe(&session, node);
+            let nodes = source::nodes(&command_node.snapshot()?);
+            let open = |node| Source::subscribe(&command_node, node);
             nodes.iter().map(open).collect::<Result<_, _>>()?
         }
     };
     let mut tables: Vec<(&Name, Table)> = Vec::new();
     let mut ended = Ended::Done;
     for source in &sources {
-        match source.first(&session, until.since(clock::now())) {
+        match source.first(&command_node, until.since(clock::now())) {
             Ok(Some(table)) => tables.push((&source.node, table)),
-            Ok(None) => return Ok(stopped(&session)),
+            Ok(None) => return Ok(stopped(&command_node)),
             // The other nodes are shown all the same.
             Err(CliError::Param(ParamError::NoTable { node, .. })) => {
                 let timeout = Span(arguments.timeout);

@@ -11,7 +11,7 @@ use super::{
 };
 use crate::{
     args::{Domain, name},
-    connect::Session,
+    connect::CommandNode,
     ended::Ended,
     error::CliError,
     service::stopped,
@@ -51,18 +51,18 @@ Examples:
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let Arguments { node, timeout, .. } = arguments;
     let file = File::load(&arguments.file).map_err(ParamError::File)?;
-    let session = Session::open(&arguments.domain, "param-load")?;
-    let Some(table) = source::table(&session, node, *timeout)? else {
-        return Ok(stopped(&session));
+    let command_node = CommandNode::open(&arguments.domain, "param-load")?;
+    let Some(table) = source::table(&command_node, node, *timeout)? else {
+        return Ok(stopped(&command_node));
     };
     let assignments = assignments(&file, node, &table)?;
     let parameters = assignments.len();
     let revision = match parameters {
         0 => Some(table.revision),
-        _ => source::set(&session, node, assignments, *timeout)?,
+        _ => source::set(&command_node, node, assignments, *timeout)?,
     };
     let Some(revision) = revision else {
-        return Ok(stopped(&session));
+        return Ok(stopped(&command_node));
     };
     let done = Done {
         node: node.as_str(),

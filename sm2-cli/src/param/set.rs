@@ -11,7 +11,7 @@ use super::{
 };
 use crate::{
     args::{Domain, name},
-    connect::Session,
+    connect::CommandNode,
     ended::Ended,
     error::CliError,
     output::Output,
@@ -76,9 +76,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         let name = name.clone();
         return Err(ParamError::NoValue { name }.into());
     }
-    let session = Session::open(&arguments.domain, "param-set")?;
-    let Some(table) = source::table(&session, node, *timeout)? else {
-        return Ok(stopped(&session));
+    let command_node = CommandNode::open(&arguments.domain, "param-set")?;
+    let Some(table) = source::table(&command_node, node, *timeout)? else {
+        return Ok(stopped(&command_node));
     };
     let mut assignments = Vec::new();
     for [name, text] in arguments.values.as_chunks::<2>().0 {
@@ -90,8 +90,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         }
     }
     let parameters = assignments.len();
-    let Some(revision) = source::set(&session, node, assignments, *timeout)? else {
-        return Ok(stopped(&session));
+    let Some(revision) = source::set(&command_node, node, assignments, *timeout)? else {
+        return Ok(stopped(&command_node));
     };
     let done = Done {
         node: node.as_str(),

@@ -12,7 +12,7 @@ use sm2_node::{
 use sm2_proto::{Kind, Name, domain::Domain as Mirror};
 
 use super::error::ParamError;
-use crate::{connect::Session, error::CliError, names, service::ask, time::Span, wait::For};
+use crate::{connect::CommandNode, error::CliError, names, service::ask, time::Span, wait::For};
 
 /// The parameters of one node, as they change.
 pub(super) struct Source {
@@ -26,11 +26,11 @@ impl Source {
     /// # Errors
     ///
     /// [`CliError::Unknown`] if the domain has no such node, [`ParamError::None`] if the node has no parameters.
-    pub(super) fn open(session: &Session, node: &Name) -> Result<Self, CliError> {
-        let domain = session.snapshot()?;
+    pub(super) fn open(command_node: &CommandNode, node: &Name) -> Result<Self, CliError> {
+        let domain = command_node.snapshot()?;
         let with_parameters = nodes(&domain);
         if with_parameters.contains(node) {
-            return Self::subscribe(session, node);
+            return Self::subscribe(command_node, node);
         }
         if domain.node_named(node.as_str()).is_some() {
             return Err(ParamError::None { node: node.clone() }.into());
@@ -39,8 +39,8 @@ impl Source {
     }
 
     /// Subscribes to the parameters of a node that has some.
-    pub(super) fn subscribe(session: &Session, node: &Name) -> Result<Self, CliError> {
-        let builder = session
+    pub(super) fn subscribe(command_node: &CommandNode, node: &Name) -> Result<Self, CliError> {
+        let builder = command_node
             .node
             .subscriber_builder(&params::name(node.as_str()));
         let tables = builder.depth(16).max_len(TABLE_MAX as u64).declare()?;
@@ -73,17 +73,17 @@ impl Source {
     /// Waits for the next table; `None` if a signal came first, or the time limit has passed.
     pub(super) fn next(
         &self,
-        session: &Session,
+        command_node: &CommandNode,
         timeout: Option<Duration>,
     ) -> Result<Option<Table>, CliError> {
         let until = timeout.map(|it| clock::now().after(it));
         loop {
             let table = self.try_next()?;
             let is_over = until.is_some_and(|it| clock::now() >= it);
-            if table.is_some() || is_over || session.stopped().is_some() {
+            if table.is_some() || is_over || command_node.stopped().is_some() {
                 return Ok(table);
             }
-            session.step(&[(self.tables.as_fd(), For::Reading)], until)?;
+            command_node.step(&[(self.tables.as_fd(), For::Reading)], until)?;
         }
     }
 
@@ -94,12 +94,12 @@ impl Source {
     /// [`ParamError::NoTable`], [`ParamError::WrongTable`].
     pub(super) fn first(
         &self,
-        session: &Session,
+        command_node: &CommandNode,
         timeout: Duration,
     ) -> Result<Option<Table>, CliError> {
-        let table = self.next(session, Some(timeout))?;
+        let table = self.next(command_node, Some(timeout))?;
         match table {
-            None if session.stopped().is_none() => Err(ParamError::NoTable {
+            None if command_node.stopped().is_none() => Err(ParamError::NoTable {
                 node: self.node.clone(),
                 timeout: Span(timeout),
             }
@@ -115,11 +115,11 @@ impl Source {
 ///
 /// Those of [`Source::open`] and [`Source::first`].
 pub(super) fn table(
-    session: &Session,
+    command_node: &CommandNode,
     node: &Name,
     timeout: Duration,
 ) -> Result<Option<Table>, CliError> {
-    Source::open(session, node)?.first(session, timeout)
+    Source::open(command_node, node)?.first(command_node, timeout)
 }
 
 /// The nodes with parameters, also those of other domains that a gateway shows here.
@@ -159,7 +159,7 @@ pub(super) fn entry<'a>(
 ///
 /// [`ParamError::Refused`], [`ParamError::NoAnswer`], and those of a call.
 pub(super) fn set(
-    session: &Session,
+    command_node: &CommandNode,
     node: &Name,
     parameters: Vec<Assignment>,
     timeout: Duration,
@@ -170,7 +170,7 @@ pub(super) fn set(
         return Err(ParamError::None { node: node.clone() }.into());
     };
     let node = node.clone();
-    let reply = match ask(session, &service, &request, timeout) {
+    let reply = match ask(command_node, &service, &request, timeout) {
         Err(CliError::Call(CallError::DeadlineExceeded { .. })) => {
             let timeout = Span(timeout);
             return Err(ParamError::NoAnswer { node, timeout }.into());

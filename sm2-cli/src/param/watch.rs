@@ -10,7 +10,7 @@ use super::{
 };
 use crate::{
     args::{Domain, name},
-    connect::Session,
+    connect::CommandNode,
     ended::Ended,
     error::CliError,
     output::Output,
@@ -47,13 +47,13 @@ Examples:
   sm2 param watch lidar max_range --json";
 
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let session = Session::open(&arguments.domain, "param-watch")?;
-    let source = Source::open(&session, &arguments.node)?;
+    let command_node = CommandNode::open(&arguments.domain, "param-watch")?;
+    let source = Source::open(&command_node, &arguments.node)?;
     let mut out = Output::new();
     let mut known: HashMap<String, (Value, u64)> = HashMap::new();
     let mut changes = 0;
     let mut is_first = true;
-    while let Some(table) = source.next(&session, None)? {
+    while let Some(table) = source.next(&command_node, None)? {
         if is_first {
             for name in &arguments.names {
                 entry(&table, &arguments.node, name)?;

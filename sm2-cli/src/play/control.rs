@@ -8,7 +8,7 @@ use sm2_proto::{Name, text::Counted};
 
 use crate::{
     args::{Domain, name, rate},
-    connect::Session,
+    connect::CommandNode,
     ended::Ended,
     error::CliError,
     output::Output,
@@ -73,10 +73,10 @@ Examples:
 /// [`CliError::NoServer`], [`CliError::Call`], [`CliError::NotForRate`], and the errors of connecting.
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let command = arguments.command()?.to_string();
-    let session = Session::open(&arguments.domain, "control")?;
+    let command_node = CommandNode::open(&arguments.domain, "control")?;
     let (service, timeout) = (&arguments.service, arguments.timeout);
-    let Some(reply) = ask(&session, service, command.as_bytes(), timeout)? else {
-        return Ok(stopped(&session));
+    let Some(reply) = ask(&command_node, service, command.as_bytes(), timeout)? else {
+        return Ok(stopped(&command_node));
     };
     let reply = String::from_utf8_lossy(&reply);
     let mut out = Output::new();

@@ -25,7 +25,7 @@ use sm2_io::{Waker, spawn_without_signals};
 
 use super::control::Shown;
 use crate::{
-    connect::Session,
+    connect::CommandNode,
     wait::{For, wait},
 };
 
@@ -51,7 +51,10 @@ impl Keys {
     /// # Errors
     ///
     /// Errors of the operating system: too many descriptors or threads.
-    pub(super) fn start(control: PlayControl, session: &Session) -> io::Result<Option<Self>> {
+    pub(super) fn start(
+        control: PlayControl,
+        command_node: &CommandNode,
+    ) -> io::Result<Option<Self>> {
         let input = io::stdin();
         if !input.is_terminal() {
             return Ok(None);
@@ -66,7 +69,10 @@ impl Keys {
                 before: None,
             },
             control,
-            ends: (Arc::clone(&end), session.signal_fd().try_clone_to_owned()?),
+            ends: (
+                Arc::clone(&end),
+                command_node.signal_fd().try_clone_to_owned()?,
+            ),
             continued,
             unread: Vec::new(),
         };

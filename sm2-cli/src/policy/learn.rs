@@ -11,7 +11,7 @@ use sm2_proto::{control::Change, domain::Domain as Mirror};
 
 use super::learned::Learned;
 use crate::{
-    args, args::Domain, connect::Session, ended::Ended, error::CliError, follow::Follow,
+    args, args::Domain, connect::CommandNode, ended::Ended, error::CliError, follow::Follow,
     output::Output,
 };
 
@@ -51,20 +51,20 @@ Examples:
 ///
 /// Any [`CliError`].
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let session = Session::open(&arguments.domain, "policy")?;
-    let itself = session.node.name();
+    let command_node = CommandNode::open(&arguments.domain, "policy")?;
+    let itself = command_node.node.name();
     let mut learned = Learned::new(arguments.exclusive);
     if let Some(seconds) = arguments.seconds {
         let time = Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX);
         let until = clock::now().after(time);
-        let mut follow = Follow::new(&session, arguments.domain.connect_timeout)?;
+        let mut follow = Follow::new(&command_node, arguments.domain.connect_timeout)?;
         learned.learn(follow.domain(), &all_of(follow.domain()), itself);
-        while clock::now() < until && session.stopped().is_none() {
+        while clock::now() < until && command_node.stopped().is_none() {
             let woken = follow.wait(&[], Some(until))?;
             learned.learn(follow.domain(), &woken.changes, itself);
         }
     }
-    match session.snapshot() {
+    match command_node.snapshot() {
         Ok(domain) => learned.learn(&domain, &all_of(&domain), itself),
         // A watch does not lose what it has learned.
         Err(_) if arguments.seconds.is_some() => {}

@@ -2,7 +2,9 @@ use std::time::Duration;
 
 use clap::Args;
 
-use crate::{args::Domain, connect::Session, ended::Ended, error::CliError, output::Output, time};
+use crate::{
+    args::Domain, connect::CommandNode, ended::Ended, error::CliError, output::Output, time,
+};
 
 /// `sm2 policy reload`.
 #[derive(Args, Debug)]
@@ -31,10 +33,10 @@ Examples:
 ///
 /// # Errors
 ///
-/// [`CliError::Reload`], [`CliError::Output`], and those of [`Session::open`].
+/// [`CliError::Reload`], [`CliError::Output`], and those of [`CommandNode::open`].
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let session = Session::open(&arguments.domain, "policy")?;
-    session.node.reload_policy(arguments.timeout)?;
+    let command_node = CommandNode::open(&arguments.domain, "policy")?;
+    command_node.node.reload_policy(arguments.timeout)?;
     let mut out = Output::new();
     out.line(format_args!("the access policy is applied"))?;
     Ok(Ended::Done)

@@ -24,7 +24,7 @@ use super::{
     trigger::SERVICE,
 };
 use crate::{
-    args::name, bag_summary::show, connect::Session, error::CliError, output::Output,
+    args::name, bag_summary::show, connect::CommandNode, error::CliError, output::Output,
     ticker::Ticker, time,
 };
 
@@ -74,7 +74,7 @@ pub(super) fn run<'a>(
     last: Duration,
     (output, record): (&Path, Options),
     (until, json): (Instant, bool),
-    session: &'a Session,
+    command_node: &'a CommandNode,
     connect: impl FnMut() -> Result<Node, ConnectError> + Send + 'a,
 ) -> Result<bool, CliError> {
     fs::create_dir_all(output).map_err(|error| CliError::file("create", output, error))?;
@@ -88,8 +88,8 @@ pub(super) fn run<'a>(
     };
     let signal = Signal::install().map_err(CliError::system("catch SIGUSR1"))?;
     let (ring, started) = match &arguments.ring {
-        Some(ring) => (ring.clone(), start(session, &options, ring)),
-        None => start_in(session, &options, output),
+        Some(ring) => (ring.clone(), start(command_node, &options, ring)),
+        None => start_in(command_node, &options, output),
     };
     let failed = |source| CliError::Record {
         path: ring.clone(),
@@ -99,7 +99,7 @@ pub(super) fn run<'a>(
     black_box.connect_with(connect);
     let added = black_box.wake_on_descriptor(signal.0.as_fd());
     added.map_err(CliError::system("wait for SIGUSR1"))?;
-    arguments.warn_of_absent(session)?;
+    arguments.warn_of_absent(command_node)?;
     stderr_line!(
         "keeping the last {} in {} (`sm2 record trigger`, SIGUSR1; Ctrl-C ends)",
         time::Span(last),
@@ -107,9 +107,13 @@ pub(super) fn run<'a>(
     );
     let mut out = Output::new();
     let mut failure = Ok(());
-    let kept = keep(&mut black_box, &signal, session, until, &mut |incident| {
-        report(&mut out, incident, json, &mut failure)
-    });
+    let kept = keep(
+        &mut black_box,
+        &signal,
+        command_node,
+        until,
+        &mut |incident| report(&mut out, incident, json, &mut failure),
+    );
     let Progress {
         missing, too_long, ..
     } = black_box.progress();
@@ -133,7 +137,7 @@ pub(super) fn run<'a>(
 }
 
 fn start<'a>(
-    session: &'a Session,
+    command_node: &'a CommandNode,
     options: &BlackBoxOptions,
     ring: &Path,
 ) -> Result<BlackBox<'a>, RecordError> {
@@ -141,19 +145,19 @@ fn start<'a>(
         ring: ring.to_owned(),
         ..options.clone()
     };
-    BlackBox::start(&session.node, options, session.signal_fd())
+    BlackBox::start(&command_node.node, options, command_node.signal_fd())
 }
 
 /// Starts with a ring in the folder of the bags: that of a recorder that was killed, if there is one, else a new one.
 fn start_in<'a>(
-    session: &'a Session,
+    command_node: &'a CommandNode,
     options: &BlackBoxOptions,
     output: &Path,
 ) -> (PathBuf, Result<BlackBox<'a>, RecordError>) {
     let mut number = 1;
     loop {
         let ring = output.join(numbered("ring", number));
-        match start(session, options, &ring) {
+        match start(command_node, options, &ring) {
             Err(RecordError::RingInUse) => number += 1,
             started => return (ring, started),
         }
@@ -164,12 +168,12 @@ fn start_in<'a>(
 fn keep(
     black_box: &mut BlackBox<'_>,
     signal: &Signal,
-    session: &Session,
+    command_node: &CommandNode,
     until: Instant,
     done: &mut dyn FnMut(Incident) -> Result<(), CliError>,
 ) -> Result<Result<(), RecordError>, CliError> {
     let (mut ticker, mut unmatched) = (Ticker::new(), Unmatched::new());
-    while session.stopped().is_none() && clock::now() < until {
+    while command_node.stopped().is_none() && clock::now() < until {
         match black_box.step(unmatched.left(ticker.left(until))) {
             Ok(BlackBoxStep::Stopped) => break,
             Ok(BlackBoxStep::Timeout) => {}
@@ -191,7 +195,7 @@ fn keep(
             ),
             Err(error) => return Ok(Err(error)),
         }
-        session.is_connected();
+        command_node.is_connected();
         ticker.tick(|| Shown(black_box.progress()));
         if unmatched.is_due() {
             say_unmatched(&black_box.unmatched(), black_box.domain(), SO_FAR);
@@ -235,11 +239,11 @@ fn report(
 
 impl BlackBoxArguments {
     /// Names the nodes of `--on-lost` that are not there: they may come later, or their names may be wrong.
-    fn warn_of_absent(&self, session: &Session) -> Result<(), CliError> {
+    fn warn_of_absent(&self, command_node: &CommandNode) -> Result<(), CliError> {
         if self.on_lost.is_empty() {
             return Ok(());
         }
-        let domain = session.snapshot()?;
+        let domain = command_node.snapshot()?;
         let absent = |node: &&Name| domain.node_named(node.as_str()).is_none();
         for node in self.on_lost.iter().filter(absent) {
             stderr_line!("sm2: no node {node} is there: it triggers when it has come and left");

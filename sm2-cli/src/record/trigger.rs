@@ -7,7 +7,7 @@ use sm2_proto::Name;
 
 use crate::{
     args::{Domain, name},
-    connect::Session,
+    connect::CommandNode,
     ended::Ended,
     error::CliError,
     output::Output,
@@ -51,10 +51,10 @@ Examples:
 ///
 /// [`CliError::NoServer`], [`CliError::Call`], and the errors of connecting.
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let session = Session::open(&arguments.domain, "trigger")?;
+    let command_node = CommandNode::open(&arguments.domain, "trigger")?;
     let (service, timeout) = (&arguments.service, arguments.timeout);
-    let Some(reply) = ask(&session, service, arguments.reason.as_bytes(), timeout)? else {
-        return Ok(stopped(&session));
+    let Some(reply) = ask(&command_node, service, arguments.reason.as_bytes(), timeout)? else {
+        return Ok(stopped(&command_node));
     };
     let mut out = Output::new();
     out.line(String::from_utf8_lossy(&reply))?;

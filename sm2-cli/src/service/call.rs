@@ -14,7 +14,7 @@ use sm2_proto::{Contract, Instant, Name, TypeId};
 
 use crate::{
     args::{Domain, name},
-    connect::Session,
+    connect::CommandNode,
     ended::Ended,
     error::CliError,
     messages::{self, Content, Schemas, Show, bytes_of, is_bytes},
@@ -82,12 +82,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let value = arguments.value.as_deref().map(serde_json::from_str);
     let value: Option<serde_json::Value> = value.transpose().map_err(CliError::Json)?;
     let given = arguments.from.as_deref().map(read).transpose()?;
-    let session = Session::open(&arguments.domain, "call")?;
-    let client = client(&session, &arguments.service)?;
+    let command_node = CommandNode::open(&arguments.domain, "call")?;
+    let client = client(&command_node, &arguments.service)?;
     let until = clock::now().after(arguments.timeout);
-    let Some([request_type, reply_type]) = server(&arguments.service, &session, &client, until)?
+    let Some([request_type, reply_type]) =
+        server(&arguments.service, &command_node, &client, until)?
     else {
-        return Ok(stopped(&session));
+        return Ok(stopped(&command_node));
     };
     let mut schemas = Schemas::default();
     let request = match (given, value) {
@@ -95,22 +96,22 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         (None, Some(value)) => {
             let schema = match is_bytes(&request_type) {
                 true => None,
-                false => schemas.of(&session, &request_type)?,
+                false => schemas.of(&command_node, &request_type)?,
             };
             bytes_of(&value, &request_type, schema)?
         }
         (None, None) => Vec::new(),
     };
     let start = clock::now();
-    let Some(reply) = call(&session, &client, &request, until)? else {
-        return Ok(stopped(&session));
+    let Some(reply) = call(&command_node, &client, &request, until)? else {
+        return Ok(stopped(&command_node));
     };
     let took = clock::now().since(start);
     // A copy: the server may still be able to change the reply while it is checked and decoded.
     let bytes = reply.to_vec();
     let decodes = !arguments.show.raw && !arguments.show.hex && !is_bytes(&reply_type);
     let schema = match decodes {
-        true => schemas.shown(&session, &reply_type),
+        true => schemas.shown(&command_node, &reply_type),
         false => None,
     };
     let mut out = Output::new();
@@ -131,35 +132,35 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
 
 /// Calls a service of any types with these bytes. Returns a copy of the reply; `None` if a signal came.
 pub(crate) fn ask(
-    session: &Session,
+    command_node: &CommandNode,
     service: &Name,
     request: &[u8],
     timeout: Duration,
 ) -> Result<Option<Vec<u8>>, CliError> {
-    let client = client(session, service)?;
+    let client = client(command_node, service)?;
     let until = clock::now().after(timeout);
-    if server(service, session, &client, until)?.is_none() {
+    if server(service, command_node, &client, until)?.is_none() {
         return Ok(None);
     }
-    let reply = call(session, &client, request, until)?;
+    let reply = call(command_node, &client, request, until)?;
     Ok(reply.map(|it| it.to_vec()))
 }
 
 /// A client of any types.
-fn client(session: &Session, service: &Name) -> Result<Client<[u8], [u8]>, CliError> {
-    let builder = session.node.client_builder(service.as_str());
+fn client(command_node: &CommandNode, service: &Name) -> Result<Client<[u8], [u8]>, CliError> {
+    let builder = command_node.node.client_builder(service.as_str());
     Ok(builder.any_types().declare()?)
 }
 
 /// The result of a call that a signal ended.
-pub(crate) fn stopped(session: &Session) -> Ended {
-    session.stopped().map_or(Ended::No, Ended::Stopped)
+pub(crate) fn stopped(command_node: &CommandNode) -> Ended {
+    command_node.stopped().map_or(Ended::No, Ended::Stopped)
 }
 
 /// Waits for a server, and returns its types. `None` if a signal came.
 fn server(
     service: &Name,
-    session: &Session,
+    command_node: &CommandNode,
     client: &Client<[u8], [u8]>,
     until: Instant,
 ) -> Result<Option<[TypeId; 2]>, CliError> {
@@ -172,22 +173,22 @@ fn server(
                 Contract::Server { request, reply, .. } => Some([request.clone(), reply.clone()]),
                 _ => None,
             });
-        if session.stopped().is_some() {
+        if command_node.stopped().is_some() {
             return Ok(None);
         }
         if types.is_some() {
             return Ok(types);
         }
         if clock::now() >= until {
-            return Err(no_server(service, session));
+            return Err(no_server(service, command_node));
         }
-        session.step(&[(client.as_fd(), For::Reading)], Some(until))?;
+        command_node.step(&[(client.as_fd(), For::Reading)], Some(until))?;
     }
 }
 
-fn no_server(service: &Name, session: &Session) -> CliError {
+fn no_server(service: &Name, command_node: &CommandNode) -> CliError {
     // An error of the Manager is reported elsewhere.
-    let hint = session.snapshot().map_or_else(
+    let hint = command_node.snapshot().map_or_else(
         |_| String::new(),
         |domain| {
             let known = View::new(&domain).names(SERVICE);
@@ -203,7 +204,7 @@ fn no_server(service: &Name, session: &Session) -> CliError {
 
 /// Sends the request and waits for the reply. `None` if a signal came; the call is then cancelled.
 fn call(
-    session: &Session,
+    command_node: &CommandNode,
     client: &Client<[u8], [u8]>,
     request: &[u8],
     until: Instant,
@@ -214,16 +215,16 @@ fn call(
         match call.try_wait() {
             Ok(None) => {}
             Ok(Some(reply)) => return Ok(Some(reply)),
-            Err(error @ CallError::Cancelled { .. }) if session.stopped().is_none() => {
+            Err(error @ CallError::Cancelled { .. }) if command_node.stopped().is_none() => {
                 return Err(error.into());
             }
             Err(CallError::Cancelled { .. }) => return Ok(None),
             Err(error) => return Err(error.into()),
         }
-        if session.stopped().is_some() {
+        if command_node.stopped().is_some() {
             return Ok(None);
         }
-        session.step(&[(client.as_fd(), For::Reading)], Some(until))?;
+        command_node.step(&[(client.as_fd(), For::Reading)], Some(until))?;
     }
 }
 

@@ -8,7 +8,7 @@ use crate::{
     args::name,
     ended::Ended,
     error::CliError,
-    interfaces::{self, Interface, StatedType, table},
+    interfaces::{self, InterfaceReport, StatedType, table},
     report::{Options, Report, facts},
     view::SERVICE,
 };
@@ -36,24 +36,26 @@ struct Info {
     name: String,
     request: StatedType,
     reply: StatedType,
-    interfaces: Vec<Interface>,
+    interfaces: Vec<InterfaceReport>,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let service = &arguments.service;
-    arguments.options.print("service-info", |session, view| {
-        let interfaces = interfaces::on(view, SERVICE, "service", service)?;
-        let [request, reply] = match view.service_types(service) {
-            Some(types) => types.map(Some),
-            None => [None; 2],
-        };
-        Ok(Info {
-            name: service.to_string(),
-            request: StatedType::of(session, request)?,
-            reply: StatedType::of(session, reply)?,
-            interfaces,
+    arguments
+        .options
+        .print("service-info", |command_node, view| {
+            let interfaces = interfaces::on(view, SERVICE, "service", service)?;
+            let [request, reply] = match view.service_types(service) {
+                Some(types) => types.map(Some),
+                None => [None; 2],
+            };
+            Ok(Info {
+                name: service.to_string(),
+                request: StatedType::of(command_node, request)?,
+                reply: StatedType::of(command_node, reply)?,
+                interfaces,
+            })
         })
-    })
 }
 
 impl Report for Info {

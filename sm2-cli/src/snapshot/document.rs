@@ -14,9 +14,9 @@ use super::{
 };
 use crate::{
     columns::Columns,
-    connect::Session,
+    connect::CommandNode,
     error::CliError,
-    interfaces::{self, Interface},
+    interfaces::{self, InterfaceReport},
     limits::{self, Quota, quotas},
     observation::Readings,
     output::Output,
@@ -37,7 +37,7 @@ pub(crate) struct Document {
     troubles: LinkTroubles,
     nodes: Vec<Node>,
     /// Includes refused interfaces.
-    interfaces: Vec<Interface>,
+    interfaces: Vec<InterfaceReport>,
     links: Vec<CountedLink>,
     /// Links that wait for room, claims, and pairs that match and are not linked.
     open: Vec<NamedItem>,
@@ -69,16 +69,16 @@ struct Taken {
 
 impl Document {
     pub(crate) fn new(
-        session: &Session,
+        command_node: &CommandNode,
         view: &View<'_>,
         readings: Readings<'_>,
         gateways: Vec<Gateway>,
     ) -> Self {
         let sample = readings.now;
-        let itself = session.node.name();
+        let itself = command_node.node.name();
         let items = view.domain.items();
         let mut document = Self {
-            epoch: session.node.epoch().map(|epoch| format!("{epoch:x}")),
+            epoch: command_node.node.epoch().map(|epoch| format!("{epoch:x}")),
             revision: view.domain.revision(),
             limits: view.domain.limits().copied(),
             troubles: LinkTroubles::of_all(view, readings),

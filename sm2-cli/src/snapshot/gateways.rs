@@ -9,7 +9,7 @@ use sm2_gateway::{
 };
 use sm2_proto::domain::Domain as Mirror;
 
-use crate::{columns::Columns, connect::Session};
+use crate::{columns::Columns, connect::CommandNode};
 
 /// The timeout for the answers of all gateways together.
 const TIMEOUT: Duration = Duration::from_secs(1);
@@ -26,9 +26,9 @@ pub(crate) struct Gateway {
 }
 
 /// Asks the gateways of a domain. The result includes those that do not answer.
-pub(crate) fn ask(session: &Session, domain: &Mirror) -> Vec<Gateway> {
+pub(crate) fn ask(command_node: &CommandNode, domain: &Mirror) -> Vec<Gateway> {
     let services = report::gateways(domain);
-    let answers = report::ask(&session.node, services, TIMEOUT).into_iter();
+    let answers = report::ask(&command_node.node, services, TIMEOUT).into_iter();
     let gateways = answers.map(|(service, report)| {
         let (report, error) = match report {
             Ok(report) => (Some(report), None),

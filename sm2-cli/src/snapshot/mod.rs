@@ -16,7 +16,7 @@ use sm2_proto::{
 pub(crate) use self::named_item::reason_text;
 use self::{document::Document, named_item::NamedItem};
 use crate::{
-    args::Domain, connect::Session, ended::Ended, error::CliError, follow::Follow,
+    args::Domain, connect::CommandNode, ended::Ended, error::CliError, follow::Follow,
     observation::Observation, output::Output, view::View, wait::For,
 };
 
@@ -59,20 +59,20 @@ Examples:
 ///
 /// Any [`CliError`].
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let session = Session::open(&arguments.domain, "snapshot")?;
+    let command_node = CommandNode::open(&arguments.domain, "snapshot")?;
     if arguments.watch {
-        return watch(arguments, &session);
+        return watch(arguments, &command_node);
     }
-    let domain = session.snapshot()?;
+    let domain = command_node.snapshot()?;
     let nodes = domain.nodes().map(|node| node.node).collect();
-    let wait = |until| Ok(!session.pause(until)?);
-    let observation = Observation::make(&session.node, &domain, &nodes, wait)?;
-    if let Some(signal) = session.stopped() {
+    let wait = |until| Ok(!command_node.pause(until)?);
+    let observation = Observation::make(&command_node.node, &domain, &nodes, wait)?;
+    if let Some(signal) = command_node.stopped() {
         return Ok(Ended::Stopped(signal));
     }
-    let gateways = gateways::ask(&session, &domain);
+    let gateways = gateways::ask(&command_node, &domain);
     let document = Document::new(
-        &session,
+        &command_node,
         &View::new(&domain),
         observation.readings(),
         gateways,
@@ -96,8 +96,8 @@ struct Line<'a> {
     named: &'a NamedItem,
 }
 
-fn watch(arguments: &Arguments, session: &Session) -> Result<Ended, CliError> {
-    let mut follow = Follow::new(session, arguments.domain.connect_timeout)?;
+fn watch(arguments: &Arguments, command_node: &CommandNode) -> Result<Ended, CliError> {
+    let mut follow = Follow::new(command_node, arguments.domain.connect_timeout)?;
     let mut writer = Writer {
         json: arguments.json,
         out: Output::new(),
@@ -105,11 +105,11 @@ fn watch(arguments: &Arguments, session: &Session) -> Result<Ended, CliError> {
     };
     let all = follow.domain().items().cloned();
     let all = all.map(|item| Change::Set { item }).collect::<Vec<_>>();
-    writer.write(session, follow.domain(), &all)?;
+    writer.write(command_node, follow.domain(), &all)?;
     loop {
         let woken = follow.wait(&[(writer.out.as_fd(), For::Hangup)], None)?;
-        writer.write(session, follow.domain(), &woken.changes)?;
-        if session.stopped().is_some() || woken.ready == [true] {
+        writer.write(command_node, follow.domain(), &woken.changes)?;
+        if command_node.stopped().is_some() || woken.ready == [true] {
             return Ok(Ended::Done);
         }
     }
@@ -126,12 +126,12 @@ struct Writer {
 impl Writer {
     fn write(
         &mut self,
-        session: &Session,
+        command_node: &CommandNode,
         domain: &Mirror,
         changes: &[Change],
     ) -> Result<(), CliError> {
         let view = View::new(domain);
-        let itself = session.node.name();
+        let itself = command_node.node.name();
         for change in changes {
             match change {
                 Change::Set { item } => {

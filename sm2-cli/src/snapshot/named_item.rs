@@ -9,7 +9,7 @@ use sm2_proto::{
     text::Counted,
 };
 
-use crate::{interfaces::Interface, view::View};
+use crate::{interfaces::InterfaceReport, view::View};
 
 /// An item, with names in place of numbers. Field names are part of the command's interface.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -19,7 +19,7 @@ pub(super) enum NamedItem {
     Domain(Limits),
     Node(Node),
     /// An interface, granted or refused.
-    Interface(Interface),
+    Interface(InterfaceReport),
     Link(Link),
     /// A link of an earlier Manager that only one end has claimed so far.
     Claim {
@@ -87,12 +87,12 @@ impl NamedItem {
             Item::Interface {
                 entity,
                 ref contract,
-            } => Self::Interface(Interface::of(view, entity, contract, None)),
+            } => Self::Interface(InterfaceReport::of(view, entity, contract, None)),
             Item::Refusal {
                 entity,
                 ref contract,
                 ref reason,
-            } => Self::Interface(Interface::of(view, entity, contract, Some(reason))),
+            } => Self::Interface(InterfaceReport::of(view, entity, contract, Some(reason))),
             Item::Link {
                 link,
                 offering,

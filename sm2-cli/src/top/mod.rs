@@ -31,7 +31,7 @@ use self::{
 };
 use crate::{
     args::Domain,
-    connect::Session,
+    connect::CommandNode,
     ended::Ended,
     error::CliError,
     follow::Follow,
@@ -102,10 +102,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     if !(once || has_person) {
         return Err(CliError::NoTerminal);
     }
-    let session = Session::open(&arguments.domain, "top")?;
+    let command_node = CommandNode::open(&arguments.domain, "top")?;
     let mut monitor = Monitor {
-        follow: Follow::new(&session, arguments.domain.connect_timeout)?,
-        session: &session,
+        follow: Follow::new(&command_node, arguments.domain.connect_timeout)?,
+        command_node: &command_node,
         sampler: Sampler::new(),
         processors: ProcessorUse::default(),
         before: None,
@@ -121,7 +121,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
 
 /// The source of the figures.
 struct Monitor<'a> {
-    session: &'a Session,
+    command_node: &'a CommandNode,
     follow: Follow<'a>,
     sampler: Sampler,
     processors: ProcessorUse,
@@ -133,13 +133,13 @@ impl Monitor<'_> {
     fn look(&mut self) -> Result<Figures, CliError> {
         let domain = self.follow.domain();
         let nodes = domain.nodes().map(|node| node.node).collect();
-        let now = self.sampler.look(&self.session.node, domain, &nodes)?;
+        let now = self.sampler.look(&self.command_node.node, domain, &nodes)?;
         self.processors.look(domain.nodes());
         let readings = Readings {
             before: self.before.as_ref(),
             now: &now,
         };
-        let itself = self.session.node.name();
+        let itself = self.command_node.node.name();
         let figures = Figures::new(&View::new(domain), readings, &self.processors, itself);
         self.before = Some(now);
         Ok(figures)
@@ -155,7 +155,7 @@ fn print(arguments: &Arguments, monitor: &mut Monitor<'_>) -> Result<Ended, CliE
         let woken = monitor
             .follow
             .wait(&[(out.as_fd(), For::Hangup)], Some(due))?;
-        if let Some(signal) = monitor.session.stopped() {
+        if let Some(signal) = monitor.command_node.stopped() {
             return Ok(Ended::Stopped(signal));
         }
         if woken.ready == [true] {
@@ -177,7 +177,7 @@ fn print(arguments: &Arguments, monitor: &mut Monitor<'_>) -> Result<Ended, CliE
 
 /// Updates the screen until a key or a signal ends the command.
 fn watch(arguments: &Arguments, monitor: &mut Monitor<'_>) -> Result<Ended, CliError> {
-    monitor.session.be_silent();
+    monitor.command_node.be_silent();
     let mut state = State {
         colours: screen::has_colours(),
         ..State::default()
@@ -188,13 +188,13 @@ fn watch(arguments: &Arguments, monitor: &mut Monitor<'_>) -> Result<Ended, CliE
     let mut screen = Screen::open().map_err(CliError::Output)?;
     let input = io::stdin();
     loop {
-        state.connected = monitor.session.is_connected();
+        state.connected = monitor.command_node.is_connected();
         let drawn = screen.draw(|frame| draw::draw(frame, &figures, &history, &mut state));
         drawn.map_err(CliError::Output)?;
         let woken = monitor
             .follow
             .wait(&[(input.as_fd(), For::Reading)], Some(due))?;
-        if monitor.session.stopped().is_some() {
+        if monitor.command_node.stopped().is_some() {
             return Ok(Ended::Done);
         }
         if woken.ready == [true] {

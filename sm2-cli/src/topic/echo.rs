@@ -12,7 +12,7 @@ use super::{folder::Folder, wait_hint};
 use crate::{
     args::{Domain, name},
     built_in::BuiltIn,
-    connect::Session,
+    connect::CommandNode,
     ended::Ended,
     error::CliError,
     interrupt::Stopped,
@@ -87,15 +87,15 @@ const DEPTH: u16 = 64;
 
 /// Runs the command until a signal comes or `--count` messages were received.
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let session = Session::open(&arguments.domain, "echo")?;
-    let mut sink = Sink::new(arguments, &session)?;
-    let builder = session
+    let command_node = CommandNode::open(&arguments.domain, "echo")?;
+    let mut sink = Sink::new(arguments, &command_node)?;
+    let builder = command_node
         .node
         .subscriber_builder::<[u8]>(arguments.topic.as_str())
         .depth(DEPTH)
         .reliable(arguments.reliable);
     let builder = match &arguments.data {
-        Some(name) => builder.type_id(data_type(arguments, &session, name)?),
+        Some(name) => builder.type_id(data_type(arguments, &command_node, name)?),
         None => builder.any_type(),
     };
     let builder = match arguments.deadline {
@@ -112,7 +112,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     }
     .declare()?;
     let mut tally = Tally::default();
-    let end = echo(arguments, &session, &subscriber, &mut sink, &mut tally)
+    let end = echo(arguments, &command_node, &subscriber, &mut sink, &mut tally)
         .and_then(|end| sink.out.flush().map(|()| end));
     // After a failure as well, such as a full disk: it tells how much came before.
     if !end.as_ref().is_err_and(CliError::is_broken_pipe) {
@@ -126,12 +126,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
 }
 
 /// The type of `--type`. Its schema is registered, so that others can read and write its messages.
-fn data_type(arguments: &Arguments, session: &Session, name: &Name) -> Result<TypeId, CliError> {
+fn data_type(
+    arguments: &Arguments,
+    command_node: &CommandNode,
+    name: &Name,
+) -> Result<TypeId, CliError> {
     let Some(BuiltIn { data, schema }) = arguments.definitions.known(name)? else {
         return Err(CliError::NoDefinition { name: name.clone() });
     };
     if let Some(text) = schema {
-        session.node.register_schema(data.clone(), &text)?;
+        command_node.node.register_schema(data.clone(), &text)?;
     }
     Ok(data)
 }
@@ -139,14 +143,14 @@ fn data_type(arguments: &Arguments, session: &Session, name: &Name) -> Result<Ty
 /// Prints messages. Returns the signal that ended the loop, if one did.
 fn echo(
     arguments: &Arguments,
-    session: &Session,
+    command_node: &CommandNode,
     subscriber: &Subscriber<[u8]>,
     sink: &mut Sink<'_>,
     tally: &mut Tally,
 ) -> Result<Option<Stopped>, CliError> {
     let mut hint_at = Some(clock::now().after(wait_hint::DELAY));
     while arguments.count.is_none_or(|count| tally.messages < count) {
-        if let Some(signal) = session.stopped() {
+        if let Some(signal) = command_node.stopped() {
             return Ok(Some(signal));
         }
         if let Some(sample) = subscriber.try_recv()? {
@@ -160,7 +164,7 @@ fn echo(
             hint_at = None;
             let links = subscriber.links();
             if !links.iter().any(|link| link.open) {
-                wait_hint::print(session, &arguments.topic, Kind::Publisher, 1, &links);
+                wait_hint::print(command_node, &arguments.topic, Kind::Publisher, 1, &links);
             }
         }
         let others = [
@@ -168,7 +172,7 @@ fn echo(
             // The reader, such as `head`, may end while no message comes.
             (sink.out.as_fd(), For::Hangup),
         ];
-        if session.step(&others, hint_at)?[1] {
+        if command_node.step(&others, hint_at)?[1] {
             return Ok(None);
         }
     }
@@ -178,7 +182,7 @@ fn echo(
 /// Prints or stores messages.
 struct Sink<'a> {
     arguments: &'a Arguments,
-    session: &'a Session,
+    command_node: &'a CommandNode,
     schemas: Schemas,
     out: Output,
     folder: Option<Folder>,
@@ -202,11 +206,11 @@ struct Line<'a> {
 }
 
 impl<'a> Sink<'a> {
-    fn new(arguments: &'a Arguments, session: &'a Session) -> Result<Self, CliError> {
+    fn new(arguments: &'a Arguments, command_node: &'a CommandNode) -> Result<Self, CliError> {
         let folder = arguments.to_dir.as_deref().map(Folder::open).transpose()?;
         Ok(Self {
             arguments,
-            session,
+            command_node,
             schemas: Schemas::new(&arguments.definitions),
             out: Output::new(),
             folder,
@@ -216,7 +220,7 @@ impl<'a> Sink<'a> {
     fn take(&mut self, sample: &Sample<[u8]>) -> Result<(), CliError> {
         let Self {
             arguments,
-            session,
+            command_node,
             schemas,
             out,
             folder,
@@ -227,7 +231,7 @@ impl<'a> Sink<'a> {
         let data = sample
             .type_id()
             .filter(|data| decodes && !messages::is_bytes(data));
-        let schema = data.and_then(|data| schemas.shown(session, data));
+        let schema = data.and_then(|data| schemas.shown(command_node, data));
         match (arguments.json, path) {
             (true, Some(path)) => {
                 let content = Content::File(path.to_string_lossy());

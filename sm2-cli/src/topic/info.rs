@@ -9,7 +9,7 @@ use crate::{
     ended::Ended,
     error::CliError,
     interface_troubles::InterfaceTroubles,
-    interfaces::{self, Interface, StatedType, table},
+    interfaces::{self, InterfaceReport, StatedType, table},
     report::{Options, Report, facts},
     sampling::Sample,
     view::TOPIC,
@@ -43,21 +43,21 @@ struct Info {
     name: String,
     #[serde(rename = "type")]
     data: StatedType,
-    interfaces: Vec<Interface>,
+    interfaces: Vec<InterfaceReport>,
     #[serde(flatten)]
     troubles: InterfaceTroubles,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let topic = &arguments.topic;
-    arguments.options.print("topic-info", |session, view| {
+    arguments.options.print("topic-info", |command_node, view| {
         let interfaces = interfaces::on(view, TOPIC, "topic", topic)?;
-        let entities: Vec<_> = interfaces.iter().map(Interface::entity).collect();
+        let entities: Vec<_> = interfaces.iter().map(InterfaceReport::entity).collect();
         let nodes = entities.iter().map(|it| it.node).collect();
-        let sample = Sample::if_known(&session.node, view.domain, &nodes);
+        let sample = Sample::if_known(&command_node.node, view.domain, &nodes);
         Ok(Info {
             name: topic.to_string(),
-            data: StatedType::of(session, view.topic_type(topic))?,
+            data: StatedType::of(command_node, view.topic_type(topic))?,
             interfaces,
             troubles: InterfaceTroubles::find(view, &sample, &entities),
         })

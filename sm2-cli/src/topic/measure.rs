@@ -16,7 +16,7 @@ use sm2_proto::{
 use crate::{
     args::{self, Domain},
     columns::{Row, Stream},
-    connect::Session,
+    connect::CommandNode,
     ended::Ended,
     error::CliError,
     follow::Follow,
@@ -136,8 +136,8 @@ impl Look<'_> {
 
 /// Prints reports until a signal comes, the reader of the output ends, or `--count` reports were printed.
 pub(super) fn run<M: Measure>(arguments: &Arguments) -> Result<Ended, CliError> {
-    let session = Session::open(&arguments.domain, M::ROLE)?;
-    let mut follow = Follow::new(&session, arguments.domain.connect_timeout)?;
+    let command_node = CommandNode::open(&arguments.domain, M::ROLE)?;
+    let mut follow = Follow::new(&command_node, arguments.domain.connect_timeout)?;
     let mut sampler = Sampler::new();
     let mut printer = Printer::<M>::new(arguments);
     let mut before: Option<Sample> = None;
@@ -146,13 +146,13 @@ pub(super) fn run<M: Measure>(arguments: &Arguments) -> Result<Ended, CliError> 
     while arguments.count.is_none_or(|count| reports < count) {
         if !is_there(&follow, &arguments.topic, M::OF) {
             before = None;
-            if !await_topic(&session, &mut follow, arguments, M::OF, &printer.out)? {
-                return Ok(ended(&session, arguments));
+            if !await_topic(&command_node, &mut follow, arguments, M::OF, &printer.out)? {
+                return Ok(ended(&command_node, arguments));
             }
             due = clock::now();
         }
         let nodes = nodes_on(&follow, &arguments.topic);
-        let now = sampler.look(&session.node, follow.domain(), &nodes)?;
+        let now = sampler.look(&command_node.node, follow.domain(), &nodes)?;
         if let Some(before) = &before {
             let look = Look {
                 view: View::new(follow.domain()),
@@ -168,16 +168,16 @@ pub(super) fn run<M: Measure>(arguments: &Arguments) -> Result<Ended, CliError> 
         // Reports stay on a fixed grid. After a late report the grid starts anew.
         due = due.after(arguments.interval).max(clock::now());
         let last = arguments.count == Some(reports);
-        if !last && !sleep(&session, &mut follow, &printer.out, due)? {
-            return Ok(ended(&session, arguments));
+        if !last && !sleep(&command_node, &mut follow, &printer.out, due)? {
+            return Ok(ended(&command_node, arguments));
         }
     }
     Ok(Ended::Done)
 }
 
 /// The result after a signal or the end of the reader. Without `--count`, both are the regular end.
-fn ended(session: &Session, arguments: &Arguments) -> Ended {
-    match session.stopped() {
+fn ended(command_node: &CommandNode, arguments: &Arguments) -> Ended {
+    match command_node.stopped() {
         Some(signal) if arguments.count.is_some() => Ended::Stopped(signal),
         _ => Ended::Done,
     }
@@ -201,7 +201,7 @@ fn nodes_on(follow: &Follow<'_>, topic: &Name) -> BTreeSet<NodeId> {
 ///
 /// [`CliError::NothingToMeasure`] after the timeout.
 fn await_topic(
-    session: &Session,
+    command_node: &CommandNode,
     follow: &mut Follow<'_>,
     arguments: &Arguments,
     kind: Kind,
@@ -220,7 +220,7 @@ fn await_topic(
     stderr_line!("sm2: waiting for a {kind} of {topic} (Ctrl-C ends){hint}");
     while !is_there(follow, topic, kind) {
         let woken = follow.wait(&[(out.as_fd(), For::Hangup)], until)?;
-        if session.stopped().is_some() || woken.ready == [true] {
+        if command_node.stopped().is_some() || woken.ready == [true] {
             return Ok(false);
         }
         if let Some(timeout) = timeout.filter(|timeout| clock::now().since(start) >= *timeout) {
@@ -236,14 +236,14 @@ fn await_topic(
 
 /// Waits until `due`. Returns false if the command should end instead.
 fn sleep(
-    session: &Session,
+    command_node: &CommandNode,
     follow: &mut Follow<'_>,
     out: &Output,
     due: Instant,
 ) -> Result<bool, CliError> {
     loop {
         let woken = follow.wait(&[(out.as_fd(), For::Hangup)], Some(due))?;
-        if session.stopped().is_some() || woken.ready == [true] {
+        if command_node.stopped().is_some() || woken.ready == [true] {
             return Ok(false);
         }
         if clock::now() >= due {

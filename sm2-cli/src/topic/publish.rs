@@ -21,7 +21,7 @@ use super::{
 };
 use crate::{
     args::Integrity,
-    connect::{Session, drive},
+    connect::{CommandNode, drive},
     ended::Ended,
     error::CliError,
     size::Size,
@@ -53,13 +53,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         Some(input) => input.inputs()?,
         None => Vec::new(),
     };
-    let session = Session::open(&arguments.domain, "pub")?;
-    let message = Payload::new(arguments, &session, value.as_ref())?;
-    let publisher = declare(arguments, &session, &message)?;
+    let command_node = CommandNode::open(&arguments.domain, "pub")?;
+    let message = Payload::new(arguments, &command_node, value.as_ref())?;
+    let publisher = declare(arguments, &command_node, &message)?;
     let mut feed = Feed {
         arguments,
         value: message.bytes.as_deref(),
-        session: &session,
+        command_node: &command_node,
         publisher: &publisher,
         tally: Tally::default(),
         ticks: None,
@@ -83,7 +83,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let reliable = || links.iter().filter(|link| link.reliable);
     let missed = missed + reliable().map(|it| it.counters.pool_limit).sum::<u64>();
     let too_long = reliable().map(|it| it.counters.too_long).sum();
-    match session.stopped() {
+    match command_node.stopped() {
         // With --loop, Ctrl-C is the regular end.
         Some(signal) if !arguments.again => Ok(Ended::Stopped(signal)),
         Some(_) => Ok(Ended::Done),
@@ -98,11 +98,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
 
 fn declare(
     arguments: &Arguments,
-    session: &Session,
+    command_node: &CommandNode,
     message: &Payload,
 ) -> Result<Publisher<[u8]>, CliError> {
     let topic = arguments.topic.as_str();
-    let builder = session
+    let builder = command_node
         .node
         .publisher_builder::<[u8]>(topic)
         .type_id(message.data.clone())
@@ -133,7 +133,7 @@ struct Feed<'a> {
     arguments: &'a Arguments,
     /// The message of `--value`; `None` if `--from` is given.
     value: Option<&'a [u8]>,
-    session: &'a Session,
+    command_node: &'a CommandNode,
     publisher: &'a Publisher<[u8]>,
     tally: Tally,
     /// The times of messages that are published at a fixed rate.
@@ -145,7 +145,7 @@ impl Feed<'_> {
     fn wait_for_subscribers(&self) -> Result<bool, CliError> {
         let count = self.arguments.wait;
         let mut hint_at = Some(clock::now().after(wait_hint::DELAY));
-        while self.session.stopped().is_none() {
+        while self.command_node.stopped().is_none() {
             match self.publisher.wait_for_subscribers_timeout(count, STEP) {
                 Ok(()) => return Ok(true),
                 Err(WaitError::TimedOut { .. }) => {}
@@ -155,7 +155,7 @@ impl Feed<'_> {
                 hint_at = None;
                 let links = self.publisher.links();
                 wait_hint::print(
-                    self.session,
+                    self.command_node,
                     &self.arguments.topic,
                     Kind::Subscriber,
                     count,
@@ -170,7 +170,7 @@ impl Feed<'_> {
         loop {
             let before = self.tally.messages;
             self.publish_round(inputs)?;
-            if !self.arguments.again || self.session.stopped().is_some() {
+            if !self.arguments.again || self.command_node.stopped().is_some() {
                 return Ok(());
             }
             if self.tally.messages == before {
@@ -187,7 +187,7 @@ impl Feed<'_> {
             }
             return Ok(());
         }
-        let gate = self.session;
+        let gate = self.command_node;
         let mut messages = Messages::new(inputs.to_vec(), self.arguments.split(), gate);
         let mut message = Vec::new();
         while messages.next(&mut message)? {
@@ -204,7 +204,7 @@ impl Feed<'_> {
     fn publish(&mut self, message: &[u8]) -> Result<bool, CliError> {
         let until = clock::now().after(TIMEOUT);
         let published = loop {
-            if self.session.stopped().is_some() {
+            if self.command_node.stopped().is_some() {
                 return Ok(false);
             }
             if let Some(published) = self.publisher.try_publish(message)? {
@@ -214,7 +214,7 @@ impl Feed<'_> {
                 break self.publisher.publish_timeout(message, Duration::ZERO)?;
             }
             self.publisher.wait_for_room_timeout(STEP)?;
-            self.session.is_connected();
+            self.command_node.is_connected();
         };
         self.tally.links = self.tally.links.max(published.links);
         self.tally.messages += 1;
@@ -228,7 +228,7 @@ impl Feed<'_> {
             Some(ticks) => {
                 while ticks.handle(clock::now()).is_none() {
                     let due = ticks.deadline().unwrap_or(Instant(u64::MAX));
-                    if self.session.pause(due)? {
+                    if self.command_node.pause(due)? {
                         return Ok(false);
                     }
                 }
@@ -252,7 +252,7 @@ impl Feed<'_> {
         while !self.publisher.flush_timeout(STEP)? {
             let now = clock::now();
             let counters = self.publisher.counters();
-            if self.session.stopped().is_some() && !stopping {
+            if self.command_node.stopped().is_some() && !stopping {
                 stopping = true;
                 until = until.min(now.after(FAREWELL));
             } else if self.arguments.reliable && !stopping && counters != seen {
@@ -270,13 +270,13 @@ impl Feed<'_> {
     fn wait_for_releases(&self) -> Result<(), CliError> {
         let until = clock::now().after(RELEASE_TIMEOUT);
         while self.publisher.counters().in_flight > 0 && clock::now() < until {
-            drive(&self.session.node, &[], Some(until))?;
+            drive(&self.command_node.node, &[], Some(until))?;
         }
         Ok(())
     }
 }
 
-impl Gate for Session {
+impl Gate for CommandNode {
     fn pass(&self, input: BorrowedFd<'_>) -> Result<bool, CliError> {
         while self.stopped().is_none() {
             if self.step(&[(input, For::Reading)], None)?[0] {

@@ -6,7 +6,7 @@ use sm2_node::diagnostics::LinkStatus;
 use sm2_node::explain::nearest;
 use sm2_proto::{Kind, Name, text::Counted};
 
-use crate::connect::Session;
+use crate::connect::CommandNode;
 
 /// The wait after which the line is printed.
 pub(super) const DELAY: Duration = Duration::from_secs(1);
@@ -14,7 +14,7 @@ pub(super) const DELAY: Duration = Duration::from_secs(1);
 /// Prints on standard error what the command waits for, and why the nodes that exist do not match. `links` are
 /// the links of the command's interface on `topic`.
 pub(super) fn print(
-    session: &Session,
+    command_node: &CommandNode,
     topic: &Name,
     wanted: Kind,
     count: usize,
@@ -22,7 +22,7 @@ pub(super) fn print(
 ) {
     let wanted_text = wanted.to_string();
     let awaited = Counted::new(count as u64, &wanted_text);
-    let reason = silent(links).or_else(|| why(session, topic, wanted));
+    let reason = silent(links).or_else(|| why(command_node, topic, wanted));
     let reason = reason.map_or_else(String::new, |reason| format!("; {reason}"));
     stderr_line!("sm2: waiting for {awaited} of {topic} (Ctrl-C ends){reason}");
 }
@@ -37,10 +37,10 @@ fn silent(links: &[LinkStatus]) -> Option<String> {
 }
 
 /// The nearest counterpart, and the reason for which it does not match, in one line.
-fn why(session: &Session, topic: &Name, wanted: Kind) -> Option<String> {
+fn why(command_node: &CommandNode, topic: &Name, wanted: Kind) -> Option<String> {
     // An error of the Manager is reported elsewhere.
-    let domain = session.snapshot().ok()?;
-    let own = domain.node_named(session.node.name().as_str())?;
+    let domain = command_node.snapshot().ok()?;
+    let own = domain.node_named(command_node.node.name().as_str())?;
     let mut interfaces = domain.interfaces_of(own.node);
     let ours = interfaces
         .find(|it| it.contract.name() == topic && it.contract.kind() == wanted.counterpart())?;

@@ -13,8 +13,8 @@ use sm2_proto::domain::Domain as Mirror;
 
 use self::expression::{Expression, Seen};
 use crate::{
-    args::Domain, connect::Session, ended::Ended, error::CliError, follow::Follow, output::Output,
-    time,
+    args::Domain, connect::CommandNode, ended::Ended, error::CliError, follow::Follow,
+    output::Output, time,
 };
 
 /// `sm2 wait`.
@@ -69,10 +69,10 @@ struct Answer {
 ///
 /// Any [`CliError`].
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let session = Session::open(&arguments.domain, "wait")?;
+    let command_node = CommandNode::open(&arguments.domain, "wait")?;
     let start = clock::now();
     let until = arguments.timeout.map(|timeout| start.after(timeout));
-    let mut follow = Follow::new(&session, arguments.domain.connect_timeout)?;
+    let mut follow = Follow::new(&command_node, arguments.domain.connect_timeout)?;
     let met = loop {
         if arguments
             .expressions
@@ -81,7 +81,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         {
             break true;
         }
-        if let Some(signal) = session.stopped() {
+        if let Some(signal) = command_node.stopped() {
             return Ok(Ended::Stopped(signal));
         }
         if until.is_some_and(|until| until <= clock::now()) {

@@ -12,7 +12,7 @@ use super::{
     schema,
 };
 use crate::{
-    connect::Session,
+    connect::CommandNode,
     doctor::{self, Check},
     ended::Ended,
     error::CliError,
@@ -37,7 +37,7 @@ const RATES: Duration = Duration::from_secs(5);
 
 /// Samples the domain while a client waits for samples.
 pub(super) struct Feed<'a> {
-    session: &'a Session,
+    command_node: &'a CommandNode,
     follow: Follow<'a>,
     sampler: Sampler,
     before: Option<Sample>,
@@ -69,11 +69,11 @@ impl<'a> Feed<'a> {
     /// # Errors
     ///
     /// As [`Follow::new`].
-    pub(super) fn new(session: &'a Session, timeout: Duration) -> Result<Self, CliError> {
-        let follow = Follow::new(session, timeout)?;
+    pub(super) fn new(command_node: &'a CommandNode, timeout: Duration) -> Result<Self, CliError> {
+        let follow = Follow::new(command_node, timeout)?;
         Ok(Self {
-            session,
-            events: Events::new(&session.node, follow.domain()),
+            command_node,
+            events: Events::new(&command_node.node, follow.domain()),
             follow,
             sampler: Sampler::new(),
             before: None,
@@ -94,10 +94,10 @@ impl<'a> Feed<'a> {
             let until = site.has_clients().then_some(due);
             let woken = [(requests.woken.as_fd(), For::Reading)];
             let woken = self.follow.wait(&woken, until)?;
-            if self.session.stopped().is_some() {
+            if self.command_node.stopped().is_some() {
                 return Ok(Ended::Done);
             }
-            let node = &self.session.node;
+            let node = &self.command_node.node;
             self.events.add(node, self.follow.domain(), &woken.changes);
             // The socket is non-blocking, and a byte stands for a client or a question. If it is not empty now, the
             // next wait ends at once.
@@ -119,17 +119,18 @@ impl<'a> Feed<'a> {
             Question::Why { one, other } => {
                 // Clients wait for samples meanwhile, so there is one reading of the counters.
                 let never = |_| Ok(false);
-                match Answer::find(self.session, one, other.as_ref(), never) {
+                match Answer::find(self.command_node, one, other.as_ref(), never) {
                     Ok(answer) => Ok(answer.lines()),
                     Err(error) => Err(error.to_string()),
                 }
             }
             Question::Schema(name) => {
-                let lines = schema::lines(self.session, &View::new(self.follow.domain()), name);
+                let lines =
+                    schema::lines(self.command_node, &View::new(self.follow.domain()), name);
                 lines.map_err(|error| error.to_string())
             }
             Question::Gateways => {
-                let reports = gateways::ask(self.session, self.follow.domain());
+                let reports = gateways::ask(self.command_node, self.follow.domain());
                 Ok(gateways::lines(&reports))
             }
         }
@@ -140,7 +141,7 @@ impl<'a> Feed<'a> {
         let domain = self.follow.domain();
         let view = View::new(domain);
         let nodes = domain.nodes().map(|node| node.node).collect();
-        let sample = self.sampler.look(&self.session.node, domain, &nodes)?;
+        let sample = self.sampler.look(&self.command_node.node, domain, &nodes)?;
         let before = self.before.take().filter(|it| sample.since(it) < RATES);
         let before = before.as_ref().unwrap_or(&sample);
         let readings = Readings {
@@ -150,15 +151,15 @@ impl<'a> Feed<'a> {
         let granted = view.granted();
         let figures = granted.map(|it| InterfaceFigures::new(&view, readings, it));
         if now >= self.checks_due {
-            self.checks = doctor::checks(&view, readings, &self.session.node);
+            self.checks = doctor::checks(&view, readings, &self.command_node.node);
             self.checks_due = now.after(CHECKS);
         }
         self.samples += 1;
         let look = Look {
             sample: self.samples,
-            connected: self.session.is_connected(),
+            connected: self.command_node.is_connected(),
             figures: figures.collect(),
-            domain: Document::new(self.session, &view, readings, Vec::new()),
+            domain: Document::new(self.command_node, &view, readings, Vec::new()),
             events: self.events.list(),
             checks: &self.checks,
         };

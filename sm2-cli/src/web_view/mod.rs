@@ -26,7 +26,7 @@ use self::{
     feed::Feed,
     http::{Site, Timeouts},
 };
-use crate::{args::Domain, connect::Session, ended::Ended, error::CliError, output::Output};
+use crate::{args::Domain, connect::CommandNode, ended::Ended, error::CliError, output::Output};
 
 /// `sm2 view`.
 #[derive(Args, Debug)]
@@ -64,16 +64,16 @@ Examples:
 ///
 /// # Errors
 ///
-/// [`CliError::Listen`] if the address cannot be used. Any error of [`Session::open`] and of sampling.
+/// [`CliError::Listen`] if the address cannot be used. Any error of [`CommandNode::open`] and of sampling.
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let session = Session::open(&arguments.domain, "view")?;
+    let command_node = CommandNode::open(&arguments.domain, "view")?;
     let address = arguments.listen;
     let listen = |source| CliError::Listen { address, source };
     let listener = TcpListener::bind(address).map_err(listen)?;
     let address = listener.local_addr().map_err(listen)?;
     let access = Access::new(address).map_err(CliError::system("create a token"))?;
     let url = access.url();
-    let mut feed = Feed::new(&session, arguments.domain.connect_timeout)?;
+    let mut feed = Feed::new(&command_node, arguments.domain.connect_timeout)?;
     let (site, requests) = Site::new(access).map_err(CliError::system("create a socket"))?;
     let server = http::start(listener, Arc::clone(&site), Timeouts::default()).map_err(listen)?;
     if !address.ip().is_loopback() {

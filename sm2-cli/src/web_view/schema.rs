@@ -3,7 +3,7 @@
 use sm2_proto::Name;
 
 use crate::{
-    connect::Session,
+    connect::CommandNode,
     error::CliError,
     interfaces::StatedType,
     view::{SERVICE, TOPIC, View},
@@ -13,9 +13,9 @@ use crate::{
 ///
 /// # Errors
 ///
-/// As [`Session::describe`].
+/// As [`CommandNode::describe`].
 pub(super) fn lines(
-    session: &Session,
+    command_node: &CommandNode,
     view: &View<'_>,
     name: &Name,
 ) -> Result<Vec<String>, CliError> {
@@ -26,7 +26,7 @@ pub(super) fn lines(
     };
     let mut lines = Vec::new();
     for (role, data) in [of_topic, request, reply].into_iter().flatten() {
-        let [_, schema] = StatedType::of(session, Some(data))?.texts();
+        let [_, schema] = StatedType::of(command_node, Some(data))?.texts();
         lines.push(format!("{role} {}", data.name));
         lines.extend(broken(&schema));
     }

@@ -40,7 +40,7 @@ use sm2_proto::{
     Code, Instant, Machine, MisuseError, Name,
     gateway::{
         GatewayId, Header, Outcome, PeerFarewell, PeerViolation, StreamEnd, SubjectKind,
-        session::{self, End, Initiator, PeerEvent, Session, Transport},
+        session::{self, End, Initiator, PeerEvent, PeerSession, Transport},
     },
 };
 
@@ -375,7 +375,7 @@ impl Peer {
             Initiator::Peer => None,
         };
         self.phase = Phase::Session(Box::new(Open {
-            session: Session::new(now.at, hop, name, peer, least),
+            session: PeerSession::new(now.at, hop, name, peer, least),
             control,
             control_out: VecDeque::new(),
             member: self.budget.join(),

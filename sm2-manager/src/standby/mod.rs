@@ -4,7 +4,7 @@
 //! the end of its session and takes the lock; a Manager that is started by hand an hour later does the same. The price
 //! is one exchange with each node: two frames, and one for each interface and link.
 
-mod session;
+mod node;
 
 use std::{
     io,
@@ -16,7 +16,7 @@ use std::{
 use sm2_io::{DomainSocketError, SeqPacket, wait_readable};
 use tracing::{info, warn};
 
-use self::session::{Over, Session};
+use self::node::{Over, StandbyNode};
 use crate::{
     HandOver, Manager, Options, Outcome, PolicyReloader, RunError, StartError, Stopper,
     handles::Handles,
@@ -51,7 +51,7 @@ pub enum Role {
 #[derive(Debug)]
 enum State {
     Serving(Box<Manager>),
-    StandingBy(Box<Session>),
+    StandingBy(Box<StandbyNode>),
 }
 
 impl State {
@@ -148,9 +148,9 @@ impl Standby {
             on(state.role());
             match state {
                 State::Serving(manager) => return manager.run(),
-                State::StandingBy(session) => {
+                State::StandingBy(node) => {
                     info!(path = %self.path.display(), "standing by");
-                    match session.sit(&self.handles)? {
+                    match node.sit(&self.handles)? {
                         Over::Stopped => return Ok(Outcome::Stopped),
                         Over::Ended => pause = Pause::new(),
                         // The Manager ended the session before WELCOME, and may do so again.
@@ -189,8 +189,8 @@ fn take(
         Err(StartError::DomainSocket(DomainSocketError::Busy { .. })) => {}
         Err(error) => return Err(error),
     }
-    let connected = SeqPacket::connect(path).map(Session::new);
-    Ok(connected.map(|session| State::StandingBy(Box::new(session))))
+    let connected = SeqPacket::connect(path).map(StandbyNode::new);
+    Ok(connected.map(|node| State::StandingBy(Box::new(node))))
 }
 
 /// Pauses of increasing length. After a process is killed, the kernel frees its lock some moments after it

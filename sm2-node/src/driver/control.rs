@@ -13,13 +13,13 @@ use super::context::Context;
 use super::counters::Counting;
 use super::datagram::Incoming;
 use super::event_sets::NodeSets;
-use super::interface::{ForControl, Interface};
+use super::interface::{DeclaredInterface, ForControl};
 use super::leftovers::Leftovers;
 use super::limited_warning::LimitedWarning;
 use super::limits::SOCKETS;
 use super::qos_timer::QosTimer;
 use super::questions::Questions;
-use super::session::{Reconnect, Session};
+use super::session::{Reconnect, SessionDriver};
 use super::shared_interface::SharedInterface;
 use super::sleepers::Sleepers;
 use super::token::LinkToken;
@@ -38,7 +38,7 @@ pub(crate) struct Control {
     pub(super) mappings: MappingQuota,
     /// How many links this node can have.
     pub(super) link_room: LinkRoom,
-    pub(super) session: Session,
+    pub(super) session: SessionDriver,
     pub(super) reconnect: Reconnect,
     pub(super) qos_timer: QosTimer,
     pub(super) questions: Questions,
@@ -81,7 +81,7 @@ impl Control {
             ring_lane,
             mappings,
             link_room: LinkRoom::new(),
-            session: Session::new(socket, name),
+            session: SessionDriver::new(socket, name),
             reconnect: Reconnect::new(path, sets)?,
             qos_timer: QosTimer::default(),
             questions: Questions::default(),
@@ -113,7 +113,7 @@ impl Control {
         &mut self,
         id: InterfaceId,
         sets: &NodeSets,
-        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
+        change: impl FnOnce(&mut DeclaredInterface, &mut Context<'_>) -> R,
     ) -> Option<R> {
         let interface = Arc::clone(self.interfaces.get(&id)?);
         let (result, for_control) = interface.change_from_control(change);

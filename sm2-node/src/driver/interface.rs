@@ -40,7 +40,7 @@ use super::status::LinkStatus;
 use super::token::LinkToken;
 
 #[derive(Debug)]
-pub(crate) struct Interface {
+pub(crate) struct DeclaredInterface {
     pub(crate) contract: Contract,
     /// The longest message that the interface accepts.
     pub(super) max_len: MaxLen,
@@ -123,7 +123,7 @@ pub(crate) enum State {
     Refused(Refusal),
 }
 
-impl Interface {
+impl DeclaredInterface {
     pub(super) fn new(
         contract: Contract,
         pool_limit: PoolLimit,

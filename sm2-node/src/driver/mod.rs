@@ -72,7 +72,7 @@ pub(crate) use self::control::Control;
 pub(crate) use self::control_bell::ControlBell;
 pub(crate) use self::event_sets::NodeSets;
 pub(crate) use self::interface::{
-    CallId, Choice, Condition, Full, Header, Interface, Offered, Outcome, State, Taken,
+    CallId, Choice, Condition, DeclaredInterface, Full, Header, Offered, Outcome, State, Taken,
 };
 pub(crate) use self::limits::SHORTAGE_PAUSE;
 pub(crate) use self::origin::Origin;

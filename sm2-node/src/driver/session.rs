@@ -25,7 +25,7 @@ pub(super) use self::retry::Reconnect;
 pub(crate) use self::retry::may_return;
 
 #[derive(Debug)]
-pub(super) struct Session {
+pub(super) struct SessionDriver {
     socket: Option<SeqPacket>,
     machine: Node,
     /// Frames that the socket has not accepted. Their number is bounded by the declarations and
@@ -48,7 +48,7 @@ struct Frame {
     fd: Option<OwnedFd>,
 }
 
-impl Session {
+impl SessionDriver {
     /// Starts a session with the Manager at the other end of `socket`, by a greeting.
     pub(super) fn new(socket: SeqPacket, name: Name) -> Self {
         Self {

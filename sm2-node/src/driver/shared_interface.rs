@@ -18,7 +18,7 @@ use sm2_proto::{Instant, InterfaceId, Name};
 
 use super::context::Context;
 use super::event_sets::LinkSets;
-use super::interface::{ForControl, Interface, State};
+use super::interface::{DeclaredInterface, ForControl, State};
 use super::limited_warning::LimitedWarning;
 use super::limits::{ENDS, SOCKETS, SOCKETS_WAIT_NS, put_ends_last};
 use super::link::LinkDriver;
@@ -48,7 +48,7 @@ pub(crate) trait ControlSide: fmt::Debug + Send + Sync {
 /// An interface, and what a call needs to read and write the sockets of its links, under the interface's lock.
 #[derive(Debug)]
 pub(crate) struct InterfaceDriver {
-    interface: Interface,
+    interface: DeclaredInterface,
     node_name: Name,
     /// The threads that wait for the interface, and the descriptor that its program polls.
     pub(super) sleepers: Sleepers,
@@ -79,7 +79,7 @@ impl SharedInterface {
         node: &Name,
         control: Arc<dyn ControlSide>,
         sets: LinkSets,
-        interface: Interface,
+        interface: DeclaredInterface,
     ) -> Self {
         Self {
             id,
@@ -240,7 +240,7 @@ impl SharedInterface {
     /// Changes the interface for the control side, which holds the node's lock and handles the results itself.
     pub(super) fn change_from_control<R>(
         &self,
-        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
+        change: impl FnOnce(&mut DeclaredInterface, &mut Context<'_>) -> R,
     ) -> (R, Option<ForControl>) {
         let mut driver = self.lock_for_control();
         let result = driver.change(&self.sets, change);
@@ -282,7 +282,7 @@ impl LockedInterface<'_> {
     #[inline]
     pub(crate) fn change<R>(
         &mut self,
-        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
+        change: impl FnOnce(&mut DeclaredInterface, &mut Context<'_>) -> R,
     ) -> R {
         let sets = &self.shared.sets;
         DerefMut::deref_mut(self).change(sets, change)
@@ -304,7 +304,7 @@ impl LockedInterface<'_> {
     #[inline]
     pub(crate) fn change_unharvested<R>(
         &mut self,
-        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
+        change: impl FnOnce(&mut DeclaredInterface, &mut Context<'_>) -> R,
     ) -> R {
         let sets = &self.shared.sets;
         DerefMut::deref_mut(self).change_unharvested(sets, change)
@@ -341,7 +341,7 @@ impl InterfaceDriver {
     fn change<R>(
         &mut self,
         sets: &LinkSets,
-        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
+        change: impl FnOnce(&mut DeclaredInterface, &mut Context<'_>) -> R,
     ) -> R {
         self.change_unharvested(sets, |interface, context| {
             interface.harvest(context);
@@ -353,7 +353,7 @@ impl InterfaceDriver {
     fn change_unharvested<R>(
         &mut self,
         sets: &LinkSets,
-        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
+        change: impl FnOnce(&mut DeclaredInterface, &mut Context<'_>) -> R,
     ) -> R {
         let mut context = Context {
             sets,
@@ -369,7 +369,7 @@ impl InterfaceDriver {
         result
     }
 
-    pub(crate) fn interface(&self) -> &Interface {
+    pub(crate) fn interface(&self) -> &DeclaredInterface {
         &self.interface
     }
 

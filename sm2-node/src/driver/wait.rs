@@ -9,7 +9,7 @@ use sm2_proto::Instant;
 
 use super::context::Context;
 use super::control::Control;
-use super::interface::Interface;
+use super::interface::DeclaredInterface;
 use super::shared_interface::{LockedInterface, SharedInterface};
 use super::shared_node::NodeState;
 use super::sleep::sleep;
@@ -171,7 +171,7 @@ impl SharedInterface {
     pub(crate) fn wait<T>(
         &self,
         until: Option<Instant>,
-        look: impl FnMut(&mut Interface, &mut Context<'_>) -> Option<T>,
+        look: impl FnMut(&mut DeclaredInterface, &mut Context<'_>) -> Option<T>,
     ) -> Result<Option<T>, WaitFailure> {
         let mut look = look;
         self.wait_as(Wait::Park, until.into(), |locked| locked.change(&mut look))

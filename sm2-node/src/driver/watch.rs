@@ -7,7 +7,7 @@ use std::sync::Arc;
 use sm2_io::{Maker, Waker};
 
 use super::context::Context;
-use super::interface::Interface;
+use super::interface::DeclaredInterface;
 use super::shared_interface::{LockedInterface, SharedInterface};
 use super::undriven_control::UndrivenControl;
 
@@ -49,7 +49,7 @@ impl Watch {
     /// Reads the sockets, because a descriptor had an event, and looks as [`look`](Self::look) does.
     pub(crate) fn read_and_look(
         &self,
-        look: impl FnMut(&mut Interface, &mut Context<'_>) -> bool,
+        look: impl FnMut(&mut DeclaredInterface, &mut Context<'_>) -> bool,
     ) -> bool {
         self.look_in(self.interface.lock_for_event(&self.waker), look)
     }
@@ -58,14 +58,17 @@ impl Watch {
     /// interface prepares for the sleep of the caller, and `look` is called once more. Afterwards the descriptors
     /// become readable at the next event. Returns whether the kernel had no memory to use a socket: it is still
     /// ready, so the caller pauses before it waits.
-    pub(crate) fn look(&self, look: impl FnMut(&mut Interface, &mut Context<'_>) -> bool) -> bool {
+    pub(crate) fn look(
+        &self,
+        look: impl FnMut(&mut DeclaredInterface, &mut Context<'_>) -> bool,
+    ) -> bool {
         self.look_in(self.interface.lock(), look)
     }
 
     fn look_in(
         &self,
         mut locked: LockedInterface<'_>,
-        mut look: impl FnMut(&mut Interface, &mut Context<'_>) -> bool,
+        mut look: impl FnMut(&mut DeclaredInterface, &mut Context<'_>) -> bool,
     ) -> bool {
         // Events until now are seen by the look below, under the same lock.
         locked.sleepers.clear(&self.waker);

@@ -8,7 +8,7 @@ use sm2_proto::control::LinkPeer;
 
 use super::Handle;
 use crate::RecvError;
-use crate::driver::{Context, Full, Header, Interface, LinkToken, Origin, Taken, Until};
+use crate::driver::{Context, DeclaredInterface, Full, Header, LinkToken, Origin, Taken, Until};
 use crate::payload::MessageBytes;
 
 impl Handle {
@@ -18,7 +18,11 @@ impl Handle {
     pub(crate) fn receive(
         &self,
         until: Until,
-        mut take: impl FnMut(&mut Interface, &mut Option<Taken>, &mut Context<'_>) -> Result<(), Full>,
+        mut take: impl FnMut(
+            &mut DeclaredInterface,
+            &mut Option<Taken>,
+            &mut Context<'_>,
+        ) -> Result<(), Full>,
     ) -> Result<Option<Received>, RecvError> {
         loop {
             let Some(taken) = self.take(until, &mut take)? else {
@@ -35,7 +39,11 @@ impl Handle {
     fn take(
         &self,
         until: Until,
-        take: &mut impl FnMut(&mut Interface, &mut Option<Taken>, &mut Context<'_>) -> Result<(), Full>,
+        take: &mut impl FnMut(
+            &mut DeclaredInterface,
+            &mut Option<Taken>,
+            &mut Context<'_>,
+        ) -> Result<(), Full>,
     ) -> Result<Option<Taken>, RecvError> {
         self.check_shutdown(until)?;
         // Not a result of the closures, each of which would copy the message.

@@ -4,7 +4,7 @@ use sm2_io::Preallocated;
 use sm2_proto::limits::MESSAGE_MAX;
 
 use super::Handle;
-use crate::driver::{Forms, Interface, Needs, NoSlot};
+use crate::driver::{DeclaredInterface, Forms, Needs, NoSlot};
 use crate::outgoing::Outgoing;
 use crate::pool::Lease;
 use crate::spare::Fill;
@@ -92,7 +92,7 @@ impl Handle {
     }
 }
 
-fn full(interface: &Interface, len: u64) -> StoreError {
+fn full(interface: &DeclaredInterface, len: u64) -> StoreError {
     StoreError::PoolFull {
         len,
         limit_bytes: interface.outbox.pool_limit_bytes(),

@@ -10,7 +10,7 @@ use sm2_proto::clock::DomainTime;
 use sm2_proto::lockstep::{MemberInput, MemberOutput, Turn};
 
 use super::InputsError;
-use super::session::{Session, ended};
+use super::member::{MemberDriver, ended};
 use super::subscription::{Callback, Place, Subscription};
 use super::ticks::Ticks;
 use crate::clock::Clock;
@@ -63,7 +63,7 @@ use crate::{Message, Name, Node, Sample, Subscriber, Tick, WaitSet};
 /// A subscriber needs room for the messages of one turn: at most `depth` of each publisher. If one is lost or comes
 /// too late, [`run`](Self::run) returns an error instead of outputs that cannot be repeated.
 pub struct Inputs<'a, S> {
-    session: Session,
+    member: MemberDriver,
     clock: Clock,
     subscriptions: Vec<Box<dyn Subscription<S> + 'a>>,
     ticks: Ticks<'a, S>,
@@ -84,11 +84,11 @@ impl<'a, S> Inputs<'a, S> {
     ///
     /// [`InputsError::Declare`], [`InputsError::Io`].
     pub fn new(node: &Node) -> Result<Self, InputsError> {
-        let session = Session::new(node)?;
+        let member = MemberDriver::new(node)?;
         let clock = node.clock()?;
-        let set = Self::wait_set(node, &session, &clock);
+        let set = Self::wait_set(node, &member, &clock);
         Ok(Self {
-            session,
+            member,
             clock,
             subscriptions: Vec::new(),
             ticks: Ticks::default(),
@@ -105,9 +105,13 @@ impl<'a, S> Inputs<'a, S> {
         self.only_in_lockstep = only;
     }
 
-    fn wait_set(node: &Node, session: &Session, clock: &Clock) -> io::Result<WaitSet<'static, ()>> {
+    fn wait_set(
+        node: &Node,
+        member: &MemberDriver,
+        clock: &Clock,
+    ) -> io::Result<WaitSet<'static, ()>> {
         let mut set = WaitSet::new()?;
-        set.add(&session.events, ())?;
+        set.add(&member.events, ())?;
         set.add(clock, ())?;
         if let Some(shutdown) = node.shared.sets.shutdown_handle() {
             set.end_with(shutdown)?;
@@ -153,7 +157,7 @@ impl<'a, S> Inputs<'a, S> {
         self.subscriptions.sort_by(|a, b| a.topic().cmp(b.topic()));
         loop {
             let is_found = match self.only_in_lockstep {
-                true => self.session.wait_for_conductor()?,
+                true => self.member.wait_for_conductor()?,
                 false => self.run_free(state)?,
             };
             if !is_found || !self.run_in_lockstep(state)? {
@@ -166,7 +170,7 @@ impl<'a, S> Inputs<'a, S> {
     fn run_free(&mut self, state: &mut S) -> Result<bool, InputsError> {
         loop {
             while self.handle_free(state)? {}
-            if self.session.is_found()? {
+            if self.member.is_found()? {
                 return Ok(true);
             }
             let left = self.ticks.deadline(&self.clock);
@@ -195,12 +199,12 @@ impl<'a, S> Inputs<'a, S> {
 
     /// Handles inputs in turns, until the conductor is gone. Returns false after a shutdown.
     fn run_in_lockstep(&mut self, state: &mut S) -> Result<bool, InputsError> {
-        self.session.wait_for_links();
+        self.member.wait_for_links();
         self.last_cut = None;
         let mut input = MemberInput::Found;
         loop {
-            input = match self.session.feed(input)? {
-                Some(MemberOutput::Call(done)) => match self.session.call(done.into())? {
+            input = match self.member.feed(input)? {
+                Some(MemberOutput::Call(done)) => match self.member.call(done.into())? {
                     Some(input) => input,
                     None => return Ok(false),
                 },
@@ -219,7 +223,7 @@ impl<'a, S> Inputs<'a, S> {
     /// Handles the inputs of a turn. Returns their number.
     //= SM2-LCK-005
     fn handle_turn(&mut self, turn: Turn, state: &mut S) -> Result<u64, InputsError> {
-        self.session.wait_for_links();
+        self.member.wait_for_links();
         if self.last_cut.is_none() {
             self.ticks.restart(turn.time);
         }

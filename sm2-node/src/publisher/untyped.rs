@@ -10,7 +10,7 @@ use sm2_io::Preallocated;
 use sm2_proto::{Instant, WaitBudget, WaitGrant};
 
 #[cfg(feature = "tokio")]
-use crate::driver::{Context, Interface};
+use crate::driver::{Context, DeclaredInterface};
 use crate::driver::{Forms, Offered};
 use crate::handle::{Handle, until};
 use crate::outgoing::Outgoing;
@@ -282,7 +282,7 @@ impl UntypedPublisher {
     #[cfg(feature = "tokio")]
     fn is_so_or_clear(
         &self,
-        mut is_so: impl FnMut(&mut Interface, &mut Context<'_>) -> bool,
+        mut is_so: impl FnMut(&mut DeclaredInterface, &mut Context<'_>) -> bool,
     ) -> bool {
         let mut locked = self.handle.interface.lock_driven();
         let found = self.handle.find_or_clear(&mut locked, |locked| {

@@ -9,7 +9,7 @@ use sm2_proto::Instant;
 use super::deadlines::Deadlines;
 use super::{Cause, Interest, Key, Readiness, Ready};
 use crate::Timer;
-use crate::driver::{Condition, Context, Interface};
+use crate::driver::{Condition, Context, DeclaredInterface};
 
 /// The sources of a wait set. A source that is ready is in the queue, once.
 #[derive(Debug)]
@@ -113,7 +113,7 @@ impl<'fd, T> Sources<'fd, T> {
     pub(super) fn look(
         &mut self,
         keys: &[Key],
-        interface: &mut Interface,
+        interface: &mut DeclaredInterface,
         context: &mut Context<'_>,
     ) -> bool {
         let mut found_all = true;

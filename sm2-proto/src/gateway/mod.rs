@@ -6,7 +6,7 @@
 //! | [`Frame`], [`FrameReader`] | the frames of the control stream |
 //! | [`Header`] | the header before the payload of a message, a request or a reply |
 //! | [`Beacon`] | the datagram by which gateways find each other |
-//! | [`session::Session`] | the machine of one connection with a peer |
+//! | [`session::PeerSession`] | the machine of one connection with a peer |
 //! | [`router::Router`] | the machine that decides which offers are made, used and passed on |
 //! | [`schedule::Schedule`] | the machine that decides which message goes to a peer next |
 //! | [`discovery::Discovery`] | the machine that decides which peer is dialled, where and when |

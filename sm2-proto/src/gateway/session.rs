@@ -1,7 +1,7 @@
 //! One connection with a peer: who the peer is, what each side offers and wants, and which streams
 //! are legal (SPEC sections 14.2 to 14.5).
 //!
-//! [`Session`] keeps the contract of [`Machine`]. Its first output is the HELLO of this side; its
+//! [`PeerSession`] keeps the contract of [`Machine`]. Its first output is the HELLO of this side; its
 //! one deadline is the time by which the peer has to send its own. The bytes of payloads never
 //! come here, only the [`Header`] of each stream.
 //!
@@ -45,7 +45,7 @@ const GREETING_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// One connection with one peer.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub struct Session {
+pub struct PeerSession {
     me: Hop,
     peer: GatewayId,
     /// The epoch of the peer in another connection that is open, or 0.
@@ -69,7 +69,7 @@ enum Phase {
     Open { epoch: u64 },
 }
 
-impl Session {
+impl PeerSession {
     /// A session on a connection whose handshake has just proven that the other side is `peer`.
     /// `least_epoch` is the epoch of this peer in another connection that is open, or 0. A HELLO with a
     /// smaller one is refused.
@@ -417,7 +417,7 @@ impl Session {
     }
 }
 
-impl Machine for Session {
+impl Machine for PeerSession {
     type Input<'a> = Input<'a>;
     type Output = Output;
     type End = End;

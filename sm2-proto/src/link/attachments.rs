@@ -18,7 +18,7 @@ use crate::limits::SEGMENTS_MAX;
 
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Attachments {
-    segments: BTreeMap<u32, Segment>,
+    segments: BTreeMap<u32, OwnSegment>,
     /// The number of named segments.
     named: usize,
     /// The number of attached segments.
@@ -33,7 +33,7 @@ pub(super) struct Attachments {
 
 /// A segment that is named, attached, or both.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-struct Segment {
+struct OwnSegment {
     geometry: Geometry,
     /// The slots of messages that are not settled.
     slots: BTreeSet<u32>,
@@ -70,7 +70,7 @@ impl Attachments {
         let Some(geometry) = Geometry::new(info.stride, info.slots) else {
             return;
         };
-        let segment = self.segments.entry(info.id).or_insert(Segment {
+        let segment = self.segments.entry(info.id).or_insert(OwnSegment {
             geometry,
             slots: BTreeSet::new(),
             unreleased: 0,
@@ -185,7 +185,7 @@ impl Attachments {
         );
         debug_assert!(self.named <= SEGMENTS_MAX);
         debug_assert!(self.attached + self.retired.len() <= SEGMENTS_MAX);
-        let is_idle = |it: &&Segment| it.attached.is_some() && it.unreleased == 0;
+        let is_idle = |it: &&OwnSegment| it.attached.is_some() && it.unreleased == 0;
         debug_assert_eq!(self.idle.len(), segments.clone().filter(is_idle).count());
         debug_assert!(segments.clone().all(|it| it.unreleased <= it.slots.len()));
         debug_assert!(

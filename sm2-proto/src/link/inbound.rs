@@ -43,7 +43,7 @@ pub(super) struct Inbound {
     last_time: Option<Instant>,
     /// The id that the next DATA for the application has if no publication is lost.
     next_id: Option<u64>,
-    segments: BTreeMap<u32, Segment>,
+    segments: BTreeMap<u32, PeerSegment>,
     ready: VecDeque<Ready>,
     /// The messages of this and the following maps, by sequence number.
     borrowed: BTreeMap<u64, Option<Slot>>,
@@ -54,7 +54,7 @@ pub(super) struct Inbound {
 
 /// A segment of the other end.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-struct Segment {
+struct PeerSegment {
     geometry: Geometry,
     /// The slots that unreleased messages occupy.
     busy: BTreeSet<u32>,
@@ -115,7 +115,7 @@ impl Inbound {
         let geometry = check_attach(info, fds, is_taken, self.segments.len())?;
         self.segments.insert(
             info.id,
-            Segment {
+            PeerSegment {
                 geometry,
                 busy: BTreeSet::new(),
             },

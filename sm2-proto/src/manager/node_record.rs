@@ -22,7 +22,7 @@ pub(super) struct NodeRecord {
     credentials: Credentials,
     name: Name,
     last_interface: InterfaceId,
-    interfaces: BTreeMap<InterfaceId, Interface>,
+    interfaces: BTreeMap<InterfaceId, InterfaceRecord>,
     /// The latest refused interfaces, and the reasons.
     refused: BTreeMap<InterfaceId, (Contract, Refusal)>,
     /// The number of LINKs that were sent since the node's socket had last taken all that was sent
@@ -42,7 +42,7 @@ pub(super) struct NodeRecord {
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-struct Interface {
+struct InterfaceRecord {
     /// Shared with the channel.
     contract: Arc<Contract>,
     /// Why the access policy denies the interface, which then is on no channel.
@@ -192,7 +192,7 @@ impl NodeRecord {
         let interfaces = &mut self.interfaces;
         interfaces.insert(
             interface,
-            Interface {
+            InterfaceRecord {
                 contract,
                 suspended: None,
                 live: BTreeMap::new(),
@@ -292,7 +292,7 @@ impl NodeRecord {
     /// The ends of links that the node knows, of each interface: the links of all interfaces, less
     /// those for which `is_pending`. For a recount.
     pub(super) fn counts_known_ends(&self, is_pending: impl Fn(LinkId) -> bool) -> bool {
-        let known = |it: &Interface| {
+        let known = |it: &InterfaceRecord| {
             let live = it.live.keys().filter(|&&link| !is_pending(link)).count();
             live + it.unlinking.len()
         };
@@ -418,7 +418,7 @@ impl NodeRecord {
 
 /// An interface; one that the access policy denies is shown as a refusal.
 //= SM2-ACC-013
-fn interface(entity: EntityId, interface: &Interface) -> Item {
+fn interface(entity: EntityId, interface: &InterfaceRecord) -> Item {
     let contract = Contract::clone(&interface.contract);
     match interface.suspended.clone() {
         None => Item::Interface { entity, contract },

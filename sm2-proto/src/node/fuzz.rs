@@ -1,7 +1,7 @@
 //! The body of the fuzz target `node_session`.
 //!
 //! The bytes are a list of datagrams of a hostile Manager and of requests of the program.
-//! [`Session`] is the view of a correct Manager: whatever the Manager sends, the node must not
+//! [`SessionModel`] is the view of a correct Manager: whatever the Manager sends, the node must not
 //! break SPEC.
 
 use alloc::{collections::BTreeSet, vec::Vec};
@@ -34,7 +34,7 @@ pub(crate) fn session(data: &[u8]) {
     let mut fuzz = Fuzz {
         script: Script::new(data),
         node: Node::new(name),
-        session: Some(Session::default()),
+        session: Some(SessionModel::default()),
         welcomed: false,
         granted: BTreeSet::new(),
     };
@@ -62,7 +62,7 @@ pub(crate) fn session(data: &[u8]) {
 }
 
 /// The state of one session as a correct Manager knows it.
-struct Session {
+struct SessionModel {
     phase: Phase,
     /// Whether a greeting waits for its answer.
     greeted: bool,
@@ -80,7 +80,7 @@ struct Session {
     refused: Option<InterfaceId>,
 }
 
-impl Default for Session {
+impl Default for SessionModel {
     fn default() -> Self {
         Self {
             phase: Phase::Greeting,
@@ -98,7 +98,7 @@ impl Default for Session {
     }
 }
 
-impl Session {
+impl SessionModel {
     /// The node has taken a frame of the Manager as legal.
     /// `granted` has the interfaces that the Manager of any session has granted.
     fn taken(&mut self, frame: &ToNode, granted: &mut BTreeSet<InterfaceId>) {
@@ -209,7 +209,7 @@ struct Fuzz<'a> {
     script: Script<'a>,
     node: Node,
     /// `None` between the end of a session and the next one.
-    session: Option<Session>,
+    session: Option<SessionModel>,
     welcomed: bool,
     /// The interfaces that the Manager of any session has granted.
     granted: BTreeSet<InterfaceId>,
@@ -248,7 +248,7 @@ impl Fuzz<'_> {
             10 => {
                 // A connection that was refused is closed for the next one.
                 if self.node.handle(NOW, Input::Reconnected).is_ok() {
-                    self.session = Some(Session::default());
+                    self.session = Some(SessionModel::default());
                 }
                 self.drain();
             }

@@ -56,7 +56,7 @@ use alloc::collections::VecDeque;
 pub use self::event::{End, Error, Input, Misuse, Output};
 use self::{
     interface::Withdrawal,
-    phase::{Interfaces, Phase, Session},
+    phase::{Interfaces, OpenSession, Phase},
     requests::is_text_of,
 };
 use crate::{
@@ -244,7 +244,7 @@ impl Node {
     }
 
     /// The session, if the Manager takes requests.
-    fn session(&mut self) -> Result<&mut Session, Error> {
+    fn session(&mut self) -> Result<&mut OpenSession, Error> {
         self.check_session()?;
         self.phase.session_mut().ok_or(Misuse::NotReady.into())
     }

@@ -25,9 +25,9 @@ pub(super) enum Phase {
     Refused(Known),
     /// WELCOME has come, and the node declares its interfaces again. At least one of them is
     /// not answered yet.
-    Resuming(Session),
+    Resuming(OpenSession),
     /// The Manager knows all interfaces and links that the node brought along.
-    Ready(Session),
+    Ready(OpenSession),
     /// The session is over, and another one may follow.
     Away(End, Known),
     /// The machine is over.
@@ -36,7 +36,7 @@ pub(super) enum Phase {
 
 /// The data that exists between WELCOME and the end of the session.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub(super) struct Session {
+pub(super) struct OpenSession {
     /// The number that the Manager gave to this node.
     pub(super) node: NodeId,
     /// The Manager's incarnation.
@@ -56,14 +56,14 @@ pub(super) struct Interfaces {
 }
 
 impl Phase {
-    pub(super) const fn session(&self) -> Option<&Session> {
+    pub(super) const fn session(&self) -> Option<&OpenSession> {
         match self {
             Self::Resuming(session) | Self::Ready(session) => Some(session),
             Self::Greeting(_) | Self::Refused(_) | Self::Away(..) | Self::Ended(_) => None,
         }
     }
 
-    pub(super) const fn session_mut(&mut self) -> Option<&mut Session> {
+    pub(super) const fn session_mut(&mut self) -> Option<&mut OpenSession> {
         match self {
             Self::Resuming(session) | Self::Ready(session) => Some(session),
             Self::Greeting(_) | Self::Refused(_) | Self::Away(..) | Self::Ended(_) => None,
@@ -103,7 +103,7 @@ impl Phase {
     }
 }
 
-impl Session {
+impl OpenSession {
     pub(super) fn new(node: NodeId, epoch: u64, interfaces: Interfaces) -> Self {
         Self {
             node,

@@ -2,7 +2,7 @@
 
 use super::{
     End, Error, Input, Misuse, Node, Output,
-    phase::{Interfaces, Phase, Session},
+    phase::{Interfaces, OpenSession, Phase},
 };
 use crate::{
     Code, Datagram, Farewell, Instant, InterfaceId, LinkId, Machine, Name, NodeId,
@@ -27,8 +27,8 @@ fn known() -> Option<Interfaces> {
     Some(Interfaces::new())
 }
 
-fn session() -> Session {
-    Session::new(NodeId(1), 2, Interfaces::new())
+fn session() -> OpenSession {
+    OpenSession::new(NodeId(1), 2, Interfaces::new())
 }
 
 /// CLI-IDS: an interface gets a number that is greater than all numbers before it, from any count.

@@ -3,7 +3,7 @@
 use super::{
     End, Error, Misuse, Node, Output,
     interface::Interface,
-    phase::{Interfaces, Phase, Session},
+    phase::{Interfaces, OpenSession, Phase},
 };
 use crate::{Farewell, NodeId, VERSION, Violation, control::ToManager};
 
@@ -56,7 +56,7 @@ impl Node {
             resuming: known.is_some(),
         });
         let Some(mut interfaces) = known else {
-            self.phase = Phase::Ready(Session::new(node, epoch, Interfaces::new()));
+            self.phase = Phase::Ready(OpenSession::new(node, epoch, Interfaces::new()));
             return Ok(());
         };
         // The Manager sends no UNLINK for a link whose two ends are both of this node.
@@ -67,7 +67,7 @@ impl Node {
                 code: Farewell::Done.code(),
             });
         }
-        let mut session = Session::new(node, epoch, interfaces);
+        let mut session = OpenSession::new(node, epoch, interfaces);
         let declares = session.declare_all(Interface::renew);
         self.phase = Phase::Resuming(session);
         self.send_all(&declares);

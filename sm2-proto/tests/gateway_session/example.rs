@@ -6,7 +6,7 @@ use sm2_proto::{
     Instant, Machine, TypeId,
     gateway::{
         GatewayId, Header, HeaderKind, Hop, StreamToken, Subject,
-        session::{Command, ControlCommand, Input, Output, PeerEvent, Session, Transport},
+        session::{Command, ControlCommand, Input, Output, PeerEvent, PeerSession, Transport},
     },
 };
 
@@ -45,7 +45,7 @@ const fn hop(side: usize) -> Hop {
 }
 
 struct Exchange {
-    sides: [Session; 2],
+    sides: [PeerSession; 2],
     sent: Vec<Sent>,
 }
 
@@ -53,7 +53,7 @@ impl Exchange {
     fn new() -> Self {
         let session = |side: usize, called| {
             let peer = hop(1 - side).gateway;
-            Session::new(Instant(0), hop(side), name(called), peer, 0)
+            PeerSession::new(Instant(0), hop(side), name(called), peer, 0)
         };
         let mut exchange = Self {
             sides: [session(A, "a"), session(B, "b")],

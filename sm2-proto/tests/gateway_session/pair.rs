@@ -7,7 +7,9 @@ use sm2_proto::{
     Instant, Machine,
     gateway::{
         Header, HeaderKind, OfferId, Outcome, StreamToken, SubjectKind,
-        session::{Command, ControlCommand, Event, Input, Output, PeerEvent, Session, Transport},
+        session::{
+            Command, ControlCommand, Event, Input, Output, PeerEvent, PeerSession, Transport,
+        },
     },
 };
 
@@ -16,7 +18,7 @@ use crate::support::cases;
 
 /// Two sessions. Bytes of the control stream arrive in order, other streams in any order.
 struct Pair {
-    sides: [Session; 2],
+    sides: [PeerSession; 2],
     control: [VecDeque<u8>; 2],
     streams: [Vec<(StreamToken, Header)>; 2],
     offers: [BTreeMap<OfferId, SubjectKind>; 2],

@@ -20,7 +20,7 @@ pub(crate) struct Said {
 }
 
 #[derive(Clone, Debug)]
-pub(crate) struct Session {
+pub(crate) struct ConnectedNode {
     pub(crate) node: NodeId,
     pub(crate) uid: u32,
     pub(crate) resuming: bool,
@@ -50,7 +50,7 @@ pub(crate) type Told = (EntityId, LinkId, Option<u16>);
 
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Oracle {
-    pub(crate) sessions: BTreeMap<NodeId, Session>,
+    pub(crate) sessions: BTreeMap<NodeId, ConnectedNode>,
     pub(crate) interfaces: BTreeMap<EntityId, Contract>,
     pub(crate) links: Vec<Link>,
     pub(crate) halves: Vec<Half>,
@@ -198,7 +198,7 @@ impl Oracle {
 
     pub(crate) fn wait(&mut self, ms: u64) {
         self.now += ms;
-        let late = |it: &Session| it.resuming && it.greet_until <= self.now;
+        let late = |it: &ConnectedNode| it.resuming && it.greet_until <= self.now;
         let late: Vec<NodeId> = self
             .sessions
             .values()

@@ -9,7 +9,7 @@ use sm2_proto::{
 };
 
 use crate::{
-    claims_oracle::{Oracle, Said, Session, Told},
+    claims_oracle::{ConnectedNode, Oracle, Said, Told},
     support::bench::{Bench, EPOCH, Event, UNLIMITED, hello, resuming, unlinked, withdraw},
 };
 
@@ -84,7 +84,7 @@ impl Play {
     }
 
     /// Executes one action of a session that exists.
-    fn apply_to(&mut self, session: &Session, op: Op) -> Vec<Event> {
+    fn apply_to(&mut self, session: &ConnectedNode, op: Op) -> Vec<Event> {
         let node = session.node;
         match op {
             Op::Join(..) | Op::Wait(_) => Vec::new(),
@@ -100,7 +100,7 @@ impl Play {
         }
     }
 
-    fn session(&self, at: usize) -> Option<Session> {
+    fn session(&self, at: usize) -> Option<ConnectedNode> {
         let node = self.slots[at]?;
         self.oracle.sessions.get(&node).cloned()
     }
@@ -120,7 +120,7 @@ impl Play {
         self.slots[at] = Some(node);
         self.oracle.sessions.insert(
             node,
-            Session {
+            ConnectedNode {
                 node,
                 uid,
                 resuming: is_resuming,
@@ -131,7 +131,7 @@ impl Play {
         Vec::new()
     }
 
-    fn declare(&mut self, session: &Session, contract: Contract) -> Vec<Event> {
+    fn declare(&mut self, session: &ConnectedNode, contract: Contract) -> Vec<Event> {
         let node = session.node;
         let interface = session.last + 1;
         if interface > INTERFACES {
@@ -165,7 +165,7 @@ impl Play {
         self.bench.send(node, &withdraw(interface))
     }
 
-    fn claim(&mut self, session: &Session, interface: u64, said: Said) -> Vec<Event> {
+    fn claim(&mut self, session: &ConnectedNode, interface: u64, said: Said) -> Vec<Event> {
         let entity = entity_of(session.node, interface);
         let link = LinkId {
             epoch: EPOCH - 1,
@@ -189,7 +189,7 @@ impl Play {
         self.bench.send(session.node, &frame)
     }
 
-    fn claimed(&mut self, session: &Session) -> Vec<Event> {
+    fn claimed(&mut self, session: &ConnectedNode) -> Vec<Event> {
         if !session.resuming {
             return Vec::new();
         }

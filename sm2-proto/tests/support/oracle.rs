@@ -17,14 +17,14 @@ use super::{
 pub(crate) type End = (NodeId, InterfaceId);
 
 #[derive(Clone, Debug)]
-struct Session {
+struct KnownNode {
     uid: u32,
     name: Option<Name>,
 }
 
 #[derive(Clone, Debug)]
 pub(crate) struct Oracle {
-    sessions: BTreeMap<NodeId, Session>,
+    sessions: BTreeMap<NodeId, KnownNode>,
     interfaces: BTreeMap<End, Contract>,
     links: BTreeMap<LinkId, [End; 2]>,
     /// Matching pairs that are not linked, because a node ended their link or because there were no
@@ -55,7 +55,7 @@ impl Oracle {
     }
 
     pub(crate) fn connected(&mut self, node: NodeId, uid: u32) {
-        self.sessions.insert(node, Session { uid, name: None });
+        self.sessions.insert(node, KnownNode { uid, name: None });
     }
 
     pub(crate) fn gone(&mut self, node: NodeId) {

@@ -10,7 +10,7 @@ from ._closing import Closing
 from ._native import ClosedError, ForkError
 
 if TYPE_CHECKING:
-    from ._native import Interface as NativeInterface
+    from ._native import NativeInterface
 
 
 class Interface(Closing):

@@ -14,7 +14,7 @@ pub(crate) const FLAGS: &[(&str, usize)] = &[
     ("sm2-node/LinkDriver", 7),
     ("sm2-node/LinkStatus", 6),
     ("sm2-proto/Link", 4),
-    ("sm2-proto/Session", 5),
+    ("sm2-proto/SessionModel", 5),
     ("verification/LinkScope", 5),
     ("verification/loom-models/Order", 5),
 ];
@@ -22,7 +22,7 @@ pub(crate) const FLAGS: &[(&str, usize)] = &[
 /// Folder of a package with the name of a type, and how many files have its `impl` blocks at most.
 pub(crate) const IMPL_FILES: &[(&str, usize)] = &[
     ("sm2-node/Control", 8),
-    ("sm2-node/Interface", 12),
+    ("sm2-node/DeclaredInterface", 12),
     ("sm2-node/LinkDriver", 11),
     ("sm2-proto/Link", 7),
     ("sm2-proto/Manager", 14),

@@ -17,7 +17,7 @@ pub enum Extent {
 
 /// The engines and checks of a run.
 #[derive(Clone, Debug, Default)]
-pub struct Session {
+pub struct RunResults {
     /// The part that each engine ran; engines that were not selected have no entry.
     pub engines: BTreeMap<Engine, Extent>,
     /// The selected rows; `None` for all.
@@ -26,7 +26,7 @@ pub struct Session {
     pub outcomes: Vec<Outcome>,
 }
 
-impl Session {
+impl RunResults {
     /// The disagreements between rows and run. A failed check is not a gap: its verdict reports it.
     #[must_use]
     pub fn gaps(&self, register: &Register) -> Vec<Gap> {

@@ -6,7 +6,7 @@ use sm2_proto::{Name, TypeId, schema::Schema};
 use super::arguments::Arguments;
 use crate::{
     built_in::BuiltIn,
-    connect::Session,
+    connect::CommandNode,
     decode::Codec,
     error::CliError,
     messages::{Schemas, bytes_of, definition, is_bytes},
@@ -35,10 +35,10 @@ impl Payload {
     /// [`CliError::Query`], [`CliError::NoSchema`], [`CliError::Definition`], [`CliError::Encode`].
     pub(super) fn new(
         arguments: &Arguments,
-        session: &Session,
+        command_node: &CommandNode,
         value: Option<&Value>,
     ) -> Result<Self, CliError> {
-        let Declared { data, schema } = declared(arguments, session, value.is_some())?;
+        let Declared { data, schema } = declared(arguments, command_node, value.is_some())?;
         let bytes = match (value, &schema) {
             (None, _) => None,
             (Some(value), Some(schema)) => {
@@ -50,14 +50,14 @@ impl Payload {
                 let mut schemas = Schemas::new(&arguments.definitions);
                 let schema = match is_bytes(&data) {
                     true => None,
-                    false => schemas.of(session, &data)?,
+                    false => schemas.of(command_node, &data)?,
                 };
                 Some(bytes_of(value, &data, schema)?)
             }
         };
         if let Some(schema) = &schema {
             // Subscribers that were built without the type can then read its messages.
-            session
+            command_node
                 .node
                 .register_schema(data.clone(), &schema.to_string())?;
         }
@@ -75,7 +75,7 @@ struct Declared {
 /// type of this name, else that of ROS 2. With `--definitions`, the topic cannot replace the type that they define.
 fn declared(
     arguments: &Arguments,
-    session: &Session,
+    command_node: &CommandNode,
     takes_topics: bool,
 ) -> Result<Declared, CliError> {
     let given = |name: &Name, hash, schema: Option<&Schema>| Declared {
@@ -86,7 +86,7 @@ fn declared(
         schema: schema.cloned(),
     };
     let in_use = || -> Result<Option<Declared>, CliError> {
-        let domain = session.snapshot()?;
+        let domain = command_node.snapshot()?;
         let data = View::new(&domain).topic_type(&arguments.topic).cloned();
         Ok(data.map(|data| Declared { data, schema: None }))
     };

@@ -4,12 +4,12 @@ use std::sync::Arc;
 
 use sm2_proto::link::Publications;
 
-use super::Interface;
+use super::DeclaredInterface;
 use crate::driver::counters::update;
 use crate::driver::link::LinkDriver;
 use crate::driver::token::LinkToken;
 
-impl Interface {
+impl DeclaredInterface {
     /// The publications that a publisher states in the OPEN of a new link.
     //= SM2-OPN-006
     pub(in crate::driver) const fn publications(&self) -> Publications {

@@ -3,7 +3,7 @@
 use sm2_proto::Instant;
 use sm2_proto::link::{Input, Status};
 
-use super::Interface;
+use super::DeclaredInterface;
 use super::calls::{CallId, Outcome};
 use crate::driver::context::Context;
 use crate::driver::counters::update;
@@ -26,10 +26,10 @@ pub(crate) enum Choice {
     TooMany { limit: usize },
 }
 
-impl Interface {
+impl DeclaredInterface {
     /// Chooses the server for the next call, with a request of this length. While a link to the first server is
     /// announced and has not come, also has the Manager asked for a PAGE, with which
-    /// [`is_opening`](Interface::is_opening) ends: the link may never come.
+    /// [`is_opening`](DeclaredInterface::is_opening) ends: the link may never come.
     pub(crate) fn wait_for_server(&mut self, len: u64) -> Choice {
         let choice = self.choose_server(len);
         if choice == Choice::Opening && self.links_due > 0 {

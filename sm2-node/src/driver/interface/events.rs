@@ -4,13 +4,13 @@ use std::sync::Arc;
 
 use sm2_proto::control::LinkPeer;
 
-use super::Interface;
+use super::DeclaredInterface;
 use super::event_queue::EventQueue;
 use crate::Event;
 use crate::driver::counters::update;
 use crate::driver::link::LinkDriver;
 
-impl Interface {
+impl DeclaredInterface {
     /// Collects events from now on. The first ones are the links that are open.
     pub(crate) fn enable_events(&mut self) {
         if !self.events.enable() {

@@ -10,7 +10,7 @@ use std::collections::{HashMap, HashSet};
 use sm2_proto::Instant;
 use sm2_proto::link::Fate;
 
-use super::Interface;
+use super::DeclaredInterface;
 use crate::driver::context::Context;
 use crate::driver::link::LinkDriver;
 use crate::driver::outbox::{MessageKey, Room};
@@ -28,7 +28,7 @@ struct Holder {
     alone: u64,
 }
 
-impl Interface {
+impl DeclaredInterface {
     /// Frees memory for a message of this length: settles what came back, and suspends links if
     /// that is due.
     pub(crate) fn prepare_memory(&mut self, len: u64, context: &mut Context<'_>) {

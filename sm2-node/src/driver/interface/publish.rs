@@ -3,7 +3,7 @@
 use sm2_proto::link::{Fate, Status};
 use sm2_proto::{Contract, Instant};
 
-use super::Interface;
+use super::DeclaredInterface;
 use crate::driver::context::Context;
 use crate::driver::counters::update;
 use crate::driver::link::LinkDriver;
@@ -67,7 +67,7 @@ impl Offered {
     }
 }
 
-impl Interface {
+impl DeclaredInterface {
     /// The forms that the open links need for a message of this length. If none needs any and
     /// messages are latched, the needs of a link that opens later.
     pub(crate) fn needs(&self, len: u64) -> Needs {

@@ -6,14 +6,14 @@ use sm2_proto::control::LinkPeer;
 use sm2_proto::link::Input;
 use sm2_proto::{Instant, Newest, Period, QosWatch};
 
-use super::Interface;
+use super::DeclaredInterface;
 use crate::Event;
 use crate::driver::context::Context;
 use crate::driver::counters::update;
 use crate::driver::link::LinkDriver;
 use crate::driver::token::LinkToken;
 
-impl Interface {
+impl DeclaredInterface {
     /// The publisher publishes a message at this time, which asserts its liveliness. If it was not alive, its
     /// subscribers learn of it at once.
     //= SM2-QOS-009, SM2-QOS-011, SM2-QOS-012

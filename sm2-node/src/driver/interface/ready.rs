@@ -1,6 +1,6 @@
 //! The events of an interface for which a program waits in a wait set.
 
-use super::{CallId, Interface};
+use super::{CallId, DeclaredInterface};
 use crate::driver::context::Context;
 
 /// An event of an interface for which a program waits.
@@ -16,7 +16,7 @@ pub(crate) enum Condition {
     Room,
 }
 
-impl Interface {
+impl DeclaredInterface {
     /// Whether the program would find what it waits for.
     pub(crate) fn is_ready(&mut self, condition: Condition, context: &mut Context<'_>) -> bool {
         match condition {

@@ -1,6 +1,6 @@
 //! The road of a short message from the program's bytes to the rings of all links, under one lock:
 //!
-//! 1. [`Interface::publish_to_rings`] checks that each open link is on the road.
+//! 1. [`DeclaredInterface::publish_to_rings`] checks that each open link is on the road.
 //! 2. The outbox leases a slot; the payload and the head are copied into it once, for all links.
 //! 3. Each link's machine records the message and puts its word into the ring (`link/road.rs`).
 //! 4. The counters of the publisher follow, after the words, since receivers need not wait for them.
@@ -12,7 +12,7 @@
 use sm2_proto::Instant;
 use sm2_proto::link::{RingMessage, Status};
 
-use super::Interface;
+use super::DeclaredInterface;
 use super::publish::Offered;
 use super::{CallId, Choice};
 use crate::driver::context::Context;
@@ -21,7 +21,7 @@ use crate::outgoing::{COPY_UNDER_LOCK_MAX, Outgoing};
 use crate::pool::Lease;
 use crate::published::Published;
 
-impl Interface {
+impl DeclaredInterface {
     /// Publishes short messages in order, while the road is open. Returns how many messages it has published,
     /// and adds their results to `sum`.
     #[inline]

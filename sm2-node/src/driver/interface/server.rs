@@ -3,13 +3,13 @@
 use bytes::Bytes;
 use sm2_proto::link::Status;
 
-use super::Interface;
+use super::DeclaredInterface;
 use super::calls::CallId;
 use super::taken::{Full, Taken};
 use crate::driver::context::Context;
 use crate::driver::outbox::{Forms, Label};
 
-impl Interface {
+impl DeclaredInterface {
     /// Takes the next request that is neither cancelled nor late. Answers cancelled and late
     /// requests with a reply that has no payload.
     pub(crate) fn take_request(

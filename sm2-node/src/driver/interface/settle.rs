@@ -4,13 +4,13 @@
 use sm2_proto::Contract;
 use sm2_proto::link::Input;
 
-use super::Interface;
+use super::DeclaredInterface;
 use crate::driver::context::Context;
 use crate::driver::limits::{ENDED_WITH_MESSAGES, HISTORY};
 use crate::driver::link::LinkDriver;
 use crate::driver::token::LinkToken;
 
-impl Interface {
+impl DeclaredInterface {
     /// Settles the messages that the other sides have released on the ring lane.
     #[inline]
     pub(crate) fn harvest(&mut self, context: &mut Context<'_>) {

@@ -7,14 +7,14 @@ use sm2_proto::control::LinkPeer;
 use sm2_proto::link::Role;
 use sm2_proto::{Contract, Instant};
 
-use super::Interface;
+use super::DeclaredInterface;
 use super::taken::{Full, Header, Taken};
 use crate::driver::context::Context;
 use crate::driver::counters::{count_taken, update};
 use crate::driver::datagram::Incoming;
 use crate::driver::token::LinkToken;
 
-impl Interface {
+impl DeclaredInterface {
     /// Takes the next message of any link, in turn, and passes it to `put`. Returns whether there was one.
     ///
     /// A message of a topic counts as taken. A server counts a request once it is neither cancelled nor late.

@@ -12,7 +12,7 @@ use sm2_proto::{Farewell, InterfaceId, LinkId, Refusal};
 use crate::driver::control::Control;
 use crate::driver::datagram::Incoming;
 use crate::driver::event_sets::NodeSets;
-use crate::driver::interface::{Interface, State};
+use crate::driver::interface::{DeclaredInterface, State};
 use crate::driver::limits::BURST;
 use crate::driver::link::LinkDriver;
 use crate::driver::origin::Origin;
@@ -162,7 +162,7 @@ impl Control {
     }
 
     /// Changes all interfaces.
-    fn with_each_interface(&mut self, sets: &NodeSets, change: impl Fn(&mut Interface)) {
+    fn with_each_interface(&mut self, sets: &NodeSets, change: impl Fn(&mut DeclaredInterface)) {
         let ids: Vec<_> = self.interfaces.keys().copied().collect();
         for id in ids {
             self.with_interface(id, sets, |interface, _| change(interface));

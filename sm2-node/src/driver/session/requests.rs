@@ -11,7 +11,7 @@ use sm2_proto::{Contract, InterfaceId, NodeId, Period, Refusal, TypeId};
 use crate::driver::control::Control;
 use crate::driver::datagram::Incoming;
 use crate::driver::event_sets::{LinkSets, NodeSets};
-use crate::driver::interface::{Interface, State};
+use crate::driver::interface::{DeclaredInterface, State};
 use crate::driver::outbox::PoolLimit;
 use crate::driver::shared_interface::{ControlSide, SharedInterface};
 
@@ -77,7 +77,7 @@ impl Control {
             self.session.tell(Input::Counters);
         }
         let entry = self.counting.allocate(id, None);
-        let interface = Interface::new(contract, pool_limit, max_len, entry);
+        let interface = DeclaredInterface::new(contract, pool_limit, max_len, entry);
         let interface = Arc::new(SharedInterface::new(
             id, &self.name, control, links, interface,
         ));

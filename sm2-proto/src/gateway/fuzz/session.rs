@@ -15,7 +15,7 @@ use super::{
         AskId, Frame, FrameReader, GatewayId, Header, HeaderKind, Hop, OfferId, Outcome,
         PeerFarewell, StreamToken, Subject, SubjectKind, Verdict,
         session::{
-            Command, ControlCommand, End, Error, Input, Output, PeerEvent, Session, Transport,
+            Command, ControlCommand, End, Error, Input, Output, PeerEvent, PeerSession, Transport,
         },
     },
     oracle::Oracle,
@@ -42,7 +42,7 @@ pub(crate) fn session(data: &[u8]) {
     let (me, peer) = (hop(1), hop(2).gateway);
     let mut world = World {
         script: Script::new(data),
-        session: Session::new(Instant(0), me, name, peer, LEAST_EPOCH),
+        session: PeerSession::new(Instant(0), me, name, peer, LEAST_EPOCH),
         oracle: Oracle::new(me, peer, LEAST_EPOCH),
         reader: FrameReader::default(),
         in_flight: Vec::new(),
@@ -57,7 +57,7 @@ pub(crate) fn session(data: &[u8]) {
 
 struct World<'a> {
     script: Script<'a>,
-    session: Session,
+    session: PeerSession,
     oracle: Oracle,
     /// Splits the control stream into frames for the oracle.
     reader: FrameReader,

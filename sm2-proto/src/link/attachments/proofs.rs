@@ -4,7 +4,7 @@
 //! changes the model as SPEC section 8.3 prescribes, and the model and the `Attachments` must then
 //! be equal.
 
-use super::{Attachments, Misuse, Segment, SegmentFrame, SegmentInfo};
+use super::{Attachments, Misuse, OwnSegment, SegmentFrame, SegmentInfo};
 use crate::{
     limits::SEGMENTS_MAX,
     link::segments::{Geometry, Slot},
@@ -97,7 +97,7 @@ impl Model {
             }
             if named || attached.is_some() {
                 let used = (0..2).filter(|slot| self.slots[segment][*slot] != Use::Free);
-                let segment_of = Segment {
+                let segment_of = OwnSegment {
                     geometry: Geometry::new(STRIDE, 2).expect("a legal segment"),
                     slots: used.map(|slot| slot as u32).collect(),
                     unreleased,

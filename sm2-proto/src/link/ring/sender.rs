@@ -40,7 +40,7 @@ pub(in crate::link) struct RingSender {
     /// How many messages are not settled.
     unreleased: u32,
     /// The segments, indexed by number.
-    segments: Vec<Option<Segment>>,
+    segments: Vec<Option<SenderSegment>>,
     /// How many segment numbers are in use.
     attached: usize,
     /// The frames that have to be sent over the socket, the oldest first.
@@ -56,7 +56,7 @@ pub(in crate::link) struct RingSender {
 
 /// A segment whose number is in use, because the other end may still use it.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-struct Segment {
+struct SenderSegment {
     info: SegmentInfo,
     state: State,
     unreleased: u32,
@@ -135,7 +135,7 @@ impl RingSender {
             self.segments.resize(index + 1, None);
         }
         if let Some(place) = self.segments.get_mut(index) {
-            *place = Some(Segment {
+            *place = Some(SenderSegment {
                 info: *info,
                 state: State::Attaching,
                 unreleased: 0,
@@ -163,7 +163,7 @@ impl RingSender {
     pub(in crate::link) fn retire(&mut self, id: u32) -> Result<(), Misuse> {
         match self.segment(id) {
             Some(segment) if segment.unreleased > 0 => Err(Misuse::SegmentBusy),
-            Some(Segment { state, .. }) if *state != State::Detaching => {
+            Some(SenderSegment { state, .. }) if *state != State::Detaching => {
                 self.start_detaching(id);
                 Ok(())
             }
@@ -457,12 +457,12 @@ impl RingSender {
     }
 
     #[inline]
-    fn segment(&self, id: u32) -> Option<&Segment> {
+    fn segment(&self, id: u32) -> Option<&SenderSegment> {
         self.segments.get(id as usize)?.as_ref()
     }
 
     #[inline]
-    fn segment_mut(&mut self, id: u32) -> Option<&mut Segment> {
+    fn segment_mut(&mut self, id: u32) -> Option<&mut SenderSegment> {
         self.segments.get_mut(id as usize)?.as_mut()
     }
 

@@ -2,7 +2,7 @@
 
 use alloc::{collections::BTreeMap, sync::Arc};
 
-use super::{Farewells, Interface, NodeRecord};
+use super::{Farewells, InterfaceRecord, NodeRecord};
 use crate::{
     EntityId, InterfaceId, LinkId, Name, NodeId, Refusal, TypeId,
     manager::{Credentials, links::Pair},
@@ -92,7 +92,7 @@ const PAIR: Pair = Pair {
 
 fn books(stages: [Stage; 2]) -> NodeRecord {
     let mut record = record();
-    let mut interface = Interface {
+    let mut interface = InterfaceRecord {
         contract: Arc::new(subscriber()),
         suspended: None,
         live: BTreeMap::new(),

@@ -10,7 +10,7 @@ use crate::{
         interface::proofs::{
             any_interface, expected_link, fits, is_declaring, is_unheard, may_be_judged,
         },
-        phase::{Interfaces, Session},
+        phase::{Interfaces, OpenSession},
     },
     proofs::{below, one_of},
 };
@@ -28,7 +28,7 @@ const LINK: LinkId = LinkId {
 fn any_node() -> Node {
     let mut node = Node::new(Name::new("n").expect("a legal name"));
     node.outputs.clear();
-    let session = Session::new(NodeId(4), 70, Interfaces::new());
+    let session = OpenSession::new(NodeId(4), 70, Interfaces::new());
     node.phase = one_of(&[
         Phase::Greeting(None),
         Phase::Refused(None),

@@ -40,7 +40,7 @@ struct Pair {
 }
 
 #[derive(Clone, Debug)]
-struct Interface {
+struct NodeInterface {
     contract: Contract,
     answered: bool,
     /// True if the current Manager refused the interface, though an earlier one had granted it.
@@ -68,7 +68,7 @@ struct Program {
     /// Connections that the node has closed, and whose remaining datagrams the Manager has not
     /// read.
     closed: VecDeque<Connection>,
-    interfaces: BTreeMap<InterfaceId, Interface>,
+    interfaces: BTreeMap<InterfaceId, NodeInterface>,
     links: BTreeSet<(InterfaceId, LinkId)>,
     mirror: Mirror,
 }
@@ -154,7 +154,7 @@ impl World {
     pub(crate) fn declare(&mut self, at: usize, contract: Contract) {
         let program = &mut self.programs[at];
         if let Ok(interface) = program.node.declare(contract.clone()) {
-            let declared = Interface {
+            let declared = NodeInterface {
                 contract,
                 answered: false,
                 refused: false,

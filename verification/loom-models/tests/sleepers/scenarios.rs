@@ -9,7 +9,7 @@ use loom::thread;
 use crate::kernel::{AsFd, Socket, wait_readable};
 
 use self::control::Control;
-use self::interface::{Interface, Link};
+use self::interface::{DeclaredInterface, Link};
 use self::shared_interface::SharedInterface;
 use self::shared_node::NodeState;
 use super::bell::Bell;
@@ -36,7 +36,7 @@ pub(crate) mod interface {
 
     /// An interface, reduced to the part that waiting uses.
     #[derive(Debug, Default)]
-    pub(crate) struct Interface {
+    pub(crate) struct DeclaredInterface {
         pub(super) ring: Arc<super::Ring>,
         /// The socket of the other link, once the control side has made it.
         pub(super) link: Option<Link>,
@@ -49,7 +49,7 @@ pub(crate) mod interface {
     #[derive(Debug)]
     pub(crate) struct Link(pub(super) Arc<Socket>);
 
-    impl Interface {
+    impl DeclaredInterface {
         pub(super) fn park(&mut self) {
             self.ring.parked.swap(1, Ordering::AcqRel);
             fence(Ordering::SeqCst);
@@ -232,10 +232,10 @@ struct Linked {
 impl Linked {
     fn new(unparks: bool) -> Self {
         let (socket, ring) = (Arc::new(Socket::new()), Arc::new(Ring::default()));
-        let interface = SharedInterface::new(Interface {
+        let interface = SharedInterface::new(DeclaredInterface {
             ring: Arc::clone(&ring),
             unparks,
-            ..Interface::default()
+            ..DeclaredInterface::default()
         });
         let linked = Self {
             interface,
@@ -249,7 +249,7 @@ impl Linked {
     /// An interface without a link: the control side makes the link later.
     fn unlinked() -> Self {
         Self {
-            interface: SharedInterface::new(Interface::default()),
+            interface: SharedInterface::new(DeclaredInterface::default()),
             socket: Arc::new(Socket::new()),
             ring: Arc::default(),
         }
@@ -408,7 +408,7 @@ pub(crate) fn wait_set() {
         set.add(&descriptor, 0, readable).unwrap();
     }
     let is_found = std::cell::Cell::new(false);
-    let look = |it: &mut Interface, _: &mut context::Context<'_>| {
+    let look = |it: &mut DeclaredInterface, _: &mut context::Context<'_>| {
         is_found.set(is_found.get() || it.take_by_ring(u64::MAX).is_some());
         is_found.get()
     };

@@ -8,7 +8,7 @@ use loom::sync::{Mutex, MutexGuard};
 use sm2_proto::Instant;
 
 use super::context::Context;
-use super::interface::Interface;
+use super::interface::DeclaredInterface;
 use crate::kernel::{BorrowedFd, Epoll, Waker};
 
 use super::super::sleepers::Sleepers;
@@ -30,7 +30,7 @@ pub(crate) struct LinkSets {
 
 #[derive(Debug)]
 pub(crate) struct InterfaceDriver {
-    pub(super) interface: Interface,
+    pub(super) interface: DeclaredInterface,
     pub(in super::super) sleepers: Sleepers,
     /// Memory is never short in these models.
     pub(crate) short_of_memory: bool,
@@ -59,7 +59,7 @@ impl LinkSets {
 }
 
 impl SharedInterface {
-    pub(super) fn new(interface: Interface) -> Arc<Self> {
+    pub(super) fn new(interface: DeclaredInterface) -> Arc<Self> {
         Arc::new(Self {
             sets: LinkSets {
                 calls: Epoll::new().unwrap(),
@@ -106,7 +106,7 @@ impl SharedInterface {
     }
 
     /// The background thread changes the interface.
-    pub(super) fn change_from_control(&self, change: impl FnOnce(&mut Interface)) {
+    pub(super) fn change_from_control(&self, change: impl FnOnce(&mut DeclaredInterface)) {
         let mut locked = self.lock();
         change(&mut locked.0.interface);
         locked.0.sleepers.wake();
@@ -123,7 +123,7 @@ impl LockedInterface<'_> {
 
     pub(crate) fn change<R>(
         &mut self,
-        change: impl FnOnce(&mut Interface, &mut Context<'_>) -> R,
+        change: impl FnOnce(&mut DeclaredInterface, &mut Context<'_>) -> R,
     ) -> R {
         change(&mut self.0.interface, &mut Context(PhantomData))
     }

@@ -31,7 +31,7 @@ use std::time::Instant;
 
 use sm2_verification::clauses::{self, Level};
 use sm2_verification::properties::{
-    Engine, Gap, GapKind, Register, Run, Session, readme_table, with_table,
+    Engine, Gap, GapKind, Register, Run, RunResults, readme_table, with_table,
 };
 
 use self::args::{Action, Args};
@@ -69,7 +69,7 @@ struct Check {
     root: PathBuf,
     register: Register,
     broken: Vec<Gap>,
-    session: Session,
+    results: RunResults,
     runs: Vec<Ran>,
 }
 
@@ -84,7 +84,7 @@ impl Check {
             root,
             register,
             broken,
-            session: Session::default(),
+            results: RunResults::default(),
             runs: Vec::new(),
         })
     }
@@ -119,7 +119,7 @@ impl Check {
             say(&format!("GAP {gap}"))?;
         }
         if self.args.missing {
-            say(&self.session.missing(&self.register).join("\n"))?;
+            say(&self.results.missing(&self.register).join("\n"))?;
         }
         self.summary(gaps.len(), start)
     }
@@ -138,7 +138,7 @@ impl Check {
             }
             chosen.extend(rows);
         }
-        self.session.only = (!self.args.only.is_empty()).then_some(chosen);
+        self.results.only = (!self.args.only.is_empty()).then_some(chosen);
         None
     }
 
@@ -150,7 +150,7 @@ impl Check {
     /// The engines to run, in their order.
     fn engines(&self) -> Vec<Engine> {
         let asked = |engine: &Engine| {
-            let rows = self.session.only.iter().flatten();
+            let rows = self.results.only.iter().flatten();
             self.whole(*engine) || rows.into_iter().any(|(it, _)| it == engine)
         };
         Engine::ALL.into_iter().filter(asked).collect()
@@ -160,7 +160,7 @@ impl Check {
     fn engine(&mut self, engine: Engine, stop: &Interrupts, screen: Screen) -> io::Result<bool> {
         let asked = |harness: &String| {
             let key = (engine, harness.clone());
-            self.whole(engine) || self.session.only.iter().any(|it| it.contains(&key))
+            self.whole(engine) || self.results.only.iter().any(|it| it.contains(&key))
         };
         let rows = self.register.of(engine);
         let rows = rows.map(|it| (it.harness.clone(), it.run == Run::Quick));
@@ -174,15 +174,15 @@ impl Check {
             let lines = run::last_lines(&ran.log, LAST_LINES);
             say(&format!("{lines}\n--- the end of {}\n", ran.log.display()))?;
         }
-        self.session.engines.insert(engine, ran.extent.clone());
-        self.session.outcomes.extend(ran.outcomes.iter().cloned());
+        self.results.engines.insert(engine, ran.extent.clone());
+        self.results.outcomes.extend(ran.outcomes.iter().cloned());
         self.runs.push(ran);
         Ok(true)
     }
 
     /// Brings PROPERTIES.md and the tables of README.md up to date.
     fn write(&mut self) -> io::Result<()> {
-        self.session.write(&mut self.register);
+        self.results.write(&mut self.register);
         replace(&properties(&self.root), &self.register.text())?;
         (self.register, self.broken) = Register::parse(&self.register.text());
         let text = fs::read_to_string(readme(&self.root))?;
@@ -196,7 +196,7 @@ impl Check {
     fn gaps(&mut self) -> io::Result<Vec<Gap>> {
         let mut gaps = std::mem::take(&mut self.broken);
         gaps.extend(self.unknown_clauses()?);
-        gaps.extend(self.session.gaps(&self.register));
+        gaps.extend(self.results.gaps(&self.register));
         let text = fs::read_to_string(readme(&self.root))?;
         let kind = match with_table(&text, &readme_table(&self.register)) {
             Ok(made) if made == text => None,
@@ -226,8 +226,8 @@ impl Check {
 
     /// Prints the last line, and returns the exit status.
     fn summary(&self, gaps: usize, start: Instant) -> io::Result<ExitCode> {
-        let checks = self.session.outcomes.len();
-        let failed = self.session.outcomes.iter().filter(|it| !it.held).count();
+        let checks = self.results.outcomes.len();
+        let failed = self.results.outcomes.iter().filter(|it| !it.held).count();
         let ended =
             |is: fn(&Verdict) -> bool| self.runs.iter().filter(|it| is(&it.verdict)).count();
         let bad = ended(|it| matches!(it, Verdict::Failed { .. }));

@@ -1,7 +1,7 @@
 //! Every state that the receiving side can have with a few messages.
 
 use super::{
-    super::{Delivery, Geometry, Inbound, Ready, Segment, Slot},
+    super::{Delivery, Geometry, Inbound, PeerSegment, Ready, Slot},
     STRIDE,
 };
 use crate::{
@@ -72,7 +72,7 @@ impl<const N: usize> State<N> {
         let (pooled, first): (bool, u64) = (!sealed && kani::any(), one_of(&FIRST));
         let mut books = Inbound::new(&config);
         let geometry = Geometry::new(STRIDE, 4).expect("a legal segment");
-        let mut segment = Segment {
+        let mut segment = PeerSegment {
             geometry,
             busy: Default::default(),
         };

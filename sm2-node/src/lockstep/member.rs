@@ -13,7 +13,7 @@ use crate::driver::SharedNode;
 use crate::{CallError, Client, DeclareError, Event, Events, Node, WaitError};
 
 /// The machine of a member, and its client.
-pub(super) struct Session {
+pub(super) struct MemberDriver {
     client: Client<LockstepDone, LockstepTurn>,
     pub(super) events: Events,
     member: Member,
@@ -25,7 +25,7 @@ pub(super) struct Session {
 /// How long a member waits for links that are being opened. A link of a program that does not run never opens.
 const OPENING_MAX: Duration = Duration::from_secs(2);
 
-impl Session {
+impl MemberDriver {
     pub(super) fn new(node: &Node) -> Result<Self, DeclareError> {
         let client = node.client(SERVICE)?;
         Ok(Self {

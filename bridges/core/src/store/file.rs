@@ -25,7 +25,7 @@ const NUMBER_HIGH: &str = "number_high";
 
 /// A closed file.
 #[derive(Debug)]
-pub(super) struct Segment {
+pub(super) struct StoreFile {
     path: PathBuf,
     first: Id,
     len: u64,
@@ -33,7 +33,7 @@ pub(super) struct Segment {
     left: u64,
 }
 
-impl Segment {
+impl StoreFile {
     /// A file with `len` messages, none of which has its fate.
     pub(super) const fn new(path: PathBuf, first: Id, len: u64) -> Self {
         Self {
@@ -69,7 +69,7 @@ impl Segment {
 
 /// The newest file.
 pub(super) struct Writing {
-    segment: Segment,
+    file: StoreFile,
     writer: Writer<BufWriter<File>>,
     /// The number of each channel, by what its messages have in common.
     channels: BTreeMap<(Name, TypeId, Name, u64, u64), u16>,
@@ -82,7 +82,7 @@ pub(super) struct Writing {
 impl std::fmt::Debug for Writing {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Writing")
-            .field("segment", &self.segment)
+            .field("file", &self.file)
             .field("len_bytes", &self.len_bytes)
             .finish_non_exhaustive()
     }
@@ -99,7 +99,7 @@ impl Writing {
         let writer = options.create(BufWriter::new(file));
         let writer = writer.map_err(|error| mcap("write", &path, error))?;
         Ok(Self {
-            segment: Segment::new(path, first, 0),
+            file: StoreFile::new(path, first, 0),
             writer,
             channels: BTreeMap::new(),
             len_bytes: 0,
@@ -109,7 +109,7 @@ impl Writing {
 
     /// The number of the next message.
     pub(super) const fn next(&self) -> Id {
-        Id(self.segment.first.0 + self.segment.len)
+        Id(self.file.first.0 + self.file.len)
     }
 
     pub(super) const fn len_bytes(&self) -> u64 {
@@ -119,10 +119,10 @@ impl Writing {
     pub(super) fn append(&mut self, message: Durable) -> Result<(), StoreError> {
         let written = self
             .write(&message)
-            .map_err(|error| mcap("write", &self.segment.path, error));
+            .map_err(|error| mcap("write", &self.file.path, error));
         self.len_bytes = written?;
-        self.segment.len += 1;
-        self.segment.left += 1;
+        self.file.len += 1;
+        self.file.left += 1;
         self.messages.push(Some(message));
         Ok(())
     }
@@ -138,7 +138,7 @@ impl Writing {
         self.writer
             .write_to_known_channel(&header, &message.payload)?;
         self.writer.flush()?;
-        Ok(fs::metadata(&self.segment.path)?.len())
+        Ok(fs::metadata(&self.file.path)?.len())
     }
 
     fn channel(&mut self, message: &Durable) -> Result<u16, McapError> {
@@ -176,7 +176,7 @@ impl Writing {
         let message = self.index(id).and_then(|it| self.messages.get_mut(it));
         match message {
             Some(message) => {
-                self.segment.left -= u64::from(message.take().is_some());
+                self.file.left -= u64::from(message.take().is_some());
                 true
             }
             None => false,
@@ -184,26 +184,26 @@ impl Writing {
     }
 
     fn index(&self, id: Id) -> Option<usize> {
-        usize::try_from(id.0.checked_sub(self.segment.first.0)?).ok()
+        usize::try_from(id.0.checked_sub(self.file.first.0)?).ok()
     }
 
     /// Ends the file.
-    pub(super) fn close(mut self) -> Result<Segment, StoreError> {
+    pub(super) fn close(mut self) -> Result<StoreFile, StoreError> {
         match self.writer.finish() {
-            Ok(_) => Ok(self.segment),
+            Ok(_) => Ok(self.file),
             Err(_) => self.cut(),
         }
     }
 
     /// Ends the file behind its last whole message, where the disk did not take all that was written.
-    pub(super) fn cut(self) -> Result<Segment, StoreError> {
+    pub(super) fn cut(self) -> Result<StoreFile, StoreError> {
         // The rest of the buffer must not follow.
         drop(self.writer.into_inner().into_parts());
-        let path = &self.segment.path;
+        let path = &self.file.path;
         let file = OpenOptions::new().write(true).open(path);
         let cut = file.and_then(|it| it.set_len(self.len_bytes));
         cut.map_err(StoreError::io("shorten", path))?;
-        Ok(self.segment)
+        Ok(self.file)
     }
 }
 

@@ -19,7 +19,7 @@ use crate::handles::Handles;
 
 /// A node without interfaces.
 #[derive(Debug)]
-pub(super) struct Session {
+pub(super) struct StandbyNode {
     socket: SeqPacket,
     machine: Node,
     /// How many names have been tried.
@@ -38,17 +38,17 @@ pub(super) enum Over {
     NotWelcomed,
 }
 
-impl Session {
+impl StandbyNode {
     /// Starts a session on a connected socket with HELLO.
     pub(super) fn new(socket: SeqPacket) -> Self {
-        let mut session = Self {
+        let mut standby = Self {
             socket,
             machine: Node::new(name(1)),
             tried: 1,
             welcomed: false,
         };
-        session.carry_out();
-        session
+        standby.carry_out();
+        standby
     }
 
     /// Waits until the session ends.
