@@ -1,10 +1,26 @@
 //! The limits in force at the Manager, and how much of them is used.
 
-use serde::Serialize;
+use serde::{Serialize, Serializer, ser::SerializeMap as _};
 use sm2_node::explain::{processes, sessions, users};
-use sm2_proto::control::{Limit, Limits};
+use sm2_proto::control::{Limit, StatedLimits};
 
 use crate::{columns::Columns, view::View};
+
+/// The limits that the Manager states. In JSON they are an object, with the two flags about seals behind them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct LimitsInForce(pub(crate) StatedLimits);
+
+impl Serialize for LimitsInForce {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut object = serializer.serialize_map(None)?;
+        for limit in &self.0.limits {
+            object.serialize_entry(&limit.name, &limit.value)?;
+        }
+        object.serialize_entry("seal_all", &self.0.seal_all)?;
+        object.serialize_entry("waive_user_boundary", &self.0.waive_user_boundary)?;
+        object.end()
+    }
+}
 
 /// The use of a limit by a user, a process or a node.
 #[derive(Serialize)]
@@ -26,20 +42,20 @@ impl Quota {
     }
 }
 
-/// The use of each limit whose use is visible. Empty if the limits are not known.
+/// The use of each limit whose use is visible and that the Manager states. Empty if the limits are not known.
 pub(crate) fn quotas(view: &View<'_>) -> Vec<Quota> {
     let Some(limits) = view.domain.limits() else {
         return Vec::new();
     };
     let mut quotas = Vec::new();
     let mut add = |of: &str, quota, used, kind| {
-        quotas.push(Quota {
+        quotas.extend(limits.of(kind).map(|limit| Quota {
             of: of.to_owned(),
             quota,
             used,
-            limit: limits.of(kind),
+            limit,
             kind,
-        });
+        }));
     };
     for (uid, usage) in users(view.domain) {
         let of = format!("user {uid}");
@@ -78,14 +94,15 @@ pub(crate) fn quotas(view: &View<'_>) -> Vec<Quota> {
 }
 
 /// All limits, each with its greatest use.
-pub(crate) fn table(limits: &Limits, quotas: &[Quota]) -> Columns<3> {
+pub(crate) fn table(limits: &LimitsInForce, quotas: &[Quota]) -> Columns<3> {
     let mut table = Columns::new(["LIMIT", "VALUE", "MOST USED"]);
-    for limit in Limit::ALL {
-        let of_limit = quotas.iter().filter(|it| it.kind == limit);
+    for limit in &limits.0.limits {
+        let name = limit.name.as_str();
+        let of_limit = quotas.iter().filter(|it| it.kind.name() == name);
         let most = of_limit.max_by_key(|it| it.used);
         table.push([
-            limit.name().into(),
-            limits.of(limit).to_string(),
+            name.into(),
+            limit.value.to_string(),
             most.map_or_else(|| "-".into(), |it| format!("{} by {}", it.used, it.of)),
         ]);
     }

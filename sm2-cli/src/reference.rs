@@ -5,6 +5,7 @@
 use std::{env, fmt::Write as _, fs, path::Path};
 
 use clap::{Arg, Command, CommandFactory as _};
+use sm2_manager::program::LimitArguments;
 
 use crate::command::Cli;
 
@@ -87,7 +88,7 @@ fn add_command(page: &mut String, command: &Command) {
     }
 }
 
-/// Appends a table of the arguments, but for `--help` and `--version`.
+/// Appends a table of the arguments, but for `--help` and `--version`. The limits of a Manager have a table elsewhere.
 fn add_arguments(page: &mut String, command: &Command) {
     let is_listed = |it: &&Arg| {
         !it.is_hide_set() && !matches!(it.get_id().as_str(), "help" | "version" | "subcommand")
@@ -97,7 +98,12 @@ fn add_arguments(page: &mut String, command: &Command) {
         return;
     }
     page.push_str("\n| argument | meaning |\n| --- | --- |\n");
+    let mut has_limits = false;
     for argument in arguments {
+        if argument.get_help_heading() == Some(LimitArguments::HEADING) {
+            has_limits = true;
+            continue;
+        }
         let mut meaning = argument.get_help().map(ToString::to_string);
         let text = meaning.get_or_insert_default();
         let takes_value = argument.get_action().takes_values();
@@ -112,6 +118,9 @@ fn add_arguments(page: &mut String, command: &Command) {
         }
         let name = argument.to_string().replace('|', "\\|");
         let _ = writeln!(page, "| `{name}` | {} |", escaped(text));
+    }
+    if has_limits {
+        page.push_str("| `--LIMIT <VALUE>` | A limit, by its name with dashes: see [Limits](limits.md#the-manager) |\n");
     }
 }
 

@@ -10,7 +10,9 @@ use std::time::Duration;
 
 use sm2_io::CounterView;
 use sm2_proto::control::ReloadOutcome;
-pub use sm2_proto::control::{Change, Item, Key, Limits, LinkPeer, PolicyProblem, UnlinkedReason};
+pub use sm2_proto::control::{
+    Change, Item, Key, Limit, LinkPeer, PolicyProblem, StatedLimit, StatedLimits, UnlinkedReason,
+};
 pub use sm2_proto::domain::Domain;
 use sm2_proto::domain::{Ask, Mirror};
 pub use sm2_proto::{

@@ -36,7 +36,9 @@ fn contract(interface: u64) -> Contract {
 fn domain() -> (Bench, Vec<Item>) {
     let mut bench = Bench::new(Limits::default());
     let limits = Limits::default();
-    let mut items = vec![Item::Domain { limits }];
+    let mut items = vec![Item::Domain {
+        limits: limits.into(),
+    }];
     for number in 1..=NODES {
         let text = format!("node-{number}");
         let node = bench.node(1000, &text);

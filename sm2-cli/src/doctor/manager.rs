@@ -4,7 +4,7 @@ use std::{collections::BTreeSet, os::fd::AsFd, path::Path};
 
 use sm2_io::{SeqPacket, clock};
 use sm2_node::{ConnectError, Node};
-use sm2_proto::{control::Limits, domain::Domain as Mirror};
+use sm2_proto::domain::Domain as Mirror;
 
 use super::check::Check;
 use crate::{
@@ -12,7 +12,7 @@ use crate::{
     connect::drive,
     error::CliError,
     interrupt::Interrupt,
-    limits::{Quota, quotas},
+    limits::{LimitsInForce, Quota, quotas},
     observation::Observation,
     stopped::StoppedNode,
     troubles::{LinkTroubles, NotTaking},
@@ -32,7 +32,7 @@ pub(super) struct Found {
     /// The number of nodes in the domain, if it is known.
     pub(super) nodes: Option<u64>,
     /// The limits in force, if they are known.
-    pub(super) limits: Option<Limits>,
+    pub(super) limits: Option<LimitsInForce>,
     /// The use of the limits.
     pub(super) quotas: Vec<Quota>,
 }
@@ -77,7 +77,7 @@ pub(super) fn look(options: &Domain, path: &Path, interrupt: &Interrupt) -> Foun
             Found {
                 checks,
                 nodes: Some(mirror.nodes().count() as u64),
-                limits: mirror.limits().copied(),
+                limits: mirror.limits().cloned().map(LimitsInForce),
                 quotas,
             }
         }

@@ -12,7 +12,6 @@ mod socket;
 use clap::Args;
 use serde::Serialize;
 use sm2_node::Node;
-use sm2_proto::control::Limits;
 
 pub(crate) use self::check::Check;
 use self::check::Level;
@@ -22,7 +21,7 @@ use crate::{
     ended::Ended,
     error::CliError,
     interrupt::Interrupt,
-    limits::{self, Quota},
+    limits::{self, LimitsInForce, Quota},
     observation::Readings,
     output::Output,
     troubles::LinkTroubles,
@@ -59,7 +58,7 @@ struct Report {
     level: Level,
     checks: Vec<Check>,
     /// The limits in force at the Manager; `None` if they are not known.
-    limits: Option<Limits>,
+    limits: Option<LimitsInForce>,
     /// The use of the limits.
     quotas: Vec<Quota>,
 }

@@ -1,4 +1,4 @@
-//! The tables of `docs/src/limits.md`, generated from the code.
+//! The tables of limits in `docs/src/limits.md` and SPEC.md, generated from the code. The book includes that of SPEC.
 //!
 //! `SM2_WRITE_REFERENCE=1 cargo test -p sm2-cli --lib reference` writes them.
 
@@ -7,93 +7,108 @@ use std::{env, fmt::Write as _, fs, path::Path};
 use sm2_gateway::peer;
 use sm2_node::{MAX_MAPPED_BYTES, POOL_LIMIT_BYTES, POOL_LIMIT_MESSAGES};
 use sm2_proto::{
-    control::{Limit, Limits, Unit},
+    control::{Limit, Limits},
     link::MaxLen,
 };
 
-/// The line before a generated table; the name of the table follows.
-const BEGIN: &str = "<!-- generated: ";
-/// The line after a generated table.
-const END: &str = "<!-- end -->";
-
 #[test]
-fn the_book_has_the_limits_of_the_code() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/src/limits.md");
-    let found = fs::read_to_string(&path).unwrap();
-    let tables = [
-        ("manager", manager()),
-        ("gateway", gateway()),
-        ("node", node()),
-    ];
-    let expected = tables.iter().fold(found.clone(), |page, (name, table)| {
-        let begin = format!("{BEGIN}{name} -->\n");
-        let (before, rest) = page.split_once(&begin).expect("the begin of the table");
-        let (_, after) = rest.split_once(END).expect("the end of the table");
-        format!("{before}{begin}\n{table}\n{END}{after}")
-    });
-    if env::var_os("SM2_WRITE_REFERENCE").is_some() {
-        fs::write(&path, &expected).unwrap();
-        return;
+fn the_documents_have_the_limits_of_the_code() {
+    for (document, tables) in [
+        ("SPEC.md", &[("manager_limits", manager())][..]),
+        (
+            "docs/src/limits.md",
+            &[("gateway_limits", gateway()), ("node_limits", node())],
+        ),
+    ] {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("..")
+            .join(document);
+        let found = fs::read_to_string(&path).unwrap();
+        let expected = tables.iter().fold(found.clone(), |page, (name, table)| {
+            let begin = format!("<!-- ANCHOR: {name} -->\n");
+            let end = format!("<!-- ANCHOR_END: {name} -->");
+            let (before, rest) = page.split_once(&begin).expect("the begin of the table");
+            let (_, after) = rest.split_once(&end).expect("the end of the table");
+            format!("{before}{begin}\n{table}\n{end}{after}")
+        });
+        if env::var_os("SM2_WRITE_REFERENCE").is_some() {
+            fs::write(&path, &expected).unwrap();
+            continue;
+        }
+        assert!(
+            found == expected,
+            "{document} is out of date: write it again with \
+             SM2_WRITE_REFERENCE=1 cargo test -p sm2-cli --lib reference"
+        );
     }
-    assert!(
-        found == expected,
-        "docs/src/limits.md is out of date: write it again with \
-         SM2_WRITE_REFERENCE=1 cargo test -p sm2-cli --lib reference"
-    );
 }
 
-fn table(rows: impl IntoIterator<Item = [String; 6]>) -> String {
-    let mut table = String::from(
-        "| limit | meaning | default | range | set by | shown by |\n| --- | --- | --- | --- | --- | --- |\n",
+/// A table whose first column has names of the code.
+fn table<const COLUMNS: usize>(
+    titles: [&str; COLUMNS],
+    rows: impl IntoIterator<Item = [String; COLUMNS]>,
+) -> String {
+    let mut table = format!(
+        "| {} |\n|{}\n",
+        titles.join(" | "),
+        " --- |".repeat(COLUMNS)
     );
-    for [name, meaning, default, range, option, shown] in rows {
+    for mut row in rows {
+        row[0] = format!("`{}`", row[0]);
         // `write!` to a string cannot fail.
-        let _ = writeln!(
-            table,
-            "| `{name}` | {meaning} | {default} | {range} | {option} | {shown} |"
-        );
+        let _ = writeln!(table, "| {} |", row.join(" | "));
     }
     table
 }
 
 fn manager() -> String {
-    table(Limit::ALL.map(|limit| {
-        let range = limit.range();
-        let value = match limit.unit() {
-            Unit::Milliseconds => "MS",
-            Unit::Count | Unit::Bytes => "N",
-        };
-        let option = format!("`--{} {value}`", limit.name().replace('_', "-"));
-        let most = match limit.whole() {
-            Some(whole) => format!("`{}`", whole.name()),
-            None => limit.show(*range.end()).to_string(),
-        };
-        [
-            limit.name().into(),
-            limit.to_string(),
-            limit.show(Limits::default().of(limit)).to_string(),
-            format!("{} to {most}", limit.show(*range.start())),
-            option,
-            "`sm2 doctor`, `sm2 snapshot`".into(),
-        ]
-    }))
+    let titles = [
+        "limit",
+        "meaning",
+        "default",
+        "range",
+        "what happens beyond",
+    ];
+    table(
+        titles,
+        Limit::ALL.map(|limit| {
+            let range = limit.range();
+            let most = match limit.whole() {
+                Some(whole) => format!("`{}`", whole.name()),
+                None => limit.show(*range.end()).to_string(),
+            };
+            [
+                limit.name().into(),
+                limit.to_string(),
+                limit.show(Limits::default().of(limit)).to_string(),
+                format!("{} to {most}", limit.show(*range.start())),
+                limit.beyond().into(),
+            ]
+        }),
+    )
 }
 
+/// The columns of the tables of gateways and nodes.
+const TITLES: [&str; 6] = ["limit", "meaning", "default", "range", "set by", "shown by"];
+
 fn gateway() -> String {
-    table(peer::Limit::ALL.map(|limit| {
-        let most = match limit.whole() {
-            Some(whole) => format!("`{}`", whole.name()),
-            None => format!("{} bytes", limit.most()),
-        };
-        [
-            limit.name().into(),
-            limit.to_string(),
-            format!("{} bytes", peer::Limits::default().of(limit)),
-            format!("1 byte to {most}"),
-            format!("`limits.{}` of the file", limit.name()),
-            "`sm2 gateway peers`, `sm2 snapshot --json`".into(),
-        ]
-    }))
+    table(
+        TITLES,
+        peer::Limit::ALL.map(|limit| {
+            let most = match limit.whole() {
+                Some(whole) => format!("`{}`", whole.name()),
+                None => format!("{} bytes", limit.most()),
+            };
+            [
+                limit.name().into(),
+                limit.to_string(),
+                format!("{} bytes", peer::Limits::default().of(limit)),
+                format!("1 byte to {most}"),
+                format!("`limits.{}` of the file", limit.name()),
+                "`sm2 gateway peers`, `sm2 snapshot --json`".into(),
+            ]
+        }),
+    )
 }
 
 fn node() -> String {
@@ -137,5 +152,5 @@ fn node() -> String {
             "`sm2 snapshot --json`, `sm2 why`",
         ],
     ];
-    table(rows.map(|row| row.map(str::to_owned)))
+    table(TITLES, rows.map(|row| row.map(str::to_owned)))
 }

@@ -1,12 +1,7 @@
 //! The document of `sm2 snapshot`.
 
 use serde::Serialize;
-use sm2_proto::{
-    Kind,
-    control::{Item, Limits},
-    domain::LinkView,
-    text::Counted,
-};
+use sm2_proto::{Kind, control::Item, domain::LinkView, text::Counted};
 
 use super::{
     gateways::{self, Gateway},
@@ -17,7 +12,7 @@ use crate::{
     connect::CommandNode,
     error::CliError,
     interfaces::{self, InterfaceReport},
-    limits::{self, Quota, quotas},
+    limits::{self, LimitsInForce, Quota, quotas},
     observation::Readings,
     output::Output,
     sampling::{Sample, median_ns, millis},
@@ -32,7 +27,7 @@ pub(crate) struct Document {
     /// The Manager's epoch in hex digits. `None` if the Manager has ended since.
     epoch: Option<String>,
     revision: u64,
-    limits: Option<Limits>,
+    limits: Option<LimitsInForce>,
     /// The troubles on all links.
     troubles: LinkTroubles,
     nodes: Vec<Node>,
@@ -80,7 +75,7 @@ impl Document {
         let mut document = Self {
             epoch: command_node.node.epoch().map(|epoch| format!("{epoch:x}")),
             revision: view.domain.revision(),
-            limits: view.domain.limits().copied(),
+            limits: view.domain.limits().cloned().map(LimitsInForce),
             troubles: LinkTroubles::of_all(view, readings),
             nodes: Vec::new(),
             interfaces: Vec::new(),

@@ -5,18 +5,18 @@ use std::fmt;
 use serde::Serialize;
 use sm2_proto::{
     Farewell, LinkId, Name,
-    control::{Item, Limit, Limits, UnlinkedReason},
+    control::{Item, UnlinkedReason},
     text::Counted,
 };
 
-use crate::{interfaces::InterfaceReport, view::View};
+use crate::{interfaces::InterfaceReport, limits::LimitsInForce, view::View};
 
 /// An item, with names in place of numbers. Field names are part of the command's interface.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(tag = "item", rename_all = "snake_case")]
 pub(super) enum NamedItem {
     /// The limits that the operator has set.
-    Domain(Limits),
+    Domain(LimitsInForce),
     Node(Node),
     /// An interface, granted or refused.
     Interface(InterfaceReport),
@@ -68,7 +68,7 @@ pub(super) struct Link {
 impl NamedItem {
     pub(super) fn new(view: &View<'_>, item: &Item) -> Self {
         match *item {
-            Item::Domain { limits } => Self::Domain(limits),
+            Item::Domain { ref limits } => Self::Domain(LimitsInForce(limits.clone())),
             Item::Node {
                 node,
                 ref name,
@@ -171,9 +171,9 @@ impl fmt::Display for NamedItem {
         match self {
             Self::Domain(limits) => {
                 f.write_str("domain:")?;
-                for (at, limit) in Limit::ALL.into_iter().enumerate() {
+                for (at, limit) in limits.0.limits.iter().enumerate() {
                     let comma = if at == 0 { "" } else { "," };
-                    write!(f, "{comma} {} {}", limit.name(), limits.of(limit))?;
+                    write!(f, "{comma} {} {}", limit.name, limit.value)?;
                 }
                 Ok(())
             }

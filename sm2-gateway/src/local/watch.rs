@@ -109,7 +109,9 @@ impl DomainState {
         };
         let contracts: Vec<_> = domain.interfaces().filter_map(of_domain).collect();
         let mut state = Self {
-            interfaces: domain.limits().map(|it| it.of(Limit::InterfacesPerSession)),
+            interfaces: domain
+                .limits()
+                .and_then(|it| it.of(Limit::InterfacesPerSession)),
             ..Self::default()
         };
         let mut topics = BTreeMap::new();

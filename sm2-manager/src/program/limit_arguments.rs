@@ -13,6 +13,9 @@ pub struct LimitArguments {
 }
 
 impl LimitArguments {
+    /// The heading of these options in the help.
+    pub const HEADING: &str = "Limits";
+
     /// The default limits but for these. A limit that is not stated has its default, and at most the value of its
     /// [`whole`](Limit::whole).
     ///
@@ -86,6 +89,7 @@ fn argument(limit: Limit) -> Arg {
         .long(option(limit))
         .value_name(value_name)
         .value_parser(value_parser!(u32))
+        .help_heading(LimitArguments::HEADING)
         .help(help)
 }
 

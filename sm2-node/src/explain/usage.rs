@@ -7,31 +7,31 @@ use sm2_proto::{NodeId, control::Item, domain::Domain};
 /// The usage of a user.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct UserUsage {
-    /// Sessions, of `Limits::sessions_per_user`.
+    /// Sessions, of `sessions_per_user`.
     pub sessions: u32,
-    /// Interfaces of all these sessions, of `Limits::interfaces_per_user`.
+    /// Interfaces of all these sessions, of `interfaces_per_user`.
     pub interfaces: u32,
 }
 
 /// The usage of a process of a user.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct ProcessUsage {
-    /// Sessions, of `Limits::sessions_per_process`.
+    /// Sessions, of `sessions_per_process`.
     pub sessions: u32,
-    /// Interfaces of all these sessions, of `Limits::interfaces_per_process`.
+    /// Interfaces of all these sessions, of `interfaces_per_process`.
     pub interfaces: u32,
 }
 
 /// The usage of a session.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct SessionUsage {
-    /// Interfaces, of `Limits::interfaces_per_session`.
+    /// Interfaces, of `interfaces_per_session`.
     pub interfaces: u32,
-    /// Ends of links, of waiting links and claims, of `Limits::links_per_session`.
+    /// Ends of links, of waiting links and claims, of `links_per_session`.
     pub links: u32,
-    /// Refused interfaces, of `Limits::refusals_per_session`.
+    /// Refused interfaces, of `refusals_per_session`.
     pub refusals: u32,
-    /// Unlinked pairs of which the session has the publisher or server, of `Limits::unlinked_per_session`.
+    /// Unlinked pairs of which the session has the publisher or server, of `unlinked_per_session`.
     pub unlinked: u32,
 }
 

@@ -165,12 +165,14 @@ fn linked(
 fn seals(domain: &Domain, one: &InterfaceView<'_>, other: &InterfaceView<'_>) -> Vec<Seal> {
     let asked = [one, other].into_iter().filter(|it| it.contract.sealed());
     let mut seals: Vec<_> = asked.map(|it| Seal::Asked { by: it.entity }).collect();
-    let limits = domain.limits().copied().unwrap_or_default();
-    if limits.seal_all {
+    let (seal_all, waive_user_boundary) = domain
+        .limits()
+        .map_or((false, false), |it| (it.seal_all, it.waive_user_boundary));
+    if seal_all {
         seals.push(Seal::Policy);
     }
     let uid = |it: &InterfaceView<'_>| domain.node(it.entity.node).map(|it| it.uid);
-    if !limits.waive_user_boundary && uid(one) != uid(other) {
+    if !waive_user_boundary && uid(one) != uid(other) {
         seals.push(Seal::Users);
     }
     if seals.is_empty() {

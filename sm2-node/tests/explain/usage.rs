@@ -32,7 +32,9 @@ fn what_is_used_up() {
         reason: UnlinkedReason::Descriptors,
     };
     let more = [
-        Item::Domain { limits },
+        Item::Domain {
+            limits: limits.into(),
+        },
         link(false, false),
         interface(at(LIDAR, 2), &sub()),
         loopback,
@@ -41,7 +43,7 @@ fn what_is_used_up() {
         unlinked,
     ];
     let domain = domain(&scan(), &sub(), &more);
-    assert_eq!(domain.limits(), Some(&limits));
+    assert_eq!(domain.limits(), Some(&limits.into()));
     let usage = |interfaces, links, refusals, unlinked| SessionUsage {
         interfaces,
         links,

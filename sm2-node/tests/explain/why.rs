@@ -67,7 +67,9 @@ fn linked_pairs_state_their_qos() {
         ..Limits::default()
     };
     let more = [
-        Item::Domain { limits },
+        Item::Domain {
+            limits: limits.into(),
+        },
         node(PLANNER, "planner", 1_001, false),
         link(false, true),
     ];

@@ -3,7 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::limits::Limits;
+use super::stated_limits::StatedLimits;
 use crate::{Code, Contract, EntityId, InterfaceId, LinkId, Name, NodeId, Refusal};
 
 /// An item of the domain.
@@ -12,7 +12,7 @@ pub enum Item {
     /// The domain itself.
     Domain {
         /// The public part of the operator's policy.
-        limits: Limits,
+        limits: StatedLimits,
     },
     /// A node.
     Node {

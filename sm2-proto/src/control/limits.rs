@@ -1,17 +1,12 @@
 //! The limits of a Manager: what each one is, and which values it takes.
 //!
-//! Each limit is one row of a table: its name, unit, range, default and meaning. The options of the command line, the
-//! checks, the item *domain*, `sm2 doctor`, `sm2 snapshot` and a page of the book are made from the table, so a new
-//! limit is configurable and visible without further code. The machine works with any values. Programs check the
-//! values before the machine starts, because a wrong value is a mistake of a person, who needs its range.
+//! Each limit is one row of a table: its name, unit, range, default and meaning, and what happens beyond it. The
+//! options of the command line, the checks, the item *domain*, `sm2 doctor`, `sm2 snapshot` and the second table of
+//! SPEC section 2 are made from the table, so a new limit is configurable and visible without further code. The
+//! machine works with any values. Programs check the values before the machine starts, because a wrong value is a
+//! mistake of a person, who needs its range.
 
 use core::{fmt, ops::RangeInclusive, time::Duration};
-
-use serde::{
-    Deserialize, Deserializer, Serialize, Serializer,
-    de::{self, SeqAccess, Visitor},
-    ser::SerializeStruct as _,
-};
 
 use crate::{
     limits::{DATAGRAM_MAX, LINKS_MAX},
@@ -44,11 +39,13 @@ struct Row {
     default: u32,
     /// The end of the text of [`Limit`].
     meaning: &'static str,
+    beyond: &'static str,
 }
 
-/// Defines [`Limit`] from its table. The order of the rows is that of the fields in a frame.
+/// Defines [`Limit`] from its table. The order of the rows is that of the limits in a frame.
 macro_rules! limits {
-    ($($limit:ident $name:literal $unit:ident $least:tt..=$most:tt $default:literal $meaning:literal)*) => {
+    ($($limit:ident $name:literal $unit:ident $least:tt..=$most:tt $default:literal $meaning:literal
+       $beyond:literal)*) => {
         /// A limit of a Manager (SPEC section 2).
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
         pub enum Limit {
@@ -73,6 +70,7 @@ macro_rules! limits {
                             range: $least..=$most,
                             default: $default,
                             meaning: $meaning,
+                            beyond: $beyond,
                         },
                     )*
                 }
@@ -84,41 +82,59 @@ macro_rules! limits {
 limits! {
     SessionsPerUser "sessions_per_user" Count 1..=MOST 1_024
         "welcomed sessions of one user"
+        "refusal `quota`"
     InterfacesPerSession "interfaces_per_session" Count 1..=MOST 1_024
         "interfaces of one session"
+        "refusal `quota`"
     InterfacesPerUser "interfaces_per_user" Count 1..=MOST 16_384
         "interfaces of all sessions of one user"
+        "refusal `quota`"
     LinksPerSession "links_per_session" Count 1..=(LINKS_MAX as u32) 8_192
         "ends of links of one session"
+        "refusal `quota`, or the pair is not linked"
     SessionsPerProcess "sessions_per_process" Count 1..=MOST 512
         "welcomed sessions of one process"
+        "refusal `quota`"
     InterfacesPerProcess "interfaces_per_process" Count 1..=MOST 8_192
         "interfaces of all sessions of one process"
+        "refusal `quota`"
     GreetingsPerUser "greetings_per_user" Count 1..=MOST 256
         "connections of one user that are not welcomed yet"
+        "close code `resources`"
     GreetingsPerProcess "greetings_per_process" Count 1..=MOST 64
         "connections of one process that are not welcomed yet"
+        "close code `resources`"
     Greeting "greeting_ms" Milliseconds 1..=LONGEST_MS 2_000
         "within which a connection has to become ready: its HELLO is granted and its links are claimed"
+        "close code `greeting-timeout`"
     Recovery "recovery_ms" Milliseconds 1..=LONGEST_MS 5_000
         "for which a claim waits for its counterpart"
+        "UNLINK `peer-gone`"
     Confirmation "confirmation_ms" Milliseconds 1..=LONGEST_MS 5_000
         "within which a node has to confirm that it ended what a new access policy denies"
+        "close code `stalled` (SM2-ACC-014)"
     QueueBytes "queue_bytes" Bytes SHORTEST_QUEUE_BYTES..=MOST 1_048_576
         "frames that wait for a node that does not read; each counts 32 bytes more than its length"
+        "close code `stalled`"
     SchemaBytesPerSession "schema_bytes_per_session" Bytes 1..=MOST 262_144
         "schema texts of one session, with the names of their types"
+        "the text is not kept"
     RefusalsPerSession "refusals_per_session" Count 1..=MOST 16
         "refused interfaces of one session that are remembered"
+        "the oldest is forgotten"
     UnlinkedPerSession "unlinked_per_session" Count 1..=MOST 256
         "unlinked pairs that are remembered, per session of the publisher or server"
+        "the pair is not remembered"
     ChangesRemembered "changes_remembered" Count 1..=MOST 4_096
         "changes of the domain that are remembered"
+        "CHANGES without changes"
     LinksInFlight "links_in_flight" Count 1..=MOST 256
         "LINKs sent to one session before its socket has taken all of them"
+        "they wait (SM2-LNK-006); a link of the session with itself may be one beyond"
     WorkPerTurn "work_per_turn" Count 1..=MOST 512
         "units of work for one input before other sessions are served: a link that is made costs 64, one that \
          ends 16, a comparison of two interfaces 1"
+        "other sessions are served in between (SM2-SES-009); the first part of a DECLARE has four times as much"
 }
 
 impl Limit {
@@ -139,6 +155,12 @@ impl Limit {
     #[must_use]
     pub const fn range(self) -> RangeInclusive<u32> {
         self.row().range
+    }
+
+    /// What happens beyond the limit, in the words of SPEC.
+    #[must_use]
+    pub const fn beyond(self) -> &'static str {
+        self.row().beyond
     }
 
     /// The limit that this one may not exceed, as what it counts is a part of what the other one counts.
@@ -233,8 +255,7 @@ pub enum LimitError {
     },
 }
 
-/// The limits of a Manager, and which links it seals. Every node may know them.
-//= SM2-WCH-005
+/// The limits of a Manager, and which links it seals.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Limits {
     /// The value of each limit, in the order of [`Limit::ALL`] and in its [unit](Limit::unit).
@@ -351,68 +372,6 @@ impl Limits {
     }
 }
 
-/// The name of the structure in SPEC section 3.
-const STRUCTURE: &str = "Limits";
-
-/// The fields of the structure: the limits in their order, then the two flags.
-const FIELDS: [&str; Limit::COUNT + 2] = {
-    let mut fields = ["seal_all"; Limit::COUNT + 2];
-    let mut at = 0;
-    while at < Limit::COUNT {
-        fields[at] = Limit::ALL[at].name();
-        at += 1;
-    }
-    fields[at + 1] = "waive_user_boundary";
-    fields
-};
-
-impl Serialize for Limits {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let mut fields = serializer.serialize_struct(STRUCTURE, FIELDS.len())?;
-        for limit in Limit::ALL {
-            fields.serialize_field(limit.name(), &self.of(limit))?;
-        }
-        fields.serialize_field("seal_all", &self.seal_all)?;
-        fields.serialize_field("waive_user_boundary", &self.waive_user_boundary)?;
-        fields.end()
-    }
-}
-
-impl<'de> Deserialize<'de> for Limits {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        deserializer.deserialize_struct(STRUCTURE, &FIELDS, Fields)
-    }
-}
-
-/// Reads the fields of a frame, which have no names.
-struct Fields;
-
-impl<'de> Visitor<'de> for Fields {
-    type Value = Limits;
-
-    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("the limits of a Manager")
-    }
-
-    fn visit_seq<A: SeqAccess<'de>>(self, mut fields: A) -> Result<Limits, A::Error> {
-        let mut limits = Limits::all(0);
-        for (at, value) in limits.values.iter_mut().enumerate() {
-            *value = next(&mut fields, at)?;
-        }
-        limits.seal_all = next(&mut fields, Limit::COUNT)?;
-        limits.waive_user_boundary = next(&mut fields, Limit::COUNT + 1)?;
-        Ok(limits)
-    }
-}
-
-fn next<'de, T: Deserialize<'de>, A: SeqAccess<'de>>(
-    fields: &mut A,
-    at: usize,
-) -> Result<T, A::Error> {
-    let field = fields.next_element()?;
-    field.ok_or_else(|| de::Error::invalid_length(at, &Fields))
-}
-
 #[cfg(test)]
 mod tests {
     use alloc::string::ToString as _;
@@ -425,7 +384,6 @@ mod tests {
             for other in &Limit::ALL[..at] {
                 assert_ne!(one.name(), other.name());
             }
-            assert_eq!(FIELDS[at], one.name());
         }
         assert_eq!(Limits::default().check(), Ok(()));
     }

@@ -5,7 +5,7 @@ use alloc::vec::Vec;
 use super::Domain;
 use crate::{
     Contract, EntityId, InterfaceId, LinkId, Name, NodeId, Refusal,
-    control::{Item, Key, Limits, UnlinkedReason},
+    control::{Item, Key, StatedLimits, UnlinkedReason},
 };
 
 /// A node.
@@ -64,7 +64,7 @@ impl LinkView {
 impl Domain {
     /// The public part of the operator's policy, if the Manager has sent it.
     #[must_use]
-    pub fn limits(&self) -> Option<&Limits> {
+    pub fn limits(&self) -> Option<&StatedLimits> {
         match self.get(&Key::Domain)? {
             Item::Domain { limits } => Some(limits),
             _ => None,

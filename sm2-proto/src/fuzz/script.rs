@@ -5,7 +5,7 @@ use alloc::{string::String, vec::Vec};
 use crate::{
     Code, Contract, DemandedQos, EntityId, InterfaceId, LinkId, Name, NodeId, OfferedQos, Period,
     Quota, Refusal, ServiceQos, TypeId,
-    control::{Change, Item, Key, Limit, Limits, UnlinkedReason},
+    control::{Change, Item, Key, StatedLimit, StatedLimits, UnlinkedReason},
     schema::Schema,
 };
 
@@ -207,11 +207,13 @@ impl<'a> Script<'a> {
         let [reliable, sealed] = [128, 64].map(|bit| choice & bit != 0);
         Some(match choice % 8 {
             0 => Item::Domain {
-                limits: Limits {
+                limits: StatedLimits {
+                    limits: alloc::vec![StatedLimit {
+                        name: self.name()?,
+                        value: u32::from(choice),
+                    }],
                     seal_all: sealed,
-                    ..Limits::default()
-                        .with(Limit::LinksPerSession, u32::from(choice))
-                        .with(Limit::WorkPerTurn, u32::from(reliable))
+                    waive_user_boundary: reliable,
                 },
             },
             1 => Item::Node {

@@ -152,7 +152,7 @@ impl Manager {
     }
 
     fn domain(&self) -> Item {
-        let limits = self.limits;
+        let limits = self.limits.into();
         Item::Domain { limits }
     }
 }

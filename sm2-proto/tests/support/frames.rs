@@ -12,8 +12,8 @@ use sm2_proto::{
     Code, Contract, DemandedQos, EntityId, InterfaceId, LinkId, LinkKey, Name, NodeId, OfferedQos,
     Period, Quota, Refusal, ServiceQos, TypeId,
     control::{
-        Change, Changes, Item, Key, Limit, Limits, LinkPeer, Page, PolicyProblem, ReloadOutcome,
-        SchemaText, ToManager, ToNode, UnlinkedReason,
+        Change, Changes, Item, Key, LinkPeer, Page, PolicyProblem, ReloadOutcome, SchemaText,
+        StatedLimit, StatedLimits, ToManager, ToNode, UnlinkedReason,
     },
 };
 
@@ -168,9 +168,11 @@ fn refusals() -> impl Strategy<Value = Refusal> + Clone {
     ]
 }
 
-fn limits() -> impl Strategy<Value = Limits> {
-    (any::<[u32; Limit::COUNT]>(), any::<[bool; 2]>()).prop_map(|(values, flags)| Limits {
-        values,
+fn limits() -> impl Strategy<Value = StatedLimits> {
+    let limit = (names(), any::<u32>()).prop_map(|(name, value)| StatedLimit { name, value });
+    let limits = proptest::collection::vec(limit, 0..4);
+    (limits, any::<[bool; 2]>()).prop_map(|(limits, flags)| StatedLimits {
+        limits,
         seal_all: flags[0],
         waive_user_boundary: flags[1],
     })

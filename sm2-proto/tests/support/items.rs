@@ -119,7 +119,7 @@ pub(crate) fn items() -> impl Strategy<Value = Item> {
     let pairs = || (entities(), entities());
     prop_oneof![
         1 => Just(Item::Domain {
-            limits: Limits::default()
+            limits: Limits::default().into()
         }),
         2 => (1..4_u64, any::<bool>())
             .prop_map(|(number, resuming)| node(number, "lidar", 1_000, resuming)),

@@ -337,11 +337,17 @@ impl Reader<'_> {
                 (_, "u8") => self.byte()?.into(),
                 (_, "u32") => self.u32()?.into(),
                 (_, "u64") => self.u64()?.into(),
+                (_, "Name") => self.name()?.into(),
                 other => panic!("{other:?}"),
             };
             value.insert(name.to_owned(), read);
         }
         Ok(value.into())
+    }
+
+    fn limits(&mut self) -> Read<Vec<Value>> {
+        let count = self.u64()?;
+        (0..count).map(|_| self.structure("StatedLimit")).collect()
     }
 
     fn contract(&mut self) -> Read<Value> {
@@ -401,7 +407,11 @@ impl Reader<'_> {
 
     fn item(&mut self) -> Read<Value> {
         Ok(match self.u32()? {
-            0 => json!({"Domain": {"limits": self.structure("Limits")?}}),
+            0 => json!({"Domain": {"limits": {
+                "limits": self.limits()?,
+                "seal_all": self.bool()?,
+                "waive_user_boundary": self.bool()?,
+            }}}),
             1 => json!({"Node": {
                 "node": self.u64()?,
                 "name": self.name()?,

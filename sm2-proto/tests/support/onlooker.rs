@@ -25,7 +25,12 @@ impl Onlooker {
         Self {
             revision: 0,
             items: Vec::new(),
-            mirror: BTreeMap::from([(Key::Domain, Item::Domain { limits })]),
+            mirror: BTreeMap::from([(
+                Key::Domain,
+                Item::Domain {
+                    limits: limits.into(),
+                },
+            )]),
         }
     }
 

@@ -204,7 +204,9 @@ impl Oracle {
     /// All items that QUERY can show, without the process ids, in the order of the keys.
     //= SM2-WCH-004 test
     pub(crate) fn listing(&self, limits: Limits) -> Vec<Item> {
-        let mut items = vec![Item::Domain { limits }];
+        let mut items = vec![Item::Domain {
+            limits: limits.into(),
+        }];
         for (&node, session) in &self.sessions {
             items.extend(session.name.clone().map(|name| Item::Node {
                 node,
