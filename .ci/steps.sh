@@ -35,8 +35,7 @@ declare -rA limits=([tools]=600 [commits]=60 [fmt]=60 [clauses]=300 [publish]=12
     [view]=900 [mutants]=4800)
 
 # Packages outside the workspace, each a workspace of its own.
-readonly outside=(bench/micro verification/no-std verification/loom-models verification/viewer
-    verification/symbolic/kani fuzz)
+readonly outside=(bench/micro verification/no-std verification/loom-models verification/symbolic/kani fuzz)
 # The longest subject of a commit, in characters, and the last commit that exceeds it.
 readonly subject_max=72 old_subjects=aa5f24603213cf5070f4fc1db0b3a3346c00c204
 
@@ -312,7 +311,7 @@ step_ros() {
 
 # The book, with mdbook. Its links and its programs are tests of the step `test`.
 step_book() {
-    local inputs=(docs sm2-cpp/examples sm2-node/examples sm2-python/examples sm2-ros/example sm2-ros/examples)
+    local inputs=(docs SPEC.md sm2-cpp/examples sm2-node/examples sm2-python/examples sm2-ros/example sm2-ros/examples)
     (cd docs/pictures && sha256sum --check --quiet made.sha256) ||
         { echo "docs/pictures: a picture is older than its source; run docs/pictures/make" && false; }
     unless_stamped book "${inputs[@]}"

@@ -204,7 +204,8 @@ fn the_text_refers_to_clauses_that_exist() {
 fn procedures_mention_each_frame_code_and_fate() {
     let spec = "# Title\n\n## 7. Link frames\n\n| no | kind |\n| --- | --- |\n| 1 | OPEN |\n| 7 | RELEASE |\n\n\
                 ## 9. Services\n\n| 3 | free |\n\n## 10. Codes\n\n| 74 | `bad-release` | text |\n\
-                | 75 | `bad-id` | text |\n\nThe reasons are `closed` and `expired`.\n\n\
+                | 75 | `bad-id` | text |\n\n<!-- ANCHOR: fates -->\n| `closed` | text |\n| `expired` | text |\n\
+                <!-- ANCHOR_END: fates -->\n\n\
                 ## Annex B. Procedures\n\n*OPEN comes:* `bad-id`, `bad-release-2`, `closed`.\n\n\
                 ## Annex C. An example\n\nRELEASE `bad-release` `expired`\n";
     assert_eq!(
@@ -212,7 +213,7 @@ fn procedures_mention_each_frame_code_and_fate() {
         [
             "SPEC.md:8: no procedure of Annex B mentions RELEASE",
             "SPEC.md:16: no procedure of Annex B mentions bad-release",
-            "SPEC.md:19: no procedure of Annex B mentions expired",
+            "SPEC.md:21: no procedure of Annex B mentions expired",
         ]
     );
 }

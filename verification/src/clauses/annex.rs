@@ -8,8 +8,8 @@ use super::{Gap, GapKind, SourceLine};
 const PROCEDURES: &str = "## Annex B.";
 /// The ends of the headings whose tables list frames and codes.
 const TABLES: [&str; 3] = [". Control frames", ". Link frames", ". Codes"];
-/// The sentence that lists the fates of messages that are not delivered.
-const FATES: &str = "The reasons are ";
+/// The marks around the table of the fates of messages.
+const FATES: [&str; 2] = ["<!-- ANCHOR: fates -->", "<!-- ANCHOR_END: fates -->"];
 
 /// The names of the tables that the procedures do not mention. A text without procedures has no gaps.
 pub(super) fn unmentioned(text: &str, file: &Path) -> Vec<Gap> {
@@ -21,17 +21,21 @@ pub(super) fn unmentioned(text: &str, file: &Path) -> Vec<Gap> {
     let end = procedures[heading..].find("\n## ");
     let procedures = &procedures[..end.map_or(procedures.len(), |it| it + heading)];
     let mut gaps = Vec::new();
-    let mut is_table = false;
+    let (mut is_table, mut has_fates) = (false, false);
     for (index, line) in rules.lines().enumerate() {
         if line.starts_with("## ") {
             is_table = TABLES.iter().any(|it| line.ends_with(it));
+        }
+        if let Some(mark) = FATES.iter().position(|it| *it == line) {
+            has_fates = mark == 0;
         }
         let at = || SourceLine {
             file: file.to_owned(),
             line: index + 1,
         };
         let row = row(line).filter(|_| is_table);
-        for name in row.into_iter().chain(fates(line)) {
+        let fate = fate(line).filter(|_| has_fates);
+        for name in row.into_iter().chain(fate) {
             if !mentions(procedures, name) {
                 let name = name.to_owned();
                 gaps.push(Gap::new(at(), GapKind::NoProcedure { name }));
@@ -51,11 +55,9 @@ fn row(line: &str) -> Option<&str> {
     code.or(frame).filter(|it| it.chars().all(is_of_name))
 }
 
-/// The names in code font behind the words that introduce fates.
-fn fates(line: &str) -> impl Iterator<Item = &str> {
-    let list = line.split_once(FATES).map(|it| it.1);
-    list.into_iter()
-        .flat_map(|it| it.split('`').skip(1).step_by(2))
+/// The name in a row of the table of fates: ``| `expired` | …``.
+fn fate(line: &str) -> Option<&str> {
+    Some(line.strip_prefix("| `")?.split_once('`')?.0)
 }
 
 /// Whether the text has this name as a whole word.
