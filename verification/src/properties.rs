@@ -1,11 +1,11 @@
 //! PROPERTIES.md: claims about the shipped code, the checks that show them, and their coverage.
 //!
-//! A [`Register`] is the parsed file: a table of properties, and tables of checks with the coverage of
-//! their last run. A [`RunResults`] has the results of a run. [`RunResults::gaps`] lists the disagreements of
-//! both, and [`RunResults::write`] updates the register. This module starts no programs: `bin/check` runs
-//! the engines.
+//! A [`Register`] is the parsed file: a table of properties, and tables of checks. A [`RunResults`] has the results of a
+//! run, and [`RunResults::gaps`] lists the disagreements of both. [`figures_page`] shows the figures of a run, which are
+//! not committed. This module starts no programs: `bin/check` runs the engines.
 
 mod engine;
+mod expected;
 mod figures;
 mod gap;
 mod judge;
@@ -17,7 +17,8 @@ mod table;
 
 pub use self::{
     engine::Engine,
-    figures::same_figures,
+    expected::{tests_in, tests_of},
+    figures::figures_page,
     gap::{Gap, GapKind},
     judge::{Extent, RunResults},
     outcome::{Outcome, UnreadableOutcome, outcomes},

@@ -14,6 +14,9 @@ use std::time::Instant;
 /// `verification/check`.
 const RESULTS: &str = "SM2_VERIFICATION_RESULTS";
 
+/// The expected number of executions of each model.
+const COUNTS: &str = include_str!("../counts.txt");
+
 /// Runs a model through all executions with at most `preemptions` preemptions (`None`: no limit),
 /// and prints a line. Panics if an execution fails.
 pub fn holds(name: &str, preemptions: Option<usize>, model: fn()) {
@@ -67,6 +70,7 @@ impl<'a> Told<'a> {
         let time_s = self.start.elapsed().as_secs_f64();
         println!("holds    {name:<36} {executions:>8} executions  {time_s:>6.2} s  {bound}");
         assert!(executions > 1, "nothing happened at once in {name}");
+        assert_expected(name, executions);
     }
 }
 
@@ -125,6 +129,14 @@ pub fn fails(name: &str, preemptions: Option<usize>, because: &str, model: fn())
     let executions: u64 = executions.trim().parse().expect("the hook counts them");
     told.executions.store(executions, Ordering::Relaxed);
     println!("refuted  {name:<36} {executions:>8} executions  {because}");
+    assert_expected(name, executions);
+}
+
+/// Panics unless a model had as many executions as expected: with fewer ones it covers less.
+fn assert_expected(name: &str, executions: u64) {
+    let line = format!("{executions} {name}");
+    let is_expected = COUNTS.lines().any(|it| it == line);
+    assert!(is_expected, "counts.txt does not have: {line}");
 }
 
 fn explore(

@@ -99,15 +99,15 @@ pub enum GapKind {
         /// The harness that ran.
         harness: String,
     },
-    /// A row whose figures differ from those of the run.
-    #[error("{engine} `{harness}`: the row says `{before}`, the run `{now}`; --write writes that")]
-    Stale {
+    /// A check that covers less than expected.
+    #[error("{engine} `{harness}`: expected {wanted}, the run says `{now}`")]
+    Less {
         /// The engine that ran it.
         engine: Engine,
         /// The harness that ran.
         harness: String,
-        /// The figures of the row.
-        before: String,
+        /// The expectation.
+        wanted: String,
         /// The figures of the run.
         now: String,
     },

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::{Check, Engine, Gap, GapKind, Outcome, Register, Run, same_figures};
+use super::{Check, Engine, Gap, GapKind, Outcome, Register, Run, expected};
 
 /// The part of its checks that an engine ran.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -24,6 +24,8 @@ pub struct RunResults {
     pub only: Option<BTreeSet<(Engine, String)>>,
     /// The reported outcomes.
     pub outcomes: Vec<Outcome>,
+    /// The number of tests that the source of each file of tests has.
+    pub tests: BTreeMap<String, u64>,
 }
 
 impl RunResults {
@@ -42,14 +44,6 @@ impl RunResults {
         gaps
     }
 
-    /// Writes the figures of passed checks into their rows.
-    pub fn write(&self, register: &mut Register) {
-        for outcome in self.outcomes.iter().filter(|it| it.held) {
-            register.record(outcome.engine, &outcome.harness, &outcome.covered);
-        }
-        register.record_engines();
-    }
-
     /// Rows for the checks that have none.
     #[must_use]
     pub fn missing(&self, register: &Register) -> Vec<String> {
@@ -62,8 +56,11 @@ impl RunResults {
                 ..
             } = outcome;
             if register.check(*engine, harness).is_none() {
-                let (harness, covered) = (format!("`{harness}`"), super::table::escaped(covered));
-                let cells = [&harness, "?", engine.word(), "?", "quick", &covered];
+                let engine = match (engine, covered.split_once(',')) {
+                    (Engine::StandIn, Some((strength, _))) => format!("{engine}, {strength}"),
+                    _ => engine.to_string(),
+                };
+                let cells = [&format!("`{harness}`"), "?", &engine, "?", "quick"];
                 rows.push(super::table::render(&cells));
             }
         }
@@ -79,15 +76,16 @@ impl RunResults {
         let (engine, harness) = (row.engine, row.harness.clone());
         let is_it = |it: &&Outcome| it.engine == engine && it.harness == harness;
         if let Some(outcome) = self.outcomes.iter().find(is_it) {
-            let stale = outcome.held && !same_figures(&row.last_run, &outcome.covered);
-            return stale.then(|| {
-                let (before, now) = (row.last_run.clone(), outcome.covered.clone());
+            let tests = self.tests.get(&harness).copied();
+            let wanted = expected::unmet(row, &outcome.covered, tests).filter(|_| outcome.held);
+            return wanted.map(|wanted| {
+                let now = outcome.covered.clone();
                 Gap::at(
                     row.line(),
-                    GapKind::Stale {
+                    GapKind::Less {
                         engine,
                         harness,
-                        before,
+                        wanted,
                         now,
                     },
                 )

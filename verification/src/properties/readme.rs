@@ -43,7 +43,7 @@ fn number(register: &Register, engine: &str) -> String {
     let all = register.checks().iter().filter(|it| it.engine == engine);
     let exhaustive = all
         .clone()
-        .filter(|it| it.last_run.starts_with("Exhaustive"));
+        .filter(|it| it.strength.as_deref() == Some("Exhaustive"));
     match (all.count(), exhaustive.count()) {
         (0, _) => String::from("none"),
         (all, 0) => all.to_string(),

@@ -2,16 +2,15 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::table::{Document, Row, Rows, escaped};
+use super::table::{Document, Row, Rows};
 use super::{Engine, Gap, GapKind};
 use crate::clauses::ClauseId;
 
 const GROUPS: [&str; 3] = ["group", "claim", "bound"];
 const ENGINES: [&str; 2] = ["engine", "strength of the result"];
 const PROPERTIES: [&str; 4] = ["property", "statement", "clauses", "shown by"];
-const CHECKS: [&str; 6] = ["harness", "shows", "engine", "bound", "run", "last run"];
+const CHECKS: [&str; 5] = ["harness", "shows", "engine", "bound", "run"];
 const SHOWN_BY: &str = "shown by";
-const LAST_RUN: &str = "last run";
 
 /// A row of the table of groups: properties with common prefixes.
 #[derive(Clone, Debug)]
@@ -63,8 +62,8 @@ pub struct Check {
     pub engine: Engine,
     /// The runs that it is part of.
     pub run: Run,
-    /// The figures of its last run.
-    pub last_run: String,
+    /// The first word of its figures, if the row states it: `Exhaustive`.
+    pub strength: Option<String>,
     row: Row,
 }
 
@@ -185,15 +184,6 @@ impl Register {
         self.document.text()
     }
 
-    /// Records the figures of a check.
-    pub fn record(&mut self, engine: Engine, harness: &str, covered: &str) {
-        let is_it = |it: &&mut Check| it.engine == engine && it.harness == harness;
-        if let Some(check) = self.checks.iter_mut().find(is_it) {
-            covered.clone_into(&mut check.last_run);
-            self.document.set(&check.row, LAST_RUN, &escaped(covered));
-        }
-    }
-
     /// Rewrites the column *shown by*.
     pub fn record_engines(&mut self) {
         for property in &self.properties {
@@ -282,21 +272,25 @@ fn property(row: Row) -> Result<Property, GapKind> {
 }
 
 fn check(row: Row) -> Result<Check, GapKind> {
-    let [harness, shows, engine, run, last_run] =
-        [CHECKS[0], CHECKS[1], CHECKS[2], CHECKS[4], LAST_RUN].map(|it| row.cell(it).to_owned());
+    let [harness, shows, engine, run] =
+        [CHECKS[0], CHECKS[1], CHECKS[2], CHECKS[4]].map(|it| row.cell(it).to_owned());
+    let (word, strength) = match engine.split_once(", ") {
+        Some((word, strength)) => (word, Some(strength.to_owned())),
+        None => (engine.as_str(), None),
+    };
     let quoted = harness
         .strip_prefix('`')
         .and_then(|it| it.strip_suffix('`'));
     Ok(Check {
         harness: quoted.ok_or(GapKind::Harness(harness.clone()))?.to_owned(),
         shows: words(&shows).map(str::to_owned).collect(),
-        engine: Engine::named(&engine).ok_or(GapKind::Engine(engine))?,
+        engine: Engine::named(word).ok_or_else(|| GapKind::Engine(word.to_owned()))?,
         run: match run.as_str() {
             "quick" => Run::Quick,
             "full" => Run::Full,
             _ => return Err(GapKind::Run(run)),
         },
-        last_run: last_run.replace("\\|", "|"),
+        strength,
         row,
     })
 }

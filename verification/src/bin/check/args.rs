@@ -9,7 +9,7 @@ Runs every check that this machine can run, and compares what they covered with 
 
   --quick      leave out the rows marked `full`, and let each engine keep to its quick bounds
   --only       only these engines, properties or harnesses
-  --write      write what was covered into PROPERTIES.md, and its tables into README.md
+  --write      write the counts of checks into PROPERTIES.md, and its tables into README.md
   --missing    print a row for each check that has none
   --table      print the tables of README.md and run nothing
 

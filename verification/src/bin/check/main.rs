@@ -31,7 +31,8 @@ use std::time::Instant;
 
 use sm2_verification::clauses::{self, Level};
 use sm2_verification::properties::{
-    Engine, Gap, GapKind, Register, Run, RunResults, readme_table, with_table,
+    Engine, Gap, GapKind, Register, Run, RunResults, figures_page, readme_table, tests_of,
+    with_table,
 };
 
 use self::args::{Action, Args};
@@ -111,6 +112,9 @@ impl Check {
             }
         }
         say(&table::render(&self.register, &self.runs))?;
+        self.count_tests()?;
+        let page = target(&self.root).join("verification/figures.md");
+        fs::write(&page, figures_page(&self.results.outcomes))?;
         if self.args.write {
             self.write()?;
         }
@@ -180,9 +184,26 @@ impl Check {
         Ok(true)
     }
 
+    /// Counts the tests of the sources whose tests ran.
+    fn count_tests(&mut self) -> io::Result<()> {
+        for outcome in &self.results.outcomes {
+            let is_of_tests = matches!(
+                outcome.engine,
+                Engine::Test | Engine::Proptest | Engine::Vector
+            );
+            let file = self.root.join(&outcome.harness);
+            // A single test is `FILE::NAME`.
+            if is_of_tests && file.is_file() {
+                let tests = tests_of(&file)?;
+                self.results.tests.insert(outcome.harness.clone(), tests);
+            }
+        }
+        Ok(())
+    }
+
     /// Brings PROPERTIES.md and the tables of README.md up to date.
     fn write(&mut self) -> io::Result<()> {
-        self.results.write(&mut self.register);
+        self.register.record_engines();
         replace(&properties(&self.root), &self.register.text())?;
         (self.register, self.broken) = Register::parse(&self.register.text());
         let text = fs::read_to_string(readme(&self.root))?;
