@@ -1,4 +1,4 @@
-//! Topics that are chosen by patterns.
+//! Chooses topics by patterns: globs and regular expressions.
 
 use glob::MatchOptions;
 use regex_lite::Regex;

@@ -1,4 +1,4 @@
-//! The file that a recorder writes.
+//! The file of a recorder, behind a trait.
 
 use std::fs::{File, OpenOptions};
 use std::io;

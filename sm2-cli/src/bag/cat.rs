@@ -1,4 +1,4 @@
-//! `sm2 bag cat`.
+//! Prints the messages of bags.
 
 use std::{
     collections::{BTreeSet, HashMap},

@@ -1,4 +1,4 @@
-//! `sm2 bag diff`.
+//! Compares the messages of two bags.
 
 use std::path::PathBuf;
 

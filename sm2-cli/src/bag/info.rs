@@ -1,4 +1,4 @@
-//! `sm2 bag info`.
+//! Shows the content of bags.
 
 use std::path::PathBuf;
 

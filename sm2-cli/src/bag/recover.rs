@@ -1,4 +1,4 @@
-//! `sm2 bag recover`.
+//! Makes a complete bag of one that was cut off.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! `sm2 bag restamp`.
+//! Copies bags with other times of their messages.
 
 use std::{path::PathBuf, time::Duration};
 

@@ -1,4 +1,4 @@
-//! `sm2 node info`.
+//! Shows one node with its interfaces.
 
 use clap::Args;
 use serde::Serialize;

@@ -1,4 +1,4 @@
-//! `sm2 service info`.
+//! Shows the types and interfaces of one service.
 
 use clap::Args;
 use serde::Serialize;

@@ -1,4 +1,4 @@
-//! `sm2 topic info`.
+//! Shows the type and the interfaces of one topic.
 
 use clap::Args;
 use serde::Serialize;

@@ -1,4 +1,4 @@
-//! A source together with its callback.
+//! The tasks of an executor.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 

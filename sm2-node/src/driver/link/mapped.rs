@@ -1,5 +1,4 @@
-//! The memory of a link that both sides map. The driver lends this memory to the machine for each
-//! call.
+//! What the driver lends to the machine of a link for each call: rings and mapped segments.
 
 use std::os::fd::OwnedFd;
 use std::sync::Arc;
