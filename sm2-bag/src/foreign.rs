@@ -42,7 +42,7 @@ pub enum ForeignReason {
     Long(TypeName),
     /// The definition without its comments is not a schema text of SM2 (SPEC Annex A), because it is too long or has
     /// control characters.
-    #[error("the definition of {0} is no schema text of SM2: {1}")]
+    #[error("the definition of {0} is not a schema text of SM2: {1}")]
     Schema(TypeName, ParseError),
     /// The definition does not parse.
     #[error("the definition of {0}, {1}")]

@@ -3,7 +3,7 @@
 //! A subscriber that comes late gets the last messages of a latched publisher. A reader that begins in the middle of a
 //! recording has to get them as well. So each file of a recording, and each copy that begins at a time, starts with the
 //! latched state as of then. These messages are [repeated](crate::repeated): each is in a channel of its own, which
-//! differs from that of its publisher only by its metadata. They are no part of the counts, and readers of several
+//! differs from that of its publisher only by its metadata. They are not a part of the counts, and readers of several
 //! files leave out those that they have read before.
 
 mod before;

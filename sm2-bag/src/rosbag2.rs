@@ -25,7 +25,7 @@ pub enum Rosbag2Error {
     #[error("it names no file in relative_file_paths")]
     NoFiles,
     /// A scalar is not YAML as programs of ROS 2 write it.
-    #[error("{0:?} is no text in YAML")]
+    #[error("{0:?} is not text in YAML")]
     Text(String),
     /// A path leads out of the folder.
     #[error("the path {0:?} leads out of the folder")]

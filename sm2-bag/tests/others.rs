@@ -342,7 +342,7 @@ fn write_folder(folder: &Path, mode: &str) -> PathBuf {
         }
         names.push(format!("    - {name}\n"));
     }
-    // Files that the description does not name are no part of the bag.
+    // Files that the description does not name are not a part of the bag.
     fs::write(bag.join("other.mcap"), "no bag").unwrap();
     let yaml = format!(
         "rosbag2_bagfile_information:\n  version: 5\n  storage_identifier: mcap\n  relative_file_paths:\n{}  \

@@ -16,7 +16,7 @@ int main(int argc, char **argv) {
         CHECK(sm2_server_recv(server, 60 * SECOND_NS, &request));
         CHECK(sm2_request_data(request, &data, &len));
         if (len == 0 || len % sizeof(int64_t) != 0) {
-            CHECK(sm2_request_fail(request, "the request is no list of 64-bit numbers"));
+            CHECK(sm2_request_fail(request, "the request is not a list of 64-bit numbers"));
             continue;
         }
         const int64_t *numbers = data;

@@ -1069,7 +1069,7 @@ void sm2_publisher_free(struct sm2_publisher_t *publisher);
 
 /*
  Sends the `len` bytes at `data` to all subscribers: one copy into shared memory. `result` may be NULL. A reliable
- subscriber that misses the message is no error, because all others have it: see `sm2_publish_result_t`.
+ subscriber that misses the message is not an error, because all others have it: see `sm2_publish_result_t`.
 
  Waits only for reliable subscribers without room, for at most the option `publish_timeout_ns`.
 
@@ -1457,7 +1457,7 @@ const char *sm2_last_error(void);
 int sm2_last_errno(void);
 
 /*
- Returns the name of a code, such as `SM2_TIMED_OUT`; that of `SM2_UNKNOWN` for a number that is no code. The text
+ Returns the name of a code, such as `SM2_TIMED_OUT`; that of `SM2_UNKNOWN` for a number that is not a code. The text
  is valid forever.
 
  Threads: any.
@@ -1633,7 +1633,7 @@ sm2_status_t sm2_wait_set_add_timer(struct sm2_wait_set_t *set,
                                     uint64_t tag);
 
 /*
- Adds a timer that ticks `frequency` times in each second, without drift, also if a second is no multiple of the
+ Adds a timer that ticks `frequency` times in each second, without drift, also if a second is not a multiple of the
  period. `burst` as for `sm2_wait_set_add_timer()`.
 
  Errors: `SM2_MISUSE`, also if the tag is in use.

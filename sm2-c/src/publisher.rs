@@ -57,7 +57,7 @@ pub extern "C" fn sm2_publisher_free(publisher: Option<Box<Publisher>>) {
 }
 
 /// Sends the `len` bytes at `data` to all subscribers: one copy into shared memory. `result` may be NULL. A reliable
-/// subscriber that misses the message is no error, because all others have it: see `sm2_publish_result_t`.
+/// subscriber that misses the message is not an error, because all others have it: see `sm2_publish_result_t`.
 ///
 /// Waits only for reliable subscribers without room, for at most the option `publish_timeout_ns`.
 ///

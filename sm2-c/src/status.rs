@@ -248,7 +248,7 @@ pub extern "C" fn sm2_last_errno() -> c_int {
     LAST.try_with(|last| last.borrow().errno).unwrap_or(0)
 }
 
-/// Returns the name of a code, such as `SM2_TIMED_OUT`; that of `SM2_UNKNOWN` for a number that is no code. The text
+/// Returns the name of a code, such as `SM2_TIMED_OUT`; that of `SM2_UNKNOWN` for a number that is not a code. The text
 /// is valid forever.
 ///
 /// Threads: any.

@@ -241,7 +241,7 @@ pub extern "C" fn sm2_wait_set_add_timer(
     })
 }
 
-/// Adds a timer that ticks `frequency` times in each second, without drift, also if a second is no multiple of the
+/// Adds a timer that ticks `frequency` times in each second, without drift, also if a second is not a multiple of the
 /// period. `burst` as for `sm2_wait_set_add_timer()`.
 ///
 /// Errors: `SM2_MISUSE`, also if the tag is in use.
@@ -307,7 +307,7 @@ pub extern "C" fn sm2_wait_set_add_descriptor(
             }
         };
         if fd < 0 {
-            return Err(Failure::misuse(format!("{fd} is no descriptor")));
+            return Err(Failure::misuse(format!("{fd} is not a descriptor")));
         }
         // SAFETY: the number is not -1, and the header demands that the descriptor stays open while it is in the set.
         let fd = unsafe { BorrowedFd::borrow_raw(fd) };

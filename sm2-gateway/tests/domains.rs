@@ -185,7 +185,7 @@ fn a_service_of_one_domain_is_called_in_another() {
         while let Some(request) = server.recv_timeout(SOON).unwrap() {
             match request.len() {
                 0 => return,
-                1 => request.fail("one is no sum").unwrap(),
+                1 => request.fail("one is not a sum").unwrap(),
                 _ => {
                     let sum = request.iter().sum();
                     request.reply(&sum).unwrap();
@@ -203,7 +203,7 @@ fn a_service_of_one_domain_is_called_in_another() {
         many.iter().sum::<u64>()
     );
     let error = client.call_timeout(&[1], SOON).unwrap_err();
-    assert!(matches!(error, CallError::Failed { reason, .. } if reason == "one is no sum"));
+    assert!(matches!(error, CallError::Failed { reason, .. } if reason == "one is not a sum"));
     // Three calls, each with a request and a reply; the last call failed.
     for (gateway, offered, received) in [(&left, 3, 3), (&right, 3, 3)] {
         until("counted", || {

@@ -326,7 +326,11 @@ fn facts_about_what_is_not_a_message() {
     if let Ok(file) = tempfile::tempfile_in("/dev/shm") {
         file.set_len(9).unwrap();
         let known = facts(file.as_fd()).unwrap();
-        assert_eq!(known.seals, Seals::SEAL, "answers, although it is no memfd");
+        assert_eq!(
+            known.seals,
+            Seals::SEAL,
+            "answers, although it is not a memfd"
+        );
         assert_eq!((known.regular, known.size_bytes), (true, 9));
     }
 }

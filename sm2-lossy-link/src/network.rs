@@ -279,7 +279,7 @@ mod tests {
         let missing = tell(&namespace, "sm2-no-such-program", &[], "");
         let program = "sm2-no-such-program";
         assert!(matches!(missing, Err(Unavailable::Missing(it)) if it == program));
-        // A file that is no program.
+        // A file that is not a program.
         let other = tell(&namespace, "/etc/passwd", &[], "");
         assert!(matches!(other, Err(Unavailable::System(_))), "{other:?}");
     }

@@ -188,7 +188,7 @@ fn processor_time() -> nix::Result<Duration> {
 fn compare(nice: i32) -> Done {
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("busy.sock");
-    let shown = path.to_str().ok_or("the path is no text")?.to_owned();
+    let shown = path.to_str().ok_or("the path is not text")?.to_owned();
     let manager = start_with(nice, &["manager", &shown], Stdio::null())?;
     let mut children = Children(vec![manager]);
     while SeqPacket::connect(&path).is_err() {

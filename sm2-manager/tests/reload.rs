@@ -176,7 +176,7 @@ fn a_node_has_the_policy_read_again() {
     assert_eq!(stream.subscriber.lost(), 3);
     write(&file, "default = \"all\"");
     let Err(ReloadError::Unusable { problem, text }) = reload() else {
-        panic!("it is no policy");
+        panic!("it is not a policy");
     };
     assert_eq!(problem, PolicyProblem::Invalid);
     assert!(text.contains(":1: unknown variant `all`"), "{text}");

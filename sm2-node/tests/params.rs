@@ -95,7 +95,7 @@ fn a_set_is_made_although_the_program_does_nothing() {
     assert_eq!(table.get("max").unwrap().origin, Origin::Set);
     assert_eq!(*parameters.snapshot().get(&max), 7.5);
 
-    // The same values are no change.
+    // The same values are not a change.
     assert_eq!(operator.set(&values).revision, 2);
     parameters.set(&max, 8.0).unwrap();
     assert_eq!(next(&operator.tables).revision, 3);

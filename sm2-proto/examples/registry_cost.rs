@@ -165,7 +165,7 @@ impl Domain {
         for session in linked.into_iter().flatten() {
             if self.manager.awaits_room(session) {
                 let drained = self.manager.handle(Instant(0), Input::Drained { session });
-                drained.expect("that is no connection");
+                drained.expect("that is not a connection");
             }
         }
     }

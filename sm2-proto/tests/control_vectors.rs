@@ -92,7 +92,7 @@ fn meaning(frame: &impl serde::Serialize) -> Value {
             Some((kind, Value::Object(fields))) => (kind, fields),
             other => panic!("{other:?} has fields"),
         },
-        other => panic!("{other} is no variant"),
+        other => panic!("{other} is not a variant"),
     };
     let Value::Object(fields) = spell(fields.into()) else {
         panic!("{kind} has fields");
@@ -230,7 +230,7 @@ impl Vector {
                 let goodbye = goodbye.expect("a violation is answered");
                 match decode_to_node(&Datagram::new(&goodbye)) {
                     Ok(ToNode::Goodbye { code }) => Some((violation, code)),
-                    other => panic!("{other:?} is no goodbye"),
+                    other => panic!("{other:?} is not a goodbye"),
                 }
             }
             Some((None, Cause::Goodbye(_))) | None => None,
@@ -285,7 +285,7 @@ impl Vector {
                     .expect("a violation is answered");
                 match decode_to_manager(&Datagram::new(&goodbye)) {
                     Ok(ToManager::Goodbye { code }) => Some((violation, code)),
-                    other => panic!("{other:?} is no goodbye"),
+                    other => panic!("{other:?} is not a goodbye"),
                 }
             }
             Err(error) => panic!("{}: {error}", self.name),

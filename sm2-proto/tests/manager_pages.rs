@@ -18,7 +18,7 @@ fn query(bench: &mut Bench, node: NodeId, after: Option<Key>) -> Page {
     assert_eq!(*to, node);
     assert!(encode_to_node(page).len() <= DATAGRAM_MAX);
     let ToNode::Page(page) = page.clone() else {
-        panic!("{page:?} is no page");
+        panic!("{page:?} is not a page");
     };
     page
 }

@@ -120,7 +120,7 @@ fn session_in(state: &str) -> Node {
             ask(&mut node);
         }
         "ended" => node.handle(NOW, Input::Close(Code(0))).expect("legal"),
-        other => panic!("{other} is no state"),
+        other => panic!("{other} is not a state"),
     }
     drain(&mut node);
     node
@@ -164,7 +164,7 @@ fn every_state_of_the_session_and_frame() {
             "Reloaded" => receive(&mut node, &reloaded()),
             "Goodbye" => receive(&mut node, &ToNode::Goodbye { code: Code(3) }),
             "Eof" => node.handle(NOW, Input::Eof).map(|()| drain(&mut node)),
-            other => panic!("{other} is no frame"),
+            other => panic!("{other} is not a frame"),
         };
         let over = || if node.is_away() { "away" } else { "ended" };
         let actual = match (&result, node.end()) {
@@ -204,7 +204,7 @@ fn every_state_of_an_interface_and_frame() {
             "UnlinkOwn" => unlink(1, 1),
             "UnlinkOther" => unlink(1, 7),
             "Withdrawn" => withdrawn(1),
-            other => panic!("{other} is no frame"),
+            other => panic!("{other} is not a frame"),
         };
         let actual = match receive(&mut node, &frame_sent) {
             Err(Error::Ended(End::Violation(violation))) => violation.kind().name(),

@@ -61,7 +61,7 @@ pub enum Fault {
     #[error("{0} bytes too many")]
     LeftOver(usize),
     /// A boolean is neither 0 nor 1.
-    #[error("{0} is no boolean")]
+    #[error("{0} is not a boolean")]
     Bool(u8),
     /// A text does not end in a byte 0.
     #[error("a text without a zero at its end")]

@@ -196,7 +196,7 @@ fn the_text_refers_to_clauses_that_exist() {
     let found = gaps(&[("SPEC.md", spec)]);
     assert_eq!(
         found,
-        ["SPEC.md:1: the text refers to SM2-MGR-002, which is no clause"]
+        ["SPEC.md:1: the text refers to SM2-MGR-002, which is not a clause"]
     );
 }
 

@@ -42,7 +42,7 @@ fn mutants_differ_and_say_what_they_are() {
         assert!(names.insert(name), "{name} is there twice");
         assert!(
             faults.insert((file, from, to)),
-            "{name} is no fault of its own"
+            "{name} is not a fault of its own"
         );
         assert_ne!(from, to, "{name} changes nothing");
         assert!(!breaks.is_empty() && !breaks.ends_with('.'), "{name}");
@@ -58,7 +58,7 @@ fn each_check_is_in_its_file() {
             Check::Harness { name } => {
                 let path: Vec<_> = name.split("::").collect();
                 let [_, modules @ .., function] = &path[..] else {
-                    panic!("{name} is no path");
+                    panic!("{name} is not a path");
                 };
                 (
                     format!("src/{}.rs", modules.join("/")),

@@ -146,7 +146,7 @@ fn main() {
     }
     // `cargo test --benches` starts it as well, without this argument.
     if !std::env::args().any(|it| it == "--bench") {
-        return println!("skipped: this is no test");
+        return println!("skipped: this is not a test");
     }
     for program in ["valgrind", "gungraun-runner"] {
         if !is_installed(program) {

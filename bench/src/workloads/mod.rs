@@ -252,7 +252,7 @@ fn loses_nothing(peer: &PeerInfo) -> Result<(), &'static str> {
 fn records(peer: &PeerInfo) -> Result<(), &'static str> {
     match peer.record_alone || peer.name == "sm2" {
         true => Ok(()),
-        false => Err("it is no recorder"),
+        false => Err("it is not a recorder"),
     }
 }
 

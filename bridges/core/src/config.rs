@@ -27,7 +27,7 @@ const WINDOW_BYTES: u64 = 1 << 20;
 /// All of a network are one peer.
 pub(crate) const NETWORK: GatewayId = GatewayId([0; 32]);
 
-/// The reason why a file is no configuration. `E` has the reasons why a value of this bridge is wrong.
+/// The reason why a file is not a configuration. `E` has the reasons why a value of this bridge is wrong.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError<E: std::error::Error> {
     /// The file cannot be read.
@@ -69,7 +69,7 @@ pub enum ValueError {
     /// A pattern of names is wrong.
     #[error(transparent)]
     Pattern(#[from] PatternError),
-    /// The prefix is no name.
+    /// The prefix is not a name.
     #[error("the prefix is not a name: {0}")]
     Prefix(NameError),
     /// The limits of the spool contradict each other.
@@ -326,7 +326,7 @@ impl Source<'_> {
     ///
     /// # Errors
     ///
-    /// The text is no name.
+    /// The text is not a name.
     pub fn name<E>(&self, text: &Spanned<String>) -> Result<Name, ConfigError<E>>
     where
         E: std::error::Error + From<ValueError>,
@@ -339,7 +339,7 @@ impl Source<'_> {
     ///
     /// # Errors
     ///
-    /// The text is no name.
+    /// The text is not a name.
     pub fn prefix<E>(
         &self,
         text: Option<&Spanned<String>>,

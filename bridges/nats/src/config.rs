@@ -14,7 +14,7 @@ use toml::Spanned;
 /// The default prefix of subjects.
 const PREFIX: &str = "sm2";
 
-/// The reason why a file is no configuration of this bridge.
+/// The reason why a file is not a configuration of this bridge.
 pub type ConfigError = sm2_bridge_core::config::ConfigError<ConfigValueError>;
 
 /// A checked configuration.

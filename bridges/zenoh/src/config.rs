@@ -17,7 +17,7 @@ const PREFIX: &str = "sm2";
 /// The largest number of a ROS domain.
 const ROS_DOMAIN_MAX: u8 = 232;
 
-/// The reason why a file is no configuration of this bridge.
+/// The reason why a file is not a configuration of this bridge.
 pub type ConfigError = sm2_bridge_core::config::ConfigError<ConfigValueError>;
 
 /// A checked configuration.

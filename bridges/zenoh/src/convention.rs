@@ -123,7 +123,7 @@ impl Convention {
             }
             _ => return None,
         };
-        // A message without an origin comes from a program that is no bridge.
+        // A message without an origin comes from a program that is not a bridge.
         let (origin, delivery) = origin
             .map_or((None, Delivery::AtMostOnce), |(origin, delivery)| {
                 (Some(origin), delivery)

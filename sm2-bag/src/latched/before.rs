@@ -28,8 +28,8 @@ struct Latched {
 
 /// The messages that a subscriber would have received at `at_ns` from the latched publishers whose topics pass the
 /// filter, in the order of their publication, each with the number of its bag. Their `log_time` is `at_ns`, and they
-/// are repeated. Faults come first; there is nothing behind one that is no damage. Only chunks that may have one of the
-/// messages are read.
+/// are repeated. Faults come first; there is nothing behind one that is not damage. Only chunks that may have one of
+/// the messages are read.
 pub(super) fn before<'a>(bags: &'a [Bag], filter: &Filter, at_ns: u64) -> Vec<Found<'a>> {
     let filter = Filter {
         from_ns: None,

@@ -55,9 +55,9 @@ pub(crate) enum Wrong {
     LeftOver(usize),
     #[error("a number beyond its type")]
     Number,
-    #[error("{0} is no boolean")]
+    #[error("{0} is not a boolean")]
     Bool(u8),
-    #[error("{0:#x} is no character")]
+    #[error("{0:#x} is not a character")]
     Char(u32),
     #[error("not one character")]
     Chars,

@@ -58,7 +58,7 @@ fn folder(path: &Path) -> Check {
         Ok(_) => {
             return Check::bad(
                 CHECK,
-                format!("{shown} is no folder"),
+                format!("{shown} is not a folder"),
                 "name another socket",
             );
         }

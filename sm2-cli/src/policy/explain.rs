@@ -41,7 +41,7 @@ const HELP: &str = "\
 Shows the rule that decides, with its line. A binding that keeps the process from the name of the node
 denies everything. An exclusive topic has one publisher at a time.
 
-Exit status: 0 allowed, 1 denied (or the file is no policy), 2 wrong usage.
+Exit status: 0 allowed, 1 denied (or the file is not a policy), 2 wrong usage.
 
 Examples:
   sm2 policy explain policy.toml --node talker --action publish --name chatter

@@ -52,7 +52,7 @@ fn values_are_printed_and_set() {
     assert_eq!(get("frame"), "laser\n");
     assert_eq!(get("filter.sizes"), "[3, 5]\n");
 
-    // An integer is a double, and a negative number is no option.
+    // An integer is a double, and a negative number is not an option.
     let set = domain.run(&[
         "param",
         "set",

@@ -165,7 +165,7 @@ struct Bytes {
 template <typename T>
 struct Message {
     static_assert(detail::is_plain<T>,
-                  "T is no message: add SM2_STRUCT for a struct; use a number, U[], std::byte[] or std::string");
+                  "T is not a message: add SM2_STRUCT for a struct; use a number, U[], std::byte[] or std::string");
     static_assert(std::is_trivially_copyable_v<T>, "a message is trivially copyable");
     using View = const T&;
     using Argument = const T&;

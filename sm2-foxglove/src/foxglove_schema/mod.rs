@@ -59,7 +59,7 @@ impl FoxgloveSchema {
                     let bytes = bytes.iter().filter_map(|it| it.as_u64()?.try_into().ok());
                     *value = BASE64.encode(bytes.collect::<Vec<u8>>()).into();
                 }
-                // An optional field without a value is no field.
+                // An optional field without a value is not a field.
                 (Kind::Object(_), Value::Object(values)) => values.retain(|_, it| !it.is_null()),
                 _ => {}
             }

@@ -97,7 +97,7 @@ impl Ledger {
 
     pub(crate) fn index(&self, id: GatewayId) -> usize {
         let found = self.ids.iter().position(|it| *it == id);
-        found.unwrap_or_else(|| panic!("{id} is no gateway"))
+        found.unwrap_or_else(|| panic!("{id} is not a gateway"))
     }
 
     /// Records that these rules apply from now on.

@@ -142,14 +142,14 @@ impl Verdict {
     fn write_kinds(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { one, other, .. } = self;
         let (Some(kind), Some(theirs)) = (one.kind, other.kind) else {
-            return write!(f, "{one} and {other} are no counterparts.");
+            return write!(f, "{one} and {other} are not counterparts.");
         };
         if one.entity == other.entity {
             write!(f, "{one} is one interface: a link joins two.")?;
         } else if kind == theirs {
             write!(f, "{one} and {other} are both {kind}s.")?;
         } else {
-            write!(f, "{one} and {other} are no counterparts.")?;
+            write!(f, "{one} and {other} are not counterparts.")?;
         }
         write!(f, "\nA {kind} is linked with {}s only", kind.counterpart())?;
         if kind != theirs {
@@ -260,7 +260,10 @@ impl Verdict {
 
 fn write_unknown(f: &mut fmt::Formatter<'_>, party: &Party) -> fmt::Result {
     if party.is_node() {
-        write!(f, "{party} is no interface.\nName one of its interfaces.")
+        write!(
+            f,
+            "{party} is not an interface.\nName one of its interfaces."
+        )
     } else {
         write!(
             f,

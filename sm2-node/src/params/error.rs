@@ -57,7 +57,7 @@ pub enum ParametersError {
     /// A file is not one of parameters.
     #[error(transparent)]
     File(#[from] FileError),
-    /// The table of the node in a file has a name that is no parameter of the node.
+    /// The table of the node in a file has a name that is not a parameter of the node.
     #[error(
         "{}:{line}: node {node} has no parameter {name}: mend the name, or remove the line",
         path.display()

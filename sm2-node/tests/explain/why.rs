@@ -103,7 +103,7 @@ fn who_is_not_there() {
     assert!(nobody.starts_with("there is no interface 4 of node 9.\n"));
     assert_eq!(
         said(at(LIDAR, 1), EntityId::node(NodeId(PLANNER))),
-        "node planner itself is no interface.\nName one of its interfaces."
+        "node planner itself is not an interface.\nName one of its interfaces."
     );
     assert_eq!(nearest(&domain, at(9, 4)), []);
     let party = |entity| why(&domain, at(LIDAR, 1), entity).other.to_string();
@@ -121,7 +121,7 @@ fn kinds_reliability_deadlines_and_leases() {
     );
     assert_eq!(
         text(&scan(), &client("scan", None), &[]),
-        "lidar's publisher of scan and planner's client of scan are no counterparts.\n\
+        "lidar's publisher of scan and planner's client of scan are not counterparts.\n\
          A publisher is linked with subscribers only, and a client with servers."
     );
     let domain = domain(&scan(), &sub(), &[]);

@@ -232,7 +232,7 @@ pub enum Misuse {
     #[error("the Manager has the counters of this session already")]
     CountersTwice,
     /// The text is not a schema with the type's hash (SM2-SCH-001).
-    #[error("the text is no schema of that type: its hash is another, or it is malformed")]
+    #[error("the text is not a schema of that type: its hash is another, or it is malformed")]
     Schema,
     /// A QoS value of the contract is out of range.
     #[error("{field} is {value}, which is out of range (SM2-FRM-003)")]

@@ -276,7 +276,7 @@ pub(crate) fn read(output: Output) -> Event {
         } => {
             let code = goodbye.map(|goodbye| match read_frame(&goodbye, 0) {
                 ToNode::Goodbye { code } => code,
-                other => panic!("{other:?} is no goodbye"),
+                other => panic!("{other:?} is not a goodbye"),
             });
             Event::HungUp(session, code, cause)
         }

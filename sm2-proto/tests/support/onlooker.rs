@@ -62,7 +62,7 @@ impl Onlooker {
             more: false,
         }) = answer
         else {
-            panic!("{answer:?} are no changes");
+            panic!("{answer:?} are not changes");
         };
         assert_eq!(revision, manager.revision());
         for change in changes {
@@ -84,7 +84,7 @@ fn list(manager: &Manager, session: NodeId) -> Vec<Item> {
             items: more, next, ..
         }) = answer
         else {
-            panic!("{answer:?} is no page");
+            panic!("{answer:?} is not a page");
         };
         items.extend(more);
         after = next;
@@ -103,7 +103,7 @@ fn ask(manager: &Manager, session: NodeId, frame: &ToManager) -> ToNode {
     asked.expect("the driver keeps the contract");
     match aside.poll().map(read) {
         Some(Event::Sent(_, answer)) => answer,
-        other => panic!("{other:?} is no answer to {frame:?}"),
+        other => panic!("{other:?} is not an answer to {frame:?}"),
     }
 }
 

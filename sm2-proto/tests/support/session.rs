@@ -252,7 +252,7 @@ pub(crate) fn interface_in(state: &str) -> Node {
         "gone" => drop(receive(&mut node, &withdrawn(1)).expect("legal")),
         "unclaimed" | "claimed" => drop(receive(&mut node, &declared(1)).expect("legal")),
         "dormant" => drop(receive(&mut node, &refused(1)).expect("legal")),
-        other => panic!("{other} is no state"),
+        other => panic!("{other} is not a state"),
     }
     drain(&mut node);
     node
@@ -261,6 +261,6 @@ pub(crate) fn interface_in(state: &str) -> Node {
 pub(crate) fn violation(node: &mut Node, frame: &ToNode) -> Violation {
     match receive(node, frame) {
         Err(Error::Ended(End::Violation(violation))) => violation,
-        other => panic!("{frame:?} is no violation: {other:?}"),
+        other => panic!("{frame:?} is not a violation: {other:?}"),
     }
 }

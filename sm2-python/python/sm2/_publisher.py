@@ -39,8 +39,8 @@ class Publisher(Interface, Generic[T]):
         """Sends one message, by one copy into the memory that all subscribers read.
 
         Waits only if a reliable subscriber has no room, for at most `timeout` (by default the `publish_timeout` of the
-        publisher). A subscriber that misses the message is no error: see `Published.missed`. A signal is handled after
-        this wait.
+        publisher). A subscriber that misses the message is not an error: see `Published.missed`. A signal is handled
+        after this wait.
         """
         return self._native.publish(self.type.encode(value), timeout)
 

@@ -13,7 +13,7 @@
             image = sample.value
             pixels = image.data.reshape(image.height, image.step)
 
-A program in Rust or C++ with the same type has the same topics. This is no bridge to nodes of ROS 2.
+A program in Rust or C++ with the same type has the same topics. This is not a bridge to nodes of ROS 2.
 
 ========================= ========================================== ================================================
 definition                value of a received message                values that `publish` takes

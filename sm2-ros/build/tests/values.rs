@@ -10,7 +10,7 @@ fn assert_constant(ty: &str, text: &str, expected: &str) {
     assert_lines(&code, &[&format!("pub const A: {expected};")]);
 }
 
-/// Asserts that a text is no value of the type, as a constant and as a default value.
+/// Asserts that a text is not a value of the type, as a constant and as a default value.
 fn assert_refused(ty: &str, text: &str) {
     let constant = match ty.contains('[') {
         true => None,

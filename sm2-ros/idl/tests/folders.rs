@@ -10,13 +10,13 @@ fn write(path: &Path, text: &[u8]) {
     fs::write(path, text).unwrap();
 }
 
-/// The names of the types that are no parts of a service or action.
+/// The names of the types that are not parts of a service or action.
 fn names(set: &Set) -> Vec<String> {
     let names = set.types().map(|it| it.name.to_string());
     names.filter(|it| !it.contains('_')).collect()
 }
 
-/// A folder with the packages `p` and `q`, and with files that are no definitions.
+/// A folder with the packages `p` and `q`, and with files that are not definitions.
 fn packages() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     for (file, text) in [

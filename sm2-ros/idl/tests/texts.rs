@@ -56,7 +56,7 @@ fn a_line_of_three_or_more_equals_signs_separates_definitions() {
         let error = parse(line).unwrap_err();
         assert_eq!((error.line, error.reason), (2, Reason::Name), "{line}");
     }
-    // An empty line is no separator either.
+    // An empty line is not a separator either.
     let error = parse("").unwrap_err();
     assert_eq!(error.line, 3);
 }

@@ -21,7 +21,7 @@ pub fn seed() -> u64 {
     let seed = *DRAWN.get_or_init(|| match env::var(SEED) {
         Ok(text) => text
             .parse()
-            .unwrap_or_else(|_| panic!("{SEED}={text} is no number")),
+            .unwrap_or_else(|_| panic!("{SEED}={text} is not a number")),
         Err(_) => RandomState::new().hash_one(0),
     });
     println!("{SEED}={seed}");

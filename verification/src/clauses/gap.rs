@@ -55,7 +55,7 @@ pub enum GapKind {
         first: SourceLine,
     },
     /// SPEC.md refers to a clause that it does not have.
-    #[error("the text refers to {id}, which is no clause")]
+    #[error("the text refers to {id}, which is not a clause")]
     DanglingReference {
         /// The missing id.
         id: ClauseId,

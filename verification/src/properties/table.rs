@@ -84,7 +84,7 @@ fn is_rule(line: &str) -> bool {
     cells(line).iter().all(|cell| cell == "---")
 }
 
-/// The cells of a line; `\|` is no border.
+/// The cells of a line; `\|` is not a border.
 fn cells(line: &str) -> Vec<String> {
     let inner = line.trim().trim_start_matches('|');
     let inner = inner.strip_suffix('|').unwrap_or(inner);

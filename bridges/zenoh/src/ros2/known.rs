@@ -65,7 +65,7 @@ impl Known {
         if self.unknown.insert(data.clone()) {
             tracing::warn!(
                 r#type = %data.name,
-                "is no type of ROS 2, or no node has registered its definition: it is not carried"
+                "is not a type of ROS 2, or no node has registered its definition: it is not carried"
             );
         }
     }

@@ -105,11 +105,11 @@ fn booleans_characters_and_text_are_checked() {
     );
     assert_eq!(
         error(text, &[2, 0, 0, 0, 0]),
-        "on: 2 is no boolean, at byte 0"
+        "on: 2 is not a boolean, at byte 0"
     );
     assert_eq!(
         error(text, &[0, 0, 0xd8, 0, 0]),
-        "c: 0xd800 is no character, at byte 1"
+        "c: 0xd800 is not a character, at byte 1"
     );
     assert_eq!(json("plain:string", "grüße".as_bytes()), "grüße");
     assert_eq!(

@@ -150,7 +150,7 @@ fn what_is_wrong_is_named_with_its_place() {
     let cases: [(&str, &[u8], &str); 14] = [
         ("u8", &[], "message: the message is cut short, at byte 0"),
         ("u8", &[1, 2, 3], "message: 2 bytes too many, at byte 1"),
-        ("bool", &[2], "message: 2 is no boolean, at byte 0"),
+        ("bool", &[2], "message: 2 is not a boolean, at byte 0"),
         (
             "u16",
             &[0xff, 0xff, 4],
@@ -189,22 +189,22 @@ fn what_is_wrong_is_named_with_its_place() {
         (
             "struct{points:list[struct{x:u8,y:bool,}],}",
             &[2, 7, 1, 8, 3],
-            "points[1].y: 3 is no boolean, at byte 4",
+            "points[1].y: 3 is not a boolean, at byte 4",
         ),
         (
             "map[string,struct{0:u8,1:bool,}]",
             &[1, 0, 1, 9],
-            "[0].value[1]: 9 is no boolean, at byte 3",
+            "[0].value[1]: 9 is not a boolean, at byte 3",
         ),
         (
             "enum{A:struct{on:bool,},}",
             &[0, 5],
-            "A.on: 5 is no boolean, at byte 1",
+            "A.on: 5 is not a boolean, at byte 1",
         ),
         (
             "struct{a\u{202e}:bool,}",
             &[5],
-            "a\\u{202e}: 5 is no boolean, at byte 0",
+            "a\\u{202e}: 5 is not a boolean, at byte 0",
         ),
     ];
     for (ty, bytes, expected) in cases {

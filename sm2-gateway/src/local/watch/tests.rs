@@ -77,7 +77,8 @@ fn until_seen(
     });
 }
 
-/// The publishers of a topic together decide what the gateway offers. Interfaces of gateways are no part of the domain.
+/// The publishers of a topic together decide what the gateway offers. Interfaces of gateways are not a part of the
+/// domain.
 #[test]
 fn a_topic_is_as_reliable_as_one_publisher_and_keeps_what_all_keep() {
     let running = Running::new();

@@ -176,7 +176,7 @@ fn a_rate_is_the_fastest_of_twelve_rounds_or_of_two_in_congestion() {
     let mut link = Link::drained();
     link.round(1_000_000, 0);
     link.round(1_000_000, 0);
-    // A fifth more than the random loss of 0 is no congestion yet.
+    // A fifth more than the random loss of 0 is not congestion yet.
     link.round(400_000, 100_000);
     link.round(400_000, 100_000);
     assert_eq!(link.steady.rate(), 8_000_000);

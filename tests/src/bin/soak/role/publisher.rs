@@ -65,7 +65,7 @@ impl Publishing {
     }
 
     /// Returns whether all reliable subscribers got the message. A system without memory or
-    /// descriptors for it is no fault of this process: nobody got the message then.
+    /// descriptors for it is not a fault of this process: nobody got the message then.
     fn publish(&mut self, tally: &mut Tally) -> bool {
         let (least, most) = self.lengths;
         let len = random_len(&mut self.random, least, most);

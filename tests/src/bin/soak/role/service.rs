@@ -136,7 +136,7 @@ fn is_not_stored(reason: &str) -> bool {
     rest.is_some_and(|it| it.is_empty() || it.starts_with(": "))
 }
 
-/// The death of a server, and a lack of memory or descriptors at either end, are no faults. A gateway that has lost
+/// The death of a server, and a lack of memory or descriptors at either end, are not faults. A gateway that has lost
 /// its peer reports that as a failure, and the bad link may be too slow.
 fn judge(error: &CallError, is_remote: bool, tally: &mut Tally) {
     match error {
