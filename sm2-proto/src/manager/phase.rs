@@ -14,7 +14,7 @@ pub enum Phase {
 }
 
 /// The kind of a frame from a node.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum ToManagerKind {
     /// HELLO
     Hello,

@@ -73,9 +73,9 @@ struct SessionModel {
     dropping: BTreeSet<InterfaceId>,
     /// Links that the node may say farewell to.
     links: BTreeSet<(InterfaceId, LinkId)>,
-    watching: bool,
-    counting: bool,
-    reloading: bool,
+    /// WATCH, RELOAD and COUNTERS that were sent, and that the Manager has not answered. It answers COUNTERS only if
+    /// they were lost.
+    unanswered: BTreeSet<ToManagerKind>,
     /// The interface of the DECLARE_REFUSED that was received last.
     refused: Option<InterfaceId>,
 }
@@ -90,9 +90,7 @@ impl Default for SessionModel {
             live: BTreeSet::new(),
             dropping: BTreeSet::new(),
             links: BTreeSet::new(),
-            watching: false,
-            counting: false,
-            reloading: false,
+            unanswered: BTreeSet::new(),
             refused: None,
         }
     }
@@ -140,12 +138,12 @@ impl SessionModel {
             ToNode::Withdrawn { interface } => {
                 assert!(self.dropping.remove(&interface), "{interface} stays");
             }
-            ToNode::Changes(_) => self.watching = false,
-            ToNode::Reloaded { .. } => self.reloading = false,
+            ToNode::Changes(_) => drop(self.unanswered.remove(&ToManagerKind::Watch)),
+            ToNode::Reloaded { .. } => drop(self.unanswered.remove(&ToManagerKind::Reload)),
             // The node sends its counters once more.
             ToNode::CountersLost => {
-                assert!(self.counting, "counters that were not sent");
-                self.counting = false;
+                let were_sent = self.unanswered.remove(&ToManagerKind::Counters);
+                assert!(were_sent, "counters that were not sent");
             }
             _ => {}
         }
@@ -155,6 +153,7 @@ impl SessionModel {
     fn sent(&mut self, frame: &ToManager) {
         let allowed = legal(self.phase, ToManagerKind::of(frame));
         assert_eq!(allowed, Ok(()), "{frame:?} while {:?}", self.phase);
+        let mut sent_once = || self.unanswered.insert(ToManagerKind::of(frame));
         match *frame {
             ToManager::Hello { resuming, .. } => {
                 assert!(!self.greeted, "one greeting at a time");
@@ -181,18 +180,11 @@ impl SessionModel {
                 assert!(self.links.insert((interface, link)), "claimed once");
             }
             ToManager::Claimed => self.phase = Phase::Ready,
-            ToManager::Watch { .. } => {
-                assert!(!self.watching, "one WATCH at a time");
-                self.watching = true;
-            }
+            ToManager::Watch { .. } => assert!(sent_once(), "one WATCH at a time"),
             ToManager::Counters => {
-                assert!(!self.counting, "counters once, and once more for each loss");
-                self.counting = true;
+                assert!(sent_once(), "counters once, and once more for each loss");
             }
-            ToManager::Reload => {
-                assert!(!self.reloading, "one RELOAD at a time");
-                self.reloading = true;
-            }
+            ToManager::Reload => assert!(sent_once(), "one RELOAD at a time"),
             ToManager::Suspended { interface } => {
                 assert_eq!(self.refused.take(), Some(interface), "one answer");
                 assert!(

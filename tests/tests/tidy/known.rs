@@ -14,7 +14,6 @@ pub(crate) const FLAGS: &[(&str, usize)] = &[
     ("sm2-node/LinkDriver", 7),
     ("sm2-node/LinkStatus", 6),
     ("sm2-proto/Link", 4),
-    ("sm2-proto/SessionModel", 5),
     ("verification/LinkScope", 5),
     ("verification/loom-models/Order", 5),
 ];
