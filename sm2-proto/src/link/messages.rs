@@ -40,6 +40,7 @@ impl Link {
             },
             Lane::Ring(_) => match RingMessage::of(&message) {
                 Some(message) => self.send_by_ring(memory, &message, &mut settled),
+                None if memory.outgoing().is_none() => Err(Misuse::NotLent.into()),
                 None => Err(Misuse::NotPooled.into()),
             },
         };
