@@ -217,7 +217,7 @@ fn read(socket: &SeqPacket) -> ToNode {
 //= SM2-TRN-012 test
 #[test]
 fn frames_that_wait_for_room_are_sent_although_the_socket_cannot_be_watched() {
-    const QUERIES: usize = 3_000;
+    const QUERIES: usize = 1_000;
     let domain = Short::start();
     let socket = greet(&domain);
     domain.fail(Call::EpollCtl, libc::ENOMEM, 1);
