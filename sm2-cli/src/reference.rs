@@ -15,6 +15,10 @@ const INTRODUCTION: &str = "\
 This chapter is the text of `sm2 help`, generated from the program. `sm2 man` prints the same as manual pages.
 ";
 
+/// The row of the options for all limits of a Manager.
+const LIMITS_ROW: &str =
+    "| `--LIMIT <VALUE>` | A limit, by its name with dashes: see [Limits](limits.md) |\n";
+
 #[test]
 fn the_book_has_the_commands_of_clap() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/src/commands.md");
@@ -88,7 +92,7 @@ fn add_command(page: &mut String, command: &Command) {
     }
 }
 
-/// Appends a table of the arguments, but for `--help` and `--version`. The limits of a Manager have a table elsewhere.
+/// Appends a table of the arguments, but for `--help` and `--version`. The limits of a Manager are in another table.
 fn add_arguments(page: &mut String, command: &Command) {
     let is_listed = |it: &&Arg| {
         !it.is_hide_set() && !matches!(it.get_id().as_str(), "help" | "version" | "subcommand")
@@ -120,7 +124,7 @@ fn add_arguments(page: &mut String, command: &Command) {
         let _ = writeln!(page, "| `{name}` | {} |", escaped(text));
     }
     if has_limits {
-        page.push_str("| `--LIMIT <VALUE>` | A limit, by its name with dashes: see [Limits](limits.md#the-manager) |\n");
+        page.push_str(LIMITS_ROW);
     }
 }
 

@@ -1,8 +1,8 @@
 //! PROPERTIES.md: claims about the shipped code, the checks that show them, and their coverage.
 //!
-//! A [`Register`] is the parsed file: a table of properties, and tables of checks. A [`RunResults`] has the results of a
-//! run, and [`RunResults::gaps`] lists the disagreements of both. [`figures_page`] shows the figures of a run, which are
-//! not committed. This module starts no programs: `bin/check` runs the engines.
+//! A [`Register`] is the parsed file: a table of properties, and tables of checks. A [`RunResults`] has the results of
+//! a run, and [`RunResults::gaps`] lists the disagreements of both. [`figures_page`] shows the figures of a run, which
+//! are not committed. This module starts no programs: `bin/check` runs the engines.
 
 mod engine;
 mod expected;

@@ -124,40 +124,26 @@ fn nothing_is_wrong_when_all_is_as_the_rows_say() {
 
 #[test]
 fn a_check_that_covers_less_than_expected_is_found() {
+    const PATHS: &str = "paths that are not rejected";
+    // The engine, its figures, and the expectation that they do not meet.
     let rows = [
         (
             "stand-in, Exhaustive",
             "Exhaustive, 2 paths, 0 rejected",
-            None,
+            "",
         ),
-        (
-            "stand-in, Exhaustive",
-            "Samples, 2 paths, 0 rejected",
-            Some("Exhaustive"),
-        ),
-        (
-            "stand-in, Samples",
-            "Samples, 2 paths, 2 rejected",
-            Some("paths that are not rejected"),
-        ),
-        ("angr", "Symbolic, 90 paths, 2 rejected", None),
-        (
-            "angr",
-            "Symbolic, 0 paths, 0 rejected",
-            Some("paths that are not rejected"),
-        ),
-        ("angr", "Partial, 90 paths, 2 rejected", Some("Symbolic")),
-        ("libFuzzer", "~1000 executions, ~6100/s", None),
-        (
-            "libFuzzer",
-            "~999 executions, ~6100/s",
-            Some("1000 executions or more"),
-        ),
-        ("libFuzzer", "none", Some("1000 executions or more")),
-        ("test", "3 tests", None),
-        ("proptest", "4 tests", None),
-        ("vector", "2 tests", Some("3 tests or more")),
-        ("model", "706 states", None),
+        ("stand-in, Exhaustive", "Samples, 2 paths", "Exhaustive"),
+        ("stand-in, Samples", "Samples, 2 paths, 2 rejected", PATHS),
+        ("angr", "Symbolic, 90 paths, 2 rejected", ""),
+        ("angr", "Symbolic, 0 paths, 0 rejected", PATHS),
+        ("angr", "Partial, 90 paths, 2 rejected", "Symbolic"),
+        ("libFuzzer", "~1000 executions, ~6100/s", ""),
+        ("libFuzzer", "~999 executions", "1000 executions or more"),
+        ("libFuzzer", "none", "1000 executions or more"),
+        ("test", "3 tests", ""),
+        ("proptest", "4 tests", ""),
+        ("vector", "2 tests", "3 tests or more"),
+        ("model", "706 states", ""),
     ];
     for (engine, covered, wanted) in rows {
         let word = engine.split(',').next().expect("a word");
@@ -177,10 +163,10 @@ fn a_check_that_covers_less_than_expected_is_found() {
         results.outcomes = vec![outcome(engine, "large", covered)];
         results.tests.insert("large".to_owned(), 3);
         let found = results.gaps(&register);
-        let wanted: Vec<_> = wanted
-            .map(|it| (line("`large`"), it.to_owned()))
-            .into_iter()
-            .collect();
+        let wanted = match wanted {
+            "" => Vec::new(),
+            wanted => vec![(line("`large`"), wanted.to_owned())],
+        };
         let less = found.iter().map(|it| match &it.kind {
             GapKind::Less { wanted, .. } => (it.line.map(|it| it - 1), wanted.clone()),
             other => panic!("{other:?}"),

@@ -157,7 +157,7 @@ impl Limit {
         self.row().range
     }
 
-    /// What happens beyond the limit, in the words of SPEC.
+    /// The consequence of going beyond the limit, in the words of SPEC.
     #[must_use]
     pub const fn beyond(self) -> &'static str {
         self.row().beyond

@@ -1,4 +1,4 @@
-//! What the driver lends to the machine of a link for each call: rings and mapped segments.
+//! Lends rings and mapped segments to the machine of a link, for one call at a time.
 
 use std::os::fd::OwnedFd;
 use std::sync::Arc;
