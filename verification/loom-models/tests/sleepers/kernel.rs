@@ -95,6 +95,20 @@ impl Waker {
     }
 }
 
+/// No process forks here.
+#[derive(Debug)]
+pub(crate) struct Maker;
+
+impl Maker {
+    pub(crate) const fn this_process() -> Self {
+        Self
+    }
+
+    pub(crate) const fn is_parent(&self) -> bool {
+        false
+    }
+}
+
 pub(crate) struct Interest;
 
 impl Interest {

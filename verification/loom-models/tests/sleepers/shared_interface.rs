@@ -36,6 +36,9 @@ pub(crate) struct InterfaceDriver {
     pub(crate) short_of_memory: bool,
 }
 
+/// The words that a spinning thread watches.
+pub(crate) struct NextWords;
+
 pub(crate) struct LockedInterface<'a>(MutexGuard<'a, InterfaceDriver>);
 
 impl LinkSets {
@@ -128,7 +131,18 @@ impl LockedInterface<'_> {
         change(&mut self.0.interface, &mut Context(PhantomData))
     }
 
+    /// No thread spins in these models.
     pub(crate) fn has_rings_only(&self) -> bool {
+        false
+    }
+
+    pub(crate) const fn next_words(&self) -> NextWords {
+        NextWords
+    }
+}
+
+impl NextWords {
+    pub(crate) const fn spin(&self, _pauses: u32) -> bool {
         false
     }
 }
