@@ -136,3 +136,45 @@ impl Drop for Background {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::panic;
+
+    use super::*;
+    use crate::handles::Handles;
+
+    /// A Manager whose loop panics.
+    fn broken() -> Background {
+        let handles = Handles::new().expect("eventfds");
+        let handles = (
+            handles.stopper(),
+            handles.hand_over(),
+            handles.policy_reload(),
+        );
+        let path = Path::new("domain.sock");
+        Background::spawn(path, handles, || panic!("the loop")).expect("a thread")
+    }
+
+    fn text(panic: Box<dyn std::any::Any + Send>) -> &'static str {
+        panic.downcast_ref::<&str>().expect("a text")
+    }
+
+    #[test]
+    fn a_panic_of_the_loop_reaches_the_program() {
+        let stopped = panic::catch_unwind(|| broken().stop());
+        assert_eq!(text(stopped.expect_err("a panic")), "the loop");
+        let dropped = panic::catch_unwind(|| drop(broken()));
+        assert_eq!(text(dropped.expect_err("a panic")), "the loop");
+    }
+
+    /// A second panic would abort the program.
+    #[test]
+    fn a_panic_of_the_loop_ends_no_program_that_panics_already() {
+        let caller = panic::catch_unwind(|| {
+            let _dropped = broken();
+            panic!("the caller");
+        });
+        assert_eq!(text(caller.expect_err("a panic")), "the caller");
+    }
+}

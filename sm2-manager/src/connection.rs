@@ -154,7 +154,7 @@ impl Connection {
     }
 
     fn transmit(&mut self, parcel: &Parcel) -> Result<Sent, Lost> {
-        if self.sent_fds > 0 {
+        if self.sent_fds != 0 {
             // Resets `sent_fds` if the node has read everything.
             self.unread_fds();
         }
@@ -200,3 +200,6 @@ fn transmit(socket: &SeqPacket, parcel: &Parcel) -> Result<Sent, Lost> {
         Err(SendError::TooLong | SendError::Io(_)) => Err(Lost::Stalled),
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -3,12 +3,15 @@
 use crate::common;
 use std::{
     fs::{self, Permissions},
-    os::unix::fs::{PermissionsExt, symlink},
+    os::unix::{
+        fs::{PermissionsExt, chown, symlink},
+        process::CommandExt,
+    },
     path::PathBuf,
 };
 
 use crate::common::{Program, TestDomain};
-use nix::sys::signal::Signal;
+use nix::{sys::signal::Signal, unistd::geteuid};
 use sm2_manager::{Background, Options, StartError};
 use sm2_node::{ConnectError, DeclareError, Node};
 use sm2_proto::{Name, Refusal};
@@ -182,4 +185,50 @@ fn a_standby_does_not_take_over_without_the_policy() {
 
 fn connect_once(domain: &TestDomain) -> std::io::Result<sm2_io::SeqPacket> {
     sm2_io::SeqPacket::connect(&domain.socket())
+}
+
+/// Otherwise the domain would be without a Manager for as long as the policy is broken.
+//= SM2-ACC-012, SM2-RES-009 sys
+#[test]
+fn a_manager_without_its_policy_replaces_nobody() {
+    let domain = TestDomain::new();
+    let file = policy(&domain, "robot.toml", POLICY);
+    let active = domain.manager(&["--policy", file.to_str().unwrap()]);
+    fs::write(&file, "default = \"all\"").unwrap();
+    let (status, text) = domain.fails(&["--replace"]);
+    assert_eq!(status, Some(1), "{text}");
+    assert!(text.contains("unknown variant `all`"), "{text}");
+    assert_eq!(domain.client("node").server(), active.pid());
+    let said = active.stderr();
+    assert!(!said.contains("handing over"), "{said}");
+}
+
+/// A Manager trusts the files of its own user and those of root.
+//= SM2-ACC-012 sys
+#[test]
+fn a_policy_of_a_third_user_is_not_used() {
+    if !geteuid().is_root() {
+        return sm2_test_support::skip("only root can give a file to another user");
+    }
+    let domain = TestDomain::new();
+    let file = policy(&domain, "domain.sock.policy", POLICY);
+    for (owner, is_trusted) in [(0, true), (65_534, true), (65_533, false)] {
+        chown(&file, Some(owner), None).unwrap();
+        let mut command = domain.for_a_stranger(&["--socket-mode", "666"]);
+        chown(domain.folder(), Some(65_534), None).unwrap();
+        command.uid(65_534).gid(65_534);
+        let mut manager = Program::start(command);
+        match is_trusted {
+            true => {
+                manager.says("serving");
+                assert!(is_restricted(&domain), "{owner}");
+                manager.signal(Signal::SIGTERM);
+                assert_eq!(manager.wait(), Some(0), "{owner}");
+            }
+            false => {
+                assert_eq!(manager.wait(), Some(1));
+                manager.says("65533");
+            }
+        }
+    }
 }

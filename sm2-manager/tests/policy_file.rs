@@ -351,4 +351,15 @@ fn a_rule_by_name_alone_is_warned_of() {
         text,
         "rule `rule-2` in line 5 is never reached: rule `rule-1` matches everything"
     );
+    let after = rule("users = [7]");
+    for partial in [
+        all.replace("**", "a/**"),
+        format!("{all}actions = [\"publish\"]\n"),
+        format!("{all}users = [7]\n"),
+        format!("{all}groups = [7]\n"),
+        format!("{all}nodes = [\"arm\"]\n"),
+        format!("{all}peers = [\"base\"]\n"),
+    ] {
+        assert_eq!(warnings(&format!("{partial}{after}")), "", "{partial}");
+    }
 }

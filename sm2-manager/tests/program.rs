@@ -2,11 +2,16 @@
 
 use std::{
     fs::{self, Permissions},
-    os::unix::{fs::PermissionsExt, process::CommandExt},
+    io::IoSlice,
+    os::{
+        fd::AsFd,
+        unix::{fs::PermissionsExt, process::CommandExt},
+    },
 };
 
-use crate::common::{Program, TestDomain};
+use crate::common::{self, Program, SOON, TestDomain};
 use nix::{sys::signal::Signal, unistd::geteuid};
+use sm2_io::{SeqPacket, wait_readable};
 
 //= SM2-TRN-007 sys
 #[test]
@@ -80,4 +85,59 @@ fn a_mode_that_admits_a_group_warns_of_a_directory_that_keeps_it_out() {
         manager.says(&format!("the directory {directory} (mode 700)"));
         manager.says(&format!("chmod g+x {directory}"));
     }
+}
+
+/// The permissions of the socket decide who may connect.
+#[test]
+fn the_socket_has_the_mode_that_the_line_states() {
+    for (options, mode) in [
+        (&[][..], 0o600),
+        (&["--socket-mode", "620"], 0o620),
+        (&["--socket-mode", "666"], 0o666),
+    ] {
+        let domain = TestDomain::new();
+        let _manager = domain.manager(options);
+        let found = fs::metadata(domain.socket()).unwrap().permissions().mode();
+        assert_eq!(found & 0o7777, mode);
+    }
+}
+
+#[test]
+fn a_line_that_cannot_be_used_is_wrong_usage() {
+    let domain = TestDomain::new();
+    for options in [
+        &["--sessions-per-user", "0"][..],
+        &["--sessions-per-user", "4", "--sessions-per-process", "5"],
+        &["--socket-mode", "8"],
+        &["--no-such-option"],
+    ] {
+        let (status, text) = domain.fails(options);
+        assert_eq!(status, Some(2), "{options:?}: {text}");
+    }
+    assert!(domain.files().is_empty(), "{:?}", domain.files());
+}
+
+/// Nodes that break the protocol cannot fill the log of a Manager, and others leave nothing in it.
+#[test]
+fn a_log_has_a_few_warnings_of_a_kind_and_none_without_a_cause() {
+    let domain = TestDomain::new();
+    let manager = domain.manager(&[]);
+    let mut node = domain.client("node");
+    assert_eq!(node.nodes(), ["node"]);
+    drop(domain.client("other"));
+    common::eventually("the end of a session", || node.nodes() == ["node"]);
+    let said = manager.stderr();
+    assert!(!said.contains("WARN"), "{said}");
+    for _ in 0..200 {
+        let socket = SeqPacket::connect(&domain.socket()).unwrap();
+        socket.send(&[IoSlice::new(b"nonsense")], &[]).unwrap();
+        wait_readable(&[socket.as_fd()], Some(SOON)).unwrap();
+    }
+    manager.says("hung up: the node broke the protocol");
+    // 16 in each period of 10 s, which the test may take several of.
+    let count = manager
+        .stderr()
+        .matches("the node broke the protocol")
+        .count();
+    assert!((1..200).contains(&count), "{count}");
 }

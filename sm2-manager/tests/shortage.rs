@@ -5,6 +5,7 @@ use std::{
     os::fd::AsFd,
     sync::mpsc,
     thread::{self, JoinHandle},
+    time::Duration,
 };
 
 use crate::common::{SOON, TestDomain, eventually};
@@ -228,4 +229,31 @@ fn frames_that_wait_for_room_are_sent_although_the_socket_cannot_be_watched() {
     for _ in 0..QUERIES {
         assert!(matches!(read(&socket), ToNode::Page(_)));
     }
+}
+
+/// The stopper is an event, and the Manager cannot wait for events.
+//= SM2-TRN-012 test
+#[test]
+fn a_manager_that_cannot_wait_for_events_can_be_stopped() {
+    let domain = Short::start();
+    domain.fail(Call::EpollWait, libc::ENOMEM, u64::MAX);
+    // It waits without an end until a node connects.
+    let _socket = SeqPacket::connect(&domain.domain.socket()).unwrap();
+    eventually("failed calls", || domain.faults.hits() > 2);
+    domain.stopper.stop();
+    let thread = domain.thread.as_ref().unwrap();
+    eventually("the end", || thread.is_finished());
+}
+
+/// A Manager in whose domain nothing happens sleeps.
+#[test]
+fn an_idle_manager_waits_without_a_break() {
+    let domain = Short::start();
+    let pair = Pair::linked(&domain, "topic");
+    pair.link();
+    let waits = || domain.faults.counts().get(&Call::EpollWait).copied();
+    domain.faults.set(None);
+    thread::sleep(Duration::from_millis(50));
+    assert!(waits().unwrap_or(0) < 100, "{:?}", waits());
+    pair.carries(1);
 }

@@ -1,10 +1,11 @@
 //! When a Manager ends, in whatever way, a standby takes over.
 
 use crate::common;
-use std::{fs, process};
+use std::{fs, process, thread, time::Duration};
 
 use crate::common::TestDomain;
 use nix::sys::signal::Signal;
+use sm2_io::DomainLock;
 use sm2_manager::{Background, Options, Outcome, Role, Standby};
 use sm2_proto::{Farewell, node::End};
 
@@ -167,4 +168,20 @@ fn a_standby_says_what_it_does() {
     assert!(domain.files().is_empty(), "{:?}", domain.files());
     let alone = Standby::start(&domain.socket(), Options::default()).unwrap();
     assert_eq!(alone.role(), Role::Serving);
+}
+
+/// The Manager that holds the lock may be about to serve, or to end.
+//= SM2-TRN-007 test
+#[test]
+fn a_standby_waits_for_a_lock_whose_holder_does_not_serve_yet() {
+    let domain = TestDomain::new();
+    let lock = DomainLock::acquire(&domain.socket()).unwrap();
+    thread::scope(|scope| {
+        let start = || Standby::start(&domain.socket(), Options::default());
+        let standby = scope.spawn(start);
+        // It has tried by now, or finds the lock free.
+        thread::sleep(Duration::from_millis(50));
+        drop(lock);
+        assert_eq!(standby.join().unwrap().unwrap().role(), Role::Serving);
+    });
 }

@@ -453,32 +453,11 @@ impl Manager {
 
 /// Returns an epoch that no other Manager of this domain has used, and a secret.
 fn random() -> io::Result<(u64, u128)> {
-    let mut bytes = [[0; 8]; 3];
-    getrandom::fill(bytes.as_flattened_mut())?;
-    let [epoch, low, high] = bytes.map(u64::from_ne_bytes);
-    Ok((epoch, u128::from(high) << 64 | u128::from(low)))
+    let (mut epoch, mut secret) = ([0; 8], [0; 16]);
+    getrandom::fill(&mut epoch)?;
+    getrandom::fill(&mut secret)?;
+    Ok((u64::from_ne_bytes(epoch), u128::from_ne_bytes(secret)))
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Errors of epoll are not expected, so they are handed over directly.
-    #[test]
-    fn an_error_of_waiting_that_may_pass_ends_no_manager() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let path = folder.path().join("domain.sock");
-        let mut manager = Manager::bind(&path, Options::default()).expect("a Manager");
-        let error = |errno| Err(io::Error::from_raw_os_error(errno));
-        let mut delays = Vec::new();
-        for errno in [libc::ENOMEM, libc::EAGAIN, libc::ENOSPC] {
-            manager.waited(error(errno)).expect("it tries again");
-            delays.push(manager.wait_delay);
-        }
-        assert_eq!(delays, [1, 2, 4].map(Duration::from_millis));
-        manager.waited(Ok(())).expect("events");
-        assert_eq!(manager.wait_delay, Duration::ZERO);
-        let broken = manager.waited(error(libc::EBADF));
-        assert!(broken.is_err(), "there is nothing to wait for");
-    }
-}
+mod tests;

@@ -89,3 +89,77 @@ fn link(path: &Path, file: &Path) -> io::Result<()> {
     symlink(&file, &new)?;
     fs::rename(&new, path)
 }
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::chown;
+
+    use super::*;
+
+    #[test]
+    fn a_link_that_leads_nowhere_is_a_policy_and_a_missing_folder_an_error() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name| folder.path().join(name);
+        fs::write(path("file"), "").unwrap();
+        symlink(path("nothing"), path("link")).unwrap();
+        assert!(is_present(&path("file")).unwrap());
+        assert!(is_present(&path("link")).unwrap());
+        assert!(!is_present(&path("nothing")).unwrap());
+        assert!(is_present(&path("file/policy")).is_err(), "nobody can tell");
+    }
+
+    //= SM2-ACC-012 test
+    #[test]
+    fn the_file_of_another_user_is_not_trusted() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("policy");
+        fs::write(&path, "default = \"deny\"").unwrap();
+        load(&path).expect("a file of this user");
+        if !geteuid().is_root() {
+            return sm2_test_support::skip("only root can give a file to another user");
+        }
+        chown(&path, Some(65_534), None).unwrap();
+        let refused = load(&path);
+        assert!(
+            matches!(
+                refused,
+                Err(PolicyFileError::NotTrusted { uid: 65_534, .. })
+            ),
+            "{refused:?}"
+        );
+    }
+
+    //= SM2-ACC-012 test
+    #[test]
+    fn the_last_policy_that_was_named_is_that_of_the_domain() {
+        let folder = tempfile::tempdir().unwrap();
+        let socket = folder.path().join("domain.sock");
+        let link = folder.path().join("domain.sock.policy");
+        let named = |file: &Path| {
+            let options = Options {
+                policy_file: Some(file.to_owned()),
+                ..Options::default()
+            };
+            of_domain(&socket, &options).map(drop)
+        };
+        for name in ["one", "other", "other", "one"] {
+            let file = folder.path().join(name);
+            fs::write(&file, "default = \"deny\"").unwrap();
+            named(&file).unwrap();
+            assert_eq!(
+                fs::canonicalize(&link).unwrap(),
+                fs::canonicalize(&file).unwrap()
+            );
+        }
+        named(&link).expect("it is the policy already");
+        fs::remove_file(&link).unwrap();
+        fs::write(&link, "default = \"deny\"").unwrap();
+        named(&link).expect("a file of its own is the policy already");
+        let refused = named(&folder.path().join("one"));
+        assert!(
+            matches!(refused, Err(PolicyFileError::NotLinked { .. })),
+            "{refused:?}"
+        );
+        assert!(!fs::symlink_metadata(&link).unwrap().is_symlink());
+    }
+}

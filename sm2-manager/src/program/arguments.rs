@@ -81,3 +81,61 @@ fn octal(text: &str) -> Result<u32, String> {
         _ => Err("give permissions as octal digits, such as 660".into()),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+    use sm2_proto::control::Limit;
+
+    use super::*;
+
+    #[derive(Debug, Parser)]
+    struct Line {
+        #[command(flatten)]
+        arguments: Arguments,
+    }
+
+    fn parsed(options: &[&str]) -> Result<Arguments, clap::Error> {
+        let line = Line::try_parse_from([&["sm2-manager"], options].concat());
+        line.map(|it| it.arguments)
+    }
+
+    #[test]
+    fn a_mode_is_made_of_permission_bits() {
+        for (text, mode) in [("0", 0), ("600", 0o600), ("0660", 0o660), ("777", 0o777)] {
+            let arguments = parsed(&["--socket-mode", text]).unwrap();
+            let options = arguments.options().unwrap();
+            assert_eq!(options.socket_mode, mode, "{text}");
+            assert_eq!(options.bind_options().mode, mode, "{text}");
+        }
+        for text in ["1000", "1777", "8", "rw", "", "-1"] {
+            let option = format!("--socket-mode={text}");
+            assert!(parsed(&[&option]).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn each_option_is_an_option_of_the_manager() {
+        let options = |line: &[&str]| parsed(line).unwrap().options().unwrap();
+        let defaults = options(&[]);
+        assert_eq!(defaults.limits, Limits::default());
+        assert_eq!((defaults.socket_mode, defaults.policy_file), (0o600, None));
+        let sealed = options(&["--seal-all", "--sessions-per-user", "5"]).limits;
+        assert!(sealed.seal_all && !sealed.waive_user_boundary);
+        assert_eq!(sealed.of(Limit::SessionsPerUser), 5);
+        let waived = options(&["--waive-user-boundary"]).limits;
+        assert!(waived.waive_user_boundary && !waived.seal_all);
+        assert!(parsed(&["--waive-user-boundary", "--seal-all"]).is_err());
+        let policy = options(&["--policy", "robot.toml"]).policy_file;
+        assert_eq!(policy, Some(PathBuf::from("robot.toml")));
+    }
+
+    #[test]
+    fn a_path_is_explicit_if_the_line_names_a_socket_or_a_domain() {
+        let explicit = |line: &[&str]| parsed(line).unwrap().explicit_path().unwrap();
+        assert_eq!(explicit(&[]), None);
+        assert_eq!(explicit(&["--socket", "/a/b"]), Some(PathBuf::from("/a/b")));
+        let arm = sm2_io::socket_path(Some("arm")).unwrap();
+        assert_eq!(explicit(&["--domain", "arm"]), Some(arm));
+    }
+}

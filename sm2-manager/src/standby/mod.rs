@@ -227,3 +227,23 @@ impl Pause {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pauses_double_up_to_a_tenth_of_a_second() {
+        let handles = Handles::new().expect("eventfds");
+        // The pauses end at once.
+        handles.stopper().stop();
+        let mut pause = Pause::new();
+        let mut pauses = Vec::new();
+        for _ in 0..12 {
+            pauses.push(pause.next.as_micros());
+            pause.wait(&handles).expect("a pause");
+        }
+        let doubled = (0..10).map(|it| 100 << it);
+        assert_eq!(pauses, doubled.chain([100_000; 2]).collect::<Vec<_>>());
+    }
+}
