@@ -7,7 +7,8 @@ use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
 
 use nix::libc;
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
-use sm2_io::{RecvError, SeqPacket};
+use sm2_io::fault::{Call, Fault, Injector};
+use sm2_io::{RecvError, SeqPacket, free_descriptors, raise_descriptor_limit};
 
 fn open() -> usize {
     std::fs::read_dir("/proc/self/fd").unwrap().count()
@@ -112,4 +113,41 @@ fn an_empty_datagram(a: &SeqPacket, b: &SeqPacket, fd: BorrowedFd<'_>) {
     let flags = MsgFlags::empty();
     sendmsg::<()>(a.as_fd().as_raw_fd(), &parts, &rights, flags, None).unwrap();
     assert!(matches!(b.recv(&mut [0; 8]), Err(RecvError::Closed)));
+}
+
+/// An older kernel does not count the open ones, so this process looks at each number.
+#[test]
+fn free_descriptors_are_those_below_the_limit() {
+    if ran_alone(concat!(
+        module_path!(),
+        "::free_descriptors_are_those_below_the_limit"
+    )) {
+        return;
+    }
+    // Above all numbers that the program got from its parent.
+    const LIMIT: usize = 512;
+    let (_, hard) = getrlimit(Resource::RLIMIT_NOFILE).unwrap();
+    setrlimit(Resource::RLIMIT_NOFILE, LIMIT as u64, hard).unwrap();
+    let older = Fault {
+        call: Call::Stat,
+        nth: 1,
+        times: u64::MAX,
+        errno: libc::ENOENT,
+    };
+    let mut opened = Vec::new();
+    for _ in 0..10 {
+        opened.push(tempfile::tempfile().unwrap());
+        // Counting opens one more.
+        let free = LIMIT - (open() - 1);
+        for fault in [None, Some(older)] {
+            let faults = Injector::counting();
+            faults.set(fault);
+            let _installed = faults.install();
+            assert_eq!(free_descriptors(usize::MAX).unwrap(), free, "{fault:?}");
+            assert_eq!(free_descriptors(3).unwrap(), 3, "{fault:?}");
+        }
+    }
+    raise_descriptor_limit();
+    let raised = getrlimit(Resource::RLIMIT_NOFILE).unwrap();
+    assert_eq!(raised, (hard, hard));
 }

@@ -7,10 +7,10 @@ use std::time::Duration;
 
 use nix::libc;
 use nix::sys::signal::{Signal, kill};
-use nix::sys::wait::waitpid;
+use nix::sys::wait::{WaitStatus, waitpid};
 use nix::unistd::{ForkResult, Pid, fork, getpid};
 use sm2_io::fault::{Call, Fault, Injector};
-use sm2_io::{Listener, PeerProcess, SeqPacket, wait_readable};
+use sm2_io::{Listener, PeerProcess, RecvError, SeqPacket, is_signal_ignored, wait_readable};
 use sm2_test_support::{SOON, ran_alone};
 
 /// The first way to the process fails, `SO_PEERPIDFD`, or the second one, `pidfd_open(2)`.
@@ -120,5 +120,66 @@ fn a_kernel_that_does_not_tell_is_no_error_and_a_shortage_is() {
     ] {
         let error = of(&faults).unwrap_err();
         assert_eq!(error.raw_os_error(), Some(libc::EMFILE));
+    }
+}
+
+/// A program that `nohup` has started ignores SIGHUP, and asks so before it catches signals.
+#[test]
+fn the_signals_that_a_process_ignores_are_told() {
+    if ran_alone(concat!(
+        module_path!(),
+        "::the_signals_that_a_process_ignores_are_told"
+    )) {
+        return;
+    }
+    let ignored = [1, 2, 10, 31, 34, 64];
+    for number in 1..=64 {
+        let action = if ignored.contains(&number) {
+            libc::SIG_IGN
+        } else {
+            libc::SIG_DFL
+        };
+        // SAFETY: neither action runs code of this program. The call refuses the signals that nobody may ignore.
+        unsafe { libc::signal(number, action) };
+    }
+    // The C library keeps two of them for itself, which may be ignored since the program began.
+    let told: Vec<i32> = (-1..=130)
+        .filter(|it| ![32, 33].contains(it) && is_signal_ignored(*it))
+        .collect();
+    assert_eq!(told, ignored);
+}
+
+/// The numbers below 256 that have a descriptor. Allocates nothing, so that a forked child can call it.
+fn open_numbers() -> i32 {
+    // SAFETY: the call reads the flags of a descriptor, if there is one.
+    let is_open = |number: &i32| unsafe { libc::fcntl(*number, libc::F_GETFD) != -1 };
+    (0..256).filter(is_open).map(|_| 1).sum()
+}
+
+/// The copies that a child has of sockets are replaced, and the replacement itself is closed.
+//= SM2-SES-011 test
+#[test]
+fn a_forked_child_has_as_many_descriptors_as_its_parent() {
+    if ran_alone(concat!(
+        module_path!(),
+        "::a_forked_child_has_as_many_descriptors_as_its_parent"
+    )) {
+        return;
+    }
+    let pairs = [(); 3].map(|()| SeqPacket::pair().unwrap());
+    let before = open_numbers();
+    assert!(before >= 6);
+    // SAFETY: the child uses system calls only, and ends.
+    let child = match unsafe { fork() }.unwrap() {
+        // SAFETY: ends the child without running anything else of the test program.
+        ForkResult::Child => unsafe { libc::_exit(open_numbers()) },
+        ForkResult::Parent { child } => child,
+    };
+    let status = waitpid(child, None).unwrap();
+    assert_eq!(status, WaitStatus::Exited(child, before));
+    // The child had no end of these.
+    for (one, other) in pairs {
+        drop(one);
+        assert!(matches!(other.recv(&mut [0; 8]), Err(RecvError::Closed)));
     }
 }

@@ -214,6 +214,9 @@ fn only_unix_seqpacket_sockets_are_adopted() {
     send(&a, b"works").unwrap();
     assert_eq!(recv(&b).unwrap().0, b"works");
     assert!(Listener::from_fd(a.into()).is_err());
+    let b = SeqPacket::from_fd(b.into()).unwrap();
+    let flags = OFlag::from_bits_retain(fcntl(&b, FcntlArg::F_GETFL).unwrap());
+    assert!(flags.contains(OFlag::O_NONBLOCK), "once more");
 }
 
 /// The non-blocking flag belongs to all duplicates, including those of other processes.

@@ -233,3 +233,40 @@ impl From<VerifyError> for CounterError {
 fn failed(action: &'static str) -> impl FnOnce(io::Error) -> CounterError {
     move |source| CounterError::Io { action, source }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::{mem, os::fd::AsFd};
+
+    use sm2_proto::{Instant, InterfaceId};
+
+    use super::*;
+    use crate::CounterPage;
+
+    /// Otherwise a file full of changes that do not end would hold up its reader.
+    //= SM2-CNT-006 test
+    #[test]
+    fn each_attempt_beyond_the_first_is_taken_from_the_spare_ones() {
+        let mut page = CounterPage::new().unwrap();
+        let good = page.allocate(InterfaceId(1), None, Instant(0)).unwrap();
+        let mut torn = page.allocate(InterfaceId(2), None, Instant(0)).unwrap();
+        mem::forget(torn.update());
+        let view = CounterView::open(page.as_fd().try_clone_to_owned().unwrap()).unwrap();
+        let left = |index: u32, mut spare: u32| {
+            let read = view.read_within(index, &mut spare);
+            (read.map(|it| it.is_some()), spare)
+        };
+        for spare in [0, 1, 10, 3 * TRIES] {
+            assert_eq!(left(good.index(), spare), (Ok(true), spare));
+            assert_eq!(
+                left(2, spare),
+                (Ok(false), spare),
+                "an entry that is not in use"
+            );
+            let used = spare.min(TRIES);
+            let torn = left(torn.index(), spare);
+            assert_eq!(torn, (Err(Unreadable::Torn), spare - used));
+        }
+        assert_eq!(view.entries().count(), 2);
+    }
+}

@@ -141,6 +141,7 @@ mod tests {
     use std::os::unix::fs::MetadataExt;
 
     use super::*;
+    use crate::fault::{Call, Injector};
 
     /// A kernel without memory refuses the allocation, and not the message that is written later.
     #[test]
@@ -153,6 +154,24 @@ mod tests {
             };
             let allocated_bytes = 512 * file.metadata().unwrap().blocks();
             assert!(allocated_bytes >= capacity as u64, "{preallocated:?}");
+        }
+    }
+
+    /// A message that fills its memory needs no change of the length, which a kernel without memory could refuse.
+    #[test]
+    fn only_a_shorter_message_changes_the_length_of_its_file() {
+        for (len, changes) in [(5_000, None), (4_999, Some(1)), (0, Some(1))] {
+            let preallocated = Preallocated::for_copies(5_000).unwrap();
+            let calls = Injector::counting();
+            let installed = calls.install();
+            let file = File::from(preallocated.fill(&vec![1; len]).unwrap());
+            drop(installed);
+            assert_eq!(
+                calls.counts().get(&Call::Truncate).copied(),
+                changes,
+                "{len}"
+            );
+            assert_eq!(file.metadata().unwrap().len(), len as u64);
         }
     }
 }

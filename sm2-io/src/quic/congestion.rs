@@ -148,6 +148,13 @@ impl Steady {
         }
     }
 
+    /// As [`on_ack`](Controller::on_ack), which tests cannot call: they cannot make an [`RttEstimator`].
+    fn add_ack(&mut self, now: Instant, sent: Instant, bytes: u64, app_limited: bool) {
+        self.add_rtt_sample(now, now.saturating_duration_since(sent));
+        self.round.acked += bytes;
+        self.round.app_limited |= app_limited;
+    }
+
     /// The bytes in flight that make a queue of this length, including those that random loss takes.
     fn in_flight(&self, queue: Duration) -> u64 {
         let time = (self.min_rtt() + queue).as_secs_f64();
@@ -233,9 +240,7 @@ impl Controller for Steady {
         app_limited: bool,
         _rtt: &RttEstimator,
     ) {
-        self.add_rtt_sample(now, now.saturating_duration_since(sent));
-        self.round.acked += bytes;
-        self.round.app_limited |= app_limited;
+        self.add_ack(now, sent, bytes, app_limited);
     }
 
     fn on_end_acks(

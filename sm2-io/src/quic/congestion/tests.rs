@@ -28,9 +28,10 @@ impl Link {
 
     fn round_of(&mut self, acked: u64, lost: u64, app_limited: bool) -> u64 {
         self.now += RTT;
-        self.steady.add_rtt_sample(self.now, RTT);
-        self.steady.round.acked += acked;
-        self.steady.round.app_limited |= app_limited;
+        let sent = self.now - RTT;
+        // The datagrams of a round are acknowledged one by one.
+        self.steady.add_ack(self.now, sent, 0, app_limited);
+        self.steady.add_ack(self.now, sent, acked, false);
         if lost > 0 {
             self.steady
                 .on_congestion_event(self.now, self.now, false, lost);
