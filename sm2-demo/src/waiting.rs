@@ -61,3 +61,6 @@ pub(crate) fn pause(node: &Node, stop: BorrowedFd<'_>, until: Instant) -> Result
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -201,3 +201,6 @@ impl fmt::Display for Part {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;
