@@ -83,6 +83,14 @@ pub enum ReplaceError {
 /// Serves at `path`. If another Manager serves there, asks it to hand over and waits for its lock.
 //= SM2-RES-009, SM2-TRN-007
 pub(super) fn take_over(path: &Path, options: Options) -> Result<Manager, ReplaceError> {
+    take_over_within(path, &options, HAND_OVER_TIMEOUT)
+}
+
+fn take_over_within(
+    path: &Path,
+    options: &Options,
+    timeout: Duration,
+) -> Result<Manager, ReplaceError> {
     let start = Instant::now();
     let mut look_at = start;
     // If a standby took the lock first, that standby is asked next.
@@ -94,7 +102,7 @@ pub(super) fn take_over(path: &Path, options: Options) -> Result<Manager, Replac
         }
         if Instant::now() >= look_at {
             look_at += LOOK;
-            let late = start.elapsed() > HAND_OVER_TIMEOUT;
+            let late = start.elapsed() > timeout;
             let path = path.to_owned();
             match (server_of(&path), asked) {
                 (Ok(pid), _) if asked != Some(pid) => {
@@ -141,4 +149,68 @@ fn catches_sigusr2(pid: i32) -> Option<bool> {
     let caught = status.lines().find_map(|it| it.strip_prefix("SigCgt:"))?;
     let caught = u64::from_str_radix(caught.trim(), 16).ok()?;
     Some(caught & 1 << (Signal::SIGUSR2 as u32 - 1) != 0)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::{Arc, atomic::AtomicBool};
+
+    use signal_hook::{consts::SIGUSR2, flag};
+    use sm2_io::{DomainLock, Listener};
+
+    use super::*;
+
+    const TIMEOUT: Duration = Duration::from_millis(300);
+
+    /// The error of taking a domain from a process that keeps its lock.
+    fn refused(path: &Path) -> ReplaceError {
+        let taken = take_over_within(path, &Options::default(), TIMEOUT);
+        taken.map(drop).expect_err("the lock is held")
+    }
+
+    #[test]
+    fn a_process_that_holds_the_lock_and_does_not_serve_is_named_after_a_while() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("domain.sock");
+        let _lock = DomainLock::acquire(&path).unwrap();
+        let error = refused(&path);
+        assert!(matches!(error, ReplaceError::NotThere { .. }), "{error:?}");
+    }
+
+    /// This process is asked: it serves the domain, and has a handler for the signal.
+    //= SM2-RES-009 test
+    #[test]
+    fn a_process_that_keeps_its_domain_is_asked_once_and_named_after_a_while() {
+        let asked = Arc::new(AtomicBool::new(false));
+        flag::register(SIGUSR2, Arc::clone(&asked)).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("domain.sock");
+        let _lock = DomainLock::acquire(&path).unwrap();
+        let listener = Listener::bind(&path, 1_000).unwrap();
+        let error = refused(&path);
+        let own = Pid::this().as_raw();
+        assert!(
+            matches!(error, ReplaceError::Kept { pid, .. } if pid == own),
+            "{error:?}"
+        );
+        assert!(asked.load(std::sync::atomic::Ordering::Relaxed));
+        // Each look-up leaves a connection, so they are rare.
+        let connections = std::iter::from_fn(|| listener.accept().unwrap()).count();
+        assert!((2..10).contains(&connections), "{connections}");
+    }
+
+    #[test]
+    fn the_signals_that_a_process_catches_are_told() {
+        flag::register(SIGUSR2, Arc::default()).unwrap();
+        assert_eq!(catches_sigusr2(Pid::this().as_raw()), Some(true));
+        assert_eq!(catches_sigusr2(i32::MAX), None);
+        let mut idle = std::process::Command::new("sleep")
+            .arg("60")
+            .spawn()
+            .unwrap();
+        let caught = catches_sigusr2(idle.id().cast_signed());
+        idle.kill().unwrap();
+        idle.wait().unwrap();
+        assert_eq!(caught, Some(false));
+    }
 }

@@ -73,13 +73,17 @@ impl Standby {
     /// [`StartError::NobodyServes`] if another process holds the domain and accepts no connection for 5 s;
     /// [`StartError::Io`] if the process has no descriptors left.
     pub fn start(path: &Path, options: Options) -> Result<Self, StartError> {
+        Self::start_within(path, options, LOCK_TIMEOUT)
+    }
+
+    fn start_within(path: &Path, options: Options, timeout: Duration) -> Result<Self, StartError> {
         let handles = Handles::new().map_err(StartError::io("make an eventfd"))?;
         let mut pause = Pause::new();
         let start = Instant::now();
         let state = loop {
             match take(path, &options, &handles)? {
                 Ok(state) => break state,
-                Err(source) if start.elapsed() > LOCK_TIMEOUT => {
+                Err(source) if start.elapsed() > timeout => {
                     let path = path.to_owned();
                     return Err(StartError::NobodyServes { path, source });
                 }
@@ -230,7 +234,23 @@ impl Pause {
 
 #[cfg(test)]
 mod tests {
+    use sm2_io::DomainLock;
+
     use super::*;
+
+    //= SM2-TRN-007 test
+    #[test]
+    fn a_lock_whose_holder_does_not_serve_in_time_is_an_error() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("domain.sock");
+        let _lock = DomainLock::acquire(&path).expect("the lock");
+        let timeout = Duration::from_millis(20);
+        let error = Standby::start_within(&path, Options::default(), timeout);
+        assert!(
+            matches!(error, Err(StartError::NobodyServes { .. })),
+            "{error:?}"
+        );
+    }
 
     #[test]
     fn pauses_double_up_to_a_tenth_of_a_second() {
