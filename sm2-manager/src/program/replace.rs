@@ -153,9 +153,7 @@ fn catches_sigusr2(pid: i32) -> Option<bool> {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::{Arc, atomic::AtomicBool};
-
-    use signal_hook::{consts::SIGUSR2, flag};
+    use signal_hook::{consts::SIGUSR2, iterator::Signals};
     use sm2_io::{DomainLock, Listener};
 
     use super::*;
@@ -181,8 +179,7 @@ mod tests {
     //= SM2-RES-009 test
     #[test]
     fn a_process_that_keeps_its_domain_is_asked_once_and_named_after_a_while() {
-        let asked = Arc::new(AtomicBool::new(false));
-        flag::register(SIGUSR2, Arc::clone(&asked)).unwrap();
+        let mut signals = Signals::new([SIGUSR2]).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("domain.sock");
         let _lock = DomainLock::acquire(&path).unwrap();
@@ -193,7 +190,7 @@ mod tests {
             matches!(error, ReplaceError::Kept { pid, .. } if pid == own),
             "{error:?}"
         );
-        assert!(asked.load(std::sync::atomic::Ordering::Relaxed));
+        assert_eq!(signals.pending().collect::<Vec<_>>(), [SIGUSR2]);
         // Each look-up leaves a connection, so they are rare.
         let connections = std::iter::from_fn(|| listener.accept().unwrap()).count();
         assert!((2..10).contains(&connections), "{connections}");
@@ -201,7 +198,7 @@ mod tests {
 
     #[test]
     fn the_signals_that_a_process_catches_are_told() {
-        flag::register(SIGUSR2, Arc::default()).unwrap();
+        let _signals = Signals::new([SIGUSR2]).unwrap();
         assert_eq!(catches_sigusr2(Pid::this().as_raw()), Some(true));
         assert_eq!(catches_sigusr2(i32::MAX), None);
         let mut idle = std::process::Command::new("sleep")
