@@ -28,6 +28,8 @@ mod pinned;
 mod process;
 #[cfg(feature = "quic")]
 mod quic_link;
+#[cfg(feature = "quic")]
+mod quic_socket;
 mod ring;
 mod scratch;
 mod seam;

@@ -166,20 +166,32 @@ fn a_forked_child_has_as_many_descriptors_as_its_parent() {
     )) {
         return;
     }
-    let pairs = [(); 3].map(|()| SeqPacket::pair().unwrap());
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("s");
+    let listener = Listener::bind(&path, 16).unwrap();
+    let clients = [(); 3].map(|()| SeqPacket::connect(&path).unwrap());
+    let accepted = [(); 3].map(|()| listener.accept().unwrap().unwrap());
+    let (mut line, mut of_child) = UnixStream::pair().unwrap();
     let before = open_numbers();
-    assert!(before >= 6);
     // SAFETY: the child uses system calls only, and ends.
     let child = match unsafe { fork() }.unwrap() {
-        // SAFETY: ends the child without running anything else of the test program.
-        ForkResult::Child => unsafe { libc::_exit(open_numbers()) },
+        ForkResult::Child => {
+            let _ = of_child.write_all(&open_numbers().to_ne_bytes());
+            // Until the parent has ended the connections.
+            let _ = of_child.read(&mut [0]);
+            // SAFETY: ends the child without running anything else of the test program.
+            unsafe { libc::_exit(0) }
+        }
         ForkResult::Parent { child } => child,
     };
-    let status = waitpid(child, None).unwrap();
-    assert_eq!(status, WaitStatus::Exited(child, before));
-    // The child had no end of these.
-    for (one, other) in pairs {
-        drop(one);
-        assert!(matches!(other.recv(&mut [0; 8]), Err(RecvError::Closed)));
+    line.set_read_timeout(Some(SOON)).unwrap();
+    let mut count = [0; 4];
+    line.read_exact(&mut count).unwrap();
+    assert_eq!(i32::from_ne_bytes(count), before);
+    drop((accepted, listener));
+    for client in clients {
+        assert!(matches!(client.recv(&mut [0; 8]), Err(RecvError::Closed)));
     }
+    line.write_all(b"x").unwrap();
+    assert_eq!(waitpid(child, None).unwrap(), WaitStatus::Exited(child, 0));
 }
