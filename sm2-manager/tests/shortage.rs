@@ -11,7 +11,7 @@ use std::{
 use crate::common::{SOON, TestDomain, eventually};
 use nix::libc;
 use sm2_io::{
-    RecvError, SeqPacket,
+    CounterPage, RecvError, SeqPacket,
     fault::{Call, Fault, Injector},
     wait_readable,
 };
@@ -256,4 +256,24 @@ fn an_idle_manager_waits_without_a_break() {
     thread::sleep(Duration::from_millis(50));
     assert!(waits().unwrap_or(0) < 100, "{:?}", waits());
     pair.carries(1);
+}
+
+/// Without memory for the facts about a counters file, the Manager does without the file. The node has done nothing
+/// wrong.
+//= SM2-TRN-011, SM2-TRN-012 test
+#[test]
+fn a_file_that_the_manager_has_no_memory_to_look_at_is_lost_and_no_violation() {
+    let domain = Short::start();
+    let socket = greet(&domain);
+    let page = CounterPage::new().unwrap();
+    domain.fail(Call::Stat, libc::ENOMEM, 1);
+    let counters = encode_to_manager(&ToManager::Counters);
+    let sent = socket.send(&[IoSlice::new(&counters)], &[page.as_fd()]);
+    sent.unwrap();
+    send(&socket, &ToManager::Query { after: None });
+    assert!(
+        matches!(read(&socket), ToNode::Page(_)),
+        "the session goes on"
+    );
+    assert_eq!(domain.faults.hits(), 1);
 }

@@ -9,7 +9,7 @@ use sm2_io::{
 use super::*;
 
 const FRAME: usize = 4_096;
-/// What a frame of that length occupies while it is queued.
+/// The memory of a queued frame of that length.
 const EACH: usize = size_of::<Parcel>() + FRAME;
 
 fn connected() -> (Connection, SeqPacket) {
@@ -69,7 +69,7 @@ fn frames_that_were_sent_from_the_queue_make_room_in_it() {
             Ok(Sent::Full)
         );
     }
-    // The socket has room for one frame: that which was queued first.
+    // The socket has room for one frame: the one that was queued first.
     assert_eq!(next(&there), Some((0, 0)));
     assert_eq!(connection.flush(), Ok(Sent::Full));
     assert_eq!(connection.waiting.len(), 2);

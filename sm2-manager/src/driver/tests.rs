@@ -2,7 +2,10 @@
 
 use std::{fs::File, io::IoSlice};
 
-use sm2_io::{RecvError, SeqPacket};
+use sm2_io::{
+    RecvError, SeqPacket,
+    fault::{Call, Fault, Injector},
+};
 use sm2_proto::control::{ToManager, encode_to_manager};
 
 use super::*;
@@ -329,4 +332,45 @@ fn sending_goes_on_once_its_pause_is_over() {
     assert!(!steps.connection(1).is_waiting());
     assert_eq!(steps.manager.send_again, None);
     assert_eq!(arrived(&there), 1);
+}
+
+/// A node that does not read its links costs the others no link, and no node its place in the queue.
+//= SM2-TRN-008 test
+#[test]
+fn a_call_that_lacks_a_descriptor_is_made_again_once_a_hoarder_is_given_up() {
+    let short = |call| {
+        Injector::new(Fault {
+            call,
+            nth: 1,
+            times: 1,
+            errno: libc::EMFILE,
+        })
+    };
+    let later = clock::now().after(Duration::from_secs(3_600));
+    for has_hoarder in [true, false] {
+        let mut steps = Steps::new();
+        let _there = steps.adopt(1_000);
+        steps.fill(1_000);
+        steps.send_files(1_000, if has_hoarder { 65 } else { 64 });
+        let faults = short(Call::SocketPair);
+        let installed = faults.install();
+        assert_eq!(steps.manager.pair().is_ok(), has_hoarder);
+        drop(installed);
+        assert_eq!(steps.manager.given_up.len(), usize::from(has_hoarder));
+
+        let mut steps = Steps::new();
+        let _there = steps.adopt(1_000);
+        steps.fill(1_000);
+        steps.send_files(1_000, if has_hoarder { 65 } else { 64 });
+        let _node = steps.greeting("node");
+        let faults = short(Call::Accept);
+        let installed = faults.install();
+        steps.manager.accept(later);
+        drop(installed);
+        // Otherwise the door is closed for a while.
+        assert_eq!(steps.manager.door.deadline().is_none(), has_hoarder);
+        let sessions = steps.manager.connections.keys();
+        let accepted = sessions.filter(|it| it.0 == 1).count();
+        assert_eq!(accepted, usize::from(has_hoarder));
+    }
 }
