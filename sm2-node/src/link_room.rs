@@ -108,11 +108,13 @@ impl LinkRoom {
         let held: usize = books.nodes.values().map(|it| it.held).sum();
         let ahead: usize = books.nodes.values().map(|it| it.ahead()).sum();
         let wanted = AHEAD.saturating_sub(ours.ahead());
-        let taken = held * (PER_LINK - 1) + ahead * PER_LINK;
+        // An end that is held has its socket, and may need one more descriptor.
+        const { assert!(PER_LINK == 2) };
+        let taken = held + ahead * PER_LINK;
         let free = free(RESERVE + taken + 2 * wanted * PER_LINK).ok()?;
         let reserve = RESERVE.min((free + held) / 4);
         let links = free.saturating_sub(reserve + taken) / PER_LINK;
-        let own = held * (PER_LINK - 1) + ours.ahead() * PER_LINK;
+        let own = held + ours.ahead() * PER_LINK;
         let unclaimed = free.saturating_sub(reserve + own) / PER_LINK;
         let least = LEAST.saturating_sub(ours.stated.max(ours.held));
         let least = least.min(unclaimed);

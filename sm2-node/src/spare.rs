@@ -177,6 +177,8 @@ mod tests {
         assert_eq!(refill(&mut spare, 1), Some(1_003_520));
         assert!(fits(1, 4_097) && !fits(1, 4_098) && fits(9, 9) && !fits(9, 8));
         assert!(fits(1_000_000, 1_500_000) && !fits(1_000_000, 1_500_001));
+        assert!(fits(3_000, 7_096) && !fits(3_000, 7_097));
+        assert!(fits(8_194, 12_291) && !fits(8_194, 12_292));
     }
 
     #[test]

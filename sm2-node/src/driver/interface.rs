@@ -351,3 +351,47 @@ impl DeclaredInterface {
         sum
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use sm2_io::CounterPage;
+    use sm2_proto::InterfaceId;
+
+    use super::*;
+
+    /// Each kind of result alone, and two kinds with as many results, are handled by the control side.
+    #[test]
+    fn every_result_is_one_for_the_control_side() {
+        let mut page = CounterPage::new().expect("a page");
+        let mut entry = || {
+            page.allocate(InterfaceId(1), None, Instant(0))
+                .expect("an entry")
+        };
+        let file = || Leftover::File(std::fs::File::open("/dev/null").expect("a file").into());
+        let link = LinkId {
+            epoch: 1,
+            serial: 1,
+        };
+        let of = |kinds: [bool; 4], entry: Option<CounterEntry>| ForControl {
+            ends: Vec::from_iter(kinds[0].then_some((link, Code(1)))),
+            gone: Vec::from_iter(kinds[1].then_some(LinkToken::FIRST.next())),
+            freed: Vec::from_iter(entry),
+            leftovers: Vec::from_iter(kinds[3].then(file)),
+            ..ForControl::default()
+        };
+        for number in 0_u8..16 {
+            let kinds = [0, 1, 2, 3].map(|bit| number & 1 << bit != 0);
+            let entry = kinds[2].then(&mut entry);
+            assert_eq!(of(kinds, entry).is_empty(), number == 0, "{kinds:?}");
+        }
+        let page = ForControl {
+            wants_page: true,
+            ..ForControl::default()
+        };
+        let tick = ForControl {
+            tick_at: Some(Instant(1)),
+            ..ForControl::default()
+        };
+        assert!(!page.is_empty() && !tick.is_empty());
+    }
+}

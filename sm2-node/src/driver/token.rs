@@ -27,3 +27,23 @@ pub(super) const PROGRAM: u64 = TIMER - 1;
 pub(super) const QOS_TIMER: u64 = PROGRAM - 1;
 /// The token of the waker for memory that is given back in parts.
 pub(super) const LEFTOVERS: u64 = QOS_TIMER - 1;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_two_descriptors_have_the_same_token() {
+        let fixed = [SESSION, TIMER, PROGRAM, QOS_TIMER, LEFTOVERS];
+        let first = LinkToken::FIRST.next();
+        let links = [first, first.next(), LinkToken(1 << 60)].map(|it| it.0);
+        let mut all = [&fixed[..], &links].concat();
+        all.sort_unstable();
+        all.dedup();
+        assert_eq!(all.len(), fixed.len() + links.len());
+        assert!(LinkToken::FIRST < first && first < first.next());
+        // A link has one of the numbers in between, however long the node runs.
+        let reserved = fixed.iter().filter(|it| **it > 1 << 60);
+        assert_eq!(reserved.count(), 4);
+    }
+}

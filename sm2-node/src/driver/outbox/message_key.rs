@@ -22,3 +22,20 @@ impl MessageKey {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_key_comes_back_from_its_number_and_no_two_have_the_same() {
+        let ends = [0, 1, u32::MAX - 1, u32::MAX];
+        let keys = ends.map(|generation| ends.map(|index| MessageKey { generation, index }));
+        let keys = keys.as_flattened();
+        for key in keys {
+            assert_eq!(MessageKey::from_raw(key.to_raw()), *key);
+            let same = keys.iter().filter(|it| it.to_raw() == key.to_raw());
+            assert_eq!(same.count(), 1, "{key:?}");
+        }
+    }
+}
