@@ -213,8 +213,22 @@ pub(crate) fn call<T: DeserializeOwned>(
         let client = node.client::<[u8], [u8]>(service.as_str());
         (service, client)
     });
-    let clients: Vec<(Name, Result<RawClient, DeclareError>)> = clients.collect();
+    let clients: Clients = clients.collect();
     link(&clients, deadline - timeout / 2);
+    // Sending waits for a link that is being opened, so a gateway without one must not come before the others.
+    let (linked, others) = clients.into_iter().partition(|(_, it)| is_linked(it));
+    let mut answers = exchange(linked, request, deadline);
+    answers.extend(exchange(others, request, deadline));
+    answers.sort_by(|(one, _), (other, _)| one.cmp(other));
+    answers
+}
+
+/// Sends a request by several clients, and collects the answers in their order.
+fn exchange<T: DeserializeOwned>(
+    clients: Clients,
+    request: &[u8],
+    deadline: Instant,
+) -> Vec<(Name, Result<T, ReportError>)> {
     let calls = clients.into_iter().map(|(service, client)| {
         let left = deadline.saturating_duration_since(Instant::now());
         let call = client.map_err(ReportError::from).and_then(|client| {
@@ -240,9 +254,15 @@ pub(crate) fn call<T: DeserializeOwned>(
 }
 
 type RawClient = Client<[u8], [u8]>;
+type Clients = Vec<(Name, Result<RawClient, DeclareError>)>;
+
+fn is_linked(client: &Result<RawClient, DeclareError>) -> bool {
+    let is_linked = |it: &RawClient| it.wait_for_servers_timeout(1, Duration::ZERO).is_ok();
+    client.as_ref().is_ok_and(is_linked)
+}
 
 /// Waits until each client has a link to its server. Calls without one fail later.
-fn link(clients: &[(Name, Result<RawClient, DeclareError>)], deadline: Instant) {
+fn link(clients: &Clients, deadline: Instant) {
     let mut clients: Vec<&RawClient> = clients
         .iter()
         .filter_map(|(_, it)| it.as_ref().ok())

@@ -19,6 +19,8 @@ mod killed;
 #[cfg(feature = "metrics")]
 mod metrics;
 mod offers;
+#[cfg(feature = "program")]
+mod reports;
 mod rules;
 mod shortage;
 mod silence;
