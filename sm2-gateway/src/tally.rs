@@ -212,6 +212,46 @@ mod tests {
         assert_eq!((total.sent, total.received, total.lost), (3, 1, 1));
     }
 
+    /// Until there are too many names.
+    #[test]
+    fn a_name_without_an_offer_keeps_its_counts_beside_others() {
+        let mut tally = Tally::default();
+        for number in 1..=3 {
+            tally.open(
+                Whose::Ours(OfferId(number)),
+                &topic(&format!("name{number}")),
+            );
+            tally.count(Whose::Ours(OfferId(number)), |it| it.sent += number);
+            tally.close(Whose::Ours(OfferId(number)));
+        }
+        // This one has an offer, and no counts.
+        tally.open(Whose::Ours(OfferId(4)), &topic("name4"));
+        let names = tally.names();
+        let names: Vec<_> = names
+            .map(|((kind, name), it)| (*kind, name.as_str(), it.sent))
+            .collect();
+        let sent = [("name1", 1), ("name2", 2), ("name3", 3), ("name4", 0)];
+        assert_eq!(
+            names,
+            sent.map(|(name, sent)| (SubjectKind::Topic, name, sent))
+        );
+        // Neither is left.
+        tally.open(Whose::Ours(OfferId(5)), &topic("name5"));
+        tally.close(Whose::Ours(OfferId(5)));
+        assert_eq!(tally.names().count(), 4);
+    }
+
+    #[test]
+    fn entries_are_freed_until_none_is_left() {
+        let mut tally = Tally::default();
+        tally.open(Whose::Ours(OfferId(1)), &topic("a"));
+        tally.open(Whose::Theirs(OfferId(1)), &topic("b"));
+        let freed = std::iter::from_fn(|| tally.free_entry().then_some(()));
+        // Two offers and two names.
+        assert_eq!(freed.count(), 4);
+        assert_eq!((tally.names.len(), tally.offers.len()), (0, 0));
+    }
+
     #[test]
     fn names_that_come_and_go_are_forgotten_where_they_are_too_many() {
         let mut tally = Tally::default();

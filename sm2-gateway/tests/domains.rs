@@ -43,7 +43,8 @@ fn a_topic_of_one_domain_is_heard_in_another() {
     let peers = report(&runtime, &right).peers;
     assert_eq!(peers[0].subjects[0].counts.received, 3);
     assert_eq!((peers[0].messages.lost, peers[0].messages.skipped), (0, 0));
-    assert!(peers[0].rtt_ms.is_some_and(|it| it > 0.0));
+    // No datagram takes less than a microsecond.
+    assert!(peers[0].rtt_ms.is_some_and(|it| it > 1e-3));
     drop(subscriber);
     // No subscriber is left, so the gateway unsubscribes too.
     until("unsubscribed", || {

@@ -56,14 +56,18 @@ fn events(world: &mut World) -> Vec<Event> {
 }
 
 fn offer(world: &mut World, offer: u64) {
+    offer_with(world, offer, false, 0);
+}
+
+fn offer_with(world: &mut World, offer: u64, reliable: bool, latched: u16) {
     let subject = Subject::Topic {
         name: Name::new(&format!("topic{offer}")).unwrap(),
         data: TypeId {
             name: Name::new("bytes").unwrap(),
             hash: 0,
         },
-        reliable: false,
-        latched: 0,
+        reliable,
+        latched,
     };
     let path = vec![world.hop(0)];
     let command = Command::Offer {
@@ -166,6 +170,53 @@ fn deeply_wanted(world: &mut World) {
     let (offer, depth) = (OfferId(1), 1_024);
     world.command(1, Command::Control(ControlCommand::Want { offer, depth }));
     events(world);
+}
+
+/// Messages that follow each other closely go as datagrams, which are not sent again, unless their topic is reliable or
+/// latched.
+//= SM2-GWM-003 test
+#[test]
+fn what_must_not_be_lost_goes_on_streams() {
+    const SENT: u64 = 300;
+    let mut world = World::new(&link(Duration::from_millis(20)), Congestion::Steady);
+    events(&mut world);
+    for (number, reliable, latched) in [(1, true, 0), (2, false, 10), (3, false, 0)] {
+        offer_with(&mut world, number, reliable, latched);
+        events(&mut world);
+        let (offer, depth) = (OfferId(number), 1_024);
+        world.command(1, Command::Control(ControlCommand::Want { offer, depth }));
+        events(&mut world);
+    }
+    world.loss_permille = 100;
+    let mut received = [0; 3];
+    let mut count = |events: Vec<Event>| {
+        for event in events {
+            if let Event::Message { offer, .. } = event {
+                received[usize::try_from(offer.0).unwrap() - 1] += 1;
+            }
+        }
+    };
+    for sequence in 1..=SENT {
+        for offer in [1, 2, 3].map(OfferId) {
+            let message = Message {
+                sequence,
+                published_at: world.now,
+                payload: Bytes::from_static(b"short"),
+            };
+            world.command(0, Command::Message { offer, message });
+        }
+        let until = world.now.after(Duration::from_millis(1));
+        while world.now < until {
+            let step = world.step(until).into_iter();
+            count(step.filter(|(at, _)| *at == 1).map(|(_, it)| it).collect());
+        }
+    }
+    for _ in 0..5 {
+        count(events(&mut world));
+    }
+    let [reliable, latched, other] = received;
+    assert_eq!((reliable, latched), (SENT, SENT));
+    assert!((SENT / 2..SENT).contains(&other), "{other}");
 }
 
 #[test]

@@ -140,13 +140,13 @@ async fn take(
     }
 }
 
-/// Declares a publisher that stands for remote ones.
 /// Whether a message is copied, while this number of samples is borrowed.
 const fn is_copied(len: usize, borrowed: usize, latched: u16) -> bool {
     // The hub keeps latched messages, so borrowing them would use up the samples.
     len <= COPY_MAX_BYTES || borrowed >= COPY_FROM_BORROWED || latched > 0
 }
 
+/// Declares a publisher that stands for remote ones.
 pub(super) fn publisher(
     node: &Node,
     name: &Name,
