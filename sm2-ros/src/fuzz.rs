@@ -73,18 +73,40 @@ fn text_is_the_type(set: &Set, name: &TypeName) {
 /// Fuzzes messages. If the first byte is 128 or more, it chooses a type of the common interfaces together with the next
 /// one, and the rest is a message of this type. Otherwise the input is a definition, a byte 0, and a message or JSON.
 pub fn ros_message(data: &[u8]) {
-    match data {
-        [high @ 0x80..=0xff, low, payload @ ..] => {
-            for_each_type(&mut Chosen {
-                left: number_of(*high, *low, type_count()),
-                payload,
-            });
+    match Input::of(data) {
+        Input::Typed { number, payload } => for_each_type(&mut Chosen {
+            left: number,
+            payload,
+        }),
+        Input::Described { text, payload } => described(text, payload),
+    }
+}
+
+#[derive(Debug, PartialEq)]
+enum Input<'a> {
+    /// The number of a type.
+    Typed {
+        number: usize,
+        payload: &'a [u8],
+    },
+    Described {
+        text: &'a str,
+        payload: &'a [u8],
+    },
+}
+
+impl<'a> Input<'a> {
+    fn of(data: &'a [u8]) -> Self {
+        if let [high @ 0x80..=0xff, low, payload @ ..] = data {
+            let number = number_of(*high, *low, type_count());
+            return Self::Typed { number, payload };
         }
-        _ => {
-            let mut parts = data.splitn(2, |&byte| byte == 0);
-            let (text, payload) = (parts.next(), parts.next());
-            let text = text.and_then(|it| str::from_utf8(it).ok());
-            described(text.unwrap_or_default(), payload.unwrap_or_default());
+        let mut parts = data.splitn(2, |&byte| byte == 0);
+        let (text, payload) = (parts.next(), parts.next());
+        let text = text.and_then(|it| str::from_utf8(it).ok());
+        Self::Described {
+            text: text.unwrap_or_default(),
+            payload: payload.unwrap_or_default(),
         }
     }
 }
@@ -209,5 +231,43 @@ mod tests {
             (0x80..=0xff).flat_map(|high| (0..=0xff).map(move |low| number_of(high, low, count)));
         let expected = (0..0x8000).map(|it| it % count);
         assert!(all.eq(expected));
+    }
+
+    #[test]
+    fn the_first_byte_of_a_message_chooses_where_its_type_is() {
+        let payload = &[0, 1, 0, 0, 7][..];
+        let data = |head: &[u8]| [head, payload].concat();
+        for (head, number) in [([0x80, 0], 0), ([0x80, 5], 5), ([0x81, 0], 256)] {
+            let number = number % type_count();
+            let data = data(&head);
+            assert_eq!(Input::of(&data), Input::Typed { number, payload });
+        }
+        let data = data(b"int8 a\0");
+        let text = "int8 a";
+        assert_eq!(Input::of(&data), Input::Described { text, payload });
+        assert_eq!(
+            Input::of(&[0x80]),
+            Input::Described {
+                text: "",
+                payload: &[]
+            }
+        );
+    }
+
+    #[test]
+    fn every_type_is_visited_once() {
+        struct Names(Vec<&'static str>);
+        impl TypeVisitor for Names {
+            fn visit<T: Viewed>(&mut self) {
+                self.0.push(T::TYPE_NAME);
+            }
+        }
+        let mut names = Names(Vec::new());
+        for_each_type(&mut names);
+        assert!(names.0.contains(&"std_msgs/msg/String"), "{:?}", names.0);
+        assert_eq!(names.0.len(), type_count());
+        names.0.sort_unstable();
+        names.0.dedup();
+        assert_eq!(names.0.len(), type_count());
     }
 }

@@ -1,7 +1,12 @@
 //! Values at the ends of what a type and a message allow.
 
 use serde_json::{Value as Json, json};
-use sm2_ros::{EncodeError, decode, encode, place};
+use sm2_ros::{
+    DecodeError, EncodeError, Fault, Value,
+    cdr::{Number, Writer},
+    decode, encode, place,
+    value::more,
+};
 use sm2_ros_idl::{Set, TypeName};
 
 fn name() -> TypeName {
@@ -166,4 +171,183 @@ fn the_longest_message_is_refused_before_it_is_written() {
         "{}",
         bytes.len()
     );
+}
+
+/// The length of a message whose first field has `before` bytes, and whose second one is `value`.
+fn len_behind(before: usize, field: &str, value: &Json) -> Result<usize, EncodeError> {
+    let text = format!("uint8[{before}] a\n{field} b");
+    let given = match value {
+        Json::Null => json!({}),
+        value => json!({ "b": value }),
+    };
+    encoded(&text, &given).map(|it| it.len())
+}
+
+/// Whatever the last field is: a message is written if 16 bytes are left, and never longer than 64 MiB.
+#[test]
+fn a_message_may_be_as_long_as_the_limit_says() {
+    const MOST: usize = 64 << 20;
+    let word = "x".repeat(100);
+    let hundred = Json::from(vec![7; 100]);
+    for (field, value, len_bytes) in [
+        ("float64", json!(1.5), 8),
+        ("float64", Json::Null, 8),
+        ("int8", json!(1), 1),
+        ("string", json!(word), 105),
+        ("string", Json::Null, 5),
+        ("wstring", json!(word), 204),
+        ("int8[100]", hundred.clone(), 100),
+        ("float64[100]", Json::Null, 800),
+        ("uint16[]", hundred, 204),
+    ] {
+        let fits = len_behind(MOST - 4 - 16 - len_bytes, field, &value);
+        let len = fits.unwrap_or_else(|error| panic!("{field}: {error}"));
+        assert!((MOST - 16..=MOST).contains(&len), "{field}: {len}");
+        for over in [1, 1_000] {
+            let before = MOST - 4 - len_bytes + over;
+            let error = len_behind(before, field, &value).unwrap_err();
+            assert!(
+                matches!(error, EncodeError::TooLong { max: MOST, .. }),
+                "{field}: {error}"
+            );
+        }
+    }
+}
+
+/// A text of a definition is the text itself, whatever else it could mean. Other values are as ROS 2 writes them.
+#[test]
+fn default_values_are_read_by_their_type() {
+    let set = |text: &str| set(text);
+    for (text, expected) in [
+        ("string a plain words", json!("plain words")),
+        ("string a 12", json!("12")),
+        ("string a \"it's\"", json!("it's")),
+        ("string a 'say \"so\"'", json!("say \"so\"")),
+        ("wstring a true", json!("true")),
+        ("string[] a ['x', 'y']", json!(["x", "y"])),
+        ("string[2] a [\"x\", \"y\"]", json!(["x", "y"])),
+        ("bool a True", json!(true)),
+        ("bool[] a [True, false]", json!([true, false])),
+        ("int16 a -7", json!(-7)),
+        ("float64 a 1.5", json!(1.5)),
+    ] {
+        let bytes = encode(&set(text), &name(), &json!({}));
+        let bytes = bytes.unwrap_or_else(|error| panic!("{text}: {error}"));
+        let set = set(text);
+        let value = decode(&set, &name(), &bytes, usize::MAX).unwrap();
+        let json = serde_json::to_value(&value).unwrap();
+        assert_eq!(json, json!({ "a": expected }), "{text}");
+    }
+}
+
+/// Each row of the table at the head of the values.
+#[test]
+fn each_value_has_its_json() {
+    let list = |items, more| Value::List { items, more };
+    let map = |keys: Vec<Value<'static>>, more| {
+        let entries = keys.into_iter().map(|key| (key, Value::Bool(true)));
+        let entries = entries.collect();
+        Value::Map { entries, more }
+    };
+    let digits = "340282366920938463463374607431768211455";
+    let field = ("x".into(), Value::Signed(-1));
+    for (value, expected) in [
+        (Value::Bool(false), json!(false)),
+        (Value::Unsigned(u64::MAX), json!(u64::MAX)),
+        (Value::Signed(i64::MIN), json!(i64::MIN)),
+        (Value::F32(0.5), json!(0.5)),
+        (Value::F64(1e300), json!(1e300)),
+        (Value::F32(f32::NAN), json!("NaN")),
+        (Value::F32(f32::INFINITY), json!("inf")),
+        (Value::F64(f64::NEG_INFINITY), json!("-inf")),
+        (Value::Digits(digits.to_owned()), json!(digits)),
+        (Value::Text("a".into()), json!("a")),
+        (Value::Char('c'), json!("c")),
+        (Value::Unit, Json::Null),
+        (Value::Absent, Json::Null),
+        (list(vec![Value::Unit], 0), json!([null])),
+        (list(vec![], 1_000), json!(["… 1,000 more"])),
+        (Value::Struct(vec![field.clone()]), json!({ "x": -1 })),
+        (Value::Variant("On", Value::Unit.into()), json!("On")),
+        (
+            Value::Variant("At", Value::Struct(vec![field]).into()),
+            json!({ "At": { "x": -1 } }),
+        ),
+        (map(vec![Value::Text("k".into())], 0), json!({ "k": true })),
+        (map(vec![Value::Char('k')], 0), json!({ "k": true })),
+        (map(vec![Value::Unsigned(7)], 0), json!({ "7": true })),
+        (map(vec![Value::Signed(-7)], 0), json!({ "-7": true })),
+        (map(vec![Value::Bool(true)], 0), json!({ "true": true })),
+        (
+            map(vec![Value::Digits(digits.to_owned())], 2),
+            json!({ digits: true, "…": "… 2 more" }),
+        ),
+        (map(vec![Value::F64(0.5)], 0), json!([[0.5, true]])),
+        (
+            map(vec![Value::Text("k".into()), Value::Unit], 3),
+            json!([["k", true], [null, true], "… 3 more"]),
+        ),
+    ] {
+        assert_eq!(serde_json::to_value(&value).unwrap(), expected, "{value:?}");
+    }
+}
+
+#[test]
+fn digits_of_large_numbers_have_groups_of_three() {
+    for (count, expected) in [
+        (1, "… 1 more"),
+        (999, "… 999 more"),
+        (1_000, "… 1,000 more"),
+        (12_345, "… 12,345 more"),
+        (123_456, "… 123,456 more"),
+        (u64::MAX, "… 18,446,744,073,709,551,615 more"),
+    ] {
+        assert_eq!(more(count), expected);
+    }
+}
+
+/// Definitions can nest types 64 deep around a single byte, so values are counted, not bytes.
+#[test]
+fn exactly_as_many_values_are_kept_as_the_limit_says() {
+    const MOST: u32 = 1 << 22;
+    let set = set("bool[] a");
+    let bytes = |len: u32| {
+        let len_bytes = len as usize;
+        [&[0, 1, 0, 0], &len.to_le_bytes()[..], &vec![1; len_bytes]].concat()
+    };
+    let most = bytes(MOST);
+    let Value::Struct(fields) = decode(&set, &name(), &most, usize::MAX).unwrap() else {
+        panic!("a message has fields");
+    };
+    let Value::List { items, more } = &fields[0].1 else {
+        panic!("{:?}", fields[0].0);
+    };
+    assert_eq!((items.len(), *more), (MOST as usize, 0));
+    let too_many = bytes(MOST + 1);
+    let error = decode(&set, &name(), &too_many, usize::MAX).unwrap_err();
+    let DecodeError::Value { fault, .. } = error else {
+        panic!("{error}");
+    };
+    assert_eq!(fault, Fault::Values);
+}
+
+/// Numbers, and the same numbers as bytes, behind a byte. No numbers need no alignment.
+fn bytes_are_the_numbers<T: Number>(numbers: &[T], bytes: &[u8], len_bytes: usize) {
+    let (mut one, mut other) = (Writer::new(Vec::new()), Writer::new(Vec::new()));
+    one.bool(true);
+    other.bool(true);
+    one.numbers(numbers);
+    other.number_bytes(bytes, size_of::<T>());
+    assert_eq!((one.len_bytes(), other.len_bytes()), (len_bytes, len_bytes));
+    let (one, other) = (one.into_sink(), other.into_sink());
+    assert_eq!((&one, one.len()), (&other, len_bytes));
+}
+
+#[test]
+fn numbers_that_are_bytes_already_are_written_as_numbers() {
+    bytes_are_the_numbers(&[7_u8, 8], &[7, 8], 4 + 1 + 2);
+    bytes_are_the_numbers(&[0x201_u16, 0x403], &[1, 2, 3, 4], 4 + 2 + 4);
+    bytes_are_the_numbers(&[1_u32], &[1, 0, 0, 0], 4 + 4 + 4);
+    bytes_are_the_numbers(&[1.0_f64], &1.0_f64.to_le_bytes(), 4 + 8 + 8);
+    bytes_are_the_numbers::<f64>(&[], &[], 4 + 1);
 }

@@ -15,7 +15,7 @@ pub trait Number:
     /// Converts all numbers of a slice.
     #[inline]
     fn all_in_order(numbers: &mut [Self], big_endian: bool) {
-        if size_of::<Self>() > 1 && big_endian != cfg!(target_endian = "big") {
+        if big_endian != cfg!(target_endian = "big") {
             for number in numbers {
                 *number = number.in_order(big_endian);
             }
