@@ -1,14 +1,19 @@
 //! Two connections with one peer: both sides keep the same connection, whichever greets first.
 
+use std::time::Duration;
+
+use crate::age::world::World;
 use sm2_gateway::{
     hub::{Hub, Input, Output, Policy},
-    peer::{Command, ConnectionId, Event},
+    peer::{Command, ConnectionId, Event, Reason},
 };
+use sm2_io::quic::Congestion;
+use sm2_lossy_link::Profile;
 use sm2_proto::{
     Code, Instant, Machine, Name,
     gateway::{
         GatewayId, Hop, PeerFarewell,
-        session::{self, Initiator},
+        session::{self, End, Initiator},
     },
 };
 
@@ -67,4 +72,48 @@ fn of_two_connections_both_sides_keep_the_same() {
     assert_eq!(closed(SMALL, GREAT, [(7, its), (7, ours)]), (1, duplicate));
     assert_eq!(closed(GREAT, SMALL, [(7, its), (7, ours)]), (2, duplicate));
     assert_eq!(closed(GREAT, SMALL, [(7, ours), (7, its)]), (1, duplicate));
+}
+
+/// The other side learns why, so that it knows whether to dial again.
+//= SM2-GWE-001 test
+#[test]
+fn a_connection_ends_with_its_code_at_both_sides() {
+    let link = Profile {
+        rate_bit: 1e9,
+        loss_permille: 0,
+        delay: Duration::from_millis(1),
+        jitter: Duration::ZERO,
+        queue: Duration::from_secs(1),
+        pauses: Vec::new(),
+        seed: 1,
+    };
+    for farewell in [
+        PeerFarewell::Stale,
+        PeerFarewell::Duplicate,
+        PeerFarewell::Done,
+    ] {
+        let code = farewell.code();
+        let mut world = World::new(&link, Congestion::Steady);
+        let until = world.now.after(Duration::from_secs(2));
+        let mut reasons = Vec::new();
+        let mut greeted = 0;
+        while world.now < until {
+            for (at, event) in world.step(until) {
+                match event {
+                    Event::Session(session::Event::Greeted { .. }) => greeted += 1,
+                    Event::Ended(reason) => reasons.push((at, reason)),
+                    _ => {}
+                }
+            }
+            if greeted == 2 {
+                greeted = 0;
+                world.command(0, Command::Close(code));
+            }
+        }
+        let expected = [
+            (0, Reason::Session(End::Local(code))),
+            (1, Reason::Session(End::Closed(Some(code)))),
+        ];
+        assert_eq!(reasons, expected, "{farewell:?}");
+    }
 }

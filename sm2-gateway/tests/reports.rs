@@ -10,7 +10,7 @@ use sm2_gateway::report;
 use sm2_proto::Name;
 use sm2_test_support::{SOON, until};
 
-use crate::common::{ALL, Domain, Process};
+use crate::common::{ALL, Domain, Process, report as whole_report, runtime};
 
 /// The time for all answers; half of it is for the links. In the slow form one attempt has to be enough. The other one
 /// cannot fail on a busy machine, but a gateway whose question is sent too late may answer one attempt in many.
@@ -47,4 +47,26 @@ fn a_stuck_gateway_does_not_hide_another_one() {
         });
         signal(Signal::SIGCONT);
     }
+}
+
+/// The comparison with a shadow follows the offers of the peers.
+#[test]
+fn a_shadow_is_compared_again_when_a_peer_offers_something() {
+    let (near, far) = (Domain::new("near"), Domain::new("far"));
+    let runtime = runtime();
+    let left = near.gateway(&runtime, &[(&far, None)], ALL);
+    let right = far.gateway(&runtime, &[(&near, Some(left.address()))], ALL);
+    // These rules let nothing pass.
+    left.set_shadow(near.config(&[(&far, None)], ""));
+    let changes = || whole_report(&runtime, &left).shadow.map(|it| it.len());
+    until("connected", || {
+        !whole_report(&runtime, &left).peers.is_empty()
+    });
+    until("a comparison", || changes() == Some(0));
+    let node = far.node("talker");
+    let publisher = node.publisher::<u64>("chatter").unwrap();
+    until("a change", || changes() == Some(1));
+    drop(publisher);
+    until("none again", || changes() == Some(0));
+    runtime.block_on(async { tokio::join!(left.stop(), right.stop()) });
 }

@@ -86,3 +86,49 @@ impl CalledServer {
 pub(super) fn too_long(what: &str, max_len_bytes: u64) -> String {
     format!("the {what} is longer than `message_bytes` of the gateway, {max_len_bytes} bytes")
 }
+
+#[cfg(test)]
+mod tests {
+    use sm2_manager::{Background, Options};
+    use sm2_node::asynchronous::IntoAsync;
+    use sm2_test_support::until;
+
+    use super::*;
+    use crate::{DomainLocation, channel};
+
+    /// And is forgotten then, at the latest when the next one starts.
+    #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+    async fn a_call_can_be_cancelled_until_it_is_over() {
+        let folder = tempfile::tempdir().unwrap();
+        let socket = folder.path().join("sock");
+        let _manager = Background::start(&socket, Options::default()).unwrap();
+        let node = DomainLocation::Socket(socket).connect("both").unwrap();
+        // It never replies.
+        let _server = node.server::<[u8], [u8]>("slow").unwrap();
+        let client = node.client::<[u8], [u8]>("slow").unwrap();
+        let client = Arc::new(client.into_async().unwrap());
+        let (hub, mut events) = channel::hub::channel();
+        tokio::spawn(async move { while events.recv().await.is_some() {} });
+        let mut calls = Calls::default();
+        let start = |calls: &mut Calls, number, client| {
+            let server = CalledServer {
+                client,
+                max_len_bytes: 100,
+            };
+            let call = CallId(number);
+            calls.start(call, server, None, Bytes::new(), hub.clone());
+        };
+        let numbers = |calls: &Calls| calls.0.keys().map(|it| it.0).collect::<Vec<_>>();
+        // There is no such server.
+        start(&mut calls, 1, None);
+        until("the answer", || calls.0[&CallId(1)].is_finished());
+        start(&mut calls, 2, Some(Arc::clone(&client)));
+        assert_eq!(numbers(&calls), [2]);
+        start(&mut calls, 3, Some(client));
+        assert_eq!(numbers(&calls), [2, 3]);
+        let task = calls.0[&CallId(2)].clone();
+        calls.cancel(CallId(2));
+        assert_eq!(numbers(&calls), [3]);
+        until("the end of the call", || task.is_finished());
+    }
+}

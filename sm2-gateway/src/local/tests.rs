@@ -66,4 +66,11 @@ async fn what_is_subscribed_already_keeps_its_links() {
     let ends: Vec<_> = ends.map(|it| (it.open, it.end)).collect();
     assert_eq!(ends, [(true, None), (true, None)]);
     assert!(!local.has_missing());
+    // A message that crosses the end of its publisher is not lost: nobody wants it any more.
+    let crossing = LocalCommand::Publish {
+        subject: topic("gone"),
+        origin: GatewayId([7; 32]),
+        payload: bytes::Bytes::from_static(b"late"),
+    };
+    assert!(local.handle(crossing).is_none());
 }

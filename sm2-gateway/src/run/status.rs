@@ -189,3 +189,78 @@ async fn availability(
         },
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use sm2_proto::gateway::Hop;
+    use tokio::time::sleep;
+
+    use super::*;
+    use crate::{peer::ConnectionId, tally::Counts};
+
+    fn status(number: u8) -> PeerStatus {
+        PeerStatus {
+            id: GatewayId([number; 32]),
+            name: Name::new(&format!("peer{number}")).unwrap(),
+            connection: ConnectionId(number.into()),
+            epoch: 1,
+            offers: Vec::new(),
+            offered: Vec::new(),
+            denied: Vec::new(),
+            counts: Counts::default(),
+            counts_by_name: Vec::new(),
+        }
+    }
+
+    /// Two connections have nearly all of the time, one takes longer, and a fourth one has ended.
+    #[tokio::test(start_paused = true)]
+    async fn a_report_waits_a_quarter_of_a_second_for_all_connections_together() {
+        let mut peers = Vec::new();
+        for (number, late_ms) in [(1, 240), (2, 240), (3, 260)] {
+            let (answer, pending) = oneshot::channel();
+            peers.push((status(number), Some(pending)));
+            tokio::spawn(async move {
+                sleep(Duration::from_millis(late_ms)).await;
+                let report = ConnectionReport {
+                    counts: Counts::ALL_DIFFERENT,
+                    counts_by_name: Vec::new(),
+                    rtt: Duration::from_micros(2_500),
+                    address: ([127, 0, 0, 1], 7_633).into(),
+                };
+                // The report may be complete already.
+                let _ = answer.send(report);
+            });
+        }
+        peers.push((status(4), None));
+        let names = (1..=5).map(|it| (status(it).id, status(it).name));
+        let pending = PendingReport {
+            me: Me {
+                hop: Hop {
+                    gateway: GatewayId([9; 32]),
+                    epoch: 1,
+                },
+                name: Name::new("me").unwrap(),
+            },
+            names: names.collect(),
+            rule_lines: Vec::new(),
+            limits: Limits::default(),
+            waiting: Vec::new(),
+            shadow: None,
+            peers,
+        };
+        let (answer, answered) = oneshot::channel();
+        pending.complete(answer).await;
+        let report = answered.await.unwrap();
+        assert_eq!(report.absent, ["peer5"]);
+        let parts = report.peers.iter().map(|it| (&*it.name, it.rtt_ms));
+        let rtt_ms = Some(2.5);
+        assert!(parts.eq([
+            ("peer1", rtt_ms),
+            ("peer2", rtt_ms),
+            ("peer3", None),
+            ("peer4", None)
+        ]));
+        assert_eq!(report.peers[0].messages, Counts::ALL_DIFFERENT);
+        assert_eq!(report.peers[2].messages, Counts::default());
+    }
+}

@@ -144,6 +144,30 @@ fn a_topic_with_many_links_of_others_goes_first() {
     assert!(is_taken(&shares, "two"));
 }
 
+/// Of the topics of one process, and although newer ones are there.
+#[test]
+fn links_of_others_count_more_than_the_age_of_a_topic() {
+    let mut shares = room(7);
+    want(&mut shares, "shared", &[(FLOODING, 1)]);
+    shares.set_links(&topic("shared"), [(FLOODING, 1), (OTHER, 3)].into());
+    flood(&mut shares, 2);
+    for number in 0..3 {
+        want(&mut shares, &format!("other/{number}"), &[(OTHER, 1)]);
+    }
+    assert_eq!(shares.used.descriptors, 7 * ONE);
+    changes(&mut shares);
+    // The other process holds too much to take the topic over.
+    want(&mut shares, "honest", &[(HONEST, 1)]);
+    assert_eq!(
+        changes(&mut shares),
+        [
+            Change::GiveUp(topic("shared")),
+            Change::Wait(topic("shared")),
+            Change::Take(topic("honest")),
+        ]
+    );
+}
+
 #[test]
 fn the_process_that_left_a_topic_holds_it_no_longer() {
     let mut shares = room(10);
