@@ -351,3 +351,33 @@ fn numbers_that_are_bytes_already_are_written_as_numbers() {
     bytes_are_the_numbers(&[1.0_f64], &1.0_f64.to_le_bytes(), 4 + 8 + 8);
     bytes_are_the_numbers::<f64>(&[], &[], 4 + 1);
 }
+
+/// Whatever the alignment needs.
+#[test]
+fn no_message_is_longer_than_the_limit() {
+    const MOST: usize = 64 << 20;
+    for left in 6..=18 {
+        match len_behind(MOST - 4 - left, "float64", &json!(1.5)) {
+            Ok(len) => assert!(len <= MOST, "{left}: {len}"),
+            Err(error) => assert!(matches!(error, EncodeError::TooLong { .. }), "{error}"),
+        }
+    }
+}
+
+/// Elements that are not kept are checked, too.
+#[test]
+fn a_wrong_boolean_is_an_error_wherever_it_is() {
+    let set = set("bool[] a");
+    for wrong in 0..4 {
+        let mut bytes = encode(&set, &name(), &json!({"a": [true, false, true, true]})).unwrap();
+        bytes[8 + wrong] = 7;
+        for keep in [0, 2, usize::MAX] {
+            let error = decode(&set, &name(), &bytes, keep).unwrap_err();
+            let DecodeError::Value { fault, path, .. } = error else {
+                panic!("{error}");
+            };
+            assert_eq!(fault, Fault::Bool(7), "{wrong}");
+            assert_eq!(path.to_string(), format!("a[{wrong}]"));
+        }
+    }
+}
