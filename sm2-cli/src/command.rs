@@ -3,8 +3,8 @@
 use clap::{Parser, Subcommand};
 
 use crate::{
-    bag, completions, demo, doctor, foxglove, manual, node, param, play, policy, record, service,
-    snapshot, top, topic, wait_for, web_view, why,
+    bag, completions, demo, doctor, foxglove, manual, new_robot, node, param, play, policy, record,
+    service, snapshot, top, topic, up, wait_for, web_view, why,
 };
 
 /// Inspect, feed and run an SM2 domain from a shell.
@@ -61,6 +61,10 @@ pub(crate) enum Command {
     /// Check access policies, and explain their decisions; needs no Manager
     #[command(subcommand, after_help = POLICY_EXAMPLES)]
     Policy(policy::Command),
+    /// Make a folder with the nodes of a small robot in Rust
+    New(new_robot::Arguments),
+    /// Start the programs of a robot in order, restart them, and end them
+    Up(up::Arguments),
     /// Measure large messages on this machine; needs no Manager
     Demo(demo::Arguments),
     /// Print a shell's completion script for this command
@@ -70,6 +74,9 @@ pub(crate) enum Command {
     /// One process of the demo: [`sm2_demo::COMMAND`], which is not meant for people.
     #[command(skip)]
     DemoPart(sm2_demo::ProcessArguments),
+    /// The guard of `sm2 up`: [`up::GUARD`], which is not meant for people.
+    #[command(skip)]
+    UpGuard(up::GuardArguments),
 }
 
 const EXAMPLES: &str = "\
@@ -93,6 +100,7 @@ Examples:
   sm2 wait 'topic:/scan publishers>=1' --timeout 5s
   sm2 why talker listener                  explain why they are linked, or not
   sm2 doctor                               find problems of this machine
+  sm2 up robot.toml                        start the programs of a robot in order
   sm2 demo --seconds 5 --integrity sealed  5 subscribers, 10 MB, 30 Hz";
 
 const TOPIC_EXAMPLES: &str = "\

@@ -52,12 +52,17 @@ impl CommandNode {
         sm2_io::raise_descriptor_limit();
         let interrupt = Interrupt::install().map_err(CliError::system("catch signals"))?;
         let node = domain.connect(&domain.path()?, role, &interrupt)?;
-        Ok(Self {
+        Ok(Self::new(node, interrupt))
+    }
+
+    /// The session of a node that is connected.
+    pub(crate) fn new(node: Node, interrupt: Interrupt) -> Self {
+        Self {
             node,
             interrupt,
             connected: Cell::new(true),
             silent: Cell::new(false),
-        })
+        }
     }
 
     /// Suppresses messages about the Manager from now on, for a command that uses the whole screen.
@@ -94,6 +99,11 @@ impl CommandNode {
     /// The signal that ends the command, if one came.
     pub(crate) fn stopped(&self) -> Option<Stopped> {
         self.interrupt.signal()
+    }
+
+    /// The signal that came since the last call, if one did. For [`Interrupt::install_each`].
+    pub(crate) fn take_signal(&self) -> Option<Stopped> {
+        self.interrupt.take()
     }
 
     /// A descriptor that becomes readable when a signal comes.

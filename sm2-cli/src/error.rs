@@ -23,8 +23,10 @@ use crate::{
     decode::CodecError,
     ended::WRONG_USAGE,
     interrupt::Stopped,
+    new_robot::NewError,
     param::ParamError,
     size::{MESSAGE_MAX_BYTES, Size},
+    up::UpError,
 };
 
 /// An error that ends a command. The command prints the text after `sm2: `.
@@ -209,6 +211,12 @@ pub(crate) enum CliError {
     /// The parameters of a node cannot be read or set.
     #[error(transparent)]
     Param(#[from] ParamError),
+    /// The folder of a robot cannot be made.
+    #[error(transparent)]
+    New(#[from] NewError),
+    /// A robot cannot be started.
+    #[error(transparent)]
+    Up(#[from] UpError),
     /// A file or folder cannot be used.
     #[error("cannot {action} {}: {source}{}", path.display(), advice(source))]
     File {
@@ -362,6 +370,7 @@ impl CliError {
         match self {
             Self::Stopped(signal) => signal.status(),
             Self::Param(error) => error.status(),
+            Self::Up(error) => error.status(),
             Self::LoopOfInput
             | Self::Demo(DemoError::TooLong { .. })
             | Self::NoSuchCommand { .. }

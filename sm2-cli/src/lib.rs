@@ -41,6 +41,7 @@ mod limits;
 mod manual;
 mod messages;
 mod names;
+mod new_robot;
 mod node;
 mod observation;
 mod output;
@@ -67,6 +68,7 @@ mod topic;
 mod topic_patterns;
 mod transcode;
 mod troubles;
+mod up;
 mod usage;
 mod view;
 mod wait;
@@ -131,6 +133,9 @@ pub fn run(arguments: Vec<OsString>) -> ExitCode {
         Command::Man(arguments) => manual::run(&arguments, Cli::command()),
         Command::Demo(arguments) => demo::run(&arguments),
         Command::DemoPart(arguments) => demo::run_process(&arguments),
+        Command::New(arguments) => new_robot::run(&arguments),
+        Command::Up(arguments) => up::run(&arguments),
+        Command::UpGuard(arguments) => up::run_guard(&arguments),
     };
     match result.and_then(|ended| output::written().map(|()| ended)) {
         Ok(Ended::Done) => ExitCode::SUCCESS,

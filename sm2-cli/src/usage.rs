@@ -10,6 +10,7 @@ use clap::{
 use crate::{
     command::{Cli, Command},
     ended::WRONG_USAGE,
+    up,
 };
 
 /// Parses a command line, whose first argument is the program.
@@ -45,6 +46,9 @@ pub(crate) fn read(arguments: &[OsString]) -> Result<Command, Error> {
     match arguments.get(1) {
         Some(word) if word == sm2_demo::COMMAND => {
             sm2_demo::ProcessArguments::try_parse_from(&arguments[1..]).map(Command::DemoPart)
+        }
+        Some(word) if word == up::GUARD => {
+            up::GuardArguments::try_parse_from(&arguments[1..]).map(Command::UpGuard)
         }
         _ => Cli::try_parse_from(arguments).map(|cli| cli.command),
     }

@@ -1,16 +1,15 @@
 //! `sm2 record --last`: keeps the last seconds of topics when something happens.
 
 use std::{
-    fs, io,
-    io::Read,
-    os::{fd::AsFd, unix::net::UnixStream},
+    fs,
+    os::fd::AsFd,
     path::{Path, PathBuf},
     time::Duration,
 };
 
 use clap::Args;
 use serde_json::json;
-use signal_hook::{consts::SIGUSR1, low_level::pipe};
+use signal_hook::consts::SIGUSR1;
 use sm2_bag::{
     BlackBox, BlackBoxOptions, BlackBoxStep, Incident, Options, Progress, RecordError, Trigger,
     numbered,
@@ -24,8 +23,8 @@ use super::{
     trigger::SERVICE,
 };
 use crate::{
-    args::name, bag_summary::show, connect::CommandNode, error::CliError, output::Output,
-    ticker::Ticker, time,
+    args::name, bag_summary::show, connect::Session, error::CliError, interrupt::SignalPipe,
+    output::Output, ticker::Ticker, time,
 };
 
 /// The options of a black box.
@@ -86,7 +85,7 @@ pub(super) fn run<'a>(
         output: output.to_owned(),
         ring: PathBuf::new(),
     };
-    let signal = Signal::install().map_err(CliError::system("catch SIGUSR1"))?;
+    let signal = SignalPipe::install(SIGUSR1).map_err(CliError::system("catch SIGUSR1"))?;
     let (ring, started) = match &arguments.ring {
         Some(ring) => (ring.clone(), start(command_node, &options, ring)),
         None => start_in(command_node, &options, output),
@@ -97,7 +96,7 @@ pub(super) fn run<'a>(
     };
     let mut black_box = started.map_err(failed)?;
     black_box.connect_with(connect);
-    let added = black_box.wake_on_descriptor(signal.0.as_fd());
+    let added = black_box.wake_on_descriptor(signal.as_fd());
     added.map_err(CliError::system("wait for SIGUSR1"))?;
     arguments.warn_of_absent(command_node)?;
     stderr_line!(
@@ -167,8 +166,8 @@ fn start_in<'a>(
 /// Records, and passes each incident that is complete to `done`.
 fn keep(
     black_box: &mut BlackBox<'_>,
-    signal: &Signal,
-    command_node: &CommandNode,
+    signal: &SignalPipe,
+    session: &Session,
     until: Instant,
     done: &mut dyn FnMut(Incident) -> Result<(), CliError>,
 ) -> Result<Result<(), RecordError>, CliError> {
@@ -259,23 +258,5 @@ impl BlackBoxArguments {
         let service = Trigger::Service(self.service.clone());
         let others = messages.chain(nodes).chain(deadlines);
         others.chain([service]).collect()
-    }
-}
-
-/// SIGUSR1, as a descriptor that is readable after it.
-struct Signal(UnixStream);
-
-impl Signal {
-    fn install() -> io::Result<Self> {
-        let (read, written_by_handler) = UnixStream::pair()?;
-        read.set_nonblocking(true)?;
-        pipe::register(SIGUSR1, written_by_handler)?;
-        Ok(Self(read))
-    }
-
-    /// Whether the signal has come since the last call.
-    fn has_come(&self) -> bool {
-        let mut bytes = [0; 64];
-        matches!((&self.0).read(&mut bytes), Ok(len) if len > 0)
     }
 }

@@ -18,7 +18,7 @@ use crate::{
 
 /// One subject and its conditions.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Expression {
+pub(crate) struct Expression {
     /// The text from the command line.
     text: String,
     subject: Subject,
@@ -77,7 +77,7 @@ const COUNTS: [(&str, Count); 5] = [
 
 /// The counts that an expression found in a domain.
 #[derive(Clone, Debug, Serialize)]
-pub(super) struct Seen {
+pub(crate) struct Seen {
     expression: String,
     pub(super) met: bool,
     /// Whether the node exists; only for the subject `node`.
@@ -96,7 +96,7 @@ impl Expression {
     /// # Errors
     ///
     /// The position of the fault (characters count from 1), and what was expected there.
-    pub(super) fn parse(text: &str) -> Result<Self, String> {
+    pub(crate) fn parse(text: &str) -> Result<Self, String> {
         let mut words = Words { text, at: 0 };
         let start = words.skip_blanks();
         let subject_text = words.take(|c| !c.is_whitespace());
@@ -136,13 +136,18 @@ impl Expression {
         })
     }
 
+    /// The text that was parsed.
+    pub(crate) fn text(&self) -> &str {
+        &self.text
+    }
+
     /// Whether all conditions hold in the domain.
-    pub(super) fn is_met(&self, domain: &Domain) -> bool {
+    pub(crate) fn is_met(&self, domain: &Domain) -> bool {
         self.seen(domain).met
     }
 
     /// The counts of the subject in the domain.
-    pub(super) fn seen(&self, domain: &Domain) -> Seen {
+    pub(crate) fn seen(&self, domain: &Domain) -> Seen {
         let up = match self.subject {
             Subject::Node => Some(domain.node_named(self.name.as_str()).is_some()),
             Subject::Topic | Subject::Service => None,
@@ -177,7 +182,7 @@ impl Expression {
     }
 
     /// A similar name for a name that the domain does not have, with punctuation. Else an empty text.
-    pub(super) fn hint(&self, domain: &Domain) -> String {
+    pub(crate) fn hint(&self, domain: &Domain) -> String {
         let view = View::new(domain);
         let known: Vec<_> = match self.subject {
             Subject::Topic => view.names(TOPIC).into_iter().collect(),

@@ -11,7 +11,8 @@ use serde::Serialize;
 use sm2_io::clock;
 use sm2_proto::domain::Domain as Mirror;
 
-use self::expression::{Expression, Seen};
+pub(crate) use self::expression::Expression;
+use self::expression::Seen;
 use crate::{
     args::Domain, connect::CommandNode, ended::Ended, error::CliError, follow::Follow,
     output::Output, time,

@@ -163,8 +163,12 @@ pub(crate) struct Finished {
 
 impl Running {
     pub(crate) fn start(command: &mut Command) -> Self {
-        let command = command.stdout(Stdio::piped()).stderr(Stdio::piped());
-        let mut child = command.spawn().unwrap();
+        Self::start_into(command.stdout(Stdio::piped()))
+    }
+
+    /// Starts a process with a standard output of its own.
+    pub(crate) fn start_into(command: &mut Command) -> Self {
+        let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
         let stdout = child.stdout.take().map(Reader::new);
         let stderr = child.stderr.take().map(Reader::new);
         Self {
@@ -215,7 +219,7 @@ impl Running {
     /// Waits for the end of the process.
     pub(crate) fn finish(mut self) -> Finished {
         let status = self.wait();
-        let read = |reader: Option<Reader>| reader.unwrap().finish();
+        let read = |reader: Option<Reader>| reader.map_or(Vec::new(), Reader::finish);
         Finished {
             status,
             output: read(self.stdout.take()),

@@ -132,6 +132,7 @@ fn what_prints_data_prints_json() {
         "why",
         "top",
         "doctor",
+        "up",
         "demo",
     ] {
         let words: Vec<_> = command.split(' ').collect();
