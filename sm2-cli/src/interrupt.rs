@@ -179,7 +179,8 @@ impl AsFd for Interrupt {
 }
 
 impl Stopped {
-    fn from_number(number: usize) -> Option<Self> {
+    /// The signal of this number; 0 stands for none.
+    pub(crate) fn from_number(number: usize) -> Option<Self> {
         (number != 0).then_some(Self(number))
     }
 

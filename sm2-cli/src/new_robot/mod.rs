@@ -28,8 +28,8 @@ pub(crate) struct Arguments {
 }
 
 const HELP: &str = "\
-The folder has two nodes in Rust (lidar and driver), their parameters, a robot.toml for `sm2 up`, a test, and a README.
-An existing folder is never changed.
+The folder has two nodes in Rust (lidar and driver), their parameters, a robot.toml for `sm2 up`, a
+test, and a README. An existing folder is never changed.
 
 Exit status: 0 made, 1 failed, 2 wrong usage.
 

@@ -20,6 +20,9 @@ pub(super) const STOP_TIMEOUT: Duration = Duration::from_secs(5);
 /// The time in which the kernel has to remove a process group after SIGKILL.
 pub(super) const KILL_TIMEOUT: Duration = Duration::from_secs(5);
 
+/// A signal that follows the first one within this time is the same one, passed on twice.
+pub(super) const SECOND_SIGNAL: Duration = Duration::from_millis(500);
+
 /// The time in which a Manager that was started has to serve.
 pub(super) const MANAGER_TIMEOUT: Duration = Duration::from_secs(30);
 

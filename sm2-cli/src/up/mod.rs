@@ -14,6 +14,7 @@ mod process;
 mod restarts;
 mod robot;
 mod show;
+mod signals;
 mod systemd;
 
 use std::{
@@ -40,6 +41,7 @@ use self::{
     limits::{MANAGER_STEP, MANAGER_TIMEOUT, QUESTION_RETRY, RESTARTS},
     robot::{Program, RestartPolicy},
     show::{Kind, Show},
+    signals::{Order, Signals},
 };
 use crate::{
     args::Domain,
@@ -70,24 +72,29 @@ pub(crate) struct Arguments {
 
 const HELP: &str = "\
 A file has a table for each program:
-  domain = \"robot\"                   the domain of all programs [default: $SM2_DOMAIN, else `default`]
-  manager = false                    start no Manager, even if none serves
-  stop_timeout = \"5s\"                the time from SIGTERM to SIGKILL [default: 5s]
+  domain = \"robot\"              the domain of all programs [default: $SM2_DOMAIN, else `default`]
+  manager = false               start no Manager, even if none serves
+  stop_timeout = \"5s\"           the time from SIGTERM to SIGKILL [default: 5s]
   [program.map]
-  command = \"bin/map --fast\"         or a list of words
-  directory = \"maps\"                 the working directory [default: the folder of the file]
-  environment = { RUST_LOG = \"info\" }
-  params = \"params.toml\"             a file of parameters, for $SM2_PARAMS
-  after = [\"topic:scan publishers>=1\"]   start when these conditions of `sm2 wait` hold
-  restart = \"on-failure\"             or never, or always [default: on-failure]
-  max_restarts = 5                   [default: 5]
+  command = \"bin/map --fast\"    or a list of words
+  directory = \"maps\"            the working directory [default: the folder of the file]
+  environment = { LEVEL = \"1\" }
+  params = \"params.toml\"        a file of parameters, for $SM2_PARAMS
+  after = [\"topic:scan publishers>=1\", \"node:lidar\"]
+                                start when these conditions of `sm2 wait` hold
+  restart = \"on-failure\"        or never, or always [default: on-failure]
+  max_restarts = 5              [default: 5]
 Relative paths are relative to the folder of the file.
 
-Programs start in the order of the file, each as soon as its conditions hold, also when it starts again. The delay of
-a restart is 500 ms, and doubles up to 10 s. A program that ran for 60 s has all its restarts again.
+Programs start in the order of the file, each as soon as its conditions hold, also when it starts
+again. The delay of a restart is 500 ms, and doubles up to 10 s. A program that ran for 60 s has all
+its restarts again.
 
-Ctrl-C or SIGTERM ends the programs, the last one of the file first: SIGTERM to its process group, and SIGKILL after
-stop_timeout. A second Ctrl-C sends SIGKILL to all. If sm2 up itself is killed, its programs are ended, too.
+Ctrl-C or SIGTERM ends the programs, the last one of the file first: SIGTERM to its process group, and
+SIGKILL after stop_timeout. A second Ctrl-C, 500 ms later or more, sends SIGKILL to all. If sm2 up
+itself is killed, its programs are ended, too.
+
+If no Manager serves, one is started as the first program, and ended last.
 
 Exit status: 0 every program succeeded or was ended by Ctrl-C, 1 a program failed for good or had to be
 killed, 2 wrong usage or a wrong file, 130 or 143 a second Ctrl-C or SIGTERM.
@@ -149,7 +156,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let written = up.fleet.show.finish();
     ran?;
     written?;
-    Ok(match (up.signals.second, failed) {
+    Ok(match (up.signals.second(), failed) {
         (Some(signal), _) => Ended::Stopped(signal),
         (None, true) => Ended::No,
         (None, false) => Ended::Done,
@@ -194,13 +201,6 @@ struct Up<'a> {
     signals: Signals,
 }
 
-/// The signals so far.
-#[derive(Clone, Copy, Debug, Default)]
-struct Signals {
-    first: Option<Stopped>,
-    second: Option<Stopped>,
-}
-
 impl Up<'_> {
     /// Starts the Manager, and all programs when it serves.
     fn start_manager(
@@ -220,7 +220,7 @@ impl Up<'_> {
             self.children.has_come();
             self.fleet.advance(1, None);
             self.take(interrupt.take());
-            if self.signals.first.is_some() {
+            if self.signals.is_stopping() {
                 break None;
             }
             if self.fleet.is_over(0..1) {
@@ -280,7 +280,7 @@ impl Up<'_> {
             if let Err(error) = known.update() {
                 self.fleet.show.own(Kind::Domain, error.to_string());
             }
-            if self.signals.first.is_none() && is_connected != session.is_connected() {
+            if !self.signals.is_stopping() && is_connected != session.is_connected() {
                 is_connected = !is_connected;
                 let text = match is_connected {
                     true => "a Manager is there again",
@@ -306,18 +306,17 @@ impl Up<'_> {
         }
     }
 
-    /// The first signal ends the programs, and the second one kills them.
+    /// The first signal ends the programs, and a second one kills them.
     fn take(&mut self, signal: Option<Stopped>) {
-        match (signal, self.signals.first) {
-            (None, _) => {}
-            (Some(_), None) => {
-                self.signals.first = signal;
+        let order = signal.and_then(|signal| self.signals.take(clock::now(), signal));
+        match order {
+            None => {}
+            Some(Order::Stop) => {
                 let text = "ending all programs, the last one first (a second signal kills them)";
                 self.fleet.show.own(Kind::Stopping, text);
                 self.fleet.stop();
             }
-            (Some(_), Some(_)) => {
-                self.signals.second = signal;
+            Some(Order::Kill) => {
                 self.fleet.show.own(Kind::Killing, "killing all programs");
                 self.fleet.kill();
             }
@@ -340,16 +339,17 @@ impl Known {
             return Ok(());
         }
         self.retry_at = None;
-        match self.watch.try_wait() {
-            Ok(changes) => {
+        loop {
+            match self.watch.try_wait() {
+                // The next changes are asked for, and wake this process.
+                Ok(changes) if changes.is_empty() => return Ok(()),
                 // The first answer is never empty: it contains this node.
-                self.is_known |= !changes.is_empty();
-                Ok(())
-            }
-            Err(error) => {
-                self.is_known = false;
-                self.retry_at = Some(clock::now().after(QUESTION_RETRY));
-                Err(error.into())
+                Ok(_) => self.is_known = true,
+                Err(error) => {
+                    self.is_known = false;
+                    self.retry_at = Some(clock::now().after(QUESTION_RETRY));
+                    return Err(error.into());
+                }
             }
         }
     }

@@ -86,7 +86,7 @@ fn names_and_paths_are_checked() {
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
 }
 
-/// The whole way of README. Cargo takes the versions of the repository's lock file, and stays offline. What it builds
+/// The whole way of README. Cargo takes the versions of the repository's lock file, and stays offline. The build
 /// stays in the target folder of this test's build, for the next time.
 #[test]
 #[cfg_attr(not(feature = "slow"), ignore = "slow")]
