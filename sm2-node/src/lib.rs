@@ -248,6 +248,8 @@ mod server;
 mod shutdown;
 mod spare;
 mod subscriber;
+#[cfg(feature = "embedded-manager")]
+pub mod testing;
 mod timer;
 mod wait;
 pub mod wait_set;

@@ -111,7 +111,7 @@ fn read_all(mut stream: impl std::io::Read + Send + 'static) -> std::thread::Joi
     })
 }
 
-fn path(name: &str) -> PathBuf {
+pub(crate) fn path(name: &str) -> PathBuf {
     let test = std::env::current_exe().unwrap();
     let path = test.ancestors().nth(2).unwrap().join("examples").join(name);
     assert!(

@@ -50,6 +50,7 @@ mod sealed;
 mod services;
 mod shortage;
 mod shutdown;
+mod testing;
 mod topics;
 mod wait_set;
 mod wait_set_calls;
