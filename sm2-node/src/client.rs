@@ -13,6 +13,7 @@ use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 use crate::driver::{
     CallId, Choice, Needs, Outcome, PoolLimit, SharedInterface, SharedNode, WaitFailure,
 };
+use crate::executor::runs;
 use crate::handle::declaration::{
     Declaration, inline_max_setter, max_len_setter, schema_of, sealed_setter, wait_setter,
 };
@@ -31,6 +32,32 @@ use crate::{CallError, DeclareError, Message, StoreError, Wait};
 ///
 /// The client's [descriptor](std::os::fd::AsFd) is readable when a [`Call::try_wait`] may have a result: call
 /// it for all pending calls, then poll again.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// # let domain = sm2_node::testing::TestDomain::new()?;
+/// # let adder = domain.node("adder")?;
+/// # let server = adder.server::<[f64], f64>("sum")?;
+/// # std::thread::spawn(move || {
+/// #     for _ in 0..2 {
+/// #         let request = server.recv().unwrap();
+/// #         let sum = request.iter().sum();
+/// #         request.reply(&sum).unwrap();
+/// #     }
+/// # });
+/// # let node = domain.node("calculator")?;
+/// use std::time::Duration;
+///
+/// let client = node.client::<[f64], f64>("sum")?;
+/// client.wait_for_servers(1)?;
+/// let sum = client.call_timeout(&[1.0, 2.5], Duration::from_secs(60))?;
+/// assert_eq!(*sum, 3.5);
+///
+/// let call = client.send(&[4.0])?;                // the program does something else meanwhile
+/// assert_eq!(*call.wait()?, 4.0);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug)]
 pub struct Client<Q: Message + ?Sized, R: Message + ?Sized> {
     handle: Arc<Handle>,
@@ -157,6 +184,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
             call,
             handle: Arc::clone(&self.handle),
             deadline,
+            sent_in: runs::last_run(),
             done: false,
             replies: PhantomData,
         }
@@ -210,6 +238,8 @@ pub struct Call<R: Message + ?Sized> {
     handle: Arc<Handle>,
     call: CallId,
     deadline: Option<Instant>,
+    /// The last run of an executor's callback when it was sent.
+    sent_in: u64,
     /// Whether the result has been returned.
     done: bool,
     replies: PhantomData<fn() -> Box<R>>,
@@ -219,10 +249,18 @@ impl<R: Message + ?Sized> Call<R> {
     /// Waits for the reply, until the call's deadline if it has one. At the deadline the call is cancelled at
     /// the server.
     ///
+    /// In a callback of the [executor](crate::Executor) that would have to serve the call, this fails at once with
+    /// [`CallError::OwnExecutor`].
+    ///
     /// # Errors
     ///
     /// See [`CallError`].
     pub fn wait(mut self) -> Result<Reply<R>, CallError> {
+        if runs::waits_for_itself(&self.handle.interface, self.call.token, self.sent_in) {
+            return Err(CallError::OwnExecutor {
+                service: self.handle.name.clone(),
+            });
+        }
         match self.reply_until(self.handle.wait, self.deadline)? {
             Some(reply) => Ok(reply),
             None => Err(CallError::DeadlineExceeded {

@@ -3,6 +3,8 @@
 mod callback;
 mod group;
 mod mailbox;
+mod origin;
+pub(crate) mod runs;
 mod task;
 mod tasks;
 mod turn;
@@ -15,8 +17,9 @@ use std::thread;
 pub use self::callback::{CallbackId, ExecutorError, Failure};
 pub use self::group::Group;
 use self::mailbox::Mailbox;
-use self::tasks::{Addition, SharedTask, Tasks};
-use crate::driver::WaitFailure;
+pub use self::origin::{CallbackSource, Origin};
+use self::runs::{Duties, GroupKey, Run};
+use self::tasks::{Addition, End, SharedTask, Tasks};
 use crate::{Node, Shutdown};
 
 /// The name of the threads of an executor.
@@ -55,14 +58,16 @@ const THREAD: &str = "sm2-executor";
 ///
 /// # Callbacks
 ///
-/// - A callback that returns an error ends the executor: `run` returns the error, after the callbacks that run in other
-///   threads have come to their end.
+/// - A callback that returns an error ends the executor: `run` returns the error and the callback's [`Origin`], after
+///   the callbacks that run in other threads have come to their end.
 /// - A callback that panics ends the executor in the same way, and the panic goes on in the thread that called `run`.
 ///   The state of the group is as the panic left it.
 /// - A callback can add and remove callbacks, also itself, with a clone of a group. The change is made before the
 ///   executor waits the next time. If a source cannot be added (too many descriptors, no memory), `run` returns the
 ///   error.
-/// - A callback that waits holds up its group, and with [`run`](Self::run) all groups.
+/// - A callback that waits holds up its group, and with [`run`](Self::run) all groups. It cannot wait for the reply of
+///   a server of these groups: the call fails with [`CallError::OwnExecutor`](crate::CallError::OwnExecutor). Two
+///   callbacks of an executor with several threads that wait for each other's service are not noticed.
 /// - The callbacks of a group that are due at the same time run in turn. No group comes before another one.
 ///
 /// # Cost
@@ -77,6 +82,7 @@ pub struct Executor<'a> {
     /// Locked by the thread that waits.
     tasks: Mutex<Tasks<'a>>,
     mailbox: Arc<Mailbox<Addition<'a>>>,
+    duties: Arc<Duties>,
 }
 
 impl<'a> Executor<'a> {
@@ -87,15 +93,17 @@ impl<'a> Executor<'a> {
     /// Errors of `epoll_create1(2)`, `eventfd(2)` and `epoll_ctl(2)`: too many descriptors, or no memory.
     pub fn new() -> io::Result<Self> {
         let mailbox = Arc::new(Mailbox::new()?);
+        let duties = Arc::default();
         Ok(Self {
-            tasks: Mutex::new(Tasks::new(&mailbox)?),
+            tasks: Mutex::new(Tasks::new(&mailbox, &duties)?),
             mailbox,
+            duties,
         })
     }
 
     /// Creates a group of callbacks that share `state`.
     pub fn group<S: Send + 'a>(&self, state: S) -> Group<'a, S> {
-        Group::new(state, &self.mailbox)
+        Group::new(state, &self.mailbox, &self.duties)
     }
 
     /// Ends the executor when this shutdown is requested.
@@ -142,6 +150,7 @@ impl<'a> Executor<'a> {
     /// If a callback panics.
     pub fn run_threads(&mut self, threads: usize) -> Result<(), ExecutorError> {
         self.mailbox.begin();
+        self.duties.set_threads(threads);
         let this = &*self;
         thread::scope(|scope| {
             let end = EndAll(&this.mailbox);
@@ -169,13 +178,18 @@ impl<'a> Executor<'a> {
             match next {
                 Ok(Some(task)) => {
                     let running = Running {
-                        task,
                         mailbox: &self.mailbox,
+                        _run: Run::begin(GroupKey::of(task.turn()), &self.duties),
+                        task,
                     };
-                    running.task.run().map_err(ExecutorError::Callback)?;
+                    let origin = running.task.origin();
+                    (running.task.run()).map_err(|error| ExecutorError::Callback {
+                        origin: origin.clone(),
+                        error,
+                    })?;
                 }
-                Ok(None) | Err(WaitFailure::Shutdown) => return Ok(()),
-                Err(WaitFailure::Io(error)) => return Err(ExecutorError::Io(error)),
+                Ok(None) | Err(End::Shutdown) => return Ok(()),
+                Err(End::Error(error)) => return Err(error),
             }
         }
     }
@@ -205,6 +219,7 @@ impl Drop for EndAll<'_, '_> {
 struct Running<'m, 'a> {
     task: SharedTask<'a>,
     mailbox: &'m Mailbox<Addition<'a>>,
+    _run: Run,
 }
 
 impl Drop for Running<'_, '_> {

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use crate::common::limit::Limit;
 use crate::common::wait::LONG;
 use crate::common::{SOON, until};
-use sm2_node::executor::{ExecutorError, Failure};
+use sm2_node::executor::{CallbackSource, ExecutorError, Failure};
 use sm2_node::wait_set::Interest;
 use sm2_node::{Executor, Shutdown, Timer};
 
@@ -24,6 +24,7 @@ fn an_error_of_a_callback_ends_all_threads_and_another_run_goes_on() {
         let mut executor = Executor::new().unwrap();
         executor.end_with(&shutdown).unwrap();
         let group = executor.group(0);
+        let line = line!() + 1;
         group.on_tick(Timer::every(Duration::from_millis(1)), |count, _| {
             *count += 1;
             match *count {
@@ -36,8 +37,13 @@ fn an_error_of_a_callback_ends_all_threads_and_another_run_goes_on() {
             }
         });
         let error = executor.run_threads(threads).unwrap_err();
-        assert_eq!(error.to_string(), "a callback failed: the motor is hot");
-        assert!(matches!(error, ExecutorError::Callback(_)));
+        let place = format!("{}:{line}", file!());
+        let text = format!("the callback of a timer ({place}) failed: the motor is hot");
+        assert_eq!(error.to_string(), text);
+        let ExecutorError::Callback { origin, .. } = error else {
+            panic!("{error:?}");
+        };
+        assert_eq!(origin.source(), &CallbackSource::Timer);
         executor.run_threads(threads).unwrap();
         assert!(group.with(|count| *count) >= 3);
     }
@@ -186,5 +192,14 @@ fn an_error_of_a_source_that_is_added_ends_the_run() {
     let group = executor.group(());
     group.on_ready(file, Interest::Readable, |(), _| Ok(()));
     let error = executor.run().unwrap_err();
-    assert!(matches!(error, ExecutorError::Io(_)), "{error:?}");
+    let ExecutorError::Source { origin, .. } = &error else {
+        panic!("{error:?}");
+    };
+    assert_eq!(origin.source(), &CallbackSource::Descriptor);
+    assert_eq!(origin.place().file(), file!());
+    let text = error.to_string();
+    assert!(
+        text.starts_with("the executor cannot wait for the callback of a descriptor ("),
+        "{text}"
+    );
 }

@@ -20,6 +20,7 @@ mod event_loop;
 mod events;
 mod examples;
 mod executor;
+mod executor_calls;
 mod executor_ends;
 mod explain;
 mod full_socket;

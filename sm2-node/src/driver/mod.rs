@@ -79,7 +79,9 @@ pub(crate) use self::origin::Origin;
 pub(crate) use self::outbox::{Forms, Needs, NoSlot, PoolLimit, Reservation, Reserved};
 pub(crate) use self::questions::{Answer, Followed, Lost, Question, Ticket};
 pub(crate) use self::session::{NotDeclared, may_return};
-pub(crate) use self::shared_interface::{InterfaceDriver, LockedInterface, SharedInterface};
+pub(crate) use self::shared_interface::{
+    InterfaceDriver, LinkEnds, LockedInterface, SharedInterface,
+};
 pub(crate) use self::shared_node::{Settings, SharedNode};
 pub use self::status::{LinkStatus, Received};
 pub(crate) use self::token::LinkToken;

@@ -14,7 +14,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use sm2_io::{Event, Events, Waker};
-use sm2_proto::{Instant, InterfaceId, Name};
+use sm2_proto::{Instant, InterfaceId, LinkId, Name};
 
 use super::context::Context;
 use super::event_sets::LinkSets;
@@ -34,6 +34,14 @@ pub(crate) struct SharedInterface {
     pub(super) sets: LinkSets,
     control: Arc<dyn ControlSide>,
     driver: Mutex<InterfaceDriver>,
+}
+
+/// The two ends of a client's link, as far as the client knows them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct LinkEnds {
+    id: LinkId,
+    client: (Name, InterfaceId),
+    server: (Name, InterfaceId),
 }
 
 /// The control side of the node, as its interfaces use it.
@@ -109,12 +117,27 @@ impl SharedInterface {
         }
     }
 
-    /// The same for a call that needs the time at which it began.
-    pub(crate) fn lock_at_now(&self) -> LockedInterface<'_> {
-        let now = sm2_io::clock::now();
-        let mut locked = self.lock();
-        locked.now = now;
-        locked
+    /// The two ends of a link of this client.
+    pub(crate) fn link_ends(&self, token: LinkToken) -> Option<LinkEnds> {
+        let locked = self.lock();
+        let link = locked.interface.link(token)?;
+        Some(LinkEnds {
+            id: link.id,
+            client: (locked.node_name.clone(), self.id),
+            server: (link.peer.name.clone(), link.peer.interface),
+        })
+    }
+
+    /// Whether this is the server at the other end of a client's link. Numbers of links are those of a domain, so the
+    /// names and numbers of both ends are compared as well.
+    pub(crate) fn is_receiving_end(&self, ends: &LinkEnds) -> bool {
+        let locked = self.lock();
+        self.id == ends.server.1
+            && locked.node_name == ends.server.0
+            && locked.interface.links().any(|it| {
+                let (name, interface) = &ends.client;
+                it.id == ends.id && it.peer.name == *name && it.peer.interface == *interface
+            })
     }
 
     /// Whether the program has requested a shutdown.

@@ -155,6 +155,17 @@ pub enum CallError {
         /// The service.
         service: Name,
     },
+    /// A callback of an executor waits for the reply of a server that only the same executor serves, after this
+    /// callback has ended. The request is cancelled, so the server does not get it.
+    #[error(
+        "{service} is served by the executor whose callback waits for its reply, and only after that callback: use \
+         Client::send with Group::on_reply, or serve it in another executor, or in another group of one with several \
+         threads"
+    )]
+    OwnExecutor {
+        /// The service.
+        service: Name,
+    },
     /// The program cancelled the call.
     #[error("this program cancelled its call of {service}")]
     Cancelled {

@@ -3,6 +3,8 @@
 use std::error::Error;
 use std::io;
 
+use super::origin::Origin;
+
 /// Identifies a callback of an [`Executor`](crate::Executor).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct CallbackId(pub(super) u64);
@@ -15,9 +17,25 @@ pub type Failure = Box<dyn Error + Send + Sync>;
 #[non_exhaustive]
 pub enum ExecutorError {
     /// A callback returned this error.
-    #[error("a callback failed: {0}")]
-    Callback(#[source] Failure),
-    /// A source cannot be added, a thread cannot be started, or waiting failed.
+    #[error("{origin} failed: {error}")]
+    Callback {
+        /// The callback.
+        origin: Origin,
+        /// Its error.
+        #[source]
+        error: Failure,
+    },
+    /// The source of a callback cannot be added: too many descriptors, no memory, or a descriptor that cannot be
+    /// waited for.
+    #[error("the executor cannot wait for {origin}: {error}")]
+    Source {
+        /// The callback.
+        origin: Origin,
+        /// The error of the operating system.
+        #[source]
+        error: io::Error,
+    },
+    /// A thread cannot be started, or waiting failed.
     #[error("the executor cannot go on: {0}")]
     Io(#[source] io::Error),
 }

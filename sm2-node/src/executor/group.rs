@@ -3,10 +3,13 @@
 use std::fmt;
 use std::io;
 use std::os::fd::AsFd;
+use std::panic::Location;
 use std::sync::Arc;
 
-use super::callback::{CallbackId, Failure};
+use super::callback::{CallbackId, ExecutorError, Failure};
 use super::mailbox::Mailbox;
+use super::origin::{CallbackSource, Origin};
+use super::runs::{Duties, GroupKey};
 use super::task::{Readinesses, Supply, SupplyTask, Ticks};
 use super::tasks::{Addition, Tasks};
 use super::turn::GroupState;
@@ -27,13 +30,19 @@ use crate::{
 pub struct Group<'a, S> {
     state: Arc<GroupState<S>>,
     mailbox: Arc<Mailbox<Addition<'a>>>,
+    duties: Arc<Duties>,
 }
 
 impl<'a, S: Send + 'a> Group<'a, S> {
-    pub(super) fn new(state: S, mailbox: &Arc<Mailbox<Addition<'a>>>) -> Self {
+    pub(super) fn new(
+        state: S,
+        mailbox: &Arc<Mailbox<Addition<'a>>>,
+        duties: &Arc<Duties>,
+    ) -> Self {
         Self {
             state: Arc::new(GroupState::new(state)),
             mailbox: Arc::clone(mailbox),
+            duties: Arc::clone(duties),
         }
     }
 
@@ -44,6 +53,7 @@ impl<'a, S: Send + 'a> Group<'a, S> {
     }
 
     /// Runs `callback` for each message of a subscriber, or with the error if a message cannot be read.
+    #[track_caller]
     pub fn on_message<T, F>(&self, subscriber: Subscriber<T>, callback: F) -> CallbackId
     where
         T: Message + ?Sized,
@@ -53,6 +63,7 @@ impl<'a, S: Send + 'a> Group<'a, S> {
     }
 
     /// Runs `callback` for each request of a server, or with the error if a request cannot be read.
+    #[track_caller]
     pub fn on_request<Q, R, F>(&self, server: Server<Q, R>, callback: F) -> CallbackId
     where
         Q: Message + ?Sized,
@@ -64,6 +75,7 @@ impl<'a, S: Send + 'a> Group<'a, S> {
 
     /// Runs `callback` once, with the reply to a call or the reason why there is none. [Removing](Self::remove) the
     /// callback cancels the call.
+    #[track_caller]
     pub fn on_reply<R, F>(&self, call: Call<R>, callback: F) -> CallbackId
     where
         R: Message + ?Sized,
@@ -76,6 +88,7 @@ impl<'a, S: Send + 'a> Group<'a, S> {
     }
 
     /// Runs `callback` for each event of a publisher, subscriber, server or client.
+    #[track_caller]
     pub fn on_event<F>(&self, events: Events, callback: F) -> CallbackId
     where
         F: FnMut(&mut S, Event) -> Result<(), Failure> + Send + 'a,
@@ -85,6 +98,7 @@ impl<'a, S: Send + 'a> Group<'a, S> {
 
     /// Runs `callback` for each change of parameters that another node asks for, or with the error if it cannot be
     /// received.
+    #[track_caller]
     pub fn on_change<F>(&self, changes: Changes, callback: F) -> CallbackId
     where
         F: FnMut(&mut S, Result<Change, RecvError>) -> Result<(), Failure> + Send + 'a,
@@ -93,16 +107,19 @@ impl<'a, S: Send + 'a> Group<'a, S> {
     }
 
     /// Runs `callback` for each tick of a timer.
+    #[track_caller]
     pub fn on_tick<F>(&self, timer: Timer, callback: F) -> CallbackId
     where
         F: FnMut(&mut S, Tick) -> Result<(), Failure> + Send + 'a,
     {
-        let register = |set: &mut WaitSet<'a, _>, _: &_, id| Ok(set.add_timer(timer, Some(id)));
-        self.add(Ticks, callback, register)
+        let register =
+            |set: &mut WaitSet<'a, _>, _: &mut _, id| Ok(vec![set.add_timer(timer, Some(id))]);
+        self.add(CallbackSource::Timer, Ticks, callback, register)
     }
 
     /// Runs `callback` while a descriptor is ready: see [`WaitSet::add_descriptor`]. The descriptor is ready when the
     /// callback starts, also if another callback of this group or another thread of the executor has just read from it.
+    #[track_caller]
     pub fn on_ready<F>(
         &self,
         fd: impl AsFd + Send + 'a,
@@ -112,9 +129,10 @@ impl<'a, S: Send + 'a> Group<'a, S> {
     where
         F: FnMut(&mut S, Readiness) -> Result<(), Failure> + Send + 'a,
     {
-        let register =
-            move |set: &mut WaitSet<'a, _>, _: &_, id| set.add_descriptor(fd, interest, Some(id));
-        self.add(Readinesses, callback, register)
+        let register = move |set: &mut WaitSet<'a, _>, _: &mut _, id| {
+            Ok(vec![set.add_descriptor(fd, interest, Some(id))?])
+        };
+        self.add(CallbackSource::Descriptor, Readinesses, callback, register)
     }
 
     /// Removes a callback of any group of the executor, and drops its source. A callback that runs comes to its end.
@@ -123,36 +141,73 @@ impl<'a, S: Send + 'a> Group<'a, S> {
             .leave(|letters| letters.removals.push(callback));
     }
 
+    #[track_caller]
     fn add_source<P, F>(&self, supply: P, callback: F) -> CallbackId
     where
         P: Supply + Waitable + 'a,
         F: FnMut(&mut S, P::Item) -> Result<(), Failure> + Send + 'a,
     {
-        self.add(supply, callback, |set, supply, id| {
-            set.add(supply, Some(id))
-        })
+        let source = CallbackSource::of(&supply);
+        let (interface, group) = (
+            Arc::clone(supply.interface()),
+            GroupKey::of(&self.state.turn),
+        );
+        let id = self.mailbox.next_id();
+        self.duties.add(id, group, &interface);
+        self.add_as(id, source, supply, callback, |set, supply, id| {
+            Ok(vec![set.add(supply, Some(id))?])
+        });
+        id
     }
 
-    /// The thread that waits registers the source, because it has the wait set.
-    fn add<P, F, A>(&self, supply: P, callback: F, register: A) -> CallbackId
+    #[track_caller]
+    fn add<P, F, A>(
+        &self,
+        source: CallbackSource,
+        supply: P,
+        callback: F,
+        register: A,
+    ) -> CallbackId
     where
         P: Supply + 'a,
         F: FnMut(&mut S, P::Item) -> Result<(), Failure> + Send + 'a,
-        A: FnOnce(&mut WaitSet<'a, Option<CallbackId>>, &P, CallbackId) -> io::Result<Key>
+        A: FnOnce(&mut WaitSet<'a, Option<CallbackId>>, &mut P, CallbackId) -> io::Result<Vec<Key>>
             + Send
             + 'a,
     {
         let id = self.mailbox.next_id();
+        self.add_as(id, source, supply, callback, register);
+        id
+    }
+
+    /// The thread that waits registers the source, because it has the wait set.
+    #[track_caller]
+    fn add_as<P, F, A>(
+        &self,
+        id: CallbackId,
+        source: CallbackSource,
+        mut supply: P,
+        callback: F,
+        register: A,
+    ) where
+        P: Supply + 'a,
+        F: FnMut(&mut S, P::Item) -> Result<(), Failure> + Send + 'a,
+        A: FnOnce(&mut WaitSet<'a, Option<CallbackId>>, &mut P, CallbackId) -> io::Result<Vec<Key>>
+            + Send
+            + 'a,
+    {
+        let origin = Origin::new(source, Location::caller());
         let group = Arc::clone(&self.state);
-        let add = move |tasks: &mut Tasks<'a>| {
-            let key = register(&mut tasks.set, &supply, id)?;
-            let task = Arc::new(SupplyTask::new(group, supply, callback));
-            tasks.insert(id, key, task);
-            Ok(())
+        let add = move |tasks: &mut Tasks<'a>| match register(&mut tasks.set, &mut supply, id) {
+            Ok(keys) => {
+                let task = Arc::new(SupplyTask::new(group, origin, supply, callback));
+                tasks.insert(id, keys, task);
+                Ok(())
+            }
+            Err(error) => Err(ExecutorError::Source { origin, error }),
         };
         let addition = Addition::new(add);
         (self.mailbox).leave(|letters| letters.additions.push(addition));
-        id
     }
 }
 
@@ -161,6 +216,7 @@ impl<S> Clone for Group<'_, S> {
         Self {
             state: Arc::clone(&self.state),
             mailbox: Arc::clone(&self.mailbox),
+            duties: Arc::clone(&self.duties),
         }
     }
 }

@@ -3,6 +3,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::callback::Failure;
+use super::origin::Origin;
 use super::turn::{GroupState, Turn};
 use crate::params::{Change, Changes};
 use crate::wait_set::{Cause, Readiness};
@@ -15,6 +16,9 @@ use crate::{
 pub(super) trait Task: Send + Sync {
     /// The turn of its group.
     fn turn(&self) -> &Turn;
+
+    /// The name of the callback.
+    fn origin(&self) -> &Origin;
 
     /// Takes the item for which the callback runs. Returns whether there was one.
     fn take(&self, cause: Cause) -> bool;
@@ -33,6 +37,7 @@ pub(super) trait Supply: Send {
 /// A task of a group with the state `S`.
 pub(super) struct SupplyTask<S, P: Supply, F> {
     group: Arc<GroupState<S>>,
+    origin: Origin,
     work: Mutex<Work<P, F>>,
 }
 
@@ -43,13 +48,22 @@ struct Work<P: Supply, F> {
 }
 
 impl<S, P: Supply, F> SupplyTask<S, P, F> {
-    pub(super) const fn new(group: Arc<GroupState<S>>, supply: P, callback: F) -> Self {
+    pub(super) const fn new(
+        group: Arc<GroupState<S>>,
+        origin: Origin,
+        supply: P,
+        callback: F,
+    ) -> Self {
         let work = Mutex::new(Work {
             supply,
             item: None,
             callback,
         });
-        Self { group, work }
+        Self {
+            group,
+            origin,
+            work,
+        }
     }
 
     /// Never contended: only the thread with the turn uses it.
@@ -66,6 +80,10 @@ where
 {
     fn turn(&self) -> &Turn {
         &self.group.turn
+    }
+
+    fn origin(&self) -> &Origin {
+        &self.origin
     }
 
     fn take(&self, cause: Cause) -> bool {

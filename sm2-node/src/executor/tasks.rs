@@ -9,8 +9,9 @@ use std::fmt;
 use std::io;
 use std::sync::Arc;
 
-use super::callback::CallbackId;
+use super::callback::{CallbackId, ExecutorError};
 use super::mailbox::{Letters, Mailbox};
+use super::runs::Duties;
 use super::task::Task;
 use super::turn::Due;
 use crate::WaitSet;
@@ -24,25 +25,38 @@ pub(super) type SharedTask<'a> = Arc<dyn Task + 'a>;
 pub(super) struct Tasks<'a> {
     /// The mailbox has no tag.
     pub(super) set: WaitSet<'a, Option<CallbackId>>,
-    all: HashMap<CallbackId, (Key, SharedTask<'a>)>,
+    all: HashMap<CallbackId, (Vec<Key>, SharedTask<'a>)>,
     /// Callbacks that have waited for the turn of their group. They come before all others.
     due: VecDeque<Due>,
     mailbox: Arc<Mailbox<Addition<'a>>>,
+    /// The interfaces of all callbacks.
+    pub(super) duties: Arc<Duties>,
+}
+
+/// The reason why there is no further callback.
+pub(super) enum End {
+    Shutdown,
+    Error(ExecutorError),
 }
 
 /// Adds a source and its callback.
 pub(super) struct Addition<'a>(Box<Add<'a>>);
 
-type Add<'a> = dyn FnOnce(&mut Tasks<'a>) -> io::Result<()> + Send + 'a;
+type Add<'a> = dyn FnOnce(&mut Tasks<'a>) -> Result<(), ExecutorError> + Send + 'a;
 
 impl<'a> Addition<'a> {
-    pub(super) fn new(add: impl FnOnce(&mut Tasks<'a>) -> io::Result<()> + Send + 'a) -> Self {
+    pub(super) fn new(
+        add: impl FnOnce(&mut Tasks<'a>) -> Result<(), ExecutorError> + Send + 'a,
+    ) -> Self {
         Self(Box::new(add))
     }
 }
 
 impl<'a> Tasks<'a> {
-    pub(super) fn new(mailbox: &Arc<Mailbox<Addition<'a>>>) -> io::Result<Self> {
+    pub(super) fn new(
+        mailbox: &Arc<Mailbox<Addition<'a>>>,
+        duties: &Arc<Duties>,
+    ) -> io::Result<Self> {
         let mut set = WaitSet::new()?;
         set.add_descriptor(Arc::clone(mailbox), Interest::Readable, None)?;
         Ok(Self {
@@ -50,16 +64,17 @@ impl<'a> Tasks<'a> {
             all: HashMap::new(),
             due: VecDeque::new(),
             mailbox: Arc::clone(mailbox),
+            duties: Arc::clone(duties),
         })
     }
 
-    pub(super) fn insert(&mut self, id: CallbackId, key: Key, task: SharedTask<'a>) {
-        self.all.insert(id, (key, task));
+    pub(super) fn insert(&mut self, id: CallbackId, keys: Vec<Key>, task: SharedTask<'a>) {
+        self.all.insert(id, (keys, task));
     }
 
     /// Waits for the next callback that can run. The turn of its group is taken, and so is its item. `None` if all
     /// threads have to end.
-    pub(super) fn next(&mut self) -> Result<Option<SharedTask<'a>>, WaitFailure> {
+    pub(super) fn next(&mut self) -> Result<Option<SharedTask<'a>>, End> {
         while !self.mailbox.is_over() {
             let Some(due) = self.next_due()? else {
                 continue;
@@ -87,7 +102,7 @@ impl<'a> Tasks<'a> {
             let cause = self.set.confirm(due.key, due.cause)?;
             if !self.set.contains(due.key) {
                 // A call, or a timer that does not repeat: this was all.
-                self.all.remove(&due.id);
+                self.forget(due.id);
             }
             if cause.is_some_and(|cause| task.take(cause)) {
                 return Ok(Some(task));
@@ -98,7 +113,7 @@ impl<'a> Tasks<'a> {
     }
 
     /// The next callback that is due. `None` if there was mail instead.
-    fn next_due(&mut self) -> Result<Option<Due>, WaitFailure> {
+    fn next_due(&mut self) -> Result<Option<Due>, End> {
         if let Some(due) = self.due.pop_front() {
             return Ok(Some(due));
         }
@@ -111,7 +126,7 @@ impl<'a> Tasks<'a> {
         Ok(Some(Due { id, key, cause }))
     }
 
-    fn read_mail(&mut self) -> io::Result<()> {
+    fn read_mail(&mut self) -> Result<(), End> {
         let Letters {
             additions,
             removals,
@@ -122,11 +137,17 @@ impl<'a> Tasks<'a> {
             add(self)?;
         }
         for id in removals {
-            if let Some((key, _)) = self.all.remove(&id) {
+            for key in self.forget(id) {
                 self.set.remove(key);
             }
         }
-        self.resume(resumed)
+        Ok(self.resume(resumed)?)
+    }
+
+    /// Drops a callback. Returns the keys of its source.
+    fn forget(&mut self, id: CallbackId) -> Vec<Key> {
+        self.duties.remove(id);
+        self.all.remove(&id).map_or_else(Vec::new, |(keys, _)| keys)
     }
 
     /// The turn of their group is free again.
@@ -139,6 +160,27 @@ impl<'a> Tasks<'a> {
             }
         }
         Ok(())
+    }
+}
+
+impl From<WaitFailure> for End {
+    fn from(failure: WaitFailure) -> Self {
+        match failure {
+            WaitFailure::Shutdown => Self::Shutdown,
+            WaitFailure::Io(error) => error.into(),
+        }
+    }
+}
+
+impl From<io::Error> for End {
+    fn from(error: io::Error) -> Self {
+        Self::Error(ExecutorError::Io(error))
+    }
+}
+
+impl From<ExecutorError> for End {
+    fn from(error: ExecutorError) -> Self {
+        Self::Error(error)
     }
 }
 

@@ -26,6 +26,15 @@ impl Fixture {
         }
     }
 
+    /// The same in a new domain.
+    pub(crate) fn again(&self) -> Self {
+        Self {
+            domain: Domain::new(),
+            shutdown: Shutdown::new().unwrap(),
+            ..*self
+        }
+    }
+
     pub(crate) fn builder(&self, name: &str) -> NodeBuilder {
         let builder = self.domain.builder(name);
         builder.background(self.background).ring_lane(self.ring)
