@@ -95,6 +95,7 @@
 //! | one subscriber, server or call | its own methods |
 //! | several of them, timers and descriptors | a [`WaitSet`]; the program handles the source that is ready |
 //! | the same, with a closure for each | an [`Executor`], in one thread or several |
+//! | messages of several topics that belong together | a [`Synchronizer`], alone or in one of the two |
 //! | peers that join or leave, and losses | [`Events`], alone or in one of the two |
 //! | the next tick | a [`Rate`] |
 //!
@@ -248,6 +249,7 @@ mod server;
 mod shutdown;
 mod spare;
 mod subscriber;
+pub mod synchronizer;
 #[cfg(feature = "embedded-manager")]
 pub mod testing;
 mod timer;
@@ -281,6 +283,7 @@ pub use sm2_io::clock::now;
 pub use sm2_node_derive::{Message, Schema};
 pub use sm2_proto::{Instant, Name, NameError, TypeId};
 pub use subscriber::{Subscriber, SubscriberBuilder};
+pub use synchronizer::Synchronizer;
 pub use timer::{MissedTicks, Tick, Timer};
 pub use wait::Wait;
 pub use wait_set::WaitSet;

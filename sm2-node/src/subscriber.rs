@@ -23,6 +23,23 @@ use crate::{DeclareError, Message, RecvError, Sample, Wait};
 ///
 /// The subscriber's [descriptor](std::os::fd::AsFd) is readable when [`try_recv`](Self::try_recv) may have a
 /// message: take messages until there is none, then poll again.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// # let domain = sm2_node::testing::TestDomain::new()?;
+/// # let lidar = domain.node("lidar")?;
+/// # let scans = lidar.publisher_builder::<[f32]>("scan").latched(1).declare()?;
+/// # scans.publish(&[1.0, 2.5])?;
+/// # let node = domain.node("map")?;
+/// let scans = node.subscriber_builder::<[f32]>("scan")
+///     .depth(1)                                   // the newest message of each publisher only
+///     .max_borrowed(1)
+///     .declare()?;
+/// let scan = scans.recv()?;                       // also: try_recv, recv_timeout
+/// println!("{} ranges of {}, {} lost", scan.len(), scan.publisher(), scan.lost());
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug)]
 pub struct Subscriber<T: Message + ?Sized> {
     handle: Handle,
@@ -238,6 +255,16 @@ impl<T: Message + ?Sized> SubscriberBuilder<T> {
     /// then need the fewest slots. Drop each sample before you take the next one.
     pub const fn max_borrowed(mut self, messages: u16) -> Self {
         self.demand.max_borrowed = messages;
+        self
+    }
+
+    pub(crate) fn topic(&self) -> &str {
+        self.declaration.name()
+    }
+
+    /// Sets `max_borrowed` to this number, unless it is greater.
+    pub(crate) fn hold_at_least(mut self, messages: u16) -> Self {
+        self.demand.max_borrowed = self.demand.max_borrowed.max(messages);
         self
     }
 

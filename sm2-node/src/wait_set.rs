@@ -74,7 +74,7 @@ const EVENTS: usize = 64;
 ///
 /// | source | reported | until |
 /// | --- | --- | --- |
-/// | subscriber, server, events | again and again | its `try_…` method finds nothing more |
+/// | subscriber, server, events, [synchronizer](Self::add_synchronizer) | again and again | its `try_…` method finds nothing more |
 /// | pending call | once, then the call leaves the set | |
 /// | timer | once for each tick, or for all missed ticks ([`MissedTicks`](crate::MissedTicks)) | |
 /// | [once](Timer::once) | once, then the timer leaves the set | |
@@ -327,7 +327,7 @@ impl<'fd, T: Clone> WaitSet<'fd, T> {
         Ok(self.wait_until(Until::NOW)?)
     }
 
-    fn wait_until(&mut self, until: Until) -> Result<Option<Ready<T>>, WaitFailure> {
+    pub(crate) fn wait_until(&mut self, until: Until) -> Result<Option<Ready<T>>, WaitFailure> {
         let mut now = sm2_io::clock::now();
         let until_moment = until.moment(now);
         loop {

@@ -51,6 +51,7 @@ mod sealed;
 mod services;
 mod shortage;
 mod shutdown;
+mod synchronizer;
 mod testing;
 mod topics;
 mod wait_set;

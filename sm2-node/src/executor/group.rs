@@ -17,7 +17,7 @@ use crate::params::{Change, Changes};
 use crate::wait_set::{Interest, Key, Readiness, Waitable};
 use crate::{
     Call, CallError, Event, Events, Message, RecvError, Reply, Request, Sample, Server, Subscriber,
-    Tick, Timer, WaitSet,
+    Synchronizer, Tick, Timer, WaitSet,
 };
 
 /// A group of callbacks that exclude each other, with the state that they share.
@@ -104,6 +104,20 @@ impl<'a, S: Send + 'a> Group<'a, S> {
         F: FnMut(&mut S, Result<Change, RecvError>) -> Result<(), Failure> + Send + 'a,
     {
         self.add_source(changes, callback)
+    }
+
+    /// Runs `callback` for each set of a synchronizer, or with the error if a message cannot be read.
+    #[track_caller]
+    pub fn on_set<T, F>(&self, synchronizer: Synchronizer<T>, callback: F) -> CallbackId
+    where
+        T: Send + 'static,
+        F: FnMut(&mut S, Result<T, RecvError>) -> Result<(), Failure> + Send + 'a,
+    {
+        let topics = synchronizer.topics();
+        let source = CallbackSource::Synchronizer { topics };
+        self.add(source, synchronizer, callback, |set, synchronizer, id| {
+            set.add_synchronizer(synchronizer, Some(id))
+        })
     }
 
     /// Runs `callback` for each tick of a timer.

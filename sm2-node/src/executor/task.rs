@@ -9,7 +9,7 @@ use crate::params::{Change, Changes};
 use crate::wait_set::{Cause, Readiness};
 use crate::{
     Call, CallError, Event, Events, Message, RecvError, Reply, Request, Sample, Server, Subscriber,
-    Tick,
+    Synchronizer, Tick,
 };
 
 /// A source together with its callback. Both steps are made by the thread that has the turn of the group.
@@ -137,6 +137,14 @@ impl Supply for Changes {
 
     fn take(&mut self, _: Cause) -> Option<Self::Item> {
         self.try_next().transpose()
+    }
+}
+
+impl<S: Send + 'static> Supply for Synchronizer<S> {
+    type Item = Result<S, RecvError>;
+
+    fn take(&mut self, _: Cause) -> Option<Self::Item> {
+        self.try_recv().transpose()
     }
 }
 

@@ -36,6 +36,11 @@ impl Declaration {
         }
     }
 
+    /// The name as the program wrote it.
+    pub(crate) fn name(&self) -> &str {
+        &self.name
+    }
+
     /// Sets `inline_max`, limited to what fits into a datagram.
     pub(crate) const fn set_inline_max(&mut self, bytes: usize) {
         self.inline_max = if bytes > INLINE_MAX {
