@@ -4,6 +4,25 @@ use sm2_proto::control::LinkPeer;
 use sm2_proto::link::End;
 
 /// An event of a publisher, subscriber, server or client.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// # let domain = sm2_node::testing::TestDomain::new()?;
+/// # let map = domain.node("map")?.subscriber::<[f32]>("scan")?;
+/// # let node = domain.node("lidar")?;
+/// use sm2_node::Event;
+///
+/// let scans = node.publisher::<[f32]>("scan")?;
+/// # scans.wait_for_subscribers(1)?;
+/// match scans.events().next()? {
+///     Event::Joined { peer } => println!("{} subscribes to {}", peer.name, scans.topic()),
+///     Event::Left { peer, end } => println!("{} is gone: {end}", peer.name),
+///     Event::Lost { peer, messages } => println!("{} misses {messages} messages", peer.name),
+///     event => println!("{event:?}"),
+/// }
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub enum Event {

@@ -21,6 +21,22 @@ use crate::{Plain, PublishError, StoreError};
 ///
 /// The initial value is unspecified: zeroes, or the bytes of an earlier message of this publisher.
 /// [`publish`](Self::publish) sends the message; dropping the loan releases its memory.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// # let domain = sm2_node::testing::TestDomain::new()?;
+/// # let node = domain.node("camera")?;
+/// # let viewer = domain.node("viewer")?.subscriber::<[u8]>("image")?;
+/// let images = node.publisher::<[u8]>("image")?;
+/// # images.wait_for_subscribers(1)?;
+/// let mut image = images.loan_slice(640 * 480)?;  // in shared memory
+/// image.fill(0);
+/// image[0] = 255;
+/// image.publish()?;                               // without a copy
+/// # assert_eq!(viewer.recv()?[0], 255);
+/// # Ok(())
+/// # }
+/// ```
 pub struct Loan<'p, T: Plain + ?Sized> {
     publisher: &'p UntypedPublisher,
     /// `None` once the loan is published.

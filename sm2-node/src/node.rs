@@ -39,6 +39,18 @@ use crate::{
 /// loops, the node's [descriptor](AsFd) becomes readable.
 ///
 /// The node is locked while it logs to `tracing`: a `tracing` subscriber must not call the node.
+///
+/// ```no_run
+/// use sm2_node::{Node, Shutdown};
+///
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let shutdown = Shutdown::on_signals()?;     // Ctrl-C ends the waits of the node
+/// let node = Node::builder("lidar").shutdown(&shutdown).connect()?;
+/// let scans = node.publisher::<[f32]>("scan")?;
+/// let server = node.server::<str, u64>("count")?;
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Clone, Debug)]
 pub struct Node {
     pub(crate) shared: Arc<SharedNode>,

@@ -37,6 +37,24 @@ pub use self::builder::PublisherBuilder;
 ///
 /// Dropping the publisher withdraws it. Subscribers can still take the messages that were sent to them. A
 /// message that still waits in the publisher is lost: call [`flush`](Self::flush) first to send it.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// # let domain = sm2_node::testing::TestDomain::new()?;
+/// # let node = domain.node("lidar")?;
+/// # let subscriber = domain.node("map")?.subscriber_builder::<[f32]>("scan").reliable(true).declare()?;
+/// use std::time::Duration;
+///
+/// let scans = node.publisher_builder::<[f32]>("scan")
+///     .reliable(true)                             // for subscribers that request it
+///     .publish_timeout(Duration::from_millis(5))
+///     .declare()?;
+/// scans.wait_for_subscribers(1)?;
+/// let published = scans.publish(&[1.0, 2.5])?;
+/// assert_eq!(published.links, 1);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug)]
 pub struct Publisher<T: Message + ?Sized> {
     pub(crate) core: UntypedPublisher,

@@ -14,6 +14,23 @@ use crate::{Message, RecvError};
 /// publisher or the Manager has ended: the publisher must not write to a slot before it is released
 /// (SM2-PAY-005, SM2-OPN-010). A subscriber that does not trust the publisher requires
 /// [sealed](crate::SubscriberBuilder::sealed) messages.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// # let domain = sm2_node::testing::TestDomain::new()?;
+/// # let lidar = domain.node("lidar")?;
+/// # let scans = lidar.publisher_builder::<[f32]>("scan").latched(1).declare()?;
+/// # scans.publish(&[1.0, 2.5])?;
+/// # let node = domain.node("map")?;
+/// let subscriber = node.subscriber::<[f32]>("scan")?;
+/// let scan = subscriber.recv()?;
+/// drop((subscriber, node));                       // the sample is valid nevertheless
+/// assert_eq!((scan[1], scan.publisher().as_str()), (2.5, "lidar"));
+/// let age = sm2_node::now().since(scan.source_time());
+/// println!("message {} is {age:?} old", scan.sequence());
+/// # Ok(())
+/// # }
+/// ```
 pub struct Sample<T: Message + ?Sized> {
     /// Before the receipt, so that it is dropped first: the view may refer to the slot that the receipt
     /// releases.

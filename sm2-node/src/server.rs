@@ -35,6 +35,26 @@ const NOT_STORED: &str = "the server could not store the reply";
 ///
 /// The server's [descriptor](std::os::fd::AsFd) is readable when [`try_recv`](Self::try_recv) may have a
 /// request. Dropping the server withdraws it, once all taken requests are answered.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// # let domain = sm2_node::testing::TestDomain::new()?;
+/// # let client = domain.node("calculator")?.client::<[f64], f64>("sum")?;
+/// # let node = domain.node("adder")?;
+/// let server = node.server::<[f64], f64>("sum")?;
+/// # client.wait_for_servers(1)?;
+/// # let call = client.send(&[1.0, 2.5])?;
+/// let request = server.recv()?;
+/// if request.is_empty() {
+///     request.fail("nothing to add")?;            // an error text for the client
+/// } else {
+///     let sum = request.iter().sum();
+///     request.reply(&sum)?;
+/// }
+/// # assert_eq!(*call.wait()?, 3.5);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug)]
 pub struct Server<Q: Message + ?Sized, R: Message + ?Sized> {
     handle: Arc<Handle>,

@@ -10,6 +10,26 @@ use crate::handle::until;
 use crate::{CallError, Client, Message, Reply, StoreError};
 
 /// A [`Client`] for futures. Any number of calls can be pending.
+///
+/// ```
+/// use sm2_node::asynchronous::IntoAsync;
+/// # #[tokio::main(flavor = "current_thread")]
+/// # async fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// # let domain = sm2_node::testing::TestDomain::new()?;
+/// # let server = domain.node("doubler")?.server::<u64, u64>("double")?;
+/// # std::thread::spawn(move || {
+/// #     let request = server.recv().unwrap();
+/// #     let twice = *request * 2;
+/// #     request.reply(&twice).unwrap();
+/// # });
+/// # let node = domain.node("calculator")?;
+/// let client = node.client::<u64, u64>("double")?;
+/// client.wait_for_servers(1)?;
+/// let client = client.into_async()?;
+/// assert_eq!(*client.call(&21).await?, 42);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug)]
 pub struct AsyncClient<Q: Message + ?Sized, R: Message + ?Sized>(Watched<Client<Q, R>>);
 

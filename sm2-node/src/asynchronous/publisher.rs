@@ -22,6 +22,22 @@ use crate::{Message, PublishError, Published, Publisher, StoreError};
 /// Waits only for reliable subscribers without room, and at most for the publisher's
 /// [`publish_timeout`](crate::PublisherBuilder::publish_timeout). As a sink it takes one message at a time;
 /// [`PublishError::DeadlineExceeded`] reports that a reliable subscriber missed a message.
+///
+/// ```
+/// use sm2_node::asynchronous::IntoAsync;
+/// # #[tokio::main(flavor = "current_thread")]
+/// # async fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// # let domain = sm2_node::testing::TestDomain::new()?;
+/// # let heard = domain.node("listener")?.subscriber::<str>("chatter")?;
+/// # let node = domain.node("talker")?;
+/// let topic = node.publisher::<str>("chatter")?;
+/// topic.wait_for_subscribers(1)?;
+/// let mut topic = topic.into_async()?;
+/// topic.publish("hello").await?;
+/// # assert_eq!(&*heard.recv()?, "hello");
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug)]
 pub struct AsyncPublisher<T: Message + ?Sized> {
     publisher: Watched<Publisher<T>>,

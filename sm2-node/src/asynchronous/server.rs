@@ -15,6 +15,24 @@ use super::{IntoAsync, Watched};
 use crate::{Message, RecvError, Request, Server};
 
 /// A [`Server`] for futures, and an endless [`Stream`] of its requests.
+///
+/// ```
+/// use sm2_node::asynchronous::IntoAsync;
+/// # #[tokio::main(flavor = "current_thread")]
+/// # async fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// # let domain = sm2_node::testing::TestDomain::new()?;
+/// # let client = domain.node("calculator")?.client::<u64, u64>("double")?;
+/// # let node = domain.node("doubler")?;
+/// let server = node.server::<u64, u64>("double")?.into_async()?;
+/// # client.wait_for_servers(1)?;
+/// # let call = client.send(&21)?;
+/// let request = server.recv().await?;
+/// let twice = *request * 2;
+/// request.reply(&twice)?;                         // never waits
+/// # assert_eq!(*call.wait()?, 42);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug)]
 pub struct AsyncServer<Q: Message + ?Sized, R: Message + ?Sized>(Watched<Server<Q, R>>);
 

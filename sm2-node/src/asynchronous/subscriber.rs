@@ -12,6 +12,27 @@ use crate::{Message, RecvError, Sample, Subscriber};
 
 /// A [`Subscriber`] for futures, and an endless [`Stream`] of its messages. A message that cannot be received
 /// is an item with an error.
+///
+/// ```
+/// use sm2_node::asynchronous::IntoAsync;
+/// # #[tokio::main(flavor = "current_thread")]
+/// # async fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// # let domain = sm2_node::testing::TestDomain::new()?;
+/// # let topic = domain.node("talker")?.publisher_builder::<str>("chatter").latched(1).declare()?;
+/// # topic.publish("hello")?;
+/// # let node = domain.node("listener")?;
+/// use futures_util::StreamExt;
+///
+/// let mut heard = node.subscriber::<str>("chatter")?.into_async()?;
+/// assert_eq!(&*heard.recv().await?, "hello");
+/// # topic.publish("hello")?;
+/// while let Some(sample) = heard.next().await {   // it is a stream as well
+///     println!("{}", &*sample?);
+/// #   break;
+/// }
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug)]
 pub struct AsyncSubscriber<T: Message + ?Sized>(Watched<Subscriber<T>>);
 
