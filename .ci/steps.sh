@@ -309,7 +309,20 @@ step_ros() {
     stamp ros "${inputs[@]}"
 }
 
-# The book, with mdbook. Its links and its programs are tests of the step `test`.
+# Whether each link of the built book in this folder leads to a file. 404.html links to the root of the site.
+has_live_links() {
+    local page link file dead=0
+    while IFS=: read -r page link; do
+        link=${link#*\"}
+        link=${link%[\"#]}
+        file=$(dirname "$page")/${link%%\?*}
+        case $link in /*) continue ;; esac
+        [ -e "$1/$file" ] || { echo "$page: no file for the link $link" && dead=1; }
+    done < <(cd "$1" && grep -roE --include='*.html' '(href|src)="[^"#:]+["#]' . | sort -u)
+    return "$dead"
+}
+
+# The book, with mdbook. Its headings that links name and its programs are tests of the step `test`.
 step_book() {
     local inputs=(docs SPEC.md sm2-cpp/examples sm2-node/examples sm2-python/examples sm2-ros/example sm2-ros/examples)
     (cd docs/pictures && sha256sum --check --quiet made.sha256) ||
@@ -317,6 +330,7 @@ step_book() {
     unless_stamped book "${inputs[@]}"
     install mdbook --no-default-features --features search || skip "mdbook cannot be built here"
     mdbook build --dest-dir "$CARGO_TARGET_DIR/book" docs
+    has_live_links "$CARGO_TARGET_DIR/book" || return
     stamp book "${inputs[@]}"
 }
 
