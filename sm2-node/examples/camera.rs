@@ -3,17 +3,18 @@
 //! Each image is written once, into memory that the viewer reads in place. No byte is copied, whatever the
 //! size.
 
-mod common;
-
+use std::error::Error;
 use std::io::{Write, stdout};
 use std::process::ExitCode;
 use std::thread;
 use std::time::Duration;
 
-use common::Outcome;
 use sm2_node::zerocopy::little_endian::{U32, U64};
 use sm2_node::zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
-use sm2_node::{Message, Node, now};
+use sm2_node::{Message, Node, Rate, RecvError, Shutdown, WaitError, now};
+
+/// Also of a thread.
+type Outcome = Result<(), Box<dyn Error + Send + Sync>>;
 
 /// A header, followed by the pixels.
 #[derive(Message, FromBytes, IntoBytes, Immutable, KnownLayout)]
@@ -30,24 +31,39 @@ const WIDTH: u32 = 1920;
 const HEIGHT: u32 = 1080;
 
 fn main() -> ExitCode {
-    common::run(film_and_view)
+    match film_and_view() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("camera: {error}");
+            ExitCode::FAILURE
+        }
+    }
 }
 
 fn film_and_view() -> Outcome {
-    let frames = common::argument(1, 30)?;
-    let viewer = thread::spawn(move || view(frames));
-    film(frames, || viewer.is_finished())?;
+    let frames = match std::env::args().nth(1) {
+        Some(text) => text.parse()?,
+        None => 30,
+    };
+    let shutdown = Shutdown::on_signals()?;
+    let end = shutdown.clone();
+    let viewer = thread::spawn(move || view(frames, &end));
+    film(frames, &shutdown, || viewer.is_finished())?;
     viewer.join().expect("the viewer does not panic")
 }
 
-fn film(frames: u32, nobody_looks: impl Fn() -> bool) -> Outcome {
-    let node = Node::new("camera")?;
+fn film(frames: u32, shutdown: &Shutdown, nobody_looks: impl Fn() -> bool) -> Outcome {
+    let node = Node::builder("camera").shutdown(shutdown).connect()?;
     let topic = node.publisher_builder::<Image>("camera/image");
     let publisher = topic
         .reliable(true)
         .publish_timeout(Duration::from_secs(1))
         .declare()?;
-    publisher.wait_for_subscribers(1)?;
+    match publisher.wait_for_subscribers(1) {
+        Err(WaitError::Shutdown) => return Ok(()),
+        waited => waited?,
+    }
+    let mut rate = Rate::hz(30);
     for frame in 0..frames {
         let mut image = publisher.loan_slice((WIDTH * HEIGHT) as usize)?;
         image.exposed_ns = now().0.into();
@@ -55,21 +71,25 @@ fn film(frames: u32, nobody_looks: impl Fn() -> bool) -> Outcome {
         image.height = HEIGHT.into();
         image.pixels.fill(frame as u8);
         image.publish()?;
-        thread::sleep(Duration::from_millis(33));
-        if nobody_looks() {
+        if rate.sleep_unless(shutdown).is_none() || nobody_looks() {
             break;
         }
     }
-    publisher.flush_timeout(Duration::from_secs(1))?;
-    Ok(())
+    match publisher.flush_timeout(Duration::from_secs(1)) {
+        Err(WaitError::Shutdown) => Ok(()),
+        flushed => Ok(flushed.map(drop)?),
+    }
 }
 
-fn view(frames: u32) -> Outcome {
-    let node = Node::new("viewer")?;
+fn view(frames: u32, shutdown: &Shutdown) -> Outcome {
+    let node = Node::builder("viewer").shutdown(shutdown).connect()?;
     let topic = node.subscriber_builder::<Image>("camera/image");
     let subscriber = topic.reliable(true).declare()?;
     for _ in 0..frames {
-        let image = subscriber.recv()?;
+        let image = match subscriber.recv() {
+            Err(RecvError::Shutdown) => return Ok(()),
+            image => image?,
+        };
         let age = Duration::from_nanos(now().0 - image.exposed_ns.get());
         let brightness = u64::from(image.pixels[0]);
         let (width, height) = (image.width, image.height);

@@ -4,7 +4,7 @@ use std::error::Error;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use sm2_node::{Executor, Node, Timer};
+use sm2_node::{Executor, Node, Shutdown, Timer};
 
 fn main() -> ExitCode {
     match scan() {
@@ -17,7 +17,8 @@ fn main() -> ExitCode {
 }
 
 fn scan() -> Result<(), Box<dyn Error>> {
-    let node = Node::new("lidar")?;
+    let shutdown = Shutdown::on_signals()?;
+    let node = Node::builder("lidar").shutdown(&shutdown).connect()?;
     let files = std::env::args_os().skip(1);
     let mut builder = node.parameters_builder().files(files);
     let min_range = builder
@@ -48,6 +49,7 @@ fn scan() -> Result<(), Box<dyn Error>> {
 
     let scans = node.publisher::<[f64]>("scan")?;
     let mut executor = Executor::new()?;
+    executor.end_with(&shutdown)?;
     let group = executor.group(());
     group.on_change(changes, |(), change| {
         let change = change?;

@@ -1,25 +1,39 @@
 //! A map that is published once, and reaches subscribers that come later: `map_latched`.
 
-mod common;
-
-use std::io::{Write, stdout};
+use std::error::Error;
 use std::process::ExitCode;
 use std::thread;
 use std::time::Duration;
 
-use common::Outcome;
 use serde::{Deserialize, Serialize};
-use sm2_node::{Message, Node};
+use sm2_node::{Message, Node, Schema};
 
 #[derive(Message, Serialize, Deserialize)]
 #[message(name = "nav/Map", encoding = "postcard")]
 struct Map {
     name: String,
-    landmarks: Vec<(String, f64, f64)>,
+    landmarks: Vec<Landmark>,
 }
 
+/// A part of a message: it needs a schema, and no name.
+#[derive(Schema, Serialize, Deserialize)]
+struct Landmark {
+    name: String,
+    x: f64,
+    y: f64,
+}
+
+/// Also of a thread.
+type Outcome = Result<(), Box<dyn Error + Send + Sync>>;
+
 fn main() -> ExitCode {
-    common::run(serve)
+    match serve() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("map_latched: {error}");
+            ExitCode::FAILURE
+        }
+    }
 }
 
 fn serve() -> Outcome {
@@ -27,10 +41,7 @@ fn serve() -> Outcome {
     let publisher = node.publisher_builder::<Map>("map").latched(1).declare()?;
     publisher.publish(&Map {
         name: "ground floor".to_owned(),
-        landmarks: vec![
-            ("door".to_owned(), 1.0, 2.5),
-            ("dock".to_owned(), 7.25, 0.0),
-        ],
+        landmarks: vec![landmark("door", 1.0, 2.5), landmark("dock", 7.25, 0.0)],
     })?;
 
     let late = thread::spawn(navigate);
@@ -41,13 +52,17 @@ fn serve() -> Outcome {
     late.join().expect("the navigator does not panic")
 }
 
+fn landmark(name: &str, x: f64, y: f64) -> Landmark {
+    let name = name.to_owned();
+    Landmark { name, x, y }
+}
+
 fn navigate() -> Outcome {
     let node = Node::new("navigator")?;
     let map = node.subscriber::<Map>("map")?.recv()?;
-    let mut out = stdout();
-    writeln!(out, "{}:", map.name)?;
-    for (landmark, x, y) in &map.landmarks {
-        writeln!(out, "  {landmark} at {x}, {y}")?;
+    println!("{}:", map.name);
+    for Landmark { name, x, y } in &map.landmarks {
+        println!("  {name} at {x}, {y}");
     }
     Ok(())
 }

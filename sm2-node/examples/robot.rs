@@ -1,8 +1,8 @@
 //! One program with a camera, a 100 Hz control loop, two services and a timer, without an event loop of its own:
 //! `robot [SECONDS]`. Ctrl-C ends it as well.
 
-mod common;
-
+use std::error::Error;
+use std::process::ExitCode;
 use std::time::Duration;
 
 use sm2_node::{Executor, Node, Shutdown, Timer};
@@ -14,12 +14,21 @@ struct Robot {
     steps: u64,
 }
 
-fn main() -> std::process::ExitCode {
-    common::run(drive)
+fn main() -> ExitCode {
+    match drive() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("robot: {error}");
+            ExitCode::FAILURE
+        }
+    }
 }
 
-fn drive() -> common::Outcome {
-    let seconds = common::argument(1, u64::MAX)?;
+fn drive() -> Result<(), Box<dyn Error>> {
+    let seconds = match std::env::args().nth(1) {
+        Some(text) => text.parse()?,
+        None => u64::MAX,
+    };
     let shutdown = Shutdown::on_signals()?;
     let node = Node::builder("robot").shutdown(&shutdown).connect()?;
     let images = node.publisher::<[u8]>("camera/image")?;

@@ -2,6 +2,7 @@
 
 use crate::common;
 use std::io::{BufRead, BufReader};
+use std::os::unix::net::UnixDatagram;
 use std::path::PathBuf;
 use std::process::{Child, ChildStdout, Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -145,6 +146,68 @@ fn camera() {
     assert!(text.contains("1920 x 1080, brightness 4, "), "{text}");
 }
 
+/// Ctrl-C ends each program of a tutorial that does not end by itself: with success, and without a word.
+#[test]
+fn a_signal_ends_the_programs_of_the_tutorials() {
+    let domain = Domain::new();
+    let node = domain.node("operator");
+    let images = node
+        .subscriber_builder::<[u8]>("camera/image")
+        .any_type()
+        .declare()
+        .unwrap();
+    let mut camera = Example::start(&domain, "camera", &["1000000"]);
+    assert!(!common::next(&images).is_empty());
+    let mut first = String::new();
+    let mut lines = camera.take_stdout();
+    lines.read_line(&mut first).unwrap();
+    let scans = node.subscriber::<[f64]>("scan").unwrap();
+    let lidar = Example::start(&domain, "lidar_parameters", &[]);
+    assert_eq!(*common::next(&scans), [2.5, 20.0]);
+    let client = node.client::<[f64], f64>("add").unwrap();
+    let server = Example::start(&domain, "add_server", &[]);
+    client.wait_for_servers_timeout(1, SOON).unwrap();
+    for example in [camera, lidar, server] {
+        example.signal(Signal::SIGINT);
+        let Output { status, stderr, .. } = example.finish();
+        assert_eq!(String::from_utf8(stderr).unwrap(), "");
+        assert!(status.success(), "{status}");
+    }
+}
+
+/// As under systemd with `Type=notify` and `WatchdogSec=`: the program says that it is ready, that its control loop
+/// runs, and that it stops.
+#[test]
+fn supervised() {
+    let domain = Domain::new();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("notify");
+    let socket = UnixDatagram::bind(&path).unwrap();
+    socket.set_read_timeout(Some(SOON)).unwrap();
+    let example = Example::start_with(&domain.socket(), "supervised", &[], |command| {
+        command
+            .env("NOTIFY_SOCKET", &path)
+            .env("WATCHDOG_USEC", "20000");
+    });
+    let next = || {
+        let mut buffer = [0; 256];
+        let len = socket.recv(&mut buffer).unwrap();
+        String::from_utf8(buffer[..len].to_vec()).unwrap()
+    };
+    assert_eq!(next().trim(), "READY=1");
+    for _ in 0..3 {
+        assert_eq!(next().trim(), "WATCHDOG=1");
+    }
+    example.signal(Signal::SIGTERM);
+    let last = std::iter::repeat_with(next).find(|it| it.trim() != "WATCHDOG=1");
+    assert_eq!(last.unwrap().trim(), "STOPPING=1");
+    assert_eq!(example.output(), "");
+
+    // Without systemd, there is nothing to tell.
+    let text = Example::start(&Domain::new(), "supervised", &["3"]).output();
+    assert_eq!(text, "");
+}
+
 #[test]
 fn add_server_and_client() {
     let domain = Domain::new();
@@ -263,6 +326,7 @@ fn an_error_is_one_line() {
         "add_client",
         "map_latched",
         "robot",
+        "supervised",
         "filter_lockstep",
         "loop_epoll",
         "loop_mio",
@@ -289,16 +353,10 @@ fn an_error_is_one_line() {
     assert_eq!(text, "talker: argument 1 is \"often\": give a u64\n");
 }
 
-/// As in `camera | head -n 1`.
+/// As in `listener | head -n 1`.
 #[test]
 fn output_that_nobody_reads_ends_it_quietly() {
     let domain = Domain::new();
-    let mut camera = Example::start(&domain, "camera", &["1000000"]);
-    let mut first = String::new();
-    camera.take_stdout().read_line(&mut first).unwrap();
-    assert!(first.starts_with("1920 x 1080"), "{first}");
-    assert_eq!(camera.output(), "");
-
     for name in ["listener", "loop_epoll"] {
         let mut listener = Example::start(&domain, name, &[]);
         drop(listener.take_stdout());
