@@ -9,6 +9,9 @@ mod getting_started {}
 #[doc = include_str!("../../docs/src/qos.md")]
 mod qos {}
 
+#[doc = include_str!("../../docs/src/testing.md")]
+mod testing {}
+
 #[doc = include_str!("../../docs/src/ros2-types.md")]
 mod ros2_types {}
 
