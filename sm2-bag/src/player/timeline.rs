@@ -122,7 +122,8 @@ impl<'fd> Timeline<'fd> {
     /// Waits until messages of this time may be published.
     pub(super) fn wait_for(&mut self, time: u64) -> Result<bool, PlayError> {
         self.wait(|it| {
-            it.in_step |= it.control.begin_step();
+            // An event may come while a step is in progress: the next step waits until this one is over.
+            it.in_step = it.in_step || it.control.begin_step();
             match it.in_step {
                 true => Some(Instant(0)),
                 false => it.pace.and_then(|pace| pace.due(time)),
@@ -314,5 +315,41 @@ impl<'fd> Timeline<'fd> {
             self.reading = Some(clock.set(time, ns_per_s)?);
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::fd::AsFd;
+
+    use sm2_io::Waker;
+
+    use super::super::control::PlayCommand;
+    use super::*;
+
+    /// Lets a paused player go on to messages of the times 1, 2, ..., with these commands before each.
+    fn after(commands: &[&[PlayCommand]]) -> PlayControl {
+        let never = Waker::new().unwrap();
+        let control = PlayControl::new(1.0, true).unwrap();
+        let mut timeline = Timeline::new(never.as_fd(), control.clone()).unwrap();
+        for (time, commands) in (1..).zip(commands) {
+            for command in *commands {
+                control.send(*command).unwrap();
+            }
+            assert!(timeline.advance(time).unwrap());
+            timeline.published(time);
+        }
+        control
+    }
+
+    /// The second command of two wakes the player again, which has begun the first step by then.
+    #[test]
+    fn a_step_that_is_demanded_during_a_step_is_not_lost() {
+        use PlayCommand::{Rate, Step};
+        let control = after(&[&[Step], &[Step, Step], &[]]);
+        assert_eq!(control.status().messages, 3);
+        assert!(!control.begin_step());
+        let control = after(&[&[Step], &[Step, Rate(2.0), Step, Step]]);
+        assert!(control.begin_step() && control.begin_step() && !control.begin_step());
     }
 }
