@@ -118,7 +118,7 @@ def check(written, recorded, info, played, report):
         topics = {it["name"]: it for it in json.loads(path.read_text())["topics"]}
         for topic, connection in connections.items():
             shown = topics[slash + topic]
-            assert (shown["type"], shown["messages"], shown["lost"]) == (connection.msgtype, MESSAGES, 0), shown
+            assert (shown["type"]["name"], shown["messages"], shown["lost"]) == (connection.msgtype, MESSAGES, 0), shown
             # The index of another program has no lengths.
             assert shown["bytes"] == (None if slash else sum(map(len, messages[topic]))), shown
     topics = {it["name"]: it["messages"] for it in json.loads(played.read_text())["topics"]}

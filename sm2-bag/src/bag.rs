@@ -231,11 +231,11 @@ impl Bag {
     pub fn report(&self) -> Report {
         let mut report = ReportBuilder::default();
         for (id, channel) in &self.summary.channels {
-            let data = channel.schema.as_ref().map_or("", |it| it.name.as_str());
+            let data = Source::stated_type(channel);
             let counts = self.counts.get(id).copied().unwrap_or_default();
             match is_repeated(channel) {
-                true => report.add_repeated(&channel.topic, data, counts),
-                false => report.add_channel(&channel.topic, data, counts),
+                true => report.add_repeated(&channel.topic, &data, counts),
+                false => report.add_channel(&channel.topic, &data, counts),
             }
         }
         if self.lacks_bytes {

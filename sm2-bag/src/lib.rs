@@ -143,7 +143,7 @@ pub use crate::{
     },
     recorder::{Options, Progress, Recorder, Split, Step, Topics},
     recover::{recover, recover_observed},
-    report::{Report, TopicReport},
+    report::{Report, TopicReport, TopicType},
     restamp::{Restamped, restamp},
     rosbag2::Rosbag2Error,
     source::Source,

@@ -58,13 +58,22 @@ impl Report {
     }
 }
 
+/// The type of the messages of a topic. Another type of the same name, with another hash, is another type.
+#[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+pub struct TopicType {
+    /// Its name.
+    pub name: String,
+    /// Its hash, 16 hexadecimal digits. `None` in a bag of another program, which does not state it.
+    pub hash: Option<String>,
+}
+
 /// A topic of a bag.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct TopicReport {
     /// The topic.
     pub name: String,
-    /// The name of the type.
-    pub r#type: String,
+    /// The type of its messages.
+    pub r#type: TopicType,
     /// The number of messages in the bag.
     pub messages: u64,
     /// The length of all their payloads, in bytes. `None` if only the index of a bag of another program was read, which
@@ -153,7 +162,7 @@ pub(crate) fn widen(times: &mut Option<(u64, u64)>, time: u64) {
 #[derive(Debug, Default)]
 pub(crate) struct ReportBuilder {
     /// By topic and type.
-    topics: BTreeMap<(String, String), TopicReport>,
+    topics: BTreeMap<(String, TopicType), TopicReport>,
     /// The places of the last gaps of each topic, publisher and reason.
     last_gaps: BTreeMap<(String, String, GapReason), usize>,
     /// By the beginning of the time and the topic.
@@ -166,7 +175,7 @@ pub(crate) struct ReportBuilder {
 }
 
 impl ReportBuilder {
-    pub(crate) fn add_channel(&mut self, topic: &str, data: &str, counts: Counts) {
+    pub(crate) fn add_channel(&mut self, topic: &str, data: &TopicType, counts: Counts) {
         let report = self.topic(topic, data);
         // A hostile bag can claim any counts.
         report.messages = report.messages.saturating_add(counts.messages);
@@ -180,16 +189,16 @@ impl ReportBuilder {
     }
 
     /// Adds a channel whose messages are repeated.
-    pub(crate) fn add_repeated(&mut self, topic: &str, data: &str, counts: Counts) {
+    pub(crate) fn add_repeated(&mut self, topic: &str, data: &TopicType, counts: Counts) {
         let report = self.topic(topic, data);
         report.repeated = report.repeated.saturating_add(counts.messages);
     }
 
-    fn topic(&mut self, topic: &str, data: &str) -> &mut TopicReport {
-        let key = (topic.to_owned(), data.to_owned());
+    fn topic(&mut self, topic: &str, data: &TopicType) -> &mut TopicReport {
+        let key = (topic.to_owned(), data.clone());
         self.topics.entry(key).or_insert_with(|| TopicReport {
             name: topic.to_owned(),
-            r#type: data.to_owned(),
+            r#type: data.clone(),
             bytes: Some(0),
             ..TopicReport::default()
         })
@@ -197,7 +206,7 @@ impl ReportBuilder {
 
     /// Adds a gap to the first type of its topic: a publisher whose messages are missing is a channel of the bag.
     pub(crate) fn add_gap(&mut self, topic: &str, gap: &Gap) {
-        let first = (topic.to_owned(), String::new());
+        let first = (topic.to_owned(), TopicType::default());
         let Some((_, report)) = self.topics.range_mut(first..).next() else {
             return;
         };
@@ -216,9 +225,18 @@ impl ReportBuilder {
         }
     }
 
-    /// Adds latched messages with which the bag does not begin.
+    /// Adds latched messages with which the bag does not begin. Their record has no hash: the first type of the name is
+    /// theirs.
     pub(crate) fn add_not_repeated(&mut self, it: &NotRepeated) {
-        let report = self.topic(&it.topic, &it.data);
+        let unknown = TopicType {
+            name: it.data.clone(),
+            hash: None,
+        };
+        let first = (it.topic.clone(), unknown.clone());
+        let found = self.topics.range(first..).next();
+        let found = found.filter(|((topic, data), _)| (topic, &data.name) == (&it.topic, &it.data));
+        let data = found.map_or(unknown, |((_, data), _)| data.clone());
+        let report = self.topic(&it.topic, &data);
         report.not_repeated = report.not_repeated.saturating_add(it.messages);
     }
 
@@ -303,7 +321,11 @@ mod tests {
         };
         let mut report = ReportBuilder::default();
         for data in ["a", "b", "b"] {
-            report.add_channel("topic", data, counts);
+            let data = TopicType {
+                name: data.to_owned(),
+                hash: None,
+            };
+            report.add_channel("topic", &data, counts);
         }
         for (publisher, from_ns) in [("x", 0), ("y", 0), ("x", 1), ("y", 5), ("x", 2)] {
             report.add_gap("topic", &gap(publisher, from_ns));

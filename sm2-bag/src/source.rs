@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use sm2_proto::schema::{Root, Schema};
 use sm2_proto::{Name, OfferedQos, TypeId};
 
+use crate::report::TopicType;
 use crate::ros_qos;
 
 /// One publisher of one topic: a channel of the bag.
@@ -36,6 +37,11 @@ const SCHEMA_ENCODING: &str = "sm2";
 pub(crate) const ROS_SCHEMA_ENCODING: &str = "ros2msg";
 /// The encoding of messages of ROS 2.
 pub(crate) const MESSAGE_ENCODING_CDR: &str = "cdr";
+
+/// The hash of a type as 16 hexadecimal digits: not every reader of JSON supports integers of 64 bits.
+fn hash_text(data: &TypeId) -> String {
+    format!("{:016x}", data.hash)
+}
 
 impl Source {
     const TYPE: &str = "sm2.type";
@@ -78,7 +84,7 @@ impl Source {
         let mut metadata = BTreeMap::from(
             [
                 (Self::TYPE, self.data.name.to_string()),
-                (Self::HASH, format!("{:016x}", self.data.hash)),
+                (Self::HASH, hash_text(&self.data)),
                 (Self::PUBLISHER, self.publisher.to_string()),
                 (Self::QOS, qos),
             ]
@@ -89,6 +95,23 @@ impl Source {
             metadata.insert(ros_qos::KEY.to_owned(), ros_qos::write(&self.offer));
         }
         metadata
+    }
+
+    /// The type, for summaries.
+    pub(crate) fn topic_type(&self) -> TopicType {
+        TopicType {
+            name: self.data.name.to_string(),
+            hash: Some(hash_text(&self.data)),
+        }
+    }
+
+    /// The type that the channel of a bag of any program states.
+    pub(crate) fn stated_type(channel: &mcap::Channel<'_>) -> TopicType {
+        let schema = channel.schema.as_ref();
+        TopicType {
+            name: schema.map(|it| it.name.clone()).unwrap_or_default(),
+            hash: channel.metadata.get(Self::HASH).cloned(),
+        }
     }
 
     /// A publisher of bytes that keeps so many messages for late subscribers.

@@ -405,11 +405,11 @@ impl BagWriter {
         let mut report = ReportBuilder::default();
         for (source, id) in &self.channels {
             let counts = self.counts.get(id).copied().unwrap_or_default();
-            report.add_channel(source.topic.as_str(), source.data.name.as_str(), counts);
+            report.add_channel(source.topic.as_str(), &source.topic_type(), counts);
         }
         for (source, id) in &self.repeated {
             let counts = self.counts.get(id).copied().unwrap_or_default();
-            report.add_repeated(source.topic.as_str(), source.data.name.as_str(), counts);
+            report.add_repeated(source.topic.as_str(), &source.topic_type(), counts);
         }
         for (topic, gap) in &self.gaps {
             report.add_gap(topic, gap);

@@ -152,7 +152,7 @@ fn write(path: &Path, kind: Kind) {
 /// The topics with their types and counts.
 fn counts(report: &Report) -> Vec<(String, String, u64)> {
     let topics = report.topics.iter();
-    let topics = topics.map(|it| (it.name.clone(), it.r#type.clone(), it.messages));
+    let topics = topics.map(|it| (it.name.clone(), it.r#type.name.clone(), it.messages));
     topics.collect()
 }
 

@@ -61,7 +61,7 @@ fn a_bag_has_every_message_of_each_length() {
         assert!(report.complete);
         let topic = &report.topics[0];
         assert_eq!(
-            (topic.name.as_str(), topic.r#type.as_str()),
+            (topic.name.as_str(), topic.r#type.name.as_str()),
             ("camera", "bytes")
         );
         assert_eq!((topic.messages, topic.lost), (lens.len() as u64, 0));

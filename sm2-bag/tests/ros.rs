@@ -192,7 +192,7 @@ fn a_bag_of_another_program_is_shown_and_played() {
     let report = bag.report();
     let topic = &report.topics[0];
     assert!(report.complete);
-    assert_eq!((&*topic.name, &*topic.r#type), ("/text", STRING));
+    assert_eq!((&*topic.name, &*topic.r#type.name), ("/text", STRING));
     // The index has no lengths.
     assert_eq!((topic.messages, topic.bytes), (5, None));
 

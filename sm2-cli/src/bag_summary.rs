@@ -35,7 +35,7 @@ fn topic_lines(topic: &TopicReport, start_ns: Option<u64>) -> Vec<String> {
     let mut lines = vec![format!(
         "  {} ({}): {}{}, lost {}",
         topic.name,
-        topic.r#type,
+        topic.r#type.name,
         Counted::new(topic.messages, "message"),
         size.unwrap_or_default(),
         topic.lost
@@ -154,7 +154,7 @@ pub(crate) const fn ended(report: &Report) -> Ended {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use sm2_bag::Gap;
+    use sm2_bag::{Gap, TopicType};
 
     fn topic(gaps: usize) -> TopicReport {
         let gap = |number: u64| Gap {
@@ -166,7 +166,10 @@ mod tests {
         };
         TopicReport {
             name: "image".to_owned(),
-            r#type: "bytes".to_owned(),
+            r#type: TopicType {
+                name: "bytes".to_owned(),
+                hash: None,
+            },
             messages: 3,
             gaps: (1..=gaps as u64).map(gap).collect(),
             ..TopicReport::default()

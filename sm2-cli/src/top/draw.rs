@@ -190,7 +190,7 @@ fn table<'a>(
                 shown.style(alarm(state))
             }
             Cell::Old(_) => shown.style(Style::new().add_modifier(Modifier::DIM)),
-            Cell::Number(_) | Cell::Text(_) => shown,
+            Cell::Number(_) | Cell::Text(_) | Cell::Type(_) => shown,
         }
     };
     let coloured = match state.colours {
@@ -249,7 +249,7 @@ pub(super) fn text(figures: &Figures, tab: Tab) -> Vec<String> {
     let widths = widths(table);
     let is_text = |at: usize| {
         let mut cells = table.rows.iter().filter_map(|row| row.get(at));
-        cells.any(|cell| matches!(cell, Cell::Text(_)))
+        cells.any(|cell| matches!(cell, Cell::Text(_) | Cell::Type(_)))
     };
     let line = |cells: Vec<String>| {
         let cells = cells

@@ -11,6 +11,7 @@ use sm2_proto::{
 
 use super::table::{Cell, Column, NAME, Table, column, loss, plus, rate};
 use crate::{
+    interfaces::Type,
     observation::Readings,
     process::ProcessorUse,
     sampling::{median_ns, millis},
@@ -114,11 +115,9 @@ impl Figures {
             }
             nodes.entry(it.entity.node).or_default().add(&sums);
         }
-        let topics = topics.into_iter().map(|(name, sums)| {
-            let data = view.topic_type(name);
-            let data = data.map_or("-", |data| data.name.as_str());
-            sums.topic(name.as_str(), data)
-        });
+        let topics = topics
+            .into_iter()
+            .map(|(name, sums)| sums.topic(name.as_str(), view.topic_type(name).map(Type::from)));
         let others = view.domain.nodes().filter(|node| node.name != itself);
         let nodes = others.map(|node| {
             let sums = nodes.get(&node.node).copied().unwrap_or_default();
@@ -256,11 +255,11 @@ impl Sums {
         self.delay_is_new |= more.delay_is_new;
     }
 
-    fn topic(&self, name: &str, data: &str) -> Vec<Cell> {
+    fn topic(&self, name: &str, data: Option<Type>) -> Vec<Cell> {
         let number = |value: f64| Cell::Number(Some(value));
         vec![
             Cell::Text(name.to_owned()),
-            Cell::Text(data.to_owned()),
+            Cell::Type(data),
             number(f64::from(self.publishers)),
             number(f64::from(self.subscribers)),
             // Both ends of a link are interfaces of the topic, so each link was counted twice.
@@ -336,9 +335,13 @@ impl Figures {
             in_bytes_per_s: Some(1_234_567_890.0),
             ..topic
         };
+        let data = sm2_proto::TypeId {
+            name: Name::new("sensor/Image").unwrap(),
+            hash: 1,
+        };
         let topics = Table {
             columns: TOPICS,
-            rows: vec![topic.topic("camera/front/image", "sensor/Image")],
+            rows: vec![topic.topic("camera/front/image", Some(Type::from(&data)))],
         };
         let nodes = Table {
             columns: NODES,

@@ -2,7 +2,10 @@
 
 use serde_json::{Map, Value};
 
-use crate::sampling::hundredths;
+use crate::{
+    interfaces::{Type, type_cell},
+    sampling::hundredths,
+};
 
 /// A table whose first column is the name.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -35,6 +38,8 @@ pub(super) struct Column {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Cell {
     Text(String),
+    /// `None` if no interface has stated the type.
+    Type(Option<Type>),
     /// `None` if the number is not known.
     Number(Option<f64>),
     /// A number of an earlier interval: there was no message in this one.
@@ -113,7 +118,7 @@ impl Table {
         let rates = self.columns.iter().zip(row).filter(|(it, _)| it.is_rate);
         rates.fold(None, |sum, (_, cell)| match cell {
             Cell::Number(number) => plus(sum, *number),
-            Cell::Text(_) | Cell::Old(_) => sum,
+            Cell::Text(_) | Cell::Type(_) | Cell::Old(_) => sum,
         })
     }
 
@@ -162,6 +167,7 @@ impl Column {
         let (Cell::Number(Some(number)) | Cell::Old(number)) = cell else {
             return match cell {
                 Cell::Text(text) => Value::from(text.as_str()),
+                Cell::Type(data) => serde_json::json!(data),
                 Cell::Number(_) | Cell::Old(_) => Value::Null,
             };
         };
@@ -176,6 +182,7 @@ impl Column {
     pub(super) fn show(&self, cell: &Cell) -> String {
         match cell {
             Cell::Text(text) => text.clone(),
+            Cell::Type(data) => type_cell(data.as_ref()),
             Cell::Number(Some(number)) => format!("{number:.*}", self.decimals),
             Cell::Old(number) => format!("({number:.*})", self.decimals),
             Cell::Number(None) => "-".into(),
@@ -187,6 +194,7 @@ impl Cell {
     pub(super) fn as_text(&self) -> &str {
         match self {
             Self::Text(text) => text,
+            Self::Type(data) => data.as_ref().map_or("-", |it| it.name.as_str()),
             Self::Number(_) | Self::Old(_) => "",
         }
     }
@@ -194,7 +202,7 @@ impl Cell {
     /// Orders numbers from the largest to the smallest, unknown ones last, and texts alphabetically.
     pub(super) fn order(&self, other: &Self) -> std::cmp::Ordering {
         let value = |it: &Self| match it {
-            Self::Text(_) => None,
+            Self::Text(_) | Self::Type(_) => None,
             Self::Number(number) => Some(number.unwrap_or(f64::NEG_INFINITY)),
             Self::Old(number) => Some(*number),
         };

@@ -336,7 +336,7 @@ fn one_frame_is_printed_as_text_or_json() {
             && json["nodes"][1]["in_per_s"].as_f64() > Some(0.0)
     });
     let topic = &json["topics"][0];
-    assert_eq!([&topic["name"], &topic["type"]], ["scan", "bytes"]);
+    assert_eq!([&topic["name"], &topic["type"]["name"]], ["scan", "bytes"]);
     assert_eq!(
         [&topic["publishers"], &topic["subscribers"], &topic["links"]],
         [1, 1, 1]
