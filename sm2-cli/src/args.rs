@@ -46,7 +46,7 @@ pub(crate) fn name(text: &str) -> Result<Name, String> {
             NameError::Empty => "it is empty".to_owned(),
             NameError::TooLong(len) => format!("it has {len} bytes"),
             NameError::EmptySegment(at) => format!("a segment is empty at byte {at}"),
-            NameError::BadByte(at) => format!("byte {at} is none of these"),
+            NameError::BadCharacter { character, .. } => format!("{character:?} is none of these"),
         };
         format!("a name is {GRAMMAR}; {fault}")
     })

@@ -239,7 +239,12 @@ fn errors_of_values_name_the_line_and_the_key() {
         (
             names("name = \"a b\""),
             "policy.toml:5: name: `a b`: ",
-            "byte 1",
+            "not ' '",
+        ),
+        (
+            names("peers = [\"b\u{e4}r\"]"),
+            "policy.toml:5: peers: `b\u{e4}r`: ",
+            "not '\u{e4}'",
         ),
         (
             names("users = [\"no such user\"]"),

@@ -28,15 +28,45 @@ pub enum NameError {
     /// A segment between slashes is empty.
     #[error("a name has no empty segment: `/` stands between two segments only (byte {0})")]
     EmptySegment(usize),
-    /// A byte that no name contains.
-    #[error("a name holds only A-Z a-z 0-9 _ - and /, not what stands at byte {0}")]
+    /// A character that no name contains.
+    #[error("a name holds only A-Z a-z 0-9 _ - and /, not {character:?}")]
+    BadCharacter {
+        /// The number of bytes before the character.
+        at: usize,
+        /// The first such character.
+        character: char,
+    },
+}
+
+/// The place at which bytes are not a name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Fault {
+    Empty,
+    TooLong(usize),
+    EmptySegment(usize),
     BadByte(usize),
+}
+
+impl Fault {
+    /// The error for the text with these bytes.
+    fn of(self, text: &str) -> NameError {
+        match self {
+            Self::Empty => NameError::Empty,
+            Self::TooLong(len) => NameError::TooLong(len),
+            Self::EmptySegment(at) => NameError::EmptySegment(at),
+            Self::BadByte(at) => NameError::BadCharacter {
+                at,
+                // All bytes before it are ASCII, so a character begins there.
+                character: text[at..].chars().next().unwrap_or_default(),
+            },
+        }
+    }
 }
 
 impl Name {
     /// Checks `text` against the grammar without changing it.
     pub fn new(text: &str) -> Result<Self, NameError> {
-        check(text.as_bytes())?;
+        check(text.as_bytes()).map_err(|it| it.of(text))?;
         Ok(Self(text.to_owned()))
     }
 
@@ -58,12 +88,12 @@ impl Name {
     }
 }
 
-const fn check(bytes: &[u8]) -> Result<(), NameError> {
+const fn check(bytes: &[u8]) -> Result<(), Fault> {
     if bytes.is_empty() {
-        return Err(NameError::Empty);
+        return Err(Fault::Empty);
     }
     if bytes.len() > NAME_MAX {
-        return Err(NameError::TooLong(bytes.len()));
+        return Err(Fault::TooLong(bytes.len()));
     }
     let mut before = b'/';
     let mut at = 0;
@@ -71,16 +101,16 @@ const fn check(bytes: &[u8]) -> Result<(), NameError> {
     while at < bytes.len() {
         let byte = bytes[at];
         match byte {
-            b'/' if before == b'/' => return Err(NameError::EmptySegment(at)),
+            b'/' if before == b'/' => return Err(Fault::EmptySegment(at)),
             b'/' | b'_' | b'-' => {}
             _ if byte.is_ascii_alphanumeric() => {}
-            _ => return Err(NameError::BadByte(at)),
+            _ => return Err(Fault::BadByte(at)),
         }
         before = byte;
         at += 1;
     }
     if before == b'/' {
-        return Err(NameError::EmptySegment(bytes.len() - 1));
+        return Err(Fault::EmptySegment(bytes.len() - 1));
     }
     Ok(())
 }

@@ -1,6 +1,6 @@
 //! Harnesses for the grammar of names, against SPEC section 2 read word by word.
 
-use super::{NameError, check};
+use super::{Fault, check};
 use crate::{
     limits::NAME_MAX,
     proofs::{below, one_of},
@@ -39,19 +39,16 @@ fn names_follow_the_grammar() {
     let bytes = &bytes[..len];
     let verdict = check(bytes);
     assert_eq!(verdict.is_ok(), is_name(bytes));
-    let empty = Err(NameError::Empty);
+    let empty = Err(Fault::Empty);
     assert_eq!(verdict == empty, bytes.is_empty());
-    if let Err(NameError::BadByte(at) | NameError::EmptySegment(at)) = verdict {
+    if let Err(Fault::BadByte(at) | Fault::EmptySegment(at)) = verdict {
         // The bytes before it are the beginning of a name.
         let before = bytes[..at].strip_suffix(b"/").unwrap_or(&bytes[..at]);
         assert!(before.is_empty() || is_name(before));
     }
     kani::cover!(verdict.is_ok() && bytes[len / 2] == b'/', "two segments");
-    kani::cover!(
-        verdict == Err(NameError::EmptySegment(1)),
-        "an empty segment"
-    );
-    kani::cover!(verdict == Err(NameError::BadByte(2)), "no byte of a name");
+    kani::cover!(verdict == Err(Fault::EmptySegment(1)), "an empty segment");
+    kani::cover!(verdict == Err(Fault::BadByte(2)), "no byte of a name");
 }
 
 /// Any byte at any place of a name of any length up to one too many.
@@ -71,13 +68,13 @@ fn names_have_their_length() {
     let verdict = check(&bytes[..len]);
     let inside = byte == b'/' && at > 0 && at + 1 < len;
     if len > NAME_MAX {
-        assert_eq!(verdict, Err(NameError::TooLong(len)));
+        assert_eq!(verdict, Err(Fault::TooLong(len)));
     } else if is_legal_byte(byte) || inside {
         assert_eq!(verdict, Ok(()));
     } else if byte == b'/' {
-        assert_eq!(verdict, Err(NameError::EmptySegment(at)));
+        assert_eq!(verdict, Err(Fault::EmptySegment(at)));
     } else {
-        assert_eq!(verdict, Err(NameError::BadByte(at)));
+        assert_eq!(verdict, Err(Fault::BadByte(at)));
     }
     kani::cover!(
         len == NAME_MAX && inside && verdict.is_ok(),
