@@ -114,6 +114,8 @@ pub struct PeerReport {
     pub id: String,
     /// Its address; `None`, as below, if the connection did not report in time.
     pub address: Option<String>,
+    /// How long the connection has been established, in seconds.
+    pub connected_s: Option<f64>,
     /// The round-trip time in milliseconds.
     pub rtt_ms: Option<f64>,
     /// The topics and services that it offers.

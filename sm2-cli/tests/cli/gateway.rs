@@ -103,6 +103,7 @@ fn two_domains_as_the_readme_says() {
     assert!(text.contains(limits), "{text}");
     assert!(report["peers"][0]["messages"]["sent"].as_u64().unwrap() > 0);
     snapshots_show_gateways(&near);
+    objects_and_ages(&near, &report, &text);
     let check = near.gateway("check", &[]).finish();
     assert!(
         check.stdout().contains("far may have topic chatter (line"),
@@ -240,12 +241,25 @@ fn trust_adds_a_peer_that_a_rule_names_already() {
     assert!(wrong.stderr().contains("refuse"), "{wrong:?}");
 }
 
+/// `check --json`, and the age of the connection in both forms of `peers`.
+fn objects_and_ages(near: &Side, report: &Value, text: &str) {
+    let checked = near.gateway("check", &["--json"]).finish().stdout();
+    let checked: Value = serde_json::from_str(&checked).unwrap();
+    let allowed = &checked["allowed"][0];
+    assert_eq!(
+        (&allowed["peer"], &allowed["name"]),
+        (&"far".into(), &"chatter".into())
+    );
+    assert!(report["peers"][0]["connected_s"].is_number(), "{report}");
+    assert!(text.contains(", connected for "), "{text}");
+}
+
 #[test]
 fn explain_names_the_rule() {
     let (near, far) = (Side::new("near"), Side::new("far"));
     near.gateway("trust", &["far", &far.id]).finish();
     let file = near.domain.path("gateway.toml");
-    let explain = |name: &str, peer: &str| {
+    let explain_with = |name: &str, peer: &str, option: Option<&str>| {
         let mut command = sm2(&[
             "gateway",
             "explain",
@@ -255,8 +269,16 @@ fn explain_names_the_rule() {
             "--direction",
             "out",
         ]);
-        Running::start(command.arg("--config").arg(&file)).finish()
+        Running::start(command.arg("--config").arg(&file).args(option)).finish()
     };
+    let explain = |name: &str, peer: &str| explain_with(name, peer, None);
+    let object = explain_with("camera", "far", Some("--json")).stdout();
+    let object: Value = serde_json::from_str(&object).unwrap();
+    assert_eq!(
+        (&object["name"], &object["allowed"]),
+        (&"camera".into(), &true.into())
+    );
+    assert!(object["line"].is_u64(), "{object}");
     let allowed = explain("camera", "far");
     assert_eq!(allowed.code(), 0);
     assert!(

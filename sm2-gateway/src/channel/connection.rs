@@ -30,6 +30,8 @@ pub(crate) struct ConnectionReport {
     pub(crate) counts: Counts,
     pub(crate) counts_by_name: Vec<(Key, Counts)>,
     pub(crate) rtt: Duration,
+    /// How long the connection is established; `None` if it is not.
+    pub(crate) age: Option<Duration>,
     pub(crate) address: SocketAddr,
 }
 

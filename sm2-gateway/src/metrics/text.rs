@@ -220,6 +220,7 @@ mod tests {
             name: "far".to_owned(),
             id: "ab".to_owned(),
             address: None,
+            connected_s: None,
             rtt_ms: Some(1.5),
             offers: Vec::new(),
             offered: Vec::new(),

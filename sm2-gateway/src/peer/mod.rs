@@ -236,6 +236,11 @@ impl Peer {
         self.connection.rtt()
     }
 
+    /// The time since which the connection is established; `None` before and after.
+    pub(crate) fn established_at(&self) -> Option<Instant> {
+        self.phase.open().map(|it| it.since)
+    }
+
     /// The current address of the peer.
     #[must_use]
     pub fn address(&self) -> std::net::SocketAddr {
@@ -375,7 +380,8 @@ impl Peer {
             Initiator::Peer => None,
         };
         self.phase = Phase::Session(Box::new(Open {
-            session: PeerSession::new(now.at, hop, name, peer, least),
+            since: now.at,
+            session: Session::new(now.at, hop, name, peer, least),
             control,
             control_out: VecDeque::new(),
             member: self.budget.join(),

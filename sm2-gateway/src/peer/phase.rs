@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use bytes::Bytes;
 use quinn_proto::StreamId;
-use sm2_proto::gateway::session::PeerSession;
+use sm2_proto::{Instant, gateway::session::Session};
 
 use super::budget::Member;
 
@@ -22,7 +22,9 @@ pub(super) enum Phase {
 /// A connection with a known peer.
 #[derive(Debug)]
 pub(super) struct Open {
-    pub(super) session: PeerSession,
+    /// The time since which the peer is known.
+    pub(super) since: Instant,
+    pub(super) session: Session,
     /// The control stream. A peer that dialled has yet to open it.
     pub(super) control: Option<StreamId>,
     /// The bytes that wait for room in the control stream.

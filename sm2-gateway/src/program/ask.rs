@@ -1,12 +1,13 @@
-use std::{io::Write, time::Duration};
+use std::{fmt, io::Write, time::Duration};
 
 use clap::Args;
+use serde::Serialize;
 use sm2_proto::Name;
 
 use super::{
     error::ProgramError,
     options::{Domain, Kind},
-    output::write_line,
+    output::write_answer,
 };
 use crate::{
     availability::{self, Availability, AvailabilityRequest},
@@ -28,6 +29,9 @@ pub struct Arguments {
     /// The kind of the name
     #[arg(long, value_enum, default_value_t = Kind::Topic)]
     kind: Kind,
+    /// Print one JSON object for each answer
+    #[arg(long)]
+    json: bool,
     #[command(flatten)]
     domain: Domain,
 }
@@ -59,14 +63,30 @@ pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<bool, P
     }
     for answer in answers {
         is_offered |= answer == Availability::Offered;
-        write_line(
-            out,
-            format!("{} of {}: {answer}", arguments.name, arguments.peer),
-        )?;
+        let answer = Answer {
+            name: arguments.name.clone(),
+            peer: arguments.peer.clone(),
+            answer,
+        };
+        write_answer(out, arguments.json, &answer)?;
     }
     match failed {
         Some(error) => Err(error.into()),
         None => Ok(is_offered),
+    }
+}
+
+/// The object that `--json` prints.
+#[derive(Serialize)]
+struct Answer {
+    name: Name,
+    peer: String,
+    answer: Availability,
+}
+
+impl fmt::Display for Answer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} of {}: {}", self.name, self.peer, self.answer)
     }
 }
 

@@ -1,12 +1,13 @@
-use std::{io::Write, path::PathBuf};
+use std::{fmt, io::Write, path::PathBuf};
 
 use clap::{Args, ValueEnum};
+use serde::Serialize;
 use sm2_proto::{
     Name,
     gateway::{Action, Direction},
 };
 
-use super::{error::ProgramError, options::Kind, output::write_line};
+use super::{error::ProgramError, options::Kind, output::write_answer};
 use crate::Config;
 
 /// `sm2 gateway explain`.
@@ -27,6 +28,9 @@ pub struct Arguments {
     /// The kind of the name
     #[arg(long, value_enum, default_value_t = Kind::Topic)]
     kind: Kind,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -56,20 +60,36 @@ pub(super) fn run(arguments: &Arguments, out: &mut impl Write) -> Result<bool, P
     };
     let (action, rule) =
         config.explain(arguments.kind.into(), &arguments.name, direction, &peer.id);
-    let word = match action {
-        Action::Allow => "allowed",
-        Action::Deny => "denied",
+    let allowed = action == Action::Allow;
+    let explained = Explained {
+        name: arguments.name.clone(),
+        allowed,
+        config: config.path.display().to_string(),
+        line: rule,
     };
-    let name = &arguments.name;
-    let path = config.path.display();
-    write_line(
-        out,
-        match rule {
-            Some(at) => format!("{name}: {word} by the rule at {path}:{at}"),
-            None => format!("{name}: {word}: no rule of {path} matches"),
-        },
-    )?;
-    Ok(action == Action::Allow)
+    write_answer(out, arguments.json, &explained)?;
+    Ok(allowed)
+}
+
+/// The object that `--json` prints.
+#[derive(Serialize)]
+struct Explained {
+    name: Name,
+    allowed: bool,
+    config: String,
+    /// The line of the rule that decides; `None` if no rule matches.
+    line: Option<usize>,
+}
+
+impl fmt::Display for Explained {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { name, config, .. } = self;
+        let word = if self.allowed { "allowed" } else { "denied" };
+        match self.line {
+            Some(at) => write!(f, "{name}: {word} by the rule at {config}:{at}"),
+            None => write!(f, "{name}: {word}: no rule of {config} matches"),
+        }
+    }
 }
 
 #[cfg(test)]

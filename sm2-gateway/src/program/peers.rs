@@ -68,8 +68,8 @@ fn table(report: &Report, out: &mut impl Write) -> Result<(), ProgramError> {
 fn one(peer: &PeerReport, out: &mut impl Write) -> Result<(), ProgramError> {
     let at = peer.address.as_deref().unwrap_or("an unknown address");
     let rtt = peer.rtt_ms.unwrap_or(f64::NAN);
-    let name = &peer.name;
-    write_line(out, format!("  {name} at {at}, RTT {rtt:.1} ms"))?;
+    let (name, age) = (&peer.name, age(peer.connected_s));
+    write_line(out, format!("  {name} at {at}{age}, RTT {rtt:.1} ms"))?;
     let m = &peer.messages;
     for text in [
         format!(
@@ -111,6 +111,22 @@ fn one(peer: &PeerReport, out: &mut impl Write) -> Result<(), ProgramError> {
     Ok(())
 }
 
+/// `, connected for 2 h 5 min`, or nothing if the connection did not report in time.
+fn age(connected_s: Option<f64>) -> String {
+    let Some(seconds) = connected_s else {
+        return String::new();
+    };
+    let seconds = seconds as u64;
+    let (days, hours, minutes) = (seconds / 86_400, seconds / 3_600 % 24, seconds / 60 % 60);
+    let age = match (days, hours, minutes) {
+        (0, 0, 0) => format!("{seconds} s"),
+        (0, 0, _) => format!("{minutes} min {} s", seconds % 60),
+        (0, ..) => format!("{hours} h {minutes} min"),
+        _ => format!("{days} d {hours} h"),
+    };
+    format!(", connected for {age}")
+}
+
 /// The counts that are not zero.
 fn nonzero_counts(counts: &Counts) -> String {
     let counts = [
@@ -137,6 +153,20 @@ fn nonzero_counts(counts: &Counts) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_age_has_its_two_greatest_units() {
+        assert_eq!(age(None), "");
+        for (seconds, text) in [
+            (0.4, "0 s"),
+            (59.9, "59 s"),
+            (61.0, "1 min 1 s"),
+            (7_500.0, "2 h 5 min"),
+            (180_000.0, "2 d 2 h"),
+        ] {
+            assert_eq!(age(Some(seconds)), format!(", connected for {text}"));
+        }
+    }
 
     #[test]
     fn only_what_was_counted_is_shown() {

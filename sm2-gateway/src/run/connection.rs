@@ -233,11 +233,12 @@ impl Task {
 
     fn report(&self) -> ConnectionReport {
         let counts = self.peer.counts_by_name();
-        let address = self.peer.address();
+        let (address, since) = (self.peer.address(), self.peer.established_at());
         ConnectionReport {
             counts: self.peer.counts(),
             counts_by_name: counts.map(|(key, it)| (key.clone(), it)).collect(),
             rtt: self.peer.rtt(),
+            age: since.map(|it| sm2_io::clock::now().since(it)),
             address: SocketAddr::new(address.ip().to_canonical(), address.port()),
         }
     }

@@ -105,6 +105,10 @@ fn peer(status: PeerStatus, connection: Option<ConnectionReport>, lines: &[usize
         name: status.name.to_string(),
         id: status.id.to_string(),
         address: connection.as_ref().map(|it| it.address.to_string()),
+        connected_s: connection
+            .as_ref()
+            .and_then(|it| it.age)
+            .map(|it| (it.as_secs_f64() * 10.0).round() / 10.0),
         rtt_ms: connection.as_ref().map(|it| it.rtt.as_secs_f64() * 1e3),
         offers: status.offers.iter().map(subject_label).collect(),
         offered: status.offered.iter().map(subject_label).collect(),
