@@ -44,11 +44,11 @@ step_aarch64() {
 # Finds a compiler for Rust, which RUSTC names then, and one for C. Installs what is missing.
 find_aarch64_compilers() {
     local rustc=${RUSTC:-rustc}
-    has_aarch64 "$rustc" || timeout 120 rustup target add "$aarch64" || true
-    if ! has_aarch64 "$rustc"; then
+    has_target "$aarch64" "$rustc" || timeout 120 rustup target add "$aarch64" || true
+    if ! has_target "$aarch64" "$rustc"; then
         rustc=/usr/bin/rustc
-        has_aarch64 "$rustc" || install_debian_rustc || true
-        has_aarch64 "$rustc" ||
+        has_target "$aarch64" "$rustc" || install_debian_rustc || true
+        has_target "$aarch64" "$rustc" ||
             skip "no compiler has the target $aarch64: rustup cannot add it, and Debian's rustc-web cannot be installed"
     fi
     export RUSTC=$rustc
@@ -59,9 +59,9 @@ find_aarch64_compilers() {
     fi
 }
 
-# COMPILER: whether it has the standard library for that processor.
-has_aarch64() {
-    [ -d "$("$1" --print target-libdir --target "$aarch64" 2>/dev/null)" ]
+# TARGET [COMPILER]: whether the compiler has the standard library for the target.
+has_target() {
+    [ -d "$("${2:-rustc}" --print target-libdir --target "$1" 2>/dev/null)" ]
 }
 
 # Other distributions keep their packages of a second architecture elsewhere: `apt-get update` would fail from then on.

@@ -26,13 +26,13 @@ readonly tier1=(tools commits fmt clauses publish deny no-std clippy doc test mo
 # Tier 2: `first` one after the other, then `long` and `beside` side by side.
 readonly first=(tools commits fmt clauses publish no-std clippy doc test modes demo faults soak)
 readonly long=(asan check aarch64)
-readonly beside=(deny micro bag ros book c python bridges foxglove view mutants)
+readonly beside=(deny micro bag ros book c python bridges foxglove view package mutants)
 readonly tier2=("${first[@]}" "${long[@]}" "${beside[@]}")
 # The time limit of each step, in seconds: about three times what it takes on a quiet machine of two cores.
 declare -rA limits=([tools]=600 [commits]=60 [fmt]=60 [clauses]=300 [publish]=120 [deny]=900 [no-std]=150 [clippy]=600
     [doc]=300 [test]=$((full ? 3600 : 1200)) [modes]=400 [models]=400 [asan]=1500 [micro]=600 [check]=5400 [demo]=1200 [faults]=600
     [soak]=900 [aarch64]=3600 [bag]=900 [ros]=900 [book]=900 [c]=1800 [python]=1800 [bridges]=2400 [foxglove]=2400
-    [view]=900 [mutants]=4800)
+    [view]=900 [package]=5400 [mutants]=4800)
 
 # Packages outside the workspace, each a workspace of its own.
 readonly outside=(bench/micro verification/no-std verification/loom-models verification/symbolic/kani fuzz)
