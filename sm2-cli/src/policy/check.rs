@@ -1,10 +1,15 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use serde::Serialize;
 use sm2_manager::PolicyFile;
 use sm2_proto::{policy::Effect, text::Counted};
 
-use crate::{ended::Ended, error::CliError, output::Output};
+use crate::{
+    ended::Ended,
+    error::CliError,
+    report::{Report, print},
+};
 
 /// `sm2 policy check`.
 #[derive(Args, Debug)]
@@ -13,6 +18,9 @@ pub(crate) struct Arguments {
     /// The policy file
     #[arg(value_name = "FILE")]
     file: PathBuf,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
 }
 
 const HELP: &str = "\
@@ -41,7 +49,8 @@ groups, needs a binding of these names. There is no boundary between processes o
 Exit status: 0 this is a policy (there may be warnings), 1 it is not, 2 wrong usage.
 
 Examples:
-  sm2 policy check policy.toml";
+  sm2 policy check policy.toml
+  sm2 policy check policy.toml --json | jq '.warnings[]'";
 
 /// Runs the command.
 ///
@@ -51,20 +60,44 @@ Examples:
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let file = PolicyFile::load(&arguments.file)?;
     let tables = file.policy.tables();
-    let default = match tables.default {
-        Effect::Allow => "allow",
-        Effect::Deny => "deny",
+    let checked = Checked {
+        file: file.path.display().to_string(),
+        rules: tables.rules.len() as u64,
+        bindings: tables.bindings.len() as u64,
+        exclusive: tables.exclusive.len() as u64,
+        default: match tables.default {
+            Effect::Allow => "allow",
+            Effect::Deny => "deny",
+        },
+        warnings: file.warnings().iter().map(ToString::to_string).collect(),
     };
-    let mut out = Output::new();
-    out.line(format_args!(
-        "{}: {}, {}, {}; default {default}",
-        file.path.display(),
-        Counted::new(tables.rules.len() as u64, "rule"),
-        Counted::new(tables.bindings.len() as u64, "binding"),
-        Counted::new(tables.exclusive.len() as u64, "exclusive table"),
-    ))?;
-    for warning in file.warnings() {
-        out.line(format_args!("warning: {warning}"))?;
-    }
+    print(&checked, arguments.json)?;
     Ok(Ended::Done)
+}
+
+/// The object that `--json` prints. The numbers are those of tables in the file.
+#[derive(Serialize)]
+struct Checked {
+    file: String,
+    rules: u64,
+    bindings: u64,
+    exclusive: u64,
+    /// `allow` or `deny`.
+    default: &'static str,
+    warnings: Vec<String>,
+}
+
+impl Report for Checked {
+    fn text(&self) -> String {
+        let first = format!(
+            "{}: {}, {}, {}; default {}",
+            self.file,
+            Counted::new(self.rules, "rule"),
+            Counted::new(self.bindings, "binding"),
+            Counted::new(self.exclusive, "exclusive table"),
+            self.default,
+        );
+        let warnings = self.warnings.iter().map(|it| format!("\nwarning: {it}"));
+        first + &warnings.collect::<String>()
+    }
 }

@@ -5,13 +5,19 @@ use clap::{
     builder::{PossibleValuesParser, TypedValueParser},
 };
 use nix::unistd::{Gid, Group, Uid, User, getgrouplist, getuid};
+use serde::Serialize;
 use sm2_manager::PolicyFile;
 use sm2_proto::{
     Name,
     policy::{self, Action, Effect, Subject},
 };
 
-use crate::{args, ended::Ended, error::CliError, output::Output};
+use crate::{
+    args,
+    ended::Ended,
+    error::CliError,
+    report::{Report, print},
+};
 
 /// `sm2 policy explain`.
 #[derive(Args, Debug)]
@@ -35,6 +41,9 @@ pub(crate) struct Arguments {
     /// The name of the topic, service or node that the action is about
     #[arg(long, value_name = "NAME", value_parser = args::name)]
     name: Name,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
 }
 
 const HELP: &str = "\
@@ -45,6 +54,7 @@ Exit status: 0 allowed, 1 denied (or the file is not a policy), 2 wrong usage.
 
 Examples:
   sm2 policy explain policy.toml --node talker --action publish --name chatter
+  sm2 policy explain policy.toml --node talker --action publish --name chatter --json | jq .rule
   sm2 policy explain policy.toml --user root --group 0 --node sm2-top --action see --name camera/front";
 
 /// Accepts the words of actions, which the help lists.
@@ -111,44 +121,108 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let file = PolicyFile::load(&arguments.file)?;
     let Arguments { node, name, .. } = arguments;
     let action = arguments.action;
-    let at = |table: &Name| match file.line_of(table) {
-        Some(line) => format!("`{table}` at {}:{line}", file.path.display()),
-        None => format!("`{table}`"),
+    let at = |table: &Name| At {
+        name: table.clone(),
+        line: file.line_of(table),
     };
     let subject = Subject::new(subject_user(arguments), node.clone());
-    let mut out = Output::new();
     let binding = file.policy.binding_against(subject.user(), node);
-    if let Some(binding) = binding {
-        let by = at(&binding.name);
-        out.line(format_args!(
-            "{node} is denied as a name by the binding {by}"
-        ))?;
-    }
     let decision = file.policy.decide(&subject, action, name);
-    let word = match decision.effect {
-        Effect::Allow => "allowed",
-        Effect::Deny => "denied",
+    let exclusive = match action {
+        Action::Publish => file.policy.exclusive(name),
+        _ => None,
     };
-    match decision.rule.and_then(|it| file.policy.rule_name(it)) {
-        Some(rule) => out.line(format_args!(
-            "{action} {name}: {word} by the rule {}",
-            at(rule)
-        ))?,
-        None => out.line(format_args!(
-            "{action} {name}: {word} by the default of {}, as no rule matches",
-            file.path.display()
-        ))?,
-    }
-    if action == Action::Publish
-        && let Some(entry) = file.policy.exclusive(name)
-    {
-        let by = at(&entry.name);
-        out.line(format_args!(
-            "{name} has at most one publisher, by the entry {by}"
-        ))?;
-    }
-    Ok(match (binding, decision.effect) {
-        (None, Effect::Allow) => Ended::Done,
-        _ => Ended::No,
+    let explained = Explained {
+        file: file.path.display().to_string(),
+        node: node.clone(),
+        action: action.word(),
+        name: name.clone(),
+        allowed: binding.is_none() && decision.effect == Effect::Allow,
+        binding: binding.map(|it| at(&it.name)),
+        decision: match decision.effect {
+            Effect::Allow => "allowed",
+            Effect::Deny => "denied",
+        },
+        rule: decision
+            .rule
+            .and_then(|it| file.policy.rule_name(it))
+            .map(at),
+        exclusive: exclusive.map(|it| at(&it.name)),
+    };
+    print(&explained, arguments.json)?;
+    Ok(match explained.allowed {
+        true => Ended::Done,
+        false => Ended::No,
     })
+}
+
+/// A table of the policy.
+#[derive(Serialize)]
+struct At {
+    name: Name,
+    /// Its line in the file; `None` if the file gives it no name.
+    line: Option<usize>,
+}
+
+impl At {
+    /// `` `drivers` at policy.toml:3 ``
+    fn text(&self, file: &str) -> String {
+        match self.line {
+            Some(line) => format!("`{}` at {file}:{line}", self.name),
+            None => format!("`{}`", self.name),
+        }
+    }
+}
+
+/// The object that `--json` prints.
+#[derive(Serialize)]
+struct Explained {
+    file: String,
+    node: Name,
+    action: &'static str,
+    name: Name,
+    /// Whether the process may do it under this name of its node.
+    allowed: bool,
+    /// The binding that denies the name of the node.
+    binding: Option<At>,
+    /// `allowed` or `denied`, by the rule or the default.
+    decision: &'static str,
+    /// The rule that decides; `None` if it is the default.
+    rule: Option<At>,
+    /// The entry by which the topic has at most one publisher.
+    exclusive: Option<At>,
+}
+
+impl Report for Explained {
+    fn text(&self) -> String {
+        let Self {
+            file,
+            node,
+            action,
+            name,
+            decision,
+            ..
+        } = self;
+        let mut lines = Vec::new();
+        if let Some(binding) = &self.binding {
+            let by = binding.text(file);
+            lines.push(format!("{node} is denied as a name by the binding {by}"));
+        }
+        lines.push(match &self.rule {
+            Some(rule) => format!(
+                "{action} {name}: {decision} by the rule {}",
+                rule.text(file)
+            ),
+            None => {
+                format!("{action} {name}: {decision} by the default of {file}, as no rule matches")
+            }
+        });
+        if let Some(entry) = &self.exclusive {
+            let by = entry.text(file);
+            lines.push(format!(
+                "{name} has at most one publisher, by the entry {by}"
+            ));
+        }
+        lines.join("\n")
+    }
 }

@@ -1,9 +1,15 @@
 use std::time::Duration;
 
 use clap::Args;
+use serde::Serialize;
 
 use crate::{
-    args::Domain, connect::CommandNode, ended::Ended, error::CliError, output::Output, time,
+    args::Domain,
+    connect::Session,
+    ended::Ended,
+    error::CliError,
+    report::{Report, print},
+    time,
 };
 
 /// `sm2 policy reload`.
@@ -13,6 +19,9 @@ pub(crate) struct Arguments {
     /// The time within which the policy has to be applied
     #[arg(long, value_name = "TIME", default_value = "30s", value_parser = time::span)]
     timeout: Duration,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
     #[command(flatten)]
     domain: Domain,
 }
@@ -35,9 +44,20 @@ Examples:
 ///
 /// [`CliError::Reload`], [`CliError::Output`], and those of [`CommandNode::open`].
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let command_node = CommandNode::open(&arguments.domain, "policy")?;
-    command_node.node.reload_policy(arguments.timeout)?;
-    let mut out = Output::new();
-    out.line(format_args!("the access policy is applied"))?;
+    let session = Session::open(&arguments.domain, "policy")?;
+    session.node.reload_policy(arguments.timeout)?;
+    print(&Applied { applied: true }, arguments.json)?;
     Ok(Ended::Done)
+}
+
+/// The object that `--json` prints. A policy that is not applied is an error.
+#[derive(Serialize)]
+struct Applied {
+    applied: bool,
+}
+
+impl Report for Applied {
+    fn text(&self) -> String {
+        "the access policy is applied".to_owned()
+    }
 }

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use clap::Args;
+use serde::Serialize;
 use sm2_proto::Name;
 
 use crate::{
@@ -10,7 +11,7 @@ use crate::{
     connect::CommandNode,
     ended::Ended,
     error::CliError,
-    output::Output,
+    report::{Report, print},
     service::{ask, stopped},
     time,
 };
@@ -31,6 +32,9 @@ pub(crate) struct Arguments {
     /// The timeout for the recorder's answer
     #[arg(long, value_name = "TIME", default_value = "5s", value_parser = time::span)]
     timeout: Duration,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
     #[command(flatten)]
     domain: Domain,
 }
@@ -43,7 +47,8 @@ Exit status: 0 triggered; 1 no `sm2 record --last` has answered; 2 wrong usage; 
 
 Examples:
   sm2 record trigger
-  sm2 record trigger 'collision at the door' --timeout 10s";
+  sm2 record trigger 'collision at the door' --timeout 10s
+  sm2 record trigger --json | jq -r .bag";
 
 /// Runs the command.
 ///
@@ -56,7 +61,20 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let Some(reply) = ask(&command_node, service, arguments.reason.as_bytes(), timeout)? else {
         return Ok(stopped(&command_node));
     };
-    let mut out = Output::new();
-    out.line(String::from_utf8_lossy(&reply))?;
+    let bag = String::from_utf8_lossy(&reply).into_owned();
+    print(&Triggered { bag }, arguments.json)?;
     Ok(Ended::Done)
+}
+
+/// The object that `--json` prints.
+#[derive(Serialize)]
+struct Triggered {
+    /// The path of the bag.
+    bag: String,
+}
+
+impl Report for Triggered {
+    fn text(&self) -> String {
+        self.bag.clone()
+    }
 }

@@ -24,6 +24,7 @@ use crate::{
     connect::{CommandNode, drive},
     ended::Ended,
     error::CliError,
+    output::Output,
     size::Size,
     wait::For,
 };
@@ -74,7 +75,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     }
     let counters = publisher.counters();
     feed.tally.unheard = publisher.unheard();
-    stderr_line!("{}", Summary(feed.tally, counters));
+    let summary = Summary(feed.tally, counters);
+    match arguments.json {
+        true => Output::new().json(&summary)?,
+        false => stderr_line!("{summary}"),
+    }
     let missed = match flushed {
         false if arguments.reliable => counters.no_room + counters.in_flight,
         _ => counters.no_room,

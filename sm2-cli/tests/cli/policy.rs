@@ -76,6 +76,36 @@ fn check_counts_and_warns() {
 
 /// The help shows a file with all keys, whose users and groups not every machine has.
 #[test]
+fn answers_are_objects() {
+    let folder = Folder::with(POLICY);
+    let json = |arguments: &str| {
+        let finished = folder.run(&format!("policy {arguments} --json"));
+        assert_eq!(finished.stderr(), "", "{arguments}");
+        serde_json::from_str::<serde_json::Value>(&finished.stdout()).unwrap()
+    };
+    let checked = json("check policy.toml");
+    assert_eq!(
+        (&checked["rules"], &checked["bindings"]),
+        (&2.into(), &1.into())
+    );
+    assert_eq!(checked["default"], "deny");
+    let user = "--user 7 --group 7 --node arm/left --action publish --name cmd_vel";
+    let explained = json(&format!("explain policy.toml {user}"));
+    assert_eq!(explained["allowed"], true);
+    assert_eq!(
+        explained["rule"],
+        serde_json::json!({"name": "arm", "line": 3})
+    );
+    assert_eq!(explained["exclusive"]["name"], "motion");
+    let other = user.replace("--user 7", "--user 8");
+    let denied = json(&format!("explain policy.toml {other}"));
+    assert_eq!(
+        (&denied["allowed"], &denied["binding"]["name"]),
+        (&false.into(), &"arms".into())
+    );
+}
+
+#[test]
 fn the_file_in_the_help_is_a_policy() {
     let help = help(&["policy", "check"]);
     let (_, sample) = help.split_once("all keys:\n\n").unwrap();

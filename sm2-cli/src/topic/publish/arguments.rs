@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use clap::Args;
+use clap::{ArgGroup, Args};
 use sm2_node::{MissedTicks, Timer};
 use sm2_proto::{Name, schema::Schema};
 
@@ -16,18 +16,19 @@ use crate::{
 
 /// `sm2 topic pub`.
 #[derive(Args, Debug)]
-#[command(after_help = HELP)]
+#[command(after_help = HELP, group = ArgGroup::new("input").required(true))]
 pub(crate) struct Arguments {
     /// The topic
     #[arg(value_name = "NAME", value_parser = name)]
     pub(super) topic: Name,
     /// A file (one message), a folder (each file, by name), or `-` (each line of standard input)
-    #[arg(long, value_name = "PATH|-", value_parser = input, required_unless_present = "value")]
+    #[arg(long, value_name = "PATH|-", value_parser = input, group = "input")]
     pub(super) from: Option<Input>,
     /// A message as JSON, encoded by the schema of its type; repeated with --rate and --loop
     #[arg(
         long,
         value_name = "JSON",
+        group = "input",
         conflicts_with_all = ["from", "lines", "chunk", "whole"],
         allow_hyphen_values = true
     )]
@@ -74,6 +75,9 @@ pub(crate) struct Arguments {
     /// Start when this number of subscribers is linked
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub(super) wait: usize,
+    /// Print the counts at the end as one JSON object, on standard output
+    #[arg(long)]
+    pub(super) json: bool,
     #[command(flatten)]
     pub(super) domain: Domain,
 }

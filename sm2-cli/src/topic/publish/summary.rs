@@ -2,12 +2,13 @@
 
 use std::fmt;
 
+use serde::{Serialize, Serializer};
 use sm2_proto::{
     link::{Counters, Fate},
     text::Counted,
 };
 
-use crate::size::Size;
+use crate::{size::Size, topic::Fates};
 
 /// The counts of published messages.
 #[derive(Clone, Copy, Debug, Default)]
@@ -22,6 +23,30 @@ pub(super) struct Tally {
 
 /// The summary: the messages that were published, and their fates on all links together.
 pub(super) struct Summary(pub(super) Tally, pub(super) Counters);
+
+/// The object that `--json` prints.
+impl Serialize for Summary {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        #[derive(Serialize)]
+        struct Object {
+            messages: u64,
+            bytes: u64,
+            /// The largest number of subscribers that a message was sent to.
+            subscribers: usize,
+            unheard: u64,
+            counters: Fates,
+        }
+        let Self(tally, counters) = *self;
+        Object {
+            messages: tally.messages,
+            bytes: tally.bytes,
+            subscribers: tally.links,
+            unheard: tally.unheard,
+            counters: Fates(counters),
+        }
+        .serialize(serializer)
+    }
+}
 
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
