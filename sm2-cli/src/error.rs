@@ -75,6 +75,16 @@ pub(crate) enum CliError {
         /// A similar name with punctuation, or an empty text.
         hint: String,
     },
+    /// The node has no topic or service of this name.
+    #[error("node {node} has no interface {name}{found}")]
+    NotOfNode {
+        /// The name of the node.
+        node: String,
+        /// The name that was given.
+        name: String,
+        /// The interfaces that may be meant, with punctuation, or an empty text.
+        found: String,
+    },
     /// A node without interfaces cannot be linked with anything.
     #[error("node {node} has declared no interface: there is nothing to link")]
     NoInterfaces {

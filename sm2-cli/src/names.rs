@@ -3,7 +3,7 @@
 use std::fmt;
 
 use sm2_bag::Pattern;
-use sm2_proto::{EntityId, Name};
+use sm2_proto::{EntityId, Name, domain::InterfaceView};
 
 use crate::{error::CliError, view::View};
 
@@ -104,7 +104,8 @@ impl Selector {
     ///
     /// # Errors
     ///
-    /// [`CliError::Unknown`] if there is none, [`CliError::NoInterfaces`] for a node without any.
+    /// [`CliError::Unknown`] if there is none, [`CliError::NotOfNode`] if it is none of the node, and
+    /// [`CliError::NoInterfaces`] for a node without any.
     pub(crate) fn entities(&self, view: &View<'_>) -> Result<Vec<EntityId>, CliError> {
         let domain = view.domain;
         let entities = domain.find(&self.to_string());
@@ -113,22 +114,50 @@ impl Selector {
         }
         let interfaces = || domain.interfaces().map(|it| it.contract.name());
         let nodes = || domain.nodes().map(|node| node.name);
-        let (what, name) = match &self.node {
+        match &self.node {
             None if domain.node_named(self.name.as_str()).is_some() => {
                 let node = self.name.to_string();
-                return Err(CliError::NoInterfaces { node });
+                Err(CliError::NoInterfaces { node })
             }
             None => {
                 let known = interfaces().chain(nodes());
-                return Err(unknown("topic, service or node", &self.name, known));
+                Err(unknown("topic, service or node", &self.name, known))
             }
-            Some(node) if domain.node_named(node.as_str()).is_none() => ("node", node),
-            Some(_) => ("interface of that node", &self.name),
-        };
-        Err(match what {
-            "node" => unknown(what, name, nodes()),
-            _ => unknown(what, name, interfaces()),
-        })
+            Some(node) if domain.node_named(node.as_str()).is_none() => {
+                Err(unknown("node", node, nodes()))
+            }
+            Some(node) => Err(CliError::NotOfNode {
+                node: node.to_string(),
+                name: self.name.to_string(),
+                found: found(view, node, &self.name),
+            }),
+        }
+    }
+}
+
+/// What a name that is no interface of the node may stand for: interfaces of other nodes, and those of this one.
+/// `: map is the publisher of mapper; listener has the subscriber of scan`.
+fn found(view: &View<'_>, node: &Name, name: &Name) -> String {
+    let of_node = |it: &InterfaceView<'_>| view.name_of(it.entity.node) == node.as_str();
+    let all = || view.domain.interfaces();
+    let others = all().filter(|it| it.contract.name() == name);
+    let others = others.map(|it| {
+        let (kind, node) = (it.contract.kind(), view.name_of(it.entity.node));
+        format!("the {kind} of {node}")
+    });
+    let own = all().filter(of_node);
+    let own = own.map(|it| format!("the {} of {}", it.contract.kind(), it.contract.name()));
+    let parts = [
+        (format!("{name} is"), listed(others)),
+        (format!("{node} has"), listed(own)),
+    ];
+    let parts = parts.into_iter().filter(|(_, listed)| !listed.is_empty());
+    let parts: Vec<_> = parts
+        .map(|(start, listed)| format!("{start} {listed}"))
+        .collect();
+    match parts.is_empty() {
+        true => String::new(),
+        false => format!(": {}", parts.join("; ")),
     }
 }
 
@@ -143,14 +172,19 @@ impl fmt::Display for Selector {
 
 /// The titles of several interfaces, as text.
 pub(crate) fn titles(view: &View<'_>, entities: impl IntoIterator<Item = EntityId>) -> String {
-    let mut titles: Vec<_> = entities.into_iter().map(|it| view.title(it)).collect();
-    titles.sort_unstable();
-    titles.dedup();
-    let more = titles.len().saturating_sub(SHOWN);
-    titles.truncate(SHOWN);
+    listed(entities.into_iter().map(|it| view.title(it)))
+}
+
+/// Texts in order, each once, as one text. Of very many, the first are named.
+fn listed(texts: impl IntoIterator<Item = String>) -> String {
+    let mut texts: Vec<_> = texts.into_iter().collect();
+    texts.sort_unstable();
+    texts.dedup();
+    let more = texts.len().saturating_sub(SHOWN);
+    texts.truncate(SHOWN);
     match more {
-        0 => titles.join(", "),
-        more => format!("{} and {more} more", titles.join(", ")),
+        0 => texts.join(", "),
+        more => format!("{} and {more} more", texts.join(", ")),
     }
 }
 

@@ -21,7 +21,12 @@ fn an_echo_without_end_is_ended_by_a_signal() {
         echo.signal(signal);
         let echo = echo.finish();
         assert_eq!(echo.code(), 0);
-        assert_eq!(echo.stderr(), "received 0 messages (0 bytes), lost 0\n");
+        // A slow machine says before that it waits for a publisher.
+        let errors = echo.stderr();
+        assert!(
+            errors.ends_with("received 0 messages (0 bytes), lost 0\n"),
+            "{errors}"
+        );
     }
 }
 

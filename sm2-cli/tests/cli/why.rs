@@ -124,7 +124,7 @@ fn types_that_differ_are_compared_by_their_schemas() {
 #[test]
 fn names_that_say_too_little_or_nothing_are_told() {
     let domain = Domain::new();
-    let (_one, _) = talker(&domain, "scan");
+    let (_one, one) = talker(&domain, "scan");
     let (_first, first) = listener(&domain, "scan", 1);
     let (_second, second) = listener(&domain, "scan", 2);
     let both = domain.run(&["why", "scan", "scan"]);
@@ -132,7 +132,19 @@ fn names_that_say_too_little_or_nothing_are_told() {
     let unknown = domain.run(&["why", "sacn"]);
     unknown.failed(1, &["no topic, service or node sacn", "did you mean scan?"]);
     let unknown = domain.run(&["why", &format!("{first}:image"), "scan"]);
-    unknown.failed(1, &["no interface of that node image"]);
+    let own = format!("node {first} has no interface image: {first} has the subscriber of scan");
+    unknown.failed(1, &[&own]);
+    // The topic is there, and the node has another one.
+    let planner = domain.node("planner");
+    let _path = planner.subscriber::<str>("path").unwrap();
+    let other = domain.run(&["why", "planner:scan", &format!("{one}:scan")]);
+    let publisher = format!("the publisher of {one}");
+    let parts = [
+        "no interface scan: scan is ",
+        &publisher,
+        "; planner has the subscriber of path",
+    ];
+    other.failed(1, &parts);
     domain
         .run(&["why", "nobody:scan"])
         .failed(1, &["no node nobody"]);
