@@ -1,11 +1,28 @@
-//! `sm2 completions`: prints scripts by which a shell completes this command.
+//! `sm2 completions`, and the answers to a shell that completes a command line.
+//!
+//! The script of a shell runs `sm2` itself with the variable `COMPLETE`, for each key that completes. So the
+//! completions know the names in the running domain ([`domain`]) beside all commands and options.
 
-use std::io::Write;
+mod arguments;
+mod domain;
 
-use clap::{Args, Command, ValueEnum};
-use clap_complete::{Shell, generate};
+use std::{
+    env,
+    ffi::OsString,
+    io::{self, Write},
+    process::ExitCode,
+};
+
+use clap::{Args, ValueEnum};
+use clap_complete::{
+    CompleteEnv,
+    env::{Bash, EnvCompleter, Fish, Shells, Zsh},
+};
 
 use crate::{ended::Ended, error::CliError, output::Output};
+
+/// The variable by which a shell asks for completions, or for its script. It has the name of the shell.
+const VARIABLE: &str = "COMPLETE";
 
 /// `sm2 completions`.
 #[derive(Args, Debug)]
@@ -17,6 +34,9 @@ pub(crate) struct Arguments {
 }
 
 const HELP: &str = "\
+The script asks sm2 itself, so it completes the topics, services, nodes and parameters of the running domain
+too, that of --domain, --socket or the environment. Without a Manager it completes commands and options.
+
 Examples:
   sm2 completions bash > ~/.local/share/bash-completion/completions/sm2
   sm2 completions zsh > \"${fpath[1]}/_sm2\"
@@ -29,21 +49,41 @@ enum For {
     Fish,
 }
 
-/// Prints the completion script of `root`.
+/// Prints the completion script of a shell.
 ///
 /// # Errors
 ///
 /// [`CliError::Output`].
-pub(crate) fn run(arguments: &Arguments, mut root: Command) -> Result<Ended, CliError> {
-    let shell = match arguments.shell {
-        For::Bash => Shell::Bash,
-        For::Zsh => Shell::Zsh,
-        For::Fish => Shell::Fish,
+pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
+    let shell: &dyn EnvCompleter = match arguments.shell {
+        For::Bash => &Bash,
+        For::Zsh => &Zsh,
+        For::Fish => &Fish,
     };
-    // The generator panics if a write fails, so it writes into memory.
     let mut script = Vec::new();
-    generate(shell, &mut root, "sm2", &mut script);
+    let written = shell.write_registration(VARIABLE, "sm2", "sm2", "sm2", &mut script);
+    written.map_err(CliError::Output)?;
     let mut out = Output::new();
     out.write(|out| out.write_all(&script))?;
     Ok(Ended::Done)
+}
+
+/// Answers a shell, if it has asked. Returns the exit status then.
+///
+/// Nothing is written to standard error, because it would stand in the middle of the person's command line.
+pub(crate) fn answer(arguments: &[OsString]) -> Option<ExitCode> {
+    let shells: [&dyn EnvCompleter; 3] = [&Bash, &Zsh, &Fish];
+    let complete = CompleteEnv::with_factory(arguments::command)
+        .var(VARIABLE)
+        .bin("sm2")
+        .shells(Shells(&shells));
+    let folder = env::current_dir().ok();
+    match complete.try_complete(arguments, folder.as_deref()) {
+        Ok(false) => None,
+        Ok(true) => Some(match io::stdout().flush() {
+            Ok(()) => ExitCode::SUCCESS,
+            Err(_) => ExitCode::FAILURE,
+        }),
+        Err(_) => Some(ExitCode::FAILURE),
+    }
 }

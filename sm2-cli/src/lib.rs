@@ -7,8 +7,8 @@
 //!
 //! Modules that commands share: `connect` (the node, and signals), `follow` (changes of the domain), `view` (indexes of
 //! the domain) and `names` (names on the command line). Those for counters are `sampling`, `observation` and `troubles`
-//! (what counters tell about links). Those for output are `report` (the frame of lists and `info`), `output` and
-//! `columns`.
+//! (what counters tell about links). Those for output are `report` (the frame of lists and `info`), `output`, `colours`
+//! and `columns`.
 #![forbid(unsafe_code)]
 #![deny(clippy::disallowed_types)]
 
@@ -20,6 +20,7 @@ mod bag;
 mod bag_choice;
 mod bag_summary;
 mod built_in;
+mod colours;
 mod columns;
 mod command;
 mod completions;
@@ -76,12 +77,7 @@ mod wait_for;
 mod web_view;
 mod why;
 
-use std::{
-    env,
-    ffi::OsString,
-    io::{self, IsTerminal},
-    process::ExitCode,
-};
+use std::{env, ffi::OsString, io, process::ExitCode};
 
 use clap::CommandFactory;
 
@@ -95,12 +91,15 @@ use crate::{
 /// Runs the command of the command line, and returns its exit status.
 #[must_use]
 pub fn main() -> ExitCode {
-    run(env::args_os().collect())
+    run(usage::by_name_of_program(env::args_os().collect()))
 }
 
 /// Runs a command, and returns its exit status. The first argument stands for the program. Call it once in a process.
 #[must_use]
 pub fn run(arguments: Vec<OsString>) -> ExitCode {
+    if let Some(status) = completions::answer(&arguments) {
+        return status;
+    }
     let command = match usage::parse(arguments) {
         Ok(command) => command,
         Err(status) => return status,
@@ -129,7 +128,7 @@ pub fn run(arguments: Vec<OsString>) -> ExitCode {
         Command::Play(arguments) => play::run(&arguments),
         Command::Bag(command) => bag::run(&command),
         Command::Policy(command) => policy::run(&command),
-        Command::Completions(arguments) => completions::run(&arguments, Cli::command()),
+        Command::Completions(arguments) => completions::run(&arguments),
         Command::Man(arguments) => manual::run(&arguments, Cli::command()),
         Command::Demo(arguments) => demo::run(&arguments),
         Command::DemoPart(arguments) => demo::run_process(&arguments),
@@ -146,7 +145,7 @@ pub fn run(arguments: Vec<OsString>) -> ExitCode {
         Err(error @ CliError::Stopped(_)) => ExitCode::from(error.status()),
         Err(error) => {
             // The text may contain control characters of a server's reply.
-            stderr_line!("sm2: {}", text::one_line(&error.to_string()));
+            stderr::error(&text::one_line(&error.to_string()));
             ExitCode::from(error.status())
         }
     }
@@ -157,7 +156,7 @@ pub fn run(arguments: Vec<OsString>) -> ExitCode {
 fn log_errors() -> Result<(), sm2_io::WrongLogLevel> {
     tracing_subscriber::fmt()
         .with_env_filter(sm2_io::log_levels("error")?)
-        .with_ansi(io::stderr().is_terminal())
+        .with_ansi(colours::are_on_stderr())
         .with_writer(io::stderr)
         .init();
     Ok(())

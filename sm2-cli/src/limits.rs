@@ -1,6 +1,7 @@
 //! The limits in force at the Manager, and how much of them is used.
 
-use serde::{Serialize, Serializer, ser::SerializeMap as _};
+use clap::Args;
+use serde::Serialize;
 use sm2_node::explain::{processes, sessions, users};
 use sm2_proto::control::{Limit, StatedLimits};
 
@@ -36,9 +37,9 @@ pub(crate) struct Quota {
 }
 
 impl Quota {
-    /// Whether at least this share of the limit is used.
-    pub(crate) fn is_used_to(&self, percent: u64) -> bool {
-        u64::from(self.used) * 100 >= u64::from(self.limit) * percent
+    /// Whether the limit is [near](NEAR_PERCENT).
+    pub(crate) fn is_near(&self) -> bool {
+        u64::from(self.used) * 100 >= u64::from(self.limit) * NEAR_PERCENT
     }
 }
 
@@ -93,20 +94,42 @@ pub(crate) fn quotas(view: &View<'_>) -> Vec<Quota> {
     quotas
 }
 
-/// All limits, each with its greatest use.
-pub(crate) fn table(limits: &LimitsInForce, quotas: &[Quota]) -> Columns<3> {
+/// A limit is near when at least this share of it is used.
+pub(crate) const NEAR_PERCENT: u64 = 80;
+
+/// The limits that a command shows to people. In JSON it shows all of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Args)]
+pub(crate) struct Shown {
+    /// Show all limits and their use, not only those that are used to 80 % or more
+    #[arg(long)]
+    limits: bool,
+}
+
+impl Shown {
+    /// Whether the use of a limit is shown.
+    pub(crate) fn has(self, quota: &Quota) -> bool {
+        self.limits || quota.is_near()
+    }
+}
+
+/// The limits that are shown, each with its greatest use. `None` without any.
+pub(crate) fn table(limits: &Limits, quotas: &[Quota], shown: Shown) -> Option<Columns<3>> {
     let mut table = Columns::new(["LIMIT", "VALUE", "MOST USED"]);
-    for limit in &limits.0.limits {
-        let name = limit.name.as_str();
-        let of_limit = quotas.iter().filter(|it| it.kind.name() == name);
+    let mut is_empty = true;
+    for limit in Limit::ALL {
+        let of_limit = quotas.iter().filter(|it| it.kind == limit);
         let most = of_limit.max_by_key(|it| it.used);
+        if !(shown.limits || most.is_some_and(Quota::is_near)) {
+            continue;
+        }
+        is_empty = false;
         table.push([
             name.into(),
             limit.value.to_string(),
             most.map_or_else(|| "-".into(), |it| format!("{} by {}", it.used, it.of)),
         ]);
     }
-    table
+    (!is_empty).then_some(table)
 }
 
 #[cfg(test)]

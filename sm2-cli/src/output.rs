@@ -10,8 +10,10 @@ use std::{
 use serde::Serialize;
 
 use crate::{
+    colours::{self, Meaning},
     error::CliError,
     printable::{printable, printable_json},
+    stderr,
 };
 
 /// The error of an output that could not be written out as it was dropped.
@@ -31,21 +33,28 @@ pub(crate) fn written() -> Result<(), CliError> {
 
 /// Standard output, locked for as long as a command runs. Its buffer is written out when it is dropped: an error is
 /// that of the [command](written).
-pub(crate) struct Output(BufWriter<StdoutLock<'static>>);
+pub(crate) struct Output {
+    buffer: BufWriter<StdoutLock<'static>>,
+    has_colours: bool,
+}
 
 impl Output {
     pub(crate) fn new() -> Self {
-        Self(BufWriter::new(io::stdout().lock()))
+        let stdout = io::stdout().lock();
+        Self {
+            has_colours: colours::are_on(&stdout),
+            buffer: BufWriter::new(stdout),
+        }
     }
 
     /// Whether standard output is a terminal.
     pub(crate) fn is_terminal(&self) -> bool {
-        self.0.get_ref().is_terminal()
+        self.buffer.get_ref().is_terminal()
     }
 
     /// Standard output for code that maps its own errors.
     pub(crate) fn writer(&mut self) -> &mut dyn Write {
-        &mut self.0
+        &mut self.buffer
     }
 
     /// Writes with `write`.
@@ -57,13 +66,40 @@ impl Output {
         &mut self,
         write: impl FnOnce(&mut BufWriter<StdoutLock<'static>>) -> io::Result<()>,
     ) -> Result<(), CliError> {
-        write(&mut self.0).map_err(CliError::Output)
+        stderr::end_progress();
+        write(&mut self.buffer).map_err(CliError::Output)
     }
 
     /// Writes a line, with [escapes](printable) where it has control characters.
     pub(crate) fn line(&mut self, line: impl fmt::Display) -> Result<(), CliError> {
         let line = line.to_string();
         self.write(|out| writeln!(out, "{}", printable(&line)))
+    }
+
+    /// Writes a line whose first `len` bytes have a meaning.
+    pub(crate) fn meant(
+        &mut self,
+        meaning: Meaning,
+        len: usize,
+        line: impl fmt::Display,
+    ) -> Result<(), CliError> {
+        let line = line.to_string();
+        let (meant, rest) = line.split_at_checked(len).unwrap_or((&line, ""));
+        match self.has_colours {
+            true => {
+                let (meant, rest) = (printable(meant), printable(rest));
+                self.write(|out| writeln!(out, "{}{rest}", meaning.paint(&meant)))
+            }
+            false => self.line(line),
+        }
+    }
+
+    /// Writes a sentence about a link, in the colour of its meaning.
+    pub(crate) fn sentence(&mut self, sentence: &str) -> Result<(), CliError> {
+        match Meaning::of_sentence(sentence) {
+            Some(meaning) => self.meant(meaning, sentence.len(), sentence),
+            None => self.line(sentence),
+        }
     }
 
     /// Writes a value as one line of JSON.
@@ -82,13 +118,13 @@ impl Output {
 
 impl AsFd for Output {
     fn as_fd(&self) -> BorrowedFd<'_> {
-        self.0.get_ref().as_fd()
+        self.buffer.get_ref().as_fd()
     }
 }
 
 impl Drop for Output {
     fn drop(&mut self) {
-        if let Err(error) = self.0.flush() {
+        if let Err(error) = self.buffer.flush() {
             // The first error is the reason of all others.
             let _ = UNWRITTEN.set(error);
         }

@@ -2,6 +2,7 @@
 
 mod control;
 mod keys;
+mod progress;
 
 use std::{ops::ControlFlow, path::PathBuf};
 
@@ -10,7 +11,10 @@ use sm2_bag::{Bag, BagFiles, PlayOptions, PlayReport, Player};
 use sm2_node::Node;
 use sm2_proto::{Name, text::Counted};
 
-use self::keys::{HINT, Keys};
+use self::{
+    keys::{HINT, Keys},
+    progress::{Range, ShownProgress},
+};
 use crate::{
     args::{Domain, name, rate},
     bag_choice::Choice,
@@ -91,6 +95,7 @@ also waits for the members: nodes that handle their inputs in turns. Their outpu
 replay, at any --rate. A domain has one source of time, so both leave out what was recorded on topic clock,
 unless --remap gives it another name.
 
+A terminal shows the progress: the recorded time that is reached, of how much, and the number of messages.
 Keys on a terminal, without --json: space pauses and resumes; s or the right arrow publishes the next message
 of a pause; + and - double and halve the rate; q ends. `sm2 play control` does the same from another shell,
 and so does a call of --service with a string: pause, resume, step, or rate and a number. During a pause,
@@ -148,8 +153,10 @@ fn play(
     let topics = arguments.remap.iter().map(|(from, _)| from.as_str());
     arguments.choice.check(bags, topics)?;
     let starts = bags.iter().filter_map(|it| it.report().start_ns);
+    let filter = arguments.choice.filter(starts.min());
+    let range = Range::new(bags, &filter);
     let options = PlayOptions {
-        filter: arguments.choice.filter(starts.min()),
+        filter,
         rate: arguments.rate,
         paused: arguments.paused,
         remap: arguments.remap.iter().cloned().collect(),
@@ -194,6 +201,7 @@ fn play(
     if keys.is_some() {
         stderr_line!("{HINT}");
     }
+    let _shown = (!arguments.json).then(|| ShownProgress::start(control.clone(), range));
     loop {
         let played = player.play()?;
         if !arguments.again || command_node.stopped().is_some() || control.has_ended() {

@@ -9,10 +9,12 @@ use std::{
 use sm2_io::clock;
 use sm2_proto::Instant;
 
+use crate::stderr;
+
 /// How often the progress is shown.
 const PROGRESS: Duration = Duration::from_secs(1);
 
-/// Shows the progress once per second on a terminal.
+/// Shows the progress once per second on a terminal, in one line that it writes anew each time.
 pub(crate) struct Ticker {
     is_shown: bool,
     at: Instant,
@@ -26,6 +28,11 @@ impl Ticker {
         }
     }
 
+    /// Whether the progress is shown: standard error is a terminal.
+    pub(crate) const fn is_shown(&self) -> bool {
+        self.is_shown
+    }
+
     /// The time until the progress is due, or until this time.
     pub(crate) fn left(&self, until: Instant) -> Duration {
         until.min(self.at).since(clock::now())
@@ -36,9 +43,15 @@ impl Ticker {
         if clock::now() >= self.at {
             self.at = clock::now().after(PROGRESS);
             if self.is_shown {
-                stderr_line!("{}", progress());
+                stderr::progress(&progress().to_string());
             }
         }
+    }
+}
+
+impl Drop for Ticker {
+    fn drop(&mut self) {
+        stderr::end_progress();
     }
 }
 

@@ -1,6 +1,6 @@
 //! Parses the command line, and reports an error in one line.
 
-use std::{ffi::OsString, process::ExitCode};
+use std::{ffi::OsString, path::Path, process::ExitCode};
 
 use clap::{
     CommandFactory, Parser,
@@ -10,7 +10,7 @@ use clap::{
 use crate::{
     command::{Cli, Command},
     ended::WRONG_USAGE,
-    up,
+    stderr,
 };
 
 /// Parses a command line, whose first argument is the program.
@@ -34,10 +34,31 @@ pub(crate) fn parse(arguments: Vec<OsString>) -> Result<Command, ExitCode> {
             Err(ExitCode::from(WRONG_USAGE))
         }
         _ => {
-            stderr_line!("sm2: {}", one_line(&error, &arguments));
+            stderr::error(&one_line(&error, &arguments));
             Err(ExitCode::from(WRONG_USAGE))
         }
     }
+}
+
+/// The arguments of a program that is a link to `sm2`, as those of `sm2` itself: `sm2-manager` is `sm2 manager`. So a
+/// package has three programs in one file.
+pub(crate) fn by_name_of_program(mut arguments: Vec<OsString>) -> Vec<OsString> {
+    let program = arguments.first().map(Path::new);
+    let name = program.and_then(|it| it.file_name()?.to_str());
+    let command = match name {
+        Some("sm2-manager") => "manager",
+        Some("sm2-gateway") => "gateway",
+        _ => return arguments,
+    };
+    // All of them have one version.
+    if arguments
+        .get(1)
+        .is_some_and(|it| it == "--version" || it == "-V")
+    {
+        return arguments;
+    }
+    arguments.insert(1, command.into());
+    arguments
 }
 
 /// Parses a command line without printing anything.

@@ -12,7 +12,8 @@ use sm2_proto::{
 
 use crate::{
     args::Domain,
-    connect::CommandNode,
+    colours::Meaning,
+    connect::Session,
     ended::Ended,
     error::CliError,
     interface_troubles::InterfaceTrouble,
@@ -144,9 +145,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     if arguments.json {
         out.json(&answer)?;
     } else {
-        for line in answer.lines() {
-            out.line(line)?;
-        }
+        answer.print(&mut out)?;
     }
     Ok(match answer.is_linked_and_working() {
         (false, _) => Ended::No,
@@ -187,6 +186,22 @@ impl Answer {
             Self::Pair(pair) => pair.lines(),
             Self::Around(around) => around.lines(),
         }
+    }
+
+    /// Prints the answer. The first line about two interfaces is the verdict.
+    fn print(&self, out: &mut Output) -> Result<(), CliError> {
+        let lines = self.lines();
+        let mut lines = lines.iter();
+        if let (Self::Pair(_), Some(first)) = (self, lines.as_slice().first()) {
+            let meaning = match self.is_linked_and_working() {
+                (false, _) => Meaning::Bad,
+                (true, false) => Meaning::Warning,
+                (true, true) => Meaning::Good,
+            };
+            out.meant(meaning, first.len(), first)?;
+            lines.next();
+        }
+        lines.try_for_each(|it| out.sentence(it))
     }
 
     const fn is_linked_and_working(&self) -> (bool, bool) {

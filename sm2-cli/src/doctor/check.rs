@@ -1,5 +1,7 @@
 use serde::Serialize;
 
+use crate::colours::Meaning;
+
 /// The severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -10,6 +12,24 @@ pub(crate) enum Level {
     Warn,
     /// SM2 does not work until the problem is solved.
     Bad,
+}
+
+impl Level {
+    pub(super) const fn word(self) -> &'static str {
+        match self {
+            Self::Ok => "ok",
+            Self::Warn => "warn",
+            Self::Bad => "bad",
+        }
+    }
+
+    pub(super) const fn meaning(self) -> Meaning {
+        match self {
+            Self::Ok => Meaning::Good,
+            Self::Warn => Meaning::Warning,
+            Self::Bad => Meaning::Bad,
+        }
+    }
 }
 
 /// The result of one check.

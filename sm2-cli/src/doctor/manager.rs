@@ -12,7 +12,7 @@ use crate::{
     connect::drive,
     error::CliError,
     interrupt::Interrupt,
-    limits::{LimitsInForce, Quota, quotas},
+    limits::{NEAR_PERCENT, Quota, quotas},
     observation::Observation,
     stopped::StoppedNode,
     troubles::{LinkTroubles, NotTaking},
@@ -22,9 +22,6 @@ use crate::{
 
 /// The start of the node names of standby Managers.
 const STANDBY: &str = "sm2/standby/";
-
-/// A quota is reported when at least this share of it is used.
-const NEARLY_PERCENT: u64 = 80;
 
 /// The state of the Manager and its domain.
 pub(super) struct Found {
@@ -226,7 +223,7 @@ fn stopped(mirror: &Mirror) -> Check {
 /// The limits that are used to a great part, with the options that raise them.
 fn usage(quotas: &[Quota]) -> Check {
     const CHECK: &str = "quotas";
-    let nearly = quotas.iter().filter(|it| it.is_used_to(NEARLY_PERCENT));
+    let nearly = quotas.iter().filter(|it| it.is_near());
     let nearly: Vec<_> = nearly.collect();
     let found = nearly.iter();
     let found = found.map(|it| format!("{}: {} of {} {}", it.of, it.used, it.limit, it.quota));
@@ -234,7 +231,7 @@ fn usage(quotas: &[Quota]) -> Check {
     let options: BTreeSet<_> = nearly.iter().map(|it| it.kind.name()).collect();
     let options: Vec<_> = options.into_iter().collect();
     match found.is_empty() {
-        true => Check::ok(CHECK, format!("all below {NEARLY_PERCENT} %")),
+        true => Check::ok(CHECK, format!("all below {NEAR_PERCENT} %")),
         false => Check::warn(
             CHECK,
             found.join(", "),

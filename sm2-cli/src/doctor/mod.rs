@@ -9,6 +9,8 @@ mod machine;
 mod manager;
 mod socket;
 
+use std::cmp::Reverse;
+
 use clap::Args;
 use serde::Serialize;
 use sm2_node::Node;
@@ -36,12 +38,15 @@ pub(crate) struct Arguments {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
+    limits: limits::Shown,
+    #[command(flatten)]
     domain: Domain,
 }
 
 const HELP: &str = "\
-Each check is ok, warn or bad. A check that is not ok names a remedy. Below the checks are the limits
-in force at the Manager, each with its greatest use and the option that sets it. doctor changes nothing.
+Each check is ok, warn or bad. A check that is not ok comes first and names a remedy. Below the checks are
+the limits of the Manager of which 80 % or more are used; --limits shows all of them, each with its greatest
+use and the option that sets it. doctor changes nothing.
 If messages were dropped or deadlines missed before, doctor reads the counters again a second later.
 
 Exit status: 0 no check is bad, 1 a check is bad, 2 wrong usage.
@@ -89,9 +94,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     match arguments.json {
         true => out.json(&report)?,
         false => {
-            out.line(table(&report.checks))?;
-            if let Some(limits) = &report.limits {
-                out.line(format_args!("\n{}", limits::table(limits, &report.quotas)))?;
+            print(&mut out, &report.checks)?;
+            let limits = report.limits.as_ref();
+            let limits = limits.and_then(|it| limits::table(it, &report.quotas, arguments.limits));
+            if let Some(limits) = limits {
+                out.line(format_args!("\n{limits}"))?;
             }
         }
     }
@@ -110,21 +117,26 @@ pub(crate) fn checks(view: &View<'_>, readings: Readings<'_>, node: &Node) -> Ve
     checks
 }
 
-fn table(checks: &[Check]) -> Columns<3> {
+/// Prints the checks, those that are not ok first.
+fn print(out: &mut Output, checks: &[Check]) -> Result<(), CliError> {
+    let mut checks: Vec<_> = checks.iter().collect();
+    checks.sort_by_key(|it| Reverse(it.level));
     let mut table = Columns::new(["LEVEL", "CHECK", "FOUND"]);
-    for check in checks {
-        let level = match check.level {
-            Level::Ok => "ok",
-            Level::Warn => "warn",
-            Level::Bad => "bad",
-        };
+    for check in &checks {
         let found = match &check.advice {
             None => check.found.clone(),
             Some(advice) => format!("{}: {advice}", check.found),
         };
-        table.push([level.into(), check.check.into(), found]);
+        table.push([check.level.word().into(), check.check.into(), found]);
     }
-    table
+    let table = table.to_string();
+    let mut lines = table.lines();
+    lines.next().map_or(Ok(()), |headings| out.line(headings))?;
+    for (check, line) in checks.iter().zip(lines) {
+        let (meaning, word) = (check.level.meaning(), check.level.word());
+        out.meant(meaning, word.len(), line)?;
+    }
+    Ok(())
 }
 
 #[cfg(test)]

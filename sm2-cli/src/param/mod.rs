@@ -13,7 +13,7 @@ mod watch;
 
 use clap::Subcommand;
 
-pub(crate) use self::error::ParamError;
+pub(crate) use self::{error::ParamError, source::nodes};
 use crate::{ended::Ended, error::CliError};
 
 /// The commands.

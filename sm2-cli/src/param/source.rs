@@ -123,7 +123,7 @@ pub(super) fn table(
 }
 
 /// The nodes with parameters, also those of other domains that a gateway shows here.
-pub(super) fn nodes(domain: &Mirror) -> BTreeSet<Name> {
+pub(crate) fn nodes(domain: &Mirror) -> BTreeSet<Name> {
     let granted = domain.interfaces().filter(|it| it.refused.is_none());
     let publishers = granted.filter(|it| it.contract.kind() == Kind::Publisher);
     let nodes = publishers.filter_map(|it| {

@@ -108,7 +108,7 @@ impl Document {
     /// # Errors
     ///
     /// [`CliError::Output`].
-    pub(super) fn print(&self, out: &mut Output) -> Result<(), CliError> {
+    pub(super) fn print(&self, out: &mut Output, limits: limits::Shown) -> Result<(), CliError> {
         let epoch = self.epoch.as_deref().unwrap_or("unknown");
         out.line(format_args!(
             "revision {} of epoch {epoch}: {}, {}, {}",
@@ -117,12 +117,53 @@ impl Document {
             Counted::new(self.interfaces.len() as u64, "interface"),
             Counted::new(self.links.len() as u64, "link")
         ))?;
+        // On a small screen, the first lines are those that a person sees.
         for line in self.troubles.lines() {
-            out.line(line)?;
+            out.sentence(&line)?;
         }
-        let mut nodes = Columns::new(["NODE", "ID", "UID", "PID", "STATE"]);
+        for named in &self.open {
+            out.line(named)?;
+        }
+        if !self.links.is_empty() {
+            out.line(format_args!("\n{}", self.links_table()))?;
+        }
+        if !self.interfaces.is_empty() {
+            out.line(format_args!("\n{}", interfaces::table(&self.interfaces)))?;
+        }
+        if !self.nodes.is_empty() {
+            out.line(format_args!("\n{}", self.nodes_table()))?;
+        }
+        if !self.gateways.is_empty() {
+            out.line(format_args!("\n{}", gateways::table(&self.gateways)))?;
+        }
+        self.print_limits(out, limits)
+    }
+
+    fn print_limits(&self, out: &mut Output, shown: limits::Shown) -> Result<(), CliError> {
+        let quotas: Vec<_> = self.quotas.iter().filter(|it| shown.has(it)).collect();
+        if !quotas.is_empty() {
+            let mut table = Columns::new(["QUOTA OF", "WHAT", "USED", "LIMIT"]);
+            for quota in quotas {
+                table.push([
+                    quota.of.clone(),
+                    quota.quota.into(),
+                    quota.used.to_string(),
+                    quota.limit.to_string(),
+                ]);
+            }
+            out.line(format_args!("\n{table}"))?;
+        }
+        let limits = self.limits.as_ref();
+        match limits.and_then(|it| limits::table(it, &self.quotas, shown)) {
+            Some(table) => out.line(format_args!("\n{table}")),
+            None => Ok(()),
+        }
+    }
+
+    fn nodes_table(&self) -> Columns<5> {
+        let mut table = Columns::new(["NODE", "ID", "UID", "PID", "STATE"]);
         for node in &self.nodes {
-            nodes.push([
+            table.push([
                 node.name.clone(),
                 node.id.to_string(),
                 node.uid.to_string(),
@@ -130,38 +171,7 @@ impl Document {
                 if node.resuming { "resuming" } else { "ready" }.into(),
             ]);
         }
-        if !self.nodes.is_empty() {
-            out.line(format_args!("\n{nodes}"))?;
-        }
-        if !self.interfaces.is_empty() {
-            out.line(format_args!("\n{}", interfaces::table(&self.interfaces)))?;
-        }
-        if !self.links.is_empty() {
-            out.line(format_args!("\n{}", self.links_table()))?;
-        }
-        let mut quotas = Columns::new(["QUOTA OF", "WHAT", "USED", "LIMIT"]);
-        for quota in &self.quotas {
-            quotas.push([
-                quota.of.clone(),
-                quota.quota.into(),
-                quota.used.to_string(),
-                quota.limit.to_string(),
-            ]);
-        }
-        if !self.quotas.is_empty() {
-            out.line(format_args!("\n{quotas}"))?;
-        }
-        if let Some(limits) = &self.limits {
-            out.line(format_args!("\n{}", limits::table(limits, &self.quotas)))?;
-        }
-        if !self.gateways.is_empty() {
-            out.line(format_args!("\n{}", gateways::table(&self.gateways)))?;
-        }
-        for (at, named) in self.open.iter().enumerate() {
-            let line_break = if at == 0 { "\n" } else { "" };
-            out.line(format_args!("{line_break}{named}"))?;
-        }
-        Ok(())
+        table
     }
 
     fn links_table(&self) -> Columns<9> {

@@ -16,7 +16,7 @@ use sm2_proto::{
 pub(crate) use self::named_item::reason_text;
 use self::{document::Document, named_item::NamedItem};
 use crate::{
-    args::Domain, connect::CommandNode, ended::Ended, error::CliError, follow::Follow,
+    args::Domain, connect::Session, ended::Ended, error::CliError, follow::Follow, limits,
     observation::Observation, output::Output, view::View, wait::For,
 };
 
@@ -31,16 +31,18 @@ pub(crate) struct Arguments {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
+    limits: limits::Shown,
+    #[command(flatten)]
     domain: Domain,
 }
 
 const HELP: &str = "\
-Shows nodes, interfaces (refused ones too), links with their counters, pairs that match and are not
-linked, the use of quotas, the limits in force at the Manager, and the reports of gateways about
-their peers. A gateway that does not answer within a second is marked. Everything is from one
-revision of the domain; counters are read a moment later. The first lines name the ends of links that
-take nothing although messages wait, or hold all samples that they can hold, and the deadlines that are
-being missed; for them the counters are read again a second later if there were losses. With --watch,
+The first lines name the ends of links that take nothing although messages wait, or hold all samples that
+they can hold, the deadlines that are being missed, and pairs that match and are not linked. The tables have
+links with their counters, interfaces (refused ones too), nodes, the reports of gateways about their peers, and
+the limits of the Manager of which 80 % or more are used; --limits and --json show all of them. A gateway that
+does not answer within a second is marked. Everything is from one revision of the domain; counters are read a
+moment later, and again after a second if messages were lost. With --watch,
 `+` marks an item that is new or has changed, and `-` one that is gone. When another Manager takes over,
 the differences are printed.
 
@@ -80,7 +82,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let mut out = Output::new();
     match arguments.json {
         true => out.json(&document)?,
-        false => document.print(&mut out)?,
+        false => document.print(&mut out, arguments.limits)?,
     }
     Ok(Ended::Done)
 }

@@ -31,7 +31,8 @@ use self::{
 };
 use crate::{
     args::Domain,
-    connect::CommandNode,
+    colours,
+    connect::Session,
     ended::Ended,
     error::CliError,
     follow::Follow,
@@ -179,7 +180,7 @@ fn print(arguments: &Arguments, monitor: &mut Monitor<'_>) -> Result<Ended, CliE
 fn watch(arguments: &Arguments, monitor: &mut Monitor<'_>) -> Result<Ended, CliError> {
     monitor.command_node.be_silent();
     let mut state = State {
-        colours: screen::has_colours(),
+        colours: colours::are_wanted(),
         ..State::default()
     };
     let mut history = History::default();

@@ -1,7 +1,6 @@
 //! The terminal in raw mode, restored however the command ends.
 
 use std::{
-    env,
     io::{self, Stdout},
     os::fd::AsFd,
     panic,
@@ -20,21 +19,6 @@ use ratatui::{
         terminal::{EnterAlternateScreen, LeaveAlternateScreen, disable_raw_mode, enable_raw_mode},
     },
 };
-
-/// Whether the terminal shows colours, and its user wants them (<https://no-color.org>).
-pub(super) fn has_colours() -> bool {
-    let unwanted = env::var_os("NO_COLOR").is_some_and(|it| !it.is_empty());
-    let terminal = env::var("TERM").unwrap_or_default();
-    !unwanted && knows_colours(&terminal)
-}
-
-/// Whether a terminal with this name shows colours. Terminals without them are few, and their names are old.
-fn knows_colours(terminal: &str) -> bool {
-    let is_without = ["", "dumb"].contains(&terminal)
-        || terminal.starts_with("vt")
-        || ["-m", "-mono"].iter().any(|it| terminal.ends_with(it));
-    !is_without
-}
 
 /// Whether the terminal is closed. All operations on it then fail, with errors of several kinds.
 pub(super) fn is_closed() -> bool {
@@ -113,6 +97,7 @@ fn restore() {
 #[cfg(test)]
 mod tests {
     use std::{
+        env,
         fs::File,
         io::Read,
         process::{Command, Stdio},
@@ -161,21 +146,5 @@ mod tests {
         };
         assert!(at("\x1b[?1049h") < at("\x1b[?1049l"));
         assert!(at("\x1b[?1049l") < at("the reason"));
-    }
-
-    #[test]
-    fn old_terminals_have_no_colours() {
-        for name in [
-            "xterm",
-            "xterm-256color",
-            "linux",
-            "screen",
-            "tmux-256color",
-        ] {
-            assert!(knows_colours(name), "{name}");
-        }
-        for name in ["", "dumb", "vt100", "vt220", "xterm-mono", "linux-m"] {
-            assert!(!knows_colours(name), "{name}");
-        }
     }
 }

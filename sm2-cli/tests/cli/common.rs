@@ -178,6 +178,15 @@ impl Running {
         }
     }
 
+    /// Starts a command whose output goes where it says.
+    pub(crate) fn start_elsewhere(command: &mut Command) -> Self {
+        Self {
+            child: command.spawn().unwrap(),
+            stdout: None,
+            stderr: None,
+        }
+    }
+
     pub(crate) fn child(&mut self) -> &mut Child {
         &mut self.child
     }
@@ -219,7 +228,7 @@ impl Running {
     /// Waits for the end of the process.
     pub(crate) fn finish(mut self) -> Finished {
         let status = self.wait();
-        let read = |reader: Option<Reader>| reader.map_or(Vec::new(), Reader::finish);
+        let read = |reader: Option<Reader>| reader.map(Reader::finish).unwrap_or_default();
         Finished {
             status,
             output: read(self.stdout.take()),

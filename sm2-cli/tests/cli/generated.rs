@@ -1,16 +1,35 @@
 //! Completions and manual pages.
 
 use std::{
+    collections::BTreeSet,
     fs,
+    path::Path,
     process::{Command, Stdio},
 };
 
+use nix::sys::signal::Signal;
 use sm2_test_support::skip_without;
 
-use crate::common::{Finished, Running, files, sm2};
+use crate::common::{Domain, Finished, Running, files, sm2};
 
 fn run(arguments: &[&str]) -> Finished {
     Running::start(&mut sm2(arguments)).finish()
+}
+
+/// The answers of a shell's completion of the last word.
+fn complete_at(socket: &Path, words: &[&str]) -> BTreeSet<String> {
+    let mut command = sm2(&["--", "sm2"]);
+    command.args(words).env("COMPLETE", "bash");
+    command.env("_CLAP_COMPLETE_INDEX", words.len().to_string());
+    command.env("SM2_SOCKET", socket);
+    let finished = Running::start(&mut command).finish();
+    // Any text would stand in the middle of the person's command line.
+    assert_eq!((finished.code(), finished.stderr()), (0, String::new()));
+    finished.stdout().lines().map(str::to_owned).collect()
+}
+
+fn set(texts: &[&str]) -> BTreeSet<String> {
+    texts.iter().map(|it| (*it).to_owned()).collect()
 }
 
 #[test]
@@ -18,26 +37,103 @@ fn completions_know_every_command() {
     for shell in ["bash", "zsh", "fish"] {
         let script = run(&["completions", shell]);
         assert_eq!((script.code(), script.stderr()), (0, String::new()));
-        let script = script.stdout();
-        for word in [
-            "manager",
-            "topic",
-            "hz",
-            "service",
-            "snapshot",
-            "doctor",
-            "wait-manager",
-        ] {
-            assert!(
-                script.contains(word),
-                "{word} is not in the script for {shell}"
-            );
-        }
+        // The script of `source <(COMPLETE=bash sm2)` is the same.
+        let mut command = sm2(&[]);
+        let again = Running::start(command.env("COMPLETE", shell)).finish();
+        assert_eq!(again.code(), 0, "{again:?}");
+        assert!(script.stdout().contains("COMPLETE"), "{script:?}");
     }
-    let script = run(&["completions", "bash"]).stdout();
-    assert!(!script.contains("demo-part") && !script.contains("demo__part"));
+    let none = Path::new("/nonexistent/sm2.sock");
+    let commands = complete_at(none, &[""]);
+    for word in ["manager", "topic", "service", "snapshot", "doctor"] {
+        assert!(commands.contains(word), "{word} is not in {commands:?}");
+    }
+    assert!(!commands.iter().any(|it| it.contains("demo-part")));
+    assert_eq!(complete_at(none, &["topic", "e"]), set(&["echo"]));
+    let options = complete_at(none, &["topic", "hz", "--wait"]);
+    assert_eq!(options, set(&["--wait-manager"]));
     run(&["completions", "tcsh"]).failed(2, &["bash", "zsh", "fish"]);
     run(&["completions"]).failed(2, &["SHELL"]);
+}
+
+#[test]
+fn completions_know_the_domain() {
+    let domain = Domain::new();
+    let node = domain.node("robot/driver");
+    let _scan = node.publisher::<str>("scan").unwrap();
+    let _camera = node.publisher::<[u8]>("camera/front").unwrap();
+    let _sum = node.server::<str, str>("sum").unwrap();
+    let mut builder = node.parameters_builder();
+    drop(builder.parameter("max_range", 30.0).add());
+    let _parameters = builder.declare().unwrap();
+    let socket = domain.path("sm2.sock");
+    let complete = |words: &[&str]| complete_at(&socket, words);
+    for command in ["info", "echo", "hz"] {
+        assert_eq!(complete(&["topic", command, "sc"]), set(&["scan"]));
+    }
+    assert_eq!(
+        complete(&["topic", "echo", "/cam"]),
+        set(&["/camera/front"])
+    );
+    assert_eq!(complete(&["record", "scan", "cam"]), set(&["camera/front"]));
+    assert_eq!(complete(&["service", "call", "s"]), set(&["sum"]));
+    assert_eq!(complete(&["node", "info", "r"]), set(&["robot/driver"]));
+    assert_eq!(complete(&["param", "get", "r"]), set(&["robot/driver"]));
+    let parameter = ["param", "set", "robot/driver", "m"];
+    assert_eq!(complete(&parameter), set(&["max_range"]));
+    assert_eq!(
+        complete(&["why", "robot/driver:s"]),
+        set(&["robot/driver:scan", "robot/driver:sum"])
+    );
+    assert_eq!(complete(&["why", "scan", "sc"]), set(&["scan"]));
+    assert_eq!(complete(&["wait", "topic:s"]), set(&["topic:scan"]));
+    // Bash splits words at colons.
+    assert_eq!(complete(&["wait", "topic", ":", "s"]), set(&["scan"]));
+    // The options of the line come before the environment.
+    let other = ["topic", "echo", "--socket", "/nonexistent/sm2.sock", "sc"];
+    assert_eq!(complete(&other), set(&[]));
+    let path = socket.to_str().unwrap();
+    let words = ["topic", "echo", "--socket", path, "sc"];
+    let none = Path::new("/nonexistent/sm2.sock");
+    assert_eq!(complete_at(none, &words), set(&["scan"]));
+}
+
+#[test]
+fn completions_do_not_wait_for_a_manager() {
+    let none = Path::new("/nonexistent/sm2.sock");
+    assert_eq!(complete_at(none, &["topic", "echo", "sc"]), set(&[]));
+    let domain = Domain::new();
+    domain.signal_manager(Signal::SIGSTOP);
+    let stopped = complete_at(&domain.path("sm2.sock"), &["topic", "echo", "sc"]);
+    domain.signal_manager(Signal::SIGCONT);
+    assert_eq!(stopped, set(&[]));
+}
+
+#[test]
+fn bash_completes_a_topic() {
+    let domain = Domain::new();
+    let node = domain.node("driver");
+    let _scan = node.publisher::<str>("scan").unwrap();
+    let program = sm2(&[]).get_program().to_owned();
+    let folder = Path::new(&program).parent().unwrap().to_owned();
+    let mut command = Command::new("bash");
+    command.args([
+        "--norc",
+        "-c",
+        "source <(COMPLETE=bash sm2) && COMP_WORDS=(sm2 topic echo sc) COMP_CWORD=3 \
+        && _clap_complete_sm2 sm2 sc echo && echo \"${COMPREPLY[@]}\"",
+    ]);
+    let path = std::env::var("PATH").unwrap();
+    command.env("PATH", format!("{}:{path}", folder.display()));
+    command.env("SM2_SOCKET", domain.path("sm2.sock"));
+    match command.stdin(Stdio::null()).output() {
+        Ok(output) => assert_eq!(
+            String::from_utf8_lossy(&output.stdout),
+            "scan\n",
+            "{output:?}"
+        ),
+        Err(error) => skip_without("bash", error),
+    }
 }
 
 #[test]

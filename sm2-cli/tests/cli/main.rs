@@ -33,6 +33,7 @@ mod services;
 mod signals;
 mod snapshot;
 mod takeover;
+mod terminal;
 mod top;
 mod transfer;
 mod unknown;

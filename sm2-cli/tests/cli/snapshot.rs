@@ -37,7 +37,7 @@ fn it_shows_nodes_interfaces_links_counters_and_quotas() {
     let own = own.unwrap();
     assert_eq!((&own["used"], &own["limit"]), (&1.into(), &7.into()));
 
-    let text = domain.run(&["snapshot"]).stdout();
+    let text = domain.run(&["snapshot", "--limits"]).stdout();
     for part in [
         "2 nodes, 2 interfaces, 1 link\n",
         &format!("{one}:scan"),
@@ -64,7 +64,7 @@ fn the_limits_in_force_are_shown() {
     let _publisher = node.publisher::<str>("scan").unwrap();
     for command in ["snapshot", "doctor"] {
         let document = domain.json(&[command]);
-        let text = domain.run(&[command]).stdout();
+        let text = domain.run(&[command, "--limits"]).stdout();
         for (limit, in_force) in set {
             assert_eq!(document["limits"][limit.name()], in_force, "{document}");
             let row = text
