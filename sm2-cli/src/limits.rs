@@ -1,7 +1,7 @@
 //! The limits in force at the Manager, and how much of them is used.
 
 use clap::Args;
-use serde::Serialize;
+use serde::{Serialize, Serializer, ser::SerializeMap as _};
 use sm2_node::explain::{processes, sessions, users};
 use sm2_proto::control::{Limit, StatedLimits};
 
@@ -113,11 +113,12 @@ impl Shown {
 }
 
 /// The limits that are shown, each with its greatest use. `None` without any.
-pub(crate) fn table(limits: &Limits, quotas: &[Quota], shown: Shown) -> Option<Columns<3>> {
+pub(crate) fn table(limits: &LimitsInForce, quotas: &[Quota], shown: Shown) -> Option<Columns<3>> {
     let mut table = Columns::new(["LIMIT", "VALUE", "MOST USED"]);
     let mut is_empty = true;
-    for limit in Limit::ALL {
-        let of_limit = quotas.iter().filter(|it| it.kind == limit);
+    for limit in &limits.0.limits {
+        let name = limit.name.as_str();
+        let of_limit = quotas.iter().filter(|it| it.kind.name() == name);
         let most = of_limit.max_by_key(|it| it.used);
         if !(shown.limits || most.is_some_and(Quota::is_near)) {
             continue;

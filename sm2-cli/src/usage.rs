@@ -10,7 +10,7 @@ use clap::{
 use crate::{
     command::{Cli, Command},
     ended::WRONG_USAGE,
-    stderr,
+    stderr, up,
 };
 
 /// Parses a command line, whose first argument is the program.

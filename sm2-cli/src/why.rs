@@ -13,7 +13,7 @@ use sm2_proto::{
 use crate::{
     args::Domain,
     colours::Meaning,
-    connect::Session,
+    connect::CommandNode,
     ended::Ended,
     error::CliError,
     interface_troubles::InterfaceTrouble,

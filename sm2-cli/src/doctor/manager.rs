@@ -12,7 +12,7 @@ use crate::{
     connect::drive,
     error::CliError,
     interrupt::Interrupt,
-    limits::{NEAR_PERCENT, Quota, quotas},
+    limits::{LimitsInForce, NEAR_PERCENT, Quota, quotas},
     observation::Observation,
     stopped::StoppedNode,
     troubles::{LinkTroubles, NotTaking},

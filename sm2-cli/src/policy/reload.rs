@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use crate::{
     args::Domain,
-    connect::Session,
+    connect::CommandNode,
     ended::Ended,
     error::CliError,
     report::{Report, print},
@@ -44,8 +44,8 @@ Examples:
 ///
 /// [`CliError::Reload`], [`CliError::Output`], and those of [`CommandNode::open`].
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let session = Session::open(&arguments.domain, "policy")?;
-    session.node.reload_policy(arguments.timeout)?;
+    let command_node = CommandNode::open(&arguments.domain, "policy")?;
+    command_node.node.reload_policy(arguments.timeout)?;
     print(&Applied { applied: true }, arguments.json)?;
     Ok(Ended::Done)
 }

@@ -23,7 +23,7 @@ use super::{
     trigger::SERVICE,
 };
 use crate::{
-    args::name, bag_summary::show, connect::Session, error::CliError, interrupt::SignalPipe,
+    args::name, bag_summary::show, connect::CommandNode, error::CliError, interrupt::SignalPipe,
     output::Output, ticker::Ticker, time,
 };
 
@@ -167,7 +167,7 @@ fn start_in<'a>(
 fn keep(
     black_box: &mut BlackBox<'_>,
     signal: &SignalPipe,
-    session: &Session,
+    command_node: &CommandNode,
     until: Instant,
     done: &mut dyn FnMut(Incident) -> Result<(), CliError>,
 ) -> Result<Result<(), RecordError>, CliError> {

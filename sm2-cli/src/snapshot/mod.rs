@@ -16,7 +16,7 @@ use sm2_proto::{
 pub(crate) use self::named_item::reason_text;
 use self::{document::Document, named_item::NamedItem};
 use crate::{
-    args::Domain, connect::Session, ended::Ended, error::CliError, follow::Follow, limits,
+    args::Domain, connect::CommandNode, ended::Ended, error::CliError, follow::Follow, limits,
     observation::Observation, output::Output, view::View, wait::For,
 };
 

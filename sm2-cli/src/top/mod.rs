@@ -32,7 +32,7 @@ use self::{
 use crate::{
     args::Domain,
     colours,
-    connect::Session,
+    connect::CommandNode,
     ended::Ended,
     error::CliError,
     follow::Follow,

@@ -45,7 +45,7 @@ use self::{
 };
 use crate::{
     args::Domain,
-    connect::Session,
+    connect::CommandNode,
     ended::Ended,
     error::CliError,
     interrupt::{Interrupt, SignalPipe, Stopped},
@@ -149,7 +149,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         signals: Signals::default(),
     };
     let ran = match node {
-        Some(node) => up.run(Session::new(node, interrupt)),
+        Some(node) => up.run(CommandNode::new(node, interrupt)),
         None => up.start_manager(&location, &socket, interrupt),
     };
     let failed = up.fleet.has_failed();
@@ -227,7 +227,7 @@ impl Up<'_> {
                 break Some(UpError::ManagerEnded.into());
             }
             match connect(&location, socket, &interrupt, true) {
-                Ok(Some(node)) => return self.run(Session::new(node, interrupt)),
+                Ok(Some(node)) => return self.run(CommandNode::new(node, interrupt)),
                 Ok(None) if until <= clock::now() => {
                     break Some(UpError::NoManager(Span(MANAGER_TIMEOUT)).into());
                 }
@@ -265,10 +265,10 @@ impl Up<'_> {
     }
 
     /// Runs the programs to their end.
-    fn run(&mut self, session: Session) -> Result<(), CliError> {
-        session.be_silent();
+    fn run(&mut self, command_node: CommandNode) -> Result<(), CliError> {
+        command_node.be_silent();
         let mut known = Known {
-            watch: session.node.watch(),
+            watch: command_node.node.watch(),
             is_known: false,
             retry_at: None,
         };
@@ -276,11 +276,11 @@ impl Up<'_> {
         loop {
             // Before the question: a signal that comes later wakes the wait below.
             self.children.has_come();
-            self.take(session.take_signal());
+            self.take(command_node.take_signal());
             if let Err(error) = known.update() {
                 self.fleet.show.own(Kind::Domain, error.to_string());
             }
-            if !self.signals.is_stopping() && is_connected != session.is_connected() {
+            if !self.signals.is_stopping() && is_connected != command_node.is_connected() {
                 is_connected = !is_connected;
                 let text = match is_connected {
                     true => "a Manager is there again",
@@ -302,7 +302,7 @@ impl Up<'_> {
                 continue;
             }
             let until = [next, known.retry_at].into_iter().flatten().min();
-            session.step(&self.fds(), until)?;
+            command_node.step(&self.fds(), until)?;
         }
     }
 

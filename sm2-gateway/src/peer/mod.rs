@@ -381,7 +381,7 @@ impl Peer {
         };
         self.phase = Phase::Session(Box::new(Open {
             since: now.at,
-            session: Session::new(now.at, hop, name, peer, least),
+            session: PeerSession::new(now.at, hop, name, peer, least),
             control,
             control_out: VecDeque::new(),
             member: self.budget.join(),

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use bytes::Bytes;
 use quinn_proto::StreamId;
-use sm2_proto::{Instant, gateway::session::Session};
+use sm2_proto::{Instant, gateway::session::PeerSession};
 
 use super::budget::Member;
 
@@ -24,7 +24,7 @@ pub(super) enum Phase {
 pub(super) struct Open {
     /// The time since which the peer is known.
     pub(super) since: Instant,
-    pub(super) session: Session,
+    pub(super) session: PeerSession,
     /// The control stream. A peer that dialled has yet to open it.
     pub(super) control: Option<StreamId>,
     /// The bytes that wait for room in the control stream.

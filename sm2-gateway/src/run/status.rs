@@ -228,6 +228,7 @@ mod tests {
                 let report = ConnectionReport {
                     counts: Counts::ALL_DIFFERENT,
                     counts_by_name: Vec::new(),
+                    age: Some(Duration::from_secs(60)),
                     rtt: Duration::from_micros(2_500),
                     address: ([127, 0, 0, 1], 7_633).into(),
                 };

@@ -124,7 +124,7 @@ impl SharedInterface {
         Some(LinkEnds {
             id: link.id,
             client: (locked.node_name.clone(), self.id),
-            server: (link.peer.name.clone(), link.peer.interface),
+            server: (link.origin.peer.name.clone(), link.origin.peer.interface),
         })
     }
 
@@ -136,8 +136,18 @@ impl SharedInterface {
             && locked.node_name == ends.server.0
             && locked.interface.links().any(|it| {
                 let (name, interface) = &ends.client;
-                it.id == ends.id && it.peer.name == *name && it.peer.interface == *interface
+                it.id == ends.id
+                    && it.origin.peer.name == *name
+                    && it.origin.peer.interface == *interface
             })
+    }
+
+    /// The same for a call that needs the time at which it began.
+    pub(crate) fn lock_at_now(&self) -> LockedInterface<'_> {
+        let now = sm2_io::clock::now();
+        let mut locked = self.lock();
+        locked.now = now;
+        locked
     }
 
     /// Whether the program has requested a shutdown.
