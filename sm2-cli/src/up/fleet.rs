@@ -124,6 +124,11 @@ impl<'a> Fleet<'a> {
         units.all(|(_, it)| matches!(it.state, State::Over))
     }
 
+    /// Whether the programs are ended.
+    pub(super) fn is_ending(&self) -> bool {
+        self.phase != Phase::Running
+    }
+
     /// Whether a program has failed for good.
     pub(super) fn has_failed(&self) -> bool {
         self.units.iter().any(|it| it.has_failed)

@@ -100,7 +100,7 @@ impl Process {
         let _ = killpg(self.pid, signal);
     }
 
-    /// Whether no process of the group is left. Those that have ended count until they are [reaped](reap).
+    /// Whether no process of the group is left. One that has ended counts until it is [reaped](reap).
     pub(super) fn is_gone(&self) -> bool {
         group_is_gone(self.pid)
     }

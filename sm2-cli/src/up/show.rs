@@ -83,6 +83,22 @@ struct Event {
     at: Option<usize>,
 }
 
+impl Event {
+    /// An event of `sm2 up`, without its text.
+    const fn own(elapsed_s: f64, event: Kind) -> Self {
+        Self {
+            elapsed_s,
+            event,
+            program: None,
+            text: String::new(),
+            pid: None,
+            status: None,
+            signal: None,
+            at: None,
+        }
+    }
+}
+
 /// The queue of the thread that writes.
 pub(super) struct Show {
     start: Instant,
@@ -168,8 +184,6 @@ impl Show {
         }
         let elapsed = clock::now().since(self.start);
         let event = Event {
-            elapsed_s: elapsed.as_millis() as f64 / 1e3,
-            event,
             program: at.and_then(|at| self.names.get(at).cloned()),
             text,
             pid,
@@ -182,6 +196,7 @@ impl Show {
                 _ => None,
             },
             at,
+            ..Event::own(elapsed.as_millis() as f64 / 1e3, event)
         };
         let sent = self.queue.as_ref().map(|queue| queue.try_send(event));
         if let Some(Err(TrySendError::Full(_))) = sent {
@@ -207,9 +222,22 @@ impl Form {
     /// Writes all events. A line that cannot be written is lost, but not those after it: a disk may have room again.
     fn write_all(&self, events: &Receiver<Event>) -> Result<(), CliError> {
         let mut out = Output::new();
+        let mut lost = 0;
         let mut result = Ok(());
         while let Ok(event) = events.recv() {
+            if lost > 0 {
+                // If this is not written either, all of it is said later.
+                let mut text = Event::own(event.elapsed_s, Kind::Dropped);
+                text.text = format!(
+                    "up to {} lost: the output failed",
+                    Counted::new(lost, "line")
+                );
+                if self.write(&mut out, &text).is_ok() && out.flush().is_ok() {
+                    lost = 0;
+                }
+            }
             result = self.write(&mut out, &event).and_then(|()| out.flush());
+            lost += u64::from(result.is_err());
         }
         result
     }

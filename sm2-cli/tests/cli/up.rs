@@ -2,7 +2,7 @@
 
 use std::{
     fs::{self, File},
-    io::{BufRead, BufReader},
+    io::{BufRead, BufReader, pipe},
     path::PathBuf,
     process::Command,
 };
@@ -165,6 +165,15 @@ fn a_manager_that_serves_is_left_to_run() {
     assert_eq!(up.code(), 0, "{up:?}");
     assert_eq!(programs(&up.stdout(), "started"), ["a"]);
     assert_eq!(domain.run(&["node", "list"]).code(), 0);
+}
+
+#[test]
+fn nothing_is_said_about_a_manager_that_it_ends() {
+    let robot = Robot::new("[program.a]\ncommand = 'true'\n");
+    let up = robot.run();
+    assert_eq!(up.code(), 0, "{up:?}");
+    assert!(!up.stdout().contains("the Manager is gone"), "{up:?}");
+    assert_eq!(programs(&up.stdout(), "exited"), ["a", "manager"]);
 }
 
 #[test]
@@ -419,18 +428,17 @@ fn a_slow_reader_does_not_stop_a_program() {
         "[program.a]\ncommand = ['sh', '-c', 'yes 0123456789012345678901234567890123456789 | head -n 200000; \
          touch done; exec sleep 1000']\n",
     );
-    let mut child = robot
-        .command(&["--json"])
-        .stdout(std::process::Stdio::piped())
-        .spawn()
-        .unwrap();
+    let (output, input) = pipe().unwrap();
+    let mut command = robot.command(&["--json"]);
+    let up = Running::start_into(command.stdout(input));
+    // It holds the other end of the pipe.
+    drop(command);
     until("the program has printed all", || {
         robot.path("done").exists()
     });
-    kill(Pid::from_raw(child.id() as i32), Signal::SIGINT).unwrap();
-    let output = BufReader::new(child.stdout.take().unwrap());
-    let lines: Vec<_> = output.lines().map(Result::unwrap).collect();
-    assert_eq!(child.wait().unwrap().code(), Some(0));
+    up.signal(Signal::SIGINT);
+    let lines: Vec<_> = BufReader::new(output).lines().map(Result::unwrap).collect();
+    assert_eq!(up.finish().code(), 0);
     let logs = lines.iter().filter(|it| it.contains("\"log\"")).count();
     assert!(logs < 200_000, "{logs}");
     assert!(

@@ -66,10 +66,21 @@ fn paths_are_those_of_the_folder_of_the_file() {
     assert_eq!(a.environment, expected);
 }
 
+/// Checks that each text is refused with an error that begins with its place.
+fn refused(cases: &[(&str, &str)]) {
+    for (text, expected) in cases {
+        let error = check(text).unwrap_err();
+        let place = error.split_once("robot.toml:");
+        let place = place.map_or("", |(_, place)| place);
+        let found = error.ends_with(place) && place.starts_with(expected);
+        assert!(found, "{text}: {expected:?} is not in {error:?}");
+        assert!(!error.contains('\n'), "{error}");
+    }
+}
+
 #[test]
-fn errors_have_their_place_and_a_remedy() {
-    let long = "x".repeat(NAME_MAX + 1);
-    for (text, expected) in [
+fn errors_of_the_form_have_their_place() {
+    refused(&[
         (
             "",
             "1:1: the file has no program: add a table such as `[program.lidar]`",
@@ -114,6 +125,15 @@ fn errors_have_their_place_and_a_remedy() {
             "[program.a]\ncommand = './robot.toml'\n",
             "2:11: there is no program ./robot.toml",
         ),
+    ]);
+    let missing = load(Path::new("/none/robot.toml")).unwrap_err();
+    assert!(missing.to_string().contains("`sm2 new`"), "{missing}");
+}
+
+#[test]
+fn errors_of_values_have_their_place_and_a_remedy() {
+    let long = "x".repeat(NAME_MAX + 1);
+    refused(&[
         (
             "[program.'a b']\ncommand = 'true'\n",
             "1:10: a program's name has 1 to 64",
@@ -159,17 +179,7 @@ fn errors_have_their_place_and_a_remedy() {
             "1:16: a time is a number and a unit",
         ),
         (&format!("{FINE}{FINE}"), "3:10: duplicate key"),
-    ] {
-        let error = check(text).unwrap_err();
-        let place = error
-            .split_once("robot.toml:")
-            .map_or("", |(_, place)| place);
-        let found = error.ends_with(place) && place.starts_with(expected);
-        assert!(found, "{text}: {expected:?} is not in {error:?}");
-        assert!(!error.contains('\n'), "{error}");
-    }
-    let missing = load(Path::new("/none/robot.toml")).unwrap_err();
-    assert!(missing.to_string().contains("`sm2 new`"), "{missing}");
+    ]);
 }
 
 #[test]
