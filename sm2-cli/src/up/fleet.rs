@@ -124,6 +124,11 @@ impl<'a> Fleet<'a> {
         units.all(|(_, it)| matches!(it.state, State::Over))
     }
 
+    /// Whether the program at this position runs.
+    pub(super) fn is_running(&self, at: usize) -> bool {
+        self.units[at].running().is_some()
+    }
+
     /// Whether the programs are ended.
     pub(super) fn is_ending(&self) -> bool {
         self.phase != Phase::Running

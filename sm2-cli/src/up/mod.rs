@@ -223,7 +223,8 @@ impl Up<'_> {
             if self.signals.is_stopping() {
                 break None;
             }
-            if self.fleet.is_over(0..1) {
+            // A reason that ends it now would end it again.
+            if !self.fleet.is_running(0) {
                 break Some(UpError::ManagerEnded.into());
             }
             match connect(&location, socket, &interrupt, true) {

@@ -2,7 +2,7 @@
 //!
 //! A program is the leader of a process group of its own, so Ctrl-C at the terminal reaches `sm2 up` alone, which then
 //! ends the programs in order. All signals go to the group, which includes what the program has started, unless that
-//! has left the group (`setsid`).
+//! has left the group (`setsid`). The crate `process-wrap` would add nothing to `process_group` of std and `killpg`.
 
 use std::{
     fmt,

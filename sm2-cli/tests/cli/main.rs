@@ -38,6 +38,7 @@ mod top;
 mod transfer;
 mod unknown;
 mod up;
+mod up_logs;
 mod view;
 mod waiting;
 mod why;

@@ -1,11 +1,6 @@
-//! `sm2 up`: order, restarts, ends, and logs.
+//! `sm2 up`: order, restarts, and ends.
 
-use std::{
-    fs::{self, File},
-    io::{BufRead, BufReader, pipe},
-    path::PathBuf,
-    process::Command,
-};
+use std::{fs, path::PathBuf, process::Command};
 
 use nix::{
     sys::signal::{Signal, kill},
@@ -18,21 +13,21 @@ use tempfile::TempDir;
 use crate::common::{Domain, Finished, Running, sm2, until};
 
 /// A folder with a file of programs. In its text, `@sm2` stands for the command `sm2`.
-struct Robot(TempDir);
+pub(crate) struct Robot(TempDir);
 
 impl Robot {
-    fn new(text: &str) -> Self {
+    pub(crate) fn new(text: &str) -> Self {
         let folder = tempfile::tempdir_in(memory()).unwrap();
         let text = text.replace("@sm2", env!("CARGO_BIN_EXE_sm2"));
         fs::write(folder.path().join("robot.toml"), text).unwrap();
         Self(folder)
     }
 
-    fn path(&self, name: &str) -> PathBuf {
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.0.path().join(name)
     }
 
-    fn command(&self, options: &[&str]) -> Command {
+    pub(crate) fn command(&self, options: &[&str]) -> Command {
         let mut command = sm2(&["up"]);
         command.arg(self.path("robot.toml")).args(options);
         command.arg("--socket").arg(self.path("sm2.sock"));
@@ -182,6 +177,16 @@ fn no_manager_is_started_if_the_file_says_so() {
     let up = robot.run();
     up.failed(1, &["no Manager answers at", "sm2 manager --socket"]);
     assert_eq!(up.stdout(), "");
+}
+
+#[test]
+fn a_manager_that_cannot_serve_ends_it() {
+    let robot = Robot::new("[program.a]\ncommand = 'true'\n");
+    let mut command = sm2(&["up", "--json", "--socket", "/proc/none/sm2.sock"]);
+    let up = Running::start(command.arg(robot.path("robot.toml"))).finish();
+    up.failed(1, &["the Manager has ended: see its lines above"]);
+    assert!(text_of(&up.stdout(), "manager", "log").is_some(), "{up:?}");
+    assert_eq!(programs(&up.stdout(), "started"), ["manager"]);
 }
 
 #[test]
@@ -383,84 +388,6 @@ fn a_program_gets_its_environment_and_folder() {
         work.display()
     );
     assert_eq!(text_of(&up.stdout(), "a", "log"), Some(expected));
-}
-
-#[test]
-fn lines_have_the_name_of_their_program() {
-    let robot = Robot::new(
-        "[program.a]\ncommand = ['printf', 'one\\n\\033[31mtwo\\033[0m\\n\\342\\200\\256three']\n\
-         [program.longer]\ncommand = 'true'\n",
-    );
-    let plain = Running::start(&mut robot.command(&[])).finish();
-    let text = plain.stdout();
-    for line in [
-        "a       | one",
-        "a       | two",
-        "a       | \\u{202e}three",
-        "longer  * exited with status 0",
-    ] {
-        assert!(
-            text.lines().any(|it| it.starts_with(line)),
-            "{line} is not in\n{text}"
-        );
-    }
-    assert!(!text.contains('\u{1b}'), "{text}");
-    let coloured = Running::start(robot.command(&[]).env("CLICOLOR_FORCE", "1")).finish();
-    assert!(
-        coloured
-            .stdout()
-            .contains("\u{1b}[32ma       |\u{1b}[0m one\n"),
-        "{coloured:?}"
-    );
-    let mut forbidden = robot.command(&[]);
-    forbidden.env("CLICOLOR_FORCE", "1").env("NO_COLOR", "1");
-    assert!(
-        !Running::start(&mut forbidden)
-            .finish()
-            .stdout()
-            .contains('\u{1b}')
-    );
-}
-
-#[test]
-fn a_slow_reader_does_not_stop_a_program() {
-    let robot = Robot::new(
-        "[program.a]\ncommand = ['sh', '-c', 'yes 0123456789012345678901234567890123456789 | head -n 200000; \
-         touch done; exec sleep 1000']\n",
-    );
-    let (output, input) = pipe().unwrap();
-    let mut command = robot.command(&["--json"]);
-    let up = Running::start_into(command.stdout(input));
-    // It holds the other end of the pipe.
-    drop(command);
-    until("the program has printed all", || {
-        robot.path("done").exists()
-    });
-    up.signal(Signal::SIGINT);
-    let lines: Vec<_> = BufReader::new(output).lines().map(Result::unwrap).collect();
-    assert_eq!(up.finish().code(), 0);
-    let logs = lines.iter().filter(|it| it.contains("\"log\"")).count();
-    assert!(logs < 200_000, "{logs}");
-    assert!(
-        lines
-            .iter()
-            .any(|it| it.contains("dropped: the output is slower"))
-    );
-}
-
-#[test]
-fn a_full_disk_does_not_stop_a_program() {
-    let robot = Robot::new("[program.a]\ncommand = ['sh', '-c', 'echo a; touch done']\n");
-    let full = File::options().write(true).open("/dev/full").unwrap();
-    let mut command = robot.command(&[]);
-    let up = Running::start_into(command.stdout(full)).finish();
-    let errors = up.stderr();
-    assert_eq!(up.code(), 1, "{errors}");
-    assert!(
-        errors.contains("cannot write to standard output: No space left"),
-        "{errors}"
-    );
-    assert!(robot.path("done").exists());
 }
 
 #[test]
