@@ -38,12 +38,9 @@ use crate::{CallError, DeclareError, Message, StoreError, Wait};
 /// # let domain = sm2_node::testing::TestDomain::new()?;
 /// # let adder = domain.node("adder")?;
 /// # let server = adder.server::<[f64], f64>("sum")?;
-/// # std::thread::spawn(move || {
-/// #     for _ in 0..2 {
-/// #         let request = server.recv().unwrap();
-/// #         let sum = request.iter().sum();
-/// #         request.reply(&sum).unwrap();
-/// #     }
+/// # std::thread::spawn(move || while let Ok(request) = server.recv() {
+/// #     let sum = request.iter().sum();
+/// #     request.reply(&sum).unwrap();
 /// # });
 /// # let node = domain.node("calculator")?;
 /// use std::time::Duration;

@@ -2,6 +2,7 @@
 
 mod callback;
 mod group;
+mod id;
 mod mailbox;
 mod origin;
 pub(crate) mod runs;
@@ -14,8 +15,9 @@ use std::panic;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 
-pub use self::callback::{CallbackId, ExecutorError, Failure};
+pub use self::callback::{ExecutorError, Failure};
 pub use self::group::Group;
+pub use self::id::CallbackId;
 use self::mailbox::Mailbox;
 pub use self::origin::{CallbackSource, Origin};
 use self::runs::{Duties, GroupKey, Run};

@@ -74,7 +74,7 @@ const EVENTS: usize = 64;
 ///
 /// | source | reported | until |
 /// | --- | --- | --- |
-/// | subscriber, server, events, [synchronizer](Self::add_synchronizer) | again and again | its `try_…` method finds nothing more |
+/// | subscriber, server, events, synchronizer | again and again | its `try_…` method finds nothing more |
 /// | pending call | once, then the call leaves the set | |
 /// | timer | once for each tick, or for all missed ticks ([`MissedTicks`](crate::MissedTicks)) | |
 /// | [once](Timer::once) | once, then the timer leaves the set | |

@@ -60,7 +60,12 @@ fn a_program_connects_to_the_domain_of_its_test() {
         .unwrap()
         .expect("a message of the program");
     assert_eq!(&*sample, "hello 1");
-    assert!(child.wait().unwrap().success());
+    let mut status = None;
+    crate::common::until(|| {
+        status = child.try_wait().unwrap();
+        status.is_some()
+    });
+    assert!(status.unwrap().success());
 }
 
 #[test]

@@ -1,13 +1,9 @@
-//! Callbacks of an executor, and their errors.
+//! The errors of an executor.
 
 use std::error::Error;
 use std::io;
 
 use super::origin::Origin;
-
-/// Identifies a callback of an [`Executor`](crate::Executor).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct CallbackId(pub(super) u64);
 
 /// The error of a callback, which ends its executor.
 pub type Failure = Box<dyn Error + Send + Sync>;

@@ -6,7 +6,8 @@ use std::os::fd::AsFd;
 use std::panic::Location;
 use std::sync::Arc;
 
-use super::callback::{CallbackId, ExecutorError, Failure};
+use super::callback::{ExecutorError, Failure};
+use super::id::CallbackId;
 use super::mailbox::Mailbox;
 use super::origin::{CallbackSource, Origin};
 use super::runs::{Duties, GroupKey};

@@ -8,7 +8,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use sm2_io::Waker;
 
-use super::callback::CallbackId;
+use super::id::CallbackId;
 use super::turn::Due;
 
 /// Messages to the thread of an executor that waits for its sources. Its descriptor wakes that thread.

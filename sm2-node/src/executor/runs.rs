@@ -7,7 +7,7 @@
 use std::cell::RefCell;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
-use super::callback::CallbackId;
+use super::id::CallbackId;
 use super::turn::Turn;
 use crate::driver::{LinkEnds, LinkToken, SharedInterface};
 

@@ -9,7 +9,8 @@ use std::fmt;
 use std::io;
 use std::sync::Arc;
 
-use super::callback::{CallbackId, ExecutorError};
+use super::callback::ExecutorError;
+use super::id::CallbackId;
 use super::mailbox::{Letters, Mailbox};
 use super::runs::Duties;
 use super::task::Task;

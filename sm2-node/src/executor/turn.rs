@@ -3,7 +3,7 @@
 use std::mem;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use super::callback::CallbackId;
+use super::id::CallbackId;
 use crate::wait_set::{Cause, Key};
 
 /// The state that the callbacks of a group share, and their turn.

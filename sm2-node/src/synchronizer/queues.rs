@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use sm2_proto::Instant;
 
-/// What became of the messages of one input of a [`Synchronizer`](crate::Synchronizer).
+/// The fates of the messages of one input of a [`Synchronizer`](crate::Synchronizer).
 ///
 /// `received` is the sum of all others but `too_soon`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]

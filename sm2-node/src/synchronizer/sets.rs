@@ -137,7 +137,7 @@ impl<S> Synchronizer<S> {
         self.slots.0.slot(input).map(|it| it.topic())
     }
 
-    /// What became of the messages of an input, counted from 0.
+    /// The fates of the messages of an input, counted from 0.
     #[must_use]
     pub fn counters(&self, input: usize) -> Option<InputCounters> {
         (input < self.order.len()).then(|| self.core.counters(input))

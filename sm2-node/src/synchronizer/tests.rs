@@ -205,7 +205,7 @@ fn interval() -> impl Strategy<Value = u64> {
 }
 
 proptest! {
-    /// Whatever the order of arrival, the sets are those of the definition, and nothing but arrival delays them.
+    /// In each order of arrival, the sets are those of the definition, and nothing but arrival delays them.
     #[test]
     fn approximate_sets_are_the_best_ones(
         times in times(), order in order(), percent in 0_u32..30, max_interval in interval(),
