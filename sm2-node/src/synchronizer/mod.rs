@@ -1,4 +1,4 @@
-//! Messages of several topics that belong together: see [`Synchronizer`](crate::Synchronizer).
+//! Messages of several topics that belong together: see [`Synchronizer`].
 
 mod approximate;
 mod builder;
