@@ -135,7 +135,7 @@ impl Selector {
     }
 }
 
-/// What a name that is no interface of the node may stand for: interfaces of other nodes, and those of this one.
+/// The interfaces that a name may stand for if it is none of the node: those of other nodes, and those of this one.
 /// `: map is the publisher of mapper; listener has the subscriber of scan`.
 fn found(view: &View<'_>, node: &Name, name: &Name) -> String {
     let of_node = |it: &InterfaceView<'_>| view.name_of(it.entity.node) == node.as_str();

@@ -3,7 +3,8 @@
 use std::{
     fmt,
     io::{self, Write},
-    sync::atomic::{AtomicBool, Ordering},
+    mem,
+    sync::{Mutex, MutexGuard, PoisonError},
 };
 
 use crate::{
@@ -15,7 +16,13 @@ use crate::{
 const ERASE: &str = "\r\x1b[2K";
 
 /// Whether the last line shows the progress of work, and the next message takes its place.
-static SHOWS_PROGRESS: AtomicBool = AtomicBool::new(false);
+static SHOWS_PROGRESS: Mutex<bool> = Mutex::new(false);
+
+/// Locked while a line is written: threads write whole lines, the progress and messages that replace it.
+fn shows_progress() -> MutexGuard<'static, bool> {
+    let locked = SHOWS_PROGRESS.lock();
+    locked.unwrap_or_else(PoisonError::into_inner)
+}
 
 /// Like `eprintln!`, but does not panic if the reader of standard error is gone, as in `sm2 … 2>&1 | head`.
 macro_rules! stderr_line {
@@ -48,15 +55,15 @@ pub(crate) fn progress(line: &str) {
 
 /// Ends the line that shows progress, if there is one: standard output, which may be the same terminal, goes on below it.
 pub(crate) fn end_progress() {
-    if SHOWS_PROGRESS.swap(false, Ordering::Relaxed) {
+    if mem::take(&mut *shows_progress()) {
         let _ = writeln!(io::stderr());
     }
 }
 
 fn write(text: fmt::Arguments<'_>, is_progress: bool) {
-    // Threads write whole lines: the progress, and messages that replace it.
+    let mut shows_progress = shows_progress();
     let mut stderr = io::stderr().lock();
-    if SHOWS_PROGRESS.swap(is_progress, Ordering::Relaxed) {
+    if mem::replace(&mut *shows_progress, is_progress) {
         let _ = stderr.write_all(ERASE.as_bytes());
     }
     let _ = stderr.write_fmt(text);

@@ -95,7 +95,7 @@ impl ValueCompleter for Values {
 
     fn complete_at(&self, at: usize, current: &OsStr) -> Vec<CompletionCandidate> {
         // Only a parameter, not its new value.
-        if *self == Self::Assignments && at % 2 != 0 {
+        if *self == Self::Assignments && !at.is_multiple_of(2) {
             return Vec::new();
         }
         let Some(current) = current.to_str() else {

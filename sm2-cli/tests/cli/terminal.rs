@@ -1,4 +1,4 @@
-//! What commands show to a person: colours, progress, and the order of lines.
+//! The output of commands on a terminal: colours, progress, and the order of lines.
 
 use std::{
     fs::File,

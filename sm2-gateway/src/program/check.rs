@@ -47,7 +47,7 @@ struct Checked {
     unreachable: Option<String>,
     /// The topics and services that the domain has and peers may have.
     allowed: Vec<Allowed>,
-    /// What the other configuration would change; `None` without `--shadow`.
+    /// The changes that the other configuration would make; `None` without `--shadow`.
     shadow: Option<Vec<ShadowReport>>,
 }
 
