@@ -103,3 +103,116 @@ fn entries(record: &RawRecord) -> Option<(u16, &[[[u8; 8]; 2]])> {
     };
     is_index.then_some((u16::from_le_bytes(*channel), pairs))
 }
+
+#[cfg(test)]
+mod tests {
+    use std::io::{Cursor, Write};
+
+    use mcap::records::MessageHeader;
+    use mcap::{Summary, Writer};
+
+    use super::*;
+
+    /// A bag of two channels and two chunks, and its summary.
+    fn bag() -> (File, Summary, u64) {
+        let mut writer = Writer::new(Cursor::new(Vec::new())).unwrap();
+        let channels = ["a", "b"].map(|it| {
+            let metadata = BTreeMap::new();
+            writer.add_channel(0, it, "plain", &metadata).unwrap()
+        });
+        for (at, channel_id) in [0, 1, 0].map(|it| channels[it]).into_iter().enumerate() {
+            let header = MessageHeader {
+                channel_id,
+                sequence: 0,
+                log_time: 10 + at as u64,
+                publish_time: 0,
+            };
+            writer.write_to_known_channel(&header, b"x").unwrap();
+            writer.flush().unwrap();
+        }
+        writer.finish().unwrap();
+        let bytes = writer.into_inner().into_inner();
+        let mut file = tempfile::tempfile().unwrap();
+        file.write_all(&bytes).unwrap();
+        let summary = Summary::read(&bytes).unwrap().unwrap();
+        (file, summary, bytes.len() as u64)
+    }
+
+    #[test]
+    fn counts_are_those_of_the_messages() {
+        let (file, summary, end) = bag();
+        assert!(summary.chunk_indexes.len() > 1);
+        let counted = counts(&file, &summary, end).unwrap().unwrap();
+        let counted = counted
+            .iter()
+            .map(|(id, it)| (&*summary.channels[id].topic, it.messages));
+        let mut counted: Vec<_> = counted.collect();
+        counted.sort_unstable();
+        assert_eq!(counted, [("a", 2), ("b", 1)]);
+    }
+
+    /// One number that differs from the others is enough.
+    #[test]
+    fn what_does_not_agree_has_no_counts() {
+        type Change = fn(&mut Summary);
+        let changes: [(&str, Change); 16] = [
+            ("no statistics", |it| it.stats = None),
+            ("channels", |it| {
+                it.stats.as_mut().unwrap().channel_count += 1
+            }),
+            ("chunks", |it| it.stats.as_mut().unwrap().chunk_count -= 1),
+            ("attachments", |it| {
+                it.stats.as_mut().unwrap().attachment_count += 1
+            }),
+            ("metadata", |it| {
+                it.stats.as_mut().unwrap().metadata_count += 1
+            }),
+            ("messages", |it| {
+                it.stats.as_mut().unwrap().message_count += 1
+            }),
+            ("first time", |it| {
+                it.stats.as_mut().unwrap().message_start_time -= 1
+            }),
+            ("last time", |it| {
+                it.stats.as_mut().unwrap().message_end_time += 1
+            }),
+            ("messages of a channel", |it| {
+                let stats = it.stats.as_mut().unwrap();
+                let mut counts = stats.channel_message_counts.values_mut();
+                *counts.next().unwrap() += 1;
+            }),
+            ("a missing channel", |it| {
+                let id = *it.channels.keys().next().unwrap();
+                it.channels.remove(&id);
+                it.stats.as_mut().unwrap().channel_count -= 1;
+            }),
+            ("a missing chunk", |it| {
+                it.chunk_indexes.pop();
+                it.stats.as_mut().unwrap().chunk_count -= 1;
+            }),
+            ("first time of a chunk", |it| {
+                it.chunk_indexes[0].message_start_time -= 1
+            }),
+            ("last time of a chunk", |it| {
+                it.chunk_indexes[0].message_end_time += 1
+            }),
+            ("an index too few", |it| {
+                it.chunk_indexes[0].message_index_offsets.clear()
+            }),
+            ("an index too many", |it| {
+                it.chunk_indexes[0].message_index_offsets.insert(77, 0);
+            }),
+            ("the length of the indexes", |it| {
+                it.chunk_indexes[0].message_index_length = u64::MAX;
+            }),
+        ];
+        let (file, summary, end) = bag();
+        for (what, change) in changes {
+            let mut changed = summary.clone();
+            change(&mut changed);
+            assert_eq!(counts(&file, &changed, end).unwrap(), None, "{what}");
+        }
+        // The file is shorter than its summary says.
+        assert_eq!(counts(&file, &summary, 30).unwrap(), None);
+    }
+}

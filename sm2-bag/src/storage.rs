@@ -180,3 +180,22 @@ fn sync_parent(path: &Path) -> io::Result<()> {
         result => result,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use sm2_test_support::memory;
+
+    use super::*;
+
+    /// A file grows by no more than the free bytes of its disk.
+    #[test]
+    fn free_bytes_are_those_that_can_be_written() {
+        const LEN_BYTES: usize = 1 << 20;
+        let file = tempfile::tempfile_in(memory()).unwrap();
+        let free = free_bytes(&file).unwrap();
+        file.write_all_at(&vec![7; LEN_BYTES], 0).unwrap();
+        assert!(free >= LEN_BYTES as u64, "{free}");
+        // Nobody has a disk of an exabyte.
+        assert!(free < 1 << 60, "{free}");
+    }
+}
