@@ -54,9 +54,8 @@ pub fn huge_pages_allowed() -> bool {
 #[doc(hidden)]
 #[must_use]
 pub fn huge_pages_allowed_by(setting: &str) -> bool {
-    let chosen = |word: &&str| word.starts_with('[') && word.ends_with(']');
     let allowed = ["[always]", "[within_size]", "[advise]", "[force]"];
-    (setting.split_whitespace().find(chosen)).is_some_and(|word| allowed.contains(&word))
+    (setting.split_whitespace()).any(|word| allowed.contains(&word))
 }
 
 /// Whether to ask for huge pages this time.
