@@ -80,6 +80,9 @@ mod why;
 use std::{env, ffi::OsString, io, process::ExitCode};
 
 use clap::CommandFactory;
+use tracing_subscriber::{
+    filter::Targets, layer::SubscriberExt as _, util::SubscriberInitExt as _,
+};
 
 pub use crate::transcode::Transcoder;
 use crate::{
@@ -154,10 +157,14 @@ pub fn run(arguments: Vec<OsString>) -> ExitCode {
 /// Logs to standard error with the level of `SM2_LOG`. The default is `error`, since commands report all other
 /// events themselves.
 fn log_errors() -> Result<(), sm2_io::WrongLogLevel> {
-    tracing_subscriber::fmt()
-        .with_env_filter(sm2_io::log_levels("error")?)
+    let logs = tracing_subscriber::fmt::layer()
         .with_ansi(colours::are_on_stderr())
-        .with_writer(io::stderr)
+        .with_writer(io::stderr);
+    let filter: Targets =
+        (sm2_io::log_levels("error")?.parse()).expect("`log_levels` has checked them");
+    tracing_subscriber::registry()
+        .with(filter)
+        .with(logs)
         .init();
     Ok(())
 }

@@ -281,7 +281,7 @@ impl Up<'_> {
             if let Err(error) = known.update() {
                 self.fleet.show.own(Kind::Domain, error.to_string());
             }
-            if !self.fleet.is_ending() && is_connected != session.is_connected() {
+            if !self.fleet.is_ending() && is_connected != command_node.is_connected() {
                 is_connected = !is_connected;
                 let text = match is_connected {
                     true => "a Manager is there again",

@@ -23,6 +23,9 @@ use std::{
 };
 
 use clap::Subcommand;
+use tracing_subscriber::{
+    filter::Targets, layer::SubscriberExt as _, util::SubscriberInitExt as _,
+};
 
 pub use self::{error::ProgramError, options::Domain};
 
@@ -139,12 +142,15 @@ pub fn main(command: &Command, program: &str) -> ExitCode {
             return ExitCode::from(2);
         }
     };
-    let logs = tracing_subscriber::fmt()
-        .with_env_filter(levels)
+    let logs = tracing_subscriber::fmt::layer()
         .with_ansi(io::stderr().is_terminal())
         .with_writer(io::stderr);
+    let filter: Targets = levels.parse().expect("`log_levels` has checked them");
     // Fails if the program has installed a subscriber of its own, which then stays.
-    let _ = logs.try_init();
+    let _ = tracing_subscriber::registry()
+        .with(filter)
+        .with(logs)
+        .try_init();
     match execute(command, &mut io::stdout().lock()) {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,

@@ -31,6 +31,9 @@ use signal_hook::{
 use sm2_io::DomainSocketError;
 use sm2_proto::control::LimitError;
 use tracing::warn;
+use tracing_subscriber::{
+    filter::Targets, layer::SubscriberExt as _, util::SubscriberInitExt as _,
+};
 
 pub use self::{
     activation::ActivationError, arguments::Arguments, limit_arguments::LimitArguments,
@@ -260,12 +263,15 @@ pub fn main(arguments: &Arguments) -> ExitCode {
             return ExitCode::from(WRONG_USAGE);
         }
     };
-    let logs = tracing_subscriber::fmt()
-        .with_env_filter(levels)
+    let logs = tracing_subscriber::fmt::layer()
         .with_ansi(io::stderr().is_terminal())
         .with_writer(io::stderr);
+    let filter: Targets = levels.parse().expect("`log_levels` has checked them");
     // Fails only if the program has installed a logger already, which serves as well.
-    let _ = logs.try_init();
+    let _ = tracing_subscriber::registry()
+        .with(filter)
+        .with(logs)
+        .try_init();
     match serve(arguments) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
