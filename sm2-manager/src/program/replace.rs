@@ -155,6 +155,7 @@ fn catches_sigusr2(pid: i32) -> Option<bool> {
 mod tests {
     use signal_hook::{consts::SIGUSR2, iterator::Signals};
     use sm2_io::{DomainLock, Listener};
+    use sm2_test_support::SOON;
 
     use super::*;
 
@@ -173,6 +174,23 @@ mod tests {
         let _lock = DomainLock::acquire(&path).unwrap();
         let error = refused(&path);
         assert!(matches!(error, ReplaceError::NotThere { .. }), "{error:?}");
+    }
+
+    /// It may be about to serve, or to end.
+    //= SM2-RES-009 test
+    #[test]
+    fn a_process_that_holds_the_lock_is_given_time() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("domain.sock");
+        let lock = DomainLock::acquire(&path).unwrap();
+        thread::scope(|scope| {
+            let take = || take_over_within(&path, &Options::default(), SOON).map(drop);
+            let taking = scope.spawn(take);
+            // It has tried by now, or finds the lock free.
+            thread::sleep(Duration::from_millis(50));
+            drop(lock);
+            taking.join().unwrap().expect("a Manager");
+        });
     }
 
     /// This process is asked: it serves the domain, and has a handler for the signal.
