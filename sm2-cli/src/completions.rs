@@ -13,7 +13,7 @@ use std::{
     process::ExitCode,
 };
 
-use clap::{Args, ValueEnum};
+use clap::{Args, Command, ValueEnum};
 use clap_complete::{
     CompleteEnv,
     env::{Bash, EnvCompleter, Fish, Shells, Zsh},
@@ -68,12 +68,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     Ok(Ended::Done)
 }
 
-/// Answers a shell, if it has asked. Returns the exit status then.
+/// Answers a shell, if it has asked for completions of the commands below `root`. Returns the exit status then.
 ///
 /// Nothing is written to standard error, because it would stand in the middle of the person's command line.
-pub(crate) fn answer(arguments: &[OsString]) -> Option<ExitCode> {
+pub(crate) fn answer(arguments: &[OsString], root: fn() -> Command) -> Option<ExitCode> {
     let shells: [&dyn EnvCompleter; 3] = [&Bash, &Zsh, &Fish];
-    let complete = CompleteEnv::with_factory(arguments::command)
+    let complete = CompleteEnv::with_factory(|| arguments::with_values(root()))
         .var(VARIABLE)
         .bin("sm2")
         .shells(Shells(&shells));

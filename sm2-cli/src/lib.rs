@@ -100,7 +100,7 @@ pub fn main() -> ExitCode {
 /// Runs a command, and returns its exit status. The first argument stands for the program. Call it once in a process.
 #[must_use]
 pub fn run(arguments: Vec<OsString>) -> ExitCode {
-    if let Some(status) = completions::answer(&arguments) {
+    if let Some(status) = completions::answer(&arguments, Cli::command) {
         return status;
     }
     let command = match usage::parse(arguments) {

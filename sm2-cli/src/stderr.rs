@@ -53,7 +53,7 @@ pub(crate) fn progress(line: &str) {
     write(format_args!("{ERASE}{}", printable(line)), true);
 }
 
-/// Ends the line that shows progress, if there is one: standard output, which may be the same terminal, goes on below it.
+/// Ends the line that shows progress, if there is one: standard output may be the same terminal, and goes on below it.
 pub(crate) fn end_progress() {
     if mem::take(&mut *shows_progress()) {
         let _ = writeln!(io::stderr());

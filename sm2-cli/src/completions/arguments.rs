@@ -2,29 +2,10 @@
 
 use std::ffi::OsStr;
 
-use clap::{Command, CommandFactory};
+use clap::Command;
 use clap_complete::{ArgValueCompleter, CompletionCandidate, engine::ValueCompleter};
 
-use super::domain::{Line, candidates};
-use crate::command::Cli;
-
-/// The kind of value of an argument.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Values {
-    Topics,
-    Services,
-    Nodes,
-    /// Nodes that have parameters.
-    NodesWithParameters,
-    /// The parameters of the node that the command line names.
-    Parameters,
-    /// Names of parameters and new values, in turns.
-    Assignments,
-    /// Nodes, topics and services, and interfaces as `NODE:NAME`.
-    Interfaces,
-    /// Conditions of `sm2 wait`.
-    Conditions,
-}
+use super::domain::{Line, Values, candidates};
 
 /// The arguments: the words of the command, the identifiers of its arguments, and their values.
 const ARGUMENTS: &[(&[&str], &[&str], Values)] = &[
@@ -68,12 +49,10 @@ const ARGUMENTS: &[(&[&str], &[&str], Values)] = &[
 ];
 
 /// The tree of all commands, with the values of their arguments.
-pub(super) fn command() -> Command {
-    ARGUMENTS
-        .iter()
-        .fold(Cli::command(), |root, (words, ids, values)| {
-            with(root, words, ids, *values)
-        })
+pub(super) fn with_values(root: Command) -> Command {
+    ARGUMENTS.iter().fold(root, |root, (words, ids, values)| {
+        with(root, words, ids, *values)
+    })
 }
 
 /// A command whose arguments at these words have values.
@@ -107,7 +86,14 @@ impl ValueCompleter for Values {
 
 #[cfg(test)]
 mod tests {
+    use clap::CommandFactory;
+
     use super::*;
+    use crate::command::Cli;
+
+    fn command() -> Command {
+        with_values(Cli::command())
+    }
 
     /// The names of values that stand for something in a domain.
     const OF_DOMAIN: [&str; 5] = ["NODE", "TOPIC", "TOPIC|GLOB", "EXPRESSION", "SERVICE"];

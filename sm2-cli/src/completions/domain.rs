@@ -10,7 +10,6 @@ use sm2_node::{
 };
 use sm2_proto::{Name, domain::Domain as Mirror};
 
-use super::arguments::Values;
 use crate::{
     connect::drive,
     param,
@@ -23,6 +22,24 @@ const TIMEOUT: Duration = Duration::from_millis(500);
 
 /// Names, each with a text for shells that show one.
 type Names = BTreeMap<String, String>;
+
+/// The kind of value of an argument.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Values {
+    Topics,
+    Services,
+    Nodes,
+    /// Nodes that have parameters.
+    NodesWithParameters,
+    /// The parameters of the node that the command line names.
+    Parameters,
+    /// Names of parameters and new values, in turns.
+    Assignments,
+    /// Nodes, topics and services, and interfaces as `NODE:NAME`.
+    Interfaces,
+    /// Conditions of `sm2 wait`.
+    Conditions,
+}
 
 /// The command line that is being completed.
 pub(super) struct Line {
