@@ -1,13 +1,13 @@
 //! Calling a service.
 
+mod reply;
+
 use std::fmt;
 use std::marker::PhantomData;
-use std::ops::Deref;
 use std::sync::Arc;
 use std::time::Duration;
 
 use sm2_io::memfd::Side;
-use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
 use crate::driver::{
@@ -18,10 +18,12 @@ use crate::handle::declaration::{
     Declaration, inline_max_setter, max_len_setter, schema_of, sealed_setter, wait_setter,
 };
 use crate::handle::methods::interface_methods;
-use crate::handle::receive::{Receipt, Received, Unreadable};
+use crate::handle::receive::Unreadable;
 use crate::handle::{Handle, until};
 use crate::outgoing::Outgoing;
 use crate::{CallError, DeclareError, Message, StoreError, Wait};
+
+pub use self::reply::Reply;
 
 /// Sends requests of type `Q` to the servers of a service, and gets replies of type `R`.
 ///
@@ -352,59 +354,6 @@ impl<R: Message + ?Sized> fmt::Debug for Call<R> {
             .field("service", &self.handle.name)
             .field("id", &self.call.id)
             .finish_non_exhaustive()
-    }
-}
-
-/// A reply. Dereferences to the message; dropping it releases the message.
-pub struct Reply<R: Message + ?Sized> {
-    /// Before the receipt, so that it is dropped first: the view may refer to the slot that the receipt
-    /// releases.
-    view: R::View,
-    receipt: Receipt,
-}
-
-impl<R: Message + ?Sized> Reply<R> {
-    fn new(service: Name, received: Received) -> Result<Self, CallError> {
-        let Received {
-            header,
-            bytes,
-            receipt,
-        } = received;
-        match header.status {
-            Status::Ok => match R::view_in_place(bytes) {
-                Ok(view) => Ok(Self { view, receipt }),
-                Err(reason) => Err(CallError::Payload { service, reason }),
-            },
-            Status::Failed => {
-                let reason = String::from_utf8_lossy(&bytes.into_payload()).into_owned();
-                Err(CallError::Failed { service, reason })
-            }
-            Status::Cancelled => Err(CallError::Cancelled { service }),
-            Status::DeadlinePassed => Err(CallError::DeadlineExceeded { service }),
-        }
-    }
-
-    /// The name of the server's node.
-    #[must_use]
-    pub fn server(&self) -> &Name {
-        &self.receipt.peer().name
-    }
-}
-
-impl<R: Message + ?Sized> Deref for Reply<R> {
-    type Target = R;
-
-    fn deref(&self) -> &R {
-        &self.view
-    }
-}
-
-impl<R: Message + ?Sized + fmt::Debug> fmt::Debug for Reply<R> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Reply")
-            .field("server", &self.receipt.peer().name)
-            .field("message", &&**self)
-            .finish()
     }
 }
 

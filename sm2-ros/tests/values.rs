@@ -183,7 +183,7 @@ fn len_behind(before: usize, field: &str, value: &Json) -> Result<usize, EncodeE
     encoded(&text, &given).map(|it| it.len())
 }
 
-/// Whatever the last field is: a message is written if 16 bytes are left, and never longer than 64 MiB.
+/// A message is written if 16 bytes are left, with any last field, and never longer than 64 MiB.
 #[test]
 fn a_message_may_be_as_long_as_the_limit_says() {
     const MOST: usize = 64 << 20;
@@ -352,7 +352,7 @@ fn numbers_that_are_bytes_already_are_written_as_numbers() {
     bytes_are_the_numbers::<f64>(&[], &[], 4 + 1);
 }
 
-/// Whatever the alignment needs.
+/// No alignment leads beyond the limit.
 #[test]
 fn no_message_is_longer_than_the_limit() {
     const MOST: usize = 64 << 20;
