@@ -20,7 +20,11 @@ pub extern "C" fn sm2_log_to_stderr(level: u32) -> Status {
             3 => LevelFilter::INFO,
             4 => LevelFilter::DEBUG,
             5 => LevelFilter::TRACE,
-            _ => return Err(Failure::misuse(format!("{level} is not a level: pass 1 to 5"))),
+            _ => {
+                return Err(Failure::misuse(format!(
+                    "{level} is not a level: pass 1 to 5"
+                )));
+            }
         };
         let log = tracing_subscriber::fmt().with_max_level(level);
         let started = log.with_writer(std::io::stderr).try_init();
