@@ -127,7 +127,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
         });
         drop(locked);
         if let Some(call) = call {
-            return Ok(self.pending(call, deadline));
+            return Ok(self.pending(call, deadline, now));
         }
         let needs = self.server(request.len() as u64, deadline)?;
         self.send_to(needs, request, deadline)
@@ -160,7 +160,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
         request: Outgoing<'_>,
         deadline: Option<Instant>,
     ) -> Result<Call<R>, CallError> {
-        let len = request.len() as u64;
+        let (len, now) = (request.len() as u64, sm2_io::clock::now());
         let forms = self.handle.store(request, needs)?;
         // Chooses the server again, because other calls may have been sent meanwhile.
         let call = self.handle.with_undriven_now(|interface, context| {
@@ -175,15 +175,15 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
             }
         });
         let call = call.map_err(|choice| self.no_server(choice, len))?;
-        Ok(self.pending(call, deadline))
+        Ok(self.pending(call, deadline, now))
     }
 
-    fn pending(&self, call: CallId, deadline: Option<Instant>) -> Call<R> {
+    fn pending(&self, call: CallId, deadline: Option<Instant>, began: Instant) -> Call<R> {
         Call {
             call,
             handle: Arc::clone(&self.handle),
             deadline,
-            sent_in: runs::last_run(),
+            began,
             done: false,
             replies: PhantomData,
         }
@@ -237,8 +237,8 @@ pub struct Call<R: Message + ?Sized> {
     handle: Arc<Handle>,
     call: CallId,
     deadline: Option<Instant>,
-    /// The last run of an executor's callback when it was sent.
-    sent_in: u64,
+    /// The time at which the program began to send it.
+    began: Instant,
     /// Whether the result has been returned.
     done: bool,
     replies: PhantomData<fn() -> Box<R>>,
@@ -255,7 +255,7 @@ impl<R: Message + ?Sized> Call<R> {
     ///
     /// See [`CallError`].
     pub fn wait(mut self) -> Result<Reply<R>, CallError> {
-        if runs::waits_for_itself(&self.handle.interface, self.call.token, self.sent_in) {
+        if runs::waits_for_itself(&self.handle.interface, self.call.token, self.began) {
             return Err(CallError::OwnExecutor {
                 service: self.handle.name.clone(),
             });

@@ -7,12 +7,11 @@
 use std::cell::RefCell;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
+use sm2_proto::Instant;
+
 use super::id::CallbackId;
 use super::turn::Turn;
 use crate::driver::{LinkEnds, LinkToken, SharedInterface};
-
-/// The number of the last run of a callback in this process. Runs are numbered from 1.
-static LAST_RUN: Mutex<u64> = Mutex::new(0);
 
 thread_local! {
     /// The callbacks that this thread runs. There are several if a callback runs another executor.
@@ -21,7 +20,7 @@ thread_local! {
 
 /// A callback that runs.
 struct Active {
-    number: u64,
+    began: Instant,
     group: GroupKey,
     duties: Arc<Duties>,
 }
@@ -98,11 +97,7 @@ pub(super) struct Run(());
 impl Run {
     pub(super) fn begin(group: GroupKey, duties: &Arc<Duties>) -> Self {
         let active = Active {
-            number: {
-                let mut last = lock_last_run();
-                *last += 1;
-                *last
-            },
+            began: sm2_io::clock::now(),
             group,
             duties: Arc::clone(duties),
         };
@@ -119,23 +114,13 @@ impl Drop for Run {
     }
 }
 
-/// The number of the last run of a callback in this process, for a call that is sent now.
-pub(crate) fn last_run() -> u64 {
-    *lock_last_run()
-}
-
-/// No code that can panic runs under the lock.
-fn lock_last_run() -> MutexGuard<'static, u64> {
-    LAST_RUN.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-/// Whether a call that was sent during the run `sent_in`, or after it, waits for a callback that cannot run before the
-/// present one of this thread has ended. A call that was sent earlier may have been taken by its server already, which
-/// may reply from another thread.
-pub(crate) fn waits_for_itself(client: &SharedInterface, link: LinkToken, sent_in: u64) -> bool {
+/// Whether a call that the program began to send at this time waits for a callback that cannot run before the present
+/// one of this thread has ended. A call that was sent before that one began may have been taken by its server already,
+/// which may reply from another thread.
+pub(crate) fn waits_for_itself(client: &SharedInterface, link: LinkToken, began: Instant) -> bool {
     let waits = ACTIVE.try_with(|all| {
         let all = all.borrow();
-        let mut runs = all.iter().filter(|it| it.number <= sent_in).peekable();
+        let mut runs = all.iter().filter(|it| it.began < began).peekable();
         // Most threads run no callback.
         if runs.peek().is_none() {
             return false;
