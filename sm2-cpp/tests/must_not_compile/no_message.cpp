@@ -1,4 +1,4 @@
-// error: T is no message
+// error: T is not a message
 #include "sm2/sm2.hpp"
 struct Unknown {
     double value;
