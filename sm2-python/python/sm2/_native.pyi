@@ -48,7 +48,7 @@ class View:
 
     def __getattr__(self, name: str) -> Any: ...
 
-class Interface(Protocol):
+class NativeInterface(Protocol):
     @property
     def matched(self) -> int: ...
     @property
