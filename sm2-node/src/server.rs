@@ -247,7 +247,7 @@ impl Pending {
             let sent = locked.change_unharvested(|interface, context| {
                 interface.reply_on_road(call, &reply, status, context)
             });
-            if sent == Some(true) {
+            if sent.is_some() {
                 self.answered = true;
                 return Ok(());
             }

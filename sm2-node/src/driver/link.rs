@@ -293,10 +293,11 @@ impl LinkDriver {
         self.machine.may_take(&self.mapped)
     }
 
-    /// Whether nothing follows from a message that was sent or released on this link. On the socket lane something may,
-    /// because a call may have read the socket.
+    /// Whether nothing follows from a message that was sent or released on this link. At a receiver's end, that is so
+    /// until the link is over. Elsewhere on the socket lane something may, because a call may have read the socket.
     pub(super) fn is_settled(&self) -> bool {
-        !self.is_woken_by_socket() && self.end().is_none() && !self.machine.has_queued()
+        let is_idle = || !self.is_woken_by_socket() && !self.machine.has_queued();
+        self.end().is_none() && (self.role() == Role::Receiver || is_idle())
     }
 
     /// The code that is reported to the Manager; `None` while the link is not over.

@@ -77,15 +77,7 @@ impl Outbox {
         if let Some(lease) = &mut forms.pooled {
             write_head(lease, label, Status::Ok);
         }
-        let Label { id, time, len, .. } = label;
-        let message = StoredMessage {
-            forms,
-            len,
-            id,
-            time,
-            holders: 1,
-            orphaned: false,
-        };
+        let message = StoredMessage::new(forms, label);
         self.pool.add_outside(message.bytes_outside());
         self.messages.insert(message)
     }
@@ -95,18 +87,7 @@ impl Outbox {
     #[inline]
     pub(super) fn store_in_slot(&mut self, mut lease: Lease<Slot>, label: Label) -> MessageKey {
         write_head(&mut lease, label, Status::Ok);
-        let Label { id, time, len } = label;
-        self.messages.insert(StoredMessage {
-            forms: Forms {
-                pooled: Some(lease),
-                ..Forms::default()
-            },
-            len,
-            id,
-            time,
-            holders: 1,
-            orphaned: false,
-        })
+        (self.messages).insert(StoredMessage::new(Forms::in_slot(lease), label))
     }
 
     /// The fields of a message's header.

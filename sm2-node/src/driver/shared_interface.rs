@@ -117,6 +117,14 @@ impl SharedInterface {
         }
     }
 
+    /// Locks the interface for a call that needs the time at which it began.
+    pub(crate) fn lock_at_now(&self) -> LockedInterface<'_> {
+        let now = sm2_io::clock::now();
+        let mut locked = self.lock();
+        locked.now = now;
+        locked
+    }
+
     /// The two ends of a link of this client.
     pub(crate) fn link_ends(&self, token: LinkToken) -> Option<LinkEnds> {
         let locked = self.lock();
@@ -140,14 +148,6 @@ impl SharedInterface {
                     && it.origin.peer.name == *name
                     && it.origin.peer.interface == *interface
             })
-    }
-
-    /// The same for a call that needs the time at which it began.
-    pub(crate) fn lock_at_now(&self) -> LockedInterface<'_> {
-        let now = sm2_io::clock::now();
-        let mut locked = self.lock();
-        locked.now = now;
-        locked
     }
 
     /// Whether the program has requested a shutdown.

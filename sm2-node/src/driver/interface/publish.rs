@@ -27,6 +27,15 @@ pub(crate) struct Offered {
 }
 
 impl Offered {
+    /// The result for the program.
+    pub(super) const fn published(&self) -> Published {
+        Published {
+            links: self.links,
+            missed: self.missed,
+            too_long: self.too_long,
+        }
+    }
+
     /// Offers a stored message to an open link.
     pub(super) fn offer(
         &mut self,
@@ -229,11 +238,7 @@ impl DeclaredInterface {
         }
         self.detach_segments(context);
         self.report_drops();
-        Published {
-            links: offered.links,
-            missed: offered.missed,
-            too_long: offered.too_long,
-        }
+        offered.published()
     }
 
     pub(super) fn latch(&mut self, key: MessageKey) {

@@ -32,10 +32,10 @@ impl DeclaredInterface {
         context: &mut Context<'_>,
         sum: &mut Published,
     ) -> usize {
-        let mut count = 0;
         if self.waiting > 0 {
             return 0;
         }
+        let mut count = 0;
         for message in messages {
             let Outgoing::Encoded(bytes) = message else {
                 break;
@@ -113,11 +113,7 @@ impl DeclaredInterface {
             self.notice_ends(context);
         }
         self.report_drops();
-        Some(Published {
-            links: offered.links,
-            missed: offered.missed,
-            too_long: offered.too_long,
-        })
+        Some(offered.published())
     }
 
     /// Makes a call with a short request, under one lock. `None` if the call has to be made in the general way: it
@@ -136,21 +132,21 @@ impl DeclaredInterface {
         Some(self.call(token, forms, len, deadline, context))
     }
 
-    /// Sends a short reply, under one lock. `None` if it has to be sent in the general way, as for
-    /// [`call_on_road`](Self::call_on_road); also if the client is gone, or does not accept the reply.
+    /// Sends a short reply, under one lock. `None`, and nothing is sent, if it has to be sent in the general way, as
+    /// for [`call_on_road`](Self::call_on_road); also if the client is gone, or does not accept the reply.
     pub(crate) fn reply_on_road(
         &mut self,
         call: CallId,
         reply: &Outgoing<'_>,
         status: Status,
         context: &mut Context<'_>,
-    ) -> Option<bool> {
+    ) -> Option<()> {
         let len = reply.len() as u64;
         let link = self
             .link(call.token)
             .filter(|link| link.is_open() && link.accepts(len))?;
         let forms = self.short_forms(reply, link.needs())?;
-        Some(self.reply(call, forms, len, status, context))
+        self.reply(call, forms, len, status, context).then_some(())
     }
 
     /// Copies a short message to a slot that is free now.
@@ -163,10 +159,7 @@ impl DeclaredInterface {
         }
         let mut lease = self.outbox.lease_free(bytes.len() as u64)?;
         lease.memory.bytes_mut(bytes.len()).copy_from_slice(bytes);
-        Some(Forms {
-            pooled: Some(lease),
-            ..Forms::default()
-        })
+        Some(Forms::in_slot(lease))
     }
 
     /// Leases a slot after the messages that came back were settled; `None` if there is none, or if a publication waits

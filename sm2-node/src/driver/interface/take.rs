@@ -4,7 +4,6 @@ use std::io;
 use std::sync::Arc;
 
 use sm2_proto::control::LinkPeer;
-use sm2_proto::link::Role;
 use sm2_proto::{Contract, Instant};
 
 use super::DeclaredInterface;
@@ -114,8 +113,7 @@ impl DeclaredInterface {
             return;
         };
         link.release(batch, context.sets, &mut self.outbox);
-        // On a receiver's link that is not over, a release has no further consequences.
-        if !link.is_settled() && (link.role() != Role::Receiver || link.end().is_some()) {
+        if !link.is_settled() {
             self.settle_link(token, context);
         }
     }

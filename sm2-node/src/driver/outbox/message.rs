@@ -20,6 +20,15 @@ pub(crate) struct Forms {
 }
 
 impl Forms {
+    /// A message whose payload is in this slot alone.
+    #[inline]
+    pub(crate) fn in_slot(lease: Lease<Slot>) -> Self {
+        Self {
+            pooled: Some(lease),
+            ..Self::default()
+        }
+    }
+
     /// Whether there is no message, because no link needs it.
     pub(crate) const fn is_empty(&self) -> bool {
         self.inline.is_none() && self.pooled.is_none() && self.sealed.is_none()
@@ -46,6 +55,20 @@ pub(super) struct StoredMessage {
 }
 
 impl StoredMessage {
+    /// A message with one holder.
+    #[inline]
+    pub(super) fn new(forms: Forms, label: Label) -> Self {
+        let Label { id, time, len } = label;
+        Self {
+            forms,
+            len,
+            id,
+            time,
+            holders: 1,
+            orphaned: false,
+        }
+    }
+
     /// The message for a link, with this body.
     pub(super) fn outbound(&self, key: MessageKey, status: Status, body: Body) -> OutboundMessage {
         OutboundMessage {
