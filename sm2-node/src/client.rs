@@ -11,7 +11,7 @@ use sm2_io::memfd::Side;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
 use crate::driver::{
-    CallId, Choice, Needs, Outcome, PoolLimit, SharedInterface, SharedNode, WaitFailure,
+    CallId, Choice, Drive, Needs, Outcome, PoolLimit, SharedInterface, SharedNode, WaitFailure,
 };
 use crate::executor::runs;
 use crate::handle::declaration::{
@@ -121,7 +121,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
     fn send_until(&self, request: &Q, deadline: Option<Instant>) -> Result<Call<R>, CallError> {
         let request = Outgoing::new(request).map_err(StoreError::Encode)?;
         let now = sm2_io::clock::now();
-        let (mut locked, _) = self.handle.interface.lock_if_due(now);
+        let mut locked = (self.handle.interface).enter_at(now, Drive::IfDue);
         let call = locked.change_unharvested(|interface, context| {
             interface.call_on_road(&request, deadline, context)
         });
@@ -141,7 +141,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
         deadline: Option<Instant>,
     ) -> Result<Option<Call<R>>, CallError> {
         let len = bytes.len() as u64;
-        let mut locked = self.handle.interface.lock_driven();
+        let mut locked = self.handle.interface.enter(Drive::Yes);
         let choice = locked.change(|interface, _| interface.wait_for_server(len));
         if matches!(choice, Choice::Opening) {
             self.handle.clear(&mut locked);
@@ -163,7 +163,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
         let (len, now) = (request.len() as u64, sm2_io::clock::now());
         let forms = self.handle.store(request, needs)?;
         // Chooses the server again, because other calls may have been sent meanwhile.
-        let call = self.handle.with_undriven_now(|interface, context| {
+        let call = self.handle.with(Drive::No, |interface, context| {
             match interface.choose_server(len) {
                 Choice::Link { token, .. } => {
                     Ok(interface.call(token, forms, len, deadline, context))

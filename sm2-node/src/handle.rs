@@ -15,8 +15,8 @@ use std::time::Duration;
 use sm2_proto::{Instant, Name};
 
 use crate::driver::{
-    Bell, Context, DeclaredInterface, InterfaceDriver, LinkStatus, LockedInterface, Reserved,
-    SharedInterface, SharedNode,
+    Bell, Context, DeclaredInterface, Drive, InterfaceDriver, LinkStatus, LockedInterface,
+    Reserved, SharedInterface, SharedNode,
 };
 use crate::{Wait, WaitError};
 
@@ -67,31 +67,24 @@ impl Handle {
         &self,
         change: impl FnOnce(&mut DeclaredInterface, &mut Context<'_>) -> R,
     ) -> R {
-        self.interface.lock_driven().change(change)
+        self.with(Drive::Yes, change)
     }
 
-    /// As [`with_driven`](Self::with_driven), but if all links have rings, drives the node only when it is due.
-    pub(crate) fn with_driven_if_due<R>(
+    /// Changes the interface for a call that begins now, and reads sockets first as `drive` says.
+    pub(crate) fn with<R>(
         &self,
+        drive: Drive,
         change: impl FnOnce(&mut DeclaredInterface, &mut Context<'_>) -> R,
     ) -> R {
-        self.interface.lock_driven_if_due().change(change)
+        self.interface.enter(drive).change(change)
     }
 
-    /// Changes the interface, without driving the node.
+    /// Changes the interface, without driving the node, for a change that does not need the time.
     pub(crate) fn with_undriven<R>(
         &self,
         change: impl FnOnce(&mut DeclaredInterface, &mut Context<'_>) -> R,
     ) -> R {
         self.interface.lock().change(change)
-    }
-
-    /// As [`with_undriven`](Self::with_undriven), for a change that needs the time at which the call began.
-    pub(crate) fn with_undriven_now<R>(
-        &self,
-        change: impl FnOnce(&mut DeclaredInterface, &mut Context<'_>) -> R,
-    ) -> R {
-        self.interface.lock_at_now().change(change)
     }
 
     pub(crate) fn links(&self) -> Vec<LinkStatus> {

@@ -9,7 +9,7 @@ use bytes::Bytes;
 use sm2_io::{SealedLoan, Slot};
 
 use crate::buffer::AlignedBuffer;
-use crate::driver::Forms;
+use crate::driver::{Drive, Forms};
 use crate::plain::check;
 use crate::pool::Lease;
 use crate::published::Published;
@@ -55,7 +55,7 @@ enum Memory {
 
 impl<'p, T: Plain + ?Sized> Loan<'p, T> {
     pub(crate) fn new(publisher: &'p UntypedPublisher, len: usize) -> Result<Self, StoreError> {
-        let (needs, sealed) = publisher.handle.with_driven_if_due(|interface, _| {
+        let (needs, sealed) = publisher.handle.with(Drive::UnlessRings, |interface, _| {
             (interface.needs(len as u64), interface.contract.sealed())
         });
         let all_sealed = needs.sealed || (needs.nobody() && sealed);
@@ -110,7 +110,9 @@ impl<'p, T: Plain + ?Sized> Loan<'p, T> {
         let needs = self
             .publisher
             .handle
-            .with_driven_if_due(|interface, _| interface.needs(self.len as u64));
+            .with(Drive::UnlessRings, |interface, _| {
+                interface.needs(self.len as u64)
+            });
         let mut forms = Forms::default();
         match memory {
             // Subscribers may have released memory since.

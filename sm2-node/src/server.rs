@@ -11,7 +11,7 @@ use sm2_proto::control::LinkPeer;
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
-use crate::driver::{CallId, DeclaredInterface, Needs, PoolLimit, SharedNode, Until};
+use crate::driver::{CallId, DeclaredInterface, Drive, Needs, PoolLimit, SharedNode, Until};
 use crate::handle::Handle;
 use crate::handle::declaration::{
     Declaration, inline_max_setter, max_len_setter, schema_of, sealed_setter, wait_setter,
@@ -243,7 +243,8 @@ impl Pending {
     fn reply(mut self, reply: Outgoing<'_>, status: Status) -> Result<(), ReplyError> {
         let call = self.call;
         let link = {
-            let mut locked = self.handle.interface.lock_driven_for(call.token);
+            let drive = Drive::UnlessRing(call.token);
+            let mut locked = self.handle.interface.enter(drive);
             let sent = locked.change_unharvested(|interface, context| {
                 interface.reply_on_road(call, &reply, status, context)
             });
@@ -271,7 +272,7 @@ impl Pending {
             Ok(forms) => forms,
             Err(error) => return Err(self.not_stored(error, needs)),
         };
-        let sent = self.handle.with_undriven_now(|interface, context| {
+        let sent = self.handle.with(Drive::No, |interface, context| {
             interface.reply(call, forms, len, status, context)
         });
         let result = if sent { Ok(()) } else { Err(gone()) };
@@ -298,7 +299,7 @@ impl Pending {
         // On the ring lane the reason needs a slot as well. A short text may fit into one that is there.
         match self.handle.store(reason.as_bytes().into(), needs) {
             Ok(forms) => {
-                self.handle.with_undriven_now(|interface, context| {
+                self.handle.with(Drive::No, |interface, context| {
                     interface.reply(call, forms, len, Status::Failed, context)
                 });
                 self.answered = true;
@@ -311,7 +312,7 @@ impl Pending {
     /// Answers the call with this reason in place of a reply.
     fn explain(&mut self, reason: Bytes) {
         let call = self.call;
-        self.handle.with_undriven_now(|interface, context| {
+        self.handle.with(Drive::No, |interface, context| {
             interface.reply_failed(call, reason, context);
         });
         self.answered = true;

@@ -281,7 +281,7 @@ impl DeclaredInterface {
         for link in self.links.iter_mut() {
             let close = Input::Close(Farewell::Done.code());
             link.feed(close, context.sets, &mut self.outbox);
-            self.for_control.freed.extend(link.entry.take());
+            self.for_control.freed.extend(link.counting.entry.take());
         }
         self.for_control.freed.extend(self.entry.take());
     }

@@ -4,31 +4,29 @@
 //! the machine from transmitting. A failure ends only the link in which it occurs.
 
 mod account;
-mod away;
-mod background;
 mod counting;
 mod mapped;
-mod outputs;
 mod qos;
-mod receive;
 mod road;
 mod send;
+mod socket;
 mod take;
-mod wake;
+mod wire;
 
 use std::collections::{BTreeSet, HashMap, VecDeque};
-use std::os::fd::OwnedFd;
 use std::sync::Arc;
 
 use sm2_io::memfd::SealedFile;
-use sm2_io::{CounterEntry, SegmentFd, SeqPacket};
-use sm2_proto::link::{self, Counters, End, Link, Packet, Role};
-use sm2_proto::{Code, Farewell, LinkId};
+use sm2_io::{CounterEntry, Ring, SeqPacket};
+use sm2_proto::link::{self, At, Counters, End, Link, Role};
+use sm2_proto::{Code, Farewell, Instant, LinkId};
 
 use self::account::LinkAccount;
+use self::counting::LinkCounting;
 use self::mapped::{Mapped, make_ring};
+use self::wire::Wire;
 use super::counters::update;
-use super::event_sets::BackgroundInterest;
+use super::event_sets::LinkSets;
 use super::origin::Origin;
 use super::outbox::{MessageKey, Needs};
 use super::status::{LinkStatus, Received};
@@ -40,34 +38,16 @@ use crate::quota::PeerQuota;
 pub(crate) struct LinkDriver {
     pub(crate) id: LinkId,
     pub(crate) origin: Arc<Origin>,
-    /// The room for the socket, which is given back before the socket is closed.
-    room: Option<HeldLink>,
-    socket: Option<SeqPacket>,
+    /// The socket, until the link is over.
+    wire: Option<Wire>,
     machine: Link,
     /// The rings and segments that both sides map.
     mapped: Mapped,
     /// The bytes that may be mapped for the peer.
     quota: Arc<PeerQuota>,
-    /// The file of the ring for messages to this side, until RING is sent.
-    own_ring: Option<OwnedFd>,
-    /// The packet that the socket did not accept.
-    unsent: Option<Unsent>,
-    /// The events that the control side handles.
-    in_background: BackgroundInterest,
-    /// How often in a row calls found that the control side is woken for packets that it need not read.
-    needless_watches: u8,
-    /// Whether a DOORBELL could not be sent for want of memory.
-    bell_due: bool,
-    /// Whether the kernel had no memory for the last packet, or to read the socket (SM2-TRN-013).
-    short_of_memory: bool,
-    /// Whether the entry says so.
-    written_short: bool,
     /// The files of sealed messages that were not taken yet, by sequence number.
     kept: HashMap<u64, SealedFile>,
-    /// Messages of the latched store that have not been sent on this link yet.
-    pub(super) backlog: VecDeque<MessageKey>,
-    /// Whether the latched messages were put into the backlog, once the link was open.
-    pub(super) is_backlog_filled: bool,
+    pub(super) backlog: Backlog,
     /// Whether the interface knows that the link is over.
     pub(super) end_noticed: bool,
     /// How many messages the receiver had released when the link was suspended (SM2-QOS-007).
@@ -81,37 +61,35 @@ pub(crate) struct LinkDriver {
     account: LinkAccount,
     /// Whether the program knows that the link has opened, and not that it has ended.
     pub(super) has_joined: bool,
-    /// How many messages that the other side does not get were reported to the program.
-    reported_drops: u64,
-    /// The entry of its counters, until the end of the link is noticed.
-    pub(super) entry: Option<CounterEntry>,
-    /// The values in the entry.
-    written: Counters,
-    /// Caller: the number of the last call.
-    pub(super) last_call: u64,
-    /// Caller: calls that failed with the link and were not reported yet.
-    pub(super) failed: Vec<u64>,
-    /// Server: calls that their client no longer wants.
-    pub(super) cancelled: BTreeSet<u64>,
-    /// The code with which this side has to end the link.
-    failing: Option<Code>,
+    pub(super) counting: LinkCounting,
+    pub(super) calls: LinkCalls,
     /// Whether the access policy denies the link.
     denied: bool,
 }
 
-/// A packet that the socket did not accept.
-#[derive(Debug)]
-struct Unsent {
-    packet: Packet,
-    /// The descriptor of an ATTACH. The outbox may close the segment before the socket accepts the
-    /// packet.
-    segment: Option<SegmentFd>,
+/// Messages of the latched store that have not been sent on a link yet.
+#[derive(Debug, Default)]
+pub(super) struct Backlog {
+    pub(super) keys: VecDeque<MessageKey>,
+    /// Whether the latched messages were put here, once the link was open.
+    pub(super) is_filled: bool,
+}
+
+/// What a caller's link, or a server's, knows about its calls.
+#[derive(Debug, Default)]
+pub(super) struct LinkCalls {
+    /// Caller: the number of the last call.
+    pub(super) last: u64,
+    /// Caller: calls that failed with the link and were not reported yet.
+    pub(super) failed: Vec<u64>,
+    /// Server: calls that their client no longer wants.
+    pub(super) cancelled: BTreeSet<u64>,
 }
 
 impl LinkDriver {
     pub(super) fn new(
         origin: Arc<Origin>,
-        (socket, room): (SeqPacket, HeldLink),
+        socket: (SeqPacket, HeldLink),
         mut config: link::Config,
         mut entry: Option<CounterEntry>,
         quota: Arc<PeerQuota>,
@@ -123,24 +101,16 @@ impl LinkDriver {
         }
         let mut mapped = Mapped::default();
         let own_ring = make_ring(&mut config, &mut mapped);
+        let token = origin.token;
         Self {
             id: config.id,
             origin,
-            room: Some(room),
-            socket: Some(socket),
+            wire: Some(Wire::new(socket, token, own_ring)),
             machine: Link::new(config),
             mapped,
             quota,
-            own_ring,
-            unsent: None,
-            in_background: BackgroundInterest::Packets,
-            needless_watches: 0,
-            bell_due: false,
-            short_of_memory: false,
-            written_short: false,
             kept: HashMap::new(),
-            backlog: VecDeque::new(),
-            is_backlog_filled: false,
+            backlog: Backlog::default(),
             end_noticed: false,
             suspended: None,
             held: 0,
@@ -148,13 +118,8 @@ impl LinkDriver {
             lost_with_expired: 0,
             account: LinkAccount::default(),
             has_joined: false,
-            reported_drops: 0,
-            entry,
-            written: Counters::default(),
-            last_call: 0,
-            failed: Vec::new(),
-            cancelled: BTreeSet::new(),
-            failing: None,
+            counting: LinkCounting::new(entry),
+            calls: LinkCalls::default(),
             denied: false,
         }
     }
@@ -236,7 +201,7 @@ impl LinkDriver {
 
     /// Whether one more message would be sent or queued without loss.
     pub(crate) fn has_room(&self) -> bool {
-        self.backlog.is_empty() && self.has_room_for_backlog()
+        self.backlog.keys.is_empty() && self.has_room_for_backlog()
     }
 
     /// The same as [`has_room`](Self::has_room), for messages of the backlog, which are sent first.
@@ -253,7 +218,12 @@ impl LinkDriver {
 
     /// Whether the kernel had no memory for the last packet, or to read the socket.
     pub(super) const fn is_short_of_memory(&self) -> bool {
-        self.short_of_memory
+        matches!(&self.wire, Some(wire) if wire.is_short_of_memory)
+    }
+
+    /// Whether the socket has not accepted a packet.
+    const fn has_unsent(&self) -> bool {
+        matches!(&self.wire, Some(wire) if wire.unsent.is_some())
     }
 
     /// The number of calls without a reply.
@@ -278,9 +248,77 @@ impl LinkDriver {
             false => self.origin.peer.contract.window() as usize,
         };
         !self.is_open()
-            || (self.backlog.is_empty()
-                && self.unsent.is_none()
+            || (self.backlog.keys.is_empty()
+                && !self.has_unsent()
                 && self.machine.in_flight() <= admitted)
+    }
+
+    /// Counts a message that was sent at `now`.
+    #[inline]
+    fn count_sent(&mut self, time: Instant, len: u64, now: Instant) {
+        let (role, counters) = (self.role(), self.counters());
+        (self.counting).count_sent(role, &counters, (time, len), now);
+    }
+
+    /// Writes the outcomes of messages to the entry, if they have changed.
+    pub(super) fn write_fates(&mut self) {
+        let counters = self.counters();
+        self.counting.write_fates(&counters);
+    }
+
+    /// How many more messages of a publisher the other side does not get than at the last call. Messages whose fate
+    /// the end of the link hides are not among them.
+    pub(super) fn take_new_drops(&mut self) -> u64 {
+        if self.role() != Role::Sender {
+            return 0;
+        }
+        let counters = self.counters();
+        self.counting.take_new_drops(&counters)
+    }
+
+    /// Whether each message makes the link's socket readable.
+    pub(crate) const fn is_woken_by_socket(&self) -> bool {
+        self.machine.is_woken_by_socket()
+    }
+
+    /// The ring and its word that the next message fills, if this link receives through a ring.
+    pub(super) fn next_word(&self) -> Option<(Arc<Ring>, At)> {
+        let word = self.machine.next_word()?;
+        Some((Arc::clone(self.mapped.incoming.as_ref()?), word))
+    }
+
+    /// Announces that a thread is about to sleep until this link has an event.
+    //= SM2-RNG-012
+    pub(super) fn park(&self) {
+        if self.machine.end().is_none() {
+            self.machine.park(&self.mapped);
+        }
+    }
+
+    /// Whether the link is opening, or messages wait for packets of the other side. The control side reads such a link.
+    /// Calls of the program read DATA and RELEASE, so these packets do not wake the background thread.
+    fn awaits_packets(&self) -> bool {
+        self.is_opening() || self.machine.has_queued() || !self.backlog.keys.is_empty()
+    }
+
+    /// Wakes the background thread for the events that it has to handle from now on.
+    #[inline]
+    pub(super) fn watch_in_background(&mut self, sets: &LinkSets) {
+        let awaits_packets = self.awaits_packets();
+        if let Some(wire) = &mut self.wire {
+            let wanted = wire.wanted_in_background(awaits_packets);
+            wire.watch_in_background(wanted, sets);
+        }
+    }
+
+    /// Called when the background thread has handled an event. Stops waking it for packets if no message waits for
+    /// them.
+    pub(super) fn after_background_event(&mut self, sets: &LinkSets) {
+        let awaits_packets = self.awaits_packets();
+        if let Some(wire) = &mut self.wire {
+            let wanted = wire.wanted_in_background(awaits_packets);
+            wire.set_background(wanted, sets);
+        }
     }
 
     /// An upper bound for the messages that the application has not taken. They outlive the link.
@@ -318,7 +356,7 @@ impl LinkDriver {
             reliable: self.is_reliable(),
             sealed: self.is_sealed(),
             ring: self.machine.lane() == link::LaneKind::Ring,
-            short_of_memory: self.short_of_memory,
+            short_of_memory: self.is_short_of_memory(),
             counters: self.counters(),
             received: Received {
                 away: self.account.away(),

@@ -32,7 +32,7 @@
 //!
 //! Dependencies point one way: `shared_node`, then `control` and the files that extend it (`drive`, `session`,
 //! `questions`), then `shared_interface`, `interface`, `link`, `outbox`. Only `session/outputs.rs` and
-//! `link/outputs.rs` match the outputs of the machines of `sm2-proto`.
+//! `link/socket.rs` match the outputs of the machines of `sm2-proto`.
 
 mod background;
 mod bell;
@@ -80,7 +80,7 @@ pub(crate) use self::outbox::{Forms, Needs, NoSlot, PoolLimit, Reservation, Rese
 pub(crate) use self::questions::{Answer, Followed, Lost, Question, Ticket};
 pub(crate) use self::session::{NotDeclared, may_return};
 pub(crate) use self::shared_interface::{
-    InterfaceDriver, LinkEnds, LockedInterface, SharedInterface,
+    Drive, InterfaceDriver, LinkEnds, LockedInterface, SharedInterface,
 };
 pub(crate) use self::shared_node::{Settings, SharedNode};
 pub use self::status::{LinkStatus, Received};

@@ -13,7 +13,7 @@ use std::ops::{Deref, DerefMut};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use sm2_io::{Event, Events, Waker};
+use sm2_io::{Event, Events};
 use sm2_proto::{Instant, InterfaceId, LinkId, Name};
 
 use super::context::Context;
@@ -77,8 +77,26 @@ pub(crate) struct InterfaceDriver {
 /// results of the call.
 pub(crate) struct LockedInterface<'a> {
     shared: &'a SharedInterface,
+    /// Whether the sockets were read when the call entered.
+    pub(crate) is_driven: bool,
     /// `None` while this value is being dropped.
     driver: Option<MutexGuard<'a, InterfaceDriver>>,
+}
+
+/// Whether a call reads the sockets of its interface before it looks: those of the links, and without a background
+/// thread that of the session.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Drive {
+    /// It does not read them.
+    No,
+    /// It reads them.
+    Yes,
+    /// It reads them if the last time was some time ago.
+    IfDue,
+    /// It reads them if the last time was some time ago, or if a link has no ring.
+    UnlessRings,
+    /// It reads them if the last time was some time ago, or if this link has no ring.
+    UnlessRing(LinkToken),
 }
 
 impl SharedInterface {
@@ -113,15 +131,41 @@ impl SharedInterface {
     pub(crate) fn lock(&self) -> LockedInterface<'_> {
         LockedInterface {
             shared: self,
+            is_driven: false,
             driver: Some(self.lock_for_control()),
         }
     }
 
-    /// Locks the interface for a call that needs the time at which it began.
-    pub(crate) fn lock_at_now(&self) -> LockedInterface<'_> {
-        let now = sm2_io::clock::now();
+    /// Locks the interface for a call that begins now, and reads sockets first as `drive` says.
+    #[inline]
+    pub(crate) fn enter(&self, drive: Drive) -> LockedInterface<'_> {
+        self.enter_at(sm2_io::clock::now(), drive)
+    }
+
+    /// The same as [`enter`](Self::enter), for a call that began at `now`.
+    #[inline]
+    pub(crate) fn enter_at(&self, now: Instant, drive: Drive) -> LockedInterface<'_> {
         let mut locked = self.lock();
         locked.now = now;
+        if locked.needs(drive, now) {
+            locked = self.drive_and_lock(locked, now);
+        }
+        locked
+    }
+
+    /// Drives the control side, if calls have to, and the links.
+    fn drive_and_lock<'a>(
+        &'a self,
+        mut locked: LockedInterface<'a>,
+        now: Instant,
+    ) -> LockedInterface<'a> {
+        if !self.sets.has_background() {
+            drop(locked);
+            self.drive_control();
+            locked = self.lock();
+        }
+        locked.drive_at(now);
+        locked.is_driven = true;
         locked
     }
 
@@ -164,81 +208,6 @@ impl SharedInterface {
     /// The control side of its node.
     pub(super) fn control_side(&self) -> Arc<dyn ControlSide> {
         Arc::clone(&self.control)
-    }
-
-    /// Locks the interface and drives its links, because one of its descriptors had an event. The caller is the sleeper
-    /// of `waker`, and looks under this lock.
-    pub(super) fn lock_for_event(&self, waker: &Arc<Waker>) -> LockedInterface<'_> {
-        let mut locked = self.lock();
-        locked.sleepers.attend(waker);
-        let now = sm2_io::clock::now();
-        (locked.now, locked.last_drive) = (now, now);
-        locked.drive();
-        locked
-    }
-
-    /// Drives the control side, if calls have to, and the links of the interface, and locks the interface.
-    pub(crate) fn lock_driven(&self) -> LockedInterface<'_> {
-        if !self.sets.has_background() {
-            self.drive_control();
-        }
-        let mut locked = self.lock_at_now();
-        locked.drive();
-        locked
-    }
-
-    /// The same as [`lock_driven`](Self::lock_driven), but while all links have rings, drives only if the last drive
-    /// was some time ago.
-    #[inline]
-    pub(crate) fn lock_driven_if_due(&self) -> LockedInterface<'_> {
-        self.lock_driven_unless(InterfaceDriver::has_rings_only)
-    }
-
-    /// The same for a call that sends on this link only: it does not drive while this link has rings.
-    pub(crate) fn lock_driven_for(&self, token: LinkToken) -> LockedInterface<'_> {
-        self.lock_driven_unless(|driver| {
-            let link = driver.interface.link(token);
-            link.is_some_and(|it| !it.is_woken_by_socket())
-        })
-    }
-
-    #[inline]
-    fn lock_driven_unless(
-        &self,
-        needs_no_socket: impl FnOnce(&InterfaceDriver) -> bool,
-    ) -> LockedInterface<'_> {
-        self.lock_at(sm2_io::clock::now(), needs_no_socket).0
-    }
-
-    /// Locks the interface for a call that began at `now`. Drives only if the last drive was some time ago, to avoid a
-    /// system call for each message of a ring. Returns whether it has driven.
-    #[inline]
-    pub(crate) fn lock_if_due(&self, now: Instant) -> (LockedInterface<'_>, bool) {
-        self.lock_at(now, |_| true)
-    }
-
-    /// Locks the interface for a call that began at `now`. Drives the control side, if calls have to, and the links,
-    /// unless the call needs no socket and the last drive was not long ago. Returns whether it has driven.
-    #[inline]
-    fn lock_at(
-        &self,
-        now: Instant,
-        needs_no_socket: impl FnOnce(&InterfaceDriver) -> bool,
-    ) -> (LockedInterface<'_>, bool) {
-        let mut locked = self.lock();
-        locked.now = now;
-        if !locked.is_due(now) && needs_no_socket(&locked) {
-            return (locked, false);
-        }
-        if !self.sets.has_background() {
-            drop(locked);
-            self.drive_control();
-            locked = self.lock();
-            locked.now = now;
-        }
-        locked.last_drive = now;
-        locked.drive();
-        (locked, true)
     }
 
     /// Whether the Manager of this session has granted the interface. Meaningful once that Manager knows all interfaces
@@ -309,6 +278,12 @@ impl LockedInterface<'_> {
     pub(super) fn drive(&mut self) {
         let sets = &self.shared.sets;
         DerefMut::deref_mut(self).drive(sets);
+    }
+
+    /// Drives the links for a call that began at `now`.
+    pub(super) fn drive_at(&mut self, now: Instant) {
+        (self.now, self.last_drive) = (now, now);
+        self.drive();
     }
 
     /// Settles the messages that came back, and changes the interface.
@@ -411,10 +386,21 @@ impl InterfaceDriver {
         self.interface.park();
     }
 
-    /// Whether a drive is due although all messages come through rings: the last one was some time ago.
+    /// Whether a call that began at `now` has to read sockets first. A system call for each message of a ring would
+    /// cost more than the message.
     #[inline]
-    const fn is_due(&self, now: Instant) -> bool {
-        now.0.saturating_sub(self.last_drive.0) >= SOCKETS_WAIT_NS
+    fn needs(&self, drive: Drive, now: Instant) -> bool {
+        let is_due = || now.0.saturating_sub(self.last_drive.0) >= SOCKETS_WAIT_NS;
+        match drive {
+            Drive::No => false,
+            Drive::Yes => true,
+            Drive::IfDue => is_due(),
+            Drive::UnlessRings => is_due() || !self.has_rings_only(),
+            Drive::UnlessRing(token) => {
+                let link = self.interface.link(token);
+                is_due() || link.is_none_or(LinkDriver::is_woken_by_socket)
+            }
+        }
     }
 
     /// Reads from the readable sockets of links, and writes to the writable ones. Does a bounded amount of work and

@@ -10,7 +10,7 @@ use sm2_proto::Instant;
 use super::context::Context;
 use super::control::Control;
 use super::interface::DeclaredInterface;
-use super::shared_interface::{LockedInterface, SharedInterface};
+use super::shared_interface::{Drive, LockedInterface, SharedInterface};
 use super::shared_node::NodeState;
 use super::sleep::sleep;
 use crate::Wait;
@@ -197,7 +197,7 @@ impl SharedInterface {
             Wait::Spin => Instant(u64::MAX),
         };
         loop {
-            let (mut locked, driven) = self.lock_if_due(now);
+            let mut locked = self.enter_at(now, Drive::IfDue);
             if let Some(found) = look(&mut locked) {
                 return Ok(Some(found));
             }
@@ -213,9 +213,9 @@ impl SharedInterface {
                 continue;
             }
             // No ring has brought anything, so the sockets are read.
-            if !driven {
+            if !locked.is_driven {
                 drop(locked);
-                locked = self.lock_driven();
+                locked = self.enter(Drive::Yes);
                 if let Some(found) = look(&mut locked) {
                     return Ok(Some(found));
                 }

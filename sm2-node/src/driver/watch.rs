@@ -51,7 +51,10 @@ impl Watch {
         &self,
         look: impl FnMut(&mut DeclaredInterface, &mut Context<'_>) -> bool,
     ) -> bool {
-        self.look_in(self.interface.lock_for_event(&self.waker), look)
+        let mut locked = self.interface.lock();
+        locked.sleepers.attend(&self.waker);
+        locked.drive_at(sm2_io::clock::now());
+        self.look_in(locked, look)
     }
 
     /// Looks for what the caller waits for. `look` returns whether it has found everything. If it has not, the

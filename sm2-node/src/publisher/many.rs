@@ -2,6 +2,7 @@
 
 use super::Publisher;
 use super::untyped::UntypedPublisher;
+use crate::driver::Drive;
 use crate::outgoing::Outgoing;
 use crate::published::Published;
 use crate::{Message, PublishError, StoreError};
@@ -68,7 +69,8 @@ impl UntypedPublisher {
     #[inline]
     pub(super) fn publish_to_rings(&self, messages: &[Outgoing<'_>], sum: &mut Published) -> usize {
         let now = sm2_io::clock::now();
-        let (mut locked, is_driven) = self.handle.interface.lock_if_due(now);
+        let mut locked = (self.handle.interface).enter_at(now, Drive::IfDue);
+        let is_driven = locked.is_driven;
         locked.change_unharvested(|interface, context| {
             // Without driving, the publisher reads released slots only when it needs one: a receiver that
             // keeps up writes to the same memory all the time.

@@ -10,8 +10,7 @@ use sm2_io::Preallocated;
 use sm2_proto::{Instant, WaitBudget, WaitGrant};
 
 #[cfg(feature = "tokio")]
-use crate::driver::{Context, DeclaredInterface};
-use crate::driver::{Forms, Offered};
+use crate::driver::{Context, DeclaredInterface, Drive, Forms, Offered};
 use crate::handle::{Handle, until};
 use crate::outgoing::Outgoing;
 use crate::published::Published;
@@ -99,7 +98,7 @@ impl UntypedPublisher {
             return Ok(Some(published));
         }
         let _order = self.order();
-        if !(self.handle).with_driven_if_due(|interface, _| interface.has_room()) {
+        if !(self.handle).with(Drive::UnlessRings, |interface, _| interface.has_room()) {
             return Ok(None);
         }
         let len = message.len() as u64;
@@ -146,7 +145,7 @@ impl UntypedPublisher {
         let len = message.len() as u64;
         let needs = self
             .handle
-            .with_driven_if_due(|interface, _| interface.needs(len));
+            .with(Drive::UnlessRings, |interface, _| interface.needs(len));
         let spare = |len, fill| self.take_spare(len, fill);
         self.handle.store_with(message, needs, spare)
     }
@@ -284,7 +283,7 @@ impl UntypedPublisher {
         &self,
         mut is_so: impl FnMut(&mut DeclaredInterface, &mut Context<'_>) -> bool,
     ) -> bool {
-        let mut locked = self.handle.interface.lock_driven();
+        let mut locked = self.handle.interface.enter(Drive::Yes);
         let found = self.handle.find_or_clear(&mut locked, |locked| {
             locked.change(&mut is_so).then_some(())
         });

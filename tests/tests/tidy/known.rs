@@ -11,7 +11,6 @@ pub(crate) const FLAGS: &[(&str, usize)] = &[
     ("bench/Mode", 4),
     ("bench/PeerInfo", 8),
     ("sm2-cli/State", 4),
-    ("sm2-node/LinkDriver", 7),
     ("sm2-node/LinkStatus", 6),
     ("sm2-proto/Link", 4),
     ("verification/LinkScope", 5),
@@ -22,7 +21,6 @@ pub(crate) const FLAGS: &[(&str, usize)] = &[
 pub(crate) const IMPL_FILES: &[(&str, usize)] = &[
     ("sm2-node/Control", 8),
     ("sm2-node/DeclaredInterface", 12),
-    ("sm2-node/LinkDriver", 11),
     ("sm2-proto/Link", 7),
     ("sm2-proto/Manager", 14),
     ("verification/World", 11),

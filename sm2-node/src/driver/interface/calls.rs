@@ -41,7 +41,7 @@ impl Calls {
             return;
         }
         if link.is_denied() {
-            link.failed.clear();
+            link.calls.failed.clear();
             return self.deny(token);
         }
         // `take` cannot fail because too many messages are held: a client makes no more calls than
@@ -66,7 +66,7 @@ impl Calls {
             }
         }
         //= SM2-SRV-004
-        for id in link.failed.drain(..) {
+        for id in link.calls.failed.drain(..) {
             self.finish(CallId { token, id }, Outcome::ServerGone);
         }
     }

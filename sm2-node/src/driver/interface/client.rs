@@ -75,7 +75,7 @@ impl DeclaredInterface {
         deadline: Option<Instant>,
         context: &mut Context<'_>,
     ) -> CallId {
-        let id = self.link(token).map_or(0, |link| link.last_call) + 1;
+        let id = self.link(token).map_or(0, |link| link.calls.last) + 1;
         let call = CallId { token, id };
         self.calls.open.insert(call, None);
         let label = Label {
@@ -86,7 +86,7 @@ impl DeclaredInterface {
         };
         let key = self.outbox.store(forms, label);
         let sent = self.with_sending_link(token, context, |link, outbox, context| {
-            link.last_call = id;
+            link.calls.last = id;
             link.send(key, Status::Ok, context, outbox);
         });
         update(self.entry.as_mut(), |entry| {

@@ -261,24 +261,24 @@ impl DeclaredInterface {
         let Some(link) = self.links.get_mut(token).filter(|link| link.is_open()) else {
             return;
         };
-        if !link.is_backlog_filled {
-            link.is_backlog_filled = true;
+        if !link.backlog.is_filled {
+            link.backlog.is_filled = true;
             for &key in &self.latched {
                 self.outbox.hold(key);
-                link.backlog.push_back(key);
+                link.backlog.keys.push_back(key);
             }
         }
-        while let Some(&key) = link.backlog.front() {
+        while let Some(&key) = link.backlog.keys.front() {
             let label = self.outbox.label(key);
             let len = label.map_or(0, |label| label.len);
             if label.is_some_and(|label| link.is_expired(label.time)) {
-                link.backlog.pop_front();
+                link.backlog.keys.pop_front();
                 link.drop_publication(Fate::Expired, context, &mut self.outbox);
                 self.outbox.release(key);
                 continue;
             }
             if !link.accepts(len) {
-                link.backlog.pop_front();
+                link.backlog.keys.pop_front();
                 link.drop_too_long(len, context, &mut self.outbox);
                 self.outbox.release(key);
                 continue;
@@ -292,10 +292,10 @@ impl DeclaredInterface {
                     break;
                 }
             }
-            link.backlog.pop_front();
+            link.backlog.keys.pop_front();
             link.send_from_backlog(key, context, &mut self.outbox);
             self.outbox.release(key);
-            if link.backlog.front() == Some(&key) {
+            if link.backlog.keys.front() == Some(&key) {
                 // The socket does not accept the ATTACH of its segment.
                 break;
             }

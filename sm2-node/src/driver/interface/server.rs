@@ -44,7 +44,7 @@ impl DeclaredInterface {
     /// Whether the client no longer wants the reply, or is gone.
     pub(crate) fn is_cancelled(&self, call: CallId) -> bool {
         match self.link(call.token) {
-            Some(link) => link.end().is_some() || link.cancelled.contains(&call.id),
+            Some(link) => link.end().is_some() || link.calls.cancelled.contains(&call.id),
             None => true,
         }
     }
@@ -85,7 +85,7 @@ impl DeclaredInterface {
         };
         let key = self.outbox.store(forms, label);
         let sent = self.with_sending_link(call.token, context, |link, outbox, context| {
-            link.cancelled.remove(&call.id);
+            link.calls.cancelled.remove(&call.id);
             let open = link.is_open();
             if open {
                 link.send(key, status, context, outbox);

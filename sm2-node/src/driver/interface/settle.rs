@@ -102,8 +102,8 @@ impl DeclaredInterface {
         };
         link.end_noticed = true;
         self.outbox.recheck();
-        self.for_control.freed.extend(link.entry.take());
-        for key in link.backlog.drain(..) {
+        self.for_control.freed.extend(link.counting.entry.take());
+        for key in link.backlog.keys.drain(..) {
             self.outbox.release(key);
         }
         if let Some(code) = link.end_code() {

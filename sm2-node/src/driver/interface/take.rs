@@ -82,7 +82,10 @@ impl DeclaredInterface {
     /// which it was sent.
     pub(super) fn count_request(&mut self, token: LinkToken, now: Instant, len: u64) {
         let link = self.links.get_mut(token);
-        for entry in [self.entry.as_mut(), link.and_then(|it| it.entry.as_mut())] {
+        for entry in [
+            self.entry.as_mut(),
+            link.and_then(|it| it.counting.entry.as_mut()),
+        ] {
             update(entry, |entry| entry.taken(now, now, len));
         }
     }

@@ -1,7 +1,9 @@
-//! The QoS of a topic's link: ticks for the deadline and the lease, and messages that are older than their lifespan.
+//! The QoS of a topic's link: ticks for the deadline and the lease, messages that are older than their lifespan, and the
+//! account of messages that were published while there was no link.
 
-use sm2_proto::link::Delivery;
-use sm2_proto::{Instant, Machine, Period, QosWatch};
+use sm2_proto::control::LinkPeer;
+use sm2_proto::link::{Account, Delivery, Publications, Record};
+use sm2_proto::{Contract, Farewell, Instant, Machine, Period, QosWatch};
 
 use super::LinkDriver;
 use crate::driver::context::Context;
@@ -36,7 +38,9 @@ impl LinkDriver {
     pub(in crate::driver) fn take_missed(&mut self) -> u64 {
         let more = self.machine.watch_mut().take_missed();
         if more > 0 {
-            update(self.entry.as_mut(), |entry| entry.missed_deadlines(more));
+            update(self.counting.entry.as_mut(), |entry| {
+                entry.missed_deadlines(more)
+            });
         }
         more
     }
@@ -46,7 +50,9 @@ impl LinkDriver {
     pub(in crate::driver) fn take_liveliness_change(&mut self) -> Option<bool> {
         let change = self.machine.watch_mut().take_liveliness_change();
         if change == Some(false) {
-            update(self.entry.as_mut(), |entry| entry.lost_liveliness());
+            update(self.counting.entry.as_mut(), |entry| {
+                entry.lost_liveliness()
+            });
         }
         change
     }
@@ -60,10 +66,10 @@ impl LinkDriver {
         context: &mut Context<'_>,
         outbox: &mut Outbox,
     ) {
-        self.account.expire(delivery, self.entry.as_mut());
+        self.account.expire(delivery, self.counting.entry.as_mut());
         self.lost_with_expired = self.lost_with_expired.saturating_add(delivery.lost);
         self.received.expired += 1;
-        update(self.entry.as_mut(), |entry| entry.expired(1));
+        update(self.counting.entry.as_mut(), |entry| entry.expired(1));
         self.kept.remove(&delivery.sequence);
         let wake = self.machine.expire(&self.mapped, delivery);
         self.wake(wake.unwrap_or_default(), context.sets);
@@ -87,5 +93,73 @@ impl LinkDriver {
             self.drain_idle(context.sets, outbox);
         }
         may_expire
+    }
+
+    /// The publications that the publisher of a subscriber's link states, until the account is open.
+    #[inline]
+    pub(in crate::driver) fn publications_to_account(&self) -> Option<Publications> {
+        let publications = self.machine.peer_publications();
+        (!publications.is_unknown() && self.account.account.is_none()).then_some(publications)
+    }
+
+    /// Whether the messages of this link, which is over, have to be taken before those of a link with this publisher.
+    pub(in crate::driver) fn precedes(&self, peer: &LinkPeer, of: Publications) -> bool {
+        self.end().is_some()
+            && self.machine.peer_publications().publisher == of.publisher
+            && self.origin.peer.name == peer.name
+    }
+
+    /// Takes no message from this link until those of an older link are taken, or takes them now.
+    pub(in crate::driver) const fn wait_for_older(&mut self, waits: bool) {
+        self.account.waits_for_older = waits;
+    }
+
+    /// Whether messages of an older link come first.
+    #[inline]
+    pub(in crate::driver) const fn waits_for_older(&self) -> bool {
+        self.account.waits_for_older
+    }
+
+    /// Opens the account. Returns how many messages were published while the publisher had no link, and counts them for
+    /// this link.
+    //= SM2-QOS-013
+    pub(in crate::driver) fn open_account(
+        &mut self,
+        publications: Publications,
+        record: Option<Record>,
+    ) -> u64 {
+        let is_latched = match &self.origin.peer.contract {
+            Contract::Publisher { offer, .. } => offer.latched > 0,
+            _ => false,
+        };
+        let (account, away) = Account::open(publications, is_latched, record);
+        self.account.account = Some(account);
+        self.account.unsettled = true;
+        self.account.add_away(away, self.counting.entry.as_mut());
+        away
+    }
+
+    /// Ends the account of a link that is removed. Returns what is remembered of its publisher: nothing if the
+    /// publisher is gone. `dropped` messages of the link were counted as lost.
+    //= SM2-QOS-013
+    pub(in crate::driver) fn close_account(&self, dropped: u64) -> Option<(u64, Record)> {
+        let is_gone = self.end_code() == Some(Farewell::Done.code());
+        let account = self.account.account.filter(|_| !is_gone)?;
+        let (lost, away) = self.not_counted();
+        let last_id = (self.account.last_id > 0).then_some(self.account.last_id);
+        let publisher = self.machine.peer_publications().publisher;
+        Some((
+            publisher,
+            account.close(last_id, dropped, lost.saturating_add(away)),
+        ))
+    }
+
+    /// The losses before messages that have expired and that no later message has reported: on the link, and while the
+    /// publisher had no link.
+    pub(in crate::driver) const fn not_counted(&self) -> (u64, u64) {
+        match self.account.unsettled {
+            true => self.account.with_expired,
+            false => (self.lost_with_expired, 0),
+        }
     }
 }

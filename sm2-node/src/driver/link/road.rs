@@ -15,7 +15,7 @@ impl LinkDriver {
             && self.machine.lane() == LaneKind::Ring
             && self.accepts(len)
             && self.suspended.is_none()
-            && self.backlog.is_empty()
+            && self.backlog.keys.is_empty()
             && (!self.is_reliable() || self.has_room())
     }
 

@@ -135,9 +135,9 @@ impl LinkDriver {
             return;
         }
         //= SM2-QOS-002, SM2-QOS-005
-        if misuse == Misuse::NoRoom && self.unsent.is_some() && keeps {
+        if misuse == Misuse::NoRoom && self.has_unsent() && keeps {
             outbox.hold(key);
-            return self.backlog.push_front(key);
+            return self.backlog.keys.push_front(key);
         }
         self.drop_publication(Fate::Overwritten, context, outbox);
     }

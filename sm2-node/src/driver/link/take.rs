@@ -76,7 +76,7 @@ impl LinkDriver {
                     self.park();
                 }
                 // The ATTACH may be among the datagrams that could not be read.
-                Err(NoDelivery::UnknownSegment) if self.short_of_memory => return Ok(false),
+                Err(NoDelivery::UnknownSegment) if self.is_short_of_memory() => return Ok(false),
                 Err(NoDelivery::UnknownSegment) => {
                     let now = sm2_io::clock::now();
                     // This input ends the link, which the outputs report.
@@ -112,10 +112,12 @@ impl LinkDriver {
             self.received.add(&header);
             if is_topic {
                 let held = self.held as u64;
-                count_taken(self.entry.as_mut(), now, &header, |entry| entry.held(held));
+                count_taken(self.counting.entry.as_mut(), now, &header, |entry| {
+                    entry.held(held)
+                });
             }
             let Before { away, unreported } =
-                (self.account).take(&mut header, delivery.lost, self.entry.as_mut());
+                (self.account).take(&mut header, delivery.lost, self.counting.entry.as_mut());
             count(&header, away, &self.origin.peer);
             header.lost = header.lost.saturating_add(unreported);
             let source = match delivery.payload {
@@ -166,7 +168,9 @@ impl LinkDriver {
         );
         self.wake(released.unwrap_or_default(), sets);
         if self.role() == Role::Receiver {
-            update(self.entry.as_mut(), |entry| entry.held(self.held as u64));
+            update(self.counting.entry.as_mut(), |entry| {
+                entry.held(self.held as u64)
+            });
         }
         self.drain_if_due(sets, outbox);
     }

@@ -1,24 +1,171 @@
-//! Carries out the outputs of a link's machine: sends packets, maps descriptors, and closes the
-//! link.
+//! Reading the socket of a link, feeding its machine, and carrying out the outputs of the machine: it sends packets,
+//! maps descriptors, and closes the link.
 
 use std::fmt::Display;
-use std::io::{self, IoSlice};
-use std::mem;
-use std::os::fd::AsFd;
+use std::io;
 use std::sync::Arc;
 
 use sm2_io::memfd::{Side, blame};
-use sm2_io::{InspectedFd, Interest, Ring, SendError, is_shortage};
-use sm2_proto::link::{Attachment, End, Input, LaneKind, Output, RingLayout};
-use sm2_proto::{Code, Farewell, Machine, ViolationKind};
+use sm2_io::{Event, InspectedFd, Interest, RecvError, Ring, SendError, is_shortage};
+use sm2_proto::link::{self, Attachment, End, Input, LaneKind, Output, RingLayout, Wake};
+use sm2_proto::{Code, Datagram, Farewell, Machine, ViolationKind};
 
-use super::{LinkDriver, Unsent};
-use crate::driver::datagram::Incoming;
+use super::LinkDriver;
+use super::wire::{Unsent, Wire};
+use crate::driver::context::Context;
+use crate::driver::datagram::{Incoming, receive, with_buffer};
 use crate::driver::event_sets::LinkSets;
+use crate::driver::limits::{BURST, LAST_WORDS};
 use crate::driver::outbox::{MessageKey, Outbox};
 use crate::quota::{MappedSegment, QuotaExceeded};
 
 impl LinkDriver {
+    /// Sends the first packet.
+    pub(in crate::driver) fn start(&mut self, sets: &LinkSets, outbox: &mut Outbox) {
+        self.drain(Incoming::default(), sets, outbox);
+    }
+
+    /// Handles an event of the socket, which is readable, writable, or both.
+    pub(in crate::driver) fn on_event(
+        &mut self,
+        event: Event,
+        context: &mut Context<'_>,
+        outbox: &mut Outbox,
+    ) {
+        self.set_short_of_memory(false);
+        if event.writable {
+            self.flush(context.sets, outbox);
+        }
+        if event.readable {
+            self.receive(BURST, context, outbox);
+        }
+        self.counting.write_shortage(self.is_short_of_memory());
+    }
+
+    /// Reads all datagrams that the socket has, up to the number that a peer that obeys SPEC can
+    /// have sent.
+    pub(in crate::driver) fn receive_all(
+        &mut self,
+        context: &mut Context<'_>,
+        outbox: &mut Outbox,
+    ) {
+        self.receive(LAST_WORDS, context, outbox);
+    }
+
+    /// Reads at most `most` datagrams.
+    //= SM2-TRN-013
+    fn receive(&mut self, most: usize, context: &mut Context<'_>, outbox: &mut Outbox) {
+        if with_buffer(|buffer| self.receive_into(buffer, most, context, outbox)).is_err() {
+            self.be_short_of_memory();
+        }
+    }
+
+    fn receive_into(
+        &mut self,
+        buffer: &mut [u8],
+        most: usize,
+        context: &mut Context<'_>,
+        outbox: &mut Outbox,
+    ) {
+        for _ in 0..most {
+            let Some(wire) = &self.wire else { return };
+            match receive(&wire.socket, buffer) {
+                Ok(incoming) => {
+                    self.settle_returned(context, outbox);
+                    let bytes = &buffer[..incoming.len];
+                    self.datagram(bytes, incoming, context.sets, outbox);
+                }
+                Err(RecvError::WouldBlock) => return,
+                //= SM2-TRN-005
+                // `Closed` comes after all queued datagrams.
+                Err(RecvError::Closed) => {
+                    self.settle_returned(context, outbox);
+                    return self.feed(Input::Eof, context.sets, outbox);
+                }
+                //= SM2-TRN-013
+                // The socket stays readable.
+                Err(RecvError::Io(error)) if is_shortage(&error) => {
+                    self.be_short_of_memory();
+                    return;
+                }
+                Err(RecvError::Io(error)) => {
+                    tracing::warn!(link = %self.id, peer = %self.origin.peer.name, %error, "link failed");
+                    self.settle_returned(context, outbox);
+                    return self.feed(Input::Eof, context.sets, outbox);
+                }
+            }
+        }
+    }
+
+    fn datagram(&mut self, bytes: &[u8], came: Incoming, sets: &LinkSets, outbox: &mut Outbox) {
+        let datagram = Datagram {
+            bytes,
+            fds: &came.facts,
+            data_truncated: came.data_truncated,
+            control_truncated: came.control_truncated,
+        };
+        //= SM2-TRN-011
+        if came.control_truncated {
+            let (link, peer) = (self.id, &self.origin.peer.name);
+            tracing::warn!(%link, %peer, "no free descriptor for a frame: raise the limit of open files (ulimit -n)");
+        }
+        // If the datagram is a violation, the outputs report it.
+        let _ = self
+            .machine
+            .handle(sm2_io::clock::now(), Input::Datagram(datagram));
+        self.drain(came, sets, outbox);
+    }
+
+    /// Feeds an input to the machine and carries out the outputs.
+    pub(in crate::driver) fn feed(
+        &mut self,
+        input: Input<'_>,
+        sets: &LinkSets,
+        outbox: &mut Outbox,
+    ) {
+        let result = self.machine.handle(sm2_io::clock::now(), input);
+        debug_assert!(
+            !matches!(result, Err(link::Error::Misuse(_))),
+            "{result:?} on {}",
+            self.id
+        );
+        self.drain(Incoming::default(), sets, outbox);
+    }
+
+    /// Handles UNLINK: the Manager says that the other side is gone. Messages that the other side
+    /// sent before still count. If the access policy denies the link, they count as lost.
+    //= SM2-TRN-005, SM2-LNK-005, SM2-ACC-014
+    pub(in crate::driver) fn unlink(
+        &mut self,
+        code: Code,
+        context: &mut Context<'_>,
+        outbox: &mut Outbox,
+    ) {
+        if code == Farewell::Denied.code() {
+            self.deny();
+        }
+        self.receive_all(context, outbox);
+        if self.end().is_none() {
+            self.settle_returned(context, outbox);
+            self.feed(Input::Close(code), context.sets, outbox);
+        }
+    }
+
+    /// Carries out the outputs of the machine when no datagram was fed.
+    pub(in crate::driver) fn drain_idle(&mut self, sets: &LinkSets, outbox: &mut Outbox) {
+        self.drain(Incoming::default(), sets, outbox);
+    }
+
+    /// Drains the machine if it may have outputs. Returns whether it may have had some.
+    #[inline]
+    pub(in crate::driver) fn drain_if_due(&mut self, sets: &LinkSets, outbox: &mut Outbox) -> bool {
+        let is_due = self.machine.has_output();
+        if is_due {
+            self.drain_idle(sets, outbox);
+        }
+        is_due
+    }
+
     /// Carries out all outputs of the machine. Only this function matches them.
     pub(in crate::driver) fn drain(
         &mut self,
@@ -52,9 +199,9 @@ impl LinkDriver {
                 }
                 Output::Settled { key, fate } => outbox.settle(MessageKey::from_raw(key), fate),
                 Output::Cancelled { call } => {
-                    self.cancelled.insert(call);
+                    self.calls.cancelled.insert(call);
                 }
-                Output::CallFailed { call } => self.failed.push(call),
+                Output::CallFailed { call } => self.calls.failed.push(call),
                 Output::Ended(end) => self.hang_up(end, sets),
             }
         }
@@ -63,7 +210,7 @@ impl LinkDriver {
     /// The next output of the machine. If an output could not be carried out, the link ends first: a
     /// packet that follows a lost one would look like a violation.
     fn next_output(&mut self) -> Option<Output> {
-        if let Some(code) = self.failing.take()
+        if let Some(code) = self.wire.as_mut().and_then(|it| it.failing.take())
             && self.end().is_none()
         {
             let _ = self
@@ -74,12 +221,15 @@ impl LinkDriver {
     }
 
     fn transmit(&mut self, unsent: Unsent, sets: &LinkSets, outbox: &Outbox) {
-        match self.offer(&unsent, outbox) {
+        let Some(wire) = &mut self.wire else {
+            return;
+        };
+        match wire.offer(&unsent, outbox) {
             // The other side has closed the socket. The datagrams that it sent before are read
             // first, and then the end of the stream (SM2-TRN-005).
             Ok(()) | Err(SendError::Closed) => {
                 if unsent.packet.attachment == Some(Attachment::Ring) {
-                    self.own_ring = None;
+                    wire.own_ring = None;
                 }
             }
             Err(SendError::WouldBlock) => self.keep_unsent(unsent, sets),
@@ -98,49 +248,67 @@ impl LinkDriver {
     /// Keeps a packet until the socket is writable.
     fn keep_unsent(&mut self, unsent: Unsent, sets: &LinkSets) {
         let _ = self.machine.handle(sm2_io::clock::now(), Input::Blocked);
-        self.unsent = Some(unsent);
+        if let Some(wire) = &mut self.wire {
+            wire.unsent = Some(unsent);
+        }
         self.watch(Interest::BOTH, sets);
-    }
-
-    fn offer(&self, unsent: &Unsent, outbox: &Outbox) -> Result<(), SendError> {
-        let Unsent { packet, segment } = unsent;
-        let socket = self.socket.as_ref().ok_or(SendError::Closed)?;
-        let parts = [IoSlice::new(&packet.head), IoSlice::new(&packet.payload)];
-        let parts = &parts[..if packet.payload.is_empty() { 1 } else { 2 }];
-        let fd = match packet.attachment {
-            None => return socket.send(parts, &[]),
-            Some(Attachment::Segment(_)) => segment.as_ref().map(AsFd::as_fd),
-            Some(Attachment::Message(key)) => outbox.sealed_file(MessageKey::from_raw(key)),
-            Some(Attachment::Ring) => self.own_ring.as_ref().map(AsFd::as_fd),
-        };
-        let fd = fd.ok_or_else(|| io::Error::from(io::ErrorKind::NotFound));
-        socket.send(parts, &[fd.map_err(SendError::Io)?])
     }
 
     /// Sends the packet and the DOORBELL that were kept, because the socket is writable again.
     pub(super) fn flush(&mut self, sets: &LinkSets, outbox: &mut Outbox) {
-        let (unsent, bell_due) = (self.unsent.take(), mem::take(&mut self.bell_due));
-        if unsent.is_none() && !bell_due {
+        let waiting = self.wire.as_mut().and_then(Wire::take_waiting);
+        let Some((unsent, is_bell_due)) = waiting else {
             return;
-        }
+        };
         self.watch(Interest::READABLE, sets);
-        if bell_due {
+        if is_bell_due {
             self.ring_bell(sets);
         }
         if let Some(unsent) = unsent {
             let _ = self.machine.handle(sm2_io::clock::now(), Input::Writable);
             self.transmit(unsent, sets, outbox);
         }
-        self.drain(Incoming::default(), sets, outbox);
+        self.drain_idle(sets, outbox);
     }
 
+    /// Changes the events that wake calls.
     pub(super) fn watch(&mut self, interest: Interest, sets: &LinkSets) {
-        if let Some(socket) = &self.socket
-            && let Err(error) = sets.watch_link(socket, self.origin.token, interest)
+        if let Some(wire) = &self.wire
+            && let Err(error) = wire.watch(interest, sets)
         {
             self.fail(Farewell::Resources, &error);
         }
         self.watch_in_background(sets);
+    }
+
+    /// Wakes the other side if that is needed.
+    //= SM2-RNG-012
+    #[inline]
+    pub(in crate::driver) fn wake(&mut self, wake: Wake, sets: &LinkSets) {
+        if wake.is_needed() {
+            self.ring_bell(sets);
+        }
+    }
+
+    fn ring_bell(&mut self, sets: &LinkSets) {
+        if self.wire.as_mut().is_some_and(Wire::ring_bell) {
+            self.be_short_of_memory();
+            self.watch(Interest::BOTH, sets);
+        }
+    }
+
+    /// Memory is short, on this end of the link.
+    //= SM2-TRN-013
+    #[cold]
+    pub(super) fn be_short_of_memory(&mut self) {
+        self.set_short_of_memory(true);
+        self.counting.write_shortage(true);
+    }
+
+    pub(super) const fn set_short_of_memory(&mut self, is_short: bool) {
+        if let Some(wire) = &mut self.wire {
+            wire.is_short_of_memory = is_short;
+        }
     }
 
     /// Maps the ring that the other side created.
@@ -194,7 +362,9 @@ impl LinkDriver {
     /// Requests the end of the link before its next output.
     pub(in crate::driver) fn fail(&mut self, code: impl Into<Code> + Display, error: &dyn Display) {
         tracing::warn!(link = %self.id, peer = %self.origin.peer.name, %error, "link given up: {code}");
-        self.failing = Some(code.into());
+        if let Some(wire) = &mut self.wire {
+            wire.failing = Some(code.into());
+        }
     }
 
     /// Unmaps the ring of this side if the other side does not offer the ring lane.
@@ -206,20 +376,11 @@ impl LinkDriver {
 
     //= SM2-OPN-008, SM2-OPN-009
     fn hang_up(&mut self, end: End, sets: &LinkSets) {
-        self.unsent = None;
-        self.bell_due = false;
-        self.short_of_memory = false;
-        self.write_shortage();
-        self.failing = None;
         self.mapped.outgoing = None;
-        self.own_ring = None;
-        self.room = None;
-        if let Some(socket) = self.socket.take() {
-            sets.remove_link(&socket);
-            // A child process may have inherited the socket, so closing it might not tell the other
-            // side.
-            let _ = socket.shutdown();
+        if let Some(wire) = self.wire.take() {
+            wire.close(sets);
         }
+        self.counting.write_shortage(false);
         self.forget_unused();
         self.log_end(end);
     }
