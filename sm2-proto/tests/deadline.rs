@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::link_support::{config, drain, open_to, opened, with_ring};
+use crate::link_support::{config, drain, open_to, opened, tick_link, with_ring};
 use crate::ring_support::{RECEIVER, Rig};
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
@@ -124,7 +124,7 @@ fn receiver(period: u64, opened: Instant) -> Link {
 /// Ticks the link whenever it asks for that, up to this time.
 fn tick_until(link: &mut Link, end: u64) {
     while let Some(due) = link.deadline().filter(|due| due.0 <= end) {
-        link.tick(due, &NoMemory);
+        tick_link(link, due, &NoMemory);
         assert!(link.deadline() > Some(due));
     }
 }
@@ -157,18 +157,18 @@ fn times_before_the_opening_and_in_the_future_do_not_count() {
     let mut link = receiver(10, Instant(100));
     // A latched message: the period that began with the opening goes on.
     data(&mut link, 1, Instant(3), Instant(101));
-    link.tick(Instant(109), &NoMemory);
+    tick_link(&mut link, Instant(109), &NoMemory);
     assert_eq!(link.watch().missed_deadlines(), 0);
-    link.tick(Instant(110), &NoMemory);
+    tick_link(&mut link, Instant(110), &NoMemory);
     assert_eq!(link.watch().missed_deadlines(), 1);
     // A publisher whose times are wrong gains no more than a period.
     data(&mut link, 2, Instant(u64::MAX), Instant(111));
-    link.tick(Instant(120), &NoMemory);
+    tick_link(&mut link, Instant(120), &NoMemory);
     assert_eq!(
         (link.watch().missed_deadlines(), link.deadline()),
         (1, Some(Instant(130)))
     );
-    link.tick(Instant(140), &NoMemory);
+    tick_link(&mut link, Instant(140), &NoMemory);
     assert_eq!(
         (link.watch().missed_deadlines(), link.deadline()),
         (1, Some(Instant(150)))
@@ -179,14 +179,14 @@ fn times_before_the_opening_and_in_the_future_do_not_count() {
 #[test]
 fn a_receiver_that_looks_late_counts_all_periods_without_a_message() {
     let mut link = receiver(10, Instant(0));
-    link.tick(Instant(39), &NoMemory);
+    tick_link(&mut link, Instant(39), &NoMemory);
     assert_eq!(
         (link.watch().missed_deadlines(), link.deadline()),
         (3, Some(Instant(40)))
     );
     // Nobody knows which messages came in time, so it does not accuse the publisher.
     data(&mut link, 1, Instant(95), Instant(97));
-    link.tick(Instant(99), &NoMemory);
+    tick_link(&mut link, Instant(99), &NoMemory);
     assert_eq!(
         (link.watch().missed_deadlines(), link.deadline()),
         (3, Some(Instant(105)))
@@ -199,13 +199,13 @@ fn only_an_open_receiver_has_a_deadline() {
     for role in Role::ALL {
         let mut link = opened(with_deadline(config(role), 10));
         assert_eq!(link.deadline().is_some(), role == Role::Receiver);
-        link.tick(Instant(25), &NoMemory);
+        tick_link(&mut link, Instant(25), &NoMemory);
         let missed = if role == Role::Receiver { 2 } else { 0 };
         assert_eq!(link.watch().missed_deadlines(), missed);
         link.handle(Instant(26), Input::Close(Code(0))).unwrap();
         drain(&mut link);
         assert_eq!(link.deadline(), None);
-        link.tick(Instant(99), &NoMemory);
+        tick_link(&mut link, Instant(99), &NoMemory);
         assert_eq!(link.watch().missed_deadlines(), missed, "the count stays");
     }
     assert_eq!(opened(config(Role::Receiver)).deadline(), None);
@@ -223,7 +223,7 @@ fn ring(period: u64) -> Rig {
 
 fn tick(rig: &mut Rig, now: u64) -> (u64, u64) {
     let receiver = &mut rig.ends[RECEIVER];
-    receiver.tick(Instant(now), &rig.words);
+    tick_link(receiver, Instant(now), &rig.words);
     let due = receiver.deadline().expect("the link is open");
     (receiver.watch().missed_deadlines(), due.0)
 }

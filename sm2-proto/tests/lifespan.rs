@@ -4,7 +4,7 @@ use crate::link_support;
 
 use crate::link_support::{
     config, data, drain, feed, message, offer, open_with, opened, opened_with, release,
-    release_all, reliable, send, sent, settled, with_ring,
+    release_all, reliable, send, sent, settled, tick_link, with_ring,
 };
 use crate::ring_support::{RECEIVER, Rig, SENDER};
 use sm2_proto::{
@@ -108,10 +108,10 @@ fn queued(config: Config) -> Link {
 #[test]
 fn messages_that_wait_at_the_sender_expire() {
     let mut link = queued(with_lifespan(reliable(Role::Sender), 10));
-    link.expire_unsent(Instant(11));
+    tick_link(&mut link, Instant(11), &NoMemory);
     assert!(!link.has_room(&NoMemory), "the sent one is the receiver's");
     assert_eq!(drain(&mut link), []);
-    link.expire_unsent(Instant(12));
+    tick_link(&mut link, Instant(12), &NoMemory);
     assert!(link.has_room(&NoMemory), "one that waits has expired");
     assert_eq!(settled(&drain(&mut link)), [(2, Fate::Expired)]);
     // Each input expires messages as well, before any is sent.
@@ -137,7 +137,7 @@ fn messages_that_wait_at_the_sender_expire() {
 #[test]
 fn without_a_lifespan_messages_wait() {
     let mut link = queued(reliable(Role::Sender));
-    link.expire_unsent(Instant(u64::MAX));
+    tick_link(&mut link, Instant(u64::MAX), &NoMemory);
     assert_eq!(drain(&mut link), []);
     assert_eq!(link.in_flight(), 3);
 }

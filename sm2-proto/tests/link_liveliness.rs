@@ -1,6 +1,6 @@
 //! Liveliness: who counts as alive at which time (SM2-QOS-011), and ALIVE (SM2-QOS-012).
 
-use crate::link_support::{config, drain, feed, open_to, opened, sent, with_ring};
+use crate::link_support::{config, drain, feed, open_to, opened, sent, tick_link, with_ring};
 use crate::ring_support::{RECEIVER, Rig, SENDER};
 use proptest::{collection::vec, prelude::*};
 use sm2_proto::{
@@ -96,7 +96,7 @@ fn data(sequence: u64, time: u64) -> Frame<'static> {
 
 /// Whether the publisher is alive after a tick, how often it was not, and the time of the next tick.
 fn tick(link: &mut Link, now: u64) -> (bool, u64, u64) {
-    link.tick(Instant(now), &NoMemory);
+    tick_link(link, Instant(now), &NoMemory);
     let due = link.deadline().expect("the link is open").0;
     (link.watch().is_alive(), link.watch().lost_liveliness(), due)
 }
@@ -140,12 +140,12 @@ fn only_an_open_receiver_that_demands_a_lease_watches() {
         let mut link = opened(with_lease(config(role), 10));
         let watches = role == Role::Receiver;
         assert_eq!(link.deadline().is_some(), watches);
-        link.tick(Instant(25), &NoMemory);
+        tick_link(&mut link, Instant(25), &NoMemory);
         assert_eq!(link.watch().is_alive(), !watches);
         link.handle(Instant(26), Input::Close(Code(0))).unwrap();
         drain(&mut link);
         assert_eq!(link.deadline(), None);
-        link.tick(Instant(99), &NoMemory);
+        tick_link(&mut link, Instant(99), &NoMemory);
         assert_eq!(link.watch().lost_liveliness(), u64::from(watches));
     }
     assert_eq!(opened(config(Role::Receiver)).deadline(), None);
@@ -255,9 +255,9 @@ fn alive_is_sent_once_in_a_quarter_of_the_lease() {
         assert!(packets(&mut link).is_empty());
         assert_eq!(link.deadline(), Some(Instant(15)));
     }
-    link.tick(Instant(14), &NoMemory);
+    tick_link(&mut link, Instant(14), &NoMemory);
     assert!(packets(&mut link).is_empty(), "too early");
-    link.tick(Instant(17), &NoMemory);
+    tick_link(&mut link, Instant(17), &NoMemory);
     assert_eq!(
         (packets(&mut link), link.deadline()),
         (vec![alive(14).to_vec()], None)
@@ -284,7 +284,7 @@ fn a_message_in_a_ring_is_a_sign_of_life() {
     let mut rig = Rig::with(ends).opened();
     let tick = |rig: &mut Rig, now: u64| {
         let receiver = &mut rig.ends[RECEIVER];
-        receiver.tick(Instant(now), &rig.words);
+        tick_link(receiver, Instant(now), &rig.words);
         (receiver.watch().is_alive(), receiver.deadline().unwrap().0)
     };
     assert_eq!(tick(&mut rig, 50), (false, 100));

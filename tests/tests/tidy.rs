@@ -6,6 +6,7 @@
 //! A check of Rust files by themselves is one more function in [`FILE_CHECKS`], one of Markdown files
 //! in [`DOCUMENT_CHECKS`]; a banned phrase is one more line in `prose.rs`.
 
+mod contract;
 mod cycles;
 mod edges;
 mod known;
@@ -21,7 +22,7 @@ mod sources;
 mod types;
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 
@@ -147,6 +148,17 @@ fn compare_types<'a>(
     let advice =
         "Make an enum or a structure of what belongs together; CONTRIBUTING, Style, has the rules.";
     compare(offences, known, advice);
+}
+
+#[test]
+fn the_contract_of_a_link_lists_what_changes_it() {
+    let sources = repository();
+    let folder = Path::new("sm2-proto/src/link");
+    let page = (sources.get(&folder.join("mod.rs"))).expect("the page of the link machine");
+    let files = sources.rust().filter(|it| it.0.starts_with(folder));
+    let changing = files.flat_map(|(path, text)| contract::changing(path, text));
+    let changing: BTreeSet<_> = changing.collect();
+    assert_eq!(contract::listed(page), changing);
 }
 
 #[test]

@@ -75,7 +75,7 @@ pub(super) struct Backlog {
     pub(super) is_filled: bool,
 }
 
-/// What a caller's link, or a server's, knows about its calls.
+/// The calls of a caller's link or of a server's link.
 #[derive(Debug, Default)]
 pub(super) struct LinkCalls {
     /// Caller: the number of the last call.

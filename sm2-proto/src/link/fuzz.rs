@@ -362,7 +362,8 @@ impl World {
     fn tick(&mut self, script: &mut Script<'_>) -> Option<()> {
         let now = Instant(u64::from(script.byte()?));
         let before = self.link.watch().missed_deadlines();
-        self.link.tick(now, &NoMemory);
+        let newest = self.link.newest(&NoMemory);
+        let _ = self.link.handle(now, Input::Tick(newest));
         let after = self.link.watch().missed_deadlines();
         let is_receiver = self.link.config().role == Role::Receiver;
         assert!(after >= before && (after == before || is_receiver));

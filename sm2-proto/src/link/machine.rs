@@ -97,6 +97,7 @@ impl Link {
             }
             Input::Eof => self.finish(End::Eof),
             Input::Drop(fate) => self.drop_publication(fate)?,
+            Input::Tick(newest) => self.tick(now, newest),
             Input::Assert(time) => self.assert_liveliness(time)?,
             Input::SegmentMissing => {
                 self.on_segment_missing();

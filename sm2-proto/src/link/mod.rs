@@ -5,7 +5,7 @@
 //! | feed | [`handle`](crate::Machine::handle) with each datagram, command of the application, change of the socket |
 //! | drain | [`poll`](crate::Machine::poll) until it returns `None`, after every feed |
 //! | messages | [`Link::send`], [`Link::take`], [`Link::release`], [`Link::has_room`], the same on both lanes |
-//! | deadline | [`deadline`](crate::Machine::deadline): the next [`Link::tick`] of a receiver with a deadline |
+//! | deadline | [`deadline`](crate::Machine::deadline): the next [`Input::Tick`] of a link with a deadline or a lease |
 //! | inspect | [`Link::is_open`], [`Link::end`], [`Link::counters`], [`Link::placement`], … |
 //!
 //! The machine does no I/O, reads no clock and sees no descriptor. Its driver owns the socket, the
@@ -58,6 +58,22 @@
 //! `true`, the driver calls [`Link::harvest`], which sends queued messages, and drains again.
 //!
 //! When a call returns [`Wake::Needed`], the driver sends [`doorbell`] over the socket.
+//!
+//! # What changes the machine beside `handle`
+//!
+//! These methods alone, because they use the memory that both ends map, which an input cannot carry, and because a
+//! message of a ring is too short for a queue of outputs:
+//!
+//! | method | change |
+//! | --- | --- |
+//! | [`Link::send`], [`Link::send_in_slot`] | a message is sent or queued |
+//! | [`Link::harvest`], [`Link::settle_returned`] | messages that came back are settled; `harvest` sends queued ones |
+//! | [`Link::take`], [`Link::take_with`] | the application has the next message |
+//! | [`Link::release`], [`Link::release_all`], [`Link::expire`] | messages are given back |
+//! | [`Link::watch_mut`] | what the watch has counted was reported to the program |
+//!
+//! Each of them may end the link, and may leave outputs, so the driver drains afterwards while [`Link::has_output`]
+//! returns `true`.
 //!
 //! A program that embeds this crate without `sm2-node` needs only this module and [`wire`]. The
 //! machine in [`node`](crate::node) decides which links exist.

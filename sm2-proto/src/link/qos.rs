@@ -16,21 +16,18 @@ impl Link {
         }
     }
 
-    /// Receiver: counts the periods of the deadline that have passed without a message, and checks whether the
-    /// publisher is alive. Sender: sends ALIVE if it was held back.
-    /// A driver calls this at the time of [`deadline`](crate::Machine::deadline), after it has fed all datagrams that
-    /// the socket has.
+    /// Handles [`Input::Tick`](super::Input::Tick).
     //= SM2-QOS-009, SM2-QOS-011, SM2-QOS-012
-    pub fn tick(&mut self, now: Instant, memory: &impl LinkMemory) {
+    pub(super) fn tick(&mut self, now: Instant, newest: Newest) {
         if self.deadline().is_some() {
-            let newest = self.newest(memory);
             self.watch.check(newest, now);
             self.alive_frames.send_held(self.config.lease, now);
         }
-        self.invariants();
     }
 
-    fn newest(&self, memory: &impl LinkMemory) -> Newest {
+    /// The newest message that has come, whether it was taken or not, for [`Input::Tick`](super::Input::Tick).
+    #[must_use]
+    pub fn newest(&self, memory: &impl LinkMemory) -> Newest {
         match &self.lane {
             Lane::Undecided => Newest::NONE,
             Lane::Socket(socket) => socket.inbound.newest(),
@@ -41,7 +38,7 @@ impl Link {
         }
     }
 
-    /// The time of the next [`tick`](Self::tick).
+    /// The time of the next [`Input::Tick`](super::Input::Tick).
     pub(super) fn next_tick(&self) -> Option<Instant> {
         let due = self.watch.due().or(self.alive_frames.held_until());
         due.filter(|_| self.state.is_ok())
@@ -90,10 +87,9 @@ impl Link {
         Ok(())
     }
 
-    /// Drops the messages that wait at this end and are older than their lifespan. A driver calls this before it asks
-    /// whether there is room; each input does so as well.
+    /// Drops the messages that wait at this end and are older than their lifespan. Each input does so.
     //= SM2-QOS-010
-    pub fn expire_unsent(&mut self, now: Instant) {
+    pub(super) fn expire_unsent(&mut self, now: Instant) {
         if self.config.lifespan == Period::NONE || self.state.is_err() {
             return;
         }

@@ -3,7 +3,7 @@
 use bytes::Bytes;
 
 use super::{Fate, Packet, RingLayout, SegmentInfo, Status};
-use crate::{Code, Datagram, Instant, Violation};
+use crate::{Code, Datagram, Instant, Newest, Violation};
 
 /// Something that happened to a link, which the driver reports.
 #[derive(Clone, Debug)]
@@ -27,6 +27,12 @@ pub enum Input<'a> {
     /// The publisher's program asserted its liveliness at this time. The machine sends ALIVE if the subscriber demands
     /// a lease.
     Assert(Instant),
+    /// The time of [`deadline`](crate::Machine::deadline) has come, and the driver has fed all datagrams that the
+    /// socket has. Its value is [`Link::newest`](super::Link::newest). A receiver counts the periods of the deadline
+    /// that have passed without a message, and checks whether the publisher is alive. A sender sends ALIVE that was
+    /// held back. As each input does, it drops messages that wait at this end and are older than their lifespan, so
+    /// that there is room.
+    Tick(Newest),
     /// Ring lane, after [`NoDelivery::UnknownSegment`](super::NoDelivery::UnknownSegment): the
     /// socket has no further datagram that could attach the segment of the message.
     SegmentMissing,

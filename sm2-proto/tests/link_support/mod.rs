@@ -4,8 +4,8 @@
 use sm2_proto::{
     Datagram, FdFacts, Instant, LinkId, Machine, Period, Seals, Violation,
     link::{
-        Body, Config, End, Error, Fate, Input, Link, MaxLen, NoMemory, OutboundMessage, Output,
-        Packet, Publications, RingLayout, Role, SegmentInfo, Status, Wake,
+        Body, Config, End, Error, Fate, Input, Link, LinkMemory, MaxLen, NoMemory, OutboundMessage,
+        Output, Packet, Publications, RingLayout, Role, SegmentInfo, Status, Wake,
         wire::{Carrier, Form, Frame, Given, LANE_RING, LANE_SOCKET, MessageFrame, Open},
     },
 };
@@ -281,4 +281,14 @@ pub(crate) fn send(link: &mut Link, message: OutboundMessage) -> Vec<Output> {
 pub(crate) fn give_back(link: &mut Link, sequence: u64) -> Result<(), Error> {
     let released = link.release(&NoMemory, sequence);
     released.map(|wake| assert_eq!(wake, Wake::NotNeeded))
+}
+
+/// Ticks a link at this time.
+pub(crate) fn tick_link(link: &mut Link, now: Instant, memory: &impl LinkMemory) {
+    let newest = link.newest(memory);
+    let ticked = link.handle(now, Input::Tick(newest));
+    assert!(
+        matches!(ticked, Ok(()) | Err(Error::Ended(_))),
+        "{ticked:?}"
+    );
 }

@@ -1,8 +1,8 @@
-//! The QoS of a topic's link: ticks for the deadline and the lease, messages that are older than their lifespan, and the
-//! account of messages that were published while there was no link.
+//! The QoS of a topic's link: ticks for the deadline and the lease, messages that are older than their lifespan, and
+//! the account of messages that were published while there was no link.
 
 use sm2_proto::control::LinkPeer;
-use sm2_proto::link::{Account, Delivery, Publications, Record};
+use sm2_proto::link::{Account, Delivery, Input, Publications, Record};
 use sm2_proto::{Contract, Farewell, Instant, Machine, Period, QosWatch};
 
 use super::LinkDriver;
@@ -25,8 +25,14 @@ impl LinkDriver {
             return;
         }
         self.receive_all(context, outbox);
-        self.machine.tick(context.now, &self.mapped);
+        self.tick_machine(context.now);
         self.drain_idle(context.sets, outbox);
+    }
+
+    fn tick_machine(&mut self, now: Instant) {
+        let tick = Input::Tick(self.machine.newest(&self.mapped));
+        // A link that is over does not tick.
+        let _ = self.machine.handle(now, tick);
     }
 
     /// How the publisher at the other end of a subscriber's link keeps its deadline and its lease.
@@ -89,7 +95,7 @@ impl LinkDriver {
         let may_expire =
             self.machine.config().lifespan != Period::NONE && self.machine.has_queued();
         if may_expire {
-            self.machine.expire_unsent(sm2_io::clock::now());
+            self.tick_machine(sm2_io::clock::now());
             self.drain_idle(context.sets, outbox);
         }
         may_expire
