@@ -21,6 +21,7 @@ mod reservation;
 mod slots;
 
 use std::collections::BTreeMap;
+use std::mem;
 
 use sm2_io::{SegmentFd, Slot};
 use sm2_proto::link::{Fate, Status};
@@ -77,9 +78,11 @@ impl Outbox {
         if let Some(lease) = &mut forms.pooled {
             write_head(lease, label, Status::Ok);
         }
-        let message = StoredMessage::new(forms, label);
-        self.pool.add_outside(message.bytes_outside());
-        self.messages.insert(message)
+        let (key, place) = self.messages.insert(label);
+        *place = forms;
+        let outside = (self.messages.get(key)).map_or(0, StoredMessage::bytes_outside);
+        self.pool.add_outside(outside);
+        key
     }
 
     /// Stores a message whose payload is in this slot, which was leased under the same lock. The caller holds the
@@ -87,13 +90,14 @@ impl Outbox {
     #[inline]
     pub(super) fn store_in_slot(&mut self, mut lease: Lease<Slot>, label: Label) -> MessageKey {
         write_head(&mut lease, label, Status::Ok);
-        (self.messages).insert(StoredMessage::new(Forms::in_slot(lease), label))
+        let (key, forms) = self.messages.insert(label);
+        forms.pooled = Some(lease);
+        key
     }
 
     /// The fields of a message's header.
     pub(super) fn label(&self, key: MessageKey) -> Option<Label> {
-        let StoredMessage { id, time, len, .. } = *self.messages.get(key)?;
-        Some(Label { id, time, len })
+        self.messages.get(key).map(|it| it.label)
     }
 
     /// Adds a holder to a message.
@@ -119,24 +123,31 @@ impl Outbox {
     }
 
     /// Removes a holder, and frees the memory of a message without holders.
+    #[inline]
     fn remove_holder(&mut self, key: MessageKey, is_orphaned: bool) {
-        let Some(message) = self.messages.get_mut(key) else {
+        let Some(message) = self.messages.remove_holder(key, is_orphaned) else {
             return;
         };
-        message.orphaned |= is_orphaned;
-        message.holders -= 1;
-        if message.holders > 0 {
-            return;
+        if message.orphaned || !message.forms.are_slot_alone() {
+            let message = mem::take(message);
+            return self.free(message);
         }
+        let lease = message.forms.pooled.take();
+        if let Some(segment) = lease.and_then(|it| self.pool.give_back(it)) {
+            self.close([segment]);
+        }
+    }
+
+    /// Frees the memory of a message, whatever forms it has.
+    #[cold]
+    fn free(&mut self, mut message: StoredMessage) {
         self.pool.remove_outside(message.bytes_outside());
-        let (lease, is_orphaned) = (message.forms.pooled.take(), message.orphaned);
         // The receivers of other messages have usually closed the file before.
-        let file = message.forms.sealed.take_if(|_| is_orphaned);
+        let file = message.forms.sealed.take_if(|_| message.orphaned);
         self.leftovers.extend(file.map(Leftover::File));
-        self.messages.remove(key);
-        if let Some(lease) = lease {
+        if let Some(lease) = message.forms.pooled {
             //= SM2-OPN-010
-            let over = match is_orphaned {
+            let over = match message.orphaned {
                 true => self.pool.abandon(lease),
                 false => self.pool.give_back(lease),
             };

@@ -66,6 +66,8 @@ pub(crate) struct InterfaceDriver {
     last_drive: Instant,
     /// The time at which the current call began.
     now: Instant,
+    /// Whether the sockets were read when the current call entered.
+    pub(crate) is_driven: bool,
     /// Whether a socket was ready in the last drive, but the kernel had no memory to use it. The socket is still
     /// ready, so a thread that waits for it pauses first (SM2-TRN-013).
     pub(super) short_of_memory: bool,
@@ -77,8 +79,6 @@ pub(crate) struct InterfaceDriver {
 /// results of the call.
 pub(crate) struct LockedInterface<'a> {
     shared: &'a SharedInterface,
-    /// Whether the sockets were read when the call entered.
-    pub(crate) is_driven: bool,
     /// `None` while this value is being dropped.
     driver: Option<MutexGuard<'a, InterfaceDriver>>,
 }
@@ -117,6 +117,7 @@ impl SharedInterface {
                 ready: Vec::with_capacity(SOCKETS),
                 last_drive: Instant(0),
                 now: Instant(0),
+                is_driven: false,
                 short_of_memory: false,
                 shortages: LimitedWarning::default(),
             }),
@@ -131,7 +132,6 @@ impl SharedInterface {
     pub(crate) fn lock(&self) -> LockedInterface<'_> {
         LockedInterface {
             shared: self,
-            is_driven: false,
             driver: Some(self.lock_for_control()),
         }
     }
@@ -146,11 +146,13 @@ impl SharedInterface {
     #[inline]
     pub(crate) fn enter_at(&self, now: Instant, drive: Drive) -> LockedInterface<'_> {
         let mut locked = self.lock();
-        locked.now = now;
-        if locked.needs(drive, now) {
-            locked = self.drive_and_lock(locked, now);
+        let driver = DerefMut::deref_mut(&mut locked);
+        driver.now = now;
+        driver.is_driven = driver.needs(drive, now);
+        match driver.is_driven {
+            false => locked,
+            true => self.drive_and_lock(locked, now),
         }
-        locked
     }
 
     /// Drives the control side, if calls have to, and the links.

@@ -26,7 +26,7 @@ impl Link {
     #[must_use]
     #[inline]
     pub fn is_open(&self) -> bool {
-        self.state == Ok(Phase::Open) && !self.lane.awaits_ring()
+        matches!(self.state, Ok(Phase::Open)) && !self.lane.awaits_ring()
     }
 
     /// The reason why the link is over, if it is.

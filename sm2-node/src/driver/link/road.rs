@@ -4,6 +4,7 @@ use sm2_proto::Instant;
 use sm2_proto::link::{Error, LaneKind, RingMessage, Status};
 
 use super::LinkDriver;
+use super::wire::Wire;
 use crate::driver::context::Context;
 use crate::driver::outbox::{MessageKey, Outbox};
 
@@ -42,7 +43,9 @@ impl LinkDriver {
                 self.wake(wake, context.sets);
                 self.drain_if_due(context.sets, outbox);
                 self.count_sent(time, message.len, context.now);
-                self.watch_in_background(context.sets);
+                if self.wire.as_ref().is_some_and(Wire::wakes_background) {
+                    self.watch_in_background(context.sets);
+                }
             }
             Err(error) => self.not_sent_on_road(&error, key, context, outbox),
         }

@@ -128,6 +128,12 @@ impl Wire {
         }
     }
 
+    /// Whether more than the end of the link wakes the background thread.
+    #[inline]
+    pub(super) fn wakes_background(&self) -> bool {
+        self.in_background != BackgroundInterest::End
+    }
+
     /// Wakes the background thread for the events that it has to handle from now on. A system call for each change
     /// would cost more than a few needless wake-ups. Packets therefore wake the thread until it handles one, or until
     /// calls have read [`NEEDLESS_WATCHES_MAX`] of them before it.

@@ -52,9 +52,9 @@ impl Outbox {
         link_sealed: bool,
     ) -> Result<OutboundMessage, NoForm> {
         let missing = || io::Error::from(io::ErrorKind::NotFound);
-        let StoredMessage { forms, len, .. } = self.messages.get(key).ok_or_else(missing)?;
+        let StoredMessage { forms, label, .. } = self.messages.get(key).ok_or_else(missing)?;
         let needs_file = link_sealed && forms.inline.is_none() && forms.sealed.is_none();
-        let len = *len;
+        let len = label.len;
         let has_room = !needs_file || self.has_room_for_file(len);
         let message = self.messages.get_mut(key).ok_or_else(missing)?;
         let Forms {
@@ -74,10 +74,10 @@ impl Outbox {
                 return Err(NoForm::Slot(io::ErrorKind::OutOfMemory.into()));
             }
             (None, Some(lease)) => {
-                let len = usize::try_from(message.len)
+                let len = usize::try_from(message.label.len)
                     .map_err(|_| io::Error::from(io::ErrorKind::InvalidInput))?;
                 *sealed = Some(memfd::sealed_from_bytes(lease.memory.bytes(len))?);
-                self.pool.add_outside(message.len);
+                self.pool.add_outside(message.label.len);
                 Body::Sealed
             }
             (None, None) => return Err(missing().into()),

@@ -107,7 +107,7 @@ impl Outbox {
     /// The number and the memory of a stored message.
     pub(in crate::driver) fn footprint(&self, key: MessageKey) -> Option<(u64, u64)> {
         let message = self.messages.get(key)?;
-        Some((message.id, message.bytes()))
+        Some((message.label.id, message.bytes()))
     }
 }
 
@@ -117,7 +117,7 @@ impl StoredMessage {
         let inline = self.forms.inline.as_ref().map_or(0, |it| it.len() as u64);
         inline
             + if self.forms.sealed.is_some() {
-                self.len
+                self.label.len
             } else {
                 0
             }

@@ -21,12 +21,17 @@ pub(crate) struct Forms {
 
 impl Forms {
     /// A message whose payload is in this slot alone.
-    #[inline]
     pub(crate) fn in_slot(lease: Lease<Slot>) -> Self {
         Self {
             pooled: Some(lease),
             ..Self::default()
         }
+    }
+
+    /// Whether the payload is in a slot alone.
+    #[inline]
+    pub(super) const fn are_slot_alone(&self) -> bool {
+        self.inline.is_none() && self.sealed.is_none() && self.pooled.is_some()
     }
 
     /// Whether there is no message, because no link needs it.
@@ -36,47 +41,31 @@ impl Forms {
 }
 
 /// The fields of a message's header.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Label {
     pub(crate) id: u64,
     pub(crate) time: Instant,
     pub(crate) len: u64,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct StoredMessage {
     pub(super) forms: Forms,
-    pub(super) len: u64,
-    pub(super) id: u64,
-    pub(super) time: Instant,
+    pub(super) label: Label,
     pub(super) holders: u32,
     /// Whether a link ended with the message.
     pub(super) orphaned: bool,
 }
 
 impl StoredMessage {
-    /// A message with one holder.
-    #[inline]
-    pub(super) fn new(forms: Forms, label: Label) -> Self {
-        let Label { id, time, len } = label;
-        Self {
-            forms,
-            len,
-            id,
-            time,
-            holders: 1,
-            orphaned: false,
-        }
-    }
-
     /// The message for a link, with this body.
     pub(super) fn outbound(&self, key: MessageKey, status: Status, body: Body) -> OutboundMessage {
         OutboundMessage {
             key: key.to_raw(),
-            id: self.id,
-            time: self.time,
+            id: self.label.id,
+            time: self.label.time,
             status,
-            len: self.len,
+            len: self.label.len,
             body,
         }
     }
