@@ -1,14 +1,14 @@
 //! The steps in which the driver of `sm2-node` uses the machine of one end: those of
-//! `driver/lane.rs`, `publish.rs` and `take.rs`, and those of `wait.rs` for a thread that sleeps at
-//! once.
+//! `driver/interface/road.rs`, `driver/link/road.rs` and `driver/link/take.rs`, and those of `driver/wait.rs` for a
+//! thread that sleeps at once.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
 
 use sm2_proto::link::{
-    Attachment, Body, Config, Delivery, End, Error, Fate, Input, LaneKind, LentRing, Link, MaxLen,
-    Misuse, NoDelivery, OutboundMessage, Output, Payload, Publications, RingLayout, RingMemory,
-    Role, SlotHead, SlotRange, Status, Wake, doorbell,
+    Attachment, Config, Delivery, End, Error, Fate, Input, LaneKind, LentRing, Link, MaxLen,
+    Misuse, NoDelivery, Output, Payload, Publications, RingLayout, RingMemory, RingMessage, Role,
+    SlotHead, SlotRange, Status, Wake, doorbell,
 };
 use sm2_proto::{
     Datagram, Farewell, FdFacts, Instant, LinkId, Machine, Period, Seals, limits::SLOT_HEAD,
@@ -298,22 +298,17 @@ impl<W: Mortal> Driver<W> {
     }
 
     fn send(&mut self, id: u64, slot: usize) {
-        let message = OutboundMessage {
+        let message = RingMessage {
             key: id,
             id,
-            time: Instant(0),
-            status: Status::Ok,
             len: 8,
-            body: Body::Pooled {
-                segment: self.memory.segment(),
-                slot: slot as u32,
-            },
+            segment: self.memory.segment(),
+            slot: slot as u32,
         };
         self.seen.push(id);
         let (slots, settled) = (&mut self.slots, &mut self.settled);
-        let sent = self.link.send(&self.words, message.clone(), |key, fate| {
-            settle(slots, settled, key, fate);
-        });
+        let settled = |key, fate| settle(slots, settled, key, fate);
+        let sent = self.link.send_in_slot(&self.words, &message, settled);
         match sent {
             Ok(Wake::Needed) => self.ring_the_bell(),
             Ok(Wake::NotNeeded) => {}

@@ -9,7 +9,7 @@ use sm2_proto::Instant;
 
 use super::context::Context;
 use super::interface::DeclaredInterface;
-use crate::kernel::{BorrowedFd, Epoll, Waker};
+use crate::kernel::{BorrowedFd, Epoll};
 
 use super::super::sleepers::Sleepers;
 use super::sleepers;
@@ -32,12 +32,19 @@ pub(crate) struct LinkSets {
 pub(crate) struct InterfaceDriver {
     pub(super) interface: DeclaredInterface,
     pub(in super::super) sleepers: Sleepers,
+    pub(crate) is_driven: bool,
     /// Memory is never short in these models.
     pub(crate) short_of_memory: bool,
 }
 
 /// The words that a spinning thread watches.
 pub(crate) struct NextWords;
+
+/// Whether a call reads the sockets first.
+pub(crate) enum Drive {
+    Yes,
+    IfDue,
+}
 
 pub(crate) struct LockedInterface<'a>(MutexGuard<'a, InterfaceDriver>);
 
@@ -72,6 +79,7 @@ impl SharedInterface {
             driver: Mutex::new(InterfaceDriver {
                 interface,
                 sleepers: sleepers(),
+                is_driven: false,
                 short_of_memory: false,
             }),
         })
@@ -81,21 +89,17 @@ impl SharedInterface {
         LockedInterface(self.driver.lock().unwrap())
     }
 
+    pub(crate) fn enter(&self, drive: Drive) -> LockedInterface<'_> {
+        self.enter_at(Instant(0), drive)
+    }
+
     /// Never due in these models: that is the case in which the sockets are read least.
-    pub(crate) fn lock_if_due(&self, _: Instant) -> (LockedInterface<'_>, bool) {
-        (self.lock(), false)
-    }
-
-    pub(crate) fn lock_driven(&self) -> LockedInterface<'_> {
+    pub(crate) fn enter_at(&self, _: Instant, drive: Drive) -> LockedInterface<'_> {
         let mut locked = self.lock();
-        locked.drive();
-        locked
-    }
-
-    pub(crate) fn lock_for_event(&self, waker: &Arc<Waker>) -> LockedInterface<'_> {
-        let mut locked = self.lock();
-        locked.0.sleepers.attend(waker);
-        locked.drive();
+        locked.0.is_driven = matches!(drive, Drive::Yes);
+        if locked.0.is_driven {
+            locked.drive();
+        }
         locked
     }
 
@@ -118,6 +122,10 @@ impl SharedInterface {
 }
 
 impl LockedInterface<'_> {
+    pub(crate) fn drive_at(&mut self, _: Instant) {
+        self.drive();
+    }
+
     pub(crate) fn drive(&mut self) {
         if self.0.interface.read() {
             self.0.sleepers.wake();
