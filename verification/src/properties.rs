@@ -1,6 +1,7 @@
 //! PROPERTIES.md: claims about the shipped code, the checks that show them, and their coverage.
 //!
-//! A [`Register`] is the parsed file: a table of properties, and tables of checks. A [`RunResults`] has the results of
+//! A [`Register`] is the parsed file: a table of properties, and tables of checks, with the checks that are [`Listed`]
+//! elsewhere. A [`RunResults`] has the results of
 //! a run, and [`RunResults::gaps`] lists the disagreements of both. [`figures_page`] shows the figures of a run, which
 //! are not committed. This module starts no programs: `bin/check` runs the engines.
 
@@ -9,10 +10,11 @@ mod expected;
 mod figures;
 mod gap;
 mod judge;
+mod listed;
 mod outcome;
 mod proofs;
-mod readme;
 mod register;
+mod summary;
 mod table;
 
 pub use self::{
@@ -21,8 +23,9 @@ pub use self::{
     figures::figures_page,
     gap::{Gap, GapKind},
     judge::{Extent, RunResults},
+    listed::Listed,
     outcome::{Outcome, UnreadableOutcome, outcomes},
     proofs::{proofs, proofs_below},
-    readme::{readme_table, with_table},
     register::{Check, Group, Property, Register, Run},
+    summary::summary,
 };

@@ -4,9 +4,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 
+use sm2_verification::mutants::Catalogue;
 use sm2_verification::properties::{
-    Engine, Extent, Gap, GapKind, Outcome, Register, RunResults, figures_page, outcomes, proofs,
-    proofs_below, readme_table, tests_in, with_table,
+    Engine, Extent, Gap, GapKind, Listed, Outcome, Register, RunResults, figures_page, outcomes,
+    proofs, proofs_below, summary, tests_in,
 };
 
 /// Two properties, and a check of each kind of run.
@@ -22,10 +23,10 @@ const TEXT: &str = "\
 | model | a proof |
 | libFuzzer | a sample |
 
-| property | statement | clauses | shown by |
-| --- | --- | --- | --- |
-| ONE-A | One is \\| one | SM2-TRN-001, SM2-TRN-002 | model 2, libFuzzer 1 |
-| TWO-B | Two is two |  | model 1 |
+| property | statement | clauses |
+| --- | --- | --- |
+| ONE-A | One is \\| one | SM2-TRN-001, SM2-TRN-002 |
+| TWO-B | Two is two |  |
 
 ## Checks
 
@@ -42,9 +43,13 @@ Words between the tables.
 ";
 
 fn register(text: &str) -> Register {
-    let (register, gaps) = Register::parse(text);
+    let (register, gaps) = parse(text);
     assert_eq!(gaps, []);
     register
+}
+
+fn parse(text: &str) -> (Register, Vec<Gap>) {
+    Register::parse(text, &Listed::default())
 }
 
 fn outcome(engine: Engine, harness: &str, covered: &str) -> Outcome {
@@ -82,7 +87,7 @@ fn gaps(results: &RunResults) -> Vec<GapKind> {
 /// The gaps that reading finds after `from` was replaced by `to`.
 fn broken(from: &str, to: &str) -> Vec<Gap> {
     assert_eq!(TEXT.matches(from).count(), 1, "{from}");
-    Register::parse(&TEXT.replace(from, to)).1
+    parse(&TEXT.replace(from, to)).1
 }
 
 fn line(text: &str) -> Option<usize> {
@@ -98,23 +103,43 @@ const HEADS: &str = "| harness | shows | engine | bound | run |\n\
 fn every_harness_has_its_row_and_every_row_its_harness() {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let text = fs::read_to_string(here.join("PROPERTIES.md")).expect("the tables");
-    let register = register(&text);
+    let listed = Listed::load(&here.join("..")).expect("lists");
+    assert!(!listed.mutants.is_empty() && !listed.symbolic.is_empty());
+    let (register, gaps) = Register::parse(&text, &listed);
+    assert_eq!(gaps, []);
     let named = register.of(Engine::StandIn);
     let named: BTreeSet<_> = named.map(|it| it.harness.clone()).collect();
     let there = proofs_below(&here.join("../sm2-proto/src"), "sm2_proto").expect("sources");
     assert!(!there.is_empty());
     assert_eq!(named, there);
+    assert!(listed.symbolic.is_subset(&named));
 }
 
 #[test]
-fn what_is_read_is_written_byte_for_byte() {
-    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let shipped = fs::read_to_string(here.join("PROPERTIES.md")).expect("the tables");
-    for text in [TEXT, &shipped] {
-        let mut register = register(text);
-        register.record_engines();
-        assert_eq!(register.text(), text);
-    }
+fn listed_checks_need_no_row() {
+    let text = TEXT
+        .replace(
+            "| model | a proof |",
+            "| model | a proof |\n| stand-in | paths |\n| angr | paths |\n| mutants | faults |",
+        )
+        .replace("`bytes` | ONE-A | libFuzzer", "`h` | ONE-A | stand-in");
+    let mutants = "[[mutant]]\nname = \"off_by_one\"\nbreaks = \"One\"\nproperties = [\"TWO-B\"]\n\
+                   file = \"a.rs\"\nfrom = \"<\"\nto = \"<=\"\n\
+                   check = { kind = \"harness\", name = \"h\" }\n";
+    let mutants = toml::from_str::<Catalogue>(mutants)
+        .expect("a list")
+        .mutants;
+    let symbolic = BTreeSet::from(["h".to_owned()]);
+    let mut listed = Listed { mutants, symbolic };
+    let (register, gaps) = Register::parse(&text, &listed);
+    assert_eq!(gaps, []);
+    let shows = |engine, harness| &register.check(engine, harness).expect("a check").shows;
+    assert_eq!(shows(Engine::Mutants, "off_by_one"), &["TWO-B"]);
+    assert_eq!(shows(Engine::Angr, "h"), &["ONE-A"]);
+    listed.mutants[0].properties = vec!["TWO-C".to_owned()];
+    let kind = GapKind::UnknownProperty("TWO-C".to_owned());
+    let gap = Gap { line: None, kind };
+    assert_eq!(Register::parse(&text, &listed).1, [gap]);
 }
 
 #[test]
@@ -156,7 +181,7 @@ fn a_check_that_covers_less_than_expected_is_found() {
                 "| model | a proof |",
                 &format!("| model | a proof |\n| {word} | a proof |"),
             );
-        let register = Register::parse(&text).0;
+        let register = parse(&text).0;
         let engine = Engine::named(word).expect("an engine");
         let mut results = as_it_should_be();
         results.engines.clear();
@@ -244,8 +269,7 @@ fn a_check_without_a_row_is_found_and_a_row_is_made_of_it() {
     assert_eq!(results.missing(&register(TEXT)), [row]);
     let text = TEXT
         .replace("## Checks\n", &format!("## Checks\n\n{HEADS}\n{row}\n"))
-        .replace("| ? | libFuzzer", "| TWO-B | libFuzzer")
-        .replace("| model 1 |", "| model 1, libFuzzer 1 |");
+        .replace("| ? | libFuzzer", "| TWO-B | libFuzzer");
     assert_eq!(results.gaps(&register(&text)), []);
 }
 
@@ -269,7 +293,6 @@ fn kani_has_the_rows_of_the_stand_in() {
             "| model | a proof |",
             "| model | a proof |\n| stand-in | paths |",
         )
-        .replace("| model 1 |", "| stand-in 1, model 1 |")
         .replace("Words", &format!("{HEADS}\n{row}\n\nWords"));
     let results = RunResults {
         engines: BTreeMap::from([(Engine::Kani, Extent::Ran)]),
@@ -285,12 +308,13 @@ fn the_page_of_figures_has_each_check_that_reported() {
     let mut results = as_it_should_be();
     results.outcomes[1].held = false;
     results.outcomes[1].covered = "a | b".to_owned();
-    let page = figures_page(&results.outcomes);
+    let page = figures_page(&register(TEXT), &results.outcomes);
     let rows = [
         "| model | `small` | 706 states, 1379 transitions | 0.5 | ok |",
         "| libFuzzer | `bytes` | a \\| b | 0.5 | FAILED |",
     ];
-    assert_eq!(page.lines().skip(4).collect::<Vec<_>>(), rows);
+    let (_, last) = page.rsplit_once("| --- |\n").expect("a table");
+    assert_eq!(last.lines().collect::<Vec<_>>(), rows);
 }
 
 #[test]
@@ -350,30 +374,23 @@ fn what_the_tables_do_not_agree_about_is_found() {
     );
     let text = TEXT.replace("ONE-A, TWO-B", "ONE-A");
     let text = text.replace("`bytes` | ONE-A | libFuzzer", "`bytes` | TWO-B | mutants");
-    let found = Register::parse(&text).1;
+    let found = parse(&text).1;
     let unshown = GapKind::Unshown("TWO-B".into());
     assert!(found.iter().any(|it| it.kind == unshown), "{found:?}");
-    let (name, now) = ("ONE-A".to_owned(), "model 2, libFuzzer 1".to_owned());
-    let stale = GapKind::StaleEngines { name, now };
-    assert_eq!(broken("model 2,", "model 3,")[0].kind, stale);
 }
 
 #[test]
-fn the_tables_of_the_readme_are_kept_between_their_markers() {
-    let table = readme_table(&register(TEXT));
-    assert!(
-        table.contains("| ONE, TWO | numbers | model 2, libFuzzer 1 | up to 2 |"),
-        "{table}"
-    );
-    assert!(table.contains("| model | a proof | 2 |"), "{table}");
-    let readme = "# A\n<!-- verification:begin -->\nold\n<!-- verification:end -->\nB\n";
-    let once = with_table(readme, &table).expect("markers");
-    assert_eq!(with_table(&once, &table), Ok(once.clone()));
-    assert!(
-        once.starts_with("# A\n") && once.ends_with("-->\nB\n"),
-        "{once}"
-    );
-    assert!(with_table("# A\n", &table).is_err());
+fn checks_are_counted_by_group_engine_and_property() {
+    let tables = summary(&register(TEXT));
+    let rows = [
+        "| ONE, TWO | numbers | model 2, libFuzzer 1 |",
+        "| model | 2 |",
+        "| ONE-A | model 2, libFuzzer 1 |",
+        "| TWO-B | model 1 |",
+    ];
+    for row in rows {
+        assert!(tables.lines().any(|it| it == row), "{row}: {tables}");
+    }
 }
 
 #[test]

@@ -1,13 +1,15 @@
 //! The page with the figures of a run.
 
-use super::Outcome;
 use super::table::{escaped, render};
+use super::{Outcome, Register, summary};
 
-/// A table with a row for each check that reported.
+/// The tables of [`summary`], and one with a row for each check that reported.
 #[must_use]
-pub fn figures_page(outcomes: &[Outcome]) -> String {
+pub fn figures_page(register: &Register, outcomes: &[Outcome]) -> String {
     let mut lines = vec![
         "# Figures of the last run".to_owned(),
+        String::new(),
+        summary(register),
         String::new(),
         render(&["engine", "check", "figures", "seconds", "verdict"]),
         render(&["---"; 5]),

@@ -7,7 +7,7 @@ use super::Engine;
 /// A disagreement, and its line.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Gap {
-    /// The line of PROPERTIES.md, counted from 1; `None` for a check without a row.
+    /// The line of PROPERTIES.md, counted from 1; `None` for a check without a row, and for an entry of a list.
     pub line: Option<usize>,
     /// The kind of gap.
     pub kind: GapKind,
@@ -67,14 +67,6 @@ pub enum GapKind {
     /// A check of an unknown property.
     #[error("there is no property {0}")]
     UnknownProperty(String),
-    /// The column *shown by* disagrees with the tables of checks.
-    #[error("{name} is shown by: {now}; --write writes that")]
-    StaleEngines {
-        /// The property.
-        name: String,
-        /// The right text.
-        now: String,
-    },
     /// A row without a result, although its engine ran.
     #[error("{engine} reported no check `{harness}`")]
     Silent {
@@ -111,14 +103,4 @@ pub enum GapKind {
         /// The figures of the run.
         now: String,
     },
-    /// The tables in README.md differ from those generated from PROPERTIES.md.
-    #[error(
-        "verification/README.md: the table of checks is not that of PROPERTIES.md; --write writes it"
-    )]
-    Readme,
-    /// README.md has no markers for the tables.
-    #[error(
-        "verification/README.md: no place for the table of checks: {0} and {1}, a line each, in this order"
-    )]
-    NoMarkers(&'static str, &'static str),
 }

@@ -80,34 +80,21 @@ impl RunResults {
             let wanted = expected::unmet(row, &outcome.covered, tests).filter(|_| outcome.held);
             return wanted.map(|wanted| {
                 let now = outcome.covered.clone();
-                Gap::at(
-                    row.line(),
-                    GapKind::Less {
-                        engine,
-                        harness,
-                        wanted,
-                        now,
-                    },
-                )
+                row.gap(GapKind::Less {
+                    engine,
+                    harness,
+                    wanted,
+                    now,
+                })
             });
         }
         match self.engines.get(&engine)? {
             Extent::Partly => None,
             Extent::RanQuick(listed) if row.run == Run::Full => {
-                let gap = || {
-                    Gap::at(
-                        row.line(),
-                        GapKind::Unlisted {
-                            engine,
-                            harness: row.harness.clone(),
-                        },
-                    )
-                };
-                (!listed.contains(&harness)).then(gap)
+                let is_listed = listed.contains(&harness);
+                (!is_listed).then(|| row.gap(GapKind::Unlisted { engine, harness }))
             }
-            Extent::Ran | Extent::RanQuick(_) => {
-                Some(Gap::at(row.line(), GapKind::Silent { engine, harness }))
-            }
+            Extent::Ran | Extent::RanQuick(_) => Some(row.gap(GapKind::Silent { engine, harness })),
         }
     }
 }

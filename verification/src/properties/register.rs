@@ -1,16 +1,16 @@
-//! The tables of PROPERTIES.md.
+//! The tables of PROPERTIES.md, and the checks that other files list.
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::listed::Listed;
 use super::table::{Document, Row, Rows};
 use super::{Engine, Gap, GapKind};
 use crate::clauses::ClauseId;
 
 const GROUPS: [&str; 3] = ["group", "claim", "bound"];
 const ENGINES: [&str; 2] = ["engine", "strength of the result"];
-const PROPERTIES: [&str; 4] = ["property", "statement", "clauses", "shown by"];
+const PROPERTIES: [&str; 3] = ["property", "statement", "clauses"];
 const CHECKS: [&str; 5] = ["harness", "shows", "engine", "bound", "run"];
-const SHOWN_BY: &str = "shown by";
 
 /// A row of the table of groups: properties with common prefixes.
 #[derive(Clone, Debug)]
@@ -30,7 +30,8 @@ pub struct Property {
     pub name: String,
     /// The clauses that require it.
     pub clauses: Vec<ClauseId>,
-    row: Row,
+    /// Its line in PROPERTIES.md, counted from 1.
+    pub line: usize,
 }
 
 impl Group {
@@ -51,7 +52,7 @@ pub enum Run {
     Full,
 }
 
-/// A row of a table of checks.
+/// A check: a row of a table, or an entry of a list.
 #[derive(Clone, Debug)]
 pub struct Check {
     /// The name under which the engine reports it.
@@ -64,29 +65,21 @@ pub struct Check {
     pub run: Run,
     /// The first word of its figures, if the row states it: `Exhaustive`.
     pub strength: Option<String>,
-    row: Row,
-}
-
-impl Property {
-    /// Its line, counted from 1.
-    #[must_use]
-    pub const fn line(&self) -> usize {
-        self.row.line + 1
-    }
+    /// The line of its row, counted from 1; `None` for an entry of a list.
+    pub line: Option<usize>,
 }
 
 impl Check {
-    /// Its line, counted from 1.
-    #[must_use]
-    pub const fn line(&self) -> usize {
-        self.row.line + 1
+    /// A gap at its row.
+    pub(super) const fn gap(&self, kind: GapKind) -> Gap {
+        let line = self.line;
+        Gap { line, kind }
     }
 }
 
-/// The parsed PROPERTIES.md.
+/// The parsed PROPERTIES.md, with the checks that other files list.
 #[derive(Clone, Debug)]
 pub struct Register {
-    document: Document,
     groups: Vec<Group>,
     engines: Vec<(String, String)>,
     properties: Vec<Property>,
@@ -94,9 +87,9 @@ pub struct Register {
 }
 
 impl Register {
-    /// Parses the tables; returns the gaps for the rows that cannot be parsed.
+    /// Parses the tables, and adds the checks of `listed`; returns the gaps for the rows that cannot be parsed.
     #[must_use]
-    pub fn parse(text: &str) -> (Self, Vec<Gap>) {
+    pub fn parse(text: &str, listed: &Listed) -> (Self, Vec<Gap>) {
         let document = Document::new(text);
         let mut gaps = Vec::new();
         let mut rows = |columns: &[&str]| {
@@ -114,7 +107,6 @@ impl Register {
         };
         let engine = |row: Row| ENGINES.map(|it| row.cell(it).to_owned()).into();
         let mut read = Self {
-            document,
             groups: groups.into_iter().map(group).collect(),
             engines: engines.into_iter().map(engine).collect(),
             properties: Vec::new(),
@@ -134,6 +126,7 @@ impl Register {
                 Err(kind) => gaps.push(Gap::at(line, kind)),
             }
         }
+        read.checks.extend(listed.checks(&read.checks));
         gaps.extend(read.disagreements());
         (read, gaps)
     }
@@ -178,20 +171,6 @@ impl Register {
         self.checks.iter().filter(move |it| it.engine == engine)
     }
 
-    /// The text, with the changes that were recorded.
-    #[must_use]
-    pub fn text(&self) -> String {
-        self.document.text()
-    }
-
-    /// Rewrites the column *shown by*.
-    pub fn record_engines(&mut self) {
-        for property in &self.properties {
-            let engines = self.shown_by(&property.name);
-            self.document.set(&property.row, SHOWN_BY, &engines);
-        }
-    }
-
     /// The engines whose checks show a property, each with their number.
     #[must_use]
     pub fn shown_by(&self, property: &str) -> String {
@@ -204,23 +183,14 @@ impl Register {
         let mut gaps = Vec::new();
         let mut names = BTreeSet::new();
         for property in &self.properties {
-            let (name, line) = (property.name.clone(), property.line());
+            let (name, line) = (property.name.clone(), property.line);
             if !self.groups.iter().any(|it| it.has(&name)) {
                 gaps.push(Gap::at(line, GapKind::NoGroup(name.clone())));
             }
-            let shown_by = self.shown_by(&name);
             // A mutant shows a property of a check, not of the shipped code.
             let shows = |it: &Check| it.engine != Engine::Mutants && it.shows.contains(&name);
             if !self.checks.iter().any(shows) {
                 gaps.push(Gap::at(line, GapKind::Unshown(name.clone())));
-            } else if shown_by != property.row.cell(SHOWN_BY) {
-                gaps.push(Gap::at(
-                    line,
-                    GapKind::StaleEngines {
-                        name: name.clone(),
-                        now: shown_by,
-                    },
-                ));
             }
             if !names.insert(name.clone()) {
                 gaps.push(Gap::at(line, GapKind::Twice(name)));
@@ -233,14 +203,12 @@ impl Register {
                 .iter()
                 .any(|(word, _)| word == check.engine.word())
             {
-                gaps.push(Gap::at(check.line(), GapKind::NoEngine(check.engine)));
+                gaps.push(check.gap(GapKind::NoEngine(check.engine)));
             }
             let unknown = check.shows.iter().filter(|name| !names.contains(*name));
-            gaps.extend(
-                unknown.map(|it| Gap::at(check.line(), GapKind::UnknownProperty(it.clone()))),
-            );
+            gaps.extend(unknown.map(|it| check.gap(GapKind::UnknownProperty(it.clone()))));
             if !harnesses.insert((check.engine, &check.harness)) {
-                gaps.push(Gap::at(check.line(), GapKind::Twice(check.harness.clone())));
+                gaps.push(check.gap(GapKind::Twice(check.harness.clone())));
             }
         }
         gaps
@@ -267,7 +235,7 @@ fn property(row: Row) -> Result<Property, GapKind> {
         clauses: words(row.cell(PROPERTIES[2]))
             .map(clause)
             .collect::<Result<_, _>>()?,
-        row,
+        line: row.line + 1,
     })
 }
 
@@ -291,7 +259,7 @@ fn check(row: Row) -> Result<Check, GapKind> {
             _ => return Err(GapKind::Run(run)),
         },
         strength,
-        row,
+        line: Some(row.line + 1),
     })
 }
 

@@ -1,4 +1,4 @@
-//! Tables of Markdown, line by line. Lines that are not changed stay equal byte for byte.
+//! Tables of Markdown, line by line.
 
 /// A text; some of its lines are rows of tables.
 #[derive(Clone, Debug)]
@@ -39,11 +39,6 @@ impl Document {
         }
     }
 
-    /// The text.
-    pub(super) fn text(&self) -> String {
-        self.lines.join("\n")
-    }
-
     /// The rows of all tables whose header is `columns`.
     pub(super) fn rows(&self, columns: &[&str]) -> Rows {
         let header = render(columns);
@@ -67,16 +62,6 @@ impl Document {
             }
         }
         found
-    }
-
-    /// Puts `cell` into a column of a row.
-    pub(super) fn set(&mut self, row: &Row, column: &str, cell: &str) {
-        let written = |(name, before): &(String, String)| {
-            let now = if name == column { cell } else { before };
-            now.to_owned()
-        };
-        let cells: Vec<_> = row.cells.iter().map(written).collect();
-        self.lines[row.line] = render(&cells);
     }
 }
 

@@ -2,16 +2,15 @@
 
 use std::process::ExitCode;
 
-const USAGE: &str = "usage: verification/check [--quick] [--write] [--missing] [--only WORD...]
+const USAGE: &str = "usage: verification/check [--quick] [--missing] [--only WORD...]
        verification/check --table
 
 Runs every check that this machine can run, and compares what they covered with PROPERTIES.md.
 
   --quick      leave out the rows marked `full`, and let each engine keep to its quick bounds
   --only       only these engines, properties or harnesses
-  --write      write the counts of checks into PROPERTIES.md, and its tables into README.md
   --missing    print a row for each check that has none
-  --table      print the tables of README.md and run nothing
+  --table      print the numbers of checks of each group, engine and property, and run nothing
 
 Status 0: all held and the files say so; 1: not so, or nothing was run; 2: it could not be tried;
 77: this machine can run none of it; 130: interrupted.
@@ -21,7 +20,6 @@ Logs and results of each engine are in target/verification/.";
 #[derive(Debug, Default)]
 pub(crate) struct Args {
     pub(crate) quick: bool,
-    pub(crate) write: bool,
     pub(crate) missing: bool,
     pub(crate) action: Action,
     /// The selected engines, properties and harnesses; empty for all.
@@ -34,7 +32,7 @@ pub(crate) enum Action {
     /// Runs the checks.
     #[default]
     Run,
-    /// Prints the tables of README.md.
+    /// Prints the numbers of checks.
     PrintTable,
 }
 
@@ -46,7 +44,6 @@ impl Args {
         for word in words {
             match word.as_str() {
                 "--quick" => args.quick = true,
-                "--write" => args.write = true,
                 "--missing" => args.missing = true,
                 "--table" => args.action = Action::PrintTable,
                 "--only" => naming = true,

@@ -31,8 +31,7 @@ use std::time::Instant;
 
 use sm2_verification::clauses::{self, Level};
 use sm2_verification::properties::{
-    Engine, Gap, GapKind, Register, Run, RunResults, figures_page, readme_table, tests_of,
-    with_table,
+    Engine, Gap, GapKind, Listed, Register, Run, RunResults, figures_page, summary, tests_of,
 };
 
 use self::args::{Action, Args};
@@ -79,7 +78,8 @@ impl Check {
         let root = Path::new(env!("CARGO_MANIFEST_DIR"))
             .join("..")
             .canonicalize()?;
-        let (register, broken) = Register::parse(&fs::read_to_string(properties(&root))?);
+        let text = fs::read_to_string(root.join("verification/PROPERTIES.md"))?;
+        let (register, broken) = Register::parse(&text, &Listed::load(&root)?);
         Ok(Self {
             args,
             root,
@@ -92,7 +92,7 @@ impl Check {
 
     fn run(mut self) -> io::Result<ExitCode> {
         if self.args.action == Action::PrintTable {
-            return say(&readme_table(&self.register)).map(|()| ExitCode::SUCCESS);
+            return say(&summary(&self.register)).map(|()| ExitCode::SUCCESS);
         }
         if let Some(unknown) = self.select() {
             say(&format!(
@@ -114,10 +114,7 @@ impl Check {
         say(&table::render(&self.register, &self.runs))?;
         self.count_tests()?;
         let page = target(&self.root).join("verification/figures.md");
-        fs::write(&page, figures_page(&self.results.outcomes))?;
-        if self.args.write {
-            self.write()?;
-        }
+        fs::write(&page, figures_page(&self.register, &self.results.outcomes))?;
         let gaps = self.gaps()?;
         for gap in &gaps {
             say(&format!("GAP {gap}"))?;
@@ -201,30 +198,10 @@ impl Check {
         Ok(())
     }
 
-    /// Brings PROPERTIES.md and the tables of README.md up to date.
-    fn write(&mut self) -> io::Result<()> {
-        self.register.record_engines();
-        replace(&properties(&self.root), &self.register.text())?;
-        (self.register, self.broken) = Register::parse(&self.register.text());
-        let text = fs::read_to_string(readme(&self.root))?;
-        match with_table(&text, &readme_table(&self.register)) {
-            Ok(text) => replace(&readme(&self.root), &text),
-            // The gaps of the run include this error.
-            Err(_) => Ok(()),
-        }
-    }
-
     fn gaps(&mut self) -> io::Result<Vec<Gap>> {
         let mut gaps = std::mem::take(&mut self.broken);
         gaps.extend(self.unknown_clauses()?);
         gaps.extend(self.results.gaps(&self.register));
-        let text = fs::read_to_string(readme(&self.root))?;
-        let kind = match with_table(&text, &readme_table(&self.register)) {
-            Ok(made) if made == text => None,
-            Ok(_) => Some(GapKind::Readme),
-            Err(kind) => Some(kind),
-        };
-        gaps.extend(kind.map(|kind| Gap { line: None, kind }));
         Ok(gaps)
     }
 
@@ -237,7 +214,7 @@ impl Check {
                 let found = spec.clauses().get(clause);
                 if !found.is_some_and(|it| in_force(it.level)) {
                     let kind = GapKind::UnknownClause(clause.to_string());
-                    let line = Some(property.line());
+                    let line = Some(property.line);
                     gaps.push(Gap { line, kind });
                 }
             }
@@ -267,22 +244,6 @@ impl Check {
             (false, ..) => FAILED,
         }))
     }
-}
-
-fn properties(root: &Path) -> PathBuf {
-    root.join("verification/PROPERTIES.md")
-}
-
-fn readme(root: &Path) -> PathBuf {
-    root.join("verification/README.md")
-}
-
-/// Writes a file, unless it has this text already.
-fn replace(path: &Path, text: &str) -> io::Result<()> {
-    if fs::read_to_string(path)? != text {
-        fs::write(path, text)?;
-    }
-    Ok(())
 }
 
 /// Prints a text; a closed pipe, as with `head`, ends the run.
