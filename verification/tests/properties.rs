@@ -116,6 +116,17 @@ fn every_harness_has_its_row_and_every_row_its_harness() {
 }
 
 #[test]
+fn a_set_stands_for_its_properties() {
+    let sets = "| set | properties |\n| --- | --- |\n| both | ONE-A, TWO-B |\n\n## Checks";
+    let text = TEXT
+        .replace("## Checks", sets)
+        .replace("| ONE-A, TWO-B | model", "| both | model");
+    let register = register(&text);
+    let check = register.check(Engine::Model, "small").expect("a check");
+    assert_eq!(check.shows, ["ONE-A", "TWO-B"]);
+}
+
+#[test]
 fn listed_checks_need_no_row() {
     let text = TEXT
         .replace(

@@ -10,6 +10,7 @@ use crate::clauses::ClauseId;
 const GROUPS: [&str; 3] = ["group", "claim", "bound"];
 const ENGINES: [&str; 2] = ["engine", "strength of the result"];
 const PROPERTIES: [&str; 3] = ["property", "statement", "clauses"];
+const SETS: [&str; 2] = ["set", "properties"];
 const CHECKS: [&str; 5] = ["harness", "shows", "engine", "bound", "run"];
 
 /// A row of the table of groups: properties with common prefixes.
@@ -99,7 +100,9 @@ impl Register {
             rows
         };
         let [groups, engines] = [rows(&GROUPS), rows(&ENGINES)];
-        let [properties, checks] = [rows(&PROPERTIES), rows(&CHECKS)];
+        let [properties, sets, checks] = [rows(&PROPERTIES), rows(&SETS), rows(&CHECKS)];
+        let set = |row: &Row| SETS.map(|it| row.cell(it).to_owned()).into();
+        let sets: BTreeMap<String, String> = sets.iter().map(set).collect();
         let group = |row: Row| Group {
             prefixes: row.cell(GROUPS[0]).to_owned(),
             shown: row.cell(GROUPS[1]).to_owned(),
@@ -121,7 +124,7 @@ impl Register {
         }
         for row in checks {
             let line = row.line + 1;
-            match check(row) {
+            match check(row, &sets) {
                 Ok(check) => read.checks.push(check),
                 Err(kind) => gaps.push(Gap::at(line, kind)),
             }
@@ -239,7 +242,8 @@ fn property(row: Row) -> Result<Property, GapKind> {
     })
 }
 
-fn check(row: Row) -> Result<Check, GapKind> {
+/// The check of a row. A word of its column *shows* that is the name of a set stands for the properties of the set.
+fn check(row: Row, sets: &BTreeMap<String, String>) -> Result<Check, GapKind> {
     let [harness, shows, engine, run] =
         [CHECKS[0], CHECKS[1], CHECKS[2], CHECKS[4]].map(|it| row.cell(it).to_owned());
     let (word, strength) = match engine.split_once(", ") {
@@ -251,7 +255,10 @@ fn check(row: Row) -> Result<Check, GapKind> {
         .and_then(|it| it.strip_suffix('`'));
     Ok(Check {
         harness: quoted.ok_or(GapKind::Harness(harness.clone()))?.to_owned(),
-        shows: words(&shows).map(str::to_owned).collect(),
+        shows: words(&shows)
+            .flat_map(|word| words(sets.get(word).map_or(word, |it| it)))
+            .map(str::to_owned)
+            .collect(),
         engine: Engine::named(word).ok_or_else(|| GapKind::Engine(word.to_owned()))?,
         run: match run.as_str() {
             "quick" => Run::Quick,
