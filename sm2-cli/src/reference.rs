@@ -2,7 +2,7 @@
 //!
 //! `SM2_WRITE_REFERENCE=1 cargo test -p sm2-cli --lib reference` writes the file.
 
-use std::{env, fmt::Write as _, fs, path::Path};
+use std::{collections::BTreeMap, env, fmt::Write as _, fs, path::Path};
 
 use clap::{Arg, Command, CommandFactory as _};
 use sm2_manager::program::LimitArguments;
@@ -15,6 +15,15 @@ const INTRODUCTION: &str = "\
 This chapter is the text of `sm2 help`, generated from the program. `sm2 man` prints the same as manual pages.
 ";
 
+/// An option that has the same row in this number of commands is explained once.
+const MANY: usize = 30;
+
+const MANY_TITLE: &str = "\n## Common options\n";
+
+const MANY_LINK: &str = "[common options](#common-options)";
+
+const ARGUMENTS_HEAD: &str = "\n| argument | meaning |\n| --- | --- |\n";
+
 /// The row of the options for all limits of a Manager.
 const LIMITS_ROW: &str =
     "| `--LIMIT <VALUE>` | A limit, by its name with dashes: see [Limits](limits.md) |\n";
@@ -25,8 +34,7 @@ fn the_book_has_the_commands_of_clap() {
     let mut root = Cli::command();
     // Gives every command its whole name: `sm2 topic hz`.
     root.build();
-    let mut expected = INTRODUCTION.to_owned();
-    add_command(&mut expected, &root);
+    let expected = reference(&root);
     if env::var_os("SM2_WRITE_REFERENCE").is_some() {
         fs::write(&path, &expected).unwrap();
     }
@@ -54,8 +62,44 @@ fn table_cells_are_escaped() {
     assert_eq!(escaped("`a_b|c` d_e"), "`a_b\\|c` d\\_e");
 }
 
-/// Appends a command and its commands, depth first.
-fn add_command(page: &mut String, command: &Command) {
+/// The whole page.
+fn reference(root: &Command) -> String {
+    let mut counts = BTreeMap::new();
+    count_arguments(&mut counts, root);
+    counts.retain(|_, count| *count >= MANY);
+    let mut page = INTRODUCTION.to_owned();
+    page.push_str(MANY_TITLE);
+    page.push_str(ARGUMENTS_HEAD);
+    page.extend(counts.keys().map(String::as_str));
+    add_command(&mut page, root, &counts);
+    page
+}
+
+/// Counts the commands that have the same row.
+fn count_arguments(counts: &mut BTreeMap<String, usize>, command: &Command) {
+    for argument in arguments(command) {
+        *counts.entry(row(argument)).or_default() += 1;
+    }
+    for child in children(command) {
+        count_arguments(counts, child);
+    }
+}
+
+/// The commands of a command that its help lists.
+fn children(command: &Command) -> impl Iterator<Item = &Command> {
+    let all = command.get_subcommands();
+    all.filter(|it| !it.is_hide_set() && it.get_name() != "help")
+}
+
+/// The arguments that the help of a command lists, but for `--help` and `--version`.
+fn arguments(command: &Command) -> impl Iterator<Item = &Arg> {
+    command.get_arguments().filter(|it| {
+        !it.is_hide_set() && !matches!(it.get_id().as_str(), "help" | "version" | "subcommand")
+    })
+}
+
+/// Appends a command and its commands, depth first. The rows of `shared` are left out.
+fn add_command(page: &mut String, command: &Command, shared: &BTreeMap<String, usize>) {
     let name = command.get_bin_name().unwrap_or(command.get_name());
     let about = command.get_about().map(ToString::to_string);
     let mut usage = command.clone();
@@ -68,13 +112,9 @@ fn add_command(page: &mut String, command: &Command) {
         escaped(&about.unwrap_or_default())
     );
     let _ = write!(page, "\n```text\n{usage}\n```\n");
-    let children: Vec<_> = command
-        .get_subcommands()
-        .filter(|it| !it.is_hide_set() && it.get_name() != "help")
-        .collect();
-    if !children.is_empty() {
+    if children(command).next().is_some() {
         page.push_str("\n| command | what it does |\n| --- | --- |\n");
-        for child in &children {
+        for child in children(command) {
             let name = child.get_bin_name().unwrap_or(child.get_name());
             let anchor = name.replace(' ', "-");
             let about = child.get_about().map(ToString::to_string);
@@ -82,50 +122,51 @@ fn add_command(page: &mut String, command: &Command) {
             let _ = writeln!(page, "| [`{name}`](#{anchor}) | {about} |");
         }
     }
-    add_arguments(page, command);
+    add_arguments(page, command, shared);
     let after = command.get_after_help().map(ToString::to_string);
     for paragraph in after.unwrap_or_default().split("\n\n") {
         add_paragraph(page, paragraph);
     }
-    for child in children {
-        add_command(page, child);
+    for child in children(command) {
+        add_command(page, child, shared);
     }
 }
 
-/// Appends a table of the arguments, but for `--help` and `--version`. The limits of a Manager are in another table.
-fn add_arguments(page: &mut String, command: &Command) {
-    let is_listed = |it: &&Arg| {
-        !it.is_hide_set() && !matches!(it.get_id().as_str(), "help" | "version" | "subcommand")
-    };
-    let arguments: Vec<_> = command.get_arguments().filter(is_listed).collect();
-    if arguments.is_empty() {
-        return;
+/// Appends a table of the arguments. Those of `shared` and the limits of a Manager are in tables of their own.
+fn add_arguments(page: &mut String, command: &Command, shared: &BTreeMap<String, usize>) {
+    let is_limit = |it: &&Arg| it.get_help_heading() == Some(LimitArguments::HEADING);
+    let (limits, arguments): (Vec<_>, Vec<_>) = arguments(command).partition(is_limit);
+    let rows = arguments.into_iter().map(row);
+    let (common, own): (Vec<_>, Vec<_>) = rows.partition(|it| shared.contains_key(it));
+    if !own.is_empty() || !limits.is_empty() {
+        page.push_str(ARGUMENTS_HEAD);
     }
-    page.push_str("\n| argument | meaning |\n| --- | --- |\n");
-    let mut has_limits = false;
-    for argument in arguments {
-        if argument.get_help_heading() == Some(LimitArguments::HEADING) {
-            has_limits = true;
-            continue;
-        }
-        let mut meaning = argument.get_help().map(ToString::to_string);
-        let text = meaning.get_or_insert_default();
-        let takes_value = argument.get_action().takes_values();
-        let defaults: Vec<_> = argument.get_default_values().iter().collect();
-        if let ([default], true) = (&*defaults, takes_value) {
-            let _ = write!(text, " [default: {}]", default.to_string_lossy());
-        }
-        let values = argument.get_possible_values();
-        let values: Vec<_> = values.iter().map(|it| it.get_name()).collect();
-        if takes_value && !values.is_empty() {
-            let _ = write!(text, " [possible values: {}]", values.join(", "));
-        }
-        let name = argument.to_string().replace('|', "\\|");
-        let _ = writeln!(page, "| `{name}` | {} |", escaped(text));
-    }
-    if has_limits {
+    page.extend(own);
+    if !limits.is_empty() {
         page.push_str(LIMITS_ROW);
     }
+    if !common.is_empty() {
+        assert_eq!(common.len(), shared.len(), "{command}: some of them only");
+        let _ = write!(page, "\nAlso the {MANY_LINK}.\n");
+    }
+}
+
+/// The row of an argument.
+fn row(argument: &Arg) -> String {
+    let mut meaning = argument.get_help().map(ToString::to_string);
+    let text = meaning.get_or_insert_default();
+    let takes_value = argument.get_action().takes_values();
+    let defaults: Vec<_> = argument.get_default_values().iter().collect();
+    if let ([default], true) = (&*defaults, takes_value) {
+        let _ = write!(text, " [default: {}]", default.to_string_lossy());
+    }
+    let values = argument.get_possible_values();
+    let values: Vec<_> = values.iter().map(|it| it.get_name()).collect();
+    if takes_value && !values.is_empty() {
+        let _ = write!(text, " [possible values: {}]", values.join(", "));
+    }
+    let name = argument.to_string().replace('|', "\\|");
+    format!("| `{name}` | {} |\n", escaped(text))
 }
 
 /// Appends a paragraph of the text below the help. Indented lines keep their form.
