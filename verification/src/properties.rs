@@ -5,6 +5,7 @@
 //! a run, and [`RunResults::gaps`] lists the disagreements of both. [`figures_page`] shows the figures of a run, which
 //! are not committed. This module starts no programs: `bin/check` runs the engines.
 
+mod check;
 mod engine;
 mod expected;
 mod figures;
@@ -18,6 +19,7 @@ mod summary;
 mod table;
 
 pub use self::{
+    check::{Check, Run},
     engine::Engine,
     expected::{tests_in, tests_of},
     figures::figures_page,
@@ -26,6 +28,6 @@ pub use self::{
     listed::Listed,
     outcome::{Outcome, UnreadableOutcome, outcomes},
     proofs::{proofs, proofs_below},
-    register::{Check, Group, Property, Register, Run},
+    register::{Group, Property, Register},
     summary::summary,
 };

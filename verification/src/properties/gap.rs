@@ -31,7 +31,7 @@ impl fmt::Display for Gap {
     }
 }
 
-/// The ways in which claims and checks can disagree.
+/// How claims and checks can disagree.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 pub enum GapKind {
     /// A row with a wrong format.

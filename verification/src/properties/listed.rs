@@ -8,7 +8,7 @@ use serde::Deserialize;
 use serde::de::IgnoredAny;
 
 use super::Engine;
-use super::register::{Check, Run};
+use super::check::{Check, Run};
 use crate::mutants::{Catalogue, Mutant};
 
 /// The path of the list of harnesses that angr explores, below the root of the workspace.

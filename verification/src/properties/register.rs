@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::check::{Check, Run};
 use super::listed::Listed;
 use super::table::{Document, Row, Rows};
 use super::{Engine, Gap, GapKind};
@@ -41,40 +42,6 @@ impl Group {
     pub fn has(&self, property: &str) -> bool {
         let (prefix, _) = property.split_once('-').unwrap_or((property, ""));
         words(&self.prefixes).any(|it| it == prefix)
-    }
-}
-
-/// The runs that a check is part of.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Run {
-    /// All runs.
-    Quick,
-    /// Only full runs.
-    Full,
-}
-
-/// A check: a row of a table, or an entry of a list.
-#[derive(Clone, Debug)]
-pub struct Check {
-    /// The name under which the engine reports it.
-    pub harness: String,
-    /// The names of the properties that it shows.
-    pub shows: Vec<String>,
-    /// The engine that runs it.
-    pub engine: Engine,
-    /// The runs that it is part of.
-    pub run: Run,
-    /// The first word of its figures, if the row states it: `Exhaustive`.
-    pub strength: Option<String>,
-    /// The line of its row, counted from 1; `None` for an entry of a list.
-    pub line: Option<usize>,
-}
-
-impl Check {
-    /// A gap at its row.
-    pub(super) const fn gap(&self, kind: GapKind) -> Gap {
-        let line = self.line;
-        Gap { line, kind }
     }
 }
 
