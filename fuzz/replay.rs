@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Every input of `fuzz/corpus/TARGET/`, of which there is at least one, and of
+/// Every input of `fuzz/corpus/TARGET/`, at least one, and of
 /// `fuzz/regressions/TARGET/`. Panics as the body does; the last name printed is the input's.
 pub(crate) fn replay(target: &str, body: impl Fn(&[u8])) {
     let seeds = entries(&folder("corpus").join(target));

@@ -1,4 +1,4 @@
-//! Gives the shared library the name by which programs find it when they start: it changes with the version of the ABI.
+//! Gives the shared library the name that programs look for when they start: it changes with the version of the ABI.
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");

@@ -65,7 +65,7 @@ def stamp(address: int) -> None:
 
 
 def read(address: int, length: int, full: bool) -> list[int]:
-    """The number, the flags, and the two times of a message, the time at which it was in hand, and whether it is torn.
+    """The number, the flags, and the two times of a message, the time when it was in hand, and whether it is torn.
 
     One call of the library per message, so that the processes measure their middleware, and not `ctypes`.
     """

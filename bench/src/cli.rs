@@ -65,7 +65,7 @@ pub struct RunArguments {
     /// Number of nodes in `nodes` [default: 50, then 100]
     #[arg(long, value_parser = clap::value_parser!(u16).range(2..))]
     pub nodes: Option<u16>,
-    /// In `bad-link`, add a case in which the link pauses at times, for 102 ms or 1,030 ms
+    /// In `bad-link`, add a case where the link pauses at times, for 102 ms or 1,030 ms
     #[arg(long)]
     pub pauses: bool,
     /// In `record` and `seek`, the folder of the recorded files, on a disk [default: the system's folder for temporary

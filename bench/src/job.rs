@@ -161,7 +161,7 @@ pub enum Role {
     Joiner {
         /// The channel that the process subscribes to.
         channel: Channel,
-        /// The time at which the director started the process, on the monotonic clock.
+        /// The time when the director started the process, on the monotonic clock.
         started_ns: u64,
     },
     /// Writes and reads messages within one process, to measure the memory alone.
@@ -217,7 +217,7 @@ pub struct MemoryWork {
     pub readers: usize,
     /// The part of the message that is read.
     pub read: Read,
-    /// The number of threads, each of which has memory of its own.
+    /// The number of threads. Each has memory of its own.
     pub threads: usize,
     /// The duration, in seconds.
     pub seconds: f64,
@@ -324,13 +324,13 @@ pub struct Watch {
 pub struct Arrival {
     /// The number of the message.
     pub number: u64,
-    /// The time at which the publisher began to write the message.
+    /// The time when the publisher began to write the message.
     pub start_ns: u64,
-    /// The time at which the message was published.
+    /// The time when the message was published.
     pub handed_ns: u64,
-    /// The time at which the watcher received the message.
+    /// The time when the watcher received the message.
     pub in_hand_ns: u64,
-    /// The time at which the watcher had read the message.
+    /// The time when the watcher had read the message.
     pub read_ns: u64,
 }
 

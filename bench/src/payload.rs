@@ -1,8 +1,8 @@
 //! The payload of messages. Its bytes depend on the message and on their position, so that a torn,
 //! stale or shifted message is found. It is written and checked at the speed of memory.
 //!
-//! The first 32 bytes are four words: the number of the message, its flags, the time at which its
-//! writing began, and the time at which it was handed to the peer (nanoseconds of the monotonic
+//! The first 32 bytes are four words: the number of the message, its flags, the time when its
+//! writing began, and the time when it was handed to the peer (nanoseconds of the monotonic
 //! clock, or 0). The words after the header are an arithmetic progression that starts with the
 //! mixed number. The step is odd, so no two words of a message are equal. If the last word does not
 //! fit, its first bytes are written.
@@ -21,7 +21,7 @@ const STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 /// The number of words that are compared before the result is checked.
 const BLOCK_WORDS: usize = 2_048;
 
-/// The shortest message for which the processor's features are checked; shorter ones would be
+/// The shortest message that makes the code check the processor's features; shorter ones would be
 /// slowed down by it.
 const WIDE_BYTES: usize = 1_024;
 
@@ -32,9 +32,9 @@ pub struct Header {
     pub number: u64,
     /// [`COUNTED`], or 0.
     pub flags: u64,
-    /// The time at which the publisher began to write the message, in nanoseconds; 0 without stamps.
+    /// The time when the publisher began to write the message, in nanoseconds; 0 without stamps.
     pub start_ns: u64,
-    /// The time at which the message was handed to the peer, in nanoseconds; 0 without stamps.
+    /// The time when the message was handed to the peer, in nanoseconds; 0 without stamps.
     pub handed_ns: u64,
 }
 

@@ -23,7 +23,7 @@ pub struct Results {
     pub read: Read,
     /// The command line of the run.
     pub command: String,
-    /// The time at which the run began, in seconds since 1970.
+    /// The time when the run began, in seconds since 1970.
     pub began: u64,
     /// The number of repeats.
     pub repeats: u32,

@@ -35,7 +35,7 @@ mod failure;
 /// The longest time for setting up, and for ending.
 pub const TIMEOUT: Duration = Duration::from_secs(30);
 
-/// The interval at which the director checks whether the run was interrupted.
+/// How often the director checks whether the run was interrupted.
 const LOOK: Duration = Duration::from_millis(200);
 
 /// The processes of one case, and the folder and networks that they share.

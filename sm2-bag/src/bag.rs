@@ -52,7 +52,7 @@ pub struct Bag {
     attachments: Vec<(u64, u64)>,
     /// Whether each payload is compressed, as rosbag2 can do it.
     has_packed_payloads: bool,
-    /// The damaged parts of the bags from which this one was copied.
+    /// The damaged parts of the bags that this one was copied from.
     damaged_before: Vec<DamagedPart>,
     /// The damaged parts that were found when the bag was opened.
     damaged: Vec<DamagedPart>,
@@ -203,7 +203,7 @@ impl Bag {
         }
     }
 
-    /// The bag, each payload of which is compressed.
+    /// The bag, with each payload compressed.
     pub(crate) fn with_packed_payloads(mut self) -> Self {
         self.has_packed_payloads = true;
         self
@@ -214,7 +214,7 @@ impl Bag {
         self.has_packed_payloads
     }
 
-    /// The bag, in which these parts were found to be damaged.
+    /// The bag; these parts of it were found to be damaged.
     pub(crate) fn with_damaged(mut self, damaged: Vec<DamagedPart>) -> Self {
         self.damaged = damaged;
         self
@@ -319,8 +319,8 @@ impl Bag {
         }
     }
 
-    /// The gaps that damaged parts leave: one for each channel of which fewer messages could be `read` than the summary
-    /// counts. Their times are those of the damaged chunks.
+    /// The gaps that damaged parts leave: one for each channel with fewer messages that could be `read` than the
+    /// summary counts. Their times are those of the damaged chunks.
     pub(crate) fn gaps_of(
         &self,
         parts: &[DamagedPart],
@@ -353,7 +353,7 @@ impl Bag {
         gaps
     }
 
-    /// The latched messages with which the bag should begin, and does not.
+    /// The latched messages that the bag should begin with, and does not.
     pub(crate) fn not_repeated(&self) -> &[NotRepeated] {
         &self.not_repeated
     }

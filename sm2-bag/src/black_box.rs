@@ -235,7 +235,7 @@ impl<'fd> BlackBox<'fd> {
         self.recorder.progress()
     }
 
-    /// The time at which something is due.
+    /// The time when something is due.
     fn next_time(&self) -> Instant {
         let now = sm2_io::clock::now();
         let window = self.open.first().map(|window| {

@@ -1,7 +1,7 @@
 //! The records inside a chunk.
 //!
 //! A few compressed bytes can stand for 1 GiB. A short content is decompressed to memory. A longer one is decompressed
-//! twice: once for its checksum, and once for its records, of which only wanted messages come to memory. So a chunk
+//! twice: once for its checksum, and once for its records; only wanted messages come to memory. So a chunk
 //! costs as much memory as the messages that the caller keeps, and that of the decompressor: 128 MiB for the largest
 //! window that zstd accepts by default, and a few MiB for the windows that programs use.
 

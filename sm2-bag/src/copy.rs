@@ -66,9 +66,9 @@ pub fn copy_observed(
 pub(crate) struct CopyOptions<'a> {
     pub(crate) filter: &'a Filter,
     pub(crate) compression: Compression,
-    /// The records with which the new bag begins.
+    /// The records that the new bag begins with.
     pub(crate) metadata: &'a [Metadata],
-    /// The span by which all times move.
+    /// How far all times move.
     pub(crate) shift: Shift,
 }
 
@@ -216,7 +216,7 @@ fn is_chosen(record: &Metadata, filter: &Filter) -> bool {
     }
 }
 
-/// The latched messages with which the first bag of each publisher does not begin. Those of later ones are in an
+/// The latched messages that the first bag of each publisher does not begin with. Those of later ones are in an
 /// earlier one, or are named by it.
 fn not_repeated<'a>(
     bags: &'a [Bag],

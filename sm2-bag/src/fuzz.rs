@@ -47,7 +47,7 @@ pub fn bag_file(data: &[u8]) {
     read(&memfd(&bytes));
 }
 
-/// Definitions of ROS 2, some of which do not parse.
+/// Definitions of ROS 2; some do not parse.
 const DEFINITIONS: [&str; 4] = [
     "string data\n",
     "Part part\n",

@@ -12,7 +12,7 @@ pub struct Gap {
     pub publisher: String,
     /// The `log_time` of the message before the gap; of the first message after the gap, if there is none before.
     pub from_ns: u64,
-    /// The `log_time` at which the gap was noticed.
+    /// The `log_time` when the gap was noticed.
     pub to_ns: u64,
     /// The number of messages.
     pub messages: u64,
@@ -29,7 +29,7 @@ pub enum GapReason {
     Budget,
     /// The recorder dropped them, because the disk was full.
     DiskFull,
-    /// They were in a damaged part of the file from which this bag was copied.
+    /// They were in a damaged part of the file that this bag was copied from.
     Damaged,
     /// They were longer than the recorder [takes](crate::Options::max_len_bytes).
     TooLong,
@@ -38,7 +38,7 @@ pub enum GapReason {
 }
 
 impl GapReason {
-    /// The reasons by which the publisher did not send a message, but for those that have another name here:
+    /// The reasons why the publisher did not send a message, but for those that have another name here:
     /// overwritten messages are [displaced](Self::Displaced), and the recorder takes messages of any length.
     pub(crate) fn unsent() -> impl Iterator<Item = Fate> {
         let fates = Fate::ALL.into_iter().filter(|it| it.is_unsent());

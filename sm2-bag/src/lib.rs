@@ -33,8 +33,8 @@
 //! | metadata `sm2.gap` | messages that are missing: [`Gap`] |
 //! | metadata `sm2.missing` | a topic that was not recorded for a time, and the reason |
 //! | metadata `sm2.not_recorded` | how many more topics were not recorded, without their names |
-//! | metadata `sm2.not_repeated` | latched messages with which the file should begin, and has no room for |
-//! | metadata `sm2.damaged` | a damaged part of the bag from which this one was copied |
+//! | metadata `sm2.not_repeated` | latched messages that the file should begin with, and has no room for |
+//! | metadata `sm2.damaged` | a damaged part of the bag that this one was copied from |
 //! | metadata `sm2.restamped` | by how many nanoseconds all times were moved |
 //! | metadata `sm2.incident` | the trigger and the times of a [`BlackBox`] |
 //! | metadata `sm2.channel` | the counts of one channel, at the end of a complete bag |

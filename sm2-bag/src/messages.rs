@@ -45,7 +45,7 @@ impl Filter {
         }
     }
 
-    /// The names and patterns for which none of these topics is there.
+    /// The names and patterns that fit none of these topics.
     #[must_use]
     pub fn unmatched<'a>(&self, topics: impl Iterator<Item = &'a str> + Clone) -> Vec<String> {
         let named = self.topics.iter().filter(|name| {

@@ -121,13 +121,13 @@ impl<'a> Player<'a> {
         self.merged_nodes
     }
 
-    /// Returns a handle by which any thread controls the player.
+    /// Returns a handle that lets any thread control the player.
     #[must_use]
     pub fn control(&self) -> PlayControl {
         self.timeline.control().clone()
     }
 
-    /// Declares a service by which other programs control the player. The request is a string, the text of a
+    /// Declares a service that lets other programs control the player. The request is a string, the text of a
     /// [`PlayCommand`]. The reply is a string as well, a [`PlayStatus`] in JSON; it comes when the player has followed
     /// the command, so after a step the message is published. While [`play`](Self::play) does not run, no call is
     /// answered.

@@ -118,7 +118,7 @@ struct Disk {
     waits_for_room: bool,
 }
 
-/// An event for which the writer wakes up.
+/// An event that wakes the writer up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Awaited {
     /// Any item: everything before it is on the disk.

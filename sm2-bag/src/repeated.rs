@@ -1,4 +1,4 @@
-//! Repeated messages: those with which a bag begins although they were published before it.
+//! Repeated messages: those that a bag begins with although they were published before it.
 
 use std::collections::BTreeMap;
 

@@ -19,7 +19,7 @@ pub struct Report {
     pub missing: Vec<MissingTopic>,
     /// The number of topics that were not recorded, those without a name included.
     pub not_recorded: u64,
-    /// The parts that are damaged, as far as they were read; those of the bags from which this one was copied included.
+    /// The parts that are damaged, as far as they were read; those of the bags that this one was copied from included.
     pub damaged: Vec<DamagedPart>,
     /// The `log_time` of the first message, in nanoseconds of the wall clock.
     pub start_ns: Option<u64>,
@@ -83,7 +83,7 @@ pub struct TopicReport {
     pub lost: u64,
     /// Where messages are missing.
     pub gaps: Vec<Gap>,
-    /// The number of messages of latched publishers with which the bag begins, because they were published before it.
+    /// The number of messages of latched publishers that the bag begins with, because they were published before it.
     /// They are not in `messages`.
     pub repeated: u64,
     /// The number of such messages that the bag has no room for.
@@ -225,7 +225,7 @@ impl ReportBuilder {
         }
     }
 
-    /// Adds latched messages with which the bag does not begin. Their record has no hash: the first type of the name is
+    /// Adds latched messages that the bag does not begin with. Their record has no hash: the first type of the name is
     /// theirs.
     pub(crate) fn add_not_repeated(&mut self, it: &NotRepeated) {
         let unknown = TopicType {

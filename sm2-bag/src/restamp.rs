@@ -27,7 +27,7 @@ const RECORD: &str = "sm2.restamped";
 /// The change of a recording whose times were corrected.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Restamped {
-    /// The span by which all times have moved, in nanoseconds; below 0 towards the past.
+    /// How far all times have moved, in nanoseconds; below 0 towards the past.
     pub shift_ns: i128,
     /// The number of times that the wall clock stepped during the recording.
     pub steps: usize,

@@ -7,7 +7,7 @@ pub(crate) const KEY: &str = "offered_qos_profiles";
 /// The number of messages that wait for a subscriber. The history depth of the recorded publisher is not used: it is
 /// small for the usual publisher, and the messages of a bag that is played fast come in bursts.
 const DEPTH: u16 = 64;
-/// The seconds and nanoseconds by which ROS 2 says that there is no deadline, lifespan or lease.
+/// The seconds and nanoseconds that mean in ROS 2 that there is no deadline, lifespan or lease.
 const NONE: (u64, u64) = (9_223_372_036, 854_775_807);
 
 /// Writes the QoS of one publisher.

@@ -8,7 +8,7 @@ use crate::incident_record;
 use crate::missing::MissingTopic;
 use crate::written_by::WrittenBy;
 
-/// A span by which times move, in nanoseconds; below 0 towards the past.
+/// A span to move times by, in nanoseconds; below 0 towards the past.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Shift(pub(crate) i128);
 

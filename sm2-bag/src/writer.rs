@@ -422,7 +422,7 @@ impl BagWriter {
 
     /// The summary of the MCAP writer, with the long messages.
     fn summary(&mut self) -> Result<Summary, WriteError> {
-        // The writer puts its own summary into the memory, from which nobody takes it.
+        // The writer puts its own summary into the memory, where it stays.
         let mut summary = self.mcap.finish()?;
         let chunks = &mut summary.chunk_indexes;
         chunks.append(&mut self.long_chunks);

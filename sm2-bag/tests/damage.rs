@@ -10,7 +10,7 @@ use crate::common::{chunked, memory_folder};
 
 /// How many messages the torn bags have.
 const MESSAGES: u64 = 40;
-/// How many messages the bags have of which each byte is changed once.
+/// How many messages the bags have whose bytes are changed, one at a time.
 const FEW: u64 = 5;
 
 /// How many tears are tried for each compression.

@@ -107,7 +107,7 @@ pub(crate) fn messages(bag: &Bag) -> Vec<BagMessage> {
     messages.map(Result::unwrap).collect()
 }
 
-/// The payloads of the repeated messages with which a bag begins, and the topics of all others.
+/// The payloads of the repeated messages that a bag begins with, and the topics of all others.
 pub(crate) fn parts(bag: &Bag) -> (Vec<Vec<u8>>, Vec<String>) {
     let messages = messages(bag);
     let (repeated, others): (Vec<_>, Vec<_>) =

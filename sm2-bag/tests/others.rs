@@ -28,7 +28,7 @@ static REPLAYS: AtomicU32 = AtomicU32::new(0);
 struct Kind {
     compression: Option<mcap::Compression>,
     has_chunks: bool,
-    /// Chunks of two messages, in which each second one comes early.
+    /// Chunks of two messages, where each second one comes early.
     overlap: bool,
     index: Index,
 }
@@ -44,7 +44,7 @@ enum Index {
     None,
 }
 
-/// The ways in which the writer of the crate `mcap` can write a bag.
+/// How the writer of the crate `mcap` can write a bag.
 fn kinds() -> Vec<Kind> {
     let mut kinds = Vec::new();
     for index in [

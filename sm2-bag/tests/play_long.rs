@@ -14,7 +14,7 @@ use sm2_test_support::below;
 
 use crate::common::{Domain, SOON, memory_folder, named, record};
 
-/// Around the length from which on messages are chunks of their own, and long ones.
+/// Around the least length of messages that are chunks of their own, and long ones.
 const LENS: &[usize] = if cfg!(feature = "slow") {
     &[10, 65_536, 65_537, 300_000, 1_000_001, 2_000_000]
 } else {

@@ -223,7 +223,7 @@ fn a_power_cut_costs_no_more_than_the_last_interval() {
         let mut partial = 0;
         for number in 0..=CUTS {
             let end = match number {
-                // A moment at which some messages are safe, and others have not come.
+                // A moment when some messages are safe, and others have not come.
                 0 => early,
                 _ => random(operations.len() + 1),
             };

@@ -99,7 +99,7 @@ fn a_session_without_room_for_a_topic_is_the_last_one() {
     );
 }
 
-/// Each node of a replay is a session, of which a process may have a few hundred.
+/// Each node of a replay is a session, and a process may have a few hundred of them.
 #[test]
 fn one_node_plays_for_very_many() {
     let domain = Domain::new();

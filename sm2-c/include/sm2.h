@@ -81,7 +81,7 @@ enum sm2_status_t
    */
   SM2_PANIC = 5,
   /*
-   An error for which this version of the library has no code.
+   An error that has no code in this version of the library.
    */
   SM2_UNKNOWN = 6,
   /*
@@ -386,7 +386,7 @@ typedef struct sm2_publisher_options_t {
    */
   uint64_t liveliness_ns;
   /*
-   The age at which messages are not delivered any more, in nanoseconds; 0, none, by default.
+   The age that ends the delivery of messages, in nanoseconds; 0, none, by default.
    */
   uint64_t lifespan_ns;
   /*
@@ -477,7 +477,7 @@ typedef struct sm2_publisher_counters_t {
    */
   uint64_t discarded;
   /*
-   Messages for which a reliable subscriber had no room in time.
+   Messages that a reliable subscriber had no room for in time.
    */
   uint64_t no_room;
   /*
@@ -717,7 +717,7 @@ typedef struct sm2_ready_t {
    */
   uint64_t tick;
   /*
-   The time at which the tick was due, in nanoseconds of `CLOCK_MONOTONIC`.
+   The time when the tick was due, in nanoseconds of `CLOCK_MONOTONIC`.
    */
   uint64_t tick_due_ns;
   /*

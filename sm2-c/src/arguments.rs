@@ -33,7 +33,7 @@ pub(crate) const fn duration(ns: u64) -> Duration {
     }
 }
 
-/// A period, of which 0 is none.
+/// A period; 0 is none.
 pub(crate) const fn period(ns: u64) -> Option<Duration> {
     match ns {
         0 => None,

@@ -22,7 +22,7 @@ pub struct PublisherOptions {
     pub deadline_ns: u64,
     /// Promises a sign of life within each such lease, in nanoseconds; 0, no promise, by default.
     pub liveliness_ns: u64,
-    /// The age at which messages are not delivered any more, in nanoseconds; 0, none, by default.
+    /// The age that ends the delivery of messages, in nanoseconds; 0, none, by default.
     pub lifespan_ns: u64,
     /// How long unused memory is kept, in nanoseconds; 5 s by default.
     pub keep_idle_ns: u64,

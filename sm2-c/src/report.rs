@@ -42,7 +42,7 @@ pub struct PublisherCounters {
     pub overwritten: u64,
     /// Messages that a newer one displaced at the subscriber, or that it dropped.
     pub discarded: u64,
-    /// Messages for which a reliable subscriber had no room in time.
+    /// Messages that a reliable subscriber had no room for in time.
     pub no_room: u64,
     /// Messages that were lost with their link.
     pub closed: u64,
@@ -177,7 +177,7 @@ pub(crate) fn store_text(
 pub extern "C" fn sm2_text_free(text: *mut c_char) {
     guard(|| {
         if !text.is_null() {
-            // SAFETY: the header demands a text of this library, all of which are made by `CString::into_raw`, that is
+            // SAFETY: the header demands a text of this library, made by `CString::into_raw` like all of them, that is
             // not freed twice. The program does not change its length, because it may only read the text.
             drop(unsafe { CString::from_raw(text) });
         }

@@ -35,7 +35,7 @@ pub enum Status {
     IO = 4,
     /// A bug of this library: a panic was caught. Free the handles of the call and do not use them further.
     PANIC = 5,
-    /// An error for which this version of the library has no code.
+    /// An error that has no code in this version of the library.
     UNKNOWN = 6,
 
     /// The name of a node, topic, service, type or domain is not legal.

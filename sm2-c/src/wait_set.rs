@@ -28,7 +28,7 @@ pub struct ReadySource {
     pub tag: u64,
     /// The number of a timer's tick, from 1; 0 for all other sources.
     pub tick: u64,
-    /// The time at which the tick was due, in nanoseconds of `CLOCK_MONOTONIC`.
+    /// The time when the tick was due, in nanoseconds of `CLOCK_MONOTONIC`.
     pub tick_due_ns: u64,
     /// How many earlier ticks were skipped.
     pub ticks_missed: u64,

@@ -1,6 +1,6 @@
 //! Measures what `sm2 topic hz` and `sm2 view` cost.
 //!
-//! A process publishes 64 bytes at 1 kHz to another one, in a domain with 50 further nodes, each of which publishes
+//! A process publishes 64 bytes at 1 kHz to another one, in a domain with 50 further nodes. Each of these publishes
 //! 64 bytes at 10 Hz to its neighbour. The processor time of the publisher is measured in turns: for some seconds
 //! alone, for some with `sm2 topic hz`, and for some with `sm2 view` and a client that reads all that the page shows.
 //! The output has the medians, and the processor time of `sm2 view`.

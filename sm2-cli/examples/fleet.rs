@@ -18,7 +18,7 @@ use std::{
 
 use sm2_node::{Client, Node, Publisher, Server, Subscriber};
 
-/// The time between two rounds, in which each topic may have a message.
+/// The time between two rounds, where each topic may have a message.
 const PERIOD: Duration = Duration::from_millis(20);
 
 type Done<T = ()> = Result<T, Box<dyn Error>>;

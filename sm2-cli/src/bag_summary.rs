@@ -41,7 +41,7 @@ fn topic_lines(topic: &TopicReport, start_ns: Option<u64>) -> Vec<String> {
         topic.lost
     )];
     for (messages, text) in [
-        (topic.repeated, "of before, with which it begins"),
+        (topic.repeated, "of before that it begins with"),
         (topic.not_repeated, "of before that it LACKS: no room"),
     ] {
         if messages > 0 {
@@ -210,7 +210,7 @@ mod tests {
         assert_eq!(
             lines[1..],
             [
-                "    2 latched messages of before, with which it begins",
+                "    2 latched messages of before that it begins with",
                 "    1 latched message of before that it LACKS: no room"
             ]
         );

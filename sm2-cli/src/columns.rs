@@ -110,7 +110,7 @@ fn cells<R: Row>(rows: &[R]) -> impl Iterator<Item = Vec<String>> {
         .map(|row| R::COLUMNS.iter().map(|(_, cell)| cell(row)).collect())
 }
 
-/// Writes rows, the first of which is that of the headings. Columns of numbers are aligned right, all others left. A
+/// Writes rows; the first one is that of the headings. Columns of numbers are aligned right, all others left. A
 /// `-` stands for an unknown number.
 fn write_table(f: &mut fmt::Formatter<'_>, rows: &[impl AsRef<[String]>]) -> fmt::Result {
     let widths = widths(rows);

@@ -21,7 +21,7 @@ use clap_complete::{
 
 use crate::{ended::Ended, error::CliError, output::Output};
 
-/// The variable by which a shell asks for completions, or for its script. It has the name of the shell.
+/// The variable that tells that a shell asks for completions, or for its script. It has the name of the shell.
 const VARIABLE: &str = "COMPLETE";
 
 /// `sm2 completions`.

@@ -271,7 +271,7 @@ pub(crate) enum CliError {
     /// The times of a recording cannot be corrected.
     #[error(transparent)]
     RestampBag(RestampError),
-    /// A topic, or a pattern for topics, for which the bags have nothing.
+    /// A topic, or a pattern for topics, that fits nothing in the bags.
     #[error("no bag has a topic {pattern:?}{hint} (`sm2 bag info` lists them)")]
     NotInBag {
         /// The name or the pattern.

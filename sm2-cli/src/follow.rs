@@ -14,7 +14,7 @@ pub(crate) struct Follow<'a> {
     watch: Watch,
 }
 
-/// The reasons for which a wait ended.
+/// The reasons why a wait ended.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Woken {
     /// The changes of the domain, in their order.

@@ -31,7 +31,7 @@ pub(crate) struct InterfaceReport {
     pub(crate) types: Types,
     pub(crate) qos: Qos,
     pub(crate) links: usize,
-    /// The reason for which the Manager refused the interface. `None` if it is granted.
+    /// The reason why the Manager refused the interface. `None` if it is granted.
     pub(crate) refused: Option<String>,
 }
 
@@ -70,7 +70,7 @@ pub(crate) struct Qos {
     /// The longest time between two messages, in nanoseconds.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) deadline_ns: Option<u64>,
-    /// The age at which a message is not delivered any more, in nanoseconds.
+    /// The age that ends the delivery of a message, in nanoseconds.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) lifespan_ns: Option<u64>,
     /// The longest time between two signs of life of a publisher's program, in nanoseconds.

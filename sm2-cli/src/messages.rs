@@ -15,7 +15,7 @@ use crate::{
     text::{self, Hex},
 };
 
-/// The options for the form in which messages are shown.
+/// The options for how messages are shown.
 #[derive(Args, Clone, Copy, Debug, Default)]
 #[group(multiple = false)]
 pub(crate) struct Show {
@@ -202,7 +202,7 @@ pub(crate) fn bytes_of(
     })
 }
 
-/// The error for a definition of ROS 2 by which messages of the type cannot be read or written.
+/// The error for a definition of ROS 2 that cannot serve to read or write messages of the type.
 pub(crate) fn definition(data: &TypeId, error: &CodecError) -> CliError {
     CliError::Definition {
         data: data.to_string(),

@@ -50,7 +50,7 @@ pub(crate) struct Arguments {
     /// Give the nodes their original names; otherwise --name stands before them, and one node plays for more than 64
     #[arg(long)]
     as_original: bool,
-    /// The name of this replay, with which the names of its nodes begin; two replays at once need different ones
+    /// The name of this replay: the names of its nodes begin with it, so two replays at once need different ones
     #[arg(long, value_name = "NAME", value_parser = name, default_value = "play")]
     name: Name,
     /// Play again and again, until Ctrl-C

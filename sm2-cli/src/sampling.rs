@@ -185,7 +185,7 @@ impl Sample {
         self.end(domain, entity, None)
     }
 
-    /// Those of these interfaces for which `count` is not zero: their titles, and that number.
+    /// Those of these interfaces whose `count` is not zero: their titles, and that number.
     pub(crate) fn counted<'a>(
         &'a self,
         view: &'a View<'_>,
@@ -230,7 +230,7 @@ impl Sample {
         entries.any(|it| it.fates.dropped() > 0 || it.missed_deadlines > 0)
     }
 
-    /// The time at which the counters were read.
+    /// The time when the counters were read.
     pub(crate) const fn at(&self) -> Instant {
         self.at
     }

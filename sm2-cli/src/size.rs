@@ -14,7 +14,7 @@ pub(crate) struct Size(pub(crate) u64);
 /// The longest message that a command reads. It is held in memory as a whole.
 pub(crate) const MESSAGE_MAX_BYTES: u64 = 4 << 30;
 
-/// The reason for which a text is not a [`Size`].
+/// The reason why a text is not a [`Size`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum SizeError {
     /// The text is not a number with a unit.

@@ -15,7 +15,7 @@ pub(crate) struct StoppedNode {
     by: StoppedBy,
 }
 
-/// The reason for which the kernel does not run a process.
+/// The reason why the kernel does not run a process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 enum StoppedBy {

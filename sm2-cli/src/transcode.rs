@@ -6,7 +6,7 @@ use sm2_proto::{Name, schema::Schema};
 
 use crate::decode::Codec;
 
-/// The reason for which a message or a schema cannot be used, for people.
+/// The reason why a message or a schema cannot be used, for people.
 type Unusable = Box<dyn Error + Send + Sync>;
 
 /// Converts the messages of one type to JSON and back, in the form of `sm2 topic echo --json` and `sm2 topic pub`.

@@ -45,8 +45,8 @@ pub(crate) struct Arguments {
 }
 
 const HELP: &str = "\
-With A alone, why shows the links of A, and the counterparts that nearly match, with the reason for
-which they do not. If types differ and their schemas are registered, why names the first field that
+With A alone, why shows the links of A, and the counterparts that nearly match, with the reason why
+ they do not. If types differ and their schemas are registered, why names the first field that
 differs.
 
 For links, why reads the counters of both nodes: which end has taken nothing for 2 s or more while

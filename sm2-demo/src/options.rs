@@ -19,7 +19,7 @@ pub struct Options {
     pub size_bytes: u64,
     /// The number of messages in a second, above 0.
     pub rate_hz: f64,
-    /// The time for which messages are published, in seconds, above 0.
+    /// How long messages are published, in seconds, above 0.
     pub seconds: f64,
     /// True if each message is sealed; false if messages share pooled memory.
     pub is_sealed: bool,

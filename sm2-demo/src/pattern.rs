@@ -66,7 +66,7 @@ pub(crate) fn check(message: &[u8]) -> Result<u64, Damage> {
     }
 }
 
-/// The offset at which `bytes` differ from the progression that starts with `word`; their length if
+/// The offset where `bytes` differ from the progression that starts with `word`; their length if
 /// they do not differ.
 fn first_difference(word: u64, bytes: &[u8]) -> usize {
     let words = iter::successors(Some(word), |word| Some(word.wrapping_add(STEP)));

@@ -27,7 +27,7 @@ pub(crate) struct Access {
     origins: Vec<String>,
 }
 
-/// The reason for which a connection is refused.
+/// The reason why a connection is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum Refused {
     #[error("refused: the Host of the request is not the address of this server")]

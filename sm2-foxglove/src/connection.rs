@@ -39,7 +39,7 @@ pub(crate) struct Connection {
     current: Option<(Frame, usize)>,
 }
 
-/// The reason for which a client does not become a viewer.
+/// The reason why a client does not become a viewer.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum AcceptError {
     #[error(transparent)]
@@ -187,7 +187,7 @@ impl Connection {
 }
 
 impl AcceptError {
-    /// The response with which a client is refused.
+    /// The response that refuses a client.
     fn response(&self) -> ErrorResponse {
         let mut response = ErrorResponse::new(Some(format!("{self}\n")));
         *response.status_mut() = match self {

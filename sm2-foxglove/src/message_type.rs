@@ -33,7 +33,7 @@ pub(crate) const CONVERTED_BYTES_MAX: usize = 1024 * 1024;
 /// The field that has the bytes of a message without a schema.
 const BYTES: &str = "bytes";
 
-/// The reason for which a message or a schema cannot be used, for people.
+/// The reason why a message or a schema cannot be used, for people.
 type Unusable = Box<dyn Error + Send + Sync>;
 
 /// A type of messages, ready for conversions.
@@ -226,7 +226,7 @@ fn wrapped(json: &[u8]) -> Vec<u8> {
 #[derive(Debug, Default)]
 pub(crate) struct MessageTypes {
     known: HashMap<TypeId, Arc<MessageType>>,
-    /// Types of which no node has registered a schema yet.
+    /// Types without a schema that a node has registered.
     unknown: HashMap<TypeId, Arc<MessageType>>,
 }
 

@@ -49,7 +49,7 @@ pub(crate) struct Outbox {
 struct Topic {
     messages: VecDeque<Frame>,
     bytes: usize,
-    /// The virtual time at which the first message would begin. A message that displaces the first one begins at its
+    /// The virtual time when the first message would begin. A message that displaces the first one begins at its
     /// time: otherwise a topic whose messages are displaced all the time would never be served.
     start_tag: u64,
     /// Whether the topic has had no message since its last one was taken.
@@ -129,7 +129,7 @@ impl Outbox {
         }
     }
 
-    /// Removes the messages for which a new message of a subscription leaves no room.
+    /// Removes the messages that lose their room to a new message of a subscription.
     pub(crate) fn make_room(&mut self, id: SubscriptionId, frame_len: usize) -> Room {
         let len = frame_len + OVERHEAD_BYTES;
         if len > self.budget_bytes {

@@ -29,7 +29,7 @@ const RETRY: Duration = Duration::from_secs(1);
 /// The pause after a connection that cannot be accepted.
 const SHORTAGE_PAUSE: Duration = Duration::from_millis(100);
 
-/// The reason for which a server cannot start, or go on.
+/// The reason why a server cannot start, or go on.
 #[derive(Debug, thiserror::Error)]
 pub enum ServerError {
     /// The address cannot be used.

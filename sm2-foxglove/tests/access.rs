@@ -10,7 +10,7 @@ use tungstenite::http::header::{HOST, HeaderName, ORIGIN, SEC_WEBSOCKET_PROTOCOL
 
 use crate::common::{Viewer, World, address, request};
 
-/// The status and the text with which a request is refused; `None` if it is accepted.
+/// The status and the text that refuse a request; `None` if it is accepted.
 fn refused(url: &str, headers: &[(HeaderName, &str)]) -> Option<(u16, String)> {
     let tcp = TcpStream::connect(address(url)).unwrap();
     tcp.set_read_timeout(Some(SOON)).unwrap();

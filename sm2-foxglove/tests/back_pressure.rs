@@ -64,7 +64,7 @@ fn a_viewer_that_stops_reading_costs_its_budget() {
     let own = || own_bytes(process.child.id());
     let (before, mut most) = (own(), 0);
 
-    // 800 MiB, of which the viewer reads nothing. Without the budget, ten messages of 4 MiB would wait.
+    // 800 MiB; the viewer reads nothing of them. Without the budget, ten messages of 4 MiB would wait.
     for round in 0..ROUNDS {
         for images in &images {
             images.publish(&image(round, 4 * MIB)).unwrap();

@@ -222,7 +222,7 @@ impl Viewer {
         }
     }
 
-    /// The first message for which `find` has an answer. Other messages stay for later questions.
+    /// The first message that `find` has an answer for. Other messages stay for later questions.
     pub(crate) fn wait<T>(&mut self, mut find: impl FnMut(&ServerMessage<'_>) -> Option<T>) -> T {
         for at in 0..self.read.len() {
             if let Some(found) = find(&self.read[at]) {

@@ -378,7 +378,7 @@ fn three_domains_in_a_row_pass_on_and_give_nothing_back() {
     runtime.block_on(async { tokio::join!(first.stop(), second.stop(), third.stop()) });
 }
 
-/// Asks the system, except for a name for which it would ask the DNS.
+/// Asks the system, except for a name that it would look up in the DNS.
 fn look_up(host: &str) -> io::Result<Vec<SocketAddr>> {
     match host.split_once(':') {
         Some(("none.invalid", _)) => Err(io::Error::other("no such host")),

@@ -77,7 +77,7 @@ fn a_gateway_that_is_killed_takes_only_what_is_remote_with_it() {
     runtime.block_on(left.stop());
 }
 
-/// Asserts that the local subscribers have all messages, of which there are so many, and the remote ones none twice.
+/// Asserts that the local subscribers have all of this number of messages, and the remote ones none twice.
 fn assert_undisturbed(local: [Listener; 2], remote: [Listener; 2], counts: [u64; 2]) {
     for ((listener, count), who) in local.into_iter().zip(counts).zip(["beside", "there"]) {
         let seen = listener.stop();

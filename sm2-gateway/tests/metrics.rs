@@ -93,7 +93,7 @@ fn is_over(stream: &mut TcpStream) -> bool {
     }
 }
 
-/// The time for the head of a request, of which three pass.
+/// The time for the head of a request; three such times pass.
 const HEAD: Duration = Duration::from_millis(if cfg!(feature = "slow") { 2_000 } else { 200 });
 
 /// Scrapes until there is an answer: on a busy machine, an honest scraper can need more time than [`HEAD`].

@@ -23,9 +23,9 @@ use sm2_proto::{
 
 use crate::hostile_peers::identity::honest_tls;
 
-/// A stream on which nothing arrives for this time is stopped.
+/// A stream that brings nothing for this time is stopped.
 const SILENCE: Duration = Duration::from_secs(30);
-/// A connection on which no HELLO arrives for this time is closed.
+/// A connection without a HELLO for this time is closed.
 const GREETING: Duration = Duration::from_secs(2);
 const MOMENT: Duration = Duration::from_millis(100);
 const OFFER: OfferId = OfferId(1);
@@ -45,12 +45,12 @@ struct World {
     limits: Limits,
     /// The streams that the gateway has stopped, with its codes.
     stopped: Vec<(StreamId, u64)>,
-    /// The code with which the gateway has closed the connection.
+    /// The code that the gateway has closed the connection with.
     closed: Option<u64>,
 }
 
 impl World {
-    /// A world in which the hand has sent nothing since the handshake.
+    /// A world where the hand has sent nothing since the handshake.
     fn silent(transport: TransportConfig) -> Self {
         Self::limited(transport, Limits::default())
     }
@@ -95,7 +95,7 @@ impl World {
         world
     }
 
-    /// A world in which the gateway wants an offer of the hand.
+    /// A world where the gateway wants an offer of the hand.
     fn new(transport: TransportConfig) -> Self {
         Self::silent(transport).greeted().0
     }

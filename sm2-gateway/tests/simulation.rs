@@ -96,7 +96,7 @@ fn seeds(arrangement: Arrangement, few: u64) {
         ok += outcome.answered.get(&0).copied().unwrap_or(0);
     }
     println!("{arrangement:?}: {delivered} messages, {ok} calls");
-    // A simulation in which few messages arrive would find no errors.
+    // A simulation with few messages that arrive would find no errors.
     let is_enough = delivered * SEEDS > 100 * all && ok * SEEDS > 50 * all;
     assert!(!is_all || is_enough, "{delivered} {ok}");
 }

@@ -262,7 +262,7 @@ impl Update<'_> {
         self.add(field::LOST_LIVELINESS, 1);
     }
 
-    /// End of a link: the time at which the node became short of memory on the link, or that it is not.
+    /// End of a link: the time when the node became short of memory on the link, or that it is not.
     pub fn short_since(&mut self, since: Option<Instant>) {
         self.set(field::SHORT_SINCE, since.map_or(0, |since| since.0));
     }

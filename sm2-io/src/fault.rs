@@ -116,7 +116,7 @@ impl Drop for Installed {
     }
 }
 
-/// The body of a thread on which the injector of the current thread acts.
+/// The body of a thread where the injector of the current thread acts, too.
 pub(crate) fn inherited<T>(body: impl FnOnce() -> T) -> impl FnOnce() -> T {
     let injector = INSTALLED.with_borrow(Clone::clone);
     move || {
@@ -125,7 +125,7 @@ pub(crate) fn inherited<T>(body: impl FnOnce() -> T) -> impl FnOnce() -> T {
     }
 }
 
-/// Counts a call of this thread. Returns the errno with which it has to fail.
+/// Counts a call of this thread. Returns the errno that it has to fail with.
 pub(crate) fn next(call: Call) -> Option<i32> {
     // A thread that is ending has no injector any more.
     let installed = INSTALLED.try_with(|it| it.borrow().clone()).ok().flatten();

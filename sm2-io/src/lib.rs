@@ -30,7 +30,7 @@
 //! No safe function here returns a reference to memory that another process can change or shrink.
 //! A file of another process is mapped only with a proof of its seals and size, and the mapping
 //! offers what that proof allows: see [`memfd::verify`]. The programs in `tests/compile_fail` are
-//! the ways around that, none of which compiles.
+//! the ways around that. None of them compiles.
 //!
 //! # Where `unsafe` is
 //!

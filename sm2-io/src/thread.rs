@@ -5,7 +5,7 @@ use std::thread::{Builder, JoinHandle};
 
 use crate::syscall::{scheduling, signals};
 
-/// Starts a thread in which all signals are blocked, so that the handlers of the program run on the program's own
+/// Starts a thread with all signals blocked, so that the handlers of the program run on the program's own
 /// threads. The kernel keeps the first 15 bytes of `name`.
 ///
 /// The thread inherits the scheduling policy, the priority and the affinity of the calling thread.

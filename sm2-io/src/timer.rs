@@ -30,7 +30,7 @@ impl Timer {
         Ok(Self { timer })
     }
 
-    /// Sets the time at which the timer becomes readable, in place of any earlier setting; `None`
+    /// Sets the time when the timer becomes readable, in place of any earlier setting; `None`
     /// clears it. A time in the past makes the timer readable at once.
     ///
     /// # Errors

@@ -14,7 +14,7 @@ use sm2_proto::counters::{ENTRY_BYTES, Entry, MAX_ENTRIES, field, header};
 use sm2_proto::link::{Counters, Fate};
 use sm2_proto::{Instant, InterfaceId, LinkId, Seals};
 
-/// The time at which an entry begins, for entries that are compared with default ones.
+/// The time when an entry begins, for entries that are compared with default ones.
 const BEGIN: Instant = Instant(0);
 
 const LINK: LinkId = LinkId {

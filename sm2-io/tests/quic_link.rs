@@ -32,7 +32,7 @@ struct Side {
     endpoint: Endpoint,
     connection: Option<(ConnectionHandle, Connection)>,
     address: SocketAddr,
-    /// The time at which the outgoing link has sent everything that it was given.
+    /// The time when the outgoing link has sent everything that it was given.
     free: Instant,
 }
 

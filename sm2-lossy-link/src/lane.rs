@@ -17,7 +17,7 @@ pub struct Lane<T> {
     delay: Duration,
     jitter: Duration,
     queue: Duration,
-    /// The time at which the sender has sent all datagrams at the link's rate.
+    /// The time when the sender has sent all datagrams at the link's rate.
     free: Instant,
     /// The arrival time of the last item; no later item arrives before it.
     arrived: Instant,
@@ -45,7 +45,7 @@ impl<T> Lane<T> {
         }
     }
 
-    /// The time at which a datagram of this payload has left its host at the link's rate. `None` if it
+    /// The time when a datagram of this payload has left its host at the link's rate. `None` if it
     /// is lost, because the queue is full or by random loss.
     pub fn shape(&mut self, now: Instant, len_bytes: usize, loss_permille: u32) -> Option<Instant> {
         let begins = self.free.max(now);

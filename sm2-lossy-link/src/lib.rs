@@ -174,7 +174,7 @@ impl LossyLink {
         }
     }
 
-    /// The address at which hosts listen, with any port. In a namespace it covers all addresses of the
+    /// The address where hosts listen, with any port. In a namespace it covers all addresses of the
     /// host, so that the host may change its address.
     #[must_use]
     pub const fn listen(&self) -> SocketAddr {
@@ -185,7 +185,7 @@ impl LossyLink {
         SocketAddr::new(std::net::IpAddr::V4(ip), 0)
     }
 
-    /// Returns the address at which the near host reaches `far`, a UDP address of the far host, over
+    /// Returns the address that leads the near host to `far`, a UDP address of the far host, over
     /// the link. With [`Kind::Relay`], each such connection has the full rate of the link.
     ///
     /// # Errors

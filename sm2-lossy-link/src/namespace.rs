@@ -56,7 +56,7 @@ impl Namespace {
         Ok(setns(&self.handle, CloneFlags::CLONE_NEWNET)?)
     }
 
-    /// The path by which other processes can open the namespace while this process runs.
+    /// The path that lets other processes open the namespace while this process runs.
     #[must_use]
     pub fn path(&self) -> PathBuf {
         format!("/proc/{}/fd/{}", process::id(), self.handle.as_raw_fd()).into()

@@ -155,7 +155,7 @@ pub fn host_address(side: Side, is_ipv6: bool) -> IpAddr {
     address(side, is_ipv6, HOST)
 }
 
-/// The address of the link, to which a host sends datagrams for the other one.
+/// The address of the link. A host sends datagrams for the other one there.
 pub(crate) fn link_address(side: Side, is_ipv6: bool) -> IpAddr {
     address(side, is_ipv6, LINK)
 }
@@ -209,7 +209,7 @@ fn tell(
     text: &str,
 ) -> Result<String, Unavailable> {
     let run = || {
-        // Users' paths often lack the folders in which these programs are installed.
+        // Users' paths often lack the folders where these programs are installed.
         let path = std::env::var("PATH").unwrap_or_else(|_| "/usr/bin:/bin".to_owned());
         let path = path + ":/usr/sbin:/sbin";
         let mut child = Command::new(program)

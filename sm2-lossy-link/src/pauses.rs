@@ -99,7 +99,7 @@ mod tests {
             }
             last = held;
         }
-        // In ten minutes there are about 118 short and 19 long pauses, some of which overlap.
+        // In ten minutes there are about 118 short and 19 long pauses, and some of them overlap.
         assert!((90..180).contains(&ends.len()), "{}", ends.len());
     }
 

@@ -31,9 +31,9 @@ use crate::{lane::Lane, namespace::Namespace, profile::Profile};
 const BURST: usize = 64;
 /// The largest number of near addresses: a host that moves uses one after another.
 const ADDRESSES_MAX: usize = 16;
-/// The size of the sockets' buffers, for the time in which the thread waits for a processor.
+/// The size of the sockets' buffers, for the time while the thread waits for a processor.
 const KERNEL_BUFFER_BYTES: usize = 8 << 20;
-/// The interval at which the thread checks whether to end.
+/// How often the thread checks whether to end.
 const LOOK: Duration = Duration::from_millis(20);
 
 /// Settings that can change while the relay runs, and what becomes of them.
@@ -57,7 +57,7 @@ pub(crate) struct Options {
     /// The loss and the cut of the link, if the relay limits the rate and loses datagrams; `None` if
     /// the kernel does.
     pub(crate) shaping: Option<Arc<Controls>>,
-    /// The time from which pauses are counted.
+    /// The time when the count of pauses begins.
     pub(crate) epoch: Instant,
 }
 
@@ -244,7 +244,7 @@ impl Wire {
         self.lane(direction).push(sent, InFlight { near, bytes });
     }
 
-    /// The time at which a datagram has left its host; `None` if it is lost.
+    /// The time when a datagram has left its host; `None` if it is lost.
     fn shape(&mut self, direction: Direction, len_bytes: usize, now: Instant) -> Option<Instant> {
         let Some(controls) = &self.shaping else {
             return Some(now);

@@ -31,7 +31,7 @@ const COUNT: u32 = if cfg!(feature = "slow") {
 };
 /// How many of them are passed to the kernel at a time, as one segmented send.
 const TRAIN: u32 = 10;
-/// The number of the datagrams from which the other side learns an address.
+/// The number of the datagrams that teach the other side an address.
 const FIRST: u32 = u32::MAX - 1;
 /// The number of the datagrams that follow the others until one of them arrives.
 const LAST: u32 = u32::MAX;

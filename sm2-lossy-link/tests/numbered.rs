@@ -26,7 +26,7 @@ pub(crate) fn datagram(number: u32) -> Vec<u8> {
     bytes
 }
 
-/// Lets [`receive`] return after a moment in which nothing arrives.
+/// Lets [`receive`] return after a moment when nothing arrives.
 pub(crate) fn poll_only(socket: &UdpSocket) {
     let moment = Some(Duration::from_millis(10));
     socket.set_read_timeout(moment).unwrap();

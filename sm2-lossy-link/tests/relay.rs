@@ -64,7 +64,7 @@ impl Hosts {
         }
     }
 
-    /// Sends from a near address. Returns the address at which the far host sees it.
+    /// Sends from a near address. Returns the address that the far host sees.
     fn seen(&self, from: usize) -> SocketAddr {
         self.near[from].send(&[from as u8]).unwrap();
         let mut buffer = [0; 2];

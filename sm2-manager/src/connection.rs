@@ -27,7 +27,7 @@ impl Parcel {
 #[derive(Debug)]
 pub(crate) struct Connection {
     pub(crate) socket: SeqPacket,
-    /// The events for which the epoll set watches the socket.
+    /// The events that the epoll set watches the socket for.
     pub(crate) interest: Interest,
     waiting: VecDeque<Parcel>,
     waiting_bytes: usize,

@@ -1,4 +1,4 @@
-//! Handles with which other threads control a Manager's loop.
+//! Handles that let other threads control a Manager's loop.
 
 use std::{io, os::fd::AsFd, sync::Arc, time::Duration};
 

@@ -81,7 +81,7 @@ fn without_a_successor_the_manager_goes_on() {
     let domain = TestDomain::new();
     let active = domain.manager(&[]);
     let mut node = domain.client("node");
-    // Each round takes the 2 s in which a successor may come.
+    // Each round takes the 2 s that a successor has to come.
     for round in 1..=if cfg!(feature = "slow") { 2 } else { 1 } {
         let said = |text: &str| active.stderr().matches(text).count() == round;
         active.signal(Signal::SIGUSR2);

@@ -10,7 +10,7 @@ use common::Outcome;
 use sm2_node::lockstep::Inputs;
 use sm2_node::{Node, Publisher, Shutdown};
 
-/// Everything on which the outputs depend.
+/// Everything that the outputs depend on.
 struct Filter {
     mean: f32,
     output: Publisher<f32>,

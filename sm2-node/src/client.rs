@@ -237,7 +237,7 @@ pub struct Call<R: Message + ?Sized> {
     handle: Arc<Handle>,
     call: CallId,
     deadline: Option<Instant>,
-    /// The time at which the program began to send it.
+    /// The time when the program began to send it.
     began: Instant,
     /// Whether the result has been returned.
     done: bool,

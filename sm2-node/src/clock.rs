@@ -117,7 +117,7 @@ impl Clock {
         self.reading.get()
     }
 
-    /// The moment of the monotonic clock at which domain time reaches `time`, as far as it is known now. `None` if it
+    /// The moment of the monotonic clock when domain time reaches `time`, as far as it is known now. `None` if it
     /// stands still before that.
     #[must_use]
     pub fn instant(&self, time: DomainTime) -> Option<Instant> {
@@ -211,7 +211,7 @@ impl DomainTimer {
         }
     }
 
-    /// The moment of the monotonic clock at which the next tick is due, as far as it is known now. `None` while domain
+    /// The moment of the monotonic clock when the next tick is due, as far as it is known now. `None` while domain
     /// time stands still before that. Another reading of the clock can change it: add the clock to the
     /// [`WaitSet`](crate::WaitSet) that waits until then.
     pub fn deadline(&mut self, clock: &Clock) -> Option<Instant> {

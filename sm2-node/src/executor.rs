@@ -227,7 +227,7 @@ struct Running<'m, 'a> {
 impl Drop for Running<'_, '_> {
     fn drop(&mut self) {
         let waiting = self.task.turn().give_back();
-        // The thread that waits need not wake for a group of which no other source is ready.
+        // The thread that waits need not wake for a group without another source that is ready.
         if !waiting.is_empty() {
             self.mailbox
                 .leave(|letters| letters.resumed.extend(waiting));

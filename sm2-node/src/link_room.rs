@@ -1,8 +1,8 @@
 //! How many ends of links the nodes of this process can have (SM2-LNK-007).
 //!
 //! Each link needs descriptors, and other nodes decide how many links a node gets. So a node states how many
-//! ends of links it can have: those that it has, and some *ahead*, for which the process has free descriptors
-//! that no other node of the process has ahead. A node takes at most half of the free ones at a time, so that
+//! ends of links it can have: those that it has, and some *ahead*: the process has free descriptors for
+//! these, which no other node of the process has ahead. A node takes at most half of the free ones at a time, so that
 //! its neighbours find room as well. The first few links are granted in any case.
 //!
 //! The library counts two descriptors for each end of a link: its socket, and one for a segment, a ring or a sealed

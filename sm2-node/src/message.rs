@@ -73,7 +73,7 @@ use crate::payload::{MessageBytes, SharedBytes};
 /// The derives of zerocopy and serde need these crates in your `Cargo.toml`. The name
 /// follows SM2-NAM-001: segments of `A-Z a-z 0-9 _ -`, joined by single `/`.
 ///
-/// Mistakes do not compile. One is a field for which some bit patterns are not values:
+/// Mistakes do not compile. One is a field with bit patterns that are not values:
 ///
 /// ```compile_fail,E0277
 /// # use sm2_node::zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
@@ -128,7 +128,7 @@ pub trait Message: 'static {
     /// The part of a [`Sample`](crate::Sample) that gives access to the message.
     type View: Deref<Target = Self> + Send + Sync;
 
-    /// The schema text (SPEC Annex A), with which tools decode messages. Its hash is [`HASH`](Self::HASH).
+    /// The schema text (SPEC Annex A), which tools need to decode messages. Its hash is [`HASH`](Self::HASH).
     /// `None` for a type whose hash was chosen by hand.
     #[must_use]
     fn schema() -> Option<String> {

@@ -411,7 +411,7 @@ impl<M> Pool<M> {
             .saturating_sub(self.outside)
     }
 
-    /// Frees unused segments for which `is_so` returns true.
+    /// Frees the unused segments that `is_so` accepts.
     fn give_up(&mut self, is_so: impl Fn(&PoolSegment<M>) -> bool) -> Vec<u32> {
         let mut ids = Vec::new();
         let bytes = &mut self.bytes;

@@ -85,7 +85,7 @@ impl Deref for PooledBytes {
         //   unless the operator waives it (SECURITY.md, "The boundary is the user"). Such a
         //   process could as well write to this one's memory by ptrace, so it is inside the
         //   trusted boundary. As a second line of defence the crate reads slots in place only as
-        //   types for which every bit pattern is valid (`Plain`), and takes no length or index
+        //   types whose bit patterns are all valid (`Plain`), and takes no length or index
         //   from them (SM2-PAY-006).
         unsafe { bytes.as_ref() }
     }

@@ -72,7 +72,7 @@ pub(crate) struct MappedFile {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "{bytes} more bytes are not mapped: this peer has {peer_bytes} bytes mapped, and {free_bytes} of {limit} are free, \
-     of which a peer may take half; NodeBuilder::max_mapped_bytes sets the bound"
+     and a peer may take half of these; NodeBuilder::max_mapped_bytes sets the bound"
 )]
 pub(crate) struct QuotaExceeded {
     bytes: u64,

@@ -45,7 +45,7 @@ pub struct TestDomain {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TestDomainError {
-    /// The folder in which the socket is made cannot be used.
+    /// The folder of the socket cannot be used.
     #[error("cannot make the socket of a test domain in {path:?}: {source}; is TMPDIR a folder?")]
     Folder {
         /// The folder.

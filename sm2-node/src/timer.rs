@@ -64,7 +64,7 @@ pub enum MissedTicks {
 pub struct Tick {
     /// The number of the tick; the first one has the number 1.
     pub number: u64,
-    /// The time at which it was due.
+    /// The time when it was due.
     pub due: Instant,
     /// How many earlier ticks were skipped since the last one that was reported.
     pub missed: u64,
@@ -119,7 +119,7 @@ impl Timer {
         self
     }
 
-    /// The time at which the next tick is due; `None` after the only tick of a timer that was made by
+    /// The time when the next tick is due; `None` after the only tick of a timer that was made by
     /// [`once`](Self::once).
     #[must_use]
     pub fn deadline(&self) -> Option<Instant> {

@@ -260,8 +260,8 @@ impl<'fd, T: Clone> WaitSet<'fd, T> {
         Ok(())
     }
 
-    /// Looks at a source of which the set has reported `cause`. Returns why it is ready now: its state may have changed
-    /// since. Only descriptors can change it: the others are asked for an item.
+    /// Looks at a source with the `cause` that the set has reported. Returns why it is ready now: its state may have
+    /// changed since. Only descriptors can change it: the others are asked for an item.
     pub(crate) fn confirm(&self, key: Key, cause: Cause) -> io::Result<Option<Cause>> {
         let Some(Kind::Descriptor { fd, interest, .. }) = self.sources.kind(key) else {
             return Ok(Some(cause));

@@ -185,7 +185,7 @@ fn two_threads_of_one_node_both_get_their_messages() {
     }
 }
 
-/// A thread that drives the node may read the message for which another thread waits.
+/// A thread that drives the node may read the message that another thread waits for.
 #[test]
 fn a_thread_that_sleeps_is_woken_by_the_one_that_read_its_message() {
     let domain = Domain::new();

@@ -204,7 +204,7 @@ fn what_is_declared_without_a_manager_waits_for_the_next_one() {
     });
 }
 
-/// The time limit of calls for which no Manager comes.
+/// The time limit of calls when no Manager comes.
 const VAIN: Duration = Duration::from_millis(if cfg!(feature = "slow") { 400 } else { 100 });
 
 #[test]

@@ -77,7 +77,7 @@ fn a_shortage_of_memory_ends_no_link_and_loses_no_message() {
         let _installed = faults.install();
         let mut seed = 0;
         for (call, errno, times) in shortages {
-            // Messages in new segments, each of which needs a packet also on the ring lane.
+            // Messages in new segments. Each segment needs a packet also on the ring lane.
             for len in [30, 3_000, 300_000] {
                 seed += 1;
                 let message = pattern(len, seed);
@@ -354,7 +354,7 @@ fn a_client_hears_that_its_reply_could_not_be_stored() {
     }
 }
 
-/// A linked publisher and subscriber of sealed messages, of which two are on their way.
+/// A linked publisher and subscriber of sealed messages, with two of these on their way.
 fn sealed_pair(domain: &Domain) -> (Publisher<[u8]>, Subscriber<[u8]>, Vec<u8>) {
     let talker = node(domain, ring_lane(), "talker");
     let publisher = talker.publisher::<[u8]>("topic").unwrap();

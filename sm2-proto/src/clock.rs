@@ -45,7 +45,7 @@ impl ClockReading {
         DomainTime(u64::try_from(time_ns).unwrap_or(u64::MAX))
     }
 
-    /// The first moment of the monotonic clock at which domain time has reached `time`. `None` if it does not reach
+    /// The first moment of the monotonic clock when domain time has reached `time`. `None` if it does not reach
     /// `time` by this reading, or only beyond the range of the clock.
     #[must_use]
     pub fn instant(self, time: DomainTime) -> Option<Instant> {

@@ -1,4 +1,4 @@
-//! The codes with which sessions and links end: SPEC section 10.
+//! The codes that end sessions and links: SPEC section 10.
 
 use core::fmt;
 

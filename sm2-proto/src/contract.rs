@@ -35,7 +35,7 @@ pub struct OfferedQos {
     pub sealed: bool,
     /// The longest time between two messages.
     pub deadline: Period,
-    /// The age at which a message is not delivered any more.
+    /// The age that ends the delivery of a message.
     pub lifespan: Period,
     /// The longest time between two signs of life of the publisher's program. None: the publisher is alive as long as
     /// its links are open.

@@ -125,13 +125,13 @@ pub const fn recent_index(message: u64) -> usize {
 pub struct Entry {
     /// The interface.
     pub interface: InterfaceId,
-    /// The link of which this is one end; `None` for the interface as a whole.
+    /// The link that has this end; `None` for the interface as a whole.
     pub link: Option<LinkId>,
     /// Messages published, or taken by the application; requests taken; calls sent.
     pub messages: u64,
     /// The sum of the lengths of these messages, in bytes.
     pub bytes: u64,
-    /// The time at which the last of them was published or taken; zero if there is none.
+    /// The time when the last of them was published or taken; zero if there is none.
     pub last: Instant,
     /// Messages that were lost before the application saw them.
     pub lost: u64,
@@ -141,7 +141,7 @@ pub struct Entry {
     pub delay_sum_ns: u64,
     /// The longest of these delays.
     pub delay_max_ns: u64,
-    /// The time at which the node became short of memory on the link; `None` while it is not.
+    /// The time when the node became short of memory on the link; `None` while it is not.
     pub short_since: Option<Instant>,
     /// Messages of a publisher that were published while none of its links was open.
     pub unheard: u64,
@@ -156,7 +156,7 @@ pub struct Entry {
     pub held: u64,
     /// The greatest number of messages that the application can hold, of a subscriber's end of a link.
     pub max_held: u64,
-    /// The time at which the entry was created; zero if it is not stated.
+    /// The time when the entry was created; zero if it is not stated.
     pub created: Instant,
     /// The last messages, by [`recent_index`]: a sending side notes the time of each publication, a
     /// receiving side its delay. See [`recent`](Self::recent).
@@ -335,7 +335,7 @@ impl Entry {
     }
 }
 
-/// The rates at which counters grow.
+/// The rates of growth of counters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rate {
     /// Messages per second.

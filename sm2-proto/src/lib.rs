@@ -9,7 +9,7 @@
 //! | [`manager::Manager`] | a domain: its nodes, interfaces and links |
 //! | [`node::Node`] | a node's session with its Manager |
 //! | [`link::Link`] | one end of a link: topics and services alike |
-//! | [`lockstep::Conductor`], [`lockstep::Member`] | the two sides of a lockstep, in which domain time advances |
+//! | [`lockstep::Conductor`], [`lockstep::Member`] | the two sides of a lockstep, where domain time advances |
 //! | [`gateway::session::PeerSession`] | a gateway's session with a peer |
 //! | [`gateway::router::Router`] | the routes of a gateway: which offers it makes, uses and passes on |
 //! | [`gateway::discovery::Discovery`] | the peers of a gateway: which one to dial, where and when |
@@ -23,7 +23,7 @@
 //!
 //! 1. `handle(now, input)` takes one input. Time is a value, [`Instant`].
 //! 2. `poll()` returns the next output. The driver carries out each output until there is none.
-//! 3. `deadline()` is the time at which the driver feeds a tick if nothing happens earlier.
+//! 3. `deadline()` is the time when the driver feeds a tick if nothing happens earlier.
 //!
 //! A received descriptor stays with the driver. The machine sees the kernel's [`FdFacts`] about it,
 //! and the driver keeps the descriptor only if an output asks for it. A machine that has ended

@@ -19,7 +19,7 @@ pub const CALLS_MAX: usize = 1_024;
 pub const GATEWAY_FRAME_MAX: usize = 65_536;
 /// The most gateways that a message passes, its origin included.
 pub const HOPS_MAX: usize = 8;
-/// The most datagrams per second in which a gateway looks for beacons.
+/// The most datagrams per second that a gateway searches for beacons.
 pub const BEACONS_PER_S: u32 = 256;
 /// The most offers of one gateway to another that are not withdrawn.
 pub const OFFERS_MAX: usize = 4_096;
@@ -57,7 +57,7 @@ pub const RING_SEGMENTS_MAX: u32 = 32_768;
 pub const RING_DISPLACED_MAX: u32 = 1 << 31;
 /// The length of the head at the end of a slot, in bytes.
 pub const SLOT_HEAD: usize = 64;
-/// The size of items at which the Manager ends a PAGE, in bytes.
+/// The size of items that ends a PAGE of the Manager, in bytes.
 pub const PAGE_BYTES: usize = 32_768;
 /// The longest text that a Manager sends with RELOADED, in bytes.
 pub const RELOAD_TEXT_MAX: usize = 1_024;

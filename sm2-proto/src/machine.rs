@@ -32,9 +32,9 @@ pub trait Machine {
     /// Work for the driver, and events for the machine's owner. A closed enum: one place in each
     /// driver matches it exhaustively.
     type Output;
-    /// The reason for which the machine ended; [`Infallible`] if it never ends.
+    /// The reason why the machine ended; [`Infallible`] if it never ends.
     type End;
-    /// The ways in which the machine's owner can break the contract.
+    /// How the machine's owner can break the contract.
     type Misuse;
 
     /// Feeds one input.
@@ -53,12 +53,12 @@ pub trait Machine {
     /// Returns the next output; `None` once all are drained.
     fn poll(&mut self) -> Option<Self::Output>;
 
-    /// The time at which the driver feeds a tick if nothing else happens earlier; `None` if the
+    /// The time when the driver feeds a tick if nothing else happens earlier; `None` if the
     /// machine has no timer running.
     fn deadline(&self) -> Option<Instant>;
 }
 
-/// The reason for which [`Machine::handle`] did not do what its input asked for.
+/// The reason why [`Machine::handle`] did not do what its input asked for.
 ///
 /// A machine that serves many peers reports no violation here: it ends one session and goes on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]

@@ -1,4 +1,4 @@
-//! The rules by which two interfaces match, and the QoS of their link (SPEC section 4.4).
+//! The rules for a match of two interfaces, and the QoS of their link (SPEC section 4.4).
 
 use crate::{Contract, TypeId};
 
@@ -11,7 +11,7 @@ pub struct LinkQos {
     pub sealed: bool,
 }
 
-/// The reason for which two interfaces do not match: the first that applies, in this order.
+/// The reason why two interfaces do not match: the first that applies, in this order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Mismatch {
     /// Their kinds are not counterparts.

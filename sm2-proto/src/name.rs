@@ -16,7 +16,7 @@ use crate::limits::NAME_MAX;
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 pub struct Name(String);
 
-/// The reason for which a text is not a [`Name`].
+/// The reason why a text is not a [`Name`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NameError {
     /// The text is empty.
@@ -38,7 +38,7 @@ pub enum NameError {
     },
 }
 
-/// The place at which bytes are not a name.
+/// The place where bytes are not a name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Fault {
     Empty,

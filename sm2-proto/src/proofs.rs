@@ -37,7 +37,7 @@ fn type_id(first: bool) -> TypeId {
     }
 }
 
-/// A subscriber for harnesses to which its contract does not matter.
+/// A subscriber for harnesses that do not depend on its contract.
 pub(crate) fn subscriber() -> Contract {
     Contract::Subscriber {
         topic: name(true),
@@ -126,7 +126,7 @@ fn leases_decide_a_match() {
     periods_decide_a_match([0, offered], [0, demanded], Mismatch::Lease);
 }
 
-/// Matches interfaces with these deadlines and leases, of which one kind is zero.
+/// Matches interfaces with these deadlines and leases, where one kind is zero.
 fn periods_decide_a_match(
     [offered_deadline, offered_lease]: [u64; 2],
     [demanded_deadline, demanded_lease]: [u64; 2],
@@ -278,7 +278,7 @@ fn descriptors_are_counted() {
     kani::cover!(some_lost && came == 1 && wanted == 2, "one of two was lost");
 }
 
-/// A deadline is never before the moment from which it counts, and exact until the end of time.
+/// A deadline is never before the moment when its time begins, and exact until the end of time.
 //= SM2-SES-004, SM2-RES-006 kani
 #[cfg_attr(kani, kani::proof)]
 fn deadlines_saturate() {

@@ -272,7 +272,7 @@ pub(crate) struct AliveFrames {
     due: Option<Instant>,
     /// The time of the newest assertion that came too soon after the last ALIVE.
     held: Option<Instant>,
-    /// The time from which on there may be another ALIVE.
+    /// The earliest time for another ALIVE.
     next: Instant,
 }
 
@@ -306,7 +306,7 @@ impl AliveFrames {
         self.due.take()
     }
 
-    /// The time at which an assertion is sent that was held back.
+    /// The time when an assertion is sent that was held back.
     pub(crate) fn held_until(&self) -> Option<Instant> {
         self.held.map(|_| self.next)
     }

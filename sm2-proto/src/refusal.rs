@@ -1,4 +1,4 @@
-//! The reasons for which a legal request is not granted. The session goes on.
+//! The reasons why a legal request is not granted. The session goes on.
 
 use serde::{Deserialize, Serialize};
 

@@ -31,7 +31,7 @@ pub struct WaitBudget {
     /// In units of a hundredth of a nanosecond, so that no share of a nanosecond is lost.
     left: u128,
     burst: u128,
-    /// The time at which `left` was true.
+    /// The time when `left` was true.
     updated: Instant,
     waited_ns: u64,
 }
@@ -105,7 +105,7 @@ impl WaitBudget {
 }
 
 impl WaitGrant {
-    /// The time at which the wait ends at the latest.
+    /// The time when the wait ends at the latest.
     #[must_use]
     pub const fn until(&self) -> Instant {
         self.until

@@ -228,7 +228,7 @@ enum Step {
     End {
         unread: u8,
     },
-    /// The subscriber takes messages, the first `expired` of which have expired.
+    /// The subscriber takes messages; the first `expired` of them have expired.
     Take {
         most: u8,
         expired: u8,

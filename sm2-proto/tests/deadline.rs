@@ -48,7 +48,7 @@ fn watch(period: u64, from: u64) -> QosWatch {
     QosWatch::new(Period(period), Period::NONE, Instant(from))
 }
 
-/// The number of whole periods between consecutive moments, the last of which is now.
+/// The number of whole periods between consecutive moments; the last one is now.
 fn gaps(moments: &[u64], period: u64) -> u64 {
     moments.windows(2).map(|it| (it[1] - it[0]) / period).sum()
 }
@@ -240,7 +240,7 @@ fn a_message_in_a_ring_counts_before_and_after_it_is_taken() {
     // Now it is known: 101.
     assert_eq!(rig.taken().id, 1);
     assert_eq!(tick(&mut rig, 200), (3, 201));
-    // Two more, of which the application takes none: only the first look at them sees new messages.
+    // Two more, and the application takes none of them: only the first look at them sees new messages.
     let _ = rig.send(110, 2).unwrap();
     let _ = rig.send(111, 3).unwrap();
     assert_eq!(tick(&mut rig, 201), (3, 251));

@@ -24,7 +24,7 @@ const FILE: FdFacts = FdFacts {
     seals: Seals::POOLED,
 };
 
-/// A datagram of which this process lost descriptors.
+/// A datagram whose descriptors this process lost in part.
 fn lost(bytes: &[u8]) -> Datagram<'_> {
     Datagram {
         control_truncated: true,

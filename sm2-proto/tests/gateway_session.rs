@@ -117,7 +117,7 @@ impl Bench {
         }
     }
 
-    /// The end with which an ended session answers an input.
+    /// The end that an ended session answers an input with.
     fn ended(&mut self, input: Input<'_>) -> End {
         match self.0.handle(Instant(0), input) {
             Err(Error::Ended(end)) => end,

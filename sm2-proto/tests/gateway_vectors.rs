@@ -49,7 +49,7 @@ struct Vector {
     /// The fate of the stream: taken, discarded or unreachable.
     stream: Option<String>,
     violation: Option<String>,
-    /// The name of the code with which the receiver closes the connection without a violation.
+    /// The name of the code that closes the connection without a violation, at the receiver.
     closed: Option<String>,
     beacon: Option<Value>,
     ignored: Option<String>,

@@ -1,4 +1,4 @@
-//! Liveliness: who counts as alive at which time (SM2-QOS-011), and ALIVE (SM2-QOS-012).
+//! Liveliness: who counts as alive, and when (SM2-QOS-011), and ALIVE (SM2-QOS-012).
 
 use crate::link_support::{config, drain, feed, open_to, opened, sent, tick_link, with_ring};
 use crate::ring_support::{RECEIVER, Rig, SENDER};

@@ -210,7 +210,7 @@ fn adoption(limits: Limits, one: (u32, &Contract), other: (u32, &Contract), qos:
         assert_eq!(seen_by(events, a), [unlink(1, LINK, 6)]);
         assert_eq!(seen_by(events, b), [unlink(2, LINK, 6)]);
     };
-    // The QoS with which a Manager would link the two now.
+    // The QoS that a Manager would link the two with now.
     let mut anew = Bench::new(limits);
     let (c, d) = (anew.node(one.0, "c"), anew.node(other.0, "d"));
     anew.declared(c, 1, one.1);

@@ -1,5 +1,5 @@
-//! Take-over: the claims that a resuming session may make, and the ways in which claims end (SPEC
-//! section 11).
+//! Take-over: the claims that a resuming session may make, and how claims end (SPEC section
+//! 11).
 
 use crate::support;
 use std::time::Duration;

@@ -243,7 +243,7 @@ fn matches_counts_only_what_follows_at_once() {
     }
 }
 
-/// One CLAIMED of a session with this many subscribers, each of which matches this many publishers.
+/// One CLAIMED of a session with this many subscribers. Each of them matches this many publishers.
 //= SM2-RES-007, SM2-LNK-006 test
 #[test]
 fn one_claimed_is_settled_in_parts() {

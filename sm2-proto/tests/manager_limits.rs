@@ -2,7 +2,7 @@
 
 use sm2_proto::control::{Limit, LimitError, Limits};
 
-/// Limits of which only the range of this one, not its whole, can refuse a value.
+/// Limits where only the range of this one, not the whole, can refuse a value.
 fn wide(limit: Limit, value: u32) -> Limits {
     let mut limits = Limits::default();
     for each in Limit::ALL {

@@ -1,4 +1,4 @@
-//! The pairs that the Manager links, the QoS of the links, and the ways in which links end.
+//! The pairs that the Manager links, the QoS of the links, and how links end.
 
 use crate::support::{
     bench::{Bench, EPOCH, Event, UNLIMITED, seen_by, unlink},
@@ -14,7 +14,7 @@ use sm2_proto::{
     violation,
 };
 
-/// The QoS with which a link between users `a` and `b` is made.
+/// The QoS of a link between users `a` and `b`.
 fn qos(limits: Limits, one: (u32, &Contract), other: (u32, &Contract)) -> Option<(bool, bool)> {
     let mut bench = Bench::new(limits);
     let a = bench.node(one.0, "a");

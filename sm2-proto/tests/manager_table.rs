@@ -229,7 +229,7 @@ fn end_to_end() {
     }
 }
 
-/// Every way in which a ready session can break SPEC, as the datagram that does it.
+/// Every way of a ready session to break SPEC, as the datagram that does it.
 fn breaches(link: LinkId) -> Vec<(Violation, Vec<u8>, usize)> {
     let other_epoch = LinkId {
         epoch: EPOCH + 1,

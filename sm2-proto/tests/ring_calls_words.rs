@@ -130,7 +130,7 @@ fn requests_that_a_server_refuses() {
     assert_eq!(taken.unwrap().unwrap().id, 2);
 }
 
-/// A ring in which a foreign word appears as soon as the caller puts a word.
+/// A ring where a foreign word appears as soon as the caller puts a word.
 struct Between<'a>(&'a Memory);
 
 impl RingMemory for Between<'_> {

@@ -117,7 +117,7 @@ impl Loan {
                  later; drop it before the block ends, or give it a copy",
             ));
         }
-        // The way in which numpy restores a pickled array. It drops the reference to the memory, so that the variable
+        // How numpy restores a pickled array. It drops the reference to the memory, so that the variable
         // of the program cannot reach it any more.
         let nothing = PyBytes::new(py, b"");
         let state = (

@@ -19,7 +19,7 @@ pub(crate) struct Timer {
 pub(crate) struct Tick {
     /// The number of the tick, from 1.
     number: u64,
-    /// The time at which it was due, in nanoseconds of the monotonic clock.
+    /// The time when it was due, in nanoseconds of the monotonic clock.
     due_ns: u64,
     /// How many earlier ticks were skipped since the last one that was reported.
     missed: u64,

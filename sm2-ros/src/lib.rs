@@ -5,7 +5,7 @@
 //! with types that they were not built with. [`place`] reads single fields.
 //!
 //! CDR is the encoding that ROS 2 uses on the wire and in bags: XCDR version 1. A message begins with four
-//! bytes, of which the second says the byte order (0 big-endian, 1 little-endian). Each number is aligned to
+//! bytes; the second one says the byte order (0 big-endian, 1 little-endian). Each number is aligned to
 //! its size, counted from the fifth byte. A text and a sequence begin with their length in 32 bits.
 //!
 //! Bytes can come from hostile peers. Decoding does not panic, and every length is compared with the bytes that

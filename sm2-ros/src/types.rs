@@ -9,7 +9,7 @@ pub trait Type:
 {
     /// Its name, such as `sensor_msgs/msg/Image`.
     const TYPE_NAME: &'static str;
-    /// Its RIHS01 hash, by which ROS 2 compares types.
+    /// Its RIHS01 hash: ROS 2 compares types by it.
     const RIHS01: [u8; 32];
     /// Its schema text in SM2's encoding `cdr` (SPEC Annex A): the hash and the definition.
     const SCHEMA: &'static str;
@@ -22,7 +22,7 @@ pub trait Type:
 /// `node.subscriber_builder::<[u8]>("camera").type_id(Image::type_id())`. Texts and other fields are copied, so a
 /// publisher that breaks the rules and changes a message can only change numbers.
 pub trait Viewed: Type {
-    /// The structure with the same fields, in which a sequence of numbers is a [`Numbers`](crate::cdr::Numbers). A type
+    /// The structure with the same fields, where a sequence of numbers is a [`Numbers`](crate::cdr::Numbers). A type
     /// without such a sequence is its own view.
     type View<'a>: std::fmt::Debug + Clone;
 

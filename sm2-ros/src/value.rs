@@ -8,7 +8,7 @@
 //! | variant | `"Name"`, or `{"Name": fields}` |
 //! | map | object, if keys are texts, characters, whole numbers or booleans; else an array of pairs |
 //!
-//! The last element of a list or map of which only a part was kept is the text `… 9 more`.
+//! The last element of a list or map that was kept in part is the text `… 9 more`.
 
 use std::borrow::Cow;
 

@@ -128,7 +128,7 @@ pub fn descriptor_numbers_at_rest(pid: u32) -> BTreeSet<u64> {
     })
 }
 
-/// The result of `look` for a moment in which no thread of the process runs.
+/// The result of `look` for a moment when no thread of the process runs.
 #[track_caller]
 fn while_at_rest<T>(pid: u32, mut look: impl FnMut() -> T) -> T {
     let mut seen = None;
@@ -162,7 +162,7 @@ fn kind(target: &str) -> String {
     name.strip_prefix('/').unwrap_or(name).to_owned()
 }
 
-/// The state of a thread. It has not run between two equal states in which it is asleep.
+/// The state of a thread. It has not run between two equal states of sleep.
 #[derive(PartialEq, Eq)]
 struct Thread {
     is_asleep: bool,

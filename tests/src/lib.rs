@@ -13,7 +13,7 @@
 //! | [`raw`] | peers that send bytes: a node, a Manager, one end of a link |
 //! | [`control`], [`link`] | frames written by hand, from SPEC alone |
 //! | [`ring`] | both ends of a ring, written by hand |
-//! | [`pattern`] | payloads in which every byte can be checked |
+//! | [`pattern`] | payloads whose bytes can all be checked |
 //! | [`memory`] | files to attach, with the seals that a test wants |
 //! | [`violations`] | the table of everything that SPEC forbids |
 //!

@@ -33,7 +33,7 @@ impl Random {
         range.start + self.next() % (range.end - range.start)
     }
 
-    /// One of `choices`, of which there is at least one.
+    /// One of `choices`, which are not empty.
     pub const fn choose<T: Copy>(&mut self, choices: &[T]) -> T {
         choices[(self.next() % choices.len() as u64) as usize]
     }

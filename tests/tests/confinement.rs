@@ -29,7 +29,7 @@ use sm2_tests::{
 const USER: u32 = 65_534;
 const OTHER_USER: u32 = 65_533;
 
-/// The number by which the kernel's filters know the processor, `AUDIT_ARCH_…`.
+/// The number of the processor in the kernel's filters, `AUDIT_ARCH_…`.
 #[cfg(target_arch = "x86_64")]
 const AUDIT_ARCH: u32 = 0xc000_003e;
 #[cfg(target_arch = "aarch64")]

@@ -74,7 +74,7 @@ impl Survivors {
             let [publisher, subscriber, server, client] = &last;
             let segments = |census: &Census| census.of_kind("memfd:sm2-segment");
             let (ours, theirs) = (segments(server), segments(client));
-            // There are three sizes of slots, and no segments remain in which dead peers had slots.
+            // There are three sizes of slots, and no segments remain where dead peers had slots.
             last.iter().all(|census| segments(census) <= 8)
                 && publisher.mappings() == segments(publisher)
                 && subscriber.mappings() == segments(publisher)

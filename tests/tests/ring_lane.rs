@@ -34,7 +34,7 @@ fn node(domain: &TempDomain, name: &str) -> Actor {
     actor
 }
 
-/// A subscriber of `t`, which a raw publisher attacks, and of `by`, on which an honest publisher
+/// A subscriber of `t`, which a raw publisher attacks, and of `by`, where an honest publisher
 /// sends.
 struct Victim {
     actor: Actor,

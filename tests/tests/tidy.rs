@@ -196,6 +196,27 @@ fn sentences_name_their_subjects() {
 }
 
 #[test]
+fn few_relative_clauses_begin_with_a_preposition() {
+    let repository = repository();
+    let files = repository.rust().chain(repository.markdown());
+    let found: Vec<_> = files
+        .flat_map(|(path, text)| prose::chained_relatives(path, text))
+        .map(|it| it.to_string())
+        .collect();
+    let (count, most) = (found.len(), known::CHAINED_RELATIVES);
+    println!("{}", found.join("\n"));
+    assert!(
+        count <= most,
+        "{count} clauses begin as 'of which' does, {most} at most: split the sentence, or write \
+         'whose', 'where' or 'that it has … for'"
+    );
+    assert!(
+        count + 10 >= most,
+        "only {count}: lower the limit of {most}"
+    );
+}
+
+#[test]
 fn no_test_depends_on_the_speed_of_the_machine() {
     let repository = repository();
     let mut offences = Offences::new();

@@ -125,7 +125,7 @@ const RING: &[Change] = &[
     ),
 ];
 
-/// Orderings of which one suffices in most executions: a change removes several together.
+/// Orderings where one suffices in most executions: a change removes several together.
 const RING_TOGETHER: &[Together] = &[
     (
         "taken_without_acquire",

@@ -20,7 +20,7 @@ use sm2_verification::model::{
 
 /// The number of domains that are walked through.
 const CASES: u32 = if cfg!(feature = "slow") { 48 } else { 8 };
-/// The number of domains in which a fault has to be found.
+/// The number of domains where a fault has to be found.
 const FAULT_CASES: u32 = 48;
 /// One step in this many may be any action. The others complete pending work, if there is any.
 const CALM: u16 = 5;

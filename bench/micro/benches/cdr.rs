@@ -17,7 +17,7 @@ use sm2_ros::{Viewed, view};
 
 /// How long one measurement takes, at least.
 const BATCH: Duration = Duration::from_millis(20);
-/// The number of measurements, of which the median counts.
+/// The number of measurements. Their median counts.
 const BATCHES: usize = 15;
 
 fn main() {

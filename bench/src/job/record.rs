@@ -15,7 +15,7 @@ pub struct Recording {
     pub frames: Channel,
     /// The channels of the small messages.
     pub small: Vec<Channel>,
-    /// The interval at which a recorder that can do so calls `fdatasync(2)`, in milliseconds.
+    /// The time between two calls of `fdatasync(2)`, for a recorder that can do so, in milliseconds.
     pub sync_ms: u64,
 }
 
@@ -81,18 +81,18 @@ pub struct Framed {
     pub count: u64,
     /// The time before the first frame, on the monotonic clock.
     pub start_ns: u64,
-    /// The time at which all subscribers had taken the last frame.
+    /// The time when all subscribers had taken the last frame.
     pub end_ns: u64,
-    /// The time in which the publisher neither wrote a frame nor waited for the next one to be due.
+    /// The time that the publisher neither wrote a frame nor waited for the next one to be due.
     pub blocked_ns: u64,
 }
 
 /// The result of a recorder, or of a writer of blocks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Recorded {
-    /// The time before the first write of a writer of blocks; for a recorder, the time at which it was ready.
+    /// The time before the first write of a writer of blocks; for a recorder, the time when it was ready.
     pub start_ns: u64,
-    /// The time at which the file was complete and on the disk.
+    /// The time when the file was complete and on the disk.
     pub done_ns: u64,
     /// The CPU time of the process from one to the other.
     pub cpu_ns: u64,

@@ -30,7 +30,7 @@ const KERNEL_PACKETS: u32 = 4_000;
 /// The most packets that are read before due packets are written.
 const BURST: usize = 64;
 
-/// The interval at which the thread checks whether to end.
+/// How often the thread checks whether to end.
 const LOOK: Duration = Duration::from_millis(20);
 
 /// Makes the device in the network namespace of the calling thread. The device yields whole packets

@@ -117,7 +117,7 @@ fn route(hosts: &LossyLink, between: &Namespace) -> io::Result<()> {
 
 /// Runs `ip` in the network namespace of the calling thread.
 fn ip(commands: &str) -> io::Result<()> {
-    // Users' paths often lack the folders in which `ip` is installed.
+    // Users' paths often lack the folders where `ip` is installed.
     let path = std::env::var("PATH").unwrap_or_else(|_| "/usr/bin:/bin".to_owned());
     let mut child = Command::new("ip")
         .args(["-batch", "-"])

@@ -145,7 +145,7 @@ pub struct Sender {
     publication: AeronExclusivePublication,
     /// The longest message that is one fragment, which is written in place.
     longest_claim: usize,
-    /// Memory in which a longer message is written. The publication copies it in fragments.
+    /// Memory for writing a longer message. The publication copies it in fragments.
     message: Vec<u8>,
 }
 

@@ -92,7 +92,7 @@ pub trait Peer: Sized {
 
 /// The sending end of a channel.
 pub trait Publish: Send {
-    /// Sends one message of `len` bytes, all of which `write` writes. Where the peer lends memory,
+    /// Sends one message of `len` bytes; `write` writes all of them. Where the peer lends memory,
     /// `write` writes into it without a copy.
     ///
     /// # Errors

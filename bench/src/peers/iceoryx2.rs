@@ -28,7 +28,7 @@ type Ipc = ipc::Service;
 /// The number of polls between two readings of the clock.
 const POLLS: u32 = 256;
 
-/// The interval at which a server checks whether to stop, in nanoseconds.
+/// The time between two checks of a server whether to stop, in nanoseconds.
 const LOOK_NS: u64 = 250_000_000;
 
 fn failed<E: Debug>(action: &'static str) -> impl FnOnce(E) -> PeerError {

@@ -36,7 +36,7 @@ const NAME: &str = "far";
 /// Timeout of one attempt to connect. The publisher tries again, since the subscriber may come later.
 const ATTEMPT: Duration = Duration::from_millis(500);
 
-/// The address and certificate with which the publisher finds its subscriber.
+/// The address and certificate that lead the publisher to its subscriber.
 pub struct Quinn {
     certificate: PathBuf,
     address: SocketAddr,

@@ -22,7 +22,7 @@ mod record;
 /// Timeout for connections, calls and reliable messages.
 const TIMEOUT: Duration = Duration::from_nanos(TIMEOUT_NS);
 
-/// The interval at which a server checks whether to stop.
+/// How often a server checks whether to stop.
 const LOOK: Duration = Duration::from_millis(250);
 
 /// A node.

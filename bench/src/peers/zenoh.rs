@@ -277,7 +277,7 @@ const fn is_urgent(channel: &Channel) -> bool {
     channel.depth <= 8
 }
 
-/// The memory in which messages are written.
+/// The memory for writing messages.
 enum Memory {
     Heap(Pool),
     Shm(Box<ShmProvider<PosixShmProviderBackend>>),

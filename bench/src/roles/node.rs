@@ -75,7 +75,7 @@ pub(super) fn join<P: Peer>(
     }
 }
 
-/// The time at which the first message arrived; 0 before.
+/// The time when the first message arrived; 0 before.
 struct First(u64);
 
 impl Handler for First {

@@ -25,7 +25,7 @@ pub(super) struct ReceptionCounter {
     handovers: Durations,
 }
 
-/// The time from the first counted message to the last one for which the clock was read.
+/// The time from the first counted message to the last one whose time was read from the clock.
 #[derive(Clone, Copy, Default)]
 struct Span {
     first_ns: u64,

@@ -9,7 +9,7 @@ use crate::{
     peers::{Peer, PeerError, Publish, Subscribe},
 };
 
-/// The interval at which a subscriber checks whether to end, in nanoseconds. It is longer than the
+/// The time between two checks of a subscriber whether to end, in nanoseconds. It is longer than the
 /// time between two messages, so that the checks cost nothing.
 const LOOK_NS: u64 = 250_000_000;
 

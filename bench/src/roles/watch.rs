@@ -10,7 +10,7 @@ use crate::{
     peers::{Flow, Handler, Peer, Subscribe},
 };
 
-/// The interval at which a watcher checks whether to end, in nanoseconds.
+/// The time between two checks of a watcher whether to end, in nanoseconds.
 const LOOK_NS: u64 = 250_000_000;
 
 /// Receives until standard input ends.

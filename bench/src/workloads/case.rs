@@ -15,7 +15,7 @@ pub struct Options {
     pub size: usize,
     /// The number of nodes that join; `None` is the workload's default.
     pub nodes: Option<usize>,
-    /// True to add a case in which the link pauses at times.
+    /// True to add a case where the link pauses at times.
     pub pauses: bool,
     /// The folder of recorded files; `None` is the system's folder for temporary files.
     pub folder: Option<PathBuf>,

@@ -29,7 +29,7 @@ pub(super) fn cases(options: &Options) -> Vec<Box<dyn Case>> {
 
 struct Nodes {
     count: usize,
-    /// The duration for which the idle nodes are measured.
+    /// How long the idle nodes are measured.
     idle: Duration,
 }
 

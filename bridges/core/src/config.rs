@@ -141,7 +141,7 @@ impl Default for Budget {
 }
 
 impl Budget {
-    /// The same for a scheduler, in which at most `depth` messages of the topic wait.
+    /// The same for a scheduler that lets at most `depth` messages of the topic wait.
     #[must_use]
     pub const fn send_qos(&self, depth: u16) -> SendQos {
         SendQos {
@@ -279,7 +279,7 @@ pub fn read<E: std::error::Error>(path: &Path) -> Result<String, ConfigError<E>>
 }
 
 impl Source<'_> {
-    /// The folder at which relative paths of the file begin.
+    /// The folder where relative paths of the file begin.
     #[must_use]
     pub fn folder(&self) -> &Path {
         self.path.parent().unwrap_or(Path::new(""))

@@ -21,7 +21,7 @@ pub fn published(domain: &Domain) -> BTreeSet<Topic> {
     contracts(domain).filter_map(published_topic).collect()
 }
 
-/// The topics to which programs of the domain subscribe. `None` stands for messages of every type.
+/// The topics that programs of the domain subscribe to. `None` stands for messages of every type.
 #[must_use]
 pub fn subscribed(domain: &Domain) -> BTreeSet<(Name, Option<TypeId>)> {
     let topic = |contract: &Contract| match contract {

@@ -37,7 +37,7 @@ impl Durable {
     }
 }
 
-/// The time at which a message was published, in nanoseconds since 1970 (UTC).
+/// The time when a message was published, in nanoseconds since 1970 (UTC).
 #[must_use]
 pub fn publication_time(sample: &Sample<[u8]>) -> u64 {
     let age = now().since(sample.source_time()).as_nanos();

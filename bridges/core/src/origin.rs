@@ -17,7 +17,7 @@ const FIXED_BYTES: usize = 1 + 8 + 8;
 pub struct Origin {
     /// The name of the bridge.
     pub bridge: Name,
-    /// The time at which the bridge began with the topic, in nanoseconds since 1970 (UTC).
+    /// The time when the bridge began with the topic, in nanoseconds since 1970 (UTC).
     pub epoch: u64,
     /// The number of the message, counted by its bridge since then.
     pub number: u64,

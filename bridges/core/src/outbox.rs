@@ -105,7 +105,7 @@ impl Outbox {
         Ok(None)
     }
 
-    /// The time at which [`poll`](Self::poll) has a message, unless an event comes before.
+    /// The time when [`poll`](Self::poll) has a message, unless an event comes before.
     #[must_use]
     pub fn deadline(&self) -> Option<Instant> {
         self.spool.deadline()

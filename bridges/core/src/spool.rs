@@ -63,7 +63,7 @@ pub struct Spool {
     in_flight_bytes: u64,
     /// Messages with a fate that the caller does not know yet.
     ended: VecDeque<(Id, Fate)>,
-    /// The time at which all that was sent fits into the rate: sending may run ahead of it by a window.
+    /// The time when all that was sent fits into the rate: sending may run ahead of it by a window.
     paid_until: Instant,
     offered: u64,
     handed_over: u64,
@@ -254,7 +254,7 @@ impl Spool {
         output
     }
 
-    /// The time at which [`poll`](Self::poll) has a task, unless an event comes before; not later than that.
+    /// The time when [`poll`](Self::poll) has a task, unless an event comes before; not later than that.
     #[must_use]
     pub fn deadline(&self) -> Option<Instant> {
         let times = [self.expires_at(), self.retries_at(), self.sends_at()];
@@ -305,7 +305,7 @@ impl Spool {
         Some(Output::Send(entry.id))
     }
 
-    /// The time from which on the oldest spooled message may be sent: `None` while the network is away, or the window
+    /// The earliest time to send the oldest spooled message: `None` while the network is away, or the window
     /// has no room.
     fn sends_at(&self) -> Option<Instant> {
         let len = self.spooled.front()?.len;
@@ -314,12 +314,12 @@ impl Spool {
         (self.is_connected && has_room).then(|| self.limits.earliest(self.paid_until, len))
     }
 
-    /// The time at which the oldest spooled message is too old.
+    /// The time when the oldest spooled message is too old.
     fn expires_at(&self) -> Option<Instant> {
         self.spooled.front()?.expires
     }
 
-    /// The time at which what is in flight counts as lost.
+    /// The time when what is in flight counts as lost.
     fn retries_at(&self) -> Option<Instant> {
         let oldest = self.in_flight.front()?;
         Some(oldest.at.after(self.limits.retry()))

@@ -18,7 +18,7 @@ use self::file::{StoreFile, Writing};
 use crate::Durable;
 use crate::spool::{Id, Spool};
 
-/// The file by which one outbox has a folder for itself.
+/// The file that reserves a folder for one outbox.
 const LOCK: &str = "lock";
 /// How long a file may become before the next one is begun, in bytes.
 const SEGMENT_MAX_BYTES: u64 = 8 << 20;

@@ -188,7 +188,7 @@ fn step() -> impl Strategy<Value = Step> {
 struct Oracle {
     /// Length and time of each message, and its fate.
     all: Vec<(u64, u64, Option<Fate>)>,
-    /// Each with the time at which it was sent.
+    /// Each with the time when it was sent.
     in_flight: Vec<(usize, u64)>,
 }
 

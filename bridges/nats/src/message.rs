@@ -5,7 +5,7 @@
 //! | subject | the prefix and the topic, with dots: `sm2.camera.image` |
 //! | header `Sm2-Type` | name and hash of the type: `pose:0000000000000012` |
 //! | header `Sm2-Origin` | epoch, number and bridge: `1800000000000000000 7 robot` |
-//! | header `Nats-Msg-Id` | origin and topic, by which the stream recognizes a message that comes again |
+//! | header `Nats-Msg-Id` | origin and topic; the stream recognizes by it a message that comes again |
 //! | payload | that of the domain |
 
 use async_nats::HeaderMap;

@@ -1,4 +1,4 @@
-//! The events for which a bridge waits.
+//! The events that a bridge waits for.
 
 use std::sync::Arc;
 

@@ -75,7 +75,7 @@ struct State {
     counts: SendCounts,
     /// Messages that are to be dropped without the lock: that may call Zenoh.
     dropped: Vec<Task>,
-    /// The time at which the thread ends, though messages may wait.
+    /// The time when the thread ends, though messages may wait.
     end_at: Option<Clock>,
     has_ended: bool,
 }

@@ -23,7 +23,7 @@ use crate::shift::Shift;
 use crate::storage;
 use crate::writer::Compression;
 
-/// After this time, a bag for which the disk had no room is written again.
+/// After this time, a bag that found no room on the disk is written again.
 const RETRY: Duration = Duration::from_millis(200);
 
 /// An incident, and the bag with the messages around it.
@@ -45,7 +45,7 @@ pub struct Incident {
 pub(super) struct Window {
     pub(super) from_ns: u64,
     pub(super) to_ns: u64,
-    /// Whether the recorder was told to end the file in which the time ends.
+    /// Whether the recorder was told to end the file where the time ends.
     pub(super) has_ended_file: bool,
     pub(super) waits_for_room: bool,
     /// How many more triggers were merged into it.
@@ -53,7 +53,7 @@ pub(super) struct Window {
     at_ns: u64,
     reason: String,
     pub(super) path: PathBuf,
-    /// The file, which is empty until the time has ended. `None` after a copy for which the disk had no room.
+    /// The file, which is empty until the time has ended. `None` after a copy that found no room on the disk.
     file: Option<io::Result<File>>,
     /// When the bag may be written again after that.
     try_at: Instant,

@@ -9,7 +9,7 @@ pub(super) const BURST: u64 = 8;
 /// in each period. Then the disk gets no more than a few times what is published.
 pub(super) struct Limit {
     period_ns: u64,
-    /// The time at which all incidents of a burst may begin again, in nanoseconds of the wall clock.
+    /// The time when all incidents of a burst may begin again, in nanoseconds of the wall clock.
     full_ns: u64,
 }
 

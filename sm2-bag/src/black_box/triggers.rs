@@ -43,7 +43,7 @@ struct Watched {
 struct Deadline {
     subscriber: Subscriber<[u8]>,
     period: Duration,
-    /// The time by which the next message is due. `None` before the first one, and after a miss.
+    /// When the next message is due at the latest. `None` before the first one, and after a miss.
     due: Option<Instant>,
 }
 
@@ -133,7 +133,7 @@ impl Triggers {
         }
     }
 
-    /// The time at which the next message of a topic is due.
+    /// The time when the next message of a topic is due.
     pub(super) fn deadline(&self) -> Option<Instant> {
         self.deadlines.iter().filter_map(|it| it.due).min()
     }

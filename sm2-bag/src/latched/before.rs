@@ -19,7 +19,7 @@ struct State<'a> {
     messages: BTreeMap<(u64, u32, u64), (usize, FoundMessage<'a>)>,
 }
 
-/// A bag of which the latched channels are read.
+/// A bag whose latched channels are read.
 struct Latched {
     /// The publishers of its channels.
     keys: HashMap<u16, Key>,

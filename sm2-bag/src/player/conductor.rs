@@ -48,7 +48,7 @@ impl Conductor {
         self.machine.is_running()
     }
 
-    /// The time at which the first timer of a member is due.
+    /// The time when the first timer of a member is due.
     pub(super) fn next(&self) -> Option<DomainTime> {
         self.machine.next()
     }

@@ -28,7 +28,7 @@ pub struct PlayOptions {
     /// Whether nodes have their original names. Otherwise the name of the replay stands before them, and one node
     /// publishes for all of them if they are more than 64.
     pub original_names: bool,
-    /// The name of the replay, with which the names of its nodes begin; `play` by default. Two replays at the same time
+    /// The name of the replay. The names of its nodes begin with it. `play` by default. Two replays at the same time
     /// need different ones.
     pub name: Name,
     /// How many subscribers of each topic to wait for before the first message.
@@ -76,7 +76,7 @@ impl PlayOptions {
         self.clock || self.lockstep.is_some()
     }
 
-    /// The topic on which the messages of a recorded topic are published.
+    /// The topic that gets the messages of a recorded topic.
     pub(super) fn published_topic<'a>(&'a self, recorded: &'a str) -> Cow<'a, str> {
         let recorded = topic_name(recorded);
         let remapped = self

@@ -26,7 +26,7 @@ impl Pace {
         self.rate
     }
 
-    /// The moment at which a message of this time is due. `None` while the replay is paused.
+    /// The moment when a message of this time is due. `None` while the replay is paused.
     pub(super) fn due(&self, time: u64) -> Option<Instant> {
         let rate = self.rate?;
         if rate == 0.0 {

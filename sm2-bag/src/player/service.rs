@@ -1,4 +1,4 @@
-//! The service by which other programs control a player.
+//! The service that lets other programs control a player.
 
 use std::collections::VecDeque;
 

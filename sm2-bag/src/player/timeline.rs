@@ -232,7 +232,7 @@ impl<'fd> Timeline<'fd> {
     }
 
     /// In lockstep, passes the messages that were published on to the members, and makes a step for each time before
-    /// `time` at which a timer of theirs is due.
+    /// `time` when a timer of theirs is due.
     fn step_until(&mut self, time: DomainTime) -> Result<bool, PlayError> {
         if self.conductor.is_none() {
             return Ok(true);

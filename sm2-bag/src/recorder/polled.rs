@@ -1,9 +1,9 @@
 //! Topics that the recorder polls.
 //!
-//! A message for which the recorder waits costs both sides system calls, and the recorder a wake-up. The messages of
+//! A message that the recorder waits for costs both sides system calls, and the recorder a wake-up. The messages of
 //! frequent topics therefore stay in the queues of their links until the next poll, which takes those of all topics
-//! with the same interval. A poll costs a system call for each topic, so each topic has the longest interval for which
-//! its queues are long enough.
+//! with the same interval. A poll costs a system call for each topic, so each topic has the longest interval that its
+//! queues are long enough for.
 //!
 //! A poll orders the messages of its topics by their times of publication, limited to the time since the last poll. A
 //! topic leaves the polls if it is silent, has more messages in a poll than the poll can take, or loses one. The

@@ -55,7 +55,7 @@ pub(super) struct Polling {
     pub(super) messages: u64,
     /// When a poll found messages for the last time.
     pub(super) taken_at: Instant,
-    /// When the polls began. The messages before that have the times at which they were taken.
+    /// When the polls began. The messages before that have the times when they were taken.
     pub(super) from: Instant,
     /// How many messages a poll may find.
     pub(super) most: u64,
@@ -63,7 +63,7 @@ pub(super) struct Polling {
     pub(super) has_lost: bool,
 }
 
-/// The event for which the recorder waits before it takes messages of a topic.
+/// The event that the recorder waits for before it takes messages of a topic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Wait {
     /// The next message: this is the place of the subscriber in the wait set.
@@ -327,7 +327,7 @@ impl Topic {
         self.publishers[taken.publisher].lose(taken.times.log_time, 1, reason);
     }
 
-    /// Forgets the publishers that have left, of which there may be very many one after the other. Returns those that
+    /// Forgets the publishers that have left. There may be very many of them, one after the other. Returns those that
     /// are latched. One that comes back is described again, and sends its latched messages again.
     pub(super) fn take_left(&mut self, queue: &Queue) -> Vec<Arc<Source>> {
         if self.publishers.is_empty() {

@@ -104,7 +104,7 @@ impl Appender {
         })
     }
 
-    /// Appends a payload of which [`write_ahead`](Self::write_ahead) has written the whole blocks.
+    /// Appends a payload whose whole blocks [`write_ahead`](Self::write_ahead) has written.
     pub(super) fn append_written(&mut self, payload: WrittenAhead) -> io::Result<()> {
         self.flush()?;
         self.offset = payload.end;

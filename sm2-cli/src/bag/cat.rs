@@ -47,7 +47,7 @@ const HELP: &str = "\
 Prints messages as `sm2 topic echo` does, in the order of their times. Before each message of a bag with
 several chosen topics there is a line with its time since the start of the bag, its topic and its publisher.
 JSON has the times, too: `log_time_ns` and `publish_time_ns`, since 1970. `repeated` messages of latched
-publishers are those with which the bag begins although they were published before.
+publishers are those that the bag begins with although they were published before.
 
 Damaged parts are told on standard error, and left out.
 

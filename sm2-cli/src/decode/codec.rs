@@ -29,7 +29,7 @@ pub(crate) struct Ros {
     has_bytes: bool,
 }
 
-/// A registered definition of ROS 2 by which no message can be read or written.
+/// A registered definition of ROS 2 that no message can be read or written by.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum CodecError {
     /// The name of the type is not one of ROS 2.

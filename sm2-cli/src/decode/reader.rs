@@ -139,7 +139,7 @@ impl<'a> Reader<'a> {
         Ok(Value::List { items, more })
     }
 
-    /// The size of a type whose values all have this size and for which all bytes are valid. Such elements can
+    /// The size of a type whose values all have this size and accept all bytes. Such elements can
     /// be skipped without decoding them.
     fn size_of(&self, ty: &Type) -> Option<u64> {
         match (self.form, ty) {

@@ -2,7 +2,7 @@
 
 use sm2_proto::schema::{Field, Type};
 
-/// The form in which a structure is shown, to people and in JSON.
+/// How a structure is shown, to people and in JSON.
 pub(super) enum Shape<'a> {
     /// A structure without fields.
     Unit,

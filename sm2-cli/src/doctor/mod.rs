@@ -45,7 +45,7 @@ pub(crate) struct Arguments {
 
 const HELP: &str = "\
 Each check is ok, warn or bad. A check that is not ok comes first and names a remedy. Below the checks are
-the limits of the Manager of which 80 % or more are used; --limits shows all of them, each with its greatest
+the limits of the Manager that are used by 80 % or more; --limits shows all of them, each with its greatest
 use and the option that sets it. doctor changes nothing.
 If messages were dropped or deadlines missed before, doctor reads the counters again a second later.
 

@@ -133,7 +133,7 @@ fn entries_are_their_words(view: &CounterView, words: &[u64]) {
     assert!(view.entries().eq(expected));
 }
 
-/// The tables of a domain in which the node of each name has these counters.
+/// The tables of a domain where the node of each name has these counters.
 fn figures(script: &mut Script<'_>, before: &CounterView, now: &CounterView) {
     let Some(domain) = domain(script) else {
         return;

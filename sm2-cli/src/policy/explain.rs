@@ -189,7 +189,7 @@ struct Explained {
     decision: &'static str,
     /// The rule that decides; `None` if it is the default.
     rule: Option<At>,
-    /// The entry by which the topic has at most one publisher.
+    /// The entry that limits the topic to one publisher.
     exclusive: Option<At>,
 }
 

@@ -55,8 +55,8 @@ pub(crate) struct Arguments {
 }
 
 const HELP: &str = "\
-Calls one server: if there are several, the one that was linked first. The reply is printed in the form
-in which `sm2 topic echo` prints messages.
+Calls one server: if there are several, the one that was linked first. The reply is printed as
+`sm2 topic echo` prints messages.
 
 Exit status: 0 the reply was printed, 1 there is no reply, 2 wrong usage, 130 Ctrl-C before the reply.
 

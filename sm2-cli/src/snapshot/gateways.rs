@@ -21,7 +21,7 @@ pub(crate) struct Gateway {
     service: String,
     /// `None` if the gateway did not answer in time.
     report: Option<Report>,
-    /// The reason for which there is no report.
+    /// The reason why there is no report.
     error: Option<String>,
 }
 

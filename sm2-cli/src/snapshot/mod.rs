@@ -40,7 +40,7 @@ const HELP: &str = "\
 The first lines name the ends of links that take nothing although messages wait, or hold all samples that
 they can hold, the deadlines that are being missed, and pairs that match and are not linked. The tables have
 links with their counters, interfaces (refused ones too), nodes, the reports of gateways about their peers, and
-the limits of the Manager of which 80 % or more are used; --limits and --json show all of them. A gateway that
+the limits of the Manager that are used by 80 % or more; --limits and --json show all of them. A gateway that
 does not answer within a second is marked. Everything is from one revision of the domain; counters are read a
 moment later, and again after a second if messages were lost. With --watch,
 `+` marks an item that is new or has changed, and `-` one that is gone. When another Manager takes over,

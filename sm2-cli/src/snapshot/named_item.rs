@@ -148,7 +148,7 @@ pub(super) fn link_text(link: LinkId) -> String {
     format!("{:x}.{}", link.epoch, link.serial)
 }
 
-/// The reason for which two interfaces are not linked.
+/// The reason why two interfaces are not linked.
 pub(crate) fn reason_text(view: &View<'_>, reason: UnlinkedReason) -> String {
     match reason {
         UnlinkedReason::Ended { code } => match Farewell::from_code(code) {

@@ -113,7 +113,7 @@ fn footer(state: &State, hidden: usize, screen: u16) -> String {
 }
 
 /// The columns that fit the screen, in their order. A cell is never cut: whole columns are left out, by
-/// their rank. The name stays, and the column by which rows are sorted is left out last.
+/// their rank. The name stays, and the column that sorts the rows is left out last.
 fn fitting_columns(table: &Table, widths: &[usize], sort: usize, screen: u16) -> Vec<usize> {
     let mut columns = table.shown_columns(sort);
     while needed(widths, &columns) > usize::from(screen) {

@@ -90,7 +90,7 @@ struct Sums {
     missed_deadlines_per_s: Option<f64>,
     /// The samples that the subscribers hold.
     held: Option<f64>,
-    /// The longest time for which a subscriber or server has taken nothing while messages waited.
+    /// The longest time that a subscriber or server has taken nothing while messages waited.
     stalled_s: Option<f64>,
     /// The largest median delay of all links.
     delay_ns: Option<u64>,

@@ -84,7 +84,7 @@ mod tests {
     use crate::top::state::tests::figures;
     use crate::top::table::Cell;
 
-    /// The history of intervals in which the topic `scan` had these rates.
+    /// The history of intervals with these rates of the topic `scan`.
     fn history(rates: &[Option<f64>]) -> History {
         let mut history = History::default();
         for rate in rates {

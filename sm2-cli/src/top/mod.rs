@@ -70,15 +70,15 @@ and j) move; s sorts by the next column, r the other way round; / filters by nam
 Esc drops it). A `-` is a figure of a node that keeps no counters.
 
 DROPPED and LOST are totals; LOSS/s has the messages of each second that subscribers did not get, and
-MISS/s the missed deadlines. HELD has the samples that subscribers hold. STALL s is the time for which a
+MISS/s the missed deadlines. HELD has the samples that subscribers hold. STALL s is the time that a
 subscriber or server has taken nothing while messages waited, from 2 s on. The screen shows MISS/s, HELD
 and STALL s only while a deadline is missed or an end takes nothing. A delay in brackets is old: no message
 was taken in the interval. CPU % is the processor time of the node's process; 100 is one core.
 
 On a narrow screen whole columns are left out, in this order. Topics: TYPE, LINKS, PUBS, SUBS, HELD,
 DROPPED, MISS/s, P50 ms, MB/s, LOST, LOSS/s, STALL s, HZ. Nodes: IFACES, LINKS, PID, HELD, DROPPED,
-IN MB/s, OUT MB/s, MISS/s, LOST, CPU %, LOSS/s, IN/s, STALL s, OUT/s. The column by which rows are
-sorted is left out last; --once and --json have all columns.
+IN MB/s, OUT MB/s, MISS/s, LOST, CPU %, LOSS/s, IN/s, STALL s, OUT/s. The column that sorts the
+rows is left out last; --once and --json have all columns.
 
 On a wide screen, TREND has the messages per second of each of the last intervals, 120 at most, the
 newest at the right; the highest block is the largest of them. Losses are red where the terminal has

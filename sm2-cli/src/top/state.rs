@@ -18,7 +18,7 @@ pub(super) enum After {
 #[derive(Clone, Debug)]
 pub(super) struct State {
     pub(super) tab: Tab,
-    /// The column by which rows are sorted. Column 0 is the name.
+    /// The column that sorts the rows. Column 0 is the name.
     pub(super) sort: usize,
     pub(super) reverse: bool,
     /// Only rows whose name contains this text are shown.

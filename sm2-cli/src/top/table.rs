@@ -95,7 +95,7 @@ pub(super) fn plus(one: Option<f64>, other: Option<f64>) -> Option<f64> {
 }
 
 impl Table {
-    /// The columns for a screen. The column by which rows are sorted is always among them.
+    /// The columns for a screen. The column that sorts the rows is always among them.
     pub(super) fn shown_columns(&self, sort: usize) -> Vec<usize> {
         let is_shown = |&at: &usize| {
             let with = self.columns[at].shown_with;

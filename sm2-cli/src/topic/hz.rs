@@ -1,4 +1,4 @@
-//! `sm2 topic hz`: the rate at which messages are published.
+//! `sm2 topic hz`: the rate of publications.
 
 use std::time::Duration;
 

@@ -27,7 +27,7 @@ pub(crate) struct Arguments {
 }
 
 const HELP: &str = "\
-Shows the type of the topic, and the schema by which `sm2 topic echo` reads its messages. Lists all
+Shows the type of the topic, and the schema that `sm2 topic echo` needs to read its messages. Lists all
 its publishers and subscribers, including those that the Manager refused, and the publishers that
 published while no subscriber was linked, with the number of these messages. It also lists those that
 missed their deadlines or lost liveliness. `sm2 why` explains why two of them are not linked.

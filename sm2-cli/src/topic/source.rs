@@ -24,7 +24,7 @@ pub(crate) enum Input {
     Path(PathBuf),
 }
 
-/// The way in which an input is split into messages.
+/// How an input is split into messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Split {
     /// The whole input is one message, even if it is empty.

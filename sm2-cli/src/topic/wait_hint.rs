@@ -36,7 +36,7 @@ fn silent(links: &[LinkStatus]) -> Option<String> {
     ))
 }
 
-/// The nearest counterpart, and the reason for which it does not match, in one line.
+/// The nearest counterpart, and the reason why it does not match, in one line.
 fn why(command_node: &CommandNode, topic: &Name, wanted: Kind) -> Option<String> {
     // An error of the Manager is reported elsewhere.
     let domain = command_node.snapshot().ok()?;

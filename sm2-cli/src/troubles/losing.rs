@@ -7,7 +7,7 @@ use sm2_proto::{EntityId, domain::LinkView, text::Counted};
 
 use crate::{observation::Readings, sampling::hundredths, view::View};
 
-/// A link on which messages were dropped between two readings.
+/// A link that dropped messages between two readings.
 #[derive(Serialize)]
 pub(super) struct Losing {
     sender: String,

@@ -122,7 +122,7 @@ impl LinkTroubles {
             && self.short_of_memory.is_empty()
     }
 
-    /// The troubles as text. Those for which messages do not get through come first.
+    /// The troubles as text. Those whose messages do not get through come first.
     pub(crate) fn lines(&self) -> impl Iterator<Item = String> {
         let not_taking = self.not_taking.iter().map(|it| {
             let remedy = it.remedy();

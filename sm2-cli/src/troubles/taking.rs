@@ -74,7 +74,7 @@ fn waiting(sent: &Entry, taken: &Entry) -> u64 {
     waiting.min(fates.in_flight)
 }
 
-/// The time at which the end last took a message, or at which the first message came after that, as far as the sender
+/// When the end last took a message, or when the first message came after that, as far as the sender
 /// remembers the times of its messages.
 fn since(sent: &Entry, taken: &Entry) -> Instant {
     let idle = taken.last.max(taken.created).max(sent.created);

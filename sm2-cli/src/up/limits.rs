@@ -17,13 +17,13 @@ pub(super) const STABLE: Duration = Duration::from_secs(60);
 /// The time from SIGTERM to SIGKILL, unless `stop_timeout` of the file says otherwise.
 pub(super) const STOP_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// The time in which the kernel has to remove a process group after SIGKILL.
+/// The time that the kernel has to remove a process group after SIGKILL.
 pub(super) const KILL_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// A signal that follows the first one within this time is the same one, passed on twice.
 pub(super) const SECOND_SIGNAL: Duration = Duration::from_millis(500);
 
-/// The time in which a Manager that was started has to serve.
+/// The time that a Manager has until it serves, from its start on.
 pub(super) const MANAGER_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// How often the Manager that was started is tried.

@@ -27,7 +27,7 @@ pub(super) struct Access {
     token: String,
 }
 
-/// The reason for which a request is refused.
+/// The reason why a request is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub(super) enum Refused {
     #[error("refused: the Host of the request is not the address of this server")]

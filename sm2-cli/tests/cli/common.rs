@@ -19,7 +19,7 @@ pub(crate) use sm2_test_support::{SOON, until};
 use sm2_test_support::{memory, wait_until_stopped};
 use tempfile::TempDir;
 
-/// The `sm2` command, in an environment without a domain, and in a folder in which nobody can make files: the tests
+/// The `sm2` command, in an environment without a domain, and in a folder where nobody can make files: the tests
 /// leave none in the repository.
 pub(crate) fn sm2(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_sm2"));

@@ -40,7 +40,7 @@ const REPLACED: [(&str, &str); 9] = [
     ("sm2 demo --bad-link", "sm2 demo --seconds 6 --bad-link"),
 ];
 
-/// The way in which an example ends.
+/// How an example ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Ending {
     /// By itself.

@@ -45,7 +45,7 @@ impl Side {
     }
 }
 
-/// The address at which a gateway listens, from its log.
+/// The address where a gateway listens, from its log.
 pub(crate) fn address(gateway: &Running) -> String {
     gateway.await_stderr("gateway started");
     let mut address = String::new();
@@ -163,7 +163,7 @@ fn asks(side: &Side, name: &str, peer: &str, expected: (i32, &str)) {
 fn snapshots_show_gateways(near: &Side) {
     let count = |of: &Value, what: &str| of[what].as_u64().unwrap();
     // A busy gateway may answer too late for a snapshot, or have more messages in flight.
-    until("a snapshot in which all messages have their end", || {
+    until("a snapshot where all messages have their end", || {
         let snapshot = near.domain.json(&["snapshot"]);
         let gateway = &snapshot["gateways"][0];
         assert_eq!(gateway["service"], "gateway/near/status");

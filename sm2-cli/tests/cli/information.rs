@@ -114,7 +114,7 @@ fn lost_liveliness_is_shown() {
     }
 }
 
-/// The deadlines, and the periods in which there was no message.
+/// The deadlines, and the periods without a message.
 //= SM2-CNT-005, SM2-QOS-009 sys
 #[test]
 fn missed_deadlines_are_shown() {

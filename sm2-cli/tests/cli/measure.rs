@@ -37,7 +37,7 @@ fn last(running: &Running) -> Value {
     serde_json::from_str(stdout.lines().last().unwrap()).unwrap()
 }
 
-/// The first report of a command for which `is` is true.
+/// The first report of a command that `is` accepts.
 fn report_when(domain: &Domain, command: &str, is: impl Fn(&Value) -> bool) -> Value {
     let arguments = ["topic", command, "scan", "--interval", "100ms", "--json"];
     let running = domain.start(&arguments);

@@ -47,7 +47,7 @@ fn shipped(program: &str) -> Option<PathBuf> {
     })
 }
 
-/// An environment without a domain, in which programs log warnings.
+/// An environment without a domain, where programs log warnings.
 fn with_environment(mut command: Command) -> Command {
     for variable in ["SM2_SOCKET", "SM2_DOMAIN", "XDG_RUNTIME_DIR"] {
         command.env_remove(variable);

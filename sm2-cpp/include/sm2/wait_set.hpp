@@ -37,7 +37,7 @@ private:
 // A tick of a timer.
 struct Tick {
     std::uint64_t number;
-    // The time at which it was due, of the monotonic clock.
+    // The time when it was due, of the monotonic clock.
     std::chrono::nanoseconds due;
     // How many earlier ticks were skipped.
     std::uint64_t missed;

@@ -30,7 +30,7 @@ use crate::{
 /// Timeout for starting all processes, and for ending them.
 const TIMEOUT: Duration = Duration::from_secs(30);
 
-/// The interval at which figures are shown.
+/// How often figures are shown.
 const TICK: Duration = Duration::from_secs(1);
 
 /// A delay before the figures are shown, so that all processes have reported theirs.

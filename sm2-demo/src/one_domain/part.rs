@@ -12,7 +12,7 @@ use crate::statistics::Percentiles;
 /// The topic of the demo's own domain.
 pub(crate) const TOPIC: &str = "demo";
 
-/// The number of messages by which a subscriber may be behind.
+/// The number of messages that a subscriber may be behind.
 pub(crate) const DEPTH: u16 = 8;
 
 /// The line that starts the publisher.

@@ -26,7 +26,7 @@ const GATHERING: Duration = Duration::from_secs(20);
 
 /// Timeout for the subscribers to check the last messages.
 const SETTLING: Duration = Duration::from_secs(5);
-/// The interval at which the publisher checks for that.
+/// How often the publisher checks for that.
 const LOOK: Duration = Duration::from_millis(10);
 
 /// The interval of reports.

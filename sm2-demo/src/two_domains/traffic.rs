@@ -22,21 +22,21 @@ use crate::{error::DemoError, pattern};
 
 /// The topic of the demo.
 pub(crate) const TOPIC: &str = "camera";
-/// The interval at which a thread checks whether to end.
+/// How often a thread checks whether to end.
 const LOOK: Duration = Duration::from_millis(100);
 
 /// The state that all threads share.
 #[derive(Debug, Default)]
 pub(crate) struct Shared {
     pub(crate) stop: AtomicBool,
-    /// The time at which each message was published.
+    /// The time when each message was published.
     sent: Mutex<BTreeMap<u64, Instant>>,
 }
 
 /// A received message.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Seen {
-    /// The time at which it arrived.
+    /// The time when it arrived.
     pub(crate) at: Instant,
     /// The time since its publication, in nanoseconds.
     pub(crate) age_ns: u64,

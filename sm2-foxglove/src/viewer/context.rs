@@ -69,7 +69,7 @@ pub(super) struct Context {
 }
 
 impl Context {
-    /// The domain time at which a message was published.
+    /// The domain time when a message was published.
     pub(super) fn time_of(&self, published: Instant) -> DomainTime {
         match self.clock.as_ref().and_then(Clock::reading) {
             Some(reading) => reading.time(published),

@@ -12,7 +12,7 @@ use crate::{
     protocol::{Level, Publication},
 };
 
-/// The reason for which a topic or message is not published, for people.
+/// The reason why a topic or message is not published, for people.
 type Reason = Box<dyn std::error::Error + Send + Sync>;
 
 /// The topics that a viewer publishes, by the numbers that it has given to them.

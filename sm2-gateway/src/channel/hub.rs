@@ -57,7 +57,7 @@ pub(crate) enum HubEvent {
     Stop,
 }
 
-/// The part of a configuration by which the hub task names peers and rules in logs and reports.
+/// The part of a configuration that gives peers and rules their names in the logs and reports of the hub task.
 #[derive(Debug)]
 pub(crate) struct ConfigLabels {
     /// The name of each trusted peer.

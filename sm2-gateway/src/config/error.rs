@@ -95,7 +95,7 @@ pub enum ConfigValueError {
         /// Its value.
         value: u64,
     },
-    /// A limit exceeds that of a sum of which its bytes are a part: it could never be reached.
+    /// A limit exceeds that of a sum that contains its bytes: it could never be reached.
     #[error("`{}` is {value}: give at most {most}, the value of `{}`, or raise that one", .limit.name(), .whole.name())]
     LimitAboveWhole {
         /// The limit.

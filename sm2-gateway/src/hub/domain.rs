@@ -77,7 +77,7 @@ pub enum LocalEvent {
         subject: Subject,
         /// The gateway of the domain where the server is.
         origin: GatewayId,
-        /// The time at which the caller gives up.
+        /// The time when the caller gives up.
         deadline: Option<Instant>,
         /// The request.
         payload: Bytes,
@@ -142,7 +142,7 @@ pub enum LocalCommand {
         call: CallId,
         /// The service.
         subject: Subject,
-        /// The time at which the caller gives up.
+        /// The time when the caller gives up.
         deadline: Option<Instant>,
         /// The request.
         payload: Bytes,

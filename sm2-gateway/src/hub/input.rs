@@ -30,7 +30,7 @@ pub enum Input {
     Distrust(GatewayId),
 }
 
-/// A message for which a queue behind the hub had no room.
+/// A message that a queue behind the hub had no room for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum NoRoom {
     /// A [`Command::Message`](crate::peer::Command::Message).

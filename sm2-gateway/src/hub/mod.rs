@@ -72,7 +72,7 @@ pub struct Hub {
     connections: BTreeMap<ConnectionId, GatewayId>,
     peers: BTreeMap<GatewayId, Peer>,
     ended_peers: EndedPeers,
-    /// The peer and offer by which each wanted remote topic or service arrives.
+    /// The peer and offer that bring each wanted remote topic or service.
     routes: BTreeMap<(Subject, GatewayId), (GatewayId, OfferId)>,
     sequences: Sequences,
     latched: Latched,
@@ -119,7 +119,7 @@ impl Machine for Hub {
         self.outputs.pop_front()
     }
 
-    /// The time at which other rules came, or a connection began or ended, as long as pieces of the work follow.
+    /// The time when other rules came, or a connection began or ended, as long as pieces of the work follow.
     fn deadline(&self) -> Option<Instant> {
         let changes = self.reload.as_ref().map(|it| it.since);
         let deadline = self.router.deadline().or(changes);

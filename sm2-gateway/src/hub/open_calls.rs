@@ -61,7 +61,7 @@ impl OpenCalls {
         self.open.remove(&call)
     }
 
-    /// Removes all calls for which `is_it` is true.
+    /// Removes all calls that `is_it` accepts.
     pub(super) fn remove_all(
         &mut self,
         is_it: impl Fn(&OpenCall) -> bool,

@@ -8,7 +8,7 @@ use sm2_proto::{
 /// The rules, and the QoS of each.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Policy {
-    /// The rules: which names go to which peer, and come from it.
+    /// The rules: the names that go to each peer, and come from it.
     pub rules: Rules,
     /// How messages are sent that a rule allows, by the index of the rule.
     pub send_qos: Vec<SendQos>,
@@ -17,7 +17,7 @@ pub struct Policy {
 /// Other rules that are not announced completely.
 #[derive(Debug)]
 pub(super) struct Reload {
-    /// The time at which they came.
+    /// The time when they came.
     pub(super) since: Instant,
     /// The offer that has got its QoS last.
     pub(super) after: Option<(GatewayId, OfferId)>,

@@ -13,7 +13,7 @@
 //!    waits.
 //! 3. Before a process gives back a topic that others publish as well, one of these takes the topic over, if it then
 //!    holds less. A process can therefore not make others lose topics by publishing them, too.
-//! 4. A process first gives back topics to which other processes have the most links, then the newest.
+//! 4. A process first gives back the topics with the most links of other processes, then the newest.
 //! 5. When there is room again, waiting topics are taken, first those of the process that holds least.
 //!
 //! A process that holds no more than an equal share of the room therefore keeps what it holds, whatever others do,

@@ -117,7 +117,7 @@ impl Hub {
         out.chain(into).collect()
     }
 
-    /// Counts a message for which a queue had no room, or that could not be published.
+    /// Counts a message that a queue had no room for, or that could not be published.
     pub(super) fn no_room(&mut self, what: &NoRoom) {
         let (peer, offer) = match what {
             NoRoom::ForPeer { connection, offer } => {

@@ -204,7 +204,7 @@ impl Local {
         !self.missing.is_empty()
     }
 
-    /// Tries to declare the interfaces that are missing. Ends at the first one for which no Manager answers: each of
+    /// Tries to declare the interfaces that are missing. Ends at the first one without an answer of a Manager: each of
     /// the others would wait as long.
     pub(crate) fn retry(&mut self) {
         let mut waiting = std::mem::take(&mut self.missing).into_iter();

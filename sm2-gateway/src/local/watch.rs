@@ -24,7 +24,7 @@ use crate::{
     retry,
 };
 
-/// Interval at which the thread checks that the hub still runs.
+/// How often the thread checks that the hub still runs.
 const STOP_CHECK_INTERVAL: Duration = Duration::from_secs(1);
 /// Pause after a wait that returned without changes, which happens at once without a Manager.
 const RETRY_DELAY: Duration = Duration::from_millis(100);

@@ -13,7 +13,7 @@ use crate::{Counts, Report};
 type Labels = Vec<(&'static str, String)>;
 type Counters = Family<Labels, Counter>;
 
-/// A gauge of fractions. Its type names the atomic in which `prometheus-client` keeps the bits.
+/// A gauge of fractions. Its type names the atomic where `prometheus-client` keeps the bits.
 #[expect(
     clippy::disallowed_types,
     reason = "a type parameter of prometheus-client, not memory shared with a process"

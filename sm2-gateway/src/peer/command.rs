@@ -53,7 +53,7 @@ pub enum Command {
         call: CallId,
         /// The offer of the service.
         offer: OfferId,
-        /// The time at which the caller gives up.
+        /// The time when the caller gives up.
         deadline: Option<Instant>,
         /// The request.
         payload: Bytes,

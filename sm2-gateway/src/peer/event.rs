@@ -37,13 +37,13 @@ pub enum Event {
         call: PeerCall,
         /// The offer of the service.
         offer: OfferId,
-        /// The time at which the caller gives up.
+        /// The time when the caller gives up.
         deadline: Option<Instant>,
         /// The request.
         payload: Bytes,
     },
     /// The peer no longer wants the reply to a call. This can also concern a call whose request has
-    /// not arrived completely, for which no [`Event::Request`] came.
+    /// not arrived completely, so that no [`Event::Request`] came for it.
     Cancelled {
         /// The call.
         call: PeerCall,

@@ -62,7 +62,7 @@ impl Limit {
         }
     }
 
-    /// The limit of a sum of which the bytes of this one are a part.
+    /// The limit of a sum that contains the bytes of this one.
     #[must_use]
     pub const fn whole(self) -> Option<Self> {
         match self {

@@ -70,7 +70,7 @@ use crate::{
     tally::{Counts, Tally, Whose},
 };
 
-/// A stream on which nothing arrives for this long is refused.
+/// A stream that brings nothing for this long is refused.
 //= SM2-GWM-010
 const STUCK_TIMEOUT: Duration = Duration::from_secs(30);
 /// No message starts while those that were started and are not acknowledged take this part of the memory: so there is

@@ -15,7 +15,7 @@ impl Peer {
         self.make_offers(now);
     }
 
-    /// Makes the waiting offers for which there is room, in the order of their numbers, since the
+    /// Makes the waiting offers that have room, in the order of their numbers, since the
     /// session requires growing numbers.
     pub(super) fn make_offers(&mut self, now: Now) {
         while let Some((&offer, it)) = self.waiting_offers.0.first_key_value() {

@@ -1,4 +1,4 @@
-//! The place to which the payloads of a peer are written.
+//! The place where the payloads of a peer are written.
 
 use quinn_proto::Connection;
 use sm2_proto::{Instant, gateway::OfferId};
@@ -6,7 +6,7 @@ use sm2_proto::{Instant, gateway::OfferId};
 use super::{gate::Gate, unacked::Unacked};
 use crate::tally::{Tally, Whose};
 
-/// The connection to which payloads are written, and the counters that record them.
+/// The connection that payloads are written to, and the counters that record them.
 pub(super) struct Outlet<'a> {
     pub(super) now: Instant,
     pub(super) connection: &'a mut Connection,

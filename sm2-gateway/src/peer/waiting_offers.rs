@@ -1,10 +1,10 @@
-//! Offers for which the session has no room yet.
+//! Offers that the session has no room for yet.
 
 use std::collections::BTreeMap;
 
 use sm2_proto::gateway::{Hop, OfferId, Subject, schedule::SendQos};
 
-/// Offers for which the session has no room yet, by their numbers.
+/// Offers that the session has no room for yet, by their numbers.
 #[derive(Debug, Default)]
 pub(super) struct WaitingOffers(pub(super) BTreeMap<OfferId, WaitingOffer>);
 

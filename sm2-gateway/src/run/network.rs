@@ -262,7 +262,7 @@ impl Network {
     }
 }
 
-/// The form in which a socket at `local` reports `address` as a source. An IPv6 socket reports IPv4
+/// How a socket at `local` reports `address` as a source. An IPv6 socket reports IPv4
 /// sources as mapped addresses, and QUIC ignores answers from an address that it did not send to.
 fn as_seen_from(local: SocketAddr, address: SocketAddr) -> SocketAddr {
     match (local, address) {

@@ -51,12 +51,12 @@ impl World {
         Self::with_limits(link, congestion, Limits::default())
     }
 
-    /// Two sides, of which the near one has these limits.
+    /// Two sides; the near one has these limits.
     pub(crate) fn with_limits(link: &Profile, congestion: Congestion, near: Limits) -> Self {
         Self::with_memory(link, congestion, near, Budget::new(near.gateway_bytes))
     }
 
-    /// Two sides, of which the near one has this memory.
+    /// Two sides; the near one has this memory.
     pub(crate) fn with_budget(link: &Profile, congestion: Congestion, near: Budget) -> Self {
         Self::with_memory(link, congestion, Limits::default(), near)
     }

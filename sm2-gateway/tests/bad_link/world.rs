@@ -75,7 +75,7 @@ impl World {
         world
     }
 
-    /// The address at which the far gateway sees the near one, if they are connected.
+    /// The address that the far gateway sees of the near one, if they are connected.
     pub(crate) fn peer_address(&self) -> Option<String> {
         let peers = report(&self.runtime, &self.right).peers;
         peers.first().and_then(|it| it.address.clone())

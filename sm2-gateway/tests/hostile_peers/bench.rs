@@ -19,7 +19,7 @@ pub(crate) const EPOCH: u64 = 1 << 62;
 pub(crate) const MESSAGE_BYTES: usize = 100_000;
 pub(crate) const MEMORY_BYTES: usize = 1_000_000;
 
-/// Closes a connection on which HELLO comes too late.
+/// Closes a connection whose HELLO comes too late.
 const GREETING_TIMEOUT: u64 = PeerFarewell::GreetingTimeout.code().0 as u64;
 
 pub(crate) struct Bench {

@@ -34,7 +34,7 @@ fn topic(number: usize) -> Subject {
 }
 
 /// Sends the greatest number of offers with the longest names, the greatest number of calls, and
-/// the greatest number of payloads, none of which ever ends.
+/// the greatest number of payloads. None of them ever ends.
 #[test]
 fn what_a_peer_sends_takes_no_more_memory_than_it_may() {
     let [near, mallory] = ["near", "mallory"].map(Domain::new);

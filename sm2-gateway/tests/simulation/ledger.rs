@@ -60,7 +60,7 @@ pub(crate) struct Ledger {
     pub(crate) ids: Vec<GatewayId>,
     /// Pairs of gateways that trust each other, in both orders.
     pub(crate) links: BTreeSet<(usize, usize)>,
-    /// The rules of each gateway, with the time from which they apply.
+    /// The rules of each gateway, with the time when they begin to apply.
     policies: Vec<Vec<(Instant, RuleSet)>>,
     numbers: BTreeMap<(usize, Subject), u64>,
     published: BTreeMap<(usize, Subject, u64), Instant>,

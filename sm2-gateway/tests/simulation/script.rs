@@ -32,7 +32,7 @@ const PKCS8_HEAD: [u8; 16] = [
 
 /// The descriptors of a subject with one publisher or server.
 const SUBJECT_DESCRIPTORS: u64 = 6;
-/// The subjects for which a gateway has descriptors that lacks some.
+/// The subjects that a gateway which lacks descriptors still has some for.
 pub(crate) const SHORT_OF: u64 = 3;
 
 /// The number of gateways, and the pairs that trust each other.

@@ -55,7 +55,7 @@ impl BindOptions {
         DomainLock::acquire(path)?.bind(self)
     }
 
-    /// Becomes the owner of the path to which a listening socket is bound, and listens with that socket:
+    /// Becomes the owner of the path of a bound socket, and listens with that socket:
     /// socket activation.
     ///
     /// The process that made the socket owns its file, so this one neither changes its mode nor removes

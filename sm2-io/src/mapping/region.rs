@@ -109,7 +109,7 @@ impl Region {
         self.mapped
     }
 
-    /// A multiple of 2 MiB at which `size` bytes of addresses were free just now: the kernel maps huge
+    /// A multiple of 2 MiB where `size` bytes of addresses were free just now: the kernel maps huge
     /// pages only there. A hint does no harm: if another thread takes the range first, the kernel
     /// chooses another one.
     fn aligned_hint(size: NonZeroUsize) -> Option<NonZeroUsize> {

@@ -6,7 +6,7 @@ use std::ops::{Deref, DerefMut};
 use crate::mapping::region::Region;
 
 /// Private memory that starts as zeroes, and takes memory only for the pages that were written. For
-/// large buffers of which most uses need a small part: an allocator would clear recycled memory and
+/// large buffers whose users mostly need a small part: an allocator would clear recycled memory and
 /// thereby make all its pages present. Dereferences to its bytes.
 #[derive(Debug)]
 pub struct Scratch {

@@ -10,7 +10,7 @@ use super::file::{add_seals, allocate, create};
 use crate::huge::{HUGE_LEAST_BYTES, HUGE_PAGE_BYTES, huge_pages_allowed};
 use crate::mapping::writable::MappingMut;
 
-/// A memfd of equal slots, to which only this value can write.
+/// A memfd of equal slots that only this value can write to.
 ///
 /// The seals `FUTURE_WRITE|SHRINK|GROW|SEAL` fix the size, and allow other processes to map the file
 /// only for reading; the mapping made here before the seals stays writable. Slots start as zeroes.

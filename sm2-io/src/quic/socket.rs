@@ -19,7 +19,7 @@ use crate::syscall::sockets::{
 };
 use crate::syscall::{Call, guard};
 
-/// The size of the kernel's buffers, for times at which the gateway is busy.
+/// The size of the kernel's buffers, for times when the gateway is busy.
 const KERNEL_BUFFER_BYTES: usize = 4 << 20;
 /// The longest datagram, or several that the kernel coalesced.
 const SLOT_BYTES: usize = 65_536;

@@ -17,8 +17,8 @@ pub(super) fn load(word: &AtomicU64) -> u64 {
 #[inline]
 pub(super) fn swap(word: &AtomicU64, bits: u64) -> u64 {
     // Release: pairs with the acquire of the `take` or `load` of the other side, which then sees
-    // the message that the word names. Acquire: pairs with the release of the `swap` or `take` by
-    // which the other side wrote the replaced word; its reads of the named slot are over then, so
+    // the message that the word names. Acquire: pairs with the release of the `swap` or `take`
+    // that wrote the replaced word on the other side; its reads of the named slot are over then, so
     // that the slot can be written again.
     u64::from_le(word.swap(bits.to_le(), Ordering::AcqRel))
 }

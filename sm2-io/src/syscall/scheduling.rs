@@ -10,7 +10,7 @@ use super::{Call, guard};
 /// Gives the calling thread the policy `SCHED_IDLE`.
 pub(crate) fn set_idle() -> nix::Result<()> {
     guard(Call::SetScheduler)?;
-    // SAFETY: the structure consists of integers, for which zero is a value, and the kernel only reads it. Zero names
+    // SAFETY: the structure consists of integers, where zero is a value, and the kernel only reads it. Zero names
     // the calling thread.
     let done = unsafe {
         let parameters: libc::sched_param = mem::zeroed();

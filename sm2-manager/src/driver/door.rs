@@ -21,9 +21,9 @@ const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 const SUCCESSOR_TIMEOUT: Duration = Duration::from_secs(2);
 /// How long the lock is left to Managers that try to take it directly, before standbys are dismissed.
 const PRECEDENCE: Duration = Duration::from_millis(100);
-/// The interval at which a Manager that hands over checks for a successor.
+/// How often a Manager that hands over checks for a successor.
 const LOOK: Duration = Duration::from_millis(2);
-/// The interval at which it tries to take the domain back, once no successor has come.
+/// How often it tries to take the domain back, once no successor has come.
 const LOOK_LATE: Duration = Duration::from_millis(50);
 
 #[derive(Debug)]
@@ -111,7 +111,7 @@ impl Door {
         }
     }
 
-    /// The time at which to call [`resume`](Self::resume) and [`look`](Self::look).
+    /// When to call [`resume`](Self::resume) and [`look`](Self::look).
     pub(super) fn deadline(&self) -> Option<Instant> {
         match self.claim.as_ref()? {
             Claim::Held(_) => self.accept_again,

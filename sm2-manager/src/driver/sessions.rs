@@ -144,8 +144,8 @@ impl Manager {
         let go_on = match received {
             Ok(received) => {
                 // The machine needs the facts for its decision. For a descriptor that is not a memory file the
-                // kernel gives none, and the machine refuses it. A descriptor for whose facts there is no
-                // memory is lost, like one for which there is no room.
+                // kernel gives none, and the machine refuses it. A descriptor whose facts find no memory
+                // is lost, like one that finds no room.
                 let fds = received.fds.into_iter().map(InspectedFd::new);
                 let fds: io::Result<Vec<_>> = fds.collect();
                 let is_lost = received.control_truncated || fds.is_err();

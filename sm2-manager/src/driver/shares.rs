@@ -31,7 +31,7 @@ impl Shares {
         finish_ns.map_or(self.virtual_ns, |it| it.max(self.virtual_ns))
     }
 
-    /// Charges a socket for the time in which it was served.
+    /// Charges a socket for the time that served it.
     pub(super) fn charge(&mut self, token: u64, time: Duration) {
         self.virtual_ns = self.start_tag(token);
         let time_ns = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);

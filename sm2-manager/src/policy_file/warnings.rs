@@ -35,7 +35,7 @@ pub(super) fn of(tables: &Tables, rule_lines: &[usize]) -> Vec<PolicyWarning> {
     warnings
 }
 
-/// The patterns of node names to which a rule gives rights, although any user may choose such a name.
+/// The patterns of node names that a rule gives rights to, although any user may choose such a name.
 fn unbound_names(rule: &Rule, bindings: &[Binding]) -> impl Iterator<Item = String> {
     let nodes = rule.nodes.iter().flatten();
     let nodes = nodes.map(|it| it.as_str().to_owned());

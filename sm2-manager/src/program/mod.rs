@@ -131,7 +131,7 @@ impl From<StartError> for ProgramError {
     }
 }
 
-/// The handles by which signals act on a Manager.
+/// The handles that let signals act on a Manager.
 type Handles = (Stopper, HandOver, PolicyReloader);
 
 impl ProgramError {

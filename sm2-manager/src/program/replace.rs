@@ -19,9 +19,9 @@ use crate::{Manager, Options, StartError};
 
 /// How long the other Manager may take. It releases its lock at once, or never.
 const HAND_OVER_TIMEOUT: Duration = Duration::from_secs(5);
-/// The interval at which the lock is tried: short enough to get it before standbys are dismissed.
+/// How often the lock is tried: short enough to get it before standbys are dismissed.
 const PAUSE: Duration = Duration::from_millis(1);
-/// The interval at which the process that serves is looked up. Each look-up leaves a connection that waits to
+/// How often the process that serves is looked up. Each look-up leaves a connection that waits to
 /// be accepted.
 const LOOK: Duration = Duration::from_millis(200);
 

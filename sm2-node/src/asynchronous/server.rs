@@ -48,8 +48,8 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> AsyncServer<Q, R> {
         received.map_err(RecvError::Io)?
     }
 
-    /// Answers every request with an async function, of which up to `concurrency` run at a time, for as long
-    /// as the future is polled. An error of the function is sent to the client. Dropping the future answers
+    /// Answers every request with an async function, up to `concurrency` of them at a time, for as long as
+    /// the future is polled. An error of the function is sent to the client. Dropping the future answers
     /// the pending requests as failed.
     ///
     /// # Errors

@@ -1,4 +1,4 @@
-//! A descriptor with which a wait set waits for the control side of a node: a sleeper that stays registered.
+//! A descriptor that lets a wait set wait for the control side of a node: a sleeper that stays registered.
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};

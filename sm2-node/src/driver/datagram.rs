@@ -40,8 +40,8 @@ impl Incoming {
 pub(super) fn receive(socket: &SeqPacket, buffer: &mut [u8]) -> Result<Incoming, RecvError> {
     let received = socket.recv(buffer)?;
     // The kernel is asked before anything is mapped. If it does not answer for a descriptor, the
-    // descriptor has no facts, and the machine refuses it. A descriptor for whose facts there is no
-    // memory is lost, like one for which there is no room.
+    // descriptor has no facts, and the machine refuses it. A descriptor whose facts find no memory
+    // is lost, like one that finds no room.
     let fds = received.fds.into_iter().map(InspectedFd::new);
     let fds: io::Result<Vec<_>> = fds.collect();
     let is_lost = fds.is_err();

@@ -22,7 +22,7 @@ use crate::Shutdown;
 /// | set of each interface, waker for changes of the session | | | readable |
 /// | control set | | | without a background thread |
 ///
-/// The kernel bounds the number of paths by which an event reaches the outermost set (`EINVAL`). The control set is
+/// The kernel bounds the number of paths of an event to the outermost set (`EINVAL`). The control set is
 /// therefore in no set of an interface.
 #[derive(Debug)]
 pub(crate) struct NodeSets {
@@ -107,7 +107,7 @@ impl NodeSets {
         self.shutdown.as_ref().map(AsFd::as_fd)
     }
 
-    /// Does not wait. Returns the interfaces of which the program set reports an event.
+    /// Does not wait. Returns the interfaces whose events the program set reports.
     pub(super) fn ready_interfaces(&self, events: &mut Events) -> io::Result<Vec<InterfaceId>> {
         self.program.wait(events, Some(Duration::ZERO))?;
         let tokens = events.iter().map(|event| event.token);

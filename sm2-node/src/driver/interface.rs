@@ -65,7 +65,7 @@ pub(crate) struct DeclaredInterface {
     pub(super) refused_again: Option<Refusal>,
     /// The entry of its counters.
     pub(super) entry: Option<CounterEntry>,
-    /// The link from which the last message was taken.
+    /// The link that the last message was taken from.
     pub(super) last_taken: LinkToken,
     /// How many publications the application misses, as far as the node knows.
     pub(crate) lost: u64,
@@ -202,7 +202,7 @@ impl DeclaredInterface {
         (!self.for_control.is_empty()).then(|| std::mem::take(&mut self.for_control))
     }
 
-    /// Whether a link has ended of which the control side does not know.
+    /// Whether a link has ended that the control side does not know of.
     #[inline]
     pub(super) fn has_ended_links(&self) -> bool {
         !self.for_control.ends.is_empty()

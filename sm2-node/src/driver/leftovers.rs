@@ -24,7 +24,7 @@ pub(super) const PART_BYTES: usize = 4 << 20;
 pub(crate) enum Leftover {
     /// A segment.
     Segment(SegmentFd),
-    /// A segment of which a part is unmapped.
+    /// A partly unmapped segment.
     Unmapping(UnusedSegment),
     /// The file of a sealed message.
     File(OwnedFd),

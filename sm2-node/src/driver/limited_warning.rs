@@ -12,7 +12,7 @@ const PERIOD: Duration = Duration::from_secs(10);
 #[derive(Debug, Default)]
 pub(super) struct LimitedWarning {
     count: u64,
-    /// The time from which on the next warning may be written.
+    /// The earliest time for the next warning.
     next: Instant,
 }
 

@@ -24,7 +24,7 @@ pub(super) fn put_ends_last(ready: &mut [Event]) {
 /// message would cost more than the message.
 pub(super) const SOCKETS_WAIT_NS: u64 = 100_000;
 
-/// How long a waiting thread pauses before it uses a socket again for which the kernel had no memory.
+/// How long a waiting thread pauses before it uses a socket again that the kernel had no memory for.
 pub(crate) const SHORTAGE_PAUSE: Duration = Duration::from_millis(1);
 
 /// How many datagrams are read at most from a link whose other side is gone. This exceeds the

@@ -1,7 +1,7 @@
 //! One end of one link: its socket, its machine, and the memory that was mapped for it.
 //!
 //! No function in this module waits. If the socket is full, the driver keeps one packet and stops
-//! the machine from transmitting. A failure ends only the link in which it occurs.
+//! the machine from transmitting. A failure ends only the link where it occurs.
 
 mod account;
 mod counting;
@@ -194,7 +194,7 @@ impl LinkDriver {
         self.machine.config().role
     }
 
-    /// The forms in which this link accepts messages.
+    /// The forms of messages that this link accepts.
     pub(crate) fn needs(&self) -> Needs {
         self.machine.placement().into()
     }

@@ -19,7 +19,7 @@ use super::token::QOS_TIMER;
 pub(super) struct QosTimer {
     /// `None` until an interface has a deadline or a lease.
     timer: Option<Timer>,
-    /// The time to which the timer is set.
+    /// The time that the timer is set to.
     at: Option<Instant>,
     /// The interfaces that have been ticked, or will be.
     interfaces: BTreeSet<InterfaceId>,
@@ -66,7 +66,7 @@ impl QosTimer {
         self.interfaces.remove(&interface);
     }
 
-    /// Whether the time has come to which the timer was set.
+    /// Whether the time has come that the timer was set to.
     pub(super) fn fires(&mut self) -> bool {
         let fires = self.timer.as_ref().is_some_and(Timer::drain);
         if fires {

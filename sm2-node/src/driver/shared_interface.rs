@@ -64,7 +64,7 @@ pub(crate) struct InterfaceDriver {
     ready: Vec<Event>,
     /// The time of the last drive.
     last_drive: Instant,
-    /// The time at which the current call began.
+    /// The time when the current call began.
     now: Instant,
     /// Whether the sockets were read when the current call entered.
     pub(crate) is_driven: bool,

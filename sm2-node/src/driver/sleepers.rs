@@ -1,8 +1,8 @@
-//! The threads that wait for one interface, or for the session, and how one thread wakes another for which it did
-//! something.
+//! The threads that wait for one interface, or for the session, and how one thread wakes another when it did
+//! something for it.
 //!
 //! While one thread sleeps until its message comes, another thread may read that message from the socket, or the
-//! background thread may change the state for which the first one waits. A sleeping thread therefore waits for two
+//! background thread may change the state that the first one waits for. A sleeping thread therefore waits for two
 //! descriptors: an epoll set (level-triggered), and a waker of its own. A thread that changes the interface or the
 //! session signals the wakers of its sleepers. A sleeper registers under the lock, after it has looked and found
 //! nothing, so it misses no event.

@@ -141,7 +141,7 @@ pub enum DeclareError {
         /// The topic.
         name: Name,
     },
-    /// Memory is to be reserved for sealed messages, each of which needs a file of its own.
+    /// Memory is to be reserved for sealed messages, but each of these needs a file of its own.
     #[error(
         "{name} was not declared: each sealed message needs new memory, so max_len cannot \
          reserve any; leave out sealed or max_len"

@@ -35,7 +35,7 @@ impl GroupKey {
     }
 }
 
-/// The interfaces from which the callbacks of an executor take.
+/// The interfaces that the callbacks of an executor take from.
 #[derive(Debug, Default)]
 pub(super) struct Duties(Mutex<State>);
 

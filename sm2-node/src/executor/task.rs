@@ -20,14 +20,14 @@ pub(super) trait Task: Send + Sync {
     /// The name of the callback.
     fn origin(&self) -> &Origin;
 
-    /// Takes the item for which the callback runs. Returns whether there was one.
+    /// Takes the item that the callback runs for. Returns whether there was one.
     fn take(&self, cause: Cause) -> bool;
 
     /// Runs the callback with the item.
     fn run(&self) -> Result<(), Failure>;
 }
 
-/// A source from which items are taken for a callback.
+/// A source of items for a callback.
 pub(super) trait Supply: Send {
     type Item: Send;
 

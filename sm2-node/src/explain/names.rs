@@ -5,7 +5,7 @@
 use serde::Serialize;
 use sm2_proto::Name;
 
-/// The way in which two different names look alike: the first that applies, in this order, because
+/// How two different names look alike: the first that applies, in this order, because
 /// the likelier mistake comes first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -20,7 +20,7 @@ pub enum NearName {
     Leading,
 }
 
-/// The way in which the two look alike, if they differ and look alike.
+/// How the two look alike, if they differ and look alike.
 pub(super) fn near(one: &Name, other: &Name) -> Option<NearName> {
     let (one, other) = (one.as_str(), other.as_str());
     if one == other {

@@ -31,7 +31,7 @@ pub struct SessionUsage {
     pub links: u32,
     /// Refused interfaces, of `refusals_per_session`.
     pub refusals: u32,
-    /// Unlinked pairs of which the session has the publisher or server, of `unlinked_per_session`.
+    /// Unlinked pairs whose publisher or server belongs to the session, of `unlinked_per_session`.
     pub unlinked: u32,
 }
 

@@ -60,7 +60,7 @@ pub enum Finding {
     Kinds,
     /// Their names differ.
     Names {
-        /// The way in which they look alike, if they do.
+        /// How they look alike, if they do.
         near: Option<NearName>,
     },
     /// One of them was refused.
@@ -107,7 +107,7 @@ pub enum Finding {
     },
     /// They match; one of them ended their link, and the Manager does not link them again.
     Ended {
-        /// The code with which the link ended.
+        /// The code that the link ended with.
         code: Code,
     },
     /// They match; a node has used up its quota of links.

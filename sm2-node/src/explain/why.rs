@@ -213,7 +213,7 @@ fn types(offering: &Contract, demanding: &Contract) -> Vec<TypePair> {
     }
 }
 
-/// An interface that states the type for which another one was refused (SM2-IFC-005).
+/// An interface that states the type which caused the refusal of another one (SM2-IFC-005).
 fn against(domain: &Domain, refused: &Contract, reason: &Refusal) -> Option<Party> {
     let states = |contract: &Contract| match (contract, reason) {
         (

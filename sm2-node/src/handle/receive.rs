@@ -46,7 +46,7 @@ impl Handle {
         ) -> Result<(), Full>,
     ) -> Result<Option<Taken>, RecvError> {
         self.check_shutdown(until)?;
-        // Not a result of the closures, each of which would copy the message.
+        // Not a result of the closures, since each of them would copy the message.
         let mut taken = None;
         let found = self.interface.wait_as(self.wait, until, |locked| {
             self.find_or_clear(locked, |locked| {

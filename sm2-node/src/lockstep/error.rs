@@ -35,7 +35,7 @@ pub enum InputsError {
         /// The number of messages.
         lost: u64,
     },
-    /// A message came after the turn to which it belongs: its publisher sent more messages in that turn than the
+    /// A message came after its turn: its publisher sent more messages in that turn than the
     /// subscriber has room for.
     #[error(
         "a message of node {publisher} on topic {topic} came after its turn in the lockstep: raise depth and \

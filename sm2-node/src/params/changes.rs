@@ -168,7 +168,7 @@ impl Change {
         (self.request.take()).is_some_and(|request| self.core.accept(request))
     }
 
-    /// Changes nothing, and tells the client the reason, of which 1,024 bytes are kept.
+    /// Changes nothing, and tells the client the reason; 1,024 bytes of it are kept.
     pub fn refuse(mut self, reason: impl fmt::Display) {
         if let Some(request) = self.request.take() {
             self.core.refuse(request, &reason);

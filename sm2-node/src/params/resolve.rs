@@ -1,4 +1,4 @@
-//! The values with which the parameters of a node begin. No I/O.
+//! The first values of a node's parameters. No I/O.
 
 use std::collections::{HashMap, HashSet};
 

@@ -1,4 +1,4 @@
-//! The parameters of a node as one value, and the rules by which a set is refused. No I/O.
+//! The parameters of a node as one value, and the rules for refusing a set. No I/O.
 
 use std::collections::{HashMap, HashSet};
 
@@ -32,7 +32,7 @@ pub struct Entry {
     pub value: Value,
     /// The place that the value comes from.
     pub origin: Origin,
-    /// The revision of the table at which the value changed last.
+    /// The revision of the table when the value changed last.
     pub revision: u64,
     /// Whether the value cannot be set while the program runs.
     pub read_only: bool,

@@ -14,8 +14,8 @@ pub(super) const PAGE: u64 = 4 << 10;
 /// The same for large slots.
 pub(super) const HUGE_PAGE: u64 = 2 << 20;
 
-/// The size up to which a segment with several slots grows. Closing the file of a segment frees all of its pages in one
-/// system call.
+/// The largest size that a segment with several slots grows to. Closing the file of a segment frees all of its pages in
+/// one system call.
 pub(super) const SEGMENT_BYTES: u64 = 32 << 20;
 
 /// Returns the size of the slot for a message of `len` bytes and its head.

@@ -74,7 +74,7 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
     /// message reaches them later. So that no subscriber can slow down the others for long, two rules limit the wait:
     ///
     /// - A subscriber that missed a message *owes*: no publication waits for it until it has released all messages that
-    ///   were in flight to it then (SM2-QOS-003). It still gets each message for which it has room.
+    ///   were in flight to it then (SM2-QOS-003). It still gets each message that it has room for.
     /// - All waits of the publisher together take at most one `publish_timeout`, and the
     ///   [`wait_share_percent`](Self::wait_share_percent) of the time (SM2-QOS-004).
     ///
@@ -144,7 +144,7 @@ impl<T: Message + ?Sized> PublisherBuilder<T> {
         self
     }
 
-    /// Sets the age at which messages are not delivered any more; none by default. A message that is older is neither
+    /// Sets the age that ends the delivery of messages; none by default. A message that is older is neither
     /// sent nor handed out, latched or not, and counts as
     /// [`expired`](sm2_proto::link::Counters::expired) on both sides (SM2-QOS-010).
     pub const fn lifespan(mut self, age: Duration) -> Self {
@@ -174,8 +174,8 @@ system after [`keep_idle`](Self::keep_idle)."
     /// (SM2-QOS-007), and the messages that it misses count as
     /// [`pool_limit`](sm2_proto::link::Counters::pool_limit). Its samples stay valid, and their memory no longer
     /// counts as available: the others share half of the rest in the same way. The second half is for the
-    /// subscribers that release what they get. A limit of 0 leaves only the reserved memory, all of which one
-    /// subscriber can use up.
+    /// subscribers that release what they get. A limit of 0 leaves only the reserved memory, and one
+    /// subscriber can use all of it up.
     ///
     /// For a reliable subscriber the publisher first waits, as it does for room.
     pub const fn pool_limit(mut self, bytes: u64) -> Self {

@@ -7,8 +7,8 @@
 //! the others as near as possible. It keeps the best set so far, the *candidate*, and ends when no later set can be
 //! better.
 //!
-//! A later set is better if its interval is shorter by more than the *age penalty*: with `grown`, the time by which its
-//! end is later, and `saved`, the time by which its start is later, it is better if `grown * (1 + penalty) < saved`.
+//! A later set is better if its interval is shorter by more than the *age penalty*: with `grown`, how much later its
+//! end is, and `saved`, how much later its start is, it is better if `grown * (1 + penalty) < saved`.
 
 use super::queues::{Queues, Unused};
 

@@ -9,8 +9,8 @@ use super::sets::Synchronizer;
 use super::tuples::{InputTuple, Slots};
 use crate::DeclareError;
 
-/// The longest queue of an input, in messages: the program may hold 1,024 messages of a publisher (SM2-QOS-001), of
-/// which one has just been taken and one belongs to the set in the hand of the program.
+/// The longest queue of an input, in messages: the program may hold 1,024 messages of a publisher (SM2-QOS-001).
+/// One of these has just been taken, and one belongs to the set in the hand of the program.
 pub const QUEUE_MAX: u16 = 1_022;
 
 /// Options of a [`Synchronizer`].

@@ -47,7 +47,7 @@ use crate::{RecvError, Shutdown, WaitSet};
 /// # Exact times
 ///
 /// An [exact](Self::exact) synchronizer makes a set of messages whose times are equal, such as those of nodes that copy
-/// the time of the image from which they were computed. Each set is made as soon as its last message is there.
+/// the time of the image that they were computed from. Each set is made as soon as its last message is there.
 /// A message is dropped as soon as its set cannot be completed any more: when another input has a later one.
 ///
 /// # Approximate times

@@ -9,7 +9,7 @@ pub trait InputTuple {
     /// The tuple of a [`Sample`] of each input.
     type Set: Send + 'static;
 
-    /// Declares the subscribers, each of which may hold at least `held` messages of each publisher.
+    /// Declares the subscribers. Each may hold at least `held` messages of each publisher.
     #[doc(hidden)]
     fn declare(self, held: u16) -> Result<Slots<Self::Set>, DeclareError>;
 }

@@ -172,7 +172,7 @@ impl<'fd, T> Sources<'fd, T> {
         !self.queue.is_empty()
     }
 
-    /// The time at which a source becomes ready by itself.
+    /// The time when a source becomes ready by itself.
     pub(super) fn deadline(&self) -> Option<Instant> {
         self.deadlines.first()
     }

@@ -28,13 +28,13 @@ pub trait Waitable: Source {}
 
 impl<S: Source> Waitable for S {}
 
-/// A part of a node for which a wait set waits.
+/// A part of a node that a wait set waits for.
 pub(crate) trait Source {
     fn interface(&self) -> &Arc<SharedInterface>;
 
     fn condition(&self) -> Condition;
 
-    /// The time at which the source is ready in any case.
+    /// The time when the source is ready in any case.
     fn deadline(&self) -> Option<Instant> {
         None
     }

@@ -88,7 +88,7 @@ pub(crate) fn encode<T: Serialize>(frame: &T) -> Vec<u8> {
     postcard::to_allocvec(frame).unwrap_or_default()
 }
 
-/// The reasons for which bytes are not exactly one frame in its only encoding (SM2-FRM-001,
+/// The reasons why bytes are not exactly one frame in its only encoding (SM2-FRM-001,
 /// SM2-FRM-002).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum DecodeError {

@@ -139,7 +139,7 @@ pub enum ToNode {
         interface: InterfaceId,
         /// The link.
         link: LinkId,
-        /// The key with which the node claims the link from the next Manager.
+        /// The key that claims the link from the next Manager.
         key: LinkKey,
         /// The protocol version of the link.
         version: u16,

@@ -123,12 +123,12 @@ pub enum Key {
     },
 }
 
-/// The reason for which two interfaces that match are not linked.
+/// The reason why two interfaces that match are not linked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum UnlinkedReason {
     /// One of them ended their link.
     Ended {
-        /// The code with which the link ended.
+        /// The code that the link ended with.
         code: Code,
     },
     /// A node has used up its quota of links.

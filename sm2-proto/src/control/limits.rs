@@ -108,7 +108,7 @@ limits! {
         "within which a connection has to become ready: its HELLO is granted and its links are claimed"
         "close code `greeting-timeout`"
     Recovery "recovery_ms" Milliseconds 1..=LONGEST_MS 5_000
-        "for which a claim waits for its counterpart"
+        "that a claim waits for its counterpart"
         "UNLINK `peer-gone`"
     Confirmation "confirmation_ms" Milliseconds 1..=LONGEST_MS 5_000
         "within which a node has to confirm that it ended what a new access policy denies"

@@ -132,7 +132,7 @@ fn any_frame() -> ToManager {
     }
 }
 
-/// The values at which the length of a number changes.
+/// The values where the length of a number changes.
 fn any_number() -> u64 {
     one_of(&[0, 127, 128, 16_383, 16_384, u64::MAX])
 }

@@ -17,7 +17,7 @@ const TEXTS: [&str; 4] = ["plain:u8", "postcard:string", "postcard:u64", "plain:
 pub struct Script<'a>(&'a [u8]);
 
 impl<'a> Script<'a> {
-    /// A script of which no byte is spent.
+    /// A script without a spent byte.
     #[must_use]
     pub const fn new(data: &'a [u8]) -> Self {
         Self(data)

@@ -1,4 +1,4 @@
-//! Beacons, the datagrams by which gateways find each other: SPEC section 14.7.
+//! Beacons, the datagrams that let gateways find each other: SPEC section 14.7.
 
 use super::GatewayId;
 

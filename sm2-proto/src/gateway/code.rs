@@ -1,4 +1,4 @@
-//! Codes with which connections between gateways and their streams end: SPEC section 14.8.
+//! Codes that end connections between gateways and their streams: SPEC section 14.8.
 
 use crate::{Violation, code::codes, control::DecodeError};
 

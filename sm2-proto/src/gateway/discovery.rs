@@ -133,7 +133,7 @@ struct Peer {
     state: State,
 }
 
-/// A location at which a peer may be found.
+/// A location where a peer may be found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Location {
     Address(SocketAddr),

@@ -5,7 +5,7 @@
 //! | [`Rules`], [`Pattern`] | decide which names may pass to and from which peer |
 //! | [`Frame`], [`FrameReader`] | the frames of the control stream |
 //! | [`Header`] | the header before the payload of a message, a request or a reply |
-//! | [`Beacon`] | the datagram by which gateways find each other |
+//! | [`Beacon`] | the datagram that lets gateways find each other |
 //! | [`session::PeerSession`] | the machine of one connection with a peer |
 //! | [`router::Router`] | the machine that decides which offers are made, used and passed on |
 //! | [`schedule::Schedule`] | the machine that decides which message goes to a peer next |

@@ -37,7 +37,7 @@ use crate::{Instant, Machine, MisuseError, limits::HOPS_MAX, machine::debug_asse
 /// The most decisions of the rules in one piece, apart from those for the last source of the piece.
 pub const PIECE_DECISIONS: usize = 512;
 
-/// The most offers with which debug builds check the indexes of offers.
+/// The most offers that debug builds still check the indexes of offers with.
 const CHECKED_OFFERS_MAX: usize = 256;
 
 /// The machine that computes the routes of one gateway.
@@ -139,7 +139,7 @@ impl Router {
         wanting.map(|(peer, offer, _)| (peer, offer))
     }
 
-    /// The subjects of which the own domain has publishers or servers.
+    /// The subjects with publishers or servers in the own domain.
     pub fn local(&self) -> impl Iterator<Item = &Subject> {
         let is_local =
             |it: &BTreeMap<Source, SourceState>| it.get(&Source::Local).is_some_and(|it| it.local);

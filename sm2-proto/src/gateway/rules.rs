@@ -17,7 +17,7 @@ pub enum SubjectKind {
     Service,
 }
 
-/// The direction in which messages of a topic, or replies of a service, pass the gateway.
+/// The direction of the messages of a topic, or of the replies of a service, through the gateway.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Direction {
     /// From the peer to this domain.

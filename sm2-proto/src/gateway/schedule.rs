@@ -10,8 +10,8 @@
 //! possible.
 //!
 //! Topics share the connection by weighted fair queueing of whole messages. The *start tag* of a
-//! message is the virtual time at which its topic began to wait. Its *finish tag* is the virtual time at
-//! which the topic would have sent it, if all topics with messages sent their shares byte by byte. The
+//! message is the virtual time when its topic began to wait. Its *finish tag* is the virtual time when
+//! the topic would have sent it, if all topics with messages sent their shares byte by byte. The
 //! message with the smallest finish tag goes first. A short message of a quiet topic therefore
 //! overtakes a long message in flight, and a topic that has used more than its share waits for the
 //! others.
@@ -86,7 +86,7 @@ struct TopicQueue<M> {
     ready: Option<u64>,
     /// The time of the topic in [`Schedule::timers`].
     timer: Option<Instant>,
-    /// The time at which the rate allows the next message.
+    /// The time when the rate allows the next message.
     free_at: Instant,
 }
 
@@ -157,7 +157,7 @@ impl<M> Machine for Schedule<M> {
         self.outputs.pop_front()
     }
 
-    /// The time at which a rate limit allows the next message, or a message expires.
+    /// The time when a rate limit allows the next message, or a message expires.
     fn deadline(&self) -> Option<Instant> {
         self.timers.first().map(|(at, _)| *at)
     }

@@ -2,7 +2,7 @@
 //! are legal (SPEC sections 14.2 to 14.5).
 //!
 //! [`PeerSession`] keeps the contract of [`Machine`]. Its first output is the HELLO of this side; its
-//! one deadline is the time by which the peer has to send its own. The bytes of payloads never
+//! one deadline is the latest time for that of the peer. The bytes of payloads never
 //! come here, only the [`Header`] of each stream.
 //!
 //! | state | what is legal there | leads to |
@@ -445,7 +445,7 @@ impl Machine for PeerSession {
         self.outputs.pop_front()
     }
 
-    /// The time by which the peer has to greet.
+    /// The latest time for the greeting of the peer.
     fn deadline(&self) -> Option<Instant> {
         match self.state {
             Ok(Phase::Greeting { until }) => Some(until),

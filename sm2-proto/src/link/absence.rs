@@ -32,7 +32,7 @@ pub struct Record {
     unreported: u64,
 }
 
-/// The account of the messages that a subscriber gets, or misses, of a publisher with which it has a link.
+/// The account of the messages that a subscriber gets, or misses, of a publisher that it has a link with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Account {
     progress: Progress,
@@ -41,7 +41,7 @@ pub struct Account {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Progress {
-    /// The first link of the pair, from which no message was taken. Messages that were published before OPEN do not
+    /// The first link of the pair; no message was taken from it. Messages that were published before OPEN do not
     /// count.
     First { published: u64 },
     /// The fate of the messages after `until` is not known, except of `known` ones.
@@ -148,7 +148,7 @@ impl Account {
         }
     }
 
-    /// Ends the account of a link from which no message is taken any more. `last_id` is the id of the last message that
+    /// Ends the account of a link that no message is taken from any more. `last_id` is the id of the last message that
     /// was taken or has expired, if there is one. `dropped` of the messages after it were counted as lost, and
     /// `unreported` messages before it that no message has reported.
     #[must_use]

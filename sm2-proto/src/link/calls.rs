@@ -13,7 +13,7 @@ use crate::{Violation, limits::CALLS_MAX};
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Placed {
     calls: BTreeMap<u64, Call>,
-    /// The calls for which CANCEL has to be sent.
+    /// The calls that need a CANCEL.
     cancels: BTreeSet<u64>,
 }
 
@@ -92,7 +92,7 @@ impl Placed {
         !self.cancels.is_empty()
     }
 
-    /// Returns the next call for which CANCEL has to be sent.
+    /// Returns the next call that needs a CANCEL.
     pub(super) fn poll(&mut self) -> Option<u64> {
         self.cancels.pop_first()
     }

@@ -16,7 +16,7 @@ enum Unsent {
 /// Defines [`Fate`] and [`Counters`] from the table of the fates.
 macro_rules! fates {
     ($($fate:ident $count:ident $position:literal $unsent:ident $meaning:literal)*) => {
-        /// The way in which a message of a link ended.
+        /// How a message of a link ended.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
         pub enum Fate {
             $(

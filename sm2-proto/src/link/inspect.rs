@@ -1,4 +1,4 @@
-//! Methods by which a driver inspects a link at any time.
+//! Methods that let a driver inspect a link at any time.
 
 use super::{
     Config, Counters, End, LaneKind, Link, Placement, Publications, lane::Lane, phase::Phase,

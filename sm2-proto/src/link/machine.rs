@@ -17,8 +17,8 @@ use crate::{
     machine::debug_assert_drained, qos::AliveFrames,
 };
 
-/// One end of one link. The [documentation of the module](crate::link) gives the order in which its
-/// methods are called.
+/// One end of one link. The [documentation of the module](crate::link) gives the order of calls of
+/// its methods.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Link {
     pub(super) config: Config,
@@ -41,7 +41,7 @@ pub struct Link {
     pub(super) peer_max_len: u64,
     /// The publications that the other end's OPEN states.
     pub(super) peer_publications: Publications,
-    /// Of a receiver, from the time at which the link opened.
+    /// Of a receiver, from the time when the link opened.
     pub(super) watch: QosWatch,
     /// Of a sender whose receiver demands a lease.
     pub(super) alive_frames: AliveFrames,

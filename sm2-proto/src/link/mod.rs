@@ -52,7 +52,7 @@
 //! | before it sleeps | [`Link::park`], and looks again |
 //!
 //! The driver of a caller or server uses both tables, with one difference: on an open link,
-//! [`Link::send`] queues a message for which there is no room yet, and attaches segments by itself.
+//! [`Link::send`] queues a message that has no room yet, and attaches segments by itself.
 //! It never returns [`Misuse::NoRoom`] or [`Misuse::NotAttached`]; the limit of calls bounds the
 //! queue. The driver drains after `send` and after each other change. While [`Link::is_due`] returns
 //! `true`, the driver calls [`Link::harvest`], which sends queued messages, and drains again.

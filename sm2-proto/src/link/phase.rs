@@ -1,4 +1,4 @@
-//! Which frames are legal in which phase and for which role: SPEC section 6 and the table of
+//! The frames that are legal in each phase, for each role: SPEC section 6 and the table of
 //! section 7.
 //!
 //! This module decides only about the lifecycle and the kinds of frames, so that a proof can

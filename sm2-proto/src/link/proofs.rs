@@ -42,7 +42,7 @@ pub(super) fn config(role: Role) -> Config {
     }
 }
 
-/// The lanes on which a frame is legal.
+/// The lanes where a frame is legal.
 #[derive(Clone, Copy, PartialEq)]
 enum Lane {
     Both,

@@ -7,7 +7,7 @@ use super::{
 use crate::{Instant, Machine, Newest, Period, QosWatch, Violation};
 
 impl Link {
-    /// A receiver watches the publisher from the time at which the link opens.
+    /// A receiver watches the publisher from the time when the link opens.
     //= SM2-QOS-009, SM2-QOS-011
     pub(super) fn start_watch(&mut self, now: Instant) {
         let is_open_receiver = self.config.role == Role::Receiver && self.state == Ok(Phase::Open);

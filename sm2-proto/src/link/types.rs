@@ -216,7 +216,7 @@ pub enum End {
 /// The reason why [`Machine::handle`](crate::Machine::handle) did not do what its input asked for.
 pub type Error = crate::Error<End, Misuse>;
 
-/// The ways in which the code that uses the machine can break its contract.
+/// How the code that uses the machine can break its contract.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, thiserror::Error)]
 pub enum Misuse {
     /// This role, or this kind of link, does not support the call or input.

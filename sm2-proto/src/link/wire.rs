@@ -4,7 +4,7 @@
 //! order of SPEC section 10: kind, fixed length, reserved bytes, values out of their range, number
 //! of descriptors. SPEC checks lengths that depend on the content only after the link's state, so
 //! [`Frame::check_length`] is a separate step. A frame that passed both steps encodes to the bytes
-//! from which it was decoded.
+//! that it was decoded from.
 
 mod layout;
 
@@ -72,7 +72,7 @@ pub enum Frame<'a> {
     },
     /// ALIVE.
     Alive {
-        /// The time at which the publisher's program asserted its liveliness.
+        /// The time when the publisher's program asserted its liveliness.
         time: Instant,
     },
 }

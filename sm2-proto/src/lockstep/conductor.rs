@@ -59,7 +59,7 @@ pub enum Output {
     Settled,
 }
 
-/// The reason for which a call is answered as failed.
+/// The reason why a call is answered as failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum Refused {
     /// The call is not about the member's turn.
@@ -124,7 +124,7 @@ impl Conductor {
         self.is_running
     }
 
-    /// The time at which the first timer of a member is due. The next step has no later time.
+    /// The time when the first timer of a member is due. The next step has no later time.
     //= SM2-LCK-002
     #[must_use]
     pub fn next(&self) -> Option<DomainTime> {

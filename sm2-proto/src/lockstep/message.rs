@@ -11,7 +11,7 @@ pub struct Done {
     pub round: u64,
     /// The number of messages and of ticks that the member handled in the turn.
     pub taken: u64,
-    /// The time at which the member's next timer is due; `None` if it has none, and in a join.
+    /// The time when the member's next timer is due; `None` if it has none, and in a join.
     pub next: Option<DomainTime>,
 }
 

@@ -30,7 +30,7 @@ pub(super) struct Claims {
     half: BTreeMap<(LinkId, EntityId), Claim>,
     /// The same claims, by the values that a counterpart has to name.
     waiting: BTreeMap<(LinkId, Claim), EntityId>,
-    /// The times at which the claims of sessions expire that have sent CLAIMED.
+    /// The times when the claims of sessions expire that have sent CLAIMED.
     expiring: BTreeSet<(Instant, NodeId)>,
 }
 

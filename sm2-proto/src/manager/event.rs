@@ -137,7 +137,7 @@ pub enum Output {
     },
 }
 
-/// The reason for which a session ended.
+/// The reason why a session ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Cause {
     /// The node broke SPEC.

@@ -1,4 +1,4 @@
-//! The busy sessions, of which the one that has used least of the Manager's work goes next.
+//! The busy sessions. The one that has used least of the Manager's work goes next.
 //!
 //! Start-time fair queueing over the units of [`budget`](super::budget). The *tag* of a session grows by the units that
 //! its work has cost. The session with the smallest tag goes next, and the virtual time is the greatest tag of a

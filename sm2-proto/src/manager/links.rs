@@ -180,7 +180,7 @@ fn item(link: LinkId, offering: EntityId, (demanding, agreed): (EntityId, Agreed
     }
 }
 
-/// The secret from which the keys of this Manager's links follow.
+/// The secret that determines the keys of this Manager's links.
 #[derive(Clone, PartialEq, Eq, Hash)]
 struct Secret(u128);
 

@@ -111,7 +111,7 @@ pub struct Manager {
     schemas: Schemas,
     /// The sessions that wait for a change of the domain.
     watchers: BTreeSet<NodeId>,
-    /// The time by which each session that is not ready has to be. Sessions are numbered as they came, so the first
+    /// The latest time for each session that is not ready to be so. Sessions are numbered as they came, so the first
     /// deadline is the earliest.
     greeting: BTreeMap<NodeId, Instant>,
     pending_links: PendingLinks,

@@ -47,10 +47,10 @@ struct InterfaceRecord {
     contract: Arc<Contract>,
     /// Why the access policy denies the interface, which then is on no channel.
     suspended: Option<Refusal>,
-    /// The links of which neither side has said farewell, and their pairs. A link has no pair as
+    /// The links without a farewell of either side, and their pairs. A link has no pair as
     /// long as the other end has not claimed it.
     live: BTreeMap<LinkId, Option<Pair>>,
-    /// The links for which UNLINK was sent and UNLINKED has not come. With their pairs, if UNLINKED
+    /// The links whose UNLINK was sent and whose UNLINKED has not come. With their pairs, if UNLINKED
     /// can still be the reason to link the pair again.
     unlinking: BTreeMap<LinkId, Option<Pair>>,
     /// The number of these links that the node knows.
@@ -244,7 +244,7 @@ impl NodeRecord {
         Some((interface.contract, interface.live))
     }
 
-    /// The number of link ends for which not both farewells are said.
+    /// The number of link ends without both farewells.
     pub(super) const fn link_ends(&self) -> usize {
         self.link_ends
     }
@@ -290,7 +290,7 @@ impl NodeRecord {
     }
 
     /// The ends of links that the node knows, of each interface: the links of all interfaces, less
-    /// those for which `is_pending`. For a recount.
+    /// those that `is_pending` names. For a recount.
     pub(super) fn counts_known_ends(&self, is_pending: impl Fn(LinkId) -> bool) -> bool {
         let known = |it: &InterfaceRecord| {
             let live = it.live.keys().filter(|&&link| !is_pending(link)).count();

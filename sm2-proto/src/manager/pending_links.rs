@@ -27,7 +27,7 @@ impl PendingLinks {
         }
     }
 
-    /// Adds a link of which neither node has been told.
+    /// Adds a link that neither node has been told of.
     pub(super) fn insert(&mut self, pair: Pair, link: LinkId) {
         self.links.extend(pair.nodes().map(|it| (it, link)));
     }

@@ -15,7 +15,7 @@ pub(super) struct Reload {
     unconfirmed: BTreeMap<Asked, u32>,
     /// The sessions under names that the policy denies. They end when their links have.
     pub(super) denied: BTreeSet<NodeId>,
-    /// The time by which all nodes have to confirm, once both passes are over.
+    /// The latest time for all nodes to confirm, once both passes are over.
     pub(super) until: Option<Instant>,
 }
 
@@ -116,7 +116,7 @@ impl Reload {
         Some((entity.node, Farewell::Stalled))
     }
 
-    /// The time at which the nodes that have not confirmed are given up.
+    /// The time when the nodes that have not confirmed are given up.
     pub(super) fn deadline(&self) -> Option<Instant> {
         self.until.filter(|_| !self.unconfirmed.is_empty())
     }

@@ -29,7 +29,7 @@ pub(super) enum Session {
         node: NodeRecord,
         /// Exists until all interfaces are linked with all their matches.
         settling: Option<Settling>,
-        /// The time at which claims without a counterpart are given up.
+        /// The time when claims without a counterpart are given up.
         claims_until: Option<Instant>,
     },
 }
@@ -134,7 +134,7 @@ impl Session {
         }
     }
 
-    /// The time at which the claims without a counterpart expire.
+    /// The time when the claims without a counterpart expire.
     pub(super) const fn claims_until(&self) -> Option<Instant> {
         match self {
             Self::Greeting(_) | Self::Resuming { .. } => None,

@@ -25,7 +25,7 @@ fn is_name(bytes: &[u8]) -> bool {
             .all(|segment| !segment.is_empty() && segment.iter().all(|it| is_legal_byte(*it)))
 }
 
-/// NAM-GRAMMAR: any text of up to three of the bytes at which the grammar changes.
+/// NAM-GRAMMAR: any text of up to three of the bytes where the grammar changes.
 //= SM2-NAM-001 kani
 #[cfg_attr(kani, kani::proof)]
 // Four bytes.

@@ -180,7 +180,7 @@ pub enum Output {
     Ended(End),
 }
 
-/// The reason for which a session ended.
+/// The reason why a session ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum End {
     /// This node closed the session.
@@ -197,7 +197,7 @@ pub enum End {
     Violation(Violation),
 }
 
-/// The reason for which an input was not taken. `Ended` names the end of the latest session; while
+/// The reason why an input was not taken. `Ended` names the end of the latest session; while
 /// [`Node::is_away`](super::Node::is_away), another session may follow.
 pub type Error = crate::Error<End, Misuse>;
 

@@ -126,7 +126,7 @@ impl Node {
         matches!(self.phase, Phase::Away(..))
     }
 
-    /// The reason for which the session is over, if it is. The reason is final unless
+    /// The reason why the session is over, if it is. The reason is final unless
     /// [`Node::is_away`].
     #[must_use]
     pub const fn end(&self) -> Option<End> {

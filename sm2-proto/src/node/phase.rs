@@ -125,7 +125,7 @@ impl OpenSession {
         Some(frame)
     }
 
-    /// The DECLAREs of all interfaces for which `contract_due` returns a contract. The Manager has
+    /// The DECLAREs of all interfaces whose `contract_due` is a contract. The Manager has
     /// to answer them in this order.
     pub(super) fn declare_all(
         &mut self,

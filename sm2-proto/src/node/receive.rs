@@ -150,7 +150,7 @@ impl Node {
             if ours.denied(is_denial)? == Judged::Changed {
                 self.emit(Output::DeclareRefused { interface, reason });
                 self.end_unclaimed(interface);
-                // After the outputs by which the driver discards.
+                // After the outputs that let the driver discard.
                 //= SM2-ACC-014
                 self.send(&ToManager::Suspended { interface });
             }

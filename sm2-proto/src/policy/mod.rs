@@ -46,7 +46,7 @@ pub struct RuleId(pub usize);
 /// One rule. It matches if its actions, its names and all its conditions on the subject match.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Rule {
-    /// The name by which refusals cite the rule.
+    /// The name of the rule in refusals.
     pub name: Name,
     /// The effect on a match.
     pub effect: Effect,
@@ -92,7 +92,7 @@ impl Rule {
 /// Reserves names of nodes for users.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Binding {
-    /// The name by which refusals cite the binding.
+    /// The name of the binding in refusals.
     pub name: Name,
     /// The names of nodes that it reserves.
     pub nodes: Vec<Pattern>,
@@ -103,7 +103,7 @@ pub struct Binding {
 /// Reserves topics for one publisher at a time.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Exclusive {
-    /// The name by which refusals cite the entry.
+    /// The name of the entry in refusals.
     pub name: Name,
     /// The topics: each of them has at most one publisher.
     pub topics: Vec<Pattern>,

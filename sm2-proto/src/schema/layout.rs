@@ -15,7 +15,7 @@ pub struct Layout {
     pub element_bytes: Option<u64>,
 }
 
-/// The reason for which a type has no plain layout.
+/// The reason why a type has no plain layout.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoLayout {
     /// Only an encoding can express the type.

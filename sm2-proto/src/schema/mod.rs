@@ -9,7 +9,7 @@
 //!
 //! [`Schema::parse`] is the only way to make a [`Schema`]. So every schema has at most
 //! [`SCHEMA_DEPTH_MAX`](crate::limits::SCHEMA_DEPTH_MAX) levels, legal names, and the text
-//! ([`Display`](fmt::Display)) from which it was made.
+//! ([`Display`](fmt::Display)) that it was made from.
 
 mod definition;
 #[cfg(feature = "fuzzing")]

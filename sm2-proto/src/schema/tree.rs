@@ -14,7 +14,7 @@ pub enum Root {
     Definition(Definition),
 }
 
-/// The way in which a value becomes bytes.
+/// How a value becomes bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Encoding {
     /// As the value lies in memory, without padding.

@@ -37,7 +37,7 @@ fn the_end_of_a_connection_is_settled_in_bounded_pieces() {
     }
 }
 
-/// A source of which one connection made all its offers ends once, and not once for each of them.
+/// A source whose offers were all made by one connection ends once, and not once for each of them.
 //= SM2-GWO-008 test
 #[test]
 fn many_offers_of_one_source_end_together() {

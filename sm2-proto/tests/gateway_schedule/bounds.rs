@@ -29,7 +29,7 @@ fn a_message_that_waits_for_the_link_expires() {
     assert_eq!(bench.at(101), expired(1), "without any other event");
     assert_eq!(bench.order(), [1]);
     assert_eq!(bench.schedule.deadline(), None);
-    // The driver starts a message at the very time at which it expires.
+    // The driver starts a message at the very time when it expires.
     bench.publish(2, 2, 10);
     bench.now = Instant(202 * MS);
     let offer = OfferId(2);

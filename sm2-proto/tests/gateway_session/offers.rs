@@ -73,7 +73,7 @@ const fn control(command: ControlCommand) -> Input<'static> {
     Input::Command(Command::Control(command))
 }
 
-/// The table of the side to which an offer is made (SPEC section 14.3), and messages of the offer.
+/// The table of the side that gets an offer (SPEC section 14.3), and messages of the offer.
 //= SM2-GWO-002, SM2-GWM-001 test
 #[test]
 fn what_the_peer_says_of_its_offers() {

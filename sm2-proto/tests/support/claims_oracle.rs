@@ -54,7 +54,7 @@ pub(crate) struct Oracle {
     pub(crate) interfaces: BTreeMap<EntityId, Contract>,
     pub(crate) links: Vec<Link>,
     pub(crate) halves: Vec<Half>,
-    /// Ends for which UNLINK was sent and UNLINKED has not come.
+    /// Ends whose UNLINK was sent and whose UNLINKED has not come.
     pub(crate) told: BTreeSet<(EntityId, LinkId)>,
     /// Pairs that ended a link.
     ended: BTreeSet<[EntityId; 2]>,

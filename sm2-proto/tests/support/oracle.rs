@@ -34,7 +34,7 @@ pub(crate) struct Oracle {
     refused: BTreeMap<End, (Contract, Refusal)>,
     /// The number of links that were made.
     made: u64,
-    /// Links of which no node was told.
+    /// Links that no node was told of.
     unheard: BTreeSet<LinkId>,
     /// The number of LINKs that a session may be sent ahead of its reading.
     links_in_flight: usize,

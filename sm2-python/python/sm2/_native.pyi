@@ -80,7 +80,7 @@ class Tick:
         """The number of the tick, from 1."""
     @property
     def due_ns(self) -> int:
-        """The time at which it was due, by `time.monotonic_ns()`."""
+        """The time when it was due, by `time.monotonic_ns()`."""
     @property
     def missed(self) -> int:
         """How many earlier ticks were skipped since the last one that was reported."""

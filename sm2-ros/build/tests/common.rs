@@ -41,7 +41,7 @@ impl Definitions {
         self.builder().common_interfaces(false).code()
     }
 
-    /// A builder of `p` with the common interfaces, to which services and actions refer.
+    /// A builder of `p` with the common interfaces, because services and actions refer to them.
     pub(crate) fn builder(&self) -> Builder {
         Builder::new().package(self.path("p"))
     }

@@ -36,7 +36,7 @@ fn fields_have_the_documented_types() {
 }
 
 /// `sm2-ros` compares the bytes of all common interfaces with the codec that works by definitions. This test has the
-/// cases of which there is no common interface.
+/// cases that no common interface has.
 #[test]
 fn limits_are_passed_to_the_codec_in_both_directions() {
     for (ty, written, read) in [

@@ -1,4 +1,4 @@
-//! RIHS01: the SHA-256 of a type's description as JSON, by which ROS 2 compares types (REP 2011).
+//! RIHS01: the SHA-256 of a type's description as JSON. ROS 2 compares types by it (REP 2011).
 
 use std::fmt::{self, Write as _};
 

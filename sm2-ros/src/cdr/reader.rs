@@ -244,7 +244,7 @@ impl<S: Source> Reader<S> {
         Ok(items)
     }
 
-    /// Takes a sequence of elements, each of which has at least `min_bytes` bytes.
+    /// Takes a sequence of elements that have at least `min_bytes` bytes each.
     ///
     /// # Errors
     ///

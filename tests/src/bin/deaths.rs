@@ -3,7 +3,7 @@
 //! Usage: `deaths [--repeats N] [--only WORD]`
 //!
 //! A publisher sends messages at 200 Hz. Each row has figures of windows of one second: those of the windows without a
-//! death, then those of the windows in which the others are killed. A gap is the longest time between two messages that
+//! death, then those of the windows when the others are killed. A gap is the longest time between two messages that
 //! the healthy subscriber takes; a publish is the longest call. Nothing is asserted about times. Exit status: 1 if a
 //! message was damaged, or if the healthy subscriber got none.
 
@@ -140,7 +140,7 @@ struct Figures {
     damaged: u64,
 }
 
-/// Measures a window in which this happens.
+/// Measures a window when this happens.
 fn window([publisher, healthy]: &mut [Process; 2], event: impl FnOnce()) -> Figures {
     publisher.say("begin");
     healthy.say("begin");

@@ -2,7 +2,7 @@
 
 use std::{env, fmt::Display, fs::OpenOptions, io::Write as _, thread};
 
-/// The file to which `.ci/run` lets tests write that they were skipped.
+/// The file where `.ci/run` lets tests write that they were skipped.
 const LIST: &str = "SM2_SKIPPED";
 /// The programs that `.ci/run` has installed, separated by spaces.
 const INSTALLED: &str = "SM2_INSTALLED";

@@ -72,7 +72,7 @@ fn published_by(asker: &Node, name: &str) -> u64 {
     interfaces.map(|it| it.messages).sum()
 }
 
-/// Opens the sockets by which tokio passes signals on: they belong to the process, and stay.
+/// Opens the sockets that tokio needs to pass signals on: they belong to the process, and stay.
 pub(crate) fn prepare() {
     drop(runtime(Injector::counting()));
 }

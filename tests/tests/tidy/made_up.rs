@@ -314,3 +314,20 @@ fn sentences_that_readers_stumble_over_are_found() {
     assert_eq!(package("sm2/src/a.rs"), Path::new("sm2"));
     assert_eq!(package("docs/src/a.md"), Path::new("."));
 }
+
+#[test]
+fn relative_clauses_behind_prepositions_are_found() {
+    let text = "//! A socket on which a side\n//! listens, and the file in\n//! which it is.\n\n\
+                // The order in which they came, and the one which it is; which of which is open.\n\
+                let a = \"by which\"; // of which\n";
+    let found = prose::chained_relatives(Path::new("src/a.rs"), text);
+    let found: Vec<_> = found.iter().map(ToString::to_string).collect();
+    assert_eq!(
+        found,
+        [
+            "src/a.rs:1: 'on which'",
+            "src/a.rs:2: 'in which'",
+            "src/a.rs:5: 'of which'",
+        ]
+    );
+}

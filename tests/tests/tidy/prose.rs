@@ -43,6 +43,11 @@ const PHRASES: &[(&[&str], &str)] = &[
     (&["with", "whoever"], NAME_THE_SUBJECT),
 ];
 
+/// Words that begin a relative clause together with 'which'.
+const PREPOSITIONS: &[&str] = &[
+    "of", "for", "by", "in", "on", "to", "at", "from", "with", "whose",
+];
+
 const NAME_THE_SUBJECT: &str = "name the thing instead of a clause about it";
 const NAME_IT_AGAIN: &str = "name the thing again";
 
@@ -64,6 +69,31 @@ pub(crate) fn stumbling_sentences(path: &Path, text: &str) -> Vec<Finding> {
         }
     }
     findings
+}
+
+/// The relative clauses of a Rust file's comments, or of a Markdown file, that begin with a preposition.
+///
+/// 'The order in which' is left out: no other words for it are shorter.
+pub(crate) fn chained_relatives(path: &Path, text: &str) -> Vec<Finding> {
+    let is_markdown = path.extension().is_some_and(|it| it == "md");
+    let paragraphs = paragraphs(text, is_markdown);
+    let is_chain = |words: &&[Word<'_>]| {
+        let [before, preposition, which] = words else {
+            return false;
+        };
+        which.bare() == "which"
+            && PREPOSITIONS.contains(&preposition.bare().to_lowercase().as_str())
+            && before.bare() != "order"
+    };
+    let finding = |words: &[Word<'_>]| Finding {
+        file: path.to_owned(),
+        line: words[1].line,
+        text: format!("'{} which'", words[1].bare()),
+    };
+    let chains = paragraphs
+        .iter()
+        .flat_map(|it| it.windows(3).filter(is_chain));
+    chains.map(finding).collect()
 }
 
 /// The folder of the package that a file belongs to; `.` for a file of no package.

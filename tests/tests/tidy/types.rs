@@ -24,7 +24,7 @@ pub(crate) struct Misshapen {
     pub(crate) text: String,
 }
 
-/// Structures of a file with too many `bool` fields, of which one alone has a meaning in few combinations. Options of a
+/// Structures of a file with too many `bool` fields. One alone of these has a meaning in few combinations. Options of a
 /// command line do not count: each is a flag of its own.
 pub(crate) fn many_flags(path: &Path, text: &str) -> Vec<Misshapen> {
     if text.matches("bool").count() <= BOOLS_MAX {

@@ -7,7 +7,7 @@ pub trait Arbitrary: Sized {
     /// Returns an arbitrary value of the type.
     fn any() -> Self;
 
-    /// Returns an arbitrary value for which `holds` returns true. If there are few values, tries
+    /// Returns an arbitrary value that `holds` accepts. If there are few values, tries
     /// only such values.
     fn any_where(holds: impl Fn(&Self) -> bool) -> Self {
         let value = Self::any();
@@ -22,7 +22,7 @@ pub fn any<T: Arbitrary>() -> T {
     T::any()
 }
 
-/// Returns an arbitrary value for which `holds` returns true. `holds` must be a pure function.
+/// Returns an arbitrary value that `holds` accepts. `holds` must be a pure function.
 pub fn any_where<T: Arbitrary>(holds: impl Fn(&T) -> bool) -> T {
     T::any_where(holds)
 }

@@ -248,7 +248,7 @@ pub fn choose(alternatives: u64) -> u64 {
     with(|state| state.choose(alternatives))
 }
 
-/// Chooses a number below 256 for which `holds` returns true. Calls `holds` once for each choice,
+/// Chooses a number below 256 that `holds` accepts. Calls `holds` once for each choice,
 /// not for each path.
 pub(crate) fn choose_where(holds: impl Fn(u8) -> bool) -> u8 {
     if let Some(value) = with(State::again) {

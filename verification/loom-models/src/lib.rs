@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 use std::time::Instant;
 
-/// The variable that names the file to which each model appends a line, in the format of
+/// The variable that names the file where each model appends a line, in the format of
 /// `verification/check`.
 const RESULTS: &str = "SM2_VERIFICATION_RESULTS";
 
@@ -25,7 +25,7 @@ pub fn holds(name: &str, preemptions: Option<usize>, model: fn()) {
     told.holds(preemptions);
 }
 
-/// Like [`holds`], for a model in which one side stops after 0 steps, after 1, and so on. The model
+/// Like [`holds`], for a model where one side stops after 0 steps, after 1, and so on. The model
 /// returns whether that side stopped early. The runs end when it stopped early in no execution.
 pub fn holds_at_each_step(
     name: &str,

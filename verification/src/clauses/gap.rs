@@ -37,7 +37,7 @@ impl Gap {
     }
 }
 
-/// The ways in which SPEC.md and its citations can disagree.
+/// How SPEC.md and its citations can disagree.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 pub enum GapKind {
     /// A line of SPEC.md resembles a clause but is malformed.

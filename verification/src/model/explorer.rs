@@ -10,7 +10,7 @@ use std::{
 
 use super::{Failure, Property};
 
-/// The interval at which a search reports its progress.
+/// How often a search reports its progress.
 const TOLD_EVERY: Duration = Duration::from_secs(5);
 /// The number of moments between two readings of the clock.
 const LOOKED_EVERY: usize = 4_096;
@@ -32,7 +32,7 @@ pub trait System {
     /// All possible actions, always in the same order.
     fn actions(&self, moment: &Self::Moment) -> Vec<Self::Action>;
 
-    /// Checks a moment, in which `actions` are possible. Returns whether it is quiet.
+    /// Checks a moment when `actions` are possible. Returns whether it is quiet.
     ///
     /// # Errors
     ///

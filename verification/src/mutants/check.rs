@@ -17,7 +17,7 @@ use crate::test_targets::TestTarget;
 
 /// A check that runs longer than this hangs. Without a fault, the slowest check takes a tenth of it.
 const LIMIT: Duration = Duration::from_secs(120);
-/// The interval at which the runner polls a check.
+/// How often the runner polls a check.
 const PAUSE: Duration = Duration::from_millis(5);
 /// The seed of random operations, which makes them the same in each run.
 const SEED: &str = "1";

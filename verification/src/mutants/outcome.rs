@@ -4,10 +4,10 @@ use std::{fmt, time::Duration};
 
 use crate::results;
 
-/// The way in which a check failed.
+/// How a check failed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Killed {
-    /// With a message, of which these are the first words.
+    /// With a message that begins with these words.
     Said(String),
     /// It exceeded its time limit.
     Hung,

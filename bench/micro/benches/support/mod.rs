@@ -79,7 +79,7 @@ pub(crate) struct RingPair {
 }
 
 impl RingPair {
-    /// The number of messages for which there is room, and which may be held.
+    /// The number of messages that have room, and that may be held.
     pub(crate) const DEPTH: u16 = 64;
     const SEGMENT: SegmentInfo = SegmentInfo {
         id: 1,

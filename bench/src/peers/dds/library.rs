@@ -55,7 +55,7 @@ impl Library {
         // loading, only the initializers of the DDS implementation run.
         let library = unsafe { libloading::Library::new(path) }.map_err(failed())?;
         let library = Box::leak(Box::new(library));
-        // SAFETY: the types match `bench_dds.h`, with which the library was compiled.
+        // SAFETY: the types match `bench_dds.h`, and the library was compiled with it.
         unsafe {
             Ok(Box::leak(Box::new(Self {
                 error: *library.get(b"bench_error\0").map_err(failed())?,

@@ -123,8 +123,8 @@ impl Region {
     pub(super) fn counters(&self) -> &Counters {
         const { assert!(size_of::<Counters>() <= SLOTS_AT) };
         // SAFETY: the mapping is longer than the counters, aligned to a page, lives as long as
-        // `self`, and holds zeros or what other processes wrote through the same atomics, for
-        // which every bit pattern is a value.
+        // `self`, and holds zeros or what other processes wrote through the same atomics,
+        // where every bit pattern is a value.
         unsafe { self.start.cast::<Counters>().as_ref() }
     }
 

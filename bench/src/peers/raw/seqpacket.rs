@@ -31,10 +31,10 @@ use crate::{
 /// Messages up to this length travel in the packet.
 const INLINE_BYTES: usize = 4_096;
 
-/// The interval at which a waiting subscriber reads the clock.
+/// How often a waiting subscriber reads the clock.
 const LOOK: TimeVal = TimeVal::new(0, 200_000);
 
-/// The socket to which subscribers connect.
+/// The socket that subscribers connect to.
 pub(super) struct Door(OwnedFd);
 
 impl Door {

@@ -19,7 +19,7 @@ use crate::{
 /// The number of spins between two readings of the clock.
 const SPINS: u32 = 1_024;
 
-/// The way in which a side waits for the other one.
+/// How a side waits for the other one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Waiting {
     Futex,

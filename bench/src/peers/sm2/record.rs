@@ -14,7 +14,7 @@ use crate::{
 /// How many messages of a publisher wait for the program with the crate `mcap`: as many as for `sm2-bag`.
 const DEPTH: u16 = 64;
 
-/// The interval at which the program with the crate `mcap` checks whether to stop.
+/// How often the program with the crate `mcap` checks whether to stop.
 const LOOK: Duration = Duration::from_millis(20);
 
 /// Records with `sm2-bag`: the frames are reliable, and all other topics keep-last.

@@ -34,7 +34,7 @@ pub enum LimitsError {
 }
 
 impl Limits {
-    /// A spool for at most `max_bytes`, of which at most `window_bytes` are in flight. Messages that are longer than
+    /// A spool for at most `max_bytes`, with at most `window_bytes` of them in flight. Messages that are longer than
     /// `window_bytes` are refused.
     ///
     /// # Errors
@@ -104,7 +104,7 @@ impl Limits {
         self.retry
     }
 
-    /// The time at which `len` bytes more are paid by the rate.
+    /// The time when `len` bytes more are paid by the rate.
     pub(super) fn pay(&self, paid_until: Instant, len: u64) -> Instant {
         match self.rate_bytes_per_s {
             Some(rate) => paid_until.after(cost(len, rate)),
@@ -112,7 +112,7 @@ impl Limits {
         }
     }
 
-    /// The earliest time at which `len` bytes may be sent: a window ahead of the rate at most.
+    /// The earliest time when `len` bytes may be sent: a window ahead of the rate at most.
     pub(super) fn earliest(&self, paid_until: Instant, len: u64) -> Instant {
         match self.rate_bytes_per_s {
             Some(rate) => {

@@ -34,7 +34,7 @@ pub(super) struct StoreFile {
 }
 
 impl StoreFile {
-    /// A file with `len` messages, none of which has its fate.
+    /// A file with `len` messages. None of them has its fate.
     pub(super) const fn new(path: PathBuf, first: Id, len: u64) -> Self {
         Self {
             path,

@@ -1,4 +1,4 @@
-//! The node of ROS 2 to which all interfaces of a bridge belong, and its endpoints.
+//! The node of ROS 2 that owns all interfaces of a bridge, and its endpoints.
 
 use hiroz_protocol::qos::QosProfile;
 use hiroz_protocol::{

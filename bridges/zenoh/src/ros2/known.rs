@@ -12,7 +12,7 @@ use super::types::RosType;
 pub(super) struct Known {
     /// Those of the endpoints of the network.
     network: HashMap<TypeId, RosType>,
-    /// Those of which nodes of the domain have registered the schema text.
+    /// Those whose schema text nodes of the domain have registered.
     domain: HashMap<TypeId, RosType>,
     /// Those of services, by the types of their requests and replies.
     services: HashMap<(TypeId, TypeId), RosType>,

@@ -9,7 +9,7 @@ use sm2_ros_idl::{Kind, Set, TypeName};
 /// The line between two definitions, and the start of the next one.
 const SEPARATOR: &str =
     "================================================================================\nMSG: ";
-/// The types of which the event of a service consists, beside its request and its reply.
+/// The types that the event of a service has, beside its request and its reply.
 const EVENT: [(&str, &str); 2] = [
     (
         "builtin_interfaces/Time",

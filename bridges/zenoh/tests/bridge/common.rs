@@ -59,7 +59,7 @@ impl Domain {
     }
 }
 
-/// A domain, and a process of the network to which bridges connect.
+/// A domain, and a process of the network that bridges connect to.
 pub(crate) struct World {
     domain: Domain,
     pub(crate) endpoint: String,
@@ -115,7 +115,7 @@ fn text_of(mode: &str, head: &str, endpoint: &str, rules: &str) -> String {
     )
 }
 
-/// An endpoint at which nothing listens.
+/// An endpoint where nothing listens.
 pub(crate) fn free_endpoint() -> String {
     let free = TcpListener::bind("127.0.0.1:0").unwrap();
     format!("tcp/{}", free.local_addr().unwrap())

@@ -1,4 +1,4 @@
-//! Robots and a site, each with its own domain and bridge, and two routers of which one is killed. All bridges and
+//! Robots and a site, each with its own domain and bridge, and two routers. One of these is killed. All bridges and
 //! routers are processes.
 
 use std::env;
@@ -29,7 +29,7 @@ const OUT: &str = "[spool]\nfolder = \"spool\"\n[[rule]]\naction = \"allow\"\nna
     direction = \"out\"\ndurable = true\n";
 const IN: &str = "[[rule]]\naction = \"allow\"\nnames = \"robot/**\"\ndirection = \"in\"\n";
 
-/// The endpoint at which the process of a router listens, and that of the router to which it connects.
+/// The endpoint where the process of a router listens, and that of the router that it connects to.
 const LISTEN: &str = "SM2_TEST_ROUTER";
 const CONNECT: &str = "SM2_TEST_OTHER_ROUTER";
 

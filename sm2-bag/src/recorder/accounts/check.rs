@@ -171,7 +171,7 @@ pub(super) fn damage(path: &Path, talkers: &Talkers, random: &mut Random) {
     }
 }
 
-/// The messages of all publishers that have some. A gap is a metadata record, for which MCAP has no checksum.
+/// The messages of all publishers that have some. A gap is a metadata record, and MCAP has no checksum for it.
 fn numbers(found: &BTreeMap<String, Found>) -> BTreeMap<&str, &[usize]> {
     let all = found
         .iter()

@@ -82,7 +82,7 @@ pub(crate) struct Arguments {
     pub(super) domain: Domain,
 }
 
-/// The way in which the input is split into messages.
+/// How the input is split into messages.
 #[derive(Args, Clone, Debug)]
 #[group(multiple = false)]
 struct Parts {
@@ -116,7 +116,7 @@ Examples:
   sm2 topic pub blob --from - --chunk 1MiB --reliable < disk.img";
 
 impl Arguments {
-    /// The way in which the input is split into messages.
+    /// How the input is split into messages.
     pub(super) fn split(&self) -> Split {
         match (&self.parts, &self.from) {
             (Parts { lines: true, .. }, _) => Split::Lines,

@@ -1,4 +1,4 @@
-//! The unit in which topics and services are weighed.
+//! The unit for weighing topics and services.
 
 use std::collections::BTreeMap;
 

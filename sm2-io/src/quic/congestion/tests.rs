@@ -233,7 +233,7 @@ fn the_window_has_eight_datagrams_at_least() {
     assert_eq!(link.steady.window(), 8 * 1_400);
 }
 
-/// A path on which nothing arrived for long may be another one now.
+/// A path that brought nothing for long may be another one now.
 #[test]
 fn persistent_congestion_begins_anew() {
     let mut link = Link::drained();

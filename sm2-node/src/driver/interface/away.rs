@@ -66,7 +66,7 @@ impl DeclaredInterface {
         }
     }
 
-    /// Removes a link from which no message is taken any more. `dropped` messages of it are lost.
+    /// Removes a link that no message is taken from any more. `dropped` messages of it are lost.
     pub(super) fn remove(&mut self, token: LinkToken, dropped: u64) {
         // An account of a link that waited for an older one until now.
         self.count_absence(token);

@@ -28,8 +28,8 @@ pub(crate) enum Choice {
 
 impl DeclaredInterface {
     /// Chooses the server for the next call, with a request of this length. While a link to the first server is
-    /// announced and has not come, also has the Manager asked for a PAGE, with which
-    /// [`is_opening`](DeclaredInterface::is_opening) ends: the link may never come.
+    /// announced and has not come, also has the Manager asked for a PAGE, which ends
+    /// [`is_opening`](DeclaredInterface::is_opening): the link may never come.
     pub(crate) fn wait_for_server(&mut self, len: u64) -> Choice {
         let choice = self.choose_server(len);
         if choice == Choice::Opening && self.links_due > 0 {
@@ -66,7 +66,7 @@ impl DeclaredInterface {
         }
     }
 
-    /// Makes a call on this link, at the time at which the call of the program began.
+    /// Makes a call on this link, at the time when the call of the program began.
     pub(crate) fn call(
         &mut self,
         token: LinkToken,
@@ -131,7 +131,7 @@ impl DeclaredInterface {
         }
     }
 
-    /// Removes a call for which no thread waits any more. Gives its reply back if the reply has
+    /// Removes a call that no thread waits for any more. Gives its reply back if the reply has
     /// come, or when it comes.
     pub(crate) fn forget(&mut self, call: CallId, context: &mut Context<'_>) {
         self.cancel(call, context);

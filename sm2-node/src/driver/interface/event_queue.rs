@@ -16,7 +16,7 @@ pub(crate) struct EventQueue {
     events: Option<VecDeque<Event>>,
     /// How many events were dropped because the program did not take them.
     dropped: u64,
-    /// Whether an event has come for which no thread was woken yet.
+    /// Whether an event has come that no thread was woken for yet.
     is_fresh: bool,
 }
 

@@ -1,9 +1,9 @@
-//! The events of an interface for which a program waits in a wait set.
+//! The events of an interface that a program waits for in a wait set.
 
 use super::{CallId, DeclaredInterface};
 use crate::driver::context::Context;
 
-/// An event of an interface for which a program waits.
+/// An event of an interface that a program waits for.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Condition {
     /// A message or a request may be there.

@@ -68,7 +68,7 @@ impl DeclaredInterface {
         self.reply(call, forms, len, Status::Failed, context);
     }
 
-    /// Sends a reply, at the time at which the call of the program began. Returns whether the client's link was still
+    /// Sends a reply, at the time when the call of the program began. Returns whether the client's link was still
     /// open.
     pub(crate) fn reply(
         &mut self,

@@ -78,8 +78,8 @@ impl DeclaredInterface {
         Ok(())
     }
 
-    /// Counts a request that the application took at this time. A request carries its deadline, not the time at
-    /// which it was sent.
+    /// Counts a request that the application took at this time. A request carries its deadline, not the time when
+    /// it was sent.
     pub(super) fn count_request(&mut self, token: LinkToken, now: Instant, len: u64) {
         let link = self.links.get_mut(token);
         for entry in [

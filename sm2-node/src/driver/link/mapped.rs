@@ -84,7 +84,7 @@ impl LinkMemory for Mapped {
     }
 }
 
-/// Creates the ring from which this side will take messages, before this side offers the ring lane. Returns the file
+/// Creates the ring that this side will take messages from, before this side offers the ring lane. Returns the file
 /// for RING. A process without a free descriptor offers the socket lane only.
 //= SM2-RNG-002
 pub(super) fn make_ring(config: &mut link::Config, mapped: &mut Mapped) -> Option<OwnedFd> {

@@ -113,7 +113,7 @@ impl LinkDriver {
         self.feed(Input::Close(code), context.sets, outbox);
     }
 
-    /// Handles a message for which there is no room: the ATTACH of its segment waits for the socket, or the
+    /// Handles a message without room: the ATTACH of its segment waits for the socket, or the
     /// publication is not sent on this link. With `keeps`, the message waits for the ATTACH in the backlog.
     fn without_room(
         &mut self,

@@ -1,4 +1,4 @@
-//! The message in the form in which a link sends it.
+//! The message in the form that a link sends.
 //!
 //! Messages for the ring lane are always in a slot, with their head at the slot's end.
 //!
@@ -27,7 +27,7 @@ pub(in crate::driver) enum NoForm {
 }
 
 impl Outbox {
-    /// The message in the form in which a link with this placement sends it. Creates that form if
+    /// The message in the form that a link with this placement sends. Creates that form if
     /// no other link needed it before.
     ///
     /// # Errors

@@ -80,7 +80,7 @@ impl Outbox {
         }
     }
 
-    /// Sets the use of memory from which on the next decision is due.
+    /// Sets the use of memory that makes the next decision due.
     pub(in crate::driver) fn check_from(&mut self, room: Room) {
         let more = room.bound().saturating_sub(room.held);
         self.check_at = self.pool.used().saturating_add(more);

@@ -1,8 +1,8 @@
-//! The forms in which links accept messages.
+//! The forms of messages that links accept.
 
 use sm2_proto::link::Placement;
 
-/// The forms in which the links of an interface accept messages.
+/// The forms of messages that the links of an interface accept.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Needs {
     /// Some links accept messages only in slots, however short they are.

@@ -113,7 +113,7 @@ impl World<'_> {
                 name: script.name()?,
             });
         }
-        // An offer for which the tables of SPEC allow this frame, if there is one.
+        // An offer that the tables of SPEC allow this frame for, if there is one.
         let oracle = &self.oracle;
         let offer = match choice % 8 {
             2 => pick(script, oracle.known.keys().copied())?,

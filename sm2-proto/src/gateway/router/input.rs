@@ -43,7 +43,7 @@ pub enum Input {
     Taken {
         /// The topic or service.
         subject: Subject,
-        /// The gateway of the domain from which it comes.
+        /// The gateway of the domain that it comes from.
         origin: GatewayId,
         /// The most messages that wait for a taker; `None` if there is no taker.
         taken: Option<u16>,
@@ -84,7 +84,7 @@ pub enum Input {
     },
 }
 
-/// The domain from which messages come, and to which requests go.
+/// The domain that messages come from, and that requests go to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Source {
     /// The own domain.
@@ -109,7 +109,7 @@ pub enum Output {
     },
     /// Withdraw an offer.
     Unoffer {
-        /// The peer to which it was made.
+        /// The peer that it was made to.
         peer: GatewayId,
         /// The number of the offer.
         offer: OfferId,
@@ -134,7 +134,7 @@ pub enum Output {
     DeclareProxy {
         /// The topic or service.
         subject: Subject,
-        /// The gateway of the domain from which it comes.
+        /// The gateway of the domain that it comes from.
         origin: GatewayId,
         /// The peer through which it comes.
         peer: GatewayId,
@@ -143,7 +143,7 @@ pub enum Output {
     WithdrawProxy {
         /// The topic or service.
         subject: Subject,
-        /// The gateway of the domain from which it came.
+        /// The gateway of the domain that it came from.
         origin: GatewayId,
     },
     /// Subscribe to the topic in the own domain, or become a client of the service there.

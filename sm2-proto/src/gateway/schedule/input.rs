@@ -89,7 +89,7 @@ pub enum Output<M> {
     },
 }
 
-/// One step of the [order](super::Schedule::order) in which a driver writes messages.
+/// One step of the [order](super::Schedule::order) of a driver that writes messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Next {
     /// Write bytes of the message in flight.

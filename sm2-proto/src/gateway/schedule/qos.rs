@@ -55,7 +55,7 @@ impl SendQos {
         self.expires_at(published_at).is_some_and(|at| at <= now)
     }
 
-    /// The first time at which a message is too old to start.
+    /// The first time when a message is too old to start.
     pub(super) fn expires_at(&self, published_at: Instant) -> Option<Instant> {
         let max_age_ns = u64::try_from(self.max_age?.as_nanos()).ok()?;
         let last = published_at.0.checked_add(max_age_ns)?;

@@ -24,7 +24,7 @@ pub enum Input<'a> {
     Tick,
 }
 
-/// The way by which a message, a request or a reply arrives.
+/// How a message, a request or a reply arrives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Transport {
     /// A stream of its own.

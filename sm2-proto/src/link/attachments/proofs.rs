@@ -25,7 +25,7 @@ struct Model {
     slots: [[Use; 2]; 2],
     /// The position of the ATTACH frame of each attached segment.
     attached: [Option<u64>; 2],
-    /// A segment for which DETACH has to be sent.
+    /// A segment that needs a DETACH.
     retired: Option<u32>,
     order: u64,
 }

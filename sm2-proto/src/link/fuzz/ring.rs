@@ -1,7 +1,7 @@
 //! Runs one end of a link of the ring lane, in any role, while each access to a word answers as
 //! fuzz input says. A load, a swap and a take of one word need not agree with each other.
 //!
-//! Most answers are those of a memory to which a peer writes correct words, so that a run gets past
+//! Most answers are those of a memory where a peer writes correct words, so that a run gets past
 //! the first message.
 
 mod hostile;
@@ -50,12 +50,12 @@ pub(crate) fn words(data: &[u8]) {
     ring.take_all();
 }
 
-/// One end with its rings, and the state by which its peer is right most of the time.
+/// One end with its rings, and the state that lets its peer be right most of the time.
 struct Ring<'a> {
     world: World,
     /// The ring into which this end puts words; unused by a receiver.
     outgoing: Hostile<'a>,
-    /// The ring from which this end takes words; unused by a sender.
+    /// The ring that this end takes words from; unused by a sender.
     incoming: Hostile<'a>,
     /// The messages that the application holds.
     held: Vec<Delivery>,

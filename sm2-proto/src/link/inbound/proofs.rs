@@ -270,7 +270,7 @@ fn each_message_is_released_once() {
 }
 
 /// Creates the segments of the ring lane with these segments attached. `leaving` is a segment that
-/// was attached and detached and for which DETACHED was not sent.
+/// was attached and detached, without a DETACHED that was sent.
 fn ring_segments(attached: impl Iterator<Item = u32>, leaving: Option<u32>) -> RingSegments {
     let mut ring = RingSegments::default();
     let file = FdFacts {
@@ -399,7 +399,7 @@ impl Attach {
 fn one_segment_too_many_is_refused() {
     let mut state = State::<1>::of_link(false);
     let is_ring = kani::any();
-    // Segments of the ring lane for which DETACHED was not sent count as well.
+    // Segments of the ring lane whose DETACHED was not sent count as well.
     let is_leaving = is_ring && kani::any();
     let attached = SEGMENTS_MAX - below(2) - usize::from(is_leaving);
     let file = FdFacts {

@@ -11,7 +11,7 @@ use super::{
 };
 use crate::{Period, Violation};
 
-/// The rings of a link: one for each direction in which its role has messages.
+/// The rings of a link: one for each direction where its role has messages.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(in crate::link) struct RingLane {
     outgoing: Option<Outgoing>,
@@ -135,7 +135,7 @@ impl RingLane {
         }
     }
 
-    /// The word in which this end announces that it sleeps. A caller or server uses its incoming
+    /// The word where this end announces that it sleeps. A caller or server uses its incoming
     /// ring.
     pub(in crate::link) fn parked_word(&self) -> Option<At> {
         match self.incoming {

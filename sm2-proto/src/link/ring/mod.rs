@@ -1,7 +1,7 @@
 //! The ring lane of a link: SPEC section 8.5.
 //!
 //! A ring is a file of words that both ends map for writing. This module decides which word is
-//! written at which index, and checks every word that is read. It accesses the words through
+//! written, and where, and checks every word that is read. It accesses the words through
 //! [`RingMemory`], which the driver lends for one call. Every word that the other end can write
 //! leads to a message, to no message, or to a violation.
 //!

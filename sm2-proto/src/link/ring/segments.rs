@@ -14,7 +14,7 @@ use crate::{
 pub(in crate::link) struct RingSegments {
     /// Ordered by number. Usually there is one, which is found faster here than in a tree.
     attached: Vec<(u32, Geometry)>,
-    /// Detached segments for which DETACHED was not sent yet, the oldest first.
+    /// Detached segments whose DETACHED was not sent yet, the oldest first.
     leaving: VecDeque<u32>,
 }
 
@@ -56,7 +56,7 @@ impl RingSegments {
         Some(self.attached.get(place)?.1)
     }
 
-    /// The index of a segment, or the index at which it would be inserted.
+    /// The index of a segment, or the index where it would be inserted.
     #[inline]
     fn place(&self, segment: u32) -> Result<usize, usize> {
         match self.attached.as_slice() {
@@ -71,7 +71,7 @@ impl RingSegments {
         !self.leaving.is_empty()
     }
 
-    /// Returns the next segment for which DETACHED has to be sent.
+    /// Returns the next segment that needs a DETACHED.
     pub(super) fn poll_detached(&mut self) -> Option<u32> {
         self.leaving.pop_front()
     }

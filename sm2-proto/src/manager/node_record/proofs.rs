@@ -180,7 +180,7 @@ fn farewells_of_a_links_end() {
             };
         }
         2 => {
-            // Only a link that was just made, and of which the node was not told, is taken back.
+            // Only a link that was just made, and that the node was not told of, is taken back.
             takes_back(&mut record, link, live);
             stages[0] = if live { Stage::Gone } else { stage };
         }

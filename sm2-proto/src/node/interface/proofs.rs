@@ -21,7 +21,7 @@ const STATES: [State; 8] = [
     State::Dropping,
 ];
 
-/// The rows of SPEC section 4.3, and a row for interfaces of which the Manager has not heard in
+/// The rows of SPEC section 4.3, and a row for interfaces that the Manager has not heard of in
 /// this session.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Row {
@@ -135,7 +135,7 @@ fn any_standing(state: State) -> Option<Standing> {
     standing
 }
 
-/// A state of which this session's Manager has not heard, or which it has to answer, knows, or
+/// A state that this session's Manager has not heard of, or that it has to answer, knows, or
 /// forgets.
 pub(in crate::node) fn any_interface() -> Interface {
     let state = one_of(&STATES);

@@ -1,4 +1,4 @@
-//! A domain without a kernel in which Managers come and go, and nodes stay.
+//! A domain without a kernel, where Managers come and go, and nodes stay.
 
 mod check;
 mod nodes;

@@ -12,7 +12,7 @@ use sm2_tests::{TIMEOUT, input::Input, options::Options, pattern};
 
 /// The topic of publisher and subscriber, which attackers use, too.
 pub(crate) const TOPIC: &str = "victim";
-/// The topic to which the newcomer subscribes.
+/// The topic that the newcomer subscribes to.
 const BEACON: &str = "beacon";
 const PUBLISHER: &str = "victim-publisher";
 const PERIOD: Duration = Duration::from_millis(5);
@@ -125,7 +125,7 @@ fn join(node: &Node) -> ExitCode {
         let Ok(lines) = input.lines() else {
             return ExitCode::SUCCESS;
         };
-        // An attempt belongs to the window in which it ends, and to one that it outlasts.
+        // An attempt belongs to the window where it ends, and to one that it outlasts.
         if lines.iter().any(|it| it == "begin") {
             times_us.clear();
         }

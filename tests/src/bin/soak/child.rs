@@ -60,7 +60,7 @@ pub(crate) struct Child {
     can_lack_addresses: bool,
 }
 
-/// The roles for which addresses may run short, in processes that do not start at once (`--go`). A Rust program
+/// The roles whose addresses may run short, in processes that do not start at once (`--go`). A Rust program
 /// aborts without memory for its own values: servers and clients copy messages, and a process that starts
 /// needs more than it has.
 const ROLES_WITH_MAPPINGS: [&str; 3] = ["publisher", "subscriber", "late"];

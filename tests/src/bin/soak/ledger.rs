@@ -29,7 +29,7 @@ pub(crate) struct End {
     lost: u64,
 }
 
-/// Messages of a sender for which no fate is counted, or two.
+/// Messages of a sender without a counted fate, or with two.
 pub(crate) fn unbalanced(counters: &Counters) -> u64 {
     let settled = counters.delivered + counters.dropped() + counters.in_flight;
     counters.offered.abs_diff(settled)

@@ -1,4 +1,4 @@
-//! Messages in which every byte can be checked: the publisher's instance, a number, and a pattern
+//! Messages whose bytes can all be checked: the publisher's instance, a number, and a pattern
 //! that depends on both.
 
 use std::hash::{BuildHasher, Hasher, RandomState};

@@ -1,4 +1,4 @@
-//! The sums of a process, and the lines by which it reports them.
+//! The sums of a process, and the lines that report them.
 
 /// The sums of one process, since its start.
 #[derive(Debug, Default)]

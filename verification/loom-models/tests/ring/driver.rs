@@ -19,7 +19,7 @@ use crate::socket::{Read, Socket};
 
 const NOW: Instant = Instant(0);
 
-/// The steps of a driver, each of which can be left out.
+/// The steps of a driver. Each can be left out.
 #[derive(Clone, Copy)]
 pub(crate) struct Order {
     pub(crate) parks: bool,

@@ -43,7 +43,7 @@ impl Memory {
     }
 }
 
-/// A payload of eight bytes, and the head of the message. loom fails an execution in which two
+/// A payload of eight bytes, and the head of the message. loom fails an execution where two
 /// threads access one at the same time, or could.
 #[derive(Default)]
 pub(crate) struct Slot {

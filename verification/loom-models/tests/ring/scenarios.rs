@@ -237,7 +237,7 @@ pub(crate) fn round(terms: Terms) {
     settled(sender, &receiver);
 }
 
-/// Three messages, for each of which the sender waits for room. None is lost.
+/// Three messages. The sender waits for room for each of them. None is lost.
 pub(crate) fn reliable(terms: Terms) {
     let (sender, mut receiver) = pair(terms);
     let sender = publishing(sender, 3);

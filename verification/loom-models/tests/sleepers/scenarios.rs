@@ -42,7 +42,7 @@ pub(crate) mod interface {
         pub(super) link: Option<Link>,
         pub(super) messages: Vec<u64>,
         pub(super) is_over: bool,
-        /// True if taking a message clears the word by which a sleeping thread requests the bell.
+        /// True if taking a message clears the word that requests the bell for a sleeping thread.
         pub(super) unparks: bool,
     }
 

@@ -24,7 +24,7 @@ pub(crate) struct SharedInterface {
 pub(crate) struct LinkSets {
     pub(crate) calls: Epoll,
     control: Epoll,
-    /// The node, of which these models know nothing.
+    /// The node; these models know nothing of it.
     pub(crate) node: (),
 }
 

@@ -13,7 +13,7 @@ use crate::process::{self, Ended, Interrupts};
 use crate::screen::Screen;
 use crate::tested::passed;
 
-/// The variable with the file to which runners append their results.
+/// The variable with the file that runners append their results to.
 const RESULTS: &str = "SM2_VERIFICATION_RESULTS";
 
 /// One program.

@@ -110,7 +110,7 @@ impl Books {
         self.0.keys()
     }
 
-    /// Returns an end for which a farewell was sent, but not both farewells were read.
+    /// Returns an end whose farewell was sent, while not both farewells were read.
     pub(super) fn half_said(&self) -> Option<(InterfaceId, LinkId)> {
         let half = self.0.iter().find(|(_, it)| it.said.contains(&true));
         half.map(|(end, _)| *end)

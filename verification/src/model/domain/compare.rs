@@ -42,7 +42,7 @@ impl Findings {
     }
 }
 
-/// A system that never fails: a moment in which a property does not hold has no successors.
+/// A system that never fails: a moment when a property does not hold has no successors.
 struct Collector<'a> {
     scope: &'a Scope,
     found: RefCell<Findings>,

@@ -12,7 +12,7 @@ use super::{
 };
 
 impl World {
-    /// Checks this moment, in which `actions` are possible. Returns whether it is quiet.
+    /// Checks this moment, when `actions` are possible. Returns whether it is quiet.
     ///
     /// # Errors
     ///

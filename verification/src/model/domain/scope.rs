@@ -327,7 +327,7 @@ fn withdrawals(withdrawals: u8) -> Budget {
     }
 }
 
-/// Two nodes, each of which publishes the topic that the other one subscribes to.
+/// Two nodes. Each publishes the topic that the other one subscribes to.
 fn crossed() -> Vec<Vec<Contract>> {
     vec![
         vec![publisher(LIDAR), subscriber(CAMERA)],

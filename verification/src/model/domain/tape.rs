@@ -18,7 +18,7 @@ const SESSIONS_END: u64 = 8_000_000;
 /// The first epoch.
 pub(super) const EPOCHS: u64 = 0xE000_0000;
 const EPOCHS_END: u64 = 0xE000_1000;
-/// The time at which each Manager starts. Time advances only to deadlines.
+/// The time when each Manager starts. Time advances only to deadlines.
 pub(super) const BEGIN: Instant = Instant(1_000_000_000_000_000);
 const TIME_END: u64 = 2_000_000_000_000_000;
 /// The start of each node's name; one digit follows.

@@ -166,7 +166,7 @@ impl LinkScope {
         }
     }
 
-    /// Links of topics, most of which stay open.
+    /// Links of topics; most of them stay open.
     fn topics() -> Vec<Self> {
         vec![
             Self::topic("link-keep-last-1", false, 1, INLINE, 8),

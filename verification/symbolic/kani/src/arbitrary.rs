@@ -14,7 +14,7 @@ pub fn any<T: Arbitrary>() -> T {
     T::any()
 }
 
-/// Returns an arbitrary value for which `holds` returns true.
+/// Returns an arbitrary value that `holds` accepts.
 pub fn any_where<T: Arbitrary>(holds: impl FnOnce(&T) -> bool) -> T {
     let value = T::any();
     assume(holds(&value));

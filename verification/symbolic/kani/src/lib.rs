@@ -13,7 +13,7 @@ mod memory;
 pub use arbitrary::{Arbitrary, any, any_where};
 pub use sm2_symbolic_kani_macros::{proof, unwind};
 
-/// Continues only with values for which `condition` holds.
+/// Continues only with values that fulfil `condition`.
 pub fn assume(condition: bool) {
     hooks::sm2_symbolic_assume(condition);
 }

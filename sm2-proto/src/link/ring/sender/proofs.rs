@@ -85,7 +85,7 @@ fn message(number: u64) -> RingMessage {
     }
 }
 
-/// A sender that has sent `sent` messages, of which the first `taken` were taken and not given
+/// A sender that has sent `sent` messages; the first `taken` of them were taken and not given
 /// back.
 fn sender(sent: u64, taken: u64, reliable: bool, words: &Answers) -> RingSender {
     let layout = RingLayout::new(2, 3).expect("a legal layout");

@@ -58,7 +58,7 @@ pub(crate) fn run(role: &str, options: &Options) -> ExitCode {
     });
     let mut tally = Tally::default();
     let mut due = Instant::now();
-    // The moment by which everything should be settled.
+    // The latest moment for everything to be settled.
     let mut resting: Option<Instant> = None;
     loop {
         for line in lines(&mut input) {
