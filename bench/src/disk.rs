@@ -42,7 +42,7 @@ pub enum DiskError {
         /// The folder.
         folder: PathBuf,
         /// The error of the system.
-        source: io::Error,
+        r#source: io::Error,
     },
 }
 

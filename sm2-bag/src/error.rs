@@ -29,7 +29,7 @@ pub enum RecordError {
     Wait(#[from] WaitError),
     /// The operating system refuses something that the recorder needs.
     #[error("cannot start to record: {0}")]
-    System(#[source] io::Error),
+    System(io::Error),
     /// Another recorder uses the ring.
     #[error("another recorder uses this ring: give each one a folder of its own (see --ring)")]
     RingInUse,
@@ -40,7 +40,7 @@ pub enum RecordError {
     DiskFull,
     /// The file cannot be written. Everything before the last interval can be read: see [`recover`](fn@crate::recover).
     #[error("cannot write the bag: {0}; the messages before can be read: see `sm2 bag recover`")]
-    Write(#[source] WriteError),
+    Write(WriteError),
 }
 
 /// Why a bag cannot be written.
@@ -81,7 +81,7 @@ pub enum ReadError {
         /// The file.
         path: PathBuf,
         /// The reason of the operating system.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// The file does not begin like an MCAP file.
     #[error("{} is not an MCAP file", path.display())]
@@ -175,7 +175,7 @@ pub enum CopyError {
         /// The new bag.
         path: PathBuf,
         /// The reason.
-        source: WriteError,
+        r#source: WriteError,
     },
 }
 

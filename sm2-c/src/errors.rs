@@ -15,12 +15,13 @@ use crate::status::{Failure, Status};
 
 /// Implements the conversion from errors that have a code.
 macro_rules! failure_from {
-    ($($error:ty: $status:expr;)*) => {
+    ($($error:ty: $status:expr, $cause:expr;)*) => {
         $(
             impl From<$error> for Failure {
                 fn from(error: $error) -> Self {
                     let status: fn(&$error) -> Status = $status;
-                    Self::new(status(&error), &error)
+                    let cause: fn(&$error) -> Option<&io::Error> = $cause;
+                    Self::new(status(&error), &error, cause(&error))
                 }
             }
         )*
@@ -28,28 +29,35 @@ macro_rules! failure_from {
 }
 
 failure_from! {
-    io::Error: |_| Status::IO;
-    NameError: |_| Status::BAD_NAME;
-    SchemaError: |_| Status::BAD_SCHEMA;
-    sm2_proto::schema::ParseError: |_| Status::BAD_SCHEMA;
-    sm2_ros_idl::NameError: |_| Status::BAD_NAME;
-    SetError: |_| Status::BAD_SCHEMA;
-    FolderError: folder;
-    ConnectError: connect;
-    DeclareError: declare;
-    WaitError: wait;
-    QueryError: query;
-    StoreError: store;
-    PublishError: publish;
-    RecvError: recv;
-    CallError: call;
-    ReplyError: reply;
+    io::Error: |_| Status::IO, |it| Some(it);
+    NameError: |_| Status::BAD_NAME, |_| None;
+    SchemaError: |_| Status::BAD_SCHEMA, |_| None;
+    sm2_proto::schema::ParseError: |_| Status::BAD_SCHEMA, |_| None;
+    sm2_ros_idl::NameError: |_| Status::BAD_NAME, |_| None;
+    SetError: |_| Status::BAD_SCHEMA, |_| None;
+    FolderError: folder, unreadable;
+    ConnectError: connect, ConnectError::os_error;
+    DeclareError: declare, DeclareError::os_error;
+    WaitError: wait, WaitError::os_error;
+    QueryError: query, QueryError::os_error;
+    StoreError: store, StoreError::os_error;
+    PublishError: publish, PublishError::os_error;
+    RecvError: recv, RecvError::os_error;
+    CallError: call, CallError::os_error;
+    ReplyError: reply, ReplyError::os_error;
 }
 
 fn folder(error: &FolderError) -> Status {
     match error {
         FolderError::Io { .. } => Status::IO,
         FolderError::Definition { .. } | FolderError::Name { .. } => Status::BAD_SCHEMA,
+    }
+}
+
+const fn unreadable(error: &FolderError) -> Option<&io::Error> {
+    match error {
+        FolderError::Io { error, .. } => Some(error),
+        FolderError::Definition { .. } | FolderError::Name { .. } => None,
     }
 }
 

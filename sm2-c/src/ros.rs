@@ -41,7 +41,7 @@ pub extern "C" fn sm2_ros_schema(
             }
             sm2_ros::definitions::complete(&mut set, &name);
             let text = CString::new(set.schema_text(&name)?);
-            text.map_err(|error| Failure::new(Status::BAD_SCHEMA, &error))
+            text.map_err(|error| Failure::new(Status::BAD_SCHEMA, &error, None))
         })
     })
 }

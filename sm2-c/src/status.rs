@@ -8,8 +8,6 @@ use std::ffi::{CStr, c_char, c_int};
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use sm2_ros_idl::FolderError;
-
 /// The result of a call: `SM2_OK`, or the kind of error. `sm2_last_error()` returns the error's text.
 ///
 /// The numbers never change. Later versions of the library may add codes, so a program treats a code that it does not
@@ -136,12 +134,12 @@ impl Failure {
         }
     }
 
-    /// An error of a library of SM2, with its own text.
-    pub(crate) fn new(status: Status, error: &(dyn Error + 'static)) -> Self {
+    /// An error of a library of SM2, with its own text, and the error of the operating system that caused it.
+    pub(crate) fn new(status: Status, error: &dyn Error, cause: Option<&io::Error>) -> Self {
         Self {
             status,
             text: error.to_string().into(),
-            errno: errno_of(error),
+            errno: cause.and_then(io::Error::raw_os_error).unwrap_or(0),
         }
     }
 
@@ -155,23 +153,6 @@ impl Failure {
             errno: 0,
         }
     }
-}
-
-/// The error number of the operating system that led to this error; 0 if there is none.
-fn errno_of(error: &(dyn Error + 'static)) -> c_int {
-    let mut next = Some(error);
-    while let Some(error) = next {
-        if let Some(number) = (error.downcast_ref::<io::Error>()).and_then(io::Error::raw_os_error)
-        {
-            return number;
-        }
-        // Its cause is no `source`.
-        if let Some(FolderError::Io { error, .. }) = error.downcast_ref::<FolderError>() {
-            return error.raw_os_error().unwrap_or(0);
-        }
-        next = error.source();
-    }
-    0
 }
 
 /// Runs the body of an entry point: no panic leaves it, and an error becomes the last one of this thread.

@@ -60,7 +60,7 @@ pub(crate) enum CliError {
         /// The path of the socket.
         path: PathBuf,
         /// The reason of the operating system.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// A signal came before the command had begun.
     #[error("stopped")]
@@ -132,12 +132,12 @@ pub(crate) enum CliError {
     },
     /// A folder of `--definitions` cannot be read.
     #[error("cannot read the definitions of --definitions: {0}")]
-    Definitions(#[from] FolderError),
+    Definitions(FolderError),
     /// The given value is not JSON.
     #[error(
         "the value is not JSON ({0}): quote it for the shell, such as '{{\"x\": 1}}' or '\"text\"'"
     )]
-    Json(#[source] serde_json::Error),
+    Json(serde_json::Error),
     /// A value needs a schema.
     #[error("{0}")]
     NoSchema(String),
@@ -176,7 +176,7 @@ pub(crate) enum CliError {
         /// The address.
         address: SocketAddr,
         /// The reason of the operating system.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// A program that is installed on its own cannot be started.
     #[error(
@@ -186,7 +186,7 @@ pub(crate) enum CliError {
         /// The program, and the folder of the repository that has it.
         program: &'static str,
         /// The reason of the operating system.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// The domain's socket cannot be named.
     #[error(transparent)]
@@ -235,7 +235,7 @@ pub(crate) enum CliError {
         /// The file or folder.
         path: PathBuf,
         /// The reason of the operating system.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// A recording failed.
     #[error("{}: {source}", path.display())]
@@ -243,7 +243,7 @@ pub(crate) enum CliError {
         /// The bag.
         path: PathBuf,
         /// The reason.
-        source: RecordError,
+        r#source: RecordError,
     },
     /// The messages around a trigger were not written.
     #[error("{} was not written, after a trigger by {reason}; the ring has its messages", path.display())]
@@ -347,7 +347,7 @@ pub(crate) enum CliError {
     },
     /// Writing to standard output failed.
     #[error("cannot write to standard output: {0}")]
-    Output(#[source] io::Error),
+    Output(io::Error),
     /// The demo failed.
     #[error(transparent)]
     Demo(DemoError),
@@ -357,7 +357,7 @@ pub(crate) enum CliError {
         /// The action that failed.
         action: &'static str,
         /// The reason of the operating system.
-        source: io::Error,
+        r#source: io::Error,
     },
 }
 

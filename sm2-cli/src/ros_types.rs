@@ -89,7 +89,7 @@ impl Definitions {
         }
         let mut set = Set::default();
         for folder in &self.folders {
-            set.add_definitions(folder)?;
+            set.add_definitions(folder).map_err(CliError::Definitions)?;
         }
         Ok(self.added.get_or_init(|| set))
     }

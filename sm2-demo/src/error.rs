@@ -9,14 +9,14 @@ use sm2_manager::StartError;
 pub enum DemoError {
     /// The output cannot be written.
     #[error("cannot write to standard output: {0}")]
-    Output(#[from] io::Error),
+    Output(io::Error),
     /// The operating system refuses something that the demo needs.
     #[error("cannot {action}: {source}")]
     System {
         /// The action that failed.
         action: &'static str,
         /// The reason of the operating system.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// The demo cannot create its private folder.
     #[error("cannot create a folder in {}: {source}", parent.display())]
@@ -24,11 +24,11 @@ pub enum DemoError {
         /// The folder that should hold the private one.
         parent: PathBuf,
         /// The reason of the operating system.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// The demo's Manager did not start.
     #[error("the demo's Manager does not start: {0}")]
-    Manager(#[from] StartError),
+    Manager(StartError),
     /// The demo's messages would not fit into memory.
     #[error(
         "messages of {size_bytes} bytes need some {needed_bytes} bytes of memory and \
@@ -61,7 +61,7 @@ pub enum DemoError {
         /// The reason why there are no network namespaces.
         no_namespaces: String,
         /// The reason of the operating system.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// A gateway of the demo did not start, or did not connect to the other one.
     #[error("the demo's gateways: {0}")]
@@ -97,6 +97,12 @@ pub enum DemoError {
     /// A call of `sm2-node` failed; its error says which.
     #[error(transparent)]
     Node(Box<dyn std::error::Error + Send + Sync>),
+}
+
+impl From<io::Error> for DemoError {
+    fn from(error: io::Error) -> Self {
+        Self::Output(error)
+    }
 }
 
 impl DemoError {

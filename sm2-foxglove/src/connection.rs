@@ -57,7 +57,7 @@ pub(crate) enum AcceptError {
 pub(crate) enum Gone {
     #[error("it closed the connection")]
     Closed,
-    #[error("{0}")]
+    #[error(transparent)]
     Io(#[from] io::Error),
     #[error("it broke the protocol: {0}")]
     Protocol(Box<Error>),

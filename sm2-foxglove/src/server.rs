@@ -40,14 +40,26 @@ pub enum ServerError {
         /// The address.
         address: SocketAddr,
         /// The error of the operating system.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// The domain cannot be followed.
     #[error("cannot follow the domain: {0}")]
-    Query(#[from] QueryError),
+    Query(QueryError),
     /// The operating system refuses something that the server needs.
     #[error("the operating system refuses a resource: {0}")]
-    System(#[from] io::Error),
+    System(io::Error),
+}
+
+impl From<QueryError> for ServerError {
+    fn from(error: QueryError) -> Self {
+        Self::Query(error)
+    }
+}
+
+impl From<io::Error> for ServerError {
+    fn from(error: io::Error) -> Self {
+        Self::System(error)
+    }
 }
 
 /// A server of the Foxglove WebSocket protocol.

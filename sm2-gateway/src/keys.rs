@@ -21,7 +21,7 @@ pub enum KeyFileError {
         /// The file.
         path: PathBuf,
         /// The error of the system.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// The file exists already.
     #[error("{path} exists already and a key is never overwritten: remove it if it is not needed")]
@@ -43,7 +43,7 @@ pub enum KeyFileError {
         /// The file.
         path: PathBuf,
         /// The error of the parser.
-        source: PemError,
+        r#source: PemError,
     },
     /// The file is PEM, but holds something else than a private key.
     #[error("{path} is not a key file: it holds a {tag}, not a {TAG}")]
@@ -59,11 +59,11 @@ pub enum KeyFileError {
         /// The file.
         path: PathBuf,
         /// Why the key was refused.
-        source: KeyError,
+        r#source: KeyError,
     },
     /// No key can be generated.
     #[error("cannot generate a key: {0}")]
-    Generate(#[from] KeyError),
+    Generate(KeyError),
 }
 
 /// Generates a key and writes it to a new file that only its owner can read.
@@ -71,7 +71,7 @@ pub enum KeyFileError {
 /// # Errors
 /// See [`KeyFileError`]. No file is left behind.
 pub fn generate(path: &Path) -> Result<SecretKey, KeyFileError> {
-    let key = SecretKey::generate()?;
+    let key = SecretKey::generate().map_err(KeyFileError::Generate)?;
     let text = pem::encode(&Pem::new(TAG, key.to_pkcs8()));
     let options = { OpenOptions::new() }
         .write(true)

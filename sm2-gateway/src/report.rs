@@ -174,7 +174,7 @@ pub enum ReportError {
         /// The status service.
         gateway: Name,
         /// The error of the decoder.
-        source: serde_json::Error,
+        r#source: serde_json::Error,
     },
 }
 

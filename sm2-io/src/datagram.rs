@@ -89,7 +89,7 @@ pub enum SendError {
     TooLong,
     /// Anything else.
     #[error("cannot send: {0}")]
-    Io(#[source] io::Error),
+    Io(io::Error),
 }
 
 impl From<Errno> for SendError {
@@ -117,7 +117,7 @@ pub enum RecvError {
     Closed,
     /// Anything else.
     #[error("cannot receive: {0}")]
-    Io(#[source] io::Error),
+    Io(io::Error),
 }
 
 impl From<Errno> for RecvError {

@@ -44,7 +44,7 @@ pub enum Unavailable {
     },
     /// A system call failed.
     #[error("cannot make a network namespace: {0}")]
-    System(#[from] io::Error),
+    System(io::Error),
 }
 
 /// The three namespaces.
@@ -61,9 +61,9 @@ impl Network {
             return Err(Unavailable::NotRoot);
         }
         let network = Self {
-            near: Namespace::new()?,
-            link: Namespace::new()?,
-            far: Namespace::new()?,
+            near: Namespace::new().map_err(Unavailable::System)?,
+            link: Namespace::new().map_err(Unavailable::System)?,
+            far: Namespace::new().map_err(Unavailable::System)?,
         };
         tell(&network.link, "ip", &["-batch", "-"], "link set lo up\n")?;
         for side in [Side::Near, Side::Far] {
@@ -225,7 +225,7 @@ fn tell(
         }
         child.wait_with_output()
     };
-    match namespace.enter(run)? {
+    match namespace.enter(run).map_err(Unavailable::System)? {
         Ok(output) if output.status.success() => {
             Ok(String::from_utf8_lossy(&output.stdout).into_owned())
         }
@@ -236,7 +236,7 @@ fn tell(
             Err(Unavailable::Failed { program, reason })
         }
         Err(error) if error.kind() == io::ErrorKind::NotFound => Err(Unavailable::Missing(program)),
-        Err(error) => Err(error.into()),
+        Err(error) => Err(Unavailable::System(error)),
     }
 }
 

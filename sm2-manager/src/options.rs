@@ -58,18 +58,18 @@ pub enum StartError {
         /// The socket's path.
         path: PathBuf,
         /// The error of connecting.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// The domain has an access policy that cannot be used. A Manager without it would allow everything.
     #[error("{0}; the Manager does not serve without the access policy of its domain")]
-    Policy(#[from] PolicyFileError),
+    Policy(PolicyFileError),
     /// The operating system refused a resource that every Manager needs.
     #[error("cannot {action}: {source}")]
     Io {
         /// The action that failed.
         action: &'static str,
         /// The error of the operating system.
-        source: io::Error,
+        r#source: io::Error,
     },
 }
 
@@ -82,7 +82,7 @@ impl StartError {
 /// The loop cannot continue. Links stay open without their Manager.
 #[derive(Debug, thiserror::Error)]
 #[error("the Manager stopped, because waiting for events failed: {0}")]
-pub struct RunError(#[from] io::Error);
+pub struct RunError(pub io::Error);
 
 /// The reason why a Manager's loop ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

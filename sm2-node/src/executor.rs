@@ -15,6 +15,7 @@ use std::panic;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 
+pub(crate) use self::callback::WithCauses;
 pub use self::callback::{ExecutorError, Failure};
 pub use self::group::Group;
 pub use self::id::CallbackId;

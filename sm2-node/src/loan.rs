@@ -72,7 +72,7 @@ impl<'p, T: Plain + ?Sized> Loan<'p, T> {
                 match publisher.handle.check_file(len as u64) {
                     Ok(()) => {
                         let spare = publisher.take_spare(len, Fill::InPlace);
-                        Memory::Sealed(spare::lend(spare, len)?)
+                        Memory::Sealed(spare::lend(spare, len).map_err(StoreError::Io)?)
                     }
                     Err(error) => without_pool(publisher, error, len)?,
                 }

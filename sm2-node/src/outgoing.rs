@@ -62,13 +62,15 @@ impl<'a> Outgoing<'a> {
         spare: impl FnOnce(usize, Fill) -> Option<Preallocated>,
     ) -> Result<OwnedFd, StoreError> {
         match self {
-            Self::Encoded(bytes) => Ok(spare::seal(spare(bytes.len(), Fill::Copy), bytes)?),
+            Self::Encoded(bytes) => spare::seal(spare(bytes.len(), Fill::Copy), bytes),
             Self::InPlace { len, encode } => {
-                let mut loan = spare::lend(spare(*len, Fill::InPlace), *len)?;
+                let mut loan =
+                    spare::lend(spare(*len, Fill::InPlace), *len).map_err(StoreError::Io)?;
                 encode(loan.as_mut_slice()).map_err(StoreError::Encode)?;
-                Ok(loan.seal()?)
+                loan.seal()
             }
         }
+        .map_err(StoreError::Io)
     }
 
     /// Returns the message in private memory.

@@ -51,7 +51,7 @@ pub enum TestDomainError {
         /// The folder.
         path: PathBuf,
         /// The error of the operating system.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// The Manager cannot be started.
     #[error(transparent)]

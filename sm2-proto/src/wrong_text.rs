@@ -16,7 +16,7 @@ pub enum WrongText {
         /// The text.
         text: String,
         /// The rule that it breaks.
-        source: NameError,
+        r#source: NameError,
     },
     /// The text is not a pattern of names.
     #[error("`{text}`: {source}")]
@@ -24,7 +24,7 @@ pub enum WrongText {
         /// The text.
         text: String,
         /// The rule that it breaks.
-        source: PatternError,
+        r#source: PatternError,
     },
 }
 

@@ -7,6 +7,7 @@ mod confinement;
 mod containers;
 mod crash;
 mod documents;
+mod errors;
 mod exhaustion;
 mod faults;
 mod isolation;

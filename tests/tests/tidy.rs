@@ -1,5 +1,5 @@
 //! A test of the repository itself: dependencies between files, sizes, types, repetition, sentences, time limits of
-//! tests.
+//! tests, causes of errors.
 //!
 //! Each check returns findings; `known.rs` lists the offenders that still exist. A list can only
 //! shrink: a finding that is not listed fails, and so does an entry that finds nothing any more.
@@ -227,6 +227,19 @@ fn no_test_depends_on_the_speed_of_the_machine() {
     }
     let advice = "CONTRIBUTING, Tests that load cannot break, has the rules.";
     compare(offences, known::HASTY_TESTS, advice);
+}
+
+#[test]
+fn no_error_shows_its_own_source() {
+    let repository = repository();
+    let rust = repository.rust();
+    let found: Vec<_> = rust
+        .flat_map(|(path, it)| causes::shown_sources(path, it))
+        .collect();
+    let lines: String = found.iter().map(|it| format!("{it}\n")).collect();
+    let advice = "Programs that print the chain of an error would print that cause twice. Name the field `r#source`, \
+                  or leave out #[source] and #[from]; the head of sm2-node/src/error.rs has the reason.";
+    assert!(found.is_empty(), "\n{lines}{advice}");
 }
 
 #[test]

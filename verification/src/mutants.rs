@@ -28,7 +28,7 @@ pub enum MutantsError {
         /// The path of the file or folder.
         path: PathBuf,
         /// The error of the system.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// The list of mutants is invalid.
     #[error("{}: {source}", path.display())]
@@ -36,7 +36,7 @@ pub enum MutantsError {
         /// The path of the list.
         path: PathBuf,
         /// The error of the parser.
-        source: toml::de::Error,
+        r#source: toml::de::Error,
     },
     /// A mutant cannot be made.
     #[error(transparent)]
@@ -47,7 +47,7 @@ pub enum MutantsError {
         /// The path of the program.
         program: PathBuf,
         /// The error of the system.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// The workspace does not build even without a fault.
     #[error("the checks do not build without a mutant:\n{0}")]

@@ -68,7 +68,7 @@ pub enum Failure {
         /// The action that failed.
         action: &'static str,
         /// The error of the system.
-        source: io::Error,
+        r#source: io::Error,
     },
 }
 

@@ -36,7 +36,7 @@ pub enum ConfigError<E: std::error::Error> {
         /// The file.
         path: PathBuf,
         /// The reason.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// The file is not TOML, or has an unknown key.
     #[error("{}:{line}: {message}", path.display())]
@@ -56,7 +56,7 @@ pub enum ConfigError<E: std::error::Error> {
         /// The line, counted from 1.
         line: usize,
         /// The reason.
-        source: E,
+        r#source: E,
     },
 }
 

@@ -13,10 +13,10 @@ use crate::store::StoreError;
 pub enum BridgeError {
     /// The domain has no Manager that answers, or it refuses the bridge.
     #[error("cannot join the domain: {0}")]
-    Connect(#[from] ConnectError),
+    Connect(ConnectError),
     /// The name of the bridge is too long for the names of its nodes.
     #[error("the name of the bridge is too long: {0}")]
-    Name(#[from] NameError),
+    Name(NameError),
     /// The network refuses the bridge, or one of its attempts.
     #[error("cannot {action}: {error}")]
     Network {
@@ -27,14 +27,26 @@ pub enum BridgeError {
     },
     /// The folder of durable topics cannot be used.
     #[error("the spool of durable topics: {0}")]
-    Spool(#[from] StoreError),
+    Spool(StoreError),
     /// The domain cannot be followed.
     #[error("cannot follow the domain: {0}")]
-    Query(#[from] QueryError),
+    Query(QueryError),
     /// The bridge cannot wait for events.
     #[error("cannot wait for events: {0}")]
-    Wait(#[source] WaitError),
+    Wait(WaitError),
     /// The operating system refuses something that the bridge needs.
     #[error("the operating system refuses a resource: {0}")]
-    System(#[from] io::Error),
+    System(io::Error),
+}
+
+impl From<io::Error> for BridgeError {
+    fn from(error: io::Error) -> Self {
+        Self::System(error)
+    }
+}
+
+impl From<QueryError> for BridgeError {
+    fn from(error: QueryError) -> Self {
+        Self::Query(error)
+    }
 }

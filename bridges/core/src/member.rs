@@ -25,8 +25,8 @@ impl Member {
     /// See [`BridgeError`].
     pub fn join(domain: &DomainLocation, name: &Name) -> Result<Self, BridgeError> {
         let connect = |role: &str| {
-            let name = Name::new(&format!("{role}/{name}"))?;
-            Ok::<_, BridgeError>(domain.connect(name.as_str())?)
+            let name = Name::new(&format!("{role}/{name}")).map_err(BridgeError::Name)?;
+            domain.connect(name.as_str()).map_err(BridgeError::Connect)
         };
         let node = connect("bridge")?;
         let remote = connect("remote")?;

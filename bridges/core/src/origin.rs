@@ -79,7 +79,7 @@ pub enum WrongOrigin {
     Text,
     /// The name is not a legal name.
     #[error("the name of the bridge is wrong: {0}")]
-    Name(#[from] NameError),
+    Name(NameError),
 }
 
 impl Origin {
@@ -116,7 +116,7 @@ impl Origin {
         let (number, name) = rest.split_first_chunk().ok_or(short)?;
         let name = str::from_utf8(name).map_err(|_| WrongOrigin::Text)?;
         let origin = Self {
-            bridge: Name::new(name)?,
+            bridge: Name::new(name).map_err(WrongOrigin::Name)?,
             epoch: u64::from_le_bytes(*epoch),
             number: u64::from_le_bytes(*number),
         };

@@ -76,7 +76,8 @@ impl Bridge {
             mut watch,
         } = Member::join(&config.domain, &config.name)?;
         let spool = &config.spool;
-        let outbox = Outbox::open(&spool.folder, spool.limits.clone(), now(), wall_time().0)?;
+        let outbox = Outbox::open(&spool.folder, spool.limits.clone(), now(), wall_time().0)
+            .map_err(BridgeError::Spool)?;
         let stream = Stream::open(config)?;
         let mut set = WaitSet::new()?;
         set.add_watch(&mut watch, Ready::Domain)?;

@@ -51,7 +51,8 @@ impl DurableTopics {
         network: &Network,
     ) -> Result<Self, BridgeError> {
         let limits = spool.limits.clone().with_retry(RETRY);
-        let outbox = Outbox::open(&spool.folder, limits, now(), wall_time().0)?;
+        let outbox = Outbox::open(&spool.folder, limits, now(), wall_time().0)
+            .map_err(BridgeError::Spool)?;
         network.follow_tokens(format!("{prefix}/@bridge/**"))?;
         let acks_key = acks_key(prefix, name);
         let channel = network.channel(SendQos {

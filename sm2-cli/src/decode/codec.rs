@@ -37,7 +37,7 @@ pub(crate) enum CodecError {
     Name(#[from] NameError),
     /// The definition does not parse.
     #[error("the definition, {0}")]
-    Definition(#[from] DefinitionError),
+    Definition(DefinitionError),
     /// A type is missing, or the types are nested without an end.
     #[error(transparent)]
     Set(#[from] SetError),
@@ -122,7 +122,7 @@ impl Codec {
 impl Ros {
     fn new(name: &Name, definition: &Definition) -> Result<Self, CodecError> {
         let name: TypeName = name.as_str().parse()?;
-        let set = Set::parse(&name, definition.text())?;
+        let set = Set::parse(&name, definition.text()).map_err(CodecError::Definition)?;
         let (computed, stated) = (set.hash(&name)?, TypeHash(*definition.rihs01()));
         if computed != stated {
             return Err(CodecError::Hash { computed, stated });

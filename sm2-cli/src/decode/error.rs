@@ -34,7 +34,7 @@ pub(crate) enum DecodeError {
     },
     /// The schema has a type that its encoding cannot express.
     #[error("its schema is of no plain type: {0}")]
-    Layout(#[from] NoLayout),
+    Layout(NoLayout),
     /// Invalid JSON.
     #[error("invalid JSON: {0}")]
     Json(String),
@@ -110,7 +110,7 @@ pub(crate) enum EncodeError {
     },
     /// The schema has a type that its encoding cannot express.
     #[error("its schema is of no plain type: {0}")]
-    Layout(#[from] NoLayout),
+    Layout(NoLayout),
     /// An encoding that this program does not know.
     #[error("its encoding {0} is not known here: give the message as a file")]
     Encoding(Box<str>),

@@ -43,7 +43,7 @@ pub(crate) fn decode<'a>(
             Err(error) => Err(DecodeError::new(error.valid_up_to(), Wrong::Utf8)),
         },
         Encoding::Plain => {
-            let layout = Layout::of(root)?;
+            let layout = Layout::of(root).map_err(DecodeError::Layout)?;
             let elements = layout.elements(bytes.len() as u64);
             let elements = elements.ok_or(DecodeError::Length {
                 len: bytes.len(),
@@ -72,7 +72,7 @@ pub(crate) fn encode(schema: &Schema, given: &serde_json::Value) -> Result<Vec<u
             other => Err(EncodeError::expected("text", other)),
         },
         Encoding::Plain => {
-            Layout::of(root)?;
+            Layout::of(root).map_err(EncodeError::Layout)?;
             writer::encoded(writer::Form::Plain, root, given)
         }
         Encoding::Postcard => writer::encoded(writer::Form::Postcard, root, given),

@@ -78,7 +78,7 @@ pub(crate) enum ParamError {
         /// The line, from 1.
         line: usize,
         /// The fault.
-        source: Box<Self>,
+        r#source: Box<Self>,
     },
     /// The node refuses the values.
     #[error("node {node} refuses this: {reason}; nothing was set")]

@@ -15,7 +15,7 @@ pub(crate) enum UpError {
         /// The file.
         path: PathBuf,
         /// The reason of the operating system.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// A place of the file is wrong.
     #[error("{}:{line}:{column}: {fault}", path.display())]

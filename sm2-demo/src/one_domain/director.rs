@@ -50,7 +50,8 @@ pub fn run(
     let count = options.count()?;
     let folder = folder::private()?;
     let socket = folder.path().join(folder::SOCKET);
-    let _manager = Background::start(&socket, sm2_manager::Options::default())?;
+    let _manager =
+        Background::start(&socket, sm2_manager::Options::default()).map_err(DemoError::Manager)?;
     let mut director = Director {
         options,
         count,

@@ -157,7 +157,8 @@ impl Side {
         };
         let failed = |error: String| DemoError::Gateway(error);
         let socket = folder.join(format!("{name}.sock"));
-        let manager = Background::start(&socket, sm2_manager::Options::default())?;
+        let manager = Background::start(&socket, sm2_manager::Options::default())
+            .map_err(DemoError::Manager)?;
         let node = Node::builder(&format!("{name}-demo"))
             .socket(&socket)
             .connect()

@@ -37,14 +37,20 @@ pub(super) enum Source {
 pub(crate) enum End {
     #[error(transparent)]
     Accept(#[from] AcceptError),
-    #[error("{0}")]
+    #[error(transparent)]
     Gone(#[from] Gone),
     #[error("the time of the domain is another one now: the viewer connects again")]
     OtherClock,
     #[error("the server ends")]
     Shutdown,
     #[error("the operating system refuses a resource: {0}")]
-    System(#[from] io::Error),
+    System(io::Error),
+}
+
+impl From<io::Error> for End {
+    fn from(error: io::Error) -> Self {
+        Self::System(error)
+    }
 }
 
 impl From<WaitError> for End {

@@ -18,7 +18,7 @@ pub enum ConfigError {
         /// The file.
         path: PathBuf,
         /// The error of the system.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// The file is not TOML, or a key is unknown, missing or of the wrong type.
     #[error("{path}:{line}: {}", .source.message())]
@@ -28,7 +28,7 @@ pub enum ConfigError {
         /// The line, from 1.
         line: usize,
         /// The error of the parser.
-        source: Box<toml::de::Error>,
+        r#source: Box<toml::de::Error>,
     },
     /// A value is not allowed.
     #[error("{path}:{line}: {source}")]
@@ -38,7 +38,7 @@ pub enum ConfigError {
         /// The line, from 1.
         line: usize,
         /// The error in the value.
-        source: ConfigValueError,
+        r#source: ConfigValueError,
     },
 }
 
@@ -72,14 +72,14 @@ pub enum ConfigValueError {
     },
     /// The id of a peer is not an id.
     #[error("{0}; `sm2 gateway id` prints it at the peer")]
-    Id(#[from] GatewayIdError),
+    Id(GatewayIdError),
     /// An address of a peer is neither an address nor the name of a host.
     #[error("`{text}` {source}")]
     Address {
         /// The text.
         text: String,
         /// The form that an address must have.
-        source: AddressError,
+        r#source: AddressError,
     },
     /// A rule names a peer that no `[[peer]]` before it has.
     #[error("no [[peer]] of this file has the name `{text}`: add it with `sm2 gateway trust`")]

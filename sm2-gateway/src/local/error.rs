@@ -1,5 +1,7 @@
 //! The errors of a gateway's nodes.
 
+use std::io;
+
 use sm2_node::{ConnectError, DeclareError};
 use sm2_proto::NameError;
 
@@ -14,10 +16,16 @@ pub enum LocalError {
     Declare(#[from] DeclareError),
     /// The system has no more descriptors or threads.
     #[error("cannot start to follow the domain: {0}; `ulimit -n` and `ulimit -u` show the limits")]
-    Io(#[from] std::io::Error),
+    Io(io::Error),
     /// The name of the gateway or peer is too long for the name of a node.
     #[error(transparent)]
     Name(#[from] NameError),
+}
+
+impl From<io::Error> for LocalError {
+    fn from(error: io::Error) -> Self {
+        Self::Io(error)
+    }
 }
 
 impl LocalError {

@@ -79,10 +79,10 @@ impl Event {
 pub enum Reason {
     /// The session has ended.
     #[error("{}", end_text(.0))]
-    Session(#[source] End),
+    Session(End),
     /// The handshake failed: the peer was not reached, or its key is not the expected one.
     #[error("no connection: {0}")]
-    Handshake(#[source] HandshakeError),
+    Handshake(HandshakeError),
 }
 
 /// Why a handshake failed.

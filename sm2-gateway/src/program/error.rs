@@ -25,7 +25,7 @@ pub enum ProgramError {
         /// The attempted action.
         what: String,
         /// The error of the system.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// A peer on the command line is not in the configuration.
     #[error("{config} has no peer {peer}; its peers: {known}")]
@@ -52,7 +52,7 @@ pub enum ProgramError {
         /// The address.
         address: SocketAddr,
         /// The error of the system.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// The domain has no gateway.
     #[error("this domain has no gateway: start one with `sm2 gateway run FILE`")]

@@ -43,7 +43,7 @@ pub enum BeaconsError {
         /// The interface.
         name: String,
         /// The error of the system.
-        source: io::Error,
+        r#source: io::Error,
     },
 }
 

@@ -73,7 +73,7 @@ pub enum RunError {
         /// The address.
         address: SocketAddr,
         /// The error of the system.
-        source: io::Error,
+        r#source: io::Error,
         /// The path of the configuration.
         config: String,
     },
@@ -82,7 +82,7 @@ pub enum RunError {
     Beacons(#[from] BeaconsError),
     /// TLS refuses the key.
     #[error("TLS refuses the key: {0}")]
-    Tls(#[from] TlsError),
+    Tls(TlsError),
     /// The UDP socket failed, or a task of the gateway has ended.
     #[error("the network task of the gateway ended: {0}")]
     Network(io::Error),
@@ -125,7 +125,7 @@ impl Gateway {
         let trusted = Trusted::default();
         trusted.set(config.peers.iter().map(|it| it.id));
         let endpoint = Endpoint::new(key, trusted.clone(), config.congestion, None);
-        let endpoint = endpoint?;
+        let endpoint = endpoint.map_err(RunError::Tls)?;
         let hop = Hop {
             gateway: id,
             epoch: epoch(),

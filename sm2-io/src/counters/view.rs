@@ -217,7 +217,7 @@ pub enum CounterError {
         /// The operation that failed.
         action: &'static str,
         /// The error of the operating system.
-        source: io::Error,
+        r#source: io::Error,
     },
 }
 

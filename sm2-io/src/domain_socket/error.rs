@@ -95,7 +95,7 @@ pub enum DomainSocketError {
         /// The path of the operation.
         path: PathBuf,
         /// The error of the operating system.
-        source: io::Error,
+        r#source: io::Error,
     },
 }
 

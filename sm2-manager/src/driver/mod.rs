@@ -123,14 +123,14 @@ impl Manager {
     ) -> Result<Self, StartError> {
         options.limits.check()?;
         // A Manager that cannot serve leaves the domain to others. The policy is read again under the lock.
-        policy_file::check(path, options)?;
+        policy_file::check(path, options).map_err(StartError::Policy)?;
         let endpoint: DomainSocket = options.bind_options().acquire_at(path)?;
         Self::at(Door::new(endpoint, false), options, handles)
     }
 
     //= SM2-SES-007, SM2-LNK-002, SM2-ACC-012, SM2-ACC-017
     fn at(door: Door, options: &Options, handles: &Handles) -> Result<Self, StartError> {
-        let access = policy_file::of_domain(door.path(), options)?;
+        let access = policy_file::of_domain(door.path(), options).map_err(StartError::Policy)?;
         let epoll = Epoll::new().map_err(StartError::io("create an epoll set"))?;
         (door.add_to(&epoll))
             .and_then(|()| epoll.add(&*handles.stop, STOP, Interest::READABLE))
@@ -202,10 +202,11 @@ impl Manager {
         let mut events = Events::with_capacity(256);
         loop {
             let result = self.epoll.wait(&mut events, self.timeout());
-            self.waited(result)?;
+            self.waited(result).map_err(RunError)?;
             let mut ready: Vec<Event> = events.iter().collect();
             // Without events, the stopper is asked directly.
-            let mut stopping = !self.wait_delay.is_zero() && self.handles.is_stopped()?;
+            let mut stopping =
+                !self.wait_delay.is_zero() && self.handles.is_stopped().map_err(RunError)?;
             ready.retain(|event| match event.token {
                 STOP => {
                     stopping = true;

@@ -18,7 +18,7 @@ pub enum PolicyFileError {
         /// The file.
         path: PathBuf,
         /// The error of the system.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// The path names a folder, a device or another special file.
     #[error("the policy {path:?} is not a regular file: name a TOML file")]
@@ -45,7 +45,7 @@ pub enum PolicyFileError {
         /// The path of the link.
         path: PathBuf,
         /// The error of the system.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// The file is too long.
     #[error(
@@ -63,7 +63,7 @@ pub enum PolicyFileError {
         /// The line, from 1.
         line: usize,
         /// The error of the parser.
-        source: Box<toml::de::Error>,
+        r#source: Box<toml::de::Error>,
     },
     /// A value is not allowed.
     #[error("{path}:{line}: {key}: {source}", path = .path.display())]
@@ -75,7 +75,7 @@ pub enum PolicyFileError {
         /// The key of the value.
         key: &'static str,
         /// The error in the value.
-        source: PolicyValueError,
+        r#source: PolicyValueError,
     },
     /// The tables together are not a policy.
     #[error("{path}:{line}: {source}", path = .path.display())]
@@ -85,7 +85,7 @@ pub enum PolicyFileError {
         /// The line, from 1, of the table with a name that an earlier one has; else of the last table.
         line: usize,
         /// The error.
-        source: PolicyError,
+        r#source: PolicyError,
     },
 }
 
@@ -118,7 +118,7 @@ pub enum PolicyValueError {
         /// The text.
         text: String,
         /// The rule that it breaks.
-        source: UnknownAction,
+        r#source: UnknownAction,
     },
     /// A list has no members, so its table could never match.
     #[error("an empty list matches nothing: name at least one, or omit the key")]
@@ -141,7 +141,7 @@ pub enum PolicyValueError {
         /// The name.
         text: String,
         /// The error of the system.
-        source: io::Error,
+        r#source: io::Error,
     },
 }
 

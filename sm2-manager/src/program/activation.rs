@@ -25,7 +25,7 @@ pub enum ActivationError {
         "the socket that was handed over is of the wrong kind: use ListenSequentialPacket= in the socket unit \
          ({0})"
     )]
-    Kind(#[source] io::Error),
+    Kind(io::Error),
 }
 
 /// Returns the listening socket that the service manager passed by the protocol of `sd_listen_fds(3)`, if

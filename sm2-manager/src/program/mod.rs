@@ -116,10 +116,10 @@ pub enum ProgramError {
     Run(#[from] RunError),
     /// Signal handlers cannot be installed.
     #[error("cannot catch signals: {0}")]
-    Signals(#[source] io::Error),
+    Signals(io::Error),
     /// The thread for signals cannot be started.
     #[error("cannot start a thread: {0}; `ulimit -u` shows the limit")]
-    Thread(#[source] io::Error),
+    Thread(io::Error),
 }
 
 impl From<StartError> for ProgramError {

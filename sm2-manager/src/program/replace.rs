@@ -38,7 +38,7 @@ pub enum ReplaceError {
         /// The socket's path.
         path: PathBuf,
         /// The error of connecting to it.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// The other Manager runs in a pid namespace that is not visible from here.
     #[error(

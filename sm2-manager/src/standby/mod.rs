@@ -144,7 +144,7 @@ impl Standby {
         loop {
             let state = match self.state.take() {
                 Some(state) => state,
-                None => match self.take(&mut pause)? {
+                None => match self.take(&mut pause).map_err(RunError)? {
                     Some(state) => state,
                     None => return Ok(Outcome::Stopped),
                 },
@@ -154,11 +154,11 @@ impl Standby {
                 State::Serving(manager) => return manager.run(),
                 State::StandingBy(node) => {
                     info!(path = %self.path.display(), "standing by");
-                    match node.sit(&self.handles)? {
+                    match node.sit(&self.handles).map_err(RunError)? {
                         Over::Stopped => return Ok(Outcome::Stopped),
                         Over::Ended => pause = Pause::new(),
                         // The Manager ended the session before WELCOME, and may do so again.
-                        Over::NotWelcomed => pause.wait(&self.handles)?,
+                        Over::NotWelcomed => pause.wait(&self.handles).map_err(RunError)?,
                     }
                 }
             }

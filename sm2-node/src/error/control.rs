@@ -39,7 +39,7 @@ pub enum ConnectError {
         /// The socket's path.
         path: PathBuf,
         /// The error of the operating system.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// Another node of the domain has this name.
     #[error("another node of this domain is named {name}: choose another name, or stop that node")]
@@ -70,7 +70,7 @@ pub enum ConnectError {
         "cannot start the node's background thread ({0}): raise the limit of threads (ulimit -u), or drive the \
          node by your own calls (NodeBuilder::background)"
     )]
-    BackgroundThread(#[source] io::Error),
+    BackgroundThread(io::Error),
     /// The program requested a shutdown before the Manager had answered.
     #[error("the program requested a shutdown before the Manager had answered")]
     Shutdown,
@@ -80,7 +80,7 @@ pub enum ConnectError {
         /// The socket's path.
         path: PathBuf,
         /// The error of the operating system.
-        source: io::Error,
+        r#source: io::Error,
     },
 }
 
@@ -176,7 +176,7 @@ pub enum DeclareError {
         /// The number of messages.
         slots: u32,
         /// The error of the operating system.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// The reserved memory could not be locked.
     #[error(
@@ -194,7 +194,7 @@ pub enum DeclareError {
         /// `RLIMIT_MEMLOCK`, in bytes.
         limit_bytes: u64,
         /// The error of the operating system.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// A quota of the Manager is used up (SM2-IFC-006).
     #[error(
@@ -246,7 +246,7 @@ pub enum DeclareError {
     },
     /// Polling the node's descriptors failed.
     #[error("cannot wait for the Manager's answer: {0}")]
-    Io(#[source] io::Error),
+    Io(io::Error),
 }
 
 /// A wait ended without its result: for links, for the Manager, for an event, or for a source of a
@@ -299,7 +299,7 @@ pub enum WaitError {
     Shutdown,
     /// Polling descriptors failed.
     #[error("cannot wait: {0}")]
-    Io(#[source] io::Error),
+    Io(io::Error),
 }
 
 /// The noun for the name of such an interface: publishers and subscribers are declared with a topic.
@@ -345,7 +345,7 @@ pub enum QueryError {
     Shutdown,
     /// Polling the session failed.
     #[error("cannot wait for the Manager's answer: {0}")]
-    Io(#[source] io::Error),
+    Io(io::Error),
 }
 
 /// The Manager did not apply the access policy of its domain again.

@@ -40,7 +40,7 @@ pub enum StoreError {
         "cannot allocate shared memory for a message ({0}): free memory, or raise the limit of open \
          files (ulimit -n)"
     )]
-    Io(#[from] io::Error),
+    Io(io::Error),
 }
 
 /// A publication failed. A reliable subscriber that missed the message is not an error of the call,
@@ -88,7 +88,7 @@ pub enum PublishError {
     Shutdown,
     /// Waiting for room failed. The message went to the links that had room.
     #[error("cannot wait for room in reliable links: {0}")]
-    Io(#[source] io::Error),
+    Io(io::Error),
 }
 
 /// No message was received.
@@ -123,14 +123,14 @@ pub enum RecvError {
         /// The node that sent it.
         publisher: Name,
         /// The error of the operating system.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// The program requested a shutdown: see [`Shutdown`](crate::Shutdown).
     #[error("the wait for a message ended because the program requested a shutdown")]
     Shutdown,
     /// Polling the links failed.
     #[error("cannot wait for a message: {0}")]
-    Io(#[source] io::Error),
+    Io(io::Error),
 }
 
 /// A call has no reply.
@@ -221,7 +221,7 @@ pub enum CallError {
         /// The service.
         service: Name,
         /// The error of the operating system.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// The program requested a shutdown before the reply came. The call is cancelled.
     #[error("the call of {service} ended because the program requested a shutdown")]
@@ -235,7 +235,7 @@ pub enum CallError {
         /// The service.
         service: Name,
         /// The error of the operating system.
-        source: io::Error,
+        r#source: io::Error,
     },
 }
 

@@ -5,7 +5,7 @@ use std::io;
 use sm2_proto::Name;
 use sm2_proto::lockstep::IllegalTurn;
 
-use crate::executor::Failure;
+use crate::executor::{Failure, WithCauses};
 use crate::{DeclareError, RecvError};
 
 /// Inputs ended without a shutdown.
@@ -16,8 +16,8 @@ pub enum InputsError {
     #[error(transparent)]
     Declare(#[from] DeclareError),
     /// A callback returned this error.
-    #[error("a callback failed: {0}")]
-    Callback(#[source] Failure),
+    #[error("a callback failed: {}", WithCauses(&**.0))]
+    Callback(Failure),
     /// A message cannot be received.
     #[error(transparent)]
     Receive(RecvError),
@@ -52,5 +52,5 @@ pub enum InputsError {
     IllegalTurn(#[from] IllegalTurn),
     /// Waiting failed.
     #[error("the inputs cannot be waited for: {0}")]
-    Io(#[source] io::Error),
+    Io(io::Error),
 }

@@ -140,7 +140,7 @@ pub enum ParametersError {
     #[error(
         "cannot start the thread that serves the parameters ({0}): raise the limits of threads and files"
     )]
-    Thread(#[source] io::Error),
+    Thread(io::Error),
 }
 
 /// A parameter could not be set. It has its value as before.

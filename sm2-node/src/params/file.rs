@@ -60,7 +60,7 @@ pub enum FileError {
         /// The file.
         path: PathBuf,
         /// The reason of the operating system.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// It is not TOML.
     #[error("{}:{line}: {reason}", path.display())]

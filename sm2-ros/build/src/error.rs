@@ -80,7 +80,7 @@ pub enum Error {
     },
     /// The generated code is not Rust code: a mistake of this crate.
     #[error("the generated code cannot be parsed: {0}")]
-    Code(#[from] syn::Error),
+    Code(syn::Error),
 }
 
 fn prefix(place: Option<&(PathBuf, usize)>) -> String {

@@ -78,7 +78,8 @@ pub(crate) fn code(set: &Set, packages: &Packages) -> Result<String, Error> {
         pub fn for_each_type<V: ::sm2_ros::TypeVisitor>(visitor: &mut V) {
             #(#visits)*
         }
-    })?;
+    })
+    .map_err(Error::Code)?;
     Ok(prettyplease::unparse(&file))
 }
 

@@ -4,7 +4,9 @@ use std::path::Path;
 
 use serde_json::json;
 
-use super::{cycles, edges, modules, packages, prose, repetition, sizes, sources::Sources, types};
+use super::{
+    causes, cycles, edges, modules, packages, prose, repetition, sizes, sources::Sources, types,
+};
 
 /// The edges of a crate of these files, as `from -> to`.
 fn edges_of(files: &[(&str, &str)]) -> Vec<String> {

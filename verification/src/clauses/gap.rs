@@ -119,6 +119,6 @@ pub enum CheckError {
         /// The path of the file or folder.
         path: PathBuf,
         /// The error of the system.
-        source: io::Error,
+        r#source: io::Error,
     },
 }

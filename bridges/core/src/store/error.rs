@@ -14,7 +14,7 @@ pub enum StoreError {
         /// The file or folder.
         path: PathBuf,
         /// The reason.
-        source: io::Error,
+        r#source: io::Error,
     },
     /// Another outbox uses the folder.
     #[error("{} belongs to another bridge that runs; give each bridge a folder of its own", path.display())]
