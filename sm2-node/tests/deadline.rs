@@ -4,9 +4,9 @@ use std::time::Duration;
 
 use crate::common::fixture::Fixture;
 use crate::common::periods::only_short_offers_match;
-use crate::common::{SOON, meet, until};
+use crate::common::{Domain, LANES, SOON, meet, until};
 use sm2_node::domain::Finding;
-use sm2_node::{Event, Events, Node, Publisher, Subscriber};
+use sm2_node::{Event, Events, Node, Publisher, Subscriber, WaitSet};
 
 /// Long enough that a busy machine does not miss it.
 const HOUR: Duration = Duration::from_secs(3_600);
@@ -113,6 +113,33 @@ fn a_tick_reads_the_messages_of_a_sleeping_program() {
             publisher.counters().discarded > 0
         });
     });
+}
+
+/// The tick reads the DOORBELL of a message before the program does that sleeps until this message comes.
+//= SM2-QOS-009, SM2-RNG-012 test
+#[test]
+fn a_tick_that_reads_a_message_wakes_the_program() {
+    for ring in LANES {
+        let domain = Domain::new();
+        let talker = domain.node_on(ring, "talker");
+        let listener = domain.builder("listener").ring_lane(ring);
+        let listener = listener.background(false).connect().unwrap();
+        let publisher = publisher(&talker, SHORT);
+        let subscriber = subscriber(&listener, SHORT);
+        let other = listener.publisher::<u64>("other").unwrap();
+        meet(&publisher, &[&subscriber]);
+        let mut set = WaitSet::new().unwrap();
+        set.add(&subscriber, ()).unwrap();
+        // The set has looked at the subscriber, so the next message comes with a DOORBELL.
+        assert_eq!(set.wait_timeout(SHORT).unwrap().map(|it| it.tag), None);
+        publisher.publish(&7).unwrap();
+        // Only a call for another interface drives the control side after the end of the period: it ticks.
+        std::thread::sleep(2 * SHORT);
+        other.publish(&1).unwrap();
+        let ready = set.wait_timeout(SOON).unwrap();
+        assert!(ready.is_some(), "the set sleeps: ring lane {ring}");
+        assert_eq!(*subscriber.try_recv().unwrap().unwrap(), 7);
+    }
 }
 
 //= SM2-QOS-009, SM2-MAT-001 test

@@ -252,7 +252,8 @@ impl SharedInterface {
         (result, driver.interface.take_for_control())
     }
 
-    /// Ticks the deadlines for the control side. Only an event wakes the threads that wait for the interface.
+    /// Ticks the deadlines for the control side. Only an event, or a socket that the tick has read, wakes the threads
+    /// that wait for the interface.
     pub(super) fn tick(&self, now: Instant) -> Option<ForControl> {
         let mut driver = self.lock_for_control();
         driver.now = now;

@@ -71,6 +71,8 @@ impl LinkDriver {
             let Some(wire) = &self.wire else { return };
             match receive(&wire.socket, buffer) {
                 Ok(incoming) => {
+                    // A thread that sleeps until this datagram comes does not see it in the socket any more.
+                    context.socket_read = true;
                     self.settle_returned(context, outbox);
                     let bytes = &buffer[..incoming.len];
                     self.datagram(bytes, incoming, context.sets, outbox);
