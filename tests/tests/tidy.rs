@@ -6,6 +6,7 @@
 //! A check of Rust files by themselves is one more function in [`FILE_CHECKS`], one of Markdown files
 //! in [`DOCUMENT_CHECKS`]; a banned phrase is one more line in `prose.rs`.
 
+mod causes;
 mod contract;
 mod cycles;
 mod edges;

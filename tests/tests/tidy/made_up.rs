@@ -333,3 +333,28 @@ fn relative_clauses_behind_prepositions_are_found() {
         ]
     );
 }
+
+#[test]
+fn an_error_that_shows_its_source_is_found() {
+    let shown = |text: &str| causes::shown_sources(Path::new("src/error.rs"), text).len();
+    for error in [
+        r#"enum E { #[error("no {}: {source}", path.display())] A { path: PathBuf, source: io::Error } }"#,
+        r#"enum E { #[error("no: {source:?}")] A { source: io::Error } }"#,
+        r#"enum E { #[error("no: {}", .source.message())] A { source: toml::Error } }"#,
+        r#"enum E { #[error("no: {0}; look")] A(#[from] io::Error) }"#,
+        r#"enum E { #[error("no: {}", text(.0))] A(#[source] io::Error) }"#,
+        r#"enum E { #[error("{name}: {cause}")] A { name: Name, #[source] cause: io::Error } }"#,
+        r#"#[error("no: {0}")] struct E(#[from] io::Error);"#,
+    ] {
+        assert_eq!(shown(error), 1, "{error}");
+    }
+    for error in [
+        r#"enum E { #[error("no: {source}")] A { r#source: io::Error } }"#,
+        r#"enum E { #[error("no descriptor")] A { source: io::Error } }"#,
+        r#"enum E { #[error("no: {0}")] A(io::Error) }"#,
+        r#"enum E { #[error("no {name}")] A { name: Name, #[source] cause: io::Error } }"#,
+        r#"enum E { #[error(transparent)] A(#[from] io::Error) }"#,
+    ] {
+        assert_eq!(shown(error), 0, "{error}");
+    }
+}

@@ -41,7 +41,7 @@ impl LinkCounting {
         let at = match role {
             // A server's entry counts requests, not replies.
             Role::Server => return self.write_fates(counters),
-            // A request carries its deadline, not the time at which it was sent.
+            // A request carries its deadline, not the time of its sending.
             Role::Caller => now,
             Role::Sender | Role::Receiver => time,
         };

@@ -32,7 +32,7 @@ pub(super) struct Wire {
     is_bell_due: bool,
     /// Whether the kernel had no memory for the last packet, or to read the socket (SM2-TRN-013).
     pub(super) is_short_of_memory: bool,
-    /// The code with which this side has to end the link.
+    /// This side has to end the link with this code.
     pub(super) failing: Option<Code>,
     /// The events that the control side handles.
     in_background: BackgroundInterest,

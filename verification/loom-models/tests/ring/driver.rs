@@ -1,4 +1,4 @@
-//! The steps in which the driver of `sm2-node` uses the machine of one end: those of
+//! The steps of the driver of `sm2-node` that use the machine of one end: those of
 //! `driver/interface/road.rs`, `driver/link/road.rs` and `driver/link/take.rs`, and those of `driver/wait.rs` for a
 //! thread that sleeps at once.
 

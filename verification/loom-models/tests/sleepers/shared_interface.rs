@@ -93,7 +93,7 @@ impl SharedInterface {
         self.enter_at(Instant(0), drive)
     }
 
-    /// Never due in these models: that is the case in which the sockets are read least.
+    /// Never due in these models: in this case the sockets are read least.
     pub(crate) fn enter_at(&self, _: Instant, drive: Drive) -> LockedInterface<'_> {
         let mut locked = self.lock();
         locked.0.is_driven = matches!(drive, Drive::Yes);
