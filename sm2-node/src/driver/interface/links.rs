@@ -31,11 +31,6 @@ impl Links {
         Some(self.0.remove(place))
     }
 
-    #[inline]
-    pub(in crate::driver) fn len(&self) -> usize {
-        self.0.len()
-    }
-
     pub(in crate::driver) fn iter(&self) -> impl Iterator<Item = &LinkDriver> {
         self.0.iter()
     }

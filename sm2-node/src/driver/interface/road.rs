@@ -21,16 +21,6 @@ use crate::outgoing::{COPY_UNDER_LOCK_MAX, Outgoing};
 use crate::pool::Lease;
 use crate::published::Published;
 
-/// Whether messages can take the road.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Road {
-    Closed,
-    /// At least one link is open. Links beside the road get no message, or are over.
-    Open,
-    /// All links are on the road.
-    OpenForAll,
-}
-
 impl DeclaredInterface {
     /// Publishes short messages in order, while the road is open. Returns how many messages it has published,
     /// and adds their results to `sum`.
@@ -50,7 +40,7 @@ impl DeclaredInterface {
             let Outgoing::Encoded(bytes) = message else {
                 break;
             };
-            if bytes.len() > COPY_UNDER_LOCK_MAX {
+            if bytes.len() > COPY_UNDER_LOCK_MAX || !self.is_road_open(bytes.len() as u64) {
                 break;
             }
             let Some(published) = self.publish_on_road(bytes, time, context) else {
@@ -65,25 +55,20 @@ impl DeclaredInterface {
     /// Whether links are open, all of them have rings, and none delays a publication. If a link is opening, the other
     /// side may already count as linked, so the caller reads the sockets first.
     #[inline]
-    fn road(&self, len: u64) -> Road {
-        let (mut on, mut beside) = (0, 0);
+    fn is_road_open(&self, len: u64) -> bool {
+        let mut is_any_open = false;
         for link in self.links() {
-            if link.is_on_road(len) {
-                on += 1;
-            } else if link.is_beside_road() {
-                beside += 1;
+            if link.is_on_road(len) || link.is_beside_road() {
+                is_any_open = true;
             } else if link.end().is_none() {
-                return Road::Closed;
+                return false;
             }
         }
-        match (on, beside) {
-            (0, 0) => Road::Closed,
-            (on, 0) if on == self.links.len() => Road::OpenForAll,
-            _ => Road::Open,
-        }
+        is_any_open
     }
 
-    /// Copies a message to a slot and sends it on all open links; `None` if the road is closed or there is no slot.
+    /// Copies a message to a slot and sends it on all open links; `None` if there is no slot, or if a publication waits
+    /// now.
     #[inline]
     fn publish_on_road(
         &mut self,
@@ -92,16 +77,9 @@ impl DeclaredInterface {
         context: &mut Context<'_>,
     ) -> Option<Published> {
         let len = bytes.len() as u64;
-        let mut road = self.road(len);
-        if road == Road::Closed {
-            return None;
-        }
         let mut lease = match self.outbox.lease_free(len) {
             Some(lease) => lease,
-            None => {
-                road = Road::Open;
-                self.lease_after_harvest(len, context)?
-            }
+            None => self.lease_after_harvest(len, context)?,
         };
         lease.memory.bytes_mut(bytes.len()).copy_from_slice(bytes);
         self.published += 1;
@@ -117,7 +95,7 @@ impl DeclaredInterface {
         };
         let mut offered = Offered::default();
         for link in self.links.iter_mut() {
-            if road == Road::OpenForAll || link.is_on_road(len) {
+            if link.is_on_road(len) {
                 match link.send_on_road(&message, time, context, &mut self.outbox) {
                     true => offered.links += 1,
                     false => offered.has_ended = true,
@@ -197,7 +175,7 @@ impl DeclaredInterface {
             self.suspend_holders(len);
         }
         // A link has ended, or is suspended now.
-        if self.road(len) == Road::Closed {
+        if !self.is_road_open(len) {
             return None;
         }
         self.outbox.lease(len).ok()
