@@ -96,14 +96,12 @@ impl DeclaredInterface {
         let mut offered = Offered::default();
         for link in self.links.iter_mut() {
             if link.is_on_road(len) {
-                match link.send_on_road(&message, time, context, &mut self.outbox) {
-                    true => offered.links += 1,
-                    false => offered.has_ended = true,
-                }
+                link.send_on_road(&message, time, context, &mut self.outbox);
+                offered.links += usize::from(link.end().is_none());
             } else if link.is_open() {
                 offered.offer(key, len, link, context, &mut self.outbox);
-                offered.has_ended |= link.is_over_unnoticed();
             }
+            offered.has_ended |= link.is_over_unnoticed();
         }
         debug_assert!(offered.waiting.is_empty(), "the road was not open");
         self.outbox.release(key);

@@ -25,7 +25,7 @@ impl LinkDriver {
         self.is_open() && self.machine.lane() == LaneKind::Ring && !self.delays_publication()
     }
 
-    /// Sends a message that the outbox holds. Returns whether the link is not over.
+    /// Sends a message that the outbox holds.
     #[inline]
     pub(in crate::driver) fn send_on_road(
         &mut self,
@@ -33,7 +33,7 @@ impl LinkDriver {
         time: Instant,
         context: &mut Context<'_>,
         outbox: &mut Outbox,
-    ) -> bool {
+    ) {
         let key = MessageKey::from_raw(message.key);
         // The call itself may settle the message, so the link holds it before the call.
         outbox.hold(key);
@@ -49,7 +49,6 @@ impl LinkDriver {
             }
             Err(error) => self.not_sent_on_road(&error, key, context, outbox),
         }
-        self.end().is_none()
     }
 
     #[cold]
