@@ -48,6 +48,30 @@ impl Rate {
         self.timer.missed_ticks(missed).into()
     }
 
+    /// Runs `frequency` times in each second from now on: for a frequency that is a
+    /// [parameter](crate::params). If the rate has another one, it begins anew, with tick 1. Else nothing changes, so a
+    /// loop can call this in each run.
+    ///
+    /// ```no_run
+    /// use sm2_node::{Node, Rate};
+    ///
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// let node = Node::new("camera")?;
+    /// let mut parameters = node.parameters_builder();
+    /// let rate_hz = parameters.parameter("rate_hz", 30).range(1..=120).add();
+    /// let _parameters = parameters.declare()?;
+    /// let mut rate = Rate::hz(30);
+    /// loop {
+    ///     rate.set_hz(rate_hz.get() as u32);
+    ///     rate.sleep();
+    ///     // Take an image.
+    /// }
+    /// # }
+    /// ```
+    pub fn set_hz(&mut self, frequency: u32) {
+        self.timer.set_hz(frequency, sm2_io::clock::now());
+    }
+
     /// Sleeps until the next tick is due. If it is due already, returns at once. After the only tick of a timer that
     /// does not repeat, never returns.
     pub fn sleep(&mut self) -> Tick {

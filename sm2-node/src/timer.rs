@@ -119,6 +119,19 @@ impl Timer {
         self
     }
 
+    /// Ticks `frequency` times in each second, counted from `now`, unless it does so already.
+    pub(crate) fn set_hz(&mut self, frequency: u32, now: Instant) {
+        let new = Self {
+            start: now,
+            missed: self.missed,
+            ..Self::hz(frequency)
+        };
+        let has = |it: &Self| (it.repeats, it.span_ns, it.ticks);
+        if has(self) != has(&new) {
+            *self = new;
+        }
+    }
+
     /// The time when the next tick is due; `None` after the only tick of a timer that was made by
     /// [`once`](Self::once).
     #[must_use]

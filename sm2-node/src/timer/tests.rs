@@ -64,6 +64,26 @@ fn a_frequency_is_exact_although_its_period_is_no_whole_number_of_nanoseconds() 
 }
 
 #[test]
+fn another_frequency_begins_anew_and_the_same_one_changes_nothing() {
+    let mut timer = Timer::hz(10).missed_ticks(MissedTicks::Burst);
+    timer.set_hz(20, START);
+    assert_eq!(timer.handle(Instant(50_001_000)), tick(1, 50_001_000, 0));
+    timer.set_hz(20, Instant(90_000_000));
+    assert_eq!(timer.deadline(), Some(Instant(100_001_000)));
+    timer.set_hz(0, Instant(90_000_000));
+    assert_eq!(timer.deadline(), Some(Instant(1_090_000_000)));
+    timer.set_hz(1, Instant(95_000_000));
+    assert_eq!(timer.deadline(), Some(Instant(1_090_000_000)));
+    // What happens to missed ticks stays.
+    let late = Instant(4_000_000_000);
+    assert_eq!(timer.handle(late), tick(1, 1_090_000_000, 0));
+    // A timer that ticks once ticks again and again from now on.
+    let mut once = Timer::once(Duration::from_secs(1));
+    once.set_hz(1, START);
+    assert_eq!(once.handle(late), tick(3, 3_000_001_000, 2));
+}
+
+#[test]
 fn one_tick_is_all_of_a_timer_that_does_not_repeat() {
     let mut timer = Timer::once(Duration::from_nanos(100));
     timer.start = START;
