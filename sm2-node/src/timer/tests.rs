@@ -74,7 +74,7 @@ fn another_frequency_begins_anew_and_the_same_one_changes_nothing() {
     assert_eq!(timer.deadline(), Some(Instant(1_090_000_000)));
     timer.set_hz(1, Instant(95_000_000));
     assert_eq!(timer.deadline(), Some(Instant(1_090_000_000)));
-    // What happens to missed ticks stays.
+    // Missed ticks still come one after the other.
     let late = Instant(4_000_000_000);
     assert_eq!(timer.handle(late), tick(1, 1_090_000_000, 0));
     // A timer that ticks once ticks again and again from now on.
