@@ -1,6 +1,6 @@
 //! Names on the command line: the interfaces that they stand for, and hints for unknown names.
 
-use std::fmt;
+use std::{collections::BTreeSet, fmt};
 
 use sm2_bag::Pattern;
 use sm2_proto::{EntityId, Name, domain::InterfaceView};
@@ -132,6 +132,22 @@ impl Selector {
                 found: found(view, node, &self.name),
             }),
         }
+    }
+
+    /// As [`entities`](Self::entities), which are `found`; and if a topic or service and a node have the name, also the
+    /// interfaces of the node.
+    pub(crate) fn with_node(&self, view: &View<'_>, found: &[EntityId]) -> Vec<EntityId> {
+        let domain = view.domain;
+        let node = match &self.node {
+            None => domain.node_named(self.name.as_str()),
+            Some(_) => None,
+        };
+        let of_node = node
+            .into_iter()
+            .flat_map(|it| domain.interfaces_of(it.node));
+        let of_node = of_node.map(|it| it.entity);
+        let all: BTreeSet<_> = found.iter().copied().chain(of_node).collect();
+        all.into_iter().collect()
     }
 }
 

@@ -365,7 +365,13 @@ fn pair(
     one: &Selector,
     other: &Selector,
 ) -> Result<(EntityId, EntityId), CliError> {
-    let (ours, theirs) = (one.entities(view)?, other.entities(view)?);
+    let (mut ours, mut theirs) = (one.entities(view)?, other.entities(view)?);
+    if named_alike(view, &counterparts(view, &ours, &theirs)).is_empty() {
+        let (all_ours, all_theirs) = (one.with_node(view, &ours), other.with_node(view, &theirs));
+        if !named_alike(view, &counterparts(view, &all_ours, &all_theirs)).is_empty() {
+            (ours, theirs) = (all_ours, all_theirs);
+        }
+    }
     if let ([one], [other]) = (&*ours, &*theirs) {
         return Ok((*one, *other));
     }
@@ -402,11 +408,16 @@ fn counterparts(
     each_once.into_iter().collect()
 }
 
-/// The pairs with equal names, else the pairs with similar names, else all pairs.
-fn likeliest(view: &View<'_>, pairs: Vec<(EntityId, EntityId)>) -> Vec<(EntityId, EntityId)> {
+/// The pairs with equal names.
+fn named_alike(view: &View<'_>, pairs: &[(EntityId, EntityId)]) -> Vec<(EntityId, EntityId)> {
     let name = |entity| view.domain.interface(entity).map(|it| it.contract.name());
     let same = |&(one, other): &(EntityId, EntityId)| name(one) == name(other);
-    let named: Vec<_> = pairs.iter().copied().filter(same).collect();
+    pairs.iter().copied().filter(same).collect()
+}
+
+/// The pairs with equal names, else the pairs with similar names, else all pairs.
+fn likeliest(view: &View<'_>, pairs: Vec<(EntityId, EntityId)>) -> Vec<(EntityId, EntityId)> {
+    let named = named_alike(view, &pairs);
     if !named.is_empty() {
         return named;
     }

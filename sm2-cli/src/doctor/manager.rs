@@ -6,7 +6,7 @@ use sm2_io::{SeqPacket, clock};
 use sm2_node::{ConnectError, Node};
 use sm2_proto::domain::Domain as Mirror;
 
-use super::check::Check;
+use super::{check::Check, connections};
 use crate::{
     args::Domain,
     connect::drive,
@@ -15,7 +15,7 @@ use crate::{
     limits::{LimitsInForce, NEAR_PERCENT, Quota, quotas},
     observation::Observation,
     stopped::StoppedNode,
-    troubles::{LinkTroubles, NotTaking},
+    troubles::{LinkTroubles, Losing, NotTaking},
     view::View,
     wait::For,
 };
@@ -92,14 +92,16 @@ pub(super) fn domain(
     quotas: &[Quota],
     troubles: &LinkTroubles,
     node: &Node,
-) -> [Check; 7] {
+) -> [Check; 9] {
     let mirror = view.domain;
     [
         standby(mirror),
         resuming(mirror),
         stopped(mirror),
         consumers(troubles),
+        losses(troubles),
         deadlines(troubles),
+        connections::unlinked(view),
         usage(quotas),
         refused(mirror, node),
     ]
@@ -134,6 +136,18 @@ fn consumers(troubles: &LinkTroubles) -> Check {
     let remedies: Vec<_> = remedies.into_iter().collect();
     match found.is_empty() {
         true => Check::ok(CHECK, "all take what waits for them"),
+        false => Check::warn(CHECK, found.join(", "), remedies.join("; or ")),
+    }
+}
+
+/// Messages that are being lost on links whose receiving ends take others.
+fn losses(troubles: &LinkTroubles) -> Check {
+    const CHECK: &str = "losses";
+    let found: Vec<_> = troubles.losing().map(ToString::to_string).collect();
+    let remedies: BTreeSet<_> = troubles.losing().map(Losing::remedy).collect();
+    let remedies: Vec<_> = remedies.into_iter().collect();
+    match found.is_empty() {
+        true => Check::ok(CHECK, "no message is being lost"),
         false => Check::warn(CHECK, found.join(", "), remedies.join("; or ")),
     }
 }

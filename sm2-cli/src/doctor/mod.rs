@@ -1,10 +1,11 @@
 //! `sm2 doctor`: checks this machine, the Manager and the domain, and names a remedy for each problem.
 //! It changes nothing.
 //!
-//! [`socket`] checks the socket and its folder, [`manager`] the Manager and its domain, and [`machine`] the
-//! limits of the kernel.
+//! [`socket`] checks the socket and its folder, [`manager`] the Manager and its domain, [`connections`] the subscribers
+//! without links, and [`machine`] the limits of the kernel.
 
 mod check;
+mod connections;
 mod machine;
 mod manager;
 mod socket;
@@ -47,6 +48,8 @@ const HELP: &str = "\
 Each check is ok, warn or bad. A check that is not ok comes first and names a remedy. Below the checks are
 the limits of the Manager that are used by 80 % or more; --limits shows all of them, each with its greatest
 use and the option that sets it. doctor changes nothing.
+A subscriber without a link is named if a publisher of its topic does not offer what it demands, or if a
+publisher whose topic has a similar name has no subscriber.
 If messages were dropped or deadlines missed before, doctor reads the counters again a second later.
 
 Exit status: 0 no check is bad, 1 a check is bad, 2 wrong usage.

@@ -9,10 +9,9 @@ use serde::Serialize;
 use sm2_io::clock;
 use sm2_proto::{EntityId, LinkId, counters::Entry, domain::LinkView, text::Counted};
 
-use self::losing::Losing;
 use self::taking::Holding;
 pub(crate) use self::{
-    losing::MissingDeadlines,
+    losing::{Losing, MissingDeadlines},
     taking::{NotTaking, untaken},
 };
 use crate::{observation::Readings, sampling::hundredths, view::View};
@@ -115,6 +114,16 @@ impl LinkTroubles {
         self.not_taking.extend(not_taking);
     }
 
+    /// The links that drop messages now, but for those whose other end takes nothing at all.
+    pub(crate) fn losing(&self) -> impl Iterator<Item = &Losing> {
+        self.losing.iter().filter(|it| self.takes(it))
+    }
+
+    /// Whether the receiving end of a link that drops messages takes others.
+    fn takes(&self, losing: &Losing) -> bool {
+        !self.not_taking.iter().any(|end| end.is_of(losing))
+    }
+
     /// Whether messages get through on all links.
     pub(crate) fn is_working(&self) -> bool {
         self.not_taking.is_empty()
@@ -137,7 +146,10 @@ impl LinkTroubles {
                 "But {end}: messages wait until there is memory. Free some, or raise the limits of the process."
             )
         });
-        let losing = self.losing.iter().map(|it| format!("Note: {it}."));
+        let losing = self.losing.iter().map(|it| match self.takes(it) {
+            true => format!("Note: {it}: {}.", it.remedy()),
+            false => format!("Note: {it}."),
+        });
         let holding = self.holding.iter().map(|it| format!("Note: {it}."));
         let bad = not_taking
             .chain(missing)

@@ -8,6 +8,7 @@ use std::{fmt, time::Duration};
 use serde::Serialize;
 use sm2_proto::{Instant, counters::Entry, text::Counted};
 
+use super::losing::Losing;
 use crate::sampling::{Ends, hundredths};
 
 /// An end that has taken nothing for this time, while messages wait for it, is reported.
@@ -115,6 +116,11 @@ impl NotTaking {
             held: taken.held,
             max_held: taken.max_held,
         })
+    }
+
+    /// Whether messages of the same link are being lost.
+    pub(super) fn is_of(&self, losing: &Losing) -> bool {
+        losing.is_between(&self.peer, &self.interface)
     }
 
     fn holds_all(&self) -> bool {

@@ -167,6 +167,8 @@ fn every_tool_names_a_consumer_that_hangs() {
 
     let found = doctor(&domain, "consumers", "warn");
     assert!(found.contains("ear:scan has taken nothing for "), "{found}");
+    // That it loses messages follows.
+    assert!(doctor(&domain, "losses", "ok").contains("no message is being lost"));
     top(&domain, "ear", |topic, node| {
         [topic, node]
             .iter()
@@ -219,6 +221,10 @@ fn a_consumer_that_is_slow_is_seen() {
         why.code() == 0 && text.contains("Note: ear:scan did not get ")
     });
     assert!(!text.contains("But "), "{text}");
+    let reason = "because its program does not take them in time: let the program do less";
+    assert!(text.contains(reason), "{text}");
+    let found = doctor(&domain, "losses", "warn");
+    assert!(found.contains("ear:scan did not get "), "{found}");
     top(&domain, "ear", |topic, node| {
         let losing = [topic, node]
             .iter()

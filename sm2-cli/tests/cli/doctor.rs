@@ -130,6 +130,44 @@ fn a_quota_of_which_four_fifths_are_used_is_named() {
     drop(publishers);
 }
 
+/// A subscriber that is linked with nobody is named if a publisher may be meant for it.
+#[test]
+fn subscribers_that_miss_their_publisher_are_named() {
+    let domain = Domain::new();
+    let (camera, detector) = (domain.node("camera"), domain.node("detector"));
+    let unlinked = || {
+        let found = report(&domain.run(&["doctor", "--json"]));
+        check(&found, "unlinked subscribers").clone()
+    };
+    let image = camera.publisher::<[u8]>("camera/image").unwrap();
+    // None of these is meant: another topic, another type, and a topic that has a subscriber.
+    let _info = detector.subscriber::<[u8]>("camera/info").unwrap();
+    let _text = detector.subscriber::<str>("camera/imag").unwrap();
+    let viewer = detector.subscriber::<[u8]>("camera/image").unwrap();
+    let _later = detector.subscriber::<[u8]>("camera/images").unwrap();
+    assert_eq!(unlinked()["level"], "ok");
+
+    drop(viewer);
+    until("the misspelt topic is named", || {
+        let found = unlinked();
+        found["level"] == "warn"
+            && found["found"]
+                == "camera's publisher of camera/image and detector's subscriber of camera/images: \
+                    their names differ (by one character only)"
+            && found["advice"] == "see `sm2 why camera:camera/image detector:camera/images`"
+    });
+    let topic = detector.subscriber_builder::<[u8]>("camera/image");
+    let _reliable = topic.reliable(true).declare().unwrap();
+    until("the demand is named", || {
+        let found = unlinked()["found"].as_str().unwrap().to_owned();
+        found.contains("detector's subscriber of camera/image demands reliability, which camera's ")
+    });
+    drop(image);
+    until("they may be the first of their topics", || {
+        unlinked()["level"] == "ok"
+    });
+}
+
 #[test]
 fn a_stopped_node_is_seen() {
     let domain = Domain::new();

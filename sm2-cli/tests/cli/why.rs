@@ -26,6 +26,32 @@ fn a_link_is_explained() {
     assert!(around.stdout().contains(&expected), "{around:?}");
 }
 
+/// A name alone is that of a topic; if that makes no pair, it is that of the node with this name.
+#[test]
+fn a_node_may_have_the_name_of_a_topic() {
+    let domain = Domain::new();
+    let (detector, mapper) = (domain.node("detector"), domain.node("map"));
+    let detections = detector.publisher::<[u8]>("detections").unwrap();
+    let _image = detector.subscriber::<[u8]>("image").unwrap();
+    let _map = mapper.publisher::<[u8]>("map").unwrap();
+    let taken = mapper.subscriber::<[u8]>("detections").unwrap();
+    detections.wait_for_subscribers(1).unwrap();
+    let expected =
+        "detector's publisher of detections and map's subscriber of detections are linked";
+    for pair in [["detector", "map"], ["map", "detector"]] {
+        let why = domain.run(&["why", pair[0], pair[1]]);
+        assert!(why.stdout().starts_with(expected), "{why:?}");
+        assert_eq!(why.code(), 0, "{why:?}");
+    }
+    // The topic is meant where that makes a pair.
+    let viewer = domain.node("viewer");
+    let _view = viewer.subscriber::<[u8]>("map").unwrap();
+    let why = domain.run(&["why", "map", "viewer"]);
+    let expected = "map's publisher of map and viewer's subscriber of map are linked";
+    assert!(why.stdout().starts_with(expected), "{why:?}");
+    drop(taken);
+}
+
 /// The link of a stopped node stays, so the verdict alone would say that all is well.
 #[test]
 fn a_stopped_node_is_named() {
