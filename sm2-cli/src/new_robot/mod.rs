@@ -59,11 +59,8 @@ const FILES: [(&str, &str); 9] = [
 /// The manifest of the workspace, without its dependencies.
 const WORKSPACE: &str = include_str!("template/workspace.toml");
 
-/// The libraries that the nodes and the test use, with options.
-const LIBRARIES: [(&str, &str); 2] = [
-    ("sm2-manager", ", default-features = false"),
-    ("sm2-node", ""),
-];
+/// The library that the nodes and the test use.
+const LIBRARY: &str = "sm2-node";
 
 /// Parses the name of a robot.
 fn name(text: &str) -> Result<String, String> {
@@ -129,19 +126,17 @@ fn manifest(sm2: Option<&Path>) -> Result<String, CliError> {
             Some(full)
         }
     };
-    for (library, options) in LIBRARIES {
-        let path = match &sm2 {
-            None => String::new(),
-            Some(sm2) => {
-                let path = sm2.join(library);
-                let path = path
-                    .to_str()
-                    .ok_or_else(|| NewError::NotText(sm2.clone()))?;
-                // A string of JSON is one of TOML.
-                format!(", path = {}", serde_json::Value::from(path))
-            }
-        };
-        text += &format!("{library} = {{ version = \"{version}\"{path}{options} }}\n");
-    }
+    let path = match &sm2 {
+        None => String::new(),
+        Some(sm2) => {
+            let path = sm2.join(LIBRARY);
+            let path = path
+                .to_str()
+                .ok_or_else(|| NewError::NotText(sm2.clone()))?;
+            // A string of JSON is one of TOML.
+            format!(", path = {}", serde_json::Value::from(path))
+        }
+    };
+    text += &format!("{LIBRARY} = {{ version = \"{version}\"{path} }}\n");
     Ok(text)
 }

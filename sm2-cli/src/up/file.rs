@@ -35,6 +35,8 @@ struct File {
     #[serde(default = "yes")]
     manager: bool,
     stop_timeout: Option<Spanned<String>>,
+    /// For each program without another one.
+    params: Option<Spanned<PathBuf>>,
     #[serde(default)]
     program: BTreeMap<Spanned<String>, ProgramTable>,
 }
@@ -149,7 +151,7 @@ impl Source<'_> {
             if file.manager && name.get_ref() == MANAGER {
                 return Err(self.wrong(&name.span(), Fault::ManagerName));
             }
-            self.program(name, table)
+            self.program(name, table, file.params.as_ref())
         });
         Ok(Robot {
             name,
@@ -160,7 +162,12 @@ impl Source<'_> {
         })
     }
 
-    fn program(&self, name: &Spanned<String>, table: &ProgramTable) -> Result<Program, UpError> {
+    fn program(
+        &self,
+        name: &Spanned<String>,
+        table: &ProgramTable,
+        shared_params: Option<&Spanned<PathBuf>>,
+    ) -> Result<Program, UpError> {
         let is_part = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-');
         let text = name.get_ref();
         if !(1..=NAME_MAX).contains(&text.len()) || !text.chars().all(is_part) {
@@ -176,7 +183,8 @@ impl Source<'_> {
                 folder
             }
         };
-        let environment = self.environment(table)?;
+        let params = table.params.as_ref().or(shared_params);
+        let environment = self.environment(table, params)?;
         let path = environment.iter().find(|(name, _)| name == "PATH");
         let path = path.map(|(_, value)| value.as_str());
         Ok(Program {
@@ -219,9 +227,13 @@ impl Source<'_> {
     }
 
     /// The variables of a program. `params` stands for one of them.
-    fn environment(&self, table: &ProgramTable) -> Result<Vec<(String, String)>, UpError> {
+    fn environment(
+        &self,
+        table: &ProgramTable,
+        params: Option<&Spanned<PathBuf>>,
+    ) -> Result<Vec<(String, String)>, UpError> {
         let mut all = Vec::new();
-        if let Some(params) = &table.params {
+        if let Some(params) = params {
             let path = self.folder.join(params.get_ref());
             let file = params::File::load(&path);
             file.map_err(|error| self.wrong(&params.span(), Fault::Params(error)))?;

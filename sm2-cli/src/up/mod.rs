@@ -75,11 +75,12 @@ A file has a table for each program:
   domain = \"robot\"              the domain of all programs [default: $SM2_DOMAIN, else `default`]
   manager = false               start no Manager, even if none serves
   stop_timeout = \"5s\"           the time from SIGTERM to SIGKILL [default: 5s]
+  params = \"params.toml\"        a file of parameters for all programs, for $SM2_PARAMS
   [program.map]
   command = \"bin/map --fast\"    or a list of words
   directory = \"maps\"            the working directory [default: the folder of the file]
   environment = { LEVEL = \"1\" }
-  params = \"params.toml\"        a file of parameters, for $SM2_PARAMS
+  params = \"map.toml\"           a file of parameters for this program
   after = [\"topic:scan publishers>=1\", \"node:lidar\"]
                                 start when these conditions of `sm2 wait` hold
   restart = \"on-failure\"        or never, or always [default: on-failure]

@@ -1,10 +1,8 @@
 //! Publishes the speed, in metres per second: 0 in front of an obstacle.
 
-use std::error::Error;
-
 use sm2_node::{Executor, Node, Shutdown};
 
-fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> anyhow::Result<()> {
     // Ctrl-C and SIGTERM end the executor.
     let shutdown = Shutdown::on_signals()?;
     let node = Node::builder("driver").shutdown(&shutdown).connect()?;

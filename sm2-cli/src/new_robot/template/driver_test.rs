@@ -1,11 +1,9 @@
 //! The driver as a process, in a domain of the test's own.
 
-use std::error::Error;
-use std::process::{Child, Command};
+use std::process::Child;
 use std::time::{Duration, Instant};
 
-use sm2_manager::Options;
-use sm2_node::Node;
+use sm2_node::testing::TestDomain;
 
 /// Ends the process together with the test.
 struct Driver(Child);
@@ -18,21 +16,13 @@ impl Drop for Driver {
 }
 
 #[test]
-fn it_stops_in_front_of_an_obstacle() -> Result<(), Box<dyn Error>> {
-    let folder = tempfile::tempdir()?;
-    let socket = folder.path().join("sm2.sock");
-    let test = Node::builder("test")
-        .socket(&socket)
-        .embed_manager(Options::default())
-        .startup_timeout(Duration::from_secs(10))
-        .connect()?;
+fn it_stops_in_front_of_an_obstacle() -> anyhow::Result<()> {
+    let domain = TestDomain::new()?;
+    let test = domain.node("test")?;
     let distances = test.publisher::<f64>("distance")?;
     let speeds = test.subscriber::<f64>("speed")?;
-    let mut command = Command::new(env!("CARGO_BIN_EXE_driver"));
-    let command = command
-        .env("SM2_SOCKET", &socket)
-        .env("SM2_PARAM_SPEED", "0.7");
-    let _driver = Driver(command.spawn()?);
+    let mut driver = domain.command(env!("CARGO_BIN_EXE_driver"));
+    let _driver = Driver(driver.env("SM2_PARAM_SPEED", "0.7").spawn()?);
 
     for (distance, expected) in [(5.0, 0.7), (0.5, 0.0), (5.0, 0.7)] {
         let start = Instant::now();

@@ -1,10 +1,8 @@
 //! Publishes the distance to an obstacle that comes nearer, in metres.
 
-use std::error::Error;
-
 use sm2_node::{Node, Rate, Shutdown};
 
-fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> anyhow::Result<()> {
     // Ctrl-C and SIGTERM end the loop.
     let shutdown = Shutdown::on_signals()?;
     let node = Node::builder("lidar").shutdown(&shutdown).connect()?;

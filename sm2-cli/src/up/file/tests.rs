@@ -66,6 +66,24 @@ fn paths_are_those_of_the_folder_of_the_file() {
     assert_eq!(a.environment, expected);
 }
 
+#[test]
+fn the_params_of_the_file_are_those_of_programs_without_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    for name in ["all.toml", "own.toml"] {
+        fs::write(at(name), "[a]\nx = 1\n").unwrap();
+    }
+    let text = "params = 'all.toml'\n[program.a]\ncommand = 'true'\n\
+                [program.b]\ncommand = 'true'\nparams = 'own.toml'\n";
+    fs::write(at("robot.toml"), text).unwrap();
+    let robot = load(&at("robot.toml")).unwrap();
+    let full = fs::canonicalize(folder.path()).unwrap();
+    for (program, name) in robot.programs.iter().zip(["all.toml", "own.toml"]) {
+        let path = full.join(name).to_str().unwrap().to_owned();
+        assert_eq!(program.environment, [("SM2_PARAMS".to_owned(), path)]);
+    }
+}
+
 /// Checks that each text is refused with an error that begins with its place.
 fn refused(cases: &[(&str, &str)]) {
     for (text, expected) in cases {
