@@ -324,7 +324,7 @@ has_live_links() {
 
 # The book, with mdbook. Its headings that links name and its programs are tests of the step `test`.
 step_book() {
-    local inputs=(docs SPEC.md sm2-cpp/examples sm2-node/examples sm2-python/examples sm2-ros/example sm2-ros/examples)
+    local inputs=(docs SPEC.md examples sm2-cpp/examples sm2-node/examples sm2-python/examples sm2-ros/example sm2-ros/examples)
     (cd docs/pictures && sha256sum --check --quiet made.sha256) ||
         { echo "docs/pictures: a picture is older than its source; run docs/pictures/make" && false; }
     unless_stamped book "${inputs[@]}"

@@ -5,7 +5,7 @@
 
 # The programs of tests that work with processes, sockets or clocks.
 readonly second_try=" io io_slow node node_slow manager manager_slow gateway gateway_slow lossy_link bag bag_slow cli \
-cli_slow injected end_to_end end_to_end_slow "
+cli_slow injected robot end_to_end end_to_end_slow "
 # If more tests fail, the fault is not that of a busy machine.
 readonly second_tries_max=8
 
