@@ -167,7 +167,7 @@ fn every_tool_names_a_consumer_that_hangs() {
 
     let found = doctor(&domain, "consumers", "warn");
     assert!(found.contains("ear:scan has taken nothing for "), "{found}");
-    // That it loses messages follows.
+    // Its losses follow from that, so they are not named again.
     assert!(doctor(&domain, "losses", "ok").contains("no message is being lost"));
     top(&domain, "ear", |topic, node| {
         [topic, node]
