@@ -89,6 +89,7 @@ fn contract(depth: u16, max_borrowed: u16) -> Contract {
 }
 
 //= SM2-MAT-001, SM2-MAT-003 kani
+// Shows MGR-MATCH (Exhaustive), bound: two names, two type hashes.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(4))]
 fn matching_is_symmetric() {
@@ -110,6 +111,7 @@ fn matching_is_symmetric() {
 
 /// Two interfaces that match but for their deadlines match if the offer is there and not longer.
 //= SM2-MAT-001, SM2-QOS-009 kani
+// Shows MGR-MATCH (BoundariesAndSamples), bound: any deadlines.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(4))]
 fn deadlines_decide_a_match() {
@@ -119,6 +121,7 @@ fn deadlines_decide_a_match() {
 
 /// The same for leases.
 //= SM2-MAT-001, SM2-QOS-011 kani
+// Shows MGR-MATCH (BoundariesAndSamples), bound: any leases.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(4))]
 fn leases_decide_a_match() {
@@ -160,6 +163,7 @@ fn periods_decide_a_match(
 }
 
 //= SM2-OPN-003, SM2-FRM-003 kani
+// Shows QOS-WINDOW (BoundariesAndSamples), bound: depth and max_borrowed up to 1,029.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(4))]
 fn legal_contracts_have_legal_windows() {
@@ -179,6 +183,7 @@ fn legal_contracts_have_legal_windows() {
 }
 
 //= SM2-CNT-004 kani
+// Shows CNT-SIZE (BoundariesAndSamples), bound: any size.
 #[cfg_attr(kani, kani::proof)]
 fn counter_files_are_whole() {
     let size_bytes: u64 = kani::any();
@@ -196,6 +201,7 @@ fn counter_files_are_whole() {
 }
 
 //= SM2-CNT-005 kani
+// Shows CNT-RECENT (BoundariesAndSamples), bound: any number.
 #[cfg_attr(kani, kani::proof)]
 fn recent_messages_follow_each_other() {
     let message = kani::any_where(|message: &u64| *message < u64::MAX);
@@ -207,6 +213,7 @@ fn recent_messages_follow_each_other() {
 }
 
 //= SM2-CNT-005 kani
+// Shows CNT-CANONICAL (Samples), bound: six of 64 words are free, the others zero.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(66))]
 fn counter_entries_are_canonical() {
@@ -226,6 +233,7 @@ fn counter_entries_are_canonical() {
 }
 
 //= SM2-COD-001 kani
+// Shows COD-UNIQUE (Exhaustive), bound: none: any code.
 #[cfg_attr(kani, kani::proof)]
 fn codes_have_one_meaning() {
     let code = Code(kani::any());
@@ -238,6 +246,7 @@ fn codes_have_one_meaning() {
 }
 
 //= SM2-TRN-004 kani
+// Shows TRN-WHOLE (BoundariesAndSamples), bound: contents are zeros.
 #[cfg_attr(kani, kani::proof)]
 fn truncated_datagrams_are_refused() {
     static BYTES: [u8; DATAGRAM_MAX + 1] = [0; DATAGRAM_MAX + 1];
@@ -257,6 +266,7 @@ fn truncated_datagrams_are_refused() {
 /// A datagram has exactly the number of descriptors that its type names. Only the receiver itself can
 /// have lost some.
 //= SM2-TRN-010, SM2-TRN-011 kani
+// Shows TRN-WHOLE (Exhaustive), bound: up to 3.
 #[cfg_attr(kani, kani::proof)]
 fn descriptors_are_counted() {
     let files = [FdFacts::default(); 3];
@@ -280,6 +290,7 @@ fn descriptors_are_counted() {
 
 /// A deadline is never before the moment when its time begins, and exact until the end of time.
 //= SM2-SES-004, SM2-RES-006 kani
+// Shows TIME-SATURATES (BoundariesAndSamples), bound: any moment and duration.
 #[cfg_attr(kani, kani::proof)]
 fn deadlines_saturate() {
     let now = Instant(kani::any());
@@ -305,6 +316,7 @@ fn deadlines_saturate() {
 
 /// Every set of seals against every set that may be needed.
 //= SM2-SEG-001, SM2-CNT-004 kani
+// Shows DAT-SEALED (Exhaustive), bound: any 8 seals, any of the first 5 needed.
 #[cfg_attr(kani, kani::proof)]
 fn seals_are_all_needed() {
     // The seals that the kernel has, and two more that it may get.
@@ -327,6 +339,7 @@ fn seals_are_all_needed() {
 
 /// No count of messages, time or delay in a stranger's file makes a reader overflow or panic.
 //= SM2-CNT-005, SM2-CNT-006 kani
+// Shows CNT-READ (BoundariesAndSamples), bound: any count of messages and delays, one recent value.
 #[cfg_attr(kani, kani::proof)]
 // 32 recent messages.
 #[cfg_attr(kani, kani::unwind(34))]
@@ -357,6 +370,7 @@ fn a_strangers_counters_can_be_read() {
 
 /// Mean and deviation of any three durations are in their range.
 //= SM2-CNT-005 kani
+// Shows CNT-READ (BoundariesAndSamples), bound: any 3 durations.
 #[cfg_attr(kani, kani::proof)]
 // Three durations; the root of 128 bits takes 64 steps.
 #[cfg_attr(kani, kani::unwind(66))]

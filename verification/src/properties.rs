@@ -25,9 +25,9 @@ pub use self::{
     figures::figures_page,
     gap::{Gap, GapKind},
     judge::{Extent, RunResults},
-    listed::Listed,
+    listed::{Listed, loom_models},
     outcome::{Outcome, UnreadableOutcome, outcomes},
-    proofs::{proofs, proofs_below},
+    proofs::{Proof, proofs, proofs_below},
     register::{Group, Property, Register},
     summary::summary,
 };

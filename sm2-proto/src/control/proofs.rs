@@ -26,6 +26,7 @@ fn datagram<'a>(bytes: &'a [u8], files: &'a [FdFacts; 2], fds: usize) -> Datagra
 
 /// DECODE-TOTAL and DECODE-CANONICAL: any two bytes to the Manager.
 //= SM2-FRM-001, SM2-FRM-002, SM2-TRN-010 kani
+// Shows DECODE-CONTROL (Exhaustive), bound: 2 bytes.
 #[cfg_attr(kani, kani::proof)]
 // Two bytes; numbers of up to ten.
 #[cfg_attr(kani, kani::unwind(12))]
@@ -54,6 +55,7 @@ fn short_frames_to_a_manager_are_canonical() {
 
 /// DECODE-TOTAL and DECODE-CANONICAL: any two bytes to a node.
 //= SM2-FRM-001, SM2-FRM-002, SM2-TRN-010 kani
+// Shows DECODE-CONTROL (Exhaustive), bound: 2 bytes.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(12))]
 fn short_frames_to_a_node_are_canonical() {
@@ -140,6 +142,8 @@ fn any_number() -> u64 {
 /// A frame is read back unchanged. It is refused with one byte more or less, another number of
 /// descriptors, or a number that is longer than necessary.
 //= SM2-FRM-001, SM2-FRM-002, SM2-TRN-010 kani
+// Shows DECODE-CONTROL (Exhaustive), bound: 11 of 13 types to the Manager (not DECLARE and INSPECT), numbers where
+// their length changes.
 #[cfg_attr(kani, kani::proof)]
 // Frames of at most 40 bytes.
 #[cfg_attr(kani, kani::unwind(42))]
@@ -188,6 +192,7 @@ fn frames_are_read_exactly() {
 
 /// A schema text may have 32,768 bytes, and not one more, in either direction.
 //= SM2-SCH-001 kani
+// Shows DECODE-CONTROL (Exhaustive), bound: lengths 32,767 to 32,769.
 #[cfg_attr(kani, kani::proof)]
 // 32,769 bytes.
 #[cfg_attr(kani, kani::unwind(32_800))]
@@ -216,6 +221,7 @@ fn schema_texts_have_their_length() {
 
 /// The numbers of nodes are read in full length from a frame.
 //= SM2-FRM-001 kani
+// Shows DECODE-CONTROL (BoundariesAndSamples), bound: any number.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(12))]
 fn numbers_come_back() {

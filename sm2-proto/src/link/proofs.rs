@@ -69,6 +69,7 @@ const RECEIVED_BY: [(u8, [bool; 4], Lane); 13] = [
 ];
 
 //= SM2-OPN-001, SM2-WIR-002, SM2-RNG-001 kani
+// Shows LNK-PHASE (Exhaustive), bound: none: one step from any phase.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(15))]
 fn link_phase_table() {
@@ -135,6 +136,7 @@ const RESERVED: [(u8, usize, &[usize]); 9] = [
 
 /// DECODE-TOTAL and DECODE-CANONICAL for frames of fixed length.
 //= SM2-WIR-001, SM2-TRN-010 kani
+// Shows DECODE-FIXED (Samples), bound: up to 33 bytes, 0 or 1 descriptor.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(50))]
 fn fixed_frames_are_canonical() {
@@ -168,6 +170,7 @@ fn fixed_frames_are_canonical() {
 /// Sets one byte of a frame of zeros: checks which bytes are reserved, and which values are
 /// illegal.
 //= SM2-WIR-001, SM2-TRN-010, SM2-MSG-004 kani
+// Shows DECODE-FIXED (Exhaustive), bound: one byte of any value at any place.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(50))]
 fn each_reserved_byte_is_checked() {
@@ -200,6 +203,7 @@ fn each_reserved_byte_is_checked() {
 
 /// DECODE-TOTAL and DECODE-CANONICAL for frames that carry messages.
 //= SM2-WIR-001, SM2-PAY-002, SM2-PAY-001 kani
+// Shows DECODE-MESSAGE (Samples), bound: 48 bytes and up to 2 of payload.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(52))]
 fn message_frames_are_canonical() {
@@ -226,6 +230,7 @@ fn message_frames_are_canonical() {
 
 /// DAT-BOUNDS: no address lies outside its segment, whatever the peer sends.
 //= SM2-SEG-003, SM2-PAY-003 kani
+// Shows DAT-BOUNDS (BoundariesAndSamples), bound: any stride, slots, slot, length.
 #[cfg_attr(kani, kani::proof)]
 fn slots_are_inside() {
     let (stride, slots, slot): (u64, u32, u32) = kani::any();
@@ -253,6 +258,7 @@ fn slots_are_inside() {
 
 /// DAT-SEALED: no file is accepted without its seals.
 //= SM2-SEG-001, SM2-SEG-002, SM2-SEG-003 kani
+// Shows DAT-SEALED (BoundariesAndSamples), bound: any facts; segments of one slot of 4,096 bytes.
 #[cfg_attr(kani, kani::proof)]
 fn only_sealed_files_are_accepted() {
     let facts = FdFacts {
@@ -282,6 +288,7 @@ fn only_sealed_files_are_accepted() {
 /// Six steps of a receiver: it never has more unreleased messages than its window, and releases
 /// each once.
 //= SM2-MSG-001, SM2-MSG-003, SM2-MSG-005, SM2-QOS-001 kani
+// Shows LNK-WINDOW (Exhaustive), bound: 6 steps from the beginning, depth 1 or 2, inline messages.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(8))]
 fn receiver_keeps_to_its_window() {
@@ -381,6 +388,7 @@ fn last_outputs(link: &mut Link, end: End) -> (u32, u32, u32) {
 /// LNK-ABSORB: an end that is over returns the pending outputs and at most one CLOSE, and then no
 /// output for any input.
 //= SM2-OPN-007, SM2-OPN-008, SM2-OPN-009, SM2-SRV-004 kani
+// Shows LNK-ABSORB (Exhaustive), bound: any role, phase and end, at most one message.
 #[cfg_attr(kani, kani::proof)]
 // At most four outputs; twelve kinds of frames; heads of at most 48 bytes.
 #[cfg_attr(kani, kani::unwind(50))]

@@ -15,6 +15,7 @@ use crate::{
 };
 
 //= SM2-SES-001, SM2-RES-003 kani
+// Shows MGR-STRICT (Exhaustive), bound: none: one step from any phase.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(14))]
 fn session_phase_table() {
@@ -36,6 +37,7 @@ fn session_phase_table() {
 }
 
 //= SM2-IFC-006 kani
+// Shows MGR-QUOTA (BoundariesAndSamples), bound: any two numbers.
 #[cfg_attr(kani, kani::proof)]
 fn quota_is_exact() {
     let (limit, wanted): (usize, usize) = kani::any();
@@ -56,6 +58,7 @@ fn quota_is_exact() {
 }
 
 //= SM2-MAT-003 kani
+// Shows MGR-SEAL (BoundariesAndSamples), bound: any policy.
 #[cfg_attr(kani, kani::proof)]
 fn users_apart_are_sealed() {
     let (seal_all, waive_user_boundary, same_user): (bool, bool, bool) = kani::any();
@@ -83,6 +86,7 @@ const fn user(uid: u32) -> Credentials {
 
 /// Connections of two users come, are welcomed, declare and leave.
 //= SM2-IFC-006 kani
+// Shows MGR-QUOTA (Exhaustive), bound: 6 steps from the beginning, 2 users.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(8))]
 fn charges_end_at_zero() {
@@ -170,6 +174,7 @@ fn bring(manager: &mut Manager, session: NodeId, phase: Phase, text: &str) {
 
 /// MGR-IDS: a connection is taken exactly if its number is greater than all before it.
 //= SM2-SES-007 kani
+// Shows MGR-IDS (BoundariesAndSamples), bound: any two numbers.
 #[cfg_attr(kani, kani::proof)]
 // One session.
 #[cfg_attr(kani, kani::unwind(4))]
@@ -204,6 +209,7 @@ fn session_numbers_are_fresh() {
 
 /// HELLO is granted exactly if no rule forbids it, and refused for the first rule that does.
 //= SM2-SES-002, SM2-SES-003, SM2-IFC-006 kani
+// Shows MGR-STRICT (Exhaustive), bound: 2 sessions; versions around the one that there is.
 #[cfg_attr(kani, kani::proof)]
 // Two sessions; names of one byte, frames of at most 12.
 #[cfg_attr(kani, kani::unwind(14))]
@@ -275,6 +281,7 @@ fn any_version() -> u16 {
 /// MGR-ABSORB: a session ends once, with a GOODBYE if one is due. After that no input for it has
 /// any effect, and no other session notices.
 //= SM2-SES-001, SM2-SES-005, SM2-SES-006, SM2-RES-003 kani
+// Shows MGR-ABSORB (Exhaustive), bound: 2 sessions in any phases without interfaces; 5 ends, 5 late inputs.
 #[cfg_attr(kani, kani::proof)]
 // Two sessions; frames of one byte.
 #[cfg_attr(kani, kani::unwind(14))]
@@ -348,6 +355,7 @@ fn an_ended_session_is_silent() {
 
 /// A file of counters is kept once, and only as a regular file with its seals and a legal size.
 //= SM2-CNT-001, SM2-CNT-004 kani
+// Shows DAT-SEALED (BoundariesAndSamples), bound: any size, any of the first six seals.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(14))]
 fn counters_are_kept_once() {

@@ -27,6 +27,7 @@ fn is_name(bytes: &[u8]) -> bool {
 
 /// NAM-GRAMMAR: any text of up to three of the bytes where the grammar changes.
 //= SM2-NAM-001 kani
+// Shows NAM-GRAMMAR (Exhaustive), bound: up to 3 bytes, of 22 around which the grammar changes.
 #[cfg_attr(kani, kani::proof)]
 // Four bytes.
 #[cfg_attr(kani, kani::unwind(6))]
@@ -53,6 +54,7 @@ fn names_follow_the_grammar() {
 
 /// Any byte at any place of a name of any length up to one too many.
 //= SM2-NAM-001 kani
+// Shows NAM-GRAMMAR (Exhaustive), bound: lengths 1, 2, 3, 254, 255, 256.
 #[cfg_attr(kani, kani::proof)]
 // 256 bytes: one more than a name may have.
 #[cfg_attr(kani, kani::unwind(258))]

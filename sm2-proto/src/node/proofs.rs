@@ -34,6 +34,7 @@ fn session() -> OpenSession {
 /// CLI-IDS: an interface gets a number that is greater than all numbers before it, from any count.
 /// When no number is left, nothing is declared.
 //= SM2-IFC-001 kani
+// Shows CLI-IDS (BoundariesAndSamples), bound: any count; ready, resuming or away.
 #[cfg_attr(kani, kani::proof)]
 // Names of one byte, frames of at most 24.
 #[cfg_attr(kani, kani::unwind(26))]
@@ -70,6 +71,7 @@ fn interface_numbers_are_fresh() {
 /// CLI-ABSORB: after its own end a node answers every input with its first reason, and sends
 /// nothing. While it is away, it takes no input that needs a session.
 //= SM2-NOD-001, SM2-NOD-003, SM2-SES-005 kani
+// Shows CLI-ABSORB (Exhaustive), bound: any phase without interfaces; 3 ends, 8 late inputs.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(26))]
 fn an_ended_node_is_silent() {

@@ -64,6 +64,9 @@ pub enum GapKind {
     /// A property without a check.
     #[error("no check shows {0}")]
     Unshown(String),
+    /// A check that shows no property: the comment of a harness is missing, or cannot be read.
+    #[error("{0} shows no property; a harness says it by `// Shows NAME (STRENGTH), bound: TEXT.`")]
+    NoClaim(String),
     /// A check of an unknown property.
     #[error("there is no property {0}")]
     UnknownProperty(String),

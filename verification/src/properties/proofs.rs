@@ -1,25 +1,57 @@
-//! The functions behind a `kani::proof`.
+//! The functions behind a `kani::proof`, and the comments that say what they show.
 
-use std::collections::BTreeSet;
 use std::path::Path;
 use std::{fs, io};
 
 const MARKER: &str = "#[cfg_attr(kani, kani::proof)]";
 
+/// A harness: a function behind a `kani::proof`.
+///
+/// The comment above the attribute reads `// Shows NAME, NAME (STRENGTH), bound: TEXT.`, in one or more lines.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Proof {
+    /// The path of the function.
+    pub name: String,
+    /// The names of the properties that it shows; empty if the comment is missing.
+    pub shows: Vec<String>,
+    /// The strength of the stand-in's result: `Exhaustive`.
+    pub strength: String,
+}
+
 /// The proofs of a source, below the path of its module.
 #[must_use]
-pub fn proofs(source: &str, module: &str) -> BTreeSet<String> {
-    let name = |rest: &str| Some(rest.split_once("fn ")?.1.split_once('(')?.0.to_owned());
-    let below = source.split(MARKER).skip(1).filter_map(name);
-    below.map(|name| format!("{module}::{name}")).collect()
+pub fn proofs(source: &str, module: &str) -> Vec<Proof> {
+    let parts: Vec<_> = source.split(MARKER).collect();
+    let pairs = parts.windows(2);
+    let proof = |pair: &[&str]| {
+        let function = pair[1].split_once("fn ")?.1.split_once('(')?.0;
+        let (shows, strength) = claim(pair[0]).unwrap_or_default();
+        Some(Proof {
+            name: format!("{module}::{function}"),
+            shows,
+            strength,
+        })
+    };
+    pairs.filter_map(proof).collect()
+}
+
+/// The properties and the strength in the comment at the end of a text.
+fn claim(before: &str) -> Option<(Vec<String>, String)> {
+    let lines = before.trim_end().lines().rev().map(str::trim_start);
+    let comments = lines.take_while(|it| it.starts_with("//"));
+    let mut claims = comments.filter_map(|it| it.strip_prefix("// Shows "));
+    let (shows, rest) = claims.next()?.split_once(" (")?;
+    let (strength, _) = rest.split_once("), bound: ")?;
+    let shows = shows.split(", ").map(str::to_owned).collect();
+    Some((shows, strength.to_owned()))
 }
 
 /// The proofs of all sources below a folder.
 ///
 /// # Errors
 /// A file or folder cannot be read.
-pub fn proofs_below(folder: &Path, module: &str) -> io::Result<BTreeSet<String>> {
-    let mut found = BTreeSet::new();
+pub fn proofs_below(folder: &Path, module: &str) -> io::Result<Vec<Proof>> {
+    let mut found = Vec::new();
     for entry in fs::read_dir(folder)? {
         let path = entry?.path();
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();

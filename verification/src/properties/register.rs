@@ -175,6 +175,9 @@ impl Register {
             {
                 gaps.push(check.gap(GapKind::NoEngine(check.engine)));
             }
+            if check.shows.is_empty() {
+                gaps.push(check.gap(GapKind::NoClaim(check.harness.clone())));
+            }
             let unknown = check.shows.iter().filter(|name| !names.contains(*name));
             gaps.extend(unknown.map(|it| check.gap(GapKind::UnknownProperty(it.clone()))));
             if !harnesses.insert((check.engine, &check.harness)) {

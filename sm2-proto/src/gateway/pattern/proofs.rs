@@ -21,6 +21,7 @@ fn stands_for(pattern: &[Part<u8>], name: &[u8]) -> bool {
 /// The loop and the oracle agree on every pattern of up to three parts and name of up to four
 /// segments.
 //= SM2-GWR-001 kani
+// Shows GW-RULE (Exhaustive), bound: patterns of up to three parts, names of up to four segments, of two that differ.
 #[cfg_attr(kani, kani::proof)]
 // Three parts that each take one of four segments more at a time.
 #[cfg_attr(kani, kani::unwind(24))]

@@ -113,6 +113,7 @@ impl Model {
 /// A slot is given out only if it holds no message of this link. A segment that is neither named
 /// nor attached is removed.
 //= SM2-PAY-005, SM2-SEG-004, SM2-SEG-005 kani
+// Shows DAT-REFS (Exhaustive), bound: one step from any state of 2 segments of 2 slots.
 #[cfg_attr(kani, kani::proof)]
 // Two slots, two segments, three uses; a tree of two entries has one node.
 #[cfg_attr(kani, kani::unwind(6))]
@@ -179,6 +180,7 @@ fn attachments_step() {
 /// A slot outside its segment is refused, and so is a slot of a segment whose stride or number of
 /// slots has changed.
 //= SM2-PAY-003, SM2-SEG-003 kani
+// Shows DAT-BOUNDS (Exhaustive), bound: any state of 2 segments; shapes around the limits.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(6))]
 fn only_slots_of_the_segment_are_used() {
@@ -220,6 +222,7 @@ fn only_slots_of_the_segment_are_used() {
 /// At the limit, one more segment is attached only after the idle one was detached, and no message
 /// is put into a 257th segment.
 //= SM2-SEG-004 kani
+// Shows LNK-LIMITS (Exhaustive), bound: all 256 in use but any one.
 #[cfg_attr(kani, kani::proof)]
 // All 256 segments, and the next one.
 #[cfg_attr(kani, kani::unwind(258))]

@@ -34,6 +34,7 @@ fn placed(calls: [Option<(Call, bool)>; 3]) -> Placed {
 /// At the caller: a call that was sent gets exactly one reply. CANCEL is sent at most once, and
 /// only for a call that was sent and has no reply yet.
 //= SM2-SRV-001, SM2-SRV-002, SM2-SRV-003, SM2-SRV-004 kani
+// Shows LNK-CALLS (Exhaustive), bound: one step from any state of 3 calls.
 #[cfg_attr(kani, kani::proof)]
 // Three calls, so trees have at most four entries.
 #[cfg_attr(kani, kani::unwind(6))]
@@ -147,6 +148,7 @@ fn served(calls: [Option<Got>; 4]) -> Served {
 /// At the server: each call gets exactly one reply, and can be cancelled at most once until its
 /// REPLY is released.
 //= SM2-SRV-001, SM2-SRV-002, SM2-SRV-003 kani
+// Shows LNK-CALLS (Exhaustive), bound: one step from any state of 3 calls.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(6))]
 fn a_call_is_replied_to_once() {
@@ -232,6 +234,7 @@ fn request_comes(books: &mut Served, calls: &mut [Option<Got>; 4], at: usize) {
 /// refused only if no caller that obeys SPEC can have sent it: a second CANCEL for one call, a
 /// CANCEL for a call that then does not come, or more CANCELs than requests can be in the ring.
 //= SM2-RNG-011 kani
+// Shows CALL-CANCEL (Exhaustive), bound: one step from any state of 2 calls that were taken and 3 to come.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(6))]
 fn a_cancel_of_any_time() {
@@ -297,6 +300,7 @@ fn a_cancel_of_any_time() {
 
 /// Each end accepts exactly 1,024 open calls.
 //= SM2-SRV-001 kani
+// Shows LNK-LIMITS (Exhaustive), bound: 1,023 or 1,024 calls.
 #[cfg_attr(kani, kani::proof)]
 // All 1,024 calls, and the next one.
 #[cfg_attr(kani, kani::unwind(1026))]

@@ -144,6 +144,8 @@ impl Arrival {
 /// file.
 //= SM2-MSG-001, SM2-MSG-002, SM2-MSG-003, SM2-PAY-002, SM2-PAY-003, SM2-PAY-005, SM2-PAY-008 kani
 //= SM2-PAY-001, SM2-PAY-010, SM2-SEG-001, SM2-SEG-002 kani
+// Shows LNK-ADMIT (Exhaustive), bound: one step from any state of 2 messages, each at any of 5 stages; numbers up to
+// 2^64 - 1.
 #[cfg_attr(kani, kani::proof)]
 // Two messages; trees of at most two entries.
 #[cfg_attr(kani, kani::unwind(8))]
@@ -200,6 +202,7 @@ fn a_message_is_admitted_exactly() {
 /// Each message is taken once, given back once and released once. Messages are released in order,
 /// and displaced messages before the messages that the application gave back.
 //= SM2-MSG-004, SM2-MSG-005, SM2-PAY-005 kani
+// Shows LNK-WINDOW (Exhaustive), bound: one step from any state of 3 messages, each at any of 5 stages.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(8))]
 fn each_message_is_released_once() {
@@ -295,6 +298,7 @@ fn ring_segments(attached: impl Iterator<Item = u32>, leaving: Option<u32>) -> R
 /// A segment can be attached if its number is free and the link is not sealed, and detached if none
 /// of its slots is in use.
 //= SM2-PAY-001, SM2-SEG-001, SM2-SEG-003, SM2-SEG-005 kani
+// Shows LNK-ADMIT (Exhaustive), bound: one step from any state of 2 messages and a segment.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(8))]
 fn segments_come_and_go() {
@@ -393,6 +397,7 @@ impl Attach {
 
 /// The 257th segment is refused, whatever its number.
 //= SM2-SEG-004 kani
+// Shows LNK-LIMITS (Exhaustive), bound: 255 or 256 attached segments.
 #[cfg_attr(kani, kani::proof)]
 // All 256 segments, and the next one.
 #[cfg_attr(kani, kani::unwind(258))]

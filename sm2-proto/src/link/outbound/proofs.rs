@@ -149,6 +149,7 @@ impl State {
 /// ascending order. If it is accepted, exactly these messages are settled once and their slots are
 /// free. Otherwise nothing changes.
 //= SM2-MSG-003, SM2-MSG-004, SM2-QOS-006 kani
+// Shows DAT-REFS (Samples), bound: one step from any state of 3 sent and 2 queued messages; lists of up to 3.
 #[cfg_attr(kani, kani::proof)]
 // At most seven messages; trees of at most three entries; lists of at most three numbers.
 #[cfg_attr(kani, kani::unwind(10))]
@@ -225,6 +226,7 @@ fn release_is_exact() {
 /// No other message may use a slot that holds a message of this link, whether the message waits, is
 /// admitted or is outstanding.
 //= SM2-PAY-005, SM2-MSG-003 kani
+// Shows DAT-REFS (Exhaustive), bound: any state of 3 sent and 2 queued messages.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(10))]
 fn outstanding_slots_are_not_used_again() {
@@ -251,6 +253,8 @@ fn outstanding_slots_are_not_used_again() {
 /// A message is sent with the next sequence number and within the window. After the largest
 /// sequence number, no message is sent.
 //= SM2-MSG-001, SM2-MSG-003, SM2-SEG-003 kani
+// Shows LNK-ORDER (Exhaustive), bound: one step from any state of 3 sent and 2 queued messages; counts beyond 32 bits
+// and at 2^64 - 1.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(10))]
 fn sent_messages_are_numbered() {
@@ -294,6 +298,7 @@ fn sent_messages_are_numbered() {
 /// One more message finds room, displaces the oldest waiting message, or is refused. OPEN and an
 /// expired deadline also keep the state consistent.
 //= SM2-QOS-001, SM2-QOS-002, SM2-QOS-006, SM2-OPN-003 kani
+// Shows LNK-QUEUE (Exhaustive), bound: one step from any state of 3 sent and 2 queued messages.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(10))]
 fn one_more_message_keeps_the_books() {
@@ -356,6 +361,7 @@ fn one_more_message_keeps_the_books() {
 
 /// The end settles each unsettled message once, the oldest first.
 //= SM2-OPN-009, SM2-QOS-006 kani
+// Shows LNK-QUEUE (Exhaustive), bound: one step from any state of 3 sent and 2 queued messages.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(10))]
 fn the_end_settles_all() {

@@ -63,6 +63,7 @@ fn legal(role: Role, open: &Open, named: bool) -> Result<(), Violation> {
 
 /// The first OPEN opens the link exactly if each of its fields is legal. Otherwise nothing changes.
 //= SM2-OPN-002, SM2-OPN-003, SM2-OPN-004, SM2-OPN-005, SM2-OPN-006 kani
+// Shows LNK-PHASE (Exhaustive), bound: any role byte; windows and lanes around their limits.
 #[cfg_attr(kani, kani::proof)]
 // 48 bytes of OPEN; twelve kinds of frames.
 #[cfg_attr(kani, kani::unwind(50))]

@@ -31,6 +31,7 @@ fn any_bits() -> u64 {
 /// RNG-INDEX: each word is empty, names a message, or is invalid, and no two words name the same
 /// message.
 //= SM2-RNG-003 kani
+// Shows RNG-INDEX (BoundariesAndSamples), bound: one word of all 64 bits.
 #[cfg_attr(kani, kani::proof)]
 fn words_are_canonical() {
     let bits = any_bits();
@@ -51,6 +52,7 @@ fn words_are_canonical() {
 
 /// RNG-INDEX: the word of a message names exactly this message; other numbers have no word.
 //= SM2-RNG-003 kani
+// Shows RNG-INDEX (BoundariesAndSamples), bound: any numbers.
 #[cfg_attr(kani, kani::proof)]
 fn only_small_numbers_have_words() {
     let segment: u32 = one_of(&[0, 1, 32_767, 32_768, kani::any()]);
@@ -80,6 +82,7 @@ fn any_at() -> At {
 /// RNG-INDEX: words do not overlap, and all words lie in the file, including those for any sequence
 /// number.
 //= SM2-RNG-002 kani
+// Shows RNG-INDEX (Samples), bound: any depth and window.
 #[cfg_attr(kani, kani::proof)]
 fn words_are_inside() {
     let depth: u16 = one_of(&[0, 1, 2, 8, 1_023, 1_024, 1_025, kani::any()]);
@@ -117,6 +120,7 @@ fn words_are_inside() {
 
 /// Checks each byte of the head of a slot: which field it belongs to, or that it is reserved.
 //= SM2-RNG-004 kani
+// Shows RNG-INDEX (Exhaustive), bound: one byte of 64, in each kind of message.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(66))]
 fn heads_are_canonical() {
@@ -327,6 +331,7 @@ fn settle(fates: &mut [Option<Fate>; 8], key: u64, fate: Fate) {
 /// were sent. On a reliable link, all messages are taken. Otherwise the last two stay in the ring,
 /// and a message is discarded exactly if it was not taken and is not in the ring.
 //= SM2-RNG-005, SM2-RNG-006, SM2-RNG-007, SM2-RNG-008, SM2-QOS-001 kani
+// Shows RNG-FIFO (Exhaustive), bound: depth 2.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(10))]
 fn the_last_two_are_there() {

@@ -72,6 +72,7 @@ const fn entity(node: u64) -> EntityId {
 /// A topic or service has one type as long as any interface states one. A topic and a service of
 /// one name do not affect each other. Matches are the counterparts, in ascending order.
 //= SM2-NAM-002, SM2-IFC-005, SM2-MAT-001 kani
+// Shows MGR-TYPES (Exhaustive), bound: one interface more and one less, from any 2 on one name.
 #[cfg_attr(kani, kani::proof)]
 // Three interfaces; names of one byte.
 #[cfg_attr(kani, kani::unwind(5))]

@@ -40,6 +40,8 @@ fn any_claim() -> (LinkId, Claim) {
 /// MGR-CLAIM: a claim joins the claim with the same link, key, version and QoS, and no other one. A
 /// node that does not know the key joins no link.
 //= SM2-RES-004 kani
+// Shows MGR-CLAIM (Exhaustive), bound: one step from any state of up to 2 claims; 3 links, 2 keys, 2 versions, 2
+// terms.
 #[cfg_attr(kani, kani::proof)]
 // Two claims.
 #[cfg_attr(kani, kani::unwind(5))]
@@ -73,6 +75,7 @@ fn only_the_same_claims_meet() {
 /// A claim is given up once, and no other claim with it. A session that is over has no time of
 /// expiry.
 //= SM2-RES-006 kani
+// Shows MGR-CLAIM (Exhaustive), bound: 2 claims as above.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(5))]
 fn a_claim_is_given_up_once() {

@@ -52,6 +52,7 @@ fn links(live: [bool; 3]) -> Links {
 /// A pair has one link, a link ends once, and adopted links with one number are told apart. Only
 /// links that this Manager made can fail to be made.
 //= SM2-MAT-002, SM2-RES-004, SM2-RES-005 kani
+// Shows MGR-INV (Exhaustive), bound: one step from any state of 3 links.
 #[cfg_attr(kani, kani::proof)]
 // Three links.
 #[cfg_attr(kani, kani::unwind(6))]
@@ -88,6 +89,7 @@ fn a_pair_has_one_link() {
 }
 
 //= SM2-LNK-002 kani
+// Shows MGR-IDS (BoundariesAndSamples), bound: two numbers from any count below 2^64 - 2.
 #[cfg_attr(kani, kani::proof)]
 fn link_numbers_grow() {
     let mut links = Links::new(kani::any(), kani::any());

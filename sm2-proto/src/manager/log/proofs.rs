@@ -14,6 +14,7 @@ fn key(revision: u64) -> Key {
 /// All changes after a revision are listed, each with its own revision. None are listed if one of
 /// them is forgotten, or if the domain never had that revision.
 //= SM2-WCH-002, SM2-IFC-007 kani
+// Shows MGR-MIRROR (Exhaustive), bound: one step from any log of up to 3 changes, at revisions up to 2^64 - 3.
 #[cfg_attr(kani, kani::proof)]
 // At most three changes are remembered.
 #[cfg_attr(kani, kani::unwind(6))]

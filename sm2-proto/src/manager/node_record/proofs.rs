@@ -27,6 +27,7 @@ fn name() -> Name {
 /// MGR-IDS: a number of an interface is taken exactly if it is greater than all numbers before it.
 /// When the last number is taken, none is left.
 //= SM2-IFC-001 kani
+// Shows MGR-IDS (BoundariesAndSamples), bound: any two numbers.
 #[cfg_attr(kani, kani::proof)]
 fn interface_numbers_grow() {
     let mut record = record();
@@ -135,6 +136,7 @@ fn withdraws(record: &mut NodeRecord, stages: [Stage; 2]) {
 
 /// Each end of a link has one farewell in each direction, and counts until both are said.
 //= SM2-LNK-003, SM2-LNK-009, SM2-RES-006, SM2-IFC-003 kani
+// Shows LNK-FAREWELL (Exhaustive), bound: one step from any state of 2 links of an interface.
 #[cfg_attr(kani, kani::proof)]
 // Two links of one interface.
 #[cfg_attr(kani, kani::unwind(5))]
@@ -211,6 +213,7 @@ fn farewells_of_a_links_end() {
 /// The refusals and texts that are remembered stay within their quotas. The oldest refusal is
 /// forgotten first.
 //= SM2-WCH-004, SM2-SCH-001 kani
+// Shows MGR-QUOTA (BoundariesAndSamples), bound: up to 3 refusals; any bytes and quota.
 #[cfg_attr(kani, kani::proof)]
 // At most three refusals; names of one byte.
 #[cfg_attr(kani, kani::unwind(5))]

@@ -9,6 +9,7 @@ use crate::{
 
 /// A session may claim as many links as a node can have, and only until CLAIMED.
 //= SM2-RES-003, SM2-RES-008 kani
+// Shows MGR-QUOTA (BoundariesAndSamples), bound: any number of claims.
 #[cfg_attr(kani, kani::proof)]
 fn claims_are_bounded() {
     let credentials = Credentials {

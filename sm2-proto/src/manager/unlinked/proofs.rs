@@ -43,6 +43,7 @@ fn books(there: [bool; 4]) -> UnlinkedPairs {
 /// No node offers more unlinked pairs than its quota. A remembered pair is found from both sides,
 /// and forgotten from both.
 //= SM2-WCH-004 kani
+// Shows MGR-QUOTA (Exhaustive), bound: one step from any state of 4 pairs, quota up to 3.
 #[cfg_attr(kani, kani::proof)]
 // Four pairs.
 #[cfg_attr(kani, kani::unwind(7))]

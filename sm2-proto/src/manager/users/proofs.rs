@@ -16,6 +16,7 @@ const fn user(uid: u32) -> Credentials {
 /// MGR-CHARGES: each step changes the counts that it is about, and those of no other user. A user
 /// without any usage has no entry. The counts decide refusals.
 //= SM2-IFC-006 kani
+// Shows MGR-QUOTA (BoundariesAndSamples), bound: one step from any charges.
 #[cfg_attr(kani, kani::proof)]
 // Two users.
 #[cfg_attr(kani, kani::unwind(4))]

@@ -192,6 +192,7 @@ pub(in crate::node) fn expected_link(interface: &Interface) -> Option<bool> {
 
 /// CLI-DROPPING and the other rows: the frames that the Manager may send about an interface.
 //= SM2-IFC-002, SM2-IFC-004, SM2-LNK-003, SM2-LNK-004, SM2-RES-010 kani
+// Shows CLI-DROPPING (Exhaustive), bound: one step from any of 8 states with 2 links.
 #[cfg_attr(kani, kani::proof)]
 // Two links; names of one byte.
 #[cfg_attr(kani, kani::unwind(4))]
@@ -267,6 +268,7 @@ fn interface_table() {
 
 /// A new access policy changes an interface that the Manager keeps, and no other one.
 //= SM2-ACC-013 kani
+// Shows CLI-DROPPING (Exhaustive), bound: one step from any of 8 states with 2 links.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(4))]
 fn policies_judge_kept_interfaces() {
@@ -295,6 +297,7 @@ fn policies_judge_kept_interfaces() {
 /// UNLINKED goes out once in a session for each end, whichever side is first, and never after
 /// WITHDRAW.
 //= SM2-LNK-003, SM2-LNK-009, SM2-IFC-004 kani
+// Shows LNK-FAREWELL (Exhaustive), bound: 3 steps from any of 7 states with 2 links.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(4))]
 fn one_farewell_of_each_end() {
@@ -320,6 +323,7 @@ fn one_farewell_of_each_end() {
 /// The program and the session change an interface in this order: declared once, renewed once in
 /// each session, claimed once, and removed only after it was withdrawn.
 //= SM2-RES-002, SM2-RES-010, SM2-NOD-003, SM2-SES-006 kani
+// Shows CLI-SURVIVE (Exhaustive), bound: one step from any of 7 states with 2 links.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(4))]
 fn interfaces_outlive_sessions() {
@@ -389,6 +393,7 @@ fn interfaces_outlive_sessions() {
 /// LINK is taken exactly with a peer that matches, and with the QoS that both sides ask for; only
 /// `sealed` may be more.
 //= SM2-LNK-004, SM2-MAT-003, SM2-VER-002 kani
+// Shows CLI-STRICT (Exhaustive), bound: none: any terms of a publisher and a subscriber.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(4))]
 fn links_have_the_terms_that_were_asked_for() {

@@ -159,6 +159,7 @@ fn is_judged(interface: &Interface, frame: &ToNode) -> bool {
 /// violation ends the session and has no other effect.
 //= SM2-NOD-001, SM2-NOD-002, SM2-IFC-002, SM2-IFC-007, SM2-WCH-001, SM2-CNT-003, SM2-SCH-002 kani
 //= SM2-FRM-004, SM2-LNK-003, SM2-ACC-016 kani
+// Shows CLI-STRICT (Exhaustive), bound: one frame in any phase, with at most one interface in any state and 2 links.
 #[cfg_attr(kani, kani::proof)]
 // One interface with two links; names of one byte, frames of at most 24.
 #[cfg_attr(kani, kani::unwind(26))]
@@ -235,6 +236,7 @@ fn session_table() {
 
 /// CLAIMED goes out when the last renewed DECLARE is answered, once, and not before.
 //= SM2-RES-002 kani
+// Shows CLI-SURVIVE (Exhaustive), bound: one answer, with at most two renewed interfaces.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(26))]
 fn claims_wait_for_all_answers() {

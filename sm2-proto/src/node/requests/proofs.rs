@@ -6,6 +6,7 @@ use crate::proofs::{below, one_of};
 /// An answer is legal exactly while its request is open, in the order of the requests. Each
 /// request is answered once.
 //= SM2-IFC-007, SM2-WCH-001, SM2-CNT-001, SM2-CNT-003, SM2-ACC-016 kani
+// Shows CLI-STRICT (Exhaustive), bound: one step from any state of up to 2 questions of a kind.
 #[cfg_attr(kani, kani::proof)]
 // At most two requests of a kind.
 #[cfg_attr(kani, kani::unwind(4))]

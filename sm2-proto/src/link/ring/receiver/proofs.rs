@@ -28,6 +28,7 @@ fn receiver(depth: u16, reliable: bool, next: u64) -> RingReceiver {
 /// message that is later by whole rounds and not further ahead than a legal sender can be, or is
 /// invalid.
 //= SM2-RNG-007, SM2-RNG-010 kani
+// Shows RNG-FIFO (BoundariesAndSamples), bound: depth up to 4.
 #[cfg_attr(kani, kani::proof)]
 fn only_later_rounds_are_believed() {
     let depth = one_of(&DEPTHS);
@@ -76,6 +77,7 @@ fn only_later_rounds_are_believed() {
 
 /// The last sequence numbers do not cause a panic.
 //= SM2-RNG-007 kani
+// Shows RNG-HOSTILE (Exhaustive), bound: the last sequence numbers.
 #[cfg_attr(kani, kani::proof)]
 fn numbers_end() {
     let next = u64::MAX - u64::from(kani::any::<u8>());
@@ -147,6 +149,7 @@ impl RingMemory for Answers {
 /// RNG-HOSTILE: whatever the words contain, `take` makes a bounded number of accesses. It returns
 /// nothing, or a message that lies in its segment and that the application does not hold yet.
 //= SM2-RNG-007, SM2-RNG-010, SM2-PAY-003, SM2-PAY-005 kani
+// Shows RNG-HOSTILE (Samples), bound: one step, any words.
 #[cfg_attr(kani, kani::proof)]
 // Two rounds of two words, and the same number of accesses to find the oldest message; four
 // answers.
@@ -219,6 +222,7 @@ fn a_look_at_any_words() {
 
 /// RNG-HOSTILE: a message is given back once and within bounds, whatever the back word contained.
 //= SM2-RNG-008, SM2-MSG-004 kani
+// Shows RNG-HOSTILE (Exhaustive), bound: one step, any words.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(6))]
 fn a_message_is_given_back_once() {

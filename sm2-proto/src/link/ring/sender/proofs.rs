@@ -125,6 +125,7 @@ const STATES: [(u64, u64); 5] = [(0, 0), (1, 1), (2, 0), (2, 1), (3, 1)];
 /// RNG-HOSTILE: sends one more message while the words have any values. The call makes a bounded
 /// number of accesses, each message is settled at most once, and the counters stay consistent.
 //= SM2-RNG-005, SM2-RNG-006, SM2-RNG-008, SM2-QOS-006 kani
+// Shows RNG-HOSTILE (Exhaustive), bound: one step, any words.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(12))]
 fn a_message_to_any_words() {
@@ -178,6 +179,7 @@ fn a_message_to_any_words() {
 /// RNG-HOSTILE: a word that claims to give a message back either names an unsettled message, or is
 /// a violation.
 //= SM2-RNG-008, SM2-MSG-004 kani
+// Shows RNG-HOSTILE (Samples), bound: one step, any words.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(12))]
 fn any_words_given_back() {
@@ -217,6 +219,7 @@ fn any_words_given_back() {
 /// the application holds as many messages as it may. The low halves of sequence numbers therefore
 /// stay unambiguous.
 //= SM2-RNG-010 kani
+// Shows RNG-FIFO (Exhaustive), bound: around 2^31.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(12))]
 fn a_stopped_receiver_is_given_up() {
@@ -252,6 +255,7 @@ fn a_stopped_receiver_is_given_up() {
 
 /// The count of displaced messages starts again when the receiver takes one.
 //= SM2-RNG-010 kani
+// Shows RNG-FIFO (Exhaustive), bound: around 2^31.
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(12))]
 fn one_taken_begins_the_count_anew() {
