@@ -163,7 +163,7 @@ fn first(
         }
     }
     let mut rest = compared.into_iter();
-    Ok(rest.find_map(|(topic, it)| it.rest(topic)))
+    Ok(rest.find_map(|(topic, it)| it.difference_at_end(topic)))
 }
 
 /// The part of a payload that is compared.
@@ -208,7 +208,7 @@ impl Compared {
     }
 
     /// The difference after the last message of both bags.
-    fn rest(self, topic: String) -> Option<Difference> {
+    fn difference_at_end(self, topic: String) -> Option<Difference> {
         (!self.ahead.is_empty()).then_some(Difference::Count {
             topic,
             message: self.same,

@@ -74,8 +74,8 @@ impl News {
 }
 
 impl Bell {
-    /// Silences the bell, before the caller looks at the state.
-    pub(crate) fn silence(&self) {
+    /// Reads all rings of the bell, before the caller looks at the state.
+    pub(crate) fn drain(&self) {
         while matches!((&self.reader).read(&mut [0; 64]), Ok(64)) {}
     }
 }

@@ -14,6 +14,7 @@ mod domains;
 mod duplicates;
 mod hostile_peers;
 mod hub;
+mod idle_peer;
 #[cfg(feature = "program")]
 mod killed;
 #[cfg(feature = "metrics")]
@@ -23,7 +24,6 @@ mod offers;
 mod reports;
 mod rules;
 mod shortage;
-mod silence;
 mod simulation;
 mod stuck_link;
 mod traffic;

@@ -16,7 +16,7 @@ use crate::Instant;
 /// the time that passes. In any period, the publisher therefore waits for at most the burst and the share of the
 /// period, whatever its peers do. With a share of 100 % the bucket always holds the burst, so it limits nothing.
 ///
-/// | state | [`grant`](Self::grant) with a timeout | [`settle`](Self::settle) of the grant |
+/// | state | [`grant`](Self::grant) with a timeout | [`charge`](Self::charge) of the grant |
 /// | --- | --- | --- |
 /// | the bucket holds the timeout or more | the timeout | gives back what was not waited |
 /// | it holds less | what it holds | the same |
@@ -38,7 +38,7 @@ pub struct WaitBudget {
 
 /// A wait that [`WaitBudget::grant`] allows.
 #[derive(Debug, PartialEq, Eq)]
-#[must_use = "a grant that is not settled counts as waited in full"]
+#[must_use = "a grant that is not charged counts as waited in full"]
 pub struct WaitGrant {
     since: Instant,
     until: Instant,
@@ -81,7 +81,7 @@ impl WaitBudget {
     }
 
     /// The wait has ended. Gives back what was not waited.
-    pub fn settle(&mut self, grant: WaitGrant, now: Instant) {
+    pub fn charge(&mut self, grant: WaitGrant, now: Instant) {
         self.gain(now);
         let unused = grant.until.since(grant.since.max(now));
         self.left = (self.left + hundredths(unused)).min(self.burst);
@@ -89,7 +89,7 @@ impl WaitBudget {
         self.waited_ns = self.waited_ns.saturating_sub(unused_ns);
     }
 
-    /// How long publications have waited. A grant that is not settled counts in full.
+    /// How long publications have waited. A grant that is not charged counts in full.
     #[must_use]
     pub const fn waited(&self) -> Duration {
         Duration::from_nanos(self.waited_ns)

@@ -299,7 +299,7 @@ impl Play {
             }
             Step::Link => {}
         }
-        self.settle();
+        self.run_until_quiet();
     }
 
     fn publish(&mut self) {
@@ -343,7 +343,7 @@ impl Play {
     }
 
     /// The subscriber opens the account of the oldest link, and removes links that are over and empty.
-    fn settle(&mut self) {
+    fn run_until_quiet(&mut self) {
         let node = name("publisher");
         while let Some(way) = self.ways.front_mut() {
             if way.account.is_none() {
@@ -369,7 +369,7 @@ impl Play {
     }
 
     fn take(&mut self, is_expired: bool) {
-        self.settle();
+        self.run_until_quiet();
         let Some(way) = self.ways.front_mut() else {
             return;
         };

@@ -130,7 +130,7 @@ impl Publisher {
                 !room
             });
         }
-        self.budget.settle(grant, Instant(self.now));
+        self.budget.charge(grant, Instant(self.now));
         self.waits.push((begin, self.now));
         for at in waiting {
             let peer = &mut self.peers[at];
@@ -213,12 +213,12 @@ fn what_is_left_ends_a_wait() {
     let mut budget = WaitBudget::new(1);
     let grant = budget.grant(at(1_000), ms(100));
     assert_eq!(grant.until(), at(1_100));
-    budget.settle(grant, at(1_060));
+    budget.charge(grant, at(1_060));
     assert_eq!(budget.waited(), ms(60));
     // 40 ms are left, and 0.6 ms were gained in the wait. A timeout of 110 ms adds 10 ms.
     let grant = budget.grant(at(1_060), ms(110));
     assert_eq!(grant.until(), Instant(at(1_110).0 + 600_000));
-    budget.settle(grant, at(1_200));
+    budget.charge(grant, at(1_200));
     // The time after the end of a grant was not waited.
     assert_eq!(budget.waited(), ms(110) + Duration::from_micros(600));
     let grant = budget.grant(at(1_200), ms(110));

@@ -34,7 +34,7 @@ enum Op {
     Tick,
     ManagerReads { pick: usize },
     NodeReads { pick: usize },
-    Settle,
+    RunUntilQuiet,
 }
 
 fn contract() -> impl Strategy<Value = Contract> {
@@ -106,7 +106,7 @@ fn op() -> impl Strategy<Value = Op> {
         10 => Just(Op::Tick),
         20 => pick().prop_map(|pick| Op::ManagerReads { pick }),
         20 => pick().prop_map(|pick| Op::NodeReads { pick }),
-        1 => Just(Op::Settle),
+        1 => Just(Op::RunUntilQuiet),
     ]
 }
 
@@ -132,7 +132,7 @@ fn run(slots: usize, ahead: usize, ops: &[Op], rogues: bool) -> World {
             Op::Tick => drop(world.tick()),
             Op::ManagerReads { pick } => drop(world.manager_reads(pick)),
             Op::NodeReads { pick } => drop(world.node_reads(pick)),
-            Op::Settle => world.settle(),
+            Op::RunUntilQuiet => world.run_until_quiet(),
         }
     }
     world
@@ -157,8 +157,8 @@ proptest! {
         ops in vec(op(), 1..120),
     ) {
         let (manager, trace) = run(slots, ahead, &ops, true).end();
-        let (without, calm) = run(slots, ahead, &ops, false).end();
-        prop_assert_eq!(trace, calm);
+        let (without, undisturbed) = run(slots, ahead, &ops, false).end();
+        prop_assert_eq!(trace, undisturbed);
         prop_assert_eq!(manager, without);
     }
 }

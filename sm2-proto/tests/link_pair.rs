@@ -33,7 +33,7 @@ fn run(mut pair: Pair, ops: &[Op]) {
         pair.step(op);
         pair.check();
     }
-    pair.settle();
+    pair.run_until_quiet();
     pair.check_settled();
     pair.close();
     pair.check_closed();
@@ -63,6 +63,6 @@ fn a_subscriber_that_takes_nothing_holds_up_itself_alone() {
             pair.check();
         }
     }
-    pair.settle();
+    pair.run_until_quiet();
     pair.check_settled();
 }

@@ -76,8 +76,8 @@ fn rounds_follow_until_no_member_takes_anything() {
     };
     assert_eq!(feed(&mut conductor, 40, called("b", timer)), []);
     assert_eq!(conductor.working().collect::<Vec<_>>(), [&name("a")]);
-    let settled = feed(&mut conductor, 50, called("a", done(1, 1, 0)));
-    assert_eq!(settled, [Output::Settled]);
+    let ended = feed(&mut conductor, 50, called("a", done(1, 1, 0)));
+    assert_eq!(ended, [Output::StepEnded]);
     assert!(!conductor.is_running());
     assert_eq!(conductor.next(), Some(DomainTime(150)));
     assert_eq!(
@@ -89,8 +89,8 @@ fn rounds_follow_until_no_member_takes_anything() {
 #[test]
 fn a_step_without_members_is_over_at_once() {
     let mut conductor = Conductor::new();
-    let settled = feed(&mut conductor, 1, Input::Step(DomainTime(5)));
-    assert_eq!(settled, [Output::Settled]);
+    let ended = feed(&mut conductor, 1, Input::Step(DomainTime(5)));
+    assert_eq!(ended, [Output::StepEnded]);
 }
 
 //= SM2-LCK-007 test
@@ -98,8 +98,8 @@ fn a_step_without_members_is_over_at_once() {
 fn the_round_goes_on_without_members_that_leave() {
     let mut conductor = working();
     assert_eq!(feed(&mut conductor, 20, called("a", done(1, 0, 0))), []);
-    let settled = feed(&mut conductor, 30, Input::Left(name("b")));
-    assert_eq!(settled, [Output::Settled]);
+    let ended = feed(&mut conductor, 30, Input::Left(name("b")));
+    assert_eq!(ended, [Output::StepEnded]);
     assert_eq!(conductor.members(), 1);
 
     // A call about another turn.
@@ -110,8 +110,8 @@ fn the_round_goes_on_without_members_that_leave() {
         feed(&mut conductor, 20, called("a", done(1, 1, 0))),
         [refused]
     );
-    let settled = feed(&mut conductor, 30, called("b", done(1, 0, 0)));
-    assert_eq!(settled, [Output::Settled]);
+    let ended = feed(&mut conductor, 30, called("b", done(1, 0, 0)));
+    assert_eq!(ended, [Output::StepEnded]);
 
     // A second call while the first one waits.
     let refused = Refused::OtherTurn { step: 1, round: 0 };
@@ -127,8 +127,8 @@ fn the_round_goes_on_without_members_that_leave() {
     assert_eq!(feed(&mut conductor, 20, called("a", Done::JOIN)), []);
     let again = feed(&mut conductor, 20, called("a", Done::JOIN));
     assert_eq!(again, [Output::Superseded(name("a"))]);
-    let settled = feed(&mut conductor, 30, called("b", done(1, 0, 0)));
-    assert_eq!(settled, [Output::Settled]);
+    let ended = feed(&mut conductor, 30, called("b", done(1, 0, 0)));
+    assert_eq!(ended, [Output::StepEnded]);
     assert_eq!(
         feed(&mut conductor, 40, Input::Step(DomainTime(101))).len(),
         2

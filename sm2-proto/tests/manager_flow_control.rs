@@ -21,7 +21,7 @@ const LIMITS: Limits = UNLIMITED
     .with(Limit::WorkPerTurn, 2_048);
 
 /// All outputs of the deferred work, while these sessions read everything that is sent to them.
-fn rest(bench: &mut Bench, readers: &[NodeId]) -> Vec<Event> {
+fn all_outputs(bench: &mut Bench, readers: &[NodeId]) -> Vec<Event> {
     let mut events = Vec::new();
     loop {
         for &session in readers {
@@ -70,9 +70,13 @@ fn links_wait_until_others_are_read() {
         "nothing to do before somebody reads"
     );
     assert!(bench.manager.awaits_room(a) && bench.manager.awaits_room(b));
-    assert_eq!(rest(&mut bench, &[b]), [], "the other end has not read");
+    assert_eq!(
+        all_outputs(&mut bench, &[b]),
+        [],
+        "the other end has not read"
+    );
     let mut all = at_once;
-    all.extend(links(&rest(&mut bench, &[a, b])));
+    all.extend(links(&all_outputs(&mut bench, &[a, b])));
     let serials: Vec<u64> = all.iter().map(|link| link.serial).collect();
     assert_eq!(
         serials,
@@ -89,7 +93,7 @@ fn a_session_that_does_not_read_holds_up_no_other() {
     let fine = offering(&mut bench, "fine", 10);
     let c = bench.node(1, "c");
     let mut events = bench.declare(c, 1, &subscriber("scan", None));
-    events.extend(rest(&mut bench, &[c, fine]));
+    events.extend(all_outputs(&mut bench, &[c, fine]));
     let told = |node| {
         let frames = seen_by(&events, node);
         frames
@@ -113,7 +117,7 @@ fn no_session_fills_the_queue_of_another() {
     for round in 1..=1_000 {
         let mut events = bench.declare(hostile, round, &subscriber("scan", None));
         events.extend(bench.withdraw(hostile, round));
-        events.extend(rest(&mut bench, &[hostile]));
+        events.extend(all_outputs(&mut bench, &[hostile]));
         frames.extend(seen_by(&events, deaf));
     }
     assert_eq!(frames.len(), 2 * AHEAD, "{frames:?}");
@@ -181,7 +185,7 @@ fn links_that_end_before_are_never_named() {
     assert_eq!(bench.manager.links(), 5);
     // One of the two is gone. The other one is told as soon as its session has room.
     assert_eq!(
-        links(&rest(&mut bench, &[a, b])),
+        links(&all_outputs(&mut bench, &[a, b])),
         [LinkId {
             epoch: EPOCH,
             serial: 6
@@ -294,7 +298,7 @@ fn one_claimed_is_settled_in_parts() {
     );
     assert_eq!(others, ticks);
     assert_eq!(bench.manager.links(), 300);
-    rest(&mut bench, &[a, other, b]);
+    all_outputs(&mut bench, &[a, other, b]);
 }
 
 /// While a session is settled, its interfaces are like any other's. One pair is compared for each

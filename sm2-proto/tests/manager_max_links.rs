@@ -26,7 +26,7 @@ fn made(events: &[Event]) -> Vec<u64> {
 }
 
 /// The links that the deferred work makes.
-fn rest(bench: &mut Bench) -> Vec<u64> {
+fn all_outputs(bench: &mut Bench) -> Vec<u64> {
     let mut all = Vec::new();
     while bench.manager.deadline() == Some(bench.now) {
         all.extend(made(&bench.input(Input::Tick)));
@@ -91,17 +91,17 @@ fn links_beyond_the_room_of_a_node_wait_until_others_end() {
     assert_eq!(waiting(&mut bench, listener), 3);
     // The end at the other side is not enough: this node still has the link.
     bench.withdraw(talker, 1);
-    assert_eq!(rest(&mut bench), [0; 0]);
+    assert_eq!(all_outputs(&mut bench), [0; 0]);
     bench.unlinked(listener, 1, link(1));
     assert_eq!(
-        rest(&mut bench),
+        all_outputs(&mut bench),
         [4],
         "the oldest first, and no more than fits"
     );
     // The node itself ends a link, before it is asked to.
     let events = bench.unlinked(listener, 1, link(3));
     assert_eq!(seen_by(&events, listener), [unlink(1, link(3), 5)]);
-    assert_eq!(rest(&mut bench), [5]);
+    assert_eq!(all_outputs(&mut bench), [5]);
     assert_eq!(waiting(&mut bench, listener), 1);
 }
 
@@ -112,16 +112,16 @@ fn max_links_changes_the_room_and_ends_nothing() {
     assert_eq!(at_once, [1, 2]);
     assert_eq!(bench.send(listener, &max_links(0)), [], "no link ends");
     bench.send(listener, &max_links(4));
-    assert_eq!(rest(&mut bench), [3, 4]);
+    assert_eq!(all_outputs(&mut bench), [3, 4]);
     bench.send(listener, &max_links(3));
     bench.unlinked(listener, 1, link(1));
     assert_eq!(
-        rest(&mut bench),
+        all_outputs(&mut bench),
         [0; 0],
         "it has three, which is all that it can have"
     );
     bench.send(listener, &max_links(u32::MAX));
-    assert_eq!(rest(&mut bench), [5, 6]);
+    assert_eq!(all_outputs(&mut bench), [5, 6]);
     let domain = domain(&mut bench, listener);
     let stated = domain.node(listener).expect("it is there").max_links;
     assert_eq!(stated, Some(u32::MAX));
@@ -135,7 +135,7 @@ fn a_withdrawn_interface_leaves_room_for_others() {
     let events = bench.declare(listener, 2, &subscriber("scan", None));
     assert_eq!(made(&events), [0; 0]);
     let mut all = made(&bench.withdraw(listener, 1));
-    all.extend(rest(&mut bench));
+    all.extend(all_outputs(&mut bench));
     assert_eq!(
         all,
         [5, 6, 7],
@@ -143,7 +143,7 @@ fn a_withdrawn_interface_leaves_room_for_others() {
     );
     // Only links that the node knows count: one that waits leaves no room.
     bench.withdraw(talker, 4);
-    assert_eq!(rest(&mut bench), [0; 0]);
+    assert_eq!(all_outputs(&mut bench), [0; 0]);
     assert_eq!(bench.manager.links(), 3);
 }
 
@@ -159,7 +159,7 @@ fn a_link_with_itself_needs_room_for_both_ends() {
     let events = bench.declare(one, 3, &subscriber("scan", None));
     assert_eq!(made(&events), [0; 0], "one end would fit");
     bench.send(one, &max_links(4));
-    assert_eq!(rest(&mut bench), [2]);
+    assert_eq!(all_outputs(&mut bench), [2]);
 }
 
 /// Both sides need room, and a node without room holds up no other pair.
@@ -185,9 +185,9 @@ fn a_full_node_holds_up_no_other() {
     // A client without room waits for its own room as well.
     bench.send(asks[1], &max_links(1));
     bench.send(full, &max_links(9));
-    assert_eq!(rest(&mut bench), [5]);
+    assert_eq!(all_outputs(&mut bench), [5]);
     bench.send(asks[1], &max_links(2));
-    assert_eq!(rest(&mut bench), [3]);
+    assert_eq!(all_outputs(&mut bench), [3]);
 }
 
 /// A driver without descriptors for a socket pair: neither node has the link.
@@ -196,12 +196,12 @@ fn a_full_node_holds_up_no_other() {
 fn a_link_that_could_not_be_made_takes_no_room() {
     let (mut bench, _, listener, _) = scene(UNLIMITED, 3, 1);
     bench.unlinked(listener, 1, link(1));
-    assert_eq!(rest(&mut bench), [2]);
+    assert_eq!(all_outputs(&mut bench), [2]);
     assert_eq!(bench.input(Input::LinkFailed { link: link(2) }), []);
-    assert_eq!(rest(&mut bench), [3], "the next one takes its place");
+    assert_eq!(all_outputs(&mut bench), [3], "the next one takes its place");
     bench.send(listener, &max_links(2));
     bench.now = bench.manager.deadline().expect("another attempt");
-    assert_eq!(rest(&mut bench), [4]);
+    assert_eq!(all_outputs(&mut bench), [4]);
 }
 
 /// Claims count beyond the room, and do not end for it.
@@ -231,18 +231,21 @@ fn links_of_an_earlier_manager_go_on_beyond_the_room() {
     }
     assert_eq!(made(&events), [0; 0], "the two other pairs wait");
     assert_eq!(seen_by(&events, listener), [], "and nothing ends");
-    assert_eq!((rest(&mut bench), bench.manager.links()), (vec![], 4));
+    assert_eq!(
+        (all_outputs(&mut bench), bench.manager.links()),
+        (vec![], 4)
+    );
     bench.unlinked(listener, 1, old(1));
     bench.unlinked(talker, 1, old(1));
     assert_eq!(
-        rest(&mut bench),
+        all_outputs(&mut bench),
         [0; 0],
         "it still has one, which is all that it can have"
     );
     for node in [talker, listener] {
         bench.send(node, &max_links(3));
     }
-    assert_eq!(rest(&mut bench), [1, 2]);
+    assert_eq!(all_outputs(&mut bench), [1, 2]);
 }
 
 /// Nobody knows a link that waits: its number can only have been guessed.

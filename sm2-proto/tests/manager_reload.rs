@@ -2,7 +2,7 @@
 //! policy allows again comes back.
 
 use crate::support::{
-    access::{access, banning, deny, patterns, settle, snapshot, tables},
+    access::{access, banning, deny, finish_work, patterns, snapshot, tables},
     bench::{Bench, Event, UNLIMITED, claim, resuming, seen_by, unlink, unlinked},
     contracts::{data, name, publisher, subscriber},
 };
@@ -36,7 +36,7 @@ fn granted(interface: u64) -> ToNode {
 
 fn reload(bench: &mut Bench, tables: Tables) -> Vec<Event> {
     let mut events = bench.input(Input::SetAccessPolicy(access(tables)));
-    events.extend(settle(bench));
+    events.extend(finish_work(bench));
     events
 }
 
@@ -118,7 +118,7 @@ fn sessions_see_other_items_at_once() {
     reload(&mut bench, tables(vec![hidden]));
     assert_eq!(bench.manager.revision(), revision);
     bench.input(Input::SetAccessPolicy(None));
-    settle(&mut bench);
+    finish_work(&mut bench);
     assert_eq!(snapshot(&mut bench, listener), before);
 }
 
@@ -169,11 +169,11 @@ fn a_node_that_does_not_confirm_is_ended() {
     bench.suspended(listener, 1);
     let until = bench.now.after(confirmation);
     bench.now = Instant(until.0 - 1);
-    assert_eq!(settle(&mut bench), []);
+    assert_eq!(finish_work(&mut bench), []);
     bench.now = until;
     let stalled = Cause::Farewell(Farewell::Stalled);
     let code = Some(Farewell::Stalled.code());
-    let events = settle(&mut bench);
+    let events = finish_work(&mut bench);
     assert_eq!(events, [Event::HungUp(talker, code, stalled)]);
     assert!(!bench.manager.is_applying_policy());
     // WITHDRAW and the end of the session confirm as well.
@@ -193,7 +193,7 @@ fn a_node_that_does_not_confirm_is_ended() {
         });
         assert!(!bench.manager.is_applying_policy());
         bench.now = bench.now.after(UNLIMITED.time(Limit::Confirmation));
-        assert_eq!(settle(&mut bench), []);
+        assert_eq!(finish_work(&mut bench), []);
     }
 }
 
@@ -227,7 +227,7 @@ fn an_interface_without_links_confirms_each_suspension() {
     reload(&mut bench, rules());
     bench.now = bench.now.after(UNLIMITED.time(Limit::Confirmation));
     let ended = Event::HungUp(listener, Some(Farewell::Stalled.code()), stalled);
-    assert_eq!(settle(&mut bench), [ended]);
+    assert_eq!(finish_work(&mut bench), [ended]);
 }
 
 //= SM2-ACC-013 test
@@ -246,9 +246,9 @@ fn a_denied_name_ends_the_session_after_its_links() {
     assert_eq!(seen_by(&declared, talker), [refused(2, denied("nobody"))]);
     assert_eq!(bench.unlinked(listener, 1, link), []);
     assert_eq!(bench.unlinked(talker, 1, link), []);
-    assert_eq!(settle(&mut bench), []);
+    assert_eq!(finish_work(&mut bench), []);
     bench.suspended(talker, 1);
-    assert_eq!(settle(&mut bench), [end(talker)]);
+    assert_eq!(finish_work(&mut bench), [end(talker)]);
     assert!(!bench.manager.is_applying_policy());
     let again = bench.connect(USER);
     let refusal = ToNode::HelloRefused {
@@ -288,7 +288,7 @@ fn a_renewed_interface_that_is_denied_stays_suspended() {
     assert_eq!(seen_by(&events, node), [unlink(1, old, DENIED)]);
     bench.send(node, &unlinked(1, old));
     bench.send(node, &ToManager::Claimed);
-    assert_eq!(settle(&mut bench), []);
+    assert_eq!(finish_work(&mut bench), []);
     let events = reload(&mut bench, tables(Vec::new()));
     assert!(
         matches!(&seen_by(&events, node)[..], [first, ToNode::Link { .. }] if *first == granted(1)),

@@ -1,7 +1,7 @@
 //! RELOAD: a session has the access policy read again, and learns when it is applied.
 
 use crate::support::{
-    access::{access, banning, deny, settle, tables},
+    access::{access, banning, deny, finish_work, tables},
     bench::{Bench, Event, UNLIMITED, hello, seen_by},
     contracts::{data, publisher, subscriber},
 };
@@ -63,7 +63,7 @@ fn the_answer_comes_when_the_policy_is_applied() {
     assert_eq!(reload(&mut bench, tool), [Event::PolicyWanted]);
     let quiet = deny("quiet", Action::Publish, &["a"], &[]);
     bench.input(Input::SetAccessPolicy(access(tables(vec![quiet]))));
-    let events = settle(&mut bench);
+    let events = finish_work(&mut bench);
     assert_eq!(seen_by(&events, tool), []);
     bench.unlinked(talker, 1, link);
     // This policy was read before the second session asked: it does not answer the second one.
@@ -73,14 +73,14 @@ fn the_answer_comes_when_the_policy_is_applied() {
     let events = bench.suspended(talker, 1);
     assert_eq!(events, [answer(tool, applied.clone())]);
     bench.input(Input::SetAccessPolicy(None));
-    assert_eq!(seen_by(&settle(&mut bench), late).len(), 1);
+    assert_eq!(seen_by(&finish_work(&mut bench), late).len(), 1);
     // Each answer permits another question.
     assert_eq!(reload(&mut bench, tool), [Event::PolicyWanted]);
     assert_eq!(reload(&mut bench, late), [Event::PolicyWanted]);
     let events = bench.input(Input::SetAccessPolicy(access(tables(Vec::new()))));
     assert_eq!(events, []);
     let both = [tool, late].map(|it| answer(it, applied.clone()));
-    assert_eq!(settle(&mut bench), both);
+    assert_eq!(finish_work(&mut bench), both);
 }
 
 //= SM2-ACC-016 test
@@ -94,7 +94,7 @@ fn what_cannot_be_used_is_said_and_changes_nothing() {
     reload(&mut bench, waiting);
     let quiet = deny("quiet", Action::Publish, &["a"], &[]);
     bench.input(Input::SetAccessPolicy(access(tables(vec![quiet]))));
-    settle(&mut bench);
+    finish_work(&mut bench);
     reload(&mut bench, tool);
     // An umlaut does not fit behind the last byte but one.
     let mut text = "x".repeat(RELOAD_TEXT_MAX - 1);
@@ -126,14 +126,14 @@ fn a_domain_without_a_policy_says_so() {
     reload(&mut bench, tool);
     let events = bench.input(Input::SetAccessPolicy(None));
     assert_eq!(events, [answer(tool, ReloadOutcome::NoPolicy)]);
-    settle(&mut bench);
+    finish_work(&mut bench);
     // A domain that loses its policy applies that.
     bench.input(Input::SetAccessPolicy(access(tables(Vec::new()))));
-    settle(&mut bench);
+    finish_work(&mut bench);
     reload(&mut bench, tool);
     bench.input(Input::SetAccessPolicy(None));
     let applied = answer(tool, ReloadOutcome::Applied);
-    assert_eq!(settle(&mut bench), [applied]);
+    assert_eq!(finish_work(&mut bench), [applied]);
 }
 
 //= SM2-ACC-016 test
@@ -146,7 +146,7 @@ fn a_session_that_the_policy_ends_is_answered_first() {
     let denied = Cause::Farewell(Farewell::Denied);
     let end = |node| Event::HungUp(node, Some(Farewell::Denied.code()), denied);
     let applied = answer(tool, ReloadOutcome::Applied);
-    assert_eq!(settle(&mut bench), [end(other), applied, end(tool)]);
+    assert_eq!(finish_work(&mut bench), [end(other), applied, end(tool)]);
     assert!(!bench.manager.is_applying_policy());
 }
 
@@ -165,7 +165,7 @@ fn one_question_at_a_time() {
         assert_eq!(reload(&mut bench, tool), [hung_up]);
         // Nobody waits any more.
         bench.input(Input::SetAccessPolicy(access(tables(Vec::new()))));
-        assert_eq!(settle(&mut bench), []);
+        assert_eq!(finish_work(&mut bench), []);
     }
     // HELLO is the first frame of a session.
     let early = bench.connect(OWNER);

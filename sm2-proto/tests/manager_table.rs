@@ -2,7 +2,7 @@
 //! session that committed it and affects no other one.
 
 use crate::support::{
-    access::{access, deny, settle, tables},
+    access::{access, deny, finish_work, tables},
     bench::{
         Bench, EPOCH, Event, claim, hello, resuming, seen_by, suspended, unlink, unlinked, withdraw,
     },
@@ -174,7 +174,7 @@ const BYTE: &str = "plain:u8";
 fn suspend_all(bench: &mut Bench) {
     let rule = deny("nothing", Action::Subscribe, &["**"], &[]);
     bench.input(Input::SetAccessPolicy(access(tables(vec![rule]))));
-    settle(bench);
+    finish_work(bench);
 }
 
 /// Sends a frame, and the descriptor that belongs to it.
@@ -464,14 +464,14 @@ fn the_others_go_on_alike() {
         }
         seen
     };
-    let mut calm = scene(Phase::Ready);
-    calm.bench.close(calm.offender);
-    let calm = goes_on(&mut calm);
+    let mut compliant = scene(Phase::Ready);
+    compliant.bench.close(compliant.offender);
+    let compliant = goes_on(&mut compliant);
     let link = scene(Phase::Ready).link.expect("it is linked");
     for (violation, bytes, fds) in breaches(link) {
         let mut scene = scene(Phase::Ready);
         offend(&mut scene, &bytes, fds);
-        assert_eq!(goes_on(&mut scene), calm, "{violation}");
+        assert_eq!(goes_on(&mut scene), compliant, "{violation}");
     }
 }
 

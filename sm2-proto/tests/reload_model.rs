@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::support::{
-    access::{access, banning, deny, settle, snapshot, tables},
+    access::{access, banning, deny, finish_work, snapshot, tables},
     bench::{Bench, Event, UNLIMITED, seen_by},
     cases,
     contracts::{data, publisher, subscriber},
@@ -276,9 +276,9 @@ impl World {
     }
 
     /// Lets all work be done and all nodes answer.
-    fn settle(&mut self) {
+    fn run_until_quiet(&mut self) {
         loop {
-            let events = settle(&mut self.bench);
+            let events = finish_work(&mut self.bench);
             self.note(&events);
             let is_awaited = self.asked.iter().any(|it| it.2.is_awaited());
             assert_eq!(self.bench.manager.is_applying_policy(), is_awaited);
@@ -356,7 +356,7 @@ proptest! {
                 prop_assert_eq!(&world.known, &shown);
             }
         }
-        world.settle();
+        world.run_until_quiet();
         world.watch();
         let shown = snapshot(&mut world.bench, world.guest);
         prop_assert_eq!(&world.known, &shown);

@@ -266,7 +266,7 @@ impl Run {
     }
 
     /// Lets both ends finish all work: the sockets are open, and the applications take everything.
-    fn settle(&mut self) {
+    fn run_until_quiet(&mut self) {
         loop {
             let before = self.state();
             for end in [CALLER, SERVER] {
@@ -335,11 +335,11 @@ proptest! {
             run.step(op);
             run.check();
         }
-        run.settle();
+        run.run_until_quiet();
         run.check_settled();
         if run.sound {
             run.step(Op::Close { end: SERVER, eof: false });
-            run.settle();
+            run.run_until_quiet();
             run.check_settled();
         }
     }

@@ -46,6 +46,6 @@ proptest! {
             pair.step(op);
             pair.check();
         }
-        pair.settle();
+        pair.run_until_quiet();
     }
 }

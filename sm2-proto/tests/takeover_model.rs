@@ -35,7 +35,7 @@ enum Step {
     Stall(usize),
     /// The Manager continues its deferred work.
     GoOn,
-    Settle,
+    RunUntilQuiet,
 }
 
 fn contract() -> impl Strategy<Value = Contract> {
@@ -66,7 +66,7 @@ fn step() -> impl Strategy<Value = Step> {
         6 => node().prop_map(Step::Reconnect),
         1 => node().prop_map(Step::Stall),
         4 => Just(Step::GoOn),
-        2 => Just(Step::Settle),
+        2 => Just(Step::RunUntilQuiet),
     ]
 }
 
@@ -101,13 +101,13 @@ proptest! {
                 Step::Reconnect(node) => world.reconnect(node),
                 Step::Stall(node) => world.stall(node),
                 Step::GoOn => drop(world.go_on()),
-                Step::Settle => {
-                    world.settle();
+                Step::RunUntilQuiet => {
+                    world.run_until_quiet();
                     world.check();
                 }
             }
         }
-        world.settle();
+        world.run_until_quiet();
         world.check();
     }
 }
@@ -122,16 +122,16 @@ fn a_pending_link_ends_once_if_both_interfaces_are_gone() {
             .with(Limit::LinksInFlight, 1)
             .with(Limit::WorkPerTurn, 1),
     );
-    world.settle();
+    world.run_until_quiet();
     let type_a = data("A");
     let publisher = || publisher_with("image", &type_a, false, false);
     world.declare(0, subscriber_with("image", Some(&type_a), false, false));
-    world.settle();
+    world.run_until_quiet();
     world.declare(2, publisher());
     world.declare(0, publisher());
     world.manager_reads(2);
     world.manager_reads(0);
     world.stall(0);
-    world.settle();
+    world.run_until_quiet();
     world.check();
 }

@@ -75,8 +75,8 @@ impl Actor {
     /// As [`census`](Self::census), while none of its threads runs.
     #[must_use]
     #[track_caller]
-    pub fn census_at_rest(&self) -> Census {
-        self.process.census_at_rest()
+    pub fn census_when_idle(&self) -> Census {
+        self.process.census_when_idle()
     }
 
     /// Sends a command; [`answer`](Self::answer) returns its answer.

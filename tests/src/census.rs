@@ -42,8 +42,8 @@ impl Census {
     /// read, so that it can receive one.
     #[must_use]
     #[track_caller]
-    pub fn at_rest(pid: u32) -> Self {
-        while_at_rest(pid, || Self::of(pid))
+    pub fn when_idle(pid: u32) -> Self {
+        while_idle(pid, || Self::of(pid))
     }
 
     /// How many descriptors are open.
@@ -118,8 +118,8 @@ impl fmt::Display for Census {
 /// The numbers of the descriptors that process `pid` has while none of its threads runs.
 #[must_use]
 #[track_caller]
-pub fn descriptor_numbers_at_rest(pid: u32) -> BTreeSet<u64> {
-    while_at_rest(pid, || {
+pub fn descriptor_numbers_when_idle(pid: u32) -> BTreeSet<u64> {
+    while_idle(pid, || {
         let entries = fs::read_dir(format!("/proc/{pid}/fd")).expect("the process");
         let names = entries.flatten().map(|entry| entry.file_name());
         names
@@ -130,7 +130,7 @@ pub fn descriptor_numbers_at_rest(pid: u32) -> BTreeSet<u64> {
 
 /// The result of `look` for a moment when no thread of the process runs.
 #[track_caller]
-fn while_at_rest<T>(pid: u32, mut look: impl FnMut() -> T) -> T {
+fn while_idle<T>(pid: u32, mut look: impl FnMut() -> T) -> T {
     let mut seen = None;
     let rested = in_time(|| {
         let before = threads(pid);

@@ -154,14 +154,14 @@ impl ManagerProcess {
     /// As [`census`](Self::census), while none of its threads runs.
     #[must_use]
     #[track_caller]
-    pub fn census_at_rest(&self) -> Census {
-        Census::at_rest(self.pid())
+    pub fn census_when_idle(&self) -> Census {
+        Census::when_idle(self.pid())
     }
 
     /// Lowers its limit of files, so that it can open no further descriptor until it has closed one.
     #[track_caller]
     pub fn take_free_descriptors(&self) {
-        let open = census::descriptor_numbers_at_rest(self.pid());
+        let open = census::descriptor_numbers_when_idle(self.pid());
         let lowest_free = (0..).find(|fd| !open.contains(fd)).expect("a free number");
         let limit = Rlimit {
             current: Some(lowest_free),

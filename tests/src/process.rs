@@ -149,8 +149,8 @@ impl Process {
     /// As [`census`](Self::census), while none of its threads runs.
     #[must_use]
     #[track_caller]
-    pub fn census_at_rest(&self) -> Census {
-        Census::at_rest(self.pid())
+    pub fn census_when_idle(&self) -> Census {
+        Census::when_idle(self.pid())
     }
 
     /// Writes a line to its standard input; ignores errors of a child that has ended.

@@ -40,7 +40,9 @@ impl Survivors {
         for survivor in &all {
             assert_eq!(survivor.expect_line(), "connected");
         }
-        let baseline = all.each_ref().map(|it| it.census_at_rest().and_counters(1));
+        let baseline = all
+            .each_ref()
+            .map(|it| it.census_when_idle().and_counters(1));
         Self { all, baseline }
     }
 
@@ -125,7 +127,7 @@ fn processes_killed_at_random_moments_leave_the_others_alone() {
     let domain = TempDomain::new();
     let manager = domain.manager();
     let mut survivors = Survivors::connect(&domain);
-    let baseline = (manager.census_at_rest()).and_counters_in_their_places(ROLES.len());
+    let baseline = (manager.census_when_idle()).and_counters_in_their_places(ROLES.len());
     survivors.go();
     kill_inside_a_call(&domain);
     let victim = |role| storm(&domain, &format!("victim-{role}"), role, "true");

@@ -28,7 +28,7 @@ fn links_of_a_node_that_does_not_read_wait_and_nobody_else_does() {
     let deaf = manager.node("deaf");
     deaf.declare(1, &control::subscriber("t", Qos::PLAIN));
     honest.nodes();
-    let baseline = manager.census_at_rest();
+    let baseline = manager.census_when_idle();
     let mut told = Vec::new();
     for interface in 1..=LINKS {
         match honest.declare(interface, &control::publisher("t", Qos::PLAIN)) {
@@ -75,7 +75,7 @@ fn a_node_that_does_not_take_its_links_does_not_use_up_the_descriptors() {
     let manager = domain.manager_with(&["--nofile", "128"]);
     let honest = manager.node("honest");
     honest.nodes();
-    let baseline = manager.census_at_rest();
+    let baseline = manager.census_when_idle();
     let deaf = manager.node("deaf");
     deaf.declare(1, &control::subscriber("t", Qos::PLAIN));
     let mut links = Vec::new();
@@ -127,7 +127,7 @@ fn a_manager_that_runs_out_of_descriptors_recovers() {
     let manager = domain.manager_with(&["--nofile", "40"]);
     let honest = manager.node("honest");
     honest.nodes();
-    let baseline = manager.census_at_rest();
+    let baseline = manager.census_when_idle();
     let many: Vec<RawNode> = (0..60).map(|_| manager.connect()).collect();
     manager.log_says("cannot accept a connection");
     assert_eq!(honest.nodes(), ["honest"]);

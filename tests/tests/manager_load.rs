@@ -29,7 +29,7 @@ fn whoever_does_not_greet_is_ended_and_a_silent_node_is_not() {
     let (honest, welcome) = greeted(&manager, "honest");
     assert_eq!(welcome[0], 0, "WELCOME");
     honest.nodes();
-    let baseline = manager.census_at_rest();
+    let baseline = manager.census_when_idle();
     let silent: Vec<RawNode> = (0..20).map(|_| manager.connect()).collect();
     // A connection that was refused does not become ready.
     let (refused, answer) = greeted(&manager, "honest");
@@ -66,7 +66,7 @@ fn a_flood_of_connections_ends_at_the_limit() {
     let manager = domain.manager_with(&["--greeting-ms", "600000"]);
     let honest = manager.node("honest");
     honest.nodes();
-    let baseline = manager.census_at_rest();
+    let baseline = manager.census_when_idle();
     let limit = Limits::default().count(Limit::GreetingsPerProcess);
     let flood: Vec<RawNode> = (0..8 * limit).map(|_| manager.connect()).collect();
     let (within, beyond) = flood.split_at(limit);
@@ -131,7 +131,7 @@ fn a_flood_of_descriptors_leaves_none_behind() {
     let manager = domain.manager();
     let honest = manager.node("honest");
     honest.nodes();
-    let baseline = manager.census_at_rest();
+    let baseline = manager.census_when_idle();
     let nulls: Vec<OwnedFd> = (0..253).map(|_| memory::null()).collect();
     let nulls: Vec<_> = nulls.iter().map(AsFd::as_fd).collect();
     for round in 0..200 {
@@ -166,7 +166,7 @@ fn a_node_that_does_not_read_is_given_up_and_nobody_waits_for_it() {
         honest.declare(interface, &control::publisher(topic, Qos::PLAIN));
     }
     honest.nodes();
-    let baseline = manager.census_at_rest();
+    let baseline = manager.census_when_idle();
     let deaf = manager.node("deaf");
     let mut queries = 0;
     eventually("the Manager to give up", || {
@@ -227,7 +227,7 @@ fn nodes_that_come_and_go_in_disorder_leave_nothing() {
     let manager = domain.manager();
     let honest = manager.node("honest");
     honest.nodes();
-    let baseline = manager.census_at_rest();
+    let baseline = manager.census_when_idle();
     for round in 0..300_u32 {
         let node = manager.connect();
         let steps = [
@@ -298,7 +298,7 @@ fn sockets_that_carry_sockets_leave_nothing_behind() {
     let manager = domain.manager();
     let honest = manager.node("honest");
     honest.nodes();
-    let baseline = manager.census_at_rest();
+    let baseline = manager.census_when_idle();
     for _ in 0..50 {
         let node = manager.connect();
         let (mut outer, inner) = SeqPacket::pair().expect("sockets");

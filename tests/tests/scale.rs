@@ -18,7 +18,7 @@ fn many_nodes_register_and_link() {
     let manager = domain.manager();
     let observer = manager.node("observer");
     observer.nodes();
-    let baseline = manager.census_at_rest();
+    let baseline = manager.census_when_idle();
     let each = NODES / PROCESSES;
     let mut crowds: Vec<Process> = (0..PROCESSES)
         .map(|process| {

@@ -191,7 +191,7 @@ fn a_manager_keeps_no_end_of_a_link() {
     let manager = domain.manager();
     let (talker, listener) = (manager.node("talker"), manager.node("listener"));
     listener.declare(1, &control::subscriber("t", Qos::PLAIN));
-    let baseline = manager.census_at_rest();
+    let baseline = manager.census_when_idle();
     let mut links = Vec::new();
     for interface in 1..=50 {
         talker.declare(interface, &control::publisher("t", Qos::PLAIN));

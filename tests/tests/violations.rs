@@ -61,7 +61,7 @@ fn run_against(manager: &ManagerProcess, rows: &[Row<RawNode>]) {
     let bystanders = Bystanders::new(manager);
     // The Manager answers after it has finished all other work.
     bystanders.are_untouched();
-    let baseline = manager.census_at_rest();
+    let baseline = manager.census_when_idle();
     for row in rows {
         let node = manager.connect();
         (row.commit)(&node);
@@ -179,7 +179,10 @@ fn run_against_link(rows: Vec<LinkRow>, options: &[&str]) {
     tell("take by 1");
     let raw = manager.node("observer");
     raw.nodes();
-    let baseline = (manager.census_at_rest(), victim.borrow().census_at_rest());
+    let baseline = (
+        manager.census_when_idle(),
+        victim.borrow().census_when_idle(),
+    );
     for LinkRow { real, row } in rows {
         tell(real.command());
         let raw = manager.node("raw");

@@ -329,7 +329,7 @@ fn vectors_name_real_clauses() {
 #[test]
 fn build_output_hidden_folders_and_other_files_are_passed_over() {
     let cites = "//= SM2-XYZ-001\n\"clause\": \"SM2-XYZ-001\"\n#= SM2-XYZ-001\n";
-    let passed_over = [
+    let skipped = [
         "target/a.rs",
         "fuzz/target/a.rs",
         ".git/a.rs",
@@ -338,7 +338,7 @@ fn build_output_hidden_folders_and_other_files_are_passed_over() {
         "tests/a.json",
         "fuzz/corpus/link_frames/seed",
     ];
-    for path in passed_over {
+    for path in skipped {
         let found = gaps(&[("SPEC.md", "# None\n"), (path, cites)]);
         assert!(found.is_empty(), "{path}: {found:?}");
     }

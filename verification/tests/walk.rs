@@ -108,7 +108,7 @@ fn scope(walk: &Walk, fault: Option<Fault>) -> Scope {
             reloads: 2,
         },
         eager: false,
-        settled: false,
+        starts_linked: false,
         reduced: false,
         // Every second walk has a Manager that cuts its work after each link.
         work_per_turn: [1, 512][walk.choices.len() % 2],
@@ -135,7 +135,7 @@ fn go(walk: &Walk, fault: Option<Fault>) -> Result<usize, Failure> {
         world = world.step(&scope, action)?;
         steps += 1;
     }
-    world.settled(&scope)?;
+    world.linked(&scope)?;
     Ok(steps)
 }
 

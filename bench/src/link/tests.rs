@@ -41,7 +41,7 @@ impl Link {
 }
 
 /// The link of the paper, without random loss and jitter.
-fn calm() -> Profile {
+fn lossless() -> Profile {
     Profile {
         loss_permille: 0,
         jitter: Duration::ZERO,
@@ -74,7 +74,7 @@ fn near(link: &Link) -> UdpSocket {
 
 #[test]
 fn a_round_trip_takes_both_delays() {
-    let profile = calm();
+    let profile = lossless();
     let Some(link) = link(&profile) else { return };
     let (_far, near) = (echo(&link), near(&link));
     let trips = (0..20).map(|number: u8| {
@@ -93,7 +93,7 @@ fn a_round_trip_takes_both_delays() {
 fn each_way_loses_its_part() {
     let profile = Profile {
         loss_permille: 200,
-        ..calm()
+        ..lossless()
     };
     let Some(link) = link(&profile) else { return };
     let (_far, near) = (echo(&link), near(&link));
@@ -115,7 +115,7 @@ fn each_way_loses_its_part() {
 
 #[test]
 fn tcp_crosses_it_in_single_frames_at_its_rate() {
-    let profile = calm();
+    let profile = lossless();
     let Some(link) = link(&profile) else { return };
     let listener = link.at(Side::Far, || TcpListener::bind("0.0.0.0:5000").unwrap());
     let reader = thread::spawn(move || {
@@ -144,7 +144,7 @@ fn tcp_crosses_it_in_single_frames_at_its_rate() {
 
 #[test]
 fn hosts_without_routes_do_not_reach_each_other() {
-    let Ok(hosts) = LossyLink::namespaces(calm()) else {
+    let Ok(hosts) = LossyLink::namespaces(lossless()) else {
         return;
     };
     let to = (address(Side::Far), 5_000);

@@ -223,15 +223,15 @@ impl Spool {
 
     /// The network has acknowledged a message. Without effect for one that has its fate.
     pub fn acknowledge(&mut self, id: Id) {
-        self.settle(id, Fate::HandedOver);
+        self.set_fate(id, Fate::HandedOver);
     }
 
     /// The network does not take a message, and never will. Without effect for one that has its fate.
     pub fn reject(&mut self, id: Id) {
-        self.settle(id, Fate::Refused);
+        self.set_fate(id, Fate::Refused);
     }
 
-    fn settle(&mut self, id: Id, fate: Fate) {
+    fn set_fate(&mut self, id: Id, fate: Fate) {
         if let Ok(index) = self.in_flight.binary_search_by_key(&id, |it| it.entry.id) {
             self.land(index, fate);
         } else if let Ok(index) = self.spooled.binary_search_by_key(&id, |it| it.id) {

@@ -139,7 +139,7 @@ impl Conductor {
                     self.left.insert(name);
                 }
                 // The call was replaced when the newer one came.
-                Output::Superseded(_) | Output::Settled => {}
+                Output::Superseded(_) | Output::StepEnded => {}
             }
         }
         match fed {

@@ -86,7 +86,7 @@ impl Recorder<'_> {
             .looked_at
             .is_none_or(|it| at.since(it) >= LOOK_AGAIN);
         // An overload displaces messages all the time, and nothing else does.
-        let is_due = is_late || topic.may_lose_in_silence();
+        let is_due = is_late || topic.may_lose_unnoticed();
         if is_due {
             self.look_at_losses(|it| *it == number);
             // A look for other reasons does not count: the loss that follows it would have none.
@@ -107,7 +107,7 @@ impl Recorder<'_> {
         self.look_at = now.after(LOOK_INTERVAL);
         let (topics, queue) = (&self.topics, &self.queue);
         let is_to_look =
-            |it: &usize| topics[*it].may_lose_in_silence() || queue.held(HeldBy(*it)) > 0;
+            |it: &usize| topics[*it].may_lose_unnoticed() || queue.held(HeldBy(*it)) > 0;
         let numbers: BTreeSet<_> = (0..topics.len()).filter(is_to_look).collect();
         if !numbers.is_empty() {
             self.look_at_losses(|it| numbers.contains(it));

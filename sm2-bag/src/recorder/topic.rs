@@ -258,7 +258,7 @@ impl Topic {
     }
 
     /// Whether messages may be lost without a later message that shows it.
-    pub(super) fn may_lose_in_silence(&self) -> bool {
+    pub(super) fn may_lose_unnoticed(&self) -> bool {
         let has_lifespan = |it: &Publisher| it.source.offer.lifespan != Period::NONE;
         self.is_reliable || self.losses.is_pool_short || self.publishers.iter().any(has_lifespan)
     }

@@ -91,7 +91,7 @@ impl Printer<'_> {
                 let kept = entries.iter().take(self.limits.elements);
                 let lines = kept.map(|(key, value)| (self.one_line(key), value));
                 self.entries(out, indent, lines)?;
-                self.rest(out, entries.len(), *left, &line_break(indent))
+                self.elision(out, entries.len(), *left, &line_break(indent))
             }
             Value::List { items, more: left } if breaks(value) => {
                 for (at, item) in items.iter().take(self.limits.elements).enumerate() {
@@ -101,7 +101,7 @@ impl Printer<'_> {
                     out.write_str("- ")?;
                     self.lines(out, item, indent + 2)?;
                 }
-                self.rest(out, items.len(), *left, &line_break(indent))
+                self.elision(out, items.len(), *left, &line_break(indent))
             }
             Value::Variant(name, fields) if breaks(fields) => {
                 write!(out, "{}:{}", name.escape_debug(), line_break(indent + 2))?;
@@ -173,7 +173,7 @@ impl Printer<'_> {
                     out.write_str(if at > 0 { ", " } else { "" })?;
                     self.line(out, item)?;
                 }
-                self.rest(out, items.len(), *left, ", ")?;
+                self.elision(out, items.len(), *left, ", ")?;
                 out.write_str("]")
             }
             Value::Map {
@@ -187,7 +187,7 @@ impl Printer<'_> {
                     out.write_str(": ")?;
                     self.line(out, value)?;
                 }
-                self.rest(out, entries.len(), *left, ", ")?;
+                self.elision(out, entries.len(), *left, ", ")?;
                 out.write_str("}")
             }
             Value::Struct(fields) => {
@@ -218,7 +218,7 @@ impl Printer<'_> {
     }
 
     /// Writes the number of elements that are not shown, kept or not, if there are any.
-    fn rest(&self, out: &mut Bounded, kept: usize, left: u64, separator: &str) -> fmt::Result {
+    fn elision(&self, out: &mut Bounded, kept: usize, left: u64, separator: &str) -> fmt::Result {
         let shown = kept.min(self.limits.elements);
         match (kept - shown) as u64 + left {
             0 => Ok(()),

@@ -229,7 +229,7 @@ impl<'a> Fleet<'a> {
         let State::Running(mut running) = std::mem::replace(&mut unit.state, State::Over) else {
             return;
         };
-        for line in running.process.rest() {
+        for line in running.process.last_lines() {
             self.show.program(at, Kind::Log, line);
         }
         let (process, now) = (&running.process, clock::now());

@@ -125,7 +125,7 @@ impl Process {
     }
 
     /// The last lines of a program whose group is gone. A process that has left the group may write on for ever.
-    pub(super) fn rest(&mut self) -> Vec<String> {
+    pub(super) fn last_lines(&mut self) -> Vec<String> {
         let mut all = Vec::new();
         for _ in 0..PIPE_BYTES / READ_MAX_BYTES {
             let lines = self.read();

@@ -25,7 +25,7 @@ use crate::{
 const GATHERING: Duration = Duration::from_secs(20);
 
 /// Timeout for the subscribers to check the last messages.
-const SETTLING: Duration = Duration::from_secs(5);
+const RELEASE_TIMEOUT: Duration = Duration::from_secs(5);
 /// How often the publisher checks for that.
 const LOOK: Duration = Duration::from_millis(10);
 
@@ -55,7 +55,7 @@ pub(crate) fn run(arguments: &ProcessArguments) -> Result<(), DemoError> {
         return Ok(());
     }
     let figures = publish(arguments, &node, &publisher)?;
-    settle(&node, &publisher)?;
+    wait_for_releases(&node, &publisher)?;
     send_event(&ProcessEvent::Done(figures)).map_err(DemoError::Output)?;
     // Until standard input ends, the director measures this process, and subscribers read from its
     // memory.
@@ -107,8 +107,8 @@ fn publish(
 }
 
 /// Waits until subscribers have released all messages, or until the timeout.
-fn settle(node: &Node, publisher: &Publisher<[u8]>) -> Result<(), DemoError> {
-    let until = clock::now().after(SETTLING);
+fn wait_for_releases(node: &Node, publisher: &Publisher<[u8]>) -> Result<(), DemoError> {
+    let until = clock::now().after(RELEASE_TIMEOUT);
     while publisher.counters().in_flight > 0 && clock::now() < until {
         // A release by a ring wakes a publisher only if it waits for room, so poll.
         let soon = clock::now().after(LOOK).min(until);

@@ -101,7 +101,7 @@ impl Subscriber {
 /// [`DemoError::Damaged`], [`DemoError::PartFailed`], [`DemoError::NothingReceived`]; the first in this
 /// order.
 pub(crate) fn verdict(outcomes: &[Outcome<'_>]) -> Result<(), DemoError> {
-    let checks = [damage, failure, silence];
+    let checks = [damage, failure, nothing_received];
     let errors = checks
         .iter()
         .flat_map(|check| outcomes.iter().filter_map(|it| check(it)));
@@ -133,7 +133,7 @@ fn failure(outcome: &Outcome<'_>) -> Option<DemoError> {
     }
 }
 
-fn silence(outcome: &Outcome<'_>) -> Option<DemoError> {
+fn nothing_received(outcome: &Outcome<'_>) -> Option<DemoError> {
     let part = outcome.part.to_string();
     (outcome.figures.messages == 0).then_some(DemoError::NothingReceived { part })
 }

@@ -139,7 +139,7 @@ impl Viewer {
                 // The loop writes.
                 Source::Writable => {}
                 Source::News => {
-                    self.bell.silence();
+                    self.bell.drain();
                     self.take_news()?;
                 }
                 Source::Topic(id) => self.subscriptions.take_messages(context, id)?,

@@ -292,7 +292,7 @@ impl UntypedPublisher {
 
     /// Stops waiting: links that have no room miss this message.
     pub(crate) fn finish(&self, offered: Offered, grant: WaitGrant) -> Published {
-        self.budget().settle(grant, sm2_io::clock::now());
+        self.budget().charge(grant, sm2_io::clock::now());
         let published = self.handle.with_undriven(|interface, context| {
             interface.waiting -= 1;
             interface.finish(offered, context)

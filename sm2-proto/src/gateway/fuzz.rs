@@ -22,7 +22,7 @@ mod tests {
 
         /// Without the bytes that choose rare operations, so that sessions last longer.
         #[test]
-        fn calm_bytes_decide_a_session(data in vec(0_u8..0xfc, 0..900)) {
+        fn bytes_of_common_operations_decide_a_session(data in vec(0_u8..0xfc, 0..900)) {
             session(&data);
         }
 

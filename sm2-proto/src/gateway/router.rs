@@ -2,13 +2,13 @@
 //!
 //! [`Router`] keeps the contract of [`Machine`]. It never ends, and no input is a misuse. Each input
 //! changes one fact: the rules, a connection, or something about one source of a subject. The router
-//! then *settles* the source: it computes anew what follows from all facts that hold now, and its
+//! then *updates* the source: it computes anew what follows from all facts that hold now, and its
 //! outputs are the differences from what followed before. So the result does not depend on the order
 //! of the inputs.
 //!
 //! Other rules and a new connection concern all sources; the end of a connection concerns those of its
-//! offers. The router settles them in pieces of at most [`PIECE_DECISIONS`]: the first one at once, and
-//! one at each [`Input::Tick`]. A source that is used in between is settled first, by [`Input::Use`].
+//! offers. The router updates them in pieces of at most [`PIECE_DECISIONS`]: the first one at once, and
+//! one at each [`Input::Tick`]. A source that is used in between is updated first, by [`Input::Use`].
 //!
 //! A route is a whole path, not a next hop: an offer lists the gateways that it came through, and is not made to any of
 //! them. No other rule is needed to prevent cycles. Of several paths to one origin, one is used, so that no message
@@ -52,8 +52,8 @@ pub struct Router {
     own_offers: BTreeMap<RouteId, Key>,
     /// The walk over all sources, until it is over.
     walk: Option<Walk>,
-    /// The time since when sources are left to settle.
-    unsettled_since: Option<Instant>,
+    /// The time since when sources are left to update.
+    outdated_since: Option<Instant>,
     outputs: VecDeque<Output>,
 }
 
@@ -69,7 +69,7 @@ impl Router {
             peer_offers: BTreeMap::new(),
             own_offers: BTreeMap::new(),
             walk: None,
-            unsettled_since: None,
+            outdated_since: None,
             outputs: VecDeque::new(),
         }
     }
@@ -78,11 +78,11 @@ impl Router {
         match input {
             Input::Rules(rules) => {
                 self.rules = rules;
-                self.settle_all(now);
+                self.update_all(now);
             }
             Input::Up { peer } => {
                 self.connections.open(peer);
-                self.settle_all(now);
+                self.update_all(now);
             }
             Input::Down { peer } => {
                 if self.connections.end(peer) {
@@ -91,7 +91,7 @@ impl Router {
             }
             Input::Local { subject, present } => {
                 self.state(&subject, Source::Local).local = present;
-                self.settle(&subject, Source::Local);
+                self.update(&subject, Source::Local);
             }
             Input::Taken {
                 subject,
@@ -100,7 +100,7 @@ impl Router {
             } => {
                 let source = Source::Remote(origin);
                 self.state(&subject, source).local_demand = taken;
-                self.settle(&subject, source);
+                self.update(&subject, source);
             }
             Input::Offered {
                 peer,
@@ -111,17 +111,17 @@ impl Router {
             Input::Gone { peer, offer } => {
                 let from = self.connections.with(peer);
                 if let Some((key, _)) = from.and_then(|from| self.remove_offer(from, offer)) {
-                    self.settle(&key.0, key.1);
+                    self.update(&key.0, key.1);
                 }
             }
             Input::Wanted { peer, offer, depth } => self.wanted(peer, offer, Some(depth)),
             Input::Unwanted { peer, offer } => self.wanted(peer, offer, None),
             Input::Use { subject, source } => {
-                if self.unsettled_since.is_some() {
-                    self.settle(&subject, source);
+                if self.outdated_since.is_some() {
+                    self.update(&subject, source);
                 }
             }
-            Input::Tick => self.settle_piece(),
+            Input::Tick => self.update_piece(),
         }
     }
 
@@ -173,7 +173,7 @@ impl Router {
             self.state(&subject, source).offered(from, rank, path);
             let key = (subject.clone(), source);
             self.peer_offers.insert((from, offer), (key, rank));
-            self.settle(&subject, source);
+            self.update(&subject, source);
         }
     }
 
@@ -182,7 +182,7 @@ impl Router {
         let own_offer = by.and_then(|by| Some((by, self.own_offers.get(&(by, offer))?.clone())));
         if let Some((by, (subject, source))) = own_offer {
             self.state(&subject, source).wanted(by, depth);
-            self.settle(&subject, source);
+            self.update(&subject, source);
         }
     }
 
@@ -193,21 +193,21 @@ impl Router {
         Some((key, is_last))
     }
 
-    /// Begins to settle all sources, and settles the first piece of them.
-    fn settle_all(&mut self, now: Instant) {
+    /// Begins to update all sources, and updates the first piece of them.
+    fn update_all(&mut self, now: Instant) {
         self.walk.get_or_insert_default().start_over();
         self.begin(now);
     }
 
-    /// Settles the first piece of the sources that are left.
+    /// Updates the first piece of the sources that are left.
     fn begin(&mut self, now: Instant) {
-        self.unsettled_since.get_or_insert(now);
-        self.settle_piece();
+        self.outdated_since.get_or_insert(now);
+        self.update_piece();
     }
 
-    /// Settles the next sources that are left: those of connections that have ended, then those of the walk.
+    /// Updates the next sources that are left: those of connections that have ended, then those of the walk.
     //= SM2-GWR-004, SM2-GWO-008
-    fn settle_piece(&mut self) {
+    fn update_piece(&mut self) {
         let mut decisions = 0;
         while decisions < PIECE_DECISIONS {
             if let Some(ended) = self.connections.first_ended() {
@@ -217,10 +217,10 @@ impl Router {
             let next = self.walk.as_mut().and_then(|it| it.next(&self.sources));
             let Some((subject, source)) = next else {
                 self.walk = None;
-                self.unsettled_since = None;
+                self.outdated_since = None;
                 return;
             };
-            decisions += self.settle(&subject, source);
+            decisions += self.update(&subject, source);
         }
     }
 
@@ -230,8 +230,8 @@ impl Router {
         let offers = (ended, OfferId(0))..=(ended, OfferId(u64::MAX));
         if let Some((&(_, offer), _)) = self.peer_offers.range(offers.clone()).next() {
             return match self.remove_offer(ended, offer) {
-                Some(((subject, source), true)) => self.settle(&subject, source),
-                // The source is settled with the last one of its offers.
+                Some(((subject, source), true)) => self.update(&subject, source),
+                // The source is updated with the last one of its offers.
                 _ => 1,
             };
         }
@@ -242,13 +242,13 @@ impl Router {
         };
         self.own_offers.remove(&id);
         self.state(&subject, source).ended(ended);
-        self.settle(&subject, source)
+        self.update(&subject, source)
     }
 
     /// Computes what follows from the facts about a source, and outputs the differences. Returns the cost in
     /// decisions of the rules. SPEC, Annex B.11 has the same steps.
     //= SM2-GWO-003, SM2-GWO-004, SM2-GWR-003
-    fn settle(&mut self, subject: &Subject, source: Source) -> usize {
+    fn update(&mut self, subject: &Subject, source: Source) -> usize {
         let (rules, outputs) = (&self.rules, &mut self.outputs);
         let sources = self.sources.get_mut(subject);
         let Some(state) = sources.and_then(|it| it.get_mut(&source)) else {
@@ -346,8 +346,8 @@ impl Machine for Router {
         self.outputs.pop_front()
     }
 
-    /// The time since when sources are left to settle.
+    /// The time since when sources are left to update.
     fn deadline(&self) -> Option<Instant> {
-        self.unsettled_since
+        self.outdated_since
     }
 }

@@ -414,7 +414,7 @@ mod tests {
 
         /// Without the bytes that change the most, so that runs get long.
         #[test]
-        fn calm_bytes_decide(data in prop::collection::vec(0_u8..0xfc, 0..600)) {
+        fn bytes_of_common_operations_decide(data in prop::collection::vec(0_u8..0xfc, 0..600)) {
             frames(&data);
         }
 

@@ -56,7 +56,7 @@ pub enum Output {
     /// Drop the waiting call of this member, because a newer one takes its place.
     Superseded(Name),
     /// The step is over: the next one can begin.
-    Settled,
+    StepEnded,
 }
 
 /// The reason why a call is answered as failed.
@@ -175,13 +175,13 @@ impl Conductor {
             }
         }
         if !sent {
-            self.settle();
+            self.end_step();
         }
     }
 
-    fn settle(&mut self) {
+    fn end_step(&mut self) {
         self.is_running = false;
-        self.outputs.push_back(Output::Settled);
+        self.outputs.push_back(Output::StepEnded);
     }
 
     fn called(&mut self, now: Instant, name: Name, done: Done) {
@@ -226,7 +226,7 @@ impl Conductor {
             return;
         }
         if self.taken == 0 {
-            self.settle();
+            self.end_step();
         } else if self.round + 1 == LOCKSTEP_ROUNDS_MAX {
             //= SM2-LCK-009
             self.end = Some(TooManyRounds { step: self.step });

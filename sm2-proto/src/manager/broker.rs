@@ -169,7 +169,7 @@ impl Manager {
         if let Some(after) = more
             && let Some(session) = self.sessions.get_mut(&entity.node)
         {
-            session.settle(entity.interface, after);
+            session.begin_matching(entity.interface, after);
             self.jobs.insert(entity.node);
         }
         let spent = Budget::of_declare(&self.limits).left() - budget.left();

@@ -28,7 +28,7 @@ pub(super) enum Session {
     Ready {
         node: NodeRecord,
         /// Exists until all interfaces are linked with all their matches.
-        settling: Option<Settling>,
+        matching: Option<Matching>,
         /// The time when claims without a counterpart are given up.
         claims_until: Option<Instant>,
     },
@@ -46,7 +46,7 @@ pub(super) struct Resumption {
 /// The interfaces that are still to be linked after CLAIMED (SM2-RES-007), or after a DECLARE with
 /// many matches (SM2-SES-009).
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub(super) struct Settling {
+pub(super) struct Matching {
     /// The next interface, and the counterpart after which to go on.
     next: (InterfaceId, EntityId),
     /// The last interface that is to be linked.
@@ -110,7 +110,7 @@ impl Session {
         } else {
             Self::Ready {
                 node,
-                settling: None,
+                matching: None,
                 claims_until: None,
             }
         };
@@ -122,7 +122,7 @@ impl Session {
     pub(super) fn claimed(self, claims_until: Option<Instant>) -> Self {
         match self {
             Self::Resuming { node, resumption } => Self::Ready {
-                settling: Some(Settling {
+                matching: Some(Matching {
                     next: (InterfaceId(0), EntityId::FIRST),
                     last: node.last_interface(),
                     ended: resumption.ended,
@@ -150,27 +150,27 @@ impl Session {
     }
 
     /// Whether some interfaces are not linked with all their matches yet.
-    pub(super) const fn is_settling(&self) -> bool {
+    pub(super) const fn is_matching(&self) -> bool {
         match self {
             Self::Greeting(_) | Self::Resuming { .. } => false,
-            Self::Ready { settling, .. } => settling.is_some(),
+            Self::Ready { matching, .. } => matching.is_some(),
         }
     }
 
     /// The next interface to be linked, and after which counterpart. `None` once all are linked.
-    pub(super) fn unsettled(&mut self, node: NodeId) -> Option<(EntityId, EntityId)> {
+    pub(super) fn next_to_match(&mut self, node: NodeId) -> Option<(EntityId, EntityId)> {
         let Self::Ready {
             node: record,
-            settling,
+            matching,
             ..
         } = self
         else {
             return None;
         };
-        let Settling { next, last, .. } = settling.as_ref()?;
+        let Matching { next, last, .. } = matching.as_ref()?;
         let following = record.interface_from(next.0).filter(|it| it <= last);
         let Some(interface) = following else {
-            *settling = None;
+            *matching = None;
             return None;
         };
         let has_begun = next.0 == interface;
@@ -179,9 +179,9 @@ impl Session {
     }
 
     /// A new interface is linked with its counterparts up to this one. The others are left.
-    pub(super) fn settle(&mut self, interface: InterfaceId, up_to: EntityId) {
-        if let Self::Ready { settling, .. } = self {
-            *settling = Some(Settling {
+    pub(super) fn begin_matching(&mut self, interface: InterfaceId, up_to: EntityId) {
+        if let Self::Ready { matching, .. } = self {
+            *matching = Some(Matching {
                 next: (interface, up_to),
                 last: interface,
                 ended: BTreeSet::new(),
@@ -191,30 +191,30 @@ impl Session {
 
     /// Notes that the interface is linked with its counterparts up to this one, or with all of
     /// them.
-    pub(super) const fn settled(&mut self, interface: InterfaceId, up_to: Option<EntityId>) {
+    pub(super) const fn matched(&mut self, interface: InterfaceId, up_to: Option<EntityId>) {
         if let Self::Ready {
-            settling: Some(settling),
+            matching: Some(matching),
             ..
         } = self
         {
-            settling.next = match up_to {
+            matching.next = match up_to {
                 Some(counterpart) => (interface, counterpart),
                 None => (InterfaceId(interface.0.saturating_add(1)), EntityId::FIRST),
             };
         }
     }
 
-    /// Whether this pair ended its link before the session was settled.
+    /// Whether this pair ended its link before the session was matched.
     pub(super) fn has_ended(&self, pair: Pair) -> bool {
         match self {
             Self::Greeting(_) | Self::Resuming { .. } => false,
-            Self::Ready { settling, .. } => settling
+            Self::Ready { matching, .. } => matching
                 .as_ref()
-                .is_some_and(|settling| settling.ended.contains(&pair)),
+                .is_some_and(|matching| matching.ended.contains(&pair)),
         }
     }
 
-    /// Notes that a link has ended before the session was settled, and whether its pair is to be
+    /// Notes that a link has ended before the session was matched, and whether its pair is to be
     /// linked again.
     //= SM2-RES-007, SM2-LNK-009
     pub(super) fn ended(&mut self, pair: Pair, again: bool) {
@@ -224,7 +224,7 @@ impl Session {
                 ..
             }
             | Self::Ready {
-                settling: Some(Settling { ended, .. }),
+                matching: Some(Matching { ended, .. }),
                 ..
             } => {
                 if again {
@@ -233,7 +233,7 @@ impl Session {
                     ended.insert(pair);
                 }
             }
-            Self::Greeting(_) | Self::Ready { settling: None, .. } => {}
+            Self::Greeting(_) | Self::Ready { matching: None, .. } => {}
         }
     }
 

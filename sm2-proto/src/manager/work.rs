@@ -2,7 +2,7 @@
 //!
 //! | work | begins with | where the next part begins |
 //! | --- | --- | --- |
-//! | to link an interface, or those of a resumption | DECLARE, CLAIMED | `Settling` of the session |
+//! | to link an interface, or those of a resumption | DECLARE, CLAIMED | `Matching` of the session |
 //! | to end links | WITHDRAW, the end of a session | `EndingLinks` |
 //! | to give up claims | their deadline | `Manager::expired`, and the claims that are left |
 //! | to announce links | room in a socket | `PendingLinks` |
@@ -28,8 +28,8 @@ impl Manager {
     //= SM2-SES-009
     #[must_use]
     pub fn is_busy(&self, node: NodeId) -> bool {
-        let is_settling = self.sessions.get(&node).is_some_and(Session::is_settling);
-        is_settling || self.expired.contains(&node) || self.ending_links.has(node)
+        let is_matching = self.sessions.get(&node).is_some_and(Session::is_matching);
+        is_matching || self.expired.contains(&node) || self.ending_links.has(node)
     }
 
     /// Does one part of the deferred work: of the links that could not be made, of one session with
@@ -79,7 +79,7 @@ impl Manager {
         let before = budget.left();
         self.end_links(node, budget);
         self.give_up_expired(node, budget);
-        self.settle(node, budget);
+        self.match_interfaces(node, budget);
         let is_busy = self.is_busy(node);
         if is_busy {
             self.jobs.insert(node);
@@ -141,28 +141,28 @@ impl Manager {
 
     /// Links the interfaces of a session with their matches.
     //= SM2-RES-007, SM2-MAT-002
-    fn settle(&mut self, node: NodeId, budget: &mut Budget) {
+    fn match_interfaces(&mut self, node: NodeId, budget: &mut Budget) {
         while !budget.is_spent()
-            && let Some((entity, after)) = self.unsettled(node)
+            && let Some((entity, after)) = self.next_to_match(node)
         {
             let (links, more) = self.link_missing(entity, after, budget);
             if let Some(session) = self.sessions.get_mut(&node) {
-                session.settled(entity.interface, more);
+                session.matched(entity.interface, more);
             }
             self.outputs.extend(links);
         }
     }
 
-    fn unsettled(&mut self, node: NodeId) -> Option<(EntityId, EntityId)> {
-        self.sessions.get_mut(&node)?.unsettled(node)
+    fn next_to_match(&mut self, node: NodeId) -> Option<(EntityId, EntityId)> {
+        self.sessions.get_mut(&node)?.next_to_match(node)
     }
 
     /// Whether exactly the busy sessions wait for their turn.
     pub(super) fn jobs_agree(&self) -> bool {
-        let settling = self.sessions.iter().filter(|(_, it)| it.is_settling());
-        let settling = settling.map(|(&node, _)| node);
+        let matching = self.sessions.iter().filter(|(_, it)| it.is_matching());
+        let matching = matching.map(|(&node, _)| node);
         let expired = self.expired.iter().copied();
-        let mut busy = settling.chain(expired).chain(self.ending_links.nodes());
+        let mut busy = matching.chain(expired).chain(self.ending_links.nodes());
         self.jobs.iter().all(|it| self.is_busy(it)) && busy.all(|it| self.jobs.contains(it))
     }
 }

@@ -18,7 +18,7 @@ pub(crate) fn link_pair(data: &[u8]) {
         pair.step(&op);
         pair.check();
     }
-    pair.settle();
+    pair.run_until_quiet();
     pair.check_settled();
     pair.close();
     pair.check_closed();

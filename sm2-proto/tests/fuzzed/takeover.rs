@@ -27,7 +27,7 @@ pub(crate) fn takeover(bytes: &[u8]) {
     }
     let mut world = World::new();
     while history(&mut world, &mut script).is_some() {}
-    world.settle();
+    world.run_until_quiet();
     world.check();
 }
 
@@ -65,7 +65,7 @@ fn history(world: &mut World, script: &mut Script<'_>) -> Option<()> {
         28 | 29 => world.reconnect(node),
         30 => world.stall(node),
         _ => {
-            world.settle();
+            world.run_until_quiet();
             world.check();
         }
     }

@@ -1,4 +1,4 @@
-//! The ends of connections with many offers, settled in pieces.
+//! The ends of connections with many offers, updated in pieces.
 
 use sm2_proto::{
     Machine,
@@ -16,7 +16,7 @@ use super::{
 
 //= SM2-GWO-008 test
 #[test]
-fn the_end_of_a_connection_is_settled_in_bounded_pieces() {
+fn the_end_of_a_connection_is_handled_in_bounded_pieces() {
     for is_one in [false, true] {
         let (mut bench, own_offers) = crowd(is_one);
         let lost = own_offers.iter().filter(|(peer, _)| *peer == id(1)).count();

@@ -1,4 +1,4 @@
-//! Many sources, settled in pieces.
+//! Many sources, updated in pieces.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -91,7 +91,7 @@ fn other_rules_are_applied_in_bounded_pieces() {
     }
 }
 
-/// Each UNWANT concerns one source. If it settled all sources of its subject, this test would take hours.
+/// Each UNWANT concerns one source. If it updated all sources of its subject, this test would take hours.
 #[test]
 fn an_unwant_ends_one_want_of_many_origins() {
     let (mut bench, own_offers) = crowd(true);
@@ -104,7 +104,7 @@ fn an_unwant_ends_one_want_of_many_origins() {
     }
 }
 
-/// A peer that connects again and again does not keep the router from settling every source.
+/// A peer that connects again and again does not keep the router from updating every source.
 //= SM2-GWR-004 test
 #[test]
 fn connections_do_not_hold_up_other_rules() {
@@ -354,7 +354,7 @@ impl Facts {
         routes
     }
 
-    /// Everything is settled: what is in effect follows from the facts.
+    /// Everything is updated: what is in effect follows from the facts.
     fn check(&self) {
         let routes = self.routes();
         let mut sources: Vec<(Subject, GatewayId, Vec<Hop>)> = Vec::new();

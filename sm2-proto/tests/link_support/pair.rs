@@ -399,8 +399,8 @@ impl Pair {
         }
     }
 
-    /// Lets everything come to rest: sockets open, applications willing.
-    pub(crate) fn settle(&mut self) {
+    /// Lets everything be finished: sockets open, applications willing.
+    pub(crate) fn run_until_quiet(&mut self) {
         loop {
             let before = self.state();
             for end in [0, 1] {
@@ -467,7 +467,7 @@ impl Pair {
 
     pub(crate) fn close(&mut self) {
         self.close_end(1);
-        self.settle();
+        self.run_until_quiet();
     }
 
     pub(crate) fn check_closed(&self) {

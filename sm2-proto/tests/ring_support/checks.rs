@@ -30,9 +30,9 @@ impl Pair {
         }
         let tally = |fate| sending.sent.iter().filter(|it| it.fate == fate).count() as u64;
         let expected = Counters {
-            offered: sending.sent.len() as u64 + sending.skipped + sending.passed_over,
+            offered: sending.sent.len() as u64 + sending.skipped + sending.overwritten,
             delivered: tally(Some(Fate::Delivered)),
-            overwritten: sending.passed_over,
+            overwritten: sending.overwritten,
             discarded: tally(Some(Fate::Discarded)),
             no_room: sending.skipped,
             in_flight: tally(None),
@@ -96,7 +96,7 @@ impl Pair {
     }
 
     /// Lets both ends finish all work: the sockets are open, and the applications take everything.
-    pub(crate) fn settle(&mut self) {
+    pub(crate) fn run_until_quiet(&mut self) {
         let mut left = None;
         for _ in 0..200 {
             for end in [0, 1] {

@@ -133,7 +133,7 @@ pub(crate) struct Sending {
     pub(crate) sent: Vec<Sent>,
     pub(crate) next_id: u64,
     pub(crate) skipped: u64,
-    pub(crate) passed_over: u64,
+    pub(crate) overwritten: u64,
 }
 
 /// The receiving application, its driver, and its list.
@@ -214,7 +214,7 @@ impl Sending {
                             .link
                             .handle(NOW, Input::Drop(Fate::Overwritten))
                             .unwrap();
-                        self.passed_over += 1;
+                        self.overwritten += 1;
                     }
                     return;
                 }

@@ -89,7 +89,7 @@ impl Pair {
                 sent: Vec::new(),
                 next_id: 0,
                 skipped: 0,
-                passed_over: 0,
+                overwritten: 0,
             },
             receiving: Receiving {
                 at: end(Role::Receiver),
@@ -181,14 +181,14 @@ impl Pair {
     /// Sends a message with no operation in between, so that the result is known in advance.
     fn send(&mut self, within: u32) {
         let (sending, words) = (&mut self.sending, &self.shared.words);
-        let before = (sending.sent.len(), sending.passed_over);
+        let before = (sending.sent.len(), sending.overwritten);
         let full = sending.unsettled() as u32 >= words.layout.window();
         let is_over = sending.at.ended || !sending.at.link.is_open() || sending.at.full;
         let no_index = words.forward()[(before.0 + 1) % self.depth as usize] != EMPTY;
         sending.send(words, &self.shared, within);
         let sent = sending.sent.len() > before.0;
         // If its segment is not attached, the message is passed over.
-        if !is_over && sending.passed_over == before.1 {
+        if !is_over && sending.overwritten == before.1 {
             assert_eq!(sent, !self.reliable || !(full || no_index));
         }
     }

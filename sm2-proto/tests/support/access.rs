@@ -62,7 +62,7 @@ pub(crate) fn banning(nodes: &[&str]) -> Tables {
 }
 
 /// Does all deferred work.
-pub(crate) fn settle(bench: &mut Bench) -> Vec<Event> {
+pub(crate) fn finish_work(bench: &mut Bench) -> Vec<Event> {
     let mut events = Vec::new();
     while bench.manager.deadline().is_some_and(|at| at <= bench.now) {
         events.extend(bench.input(Input::Tick));

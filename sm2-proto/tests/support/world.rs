@@ -412,7 +412,7 @@ impl World {
     }
 
     /// Everything in flight arrives.
-    pub(crate) fn settle(&mut self) {
+    pub(crate) fn run_until_quiet(&mut self) {
         while self.manager_reads(0) | self.node_reads(0) | self.tick() {}
         self.check_links();
     }

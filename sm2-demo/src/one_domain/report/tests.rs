@@ -58,7 +58,7 @@ fn lost_messages_are_no_failure_and_damaged_ones_are() {
 }
 
 #[test]
-fn damage_comes_before_failure_and_failure_before_silence() {
+fn damage_comes_before_failure_and_failure_before_no_messages() {
     let mut parts = vec![done(ONE, 0, 0), failed(TWO), done(Part::Publisher, 9, 0)];
     assert_eq!(
         verdict_of(&parts),

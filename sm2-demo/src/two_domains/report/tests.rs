@@ -92,7 +92,7 @@ fn the_report_compares_both_subscribers_before_and_after() {
 }
 
 #[test]
-fn damage_and_silence_are_bad_unless_the_run_was_stopped() {
+fn damage_and_no_messages_are_bad_unless_the_run_was_stopped() {
     let link = LossyLink::relay(Profile::wifi());
     let windows = [window(0, 2), window(2, 4)];
     let local = [seen(1, 1, 1), seen(2, 2, 1)];

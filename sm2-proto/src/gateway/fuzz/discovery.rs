@@ -37,7 +37,7 @@ pub(crate) fn discovery(data: &[u8]) {
         announced: None,
     };
     while world.step(&mut script).is_some() {}
-    world.check_rest();
+    world.check_all_dialled();
 }
 
 /// The oracle of one trusted peer.
@@ -235,7 +235,7 @@ impl World {
     }
 
     /// After the last operation, each peer with an address is dialled or connected.
-    fn check_rest(&mut self) {
+    fn check_all_dialled(&mut self) {
         let idle: BTreeSet<GatewayId> = self.peers.keys().copied().collect();
         for _ in 0..8 {
             self.now = self.now.after(LONGEST);

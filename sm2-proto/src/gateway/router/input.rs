@@ -10,9 +10,9 @@ use super::super::{GatewayId, Hop, OfferId, Rules, Subject};
 /// wait, as the answer to [`Output::DeclareProxy`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Input {
-    /// These rules replace the previous ones. All sources are settled in pieces.
+    /// These rules replace the previous ones. All sources are updated in pieces.
     Rules(Rules),
-    /// A new connection with a peer is open. All sources are settled in pieces.
+    /// A new connection with a peer is open. All sources are updated in pieces.
     Up {
         /// The id of the peer.
         peer: GatewayId,
@@ -30,14 +30,14 @@ pub enum Input {
         /// Whether there are any.
         present: bool,
     },
-    /// A message or a call of this source is about to pass: the source is settled now, if sources are left to settle.
+    /// A message or a call of this source is about to pass: the source is updated now, if sources are left to update.
     Use {
         /// The topic or service.
         subject: Subject,
         /// The source.
         source: Source,
     },
-    /// Time has passed: the next piece of the sources is settled.
+    /// Time has passed: the next piece of the sources is updated.
     Tick,
     /// Somebody in the own domain takes, or nobody takes any longer, what comes from an origin.
     Taken {

@@ -256,7 +256,7 @@ impl SourceState {
         *self == Self::default()
     }
 
-    /// The cost of settling the source, in decisions of the rules: one for each own offer, each connection with
+    /// The cost of updating the source, in decisions of the rules: one for each own offer, each connection with
     /// offers of its peer and each open connection.
     pub(super) fn decisions(&self, connections: &Connections) -> usize {
         1 + self.peer_offers.len() + self.own_offers.len() + connections.len()

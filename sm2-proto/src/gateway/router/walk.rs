@@ -1,4 +1,4 @@
-//! The order in which a router settles all sources, piece by piece.
+//! The order in which a router updates all sources, piece by piece.
 
 use alloc::collections::BTreeMap;
 use core::ops::Bound;
@@ -12,12 +12,12 @@ pub(super) type Sources = BTreeMap<Subject, BTreeMap<Source, SourceState>>;
 pub(super) type Key = (Subject, Source);
 
 /// A walk over all sources, in their order. A walk that starts over while it is unfinished goes on where it is, and
-/// ends there after one round: however often peers connect, each source is settled once in every round.
+/// ends there after one round: however often peers connect, each source is updated once in every round.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Walk {
-    /// The source that was settled last.
+    /// The source that was updated last.
     after: Option<Key>,
-    /// The source that is settled last of all; `None` stands for the greatest one.
+    /// The source that is updated last of all; `None` stands for the greatest one.
     last: Option<Key>,
     /// True if the walk reaches the greatest source before it comes to `last`.
     wraps: bool,

@@ -32,10 +32,10 @@ fn claims_are_bounded() {
     assert_eq!(session.may_claim(), resuming && claims < LINKS_MAX);
     let until = Some(Instant(7));
     let mut session = session.claimed(until);
-    assert_eq!(session.is_settling(), resuming);
+    assert_eq!(session.is_matching(), resuming);
     assert_eq!(session.claims_until(), until.filter(|_| resuming));
-    if let Session::Ready { settling, .. } = &session {
-        let ended = settling.as_ref().map(|it| it.ended.len());
+    if let Session::Ready { matching, .. } = &session {
+        let ended = matching.as_ref().map(|it| it.ended.len());
         assert_eq!(ended, Some(0), "no pair was left out");
     }
     assert!(!session.may_claim(), "all is claimed");

@@ -465,7 +465,7 @@ impl World {
     }
 
     /// All nodes read and reconnect until nothing is left to do and every claim has come.
-    pub(crate) fn settle(&mut self) {
+    pub(crate) fn run_until_quiet(&mut self) {
         self.start();
         loop {
             self.be_quiet();

@@ -53,12 +53,12 @@ impl World {
     /// No state is kept of sessions that are gone. The machine's own invariants, which are checked
     /// after each input, cover the rest.
     pub(crate) fn end(mut self) -> (Manager, Vec<(NodeId, Vec<u8>)>) {
-        self.settle();
+        self.run_until_quiet();
         let last = (self.manager.clone(), std::mem::take(&mut self.trace));
         for slot in 0..self.processes.len() {
             self.crash(slot);
         }
-        self.settle();
+        self.run_until_quiet();
         assert_eq!((self.manager.sessions(), self.manager.links()), (0, 0));
         assert!(self.sockets.is_empty());
         last

@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn silence_and_damage_are_not_good() {
+    fn no_messages_and_damage_are_not_good() {
         for bad in [window(0, 0), window(200, 1)] {
             let row = Row {
                 without: vec![window(200, 0)],

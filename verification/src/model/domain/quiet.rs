@@ -44,7 +44,7 @@ impl World {
     /// # Errors
     ///
     /// The property that was broken on the way, or that does not hold at the end.
-    pub fn settled(mut self, scope: &Scope) -> Result<Self, Failure> {
+    pub fn linked(mut self, scope: &Scope) -> Result<Self, Failure> {
         self.budget = Budget::default();
         while let Some(&action) = self.actions(scope).first() {
             self.check(scope, &[action])?;

@@ -75,7 +75,7 @@ pub struct Scope {
     /// separate step, possible at any time.
     pub eager: bool,
     /// True if the search starts with all nodes connected, linked and quiet.
-    pub settled: bool,
+    pub starts_linked: bool,
     /// True if moments that differ only in names count as one, and actions whose time makes no
     /// difference go first.
     pub reduced: bool,
@@ -115,7 +115,7 @@ impl Scope {
             programs,
             budget,
             eager: true,
-            settled: true,
+            starts_linked: true,
             reduced: true,
             work_per_turn: Limits::default().of(Limit::WorkPerTurn),
             restriction: Restriction::NoSubscriber,
@@ -128,12 +128,12 @@ impl Scope {
     fn with_withdrawals() -> Vec<Self> {
         vec![
             Self {
-                settled: false,
+                starts_linked: false,
                 eager: false,
                 ..Self::new("cold-2x2", crossed(), Budget::default())
             },
             Self {
-                settled: false,
+                starts_linked: false,
                 ..Self::new("cold-crash-2x1", fan(2, &[LIDAR]), crashes(1, 1))
             },
             Self {

@@ -195,7 +195,7 @@ impl World {
             failure: None,
         };
         world.begin(scope);
-        if scope.settled {
+        if scope.starts_linked {
             while let Some(&action) = world.progress().first() {
                 world = world.step(scope, action)?;
             }

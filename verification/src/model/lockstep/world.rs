@@ -292,7 +292,7 @@ impl World {
                     return fail(Property::LockstepAccusesNobody, what);
                 }
                 Output::Superseded(_) => {}
-                Output::Settled => self.check_inputs(scope)?,
+                Output::StepEnded => self.check_inputs(scope)?,
             }
         }
         self.rounds += u64::from(sent);
