@@ -81,9 +81,9 @@ fn heading(figures: &Figures, state: &State, screen: u16) -> String {
 
 /// The keys, as many as fit; first the number of columns that do not fit.
 fn footer(state: &State, hidden: usize, screen: u16) -> String {
-    match (state.typing, state.filter.is_empty()) {
-        (true, _) => return format!("/{}_  (Enter keeps it, Esc drops it)", state.filter),
-        (false, false) => return format!("names with {:?}  (Esc shows all)", state.filter),
+    match (state.filter.is_typed, state.filter.text.is_empty()) {
+        (true, _) => return format!("/{}_  (Enter keeps it, Esc drops it)", state.filter.text),
+        (false, false) => return format!("names with {:?}  (Esc shows all)", state.filter.text),
         (false, true) => {}
     }
     let hidden = (hidden > 0).then(|| {

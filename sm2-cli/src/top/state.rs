@@ -14,6 +14,15 @@ pub(super) enum After {
     Quit,
 }
 
+/// The names of the rows that are shown.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Filter {
+    /// Only rows whose name contains this text are shown.
+    pub(super) text: String,
+    /// Whether keys are appended to the text.
+    pub(super) is_typed: bool,
+}
+
 /// The selection of figures that is shown, and their order.
 #[derive(Clone, Debug)]
 pub(super) struct State {
@@ -21,10 +30,7 @@ pub(super) struct State {
     /// The column that sorts the rows. Column 0 is the name.
     pub(super) sort: usize,
     pub(super) reverse: bool,
-    /// Only rows whose name contains this text are shown.
-    pub(super) filter: String,
-    /// Whether keys are appended to the filter.
-    pub(super) typing: bool,
+    pub(super) filter: Filter,
     /// The index of the selected row among the rows that are shown.
     pub(super) selected: usize,
     /// Whether a Manager is connected.
@@ -39,8 +45,7 @@ impl Default for State {
             tab: Tab::default(),
             sort: 0,
             reverse: false,
-            filter: String::new(),
-            typing: false,
+            filter: Filter::default(),
             selected: 0,
             connected: true,
             colours: false,
@@ -54,7 +59,7 @@ impl State {
         if key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL) {
             return After::Quit;
         }
-        if self.typing {
+        if self.filter.is_typed {
             self.type_into_filter(key.code);
             return After::GoOn;
         }
@@ -72,8 +77,8 @@ impl State {
                 self.sort = (self.sort + 1) % figures.table(self.tab).columns.len().max(1)
             }
             KeyCode::Char('r') => self.reverse = !self.reverse,
-            KeyCode::Char('/') => self.typing = true,
-            KeyCode::Esc => self.filter.clear(),
+            KeyCode::Char('/') => self.filter.is_typed = true,
+            KeyCode::Esc => self.filter.text.clear(),
             _ => {}
         }
         self.selected = self.selected.min(last);
@@ -82,13 +87,13 @@ impl State {
 
     fn type_into_filter(&mut self, code: KeyCode) {
         match code {
-            KeyCode::Enter => self.typing = false,
+            KeyCode::Enter => self.filter.is_typed = false,
             KeyCode::Esc => {
-                self.typing = false;
-                self.filter.clear();
+                self.filter.is_typed = false;
+                self.filter.text.clear();
             }
-            KeyCode::Backspace => drop(self.filter.pop()),
-            KeyCode::Char(c) => self.filter.push(c),
+            KeyCode::Backspace => drop(self.filter.text.pop()),
+            KeyCode::Char(c) => self.filter.text.push(c),
             _ => {}
         }
         self.selected = 0;
@@ -104,7 +109,7 @@ impl State {
 
     /// The rows that are shown, in the order in which they are shown.
     pub(super) fn rows<'a>(&self, figures: &'a Figures) -> Vec<&'a Vec<Cell>> {
-        let wanted = self.filter.to_lowercase();
+        let wanted = self.filter.text.to_lowercase();
         let named = |row: &&Vec<Cell>| match row.first() {
             Some(name) => name.as_text().to_lowercase().contains(&wanted),
             None => false,

@@ -10,10 +10,8 @@ pub(crate) const SIZES: &[(&str, usize)] = &[];
 pub(crate) const FLAGS: &[(&str, usize)] = &[
     ("bench/Mode", 4),
     ("bench/PeerInfo", 8),
-    ("sm2-cli/State", 4),
     ("sm2-node/LinkStatus", 6),
     ("sm2-proto/Link", 4),
-    ("verification/LinkScope", 5),
     ("verification/loom-models/Order", 5),
 ];
 

@@ -16,7 +16,7 @@ mod world;
 
 pub use self::{
     action::Action,
-    scope::{Budget, Fault, Form, LinkScope},
+    scope::{Budget, Fault, Form, LinkKind, LinkScope, Start},
     world::World,
 };
 use super::{Failure, Golden, Property, System, command::Scope};
@@ -33,7 +33,7 @@ impl System for LinkScope {
 
     fn first(&self) -> Result<World, Failure> {
         let mut world = World::new(self);
-        while self.settled
+        while self.start == Start::Opened
             && let Some(action) = world.actions(self).into_iter().find(|it| it.goes_on())
         {
             world = world.step(self, action)?;

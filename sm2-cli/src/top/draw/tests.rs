@@ -1,7 +1,7 @@
 use ratatui::{Terminal, backend::TestBackend, buffer::Buffer};
 
 use super::*;
-use crate::top::state::tests::figures;
+use crate::top::state::{Filter, tests::figures};
 
 fn buffer(
     figures: &Figures,
@@ -50,7 +50,10 @@ fn topics_are_drawn_with_a_heading_and_keys() {
 fn a_filter_and_a_lost_manager_are_shown() {
     let mut state = State {
         tab: Tab::Nodes,
-        filter: "talk".into(),
+        filter: Filter {
+            text: "talk".into(),
+            ..Filter::default()
+        },
         connected: false,
         ..State::default()
     };

@@ -83,7 +83,10 @@ fn q_and_ctrl_c_end_it() {
     );
     let control_c = KeyEvent::new(KeyCode::Char('c'), KeyModifiers::CONTROL);
     let mut state = State {
-        typing: true,
+        filter: Filter {
+            is_typed: true,
+            ..Filter::default()
+        },
         ..State::default()
     };
     assert_eq!(state.key(control_c, &figures()), After::Quit);

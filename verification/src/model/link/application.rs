@@ -29,7 +29,7 @@ impl World {
         let end = self.end(0);
         end.last += 1;
         let id = end.last;
-        if scope.service {
+        if scope.is_service() {
             end.calls.insert(id);
         }
         self.offer(scope, 0, id, form, Status::Ok)
@@ -129,7 +129,7 @@ impl World {
         self.check_content(at, entry.id, source)?;
         let end = self.end(at);
         end.held.insert(delivery.sequence, source);
-        if scope.service && at == 1 && end.over.is_none() {
+        if scope.is_service() && at == 1 && end.over.is_none() {
             end.taken.insert(entry.id);
         }
         self.drain(scope, at, None)

@@ -32,10 +32,10 @@ impl FlowLimits {
     pub(super) fn new(scope: &LinkScope, from: usize) -> Self {
         let [ours, theirs] = [scope.config(from), scope.config(1 - from)];
         Self {
-            replies: scope.service && from == 1,
-            data: !scope.service,
-            displaces: !scope.service && !scope.reliable,
-            waiting: match scope.service {
+            replies: scope.is_service() && from == 1,
+            data: !scope.is_service(),
+            displaces: !scope.is_service() && !scope.reliable,
+            waiting: match scope.is_service() {
                 true => 1_024,
                 false => usize::from(ours.depth),
             },

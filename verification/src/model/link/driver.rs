@@ -330,7 +330,7 @@ impl World {
             let what = format!("{unread:?} was sent before the end");
             return fail(Property::MessagesInOrder, what);
         }
-        if scope.service && !self.ends[0].calls.is_empty() && at == 0 {
+        if scope.is_service() && !self.ends[0].calls.is_empty() && at == 0 {
             return fail(Property::CallsEndOnce, "a call goes on after the link");
         }
         let end = self.end(at);

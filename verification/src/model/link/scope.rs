@@ -76,13 +76,31 @@ pub enum Fault {
     Panics,
 }
 
+/// The kind of a link.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LinkKind {
+    /// A link of a topic: a publisher and a subscriber.
+    Topic,
+    /// A link of a service: a caller and a server.
+    Service,
+}
+
+/// The moment when a search starts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Start {
+    /// Neither end has sent OPEN.
+    Connected,
+    /// Both ends are open.
+    Opened,
+}
+
 /// The bounds of one search.
 #[derive(Clone, Debug)]
 pub struct LinkScope {
     /// The name.
     pub name: &'static str,
-    /// True for a link of a service: a caller and a server.
-    pub service: bool,
+    /// The kind of the link.
+    pub kind: LinkKind,
     /// True if no message may be displaced.
     pub reliable: bool,
     /// True if pooled messages are illegal.
@@ -101,8 +119,8 @@ pub struct LinkScope {
     pub socket: usize,
     /// The limits of the numbers of events.
     pub budget: Budget,
-    /// True if the search starts with both ends open.
-    pub settled: bool,
+    /// The moment when the search starts.
+    pub start: Start,
     /// True if the search takes only seconds.
     pub quick: bool,
     /// The fault, if any.
@@ -128,6 +146,12 @@ fn ends(messages: u8) -> Budget {
 }
 
 impl LinkScope {
+    /// Whether the link is one of a service.
+    #[must_use]
+    pub fn is_service(&self) -> bool {
+        self.kind == LinkKind::Service
+    }
+
     /// All scopes.
     #[must_use]
     pub fn all() -> Vec<Self> {
@@ -147,7 +171,7 @@ impl LinkScope {
     ) -> Self {
         Self {
             name,
-            service: false,
+            kind: LinkKind::Topic,
             reliable,
             sealed: false,
             depth: [depth; 2],
@@ -160,7 +184,7 @@ impl LinkScope {
                 messages,
                 ..Budget::default()
             },
-            settled: false,
+            start: Start::Connected,
             quick: true,
             fault: None,
         }
@@ -257,7 +281,7 @@ impl LinkScope {
     fn services() -> Vec<Self> {
         let service = |name, forms, budget| Self {
             name,
-            service: true,
+            kind: LinkKind::Service,
             reliable: true,
             sealed: false,
             depth: [1; 2],
@@ -267,7 +291,7 @@ impl LinkScope {
             slots: 2,
             socket: ROOMY,
             budget,
-            settled: true,
+            start: Start::Opened,
             quick: true,
             fault: None,
         };
@@ -280,7 +304,7 @@ impl LinkScope {
         };
         vec![
             Self {
-                settled: false,
+                start: Start::Connected,
                 ..service("link-calls-2", INLINE, calls(2, 2, 0, 0))
             },
             service("link-calls-3", INLINE, calls(3, 1, 0, 0)),
@@ -301,7 +325,7 @@ impl LinkScope {
                 ..service("link-cancels-full", INLINE, calls(2, 1, 0, 0))
             },
             Self {
-                settled: false,
+                start: Start::Connected,
                 ..service("link-calls-ends", INLINE, calls(2, 1, 1, 1))
             },
             service("link-calls-ends-3", POOLED, calls(3, 0, 1, 1)),
@@ -319,7 +343,7 @@ impl LinkScope {
     }
 
     pub(super) fn config(&self, at: usize) -> Config {
-        let roles = match self.service {
+        let roles = match self.is_service() {
             true => [Role::Caller, Role::Server],
             false => [Role::Sender, Role::Receiver],
         };
