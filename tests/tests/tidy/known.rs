@@ -12,7 +12,6 @@ pub(crate) const FLAGS: &[(&str, usize)] = &[
     ("bench/PeerInfo", 8),
     ("sm2-node/LinkStatus", 6),
     ("sm2-proto/Link", 4),
-    ("verification/loom-models/Order", 5),
 ];
 
 /// Folder of a package with the name of a type, and how many files have its `impl` blocks at most.

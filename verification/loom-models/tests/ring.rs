@@ -23,7 +23,7 @@ mod sync {
 
 include!(concat!(env!("OUT_DIR"), "/ring.rs"));
 
-use driver::{NODE, Order};
+use driver::{NODE, Order, Step};
 use shipped::scenarios::{self as ring, ALL, LAST, TWO, Terms};
 
 /// An application that holds a message while it waits for the next one.
@@ -149,26 +149,11 @@ const fn fences(terms: Terms, fences: [bool; 2]) -> Terms {
     Terms { fences, ..terms }
 }
 
-const ASLEEP: Order = Order {
-    parks: false,
-    ..NODE
-};
-const BLIND: Order = Order {
-    looks_again: false,
-    ..NODE
-};
-const SILENT: Order = Order {
-    rings: false,
-    ..NODE
-};
-const QUIET: Order = Order {
-    tells_of_room: false,
-    ..NODE
-};
-const HASTY: Order = Order {
-    takes_what_is_left: false,
-    ..NODE
-};
+const ASLEEP: Order = Order::without(Step::Park);
+const BLIND: Order = Order::without(Step::LookAgain);
+const SILENT: Order = Order::without(Step::Ring);
+const QUIET: Order = Order::without(Step::TellOfRoom);
+const HASTY: Order = Order::without(Step::TakeTheRest);
 
 /// The calls that drivers make, and their order.
 fn drivers() {

@@ -19,26 +19,38 @@ use crate::socket::{Read, Socket};
 
 const NOW: Instant = Instant(0);
 
-/// The steps of a driver. Each can be left out.
+/// A step of a driver that a model can leave out.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Step {
+    Park,
+    LookAgain,
+    Ring,
+    /// After a reliable receiver has taken a message, checks whether to ring the sender's bell.
+    TellOfRoom,
+    /// Reads the ring again after the end of the stream.
+    TakeTheRest,
+}
+
+/// The steps of a driver: all of them, or all but one.
 #[derive(Clone, Copy)]
 pub(crate) struct Order {
-    pub(crate) parks: bool,
-    pub(crate) looks_again: bool,
-    pub(crate) rings: bool,
-    /// After a reliable receiver has taken a message, checks whether to ring the sender's bell.
-    pub(crate) tells_of_room: bool,
-    /// Reads the ring again after the end of the stream.
-    pub(crate) takes_what_is_left: bool,
+    left_out: Option<Step>,
+}
+
+impl Order {
+    pub(crate) const fn without(step: Step) -> Self {
+        Self {
+            left_out: Some(step),
+        }
+    }
+
+    fn has(self, step: Step) -> bool {
+        self.left_out != Some(step)
+    }
 }
 
 /// The steps of `sm2-node`.
-pub(crate) const NODE: Order = Order {
-    parks: true,
-    looks_again: true,
-    rings: true,
-    tells_of_room: true,
-    takes_what_is_left: true,
-};
+pub(crate) const NODE: Order = Order { left_out: None };
 
 /// Ring words of a process that may be killed.
 pub(crate) trait Mortal: RingMemory {
@@ -180,9 +192,9 @@ impl<W: Mortal> Driver<W> {
                     return found;
                 }
             }
-            if self.order.parks {
+            if self.order.has(Step::Park) {
                 self.link.park(&self.words);
-                if self.order.looks_again {
+                if self.order.has(Step::LookAgain) {
                     let found = look(self);
                     if found.is_some() || self.is_over() {
                         return found;
@@ -238,7 +250,7 @@ impl<W: Mortal> Driver<W> {
     }
 
     fn ring_the_bell(&self) {
-        if self.order.rings && self.words.step() {
+        if self.order.has(Step::Ring) && self.words.step() {
             self.socket.send(&doorbell());
         }
     }
@@ -359,13 +371,13 @@ impl<W: Mortal> Driver<W> {
     }
 
     fn tell_of_room(&mut self) {
-        if self.order.tells_of_room && self.link.made_room(&self.words).is_needed() {
+        if self.order.has(Step::TellOfRoom) && self.link.made_room(&self.words).is_needed() {
             self.ring_the_bell();
         }
     }
 
     fn take_word(&mut self) -> Option<u64> {
-        if self.is_over() && !self.order.takes_what_is_left {
+        if self.is_over() && !self.order.has(Step::TakeTheRest) {
             return None;
         }
         let slots = &self.memory.slots;
