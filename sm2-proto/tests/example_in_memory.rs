@@ -40,14 +40,16 @@ fn messages_go_from_one_program_to_the_other_under_two_managers() {
     assert!(lines.last().is_some_and(|line| line.ends_with("0 links")));
 }
 
-/// Annex C lists the datagrams of the example: a line with the route and the name of the frame,
-/// then a line for each field: two blanks, the bytes, a bar, and the field.
+/// Annex C lists the datagrams of the example: a line with the route and the name of the frame, then a line for each
+/// field: two blanks, the bytes, a bar, and the field. `as above` stands for the fields of the last frame with this
+/// route and name.
 #[test]
 fn annex_c_of_spec_has_the_bytes_of_this_session() {
     let spec = include_str!("../../SPEC.md");
     let (_, annex) = spec.split_once("\n## Annex C.").expect("an annex");
     let annex = annex.split_once("\n## ").map_or(annex, |(annex, _)| annex);
     let mut written: Vec<(String, Vec<u8>)> = Vec::new();
+    let mut names = Vec::new();
     for line in annex.lines() {
         if let Some((hex, _)) = line.strip_prefix("  ").and_then(|it| it.split_once(" | ")) {
             let bytes = hex
@@ -58,9 +60,15 @@ fn annex_c_of_spec_has_the_bytes_of_this_session() {
                 .expect("a route stands above")
                 .1
                 .extend(bytes);
-        } else if let Some((route, _)) = line.split_once(": ").filter(|(it, _)| it.contains(" -> "))
+        } else if let Some((route, name)) =
+            line.split_once(": ").filter(|(it, _)| it.contains(" -> "))
         {
-            written.push((route.to_owned(), Vec::new()));
+            let again = name.strip_suffix(", as above");
+            let name = (route, again.unwrap_or(name));
+            let before = names.iter().rposition(|it| *it == name);
+            let bytes = again.map(|_| written[before.expect("a frame above")].1.clone());
+            names.push(name);
+            written.push((route.to_owned(), bytes.unwrap_or_default()));
         }
     }
     let mut played = Vec::new();
