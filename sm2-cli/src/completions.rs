@@ -37,10 +37,19 @@ const HELP: &str = "\
 The script asks sm2 itself, so it completes the topics, services, nodes and parameters of the running domain
 too, that of --domain, --socket or the environment. Without a Manager it completes commands and options.
 
+Bash and fish load the file of such a script themselves, if its folder exists (bash needs the package
+bash-completion). For zsh, write 'source <(sm2 completions zsh)' to ~/.zshrc after compinit, or put the
+script as _sm2 into a folder that ~/.zshrc adds to fpath before compinit. The Debian package of sm2 has
+all three.
+
 Examples:
   sm2 completions bash > ~/.local/share/bash-completion/completions/sm2
-  sm2 completions zsh > \"${fpath[1]}/_sm2\"
+  sm2 completions zsh > ~/.zfunc/_sm2
   sm2 completions fish > ~/.config/fish/completions/sm2.fish";
+
+/// The end of the script of zsh. A file of the search path is the body of a function, which zsh calls for the first
+/// completion: it has to complete then, too.
+const ZSH_IN_PATH: &[u8] = b"[[ $funcstack[1] != _sm2 ]] || _clap_dynamic_completer_sm2 \"$@\"\n";
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum For {
@@ -63,6 +72,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let mut script = Vec::new();
     let written = shell.write_registration(VARIABLE, "sm2", "sm2", "sm2", &mut script);
     written.map_err(CliError::Output)?;
+    if arguments.shell == For::Zsh {
+        script.extend_from_slice(ZSH_IN_PATH);
+    }
     let mut out = Output::new();
     out.write(|out| out.write_all(&script))?;
     Ok(Ended::Done)

@@ -29,13 +29,14 @@ pub(crate) struct Arguments {
 
 const HELP: &str = "\
 The folder has two nodes in Rust (lidar and driver), their parameters, a robot.toml for `sm2 up`, a
-test, and a README. An existing folder is never changed.
+test, and a README. An existing folder is never changed. Nothing is released on crates.io yet, so the
+robot does not build without --sm2-path.
 
 Exit status: 0 made, 1 failed, 2 wrong usage.
 
 Examples:
-  sm2 new robot
-  sm2 new robot --sm2-path ~/sm2";
+  sm2 new robot --sm2-path ~/sm2
+  sm2 new robot";
 
 /// The longest name.
 const NAME_MAX: usize = 64;

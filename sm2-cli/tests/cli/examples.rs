@@ -27,11 +27,10 @@ use crate::{
 };
 
 /// Paths and values of a real machine in examples, and their replacements in this test.
-const REPLACED: [(&str, &str); 9] = [
+const REPLACED: [(&str, &str); 8] = [
     ("/run/robot/", ""),
     ("/usr/local/share/", "share/"),
     ("/var/log/syslog", "robot.log"),
-    ("${fpath[1]}", "$HOME"),
     ("127.0.0.1:9633", "127.0.0.1:0"),
     ("127.0.0.1:8000", "127.0.0.1:0"),
     // A person's desk has a browser.

@@ -109,30 +109,145 @@ fn completions_do_not_wait_for_a_manager() {
     assert_eq!(stopped, set(&[]));
 }
 
+/// The names of the domain, as each shell shows them.
+struct InShell {
+    domain: Domain,
+    _node: sm2_node::Node,
+    _interfaces: (sm2_node::Publisher<str>, sm2_node::Server<str, str>),
+}
+
+impl InShell {
+    fn new() -> Self {
+        let domain = Domain::new();
+        let node = domain.node("robot/driver");
+        let scan = node.publisher::<str>("scan").unwrap();
+        let sum = node.server::<str, str>("sum").unwrap();
+        Self {
+            domain,
+            _node: node,
+            _interfaces: (scan, sum),
+        }
+    }
+
+    /// The lines that a shell prints; `None` if there is no such shell here.
+    fn output(&self, shell: &str, arguments: &[&str]) -> Option<Vec<String>> {
+        let program = sm2(&[]).get_program().to_owned();
+        let folder = Path::new(&program).parent().unwrap().to_owned();
+        let path = std::env::var("PATH").unwrap();
+        let home = tempfile::tempdir().unwrap();
+        let mut command = Command::new(shell);
+        command
+            .args(arguments)
+            .env("PATH", format!("{}:{path}", folder.display()))
+            .env("SM2_SOCKET", self.domain.path("sm2.sock"))
+            .env("HOME", home.path())
+            .env_remove("ZDOTDIR")
+            .env_remove("XDG_CONFIG_HOME")
+            .stdin(Stdio::null());
+        match command.output() {
+            Ok(output) => {
+                assert!(output.status.success(), "{output:?}");
+                let text = String::from_utf8(output.stdout).unwrap();
+                Some(text.lines().map(str::to_owned).collect())
+            }
+            Err(error) => {
+                skip_without(shell, error);
+                None
+            }
+        }
+    }
+}
+
 #[test]
 fn bash_completes_a_topic() {
-    let domain = Domain::new();
-    let node = domain.node("driver");
-    let _scan = node.publisher::<str>("scan").unwrap();
-    let program = sm2(&[]).get_program().to_owned();
-    let folder = Path::new(&program).parent().unwrap().to_owned();
-    let mut command = Command::new("bash");
-    command.args([
-        "--norc",
-        "-c",
-        "source <(COMPLETE=bash sm2) && COMP_WORDS=(sm2 topic echo sc) COMP_CWORD=3 \
-        && _clap_complete_sm2 sm2 sc echo && echo \"${COMPREPLY[@]}\"",
-    ]);
-    let path = std::env::var("PATH").unwrap();
-    command.env("PATH", format!("{}:{path}", folder.display()));
-    command.env("SM2_SOCKET", domain.path("sm2.sock"));
-    match command.stdin(Stdio::null()).output() {
-        Ok(output) => assert_eq!(
-            String::from_utf8_lossy(&output.stdout),
-            "scan\n",
-            "{output:?}"
+    let script = "source <(COMPLETE=bash sm2) && COMP_WORDS=(sm2 topic echo sc) COMP_CWORD=3 \
+        && _clap_complete_sm2 sm2 sc echo && echo \"${COMPREPLY[@]}\"";
+    if let Some(lines) = InShell::new().output("bash", &["--norc", "-c", script]) {
+        assert_eq!(lines, ["scan"]);
+    }
+}
+
+#[test]
+fn fish_completes_names() {
+    let shell = InShell::new();
+    for (line, expected) in [
+        ("sm2 topic echo sc", vec!["scan"]),
+        ("sm2 node info r", vec!["robot/driver"]),
+        ("sm2 service call s", vec!["sum"]),
+        ("sm2 wait topic:s", vec!["topic:scan"]),
+        (
+            "sm2 why robot/driver:s",
+            vec!["robot/driver:scan", "robot/driver:sum"],
         ),
-        Err(error) => skip_without("bash", error),
+        ("sm2 topic e", vec!["echo"]),
+    ] {
+        let script = format!("sm2 completions fish | source; complete -C '{line}'");
+        let Some(lines) = shell.output("fish", &["--no-config", "-c", &script]) else {
+            return;
+        };
+        // A tabulator separates the name from its description.
+        let names: Vec<_> = lines
+            .iter()
+            .filter_map(|it| it.split('\t').next())
+            .collect();
+        assert_eq!(names, expected, "{line}: {lines:?}");
+    }
+}
+
+/// Completes in an interactive zsh on a terminal of its own, which begins with `$1`. Prints each line of `$@[2,-1]`
+/// after its completion. A second Tab shows nothing that the first one has not.
+const ZSH: &str = r#"
+zmodload zsh/zpty
+sm2 completions zsh >$HOME/_sm2
+cat >$HOME/.zshrc <<'end'
+autoload -Uz compinit
+setopt no_beep no_prompt_sp
+show() { print -r -- "<$BUFFER>"; BUFFER= }
+zle -N show
+bindkey '^X' show
+end
+print -r -- $1 >>$HOME/.zshrc
+export ZDOTDIR=$HOME TERM=dumb
+zpty z zsh -d -i
+for line in $@[2,-1]; do
+    zpty -w -n z $line$'\t\x18'
+    seen=
+    for _ in {1..600}; do
+        zpty -r -t z part && seen+=$part && [[ $seen == *\<*\>* ]] && break
+        sleep 0.1
+    done
+    print -r -- ${${seen#*\<}%%\>*}
+done
+zpty -d z
+"#;
+
+#[test]
+fn zsh_completes_names() {
+    let shell = InShell::new();
+    let sourced = "compinit -u -D; source <(sm2 completions zsh)";
+    let in_path = "fpath=($HOME $fpath); compinit -u -D";
+    for setup in [sourced, in_path] {
+        let lines = [
+            "sm2 topic echo sc",
+            "sm2 node info r",
+            "sm2 service call s",
+            "sm2 wait topic:s",
+            "sm2 why robot/driver:sc",
+            "sm2 topic e",
+        ];
+        let arguments = [&["-f", "-c", ZSH, "zsh", setup][..], &lines].concat();
+        let Some(completed) = shell.output("zsh", &arguments) else {
+            return;
+        };
+        let expected = [
+            "sm2 topic echo scan ",
+            "sm2 node info robot/driver ",
+            "sm2 service call sum ",
+            "sm2 wait topic:scan ",
+            "sm2 why robot/driver:scan ",
+            "sm2 topic echo ",
+        ];
+        assert_eq!(completed, expected, "{setup}");
     }
 }
 

@@ -205,10 +205,14 @@ impl World {
             "work/frames",
             "home/.config/fish/completions",
             "home/.local/share/bash-completion/completions",
+            "home/.zfunc",
+            "home/sm2/sm2-node",
         ] {
             fs::create_dir_all(self.path(folder)).unwrap();
         }
         fs::set_permissions(self.path("run"), PermissionsExt::from_mode(0o700)).unwrap();
+        // A clone of the repository, as far as `sm2 new` looks.
+        fs::write(self.path("home/sm2/sm2-node/Cargo.toml"), "").unwrap();
         for (file, len) in [
             ("request.bin", 100),
             ("robot.log", 100),
