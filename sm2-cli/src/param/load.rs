@@ -4,17 +4,12 @@ use clap::Args;
 use sm2_node::params::{ALL_NODES, Assignment, File, FileValue, Table};
 use sm2_proto::Name;
 
-use super::{
-    error::ParamError,
-    set::Done,
-    source::{self, entry},
-};
+use super::{error::ParamError, set, source::entry};
 use crate::{
     args::{Domain, name},
     connect::CommandNode,
     ended::Ended,
     error::CliError,
-    service::stopped,
     time,
 };
 
@@ -52,24 +47,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let Arguments { node, timeout, .. } = arguments;
     let file = File::load(&arguments.file).map_err(ParamError::File)?;
     let command_node = CommandNode::open(&arguments.domain, "param-load")?;
-    let Some(table) = source::table(&command_node, node, *timeout)? else {
-        return Ok(stopped(&command_node));
-    };
-    let assignments = assignments(&file, node, &table)?;
-    let parameters = assignments.len();
-    let revision = match parameters {
-        0 => Some(table.revision),
-        _ => source::set(&command_node, node, assignments, *timeout)?,
-    };
-    let Some(revision) = revision else {
-        return Ok(stopped(&command_node));
-    };
-    let done = Done {
-        node: node.as_str(),
-        parameters,
-        revision,
-    };
-    done.print(arguments.json)
+    let request = |table: &Table| assignments(&file, node, table);
+    set::apply(&command_node, node, *timeout, arguments.json, request)
 }
 
 /// The values of the file that differ from those of the node.

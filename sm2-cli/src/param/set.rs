@@ -2,7 +2,7 @@ use std::time::Duration;
 
 use clap::Args;
 use serde::Serialize;
-use sm2_node::params::Assignment;
+use sm2_node::params::{Assignment, Table};
 use sm2_proto::Name;
 
 use super::{
@@ -52,51 +52,75 @@ Examples:
 
 /// The object that `--json` prints.
 #[derive(Serialize)]
-pub(super) struct Done<'a> {
-    pub(super) node: &'a str,
+struct Done<'a> {
+    node: &'a str,
     /// The number of parameters in the request.
-    pub(super) parameters: usize,
+    parameters: usize,
     /// The revision of the node's parameters after it.
-    pub(super) revision: u64,
-}
-
-impl Done<'_> {
-    /// Prints the object for `--json`, and nothing otherwise.
-    pub(super) fn print(&self, json: bool) -> Result<Ended, CliError> {
-        if json {
-            Output::new().json(self)?;
-        }
-        Ok(Ended::Done)
-    }
+    revision: u64,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let Arguments { node, timeout, .. } = arguments;
-    if let [name] = arguments.values.as_chunks::<2>().1 {
+    let (values, rest) = arguments.values.as_chunks::<2>();
+    if let [name] = rest {
         let name = name.clone();
         return Err(ParamError::NoValue { name }.into());
     }
     let command_node = CommandNode::open(&arguments.domain, "param-set")?;
-    let Some(table) = source::table(&command_node, node, *timeout)? else {
-        return Ok(stopped(&command_node));
+    let request = |table: &Table| {
+        values
+            .iter()
+            .map(|it| assignment(it, node, table))
+            .collect()
     };
-    let mut assignments = Vec::new();
-    for [name, text] in arguments.values.as_chunks::<2>().0 {
-        let kind = entry(&table, node, name)?.kind();
-        let name = name.clone();
-        match kind.parse(text) {
-            Ok(value) => assignments.push(Assignment { name, value }),
-            Err(reason) => return Err(ParamError::Value { name, reason }.into()),
-        }
+    apply(&command_node, node, *timeout, arguments.json, request)
+}
+
+fn assignment(
+    [name, text]: &[String; 2],
+    node: &Name,
+    table: &Table,
+) -> Result<Assignment, ParamError> {
+    let kind = entry(table, node, name)?.kind();
+    let name = name.clone();
+    match kind.parse(text) {
+        Ok(value) => Ok(Assignment { name, value }),
+        Err(reason) => Err(ParamError::Value { name, reason }),
     }
+}
+
+/// Sets the parameters that `request` makes of the node's present ones, and prints the object for `--json`. Nothing is
+/// sent if there are none.
+///
+/// # Errors
+///
+/// Those of `request`, [`source::table`] and [`source::set`].
+pub(super) fn apply(
+    command_node: &CommandNode,
+    node: &Name,
+    timeout: Duration,
+    json: bool,
+    request: impl FnOnce(&Table) -> Result<Vec<Assignment>, ParamError>,
+) -> Result<Ended, CliError> {
+    let Some(table) = source::table(command_node, node, timeout)? else {
+        return Ok(stopped(command_node));
+    };
+    let assignments = request(&table)?;
     let parameters = assignments.len();
-    let Some(revision) = source::set(&command_node, node, assignments, *timeout)? else {
-        return Ok(stopped(&command_node));
+    let revision = match parameters {
+        0 => Some(table.revision),
+        _ => source::set(command_node, node, assignments, timeout)?,
     };
-    let done = Done {
-        node: node.as_str(),
-        parameters,
-        revision,
+    let Some(revision) = revision else {
+        return Ok(stopped(command_node));
     };
-    done.print(arguments.json)
+    if json {
+        Output::new().json(&Done {
+            node: node.as_str(),
+            parameters,
+            revision,
+        })?;
+    }
+    Ok(Ended::Done)
 }
