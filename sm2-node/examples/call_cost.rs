@@ -4,23 +4,21 @@
 //! that the library needs. Prints nanoseconds per call, the median of nine rounds: sending the request, serving it, and
 //! taking the reply. `valgrind --tool=callgrind` attributes the instructions.
 
+#[path = "common/cost.rs"]
+mod cost;
+
 use std::time::Instant;
 
-use sm2_manager::{Background, Options};
-use sm2_node::{Client, Node, Server};
+use cost::{Domain, median};
+use sm2_node::{Client, Server};
 
 const ROUNDS: usize = 9;
 const CALLS: usize = 10_000;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let bytes = match std::env::args().nth(1) {
-        Some(argument) => argument.parse()?,
-        None => 64,
-    };
-    let folder = tempfile::tempdir()?;
-    let socket = folder.path().join("domain.sock");
-    let _manager = Background::start(&socket, Options::default())?;
-    let node = |name: &str| Node::builder(name).socket(&socket).connect();
+    let bytes = cost::bytes()?;
+    let domain = Domain::new()?;
+    let node = |name: &str| domain.node(name).connect();
     let (asker, answerer) = (node("asker")?, node("answerer")?);
     let server = answerer.server::<[u8], [u8]>("service")?;
     let client = asker.client::<[u8], [u8]>("service")?;
@@ -67,9 +65,4 @@ fn call(
     while call.try_wait()?.is_none() {}
     let parts = [sent - begin, served - sent, served.elapsed()];
     Ok(parts.map(|part| part.as_secs_f64()))
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
 }

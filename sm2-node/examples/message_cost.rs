@@ -6,10 +6,13 @@
 //! nine rounds, for both lanes. With `AT_A_TIME`, 1 or 32, it measures only that case, so that `valgrind
 //! --tool=callgrind` can attribute the instructions.
 
+#[path = "common/cost.rs"]
+mod cost;
+
 use std::time::Instant;
 
-use sm2_manager::{Background, Options};
-use sm2_node::{Node, Publisher, Subscriber};
+use cost::{Domain, median};
+use sm2_node::{Publisher, Subscriber};
 
 const ROUNDS: usize = 9;
 const MESSAGES: usize = 32_000;
@@ -17,25 +20,15 @@ const MESSAGES: usize = 32_000;
 const BATCH: usize = 32;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let bytes = match std::env::args().nth(1) {
-        Some(argument) => argument.parse()?,
-        None => 64,
-    };
-    let folder = tempfile::tempdir()?;
-    let socket = folder.path().join("domain.sock");
-    let _manager = Background::start(&socket, Options::default())?;
+    let bytes = cost::bytes()?;
+    let domain = Domain::new()?;
     println!("{bytes} bytes, ns per message: publish, receive and release; the same, 32 at a time");
     let lanes = [("ring", true), ("socket", false)];
     let wanted = std::env::args().nth(2);
     let at_a_time = std::env::args().nth(3).map(|it| it.parse()).transpose()?;
     let is_wanted = |lane: &str| wanted.as_ref().is_none_or(|it| it == lane);
     for (lane, ring) in lanes.into_iter().filter(|it| is_wanted(it.0)) {
-        let node = |name: &str| {
-            Node::builder(name)
-                .socket(&socket)
-                .ring_lane(ring)
-                .connect()
-        };
+        let node = |name: &str| domain.node(name).ring_lane(ring).connect();
         let (talker, listener) = (node("talker")?, node("listener")?);
         let publisher = talker.publisher::<[u8]>("topic")?;
         let subscriber = listener.subscriber_builder::<[u8]>("topic");
@@ -86,9 +79,4 @@ fn cost(
         receive.push(received * 1e9 / MESSAGES as f64);
     }
     Ok((median(publish), median(receive)))
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
 }
