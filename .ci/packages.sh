@@ -96,9 +96,10 @@ check_package() {
 smoke() {
     local root=$1 bin=$1/usr/bin manager echo status=0
     shift
-    "$@" "$bin/sm2-manager" --domain packaged >"$root/manager.log" 2>&1 &
+    # `timeout` passes SIGTERM on, and kills 60 s after it.
+    timeout --kill-after=60 300 "$@" "$bin/sm2-manager" --domain packaged >"$root/manager.log" 2>&1 &
     manager=$!
-    "$@" "$bin/sm2" topic echo chatter --domain packaged --wait-manager 60s --count 1 >"$root/echo.log" 2>&1 &
+    timeout 120 "$@" "$bin/sm2" topic echo chatter --domain packaged --wait-manager 60s --count 1 >"$root/echo.log" 2>&1 &
     echo=$!
     "$@" "$bin/sm2" topic pub chatter --value '"from the package"' --type text --domain packaged --wait-manager 60s ||
         status=$?
