@@ -45,7 +45,7 @@ readonly with_both=(asynchronous domain embedded event_loop events examples exec
     lifetimes manager_change mapped_bytes max_len qos reserve resident services shutdown topics
     crash isolation shared_memory takeover takeover_gap)
 readonly with_ring=(shortage wait_set_calls)
-readonly with_background=(detach full_socket many pool_limit ring ring_calls ring_waits sealed)
+readonly with_background=(detach full_socket many params pool_limit ring ring_calls ring_waits sealed)
 
 # The feature of the slow tests, in tier 2.
 slow=()

@@ -1,6 +1,7 @@
 //! Parameters: how nodes declare, read, watch and set them.
 
 use std::fs;
+use std::time::Duration;
 
 use sm2_node::params::limits::TABLE_MAX;
 use sm2_node::params::{
@@ -39,6 +40,11 @@ impl Operator {
     }
 }
 
+/// A node with a background thread in every mode of these tests: no test calls each of its nodes regularly.
+fn driven(domain: &Domain, name: &str) -> Node {
+    domain.builder(name).background(true).connect().unwrap()
+}
+
 fn request(values: &[(&str, Value)]) -> SetParameters {
     let assignment = |(name, value): &(&str, Value)| Assignment {
         name: (*name).to_owned(),
@@ -71,9 +77,9 @@ fn declare_with_changes(node: &Node) -> (Parameter<f64>, Parameter<f64>, Changes
 #[test]
 fn a_set_is_made_although_the_program_does_nothing() {
     let domain = Domain::new();
-    let (min, max, parameters) = declare(&domain.node("lidar"));
+    let (min, max, parameters) = declare(&driven(&domain, "lidar"));
     assert_eq!((min.get(), max.get()), (1.0, 9.0));
-    let operator = Operator::new(&domain.node("operator"));
+    let operator = Operator::new(&driven(&domain, "operator"));
     let table = next(&operator.tables);
     assert_eq!((table.revision, table.parameters.len()), (1, 2));
 
@@ -105,8 +111,8 @@ fn a_set_is_made_although_the_program_does_nothing() {
 #[test]
 fn all_values_of_a_request_are_set_or_none() {
     let domain = Domain::new();
-    let (min, max, parameters) = declare(&domain.node("lidar"));
-    let operator = Operator::new(&domain.node("operator"));
+    let (min, max, parameters) = declare(&driven(&domain, "lidar"));
+    let operator = Operator::new(&driven(&domain, "operator"));
     let wrong = [
         ("max", Value::Integer(3)),
         ("max", Value::Double(10.5)),
@@ -169,8 +175,8 @@ fn a_program_accepts_and_refuses_changes_in_a_wait_set() {
 #[test]
 fn a_program_sees_only_legal_changes() {
     let domain = Domain::new();
-    let (min, _, changes) = declare_with_changes(&domain.node("lidar"));
-    let operator = Operator::new(&domain.node("operator"));
+    let (min, _, changes) = declare_with_changes(&driven(&domain, "lidar"));
+    let operator = Operator::new(&driven(&domain, "operator"));
     let send = |value| {
         let request = request(&[("min", value)]);
         operator.client.send_timeout(&request, SOON).unwrap()
@@ -191,8 +197,8 @@ fn a_program_sees_only_legal_changes() {
 #[test]
 fn an_executor_has_changes() {
     let domain = Domain::new();
-    let (min, _, changes) = declare_with_changes(&domain.node("lidar"));
-    let operator = Operator::new(&domain.node("operator"));
+    let (min, _, changes) = declare_with_changes(&driven(&domain, "lidar"));
+    let operator = Operator::new(&driven(&domain, "operator"));
     let shutdown = sm2_node::Shutdown::new().unwrap();
     let mut executor = Executor::new().unwrap();
     executor.end_with(&shutdown).unwrap();
@@ -213,9 +219,9 @@ fn an_executor_has_changes() {
 #[test]
 fn a_hostile_client_changes_nothing() {
     let domain = Domain::new();
-    let (min, _, _parameters) = declare(&domain.node("lidar"));
-    let operator = Operator::new(&domain.node("operator"));
-    let hostile = domain.node("hostile");
+    let (min, _, _parameters) = declare(&driven(&domain, "lidar"));
+    let operator = Operator::new(&driven(&domain, "operator"));
+    let hostile = driven(&domain, "hostile");
     let raw = hostile.client_builder::<[u8], [u8]>("parameters/lidar");
     let types = (SetParameters::type_id(), SetParametersResult::type_id());
     let raw = raw.type_ids(types.0, types.1).declare().unwrap();
@@ -234,8 +240,8 @@ fn a_hostile_client_changes_nothing() {
 #[test]
 fn a_change_whose_client_has_given_up_is_not_made() {
     let domain = Domain::new();
-    let (min, _, changes) = declare_with_changes(&domain.node("lidar"));
-    let operator = Operator::new(&domain.node("operator"));
+    let (min, _, changes) = declare_with_changes(&driven(&domain, "lidar"));
+    let operator = Operator::new(&driven(&domain, "operator"));
     let request = request(&[("min", Value::Double(4.0))]);
     let call = operator.client.send_timeout(&request, SOON).unwrap();
     let change = changes.next_timeout(SOON).unwrap().expect("a change");
@@ -250,12 +256,37 @@ fn a_change_whose_client_has_given_up_is_not_made() {
     assert_eq!(min.get(), 4.0);
 }
 
+/// The program does not see a request whose time limit has passed, although its client has not been able to cancel it.
+#[test]
+fn a_change_comes_in_time_or_never() {
+    let domain = Domain::new();
+    let by_hand = |name: &str| domain.builder(name).background(false).connect().unwrap();
+    let (lidar, operator) = (by_hand("lidar"), by_hand("operator"));
+    let (min, _, changes) = declare_with_changes(&lidar);
+    let client: SetClient = operator.client("parameters/lidar").unwrap();
+    until(|| {
+        lidar.spin_some().unwrap();
+        operator.spin_some().unwrap();
+        client.links().iter().any(|it| it.open)
+    });
+    let late = request(&[("min", Value::Double(4.0))]);
+    let late = client
+        .send_timeout(&late, Duration::from_millis(1))
+        .unwrap();
+    std::thread::sleep(Duration::from_millis(2));
+    let right = request(&[("min", Value::Double(5.0))]);
+    let right = client.send_timeout(&right, SOON).unwrap();
+    let change = changes.next_timeout(SOON).unwrap().expect("a change");
+    assert_eq!(change.proposed(&min), Some(&5.0));
+    drop((late, right));
+}
+
 /// A node whose program does not look at its parameters is read all the same.
 #[test]
 fn reading_needs_no_help_of_the_program() {
     let domain = Domain::new();
-    let (_, _, _changes) = declare_with_changes(&domain.node("lidar"));
-    let reader = domain.node("reader");
+    let (_, _, _changes) = declare_with_changes(&driven(&domain, "lidar"));
+    let reader = driven(&domain, "reader");
     let tables: Subscriber<Table> = reader.subscriber("parameters/lidar").unwrap();
     assert_eq!(next(&tables).parameters[1].name, "max");
 }
@@ -264,7 +295,7 @@ fn reading_needs_no_help_of_the_program() {
 #[test]
 fn values_come_from_files() {
     let domain = Domain::new();
-    let node = domain.node("lidar");
+    let node = driven(&domain, "lidar");
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("robot.toml");
     let declare = |text: &str| {
@@ -304,13 +335,13 @@ fn values_come_from_files() {
 #[test]
 fn parameters_end_with_their_handle() {
     let domain = Domain::new();
-    let node = domain.node("lidar");
+    let node = driven(&domain, "lidar");
     let (min, _, parameters) = declare(&node);
     let clone = parameters.clone();
     drop(parameters);
     let again = node.parameters_builder().declare();
     assert!(matches!(again, Err(ParametersError::Again)));
-    let operator = Operator::new(&domain.node("operator"));
+    let operator = Operator::new(&driven(&domain, "operator"));
     assert!(operator.set(&[("min", Value::Double(2.0))]).successful);
     drop(clone);
     until(|| operator.client.links().iter().all(|it| it.end.is_some()));
