@@ -19,7 +19,7 @@ use std::time::Duration;
 use sm2_manager::Background;
 use sm2_node::{Node, Shutdown};
 use sm2_proto::Name;
-use sm2_test_support::{memory, seed, until};
+use sm2_test_support::{SOON, memory, seed, until};
 
 use self::disk::{Disk, Switch};
 use self::random::Random;
@@ -78,7 +78,8 @@ fn run(seed: u64) {
     let mut random = Random::new(seed);
     let folder = tempfile::tempdir_in(memory()).unwrap();
     let socket = folder.path().join("sock");
-    let mut limits = Limits::default();
+    // A busy machine may need long between the two steps of connecting a node.
+    let mut limits = Limits::default().with(Limit::Greeting, SOON.as_millis() as u32);
     let are_few = random.one_in(6);
     if are_few {
         limits = limits.with(Limit::InterfacesPerSession, FEW_INTERFACES);
