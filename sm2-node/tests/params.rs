@@ -261,23 +261,25 @@ fn a_change_whose_client_has_given_up_is_not_made() {
 fn a_change_comes_in_time_or_never() {
     let domain = Domain::new();
     let by_hand = |name: &str| domain.builder(name).background(false).connect().unwrap();
-    let (lidar, operator) = (by_hand("lidar"), by_hand("operator"));
+    let [lidar, operator, other] = ["lidar", "operator", "other"].map(by_hand);
     let (min, _, changes) = declare_with_changes(&lidar);
-    let client: SetClient = operator.client("parameters/lidar").unwrap();
+    let client = |it: &Node| -> SetClient { it.client("parameters/lidar").unwrap() };
+    let clients = [&operator, &other].map(client);
     until(|| {
-        lidar.spin_some().unwrap();
-        operator.spin_some().unwrap();
-        client.links().iter().any(|it| it.open)
+        [&lidar, &operator, &other].map(|it| it.spin_some().unwrap());
+        let is_linked = |it: &SetClient| it.links().iter().any(|it| it.open);
+        clients.iter().all(is_linked)
     });
-    let late = request(&[("min", Value::Double(4.0))]);
-    let late = client
-        .send_timeout(&late, Duration::from_millis(1))
-        .unwrap();
+    let send = |client: &SetClient, value, timeout| {
+        let request = request(&[("min", Value::Double(value))]);
+        client.send_timeout(&request, timeout).unwrap()
+    };
+    let late = send(&clients[0], 4.0, Duration::from_millis(1));
     std::thread::sleep(Duration::from_millis(2));
-    let right = request(&[("min", Value::Double(5.0))]);
-    let right = client.send_timeout(&right, SOON).unwrap();
+    let right = send(&clients[1], 5.0, SOON);
     let change = changes.next_timeout(SOON).unwrap().expect("a change");
     assert_eq!(change.proposed(&min), Some(&5.0));
+    assert!(changes.try_next().unwrap().is_none());
     drop((late, right));
 }
 

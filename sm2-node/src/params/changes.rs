@@ -88,8 +88,6 @@ impl Changes {
         received: Result<Option<SetRequest>, RecvError>,
     ) -> Result<Option<Change>, RecvError> {
         let request = match received {
-            // Its client was told that nothing is set, or nobody waits.
-            Ok(Some(request)) if request.is_cancelled() => return Ok(None),
             Ok(Some(request)) => request,
             Ok(None) => return Ok(None),
             // The server has told the client.
