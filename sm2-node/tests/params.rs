@@ -266,7 +266,9 @@ fn a_change_comes_in_time_or_never() {
     let client = |it: &Node| -> SetClient { it.client("parameters/lidar").unwrap() };
     let clients = [&operator, &other].map(client);
     until(|| {
-        [&lidar, &operator, &other].map(|it| it.spin_some().unwrap());
+        for node in [&lidar, &operator, &other] {
+            node.spin_some().unwrap();
+        }
         let is_linked = |it: &SetClient| it.links().iter().any(|it| it.open);
         clients.iter().all(is_linked)
     });
