@@ -32,7 +32,7 @@ readonly tier2=("${first[@]}" "${long[@]}" "${beside[@]}")
 declare -rA limits=([tools]=600 [commits]=60 [fmt]=60 [clauses]=300 [publish]=120 [deny]=900 [no-std]=150 [clippy]=600
     [doc]=300 [test]=$((full ? 3600 : 1200)) [modes]=400 [models]=400 [asan]=1500 [micro]=600 [check]=5400 [demo]=1200 [faults]=600
     [soak]=900 [aarch64]=3600 [bag]=900 [ros]=900 [book]=900 [c]=1800 [python]=1800 [bridges]=2400 [foxglove]=2400
-    [view]=900 [package]=5400 [mutants]=4800)
+    [view]=900 [package]=5400 [mutants]=9000)
 
 # Packages outside the workspace, each a workspace of its own.
 readonly outside=(bench/micro verification/no-std verification/loom-models verification/symbolic/kani fuzz)
@@ -418,6 +418,7 @@ step_view() {
 step_mutants() {
     local crates=()
     read -ra crates <<<"${SM2_MUTANT_CRATES:-}"
+    command -v python3 >/dev/null || skip "needs python3"
     install cargo-mutants || skip "cargo-mutants cannot be built here"
     .ci/mutants "${crates[@]}"
 }
