@@ -20,7 +20,11 @@ pub struct WrongLogLevel(String);
 ///
 /// [`WrongLogLevel`].
 pub fn log_levels(default: &str) -> Result<String, WrongLogLevel> {
-    match env::var(VARIABLE) {
+    levels_of(env::var(VARIABLE), default)
+}
+
+fn levels_of(value: Result<String, VarError>, default: &str) -> Result<String, WrongLogLevel> {
+    match value {
         Err(VarError::NotPresent) => Ok(default.to_owned()),
         Ok(levels) if levels.is_empty() => Ok(default.to_owned()),
         Ok(levels) if are_levels(&levels) => Ok(levels),
@@ -45,7 +49,29 @@ fn are_levels(text: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use std::ffi::OsString;
+    use std::os::unix::ffi::OsStringExt;
+
     use super::*;
+
+    #[test]
+    fn the_variable_comes_before_the_default_unless_it_is_empty_or_wrong() {
+        let levels = |value: &str| levels_of(Ok(value.to_owned()), "warn");
+        assert_eq!(
+            levels_of(Err(VarError::NotPresent), "warn").unwrap(),
+            "warn"
+        );
+        assert_eq!(levels("").unwrap(), "warn");
+        assert_eq!(levels("debug").unwrap(), "debug");
+        let wrong = levels("verbose").unwrap_err().to_string();
+        assert!(
+            wrong.starts_with("SM2_LOG is \"verbose\": use error,"),
+            "{wrong}"
+        );
+        let bytes = OsString::from_vec(vec![b'a', 0xff]);
+        let wrong = levels_of(Err(VarError::NotUnicode(bytes)), "warn").unwrap_err();
+        assert!(wrong.to_string().starts_with("SM2_LOG is \"a"), "{wrong}");
+    }
 
     #[test]
     fn levels_are_known_words() {

@@ -108,3 +108,19 @@ fn advice(source: &io::Error) -> &'static str {
         _ => "",
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_of_another_user_comes_with_advice() {
+        let text = |kind: io::ErrorKind| advice(&kind.into());
+        let denied = text(io::ErrorKind::PermissionDenied);
+        assert!(
+            denied.starts_with("; choose a directory of this user"),
+            "{denied}"
+        );
+        assert_eq!(text(io::ErrorKind::NotFound), "");
+    }
+}

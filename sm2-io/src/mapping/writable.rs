@@ -30,10 +30,10 @@ impl MappingMut {
         Ok(Self { region })
     }
 
-    /// Maps a file of `len` bytes for reading and writing, all in huge pages, also if the file does
-    /// not fill the last one. `None` if the file is too short, or there are no huge pages.
+    /// Maps a file of `len` bytes, at least `HUGE_LEAST_BYTES`, for reading and writing, all in huge pages, also if the
+    /// file does not fill the last one. `None` if there are no huge pages.
     pub(crate) fn of_huge_pages(fd: BorrowedFd<'_>, len: u64) -> io::Result<Option<Self>> {
-        if len < HUGE_LEAST_BYTES as u64 || !huge::may_ask() {
+        if !huge::may_ask() {
             return Ok(None);
         }
         let prot = ProtFlags::PROT_READ | ProtFlags::PROT_WRITE;

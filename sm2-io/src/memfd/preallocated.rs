@@ -141,7 +141,8 @@ mod tests {
     use std::os::unix::fs::MetadataExt;
 
     use super::*;
-    use crate::fault::{Call, Injector};
+    use crate::fault::{Call, Fault, Injector};
+    use nix::libc;
 
     /// A kernel without memory refuses the allocation, and not the message that is written later.
     #[test]
@@ -154,6 +155,26 @@ mod tests {
             };
             let allocated_bytes = 512 * file.metadata().unwrap().blocks();
             assert!(allocated_bytes >= capacity as u64, "{preallocated:?}");
+        }
+    }
+
+    /// A signal interrupts a write, which goes on then. Any other error ends it.
+    #[test]
+    fn a_write_outlasts_a_signal_and_nothing_else() {
+        for (errno, times) in [(libc::EINTR, 3), (libc::ENOMEM, 1), (libc::ENOSPC, 1)] {
+            let preallocated = Preallocated::for_copies(5_000).unwrap();
+            let faults = Injector::counting();
+            let _installed = faults.install();
+            faults.set([Fault {
+                call: Call::Write,
+                nth: 1,
+                times,
+                errno,
+            }]);
+            let filled = preallocated.fill(&[1; 5_000]);
+            let error = filled.err().and_then(|it| it.raw_os_error());
+            assert_eq!(error, (errno != libc::EINTR).then_some(errno));
+            assert_eq!(faults.hits(), times);
         }
     }
 

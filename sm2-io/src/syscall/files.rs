@@ -2,6 +2,7 @@
 
 use std::fs::{self, DirBuilder, File, Metadata, OpenOptions, Permissions};
 use std::io;
+use std::num::NonZeroU64;
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use std::os::unix::fs::{DirBuilderExt, FileExt, OpenOptionsExt, PermissionsExt};
 use std::path::Path;
@@ -45,7 +46,8 @@ pub(crate) fn raise_descriptors_max() -> nix::Result<()> {
 pub(crate) fn open_descriptors() -> Option<u64> {
     guard(Call::Stat).ok()?;
     let count = u64::try_from(stat("/proc/self/fd").ok()?.st_size).ok()?;
-    (count > 0).then_some(count)
+    // Older kernels say 0.
+    NonZeroU64::new(count).map(NonZeroU64::get)
 }
 
 /// Whether a descriptor of this process has this number. Only a number without a descriptor makes the call

@@ -75,27 +75,25 @@ fn place(number: RawFd) -> Option<(&'static AtomicU64, u64)> {
 /// may neither allocate nor lock.
 extern "C" fn in_child() {
     FORKS.fetch_add(1, Relaxed);
-    let mut unused = -1;
+    let mut unused = None;
     for (index, word) in NOTED.iter().enumerate() {
         let mut bits = word.load(Relaxed);
         while bits != 0 {
             let number = index * BITS + bits.trailing_zeros() as usize;
             bits &= bits - 1;
-            if unused < 0 {
-                // SAFETY: the call takes two integers.
-                unused = unsafe { libc::eventfd(0, libc::EFD_CLOEXEC) };
-            }
+            // SAFETY: the call takes two integers.
+            let unused =
+                *unused.get_or_insert_with(|| unsafe { libc::eventfd(0, libc::EFD_CLOEXEC) });
             let Ok(number) = RawFd::try_from(number) else {
                 continue;
             };
-            if unused >= 0 {
-                // SAFETY: the owner of `number` stays its owner, and finds a descriptor without effects there.
-                unsafe { libc::dup3(unused, number, libc::O_CLOEXEC) };
-            }
+            // SAFETY: the owner of `number` stays its owner, and finds a descriptor without effects there. Without one
+            // to duplicate, the call does nothing.
+            unsafe { libc::dup3(unused, number, libc::O_CLOEXEC) };
         }
     }
-    if unused >= 0 {
-        // SAFETY: this function has opened it, and nothing else knows it.
+    if let Some(unused) = unused {
+        // SAFETY: this function has opened it, or it is -1; nothing else knows it.
         unsafe { libc::close(unused) };
     }
 }
