@@ -370,7 +370,7 @@ impl<'fd, T: Clone> WaitSet<'fd, T> {
     /// passed, or `until`.
     fn collect(&mut self, now: Instant, until: Option<Instant>) -> io::Result<()> {
         let sources = &mut self.sources;
-        let mut short_of_memory = self.watches.look(sources);
+        self.watches.look(sources);
         sources.expire(now);
         let end = match (until, sources.deadline()) {
             _ if sources.has_ready() => Some(now),
@@ -387,6 +387,7 @@ impl<'fd, T: Clone> WaitSet<'fd, T> {
             }
             Err(error) => return Err(error),
         }
+        let mut short_of_memory = false;
         for event in self.events.iter() {
             sources.descriptor_ready(Key(event.token), event);
             short_of_memory |= self.watches.handle(event.token, sources);

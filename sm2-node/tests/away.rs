@@ -131,6 +131,33 @@ fn messages_between_two_links_are_counted_once() {
     }
 }
 
+/// Messages that are left of an older link come before those of the same publisher, and of no other one.
+//= SM2-QOS-013 test
+#[test]
+fn messages_of_one_publisher_delay_no_other_one() {
+    for ring in LANES {
+        let domain = Domain::new();
+        let pair = Pair::new(&domain, ring, 0);
+        let builder = domain.builder("other").ring_lane(ring).background(false);
+        let node = builder.connect().unwrap();
+        let other = node.publisher::<[u8]>("topic").unwrap();
+        until(|| {
+            let links = [other.links(), pair.subscriber.links()];
+            links.iter().flatten().filter(|it| it.open).count() == 3
+        });
+        pair.publish([1]);
+        assert_eq!(pair.take(1), 0);
+        // The link of the other publisher is over, with a message in it that the program has not taken.
+        other.publish(&message(1)).unwrap();
+        drop(other);
+        drop(node);
+        until(|| pair.subscriber.links().iter().any(|it| !it.open));
+        pair.break_link(2);
+        pair.meet();
+        assert_eq!(pair.lost(), (1, 1), "ring {ring}");
+    }
+}
+
 /// The next Manager makes the link anew, because it had ended before: OPEN says what was published meanwhile.
 //= SM2-QOS-013, SM2-OPN-006 test
 #[test]

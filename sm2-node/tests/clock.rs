@@ -7,7 +7,7 @@ use crate::common::fixture::Fixture;
 use crate::common::threads::while_asleep;
 use crate::common::{SOON, until};
 use sm2_node::clock::{Clock, ClockSource, DomainTime};
-use sm2_node::{WaitSet, now};
+use sm2_node::{MissedTicks, WaitSet, now};
 
 const REAL_TIME: u64 = 1_000_000_000;
 const SECOND: Duration = Duration::from_secs(1);
@@ -94,6 +94,33 @@ fn a_timer_ticks_with_domain_time_and_starts_again_after_a_jump_back() {
             (tick.number, tick.missed, tick.due.0),
             (1, 0, 2 * REAL_TIME)
         );
+    });
+}
+
+/// A timer keeps its rule for missed ticks when it starts again.
+#[test]
+fn a_burst_reports_each_missed_tick_after_a_jump_back_too() {
+    Fixture::each(|it| {
+        let (source, clock) = stopped(it);
+        let mut timer = clock.every(SECOND).missed_ticks(MissedTicks::Burst);
+        assert_eq!(timer.try_tick(&clock), None);
+        let set_to = |seconds: u64| {
+            let reading = source.set(DomainTime(seconds * REAL_TIME), 0).unwrap();
+            until(|| clock.reading() == Some(reading));
+        };
+        // The second row is after a jump back, from which the ticks are counted.
+        for (start, now) in [(0, 3), (1, 4)] {
+            if start > 0 {
+                set_to(start);
+                assert_eq!(timer.try_tick(&clock), None);
+            }
+            set_to(now);
+            for number in 1..=3 {
+                let tick = timer.try_tick(&clock).unwrap();
+                assert_eq!((tick.number, tick.missed), (number, 0), "from {start}");
+            }
+            assert_eq!(timer.try_tick(&clock), None);
+        }
     });
 }
 

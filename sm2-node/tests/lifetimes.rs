@@ -6,7 +6,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use crate::common::{Domain, SOON, meet, next, pair, pattern, until};
-use sm2_node::{EncodeError, Message, Payload, PayloadError};
+use sm2_node::{EncodeError, Message, Payload, PayloadError, SharedBytes};
 use sm2_proto::Contract;
 
 //= SM2-OPN-009, SM2-OPN-010 test
@@ -89,6 +89,77 @@ fn a_payload_that_outlives_its_sample_stays_as_it_is() {
     }
     for (seed, payload) in KEPT.lock().unwrap().iter().enumerate() {
         assert!(**payload == *pattern(5000, seed as u64), "{seed}");
+    }
+}
+
+/// A message, and the parts of it that were read out of the memory of its publisher.
+struct Parts {
+    bytes: Vec<u8>,
+    inside: Vec<(usize, Vec<u8>)>,
+}
+
+impl Message for Parts {
+    const NAME: &'static str = "parts";
+    const HASH: u64 = 2;
+    type View = Box<Self>;
+
+    fn bytes(&self) -> Result<Cow<'_, [u8]>, EncodeError> {
+        Ok(Cow::Borrowed(&self.bytes))
+    }
+
+    fn view(_: Payload) -> Result<Box<Self>, PayloadError> {
+        unreachable!("`decode` reads all messages")
+    }
+
+    fn decode(bytes: &SharedBytes<'_>) -> Option<Result<Box<Self>, PayloadError>> {
+        let len = bytes.len();
+        let inside = [(0, 0), (0, len), (7, 5), (len - 3, 3), (len, 0)].map(|(start, part)| {
+            let mut copy = vec![0; part];
+            assert!(bytes.copy_to(start, &mut copy), "{start} {part}");
+            assert_eq!(bytes.to_vec(start, part).unwrap(), copy);
+            (start, copy)
+        });
+        for (start, part) in [
+            (0, len + 1),
+            (len - 3, 4),
+            (len, 1),
+            (len + 1, 0),
+            (usize::MAX, 1),
+        ] {
+            assert!(!bytes.copy_to(start, &mut vec![0; part]), "{start} {part}");
+            assert!(bytes.to_vec(start, part).is_none(), "{start} {part}");
+        }
+        let bytes = bytes.to_vec(0, len).unwrap();
+        let inside = inside.to_vec();
+        Some(Ok(Box::new(Self { bytes, inside })))
+    }
+}
+
+/// A message is read within its own bytes, in whichever memory it is: a slot is longer, and others are beside it.
+#[test]
+fn parts_of_a_message_are_those_inside() {
+    let domain = Domain::new();
+    for (sealed, inline_max) in [(false, 61_440), (false, 0), (true, 0)] {
+        let (publisher, subscriber) = pair::<Parts>(
+            &domain,
+            |node| {
+                let builder = node.publisher_builder("topic");
+                let builder = builder.sealed(sealed).inline_max(inline_max);
+                builder.declare().unwrap()
+            },
+            |node| node.subscriber("topic").unwrap(),
+        );
+        for len in [12, 13, 1_000, 5_000] {
+            let bytes = pattern(len, len as u64);
+            let inside = Vec::new();
+            publisher.publish(&Parts { bytes, inside }).unwrap();
+            let sample = next(&subscriber);
+            let bytes = pattern(len, len as u64);
+            assert!(sample.bytes == bytes, "{len}");
+            for (start, part) in &sample.inside {
+                assert!(bytes[*start..][..part.len()] == **part, "{len} {start}");
+            }
+        }
     }
 }
 

@@ -258,6 +258,38 @@ fn subscribers_that_hold_all_memory_cause_no_error() {
     }
 }
 
+/// A link that holds little is not suspended for the sake of others, and misses a message for which they leave no
+/// memory.
+//= SM2-QOS-007 test
+#[test]
+fn a_message_without_memory_is_lost_on_every_link() {
+    for form in FORMS {
+        let domain = Domain::new();
+        let builder = builder(&domain, form);
+        let publisher = builder.pool_limit(1 << 20).declare().unwrap();
+        let mut hoard = Hoard {
+            subscriber: subscriber(&domain, form, "first"),
+            samples: Vec::new(),
+        };
+        let reader = subscriber(&domain, form, "reader");
+        meet(&publisher, &[&hoard.subscriber, &reader]);
+        for seed in 0..10 {
+            publisher.publish(&pattern(LEN, seed)).unwrap();
+            hoard.take(seed);
+            drop(next(&reader));
+        }
+        let published = publisher.publish(&pattern(800_000, 1)).unwrap();
+        assert_eq!((published.links, published.missed), (0, 0), "{form:?}");
+        let it = counters(&publisher, "reader");
+        assert_eq!((it.offered, it.pool_limit), (11, 1), "{form:?}");
+        // The message had a number, which no other message gets.
+        publisher.publish(&pattern(LEN, 11)).unwrap();
+        let sample = next(&reader);
+        assert_eq!((sample.sequence(), sample.lost()), (12, 1), "{form:?}");
+        hoard.check();
+    }
+}
+
 /// The default: half of 256 MiB for messages that are not released, and more only for long messages.
 #[test]
 fn the_default_limit_holds() {

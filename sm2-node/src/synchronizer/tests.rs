@@ -324,6 +324,19 @@ fn a_known_period_completes_a_set_at_once() {
     assert_eq!(owner.core.counters(0).too_soon, 1);
 }
 
+/// The earliest next message of the first input alone decides nothing: the set with it is neither better nor the end of
+/// the search. That of the second one decides.
+#[test]
+fn known_periods_complete_a_set_before_messages_that_are_held() {
+    let mut owner = Owner::approximate(options(0, u64::MAX, vec![12, 100, 0]), 8);
+    for (input, time) in [(0, 0), (1, 1)] {
+        owner.push(input, time);
+        assert_eq!(owner.sets, [] as [Set; 0], "at {time}");
+    }
+    owner.push(2, 10);
+    assert_eq!(owner.sets, [[0, 1, 10]]);
+}
+
 #[test]
 fn an_input_that_is_ahead_drops_its_oldest_messages() {
     let mut owner = Owner::approximate(options(10, u64::MAX, vec![0, 0]), 2);

@@ -1,6 +1,7 @@
 //! Waiting for the sets of a synchronizer.
 
 use std::io;
+use std::os::fd::{AsFd, AsRawFd};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -55,11 +56,13 @@ impl<S> Synchronizer<S> {
     fn make_own_set(&mut self) -> io::Result<WaitSet<'static, ()>> {
         let mut set = WaitSet::new()?;
         set.add_synchronizer(self, ())?;
+        // Several inputs can have the same one.
+        let mut added = Vec::new();
         for shutdown in self.shutdowns() {
-            match set.end_with(shutdown) {
-                // Several inputs have the same one.
-                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
-                added => added?,
+            let descriptor = shutdown.as_fd().as_raw_fd();
+            if !added.contains(&descriptor) {
+                set.end_with(shutdown)?;
+                added.push(descriptor);
             }
         }
         Ok(set)

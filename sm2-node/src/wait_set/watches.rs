@@ -151,19 +151,17 @@ impl Watches {
         }
     }
 
-    /// Looks at the interfaces that are listed. Returns whether the kernel had no memory for one.
-    pub(super) fn look<T>(&mut self, sources: &mut Sources<'_, T>) -> bool {
-        let mut short_of_memory = false;
+    /// Looks at the interfaces that are listed. If the kernel has no memory for one, its descriptor is ready still, and
+    /// [`handle`](Self::handle) says so.
+    pub(super) fn look<T>(&mut self, sources: &mut Sources<'_, T>) {
         for token in self.again.drain(..) {
             // It may have been removed meanwhile.
             if let Some(watched) = self.interfaces.get_mut(&token) {
                 watched.is_listed = false;
                 let Watched { watch, keys, .. } = watched;
-                short_of_memory |=
-                    watch.look(|interface, context| sources.look(keys, interface, context));
+                watch.look(|interface, context| sources.look(keys, interface, context));
             }
         }
-        short_of_memory
     }
 
     /// Handles an event of the descriptor with this token. Returns whether the kernel had no memory for it.
