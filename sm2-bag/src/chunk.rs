@@ -308,4 +308,37 @@ mod tests {
         let error = record.parse().unwrap_err();
         assert!(matches!(error, McapError::UnexpectedEoc), "{error}");
     }
+
+    #[test]
+    fn an_index_with_another_opcode_is_known_by_its_lengths() {
+        // A channel, the length of the entries in bytes, and entries.
+        let record = |opcode, said: u32, has: usize| {
+            let bytes = [
+                &[0; RECORD_HEAD_BYTES + 2][..],
+                &said.to_le_bytes(),
+                &vec![0; has],
+            ];
+            RawRecord {
+                opcode,
+                offset: 0,
+                bytes: bytes.concat(),
+            }
+        };
+        for entries in [0, 16, 48] {
+            let index = |opcode| record(opcode, entries, entries as usize);
+            assert!(index(op::MESSAGE).is_mislabelled_index(), "{entries}");
+            assert!(
+                !index(op::MESSAGE_INDEX).is_mislabelled_index(),
+                "{entries}"
+            );
+        }
+        // A message has its sequence number there, and an entry has 16 bytes.
+        for (said, has) in [(1, 16), (16, 32), (15, 15), (17, 17)] {
+            let message = record(op::MESSAGE, said, has);
+            assert!(!message.is_mislabelled_index(), "{said} {has}");
+        }
+        let mut short = record(op::MESSAGE, 0, 0);
+        short.bytes.pop();
+        assert!(!short.is_mislabelled_index());
+    }
 }

@@ -27,3 +27,35 @@ pub fn create_first<T>(
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_free_name_is_taken_and_another_error_ends_the_search() {
+        for (last, expected) in [
+            (Ok(7), Ok(7)),
+            (
+                Err(io::ErrorKind::PermissionDenied),
+                Err(io::ErrorKind::PermissionDenied),
+            ),
+        ] {
+            let mut asked = Vec::new();
+            let (path, created) = create_first(
+                |number| numbered("bag", number).into(),
+                |path| {
+                    asked.push(path.to_owned());
+                    match asked.len() {
+                        1 | 2 => Err(io::ErrorKind::AlreadyExists.into()),
+                        3 => last.map_err(io::Error::from),
+                        _ => unreachable!("the third one is the last"),
+                    }
+                },
+            );
+            assert_eq!(created.map_err(|it| it.kind()), expected);
+            assert_eq!(path, Path::new("bag-3"));
+            assert_eq!(asked, ["bag", "bag-2", "bag-3"].map(PathBuf::from));
+        }
+    }
+}

@@ -58,21 +58,25 @@ pub(crate) fn read(file: &File, end: u64) -> McapResult<Option<Summary>> {
             _ => {}
         }
     }
+    match sort_and_compare(&mut scan.summary) {
+        true => Ok(Some(scan.summary)),
+        false => Err(McapError::BadIndex),
+    }
+}
+
+/// Sorts the indexes by their places. Returns whether neither chunks nor records of metadata overlap.
+fn sort_and_compare(summary: &mut Summary) -> bool {
     let Summary {
         chunk_indexes,
         metadata_indexes,
         ..
-    } = &mut scan.summary;
+    } = summary;
     chunk_indexes.sort_unstable_by_key(|it| it.chunk_start_offset);
     metadata_indexes.sort_unstable_by_key(|it| it.offset);
     let chunks = chunk_indexes.iter();
     let records = metadata_indexes.iter();
-    if overlap(chunks.map(|it| (it.chunk_start_offset, it.chunk_length)))
-        || overlap(records.map(|it| (it.offset, it.length)))
-    {
-        return Err(McapError::BadIndex);
-    }
-    Ok(Some(scan.summary))
+    !overlap(chunks.map(|it| (it.chunk_start_offset, it.chunk_length)))
+        && !overlap(records.map(|it| (it.offset, it.length)))
 }
 
 /// Compares the checksum of the footer, which ends at `footer_end`, with the bytes from `from` up to it.
@@ -103,4 +107,56 @@ fn overlap(places: impl Iterator<Item = (u64, u64)>) -> bool {
         end = offset.saturating_add(len);
     }
     false
+}
+
+#[cfg(test)]
+mod tests {
+    use mcap::records::{ChunkIndex, MetadataIndex};
+
+    use super::*;
+
+    fn summary(chunks: &[(u64, u64)], records: &[(u64, u64)]) -> Summary {
+        let chunk = |&(chunk_start_offset, chunk_length): &_| ChunkIndex {
+            message_start_time: 0,
+            message_end_time: 0,
+            chunk_start_offset,
+            chunk_length,
+            message_index_offsets: std::collections::BTreeMap::new(),
+            message_index_length: 0,
+            compression: String::new(),
+            compressed_size: 0,
+            uncompressed_size: 0,
+        };
+        let record = |&(offset, length): &_| MetadataIndex {
+            offset,
+            length,
+            name: String::new(),
+        };
+        Summary {
+            chunk_indexes: chunks.iter().map(chunk).collect(),
+            metadata_indexes: records.iter().map(record).collect(),
+            ..Summary::default()
+        }
+    }
+
+    #[test]
+    fn places_of_a_summary_do_not_overlap() {
+        let (apart, together) = ([(30, 5), (10, 20)], [(29, 5), (10, 20)]);
+        for (chunks, records, is_right) in [
+            (apart, apart, true),
+            (together, apart, false),
+            (apart, together, false),
+            (together, together, false),
+        ] {
+            let mut summary = summary(&chunks, &records);
+            assert_eq!(
+                sort_and_compare(&mut summary),
+                is_right,
+                "{chunks:?} {records:?}"
+            );
+            assert_eq!(summary.chunk_indexes[0].chunk_start_offset, 10);
+            assert_eq!(summary.metadata_indexes[0].offset, 10);
+        }
+        assert!(sort_and_compare(&mut summary(&[(0, u64::MAX)], &[])));
+    }
 }

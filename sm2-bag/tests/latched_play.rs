@@ -135,4 +135,13 @@ fn a_replay_publishes_the_latched_state_first_and_once() {
         drop(player);
         assert!(listener.try_recv().unwrap().is_none(), "{from_ns:?}");
     }
+    // Nobody takes the messages in time.
+    let options = PlayOptions {
+        rate: 0.0,
+        room_timeout: Duration::from_millis(10),
+        ..PlayOptions::default()
+    };
+    let mut player = Player::new(&bags[..], options, connect, stop.as_fd()).unwrap();
+    assert!(!player.play().unwrap().complete);
+    assert!(listener.try_recv().unwrap().is_some());
 }

@@ -90,6 +90,24 @@ struct Publisher {
 }
 
 impl Publisher {
+    fn new(source: Source) -> Self {
+        Self {
+            source: Arc::new(source),
+            last_time: None,
+            first_lost: None,
+            gaps: Vec::new(),
+            announced: 0,
+            unexplained: 0,
+        }
+    }
+
+    /// Of messages that a later one shows as missing, those that were not announced before.
+    const fn not_announced(&mut self, lost: u64) -> u64 {
+        let displaced = lost.saturating_sub(self.announced);
+        self.announced = self.announced.saturating_sub(lost);
+        displaced
+    }
+
     /// Adds messages that are missing now.
     fn lose(&mut self, now_ns: u64, messages: u64, reason: GapReason) {
         if messages == 0 {
@@ -210,9 +228,7 @@ impl Topic {
         };
         let number = self.number(node, sample.publisher(), data);
         let publisher = &mut self.publishers[number];
-        let announced = publisher.announced.min(sample.lost());
-        publisher.announced -= announced;
-        let displaced = sample.lost() - announced;
+        let displaced = publisher.not_announced(sample.lost());
         publisher.lose(now, displaced, GapReason::Displaced);
         if !is_explained {
             publisher.unexplained += displaced;
@@ -283,14 +299,7 @@ impl Topic {
             // Without a Manager, the type has no text in the bag; its name and hash are there.
             schema: node.describe(data).ok().flatten(),
         };
-        Publisher {
-            source: Arc::new(source),
-            last_time: None,
-            first_lost: None,
-            gaps: Vec::new(),
-            announced: 0,
-            unexplained: 0,
-        }
+        Publisher::new(source)
     }
 
     /// The length of the shortest queue between a publisher and the recorder, in messages.
@@ -365,5 +374,29 @@ fn offer_of(peer: &LinkPeer, name: &Name, data: &TypeId) -> Option<OfferedQos> {
             data: its, offer, ..
         } if its == data && peer.name == *name => Some(*offer),
         _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_loss_that_was_announced_is_counted_once() {
+        let name = |text| Name::new(text).unwrap();
+        let mut publisher = Publisher::new(Source {
+            topic: name("scan"),
+            publisher: name("lidar"),
+            data: TypeId {
+                name: name("u8"),
+                hash: 1,
+            },
+            offer: UNKNOWN_OFFER,
+            schema: None,
+        });
+        publisher.announced = 5;
+        let displaced = [3, 1, 4, 2, 0].map(|lost| publisher.not_announced(lost));
+        assert_eq!(displaced, [0, 0, 3, 2, 0]);
+        assert_eq!(publisher.announced, 0);
     }
 }
