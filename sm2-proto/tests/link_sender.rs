@@ -100,14 +100,19 @@ fn a_segment_is_attached_once_before_its_first_message() {
 #[test]
 fn no_more_than_the_window_is_unreleased() {
     let mut link = opened(config(Role::Sender));
-    let outputs: Vec<_> = (1..=5)
-        .flat_map(|id| send(&mut link, message(id)))
-        .collect();
+    let mut outputs = Vec::new();
+    for id in 1..=5 {
+        outputs.extend(send(&mut link, message(id)));
+        assert_eq!(link.has_queued(), id > 3, "{id}");
+    }
     assert_eq!(numbers(&outputs), [(1, 1), (2, 2), (3, 3)]);
     let outputs = release_all(&mut link, Given::Consumed, &[2]);
     assert_eq!(settled(&outputs), [(2, Fate::Delivered)]);
     assert_eq!(numbers(&outputs), [(4, 4)]);
     assert_eq!(link.in_flight(), 4);
+    assert!(link.has_queued());
+    release_all(&mut link, Given::Consumed, &[1]);
+    assert!(!link.has_queued());
 }
 
 //= SM2-QOS-001, SM2-QOS-006 test
