@@ -15,6 +15,11 @@ pub(super) struct Row {
 }
 
 impl Row {
+    /// Its line, counted from 1.
+    pub(super) const fn number(&self) -> usize {
+        self.line + 1
+    }
+
     /// The cell of that column; empty where there is none.
     pub(super) fn cell(&self, column: &str) -> &str {
         let found = self.cells.iter().find(|(name, _)| name == column);

@@ -61,3 +61,21 @@ impl Restriction {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_restriction_says_how_many_interfaces_may_be_live() {
+        let allowed = |it: Restriction| [0, 1, 2, 3].map(|live| it.allows(live));
+        assert_eq!(
+            allowed(Restriction::NoSubscriber),
+            [true, false, false, false]
+        );
+        assert_eq!(
+            allowed(Restriction::OnePublisher),
+            [true, true, false, false]
+        );
+    }
+}

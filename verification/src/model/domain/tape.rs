@@ -279,3 +279,33 @@ const fn low(number: u64) -> u64 {
 pub(super) const fn session_number(session: NodeId) -> u64 {
     session.0.wrapping_sub(SESSIONS)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn words(what: &impl Hash) -> Vec<Word> {
+        Tape::of(&Keys::new(), what).words().collect()
+    }
+
+    #[test]
+    fn a_number_without_a_kind_keeps_its_value_or_is_mixed() {
+        for number in [0, 1, 0x00FF_FFFF_FFFF_FFFF] {
+            assert_eq!(low(number), number);
+        }
+        let long = [KIND, SESSION | 1, LINK | 1, u64::MAX].map(low);
+        for (at, it) in long.iter().enumerate() {
+            assert_eq!(it & KIND, 0, "it would read as another kind");
+            assert!(!long[..at].contains(it), "{it:x}");
+        }
+    }
+
+    #[test]
+    fn each_byte_of_a_text_counts() {
+        assert_eq!(words(&"node/3")[..1], [Word::Name(3)]);
+        let text = words(&"abcdefgh");
+        for other in ["abcdefgi", "bbcdefgh", "abcdefg", "abcxefgh"] {
+            assert_ne!(words(&other), text, "{other}");
+        }
+    }
+}
