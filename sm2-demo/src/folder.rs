@@ -5,7 +5,7 @@ use std::{
     fs::{self, File, Metadata},
     io,
     os::unix::fs::MetadataExt,
-    path::Path,
+    path::{Path, PathBuf},
     time::Duration,
 };
 
@@ -40,16 +40,19 @@ const MIN_AGE: Duration = Duration::from_secs(60);
 ///
 /// [`DemoError::Folder`].
 pub(crate) fn private() -> Result<TempDir, DemoError> {
-    let parent = env::temp_dir();
-    let fits = parent.as_os_str().len() <= PARENT_MAX_BYTES;
-    let parent = if fits { &parent } else { Path::new("/tmp") };
-    remove_leftovers(parent);
+    let parent = parent(env::temp_dir());
+    remove_leftovers(&parent);
     let mut builder = tempfile::Builder::new();
-    let folder = builder.prefix(PREFIX).tempdir_in(parent);
-    folder.map_err(|source| DemoError::Folder {
-        parent: parent.to_owned(),
-        source,
-    })
+    let folder = builder.prefix(PREFIX).tempdir_in(&parent);
+    folder.map_err(|source| DemoError::Folder { parent, source })
+}
+
+/// The folder for temporary files, or `/tmp` if its path is too long.
+fn parent(temporary: PathBuf) -> PathBuf {
+    match temporary.as_os_str().len() <= PARENT_MAX_BYTES {
+        true => temporary,
+        false => "/tmp".into(),
+    }
 }
 
 /// Removes the folders of killed demos. Ignores errors: such a folder does no harm.

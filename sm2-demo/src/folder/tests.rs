@@ -1,4 +1,4 @@
-use std::{fs::FileTimes, os::unix::fs::symlink, path::PathBuf, time::SystemTime};
+use std::{fs::FileTimes, os::unix::fs::symlink, time::SystemTime};
 
 use super::*;
 
@@ -12,6 +12,13 @@ fn make(parent: &Path, name: &str, files: &[&str], age: Duration) -> PathBuf {
     let times = FileTimes::new().set_modified(SystemTime::now() - age);
     File::open(&folder).unwrap().set_times(times).unwrap();
     folder
+}
+
+#[test]
+fn a_long_path_leaves_no_room_for_that_of_the_socket() {
+    let long = |len| PathBuf::from(format!("/{}", "x".repeat(len - 1)));
+    assert_eq!(parent(long(PARENT_MAX_BYTES)), long(PARENT_MAX_BYTES));
+    assert_eq!(parent(long(PARENT_MAX_BYTES + 1)), Path::new("/tmp"));
 }
 
 #[test]

@@ -134,7 +134,7 @@ impl Child {
         match read {
             Ok(0) => self.close_output(),
             Ok(len) => self.read_events(&buffer[..len]),
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            // No signal interrupts it, because it does not wait.
             Err(_) => self.close_output(),
         }
     }

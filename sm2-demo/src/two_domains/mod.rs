@@ -41,7 +41,9 @@ use crate::{
 const LOCAL_DEPTH: u16 = 4;
 /// The time after a change that is left out of the figures.
 const SETTLING: Duration = Duration::from_secs(1);
-/// Timeout for the connection of the gateways, and for the first message to the far domain after the time of the demo.
+/// Timeout for the connection of the gateways, which a busy machine delays.
+const CONNECTING: Duration = Duration::from_secs(60);
+/// Timeout for the first message to the far domain after the time of the demo.
 const TIMEOUT: Duration = Duration::from_secs(10);
 
 /// One of the two domains.
@@ -139,7 +141,7 @@ fn wait_for_peers(runtime: &Runtime, side: &Side) -> Result<(), DemoError> {
         }
     };
     runtime
-        .block_on(async { tokio::time::timeout(TIMEOUT, connected).await })
+        .block_on(async { tokio::time::timeout(CONNECTING, connected).await })
         .map_err(|_| DemoError::Gateway("the gateways did not find each other".to_owned()))
 }
 
@@ -213,7 +215,8 @@ fn measure(
             false => until,
         };
         if remote.is_none() && join_at < until {
-            stopped |= pause(&near.node, stop, join_at)?;
+            // If it ends by `stop`, so does the pause below.
+            pause(&near.node, stop, join_at)?;
             remote = Some(traffic::subscribe(&far.node, Arc::clone(&shared), 1)?);
         }
         stopped |= pause(&near.node, stop, until)?;
