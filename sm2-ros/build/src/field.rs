@@ -80,8 +80,8 @@ pub(crate) fn default(field: &Field) -> Option<TokenStream> {
     };
     let Some(text) = default else {
         return Some(match (ty.shape, &ty.base) {
-            (Shape::Array(len), Base::Primitive(primitive)) => {
-                let zero = value::literal(&ty.base, zero_of(*primitive))?;
+            (Shape::Array(len), Base::Primitive(_)) => {
+                let zero = value::literal(&ty.base, "0")?;
                 let len = Literal::u32_unsuffixed(len);
                 quote!([#zero; #len])
             }
@@ -105,13 +105,6 @@ pub(crate) fn default(field: &Field) -> Option<TokenStream> {
         false => quote!(::std::vec![#(#items),*]),
     };
     fits.then_some(list)
-}
-
-const fn zero_of(primitive: Primitive) -> &'static str {
-    match primitive {
-        Primitive::Bool => "false",
-        _ => "0",
-    }
 }
 
 /// The least number of bytes of a field, as an expression.

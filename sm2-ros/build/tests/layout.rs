@@ -94,6 +94,25 @@ fn types_state_the_least_bytes_of_a_message() {
     }
 }
 
+/// Numbers are written and read all at once, and other elements one by one.
+#[test]
+fn arrays_of_numbers_are_copied_as_a_whole() {
+    let code = squeezed(&code_of("int16[5] a\nbool[2] b\nfloat64[] c\nstring[] d\n").unwrap());
+    // The view is read, too.
+    for (part, count) in [
+        ("writer.numbers(&self.a)", 1),
+        ("writer.each(&self.b,", 1),
+        ("writer.number_sequence(&self.c,", 1),
+        ("writer.sequence(&self.d,", 1),
+        ("reader.number_array()", 2),
+        ("reader.array(|reader|", 2),
+        ("reader.number_sequence(", 1),
+        ("reader.sequence(", 2),
+    ] {
+        assert_eq!(code.matches(part).count(), count, "{part}: {code}");
+    }
+}
+
 /// Sequences of numbers stay in the message; other fields are as in the type.
 #[test]
 fn views_have_sequences_of_numbers_in_place() {
