@@ -374,3 +374,6 @@ fn create(output: Option<&Path>) -> Result<(PathBuf, BagFile), CliError> {
         Err(error) => Err(CliError::file("create", &path, error)),
     }
 }
+
+#[cfg(test)]
+mod tests;

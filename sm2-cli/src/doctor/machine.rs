@@ -24,6 +24,9 @@ const DATAGRAMS: u64 = 10;
 /// The descriptors that every process needs.
 const BASE_FILES: u64 = 64;
 
+/// The name of the check of open files.
+const FILES: &str = "open files";
+
 /// The checks that need no Manager. `nodes` is the number of nodes in the domain if it is known.
 pub(super) fn checks(nodes: Option<u64>) -> Vec<Check> {
     vec![
@@ -74,23 +77,27 @@ pub(super) fn version(release: &str) -> Option<(u32, u32)> {
 /// Checks the limit of open files. A node needs a descriptor for each link and for each segment, and a
 /// Manager needs one for each node.
 fn files(nodes: Option<u64>) -> Check {
-    const CHECK: &str = "open files";
     let (soft, hard) = match getrlimit(Resource::RLIMIT_NOFILE) {
         Ok(limits) => limits,
-        Err(errno) => return Check::warn(CHECK, format!("unknown ({errno})"), "see ulimit -n"),
+        Err(errno) => return Check::warn(FILES, format!("unknown ({errno})"), "see ulimit -n"),
     };
+    files_within(soft, hard, nodes)
+}
+
+/// Checks these limits of open files.
+pub(super) fn files_within(soft: u64, hard: u64, nodes: Option<u64>) -> Check {
     let found = format!("{soft} (at most {hard})");
     // A program that is started from this shell may be linked with every node of the domain.
     let wanted = BASE_FILES + 4 * nodes.unwrap_or(0);
     if hard < wanted {
         let advice = format!("a domain of this size wants {wanted}: raise it in limits.conf");
-        return Check::warn(CHECK, found, advice);
+        return Check::warn(FILES, found, advice);
     }
     if soft < wanted {
         let advice = format!("a domain of this size wants {wanted}: ulimit -n {hard}");
-        return Check::warn(CHECK, found, advice);
+        return Check::warn(FILES, found, advice);
     }
-    Check::ok(CHECK, found)
+    Check::ok(FILES, found)
 }
 
 /// Checks that sealed memfds work. SM2 needs neither `/dev/shm` nor locked memory.

@@ -1,6 +1,7 @@
 use super::*;
 use crate::{
-    doctor::machine::version,
+    doctor::check::Level,
+    doctor::machine::{files_within, version},
     doctor::socket::{is_locked, rule},
 };
 
@@ -10,6 +11,24 @@ fn kernel_releases_are_compared_by_their_numbers() {
     assert_eq!(version("5.10"), Some((5, 10)));
     assert!(version("5.9.1") < version("5.11.0"));
     assert_eq!(version("unknown"), None);
+}
+
+#[test]
+fn a_process_wants_files_for_links_with_every_node() {
+    // 64, and four for each node.
+    let enough = files_within(464, 464, Some(100));
+    assert_eq!(enough.level, Level::Ok);
+    assert_eq!(enough.found, "464 (at most 464)");
+    let soft = files_within(463, 464, Some(100));
+    assert_eq!(soft.level, Level::Warn);
+    let advice = "a domain of this size wants 464: ulimit -n 464";
+    assert_eq!(soft.advice.as_deref(), Some(advice));
+    let hard = files_within(463, 463, Some(100));
+    assert_eq!(hard.level, Level::Warn);
+    let advice = "a domain of this size wants 464: raise it in limits.conf";
+    assert_eq!(hard.advice.as_deref(), Some(advice));
+    assert_eq!(files_within(64, 64, None).level, Level::Ok);
+    assert_eq!(files_within(63, 64, None).level, Level::Warn);
 }
 
 #[test]

@@ -57,7 +57,7 @@ impl History {
             Some(rate) => {
                 let level = rate / largest * (BLOCKS.len() - 1) as f64;
                 // 0 without any message: then the level is not a number.
-                BLOCKS[(level.round() as usize).min(BLOCKS.len() - 1)]
+                BLOCKS[level.round() as usize]
             }
         };
         shown.map(block).collect()

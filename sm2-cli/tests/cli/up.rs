@@ -117,11 +117,13 @@ fn programs_start_when_their_conditions_hold_and_end_in_reverse_order() {
     let ended = ["first", "third", "second", "manager"];
     assert_eq!(programs(&text, "stopping")[1..], ended);
     assert_eq!(programs(&text, "exited"), ended);
+    let events = events(&text);
+    assert!(events.iter().all(|it| it["event"] != "dropped"), "{text}");
     let waits = text_of(&text, "third", "waiting").unwrap();
     assert!(waits.starts_with("waits: "), "{waits}");
     let expected = "'topic:map publishers>=1' is not true: 0 publishers";
     assert!(waits.contains(expected), "{waits}");
-    let keys: Vec<_> = events(&text)
+    let keys: Vec<_> = events
         .iter()
         .map(|it| it.as_object().unwrap().len())
         .collect();
@@ -212,6 +214,14 @@ fn the_policy_decides_about_restarts() {
     assert_eq!(failures, [0, 1, 1, 1], "{text}");
     let restarting = text_of(&text, "bad", "restarting").unwrap();
     assert_eq!(restarting, "starts again in 500 ms (0 further restarts)");
+    // By the times of the events: a busy machine only makes the pause longer.
+    let time = |kind: &str, nth: usize| {
+        let those = events(&text).into_iter();
+        let mut those = those.filter(|it| it["event"] == kind && it["program"] == "bad");
+        those.nth(nth).unwrap()["elapsed_s"].as_f64().unwrap()
+    };
+    let again = time("started", 1) - time("restarting", 0);
+    assert!(again > 0.49, "{again}: {text}");
     let ended = events(&text)
         .into_iter()
         .find(|it| it["event"] == "exited" && it["program"] == "once");

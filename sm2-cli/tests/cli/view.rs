@@ -80,11 +80,16 @@ fn has(sample: &Value, list: &str, field: &str, value: &str) -> bool {
     list.iter().any(|it| it[field] == value)
 }
 
-fn has_event(sample: &Value, kind: &str, node: &str) -> bool {
+fn events(sample: &Value, kind: &str, node: &str) -> usize {
     let events = sample["events"].as_array().unwrap();
-    events
+    let those = events
         .iter()
-        .any(|it| it["kind"] == kind && it["node"] == node)
+        .filter(|it| it["kind"] == kind && it["node"] == node);
+    those.count()
+}
+
+fn has_event(sample: &Value, kind: &str, node: &str) -> bool {
+    events(sample, kind, node) > 0
 }
 
 #[test]
@@ -124,6 +129,19 @@ fn the_page_shows_the_domain_and_follows_it() {
     publisher.signal(Signal::SIGKILL);
     let sample = viewer.await_event("the kill is shown", |it| has_event(it, "left", &name));
     assert!(!has(&sample, "/domain/nodes", "name", &name), "{sample}");
+    // Each node has joined once, and one of them has left.
+    for (kind, node, number) in [
+        ("joined", name.as_str(), 1),
+        ("left", &name, 1),
+        ("joined", "listener", 1),
+        ("left", "listener", 0),
+    ] {
+        assert_eq!(
+            events(&sample, kind, node),
+            number,
+            "{kind} {node}: {sample}"
+        );
+    }
 }
 
 #[test]

@@ -57,6 +57,24 @@ note: null"#;
     assert_eq!(shown(map, &given, &Limits::SCREEN), expected);
 }
 
+/// The name, a colon and a blank take room on the line, too.
+#[test]
+fn a_value_goes_on_the_line_of_its_name_if_both_fit() {
+    let ty = "struct{name:struct{a:u8,b:u8,},other:struct{a:u8,b:u8,},}";
+    let given = json!({ "name": { "a": 1, "b": 2 }, "other": { "a": 3, "b": 4 } });
+    for (width, expected) in [
+        (19, "name: {a: 1, b: 2}\nother: {a: 3, b: 4}"),
+        (18, "name: {a: 1, b: 2}\nother:\n  {a: 3, b: 4}"),
+        (17, "name:\n  {a: 1, b: 2}\nother:\n  {a: 3, b: 4}"),
+    ] {
+        let limits = Limits {
+            width,
+            ..Limits::SCREEN
+        };
+        assert_eq!(shown(ty, &given, &limits), expected, "{width}");
+    }
+}
+
 #[test]
 fn long_lists_and_texts_are_cut_and_counted() {
     let numbers: Vec<u32> = (0..10_000).collect();

@@ -76,6 +76,23 @@ fn the_selection_stays_within_the_rows() {
 }
 
 #[test]
+fn a_page_has_ten_rows() {
+    let mut figures = figures();
+    let row = figures.topics.rows[0].clone();
+    figures.topics.rows = vec![row; 25];
+    let mut state = State::default();
+    let mut after = |code| {
+        state.key(KeyEvent::new(code, KeyModifiers::NONE), &figures);
+        state.selected
+    };
+    let down = [KeyCode::PageDown; 3].map(&mut after);
+    assert_eq!(down, [10, 20, 24]);
+    let up = [KeyCode::PageUp; 3].map(&mut after);
+    assert_eq!(up, [14, 4, 0]);
+    assert_eq!([KeyCode::End, KeyCode::Home].map(after), [24, 0]);
+}
+
+#[test]
 fn q_and_ctrl_c_end_it() {
     assert_eq!(
         press(&mut State::default(), KeyCode::Char('q')),
