@@ -267,3 +267,19 @@ fn target_of(file: &str) -> (&str, &str) {
 pub(crate) fn target(root: &Path) -> PathBuf {
     env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), |it| root.join(it))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_models_are_three_programs_of_one_profile() {
+        let programs = programs(Engine::Model).unwrap();
+        let names = ["model", "link-model", "lockstep-model"];
+        assert_eq!(programs.len(), names.len());
+        for (program, name) in programs.iter().zip(names) {
+            let end = format!(" -p sm2-verification --profile model --bin {name} --");
+            assert!(program.ends_with(&end), "{program}");
+        }
+    }
+}
