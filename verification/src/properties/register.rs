@@ -83,14 +83,14 @@ impl Register {
             checks: Vec::new(),
         };
         for row in properties {
-            let line = row.line + 1;
+            let line = row.number();
             match property(row) {
                 Ok(property) => read.properties.push(property),
                 Err(kind) => gaps.push(Gap::at(line, kind)),
             }
         }
         for row in checks {
-            let line = row.line + 1;
+            let line = row.number();
             match check(row, &sets) {
                 Ok(check) => read.checks.push(check),
                 Err(kind) => gaps.push(Gap::at(line, kind)),
@@ -208,7 +208,7 @@ fn property(row: Row) -> Result<Property, GapKind> {
         clauses: words(row.cell(PROPERTIES[2]))
             .map(clause)
             .collect::<Result<_, _>>()?,
-        line: row.line + 1,
+        line: row.number(),
     })
 }
 
@@ -236,7 +236,7 @@ fn check(row: Row, sets: &BTreeMap<String, String>) -> Result<Check, GapKind> {
             _ => return Err(GapKind::Run(run)),
         },
         strength,
-        line: Some(row.line + 1),
+        line: Some(row.number()),
     })
 }
 
