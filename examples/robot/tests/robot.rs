@@ -59,7 +59,7 @@ fn start(folder: &Path, socket: &Path) -> Up {
     Up(command.spawn().unwrap())
 }
 
-/// Waits for the first message for which `is_it` is true.
+/// Waits for the first message that makes `is_it` true.
 fn await_speed(speeds: &Subscriber<f64>, is_it: impl Fn(f64) -> bool) {
     loop {
         let speed = speeds.recv_timeout(SOON).unwrap().expect("a speed");

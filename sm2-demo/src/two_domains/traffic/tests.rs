@@ -2,7 +2,7 @@ use sm2_manager::Background;
 
 use super::*;
 
-/// A message of which nothing is known may be old: its bytes are intact, too.
+/// An unknown message may be old: its bytes are intact, too.
 #[test]
 fn a_message_is_damaged_if_its_bytes_are_or_if_it_was_never_sent() {
     let folder = tempfile::tempdir().unwrap();
