@@ -344,7 +344,7 @@ impl Machine for Link {
         output
     }
 
-    /// The time of the next [`tick`](Link::tick); `None` unless a receiver demands a deadline or a lease, or
+    /// The time of the next [tick](super::Input::Tick); `None` unless a receiver demands a deadline or a lease, or
     /// ALIVE is held back.
     fn deadline(&self) -> Option<Instant> {
         self.next_tick()
