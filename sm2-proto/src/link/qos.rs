@@ -44,8 +44,8 @@ impl Link {
         due.filter(|_| self.state.is_ok())
     }
 
-    /// How the publisher at the other end keeps its deadline and its lease, as far as the last [tick](super::Input::Tick) and
-    /// the last ALIVE tell. Watches nothing for all roles but a receiver.
+    /// How the publisher at the other end keeps its deadline and its lease, as far as the last
+    /// [tick](super::Input::Tick) and the last ALIVE tell. Watches nothing for all roles but a receiver.
     #[must_use]
     #[inline]
     pub const fn watch(&self) -> &QosWatch {
