@@ -9,6 +9,7 @@ mod common;
 mod consumers;
 mod decoded;
 mod demo;
+mod demo_part;
 mod doctor;
 mod examples;
 mod flood;
