@@ -239,3 +239,6 @@ impl Director<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;
