@@ -163,11 +163,10 @@ impl World {
             actions.push(Action::Takes(at));
         }
         actions.extend(flow.held().map(|it| Action::GivesBack(at, it)));
-        if end.is_connected() && scope.config(usize::from(at)).role == Role::Server {
-            for &call in &end.taken {
-                let forms = scope.forms.iter().filter(|it| self.has(scope, 1, **it));
-                actions.extend(forms.map(|form| Action::Replies(call, *form)));
-            }
+        // Only a server with an open link has such calls.
+        for &call in &end.taken {
+            let forms = scope.forms.iter().filter(|it| self.has(scope, 1, **it));
+            actions.extend(forms.map(|form| Action::Replies(call, *form)));
         }
     }
 
