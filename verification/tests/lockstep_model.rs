@@ -17,6 +17,20 @@ fn nothing_breaks_in_any_scope() {
     }
 }
 
+/// The inputs are at 3, 6 and 9, and the ticks at 5, 7 and 9: the last ones share a step.
+#[test]
+fn a_tick_at_the_time_of_an_input_has_no_step_of_its_own() {
+    let timer = LockstepScope::named("lockstep-timer").expect("a scope");
+    let scope = LockstepScope {
+        members: 2,
+        inputs: 3,
+        ..timer
+    };
+    let report = explore(&scope, usize::MAX);
+    assert!(report.failure.is_none(), "{:?}", report.failure);
+    assert_eq!(report.quiet, 1, "{report}");
+}
+
 #[test]
 fn each_scope_is_counted() {
     let counted: Vec<_> = COUNTS.scopes().collect();
