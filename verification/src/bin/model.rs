@@ -131,3 +131,28 @@ fn compare(out: &mut impl io::Write, scope: &Scope) -> io::Result<bool> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use sm2_verification::model::domain::Fault;
+
+    use super::*;
+
+    /// The exit status of a search, as text: it cannot be compared.
+    fn status(scopes: &[&Scope]) -> String {
+        let scopes = scopes.iter().copied().cloned().collect();
+        format!("{:?}", run(Asked::Search(scopes)).unwrap())
+    }
+
+    #[test]
+    fn a_failure_in_any_scope_makes_the_status_1() {
+        let sound = Scope::named("cold-2x2").unwrap();
+        let broken = Scope {
+            fault: Some(Fault::LinkTwice),
+            ..sound.clone()
+        };
+        let [held, failed] = [0, 1].map(|it| format!("{:?}", ExitCode::from(it)));
+        assert_eq!(status(&[&sound]), held);
+        assert_eq!(status(&[&broken, &sound]), failed);
+    }
+}
