@@ -272,3 +272,41 @@ impl<S: System> Search<'_, S> {
         Counterexample { failure, steps }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The numbers up to this one.
+    struct Count(usize);
+
+    impl System for Count {
+        type Moment = usize;
+        type Action = u8;
+
+        fn first(&self) -> Result<usize, Failure> {
+            Ok(0)
+        }
+
+        fn actions(&self, moment: &usize) -> Vec<u8> {
+            vec![1; usize::from(*moment < self.0)]
+        }
+
+        fn check(&self, _: &usize, actions: &[u8]) -> Result<bool, Failure> {
+            Ok(actions.is_empty())
+        }
+
+        fn step(&self, moment: &usize, action: u8) -> Result<usize, Failure> {
+            Ok(moment + usize::from(action))
+        }
+    }
+
+    #[test]
+    fn progress_is_told_at_most_once_in_its_interval() {
+        let end = 4 * LOOKED_EVERY;
+        let mut told = 0;
+        let report = explore_telling(&Count(end), usize::MAX, |_| told += 1);
+        assert_eq!((report.states, report.depth), (end + 1, end));
+        assert!(TOLD_EVERY * told <= report.time, "told {told} times");
+    }
+}
