@@ -282,4 +282,20 @@ mod tests {
             assert!(program.ends_with(&end), "{program}");
         }
     }
+
+    #[test]
+    fn a_row_has_the_passed_tests_of_its_file_or_one_of_them() {
+        let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+        let text = "
+     Running tests/main.rs (target/debug/deps/verification-1)
+test model::one ... ok
+test model::two ... ok
+test walk::one ... ok
+";
+        let tested = Tested(text.to_owned());
+        let passed = |name| passed(Some(&tested), root, name).unwrap();
+        assert_eq!(passed("verification/tests/model.rs"), Some(2));
+        assert_eq!(passed("verification/tests/model.rs::two"), Some(1));
+        assert_eq!(passed("verification/tests/model.rs::three"), None);
+    }
 }

@@ -8,7 +8,7 @@ use std::io;
 const TESTED: &str = "SM2_TESTED";
 
 /// The output of `cargo test --workspace`.
-pub(crate) struct Tested(String);
+pub(crate) struct Tested(pub(crate) String);
 
 impl Tested {
     /// Reads the output that the caller names; `None` if it names none.
