@@ -122,3 +122,34 @@ pub(crate) fn lines(path: &Path) -> usize {
     let count = |text: String| text.lines().count();
     fs::read_to_string(path).map_or(0, count)
 }
+
+#[cfg(test)]
+mod tests {
+    use sm2_test_support::SOON;
+
+    use super::*;
+
+    /// A machine that stops for seconds can use up the time of the program, so there are several attempts.
+    #[test]
+    fn an_interrupted_program_has_time_to_clean_up() {
+        let script = "trap 'sleep 0.2; touch cleaned; exit' TERM
+            touch started
+            while :; do sleep 0.01; done";
+        let words = ["sh", "-c", script].map(OsString::from);
+        let cleans_up = || {
+            let folder = tempfile::tempdir().unwrap();
+            let [started, cleaned, log] =
+                ["started", "cleaned", "log"].map(|it| folder.path().join(it));
+            let stop = Interrupts(Arc::default());
+            let start = Instant::now();
+            let interrupt = || {
+                assert!(start.elapsed() < SOON, "the program does not start");
+                stop.0.store(started.exists(), Ordering::Relaxed);
+            };
+            let ended = run(&words, &[], folder.path(), &log, &stop, interrupt);
+            assert_eq!(ended.unwrap(), Ended::Interrupted);
+            cleaned.exists()
+        };
+        assert!((0..5).any(|_| cleans_up()));
+    }
+}
