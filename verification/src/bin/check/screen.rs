@@ -73,3 +73,28 @@ impl Screen {
         let _ = out.flush();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn progress_is_shown_when_the_interval_is_over() {
+        let now = Instant::now();
+        for (shown, is_due) in [(now + 2 * IN_A_LOG, false), (now - IN_A_LOG, true)] {
+            let mut screen = Screen {
+                name: "test".to_owned(),
+                terminal: false,
+                start: now,
+                shown,
+            };
+            let mut asked = false;
+            screen.progress(|| {
+                asked = true;
+                3
+            });
+            assert_eq!(asked, is_due);
+            assert_eq!(screen.shown != shown, is_due);
+        }
+    }
+}
