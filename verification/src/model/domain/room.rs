@@ -57,3 +57,28 @@ impl World {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use sm2_proto::InterfaceId;
+
+    use super::*;
+
+    /// Only the first node states a room, which is one link.
+    #[test]
+    fn a_link_waits_only_for_a_full_node() {
+        let scope = Scope::named("room-3x1").unwrap();
+        let full = World::new(&scope).unwrap();
+        assert_eq!(full.programs[0].links.len(), 1);
+        let mut empty = full.clone();
+        empty.program(0).links.clear();
+        let property = |world: &World, ends: [u8; 2]| {
+            let pair = ends.map(|at| (at, 0, InterfaceId(1)));
+            let checked = world.check_waiting(&scope, &BTreeSet::from([pair]));
+            checked.err().map(|it| it.property)
+        };
+        assert_eq!(property(&full, [0, 2]), None);
+        assert_eq!(property(&full, [1, 2]), Some(Property::WithinRoom));
+        assert_eq!(property(&empty, [0, 2]), Some(Property::WithinRoom));
+    }
+}
