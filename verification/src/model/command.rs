@@ -88,3 +88,81 @@ fn search<S: Scope>(program: &str, about: &str) -> io::Result<ExitCode> {
     }
     Ok(ExitCode::from(u8::from(!held)))
 }
+
+#[cfg(test)]
+mod tests {
+    use std::process::Command;
+
+    use super::super::{Failure, Property, fail};
+    use super::*;
+
+    /// The names of scopes are those of tests, too: a search reads the command line of its process, whose words select
+    /// the tests here.
+    const SOUND: &str = "a_failure_in_any_scope";
+    const BROKEN: &str = "a_failure_in_any_scope_makes_the_status_1";
+
+    /// One moment, which is sound or not.
+    struct Moment(&'static str);
+
+    impl System for Moment {
+        type Moment = ();
+        type Action = u8;
+
+        fn first(&self) -> Result<(), Failure> {
+            Ok(())
+        }
+
+        fn actions(&self, (): &()) -> Vec<u8> {
+            Vec::new()
+        }
+
+        fn check(&self, (): &(), _: &[u8]) -> Result<bool, Failure> {
+            match self.0 {
+                SOUND => Ok(true),
+                _ => fail(Property::Invariants, "broken".to_owned()),
+            }
+        }
+
+        fn step(&self, (): &(), action: u8) -> Result<(), Failure> {
+            unreachable!("{action}")
+        }
+    }
+
+    impl Scope for Moment {
+        const COUNTS: Golden = Golden {
+            file: "this file",
+            text: "a_failure_in_any_scope 1 0 0 1",
+        };
+
+        fn all() -> Vec<Self> {
+            vec![Self(BROKEN), Self(SOUND)]
+        }
+
+        fn name(&self) -> &'static str {
+            self.0
+        }
+
+        fn is_quick(&self) -> bool {
+            true
+        }
+    }
+
+    #[test]
+    fn a_failure_in_any_scope_makes_the_status_1() {
+        let words: Vec<_> = env::args().skip(1).collect();
+        if words.iter().any(|it| it == SOUND) {
+            let expected = ExitCode::from(u8::from(words.len() > 1));
+            let status = run::<Moment>("program", "Searches");
+            assert_eq!(format!("{status:?}"), format!("{expected:?}"));
+            return;
+        }
+        for words in [&[SOUND][..], &[SOUND, BROKEN]] {
+            let mut command = Command::new(env::current_exe().unwrap());
+            command.args(words).env_remove("SM2_VERIFICATION_RESULTS");
+            let output = command.output().unwrap();
+            assert!(output.status.success(), "{words:?}: {output:?}");
+            let said = String::from_utf8_lossy(&output.stdout);
+            assert!(said.contains(". 1 passed"), "{words:?}: {said}");
+        }
+    }
+}
