@@ -83,7 +83,7 @@ mod tests {
         let now = Instant::now();
         for (shown, is_due) in [(now + 2 * IN_A_LOG, false), (now - IN_A_LOG, true)] {
             let mut screen = Screen {
-                name: "test".to_owned(),
+                name: "[ 1/1] model".to_owned(),
                 terminal: false,
                 start: now,
                 shown,
