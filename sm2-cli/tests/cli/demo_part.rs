@@ -16,7 +16,7 @@ use crate::common::{Domain, Running, SOON, until};
 const TOPIC: &str = "demo";
 const DEPTH: u16 = 8;
 const LEN_BYTES: usize = 64;
-/// The publisher waits for its subscribers so long.
+/// The longest time that a publisher waits for the release of its messages.
 const RELEASE_TIMEOUT: Duration = Duration::from_secs(5);
 
 struct Part {
@@ -79,10 +79,10 @@ fn subscriber(node: &Node) -> Subscriber<[u8]> {
 /// A machine that stops for seconds can use up the timeout, so there are several attempts.
 #[test]
 fn a_publisher_is_done_when_its_messages_are_released() {
-    let domain = Domain::new();
-    let node = domain.node("peer");
-    let subscriber = subscriber(&node);
     let is_done_at_once = || {
+        let domain = Domain::new();
+        let node = domain.node("peer");
+        let subscriber = subscriber(&node);
         let publisher = Part::publisher(&domain, 1, Duration::from_millis(1));
         let start = Instant::now();
         let sample = subscriber.recv_timeout(SOON).unwrap().expect("a message");
