@@ -10,7 +10,8 @@ use sm2_io::Preallocated;
 use sm2_proto::{Instant, WaitBudget, WaitGrant};
 
 #[cfg(feature = "tokio")]
-use crate::driver::{Context, DeclaredInterface, Drive, Forms, Offered};
+use crate::driver::{Context, DeclaredInterface};
+use crate::driver::{Drive, Forms, Offered};
 use crate::handle::{Handle, until};
 use crate::outgoing::Outgoing;
 use crate::published::Published;
