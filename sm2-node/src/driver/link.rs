@@ -306,18 +306,15 @@ impl LinkDriver {
     pub(super) fn watch_in_background(&mut self, sets: &LinkSets) {
         let awaits_packets = self.awaits_packets();
         if let Some(wire) = &mut self.wire {
-            let wanted = wire.wanted_in_background(awaits_packets);
-            wire.watch_in_background(wanted, sets);
+            wire.watch_in_background(awaits_packets, sets);
         }
     }
 
-    /// Called when the background thread has handled an event. Stops waking it for packets if no message waits for
-    /// them.
+    /// Called when the background thread has handled an event.
     pub(super) fn after_background_event(&mut self, sets: &LinkSets) {
         let awaits_packets = self.awaits_packets();
         if let Some(wire) = &mut self.wire {
-            let wanted = wire.wanted_in_background(awaits_packets);
-            wire.set_background(wanted, sets);
+            wire.after_background_event(awaits_packets, sets);
         }
     }
 

@@ -78,10 +78,9 @@ impl Outbox {
         if let Some(lease) = &mut forms.pooled {
             write_head(lease, label, Status::Ok);
         }
+        self.pool.add_outside(forms.bytes_outside(label.len));
         let (key, place) = self.messages.insert(label);
         *place = forms;
-        let outside = (self.messages.get(key)).map_or(0, StoredMessage::bytes_outside);
-        self.pool.add_outside(outside);
         key
     }
 

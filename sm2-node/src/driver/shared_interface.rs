@@ -147,12 +147,11 @@ impl SharedInterface {
     pub(crate) fn enter_at(&self, now: Instant, drive: Drive) -> LockedInterface<'_> {
         let mut locked = self.lock();
         let driver = DerefMut::deref_mut(&mut locked);
-        driver.now = now;
-        driver.is_driven = driver.needs(drive, now);
-        match driver.is_driven {
-            false => locked,
-            true => self.drive_and_lock(locked, now),
+        if driver.needs(drive, now) {
+            return self.drive_and_lock(locked, now);
         }
+        (driver.now, driver.is_driven) = (now, false);
+        locked
     }
 
     /// Drives the control side, if calls have to, and the links.

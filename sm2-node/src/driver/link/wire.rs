@@ -118,7 +118,7 @@ impl Wire {
 
     /// The events that nothing but the background thread may be there to handle. `awaits_packets`: the link is opening,
     /// or messages wait for packets of the other side.
-    pub(super) const fn wanted_in_background(&self, awaits_packets: bool) -> BackgroundInterest {
+    const fn wanted_in_background(&self, awaits_packets: bool) -> BackgroundInterest {
         if self.unsent.is_some() || self.is_bell_due {
             BackgroundInterest::Room
         } else if awaits_packets {
@@ -136,9 +136,10 @@ impl Wire {
 
     /// Wakes the background thread for the events that it has to handle from now on. A system call for each change
     /// would cost more than a few needless wake-ups. Packets therefore wake the thread until it handles one, or until
-    /// calls have read [`NEEDLESS_WATCHES_MAX`] of them before it.
+    /// calls have read [`NEEDLESS_WATCHES_MAX`] of them before it. `awaits_packets`: as for the events.
     #[inline]
-    pub(super) fn watch_in_background(&mut self, wanted: BackgroundInterest, sets: &LinkSets) {
+    pub(super) fn watch_in_background(&mut self, awaits_packets: bool, sets: &LinkSets) {
+        let wanted = self.wanted_in_background(awaits_packets);
         if wanted != BackgroundInterest::End || self.in_background == BackgroundInterest::Room {
             self.set_background(wanted, sets);
         } else if self.in_background == BackgroundInterest::Packets {
@@ -149,8 +150,14 @@ impl Wire {
         }
     }
 
+    /// Called when the background thread has handled an event. Stops waking it for packets if no message waits for
+    /// them.
+    pub(super) fn after_background_event(&mut self, awaits_packets: bool, sets: &LinkSets) {
+        self.set_background(self.wanted_in_background(awaits_packets), sets);
+    }
+
     /// Wakes the background thread for these events alone.
-    pub(super) fn set_background(&mut self, wanted: BackgroundInterest, sets: &LinkSets) {
+    fn set_background(&mut self, wanted: BackgroundInterest, sets: &LinkSets) {
         self.needless_watches = 0;
         if wanted == self.in_background {
             return;

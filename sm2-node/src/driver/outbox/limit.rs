@@ -9,7 +9,7 @@
 //! decision set, so a message costs one comparison.
 
 use super::Outbox;
-use super::message::StoredMessage;
+use super::message::{Forms, StoredMessage};
 use super::message_key::MessageKey;
 
 /// The memory that active links can use: what the limit leaves beside the messages that suspended links and the
@@ -111,16 +111,18 @@ impl Outbox {
     }
 }
 
+impl Forms {
+    /// The memory of a message of `len` bytes outside of segments.
+    pub(super) fn bytes_outside(&self, len: u64) -> u64 {
+        let inline = self.inline.as_ref().map_or(0, |it| it.len() as u64);
+        inline + if self.sealed.is_some() { len } else { 0 }
+    }
+}
+
 impl StoredMessage {
     /// The memory of the message outside of segments.
     pub(super) fn bytes_outside(&self) -> u64 {
-        let inline = self.forms.inline.as_ref().map_or(0, |it| it.len() as u64);
-        inline
-            + if self.forms.sealed.is_some() {
-                self.label.len
-            } else {
-                0
-            }
+        self.forms.bytes_outside(self.label.len)
     }
 
     /// The memory of the message.
