@@ -60,6 +60,13 @@ struct Hoard {
 }
 
 impl Hoard {
+    fn new(domain: &Domain, form: Form, name: &str) -> Self {
+        Self {
+            subscriber: subscriber(domain, form, name),
+            samples: Vec::new(),
+        }
+    }
+
     fn take(&mut self, seed: u64) {
         if let Some(sample) = self.subscriber.recv_timeout(Duration::ZERO).unwrap() {
             self.samples.push((seed, sample));
@@ -84,10 +91,7 @@ struct Scene {
 impl Scene {
     fn new(domain: &Domain, form: Form) -> Self {
         let publisher = builder(domain, form).pool_limit(LIMIT).declare().unwrap();
-        let [first, second] = ["first", "second"].map(|name| Hoard {
-            subscriber: subscriber(domain, form, name),
-            samples: Vec::new(),
-        });
+        let [first, second] = ["first", "second"].map(|name| Hoard::new(domain, form, name));
         let reader = subscriber(domain, form, "reader");
         meet(
             &publisher,
@@ -227,12 +231,11 @@ fn a_reliable_subscriber_that_never_releases_is_waited_for_once() {
 fn subscribers_that_hold_all_memory_cause_no_error() {
     for form in FORMS {
         let domain = Domain::new();
-        let builder = builder(&domain, form);
-        let publisher = builder.pool_limit(1 << 20).declare().unwrap();
-        let mut hoard = Hoard {
-            subscriber: subscriber(&domain, form, "first"),
-            samples: Vec::new(),
-        };
+        let publisher = builder(&domain, form)
+            .pool_limit(1 << 20)
+            .declare()
+            .unwrap();
+        let mut hoard = Hoard::new(&domain, form, "first");
         meet(&publisher, &[&hoard.subscriber]);
         for seed in 0..10 {
             publisher.publish(&pattern(LEN, seed)).unwrap();
@@ -265,12 +268,11 @@ fn subscribers_that_hold_all_memory_cause_no_error() {
 fn a_message_without_memory_is_lost_on_every_link() {
     for form in FORMS {
         let domain = Domain::new();
-        let builder = builder(&domain, form);
-        let publisher = builder.pool_limit(1 << 20).declare().unwrap();
-        let mut hoard = Hoard {
-            subscriber: subscriber(&domain, form, "first"),
-            samples: Vec::new(),
-        };
+        let publisher = builder(&domain, form)
+            .pool_limit(1 << 20)
+            .declare()
+            .unwrap();
+        let mut hoard = Hoard::new(&domain, form, "first");
         let reader = subscriber(&domain, form, "reader");
         meet(&publisher, &[&hoard.subscriber, &reader]);
         for seed in 0..10 {
