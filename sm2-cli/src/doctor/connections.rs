@@ -28,12 +28,14 @@ pub(super) fn unlinked(view: &View<'_>) -> Check {
         view.title(first.one.entity),
         view.title(first.other.entity)
     );
-    let texts = found.iter().map(ToString::to_string);
-    let firsts = texts.map(|it| it.lines().next().unwrap_or_default().to_owned());
-    let firsts: Vec<_> = firsts
-        .map(|it| it.trim_end_matches('.').to_owned())
-        .collect();
-    Check::warn(CHECK, firsts.join("; "), advice)
+    // The first line of a verdict says what is wrong.
+    let reason = |it: &Verdict| {
+        let text = it.to_string();
+        let first = text.lines().next().unwrap_or_default();
+        first.trim_end_matches('.').to_owned()
+    };
+    let reasons: Vec<_> = found.iter().map(reason).collect();
+    Check::warn(CHECK, reasons.join("; "), advice)
 }
 
 /// Why a subscriber is not linked with the publisher that may be meant.
