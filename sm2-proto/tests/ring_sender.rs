@@ -264,6 +264,26 @@ fn a_batch_rings_the_bell_once() {
     assert_eq!(rig.words.back()[2], word(0, 3, 3), "all the same");
 }
 
+/// A sender with few unreleased messages knows that the next word is free, and leaves it to the receiver's core.
+//= SM2-RNG-005 test
+#[test]
+fn a_sender_with_few_unreleased_messages_does_not_look_for_room() {
+    let mut rig = Rig::open(true, 2, 1);
+    let _ = rig.send(1, 1).unwrap();
+    rig.words.take_accesses();
+    assert!(rig.room());
+    assert_eq!(rig.words.take_accesses(), 0, "one of two words is used");
+    let _ = rig.send(2, 2).unwrap();
+    rig.taken();
+    rig.words.take_accesses();
+    assert!(rig.room());
+    assert_eq!(
+        rig.words.take_accesses(),
+        1,
+        "it reads that word 0 was taken"
+    );
+}
+
 /// Taking a message never wakes a best-effort sender, which displaces messages instead of waiting
 /// for room.
 //= SM2-RNG-012 test

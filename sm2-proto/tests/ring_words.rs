@@ -223,6 +223,16 @@ fn words_that_a_sender_refuses_in_its_place() {
     }
 }
 
+/// A reliable sender with few unreleased messages puts a word without a look at its index, and finds what is there.
+//= SM2-RNG-005 test
+#[test]
+fn a_reliable_sender_finds_a_word_that_the_receiver_put() {
+    let mut rig = Rig::open(true, 2, 1);
+    rig.words.write(At::Forward(1), word(0, 1, 1));
+    let ended = Error::Ended(end(violation!(BadWord, "SM2-RNG-005")));
+    assert_eq!(rig.send(1, 1), Err(ended));
+}
+
 /// On a reliable link, an index that was read as 0 must stay empty.
 //= SM2-RNG-005 test
 #[test]

@@ -221,9 +221,13 @@ impl RingSender {
     }
 
     /// Whether one more message could be sent without displacing another and without being refused.
+    #[inline]
     pub(in crate::link) fn has_room(&self, words: &impl RingMemory) -> bool {
-        let at = self.layout.forward(self.sequence + 1);
-        self.unreleased < self.layout.window() && words.load(at) == EMPTY
+        // A receiver takes messages in order, before it gives them back. So if fewer are unreleased than the ring has
+        // words, it has taken the one in the next word, and the line of that word, which it writes, stays with it.
+        self.unreleased < u32::from(self.layout.depth())
+            || self.unreleased < self.layout.window()
+                && words.load(self.layout.forward(self.sequence + 1)) == EMPTY
     }
 
     /// Puts a message into the ring. Returns whether the receiver has to be woken.
