@@ -40,7 +40,7 @@ impl DeclaredInterface {
             let Outgoing::Encoded(bytes) = message else {
                 break;
             };
-            if bytes.len() > COPY_UNDER_LOCK_MAX || !self.is_road_open(bytes.len() as u64) {
+            if bytes.len() > COPY_UNDER_LOCK_MAX || !self.opens_road(bytes.len() as u64, context) {
                 break;
             }
             let Some(published) = self.publish_on_road(bytes, time, context) else {
@@ -50,6 +50,15 @@ impl DeclaredInterface {
             count += 1;
         }
         count
+    }
+
+    /// Whether the road is open, if need be after the messages that came back were settled.
+    #[inline]
+    fn opens_road(&mut self, len: u64, context: &mut Context<'_>) -> bool {
+        self.is_road_open(len) || {
+            self.harvest(context);
+            self.is_road_open(len)
+        }
     }
 
     /// Whether links are open, all of them have rings, and none delays a publication. If a link is opening, the other
