@@ -21,6 +21,7 @@
 //! | [`latch`] | [`Latch`]: a signal that stays set |
 //! | [`timer`] | [`Timer`]: waking a loop at a given time |
 //! | [`clock`] | [`now`](clock::now) |
+//! | `prefetch` | memory that is about to be read or written |
 //! | `quic` | QUIC between gateways (feature `quic`) |
 //! | `syscall` | the seam: all system calls of this crate |
 //! | `fault` | system calls that fail on request, for tests (feature `fault-injection`) |
@@ -42,7 +43,8 @@
 //!   (Control messages are built and parsed in safe code.)
 //! - `runtime`: registering a descriptor with tokio.
 //! - `mapping::region`: owning a range of addresses, and atomic words over it.
-//! - `mapping::read_only`: slices over sealed files, copies from pooled ones, prefetching.
+//! - `mapping::read_only`: slices over sealed files, and copies from pooled ones.
+//! - `prefetch`: hints for the processor.
 //! - `mapping::scratch`: slices over private memory.
 //! - `memfd::loan`: slices over a memfd that no other process has.
 //! - `memfd::segment`: slots, whose exclusive use the caller promises.
@@ -67,6 +69,7 @@ mod listener;
 mod log_level;
 pub mod mapping;
 pub mod memfd;
+mod prefetch;
 mod process;
 #[cfg(feature = "quic")]
 pub mod quic;

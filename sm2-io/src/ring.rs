@@ -14,6 +14,7 @@ use sm2_proto::link::{At, RingLayout, RingMemory};
 use crate::mapping::writable::MappingMut;
 use crate::memfd::RingFile;
 use crate::memfd::file::{add_seals, create};
+use crate::prefetch::prefetch_to_write;
 use crate::sync::AtomicU64;
 
 /// One side's mapping of a ring.
@@ -87,5 +88,10 @@ impl RingMemory for Ring {
     #[inline]
     fn fence(&self) {
         atomic::order();
+    }
+
+    #[inline]
+    fn prefetch(&self, at: At) {
+        prefetch_to_write(std::ptr::from_ref(self.word(at)).cast());
     }
 }

@@ -93,6 +93,12 @@ impl Slot {
         }
     }
 
+    /// Prefetches the first and the last cache line, which are about to be written: a receiver read them last.
+    #[inline]
+    pub fn prefetch_to_write(&self) {
+        self.segment.prefetch_to_write(self.index);
+    }
+
     /// The first `len` bytes.
     ///
     /// # Panics

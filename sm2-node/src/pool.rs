@@ -156,14 +156,19 @@ impl<M> Pool<M> {
         self.idle = idle;
     }
 
-    /// Takes a free slot for `len` bytes and a head.
-    pub(crate) fn take(&mut self, len: u64) -> Option<Lease<M>> {
+    /// Takes a free slot for `len` bytes and a head. Passes the one that the next call takes, if it is known, to
+    /// `announce`.
+    #[inline]
+    pub(crate) fn take(&mut self, len: u64, announce: impl FnOnce(&M)) -> Option<Lease<M>> {
         let stride = stride_for(len);
         let fits = |it: &PoolSegment<M>| it.geometry.stride <= 2 * stride || it.geometry.reserved;
         let mut larger = (self.segments.iter_mut()).skip_while(|it| it.geometry.stride < stride);
         let segment = larger.find(|it| fits(it) && !it.free.is_empty())?;
         segment.touched = true;
         let lease = segment.free.pop()?;
+        if let Some(next) = segment.free.last() {
+            announce(&next.memory);
+        }
         self.used += lease.segment.stride;
         self.check_invariants();
         Some(lease)

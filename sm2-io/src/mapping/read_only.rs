@@ -7,6 +7,7 @@ use std::ptr::NonNull;
 
 use crate::mapping::region::Region;
 use crate::memfd::verify::{PooledFile, SealedFile};
+use crate::prefetch::prefetch_to_read;
 use crate::sync::{AtomicU64, Ordering, compiler_fence};
 use crate::syscall::files::{self, Whence};
 use crate::syscall::memory::{MapFlags, ProtFlags};
@@ -163,19 +164,10 @@ impl PooledMapping {
         true
     }
 
-    /// Prefetches the cache line at `start`, which is about to be read. Does nothing on processors other than x86-64,
-    /// because Rust has no stable prefetch for them.
+    /// Prefetches the cache line at `start`, which is about to be read.
     #[inline]
     pub fn prefetch(&self, start: u64) {
-        let line = self.region.as_ptr().wrapping_add(start as usize);
-        #[cfg(target_arch = "x86_64")]
-        {
-            use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-            // SAFETY: a prefetch reads and changes nothing, and cannot fault, wherever `line` is.
-            unsafe { _mm_prefetch::<_MM_HINT_T0>(line.cast()) };
-        }
-        #[cfg(not(target_arch = "x86_64"))]
-        let _ = line;
+        prefetch_to_read(self.region.as_ptr().wrapping_add(start as usize));
     }
 
     /// The whole aligned words, which another process may be changing. Only for relaxed loads: Rust

@@ -9,6 +9,7 @@ use sm2_proto::Seals;
 use super::file::{add_seals, allocate, create};
 use crate::huge::{HUGE_LEAST_BYTES, HUGE_PAGE_BYTES, huge_pages_allowed};
 use crate::mapping::writable::MappingMut;
+use crate::prefetch::prefetch_to_write;
 
 /// A memfd of equal slots that only this value can write to.
 ///
@@ -194,6 +195,18 @@ impl Segment {
         self.check_len(len);
         // SAFETY: as in `slot_mut`; the caller promises that nothing writes the bytes.
         unsafe { std::slice::from_raw_parts(self.slot_ptr(index), len) }
+    }
+
+    /// Prefetches the first and the last cache line of slot `index`, which are about to be written.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such slot.
+    #[inline]
+    pub(crate) fn prefetch_to_write(&self, index: u32) {
+        let slot = self.slot_ptr(index);
+        prefetch_to_write(slot);
+        prefetch_to_write(slot.wrapping_add(self.stride).wrapping_sub(1));
     }
 
     #[inline]

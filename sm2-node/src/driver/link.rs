@@ -287,6 +287,12 @@ impl LinkDriver {
         Some((Arc::clone(self.mapped.incoming.as_ref()?), word))
     }
 
+    /// Prefetches the next message, if this link receives through a ring.
+    #[inline]
+    pub(super) fn prefetch(&self) {
+        self.machine.prefetch(&self.mapped);
+    }
+
     /// Announces that a thread is about to sleep until this link has an event.
     //= SM2-RNG-012
     pub(super) fn park(&self) {

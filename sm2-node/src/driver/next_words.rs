@@ -38,7 +38,8 @@ impl NextWords {
         let looks = if self.0[0].is_some() { LOOKS } else { pauses };
         for _ in 0..looks {
             let mut words = self.0.iter().flatten();
-            if words.any(|(ring, at)| ring.load(*at) != EMPTY) {
+            if let Some((ring, at)) = words.find(|(ring, at)| ring.load(*at) != EMPTY) {
+                ring.prefetch(*at);
                 return true;
             }
             hint::spin_loop();

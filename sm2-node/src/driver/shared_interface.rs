@@ -145,7 +145,27 @@ impl SharedInterface {
     /// The same as [`enter`](Self::enter), for a call that began at `now`.
     #[inline]
     pub(crate) fn enter_at(&self, now: Instant, drive: Drive) -> LockedInterface<'_> {
-        let mut locked = self.lock();
+        self.begin(self.lock(), now, drive)
+    }
+
+    /// Locks the interface, reads the clock while the next messages are on their way from the cores of their senders,
+    /// and reads sockets as [`Drive::IfDue`] says. Returns the time as well.
+    #[inline]
+    pub(super) fn enter_prefetched(&self) -> (LockedInterface<'_>, Instant) {
+        let locked = self.lock();
+        locked.interface.links().for_each(LinkDriver::prefetch);
+        let now = sm2_io::clock::now();
+        (self.begin(locked, now, Drive::IfDue), now)
+    }
+
+    /// Begins a call, for [`enter`](Self::enter).
+    #[inline]
+    fn begin<'a>(
+        &'a self,
+        mut locked: LockedInterface<'a>,
+        now: Instant,
+        drive: Drive,
+    ) -> LockedInterface<'a> {
         let driver = DerefMut::deref_mut(&mut locked);
         if driver.needs(drive, now) {
             return self.drive_and_lock(locked, now);

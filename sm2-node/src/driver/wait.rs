@@ -196,8 +196,8 @@ impl SharedInterface {
             Wait::SpinThenPark(time) => now.after(time),
             Wait::Spin => Instant(u64::MAX),
         };
+        let mut locked = self.enter_at(now, Drive::IfDue);
         loop {
-            let mut locked = self.enter_at(now, Drive::IfDue);
             if let Some(found) = look(&mut locked) {
                 return Ok(Some(found));
             }
@@ -209,7 +209,7 @@ impl SharedInterface {
                 let next_words = locked.next_words();
                 drop(locked);
                 next_words.spin(PAUSES);
-                now = sm2_io::clock::now();
+                (locked, now) = self.enter_prefetched();
                 continue;
             }
             // No ring has brought anything, so the sockets are read.
@@ -224,7 +224,8 @@ impl SharedInterface {
                 return Ok(None);
             }
             if now < spin_until {
-                now = sm2_io::clock::now();
+                drop(locked);
+                (locked, now) = self.enter_prefetched();
                 continue;
             }
             //= SM2-RNG-012
@@ -239,7 +240,7 @@ impl SharedInterface {
             let waited = self.sleep(&waker, short_of_memory, timeout);
             self.lock().sleepers.leave(&waker);
             waited?;
-            now = sm2_io::clock::now();
+            (locked, now) = self.enter_prefetched();
         }
     }
 

@@ -28,13 +28,13 @@ fn replaced_segments_serve_no_further_message() {
 #[test]
 fn replaced_slots_that_were_reserved_are_made_up_for() {
     let mut pool = reserved(100_000, 3, 0);
-    let [lost, held] = [(); 2].map(|()| pool.take(100_000).unwrap());
+    let [lost, held] = [(); 2].map(|()| pool.take(100_000, |_| ()).unwrap());
     assert_eq!(pool.abandon(lost), None);
     assert!(pool.replace_all().is_empty());
     let made_up = pool.plan(100_000).unwrap();
     assert_eq!((made_up.slots, made_up.reserved), (3, true));
     pool.add(made_up, marks(made_up));
     assert_eq!(pool.abandon(held), Some(0));
-    assert!((0..3).all(|_| pool.take(100_000).is_some()));
+    assert!((0..3).all(|_| pool.take(100_000, |_| ()).is_some()));
     assert_eq!(pool.plan(100_000), Err(Full), "no more than was reserved");
 }

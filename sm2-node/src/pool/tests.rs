@@ -16,12 +16,12 @@ pub(super) fn marks(geometry: Geometry) -> impl Iterator<Item = Mark> {
 }
 
 pub(super) fn taken(pool: &mut Pool<Mark>, len: u64) -> Result<Lease<Mark>, Full> {
-    if let Some(lease) = pool.take(len) {
+    if let Some(lease) = pool.take(len, |_| ()) {
         return Ok(lease);
     }
     let geometry = pool.plan(len)?;
     pool.add(geometry, marks(geometry));
-    Ok(pool.take(len).expect("a slot that was just added"))
+    Ok(pool.take(len, |_| ()).expect("a slot that was just added"))
 }
 
 /// Returns a pool with a reserved segment of `slots` slots for messages of `len` bytes.
@@ -33,6 +33,16 @@ pub(super) fn reserved(len: u64, slots: u32, limit_bytes: u64) -> Pool<Mark> {
 }
 
 const SECOND: u64 = 1_000_000_000;
+
+#[test]
+fn the_next_slot_is_announced() {
+    let mut pool = reserved(64, 3, 1 << 20);
+    for slot in 0..3 {
+        let mut next = None;
+        let lease = pool.take(64, |it| next = Some(it.1)).unwrap();
+        assert_eq!((lease.slot, next), (slot, (slot < 2).then_some(slot + 1)));
+    }
+}
 
 #[test]
 fn sizes_of_slots() {
@@ -112,8 +122,8 @@ fn the_slot_given_back_last_is_taken_first() {
     for lease in leases {
         assert_eq!(pool.give_back(lease), None);
     }
-    assert_eq!(pool.take(8000).unwrap().slot, 2);
-    assert_eq!(pool.take(8000).unwrap().slot, 1);
+    assert_eq!(pool.take(8000, |_| ()).unwrap().slot, 2);
+    assert_eq!(pool.take(8000, |_| ()).unwrap().slot, 1);
 }
 
 /// Segments are short, so that the system can take each of them back quickly, until their number gets short.
@@ -145,7 +155,7 @@ fn a_class_doubles_and_old_segments_are_preferred() {
     for lease in leases {
         assert_eq!(pool.give_back(lease), None);
     }
-    let again = [(); 4].map(|()| pool.take(2 << 20).unwrap().segment.id);
+    let again = [(); 4].map(|()| pool.take(2 << 20, |_| ()).unwrap().segment.id);
     assert_eq!(again, [0, 1, 2, 2]);
 }
 
@@ -154,13 +164,17 @@ fn a_larger_slot_will_do() {
     let mut pool = Pool::new(u64::MAX);
     let large = taken(&mut pool, 100_000).unwrap();
     assert_eq!(pool.give_back(large), None);
-    assert_eq!(pool.take(70_000).unwrap().segment.id, 0);
-    assert_eq!(pool.take(64_000).unwrap().segment.id, 0, "twice as large");
+    assert_eq!(pool.take(70_000, |_| ()).unwrap().segment.id, 0);
+    assert_eq!(
+        pool.take(64_000, |_| ()).unwrap().segment.id,
+        0,
+        "twice as large"
+    );
     assert!(
-        pool.take(48_000).is_none(),
+        pool.take(48_000, |_| ()).is_none(),
         "a slot of more than twice the size is not used"
     );
-    assert!(pool.take(140_000).is_none(), "too long");
+    assert!(pool.take(140_000, |_| ()).is_none(), "too long");
 }
 
 #[test]
@@ -265,7 +279,7 @@ fn what_is_reserved_stays_beyond_the_limit() {
         assert!(pool.sweep(Instant(moment)).is_empty());
     }
     assert!(pool.unused().is_empty());
-    let leases = [90_000, 1, 131_008].map(|len| pool.take(len).unwrap());
+    let leases = [90_000, 1, 131_008].map(|len| pool.take(len, |_| ()).unwrap());
     assert_eq!(leases.each_ref().map(|it| it.slot), [0, 1, 2]);
     assert_eq!(pool.plan(90_000), Err(Full), "no more than was reserved");
     let endless = Pool::<Mark>::new(0);
@@ -277,17 +291,17 @@ fn what_is_reserved_stays_beyond_the_limit() {
 #[test]
 fn an_abandoned_slot_of_a_reserved_segment_is_made_up_for() {
     let mut pool = reserved(100_000, 3, 0);
-    let [first, second, third] = [(); 3].map(|()| pool.take(100_000).unwrap());
+    let [first, second, third] = [(); 3].map(|()| pool.take(100_000, |_| ()).unwrap());
     assert_eq!(pool.abandon(first), None);
     assert_eq!(pool.abandon(second), None);
     let made_up = pool.plan(100_000).unwrap();
     assert_eq!((made_up.slots, made_up.reserved), (2, true));
     assert_eq!(made_up.stride, third.segment.stride);
     pool.add(made_up, marks(made_up));
-    let [fourth, fifth] = [(); 2].map(|()| pool.take(100_000).unwrap());
+    let [fourth, fifth] = [(); 2].map(|()| pool.take(100_000, |_| ()).unwrap());
     assert_eq!(pool.plan(100_000), Err(Full));
     assert_eq!(pool.give_back(third), None);
-    let again = pool.take(100_000).unwrap();
+    let again = pool.take(100_000, |_| ()).unwrap();
     assert_eq!(again.segment.id, 0, "the remaining slots stay in use");
     assert_eq!(pool.abandon(again), Some(0), "the last of its slots");
     assert_eq!(pool.give_back(fourth), None);

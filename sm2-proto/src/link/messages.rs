@@ -215,6 +215,12 @@ impl Link {
         }
     }
 
+    /// Prefetches the message that [`take`](Self::take) would return now, on the ring lane.
+    #[inline]
+    pub fn prefetch(&self, memory: &impl LinkMemory) {
+        self.prefetch_from_ring(memory);
+    }
+
     /// Whether [`take`](Self::take) may return a message.
     #[inline]
     pub fn may_take(&self, memory: &impl LinkMemory) -> bool {

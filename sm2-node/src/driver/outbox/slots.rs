@@ -38,7 +38,7 @@ impl Outbox {
 
     /// Leases a slot for `len` bytes.
     pub(crate) fn lease(&mut self, len: u64) -> Result<Lease<Slot>, NoSlot> {
-        if let Some(lease) = self.pool.take(len) {
+        if let Some(lease) = self.pool.take(len, |_| ()) {
             return Ok(lease);
         }
         self.raise_limit(len);
@@ -53,7 +53,7 @@ impl Outbox {
             self.make_up_for_lost(&mut segment);
         }
         self.add(geometry, segment);
-        self.pool.take(len).ok_or(NoSlot::Full)
+        self.pool.take(len, |_| ()).ok_or(NoSlot::Full)
     }
 
     /// Prepares a segment that replaces reserved slots, which were lost when a process died with
@@ -77,7 +77,8 @@ impl Outbox {
         if self.is_check_due(len) {
             return None;
         }
-        self.pool.take(len)
+        // The next message will probably have about the same length.
+        self.pool.take(len, Slot::prefetch_to_write)
     }
 
     /// Returns segments to the system that were not used for long. This is cheap enough to be

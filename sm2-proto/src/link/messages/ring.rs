@@ -81,9 +81,9 @@ impl Link {
         if is_awaited {
             return Ok(None);
         }
-        let segments = &ring.segments;
-        let geometry = |segment| segments.geometry(segment);
-        let delivery = match receiver.take_word(words, geometry, |slot| memory.prefetch(slot)) {
+        let geometry = |segment| ring.segments.geometry(segment);
+        let prefetch = |slot| memory.prefetch(slot);
+        let delivery = match receiver.take_word(words, &geometry, prefetch) {
             Ok(None) if has_calls => match self.note_call(None) {
                 Ok(()) => return Ok(None),
                 Err(violation) => return Err(self.not_taken(violation.into())),
@@ -101,6 +101,17 @@ impl Link {
         }
         self.invariants();
         Ok(Some(deliver(delivery)))
+    }
+
+    /// [`Link::prefetch`] on the ring lane.
+    #[inline]
+    pub(super) fn prefetch_from_ring(&self, memory: &impl LinkMemory) {
+        if let Lane::Ring(ring) = &self.lane
+            && let (Some(receiver), Some(words)) = (&ring.incoming, memory.incoming())
+        {
+            let geometry = |segment| ring.segments.geometry(segment);
+            receiver.prefetch(words, 0, &geometry, |slot| memory.prefetch(slot));
+        }
     }
 
     /// Handles the reason why no message is taken.

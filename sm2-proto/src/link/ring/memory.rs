@@ -18,4 +18,8 @@ pub trait RingMemory {
     /// A sequentially consistent fence. The last access of this thread to a word was a [`swap`](Self::swap) or a
     /// [`take`](Self::take).
     fn fence(&self);
+    /// Called before a word is taken or replaced: the other side's core has it, and a prefetch overlaps its transfer
+    /// with what happens before.
+    #[inline]
+    fn prefetch(&self, _at: At) {}
 }

@@ -17,16 +17,18 @@
 //!
 //! # Few cache lines travel between cores
 //!
-//! The cost of a short message between two cores is the number of cache lines that both of them touch. Five measures
-//! reduce it:
+//! The cost of a short message between two cores is the number of cache lines that both of them touch, and that one
+//! of them waits for. These measures reduce it:
 //!
 //! - Slots are as short as their messages, with payload and head side by side. Slots of a page each would compete for
 //!   one set of the first-level cache, and for one entry each of the translation cache.
-//! - A publisher reads released words when it needs a slot, not with each message.
+//! - A publisher reads released words when it needs a slot, not with each message. While few messages are unreleased,
+//!   it does not read the next word either: the receiver has emptied it, and watches the line.
 //! - A publisher that waits for room checks rarely, for 20 µs, before it sleeps. Each check takes the cache line away
 //!   from the receiver that is about to write it.
-//! - A receiver prefetches head and payload while it takes their word. No read overtakes the atomic operation on the
-//!   word.
+//! - Each side fetches a line before it waits for it: the publisher the slot that the next message takes; a receiver
+//!   that spins the word that it found, then head and payload, while it reads the clock; and each receiver the slot of
+//!   the message after the one that it takes. No read overtakes the atomic operation on a word.
 //! - Messages that a program gives back together are one batch: their words are put, then one fence follows
 //!   (SM2-RNG-012).
 

@@ -75,6 +75,18 @@ impl From<Violation> for NotTaken {
     }
 }
 
+impl Word {
+    /// The slot that the word names in a segment of this geometry; `None` if there is none.
+    #[inline]
+    fn place(self, geometry: Geometry) -> Option<SlotRange> {
+        Some(SlotRange {
+            segment: self.segment.into(),
+            offset: geometry.offset(self.slot.into())?,
+            stride: geometry.stride(),
+        })
+    }
+}
+
 impl RingReceiver {
     pub(in crate::link) fn new(
         layout: RingLayout,
@@ -171,7 +183,7 @@ impl RingReceiver {
     pub(in crate::link) fn take_word(
         &mut self,
         words: &impl RingMemory,
-        geometry: impl Fn(u32) -> Option<Geometry>,
+        geometry: &impl Fn(u32) -> Option<Geometry>,
         prefetch: impl Fn(SlotRange),
     ) -> Result<Option<TakenWord>, NotTaken> {
         if self.left == Some(0) {
@@ -196,21 +208,36 @@ impl RingReceiver {
                     max_borrowed: self.max_borrowed,
                 }));
             }
-            let segment = u32::from(word.segment);
-            let geometry = geometry(segment).ok_or(NotTaken::UnknownSegment)?;
-            let offset = (geometry.offset(u32::from(word.slot)))
-                .ok_or(violation!(BadSlot, "SM2-RNG-007"))?;
-            let slot = SlotRange {
-                segment,
-                offset,
-                stride: geometry.stride(),
-            };
+            let segment = geometry(word.segment.into()).ok_or(NotTaken::UnknownSegment)?;
+            let slot = word.place(segment);
+            let slot = slot.ok_or(violation!(BadSlot, "SM2-RNG-007"))?;
             prefetch(slot);
             if words.take(at, bits) {
+                self.prefetch(words, 1, geometry, prefetch);
                 return Ok(Some(TakenWord { word, slot }));
             }
         }
         Ok(None)
+    }
+
+    /// Prefetches the message that is `ahead` of the expected one, if it is there already: its transfer from the
+    /// sender's core overlaps what happens before it is taken. The word is a hint here: it is checked when it is
+    /// taken.
+    #[inline]
+    pub(in crate::link) fn prefetch(
+        &self,
+        words: &impl RingMemory,
+        ahead: u64,
+        geometry: &impl Fn(u32) -> Option<Geometry>,
+        prefetch: impl Fn(SlotRange),
+    ) {
+        let at = self.layout.forward(self.next.wrapping_add(ahead));
+        if let Ok(Some(word)) = Word::from_bits(words.load(at))
+            && let Some(segment) = geometry(word.segment.into())
+            && let Some(slot) = word.place(segment)
+        {
+            prefetch(slot);
+        }
     }
 
     /// Whether this word names the expected message. If the sender has displaced messages, this
