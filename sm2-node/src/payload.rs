@@ -8,8 +8,9 @@ use std::sync::Arc;
 use bytes::Bytes;
 use sm2_io::memfd::SealedFile;
 
+use crate::driver::Held;
 use crate::pooled::PooledBytes;
-use crate::quota::{MappedFile, MappedSegment, PeerQuota};
+use crate::quota::{MappedFile, PeerQuota};
 
 /// The bytes of one received message in memory that no process can change: private memory, or a sealed file.
 /// Dereferences to the bytes.
@@ -163,9 +164,8 @@ impl<'a> SharedBytes<'a> {
 #[derive(Debug)]
 pub(crate) enum Source {
     Inline(Bytes),
-    /// `len` bytes at `offset` of a segment.
+    /// `len` bytes at `offset` of the segment that the message holds.
     Pooled {
-        segment: Arc<MappedSegment>,
         offset: u64,
         len: u64,
     },
@@ -185,22 +185,21 @@ impl Source {
     ///
     /// # Safety
     ///
-    /// As for [`PooledBytes::new`]: the message is not released before the result is dropped.
+    /// As for [`PooledBytes::new`]: before the result is dropped, the message is not released, nor `held` dropped.
     //= SM2-PAY-006
     // The link's machine took `offset` and `len` from the datagram, or from its copy of the head; neither was
     // read from shared memory here.
     #[allow(unsafe_code, reason = "passes the condition of `PooledBytes::new` on")]
     #[inline]
-    pub(crate) unsafe fn open(self) -> io::Result<MessageBytes> {
+    pub(crate) unsafe fn open(self, held: &Held) -> io::Result<MessageBytes> {
         match self {
             Self::Inline(bytes) => Ok(MessageBytes::Stable(Payload::inline(bytes))),
-            Self::Pooled {
-                segment,
-                offset,
-                len,
-            } => {
-                // SAFETY: the caller makes the same promise.
-                let bytes = unsafe { PooledBytes::new(segment, offset, len) };
+            Self::Pooled { offset, len } => {
+                let Held::Segment(segment) = held else {
+                    return Err(io::ErrorKind::NotFound.into());
+                };
+                // SAFETY: the caller makes the same promise; `held` keeps the segment mapped.
+                let bytes = unsafe { PooledBytes::new(&segment.mapping, offset, len) };
                 let bytes = bytes.ok_or(io::ErrorKind::NotFound)?;
                 Ok(MessageBytes::Pooled(bytes))
             }

@@ -3,66 +3,61 @@
 
 use std::fmt;
 use std::ops::Deref;
-use std::sync::Arc;
+use std::ptr::NonNull;
+
+use sm2_io::mapping::{copy_from_range, copy_range};
 
 use crate::quota::MappedSegment;
 
 /// The bytes of a message in a slot. Dereferences to them.
-pub struct PooledBytes {
-    segment: Arc<MappedSegment>,
-    /// Inside the mapping, as `new` checked.
-    offset: u64,
-    len: u64,
-}
+///
+/// Another value of the program, which is dropped later, holds the message and its segment.
+pub struct PooledBytes(NonNull<[u8]>);
+
+// SAFETY: the bytes are read alone, and `new` says that they stay readable and do not change, in whichever thread.
+unsafe impl Send for PooledBytes {}
+// SAFETY: as for `Send`.
+unsafe impl Sync for PooledBytes {}
 
 impl PooledBytes {
     /// Returns the `len` bytes at `offset` of a segment; `None` if the range is not inside the segment.
     ///
     /// # Safety
     ///
-    /// A message that was delivered on a link names these bytes, and it is not released before
-    /// the result is dropped.
+    /// A message that was delivered on a link names these bytes. Before the result is dropped, the message is not
+    /// released, and the segment is not unmapped.
     #[inline]
-    pub(crate) unsafe fn new(segment: Arc<MappedSegment>, offset: u64, len: u64) -> Option<Self> {
-        segment.range(offset, len)?;
-        Some(Self {
-            segment,
-            offset,
-            len,
-        })
+    pub(crate) unsafe fn new(segment: &MappedSegment, offset: u64, len: u64) -> Option<Self> {
+        segment.range(offset, len).map(Self)
     }
 
     /// The number of bytes.
     #[inline]
     pub(crate) const fn len(&self) -> usize {
-        // It is inside a mapping, so it is a length of this machine.
-        self.len as usize
+        self.0.len()
     }
 
     /// A private copy of the bytes.
     pub(crate) fn copy(&self) -> Vec<u8> {
-        let copy = self.segment.copy_to_vec(self.offset, self.len);
-        copy.expect("`new` checked the range; a mapping keeps its size")
+        // SAFETY: it is a range of a segment that is not unmapped before `self` is dropped, as the caller of `new`
+        // promised.
+        unsafe { copy_range(self.0) }
     }
 
     /// A private copy of `len` bytes from `start` on; `None` if they are not all inside.
     pub(crate) fn copy_part(&self, start: usize, len: usize) -> Option<Vec<u8>> {
-        let start = self.place(start, len)?;
-        self.segment.copy_to_vec(start, len as u64)
+        if start.checked_add(len)? > self.len() {
+            return None;
+        }
+        let mut copy = vec![0; len];
+        self.copy_to(start, &mut copy).then_some(copy)
     }
 
     /// Copies the bytes from `start` on. Returns false if they are not all inside.
     #[inline]
     pub(crate) fn copy_to(&self, start: usize, to: &mut [u8]) -> bool {
-        let start = self.place(start, to.len());
-        start.is_some_and(|start| self.segment.copy_to(start, to))
-    }
-
-    /// The offset in the segment of `len` bytes from `start` on; `None` if they are not all inside the message.
-    #[inline]
-    fn place(&self, start: usize, len: usize) -> Option<u64> {
-        let end = start.checked_add(len)?;
-        (end <= self.len()).then(|| self.offset + start as u64)
+        // SAFETY: as in `copy`.
+        unsafe { copy_from_range(self.0, start, to) }
     }
 }
 
@@ -71,11 +66,9 @@ impl Deref for PooledBytes {
 
     #[inline]
     fn deref(&self) -> &[u8] {
-        let bytes = self.segment.range(self.offset, self.len);
-        let bytes = bytes.expect("`new` checked the range; a mapping keeps its size");
-        // SAFETY: the range is inside a mapping that lives as long as `self`, of a file that
-        // cannot shrink (`PooledFile`), so it is readable. That the bytes do not change rests on
-        // two facts:
+        // SAFETY: the range is inside a mapping that lives as long as `self`, as the caller of `new`
+        // promised, of a file that cannot shrink (`PooledFile`), so it is readable. That the bytes do
+        // not change rests on two facts:
         //
         // - Only the author of the segment has a writable mapping (F_SEAL_FUTURE_WRITE, which
         //   `PooledFile` proves), and SM2-PAY-005 forbids the author to write to the slot before
@@ -87,12 +80,12 @@ impl Deref for PooledBytes {
         //   trusted boundary. As a second line of defence the crate reads slots in place only as
         //   types whose bit patterns are all valid (`Plain`), and takes no length or index
         //   from them (SM2-PAY-006).
-        unsafe { bytes.as_ref() }
+        unsafe { self.0.as_ref() }
     }
 }
 
 impl fmt::Debug for PooledBytes {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "PooledBytes({} bytes)", self.len)
+        write!(f, "PooledBytes({} bytes)", self.len())
     }
 }

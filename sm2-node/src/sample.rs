@@ -45,9 +45,9 @@ impl<T: Message + ?Sized> Sample<T> {
     #[inline]
     pub(crate) fn new(received: Received) -> Result<Self, RecvError> {
         let Received {
+            receipt,
             header,
             bytes,
-            receipt,
         } = received;
         let view = match T::view_in_place(bytes) {
             Ok(view) => view,

@@ -112,9 +112,9 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Server<Q, R> {
             return Ok(None);
         };
         let Received {
+            receipt,
             header,
             bytes,
-            receipt,
         } = received;
         let pending = Pending {
             handle: Arc::clone(&self.handle),
@@ -161,13 +161,14 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Request<Q, R> {
     ///
     /// See [`ReplyError`].
     pub fn reply(self, reply: &R) -> Result<(), ReplyError> {
+        // The request's memory stays valid until the reply is sent, since the reply may refer to it. Variables are
+        // dropped in reverse order: the view before the receipt, also after a panic.
         let Self {
+            _receipt,
             pending,
             view,
-            _receipt,
             ..
         } = self;
-        // The request's memory stays valid until the reply is sent: the reply may refer to it.
         let result = match Outgoing::new(reply) {
             Ok(reply) => pending.reply(reply, Status::Ok),
             Err(error) => {

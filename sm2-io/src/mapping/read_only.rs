@@ -131,37 +131,8 @@ impl PooledMapping {
     #[must_use]
     pub fn copy_to_vec(&self, start: u64, len: u64) -> Option<Vec<u8>> {
         let bytes = self.range(start, len)?;
-        let mut copy = Vec::<u8>::with_capacity(bytes.len());
-        // SAFETY: `range` checked that the source is inside the mapping, which cannot shrink
-        // (`PooledFile`); the destination is new memory of that length, which the copy fills. The
-        // author may write meanwhile, in its own address space: then the copy has some of the old
-        // bytes and some of the new ones, and any byte is a valid `u8`.
-        unsafe {
-            let source = bytes.cast::<u8>().as_ptr();
-            std::ptr::copy_nonoverlapping(source, copy.as_mut_ptr(), bytes.len());
-            copy.set_len(bytes.len());
-        }
-        // The compiler must not read the source again in place of the copy.
-        compiler_fence(Ordering::SeqCst);
-        Some(copy)
-    }
-
-    /// Copies the bytes from `start` on. Returns false if they are not all inside.
-    #[must_use]
-    #[inline]
-    pub fn copy_to(&self, start: u64, to: &mut [u8]) -> bool {
-        let Some(bytes) = self.range(start, to.len() as u64) else {
-            return false;
-        };
-        // SAFETY: as in `copy_to_vec`; the destination is memory of this process, of the length that `range` checked,
-        // and no part of a mapping that only has addresses.
-        unsafe {
-            let source = bytes.cast::<u8>().as_ptr();
-            std::ptr::copy_nonoverlapping(source, to.as_mut_ptr(), to.len());
-        }
-        // The compiler must not read the source again in place of the copy.
-        compiler_fence(Ordering::SeqCst);
-        true
+        // SAFETY: the mapping exists during the call.
+        Some(unsafe { copy_range(bytes) })
     }
 
     /// Prefetches the cache line at `start`, which is about to be read.
@@ -189,6 +160,49 @@ fn map(fd: BorrowedFd<'_>, size_bytes: u64, len: u64, populate: bool) -> io::Res
     //= SM2-PAY-007
     let region = Region::map(fd, len, ProtFlags::PROT_READ, flags)?;
     Ok(region)
+}
+
+/// A private copy of a range of a [`PooledMapping`].
+///
+/// # Safety
+///
+/// `range` is a [range](PooledMapping::range), or a part of one, of a mapping that exists during the call.
+#[must_use]
+pub unsafe fn copy_range(range: NonNull<[u8]>) -> Vec<u8> {
+    let mut copy = Vec::<u8>::with_capacity(range.len());
+    // SAFETY: the source is inside a mapping, which cannot shrink (`PooledFile`); the destination is new memory of that
+    // length, which the copy fills. The author may write meanwhile, in its own address space: then the copy has some of
+    // the old bytes and some of the new ones, and any byte is a valid `u8`.
+    unsafe {
+        let source = range.cast::<u8>().as_ptr();
+        std::ptr::copy_nonoverlapping(source, copy.as_mut_ptr(), range.len());
+        copy.set_len(range.len());
+    }
+    // The compiler must not read the source again in place of the copy.
+    compiler_fence(Ordering::SeqCst);
+    copy
+}
+
+/// Copies the bytes from `start` of a range of a [`PooledMapping`]. Returns false if they are not all inside.
+///
+/// # Safety
+///
+/// As for [`copy_range`].
+#[must_use]
+#[inline]
+pub unsafe fn copy_from_range(range: NonNull<[u8]>, start: usize, to: &mut [u8]) -> bool {
+    if (start.checked_add(to.len())).is_none_or(|end| end > range.len()) {
+        return false;
+    }
+    // SAFETY: as in `copy_range`; the destination is memory of this process, of the length that was checked, and no
+    // part of a mapping that only has addresses.
+    unsafe {
+        let source = range.cast::<u8>().as_ptr().add(start);
+        std::ptr::copy_nonoverlapping(source, to.as_mut_ptr(), to.len());
+    }
+    // The compiler must not read the source again in place of the copy.
+    compiler_fence(Ordering::SeqCst);
+    true
 }
 
 /// Whether some of the first `len` bytes of a file have no memory. Moves the position of the open file,

@@ -20,9 +20,9 @@ pub struct Reply<R: Message + ?Sized> {
 impl<R: Message + ?Sized> Reply<R> {
     pub(super) fn new(service: Name, received: Received) -> Result<Self, CallError> {
         let Received {
+            receipt,
             header,
             bytes,
-            receipt,
         } = received;
         match header.status {
             Status::Ok => match R::view_in_place(bytes) {

@@ -1,20 +1,48 @@
 //! The link that messages came from.
 
 use std::fmt;
+use std::ops::Deref;
 use std::sync::{Arc, Weak};
 
 use sm2_proto::control::LinkPeer;
 
 use super::token::LinkToken;
+use crate::quota::MappedSegment;
 
-/// The link that a message came from. All messages of the link share this value, so each costs one reference count. It
-/// keeps neither the node nor its interface alive.
+/// The link that a message came from. All messages of the link share this value. It keeps neither the node nor its
+/// interface alive.
 #[derive(Debug)]
 pub(crate) struct Origin {
     pub(crate) token: LinkToken,
     /// The other end of the link.
     pub(crate) peer: Arc<LinkPeer>,
     pub(crate) interface: Weak<dyn GiveBack>,
+}
+
+/// A segment of the other end of a link. All messages in it share this value, so each costs one reference count.
+#[derive(Debug)]
+pub(crate) struct LinkSegment {
+    pub(crate) origin: Arc<Origin>,
+    pub(crate) mapping: MappedSegment,
+}
+
+/// The hold of a message on its link, and on the segment of its payload. Dereferences to the origin.
+#[derive(Debug)]
+pub(crate) enum Held {
+    Link(Arc<Origin>),
+    Segment(Arc<LinkSegment>),
+}
+
+impl Deref for Held {
+    type Target = Origin;
+
+    #[inline]
+    fn deref(&self) -> &Origin {
+        match self {
+            Self::Link(origin) => origin,
+            Self::Segment(segment) => &segment.origin,
+        }
+    }
 }
 
 /// The interface that messages are given back to.

@@ -8,7 +8,9 @@ use sm2_proto::control::LinkPeer;
 
 use super::Handle;
 use crate::RecvError;
-use crate::driver::{Context, DeclaredInterface, Full, Header, LinkToken, Origin, Taken, Until};
+use crate::driver::{
+    Context, DeclaredInterface, Full, Header, Held, LinkToken, Origin, Taken, Until,
+};
 use crate::payload::MessageBytes;
 
 impl Handle {
@@ -93,11 +95,12 @@ impl Handle {
             source,
         } = taken;
         let receipt = Receipt { origin, sequence };
-        // SAFETY: only `receipt`, or the `Lent` of its batch, releases the message. `Received`,
-        // `Sample`, `Request` and `Reply` drop the bytes before the receipt, `Lent` is dropped
-        // after all of them, and none gives the bytes away.
+        // SAFETY: only `receipt`, or the `Lent` of its batch, releases the message, and `receipt` holds its
+        // segment. `Received`, `Sample`, `Request` and `Reply` drop the bytes before the receipt, as do the
+        // functions that take a `Received` apart: they name the receipt first. `Lent` is dropped after all of
+        // them, and none gives the bytes away.
         #[allow(unsafe_code, reason = "the receipt is here: see the SAFETY text")]
-        let opened = unsafe { source.open() };
+        let opened = unsafe { source.open(&receipt.origin) };
         match opened {
             Ok(bytes) => Ok(Received {
                 header,
@@ -156,7 +159,7 @@ impl Unreadable {
 /// Releases a message when dropped. Keeps neither the node nor its interface alive.
 #[derive(Debug)]
 pub(crate) struct Receipt {
-    origin: Arc<Origin>,
+    origin: Held,
     /// The number of the message on its link, from 1; 0 if another value releases the message.
     sequence: u64,
 }

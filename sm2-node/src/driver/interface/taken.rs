@@ -6,13 +6,13 @@ use sm2_proto::Instant;
 use sm2_proto::control::LinkPeer;
 use sm2_proto::link::{Delivery, Status, TooManyBorrowed};
 
-use crate::driver::origin::Origin;
+use crate::driver::origin::Held;
 use crate::payload::Source;
 
 /// A message that the application holds.
 #[derive(Debug)]
 pub(crate) struct Taken {
-    pub(crate) origin: Arc<Origin>,
+    pub(crate) origin: Held,
     pub(crate) header: Header,
     pub(crate) source: Source,
 }

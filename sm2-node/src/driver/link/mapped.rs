@@ -7,7 +7,7 @@ use sm2_io::Ring;
 use sm2_proto::limits::SLOT_HEAD;
 use sm2_proto::link::{self, LinkMemory, SlotRange};
 
-use crate::quota::MappedSegment;
+use crate::driver::origin::LinkSegment;
 
 /// The memory of a link that both sides map.
 #[derive(Debug, Default)]
@@ -23,21 +23,21 @@ pub(super) struct Mapped {
 /// Mapped segments, ordered by number. Each message looks its segment up several times, and usually
 /// there is one, which is found faster here than in a tree.
 #[derive(Debug, Default)]
-pub(super) struct Segments(Vec<(u32, Arc<MappedSegment>)>);
+pub(super) struct Segments(Vec<(u32, Arc<LinkSegment>)>);
 
 impl Segments {
     #[inline]
-    pub(super) fn get(&self, segment: u32) -> Option<&Arc<MappedSegment>> {
+    pub(super) fn get(&self, segment: u32) -> Option<&Arc<LinkSegment>> {
         match self.0.as_slice() {
-            [(only, mapping)] if *only == segment => Some(mapping),
+            [(only, mapped)] if *only == segment => Some(mapped),
             all => Some(&all.get(self.place(segment).ok()?)?.1),
         }
     }
 
-    pub(super) fn insert(&mut self, segment: u32, mapping: Arc<MappedSegment>) {
+    pub(super) fn insert(&mut self, segment: u32, mapped: Arc<LinkSegment>) {
         match self.place(segment) {
-            Ok(place) => self.0[place].1 = mapping,
-            Err(place) => self.0.insert(place, (segment, mapping)),
+            Ok(place) => self.0[place].1 = mapped,
+            Err(place) => self.0.insert(place, (segment, mapped)),
         }
     }
 
@@ -72,14 +72,14 @@ impl LinkMemory for Mapped {
     #[inline]
     fn slot_head(&self, slot: SlotRange) -> Option<[u8; SLOT_HEAD]> {
         let segment = self.segments.get(slot.segment)?;
-        segment.copy::<SLOT_HEAD>(slot.head_offset())
+        segment.mapping.copy::<SLOT_HEAD>(slot.head_offset())
     }
 
     #[inline]
     fn prefetch(&self, slot: SlotRange) {
-        if let Some(mapping) = self.segments.get(slot.segment) {
-            mapping.prefetch(slot.head_offset());
-            mapping.prefetch(slot.offset);
+        if let Some(segment) = self.segments.get(slot.segment) {
+            segment.mapping.prefetch(slot.head_offset());
+            segment.mapping.prefetch(slot.offset);
         }
     }
 }

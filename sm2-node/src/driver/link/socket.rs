@@ -16,6 +16,7 @@ use crate::driver::context::Context;
 use crate::driver::datagram::{Incoming, receive, with_buffer};
 use crate::driver::event_sets::LinkSets;
 use crate::driver::limits::{BURST, LAST_WORDS};
+use crate::driver::origin::LinkSegment;
 use crate::driver::outbox::{MessageKey, Outbox};
 use crate::quota::{MappedSegment, QuotaExceeded};
 
@@ -334,7 +335,9 @@ impl LinkDriver {
             .and_then(|file| MappedSegment::new(&file, len, &self.quota));
         match mapped {
             Ok(mapping) => {
-                self.mapped.segments.insert(segment, Arc::new(mapping));
+                let origin = Arc::clone(&self.origin);
+                let mapped = Arc::new(LinkSegment { origin, mapping });
+                self.mapped.segments.insert(segment, mapped);
             }
             Err(error) => self.refuse_file(&error),
         }

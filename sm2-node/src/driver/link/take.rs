@@ -14,6 +14,7 @@ use crate::driver::context::Context;
 use crate::driver::counters::{count_taken, update};
 use crate::driver::event_sets::LinkSets;
 use crate::driver::interface::{Header, Taken};
+use crate::driver::origin::Held;
 use crate::driver::outbox::Outbox;
 use crate::driver::token::LinkToken;
 use crate::payload::Source;
@@ -120,28 +121,28 @@ impl LinkDriver {
                 (self.account).take(&mut header, delivery.lost, self.counting.entry.as_mut());
             count(&header, away, &self.origin.peer);
             header.lost = header.lost.saturating_add(unreported);
-            let source = match delivery.payload {
-                Payload::Inline(bytes) => Source::Inline(bytes),
+            let link = || Held::Link(Arc::clone(&self.origin));
+            let len = header.len;
+            let (origin, source) = match delivery.payload {
+                Payload::Inline(bytes) => (link(), Source::Inline(bytes)),
                 Payload::Pooled { segment, offset } => match self.mapped.segments.get(segment) {
-                    Some(mapping) => Source::Pooled {
-                        segment: Arc::clone(mapping),
-                        offset,
-                        len: header.len,
-                    },
-                    None => Source::Missing,
+                    Some(segment) => {
+                        let held = Held::Segment(Arc::clone(segment));
+                        (held, Source::Pooled { offset, len })
+                    }
+                    None => (link(), Source::Missing),
                 },
                 Payload::Sealed => match self.kept.remove(&header.sequence) {
-                    Some(file) => Source::Sealed {
-                        file,
-                        len: header.len,
-                        quota: Arc::clone(&self.quota),
-                    },
-                    None => Source::Missing,
+                    Some(file) => {
+                        let quota = Arc::clone(&self.quota);
+                        (link(), Source::Sealed { file, len, quota })
+                    }
+                    None => (link(), Source::Missing),
                 },
             };
             debug_assert!(!matches!(source, Source::Missing), "{header:?}");
             put(Taken {
-                origin: Arc::clone(&self.origin),
+                origin,
                 header,
                 source,
             });
