@@ -16,6 +16,10 @@ pub trait LinkMemory {
     /// A ring that is mapped.
     type Ring: RingMemory;
 
+    /// Whether [`prefetch`](Self::prefetch) does something. If not, nothing is read for it: models and tests see the
+    /// accesses that the protocol needs alone.
+    const PREFETCHES: bool = false;
+
     /// The ring that this end sends through, if it is mapped.
     fn outgoing(&self) -> Option<&Self::Ring>;
 
@@ -25,9 +29,9 @@ pub trait LinkMemory {
     /// Copies the last 64 bytes of this slot. `None` if the segment is not mapped.
     fn slot_head(&self, slot: SlotRange) -> Option<[u8; SLOT_HEAD]>;
 
-    /// Called before the word that names this slot is taken. The processor executes no read before
-    /// the atomic operation that takes the word, and the slot is in the cache of the sender's core: a
-    /// prefetch overlaps its transfer with the atomic operation.
+    /// Called before the word that names this slot is taken, if possible while the message before it is handled. The
+    /// processor executes no read before the atomic operation that takes the word, and the slot is in the cache of the
+    /// sender's core: a prefetch overlaps its transfer with what happens before.
     #[inline]
     fn prefetch(&self, _slot: SlotRange) {}
 }

@@ -23,7 +23,7 @@ mod sync {
 
 include!(concat!(env!("OUT_DIR"), "/ring.rs"));
 
-use driver::{NODE, Order, Step};
+use driver::{Order, Step};
 use shipped::scenarios::{self as ring, ALL, LAST, TWO, Terms};
 
 /// An application that holds a message while it waits for the next one.

@@ -59,6 +59,8 @@ impl Segments {
 impl LinkMemory for Mapped {
     type Ring = Ring;
 
+    const PREFETCHES: bool = true;
+
     #[inline]
     fn outgoing(&self) -> Option<&Ring> {
         self.outgoing.as_ref()

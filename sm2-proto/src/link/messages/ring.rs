@@ -61,9 +61,9 @@ impl Link {
 
     /// [`Link::take`] on the ring lane.
     #[inline]
-    pub(super) fn take_from_ring<R>(
+    pub(super) fn take_from_ring<M: LinkMemory, R>(
         &mut self,
-        memory: &impl LinkMemory,
+        memory: &M,
         deliver: impl FnOnce(Delivery) -> R,
     ) -> Result<Option<R>, NoDelivery> {
         let has_calls = self.has_calls();
@@ -83,13 +83,18 @@ impl Link {
         }
         let geometry = |segment| ring.segments.geometry(segment);
         let prefetch = |slot| memory.prefetch(slot);
-        let delivery = match receiver.take_word(words, &geometry, prefetch) {
+        let delivery = match receiver.take_word(words, geometry, prefetch) {
             Ok(None) if has_calls => match self.note_call(None) {
                 Ok(()) => return Ok(None),
                 Err(violation) => return Err(self.not_taken(violation.into())),
             },
             Ok(None) => return Ok(None),
-            Ok(Some(taken)) => receiver.receive(taken, memory.slot_head(taken.slot)),
+            Ok(Some(taken)) => {
+                if M::PREFETCHES {
+                    receiver.prefetch(words, 1, geometry, prefetch);
+                }
+                receiver.receive(taken, memory.slot_head(taken.slot))
+            }
             Err(why) => return Err(self.not_taken(why)),
         };
         let delivery = match delivery {
@@ -110,7 +115,7 @@ impl Link {
             && let (Some(receiver), Some(words)) = (&ring.incoming, memory.incoming())
         {
             let geometry = |segment| ring.segments.geometry(segment);
-            receiver.prefetch(words, 0, &geometry, |slot| memory.prefetch(slot));
+            receiver.prefetch(words, 0, geometry, |slot| memory.prefetch(slot));
         }
     }
 

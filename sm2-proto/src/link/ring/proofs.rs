@@ -315,7 +315,7 @@ pub(super) fn take(
     geometry: Option<Geometry>,
     head: impl Fn(SlotRange) -> Option<[u8; SLOT_HEAD]>,
 ) -> Result<Option<Delivery>, NotTaken> {
-    match receiver.take_word(words, &|_| geometry, |_| {})? {
+    match receiver.take_word(words, |_| geometry, |_| {})? {
         Some(taken) => receiver.receive(taken, head(taken.slot)).map(Some),
         None => Ok(None),
     }

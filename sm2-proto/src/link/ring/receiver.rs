@@ -183,7 +183,7 @@ impl RingReceiver {
     pub(in crate::link) fn take_word(
         &mut self,
         words: &impl RingMemory,
-        geometry: &impl Fn(u32) -> Option<Geometry>,
+        geometry: impl Fn(u32) -> Option<Geometry>,
         prefetch: impl Fn(SlotRange),
     ) -> Result<Option<TakenWord>, NotTaken> {
         if self.left == Some(0) {
@@ -213,7 +213,6 @@ impl RingReceiver {
             let slot = slot.ok_or(violation!(BadSlot, "SM2-RNG-007"))?;
             prefetch(slot);
             if words.take(at, bits) {
-                self.prefetch(words, 1, geometry, prefetch);
                 return Ok(Some(TakenWord { word, slot }));
             }
         }
@@ -228,7 +227,7 @@ impl RingReceiver {
         &self,
         words: &impl RingMemory,
         ahead: u64,
-        geometry: &impl Fn(u32) -> Option<Geometry>,
+        geometry: impl Fn(u32) -> Option<Geometry>,
         prefetch: impl Fn(SlotRange),
     ) {
         let at = self.layout.forward(self.next.wrapping_add(ahead));

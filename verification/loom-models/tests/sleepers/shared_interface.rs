@@ -103,6 +103,10 @@ impl SharedInterface {
         locked
     }
 
+    pub(crate) fn enter_prefetched(&self) -> (LockedInterface<'_>, Instant) {
+        (self.enter(Drive::IfDue), Instant(0))
+    }
+
     pub(crate) fn drive(&self) {
         self.lock().drive();
     }
