@@ -101,6 +101,16 @@ impl CommandNode {
         self.interrupt.signal()
     }
 
+    /// Ends the command with an error if a signal came.
+    ///
+    /// # Errors
+    ///
+    /// [`CliError::Stopped`].
+    pub(crate) fn fail_if_stopped(&self) -> Result<(), CliError> {
+        self.stopped()
+            .map_or(Ok(()), |signal| Err(CliError::Stopped(signal)))
+    }
+
     /// The signal that came since the last call, if one did. For [`Interrupt::install_each`].
     pub(crate) fn take_signal(&self) -> Option<Stopped> {
         self.interrupt.take()

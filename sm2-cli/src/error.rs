@@ -62,7 +62,7 @@ pub(crate) enum CliError {
         /// The reason of the operating system.
         r#source: io::Error,
     },
-    /// A signal came before the command had begun.
+    /// A signal came before the command had printed anything.
     #[error("stopped")]
     Stopped(Stopped),
     /// The domain has no topic, service, node or interface of this name.

@@ -138,9 +138,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         arguments.other.as_ref(),
         wait,
     )?;
-    if let Some(signal) = command_node.stopped() {
-        return Ok(Ended::Stopped(signal));
-    }
+    command_node.fail_if_stopped()?;
     let mut out = Output::new();
     if arguments.json {
         out.json(&answer)?;

@@ -14,7 +14,6 @@ use crate::{
     ended::Ended,
     error::CliError,
     output::Output,
-    service::stopped,
     time,
 };
 
@@ -48,9 +47,7 @@ Examples:
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let command_node = CommandNode::open(&arguments.domain, "param-describe")?;
     let node = &arguments.node;
-    let Some(table) = source::table(&command_node, node, arguments.timeout)? else {
-        return Ok(stopped(&command_node));
-    };
+    let table = source::table(&command_node, node, arguments.timeout)?;
     let entries: Vec<&Entry> = match arguments.names.as_slice() {
         [] => table.parameters.iter().collect(),
         names => {

@@ -11,7 +11,6 @@ use crate::{
     ended::Ended,
     error::CliError,
     output::Output,
-    service::stopped,
     time,
 };
 
@@ -45,9 +44,7 @@ Examples:
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let command_node = CommandNode::open(&arguments.domain, "param-dump")?;
     let node = &arguments.node;
-    let Some(table) = source::table(&command_node, node, arguments.timeout)? else {
-        return Ok(stopped(&command_node));
-    };
+    let table = source::table(&command_node, node, arguments.timeout)?;
     let mut out = Output::new();
     match arguments.json {
         true => out.json(&Node::new(node, &table))?,

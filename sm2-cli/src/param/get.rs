@@ -13,7 +13,6 @@ use crate::{
     ended::Ended,
     error::CliError,
     output::Output,
-    service::stopped,
     time,
 };
 
@@ -49,9 +48,7 @@ Examples:
 
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let command_node = CommandNode::open(&arguments.domain, "param-get")?;
-    let Some(table) = source::table(&command_node, &arguments.node, arguments.timeout)? else {
-        return Ok(stopped(&command_node));
-    };
+    let table = source::table(&command_node, &arguments.node, arguments.timeout)?;
     let entry = entry(&table, &arguments.node, &arguments.name)?;
     let mut out = Output::new();
     match arguments.json {

@@ -18,7 +18,6 @@ use crate::{
     ended::Ended,
     error::CliError,
     output::Output,
-    service::stopped,
     time::{self, Span},
 };
 
@@ -69,8 +68,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let mut ended = Ended::Done;
     for source in &sources {
         match source.first(&command_node, until.since(clock::now())) {
-            Ok(Some(table)) => tables.push((&source.node, table)),
-            Ok(None) => return Ok(stopped(&command_node)),
+            Ok(table) => tables.push((&source.node, table)),
             // The other nodes are shown all the same.
             Err(CliError::Param(ParamError::NoTable { node, .. })) => {
                 let timeout = Span(arguments.timeout);

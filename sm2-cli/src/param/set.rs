@@ -15,7 +15,6 @@ use crate::{
     ended::Ended,
     error::CliError,
     output::Output,
-    service::stopped,
     time,
 };
 
@@ -103,17 +102,12 @@ pub(super) fn apply(
     json: bool,
     request: impl FnOnce(&Table) -> Result<Vec<Assignment>, ParamError>,
 ) -> Result<Ended, CliError> {
-    let Some(table) = source::table(command_node, node, timeout)? else {
-        return Ok(stopped(command_node));
-    };
+    let table = source::table(command_node, node, timeout)?;
     let assignments = request(&table)?;
     let parameters = assignments.len();
     let revision = match parameters {
-        0 => Some(table.revision),
+        0 => table.revision,
         _ => source::set(command_node, node, assignments, timeout)?,
-    };
-    let Some(revision) = revision else {
-        return Ok(stopped(command_node));
     };
     if json {
         Output::new().json(&Done {

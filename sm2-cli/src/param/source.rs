@@ -87,29 +87,26 @@ impl Source {
         }
     }
 
-    /// The present table of the node; `None` if a signal came first.
+    /// The present table of the node.
     ///
     /// # Errors
     ///
-    /// [`ParamError::NoTable`], [`ParamError::WrongTable`].
+    /// [`ParamError::NoTable`], [`ParamError::WrongTable`], [`CliError::Stopped`].
     pub(super) fn first(
         &self,
         command_node: &CommandNode,
         timeout: Duration,
-    ) -> Result<Option<Table>, CliError> {
-        let table = self.next(command_node, Some(timeout))?;
-        match table {
-            None if command_node.stopped().is_none() => Err(ParamError::NoTable {
-                node: self.node.clone(),
-                timeout: Span(timeout),
-            }
-            .into()),
-            table => Ok(table),
+    ) -> Result<Table, CliError> {
+        if let Some(table) = self.next(command_node, Some(timeout))? {
+            return Ok(table);
         }
+        command_node.fail_if_stopped()?;
+        let (node, timeout) = (self.node.clone(), Span(timeout));
+        Err(ParamError::NoTable { node, timeout }.into())
     }
 }
 
-/// The present table of a node; `None` if a signal came first.
+/// The present table of a node.
 ///
 /// # Errors
 ///
@@ -118,7 +115,7 @@ pub(super) fn table(
     command_node: &CommandNode,
     node: &Name,
     timeout: Duration,
-) -> Result<Option<Table>, CliError> {
+) -> Result<Table, CliError> {
     Source::open(command_node, node)?.first(command_node, timeout)
 }
 
@@ -153,7 +150,7 @@ pub(super) fn entry<'a>(
     })
 }
 
-/// Sets parameters, all of them or none, and returns the revision after it; `None` if a signal came first.
+/// Sets parameters, all of them or none, and returns the revision after it.
 ///
 /// # Errors
 ///
@@ -163,7 +160,7 @@ pub(super) fn set(
     node: &Name,
     parameters: Vec<Assignment>,
     timeout: Duration,
-) -> Result<Option<u64>, CliError> {
+) -> Result<u64, CliError> {
     let service = params::name(node.as_str());
     let request = SetParameters { parameters };
     let (Ok(service), Ok(request)) = (Name::new(&service), request.bytes()) else {
@@ -177,11 +174,8 @@ pub(super) fn set(
         }
         reply => reply?,
     };
-    let Some(reply) = reply else {
-        return Ok(None);
-    };
     match SetParametersResult::view(reply.into()) {
-        Ok(result) if result.successful => Ok(Some(result.revision)),
+        Ok(result) if result.successful => Ok(result.revision),
         Ok(result) => {
             let reason = result.reason.clone();
             Err(ParamError::Refused { node, reason }.into())

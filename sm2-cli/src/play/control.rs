@@ -12,7 +12,7 @@ use crate::{
     ended::Ended,
     error::CliError,
     output::Output,
-    service::{ask, stopped},
+    service::ask,
     time,
 };
 
@@ -75,9 +75,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let command = arguments.command()?.to_string();
     let command_node = CommandNode::open(&arguments.domain, "control")?;
     let (service, timeout) = (&arguments.service, arguments.timeout);
-    let Some(reply) = ask(&command_node, service, command.as_bytes(), timeout)? else {
-        return Ok(stopped(&command_node));
-    };
+    let reply = ask(&command_node, service, command.as_bytes(), timeout)?;
     let reply = String::from_utf8_lossy(&reply);
     let mut out = Output::new();
     match serde_json::from_str::<PlayStatus>(&reply) {

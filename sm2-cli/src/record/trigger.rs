@@ -12,7 +12,7 @@ use crate::{
     ended::Ended,
     error::CliError,
     report::{Report, print},
-    service::{ask, stopped},
+    service::ask,
     time,
 };
 
@@ -58,9 +58,7 @@ Examples:
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let command_node = CommandNode::open(&arguments.domain, "trigger")?;
     let (service, timeout) = (&arguments.service, arguments.timeout);
-    let Some(reply) = ask(&command_node, service, arguments.reason.as_bytes(), timeout)? else {
-        return Ok(stopped(&command_node));
-    };
+    let reply = ask(&command_node, service, arguments.reason.as_bytes(), timeout)?;
     let bag = String::from_utf8_lossy(&reply).into_owned();
     print(&Triggered { bag }, arguments.json)?;
     Ok(Ended::Done)

@@ -85,11 +85,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let command_node = CommandNode::open(&arguments.domain, "call")?;
     let client = client(&command_node, &arguments.service)?;
     let until = clock::now().after(arguments.timeout);
-    let Some([request_type, reply_type]) =
-        server(&arguments.service, &command_node, &client, until)?
-    else {
-        return Ok(stopped(&command_node));
-    };
+    let [request_type, reply_type] = server(&arguments.service, &command_node, &client, until)?;
     let mut schemas = Schemas::default();
     let request = match (given, value) {
         (Some(bytes), _) => bytes,
@@ -103,9 +99,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         (None, None) => Vec::new(),
     };
     let start = clock::now();
-    let Some(reply) = call(&command_node, &client, &request, until)? else {
-        return Ok(stopped(&command_node));
-    };
+    let reply = call(&command_node, &client, &request, until)?;
     let took = clock::now().since(start);
     // A copy: the server may still be able to change the reply while it is checked and decoded.
     let bytes = reply.to_vec();
@@ -130,20 +124,17 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     Ok(Ended::Done)
 }
 
-/// Calls a service of any types with these bytes. Returns a copy of the reply; `None` if a signal came.
+/// Calls a service of any types with these bytes. Returns a copy of the reply.
 pub(crate) fn ask(
     command_node: &CommandNode,
     service: &Name,
     request: &[u8],
     timeout: Duration,
-) -> Result<Option<Vec<u8>>, CliError> {
+) -> Result<Vec<u8>, CliError> {
     let client = client(command_node, service)?;
     let until = clock::now().after(timeout);
-    if server(service, command_node, &client, until)?.is_none() {
-        return Ok(None);
-    }
-    let reply = call(command_node, &client, request, until)?;
-    Ok(reply.map(|it| it.to_vec()))
+    server(service, command_node, &client, until)?;
+    Ok(call(command_node, &client, request, until)?.to_vec())
 }
 
 /// A client of any types.
@@ -152,18 +143,13 @@ fn client(command_node: &CommandNode, service: &Name) -> Result<Client<[u8], [u8
     Ok(builder.any_types().declare()?)
 }
 
-/// The result of a call that a signal ended.
-pub(crate) fn stopped(command_node: &CommandNode) -> Ended {
-    command_node.stopped().map_or(Ended::No, Ended::Stopped)
-}
-
-/// Waits for a server, and returns its types. `None` if a signal came.
+/// Waits for a server, and returns its types.
 fn server(
     service: &Name,
     command_node: &CommandNode,
     client: &Client<[u8], [u8]>,
     until: Instant,
-) -> Result<Option<[TypeId; 2]>, CliError> {
+) -> Result<[TypeId; 2], CliError> {
     loop {
         let links = client.links();
         let open = links.iter().filter(|link| link.open && link.end.is_none());
@@ -173,10 +159,8 @@ fn server(
                 Contract::Server { request, reply, .. } => Some([request.clone(), reply.clone()]),
                 _ => None,
             });
-        if command_node.stopped().is_some() {
-            return Ok(None);
-        }
-        if types.is_some() {
+        command_node.fail_if_stopped()?;
+        if let Some(types) = types {
             return Ok(types);
         }
         if clock::now() >= until {
@@ -202,28 +186,26 @@ fn no_server(service: &Name, command_node: &CommandNode) -> CliError {
     CliError::NoServer { service, hint }
 }
 
-/// Sends the request and waits for the reply. `None` if a signal came; the call is then cancelled.
+/// Sends the request and waits for the reply. A signal cancels the call.
 fn call(
     command_node: &CommandNode,
     client: &Client<[u8], [u8]>,
     request: &[u8],
     until: Instant,
-) -> Result<Option<Reply<[u8]>>, CliError> {
+) -> Result<Reply<[u8]>, CliError> {
     let left = until.since(clock::now());
     let mut call = client.send_timeout(request, left)?;
     loop {
         match call.try_wait() {
             Ok(None) => {}
-            Ok(Some(reply)) => return Ok(Some(reply)),
-            Err(error @ CallError::Cancelled { .. }) if command_node.stopped().is_none() => {
+            Ok(Some(reply)) => return Ok(reply),
+            Err(error @ CallError::Cancelled { .. }) => {
+                command_node.fail_if_stopped()?;
                 return Err(error.into());
             }
-            Err(CallError::Cancelled { .. }) => return Ok(None),
             Err(error) => return Err(error.into()),
         }
-        if command_node.stopped().is_some() {
-            return Ok(None);
-        }
+        command_node.fail_if_stopped()?;
         command_node.step(&[(client.as_fd(), For::Reading)], Some(until))?;
     }
 }

@@ -6,7 +6,7 @@ mod list;
 
 use clap::Subcommand;
 
-pub(crate) use self::call::{ask, stopped};
+pub(crate) use self::call::ask;
 use crate::{ended::Ended, error::CliError, report::Options};
 
 /// The commands.

@@ -69,9 +69,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let nodes = domain.nodes().map(|node| node.node).collect();
     let wait = |until| Ok(!command_node.pause(until)?);
     let observation = Observation::make(&command_node.node, &domain, &nodes, wait)?;
-    if let Some(signal) = command_node.stopped() {
-        return Ok(Ended::Stopped(signal));
-    }
+    command_node.fail_if_stopped()?;
     let gateways = gateways::ask(&command_node, &domain);
     let document = Document::new(
         &command_node,

@@ -156,9 +156,7 @@ fn print(arguments: &Arguments, monitor: &mut Monitor<'_>) -> Result<Ended, CliE
         let woken = monitor
             .follow
             .wait(&[(out.as_fd(), For::Hangup)], Some(due))?;
-        if let Some(signal) = monitor.command_node.stopped() {
-            return Ok(Ended::Stopped(signal));
-        }
+        monitor.command_node.fail_if_stopped()?;
         if woken.ready == [true] {
             return Ok(Ended::Done);
         }

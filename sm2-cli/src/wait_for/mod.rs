@@ -82,9 +82,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         {
             break true;
         }
-        if let Some(signal) = command_node.stopped() {
-            return Ok(Ended::Stopped(signal));
-        }
+        command_node.fail_if_stopped()?;
         if until.is_some_and(|until| until <= clock::now()) {
             break false;
         }
