@@ -15,6 +15,15 @@ const GAPS_SHOWN: usize = 10;
 /// # Errors
 ///
 /// [`CliError::Output`].
+pub(crate) fn print(path: &Path, report: &Report, json: bool) -> Result<(), CliError> {
+    Output::new().answer(json, report, |out| show(out, path, report))
+}
+
+/// Prints the lines for people.
+///
+/// # Errors
+///
+/// [`CliError::Output`].
 pub(crate) fn show(out: &mut Output, path: &Path, report: &Report) -> Result<(), CliError> {
     out.line(title(path, report))?;
     for topic in &report.topics {
@@ -145,10 +154,7 @@ fn show_missing(out: &mut Output, report: &Report) -> Result<(), CliError> {
 
 /// The result of a command that has written a bag with this summary: no, if the bag lacks what was damaged.
 pub(crate) const fn ended(report: &Report) -> Ended {
-    match report.damaged.is_empty() {
-        true => Ended::Done,
-        false => Ended::No,
-    }
+    Ended::with_answer(report.damaged.is_empty())
 }
 
 #[cfg(test)]

@@ -21,3 +21,13 @@ pub(crate) enum Ended {
     /// A signal came before the command was done.
     Stopped(Stopped),
 }
+
+impl Ended {
+    /// The result of a command that is done, and whose answer is yes or no.
+    pub(crate) const fn with_answer(is_yes: bool) -> Self {
+        match is_yes {
+            true => Self::Done,
+            false => Self::No,
+        }
+    }
+}

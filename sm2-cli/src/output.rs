@@ -110,6 +110,19 @@ impl Output {
         })
     }
 
+    /// Writes the answer of a command: as one line of JSON, or with `show` for people.
+    pub(crate) fn answer(
+        &mut self,
+        json: bool,
+        answer: &impl Serialize,
+        show: impl FnOnce(&mut Self) -> Result<(), CliError>,
+    ) -> Result<(), CliError> {
+        match json {
+            true => self.json(answer),
+            false => show(self),
+        }
+    }
+
     /// Writes the buffer out now, because more comes later or never.
     pub(crate) fn flush(&mut self) -> Result<(), CliError> {
         self.write(Write::flush)

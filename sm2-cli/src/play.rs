@@ -132,15 +132,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     }
     let command_node = CommandNode::open(&arguments.domain, "play")?;
     let played = play(arguments, &bags, &command_node)?;
-    let mut out = Output::new();
-    match arguments.json {
-        true => out.json(&played)?,
-        false => show(&mut out, &played)?,
-    }
+    Output::new().answer(arguments.json, &played, |out| show(out, &played))?;
     Ok(match command_node.stopped() {
         Some(signal) if !arguments.again => Ended::Stopped(signal),
-        _ if !played.damaged.is_empty() || !played.left_out.is_empty() => Ended::No,
-        _ => Ended::Done,
+        _ => Ended::with_answer(played.damaged.is_empty() && played.left_out.is_empty()),
     })
 }
 

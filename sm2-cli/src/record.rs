@@ -25,12 +25,11 @@ use self::{
 };
 use crate::{
     args::{Domain, name, positive},
-    bag_summary::show,
+    bag_summary::print,
     compression::Compression,
     connect::CommandNode,
     ended::Ended,
     error::CliError,
-    output::Output,
     size::Size,
     ticker::Ticker,
     time,
@@ -212,10 +211,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         }
         None => record_bag(arguments, options, until, &command_node, connect)?,
     };
-    Ok(match is_missing && !arguments.allow_missing {
-        true => Ended::No,
-        false => Ended::Done,
-    })
+    Ok(Ended::with_answer(!is_missing || arguments.allow_missing))
 }
 
 /// Records to a file or a folder until a signal comes or the time `until`. Returns whether a topic was missing, or a
@@ -264,11 +260,7 @@ fn record_bag<'a>(
     }
     // A recording that ended early has its summary as well.
     if let Ok(report) = &finished {
-        let mut out = Output::new();
-        match arguments.json {
-            true => out.json(report)?,
-            false => show(&mut out, &path, report)?,
-        }
+        print(&path, report, arguments.json)?;
     }
     recorded.map_err(failed)?;
     let report = finished.map_err(failed)?;

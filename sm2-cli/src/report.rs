@@ -25,11 +25,7 @@ pub(crate) trait Report: Serialize {
 ///
 /// [`CliError::Output`].
 pub(crate) fn print(report: &impl Report, json: bool) -> Result<(), CliError> {
-    let mut out = Output::new();
-    match json {
-        true => out.json(report),
-        false => out.line(report.text()),
-    }
+    Output::new().answer(json, report, |out| out.line(report.text()))
 }
 
 /// The options of a command that reports on the domain.

@@ -139,12 +139,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         wait,
     )?;
     command_node.fail_if_stopped()?;
-    let mut out = Output::new();
-    if arguments.json {
-        out.json(&answer)?;
-    } else {
-        answer.print(&mut out)?;
-    }
+    Output::new().answer(arguments.json, &answer, |out| answer.print(out))?;
     Ok(match answer.is_linked_and_working() {
         (false, _) => Ended::No,
         (true, false) => Ended::NotWorking,

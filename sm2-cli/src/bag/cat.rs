@@ -104,10 +104,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
             Err(error) => return Err(error.into()),
         }
     }
-    Ok(match is_whole {
-        true => Ended::Done,
-        false => Ended::No,
-    })
+    Ok(Ended::with_answer(is_whole))
 }
 
 /// Prints messages.

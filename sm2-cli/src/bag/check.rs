@@ -68,11 +68,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
             false => Vec::new(),
         },
     };
-    let mut out = Output::new();
-    if arguments.json {
-        out.json(&checked)?;
-    } else {
-        show(&mut out, &arguments.file, &checked.report)?;
+    let is_whole = checked.damages.is_empty();
+    Output::new().answer(arguments.json, &checked, |out| {
+        show(out, &arguments.file, &checked.report)?;
         for (path, verdict) in files.paths().iter().zip(&verdicts) {
             for damage in &verdict.damages {
                 match checked.files.is_empty() {
@@ -81,12 +79,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
                 }
             }
         }
-        if checked.damages.is_empty() {
-            out.line("no damage")?;
+        match is_whole {
+            true => out.line("no damage"),
+            false => Ok(()),
         }
-    }
-    Ok(match checked.damages.is_empty() {
-        true => Ended::Done,
-        false => Ended::No,
-    })
+    })?;
+    Ok(Ended::with_answer(is_whole))
 }

@@ -8,11 +8,10 @@ use sm2_bag::{Bag, BagFiles, Filter};
 use super::work::Work;
 use crate::{
     bag_choice::Choice,
-    bag_summary::{ended, show},
+    bag_summary::{ended, print},
     compression::Compression,
     ended::Ended,
     error::CliError,
-    output::Output,
 };
 
 /// The work with an incomplete bag.
@@ -161,10 +160,6 @@ fn write(
     let (to, compression) = (&target.output, compression.into());
     let report = sm2_bag::copy_observed(bags, to, filter, compression, &mut |it| work.advance(it));
     let report = report.map_err(|it| work.error(it))?;
-    let mut out = Output::new();
-    match target.json {
-        true => out.json(&report)?,
-        false => show(&mut out, &target.output, &report)?,
-    }
+    print(&target.output, &report, target.json)?;
     Ok(ended(&report))
 }

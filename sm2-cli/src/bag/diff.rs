@@ -58,15 +58,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
             );
         }
     }
-    let mut out = Output::new();
-    match (arguments.json, &difference) {
-        (true, difference) => out.json(difference)?,
-        (false, Some(difference)) => out.line(difference)?,
-        (false, None) => out.line("the payloads are the same")?,
-    }
+    Output::new().answer(arguments.json, &difference, |out| match &difference {
+        Some(difference) => out.line(difference),
+        None => out.line("the payloads are the same"),
+    })?;
     let is_whole = damaged.iter().all(Vec::is_empty);
-    Ok(match difference {
-        None if is_whole => Ended::Done,
-        _ => Ended::No,
-    })
+    Ok(Ended::with_answer(difference.is_none() && is_whole))
 }

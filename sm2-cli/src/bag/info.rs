@@ -6,7 +6,7 @@ use clap::Args;
 use sm2_bag::{Bag, BagFiles, Report};
 
 use super::work::Work;
-use crate::{bag_summary::show, ended::Ended, error::CliError, output::Output};
+use crate::{bag_summary::print, ended::Ended, error::CliError};
 
 /// `sm2 bag info`.
 #[derive(Args, Debug)]
@@ -46,10 +46,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let bags = bags.map_err(|it| work.error(it))?;
     let reports: Vec<_> = bags.iter().map(Bag::report).collect();
     let report = Report::of_files(&reports);
-    let mut out = Output::new();
-    match arguments.json {
-        true => out.json(&report)?,
-        false => show(&mut out, &arguments.file, &report)?,
-    }
+    print(&arguments.file, &report, arguments.json)?;
     Ok(Ended::Done)
 }

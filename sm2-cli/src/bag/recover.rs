@@ -7,10 +7,9 @@ use sm2_bag::BagFiles;
 
 use super::work::Work;
 use crate::{
-    bag_summary::{ended, show},
+    bag_summary::{ended, print},
     ended::Ended,
     error::CliError,
-    output::Output,
 };
 
 /// `sm2 bag recover`.
@@ -52,10 +51,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let mut work = Work::begin([&files; 2])?;
     let report = sm2_bag::recover_observed(&arguments.file, &path, &mut |it| work.advance(it));
     let report = report.map_err(|it| work.error(it))?;
-    let mut out = Output::new();
-    match arguments.json {
-        true => out.json(&report)?,
-        false => show(&mut out, &path, &report)?,
-    }
+    print(&path, &report, arguments.json)?;
     Ok(ended(&report))
 }

@@ -59,10 +59,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let (to, compression) = (&arguments.output, arguments.compression.into());
     let restamped = sm2_bag::restamp(&bags, to, compression, &mut |it| work.advance(it));
     let restamped = restamped.map_err(|it| work.error(it))?;
-    let mut out = Output::new();
-    if arguments.json {
-        out.json(&restamped)?;
-    } else {
+    Output::new().answer(arguments.json, &restamped, |out| {
         let shift = restamped.shift_ns;
         let nanos = u64::try_from(shift.unsigned_abs()).unwrap_or(u64::MAX);
         out.line(format_args!(
@@ -72,7 +69,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
             Counted::new(restamped.steps as u64, "step"),
             time_of_day(restamped.corrected_at_ns),
         ))?;
-        show(&mut out, to, &restamped.report)?;
-    }
+        show(out, to, &restamped.report)
+    })?;
     Ok(ended(&restamped.report))
 }

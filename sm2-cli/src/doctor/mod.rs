@@ -93,22 +93,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         limits: found.limits,
         quotas: found.quotas,
     };
-    let mut out = Output::new();
-    match arguments.json {
-        true => out.json(&report)?,
-        false => {
-            print(&mut out, &report.checks)?;
-            let limits = report.limits.as_ref();
-            let limits = limits.and_then(|it| limits::table(it, &report.quotas, arguments.limits));
-            if let Some(limits) = limits {
-                out.line(format_args!("\n{limits}"))?;
-            }
+    Output::new().answer(arguments.json, &report, |out| {
+        print(out, &report.checks)?;
+        let limits = report.limits.as_ref();
+        match limits.and_then(|it| limits::table(it, &report.quotas, arguments.limits)) {
+            Some(limits) => out.line(format_args!("\n{limits}")),
+            None => Ok(()),
         }
-    }
-    Ok(match report.level {
-        Level::Bad => Ended::No,
-        Level::Ok | Level::Warn => Ended::Done,
-    })
+    })?;
+    Ok(Ended::with_answer(report.level < Level::Bad))
 }
 
 /// The checks that need nothing but a domain and this machine. `node` is the node of the command.

@@ -55,14 +55,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
             entries.collect::<Result<_, _>>()?
         }
     };
-    let mut out = Output::new();
-    if arguments.json {
-        out.json(&Node::with(node, &table, entries.into_iter()))?;
-        return Ok(Ended::Done);
-    }
-    for entry in entries {
-        describe(&mut out, entry)?;
-    }
+    let answer = Node::with(node, &table, entries.iter().copied());
+    Output::new().answer(arguments.json, &answer, |out| {
+        entries.iter().try_for_each(|it| describe(out, it))
+    })?;
     Ok(Ended::Done)
 }
 

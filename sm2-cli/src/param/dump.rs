@@ -1,4 +1,4 @@
-use std::{fmt::Write as _, time::Duration};
+use std::{fmt::Write as _, io::Write as _, time::Duration};
 
 use clap::Args;
 use sm2_node::params::Table;
@@ -45,11 +45,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let command_node = CommandNode::open(&arguments.domain, "param-dump")?;
     let node = &arguments.node;
     let table = source::table(&command_node, node, arguments.timeout)?;
-    let mut out = Output::new();
-    match arguments.json {
-        true => out.json(&Node::new(node, &table))?,
-        false => out.write(|out| std::io::Write::write_all(out, file(node, &table).as_bytes()))?,
-    }
+    Output::new().answer(arguments.json, &Node::new(node, &table), |out| {
+        out.write(|out| out.write_all(file(node, &table).as_bytes()))
+    })?;
     Ok(Ended::Done)
 }
 

@@ -50,10 +50,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let command_node = CommandNode::open(&arguments.domain, "param-get")?;
     let table = source::table(&command_node, &arguments.node, arguments.timeout)?;
     let entry = entry(&table, &arguments.node, &arguments.name)?;
-    let mut out = Output::new();
-    match arguments.json {
-        true => out.json(&Row::from(entry))?,
-        false => out.line(bare(&entry.value))?,
-    }
+    Output::new().answer(arguments.json, &Row::from(entry), |out| {
+        out.line(bare(&entry.value))
+    })?;
     Ok(Ended::Done)
 }

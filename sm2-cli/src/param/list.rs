@@ -78,15 +78,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
             Err(error) => return Err(error),
         }
     }
-    let mut out = Output::new();
-    if arguments.json {
-        let nodes = tables.iter().map(|(node, table)| Node::new(node, table));
-        out.json(&Nodes {
-            nodes: nodes.collect(),
-        })?;
-    } else {
-        out.line(rows(&tables))?;
-    }
+    let nodes = tables.iter().map(|(node, table)| Node::new(node, table));
+    let nodes = nodes.collect();
+    Output::new().answer(arguments.json, &Nodes { nodes }, |out| {
+        out.line(rows(&tables))
+    })?;
     Ok(ended)
 }
 

@@ -150,10 +150,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         exclusive: exclusive.map(|it| at(&it.name)),
     };
     print(&explained, arguments.json)?;
-    Ok(match explained.allowed {
-        true => Ended::Done,
-        false => Ended::No,
-    })
+    Ok(Ended::with_answer(explained.allowed))
 }
 
 /// A table of the policy.

@@ -77,11 +77,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         observation.readings(),
         gateways,
     );
-    let mut out = Output::new();
-    match arguments.json {
-        true => out.json(&document)?,
-        false => document.print(&mut out, arguments.limits)?,
-    }
+    Output::new().answer(arguments.json, &document, |out| {
+        document.print(out, arguments.limits)
+    })?;
     Ok(Ended::Done)
 }
 

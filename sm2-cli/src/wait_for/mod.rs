@@ -97,15 +97,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     }
     if arguments.json {
         let waited = clock::now().since(start).as_secs_f64();
-        let mut out = Output::new();
-        out.json(&Answer {
+        Output::new().json(&Answer {
             met,
             revision: follow.domain().revision(),
             waited_s: (waited * 1e3).round() / 1e3,
             expressions: seen,
         })?;
     }
-    Ok(if met { Ended::Done } else { Ended::No })
+    Ok(Ended::with_answer(met))
 }
 
 fn seen(expressions: &[Expression], domain: &Mirror) -> Vec<Seen> {
