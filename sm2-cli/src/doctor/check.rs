@@ -1,6 +1,9 @@
 use serde::Serialize;
 
-use crate::colours::Meaning;
+use crate::{
+    colours::Meaning,
+    columns::{Column, Row},
+};
 
 /// The severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -43,6 +46,17 @@ pub(crate) struct Check {
     pub(super) advice: Option<String>,
 }
 
+impl Row for Check {
+    const COLUMNS: &'static [Column<Self>] = &[
+        ("LEVEL", |it| it.level.word().to_owned()),
+        ("CHECK", |it| it.check.to_owned()),
+        ("FOUND", |it| match &it.advice {
+            None => it.found.clone(),
+            Some(advice) => format!("{}: {advice}", it.found),
+        }),
+    ];
+}
+
 impl Check {
     pub(super) fn ok(check: &'static str, found: impl Into<String>) -> Self {
         Self {
@@ -63,6 +77,20 @@ impl Check {
             check,
             found: found.into(),
             advice: Some(advice.into()),
+        }
+    }
+
+    /// A warning that lists all that was found, or `ok` with the text `none` if nothing was.
+    pub(super) fn warn_of(
+        check: &'static str,
+        none: impl Into<String>,
+        found: impl IntoIterator<Item: ToString>,
+        advice: impl Into<String>,
+    ) -> Self {
+        let found: Vec<_> = found.into_iter().map(|it| it.to_string()).collect();
+        match found.is_empty() {
+            true => Self::ok(check, none),
+            false => Self::warn(check, found.join(", "), advice),
         }
     }
 

@@ -126,45 +126,34 @@ fn troubles(node: &Node, view: &View<'_>, interrupt: &Interrupt) -> LinkTroubles
 
 /// Subscribers and servers that take nothing although messages wait.
 fn consumers(troubles: &LinkTroubles) -> Check {
-    const CHECK: &str = "consumers";
-    let found: Vec<_> = troubles
-        .not_taking
-        .iter()
-        .map(ToString::to_string)
-        .collect();
-    let remedies: BTreeSet<_> = troubles.not_taking.iter().map(NotTaking::remedy).collect();
-    let remedies: Vec<_> = remedies.into_iter().collect();
-    match found.is_empty() {
-        true => Check::ok(CHECK, "all take what waits for them"),
-        false => Check::warn(CHECK, found.join(", "), remedies.join("; or ")),
-    }
+    let ends = &troubles.not_taking;
+    let advice = each_once(ends.iter().map(NotTaking::remedy)).join("; or ");
+    Check::warn_of("consumers", "all take what waits for them", ends, advice)
 }
 
 /// Messages that are being lost on links whose receiving ends take others.
 fn losses(troubles: &LinkTroubles) -> Check {
-    const CHECK: &str = "losses";
-    let found: Vec<_> = troubles.losing().map(ToString::to_string).collect();
-    let remedies: BTreeSet<_> = troubles.losing().map(Losing::remedy).collect();
-    let remedies: Vec<_> = remedies.into_iter().collect();
-    match found.is_empty() {
-        true => Check::ok(CHECK, "no message is being lost"),
-        false => Check::warn(CHECK, found.join(", "), remedies.join("; or ")),
-    }
+    let advice = each_once(troubles.losing().map(Losing::remedy)).join("; or ");
+    let none = "no message is being lost";
+    Check::warn_of("losses", none, troubles.losing(), advice)
 }
 
 /// Deadlines that are being missed.
 fn deadlines(troubles: &LinkTroubles) -> Check {
-    const CHECK: &str = "deadlines";
     let missing = &troubles.missing_deadlines;
-    let found: Vec<_> = missing.iter().map(ToString::to_string).collect();
-    match missing.first() {
-        None => Check::ok(CHECK, "none is being missed"),
-        Some(first) => Check::warn(
-            CHECK,
-            found.join(", "),
-            format!("see `sm2 why {}`", first.interface),
-        ),
-    }
+    let advice = see_why(missing.first().map(|it| it.interface.as_str()));
+    Check::warn_of("deadlines", "none is being missed", missing, advice)
+}
+
+/// The advice to look at the first of some interfaces.
+fn see_why(first: Option<&str>) -> String {
+    format!("see `sm2 why {}`", first.unwrap_or_default())
+}
+
+/// Texts in order, each once.
+fn each_once<'a>(texts: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
+    let texts: BTreeSet<_> = texts.collect();
+    texts.into_iter().collect()
 }
 
 fn unreachable(error: CliError, who: &str) -> Check {
@@ -206,66 +195,36 @@ fn standby(mirror: &Mirror) -> Check {
 }
 
 fn resuming(mirror: &Mirror) -> Check {
-    const CHECK: &str = "resuming nodes";
-    let all = mirror.nodes().filter(|node| node.resuming);
-    let names: Vec<_> = all.map(|node| node.name.to_string()).collect();
-    match names.is_empty() {
-        true => Check::ok(CHECK, "none"),
-        false => Check::warn(
-            CHECK,
-            names.join(", "),
-            "a node may take some seconds to claim its links: run doctor again; \
-             a node that is still listed is stopped or busy",
-        ),
-    }
+    let resuming = mirror.nodes().filter(|node| node.resuming);
+    let advice = "a node may take some seconds to claim its links: run doctor again; \
+                  a node that is still listed is stopped or busy";
+    let names = resuming.map(|node| node.name);
+    Check::warn_of("resuming nodes", "none", names, advice)
 }
 
 fn stopped(mirror: &Mirror) -> Check {
-    const CHECK: &str = "stopped nodes";
-    let all: Vec<_> = mirror
-        .nodes()
-        .filter_map(|it| StoppedNode::find(&it))
-        .collect();
-    let found: Vec<_> = all.iter().map(ToString::to_string).collect();
-    let remedies: Vec<_> = all.iter().map(StoppedNode::remedy).collect();
-    match all.is_empty() {
-        true => Check::ok(CHECK, "none"),
-        false => Check::warn(CHECK, found.join(", "), remedies.join(", ")),
-    }
+    let stopped = mirror.nodes().filter_map(|it| StoppedNode::find(&it));
+    let stopped: Vec<_> = stopped.collect();
+    let remedies: Vec<_> = stopped.iter().map(StoppedNode::remedy).collect();
+    Check::warn_of("stopped nodes", "none", &stopped, remedies.join(", "))
 }
 
 /// The limits that are used to a great part, with the options that raise them.
 fn usage(quotas: &[Quota]) -> Check {
-    const CHECK: &str = "quotas";
-    let nearly = quotas.iter().filter(|it| it.is_near());
-    let nearly: Vec<_> = nearly.collect();
-    let found = nearly.iter();
-    let found = found.map(|it| format!("{}: {} of {} {}", it.of, it.used, it.limit, it.quota));
-    let found: Vec<_> = found.collect();
-    let options: BTreeSet<_> = nearly.iter().map(|it| it.kind.name()).collect();
-    let options: Vec<_> = options.into_iter().collect();
-    match found.is_empty() {
-        true => Check::ok(CHECK, format!("all below {NEAR_PERCENT} %")),
-        false => Check::warn(
-            CHECK,
-            found.join(", "),
-            format!(
-                "close some, or raise {} of `sm2 manager`",
-                options.join(", ")
-            ),
-        ),
-    }
+    let near = || quotas.iter().filter(|it| it.is_near());
+    let found = near().map(|it| format!("{}: {} of {} {}", it.of, it.used, it.limit, it.quota));
+    let options = each_once(near().map(|it| it.kind.name())).join(", ");
+    let advice = format!("close some, or raise {options} of `sm2 manager`");
+    let none = format!("all below {NEAR_PERCENT} %");
+    Check::warn_of("quotas", none, found, advice)
 }
 
 /// A program with a refused interface seems to run, and does not work.
 fn refused(mirror: &Mirror, node: &Node) -> Check {
-    const CHECK: &str = "refused interfaces";
     let view = View::new(mirror);
     let all = mirror.interfaces().filter(|it| it.refused.is_some());
     let others = all.filter(|it| view.name_of(it.entity.node) != node.name().as_str());
     let titles: Vec<_> = others.map(|it| view.title(it.entity)).collect();
-    match &*titles {
-        [] => Check::ok(CHECK, "none"),
-        [first, ..] => Check::warn(CHECK, titles.join(", "), format!("see `sm2 why {first}`")),
-    }
+    let advice = see_why(titles.first().map(String::as_str));
+    Check::warn_of("refused interfaces", "none", titles, advice)
 }

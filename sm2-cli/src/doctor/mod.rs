@@ -20,7 +20,7 @@ pub(crate) use self::check::Check;
 use self::check::Level;
 use crate::{
     args::Domain,
-    columns::Columns,
+    columns::Table,
     ended::Ended,
     error::CliError,
     interrupt::Interrupt,
@@ -115,17 +115,9 @@ pub(crate) fn checks(view: &View<'_>, readings: Readings<'_>, node: &Node) -> Ve
 
 /// Prints the checks, those that are not ok first.
 fn print(out: &mut Output, checks: &[Check]) -> Result<(), CliError> {
-    let mut checks: Vec<_> = checks.iter().collect();
+    let mut checks = checks.to_vec();
     checks.sort_by_key(|it| Reverse(it.level));
-    let mut table = Columns::new(["LEVEL", "CHECK", "FOUND"]);
-    for check in &checks {
-        let found = match &check.advice {
-            None => check.found.clone(),
-            Some(advice) => format!("{}: {advice}", check.found),
-        };
-        table.push([check.level.word().into(), check.check.into(), found]);
-    }
-    let table = table.to_string();
+    let table = Table(&checks).to_string();
     let mut lines = table.lines();
     lines.next().map_or(Ok(()), |headings| out.line(headings))?;
     for (check, line) in checks.iter().zip(lines) {
