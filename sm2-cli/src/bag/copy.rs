@@ -1,9 +1,9 @@
 //! `sm2 bag filter`, `convert` and `merge`: copies of bags.
 
-use std::{iter, path::PathBuf};
+use std::{iter, path::PathBuf, slice};
 
 use clap::Args;
-use sm2_bag::{Bag, BagFiles, Filter};
+use sm2_bag::{BagFiles, Filter};
 
 use super::work::Work;
 use crate::{
@@ -13,9 +13,6 @@ use crate::{
     ended::Ended,
     error::CliError,
 };
-
-/// The work with an incomplete bag.
-const COPYING: &str = "copying";
 
 /// `sm2 bag filter`.
 #[derive(Args, Debug)]
@@ -110,14 +107,8 @@ Examples:
 ///
 /// [`CliError::ReadBag`], [`CliError::CopyBag`], [`CliError::Output`].
 pub(super) fn filter(arguments: &FilterArguments) -> Result<Ended, CliError> {
-    let files = BagFiles::find(&arguments.file)?;
-    let mut work = Work::begin([&files])?;
-    let bags = work.open(&files, COPYING)?;
-    arguments.choice.check(&bags, iter::empty())?;
-    let start_ns = bags.iter().filter_map(|it| it.report().start_ns).min();
-    let filter = arguments.choice.filter(start_ns);
-    let compression = arguments.compression;
-    write(&bags, &filter, compression, &arguments.target, &mut work)
+    let (file, choice) = (slice::from_ref(&arguments.file), Some(&arguments.choice));
+    copy(file, choice, arguments.compression, &arguments.target)
 }
 
 /// Runs `sm2 bag convert`.
@@ -126,11 +117,8 @@ pub(super) fn filter(arguments: &FilterArguments) -> Result<Ended, CliError> {
 ///
 /// [`CliError::ReadBag`], [`CliError::CopyBag`], [`CliError::Output`].
 pub(super) fn convert(arguments: &ConvertArguments) -> Result<Ended, CliError> {
-    let files = BagFiles::find(&arguments.file)?;
-    let mut work = Work::begin([&files])?;
-    let bags = work.open(&files, COPYING)?;
-    let (all, compression) = (Filter::default(), arguments.compression);
-    write(&bags, &all, compression, &arguments.target, &mut work)
+    let file = slice::from_ref(&arguments.file);
+    copy(file, None, arguments.compression, &arguments.target)
 }
 
 /// Runs `sm2 bag merge`.
@@ -139,26 +127,38 @@ pub(super) fn convert(arguments: &ConvertArguments) -> Result<Ended, CliError> {
 ///
 /// [`CliError::ReadBag`], [`CliError::CopyBag`], [`CliError::Output`].
 pub(super) fn merge(arguments: &MergeArguments) -> Result<Ended, CliError> {
-    let files = arguments.files.iter().map(|it| BagFiles::find(it));
+    copy(
+        &arguments.files,
+        None,
+        arguments.compression,
+        &arguments.target,
+    )
+}
+
+/// Copies the messages of bags, or only those of a choice.
+fn copy(
+    paths: &[PathBuf],
+    choice: Option<&Choice>,
+    compression: Compression,
+    target: &Target,
+) -> Result<Ended, CliError> {
+    let files = paths.iter().map(|it| BagFiles::find(it));
     let files = files.collect::<Result<Vec<_>, _>>()?;
     let mut work = Work::begin(&files)?;
     let mut bags = Vec::new();
     for files in &files {
-        bags.extend(work.open(files, COPYING)?);
+        bags.extend(work.open(files, "copying")?);
     }
-    let (all, compression) = (Filter::default(), arguments.compression);
-    write(&bags, &all, compression, &arguments.target, &mut work)
-}
-
-fn write(
-    bags: &[Bag],
-    filter: &Filter,
-    compression: Compression,
-    target: &Target,
-    work: &mut Work,
-) -> Result<Ended, CliError> {
+    let filter = match choice {
+        Some(choice) => {
+            choice.check(&bags, iter::empty())?;
+            choice.filter(bags.iter().filter_map(|it| it.report().start_ns).min())
+        }
+        None => Filter::default(),
+    };
     let (to, compression) = (&target.output, compression.into());
-    let report = sm2_bag::copy_observed(bags, to, filter, compression, &mut |it| work.advance(it));
+    let observe = &mut |it| work.advance(it);
+    let report = sm2_bag::copy_observed(&bags, to, &filter, compression, observe);
     let report = report.map_err(|it| work.error(it))?;
     print(&target.output, &report, target.json)?;
     Ok(ended(&report))
