@@ -28,14 +28,14 @@ pub(crate) fn print(report: &impl Report, json: bool) -> Result<(), CliError> {
     Output::new().answer(json, report, |out| out.line(report.text()))
 }
 
-/// The options of a command that reports on the domain.
+/// The options of a command that asks the domain once, and prints the answer.
 #[derive(Args, Debug)]
 pub(crate) struct Options {
     /// Print one JSON object
     #[arg(long)]
-    json: bool,
+    pub(crate) json: bool,
     #[command(flatten)]
-    domain: Domain,
+    pub(crate) domain: Domain,
 }
 
 impl Options {

@@ -11,7 +11,6 @@ use sm2_proto::{
 };
 
 use crate::{
-    args::Domain,
     colours::Meaning,
     connect::CommandNode,
     ended::Ended,
@@ -21,6 +20,7 @@ use crate::{
     names::{Selector, titles},
     observation::Observation,
     output::Output,
+    report::Options,
     sampling::Sample,
     stopped::StoppedNode,
     troubles::LinkTroubles,
@@ -37,11 +37,8 @@ pub(crate) struct Arguments {
     /// The other interface [default: the nearest counterparts of A]
     #[arg(value_name = "B", value_parser = Selector::parse)]
     other: Option<Selector>,
-    /// Print one JSON object
-    #[arg(long)]
-    json: bool,
     #[command(flatten)]
-    domain: Domain,
+    options: Options,
 }
 
 const HELP: &str = "\
@@ -130,7 +127,7 @@ pub(crate) enum Answer {
 ///
 /// Any [`CliError`].
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let command_node = CommandNode::open(&arguments.domain, "why")?;
+    let command_node = CommandNode::open(&arguments.options.domain, "why")?;
     let wait = |until| Ok(!command_node.pause(until)?);
     let answer = Answer::find(
         &command_node,
@@ -139,7 +136,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         wait,
     )?;
     command_node.fail_if_stopped()?;
-    Output::new().answer(arguments.json, &answer, |out| answer.print(out))?;
+    Output::new().answer(arguments.options.json, &answer, |out| answer.print(out))?;
     Ok(match answer.is_linked_and_working() {
         (false, _) => Ended::No,
         (true, false) => Ended::NotWorking,

@@ -9,12 +9,8 @@ use super::{
     source::{self, entry},
 };
 use crate::{
-    args::{Domain, name},
-    connect::CommandNode,
-    ended::Ended,
-    error::CliError,
-    output::Output,
-    time,
+    args::name, connect::CommandNode, ended::Ended, error::CliError, output::Output,
+    report::Options, time,
 };
 
 /// `sm2 param describe`.
@@ -30,11 +26,8 @@ pub(crate) struct Arguments {
     /// The timeout for the values of the node
     #[arg(long, value_name = "TIME", default_value = "5s", value_parser = time::span)]
     timeout: Duration,
-    /// Print one JSON object
-    #[arg(long)]
-    json: bool,
     #[command(flatten)]
-    domain: Domain,
+    options: Options,
 }
 
 const HELP: &str = "\
@@ -45,7 +38,7 @@ Examples:
   sm2 param describe lidar max_range --json";
 
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let command_node = CommandNode::open(&arguments.domain, "param-describe")?;
+    let command_node = CommandNode::open(&arguments.options.domain, "param-describe")?;
     let node = &arguments.node;
     let table = source::table(&command_node, node, arguments.timeout)?;
     let entries: Vec<&Entry> = match arguments.names.as_slice() {
@@ -56,7 +49,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         }
     };
     let answer = Node::with(node, &table, entries.iter().copied());
-    Output::new().answer(arguments.json, &answer, |out| {
+    Output::new().answer(arguments.options.json, &answer, |out| {
         entries.iter().try_for_each(|it| describe(out, it))
     })?;
     Ok(Ended::Done)

@@ -8,12 +8,8 @@ use super::{
     source::{self, entry},
 };
 use crate::{
-    args::{Domain, name},
-    connect::CommandNode,
-    ended::Ended,
-    error::CliError,
-    output::Output,
-    time,
+    args::name, connect::CommandNode, ended::Ended, error::CliError, output::Output,
+    report::Options, time,
 };
 
 /// `sm2 param get`.
@@ -29,11 +25,8 @@ pub(crate) struct Arguments {
     /// The timeout for the values of the node
     #[arg(long, value_name = "TIME", default_value = "5s", value_parser = time::span)]
     timeout: Duration,
-    /// Print one JSON object
-    #[arg(long)]
-    json: bool,
     #[command(flatten)]
-    domain: Domain,
+    options: Options,
 }
 
 const HELP: &str = "\
@@ -47,10 +40,10 @@ Examples:
   sm2 param get lidar frame --json";
 
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let command_node = CommandNode::open(&arguments.domain, "param-get")?;
+    let command_node = CommandNode::open(&arguments.options.domain, "param-get")?;
     let table = source::table(&command_node, &arguments.node, arguments.timeout)?;
     let entry = entry(&table, &arguments.node, &arguments.name)?;
-    Output::new().answer(arguments.json, &Row::from(entry), |out| {
+    Output::new().answer(arguments.options.json, &Row::from(entry), |out| {
         out.line(bare(&entry.value))
     })?;
     Ok(Ended::Done)

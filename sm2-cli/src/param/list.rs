@@ -12,12 +12,13 @@ use super::{
     source::{self, Source},
 };
 use crate::{
-    args::{Domain, name},
+    args::name,
     columns::Columns,
     connect::CommandNode,
     ended::Ended,
     error::CliError,
     output::Output,
+    report::Options,
     time::{self, Span},
 };
 
@@ -31,11 +32,8 @@ pub(crate) struct Arguments {
     /// The timeout for the values of all nodes
     #[arg(long, value_name = "TIME", default_value = "5s", value_parser = time::span)]
     timeout: Duration,
-    /// Print one JSON object
-    #[arg(long)]
-    json: bool,
     #[command(flatten)]
-    domain: Domain,
+    options: Options,
 }
 
 const HELP: &str = "\
@@ -54,7 +52,7 @@ struct Nodes<'a> {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let command_node = CommandNode::open(&arguments.domain, "param-list")?;
+    let command_node = CommandNode::open(&arguments.options.domain, "param-list")?;
     let until = clock::now().after(arguments.timeout);
     let sources = match &arguments.node {
         Some(node) => vec![Source::open(&command_node, node)?],
@@ -80,7 +78,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     }
     let nodes = tables.iter().map(|(node, table)| Node::new(node, table));
     let nodes = nodes.collect();
-    Output::new().answer(arguments.json, &Nodes { nodes }, |out| {
+    Output::new().answer(arguments.options.json, &Nodes { nodes }, |out| {
         out.line(rows(&tables))
     })?;
     Ok(ended)

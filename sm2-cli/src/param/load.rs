@@ -6,11 +6,7 @@ use sm2_proto::Name;
 
 use super::{error::ParamError, set, source::entry};
 use crate::{
-    args::{Domain, name},
-    connect::CommandNode,
-    ended::Ended,
-    error::CliError,
-    time,
+    args::name, connect::CommandNode, ended::Ended, error::CliError, report::Options, time,
 };
 
 /// `sm2 param load`.
@@ -26,11 +22,8 @@ pub(crate) struct Arguments {
     /// The timeout for the values of the node, and for its answer
     #[arg(long, value_name = "TIME", default_value = "5s", value_parser = time::span)]
     timeout: Duration,
-    /// Print one JSON object
-    #[arg(long)]
-    json: bool,
     #[command(flatten)]
-    domain: Domain,
+    options: Options,
 }
 
 const HELP: &str = "\
@@ -46,9 +39,15 @@ Examples:
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let Arguments { node, timeout, .. } = arguments;
     let file = File::load(&arguments.file).map_err(ParamError::File)?;
-    let command_node = CommandNode::open(&arguments.domain, "param-load")?;
+    let command_node = CommandNode::open(&arguments.options.domain, "param-load")?;
     let request = |table: &Table| assignments(&file, node, table);
-    set::apply(&command_node, node, *timeout, arguments.json, request)
+    set::apply(
+        &command_node,
+        node,
+        *timeout,
+        arguments.options.json,
+        request,
+    )
 }
 
 /// The values of the file that differ from those of the node.

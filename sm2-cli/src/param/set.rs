@@ -10,12 +10,8 @@ use super::{
     source::{self, entry},
 };
 use crate::{
-    args::{Domain, name},
-    connect::CommandNode,
-    ended::Ended,
-    error::CliError,
-    output::Output,
-    time,
+    args::name, connect::CommandNode, ended::Ended, error::CliError, output::Output,
+    report::Options, time,
 };
 
 /// `sm2 param set`.
@@ -31,11 +27,8 @@ pub(crate) struct Arguments {
     /// The timeout for the values of the node, and for its answer
     #[arg(long, value_name = "TIME", default_value = "5s", value_parser = time::span)]
     timeout: Duration,
-    /// Print one JSON object
-    #[arg(long)]
-    json: bool,
     #[command(flatten)]
-    domain: Domain,
+    options: Options,
 }
 
 const HELP: &str = "\
@@ -66,14 +59,20 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         let name = name.clone();
         return Err(ParamError::NoValue { name }.into());
     }
-    let command_node = CommandNode::open(&arguments.domain, "param-set")?;
+    let command_node = CommandNode::open(&arguments.options.domain, "param-set")?;
     let request = |table: &Table| {
         values
             .iter()
             .map(|it| assignment(it, node, table))
             .collect()
     };
-    apply(&command_node, node, *timeout, arguments.json, request)
+    apply(
+        &command_node,
+        node,
+        *timeout,
+        arguments.options.json,
+        request,
+    )
 }
 
 fn assignment(

@@ -4,11 +4,10 @@ use clap::Args;
 use serde::Serialize;
 
 use crate::{
-    args::Domain,
     connect::CommandNode,
     ended::Ended,
     error::CliError,
-    report::{Report, print},
+    report::{Options, Report, print},
     time,
 };
 
@@ -19,11 +18,8 @@ pub(crate) struct Arguments {
     /// The time within which the policy has to be applied
     #[arg(long, value_name = "TIME", default_value = "30s", value_parser = time::span)]
     timeout: Duration,
-    /// Print one JSON object
-    #[arg(long)]
-    json: bool,
     #[command(flatten)]
-    domain: Domain,
+    options: Options,
 }
 
 const HELP: &str = "\
@@ -44,9 +40,9 @@ Examples:
 ///
 /// [`CliError::Reload`], [`CliError::Output`], and those of [`CommandNode::open`].
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let command_node = CommandNode::open(&arguments.domain, "policy")?;
+    let command_node = CommandNode::open(&arguments.options.domain, "policy")?;
     command_node.node.reload_policy(arguments.timeout)?;
-    print(&Applied { applied: true }, arguments.json)?;
+    print(&Applied { applied: true }, arguments.options.json)?;
     Ok(Ended::Done)
 }
 

@@ -7,11 +7,11 @@ use serde::Serialize;
 use sm2_proto::Name;
 
 use crate::{
-    args::{Domain, name},
+    args::name,
     connect::CommandNode,
     ended::Ended,
     error::CliError,
-    report::{Report, print},
+    report::{Options, Report, print},
     service::ask,
     time,
 };
@@ -32,11 +32,8 @@ pub(crate) struct Arguments {
     /// The timeout for the recorder's answer
     #[arg(long, value_name = "TIME", default_value = "5s", value_parser = time::span)]
     timeout: Duration,
-    /// Print one JSON object
-    #[arg(long)]
-    json: bool,
     #[command(flatten)]
-    domain: Domain,
+    options: Options,
 }
 
 const HELP: &str = "\
@@ -56,11 +53,11 @@ Examples:
 ///
 /// [`CliError::NoServer`], [`CliError::Call`], and the errors of connecting.
 pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let command_node = CommandNode::open(&arguments.domain, "trigger")?;
+    let command_node = CommandNode::open(&arguments.options.domain, "trigger")?;
     let (service, timeout) = (&arguments.service, arguments.timeout);
     let reply = ask(&command_node, service, arguments.reason.as_bytes(), timeout)?;
     let bag = String::from_utf8_lossy(&reply).into_owned();
-    print(&Triggered { bag }, arguments.json)?;
+    print(&Triggered { bag }, arguments.options.json)?;
     Ok(Ended::Done)
 }
 

@@ -14,8 +14,8 @@ use sm2_proto::domain::Domain as Mirror;
 pub(crate) use self::expression::Expression;
 use self::expression::Seen;
 use crate::{
-    args::Domain, connect::CommandNode, ended::Ended, error::CliError, follow::Follow,
-    output::Output, time,
+    connect::CommandNode, ended::Ended, error::CliError, follow::Follow, output::Output,
+    report::Options, time,
 };
 
 /// `sm2 wait`.
@@ -28,11 +28,8 @@ pub(crate) struct Arguments {
     /// Give up after this time [default: never]
     #[arg(long, value_name = "TIME", value_parser = time::span_or_zero)]
     timeout: Option<Duration>,
-    /// Print one JSON object
-    #[arg(long)]
-    json: bool,
     #[command(flatten)]
-    domain: Domain,
+    options: Options,
 }
 
 const HELP: &str = "\
@@ -70,10 +67,10 @@ struct Answer {
 ///
 /// Any [`CliError`].
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
-    let command_node = CommandNode::open(&arguments.domain, "wait")?;
+    let command_node = CommandNode::open(&arguments.options.domain, "wait")?;
     let start = clock::now();
     let until = arguments.timeout.map(|timeout| start.after(timeout));
-    let mut follow = Follow::new(&command_node, arguments.domain.connect_timeout)?;
+    let mut follow = Follow::new(&command_node, arguments.options.domain.connect_timeout)?;
     let met = loop {
         if arguments
             .expressions
@@ -95,7 +92,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
             stderr_line!("sm2: {seen}{}", expression.hint(follow.domain()));
         }
     }
-    if arguments.json {
+    if arguments.options.json {
         let waited = clock::now().since(start).as_secs_f64();
         Output::new().json(&Answer {
             met,
