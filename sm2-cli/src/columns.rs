@@ -8,6 +8,16 @@ use std::{fmt, marker::PhantomData};
 /// A column of a table: its heading, and its cell in a row.
 pub(crate) type Column<R> = (&'static str, fn(&R) -> String);
 
+/// A value as a cell, or `-` if it is not known.
+pub(crate) fn cell(value: Option<impl ToString>) -> String {
+    value.map_or_else(|| "-".to_owned(), |value| value.to_string())
+}
+
+/// A number with this number of decimals as a cell, or `-` if it is not known.
+pub(crate) fn number(value: Option<f64>, decimals: usize) -> String {
+    cell(value.map(|value| format!("{value:.decimals$}")))
+}
+
 /// A row of a table.
 pub(crate) trait Row: Sized + 'static {
     /// The columns, from left to right.
@@ -22,30 +32,6 @@ impl<R: Row> fmt::Display for Table<'_, R> {
         let headings = [headings::<R>()];
         let rows: Vec<_> = headings.into_iter().chain(cells(self.0)).collect();
         write_table(f, &rows)
-    }
-}
-
-/// A table whose rows have no type of their own: a heading for each column, and rows with as many cells.
-#[derive(Clone, Debug)]
-pub(crate) struct Columns<const N: usize> {
-    rows: Vec<[String; N]>,
-}
-
-impl<const N: usize> Columns<N> {
-    pub(crate) fn new(headings: [&str; N]) -> Self {
-        Self {
-            rows: vec![headings.map(str::to_owned)],
-        }
-    }
-
-    pub(crate) fn push(&mut self, row: [String; N]) {
-        self.rows.push(row);
-    }
-}
-
-impl<const N: usize> fmt::Display for Columns<N> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write_table(f, &self.rows)
     }
 }
 

@@ -9,7 +9,7 @@ use sm2_proto::{
 };
 
 use crate::{
-    columns::{Column, Row, Table},
+    columns::{Column, Row, cell},
     connect::CommandNode,
     error::CliError,
     names,
@@ -293,12 +293,7 @@ impl Row for InterfaceReport {
     ];
 }
 
-/// A table of interfaces.
-pub(crate) const fn table(interfaces: &[InterfaceReport]) -> Table<'_, InterfaceReport> {
-    Table(interfaces)
-}
-
 /// The name of a type, or `-` if no interface has stated one.
 pub(crate) fn type_cell(data: Option<&Type>) -> String {
-    data.map_or_else(|| "-".into(), |data| data.name.clone())
+    cell(data.map(|data| &data.name))
 }

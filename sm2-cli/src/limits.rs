@@ -3,9 +3,12 @@
 use clap::Args;
 use serde::{Serialize, Serializer, ser::SerializeMap as _};
 use sm2_node::explain::{processes, sessions, users};
-use sm2_proto::control::{Limit, StatedLimits};
+use sm2_proto::control::{Limit, StatedLimit, StatedLimits};
 
-use crate::{columns::Columns, view::View};
+use crate::{
+    columns::{Column, Row, cell},
+    view::View,
+};
 
 /// The limits that the Manager states. In JSON they are an object, with the two flags about seals behind them.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -24,7 +27,7 @@ impl Serialize for LimitsInForce {
 }
 
 /// The use of a limit by a user, a process or a node.
-#[derive(Serialize)]
+#[derive(Clone, Serialize)]
 pub(crate) struct Quota {
     /// The owner of the quota: `user 1000` or `node talker`.
     pub(crate) of: String,
@@ -34,6 +37,15 @@ pub(crate) struct Quota {
     pub(crate) limit: u32,
     #[serde(skip)]
     pub(crate) kind: Limit,
+}
+
+impl Row for Quota {
+    const COLUMNS: &'static [Column<Self>] = &[
+        ("QUOTA OF", |it| it.of.clone()),
+        ("WHAT", |it| it.quota.to_owned()),
+        ("USED", |it| it.used.to_string()),
+        ("LIMIT", |it| it.limit.to_string()),
+    ];
 }
 
 impl Quota {
@@ -112,25 +124,40 @@ impl Shown {
     }
 }
 
-/// The limits that are shown, each with its greatest use. `None` without any.
-pub(crate) fn table(limits: &LimitsInForce, quotas: &[Quota], shown: Shown) -> Option<Columns<3>> {
-    let mut table = Columns::new(["LIMIT", "VALUE", "MOST USED"]);
-    let mut is_empty = true;
-    for limit in &limits.0.limits {
+/// A row for people: a limit, and its greatest use.
+pub(crate) struct LimitRow {
+    name: String,
+    value: u32,
+    most: Option<String>,
+}
+
+impl Row for LimitRow {
+    const COLUMNS: &'static [Column<Self>] = &[
+        ("LIMIT", |it| it.name.clone()),
+        ("VALUE", |it| it.value.to_string()),
+        ("MOST USED", |it| cell(it.most.as_ref())),
+    ];
+}
+
+/// The rows of the limits that are shown, if the limits are known.
+pub(crate) fn rows(
+    limits: Option<&LimitsInForce>,
+    quotas: &[Quota],
+    shown: Shown,
+) -> Vec<LimitRow> {
+    let limits = limits.into_iter().flat_map(|it| &it.0.limits);
+    let row = |limit: &StatedLimit| {
         let name = limit.name.as_str();
         let of_limit = quotas.iter().filter(|it| it.kind.name() == name);
         let most = of_limit.max_by_key(|it| it.used);
-        if !(shown.limits || most.is_some_and(Quota::is_near)) {
-            continue;
-        }
-        is_empty = false;
-        table.push([
-            name.into(),
-            limit.value.to_string(),
-            most.map_or_else(|| "-".into(), |it| format!("{} by {}", it.used, it.of)),
-        ]);
-    }
-    (!is_empty).then_some(table)
+        let is_shown = shown.limits || most.is_some_and(Quota::is_near);
+        is_shown.then(|| LimitRow {
+            name: name.to_owned(),
+            value: limit.value,
+            most: most.map(|it| format!("{} by {}", it.used, it.of)),
+        })
+    };
+    limits.filter_map(row).collect()
 }
 
 #[cfg(test)]

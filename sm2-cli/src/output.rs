@@ -11,6 +11,7 @@ use serde::Serialize;
 
 use crate::{
     colours::{self, Meaning},
+    columns::{Row, Table},
     error::CliError,
     printable::{printable, printable_json},
     stderr,
@@ -74,6 +75,14 @@ impl Output {
     pub(crate) fn line(&mut self, line: impl fmt::Display) -> Result<(), CliError> {
         let line = line.to_string();
         self.write(|out| writeln!(out, "{}", printable(&line)))
+    }
+
+    /// Writes a table below an empty line, if it has rows.
+    pub(crate) fn table_below<R: Row>(&mut self, rows: &[R]) -> Result<(), CliError> {
+        match rows {
+            [] => Ok(()),
+            rows => self.line(format_args!("\n{}", Table(rows))),
+        }
     }
 
     /// Writes a line whose first `len` bytes have a meaning.

@@ -8,20 +8,25 @@ impl Row for Named {
         &[("NODE", |it| it.0.to_owned()), ("HZ", |it| it.1.to_owned())];
 }
 
-fn row<const N: usize>(cells: [&str; N]) -> [String; N] {
-    cells.map(str::to_owned)
+/// A row with a column that has a text in one of its rows, and one of numbers.
+struct Typed(&'static str, &'static str, &'static str);
+
+impl Row for Typed {
+    const COLUMNS: &'static [Column<Self>] = &[
+        ("NAME", |it| it.0.to_owned()),
+        ("TYPE", |it| it.1.to_owned()),
+        ("COUNT", |it| it.2.to_owned()),
+    ];
 }
 
 #[test]
 fn columns_are_as_wide_as_their_longest_cell() {
-    let mut table = Columns::new(["NAME", "TYPE", "COUNT"]);
-    table.push(row(["a/long/name", "-", "7"]));
-    table.push(row(["b", "x", "1.5"]));
+    let rows = [Typed("a/long/name", "-", "7"), Typed("b", "x", "1.5")];
     let expected = "\
 NAME         TYPE  COUNT
 a/long/name  -         7
 b            x       1.5";
-    assert_eq!(table.to_string(), expected);
+    assert_eq!(Table(&rows).to_string(), expected);
     let rows = [Named("a/long/name", "1"), Named("b", "-")];
     let expected = "\
 NODE         HZ

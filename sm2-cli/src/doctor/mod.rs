@@ -95,11 +95,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     };
     Output::new().answer(arguments.json, &report, |out| {
         print(out, &report.checks)?;
-        let limits = report.limits.as_ref();
-        match limits.and_then(|it| limits::table(it, &report.quotas, arguments.limits)) {
-            Some(limits) => out.line(format_args!("\n{limits}")),
-            None => Ok(()),
-        }
+        let (limits, quotas) = (report.limits.as_ref(), &report.quotas);
+        out.table_below(&limits::rows(limits, quotas, arguments.limits))
     })?;
     Ok(Ended::with_answer(report.level < Level::Bad))
 }

@@ -6,9 +6,10 @@ use sm2_proto::{Name, domain::NodeView};
 
 use crate::{
     args::name,
+    columns::Table,
     ended::Ended,
     error::CliError,
-    interfaces::{InterfaceReport, table},
+    interfaces::InterfaceReport,
     names,
     report::{Options, Report, facts},
     view::View,
@@ -94,7 +95,7 @@ impl Report for Info {
         let facts = facts.join("\n");
         match self.interfaces.as_slice() {
             [] => facts,
-            interfaces => format!("{facts}\n\n{}", table(interfaces)),
+            interfaces => format!("{facts}\n\n{}", Table(interfaces)),
         }
     }
 }

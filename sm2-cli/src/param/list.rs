@@ -3,7 +3,7 @@ use std::time::Duration;
 use clap::Args;
 use serde::Serialize;
 use sm2_io::clock;
-use sm2_node::params::Table;
+use sm2_node::params::{Entry, Table};
 use sm2_proto::Name;
 
 use super::{
@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     args::name,
-    columns::Columns,
+    columns::{self, Column},
     connect::CommandNode,
     ended::Ended,
     error::CliError,
@@ -79,23 +79,25 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let nodes = tables.iter().map(|(node, table)| Node::new(node, table));
     let nodes = nodes.collect();
     Output::new().answer(arguments.options.json, &Nodes { nodes }, |out| {
-        out.line(rows(&tables))
+        let of_node = |(node, table): &(&Name, Table)| {
+            let row = |it: &Entry| Row((*node).clone(), it.clone());
+            table.parameters.iter().map(row).collect::<Vec<_>>()
+        };
+        let rows: Vec<_> = tables.iter().flat_map(of_node).collect();
+        out.line(columns::Table(&rows))
     })?;
     Ok(ended)
 }
 
-fn rows(tables: &[(&Name, Table)]) -> Columns<5> {
-    let mut columns = Columns::new(["NODE", "NAME", "TYPE", "VALUE", "FROM"]);
-    for (node, table) in tables {
-        for entry in &table.parameters {
-            columns.push([
-                node.to_string(),
-                entry.name.clone(),
-                entry.kind().to_string(),
-                entry.value.to_string(),
-                entry.origin.word().to_owned(),
-            ]);
-        }
-    }
-    columns
+/// The rows for people: a node, and one of its parameters.
+struct Row(Name, Entry);
+
+impl columns::Row for Row {
+    const COLUMNS: &'static [Column<Self>] = &[
+        ("NODE", |it| it.0.to_string()),
+        ("NAME", |it| it.1.name.clone()),
+        ("TYPE", |it| it.1.kind().to_string()),
+        ("VALUE", |it| it.1.value.to_string()),
+        ("FROM", |it| it.1.origin.word().to_owned()),
+    ];
 }

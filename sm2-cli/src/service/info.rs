@@ -6,9 +6,10 @@ use sm2_proto::Name;
 
 use crate::{
     args::name,
+    columns::Table,
     ended::Ended,
     error::CliError,
-    interfaces::{self, InterfaceReport, StatedType, table},
+    interfaces::{self, InterfaceReport, StatedType},
     report::{Options, Report, facts},
     view::SERVICE,
 };
@@ -69,6 +70,6 @@ impl Report for Info {
             ("reply", &reply),
             ("reply schema", &reply_schema),
         ]);
-        format!("{}\n\n{}", facts.join("\n"), table(&self.interfaces))
+        format!("{}\n\n{}", facts.join("\n"), Table(&self.interfaces))
     }
 }

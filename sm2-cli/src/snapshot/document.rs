@@ -8,10 +8,10 @@ use super::{
     named_item::{Link, NamedItem, Node, link_text},
 };
 use crate::{
-    columns::Columns,
+    columns::{Column, Row, cell, number},
     connect::CommandNode,
     error::CliError,
-    interfaces::{self, InterfaceReport},
+    interfaces::InterfaceReport,
     limits::{self, LimitsInForce, Quota, quotas},
     observation::Readings,
     output::Output,
@@ -49,6 +49,23 @@ struct CountedLink {
     link: Link,
     counters: Option<Fates>,
     taken: Option<Taken>,
+}
+
+impl Row for CountedLink {
+    const COLUMNS: &'static [Column<Self>] = &[
+        ("OFFERING", |it| it.link.offering.clone()),
+        ("DEMANDING", |it| it.link.demanding.clone()),
+        ("TERMS", |it| it.link.terms().to_owned()),
+        ("OFFERED", |it| cell(it.counters.map(|it| it.0.offered))),
+        ("DELIVERED", |it| cell(it.counters.map(|it| it.0.delivered))),
+        ("DROPPED", |it| cell(it.counters.map(|it| it.0.dropped()))),
+        ("IN FLIGHT", |it| cell(it.counters.map(|it| it.0.in_flight))),
+        ("LOST", |it| cell(it.taken.as_ref().map(|it| it.lost))),
+        ("P50 ms", |it| {
+            let delay = it.taken.as_ref().and_then(|it| it.delay_p50_ms);
+            number(delay, 3)
+        }),
+    ];
 }
 
 /// The counters of the demanding side of a link.
@@ -108,7 +125,7 @@ impl Document {
     /// # Errors
     ///
     /// [`CliError::Output`].
-    pub(super) fn print(&self, out: &mut Output, limits: limits::Shown) -> Result<(), CliError> {
+    pub(super) fn print(&self, out: &mut Output, shown: limits::Shown) -> Result<(), CliError> {
         let epoch = self.epoch.as_deref().unwrap_or("unknown");
         out.line(format_args!(
             "revision {} of epoch {epoch}: {}, {}, {}",
@@ -124,95 +141,13 @@ impl Document {
         for named in &self.open {
             out.line(named)?;
         }
-        if !self.links.is_empty() {
-            out.line(format_args!("\n{}", self.links_table()))?;
-        }
-        if !self.interfaces.is_empty() {
-            out.line(format_args!("\n{}", interfaces::table(&self.interfaces)))?;
-        }
-        if !self.nodes.is_empty() {
-            out.line(format_args!("\n{}", self.nodes_table()))?;
-        }
-        if !self.gateways.is_empty() {
-            out.line(format_args!("\n{}", gateways::table(&self.gateways)))?;
-        }
-        self.print_limits(out, limits)
-    }
-
-    fn print_limits(&self, out: &mut Output, shown: limits::Shown) -> Result<(), CliError> {
-        let quotas: Vec<_> = self.quotas.iter().filter(|it| shown.has(it)).collect();
-        if !quotas.is_empty() {
-            let mut table = Columns::new(["QUOTA OF", "WHAT", "USED", "LIMIT"]);
-            for quota in quotas {
-                table.push([
-                    quota.of.clone(),
-                    quota.quota.into(),
-                    quota.used.to_string(),
-                    quota.limit.to_string(),
-                ]);
-            }
-            out.line(format_args!("\n{table}"))?;
-        }
-        let limits = self.limits.as_ref();
-        match limits.and_then(|it| limits::table(it, &self.quotas, shown)) {
-            Some(table) => out.line(format_args!("\n{table}")),
-            None => Ok(()),
-        }
-    }
-
-    fn nodes_table(&self) -> Columns<5> {
-        let mut table = Columns::new(["NODE", "ID", "UID", "PID", "STATE"]);
-        for node in &self.nodes {
-            table.push([
-                node.name.clone(),
-                node.id.to_string(),
-                node.uid.to_string(),
-                node.pid.to_string(),
-                if node.resuming { "resuming" } else { "ready" }.into(),
-            ]);
-        }
-        table
-    }
-
-    fn links_table(&self) -> Columns<9> {
-        let mut table = Columns::new([
-            "OFFERING",
-            "DEMANDING",
-            "TERMS",
-            "OFFERED",
-            "DELIVERED",
-            "DROPPED",
-            "IN FLIGHT",
-            "LOST",
-            "P50 ms",
-        ]);
-        let number = |value: Option<u64>| value.map_or_else(|| "-".into(), |it| it.to_string());
-        for CountedLink {
-            link,
-            counters,
-            taken,
-        } in &self.links
-        {
-            let terms = match (link.reliable, link.sealed) {
-                (false, false) => "best effort",
-                (true, false) => "reliable",
-                (false, true) => "sealed",
-                (true, true) => "reliable, sealed",
-            };
-            let delay = taken.as_ref().and_then(|it| it.delay_p50_ms);
-            table.push([
-                link.offering.clone(),
-                link.demanding.clone(),
-                terms.into(),
-                number(counters.map(|it| it.0.offered)),
-                number(counters.map(|it| it.0.delivered)),
-                number(counters.map(|it| it.0.dropped())),
-                number(counters.map(|it| it.0.in_flight)),
-                number(taken.as_ref().map(|it| it.lost)),
-                delay.map_or_else(|| "-".into(), |delay| format!("{delay:.3}")),
-            ]);
-        }
-        table
+        out.table_below(&self.links)?;
+        out.table_below(&self.interfaces)?;
+        out.table_below(&self.nodes)?;
+        out.table_below(&gateways::rows(&self.gateways))?;
+        let quotas = self.quotas.iter().filter(|it| shown.has(it)).cloned();
+        out.table_below(&quotas.collect::<Vec<_>>())?;
+        out.table_below(&limits::rows(self.limits.as_ref(), &self.quotas, shown))
     }
 }
 

@@ -3,13 +3,13 @@
 use std::time::Duration;
 
 use serde::Serialize;
-use sm2_gateway::{
-    Counts, Report,
-    report::{self, PeerReport},
-};
+use sm2_gateway::{Counts, Report, report};
 use sm2_proto::domain::Domain as Mirror;
 
-use crate::{columns::Columns, connect::CommandNode};
+use crate::{
+    columns::{Column, Row, cell, number},
+    connect::CommandNode,
+};
 
 /// The timeout for the answers of all gateways together.
 const TIMEOUT: Duration = Duration::from_secs(1);
@@ -86,71 +86,71 @@ pub(crate) fn lines(gateways: &[Gateway]) -> Vec<String> {
     lines
 }
 
-/// A table for people: a line for each peer, and for each topic and service of the peer.
-pub(super) fn table(gateways: &[Gateway]) -> Columns<11> {
-    let mut table = Columns::new([
-        "GATEWAY",
-        "PEER",
-        "OF",
-        "OFFERED",
-        "SENT",
-        "SUPERSEDED",
-        "EXPIRED",
-        "RECEIVED",
-        "LOST",
-        "DENIED",
-        "RTT ms",
-    ]);
+/// A row for people: a peer of a gateway, or a topic or service of the peer.
+pub(super) struct PeerRow {
+    gateway: String,
+    peer: String,
+    of: String,
+    counts: Option<Counts>,
+    denied: Option<u64>,
+    rtt_ms: Option<f64>,
+}
+
+impl Row for PeerRow {
+    const COLUMNS: &'static [Column<Self>] = &[
+        ("GATEWAY", |it| it.gateway.clone()),
+        ("PEER", |it| it.peer.clone()),
+        ("OF", |it| it.of.clone()),
+        ("OFFERED", |it| cell(it.counts.map(|it| it.offered))),
+        ("SENT", |it| cell(it.counts.map(|it| it.sent))),
+        ("SUPERSEDED", |it| cell(it.counts.map(|it| it.superseded))),
+        ("EXPIRED", |it| cell(it.counts.map(|it| it.expired))),
+        ("RECEIVED", |it| cell(it.counts.map(|it| it.received))),
+        ("LOST", |it| cell(it.counts.map(|it| it.lost))),
+        ("DENIED", |it| cell(it.denied)),
+        ("RTT ms", |it| number(it.rtt_ms, 1)),
+    ];
+}
+
+impl PeerRow {
+    /// A row without figures.
+    fn new(gateway: &str, peer: &str, of: impl Into<String>) -> Self {
+        Self {
+            gateway: gateway.to_owned(),
+            peer: peer.to_owned(),
+            of: of.into(),
+            counts: None,
+            denied: None,
+            rtt_ms: None,
+        }
+    }
+}
+
+/// A row for each peer, and for each topic and service of the peer.
+pub(super) fn rows(gateways: &[Gateway]) -> Vec<PeerRow> {
+    let mut rows = Vec::new();
     for gateway in gateways {
         let Some(report) = &gateway.report else {
-            table.push(row(&gateway.service, "-", "does not answer", None, None));
+            rows.push(PeerRow::new(&gateway.service, "-", "does not answer"));
             continue;
         };
         if report.peers.is_empty() && report.absent.is_empty() {
-            table.push(row(&report.name, "-", "no peers", None, None));
+            rows.push(PeerRow::new(&report.name, "-", "no peers"));
         }
         for peer in &report.peers {
-            table.push(row(
-                &report.name,
-                &peer.name,
-                "all",
-                Some(&peer.messages),
-                Some(peer),
-            ));
-            for it in &peer.subjects {
-                let of = format!("{} {}", it.kind, it.name);
-                table.push(row(&report.name, &peer.name, &of, Some(&it.counts), None));
-            }
+            rows.push(PeerRow {
+                counts: Some(peer.messages),
+                denied: Some(peer.denied),
+                rtt_ms: peer.rtt_ms,
+                ..PeerRow::new(&report.name, &peer.name, "all")
+            });
+            rows.extend(peer.subjects.iter().map(|it| PeerRow {
+                counts: Some(it.counts),
+                ..PeerRow::new(&report.name, &peer.name, format!("{} {}", it.kind, it.name))
+            }));
         }
-        for peer in &report.absent {
-            table.push(row(&report.name, peer, "not connected", None, None));
-        }
+        let absent = report.absent.iter();
+        rows.extend(absent.map(|peer| PeerRow::new(&report.name, peer, "not connected")));
     }
-    table
-}
-
-fn row(
-    gateway: &str,
-    name: &str,
-    of: &str,
-    counts: Option<&Counts>,
-    peer: Option<&PeerReport>,
-) -> [String; 11] {
-    let number = |count: fn(&Counts) -> u64| {
-        counts.map_or_else(|| "-".to_owned(), |it| count(it).to_string())
-    };
-    let rtt = peer.and_then(|it| it.rtt_ms);
-    [
-        gateway.to_owned(),
-        name.to_owned(),
-        of.to_owned(),
-        number(|it| it.offered),
-        number(|it| it.sent),
-        number(|it| it.superseded),
-        number(|it| it.expired),
-        number(|it| it.received),
-        number(|it| it.lost),
-        peer.map_or_else(|| "-".to_owned(), |it| it.denied.to_string()),
-        rtt.map_or_else(|| "-".to_owned(), |it| format!("{it:.1}")),
-    ]
+    rows
 }

@@ -9,7 +9,12 @@ use sm2_proto::{
     text::Counted,
 };
 
-use crate::{interfaces::InterfaceReport, limits::LimitsInForce, view::View};
+use crate::{
+    columns::{Column, Row},
+    interfaces::InterfaceReport,
+    limits::LimitsInForce,
+    view::View,
+};
 
 /// An item, with names in place of numbers. Field names are part of the command's interface.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -63,6 +68,19 @@ pub(super) struct Link {
     pub(super) version: u16,
     pub(super) reliable: bool,
     pub(super) sealed: bool,
+}
+
+impl Row for Node {
+    const COLUMNS: &'static [Column<Self>] = &[
+        ("NODE", |it| it.name.clone()),
+        ("ID", |it| it.id.to_string()),
+        ("UID", |it| it.uid.to_string()),
+        ("PID", |it| it.pid.to_string()),
+        ("STATE", |it| match it.resuming {
+            true => "resuming".to_owned(),
+            false => "ready".to_owned(),
+        }),
+    ];
 }
 
 impl NamedItem {
@@ -139,6 +157,18 @@ impl NamedItem {
             Self::Node(it) => it.name == node.as_str(),
             Self::Interface(it) => it.node == node.as_str(),
             _ => false,
+        }
+    }
+}
+
+impl Link {
+    /// The terms of the link as a cell of a table.
+    pub(super) const fn terms(&self) -> &'static str {
+        match (self.reliable, self.sealed) {
+            (false, false) => "best effort",
+            (true, false) => "reliable",
+            (false, true) => "sealed",
+            (true, true) => "reliable, sealed",
         }
     }
 }

@@ -3,9 +3,9 @@
 use serde::Serialize;
 use sm2_proto::Kind;
 
-use super::measure::{Look, Measure, cell, help};
+use super::measure::{Look, Measure, help};
 use crate::{
-    columns::{self, Column},
+    columns::{self, Column, number},
     sampling::hundredths,
 };
 
@@ -36,9 +36,9 @@ impl columns::Row for Row {
     const COLUMNS: &'static [Column<Self>] = &[
         ("PUBLISHER", |it| it.node.clone()),
         ("MB/s", |it| {
-            cell(it.bytes_per_s.map(|bytes| bytes / 1e6), 6)
+            number(it.bytes_per_s.map(|bytes| bytes / 1e6), 6)
         }),
-        ("MEAN SIZE", |it| cell(it.mean_size_bytes, 0)),
+        ("MEAN SIZE", |it| number(it.mean_size_bytes, 0)),
         ("MESSAGES", |it| it.messages.to_string()),
         ("BYTES", |it| it.bytes.to_string()),
     ];

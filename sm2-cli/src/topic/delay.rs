@@ -3,9 +3,9 @@
 use serde::Serialize;
 use sm2_proto::Kind;
 
-use super::measure::{Look, Measure, cell, help};
+use super::measure::{Look, Measure, help};
 use crate::{
-    columns::{self, Column},
+    columns::{self, Column, number},
     sampling::{median_ns, millis},
 };
 
@@ -41,8 +41,8 @@ impl Row {
     /// A figure of the last messages, in brackets if they are old.
     fn recent(&self, value: Option<f64>) -> String {
         match self.new_messages {
-            0 if value.is_some() => format!("({})", cell(value, 3)),
-            _ => cell(value, 3),
+            0 if value.is_some() => format!("({})", number(value, 3)),
+            _ => number(value, 3),
         }
     }
 }
@@ -54,7 +54,7 @@ impl columns::Row for Row {
         ("MEAN ms", |it| it.recent(it.mean_ms)),
         ("P50 ms", |it| it.recent(it.p50_ms)),
         ("MAX ms", |it| it.recent(it.max_ms)),
-        ("WORST ms", |it| cell(Some(it.worst_ms), 3)),
+        ("WORST ms", |it| number(Some(it.worst_ms), 3)),
         ("MESSAGES", |it| it.messages.to_string()),
     ];
 }

@@ -5,9 +5,9 @@ use std::time::Duration;
 use serde::Serialize;
 use sm2_proto::{Kind, counters::Entry};
 
-use super::measure::{Look, Measure, cell, help};
+use super::measure::{Look, Measure, help};
 use crate::{
-    columns::{self, Column},
+    columns::{self, Column, number},
     sampling::{Millis, hundredths},
 };
 
@@ -36,14 +36,14 @@ pub(super) struct Row {
 
 impl Row {
     fn gap(&self, of: fn(&Millis) -> f64) -> String {
-        cell(self.gap_ms.as_ref().map(of), 3)
+        number(self.gap_ms.as_ref().map(of), 3)
     }
 }
 
 impl columns::Row for Row {
     const COLUMNS: &'static [Column<Self>] = &[
         ("PUBLISHER", |it| it.node.clone()),
-        ("HZ", |it| cell(it.hz, 2)),
+        ("HZ", |it| number(it.hz, 2)),
         ("MEAN ms", |it| it.gap(|gap| gap.mean)),
         ("MIN ms", |it| it.gap(|gap| gap.min)),
         ("MAX ms", |it| it.gap(|gap| gap.max)),

@@ -6,10 +6,11 @@ use sm2_proto::Name;
 
 use crate::{
     args::name,
+    columns::Table,
     ended::Ended,
     error::CliError,
     interface_troubles::InterfaceTroubles,
-    interfaces::{self, InterfaceReport, StatedType, table},
+    interfaces::{self, InterfaceReport, StatedType},
     report::{Options, Report, facts},
     sampling::Sample,
     view::TOPIC,
@@ -68,7 +69,7 @@ impl Report for Info {
     fn text(&self) -> String {
         let [data, schema] = self.data.texts();
         let facts = facts(&[("topic", &self.name), ("type", &data), ("schema", &schema)]);
-        let table = [String::new(), table(&self.interfaces).to_string()];
+        let table = [String::new(), Table(&self.interfaces).to_string()];
         let lines: Vec<_> = facts
             .into_iter()
             .chain(table)

@@ -6,8 +6,8 @@ use sm2_proto::{
     link::{Counters, Fate},
 };
 
-use super::measure::{Look, Measure, cell, help};
-use crate::columns::{self, Column};
+use super::measure::{Look, Measure, help};
+use crate::columns::{self, Column, cell};
 
 pub(super) const HELP: &str = help!(
     "\
@@ -75,8 +75,8 @@ impl columns::Row for Row {
         ("TOO LONG", |it| it.of(Fate::TooLong)),
         ("EXPIRED", |it| it.of(Fate::Expired)),
         ("IN FLIGHT", |it| it.fates.0.in_flight.to_string()),
-        ("LOST", |it| cell(it.lost.map(|lost| lost as f64), 0)),
-        ("AWAY", |it| cell(it.away.map(|away| away as f64), 0)),
+        ("LOST", |it| cell(it.lost)),
+        ("AWAY", |it| cell(it.away)),
     ];
 }
 

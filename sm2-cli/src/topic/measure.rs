@@ -301,8 +301,3 @@ impl<'a, M: Measure> Printer<'a, M> {
 fn thousandths(value: f64) -> f64 {
     (value * 1e3).round() / 1e3
 }
-
-/// A number as a cell, or `-` if it is not known.
-pub(super) fn cell(value: Option<f64>, decimals: usize) -> String {
-    value.map_or_else(|| "-".into(), |value| format!("{value:.decimals$}"))
-}
