@@ -75,13 +75,8 @@ pub(crate) struct Pair {
     /// The first differences of the types, for an interface that was refused for its type. Empty if their
     /// schemas are not registered.
     differences: Vec<String>,
-    /// The nodes of the two interfaces that are stopped.
-    stopped: Vec<StoppedNode>,
-    /// The troubles on the links of the two interfaces.
     #[serde(flatten)]
-    troubles: LinkTroubles,
-    /// The messages that one of them published to nobody.
-    unheard: Vec<InterfaceTrouble>,
+    problems: Problems,
     /// The verdict as text.
     text: String,
 }
@@ -95,14 +90,21 @@ pub(crate) struct Around {
     linked: bool,
     /// Whether every interface has a link, and messages get through on all links.
     working: bool,
-    /// The nodes of the interfaces, and of those that they are linked with, that are stopped.
+    #[serde(flatten)]
+    problems: Problems,
+    interfaces: Vec<One>,
+}
+
+/// The problems of some interfaces and their links.
+#[derive(Serialize)]
+struct Problems {
+    /// The nodes of the interfaces that are stopped. For one name, also those that its interfaces are linked with.
     stopped: Vec<StoppedNode>,
     /// The troubles on the links of the interfaces.
     #[serde(flatten)]
     troubles: LinkTroubles,
     /// The messages that the interfaces published to nobody.
     unheard: Vec<InterfaceTrouble>,
-    interfaces: Vec<One>,
 }
 
 /// An interface, its links, and its nearest counterparts.
@@ -212,18 +214,14 @@ impl Pair {
         let domain = view.domain;
         let (one, other) = pair(view, one, other)?;
         let verdict = explain(command_node, why(domain, one, other));
-        let observation = observe(command_node, view, &[one, other], wait);
-        let readings = observation.readings();
-        let troubles = LinkTroubles::find(view, readings, &[one, other]);
         let stopped = stopped_nodes(domain, [one, other]);
+        let problems = Problems::find(command_node, view, &[one, other], stopped, wait);
         let linked = verdict.is_linked();
         Ok(Self {
             revision: domain.revision(),
             linked,
-            working: linked && stopped.is_empty() && troubles.is_working(),
-            stopped,
-            troubles,
-            unheard: InterfaceTrouble::unheard(view, readings.now, &[one, other]),
+            working: linked && problems.is_working(),
+            problems,
             text: verdict.to_string(),
             differences: differences(command_node, domain, &verdict),
             verdict,
@@ -233,9 +231,7 @@ impl Pair {
     fn lines(&self) -> Vec<String> {
         let mut lines: Vec<_> = self.text.lines().map(str::to_owned).collect();
         lines.extend(self.differences.iter().cloned());
-        lines.extend(unheard_lines(&self.unheard));
-        lines.extend(self.troubles.lines());
-        lines.extend(stopped_lines(&self.stopped));
+        lines.extend(self.problems.lines());
         lines
     }
 }
@@ -250,10 +246,7 @@ impl Around {
         let domain = view.domain;
         let entities = of.entities(view)?;
         let stopped = stopped_nodes(domain, with_peers(view, &entities));
-        let observation = observe(command_node, view, &entities, wait);
-        let readings = observation.readings();
-        let troubles = LinkTroubles::find(view, readings, &entities);
-        let unheard = InterfaceTrouble::unheard(view, readings.now, &entities);
+        let problems = Problems::find(command_node, view, &entities, stopped, wait);
         let interfaces = entities
             .into_iter()
             .map(|entity| one(command_node, view, entity));
@@ -262,10 +255,8 @@ impl Around {
         Ok(Self {
             revision: domain.revision(),
             linked,
-            working: linked && stopped.is_empty() && troubles.is_working(),
-            stopped,
-            troubles,
-            unheard,
+            working: linked && problems.is_working(),
+            problems,
             interfaces,
         })
     }
@@ -291,10 +282,45 @@ impl Around {
                 lines.push(none.into());
             }
         }
-        lines.extend(unheard_lines(&self.unheard));
-        lines.extend(self.troubles.lines());
-        lines.extend(stopped_lines(&self.stopped));
+        lines.extend(self.problems.lines());
         lines
+    }
+}
+
+impl Problems {
+    /// Reads the counters of these interfaces, and of those that they are linked with. An answer is complete without
+    /// counters.
+    fn find(
+        command_node: &CommandNode,
+        view: &View<'_>,
+        of: &[EntityId],
+        stopped: Vec<StoppedNode>,
+        wait: impl FnOnce(Instant) -> Result<bool, CliError>,
+    ) -> Self {
+        let nodes = with_peers(view, of).map(|it| it.node).collect();
+        let observed = Observation::make(&command_node.node, view.domain, &nodes, wait);
+        let observation =
+            observed.unwrap_or_else(|_| Observation::once(Sample::new(clock::now(), [])));
+        let readings = observation.readings();
+        Self {
+            stopped,
+            troubles: LinkTroubles::find(view, readings, of),
+            unheard: InterfaceTrouble::unheard(view, readings.now, of),
+        }
+    }
+
+    /// Whether messages get through on all links nevertheless.
+    fn is_working(&self) -> bool {
+        self.stopped.is_empty() && self.troubles.is_working()
+    }
+
+    fn lines(&self) -> impl Iterator<Item = String> {
+        let unheard = self.unheard.iter().map(|it| format!("Note: {it}."));
+        let stopped = self.stopped.iter().map(|node| {
+            let remedy = node.remedy();
+            format!("But {node}, so no message gets through: {remedy}.")
+        });
+        unheard.chain(self.troubles.lines()).chain(stopped)
     }
 }
 
@@ -452,24 +478,6 @@ fn with_peers(view: &View<'_>, of: &[EntityId]) -> impl Iterator<Item = EntityId
     of.iter().copied().chain(peers)
 }
 
-/// The counters of these interfaces, and of those that they are linked with. A verdict is complete without them.
-fn observe(
-    command_node: &CommandNode,
-    view: &View<'_>,
-    of: &[EntityId],
-    wait: impl FnOnce(Instant) -> Result<bool, CliError>,
-) -> Observation {
-    let nodes = with_peers(view, of).map(|it| it.node).collect();
-    let observed = Observation::make(&command_node.node, view.domain, &nodes, wait);
-    observed.unwrap_or_else(|_| Observation::once(Sample::new(clock::now(), [])))
-}
-
-fn unheard_lines(unheard: &[InterfaceTrouble]) -> impl Iterator<Item = String> {
-    unheard
-        .iter()
-        .map(|publisher| format!("Note: {publisher}."))
-}
-
 /// The nodes of these interfaces that are stopped, each once.
 fn stopped_nodes(
     domain: &Mirror,
@@ -478,11 +486,4 @@ fn stopped_nodes(
     let nodes: BTreeSet<_> = entities.into_iter().map(|it| it.node).collect();
     let nodes = nodes.into_iter().filter_map(|node| domain.node(node));
     nodes.filter_map(|node| StoppedNode::find(&node)).collect()
-}
-
-fn stopped_lines(stopped: &[StoppedNode]) -> impl Iterator<Item = String> {
-    stopped.iter().map(|node| {
-        let remedy = node.remedy();
-        format!("But {node}, so no message gets through: {remedy}.")
-    })
 }
