@@ -1,11 +1,15 @@
 //! The state of the domain, kept up to date for commands that run for a while.
 
-use std::{os::fd::BorrowedFd, time::Duration};
+use std::{
+    os::fd::{AsFd, BorrowedFd},
+    time::Duration,
+};
 
+use sm2_io::clock;
 use sm2_node::domain::{QueryError, Watch};
 use sm2_proto::{Instant, control::Change, domain::Domain};
 
-use crate::{connect::CommandNode, error::CliError, wait::For};
+use crate::{connect::CommandNode, error::CliError, output::Output, wait::For};
 
 /// The domain of a session, as it changes. The Manager answers each request when something has changed, so
 /// there is no polling.
@@ -66,5 +70,23 @@ impl<'a> Follow<'a> {
         ready.truncate(others.len());
         let changes = self.watch.try_wait()?;
         Ok(Woken { changes, ready })
+    }
+
+    /// Waits until `due`, and looks for signals even if that is over. Returns false if the command should end instead:
+    /// a signal came, or the reader of its output is gone.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`wait`](Self::wait).
+    pub(crate) fn sleep(&mut self, out: &Output, due: Instant) -> Result<bool, CliError> {
+        loop {
+            let woken = self.wait(&[(out.as_fd(), For::Hangup)], Some(due))?;
+            if self.command_node.stopped().is_some() || woken.ready == [true] {
+                return Ok(false);
+            }
+            if clock::now() >= due {
+                return Ok(true);
+            }
+        }
     }
 }

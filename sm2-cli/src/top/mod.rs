@@ -152,14 +152,9 @@ fn print(arguments: &Arguments, monitor: &mut Monitor<'_>) -> Result<Ended, CliE
     let mut out = Output::new();
     monitor.look()?;
     let due = clock::now().after(arguments.interval);
-    while clock::now() < due {
-        let woken = monitor
-            .follow
-            .wait(&[(out.as_fd(), For::Hangup)], Some(due))?;
+    if !monitor.follow.sleep(&out, due)? {
         monitor.command_node.fail_if_stopped()?;
-        if woken.ready == [true] {
-            return Ok(Ended::Done);
-        }
+        return Ok(Ended::Done);
     }
     let figures = monitor.look()?;
     if arguments.json {

@@ -8,7 +8,7 @@ use serde::Serialize;
 use serde_json::json;
 use sm2_io::clock;
 use sm2_proto::{
-    EntityId, Instant, Kind, Name, NodeId,
+    EntityId, Kind, Name, NodeId,
     counters::{Entry, Rate},
     domain::LinkView,
 };
@@ -168,7 +168,7 @@ pub(super) fn run<M: Measure>(arguments: &Arguments) -> Result<Ended, CliError> 
         // Reports stay on a fixed grid. After a late report the grid starts anew.
         due = due.after(arguments.interval).max(clock::now());
         let last = arguments.count == Some(reports);
-        if !last && !sleep(&command_node, &mut follow, &printer.out, due)? {
+        if !last && !follow.sleep(&printer.out, due)? {
             return Ok(ended(&command_node, arguments));
         }
     }
@@ -232,24 +232,6 @@ fn await_topic(
         }
     }
     Ok(true)
-}
-
-/// Waits until `due`. Returns false if the command should end instead.
-fn sleep(
-    command_node: &CommandNode,
-    follow: &mut Follow<'_>,
-    out: &Output,
-    due: Instant,
-) -> Result<bool, CliError> {
-    loop {
-        let woken = follow.wait(&[(out.as_fd(), For::Hangup)], Some(due))?;
-        if command_node.stopped().is_some() || woken.ready == [true] {
-            return Ok(false);
-        }
-        if clock::now() >= due {
-            return Ok(true);
-        }
-    }
 }
 
 /// Prints reports.
