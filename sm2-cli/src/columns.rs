@@ -98,32 +98,32 @@ fn cells<R: Row>(rows: &[R]) -> impl Iterator<Item = Vec<String>> {
 
 /// Writes rows; the first one is that of the headings. Columns of numbers are aligned right, all others left. A
 /// `-` stands for an unknown number.
-fn write_table(f: &mut fmt::Formatter<'_>, rows: &[impl AsRef<[String]>]) -> fmt::Result {
+fn write_table(f: &mut fmt::Formatter<'_>, rows: &[Vec<String>]) -> fmt::Result {
     let widths = widths(rows);
     let numeric = numeric(&rows[1..], widths.len());
     for (at, row) in rows.iter().enumerate() {
         let line_break = if at == 0 { "" } else { "\n" };
-        write!(f, "{line_break}{}", line(row.as_ref(), &widths, &numeric))?;
+        write!(f, "{line_break}{}", line(row, &widths, &numeric))?;
     }
     Ok(())
 }
 
-fn widths(rows: &[impl AsRef<[String]>]) -> Vec<usize> {
-    let columns = rows.first().map_or(0, |row| row.as_ref().len());
+fn widths(rows: &[Vec<String>]) -> Vec<usize> {
+    let columns = rows.first().map_or(0, |row| row.len());
     let width = |column: usize| {
-        let cells = rows.iter().map(|row| row.as_ref()[column].chars().count());
+        let cells = rows.iter().map(|row| row[column].chars().count());
         cells.max().unwrap_or(0)
     };
     (0..columns).map(width).collect()
 }
 
 /// Whether each column holds only numbers. The first column names the rows and is never one of numbers.
-fn numeric(rows: &[impl AsRef<[String]>], columns: usize) -> Vec<bool> {
+fn numeric(rows: &[Vec<String>], columns: usize) -> Vec<bool> {
     let is_number = |cell: &str| {
         let mut bytes = cell.bytes();
         cell == "-" || bytes.all(|byte| byte.is_ascii_digit() || byte == b'.')
     };
-    let numbers = |column: usize| rows.iter().all(|row| is_number(&row.as_ref()[column]));
+    let numbers = |column: usize| rows.iter().all(|row| is_number(&row[column]));
     (0..columns)
         .map(|column| column > 0 && numbers(column))
         .collect()

@@ -7,8 +7,8 @@
 //!
 //! Modules that commands share: `connect` (the node, and signals), `follow` (changes of the domain), `view` (indexes of
 //! the domain) and `names` (names on the command line). Those for counters are `sampling`, `observation` and `troubles`
-//! (what counters tell about links). Those for output are `report` (the frame of lists and `info`), `output`, `colours`
-//! and `columns`.
+//! (what counters tell about links). Those for output are `report` (a value as JSON or as text), `columns` (the columns
+//! of rows), `output` and `colours`.
 #![forbid(unsafe_code)]
 #![deny(clippy::disallowed_types)]
 

@@ -145,7 +145,7 @@ fn deadlines(troubles: &LinkTroubles) -> Check {
     Check::warn_of("deadlines", "none is being missed", missing, advice)
 }
 
-/// The advice to look at the first of some interfaces.
+/// The advice to look at the first of some interfaces. A check without any does not show it.
 fn see_why(first: Option<&str>) -> String {
     format!("see `sm2 why {}`", first.unwrap_or_default())
 }
