@@ -225,6 +225,10 @@ impl World {
         if is_word_of(example, "pub") {
             fs::write(self.path("work/frames/first.png"), "an image").unwrap();
         }
+        if is_word_of(example, "up") {
+            let program = "[program.lidar]\ncommand = \"echo ready\"\n";
+            fs::write(self.path("work/robot.toml"), program).unwrap();
+        }
         let parameters = "[lidar]\nmax_range = 12.5\n";
         fs::write(self.path("work/lidar.toml"), parameters).unwrap();
         let policy = "default = \"allow\"\n";
