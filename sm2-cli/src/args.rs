@@ -39,6 +39,14 @@ pub(crate) enum Integrity {
     Sealed,
 }
 
+/// A builder with the setting of an option, if the option was given.
+pub(crate) fn with_option<B, T>(builder: B, option: Option<T>, set: impl FnOnce(B, T) -> B) -> B {
+    match option {
+        Some(value) => set(builder, value),
+        None => builder,
+    }
+}
+
 /// Parses a name from the command line. One leading `/` is dropped.
 pub(crate) fn name(text: &str) -> Result<Name, String> {
     Name::typed(text).map_err(|error| {

@@ -27,6 +27,13 @@ pub(crate) struct Show {
     pub(crate) hex: bool,
 }
 
+impl Show {
+    /// Whether messages of this type are decoded, if its schema is known.
+    pub(crate) fn decodes(self, data: &TypeId) -> bool {
+        !self.raw && !self.hex && !is_bytes(data)
+    }
+}
+
 /// The schemas that were already asked for.
 #[derive(Debug, Default)]
 pub(crate) struct Schemas {
@@ -43,7 +50,7 @@ impl Schemas {
         }
     }
 
-    /// The schema of a type, to encode a message. `None` if no node has registered it.
+    /// The schema of a type, to encode a message. `None` for bytes, and if no node has registered it.
     ///
     /// # Errors
     ///
@@ -53,6 +60,9 @@ impl Schemas {
         command_node: &CommandNode,
         data: &TypeId,
     ) -> Result<Option<&Codec>, CliError> {
+        if is_bytes(data) {
+            return Ok(None);
+        }
         self.ask(command_node, data);
         match self.known.get(data) {
             Some(Some(Ok(codec))) => Ok(Some(codec)),
@@ -211,6 +221,6 @@ pub(crate) fn definition(data: &TypeId, error: &CodecError) -> CliError {
 }
 
 /// Whether this is the type `bytes`, which has no schema.
-pub(crate) fn is_bytes(data: &TypeId) -> bool {
+fn is_bytes(data: &TypeId) -> bool {
     data.name.as_str() == "bytes" && data.hash == 0
 }

@@ -149,7 +149,7 @@ impl<'a> Cat<'a> {
         let source = sources.get(&(file, message.channel.id));
         let publisher = source.map(|it| it.publisher.as_str());
         let show = arguments.show;
-        let decoded = source.filter(|it| !show.raw && !show.hex && !messages::is_bytes(&it.data));
+        let decoded = source.filter(|it| show.decodes(&it.data));
         let schema = decoded.and_then(|it| schemas.shown_with(&it.data, it.schema.as_deref()));
         if arguments.json {
             return out.json(&Line {

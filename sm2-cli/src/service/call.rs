@@ -17,7 +17,7 @@ use crate::{
     connect::CommandNode,
     ended::Ended,
     error::CliError,
-    messages::{self, Content, Schemas, Show, bytes_of, is_bytes},
+    messages::{self, Content, Schemas, Show, bytes_of},
     names,
     output::Output,
     time,
@@ -90,10 +90,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let request = match (given, value) {
         (Some(bytes), _) => bytes,
         (None, Some(value)) => {
-            let schema = match is_bytes(&request_type) {
-                true => None,
-                false => schemas.of(&command_node, &request_type)?,
-            };
+            let schema = schemas.of(&command_node, &request_type)?;
             bytes_of(&value, &request_type, schema)?
         }
         (None, None) => Vec::new(),
@@ -103,8 +100,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let took = clock::now().since(start);
     // A copy: the server may still be able to change the reply while it is checked and decoded.
     let bytes = reply.to_vec();
-    let decodes = !arguments.show.raw && !arguments.show.hex && !is_bytes(&reply_type);
-    let schema = match decodes {
+    let schema = match arguments.show.decodes(&reply_type) {
         true => schemas.shown(&command_node, &reply_type),
         false => None,
     };

@@ -10,7 +10,7 @@ use sm2_proto::{Kind, Name, TypeId, text::Counted};
 
 use super::{folder::Folder, wait_hint};
 use crate::{
-    args::{Domain, name},
+    args::{Domain, name, with_option},
     built_in::BuiltIn,
     connect::CommandNode,
     ended::Ended,
@@ -98,19 +98,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
         Some(name) => builder.type_id(data_type(arguments, &command_node, name)?),
         None => builder.any_type(),
     };
-    let builder = match arguments.deadline {
-        Some(period) => builder.deadline(period),
-        None => builder,
-    };
-    let builder = match arguments.liveliness {
-        Some(lease) => builder.liveliness(lease),
-        None => builder,
-    };
-    let subscriber = match arguments.max_len {
-        Some(Size(bytes)) => builder.max_len(bytes),
-        None => builder,
-    }
-    .declare()?;
+    let builder = with_option(builder, arguments.deadline, |it, time| it.deadline(time));
+    let builder = with_option(builder, arguments.liveliness, |it, time| {
+        it.liveliness(time)
+    });
+    let builder = with_option(builder, arguments.max_len, |it, size| it.max_len(size.0));
+    let subscriber = builder.declare()?;
     let mut tally = Tally::default();
     let end = echo(arguments, &command_node, &subscriber, &mut sink, &mut tally)
         .and_then(|end| sink.out.flush().map(|()| end));
@@ -227,10 +220,8 @@ impl<'a> Sink<'a> {
         } = self;
         let path = folder.as_mut().map(|it| it.store(sample)).transpose()?;
         // Messages that are not decoded need no schema.
-        let decodes = !arguments.show.raw && !arguments.show.hex && path.is_none();
-        let data = sample
-            .type_id()
-            .filter(|data| decodes && !messages::is_bytes(data));
+        let data = sample.type_id();
+        let data = data.filter(|data| path.is_none() && arguments.show.decodes(data));
         let schema = data.and_then(|data| schemas.shown(command_node, data));
         match (arguments.json, path) {
             (true, Some(path)) => {

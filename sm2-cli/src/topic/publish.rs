@@ -20,12 +20,11 @@ use super::{
     wait_hint,
 };
 use crate::{
-    args::Integrity,
+    args::{Integrity, with_option},
     connect::{CommandNode, drive},
     ended::Ended,
     error::CliError,
     output::Output,
-    size::Size,
     wait::For,
 };
 
@@ -114,23 +113,15 @@ fn declare(
         .depth(DEPTH)
         .reliable(arguments.reliable)
         .sealed(arguments.integrity == Integrity::Sealed);
-    let builder = match arguments.deadline {
-        Some(period) => builder.deadline(period),
-        None => builder,
-    };
-    let builder = match arguments.lifespan {
-        Some(age) => builder.lifespan(age),
-        None => builder,
-    };
-    let builder = match arguments.liveliness {
-        Some(lease) => builder.liveliness(lease),
-        None => builder,
-    };
-    Ok(match arguments.pool_limit {
-        Some(Size(bytes)) => builder.pool_limit(bytes),
-        None => builder,
-    }
-    .declare()?)
+    let builder = with_option(builder, arguments.deadline, |it, time| it.deadline(time));
+    let builder = with_option(builder, arguments.lifespan, |it, time| it.lifespan(time));
+    let builder = with_option(builder, arguments.liveliness, |it, time| {
+        it.liveliness(time)
+    });
+    let builder = with_option(builder, arguments.pool_limit, |it, size| {
+        it.pool_limit(size.0)
+    });
+    Ok(builder.declare()?)
 }
 
 /// Publishes the messages of the inputs.

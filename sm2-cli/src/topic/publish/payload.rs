@@ -9,7 +9,7 @@ use crate::{
     connect::CommandNode,
     decode::Codec,
     error::CliError,
-    messages::{Schemas, bytes_of, definition, is_bytes},
+    messages::{Schemas, bytes_of, definition},
     view::View,
 };
 
@@ -48,11 +48,7 @@ impl Payload {
             }
             (Some(value), None) => {
                 let mut schemas = Schemas::new(&arguments.definitions);
-                let schema = match is_bytes(&data) {
-                    true => None,
-                    false => schemas.of(command_node, &data)?,
-                };
-                Some(bytes_of(value, &data, schema)?)
+                Some(bytes_of(value, &data, schemas.of(command_node, &data)?)?)
             }
         };
         if let Some(schema) = &schema {
