@@ -1,4 +1,5 @@
-//! The frame of the commands that report on the domain as it is now: the lists and `info`.
+//! The frame of the commands that ask the domain once, and print the answer. The lists and `info` use all of it, others
+//! only its options or only [`print`].
 
 use clap::Args;
 use serde::{Serialize, Serializer};

@@ -4,11 +4,7 @@ use clap::Args;
 use serde::Serialize;
 
 use crate::{
-    connect::CommandNode,
-    ended::Ended,
-    error::CliError,
-    report::{Options, Report, print},
-    time,
+    connect::CommandNode, ended::Ended, error::CliError, output::Output, report::Options, time,
 };
 
 /// `sm2 policy reload`.
@@ -42,7 +38,10 @@ Examples:
 pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let command_node = CommandNode::open(&arguments.options.domain, "policy")?;
     command_node.node.reload_policy(arguments.timeout)?;
-    print(&Applied { applied: true }, arguments.options.json)?;
+    let applied = Applied { applied: true };
+    Output::new().answer(arguments.options.json, &applied, |out| {
+        out.line("the access policy is applied")
+    })?;
     Ok(Ended::Done)
 }
 
@@ -50,10 +49,4 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
 #[derive(Serialize)]
 struct Applied {
     applied: bool,
-}
-
-impl Report for Applied {
-    fn text(&self) -> String {
-        "the access policy is applied".to_owned()
-    }
 }

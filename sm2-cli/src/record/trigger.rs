@@ -7,13 +7,8 @@ use serde::Serialize;
 use sm2_proto::Name;
 
 use crate::{
-    args::name,
-    connect::CommandNode,
-    ended::Ended,
-    error::CliError,
-    report::{Options, Report, print},
-    service::ask,
-    time,
+    args::name, connect::CommandNode, ended::Ended, error::CliError, output::Output,
+    report::Options, service::ask, time,
 };
 
 /// The service of `sm2 record --last` for triggers.
@@ -57,7 +52,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
     let (service, timeout) = (&arguments.service, arguments.timeout);
     let reply = ask(&command_node, service, arguments.reason.as_bytes(), timeout)?;
     let bag = String::from_utf8_lossy(&reply).into_owned();
-    print(&Triggered { bag }, arguments.options.json)?;
+    let triggered = Triggered { bag };
+    Output::new().answer(arguments.options.json, &triggered, |out| {
+        out.line(&triggered.bag)
+    })?;
     Ok(Ended::Done)
 }
 
@@ -66,10 +64,4 @@ pub(super) fn run(arguments: &Arguments) -> Result<Ended, CliError> {
 struct Triggered {
     /// The path of the bag.
     bag: String,
-}
-
-impl Report for Triggered {
-    fn text(&self) -> String {
-        self.bag.clone()
-    }
 }
