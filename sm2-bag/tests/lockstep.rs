@@ -1,5 +1,8 @@
 //! A replay in lockstep gives the same outputs at any speed.
 
+// Shows LCK-INPUTS (test), bound: 100 replays through three nodes at three speeds; a member that fails; subscribers
+// without room.
+
 use std::os::fd::AsFd;
 use std::sync::mpsc;
 use std::thread;

@@ -1,6 +1,8 @@
 //! Measures the age of messages at the far end of a link that carries an eighth of what is
 //! published: the link of the paper's Fig. 2, in virtual time.
 
+// Shows GW-FRESH (test, full), bound: 40 s of the paper's link with two congestion controllers, in virtual time.
+
 pub(crate) mod world;
 
 use std::time::Duration;

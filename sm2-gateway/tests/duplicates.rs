@@ -1,5 +1,7 @@
 //! Two connections with one peer: both sides keep the same connection, whichever greets first.
 
+// Shows GW-EPOCH (test, full), bound: two connections at once, over QUIC on this machine.
+
 use std::time::Duration;
 
 use crate::age::world::World;

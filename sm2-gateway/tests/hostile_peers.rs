@@ -1,6 +1,8 @@
 //! Peers that break the rules, by mistake or on purpose. The gateway closes the connection or
 //! resets the stream with the right code, and no other peer is affected.
 
+// Shows GW-AUTH, GW-LIMIT (test, full), bound: raw QUIC peers, over this machine.
+
 mod bench;
 mod client;
 mod frames;

@@ -1,5 +1,7 @@
 //! The hub alone: inputs, and the outputs that they lead to.
 
+// Shows GW-EPOCH, GW-NOLOOP, GW-AUTH, GW-LATCH (test).
+
 mod calls;
 mod epochs;
 mod latched;

@@ -1,5 +1,7 @@
 //! A peer that sends or reads nothing where it should, in virtual time.
 
+// Shows GW-LIMIT (test), bound: a raw QUIC peer, in virtual time.
+
 use std::{collections::BTreeMap, net::SocketAddr, sync::Arc, time::Duration};
 
 use bytes::{Bytes, BytesMut};

@@ -1,6 +1,8 @@
 //! No received datagram leaves a descriptor open. One test, alone in its process: it counts the open
 //! descriptors and lowers limits.
 
+// Shows DAT-NOLEAK (test), bound: one process.
+
 use sm2_test_support::ran_alone;
 use std::io::IoSlice;
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd};

@@ -1,5 +1,7 @@
 //! Memory that mapping a file costs its receiver.
 
+// Shows DAT-COST (test), bound: the kernel of this machine.
+
 use sm2_test_support::ran_alone;
 use std::fs::{self, File};
 use std::os::unix::fs::{FileExt, MetadataExt};

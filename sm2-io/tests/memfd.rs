@@ -1,5 +1,7 @@
 //! Sealed files never change; facts about descriptors.
 
+// Shows DAT-SEALED (test), bound: the kernel of this machine.
+
 use std::fs::{File, OpenOptions};
 use std::io::{self, IoSlice};
 use std::num::NonZeroUsize;

@@ -1,5 +1,7 @@
 //! The access policy of a domain: where a Manager finds it, and what it does without it.
 
+// Shows ACC-ENFORCE (test), bound: cases, with real processes.
+
 use crate::common;
 use std::{
     fs::{self, Permissions},

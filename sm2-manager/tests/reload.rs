@@ -1,5 +1,7 @@
 //! Another access policy for a Manager that serves.
 
+// Shows ACC-RELOAD (test), bound: cases, with real processes.
+
 use crate::common;
 use std::{
     fs::{self, Permissions},

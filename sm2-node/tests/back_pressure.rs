@@ -1,6 +1,8 @@
 //! How long a publisher waits for reliable subscribers that take their messages slowly, or not at all. The publisher
 //! counts how long it has waited.
 
+// Shows DAT-LOCAL, DAT-WAIT (test), bound: one process.
+
 use std::time::{Duration, Instant};
 
 use crate::common::fixture::Fixture;

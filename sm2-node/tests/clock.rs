@@ -1,5 +1,7 @@
 //! Domain time: sources, jumps, pauses, and timers that follow them.
 
+// Shows CLK-FOLLOW (test), bound: nodes with and without a background thread, on both lanes.
+
 use std::thread;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 

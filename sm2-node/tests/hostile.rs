@@ -1,5 +1,7 @@
 //! Peers that break the protocol: only their link ends.
 
+// Shows DAT-ONCE, DAT-SEALED, DAT-LOCAL, DAT-COST (test), bound: real processes.
+
 use std::fs::File;
 use std::io::IoSlice;
 use std::os::fd::AsFd;

@@ -1,5 +1,7 @@
 //! No descriptor and no mapping stays behind. In its own file: the test counts those of the whole process.
 
+// Shows DAT-NOLEAK (test), bound: one process.
+
 use sm2_test_support::ran_alone;
 use std::time::Duration;
 

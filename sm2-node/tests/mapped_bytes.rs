@@ -1,5 +1,7 @@
 //! The bound of the bytes that a process maps for its peers. In its own process, because other tests map bytes, too.
 
+// Shows DAT-LOCAL, DAT-COST (test), bound: one process.
+
 use std::os::fd::AsFd;
 use std::time::Duration;
 

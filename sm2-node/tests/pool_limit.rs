@@ -1,5 +1,7 @@
 //! Subscribers that keep their samples do not take a publisher's memory from the others.
 
+// Shows DAT-LOCAL (test), bound: one process.
+
 use std::time::Duration;
 
 use crate::common::{Domain, meet, next, pattern};

@@ -1,6 +1,8 @@
 //! The messages that a publisher publishes while it has no link with a subscriber: the account of the subscriber,
 //! beside the sets of messages that the simulated publisher knows.
 
+// Shows LNK-AWAY (proptest), bound: cases; sampled links of one pair that end with any rest, latched or not.
+
 use std::collections::{BTreeSet, VecDeque};
 
 use crate::link_support::*;

@@ -1,6 +1,8 @@
 //! How long a publisher waits for its reliable links, in virtual time: the links are machines, and the publisher does
 //! what a node does.
 
+// Shows DAT-WAIT (proptest), bound: sampled patterns of up to 10 receivers, each for 8 s of virtual time.
+
 use std::time::Duration;
 
 use crate::link_support::*;

@@ -1,5 +1,7 @@
 //! Waits before attempts to connect.
 
+// Shows CLI-BACKOFF (test), bound: sampled seeds.
+
 use std::{collections::BTreeSet, time::Duration};
 
 use sm2_proto::Backoff;

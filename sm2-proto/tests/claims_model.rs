@@ -1,6 +1,8 @@
 //! Random claims of a few sessions, honest and not, against an oracle of SPEC section 11 that
 //! consists of a few lists: the links, the claims that wait, and the frames to each node.
 
+// Shows MGR-CLAIM, CLI-SURVIVE, MGR-STRICT (proptest), bound: claims, honest and not.
+
 use crate::claims_oracle::Said;
 use crate::claims_play::{INTERFACES, Op, Play, SLOTS};
 use crate::support::{

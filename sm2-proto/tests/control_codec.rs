@@ -1,6 +1,8 @@
 //! The codec of control frames. Every frame decodes to itself, every other datagram is refused with
 //! the right violation, and a second decoder agrees on both.
 
+// Shows DECODE-CONTROL (proptest), bound: sampled frames, and mutants of them.
+
 use crate::frames;
 use crate::naive;
 use crate::support;

@@ -8,6 +8,8 @@
 //! descriptor that is not a file of counters. The vector is either a `frame`, in SPEC's words, or a
 //! `violation`. `answer` lists the frames that a node sends at once.
 
+// Shows DECODE-VECTORS (vector).
+
 use crate::naive;
 
 use std::{collections::BTreeSet, sync::Arc};

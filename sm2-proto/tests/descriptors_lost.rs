@@ -1,6 +1,8 @@
 //! A process without a free descriptor loses those of the frames that it receives. It loses the
 //! effect of these frames, and nothing else.
 
+// Shows MGR-RETRY (test), bound: one lost descriptor for each frame that has one; 9 attempts.
+
 use crate::support;
 use crate::support::{
     bench::{Bench, Event, UNLIMITED, seen_by, unlink},

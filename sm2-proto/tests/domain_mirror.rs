@@ -1,5 +1,7 @@
 //! A mirror that follows its Manager.
 
+// Shows MGR-MIRROR (proptest).
+
 use crate::support::{
     cases,
     items::{LIDAR, PLANNER, items, node},

@@ -7,6 +7,9 @@
 //! Checked at the end: no state is kept of nodes that are gone, and rogues have changed nothing
 //! that other nodes see.
 
+// Shows MGR-RELEASE, MGR-MATCH, MGR-NOISE, CLI-NOFALSE, CLI-CONVERGE, MGR-INV, MGR-PACE (proptest), bound: up to 12
+// nodes.
+
 use crate::support::{
     cases,
     contracts::{client, data, name, publisher_with, server, service_qos, subscriber_with},

@@ -1,5 +1,7 @@
 //! The encoding of beacons.
 
+// Shows GW-DECODE (test), bound: each bit, each shorter length.
+
 use sm2_proto::gateway::{BEACON_LEN, Beacon, BeaconError, GatewayId};
 
 fn beacon() -> Beacon {

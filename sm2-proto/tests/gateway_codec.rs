@@ -2,6 +2,8 @@
 //! SPEC alone. Both accept the same bytes with the same meaning, and refuse all others for the same
 //! reason.
 
+// Shows GW-DECODE (proptest), bound: sampled frames, headers, beacons and streams, and mutants of them.
+
 use crate::any_gateway_frames as frames;
 
 use crate::gateway::{agreement, json, naive};

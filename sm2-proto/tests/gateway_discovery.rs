@@ -1,5 +1,7 @@
 //! Discovery: which peers a gateway dials, where and when, and its own beacons.
 
+// Shows GW-FIND (proptest), bound: cases; sampled events of three peers.
+
 use std::{collections::BTreeMap, net::SocketAddr};
 
 use crate::support::cases;

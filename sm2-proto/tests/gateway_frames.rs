@@ -1,5 +1,7 @@
 //! The encodings of frames of the control stream and of headers.
 
+// Shows GW-DECODE (proptest), bound: each frame and outcome by hand; sampled frames, changed and cut bytes.
+
 use crate::any_gateway_frames::any_frame;
 use crate::support::{
     cases,

@@ -1,5 +1,8 @@
 //! Routers: the outputs of one of them, and the routes of several in any arrangement.
 
+// Shows GW-NOLOOP, GW-AUTH (proptest), bound: five gateways, links that come and go, rules between them; one gateway
+// with 16,384 routes; changes of rules and ends of connections in pieces, against a naive list of facts.
+
 mod ends;
 mod pieces;
 mod world;

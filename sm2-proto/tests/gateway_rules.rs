@@ -1,5 +1,7 @@
 //! Patterns and rules, compared with an oracle that applies each definition directly.
 
+// Shows GW-RULE (proptest), bound: all names of up to four of three segments; sampled patterns and lists of rules.
+
 use crate::support::{cases, contracts::name};
 use proptest::{collection::vec, prelude::*, sample::select};
 use sm2_proto::{

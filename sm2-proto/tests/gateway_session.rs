@@ -1,6 +1,9 @@
 //! The session between gateways: each frame in each state, and two sessions with frames and streams
 //! in flight between them.
 
+// Shows GW-SESSION (proptest), bound: each frame in each state; the example of SPEC; sampled steps of two sessions,
+// streams in any order.
+
 mod calls;
 mod example;
 mod misuse;

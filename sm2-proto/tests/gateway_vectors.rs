@@ -6,6 +6,8 @@
 //! with `>` in front, frames that it sent on its own. Then the peer has made `offers` offers,
 //! numbered from 1, and the receiver has made a `call` of one of them on the stream of the vector.
 
+// Shows GW-DECODE, GW-SESSION (vector).
+
 use std::collections::BTreeSet;
 
 use crate::gateway::{agreement, json};

@@ -1,5 +1,7 @@
 //! Liveliness: who counts as alive, and when (SM2-QOS-011), and ALIVE (SM2-QOS-012).
 
+// Shows LNK-ALIVE (test), bound: cases, and sampled signs of life.
+
 use crate::link_support::{config, drain, feed, open_to, opened, sent, tick_link, with_ring};
 use crate::ring_support::{RECEIVER, Rig, SENDER};
 use proptest::{collection::vec, prelude::*};

@@ -5,6 +5,8 @@
 //! once, and that the counters add up. Keep-last keeps the newest messages, reliable links lose
 //! none, each call gets one reply, and no slot is written while it is read.
 
+// Shows LNK-ORDER, LNK-WINDOW, DAT-REFS, DAT-LOCAL (proptest).
+
 use crate::ops::{Op, PairConfig, op, pair_config};
 use crate::pair::Pair;
 use crate::support::cases;

@@ -1,5 +1,7 @@
 //! Calls on the ring lane, step by step: SPEC sections 8.5 and 9.
 
+// Shows CALL-RING, CALL-CANCEL, RNG-WAKE (test).
+
 use crate::link_support::{NOW, opened, with_ring};
 use crate::ring_support::calls::{CALLER, Calls, Outcome, SERVER, segment};
 use bytes::Bytes;

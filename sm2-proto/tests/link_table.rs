@@ -1,5 +1,7 @@
 //! The table of frames that are legal in each state, for each role, on one page.
 
+// Shows LNK-STRICT, LNK-PHASE (test), bound: the whole table.
+
 use crate::link_support::{
     RING, config, drain, fds_for, feed, from_peer, open_to, opened_with, sent, with_ring,
 };

@@ -17,6 +17,8 @@
 //! A datagram with `count` arrives that many times. Each time, the little-endian number at each
 //! offset in `grows` is one greater than before.
 
+// Shows DECODE-VECTORS (vector).
+
 use std::collections::BTreeSet;
 
 use crate::link_support::{NOW, drain, message, offer, sent};

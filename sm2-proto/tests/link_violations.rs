@@ -1,6 +1,8 @@
 //! One row for each violation by the other end: the smallest wrong input, the CLOSE that answers
 //! it, and a check that the link has ended for good.
 
+// Shows LNK-STRICT (test), bound: a row for each violation.
+
 mod ring;
 
 use std::collections::BTreeSet;

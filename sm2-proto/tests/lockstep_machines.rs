@@ -1,6 +1,8 @@
 //! The conductor and the member of a lockstep: refusals, limits, and the owner's mistakes. `verification/` explores
 //! them together.
 
+// Shows LCK-NOFALSE, LCK-INPUTS, LCK-REST (test), bound: tables and limits of both machines.
+
 use sm2_proto::clock::DomainTime;
 use sm2_proto::limits::{LOCKSTEP_MEMBERS_MAX, LOCKSTEP_ROUNDS_MAX};
 use sm2_proto::lockstep::{

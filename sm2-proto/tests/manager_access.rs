@@ -1,5 +1,8 @@
 //! The access policy at the Manager: what it refuses, and what sessions see.
 
+// Shows ACC-ENFORCE (proptest), bound: cases of each clause; sampled steps of up to four nodes with the smallest parts
+// of work.
+
 use std::collections::BTreeMap;
 
 use crate::support::{

@@ -1,6 +1,8 @@
 //! Flow control for LINK frames: how many a session is sent ahead of its socket, which links wait,
 //! and the cost of one input. The cost is counted in outputs and pairs, not in time.
 
+// Shows MGR-PACE (test), bound: 11 histories, counted, not timed.
+
 use crate::support;
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -1,5 +1,7 @@
 //! The pairs that the Manager links, the QoS of the links, and how links end.
 
+// Shows MGR-MATCH (test).
+
 use crate::support::{
     bench::{Bench, EPOCH, Event, UNLIMITED, seen_by, unlink},
     contracts::{

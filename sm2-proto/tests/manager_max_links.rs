@@ -1,6 +1,8 @@
 //! A node states how many ends of links it can have (MAX_LINKS). The Manager holds further links
 //! back, and makes them as soon as there is room.
 
+// Shows MGR-PACE (test), bound: 9 histories, counted, not timed.
+
 use crate::support::{
     bench::{Bench, EPOCH, Event, UNLIMITED, claim, resuming, seen_by, unlink, unlinked},
     contracts::{client, data, scan, server, subscriber},

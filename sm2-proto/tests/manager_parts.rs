@@ -1,6 +1,8 @@
 //! Work that is done in parts: how much one input does, what other sessions see between two parts,
 //! and that nothing is lost or done twice. Work is counted in outputs, not in time.
 
+// Shows MGR-PACE (test), bound: 9 histories, counted, not timed.
+
 use crate::support::{
     bench::{Bench, Event, UNLIMITED, claim, resuming, seen_by, unlink, unlinked},
     contracts::{data, publisher, scan, subscriber},

@@ -1,5 +1,7 @@
 //! The Manager's refusals, and each quota exactly at its limit.
 
+// Shows MGR-QUOTA (test), bound: each quota at its limit.
+
 use crate::support::{
     bench::{Bench, EPOCH, Event, UNLIMITED, seen_by, unlink},
     contracts::{client, data, name, publisher, scan, server, subscriber},

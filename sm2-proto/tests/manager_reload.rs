@@ -1,6 +1,8 @@
 //! Another access policy for a domain that runs: links end, sessions see other items, and what the
 //! policy allows again comes back.
 
+// Shows ACC-RELOAD (test).
+
 use crate::support::{
     access::{access, banning, deny, finish_work, patterns, snapshot, tables},
     bench::{Bench, Event, UNLIMITED, claim, resuming, seen_by, unlink, unlinked},

@@ -1,6 +1,8 @@
 //! SPEC section 4.1, cell by cell: the effect of each frame in each state. A violation ends the
 //! session that committed it and affects no other one.
 
+// Shows MGR-STRICT, MGR-ABSORB, MGR-NOISE (test), bound: the whole table.
+
 use crate::support::{
     access::{access, deny, finish_work, tables},
     bench::{

@@ -1,5 +1,7 @@
 //! A node's sessions with Managers that break the rules, and with correct ones.
 
+// Shows CLI-STRICT, CLI-DROPPING (test), bound: a row for each violation.
+
 use crate::frames;
 
 use crate::support::{

@@ -1,5 +1,7 @@
 //! SPEC sections 4.2, 4.3 and 11, cell by cell, from the node's side.
 
+// Shows CLI-STRICT (test), bound: the whole table.
+
 use crate::support::{
     bench::{suspended, unlinked},
     contracts::name,

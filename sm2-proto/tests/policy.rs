@@ -1,5 +1,7 @@
 //! Access rights, compared with an oracle that applies each definition directly.
 
+// Shows ACC-DECIDE (proptest), bound: cases of each clause; sampled policies and subjects.
+
 mod naive;
 
 use crate::support::{cases, contracts::name};

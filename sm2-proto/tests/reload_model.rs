@@ -1,5 +1,8 @@
 //! Random policies for a domain that runs, compared with a Manager that had the last one all the time.
 
+// Shows ACC-RELOAD (proptest), bound: sampled steps of up to six nodes, with the smallest parts of work, against a
+// Manager that had the last policy all the time.
+
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::support::{

@@ -2,6 +2,8 @@
 //! other's operations. They are joined by two rings and by sockets that lose nothing. There is no
 //! common order between sockets and rings.
 
+// Shows CALL-RING, CALL-CANCEL, RNG-WAKE (proptest), bound: both ends, any operation in the middle of another.
+
 use crate::ring_support::between::Between;
 use crate::ring_support::calls::{CALLER, Calls, Outcome, SERVER};
 use crate::support::cases;

@@ -1,5 +1,7 @@
 //! Words and frames that no correct caller or server produces, and the violation that each causes.
 
+// Shows CALL-CANCEL, RNG-HOSTILE (test).
+
 use crate::link_support;
 use crate::ring_support;
 

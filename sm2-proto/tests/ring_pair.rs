@@ -2,6 +2,8 @@
 //! other's operations, and compares them with plain lists of the sent, taken and displaced
 //! messages. The ends are joined by one ring and by sockets that lose nothing.
 
+// Shows RNG-FIFO, RNG-WAKE, DAT-REFS, LNK-FATES (proptest), bound: both ends, any operation in the middle of another.
+
 use crate::ring_support::pair::{Op, Pair};
 use crate::support::cases;
 use proptest::prelude::*;

@@ -1,5 +1,7 @@
 //! The receiving end's view of messages on the ring lane: SPEC section 8.5.
 
+// Shows RNG-FIFO, RNG-HOSTILE (test).
+
 use std::cell::{Cell, RefCell};
 
 use crate::link_support::{NOW, pooled};

@@ -1,5 +1,7 @@
 //! The sending end's view of messages on the ring lane: SPEC section 8.5.
 
+// Shows RNG-FIFO, RNG-HOSTILE, RNG-WAKE (test).
+
 use crate::link_support::{NOW, ring_file};
 use crate::ring_support::{RECEIVER, Rig, SENDER, segment, word};
 use sm2_proto::{

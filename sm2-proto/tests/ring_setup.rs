@@ -1,5 +1,7 @@
 //! The setup of a ring, and the layout of its file: SPEC section 8.5.
 
+// Shows RNG-INDEX, LNK-PHASE (test).
+
 use crate::link_support;
 
 use crate::link_support::{NOW, RING, accept, drain, message, opened, reliable, sent, with_ring};

@@ -3,6 +3,8 @@
 //! `tests/vectors/README.md` describes the fields. The other end of each link exists only to open
 //! the link: `image` and `before` replace all words that it would have written.
 
+// Shows RNG-INDEX, RNG-FIFO, RNG-HOSTILE (vector).
+
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::ring_support::{RECEIVER, Rig, SENDER, ring_config, segment};

@@ -1,5 +1,7 @@
 //! Every kind of word, head and order of words that SPEC section 8.5 forbids, at either end.
 
+// Shows RNG-HOSTILE (test).
+
 use crate::ring_support;
 use crate::ring_support::{RECEIVER, Rig, SENDER, head, segment, word};
 use sm2_proto::{

@@ -5,6 +5,8 @@
 //! pair that is to be linked has exactly one link, which is the one that it had as long as neither
 //! end closed it; the nodes hold what the Manager shows; and `sm2_proto::domain` explains it.
 
+// Shows CLI-SURVIVE, CLI-CONVERGE, MGR-INV, MGR-PACE (proptest).
+
 use crate::support::{
     cases,
     contracts::{data, publisher_with, subscriber_with},

@@ -1,6 +1,8 @@
 //! Processes are killed at random moments. The others continue, or are told at once, and no
 //! resources are leaked.
 
+// Shows CLI-SURVIVE, MGR-RELEASE (test, full).
+
 use std::{thread, time::Duration};
 
 use sm2_tests::{

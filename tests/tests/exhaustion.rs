@@ -1,6 +1,8 @@
 //! A process without free descriptors loses the messages and links that need one. No other process
 //! is affected.
 
+// Shows DAT-LOCAL, DAT-NOLEAK, MGR-RETRY (test, full).
+
 use sm2_node::explain::{Finding, why};
 use sm2_proto::{
     control::{Page, ToNode},

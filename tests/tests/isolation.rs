@@ -1,6 +1,8 @@
 //! A subscriber or client that misbehaves affects no other: the others get every message, and the
 //! losses are counted exactly, on its link alone.
 
+// Shows DAT-LOCAL (test, full).
+
 use sm2_tests::{
     actor::{Actor, Counted, number},
     control::{self, Qos},

@@ -1,5 +1,7 @@
 //! Clients on the ring lane that break SPEC lose their link. No other client loses a call.
 
+// Shows CALL-CANCEL, RNG-HOSTILE, DAT-LOCAL (test, full).
+
 use std::{
     collections::BTreeMap,
     sync::{

@@ -1,6 +1,8 @@
 //! Peers on the ring lane that break SPEC lose their link, and no other link is affected. (Each
 //! single violation is a row of the table: see `violations.rs`.)
 
+// Shows RNG-HOSTILE, DAT-LOCAL (test, full).
+
 use std::{
     os::fd::AsFd,
     sync::atomic::{AtomicBool, Ordering},

@@ -1,5 +1,7 @@
 //! Sessions and links in the control plane: raw nodes against a real Manager.
 
+// Shows MGR-IDS, MGR-RELEASE, MGR-QUOTA, CLI-DROPPING, LNK-FAREWELL (test, full).
+
 use std::os::{fd::AsFd, fd::AsRawFd};
 
 use nix::sys::socket::{MsgFlags, send};

@@ -1,5 +1,7 @@
 //! Guarantees for the memory that a receiver reads while other processes write, close and die.
 
+// Shows DAT-ONCE, DAT-REFS, DAT-SEALED (test, full).
+
 use std::{
     fs::{self, File},
     os::{fd::AsFd, unix::fs::FileExt},

@@ -1,6 +1,8 @@
 //! A Manager dies in various ways, and another one takes over. The nodes of the domain notice
 //! nothing.
 
+// Shows CLI-SURVIVE (test, full).
+
 use std::{
     collections::BTreeSet,
     sync::{Mutex, MutexGuard, PoisonError},

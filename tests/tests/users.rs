@@ -1,5 +1,7 @@
 //! The boundary between users: messages across it are sealed.
 
+// Shows MGR-SEAL (test, full).
+
 use std::{
     fs::{self, Permissions},
     os::{

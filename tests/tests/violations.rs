@@ -1,6 +1,8 @@
 //! Every violation of SPEC, committed against real processes. Each gets its code, other processes
 //! are not affected, and no resources are leaked.
 
+// Shows MGR-STRICT, LNK-STRICT, MGR-NOISE, DAT-NOLEAK (test, full).
+
 use std::{
     cell::{RefCell, RefMut},
     rc::Rc,

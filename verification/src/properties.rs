@@ -1,11 +1,11 @@
 //! PROPERTIES.md: claims about the shipped code, the checks that show them, and their coverage.
 //!
-//! A [`Register`] is the parsed file: a table of properties, and tables of checks, with the checks that are [`Listed`]
-//! elsewhere. A [`RunResults`] has the results of
-//! a run, and [`RunResults::gaps`] lists the disagreements of both. [`figures_page`] shows the figures of a run, which
-//! are not committed. This module starts no programs: `bin/check` runs the engines.
+//! A [`Register`] is the parsed file with the checks, which sources and lists beside the engines name ([`Listed`]). A
+//! [`RunResults`] has the results of a run, and [`RunResults::gaps`] lists the disagreements of both. [`figures_page`]
+//! shows the figures of a run, which are not committed. This module starts no programs: `bin/check` runs the engines.
 
 mod check;
+mod claims;
 mod engine;
 mod expected;
 mod figures;
@@ -20,6 +20,7 @@ mod table;
 
 pub use self::{
     check::{Check, Run},
+    claims::{Place, checks_of},
     engine::Engine,
     expected::{tests_in, tests_of},
     figures::figures_page,

@@ -1,6 +1,8 @@
 //! All possible events of a lockstep, and faults that must be found. To print traces: `cargo run --profile model -p
 //! sm2-verification --bin lockstep-model`.
 
+// Shows BITE-LOCKSTEP, LCK-NOFALSE, LCK-INPUTS, LCK-REST (test), bound: 6 faults, each with its property.
+
 use sm2_verification::model::{
     Property, explore,
     lockstep::{COUNTS, Fault, LockstepScope},

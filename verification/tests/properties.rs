@@ -6,8 +6,8 @@ use std::path::Path;
 
 use sm2_verification::mutants::Catalogue;
 use sm2_verification::properties::{
-    Engine, Extent, Gap, GapKind, Listed, Outcome, Proof, Register, RunResults, figures_page,
-    loom_models, outcomes, proofs, summary, tests_in,
+    Check, Engine, Extent, Gap, GapKind, Listed, Outcome, Place, Proof, Register, Run, RunResults,
+    checks_of, figures_page, loom_models, outcomes, proofs, summary, tests_in,
 };
 
 /// Two properties, and a check of each kind of run.
@@ -110,7 +110,16 @@ fn every_check_of_the_repository_shows_a_property() {
     assert!(!listed.mutants.is_empty() && !listed.symbolic.is_empty());
     let (register, gaps) = Register::parse(&text, &listed);
     assert_eq!(gaps, []);
-    assert!(register.of(Engine::StandIn).count() > 50);
+    // The engine, and a number of checks that it has at least.
+    let least = [
+        (Engine::StandIn, 50),
+        (Engine::Model, 50),
+        (Engine::Test, 40),
+        (Engine::LibFuzzer, 15),
+    ];
+    for (engine, least) in least {
+        assert!(register.of(engine).count() > least, "{engine}");
+    }
     for proof in &listed.proofs {
         let strengths = ["Exhaustive", "BoundariesAndSamples", "Samples"];
         assert!(strengths.contains(&proof.strength.as_str()), "{proof:?}");
@@ -146,6 +155,7 @@ fn listed_checks_need_no_row() {
         loom: loom_models("# executions model\n12 no fence, twice\n"),
         proofs: proofs(&source, "a"),
         symbolic: BTreeSet::from(["a::h".to_owned()]),
+        commented: Vec::new(),
     };
     let text = text
         .replace(
@@ -290,18 +300,39 @@ fn a_full_row_is_looked_up_in_a_quick_run_and_wanted_in_a_full_one() {
 }
 
 #[test]
-fn a_check_without_a_row_is_found_and_a_row_is_made_of_it() {
+fn a_check_without_a_comment_is_found() {
     let mut results = as_it_should_be();
     let new = outcome(Engine::LibFuzzer, "words", "~7000 executions | more");
     results.outcomes.push(new);
     let (engine, harness) = (Engine::LibFuzzer, "words".to_owned());
     assert_eq!(gaps(&results), [GapKind::NoRow { engine, harness }]);
-    let row = "| `words` | ? | libFuzzer | ? | quick |";
-    assert_eq!(results.missing(&register(TEXT)), [row]);
-    let text = TEXT
-        .replace("## Checks\n", &format!("## Checks\n\n{HEADS}\n{row}\n"))
-        .replace("| ? | libFuzzer", "| TWO-B | libFuzzer");
-    assert_eq!(results.gaps(&register(&text)), []);
+    let source = "//! Words.\n// Shows TWO-B (libFuzzer).\n#![no_main]";
+    let commented = checks_of(source, "fuzz/fuzz_targets/words.rs", Place::Stem).expect("a check");
+    let listed = Listed {
+        commented,
+        ..Listed::default()
+    };
+    let (register, wrong) = Register::parse(TEXT, &listed);
+    assert_eq!((wrong, results.gaps(&register)), (vec![], vec![]));
+}
+
+#[test]
+fn comments_say_what_checks_show() {
+    let source = "//! Text.\n\n// Shows ONE-A, TWO-B (test, full), bound: 2\n// cases.\n\nuse a;\n\
+                  // Shows ONE-A (model).\nscope(\"small\", 2);";
+    let found = |place| {
+        let checks = checks_of(source, "a/tests/b.rs", place).expect("checks");
+        let check = |it: Check| (it.harness, it.engine, it.run, it.shows.len());
+        checks.into_iter().map(check).collect::<Vec<_>>()
+    };
+    let [file, small] = ["a/tests/b.rs", "small"].map(str::to_owned);
+    assert_eq!(found(Place::File), [(file, Engine::Test, Run::Full, 2)]);
+    assert_eq!(found(Place::Code)[1], (small, Engine::Model, Run::Quick, 1));
+    let wrong = checks_of("// Shows ONE-A (modle).\n\"small\"", "b.rs", Place::Code);
+    assert_eq!(
+        wrong.err(),
+        Some("b.rs: there is no engine `modle`".to_owned())
+    );
 }
 
 #[test]

@@ -2,6 +2,9 @@
 //! services. Each moment is checked. At the end of each walk all pending work is completed; then
 //! both sides must have exactly the links that the matching rules of SPEC require.
 
+// Shows MGR-MATCH, MGR-MIRROR, CLI-NOFALSE, CLI-CONVERGE (proptest), bound: 48 walks of up to 500 choices, 8 to 16
+// nodes, up to 48 interfaces.
+
 use std::cell::Cell;
 
 use proptest::{

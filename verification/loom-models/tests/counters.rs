@@ -20,9 +20,13 @@ const MIX: &str = "a mix of two writings";
 #[test]
 fn a_reader_never_takes_a_mix() {
     use shipped::scenarios::{changes, readers, reuse, stopped};
+    // Shows CNT-WHOLE (loom), bound: three words of 64; 3 preemptions.
     holds("counters: two changes, two looks", Some(3), changes);
+    // Shows CNT-WHOLE (loom), bound: three words of 64; 2 preemptions.
     holds("counters: two readers", Some(2), readers);
+    // Shows CNT-WHOLE (loom), bound: three words of 64; 3 preemptions.
     holds("counters: freed and used again", Some(3), reuse);
+    // Shows CNT-WHOLE (loom), bound: three words of 64; 3 preemptions.
     holds("counters: a writer that was stopped", Some(3), stopped);
 }
 

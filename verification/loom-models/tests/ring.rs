@@ -42,26 +42,36 @@ const BOTH: Terms = Terms {
 //= SM2-RNG-005, SM2-RNG-006, SM2-RNG-007, SM2-RNG-008, SM2-RNG-012 loom
 #[test]
 fn the_last_message_always_comes() {
+    // Shows RNG-FIFO, RNG-WAKE (loom), bound: 3 messages; 3 preemptions.
     holds("ring: keep-last", Some(3), || ring::keep_last(LAST));
+    // Shows RNG-FIFO, RNG-WAKE (loom), bound: 3 messages, window 3; 3 preemptions.
     holds("ring: keep-last, two words", Some(3), || {
         ring::keep_last(TWO)
     });
+    // Shows RNG-FIFO, RNG-WAKE (loom), bound: 3 preemptions.
     holds("ring: the window is full", Some(3), || {
         ring::window_full(LAST)
     });
+    // Shows RNG-FIFO, RNG-WAKE (loom), bound: 3 preemptions.
     holds("ring: the window is full, two words", Some(3), || {
         ring::window_full(TWO)
     });
+    // Shows RNG-FIFO, RNG-WAKE (loom), bound: depth 2, 5 messages; none.
     holds("ring: the sender goes round", None, || ring::round(TWO));
+    // Shows RNG-FIFO, RNG-WAKE (loom), bound: 3 preemptions.
     holds("ring: all is given back", Some(3), || ring::flush(LAST));
 }
 
 //= SM2-RNG-005, SM2-RNG-012 loom
 #[test]
 fn nothing_is_lost_on_a_reliable_link() {
+    // Shows RNG-FIFO, RNG-WAKE (loom), bound: 3 messages; 3 preemptions.
     holds("ring: reliable", Some(3), || ring::reliable(ALL));
+    // Shows RNG-WAKE (loom), bound: none.
     holds("ring: reliable, a sender waits", None, || ring::room(ALL));
+    // Shows RNG-WAKE (loom), bound: window 3; 3 preemptions.
     holds("ring: reliable, one is held", Some(3), || ring::held(HELD));
+    // Shows RNG-WAKE (loom), bound: 3 messages, window 4; 3 preemptions.
     holds("ring: a batch", Some(3), || ring::batch(BOTH));
 }
 
@@ -76,21 +86,27 @@ fn either_side_may_stop() {
         steps: [u32::MAX, steps],
         ..terms
     };
+    // Shows RNG-FIFO, RNG-WAKE (loom), bound: after each step; 2 preemptions.
     holds_at_each_step("ring: the sender stops", Some(2), move |it| {
         ring::sender_stops(sender(LAST, it))
     });
+    // Shows RNG-FIFO, RNG-WAKE (loom), bound: after each step; 2 preemptions.
     holds_at_each_step("ring: the sender stops, reliable", Some(2), move |it| {
         ring::sender_stops(sender(ALL, it))
     });
+    // Shows RNG-FIFO, RNG-WAKE (loom), bound: after each step; 2 preemptions.
     holds_at_each_step("ring: the sender stops, window full", Some(2), move |it| {
         ring::sender_stops_full(sender(TWO, it))
     });
+    // Shows RNG-FIFO, RNG-WAKE (loom), bound: after each step; 2 preemptions.
     holds_at_each_step("ring: the receiver stops", Some(2), move |it| {
         ring::receiver_stops(receiver(LAST, it))
     });
+    // Shows RNG-FIFO, RNG-WAKE (loom), bound: after each step; 2 preemptions.
     holds_at_each_step("ring: the receiver stops, reliable", Some(2), move |it| {
         ring::receiver_stops(receiver(ALL, it))
     });
+    // Shows RNG-FIFO, RNG-WAKE (loom), bound: depth 2; none.
     holds("ring: the receiver closes", None, || {
         ring::receiver_closes(TWO)
     });

@@ -31,18 +31,27 @@ fn no_wake_up_is_lost() {
     use shipped::scenarios::{
         bell, control_side, hand_over, others, ring, session, shared, take_back, wait_set,
     };
+    // Shows NOD-WAKE (loom), bound: 3 preemptions.
     holds("sleepers: each for a message", Some(3), others);
+    // Shows NOD-WAKE (loom), bound: none.
     holds("sleepers: the session changes", None, session);
+    // Shows NOD-WAKE (loom), bound: none.
     holds(
         "sleepers: the control side changes an interface",
         None,
         control_side,
     );
+    // Shows NOD-WAKE (loom), bound: 3 preemptions.
     holds("sleepers: a link is handed over", Some(3), hand_over);
+    // Shows NOD-WAKE (loom), bound: 3 preemptions.
     holds("sleepers: a link is taken back", Some(3), take_back);
+    // Shows NOD-WAKE, RNG-WAKE (loom), bound: 2 preemptions.
     holds("sleepers: a ring and a socket", Some(2), ring);
+    // Shows NOD-WAKE, RNG-WAKE (loom), bound: 2 preemptions.
     holds("sleepers: two threads at a ring", Some(2), shared);
+    // Shows NOD-WAKE (loom), bound: 2 preemptions.
     holds("sleepers: a bell and a sleeper", Some(2), bell);
+    // Shows NOD-WAKE, RNG-WAKE (loom), bound: 2 preemptions.
     holds("sleepers: a wait set and a sleeper", Some(2), wait_set);
 }
 

@@ -86,8 +86,10 @@ pub enum GapKind {
         /// The missing harness.
         harness: String,
     },
-    /// A check that ran and has no row.
-    #[error("{engine} ran `{harness}`, which has no row; --missing prints one")]
+    /// A check that ran, and has neither a comment nor a row.
+    #[error(
+        "{engine} ran `{harness}`, which shows no property: add `// Shows NAME ({engine}), bound: TEXT.`"
+    )]
     NoRow {
         /// The engine that ran it.
         engine: Engine,

@@ -44,29 +44,6 @@ impl RunResults {
         gaps
     }
 
-    /// Rows for the checks that have none.
-    #[must_use]
-    pub fn missing(&self, register: &Register) -> Vec<String> {
-        let mut rows = Vec::new();
-        for outcome in &self.outcomes {
-            let Outcome {
-                engine,
-                harness,
-                covered,
-                ..
-            } = outcome;
-            if register.check(*engine, harness).is_none() {
-                let engine = match (engine, covered.split_once(',')) {
-                    (Engine::StandIn, Some((strength, _))) => format!("{engine}, {strength}"),
-                    _ => engine.to_string(),
-                };
-                let cells = [&format!("`{harness}`"), "?", &engine, "?", "quick"];
-                rows.push(super::table::render(&cells));
-            }
-        }
-        rows
-    }
-
     fn asked(&self, row: &Check) -> bool {
         let key = (row.engine, row.harness.clone());
         self.only.as_ref().is_none_or(|only| only.contains(&key))

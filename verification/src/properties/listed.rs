@@ -9,6 +9,7 @@ use serde::de::IgnoredAny;
 
 use super::Engine;
 use super::check::{Check, Run};
+use super::claims::{Place, checks_in};
 use super::proofs::{Proof, proofs_below};
 use crate::mutants::{Catalogue, Mutant};
 
@@ -17,6 +18,15 @@ const SYMBOLIC: &str = "verification/symbolic/harnesses.toml";
 
 /// The path of the list of loom's models.
 const LOOM: &str = "verification/loom-models/counts.txt";
+
+/// The sources whose comments say what their checks show, besides the folders `tests` of all packages.
+const COMMENTED: [(&str, Place); 5] = [
+    ("fuzz/fuzz_targets", Place::Stem),
+    ("verification/loom-models/tests", Place::Code),
+    ("verification/src/model/domain/scope.rs", Place::Code),
+    ("verification/src/model/link/scope.rs", Place::Code),
+    ("verification/src/model/lockstep/scope.rs", Place::Code),
+];
 
 /// The property that a broken variant shows: a model of loom finds it.
 const BROKEN: &str = "BITE-LOOM";
@@ -32,6 +42,8 @@ pub struct Listed {
     pub proofs: Vec<Proof>,
     /// Those of them that angr explores, too.
     pub symbolic: BTreeSet<String>,
+    /// Tests, fuzz targets and models, which comments describe.
+    pub commented: Vec<Check>,
 }
 
 /// `harnesses.toml`: the explored harnesses.
@@ -64,12 +76,13 @@ impl Listed {
             loom: loom_models(&fs::read_to_string(root.join(LOOM))?),
             proofs: proofs_below(&root.join("sm2-proto/src"), "sm2_proto")?,
             symbolic: quick.into_keys().chain(full.into_keys()).collect(),
+            commented: commented(root)?,
         })
     }
 
     /// The listed checks. A harness that angr explores shows the same as under the stand-in. A model of loom without a
-    /// row is that of a broken variant.
-    pub(super) fn checks(&self, rows: &[Check]) -> Vec<Check> {
+    /// comment is that of a broken variant.
+    pub(super) fn checks(&self) -> Vec<Check> {
         let check = |engine, harness: &String| Check {
             harness: harness.clone(),
             shows: Vec::new(),
@@ -96,15 +109,34 @@ impl Listed {
                 ..check(Engine::Angr, harness)
             }
         });
-        let has_no_row = |name: &&String| {
-            let mut rows = rows.iter();
-            !rows.any(|it| it.engine == Engine::Loom && it.harness == **name)
+        let has_no_comment = |name: &&String| {
+            let mut commented = self.commented.iter();
+            !commented.any(|it| it.engine == Engine::Loom && it.harness == **name)
         };
-        let broken = self.loom.iter().filter(has_no_row).map(|it| Check {
+        let broken = self.loom.iter().filter(has_no_comment).map(|it| Check {
             shows: vec![BROKEN.to_owned()],
             ..check(Engine::Loom, it)
         });
-        let listed = mutants.chain(proofs).chain(symbolic);
-        listed.chain(broken).collect()
+        let listed = mutants.chain(proofs).chain(symbolic).chain(broken);
+        listed.chain(self.commented.iter().cloned()).collect()
     }
+}
+
+/// The checks that comments describe.
+fn commented(root: &Path) -> io::Result<Vec<Check>> {
+    let mut packages = Vec::new();
+    for entry in fs::read_dir(root)? {
+        packages.push(entry?.file_name().to_string_lossy().into_owned());
+    }
+    packages.sort();
+    let tests = packages.iter().map(|it| format!("{it}/tests"));
+    let tests = tests.filter(|it| root.join(it).is_dir());
+    let mut found = Vec::new();
+    for folder in tests {
+        found.extend(checks_in(root, &folder, Place::File)?);
+    }
+    for (path, place) in COMMENTED {
+        found.extend(checks_in(root, path, place)?);
+    }
+    Ok(found)
 }

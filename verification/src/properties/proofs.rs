@@ -3,11 +3,13 @@
 use std::path::Path;
 use std::{fs, io};
 
+use super::claims::claims;
+
 const MARKER: &str = "#[cfg_attr(kani, kani::proof)]";
 
 /// A harness: a function behind a `kani::proof`.
 ///
-/// The comment above the attribute reads `// Shows NAME, NAME (STRENGTH), bound: TEXT.`, in one or more lines.
+/// The comment above the attribute reads `// Shows NAME, NAME (STRENGTH), bound: TEXT.`
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Proof {
     /// The path of the function.
@@ -37,13 +39,10 @@ pub fn proofs(source: &str, module: &str) -> Vec<Proof> {
 
 /// The properties and the strength in the comment at the end of a text.
 fn claim(before: &str) -> Option<(Vec<String>, String)> {
-    let lines = before.trim_end().lines().rev().map(str::trim_start);
-    let comments = lines.take_while(|it| it.starts_with("//"));
-    let mut claims = comments.filter_map(|it| it.strip_prefix("// Shows "));
-    let (shows, rest) = claims.next()?.split_once(" (")?;
-    let (strength, _) = rest.split_once("), bound: ")?;
-    let shows = shows.split(", ").map(str::to_owned).collect();
-    Some((shows, strength.to_owned()))
+    let claim = claims(before).pop()?;
+    let mut rest = before.trim_end().lines().skip(claim.end);
+    let is_above = rest.all(|it| it.trim_start().starts_with("//"));
+    is_above.then_some((claim.shows, claim.word))
 }
 
 /// The proofs of all sources below a folder.

@@ -91,12 +91,18 @@ impl Register {
         }
         for row in checks {
             let line = row.number();
-            match check(row, &sets) {
+            match check(row) {
                 Ok(check) => read.checks.push(check),
                 Err(kind) => gaps.push(Gap::at(line, kind)),
             }
         }
-        read.checks.extend(listed.checks(&read.checks));
+        read.checks.extend(listed.checks());
+        for check in &mut read.checks {
+            // The name of a set stands for the properties of the set.
+            let shows = check.shows.iter();
+            let shows = shows.flat_map(|word| words(sets.get(word).unwrap_or(word)));
+            check.shows = shows.map(str::to_owned).collect();
+        }
         gaps.extend(read.disagreements());
         (read, gaps)
     }
@@ -212,8 +218,8 @@ fn property(row: Row) -> Result<Property, GapKind> {
     })
 }
 
-/// The check of a row. A word of its column *shows* that is the name of a set stands for the properties of the set.
-fn check(row: Row, sets: &BTreeMap<String, String>) -> Result<Check, GapKind> {
+/// The check of a row.
+fn check(row: Row) -> Result<Check, GapKind> {
     let [harness, shows, engine, run] =
         [CHECKS[0], CHECKS[1], CHECKS[2], CHECKS[4]].map(|it| row.cell(it).to_owned());
     let (word, strength) = match engine.split_once(", ") {
@@ -225,10 +231,7 @@ fn check(row: Row, sets: &BTreeMap<String, String>) -> Result<Check, GapKind> {
         .and_then(|it| it.strip_suffix('`'));
     Ok(Check {
         harness: quoted.ok_or(GapKind::Harness(harness.clone()))?.to_owned(),
-        shows: words(&shows)
-            .flat_map(|word| words(sets.get(word).map_or(word, |it| it)))
-            .map(str::to_owned)
-            .collect(),
+        shows: words(&shows).map(str::to_owned).collect(),
         engine: Engine::named(word).ok_or_else(|| GapKind::Engine(word.to_owned()))?,
         run: match run.as_str() {
             "quick" => Run::Quick,

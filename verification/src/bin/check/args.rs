@@ -2,14 +2,13 @@
 
 use std::process::ExitCode;
 
-const USAGE: &str = "usage: verification/check [--quick] [--missing] [--only WORD...]
+const USAGE: &str = "usage: verification/check [--quick] [--only WORD...]
        verification/check --table
 
 Runs every check that this machine can run, and compares what they covered with PROPERTIES.md.
 
-  --quick      leave out the rows marked `full`, and let each engine keep to its quick bounds
+  --quick      leave out the checks marked `full`, and let each engine keep to its quick bounds
   --only       only these engines, properties or harnesses
-  --missing    print a row for each check that has none
   --table      print the numbers of checks of each group, engine and property, and run nothing
 
 Status 0: all held and the files say so; 1: not so, or nothing was run; 2: it could not be tried;
@@ -20,7 +19,6 @@ Logs and results of each engine are in target/verification/.";
 #[derive(Debug, Default)]
 pub(crate) struct Args {
     pub(crate) quick: bool,
-    pub(crate) missing: bool,
     pub(crate) action: Action,
     /// The selected engines, properties and harnesses; empty for all.
     pub(crate) only: Vec<String>,
@@ -44,7 +42,6 @@ impl Args {
         for word in words {
             match word.as_str() {
                 "--quick" => args.quick = true,
-                "--missing" => args.missing = true,
                 "--table" => args.action = Action::PrintTable,
                 "--only" => naming = true,
                 "--help" | "-h" => {

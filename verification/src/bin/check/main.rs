@@ -119,9 +119,6 @@ impl Check {
         for gap in &gaps {
             say(&format!("GAP {gap}"))?;
         }
-        if self.args.missing {
-            say(&self.results.missing(&self.register).join("\n"))?;
-        }
         self.summary(gaps.len(), start)
     }
 

@@ -104,6 +104,7 @@ impl Scope {
         let mut all = Self::with_withdrawals();
         all.extend(Self::with_crashes());
         all.extend(Self::with_stalls());
+        all.extend(Self::with_slow_searches());
         all.extend(Self::with_reloads());
         all
     }
@@ -127,25 +128,39 @@ impl Scope {
     /// Cold starts, and programs that withdraw interfaces.
     fn with_withdrawals() -> Vec<Self> {
         vec![
+            // Shows domain (model), bound: two nodes, each with a publisher and a subscriber for the other's; from
+            // before HELLO; each DECLARE at any time.
             Self {
                 starts_linked: false,
                 eager: false,
                 ..Self::new("cold-2x2", crossed(), Budget::default())
             },
+            // Shows domain, CLI-SURVIVE, MGR-RELEASE (model), bound: publisher and subscriber, from before HELLO; one
+            // node crash, one Manager crash.
             Self {
                 starts_linked: false,
                 ..Self::new("cold-crash-2x1", fan(2, &[LIDAR]), crashes(1, 1))
             },
+            // Shows domain, CLI-DROPPING (model), bound: 2 nodes x 2 topics, one withdrawal at any time, DECLARE at any
+            // time.
             Self {
                 eager: false,
                 ..Self::new("churn-once-2x2", crossed(), withdrawals(1))
             },
+            // Shows domain, CLI-DROPPING (model), bound: 2 nodes x 2 topics, two withdrawals at any time, DECLARE at
+            // any time.
             Self {
                 eager: false,
                 ..Self::new("churn-2x2", crossed(), withdrawals(2))
             },
+            // Shows domain, CLI-DROPPING (model), bound: a publisher with a deadline, and two subscribers; one of these
+            // demands a shorter one; one withdrawal.
             Self::new("deadline-3x1", deadlines(), withdrawals(1)),
+            // Shows domain, CLI-DROPPING (model), bound: a publisher with a lease, and two subscribers; one of these
+            // demands a shorter one; one withdrawal.
             Self::new("liveliness-3x1", leases(), withdrawals(1)),
+            // Shows domain, CLI-SURVIVE, CLI-DROPPING (model), bound: publisher and subscriber; one withdrawal, one
+            // closed link, one Manager crash.
             Self::new(
                 "close-churn-takeover-2x1",
                 fan(2, &[LIDAR]),
@@ -162,9 +177,16 @@ impl Scope {
     /// Nodes and Managers that crash.
     fn with_crashes() -> Vec<Self> {
         vec![
+            // Shows domain, CLI-SURVIVE, MGR-RELEASE (model), bound: publisher and subscriber; one node crash, one
+            // Manager crash.
             Self::new("crash-2x1", fan(2, &[LIDAR]), crashes(1, 1)),
+            // Shows domain, CLI-SURVIVE, MGR-RELEASE (model), bound: 2 nodes x 2 topics; one node crash, one Manager
+            // crash.
             Self::new("crash-2x2", crossed(), crashes(1, 1)),
+            // Shows domain, CLI-SURVIVE (model), bound: 2 nodes x 2 topics; two Manager crashes.
             Self::new("takeovers-2x2", crossed(), crashes(0, 2)),
+            // Shows domain, CLI-SURVIVE, CLI-DROPPING, MGR-RELEASE (model), bound: one node linked with itself; one
+            // withdrawal, one close, one node crash, one Manager crash.
             Self::new(
                 "self-1x1",
                 vec![vec![publisher(LIDAR), subscriber(LIDAR)]],
@@ -176,7 +198,11 @@ impl Scope {
                     ..Budget::default()
                 },
             ),
+            // Shows domain, CLI-SURVIVE, MGR-RELEASE (model), bound: a server and two clients; one node crash, one
+            // Manager crash.
             Self::new("service-3", service(), crashes(1, 1)),
+            // Shows domain, CLI-SURVIVE, CLI-DROPPING (model, full), bound: a server and two clients; one withdrawal,
+            // one Manager crash.
             Self::new(
                 "service-churn-3",
                 service(),
@@ -186,13 +212,15 @@ impl Scope {
                     ..Budget::default()
                 },
             ),
+            // Shows domain, CLI-SURVIVE (model), bound: 3 nodes x 2 topics; one Manager crash.
             Self::new("takeover-3x2", fan(3, &[LIDAR, CAMERA]), crashes(0, 1)),
         ]
     }
 
-    /// Nodes that stall, Managers that shut down, work in parts, and the two largest searches.
+    /// Nodes that stall, and Managers that shut down.
     fn with_stalls() -> Vec<Self> {
         vec![
+            // Shows domain (model), bound: 2 nodes x 2 topics; the Manager gives up a node twice.
             Self::new(
                 "stall-2x2",
                 crossed(),
@@ -201,6 +229,7 @@ impl Scope {
                     ..Budget::default()
                 },
             ),
+            // Shows domain, MGR-RELEASE (model), bound: 3 nodes x 1 topic; a node is given up, a node crashes.
             Self::new(
                 "stall-crash-3x1",
                 fan(3, &[LIDAR]),
@@ -210,6 +239,7 @@ impl Scope {
                     ..Budget::default()
                 },
             ),
+            // Shows domain, CLI-SURVIVE, MGR-RELEASE (model), bound: 2 nodes x 2 topics; one shutdown, one node crash.
             Self::new(
                 "shutdown-2x2",
                 crossed(),
@@ -219,6 +249,8 @@ impl Scope {
                     ..Budget::default()
                 },
             ),
+            // Shows domain, CLI-SURVIVE (model), bound: publisher and subscriber; one shutdown, one node given up, one
+            // Manager crash.
             Self::new(
                 "shutdown-stall-2x1",
                 fan(2, &[LIDAR]),
@@ -229,7 +261,15 @@ impl Scope {
                     ..Budget::default()
                 },
             ),
+        ]
+    }
+
+    /// A Manager that works in parts, and the two largest searches.
+    fn with_slow_searches() -> Vec<Self> {
+        vec![
             // The order of parts is not among the orders that the reductions consider.
+            // Shows domain, MGR-PACE, MGR-RELEASE (model, full), bound: one publisher, two subscribers, and a Manager
+            // that cuts its work after each link; one withdrawal, one node crash; not reduced.
             Self {
                 reduced: false,
                 work_per_turn: 1,
@@ -243,7 +283,11 @@ impl Scope {
                     },
                 )
             },
+            // Shows domain, CLI-SURVIVE, MGR-RELEASE (model, full), bound: 3 nodes x 2 topics; one node crash, one
+            // Manager crash.
             Self::new("crash-3x2", fan(3, &[LIDAR, CAMERA]), crashes(1, 1)),
+            // Shows domain, CLI-SURVIVE, MGR-RELEASE (model, full), bound: 4 nodes x 1 topic; one node crash, one
+            // Manager crash.
             Self::new("crash-4x1", fan(4, &[LIDAR]), crashes(1, 1)),
         ]
     }
@@ -257,6 +301,9 @@ impl Scope {
             ..Self::new(name, programs, budget)
         };
         vec![
+            // Shows domain, ACC-RELOAD, CLI-SURVIVE (model), bound: publisher and subscriber, and a Manager that cuts
+            // its work after each link; the access policy denies the subscriber, and allows it again; one Manager
+            // crash, at any time; not reduced.
             whole(
                 "reload-takeover-2x1",
                 fan(2, &[LIDAR]),
@@ -266,6 +313,7 @@ impl Scope {
                     ..Budget::default()
                 },
             ),
+            // Shows domain, ACC-RELOAD (model), bound: the same with one withdrawal and no crash.
             whole(
                 "reload-churn-2x1",
                 fan(2, &[LIDAR]),
@@ -275,6 +323,8 @@ impl Scope {
                     ..Budget::default()
                 },
             ),
+            // Shows domain, ACC-RELOAD (model), bound: two publishers and a subscriber; the access policy makes the
+            // topic exclusive, and open again; not reduced.
             Self {
                 restriction: Restriction::OnePublisher,
                 ..whole(
@@ -290,6 +340,8 @@ impl Scope {
                     },
                 )
             },
+            // Shows domain, MGR-PACE, CLI-SURVIVE (model), bound: a publisher with room for one link, and two
+            // subscribers; one node crash; not reduced.
             Self {
                 max_links: Some(1),
                 ..whole("room-3x1", fan(3, &[LIDAR]), crashes(1, 0))

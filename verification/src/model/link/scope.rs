@@ -156,6 +156,7 @@ impl LinkScope {
     #[must_use]
     pub fn all() -> Vec<Self> {
         let mut all = Self::topics();
+        all.extend(Self::topics_that_fill());
         all.extend(Self::topics_that_end());
         all.extend(Self::services());
         all
@@ -190,16 +191,21 @@ impl LinkScope {
         }
     }
 
-    /// Links of topics; most of them stay open.
+    /// Links of topics that stay open.
     fn topics() -> Vec<Self> {
         vec![
+            // Shows link, LNK-ORDER (model), bound: best effort, depth 1; 8 publications inline.
             Self::topic("link-keep-last-1", false, 1, INLINE, 8),
+            // Shows link, LNK-ORDER (model), bound: best effort, depth 2; 8 publications inline.
             Self::topic("link-keep-last-2", false, 2, INLINE, 8),
+            // Shows link, DAT-REFS, LNK-ORDER (model), bound: best effort, depth 2 to 1, 3 held; 4 publications, each
+            // inline, pooled or sealed.
             Self {
                 depth: [2, 1],
                 max_borrowed: [1, 3],
                 ..Self::topic("link-forms-4", false, 2, MIXED, 4)
             },
+            // Shows link, LNK-ORDER, LNK-DEBT (model), bound: reliable, depth 1; 8 publications, 2 deadlines.
             Self {
                 budget: Budget {
                     messages: 8,
@@ -208,7 +214,9 @@ impl LinkScope {
                 },
                 ..Self::topic("link-reliable-1", true, 1, INLINE, 8)
             },
+            // Shows link, LNK-ORDER (model), bound: reliable, depth 2; 9 publications.
             Self::topic("link-reliable-2", true, 2, INLINE, 9),
+            // Shows link, LNK-ORDER, LNK-DEBT (model), bound: reliable, depth 1, 2 held; 6 publications, 2 deadlines.
             Self {
                 max_borrowed: [1, 2],
                 budget: Budget {
@@ -218,15 +226,27 @@ impl LinkScope {
                 },
                 ..Self::topic("link-debt", true, 1, INLINE, 6)
             },
+        ]
+    }
+
+    /// Links of topics with few slots, or whose socket is full.
+    fn topics_that_fill() -> Vec<Self> {
+        vec![
+            // Shows link, DAT-REFS, LNK-ORDER (model), bound: best effort, depth 1, a socket of 1 packet; 7 pooled
+            // publications in 2 slots.
             Self {
                 socket: 1,
                 ..Self::topic("link-full", false, 1, POOLED, 7)
             },
+            // Shows link, LNK-ORDER, LNK-ABSORB (model), bound: reliable, depth 1, a socket of 2 packets; 6
+            // publications, a close, a death.
             Self {
                 socket: 2,
                 budget: ends(6),
                 ..Self::topic("link-full-ends", true, 1, INLINE, 6)
             },
+            // Shows link, DAT-REFS, LNK-ORDER (model), bound: best effort, depth 1, a socket of 1 packet; 5 pooled
+            // publications, 2 segments of 1 slot, 2 retired.
             Self {
                 slots: 1,
                 segments: 2,
@@ -239,6 +259,7 @@ impl LinkScope {
                 },
                 ..Self::topic("link-retires", false, 1, POOLED, 5)
             },
+            // Shows link, DAT-REFS, LNK-ORDER (model), bound: reliable, depth 2; 8 pooled publications in 3 slots.
             Self {
                 slots: 3,
                 ..Self::topic("link-pooled", true, 2, POOLED, 8)
@@ -249,26 +270,35 @@ impl LinkScope {
     /// Links of topics whose ends close or die, and the searches that take longest.
     fn topics_that_end() -> Vec<Self> {
         vec![
+            // Shows link, DAT-REFS, LNK-ORDER, LNK-ABSORB (model), bound: best effort, depth 1; 4 publications of all
+            // forms, a close, a death.
             Self {
                 budget: ends(4),
                 ..Self::topic("link-ends", false, 1, MIXED, 4)
             },
+            // Shows link, DAT-REFS, LNK-ORDER, LNK-ABSORB (model), bound: reliable, depth 2; 5 pooled publications in 4
+            // slots, a close, a death.
             Self {
                 slots: 4,
                 budget: ends(5),
                 ..Self::topic("link-reliable-ends", true, 2, POOLED, 5)
             },
+            // Shows link, DAT-REFS, LNK-ORDER, LNK-ABSORB (model), bound: a sealed link, best effort, depth 1; 5
+            // publications inline or sealed, a close, a death.
             Self {
                 sealed: true,
                 budget: ends(5),
                 ..Self::topic("link-sealed-ends", false, 1, SEALED, 5)
             },
+            // Shows link, DAT-REFS, LNK-ORDER (model, full), bound: as link-forms-4 with 5 publications.
             Self {
                 depth: [2, 1],
                 max_borrowed: [1, 3],
                 quick: false,
                 ..Self::topic("link-forms-5", false, 2, MIXED, 5)
             },
+            // Shows link, DAT-REFS, LNK-ORDER, LNK-ABSORB (model, full), bound: as link-ends with 5 publications, 2
+            // held.
             Self {
                 max_borrowed: [2; 2],
                 budget: ends(5),
@@ -303,32 +333,41 @@ impl LinkScope {
             ..Budget::default()
         };
         vec![
+            // Shows link, RPC-ONCE (model), bound: a service from the beginning; 2 calls, 2 cancels.
             Self {
                 start: Start::Connected,
                 ..service("link-calls-2", INLINE, calls(2, 2, 0, 0))
             },
+            // Shows link, RPC-ONCE (model), bound: 3 calls, 1 cancel; window 2.
             service("link-calls-3", INLINE, calls(3, 1, 0, 0)),
+            // Shows link, RPC-ONCE (model, full), bound: 5 calls; window 2.
             Self {
                 quick: false,
                 ..service("link-calls-5", INLINE, calls(5, 0, 0, 0))
             },
+            // Shows link, DAT-REFS, RPC-ONCE (model), bound: 3 pooled calls and replies; window 3.
             Self {
                 max_borrowed: [2; 2],
                 ..service("link-calls-pooled", POOLED, calls(3, 0, 0, 0))
             },
+            // Shows link, RPC-ONCE (model), bound: 3 calls, sockets of 1 packet.
             Self {
                 socket: 1,
                 ..service("link-calls-full", INLINE, calls(3, 0, 0, 0))
             },
+            // Shows link, RPC-ONCE (model), bound: 2 calls, 1 cancel, sockets of 1 packet.
             Self {
                 socket: 1,
                 ..service("link-cancels-full", INLINE, calls(2, 1, 0, 0))
             },
+            // Shows link, RPC-ONCE, LNK-ABSORB (model), bound: from the beginning; 2 calls, 1 cancel, a close, a death.
             Self {
                 start: Start::Connected,
                 ..service("link-calls-ends", INLINE, calls(2, 1, 1, 1))
             },
+            // Shows link, DAT-REFS, RPC-ONCE, LNK-ABSORB (model), bound: 3 pooled calls, a close, a death.
             service("link-calls-ends-3", POOLED, calls(3, 0, 1, 1)),
+            // Shows link, RPC-ONCE (model, full), bound: 4 calls, 1 cancel.
             Self {
                 quick: false,
                 ..service("link-calls-4", INLINE, calls(4, 1, 0, 0))

@@ -50,16 +50,21 @@ impl LockstepScope {
             fault: None,
         };
         vec![
+            // Shows lockstep (model), bound: detector and filter; 3 inputs.
             scope("lockstep-2", 2, 3),
+            // Shows lockstep (model), bound: detector, filter and logger; 2 inputs.
             scope("lockstep-3", 3, 2),
+            // Shows lockstep (model), bound: as lockstep-3, with a timer of the filter.
             Self {
                 timer: true,
                 ..scope("lockstep-timer", 3, 2)
             },
+            // Shows lockstep (model), bound: as lockstep-3; 2 deaths after the first step has begun.
             Self {
                 deaths: 2,
                 ..scope("lockstep-deaths", 3, 2)
             },
+            // Shows lockstep (model), bound: as lockstep-timer; a death and a join after the first step has begun.
             Self {
                 deaths: 1,
                 joins: 1,
