@@ -11,7 +11,7 @@ pub enum Run {
     Full,
 }
 
-/// A check: a row of a table, or an entry of a list.
+/// A check: a row of a table, an entry of a list, or the comment of a source.
 #[derive(Clone, Debug)]
 pub struct Check {
     /// The name under which the engine reports it.
@@ -22,9 +22,9 @@ pub struct Check {
     pub engine: Engine,
     /// The runs that it is part of.
     pub run: Run,
-    /// The first word of its figures, if the row states it: `Exhaustive`.
+    /// The first word of its figures, if it is stated: `Exhaustive`.
     pub strength: Option<String>,
-    /// The line of its row, counted from 1; `None` for an entry of a list.
+    /// The line of its row, counted from 1; `None` without a row.
     pub line: Option<usize>,
 }
 

@@ -7,7 +7,7 @@ use super::Engine;
 /// A disagreement, and its line.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Gap {
-    /// The line of PROPERTIES.md, counted from 1; `None` for a check without a row, and for an entry of a list.
+    /// The line of PROPERTIES.md, counted from 1; `None` for a check without a row.
     pub line: Option<usize>,
     /// The kind of gap.
     pub kind: GapKind,

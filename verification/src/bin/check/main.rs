@@ -1,12 +1,12 @@
 //! `check`: runs every check that this machine can run, and compares the results with PROPERTIES.md.
 //!
 //! Each engine runs by itself, with its output in a log. Its results go into one table at the end, and
-//! are compared with the rows of PROPERTIES.md.
+//! are compared with PROPERTIES.md and the comments of the checks.
 //!
 //! Exit status:
 //!
-//! - 0: all checks passed, and the rows agree;
-//! - 1: a check failed, a row disagrees, or nothing was run;
+//! - 0: all checks passed, and PROPERTIES.md agrees;
+//! - 1: a check failed, PROPERTIES.md disagrees, or nothing was run;
 //! - 2: the run could not start;
 //! - 77: this machine can run none of the selected checks;
 //! - 130: interrupted; all started processes have ended.
