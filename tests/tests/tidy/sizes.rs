@@ -15,7 +15,21 @@ const FUNCTION_LINES_MAX: usize = 70;
 const COLUMNS_MAX: usize = 120;
 
 /// Documents that stay short, and their greatest sizes in bytes.
-const DOCUMENTS: &[(&str, usize)] = &[("ARCHITECTURE.md", 15_000), ("CHANGELOG.md", 4_000)];
+const DOCUMENTS: &[(&str, usize)] = &[
+    ("ARCHITECTURE.md", 14_500),
+    ("CHANGELOG.md", 4_000),
+    ("CONTRIBUTING.md", 14_000),
+    ("README.md", 15_200),
+    ("SECURITY.md", 19_800),
+    ("SPEC.md", 175_000),
+    ("bench/README.md", 24_400),
+    ("bridges/README.md", 13_500),
+    ("docs/src/gateways.md", 9_900),
+    ("docs/src/qos.md", 9_800),
+    ("docs/src/recording.md", 16_600),
+    ("verification/PROPERTIES.md", 23_500),
+    ("verification/README.md", 18_500),
+];
 /// Lines of Markdown that begin so can be longer: rows of tables, and clauses of SPEC.
 const LONG_LINES: &[&str] = &["|", "**SM2-", "~~SM2-"];
 
