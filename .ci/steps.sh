@@ -324,12 +324,13 @@ has_live_links() {
 
 # The book, with mdbook. Its headings that links name and its programs are tests of the step `test`.
 step_book() {
+    local reference=reference::the_reference_has_the_commands_of_clap
     local inputs=(docs SPEC.md examples sm2-cpp/examples sm2-node/examples sm2-python/examples sm2-ros/example sm2-ros/examples)
     (cd docs/pictures && sha256sum --check --quiet made.sha256) ||
         { echo "docs/pictures: a picture is older than its source; run docs/pictures/make" && false; }
     unless_stamped book "${inputs[@]}"
     install mdbook --no-default-features --features search || skip "mdbook cannot be built here"
-    SM2_WRITE_REFERENCE=1 cargo test -q --locked -p sm2-cli --lib -- reference::
+    SM2_WRITE_REFERENCE=1 cargo test -q --locked -p sm2-cli --lib -- --exact "$reference"
     mdbook build --dest-dir "$CARGO_TARGET_DIR/book" docs
     # mdbook only logs that a file to include is missing.
     grep -q 'id="sm2-man"' "$CARGO_TARGET_DIR/book/commands.html" ||
