@@ -1,4 +1,4 @@
-//! Every limit of the protocol in one place (SPEC section 2).
+//! Every limit of the protocol in one place.
 
 /// The longest datagram, in bytes.
 //= SM2-TRN-004

@@ -285,7 +285,7 @@ pub(crate) fn sixteen() -> u64 {
     })
 }
 
-/// Values around those limits of SPEC section 2 that fit in 16 bits, and the ends of the range.
+/// Values around those limits of SPEC that fit in 16 bits, and the ends of the range.
 const SIXTEEN: [u64; 18] = [
     0, 1, 2, 3, 255, 256, 511, 512, 513, 1_023, 1_024, 1_025, 2_048, 2_049, 32_767, 32_768, 65_534,
     65_535,
