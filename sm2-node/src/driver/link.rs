@@ -67,7 +67,8 @@ pub(crate) struct LinkDriver {
     denied: bool,
 }
 
-/// Messages of the latched store that have not been sent on a link yet.
+/// Messages that have not been sent on a link yet: those of the latched store, and publications that wait until the
+/// socket accepts the ATTACH of their segment.
 #[derive(Debug, Default)]
 pub(super) struct Backlog {
     pub(super) keys: VecDeque<MessageKey>,

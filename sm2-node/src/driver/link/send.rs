@@ -19,9 +19,27 @@ impl LinkDriver {
         context: &mut Context<'_>,
         outbox: &mut Outbox,
     ) {
-        if let Err(misuse) = self.try_send(key, status, context, outbox) {
-            let keeps = self.is_reliable();
-            self.without_room(key, misuse, keeps, context, outbox);
+        if !self.backlog.keys.is_empty() && !self.is_reliable() {
+            self.displace_oldest_of_backlog(key, context, outbox);
+        } else if let Err(misuse) = self.try_send(key, status, context, outbox) {
+            self.without_room(key, misuse, context, outbox);
+        }
+    }
+
+    /// Lets a message wait behind those of the backlog, which have smaller ids, and in place of the oldest of them.
+    //= SM2-QOS-001, SM2-MSG-002
+    #[cold]
+    fn displace_oldest_of_backlog(
+        &mut self,
+        key: MessageKey,
+        context: &mut Context<'_>,
+        outbox: &mut Outbox,
+    ) {
+        outbox.hold(key);
+        self.backlog.keys.push_back(key);
+        if let Some(oldest) = self.backlog.keys.pop_front() {
+            self.drop_publication(Fate::Overwritten, context, outbox);
+            outbox.release(oldest);
         }
     }
 
@@ -34,7 +52,7 @@ impl LinkDriver {
         outbox: &mut Outbox,
     ) {
         if let Err(misuse) = self.try_send(key, Status::Ok, context, outbox) {
-            self.without_room(key, misuse, true, context, outbox);
+            self.without_room(key, misuse, context, outbox);
         }
     }
 
@@ -113,13 +131,12 @@ impl LinkDriver {
         self.feed(Input::Close(code), context.sets, outbox);
     }
 
-    /// Handles a message without room: the ATTACH of its segment waits for the socket, or the
-    /// publication is not sent on this link. With `keeps`, the message waits for the ATTACH in the backlog.
+    /// Handles a message without room: it waits in the backlog until the socket has accepted the ATTACH of its
+    /// segment, or the publication is not sent on this link.
     fn without_room(
         &mut self,
         key: MessageKey,
         misuse: Misuse,
-        keeps: bool,
         context: &mut Context<'_>,
         outbox: &mut Outbox,
     ) {
@@ -134,8 +151,8 @@ impl LinkDriver {
         if self.role() != Role::Sender {
             return;
         }
-        //= SM2-QOS-002, SM2-QOS-005
-        if misuse == Misuse::NoRoom && self.has_unsent() && keeps {
+        //= SM2-QOS-001, SM2-QOS-002, SM2-QOS-005
+        if misuse == Misuse::NoRoom && self.has_unsent() {
             outbox.hold(key);
             return self.backlog.keys.push_front(key);
         }
