@@ -158,6 +158,28 @@ fn messages_of_one_publisher_delay_no_other_one() {
     }
 }
 
+/// A node that declares its publisher anew has another publisher: messages that are left of the first one's link do not
+/// delay what is counted for the second one.
+//= SM2-QOS-013 test
+#[test]
+fn messages_of_an_earlier_publisher_delay_no_later_one_of_the_node() {
+    for ring in LANES {
+        let domain = Domain::new();
+        let mut pair = Pair::new(&domain, ring, 0);
+        pair.publish([1]);
+        let other = pair.nodes[0].publisher("other").unwrap();
+        drop(std::mem::replace(&mut pair.publisher, other));
+        until(|| pair.subscriber.links().iter().any(|it| !it.open));
+        pair.publisher = pair.nodes[0].publisher("topic").unwrap();
+        pair.meet();
+        pair.break_link(1);
+        pair.meet();
+        assert_eq!(pair.lost(), (1, 1), "ring {ring}");
+        // The message of the first publisher has not been taken before.
+        assert_eq!(pair.take(1), 0);
+    }
+}
+
 /// The next Manager makes the link anew, because it had ended before: OPEN says what was published meanwhile.
 //= SM2-QOS-013, SM2-OPN-006 test
 #[test]

@@ -1,15 +1,16 @@
 //! The background thread: what a node does while its program does something else. Every node here has the thread,
 //! whatever the environment says.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 use std::time::Duration;
 
 use crate::common::threads::{me, status, threads};
 use crate::common::{Domain, LANES, SOON, next, until, until_exited};
+use nix::libc::ENOMEM;
 use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
 use nix::unistd::Pid;
-use sm2_io::fault::{Call, Injector};
+use sm2_io::fault::{Call, Fault, Injector};
 use sm2_node::{Node, NodeBuilder};
 use sm2_test_support::{Scheduling, ran_alone};
 
@@ -160,6 +161,48 @@ fn messages_do_not_wake_the_thread() {
         let woken = sleeps() - before;
         // On the socket lane, each of the threads reads up to 16 packets before it stops watching the link.
         assert!(woken <= 50, "{woken} of {MESSAGES} messages, ring: {ring}");
+    }
+}
+
+/// A packet or a DOORBELL that found no memory is sent when there is some, though the program makes no further call.
+//= SM2-TRN-013 test
+#[test]
+fn the_thread_sends_what_found_no_memory() {
+    const LAST: u64 = u64::MAX;
+    for ring in LANES {
+        let domain = Domain::new();
+        let talker = domain.busy_node(ring, "talker");
+        let listener = domain.busy_node(ring, "listener");
+        let publisher = talker.publisher::<u64>("topic").unwrap();
+        let subscriber = listener.subscriber::<u64>("topic").unwrap();
+        publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
+        let taken = AtomicU64::new(0);
+        let faults = Injector::counting();
+        let _installed = faults.install();
+        thread::scope(|scope| {
+            scope.spawn(|| {
+                while taken.load(Ordering::Relaxed) != LAST {
+                    taken.store(*next(&subscriber), Ordering::Relaxed);
+                }
+            });
+            // The first message needs an ATTACH. On the ring lane, each other one needs a DOORBELL at most, and only if
+            // the thread of the subscriber sleeps.
+            for number in 1.. {
+                faults.set((number > 1).then_some(Fault {
+                    call: Call::SendMsg,
+                    nth: 1,
+                    times: 1,
+                    errno: ENOMEM,
+                }));
+                publisher.publish(&number).unwrap();
+                until(|| taken.load(Ordering::Relaxed) == number);
+                if faults.hits() == 1 {
+                    break;
+                }
+            }
+            faults.set(None);
+            publisher.publish(&LAST).unwrap();
+        });
     }
 }
 

@@ -5,17 +5,25 @@ use crate::common;
 use std::thread;
 
 use common::{Domain, SOON, away, back, meet, next, until};
+use nix::libc::ENOMEM;
+use sm2_io::fault::{Call, Fault, Injector};
 use sm2_node::Node;
+use sm2_node::diagnostics::CounterView;
 use sm2_proto::counters::Entry;
 
-/// The entries of a node's counters, read by another node.
-fn counters_of(node: &Node, tool: &Node) -> Vec<Entry> {
+/// The counters of a node, as another node maps them.
+fn view_of(node: &Node, tool: &Node) -> CounterView {
     let mut view = None;
     until(|| {
         view = tool.inspect(node.id().unwrap()).unwrap();
         view.is_some()
     });
-    let view = view.unwrap();
+    view.unwrap()
+}
+
+/// The entries of a node's counters, read by another node.
+fn counters_of(node: &Node, tool: &Node) -> Vec<Entry> {
+    let view = view_of(node, tool);
     view.entries().map(|(_, entry)| entry.unwrap()).collect()
 }
 
@@ -77,6 +85,45 @@ fn counters_of_a_node_can_be_looked_at_and_survive_its_manager() {
             .unwrap()
             .is_none()
     );
+}
+
+/// Tools that see the counters know since when the kernel has had no memory for a link.
+//= SM2-CNT-005, SM2-TRN-013 test
+#[test]
+fn counters_say_since_when_memory_is_short() {
+    let domain = Domain::new();
+    let node = |name| {
+        let builder = domain.builder(name).ring_lane(false).background(false);
+        builder.connect().unwrap()
+    };
+    let (talker, listener, tool) = (node("talker"), node("listener"), node("tool"));
+    let publisher = talker.publisher::<[u8]>("topic").unwrap();
+    let subscriber = listener.subscriber::<[u8]>("topic").unwrap();
+    meet(&publisher, &[&subscriber]);
+    let view = view_of(&talker, &tool);
+    // The second entry is that of the link. A look at it does not drive the node.
+    let shown = || view.entries().nth(1).unwrap().1.unwrap().short_since;
+    assert_eq!(shown(), None);
+    let faults = Injector::counting();
+    let installed = faults.install();
+    for _ in 0..2 {
+        faults.set([Fault {
+            call: Call::SendMsg,
+            nth: 1,
+            times: u64::MAX,
+            errno: ENOMEM,
+        }]);
+        let before = sm2_node::now();
+        publisher.publish(b"held").unwrap();
+        faults.set(None);
+        let since = shown().expect("memory is short");
+        assert!((before..=sm2_node::now()).contains(&since));
+        // Drives the node, which sends the message now.
+        publisher.links();
+        assert_eq!(shown(), None);
+        assert_eq!(*next(&subscriber), *b"held");
+    }
+    drop(installed);
 }
 
 //= SM2-CNT-005, SM2-MSG-005 test

@@ -7,7 +7,8 @@ use std::time::Duration;
 use crate::common::{Domain, meet, next, pattern};
 use sm2_io::fault::{Call, Injector};
 use sm2_node::{
-    POOL_LIMIT_BYTES, POOL_LIMIT_MESSAGES, Publisher, PublisherBuilder, Sample, Subscriber,
+    POOL_LIMIT_BYTES, POOL_LIMIT_MESSAGES, Published, Publisher, PublisherBuilder, Sample,
+    Subscriber,
 };
 use sm2_proto::link::Counters;
 
@@ -264,28 +265,38 @@ fn subscribers_that_hold_all_memory_cause_no_error() {
 }
 
 /// A link that holds little is not suspended for the sake of others, and misses a message for which they leave no
-/// memory.
-//= SM2-QOS-007 test
+/// memory. The publisher hears which of its reliable subscribers do not get the message.
+//= SM2-QOS-007, SM2-QOS-008 test
 #[test]
 fn a_message_without_memory_is_lost_on_every_link() {
     for form in FORMS {
         let domain = Domain::new();
-        let publisher = builder(&domain, form)
-            .pool_limit(1 << 20)
-            .declare()
-            .unwrap();
+        let builder = builder(&domain, form).reliable(true);
+        let publisher = builder.pool_limit(1 << 20).declare().unwrap();
         let mut hoard = Hoard::new(&domain, form, "first");
-        let reader = subscriber(&domain, form, "reader");
-        meet(&publisher, &[&hoard.subscriber, &reader]);
+        let reliable = |name| {
+            let node = domain.node_on(form.is_ring(), name);
+            node.subscriber_builder::<[u8]>("topic").reliable(true)
+        };
+        let reader = reliable("reader").declare().unwrap();
+        let short = reliable("short").max_len(LEN as u64).declare().unwrap();
+        meet(&publisher, &[&hoard.subscriber, &reader, &short]);
         for seed in 0..10 {
             publisher.publish(&pattern(LEN, seed)).unwrap();
             hoard.take(seed);
-            drop(next(&reader));
+            drop((next(&reader), next(&short)));
         }
         let published = publisher.publish(&pattern(800_000, 1)).unwrap();
-        assert_eq!((published.links, published.missed), (0, 0), "{form:?}");
+        let lost = Published {
+            links: 0,
+            missed: 2,
+            too_long: 1,
+        };
+        assert_eq!(published, lost, "{form:?}");
         let it = counters(&publisher, "reader");
         assert_eq!((it.offered, it.pool_limit), (11, 1), "{form:?}");
+        let it = counters(&publisher, "short");
+        assert_eq!((it.pool_limit, it.too_long), (0, 1), "{form:?}");
         // The message had a number, which no other message gets.
         publisher.publish(&pattern(LEN, 11)).unwrap();
         let sample = next(&reader);

@@ -1,9 +1,11 @@
 //! The system calls of a wait in a set: their number, and a lack of memory for them.
 
+use std::time::Duration;
+
 use crate::common::fixture::Fixture;
 use crate::common::wait::next;
 use crate::common::{Domain, SOON, meet};
-use nix::libc::ENOMEM;
+use nix::libc::{EBADF, ENOMEM};
 use sm2_io::fault::{Call, Fault, Injector};
 use sm2_node::{Publisher, Subscriber, Timer, WaitSet};
 
@@ -86,4 +88,55 @@ fn a_wait_survives_a_lack_of_memory() {
         drop(installed);
         assert_eq!(*subscriber.try_recv().unwrap().expect("a message"), 1);
     });
+}
+
+/// A set that has a readable socket, and no memory to read it, pauses between its tries.
+//= SM2-TRN-013 test
+#[test]
+fn a_wait_does_not_spin_while_memory_is_short() {
+    let domain = Domain::new();
+    let node = |name| {
+        let builder = domain.builder(name).ring_lane(false).background(false);
+        builder.connect().unwrap()
+    };
+    let subscriber = node("listener").subscriber::<u64>("topic").unwrap();
+    let publisher = node("talker").publisher::<u64>("topic").unwrap();
+    meet(&publisher, &[&subscriber]);
+    let mut set = WaitSet::new().unwrap();
+    set.add(&subscriber, 0).unwrap();
+    while set.try_wait().unwrap().is_some() {}
+    publisher.publish(&1).unwrap();
+    for call in [Call::RecvMsg, Call::EpollWait] {
+        let injector = Injector::new(Fault {
+            call,
+            nth: 1,
+            times: u64::MAX,
+            errno: ENOMEM,
+        });
+        let installed = injector.install();
+        let wait = Duration::from_millis(100);
+        assert!(set.wait_timeout(wait).unwrap().is_none());
+        drop(installed);
+        // A pause lasts a millisecond or longer, and each try drives the node at most twice.
+        let tries = injector.hits();
+        assert!((1..=210).contains(&tries), "{call:?} {tries}");
+    }
+    assert_eq!(next(&mut set).tag, 0);
+    assert_eq!(*subscriber.try_recv().unwrap().expect("a message"), 1);
+}
+
+/// A set that another error makes useless says so, instead of trying again for ever.
+#[test]
+fn a_wait_ends_with_an_error_that_is_no_lack_of_memory() {
+    let mut set = WaitSet::new().unwrap();
+    set.add_timer(Timer::once(SOON), ());
+    let injector = Injector::new(Fault {
+        call: Call::EpollWait,
+        nth: 1,
+        times: 1,
+        errno: EBADF,
+    });
+    let _installed = injector.install();
+    let error = set.wait().unwrap_err();
+    assert!(error.to_string().contains("Bad file descriptor"), "{error}");
 }
