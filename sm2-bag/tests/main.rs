@@ -17,6 +17,7 @@ mod latched_play;
 mod lockstep;
 mod losses;
 mod memory;
+mod new_topics;
 mod observer;
 mod others;
 mod parts;

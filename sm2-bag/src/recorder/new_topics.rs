@@ -307,3 +307,6 @@ fn may_pass(error: &RecordError) -> bool {
         _ => false,
     }
 }
+
+#[cfg(test)]
+mod tests;
