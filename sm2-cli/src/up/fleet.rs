@@ -14,11 +14,12 @@ use sm2_proto::{Instant, domain::Domain, text::Counted};
 
 use super::{
     guard::Guard,
-    limits::{FIRST_REMINDER, KILL_TIMEOUT, LONGEST_REMINDER, QUESTION_RETRY},
+    limits::KILL_TIMEOUT,
     process::{Exit, Process, reap},
     restarts::{Next, Restarts},
     robot::Program,
     show::{Kind, Show},
+    waiting::Waiting,
 };
 use crate::{time::Span, wait::For};
 
@@ -59,17 +60,6 @@ enum State {
     Over,
 }
 
-/// A program that waits for its conditions, which are reported from time to time.
-#[derive(Clone, Copy, Debug)]
-struct Waiting {
-    since: Instant,
-    /// When they are reported next.
-    report_at: Instant,
-    /// The time from that report to the one after it.
-    interval: Duration,
-    is_reported: bool,
-}
-
 struct Running {
     process: Process,
     ending: Ending,
@@ -97,7 +87,7 @@ impl<'a> Fleet<'a> {
         let unit = |program: &'a Program| Unit {
             program,
             restarts: Restarts::new(program.policy, program.max_restarts),
-            state: State::Waiting(Waiting::new()),
+            state: State::Waiting(Waiting::new(clock::now())),
             has_failed: false,
         };
         Self {
@@ -276,7 +266,7 @@ impl<'a> Fleet<'a> {
             return;
         }
         if matches!(unit.state, State::Delayed(until) if until <= now) {
-            unit.state = State::Waiting(Waiting::new());
+            unit.state = State::Waiting(Waiting::new(now));
         }
         let State::Waiting(waiting) = &mut unit.state else {
             return;
@@ -285,11 +275,7 @@ impl<'a> Fleet<'a> {
         if unmet.is_empty() {
             return self.start(at);
         }
-        if domain.is_none() && !waiting.is_reported {
-            // The state comes within a moment, and wakes this process.
-            waiting.report_at = now.after(QUESTION_RETRY);
-        } else if !waiting.is_reported || waiting.report_at <= now {
-            let waited = waiting.report(now);
+        if let Some(waited) = waiting.report(now, domain.is_some()) {
             let text = format!("waits{waited}: {}", unmet.join("; "));
             self.show.program(at, Kind::Waiting, text);
         }
@@ -368,7 +354,7 @@ impl Unit<'_> {
     /// When the state changes although nothing happens.
     fn deadline(&self) -> Option<Instant> {
         match &self.state {
-            State::Waiting(waiting) => Some(waiting.report_at),
+            State::Waiting(waiting) => Some(waiting.report_at()),
             State::Delayed(until) => Some(*until),
             State::Running(running) => match running.ending {
                 Ending::None => None,
@@ -376,30 +362,6 @@ impl Unit<'_> {
             },
             State::Over => None,
         }
-    }
-}
-
-impl Waiting {
-    fn new() -> Self {
-        let now = clock::now();
-        Self {
-            since: now,
-            report_at: now,
-            interval: FIRST_REMINDER,
-            is_reported: false,
-        }
-    }
-
-    /// The time since it began to wait, for a report now. The time to the next report is twice as long, except for the
-    /// first two.
-    fn report(&mut self, now: Instant) -> String {
-        self.report_at = now.after(self.interval);
-        if !std::mem::replace(&mut self.is_reported, true) {
-            return String::new();
-        }
-        self.interval = (self.interval * 2).min(LONGEST_REMINDER);
-        let seconds = now.since(self.since).as_secs();
-        format!(" for {}", Span(Duration::from_secs(seconds)))
     }
 }
 

@@ -16,6 +16,7 @@ mod robot;
 mod show;
 mod signals;
 mod systemd;
+mod waiting;
 
 use std::{
     env,

@@ -267,3 +267,33 @@ impl Form {
         colour.on_default()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dropped_lines_are_counted_before_the_next_line() {
+        let (queue, events) = mpsc::sync_channel(2);
+        let mut show = Show {
+            start: clock::now(),
+            names: vec!["camera".into()],
+            queue: Some(queue),
+            written: mpsc::channel().1,
+            dropped: 0,
+        };
+        let read = || Vec::from_iter(events.try_iter().map(|it| (it.event, it.text)));
+        let line = |text: &str| (Kind::Log, text.to_owned());
+        for text in ["1", "2", "3", "4", "5"] {
+            show.program(0, Kind::Log, text);
+        }
+        assert_eq!(read(), [line("1"), line("2")]);
+        show.program(0, Kind::Log, "6");
+        let dropped = "3 lines dropped: the output is slower than the programs";
+        let dropped = (Kind::Dropped, dropped.to_owned());
+        assert_eq!(read(), [dropped, line("6")]);
+        // No further line was dropped.
+        show.program(0, Kind::Log, "7");
+        assert_eq!(read(), [line("7")]);
+    }
+}
