@@ -6,7 +6,10 @@ use sm2_io::{
     RecvError, SeqPacket,
     fault::{Call, Fault, Injector},
 };
-use sm2_proto::control::{ToManager, encode_to_manager};
+use sm2_proto::{
+    Contract, DemandedQos, InterfaceId, Name, OfferedQos, TypeId,
+    control::{Limit, Limits, ToManager, encode_to_manager},
+};
 
 use super::*;
 
@@ -18,9 +21,17 @@ struct Steps {
 
 impl Steps {
     fn new() -> Self {
+        Self::with(Limits::default())
+    }
+
+    fn with(limits: Limits) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("domain.sock");
-        let manager = Manager::bind(&path, Options::default()).expect("a Manager");
+        let options = Options {
+            limits,
+            ..Options::default()
+        };
+        let manager = Manager::bind(&path, options).expect("a Manager");
         Self { manager, folder }
     }
 
@@ -36,6 +47,14 @@ impl Steps {
         };
         send(&socket, &hello);
         socket
+    }
+
+    /// Serves until no socket is ready.
+    fn serve_all(&mut self) {
+        sm2_test_support::until("no socket is ready", || {
+            self.serve();
+            self.ready().is_empty()
+        });
     }
 
     fn ready(&self) -> Vec<Event> {
@@ -332,6 +351,55 @@ fn sending_goes_on_once_its_pause_is_over() {
     assert!(!steps.connection(1).is_waiting());
     assert_eq!(steps.manager.send_again, None);
     assert_eq!(arrived(&there), 1);
+}
+
+/// A node whose socket took a frame, and then no further one, has no room for links yet.
+//= SM2-LNK-006 test
+#[test]
+fn a_node_with_frames_that_wait_gets_no_further_links() {
+    const IN_FLIGHT: u32 = 2;
+    let limits = Limits::default().with(Limit::LinksInFlight, IN_FLIGHT);
+    let mut steps = Steps::with(limits);
+    let talker = steps.greeting("talker");
+    steps.welcome(1);
+    let listener = steps.greeting("listener");
+    steps.welcome(2);
+    steps.fill(2);
+    for number in 0..IN_FLIGHT {
+        let topic: Name = format!("topic_{number}").parse().expect("a name");
+        let data = TypeId {
+            name: "bytes".parse().expect("a name"),
+            hash: 0,
+        };
+        let offer = Contract::Publisher {
+            topic: topic.clone(),
+            data,
+            offer: OfferedQos::new(1),
+        };
+        let demand = Contract::Subscriber {
+            topic,
+            data: None,
+            demand: DemandedQos::new(1, 1),
+        };
+        for (socket, contract) in [(&talker, offer), (&listener, demand)] {
+            let interface = InterfaceId(u64::from(number) + 1);
+            send(
+                socket,
+                &ToManager::Declare {
+                    interface,
+                    contract,
+                },
+            );
+        }
+    }
+    steps.serve_all();
+    assert!(steps.manager.machine.awaits_room(NodeId(2)));
+    steps.manager.drained.insert(NodeId(2));
+    steps.manager.report_sockets();
+    assert!(steps.manager.machine.awaits_room(NodeId(2)), "frames wait");
+    arrived(&listener);
+    steps.serve_all();
+    assert!(!steps.manager.machine.awaits_room(NodeId(2)));
 }
 
 /// A node that does not read its links costs the others no link, and no node its place in the queue.
