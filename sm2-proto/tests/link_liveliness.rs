@@ -153,6 +153,26 @@ fn only_an_open_receiver_that_demands_a_lease_watches() {
     assert_eq!(opened(config(Role::Receiver)).deadline(), None);
 }
 
+/// The times of a topic's QoS mean nothing for a service, so a link of one has none of them.
+//= SM2-QOS-009, SM2-QOS-010, SM2-QOS-011 test
+#[test]
+fn links_of_services_have_no_times() {
+    for role in [Role::Caller, Role::Server] {
+        let link = opened(Config {
+            deadline: Period(7),
+            lifespan: Period(8),
+            ..with_lease(config(role), 10)
+        });
+        let Config {
+            deadline,
+            lifespan,
+            lease,
+            ..
+        } = *link.config();
+        assert_eq!([deadline, lifespan, lease], [Period::NONE; 3], "{role:?}");
+    }
+}
+
 /// The deadline and the lease are two periods of their own.
 //= SM2-QOS-009, SM2-QOS-011 test
 #[test]
