@@ -3,6 +3,7 @@
 use crate::common;
 
 use std::thread;
+use std::time::Duration;
 
 use common::{Domain, SOON, away, back, meet, next, until};
 use nix::libc::ENOMEM;
@@ -124,6 +125,32 @@ fn counters_say_since_when_memory_is_short() {
         assert_eq!(*next(&subscriber), *b"held");
     }
     drop(installed);
+}
+
+/// Tools that see the counters know how often a publisher was late.
+//= SM2-CNT-005, SM2-QOS-009 test
+#[test]
+fn counters_say_how_many_deadlines_were_missed() {
+    let domain = Domain::new();
+    let node = |name| domain.builder(name).background(false).connect().unwrap();
+    let (talker, listener, tool) = (node("talker"), node("listener"), node("tool"));
+    let period = Duration::from_millis(1);
+    let publisher = talker.publisher_builder::<[u8]>("topic").deadline(period);
+    let publisher = publisher.declare().unwrap();
+    let builder = listener.subscriber_builder::<[u8]>("topic");
+    let subscriber = builder.deadline(period).declare().unwrap();
+    meet(&publisher, &[&subscriber]);
+    let view = view_of(&listener, &tool);
+    for least in [1, 3] {
+        let mut missed = 0;
+        until(|| {
+            // Drives the node. A look at its counters does not.
+            missed = subscriber.links()[0].missed_deadlines;
+            missed >= least
+        });
+        let entry = view.entries().nth(1).unwrap().1.unwrap();
+        assert_eq!(entry.missed_deadlines, missed);
+    }
 }
 
 //= SM2-CNT-005, SM2-MSG-005 test

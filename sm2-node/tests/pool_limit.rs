@@ -4,7 +4,7 @@
 
 use std::time::Duration;
 
-use crate::common::{Domain, meet, next, pattern};
+use crate::common::{Domain, meet, next, pattern, until};
 use sm2_io::fault::{Call, Injector};
 use sm2_node::{
     POOL_LIMIT_BYTES, POOL_LIMIT_MESSAGES, Published, Publisher, PublisherBuilder, Sample,
@@ -180,6 +180,32 @@ fn two_that_never_release_leave_half_of_the_limit_to_the_third() {
         }
         let reader = counters(&scene.publisher, "reader");
         assert_eq!((reader.offered, reader.dropped()), (MANY + 40, 0));
+    }
+}
+
+/// Messages that a subscriber discards untaken are released as well, so it gets messages again.
+//= SM2-QOS-007, SM2-QOS-001 test
+#[test]
+fn a_subscriber_that_discards_messages_is_no_longer_suspended() {
+    for form in [Form::Pooled, Form::Sealed] {
+        let domain = Domain::new();
+        let publisher = builder(&domain, form).pool_limit(LIMIT).declare().unwrap();
+        let subscriber = subscriber(&domain, form, "reader");
+        meet(&publisher, &[&subscriber]);
+        // They wait in the socket until a call of the subscriber reads it.
+        for seed in 0..2 * form.held() {
+            publisher.publish(&pattern(LEN, seed)).unwrap();
+        }
+        let before = counters(&publisher, "reader");
+        assert!(before.pool_limit > 0, "{form:?} {before:?}");
+        // Both calls drive their nodes. The subscriber keeps as many as its depth.
+        until(|| {
+            subscriber.links();
+            counters(&publisher, "reader").in_flight <= 4
+        });
+        assert_eq!(publisher.publish(&pattern(LEN, 1)).unwrap().links, 1);
+        let it = counters(&publisher, "reader");
+        assert_eq!((it.delivered, it.pool_limit), (0, before.pool_limit));
     }
 }
 

@@ -41,3 +41,21 @@ impl PoolLimit {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_default_has_room_for_24_messages_beside_the_latched_ones() {
+        let len = 64 << 20;
+        let slot = stride_for(len);
+        for (latched, messages) in [(0, 24), (1, 25), (10, 34)] {
+            let limit = PoolLimit::default_with(latched);
+            assert_eq!(limit.bytes_for(len), messages * slot, "{latched}");
+            assert_eq!(limit.bytes_for(1), POOL_LIMIT_BYTES);
+        }
+        // A limit of the program holds for messages of each length.
+        assert_eq!(PoolLimit::bytes(5).bytes_for(len), 5);
+    }
+}
