@@ -212,25 +212,26 @@ class Trial:
         """Builds a change, and runs the tests of its crate, then those beyond it."""
         start = time.monotonic()
         for package in self.packages(change.crate):
-            programs = self.tree.build_alone(change, [package])
-            if programs is None:
-                # Code that it generates does not compile, or it does not itself.
-                self._end(change, "unviable" if package == change.crate else "found", start)
-                return
-            paths = {(it.package, it.name, it.kind): it.path for it in programs}
-            noticed = []
-
-            def one(worker, test):
-                its = test.program
-                path = paths[its.package, its.name, its.kind]
-                if not noticed and (outcome := notices(worker, test, change, path)):
-                    noticed.append((outcome, test))
-
-            self.workers.each(one, self._in_order(change.crate, [package]))
-            if noticed:
-                self._end(change, noticed[0][0], start, noticed[0][1])
-                return
+            for programs in self.tree.build_alone(change, package):
+                if programs is None:
+                    # Code that it generates does not compile, or it does not itself.
+                    return self._end(change, "unviable" if package == change.crate else "found", start)
+                if noticed := self._noticed_alone(change, package, programs):
+                    return self._end(change, noticed[0], start, noticed[1])
         self._end(change, "survived", start)
+
+    def _noticed_alone(self, change, package, programs):
+        """How which test of these programs notices the change that is built into them; None if none does."""
+        paths = {(it.package, it.name, it.kind): it.path for it in programs}
+        noticed = []
+
+        def one(worker, test):
+            path = paths.get((test.program.package, test.program.name, test.program.kind))
+            if path and not noticed and (outcome := notices(worker, test, change, path)):
+                noticed.append((outcome, test))
+
+        self.workers.each(one, self._in_order(change.crate, [package]))
+        return noticed[0] if noticed else None
 
     def _end(self, change, outcome, start, test=""):
         change.outcome = outcome

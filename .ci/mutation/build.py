@@ -29,13 +29,18 @@ class Tree:
     def __init__(self, root):
         self.root = root
         self.texts = {}
-        self.packages = self._packages()
+        found = self._packages()
+        # Their names, by their manifests.
+        self.packages = {it["manifest_path"]: it["name"] for it in found}
+        # The names of those that have a library with unit tests.
+        self.libraries = {it["name"] for it in found
+                          if any(target["test"] and target["kind"] in (["lib"], ["proc-macro"])
+                                 for target in it["targets"])}
 
     def _packages(self):
-        """Names and folders of the packages, by their manifests."""
         command = ["cargo", "metadata", "--no-deps", "--format-version", "1"]
-        found = json.loads(subprocess.run(command, cwd=self.root, stdout=subprocess.PIPE, check=True).stdout)
-        return {it["manifest_path"]: it["name"] for it in found["packages"]}
+        found = subprocess.run(command, cwd=self.root, stdout=subprocess.PIPE, check=True)
+        return json.loads(found.stdout)["packages"]
 
     def text(self, file):
         """The text of a file without changes."""
@@ -61,9 +66,9 @@ class Tree:
         exists = os.path.exists(os.path.join(self.root, file))
         return file if exists and NO_STD.search(self.text(file)) else None
 
-    def cargo(self, packages):
+    def cargo(self, packages, *targets):
         """Builds tests: whether that worked, the test programs, and the compiler's errors."""
-        command = ["cargo", "test", "--no-run", "--message-format", "json"]
+        command = ["cargo", "test", "--no-run", "--message-format", "json", *targets]
         command += [it for package in packages for it in ("--package", package)]
         done = subprocess.run(command, cwd=self.root, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         messages = [json.loads(it) for it in done.stdout.splitlines() if it.startswith("{")]
@@ -111,13 +116,17 @@ class Tree:
             self.write(file, text)
         return regions, no_longer_const
 
-    def build_alone(self, change, packages):
-        """Builds the tests of the packages with one change: the programs, or None if it does not compile."""
+    def build_alone(self, change, package):
+        """Builds the tests of a package with one change. Yields the programs, first those of its library's unit tests,
+        which notice most changes and need neither other programs nor examples; None if it does not compile."""
         for file, text in self.texts.items():
             self.write(file, text)
         self.write(change.file, changed(self.text(change.file), change))
-        done, programs, _ = self.cargo(packages)
-        return programs if done else None
+        known = set()
+        for targets in ((["--lib"],) if package in self.libraries else ()) + ([],):
+            done, programs, _ = self.cargo([package], *targets)
+            yield [it for it in programs if it not in known] if done else None
+            known.update(programs)
 
 
 def blamed(error, regions, no_longer_const):
