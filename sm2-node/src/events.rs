@@ -79,18 +79,21 @@ impl Events {
 
     fn take(&self, until: Until) -> Result<Option<Event>, WaitError> {
         let way = crate::Wait::Park;
-        let event = (self.interface).wait_as(way, until, |it| it.change(|it, _| it.events.pop()));
+        let event =
+            (self.interface).wait_as(way, until, |it| it.change(|it, _| it.reports.events.pop()));
         Ok(event?)
     }
 
     /// Takes the next event, if there is one, without driving the node.
     pub(crate) fn pop(&self) -> Option<Event> {
-        self.interface.lock().change(|it, _| it.events.pop())
+        self.interface
+            .lock()
+            .change(|it, _| it.reports.events.pop())
     }
 
     /// How many events were displaced because the program did not take them in time.
     #[must_use]
     pub fn dropped(&self) -> u64 {
-        self.interface.lock().interface().events.dropped()
+        self.interface.lock().interface().reports.events.dropped()
     }
 }

@@ -177,7 +177,7 @@ impl<T: Message + ?Sized> Publisher<T> {
 
     /// Returns how many messages were published while no subscriber was linked.
     pub fn unheard(&self) -> u64 {
-        (self.core.handle).with_driven(|interface, _| interface.unheard)
+        (self.core.handle).with_driven(|interface, _| interface.reports.unheard)
     }
 
     /// Returns how many periods of the [deadline](PublisherBuilder::deadline) have passed without a message.

@@ -187,7 +187,8 @@ impl<T: Message + ?Sized> Subscriber<T> {
     /// Returns how many messages were lost, of all publishers together. A loss counts once the next message
     /// of its publisher is taken, or once the publisher has a link again (see [`away`](Self::away)).
     pub fn lost(&self) -> u64 {
-        self.handle.with_driven(|interface, _| interface.lost)
+        self.handle
+            .with_driven(|interface, _| interface.reports.lost)
     }
 
     /// Returns how many of the [lost](Self::lost) messages were published while their publisher had no link with this
@@ -195,7 +196,7 @@ impl<T: Message + ?Sized> Subscriber<T> {
     /// bring any more are among them. They count when the new link opens, or with its first message if the publisher is
     /// latched (SM2-QOS-013).
     pub fn away(&self) -> u64 {
-        (self.handle).with_driven(|interface, _| interface.away())
+        (self.handle).with_driven(|interface, _| interface.reports.away)
     }
 
     /// Returns how many periods of the [deadline](SubscriberBuilder::deadline) have passed without a message, of all

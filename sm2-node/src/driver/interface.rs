@@ -5,12 +5,12 @@ mod away;
 mod calls;
 mod client;
 mod event_queue;
-mod events;
 mod limit;
 mod links;
 mod publish;
 mod qos;
 mod ready;
+mod reports;
 mod road;
 mod server;
 mod settle;
@@ -18,8 +18,10 @@ mod take;
 mod taken;
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 use sm2_io::{CounterEntry, Event};
+use sm2_proto::control::LinkPeer;
 use sm2_proto::link::{Counters, Input, MaxLen};
 use sm2_proto::{Code, Contract, Farewell, Instant, LinkId, Name, QosWatch, Refusal};
 
@@ -27,10 +29,10 @@ use self::absence::Absence;
 use self::calls::Calls;
 pub(crate) use self::calls::{CallId, Outcome};
 pub(crate) use self::client::Choice;
-use self::event_queue::EventQueue;
 use self::links::Links;
 pub(crate) use self::publish::Offered;
 pub(crate) use self::ready::Condition;
+use self::reports::Reports;
 pub(crate) use self::taken::{Full, Header, Taken};
 use super::context::Context;
 use super::leftovers::Leftover;
@@ -53,8 +55,6 @@ pub(crate) struct DeclaredInterface {
     pub(super) published: u64,
     /// How many publications wait for reliable links.
     pub(crate) waiting: u32,
-    /// The number of messages that were published while no link was open.
-    pub(crate) unheard: u64,
     pub(super) calls: Calls,
     /// Whether a client may call the server of the node with this name.
     pub(crate) servers: fn(&Name) -> bool,
@@ -63,19 +63,14 @@ pub(crate) struct DeclaredInterface {
     /// The reason why the Manager of this session refused the interface, although an earlier
     /// Manager had granted it.
     pub(super) refused_again: Option<Refusal>,
-    /// The entry of its counters.
-    pub(super) entry: Option<CounterEntry>,
     /// The link that the last message was taken from.
     pub(super) last_taken: LinkToken,
-    /// How many publications the application misses, as far as the node knows.
-    pub(crate) lost: u64,
     absence: Absence,
     pub(super) ended: VecDeque<LinkStatus>,
     pub(super) ended_sum: Counters,
     /// Whether the program has dropped the interface.
     is_closed: bool,
-    /// Events that the program has not taken.
-    pub(crate) events: EventQueue,
+    pub(crate) reports: Reports,
     /// The deadline and the lease of a publisher. Watches nothing at all other interfaces.
     watch: QosWatch,
     /// The time of the next tick, if the control side knows one.
@@ -151,18 +146,15 @@ impl DeclaredInterface {
             latched: VecDeque::new(),
             published: 0,
             waiting: 0,
-            unheard: 0,
             calls: Calls::default(),
             servers: |_| true,
             links_due: 0,
             refused_again: None,
-            entry,
             last_taken: LinkToken::FIRST,
-            lost: 0,
             ended: VecDeque::new(),
             ended_sum: Counters::default(),
             is_closed: false,
-            events: EventQueue::default(),
+            reports: Reports::new(entry),
             for_control: ForControl::default(),
         }
     }
@@ -283,7 +275,17 @@ impl DeclaredInterface {
             link.feed(close, context.sets, &mut self.outbox);
             self.for_control.freed.extend(link.counting.entry.take());
         }
-        self.for_control.freed.extend(self.entry.take());
+        self.for_control.freed.extend(self.reports.entry.take());
+    }
+
+    /// Collects events for the program from now on.
+    pub(crate) fn enable_events(&mut self) {
+        self.reports.enable_events(&mut self.links);
+    }
+
+    /// Counts messages of this publisher that came and that the application will not get.
+    pub(crate) fn lose(&mut self, publisher: &Arc<LinkPeer>, messages: u64) {
+        self.reports.lose(publisher, messages);
     }
 
     /// Whether there may be a message to take.

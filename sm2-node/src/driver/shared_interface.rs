@@ -392,7 +392,7 @@ impl InterfaceDriver {
         };
         let result = change(&mut self.interface, &mut context);
         // The end of a link wakes every thread that waits, also one that spins.
-        let has_event = self.interface.has_fresh_events();
+        let has_event = self.interface.reports.events.take_fresh();
         if context.socket_read || has_event || self.interface.has_ended_links() {
             self.sleepers.wake();
         }

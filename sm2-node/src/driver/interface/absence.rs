@@ -13,8 +13,6 @@ pub(super) struct Absence {
     pub(super) publisher: u64,
     /// A subscriber's publishers without a link.
     pub(super) publishers: Absences,
-    /// How many messages were published while their publisher had no link with this subscriber.
-    pub(super) away: u64,
 }
 
 impl Absence {
@@ -27,13 +25,6 @@ impl Absence {
         Self {
             publisher,
             publishers: Absences::default(),
-            away: 0,
         }
-    }
-
-    /// Counts messages that were published while their publisher had no link.
-    #[inline]
-    pub(super) const fn add(&mut self, messages: u64) {
-        self.away = self.away.saturating_add(messages);
     }
 }

@@ -5,7 +5,6 @@ use std::sync::Arc;
 use sm2_proto::link::Publications;
 
 use super::DeclaredInterface;
-use crate::driver::counters::update;
 use crate::driver::link::LinkDriver;
 use crate::driver::token::LinkToken;
 
@@ -20,11 +19,6 @@ impl DeclaredInterface {
                 published: self.published,
             },
         }
-    }
-
-    /// How many messages were published while their publisher had no link with this subscriber.
-    pub(crate) const fn away(&self) -> u64 {
-        self.absence.away
     }
 
     /// Opens the account of a link whose OPEN has come, unless messages of an older link of the publisher are left:
@@ -60,9 +54,8 @@ impl DeclaredInterface {
         }
         let away = link.open_account(publications, record);
         if away > 0 {
-            self.absence.add(away);
-            update(self.entry.as_mut(), |entry| entry.away(away));
-            self.lose(&peer, away);
+            self.reports.count_away(away);
+            self.reports.lose(&peer, away);
         }
     }
 
@@ -75,10 +68,9 @@ impl DeclaredInterface {
         };
         self.for_control.gone.push(token);
         let (lost, away) = link.not_counted();
-        self.absence.add(away);
-        update(self.entry.as_mut(), |entry| entry.away(away));
+        self.reports.count_away(away);
         let lost = lost.saturating_add(away).saturating_add(dropped);
-        self.lose(&link.origin.peer, lost);
+        self.reports.lose(&link.origin.peer, lost);
         if let Some((publisher, record)) = link.close_account(dropped) {
             let node = link.origin.peer.name.clone();
             self.absence.publishers.keep(node, publisher, record);

@@ -6,7 +6,6 @@ use sm2_proto::link::{Input, Status};
 use super::DeclaredInterface;
 use super::calls::{CallId, Outcome};
 use crate::driver::context::Context;
-use crate::driver::counters::update;
 use crate::driver::link::LinkDriver;
 use crate::driver::outbox::{Forms, Label, Needs};
 use crate::driver::token::LinkToken;
@@ -89,9 +88,7 @@ impl DeclaredInterface {
             link.calls.last = id;
             link.send(key, Status::Ok, context, outbox);
         });
-        update(self.entry.as_mut(), |entry| {
-            entry.published(context.now, len)
-        });
+        self.reports.count_call(context.now, len);
         self.outbox.release(key);
         // If the link ended before the machine accepted the call, no output reports the call.
         let over = self.link(token).is_none_or(|link| link.end().is_some());

@@ -79,7 +79,7 @@ impl EventQueue {
 
     /// Whether threads have to be woken for an event.
     #[inline]
-    pub(super) const fn take_fresh(&mut self) -> bool {
+    pub(in crate::driver) const fn take_fresh(&mut self) -> bool {
         std::mem::replace(&mut self.is_fresh, false)
     }
 }

@@ -144,7 +144,7 @@ impl DeclaredInterface {
             }
             published.missed += usize::from(link.is_reliable());
         }
-        self.report_drops();
+        self.reports.report_drops(&mut self.links);
         Some(published)
     }
 

@@ -5,7 +5,6 @@ use sm2_proto::{Contract, Instant};
 
 use super::DeclaredInterface;
 use crate::driver::context::Context;
-use crate::driver::counters::update;
 use crate::driver::link::LinkDriver;
 use crate::driver::outbox::{Forms, Label, MessageKey, Needs, Outbox};
 use crate::driver::token::LinkToken;
@@ -168,13 +167,7 @@ impl DeclaredInterface {
         context: &mut Context<'_>,
     ) {
         self.watch_publication(time, context);
-        self.unheard += u64::from(!is_heard);
-        update(self.entry.as_mut(), |entry| {
-            entry.published(time, len);
-            if !is_heard {
-                entry.unheard();
-            }
-        });
+        self.reports.count_publication(time, len, is_heard);
     }
 
     /// Sends the message to the links that have room now. Returns whether no link is left to wait
@@ -237,7 +230,7 @@ impl DeclaredInterface {
             self.notice_ends(context);
         }
         self.detach_segments(context);
-        self.report_drops();
+        self.reports.report_drops(&mut self.links);
         offered.published()
     }
 

@@ -2,14 +2,11 @@
 
 use std::sync::Arc;
 
-use sm2_proto::control::LinkPeer;
 use sm2_proto::link::Input;
 use sm2_proto::{Instant, Newest, Period, QosWatch};
 
 use super::DeclaredInterface;
-use crate::Event;
 use crate::driver::context::Context;
-use crate::driver::counters::update;
 use crate::driver::link::LinkDriver;
 use crate::driver::token::LinkToken;
 
@@ -48,7 +45,7 @@ impl DeclaredInterface {
         self.tick_at = None;
         self.watch.check(Newest::NONE, context.now);
         let missed = self.watch.take_missed();
-        self.count_missed(missed, None);
+        self.reports.count_missed(missed, None);
         self.update_own_liveliness();
         let tokens: Vec<_> = self.tokens().collect();
         for token in tokens {
@@ -57,7 +54,7 @@ impl DeclaredInterface {
             });
             if let Some(link) = self.links.get_mut(token) {
                 let (missed, peer) = (link.take_missed(), Arc::clone(&link.origin.peer));
-                self.count_missed(missed, Some(peer));
+                self.reports.count_missed(missed, Some(peer));
             }
         }
         self.ask_for_tick();
@@ -79,16 +76,9 @@ impl DeclaredInterface {
         }
     }
 
-    fn count_missed(&mut self, periods: u64, peer: Option<Arc<LinkPeer>>) {
-        if periods > 0 {
-            update(self.entry.as_mut(), |entry| entry.missed_deadlines(periods));
-            self.events.push(Event::DeadlineMissed { peer, periods });
-        }
-    }
-
     fn update_own_liveliness(&mut self) {
         if let Some(is_alive) = self.watch.take_liveliness_change() {
-            self.update_liveliness(is_alive, None);
+            self.reports.report_liveliness(is_alive, None);
         }
     }
 
@@ -100,16 +90,8 @@ impl DeclaredInterface {
         };
         if let Some(is_alive) = link.take_liveliness_change() {
             let peer = Some(Arc::clone(&link.origin.peer));
-            self.update_liveliness(is_alive, peer);
+            self.reports.report_liveliness(is_alive, peer);
         }
-    }
-
-    fn update_liveliness(&mut self, is_alive: bool, peer: Option<Arc<LinkPeer>>) {
-        if is_alive {
-            return self.events.push(Event::LivelinessRegained { peer });
-        }
-        update(self.entry.as_mut(), |entry| entry.lost_liveliness());
-        self.events.push(Event::LivelinessLost { peer });
     }
 
     /// How many periods of the deadline have passed without a message: a publisher counts its own, a subscriber those

@@ -23,7 +23,7 @@ impl DeclaredInterface {
             _ if self.is_closed => false,
             Condition::Message => self.may_take(),
             Condition::Call(call) => self.is_call_over(call, context),
-            Condition::Event => self.events.has_any(),
+            Condition::Event => self.reports.events.has_any(),
             Condition::Room => self.has_room(),
         }
     }

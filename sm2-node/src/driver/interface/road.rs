@@ -119,7 +119,7 @@ impl DeclaredInterface {
         if offered.has_ended {
             self.notice_ends(context);
         }
-        self.report_drops();
+        self.reports.report_drops(&mut self.links);
         Some(offered.published())
     }
 

@@ -29,7 +29,8 @@ impl DeclaredInterface {
                 (true, _) => Status::Cancelled,
                 (false, true) => Status::DeadlinePassed,
                 (false, false) => {
-                    self.count_request(token, context.now, taken.header.len);
+                    let link = self.links.get_mut(token);
+                    (self.reports).count_request(link, context.now, taken.header.len);
                     return Ok(());
                 }
             };

@@ -45,7 +45,7 @@ impl DeclaredInterface {
         link.send_queued(context, &mut self.outbox);
         link.watch_in_background(context.sets);
         link.write_fates();
-        self.events.report_state(link);
+        self.reports.report_state(link);
         let is_over = link.is_over_unnoticed();
         self.count_absence(token);
         if is_over {

@@ -3,13 +3,12 @@
 use std::io;
 use std::sync::Arc;
 
+use sm2_proto::Contract;
 use sm2_proto::control::LinkPeer;
-use sm2_proto::{Contract, Instant};
 
 use super::DeclaredInterface;
 use super::taken::{Full, Header, Taken};
 use crate::driver::context::Context;
-use crate::driver::counters::{count_taken, update};
 use crate::driver::datagram::Incoming;
 use crate::driver::token::LinkToken;
 
@@ -29,16 +28,7 @@ impl DeclaredInterface {
         while let Some(link) = self.links.next(start, visited) {
             let (token, now) = (link.token(), context.now);
             let mut count = |header: &Header, away: u64, peer: &Arc<LinkPeer>| {
-                self.lost = self.lost.saturating_add(header.lost);
-                self.absence.add(away);
-                self.events.push_loss(peer, header.lost);
-                if is_topic {
-                    count_taken(self.entry.as_mut(), now, header, |entry| {
-                        if away > 0 {
-                            entry.away(away);
-                        }
-                    });
-                }
+                (self.reports).count_taken(peer, header, away, now, is_topic);
             };
             match link.take(&mut count, put, context, &mut self.outbox) {
                 Ok(true) => {
@@ -76,18 +66,6 @@ impl DeclaredInterface {
     ) -> Result<(), Full> {
         while all.len() < most && self.take(&mut |taken| all.push(taken), context)? {}
         Ok(())
-    }
-
-    /// Counts a request that the application took at this time. A request carries its deadline, not the time when
-    /// it was sent.
-    pub(super) fn count_request(&mut self, token: LinkToken, now: Instant, len: u64) {
-        let link = self.links.get_mut(token);
-        for entry in [
-            self.entry.as_mut(),
-            link.and_then(|it| it.counting.entry.as_mut()),
-        ] {
-            update(entry, |entry| entry.taken(now, now, len));
-        }
     }
 
     /// Gives a message back for the application.
@@ -129,7 +107,7 @@ impl DeclaredInterface {
         error: &io::Error,
         context: &mut Context<'_>,
     ) {
-        self.lose(publisher, 1);
+        self.reports.lose(publisher, 1);
         self.with_link(token, context, |link, outbox, context| {
             link.refuse_file(error);
             link.drain(Incoming::default(), context.sets, outbox);
