@@ -88,7 +88,7 @@ impl Handle {
     }
 
     pub(crate) fn links(&self) -> Vec<LinkStatus> {
-        self.with_driven(|interface, _| interface.statuses())
+        self.with_driven(|interface, _| interface.links.statuses())
     }
 
     /// Waits until `wanted` links are open.
@@ -99,7 +99,7 @@ impl Handle {
     ) -> Result<(), WaitError> {
         let mut found = 0;
         let waited = self.interface.wait(until(timeout), |interface, _| {
-            found = interface.open_links();
+            found = interface.links.count_open();
             (found >= wanted).then_some(())
         });
         if waited?.is_some() {

@@ -166,7 +166,7 @@ impl<T: Message + ?Sized> Publisher<T> {
     pub fn counters(&self) -> Counters {
         self.core
             .handle
-            .with_driven(|interface, _| interface.counters())
+            .with_driven(|interface, _| interface.links.counters())
     }
 
     /// Returns how long publications of this publisher have waited for reliable subscribers, in sum: see

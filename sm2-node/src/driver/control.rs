@@ -104,7 +104,7 @@ impl Control {
     /// Whether a link of the node is being opened.
     pub(crate) fn is_opening(&self) -> bool {
         let mut interfaces = self.interfaces.values();
-        interfaces.any(|it| it.lock().interface().is_opening())
+        interfaces.any(|it| it.lock().interface().links.is_opening())
     }
 
     /// Changes an interface, wakes the threads that wait for it, and handles the results. `None` if the interface

@@ -4,6 +4,7 @@ mod absence;
 mod away;
 mod calls;
 mod client;
+mod ended_links;
 mod event_queue;
 mod limit;
 mod links;
@@ -22,7 +23,7 @@ use std::sync::Arc;
 
 use sm2_io::{CounterEntry, Event};
 use sm2_proto::control::LinkPeer;
-use sm2_proto::link::{Counters, Input, MaxLen};
+use sm2_proto::link::{Input, MaxLen};
 use sm2_proto::{Code, Contract, Farewell, Instant, LinkId, Name, QosWatch, Refusal};
 
 use self::absence::Absence;
@@ -38,7 +39,6 @@ use super::context::Context;
 use super::leftovers::Leftover;
 use super::link::LinkDriver;
 use super::outbox::{MessageKey, Outbox, PoolLimit};
-use super::status::LinkStatus;
 use super::token::LinkToken;
 
 #[derive(Debug)]
@@ -47,7 +47,7 @@ pub(crate) struct DeclaredInterface {
     /// The longest message that the interface accepts.
     pub(super) max_len: MaxLen,
     pub(crate) state: State,
-    pub(super) links: Links,
+    pub(crate) links: Links,
     pub(crate) outbox: Outbox,
     /// Keys of the last messages, the oldest first.
     pub(super) latched: VecDeque<MessageKey>,
@@ -58,16 +58,12 @@ pub(crate) struct DeclaredInterface {
     pub(super) calls: Calls,
     /// Whether a client may call the server of the node with this name.
     pub(crate) servers: fn(&Name) -> bool,
-    /// How many LINKs that DECLARED announced have not come yet (SM2-IFC-002).
-    pub(super) links_due: u32,
     /// The reason why the Manager of this session refused the interface, although an earlier
     /// Manager had granted it.
     pub(super) refused_again: Option<Refusal>,
     /// The link that the last message was taken from.
     pub(super) last_taken: LinkToken,
     absence: Absence,
-    pub(super) ended: VecDeque<LinkStatus>,
-    pub(super) ended_sum: Counters,
     /// Whether the program has dropped the interface.
     is_closed: bool,
     pub(crate) reports: Reports,
@@ -75,10 +71,6 @@ pub(crate) struct DeclaredInterface {
     watch: QosWatch,
     /// The time of the next tick, if the control side knows one.
     tick_at: Option<Instant>,
-    /// How many deadlines were missed on links that are gone.
-    ended_missed: u64,
-    /// How often publishers stopped being alive on links that are gone.
-    ended_losses: u64,
     /// Results of calls that the control side has to handle.
     for_control: ForControl,
 }
@@ -136,8 +128,6 @@ impl DeclaredInterface {
                 }
             },
             tick_at: None,
-            ended_missed: 0,
-            ended_losses: 0,
             contract,
             max_len,
             state: State::Declaring,
@@ -148,11 +138,8 @@ impl DeclaredInterface {
             waiting: 0,
             calls: Calls::default(),
             servers: |_| true,
-            links_due: 0,
             refused_again: None,
             last_taken: LinkToken::FIRST,
-            ended: VecDeque::new(),
-            ended_sum: Counters::default(),
             is_closed: false,
             reports: Reports::new(entry),
             for_control: ForControl::default(),
@@ -165,11 +152,6 @@ impl DeclaredInterface {
 
     pub(crate) fn link(&self, token: LinkToken) -> Option<&LinkDriver> {
         self.links.get(token)
-    }
-
-    /// Whether a link is announced or being opened.
-    pub(crate) fn is_opening(&self) -> bool {
-        self.links_due > 0 || self.links().any(LinkDriver::is_opening)
     }
 
     /// Whether the Manager of this session has granted the interface. Meaningful once that Manager
@@ -198,16 +180,6 @@ impl DeclaredInterface {
     #[inline]
     pub(super) fn has_ended_links(&self) -> bool {
         !self.for_control.ends.is_empty()
-    }
-
-    /// The number of open links.
-    pub(crate) fn open_links(&self) -> usize {
-        self.links().filter(|link| link.is_open()).count()
-    }
-
-    /// Notes that one of the LINKs that DECLARED announced has come, or will not come.
-    pub(super) const fn link_came(&mut self) {
-        self.links_due = self.links_due.saturating_sub(1);
     }
 
     /// The Manager of this session refused the interface, although an earlier Manager or access policy had granted it.
@@ -288,22 +260,6 @@ impl DeclaredInterface {
         self.reports.lose(publisher, messages);
     }
 
-    /// Whether there may be a message to take.
-    pub(super) fn may_take(&self) -> bool {
-        self.links.iter().any(LinkDriver::may_take)
-    }
-
-    /// Prepares the links for a thread that is about to sleep until the interface has an event.
-    pub(super) fn park(&mut self) {
-        for link in self.links.iter_mut() {
-            link.park();
-        }
-    }
-
-    pub(super) fn tokens(&self) -> impl Iterator<Item = LinkToken> {
-        self.links.iter().map(LinkDriver::token)
-    }
-
     /// Sends a request or a reply on one link, if it exists, and does the work that can follow from that. On the ring
     /// lane, this is usually none.
     fn with_sending_link<R>(
@@ -332,25 +288,6 @@ impl DeclaredInterface {
         let result = change(link, &mut self.outbox, context);
         self.settle_link(token, context);
         Some(result)
-    }
-
-    /// The statuses of all links, ended links first.
-    pub(crate) fn statuses(&self) -> Vec<LinkStatus> {
-        let live = self
-            .links()
-            .filter(|link| !link.end_noticed)
-            .map(LinkDriver::status);
-        self.ended.iter().cloned().chain(live).collect()
-    }
-
-    /// The sum over all links of the interface, current and past.
-    //= SM2-QOS-006
-    pub(crate) fn counters(&self) -> Counters {
-        let mut sum = self.ended_sum;
-        for link in self.links().filter(|link| !link.end_noticed) {
-            sum.add(&link.counters());
-        }
-        sum
     }
 }
 

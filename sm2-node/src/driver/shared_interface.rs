@@ -252,7 +252,7 @@ impl SharedInterface {
     pub(super) fn park_for_program(&self) -> (bool, bool) {
         let mut locked = self.lock_for_control();
         locked.park();
-        (locked.interface.may_take(), locked.short_of_memory)
+        (locked.interface.links.may_take(), locked.short_of_memory)
     }
 
     /// Locks the interface for the control side, which must not call anything that leaves results.
@@ -405,7 +405,7 @@ impl InterfaceDriver {
 
     /// Prepares the interface for a sleep until it has an event.
     pub(crate) fn park(&mut self) {
-        self.interface.park();
+        self.interface.links.park();
     }
 
     /// Whether a call that began at `now` has to read sockets first. A system call for each message of a ring would
@@ -481,7 +481,7 @@ impl InterfaceDriver {
     #[inline]
     pub(crate) fn has_rings_only(&self) -> bool {
         let interface = &self.interface;
-        interface.open_links() > 0
+        interface.links.count_open() > 0
             && (interface.links()).all(|it| !it.is_woken_by_socket() || it.end().is_some())
     }
 }

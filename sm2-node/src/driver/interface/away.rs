@@ -81,10 +81,7 @@ impl DeclaredInterface {
 
     /// Opens the accounts of links that waited for the removal of an older link.
     fn take_from_waiting(&mut self) {
-        let waiting = self.links.iter().filter(|it| it.waits_for_older());
-        // Allocates only if there is such a link.
-        let tokens: Vec<_> = waiting.map(LinkDriver::token).collect();
-        for token in tokens {
+        for token in self.links.tokens_of(LinkDriver::waits_for_older) {
             self.count_absence(token);
         }
     }

@@ -28,10 +28,10 @@ pub(crate) enum Choice {
 impl DeclaredInterface {
     /// Chooses the server for the next call, with a request of this length. While a link to the first server is
     /// announced and has not come, also has the Manager asked for a PAGE, which ends
-    /// [`is_opening`](DeclaredInterface::is_opening): the link may never come.
+    /// [`is_opening`](super::links::Links::is_opening): the link may never come.
     pub(crate) fn wait_for_server(&mut self, len: u64) -> Choice {
         let choice = self.choose_server(len);
-        if choice == Choice::Opening && self.links_due > 0 {
+        if choice == Choice::Opening && self.links.is_any_due() {
             self.for_control.wants_page = true;
         }
         choice
@@ -52,7 +52,7 @@ impl DeclaredInterface {
         match least {
             None => match open().map(LinkDriver::peer_max_len).max() {
                 Some(max_len) => Choice::TooLong { max_len },
-                None if self.is_opening() => Choice::Opening,
+                None if self.links.is_opening() => Choice::Opening,
                 None => Choice::NoServer,
             },
             Some(link) if load(link) >= link.max_borrowed() => Choice::TooMany {

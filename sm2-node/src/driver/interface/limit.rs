@@ -133,7 +133,7 @@ impl DeclaredInterface {
             return None;
         }
         self.published += 1;
-        self.count_publication(time, len, self.open_links() > 0, context);
+        self.count_publication(time, len, self.links.count_open() > 0, context);
         let mut published = Published::default();
         for link in self.links.iter_mut().filter(|link| link.is_open()) {
             if link.accepts(len) {

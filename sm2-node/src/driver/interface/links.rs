@@ -1,42 +1,146 @@
 //! The links of one interface.
 
+use sm2_proto::QosWatch;
+use sm2_proto::link::Counters;
+
+use super::ended_links::EndedLinks;
+use crate::driver::limits::ENDED_WITH_MESSAGES;
 use crate::driver::link::LinkDriver;
+use crate::driver::status::LinkStatus;
 use crate::driver::token::LinkToken;
 
-/// Links in ascending order of their tokens, the oldest first.
-///
-/// Each message visits all links several times, and usually there is one link. A vector makes these
-/// visits fast. Its slower removal happens once for each link.
+/// The links of an interface: those that are announced, those that exist, and those that are over. A link whose end was
+/// noticed exists until its messages are taken, but it counts among those that are over.
 #[derive(Debug, Default)]
-pub(in crate::driver) struct Links(Vec<LinkDriver>);
+pub(crate) struct Links {
+    /// In ascending order of their tokens, the oldest first.
+    ///
+    /// Each message visits all links several times, and usually there is one link. A vector makes these
+    /// visits fast. Its slower removal happens once for each link.
+    links: Vec<LinkDriver>,
+    /// How many LINKs that DECLARED announced have not come yet (SM2-IFC-002).
+    due: u32,
+    ended: EndedLinks,
+}
 
 impl Links {
+    /// The Manager announces this many LINKs; 0 if those that have not come never come.
+    pub(in crate::driver) const fn announce(&mut self, links: u32) {
+        self.due = links;
+    }
+
+    /// Notes that one of the LINKs that DECLARED announced has come, or will not come.
+    pub(in crate::driver) const fn link_came(&mut self) {
+        self.due = self.due.saturating_sub(1);
+    }
+
+    /// Whether a link is announced that has not come.
+    pub(super) const fn is_any_due(&self) -> bool {
+        self.due > 0
+    }
+
+    /// Whether a link is announced or being opened.
+    pub(crate) fn is_opening(&self) -> bool {
+        self.is_any_due() || self.iter().any(LinkDriver::is_opening)
+    }
+
+    /// The number of open links.
+    pub(crate) fn count_open(&self) -> usize {
+        self.iter().filter(|link| link.is_open()).count()
+    }
+
+    /// Whether there may be a message to take.
+    pub(in crate::driver) fn may_take(&self) -> bool {
+        self.iter().any(LinkDriver::may_take)
+    }
+
+    /// Prepares the links for a thread that is about to sleep until one of them has an event.
+    pub(in crate::driver) fn park(&self) {
+        self.iter().for_each(LinkDriver::park);
+    }
+
+    /// The tokens of the links that `is_wanted` accepts. Allocates only if there is one.
+    pub(in crate::driver) fn tokens_of(
+        &self,
+        is_wanted: impl Fn(&LinkDriver) -> bool,
+    ) -> Vec<LinkToken> {
+        let wanted = self.iter().filter(|link| is_wanted(link));
+        wanted.map(LinkDriver::token).collect()
+    }
+
+    /// The oldest links that are over, if more of them have messages than may.
+    pub(super) fn surplus(&self) -> Vec<LinkToken> {
+        let mut over = self.tokens_of(|link| link.end_noticed);
+        over.truncate(over.len().saturating_sub(ENDED_WITH_MESSAGES));
+        over
+    }
+
+    /// Records the end of a link.
+    pub(super) fn push_ended(&mut self, status: LinkStatus) {
+        self.ended.push(status);
+    }
+
+    /// The links whose end was not noticed.
+    fn current(&self) -> impl Iterator<Item = &LinkDriver> {
+        self.iter().filter(|link| !link.end_noticed)
+    }
+
+    /// The statuses of all links, ended links first.
+    pub(crate) fn statuses(&self) -> Vec<LinkStatus> {
+        let live = self.current().map(LinkDriver::status);
+        self.ended.last().cloned().chain(live).collect()
+    }
+
+    /// The sum over all links, current and past.
+    //= SM2-QOS-006
+    pub(crate) fn counters(&self) -> Counters {
+        let mut sum = self.ended.counters();
+        for link in self.current() {
+            sum.add(&link.counters());
+        }
+        sum
+    }
+
+    /// How many periods of the deadline have passed without a message, on all links, current and past.
+    pub(super) fn missed_deadlines(&self) -> u64 {
+        self.ended.missed_deadlines() + self.sum_of_watches(QosWatch::missed_deadlines)
+    }
+
+    /// How often the publishers at the other ends stopped being alive, on all links, current and past.
+    pub(super) fn lost_liveliness(&self) -> u64 {
+        self.ended.lost_liveliness() + self.sum_of_watches(QosWatch::lost_liveliness)
+    }
+
+    fn sum_of_watches(&self, count: fn(&QosWatch) -> u64) -> u64 {
+        self.current().map(|link| count(link.qos_watch())).sum()
+    }
+
     /// Adds a link with a token greater than all others.
     pub(in crate::driver) fn push(&mut self, link: LinkDriver) {
-        debug_assert!((self.0.last()).is_none_or(|last| last.token() < link.token()));
-        self.0.push(link);
+        debug_assert!((self.links.last()).is_none_or(|last| last.token() < link.token()));
+        self.links.push(link);
     }
 
     pub(in crate::driver) fn get(&self, token: LinkToken) -> Option<&LinkDriver> {
-        self.0.get(self.place(token)?)
+        self.links.get(self.place(token)?)
     }
 
     pub(in crate::driver) fn get_mut(&mut self, token: LinkToken) -> Option<&mut LinkDriver> {
         let place = self.place(token)?;
-        self.0.get_mut(place)
+        self.links.get_mut(place)
     }
 
     pub(in crate::driver) fn remove(&mut self, token: LinkToken) -> Option<LinkDriver> {
         let place = self.place(token)?;
-        Some(self.0.remove(place))
+        Some(self.links.remove(place))
     }
 
     pub(in crate::driver) fn iter(&self) -> impl Iterator<Item = &LinkDriver> {
-        self.0.iter()
+        self.links.iter()
     }
 
     pub(in crate::driver) fn iter_mut(&mut self) -> impl Iterator<Item = &mut LinkDriver> {
-        self.0.iter_mut()
+        self.links.iter_mut()
     }
 
     /// The next link in turn. A turn visits the links after `start` in order, and then the others up
@@ -49,8 +153,8 @@ impl Links {
         visited: Option<LinkToken>,
     ) -> Option<&mut LinkDriver> {
         // A link waits only while there is an older one.
-        if visited.is_none() && self.0.len() == 1 {
-            return self.0.first_mut();
+        if visited.is_none() && self.links.len() == 1 {
+            return self.links.first_mut();
         }
         self.next_of_many(start, visited)
     }
@@ -62,14 +166,14 @@ impl Links {
     ) -> Option<&mut LinkDriver> {
         let place = |token: LinkToken| token.0.wrapping_sub(start.0).wrapping_sub(1);
         let least = visited.map_or(0, |visited| place(visited).saturating_add(1));
-        let first = self.0.partition_point(|link| link.token() <= start);
-        let (up_to_start, after) = self.0.split_at_mut(first);
+        let first = self.links.partition_point(|link| link.token() <= start);
+        let (up_to_start, after) = self.links.split_at_mut(first);
         let mut turn = after.iter_mut().chain(up_to_start);
         turn.find(|link| place(link.token()) >= least && !link.waits_for_older())
     }
 
     fn place(&self, token: LinkToken) -> Option<usize> {
-        self.0
+        self.links
             .binary_search_by_key(&token, |link| link.token())
             .ok()
     }

@@ -115,7 +115,7 @@ impl DeclaredInterface {
     ) -> Offered {
         self.published += 1;
         if forms.is_empty() {
-            let is_heard = self.open_links() > 0;
+            let is_heard = self.links.count_open() > 0;
             let offered = self.publish_to_nobody(len, context);
             self.count_publication(time, len, is_heard, context);
             return offered;

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use sm2_proto::link::Input;
-use sm2_proto::{Instant, Newest, Period, QosWatch};
+use sm2_proto::{Instant, Newest, Period};
 
 use super::DeclaredInterface;
 use crate::driver::context::Context;
@@ -47,8 +47,7 @@ impl DeclaredInterface {
         let missed = self.watch.take_missed();
         self.reports.count_missed(missed, None);
         self.update_own_liveliness();
-        let tokens: Vec<_> = self.tokens().collect();
-        for token in tokens {
+        for token in self.links.tokens_of(|_| true) {
             self.with_link(token, context, |link, outbox, context| {
                 link.tick(context, outbox);
             });
@@ -97,16 +96,11 @@ impl DeclaredInterface {
     /// How many periods of the deadline have passed without a message: a publisher counts its own, a subscriber those
     /// of all its links, current and past.
     pub(crate) fn missed_deadlines(&self) -> u64 {
-        self.ended_missed + self.sum_of_watches(QosWatch::missed_deadlines)
+        self.watch.missed_deadlines() + self.links.missed_deadlines()
     }
 
     /// How often a publisher stopped being alive: this one, or those of all links of a subscriber, current and past.
     pub(crate) fn lost_liveliness(&self) -> u64 {
-        self.ended_losses + self.sum_of_watches(QosWatch::lost_liveliness)
-    }
-
-    fn sum_of_watches(&self, count: fn(&QosWatch) -> u64) -> u64 {
-        let links = self.links().filter(|link| !link.end_noticed);
-        count(&self.watch) + links.map(|link| count(link.qos_watch())).sum::<u64>()
+        self.watch.lost_liveliness() + self.links.lost_liveliness()
     }
 }

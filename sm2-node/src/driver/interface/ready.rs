@@ -21,7 +21,7 @@ impl DeclaredInterface {
     pub(crate) fn is_ready(&mut self, condition: Condition, context: &mut Context<'_>) -> bool {
         match condition {
             _ if self.is_closed => false,
-            Condition::Message => self.may_take(),
+            Condition::Message => self.links.may_take(),
             Condition::Call(call) => self.is_call_over(call, context),
             Condition::Event => self.reports.events.has_any(),
             Condition::Room => self.has_room(),

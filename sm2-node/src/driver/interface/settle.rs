@@ -6,7 +6,6 @@ use sm2_proto::link::Input;
 
 use super::DeclaredInterface;
 use crate::driver::context::Context;
-use crate::driver::limits::{ENDED_WITH_MESSAGES, HISTORY};
 use crate::driver::link::LinkDriver;
 use crate::driver::token::LinkToken;
 
@@ -82,14 +81,7 @@ impl DeclaredInterface {
 
     /// Settles the links that ended during a send.
     pub(super) fn notice_ends(&mut self, context: &mut Context<'_>) {
-        // Allocates only if a link has ended.
-        let mut tokens = Vec::new();
-        for link in self.links.iter() {
-            if link.is_over_unnoticed() {
-                tokens.push(link.token());
-            }
-        }
-        for token in tokens {
+        for token in self.links.tokens_of(LinkDriver::is_over_unnoticed) {
             self.settle_link(token, context);
         }
         self.detach_segments(context);
@@ -110,24 +102,14 @@ impl DeclaredInterface {
             self.for_control.ends.push((link.id, code));
         }
         let status = link.status();
-        self.ended_missed += status.missed_deadlines;
-        self.ended_losses += status.lost_liveliness;
-        self.ended_sum.add(&status.counters);
-        if self.ended.len() == HISTORY {
-            self.ended.pop_front();
-        }
-        self.ended.push_back(status);
+        self.links.push_ended(status);
         self.drop_oldest_messages();
     }
 
     /// Drops the messages of the oldest ended links, so that an application that takes no messages
     /// does not collect those of all past publishers.
     fn drop_oldest_messages(&mut self) {
-        let end_noticed = || self.links.iter().filter(|link| link.end_noticed);
-        let surplus = end_noticed().count().saturating_sub(ENDED_WITH_MESSAGES);
-        // Allocates only if there is a surplus.
-        let oldest: Vec<_> = end_noticed().map(LinkDriver::token).take(surplus).collect();
-        for token in oldest {
+        for token in self.links.surplus() {
             let untaken = self.links.get(token).map_or(0, LinkDriver::untaken);
             self.remove(token, untaken as u64);
         }

@@ -150,7 +150,7 @@ impl Control {
         self.sleepers.wake();
         let written = self.with_interface(id, sets, |interface, _| {
             if let State::Live { matches } = state {
-                interface.links_due = matches;
+                interface.links.announce(matches);
             }
             interface.state = state;
         });
@@ -175,7 +175,7 @@ impl Control {
     /// descriptors.
     //= SM2-IFC-002
     fn forget_due_links(&mut self, sets: &NodeSets) {
-        self.with_each_interface(sets, |interface| interface.links_due = 0);
+        self.with_each_interface(sets, |interface| interface.links.announce(0));
     }
 
     fn refused(&mut self, id: InterfaceId, reason: Refusal, sets: &NodeSets) {
@@ -210,7 +210,7 @@ impl Control {
     //= SM2-TRN-011
     fn link_lost(&mut self, id: InterfaceId, link: LinkId, peer: &LinkPeer, sets: &NodeSets) {
         self.with_interface(id, sets, |interface, _| {
-            interface.link_came();
+            interface.links.link_came();
         });
         if let Some(count) = self.links_lost.count(sm2_io::clock::now()) {
             tracing::warn!(
@@ -250,7 +250,7 @@ impl Control {
             .ok_or_else(|| io::Error::from(io::ErrorKind::NotFound))
             .and_then(SeqPacket::from_fd);
         let added = self.with_interface(id, sets, |interface, context| {
-            interface.link_came();
+            interface.links.link_came();
             let socket = socket?;
             // Under the lock, so that a call that wakes for the socket finds the link.
             context.sets.add_link(&socket, token)?;

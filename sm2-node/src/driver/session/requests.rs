@@ -110,7 +110,7 @@ impl Control {
     pub(crate) fn withdraw(&mut self, id: InterfaceId, sets: &NodeSets) {
         let tokens = self.with_interface(id, sets, |interface, context| {
             interface.close(context);
-            interface.tokens().collect::<Vec<_>>()
+            interface.links.tokens_of(|_| true)
         });
         for token in tokens.unwrap_or_default() {
             self.routes.remove(&token);
