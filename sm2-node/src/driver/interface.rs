@@ -24,7 +24,7 @@ use std::sync::Arc;
 use sm2_io::{CounterEntry, Event};
 use sm2_proto::control::LinkPeer;
 use sm2_proto::link::{Input, MaxLen};
-use sm2_proto::{Code, Contract, Farewell, Instant, LinkId, Name, QosWatch, Refusal};
+use sm2_proto::{Code, Contract, Farewell, Instant, LinkId, Name, Refusal};
 
 use self::absence::Absence;
 use self::calls::Calls;
@@ -32,6 +32,7 @@ pub(crate) use self::calls::{CallId, Outcome};
 pub(crate) use self::client::Choice;
 use self::links::Links;
 pub(crate) use self::publish::Offered;
+use self::qos::QosMonitor;
 pub(crate) use self::ready::Condition;
 use self::reports::Reports;
 pub(crate) use self::taken::{Full, Header, Taken};
@@ -67,10 +68,7 @@ pub(crate) struct DeclaredInterface {
     /// Whether the program has dropped the interface.
     is_closed: bool,
     pub(crate) reports: Reports,
-    /// The deadline and the lease of a publisher. Watches nothing at all other interfaces.
-    watch: QosWatch,
-    /// The time of the next tick, if the control side knows one.
-    tick_at: Option<Instant>,
+    qos: QosMonitor,
     /// Results of calls that the control side has to handle.
     for_control: ForControl,
 }
@@ -119,15 +117,7 @@ impl DeclaredInterface {
     ) -> Self {
         Self {
             absence: Absence::of(&contract),
-            watch: match &contract {
-                Contract::Publisher { offer, .. } => {
-                    QosWatch::new(offer.deadline, offer.lease, sm2_io::clock::now())
-                }
-                Contract::Subscriber { .. } | Contract::Server { .. } | Contract::Client { .. } => {
-                    QosWatch::default()
-                }
-            },
-            tick_at: None,
+            qos: QosMonitor::of(&contract),
             contract,
             max_len,
             state: State::Declaring,
@@ -253,6 +243,17 @@ impl DeclaredInterface {
     /// Collects events for the program from now on.
     pub(crate) fn enable_events(&mut self) {
         self.reports.enable_events(&mut self.links);
+    }
+
+    /// How many periods of the deadline have passed without a message: a publisher counts its own, a subscriber those
+    /// of all its links, current and past.
+    pub(crate) fn missed_deadlines(&self) -> u64 {
+        self.qos.missed_deadlines(&self.links)
+    }
+
+    /// How often a publisher stopped being alive: this one, or those of all links of a subscriber, current and past.
+    pub(crate) fn lost_liveliness(&self) -> u64 {
+        self.qos.lost_liveliness(&self.links)
     }
 
     /// Counts messages of this publisher that came and that the application will not get.

@@ -1,6 +1,6 @@
 //! Publishing a message on all links of a publisher, and keeping it for links that open later.
 
-use sm2_proto::link::{Fate, Status};
+use sm2_proto::link::{Fate, Input, Status};
 use sm2_proto::{Contract, Instant};
 
 use super::DeclaredInterface;
@@ -157,7 +157,8 @@ impl DeclaredInterface {
         offered
     }
 
-    /// Counts a publication, and whether a link was open for it.
+    /// Counts a publication, and whether a link was open for it. It asserts the liveliness of the publisher.
+    //= SM2-QOS-009, SM2-QOS-011, SM2-QOS-012
     #[inline]
     pub(super) fn count_publication(
         &mut self,
@@ -166,8 +167,27 @@ impl DeclaredInterface {
         is_heard: bool,
         context: &mut Context<'_>,
     ) {
-        self.watch_publication(time, context);
+        let was_alive = self.qos.publish(time);
+        if self.qos.has_lease() {
+            // Its subscribers learn at once that it is alive again.
+            if !was_alive {
+                self.assert_liveliness(time, context);
+            }
+            // ALIVE may have been held back on a link that does not get the message.
+            self.ask_for_tick();
+        }
         self.reports.count_publication(time, len, is_heard);
+    }
+
+    /// The program asserts the liveliness of its publisher at this time.
+    //= SM2-QOS-011, SM2-QOS-012
+    pub(crate) fn assert_liveliness(&mut self, time: Instant, context: &mut Context<'_>) {
+        self.qos.assert(time, &mut self.reports);
+        for link in self.links.iter_mut().filter(|link| link.is_open()) {
+            link.feed(Input::Assert(time), context.sets, &mut self.outbox);
+        }
+        self.notice_ends(context);
+        self.ask_for_tick();
     }
 
     /// Sends the message to the links that have room now. Returns whether no link is left to wait

@@ -1,106 +1,92 @@
 //! The deadline and the lease of an interface: of its publisher, and of the publishers at the other ends of its links.
 
-use std::sync::Arc;
+use sm2_proto::{Contract, Instant, Newest, Period, QosWatch};
 
-use sm2_proto::link::Input;
-use sm2_proto::{Instant, Newest, Period};
-
-use super::DeclaredInterface;
-use crate::driver::context::Context;
+use super::links::Links;
+use super::reports::Reports;
 use crate::driver::link::LinkDriver;
-use crate::driver::token::LinkToken;
 
-impl DeclaredInterface {
-    /// The publisher publishes a message at this time, which asserts its liveliness. If it was not alive, its
-    /// subscribers learn of it at once.
-    //= SM2-QOS-009, SM2-QOS-011, SM2-QOS-012
-    #[inline]
-    pub(super) fn watch_publication(&mut self, time: Instant, context: &mut Context<'_>) {
-        let was_alive = self.watch.is_alive();
-        self.watch.published(time);
-        if self.watch.has_lease() {
-            if !was_alive {
-                self.assert_liveliness(time, context);
-            }
-            // ALIVE may have been held back on a link that does not get the message.
-            self.ask_for_tick();
+/// Knows how the publisher keeps its deadline and its lease, and when the interface has to be ticked to find out about
+/// periods without a message.
+#[derive(Debug)]
+pub(super) struct QosMonitor {
+    /// The deadline and the lease of a publisher. Watches nothing at all other interfaces.
+    own: QosWatch,
+    /// Whether the interface, or the other ends of its links, have a deadline or a lease.
+    is_ticked: bool,
+    /// The time of the next tick, if the control side knows one.
+    tick_at: Option<Instant>,
+}
+
+impl QosMonitor {
+    pub(super) fn of(contract: &Contract) -> Self {
+        Self {
+            own: match contract {
+                Contract::Publisher { offer, .. } => {
+                    QosWatch::new(offer.deadline, offer.lease, sm2_io::clock::now())
+                }
+                Contract::Subscriber { .. } | Contract::Server { .. } | Contract::Client { .. } => {
+                    QosWatch::default()
+                }
+            },
+            is_ticked: contract.deadline() != Period::NONE || contract.lease() != Period::NONE,
+            tick_at: None,
         }
+    }
+
+    #[inline]
+    pub(super) const fn has_lease(&self) -> bool {
+        self.own.has_lease()
+    }
+
+    /// The publisher publishes a message at this time, which asserts its liveliness. Returns whether it was alive.
+    #[inline]
+    pub(super) fn publish(&mut self, time: Instant) -> bool {
+        let was_alive = self.own.is_alive();
+        self.own.published(time);
+        was_alive
     }
 
     /// The program asserts the liveliness of its publisher at this time.
-    //= SM2-QOS-011, SM2-QOS-012
-    pub(crate) fn assert_liveliness(&mut self, time: Instant, context: &mut Context<'_>) {
-        self.watch.assert(time, time);
-        self.update_own_liveliness();
-        for link in self.links.iter_mut().filter(|link| link.is_open()) {
-            link.feed(Input::Assert(time), context.sets, &mut self.outbox);
-        }
-        self.notice_ends(context);
-        self.ask_for_tick();
+    pub(super) fn assert(&mut self, time: Instant, reports: &mut Reports) {
+        self.own.assert(time, time);
+        self.report_liveliness(reports);
     }
 
-    /// Counts the periods that have passed without a message, checks who is alive, and asks for the next tick.
-    //= SM2-QOS-009, SM2-QOS-011
-    pub(in crate::driver) fn tick(&mut self, context: &mut Context<'_>) {
+    /// Counts the periods that have passed without a message of this publisher, and checks whether it is alive.
+    pub(super) fn tick(&mut self, now: Instant, reports: &mut Reports) {
         self.tick_at = None;
-        self.watch.check(Newest::NONE, context.now);
-        let missed = self.watch.take_missed();
-        self.reports.count_missed(missed, None);
-        self.update_own_liveliness();
-        for token in self.links.tokens_of(|_| true) {
-            self.with_link(token, context, |link, outbox, context| {
-                link.tick(context, outbox);
-            });
-            if let Some(link) = self.links.get_mut(token) {
-                let (missed, peer) = (link.take_missed(), Arc::clone(&link.origin.peer));
-                self.reports.count_missed(missed, Some(peer));
-            }
-        }
-        self.ask_for_tick();
+        self.own.check(Newest::NONE, now);
+        reports.count_missed(self.own.take_missed(), None);
+        self.report_liveliness(reports);
     }
 
-    /// Asks the control side for a tick at the end of the next period, if it does not know of one before.
+    fn report_liveliness(&mut self, reports: &mut Reports) {
+        if let Some(is_alive) = self.own.take_liveliness_change() {
+            reports.report_liveliness(is_alive, None);
+        }
+    }
+
+    /// The end of the next period, if the control side does not know of a tick before. From now on it does.
     #[inline]
-    pub(in crate::driver) fn ask_for_tick(&mut self) {
-        if self.contract.deadline() == Period::NONE && self.contract.lease() == Period::NONE {
-            return;
+    pub(super) fn next_tick(&mut self, links: &Links) -> Option<Instant> {
+        if !self.is_ticked {
+            return None;
         }
-        let due = self.links.iter().filter_map(LinkDriver::deadline);
-        let Some(due) = due.chain(self.watch.due()).min() else {
-            return;
-        };
-        if self.tick_at.is_none_or(|known| due < known) {
-            self.tick_at = Some(due);
-            self.for_control.tick_at = Some(due);
+        let due = links.iter().filter_map(LinkDriver::deadline);
+        let due = due.chain(self.own.due()).min()?;
+        if self.tick_at.is_some_and(|known| known <= due) {
+            return None;
         }
+        self.tick_at = Some(due);
+        self.tick_at
     }
 
-    fn update_own_liveliness(&mut self) {
-        if let Some(is_alive) = self.watch.take_liveliness_change() {
-            self.reports.report_liveliness(is_alive, None);
-        }
+    pub(super) fn missed_deadlines(&self, links: &Links) -> u64 {
+        self.own.missed_deadlines() + links.missed_deadlines()
     }
 
-    /// Tells the program whether the publisher at the other end of a link has stopped being alive, or is alive again.
-    #[inline]
-    pub(super) fn update_liveliness_of(&mut self, token: LinkToken) {
-        let Some(link) = self.links.get_mut(token) else {
-            return;
-        };
-        if let Some(is_alive) = link.take_liveliness_change() {
-            let peer = Some(Arc::clone(&link.origin.peer));
-            self.reports.report_liveliness(is_alive, peer);
-        }
-    }
-
-    /// How many periods of the deadline have passed without a message: a publisher counts its own, a subscriber those
-    /// of all its links, current and past.
-    pub(crate) fn missed_deadlines(&self) -> u64 {
-        self.watch.missed_deadlines() + self.links.missed_deadlines()
-    }
-
-    /// How often a publisher stopped being alive: this one, or those of all links of a subscriber, current and past.
-    pub(crate) fn lost_liveliness(&self) -> u64 {
-        self.watch.lost_liveliness() + self.links.lost_liveliness()
+    pub(super) fn lost_liveliness(&self, links: &Links) -> u64 {
+        self.own.lost_liveliness() + links.lost_liveliness()
     }
 }

@@ -165,6 +165,15 @@ impl Reports {
         }
     }
 
+    /// Tells the program whether the publisher at the other end of a link has stopped being alive, or is alive again.
+    #[inline]
+    pub(super) fn report_liveliness_of(&mut self, link: &mut LinkDriver) {
+        if let Some(is_alive) = link.take_liveliness_change() {
+            let peer = Arc::clone(&link.origin.peer);
+            self.report_liveliness(is_alive, Some(peer));
+        }
+    }
+
     /// Notes that the publisher at the other end of a link, or else this one, has stopped being alive, or is alive
     /// again.
     pub(super) fn report_liveliness(&mut self, is_alive: bool, peer: Option<Arc<LinkPeer>>) {

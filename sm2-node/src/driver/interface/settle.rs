@@ -1,5 +1,7 @@
-//! The work that follows from a change of a link: settled messages, replies, segments without
+//! The work that follows from a change of a link, or from a tick: settled messages, replies, segments without
 //! messages, and the end of links.
+
+use std::sync::Arc;
 
 use sm2_proto::Contract;
 use sm2_proto::link::Input;
@@ -50,7 +52,9 @@ impl DeclaredInterface {
         if is_over {
             self.notice_end(token);
         }
-        self.update_liveliness_of(token);
+        if let Some(link) = self.links.get_mut(token) {
+            self.reports.report_liveliness_of(link);
+        }
         self.ask_for_tick();
         self.detach_segments(context);
         let Some(link) = self.links.get(token).filter(|it| it.end_noticed) else {
@@ -76,6 +80,30 @@ impl DeclaredInterface {
         }
         for token in tokens {
             self.settle_link(token, context);
+        }
+    }
+
+    /// Counts the periods that have passed without a message, checks who is alive, and asks for the next tick.
+    //= SM2-QOS-009, SM2-QOS-011
+    pub(in crate::driver) fn tick(&mut self, context: &mut Context<'_>) {
+        self.qos.tick(context.now, &mut self.reports);
+        for token in self.links.tokens_of(|_| true) {
+            self.with_link(token, context, |link, outbox, context| {
+                link.tick(context, outbox);
+            });
+            if let Some(link) = self.links.get_mut(token) {
+                let peer = Arc::clone(&link.origin.peer);
+                self.reports.count_missed(link.take_missed(), Some(peer));
+            }
+        }
+        self.ask_for_tick();
+    }
+
+    /// Asks the control side for a tick at the end of the next period, if it does not know of one before.
+    #[inline]
+    pub(in crate::driver) fn ask_for_tick(&mut self) {
+        if let Some(at) = self.qos.next_tick(&self.links) {
+            self.for_control.tick_at = Some(at);
         }
     }
 
