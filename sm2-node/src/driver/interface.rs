@@ -6,6 +6,7 @@ mod calls;
 mod client;
 mod ended_links;
 mod event_queue;
+mod latched;
 mod limit;
 mod links;
 mod publish;
@@ -18,7 +19,6 @@ mod settle;
 mod take;
 mod taken;
 
-use std::collections::VecDeque;
 use std::sync::Arc;
 
 use sm2_io::{CounterEntry, Event};
@@ -30,6 +30,7 @@ use self::absence::Absence;
 use self::calls::Calls;
 pub(crate) use self::calls::{CallId, Outcome};
 pub(crate) use self::client::Choice;
+use self::latched::LatchedMessages;
 use self::links::Links;
 pub(crate) use self::publish::Offered;
 use self::qos::QosMonitor;
@@ -39,7 +40,7 @@ pub(crate) use self::taken::{Full, Header, Taken};
 use super::context::Context;
 use super::leftovers::Leftover;
 use super::link::LinkDriver;
-use super::outbox::{MessageKey, Outbox, PoolLimit};
+use super::outbox::{Outbox, PoolLimit};
 use super::token::LinkToken;
 
 #[derive(Debug)]
@@ -50,8 +51,7 @@ pub(crate) struct DeclaredInterface {
     pub(crate) state: State,
     pub(crate) links: Links,
     pub(crate) outbox: Outbox,
-    /// Keys of the last messages, the oldest first.
-    pub(super) latched: VecDeque<MessageKey>,
+    latched: LatchedMessages,
     /// The number of published messages.
     pub(super) published: u64,
     /// How many publications wait for reliable links.
@@ -117,13 +117,13 @@ impl DeclaredInterface {
     ) -> Self {
         Self {
             absence: Absence::of(&contract),
+            latched: LatchedMessages::of(&contract),
             qos: QosMonitor::of(&contract),
             contract,
             max_len,
             state: State::Declaring,
             links: Links::default(),
             outbox: Outbox::new(pool_limit),
-            latched: VecDeque::new(),
             published: 0,
             waiting: 0,
             calls: Calls::default(),

@@ -71,7 +71,7 @@ impl DeclaredInterface {
 
     /// The active links with messages in flight, the one with the oldest message first.
     fn holders(&self) -> Vec<Holder> {
-        let latched: HashSet<u64> = self.latched.iter().map(|key| key.to_raw()).collect();
+        let latched = self.latched.raw_keys();
         let mut holders: Vec<Holder> = (self.links())
             .filter(|link| link.is_open() && !link.is_suspended())
             .filter_map(|link| self.holder(link, &latched))

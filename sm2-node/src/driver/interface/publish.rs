@@ -1,7 +1,7 @@
-//! Publishing a message on all links of a publisher, and keeping it for links that open later.
+//! Publishing a message on all links of a publisher.
 
+use sm2_proto::Instant;
 use sm2_proto::link::{Fate, Input, Status};
-use sm2_proto::{Contract, Instant};
 
 use super::DeclaredInterface;
 use crate::driver::context::Context;
@@ -86,7 +86,7 @@ impl DeclaredInterface {
                 needs.add(link.needs());
             }
         }
-        if needs.nobody() && self.latches() > 0 {
+        if needs.nobody() && self.latched.is_used() {
             needs.add(Needs::of(self.contract.sealed()));
         }
         needs
@@ -95,13 +95,6 @@ impl DeclaredInterface {
     /// Whether a publication would not wait: each reliable link has room, or owes.
     pub(crate) fn has_room(&self) -> bool {
         !self.links().any(LinkDriver::delays_publication)
-    }
-
-    pub(super) fn latches(&self) -> usize {
-        match &self.contract {
-            Contract::Publisher { offer, .. } => usize::from(offer.latched),
-            _ => 0,
-        }
     }
 
     /// Offers a message to every open link. The caller must [finish](Self::finish) the returned
@@ -122,7 +115,7 @@ impl DeclaredInterface {
         }
         let id = self.published;
         let key = self.outbox.store(forms, Label { id, time, len });
-        self.latch(key);
+        self.latched.push(key, &mut self.outbox);
         let mut offered = Offered {
             key: Some(key),
             ..Offered::default()
@@ -252,66 +245,5 @@ impl DeclaredInterface {
         self.detach_segments(context);
         self.reports.report_drops(&mut self.links);
         offered.published()
-    }
-
-    pub(super) fn latch(&mut self, key: MessageKey) {
-        if self.latches() == 0 {
-            return;
-        }
-        self.outbox.hold(key);
-        self.latched.push_back(key);
-        if self.latched.len() > self.latches()
-            && let Some(oldest) = self.latched.pop_front()
-        {
-            self.outbox.release(oldest);
-        }
-    }
-
-    /// Sends the latched messages on a link that has just opened, before all other messages. On a
-    /// reliable link, sends as many at a time as the link has room for.
-    //= SM2-QOS-005
-    pub(super) fn replay(&mut self, token: LinkToken, context: &mut Context<'_>) {
-        let Some(link) = self.links.get_mut(token).filter(|link| link.is_open()) else {
-            return;
-        };
-        if !link.backlog.is_filled {
-            link.backlog.is_filled = true;
-            for &key in &self.latched {
-                self.outbox.hold(key);
-                link.backlog.keys.push_back(key);
-            }
-        }
-        while let Some(&key) = link.backlog.keys.front() {
-            let label = self.outbox.label(key);
-            let len = label.map_or(0, |label| label.len);
-            if label.is_some_and(|label| link.is_expired(label.time)) {
-                link.backlog.keys.pop_front();
-                link.drop_publication(Fate::Expired, context, &mut self.outbox);
-                self.outbox.release(key);
-                continue;
-            }
-            if !link.accepts(len) {
-                link.backlog.keys.pop_front();
-                link.drop_too_long(len, context, &mut self.outbox);
-                self.outbox.release(key);
-                continue;
-            }
-            if link.is_reliable() && !link.has_room_for_backlog() {
-                // On the ring lane, only DOORBELL tells of new room, so the link parks and then
-                // looks once more.
-                link.park();
-                link.harvest(context, &mut self.outbox);
-                if !link.has_room_for_backlog() {
-                    break;
-                }
-            }
-            link.backlog.keys.pop_front();
-            link.send_from_backlog(key, context, &mut self.outbox);
-            self.outbox.release(key);
-            if link.backlog.keys.front() == Some(&key) {
-                // The socket does not accept the ATTACH of its segment.
-                break;
-            }
-        }
     }
 }

@@ -94,7 +94,7 @@ impl DeclaredInterface {
         self.published += 1;
         let (segment, slot, id) = (info(&lease), lease.slot, self.published);
         let key = self.outbox.store_in_slot(lease, Label { id, time, len });
-        self.latch(key);
+        self.latched.push(key, &mut self.outbox);
         let message = RingMessage {
             key: key.to_raw(),
             id,

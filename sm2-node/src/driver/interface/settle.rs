@@ -38,10 +38,10 @@ impl DeclaredInterface {
     /// replies, retires segments, and removes the link if it has ended. Every caller that feeds a
     /// link calls this function.
     pub(super) fn settle_link(&mut self, token: LinkToken, context: &mut Context<'_>) {
-        self.replay(token, context);
         let Some(link) = self.links.get_mut(token) else {
             return;
         };
+        self.latched.replay(link, context, &mut self.outbox);
         self.calls.collect(token, link, context, &mut self.outbox);
         link.send_queued(context, &mut self.outbox);
         link.watch_in_background(context.sets);
