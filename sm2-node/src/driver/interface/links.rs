@@ -54,6 +54,11 @@ impl Links {
         self.iter().any(LinkDriver::may_take)
     }
 
+    /// Whether a link has messages in flight.
+    pub(crate) fn has_in_flight(&self) -> bool {
+        self.iter().any(|link| link.counters().in_flight > 0)
+    }
+
     /// Prepares the links for a thread that is about to sleep until one of them has an event.
     pub(in crate::driver) fn park(&self) {
         self.iter().for_each(LinkDriver::park);

@@ -4,6 +4,7 @@ use sm2_proto::Instant;
 use sm2_proto::link::{Fate, Input, Status};
 
 use super::DeclaredInterface;
+use super::limit::Holders;
 use crate::driver::context::Context;
 use crate::driver::link::LinkDriver;
 use crate::driver::outbox::{Forms, Label, MessageKey, Needs, Outbox};
@@ -92,6 +93,22 @@ impl DeclaredInterface {
         needs
     }
 
+    /// Frees memory for a message of this length: settles what came back, and suspends links if
+    /// that is due.
+    pub(crate) fn prepare_memory(&mut self, len: u64, context: &mut Context<'_>) {
+        if self.outbox.is_check_due(len) {
+            self.harvest(context);
+            self.suspend_holders(len);
+        }
+    }
+
+    /// Suspends the links that hold too much for a message of this length, if that is due.
+    pub(super) fn suspend_holders(&mut self, len: u64) {
+        if self.outbox.is_check_due(len) {
+            Holders::suspend(len, &mut self.links, &mut self.outbox, &self.latched);
+        }
+    }
+
     /// Whether a publication would not wait: each reliable link has room, or owes.
     pub(crate) fn has_room(&self) -> bool {
         !self.links().any(LinkDriver::delays_publication)
@@ -148,6 +165,34 @@ impl DeclaredInterface {
             offered.has_ended |= link.is_over_unnoticed();
         }
         offered
+    }
+
+    /// Counts a message that finds no memory, on every open link that accepts its length. `None` if no link
+    /// holds a message: then the publisher itself uses the memory.
+    //= SM2-QOS-007
+    pub(crate) fn miss(
+        &mut self,
+        time: Instant,
+        len: u64,
+        context: &mut Context<'_>,
+    ) -> Option<Published> {
+        if !self.links.has_in_flight() {
+            return None;
+        }
+        self.published += 1;
+        self.count_publication(time, len, self.links.count_open() > 0, context);
+        let mut published = Published::default();
+        for link in self.links.iter_mut().filter(|link| link.is_open()) {
+            if link.accepts(len) {
+                link.drop_publication(Fate::PoolLimit, context, &mut self.outbox);
+            } else {
+                link.drop_too_long(len, context, &mut self.outbox);
+                published.too_long += 1;
+            }
+            published.missed += usize::from(link.is_reliable());
+        }
+        self.reports.report_drops(&mut self.links);
+        Some(published)
     }
 
     /// Counts a publication, and whether a link was open for it. It asserts the liveliness of the publisher.

@@ -178,9 +178,7 @@ impl DeclaredInterface {
         context: &mut Context<'_>,
     ) -> Option<Lease<sm2_io::Slot>> {
         self.harvest(context);
-        if self.outbox.is_check_due(len) {
-            self.suspend_holders(len);
-        }
+        self.suspend_holders(len);
         // A link has ended, or is suspended now.
         if !self.is_road_open(len) {
             return None;
