@@ -1,7 +1,6 @@
 //! One declared interface: its links, its outgoing messages, and its calls.
 
 mod absence;
-mod away;
 mod calls;
 mod client;
 mod ended_links;
@@ -23,7 +22,7 @@ use std::sync::Arc;
 
 use sm2_io::{CounterEntry, Event};
 use sm2_proto::control::LinkPeer;
-use sm2_proto::link::{Input, MaxLen};
+use sm2_proto::link::{Input, MaxLen, Publications};
 use sm2_proto::{Code, Contract, Farewell, Instant, LinkId, Name, Refusal};
 
 use self::absence::Absence;
@@ -254,6 +253,11 @@ impl DeclaredInterface {
     /// How often a publisher stopped being alive: this one, or those of all links of a subscriber, current and past.
     pub(crate) fn lost_liveliness(&self) -> u64 {
         self.qos.lost_liveliness(&self.links)
+    }
+
+    /// The statement of a publisher about its publications, for the OPEN of a new link.
+    pub(super) const fn publications(&self) -> Publications {
+        self.absence.publications(self.published)
     }
 
     /// Counts messages of this publisher that came and that the application will not get.

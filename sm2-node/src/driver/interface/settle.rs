@@ -48,7 +48,7 @@ impl DeclaredInterface {
         link.write_fates();
         self.reports.report_state(link);
         let is_over = link.is_over_unnoticed();
-        self.count_absence(token);
+        (self.absence).count(token, &mut self.links, &mut self.reports);
         if is_over {
             self.notice_end(token);
         }
@@ -140,6 +140,16 @@ impl DeclaredInterface {
         for token in self.links.surplus() {
             let untaken = self.links.get(token).map_or(0, LinkDriver::untaken);
             self.remove(token, untaken as u64);
+        }
+    }
+
+    /// Removes a link that no message is taken from any more. `dropped` messages of it are lost.
+    fn remove(&mut self, token: LinkToken, dropped: u64) {
+        // An account of a link that waited for an older one until now.
+        (self.absence).count(token, &mut self.links, &mut self.reports);
+        if let Some(link) = self.links.remove(token) {
+            self.for_control.gone.push(token);
+            (self.absence).close_account(&link, dropped, &mut self.links, &mut self.reports);
         }
     }
 
