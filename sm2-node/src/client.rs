@@ -164,7 +164,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
         let forms = self.handle.store(request, needs)?;
         // Chooses the server again, because other calls may have been sent meanwhile.
         let call = self.handle.with(Drive::No, |interface, context| {
-            match interface.choose_server(len) {
+            match interface.calls.choose_server(len, &interface.links) {
                 Choice::Link { token, .. } => {
                     Ok(interface.call(token, forms, len, deadline, context))
                 }
@@ -430,7 +430,7 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ClientBuilder<Q, R> {
         let handle = self
             .declaration
             .declare(contract, PoolLimit::NONE, schemas)?;
-        handle.with_undriven(|interface, _| interface.servers = self.servers);
+        handle.with_undriven(|interface, _| interface.calls.servers = self.servers);
         Ok(Client {
             handle: Arc::new(handle),
             calls: PhantomData,

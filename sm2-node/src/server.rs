@@ -314,7 +314,7 @@ impl Pending {
     fn explain(&mut self, reason: Bytes) {
         let call = self.call;
         self.handle.with(Drive::No, |interface, context| {
-            interface.reply_failed(call, reason, context);
+            interface.reply_inline(call, reason, Status::Failed, context);
         });
         self.answered = true;
     }
@@ -331,11 +331,12 @@ impl Drop for Pending {
         }
         let call = self.call;
         self.handle.with_driven(|interface, context| {
-            if interface.is_cancelled(call) {
-                interface.reply_bare(call, Status::Cancelled, context);
-            } else {
-                interface.reply_failed(call, Bytes::from_static(DROPPED.as_bytes()), context);
-            }
+            let (reason, status) = match interface.is_cancelled(call) {
+                true => ("", Status::Cancelled),
+                false => (DROPPED, Status::Failed),
+            };
+            let reason = Bytes::from_static(reason.as_bytes());
+            interface.reply_inline(call, reason, status, context);
         });
     }
 }

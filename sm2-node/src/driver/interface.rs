@@ -2,7 +2,6 @@
 
 mod absence;
 mod calls;
-mod client;
 mod ended_links;
 mod event_queue;
 mod latched;
@@ -13,7 +12,7 @@ mod qos;
 mod ready;
 mod reports;
 mod road;
-mod server;
+mod service;
 mod settle;
 mod take;
 mod taken;
@@ -23,12 +22,11 @@ use std::sync::Arc;
 use sm2_io::{CounterEntry, Event};
 use sm2_proto::control::LinkPeer;
 use sm2_proto::link::{Input, MaxLen, Publications};
-use sm2_proto::{Code, Contract, Farewell, Instant, LinkId, Name, Refusal};
+use sm2_proto::{Code, Contract, Farewell, Instant, LinkId, Refusal};
 
 use self::absence::Absence;
 use self::calls::Calls;
-pub(crate) use self::calls::{CallId, Outcome};
-pub(crate) use self::client::Choice;
+pub(crate) use self::calls::{CallId, Choice, Outcome};
 use self::latched::LatchedMessages;
 use self::links::Links;
 pub(crate) use self::publish::Offered;
@@ -55,9 +53,7 @@ pub(crate) struct DeclaredInterface {
     pub(super) published: u64,
     /// How many publications wait for reliable links.
     pub(crate) waiting: u32,
-    pub(super) calls: Calls,
-    /// Whether a client may call the server of the node with this name.
-    pub(crate) servers: fn(&Name) -> bool,
+    pub(crate) calls: Calls,
     /// The reason why the Manager of this session refused the interface, although an earlier
     /// Manager had granted it.
     pub(super) refused_again: Option<Refusal>,
@@ -126,7 +122,6 @@ impl DeclaredInterface {
             published: 0,
             waiting: 0,
             calls: Calls::default(),
-            servers: |_| true,
             refused_again: None,
             last_taken: LinkToken::FIRST,
             is_closed: false,
@@ -263,23 +258,6 @@ impl DeclaredInterface {
     /// Counts messages of this publisher that came and that the application will not get.
     pub(crate) fn lose(&mut self, publisher: &Arc<LinkPeer>, messages: u64) {
         self.reports.lose(publisher, messages);
-    }
-
-    /// Sends a request or a reply on one link, if it exists, and does the work that can follow from that. On the ring
-    /// lane, this is usually none.
-    fn with_sending_link<R>(
-        &mut self,
-        token: LinkToken,
-        context: &mut Context<'_>,
-        send: impl FnOnce(&mut LinkDriver, &mut Outbox, &mut Context<'_>) -> R,
-    ) -> Option<R> {
-        let link = self.links.get_mut(token)?;
-        let result = send(link, &mut self.outbox, context);
-        match link.is_settled() {
-            true => link.watch_in_background(context.sets),
-            false => self.settle_link(token, context),
-        }
-        Some(result)
     }
 
     /// Changes one link, if it exists, and does the work that follows from the change.

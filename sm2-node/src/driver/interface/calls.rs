@@ -1,17 +1,38 @@
+//! The calls of a client.
+
 use std::collections::BTreeMap;
 
+use sm2_proto::Name;
 use sm2_proto::link::Role;
 
+use super::links::Links;
 use super::taken::Taken;
 use crate::driver::context::Context;
 use crate::driver::link::LinkDriver;
-use crate::driver::outbox::Outbox;
+use crate::driver::outbox::{Needs, Outbox};
 use crate::driver::token::LinkToken;
 
 /// The calls of a client whose outcome the program has not seen.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Calls {
-    pub(super) open: BTreeMap<CallId, Option<Outcome>>,
+    open: BTreeMap<CallId, Option<Outcome>>,
+    /// Whether the client may call the server of the node with this name.
+    pub(crate) servers: fn(&Name) -> bool,
+}
+
+/// The server for the next call.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Choice {
+    /// The call goes to the server of this link, which needs these forms.
+    Link { token: LinkToken, needs: Needs },
+    /// A server exists, but no link to a server is open yet.
+    Opening,
+    /// There is no server.
+    NoServer,
+    /// No server accepts a request of this length; the greatest length that one accepts.
+    TooLong { max_len: u64 },
+    /// The program holds as many calls and replies of each server as it may.
+    TooMany { limit: usize },
 }
 
 /// Identifies a call by its link and its number on that link.
@@ -28,7 +49,49 @@ pub(crate) enum Outcome {
     ServerGone,
 }
 
+impl Default for Calls {
+    fn default() -> Self {
+        Self {
+            open: BTreeMap::new(),
+            servers: |_| true,
+        }
+    }
+}
+
 impl Calls {
+    /// Chooses the server for the next call, with a request of this length.
+    //= SM2-SRV-005, SM2-SRV-006
+    pub(crate) fn choose_server(&self, len: u64, links: &Links) -> Choice {
+        let is_meant =
+            |link: &&LinkDriver| link.is_open() && (self.servers)(&link.origin.peer.name);
+        let open = || links.iter().filter(is_meant);
+        // The choice and the limit use the same sum: otherwise a server whose replies are held would be
+        // chosen and found full, while another one is free. Among links with equal sums, this is the oldest:
+        // links are ordered by age.
+        let load = |link: &LinkDriver| link.calls() + link.held();
+        let accepting = open().filter(|link| link.accepts(len));
+        let least = accepting.min_by_key(|link| load(link));
+        match least {
+            None => match open().map(LinkDriver::peer_max_len).max() {
+                Some(max_len) => Choice::TooLong { max_len },
+                None if links.is_opening() => Choice::Opening,
+                None => Choice::NoServer,
+            },
+            Some(link) if load(link) >= link.max_borrowed() => Choice::TooMany {
+                limit: link.max_borrowed(),
+            },
+            Some(link) => Choice::Link {
+                token: link.token(),
+                needs: link.needs(),
+            },
+        }
+    }
+
+    /// Adds a call before its request is sent.
+    pub(super) fn begin(&mut self, call: CallId) {
+        self.open.insert(call, None);
+    }
+
     /// Takes all replies from a caller's link, and notes the calls that failed with the link.
     pub(super) fn collect(
         &mut self,
@@ -84,6 +147,23 @@ impl Calls {
     /// Whether the call has an outcome that the program has not seen.
     pub(super) fn is_over(&self, call: CallId) -> bool {
         matches!(self.open.get(&call), Some(Some(_)))
+    }
+
+    /// Whether the call has no outcome, and a thread may wait for it.
+    pub(super) fn is_pending(&self, call: CallId) -> bool {
+        matches!(self.open.get(&call), Some(None))
+    }
+
+    /// Returns the outcome of a call once the call is over, and removes the call.
+    pub(super) fn take(&mut self, call: CallId) -> Option<Outcome> {
+        let outcome = self.open.get_mut(&call)?.take()?;
+        self.open.remove(&call);
+        Some(outcome)
+    }
+
+    /// Removes a call that no thread waits for any more. Returns its outcome, if the call is over.
+    pub(super) fn remove(&mut self, call: CallId) -> Option<Outcome> {
+        self.open.remove(&call).flatten()
     }
 
     /// Records the outcome of a call. Returns whether a thread still waits for it.

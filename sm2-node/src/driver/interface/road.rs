@@ -132,7 +132,7 @@ impl DeclaredInterface {
         context: &mut Context<'_>,
     ) -> Option<CallId> {
         let len = request.len() as u64;
-        let Choice::Link { token, needs } = self.choose_server(len) else {
+        let Choice::Link { token, needs } = self.calls.choose_server(len, &self.links) else {
             return None;
         };
         let forms = self.short_forms(request, needs)?;

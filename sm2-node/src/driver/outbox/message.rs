@@ -20,6 +20,14 @@ pub(crate) struct Forms {
 }
 
 impl Forms {
+    /// A message whose payload is inside the datagram.
+    pub(crate) fn inline(payload: Bytes) -> Self {
+        Self {
+            inline: Some(payload),
+            ..Self::default()
+        }
+    }
+
     /// A message whose payload is in this slot alone.
     pub(crate) fn in_slot(lease: Lease<Slot>) -> Self {
         Self {
