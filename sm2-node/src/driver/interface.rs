@@ -9,7 +9,6 @@ mod limit;
 mod links;
 mod publish;
 mod qos;
-mod ready;
 mod reports;
 mod road;
 mod service;
@@ -31,7 +30,6 @@ use self::latched::LatchedMessages;
 use self::links::Links;
 pub(crate) use self::publish::Offered;
 use self::qos::QosMonitor;
-pub(crate) use self::ready::Condition;
 use self::reports::Reports;
 pub(crate) use self::taken::{Full, Header, Taken};
 use super::context::Context;
@@ -101,6 +99,19 @@ pub(crate) enum State {
     Declaring,
     Live { matches: u32 },
     Refused(Refusal),
+}
+
+/// An event of an interface that a program waits for.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Condition {
+    /// A message or a request may be there.
+    Message,
+    /// The call is over.
+    Call(CallId),
+    /// There is an event for the program.
+    Event,
+    /// A publication would not wait.
+    Room,
 }
 
 impl DeclaredInterface {
@@ -232,6 +243,17 @@ impl DeclaredInterface {
             self.for_control.freed.extend(link.counting.entry.take());
         }
         self.for_control.freed.extend(self.reports.entry.take());
+    }
+
+    /// Whether the program would find what it waits for.
+    pub(crate) fn is_ready(&mut self, condition: Condition, context: &mut Context<'_>) -> bool {
+        match condition {
+            _ if self.is_closed => false,
+            Condition::Message => self.links.may_take(),
+            Condition::Call(call) => self.is_call_over(call, context),
+            Condition::Event => self.reports.events.has_any(),
+            Condition::Room => self.has_room(),
+        }
     }
 
     /// Collects events for the program from now on.
