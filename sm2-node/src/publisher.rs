@@ -182,7 +182,7 @@ impl<T: Message + ?Sized> Publisher<T> {
 
     /// Returns how many periods of the [deadline](PublisherBuilder::deadline) have passed without a message.
     pub fn missed_deadlines(&self) -> u64 {
-        (self.core.handle).with_driven(|interface, _| interface.missed_deadlines())
+        (self.core.handle).with_driven(|interface, _| interface.qos_counts().missed_deadlines)
     }
 
     /// Asserts that the program is alive, as each publication does. A publisher that offers a
@@ -197,7 +197,7 @@ impl<T: Message + ?Sized> Publisher<T> {
     /// Returns how often this publisher stopped being alive: its program showed no sign of life within the lease of its
     /// [liveliness](PublisherBuilder::liveliness).
     pub fn lost_liveliness(&self) -> u64 {
-        (self.core.handle).with_driven(|interface, _| interface.lost_liveliness())
+        (self.core.handle).with_driven(|interface, _| interface.qos_counts().lost_liveliness)
     }
 
     /// Returns the size of the shared memory for its messages, in bytes. Pages that were never written occupy

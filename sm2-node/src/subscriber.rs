@@ -202,13 +202,13 @@ impl<T: Message + ?Sized> Subscriber<T> {
     /// Returns how many periods of the [deadline](SubscriberBuilder::deadline) have passed without a message, of all
     /// publishers together.
     pub fn missed_deadlines(&self) -> u64 {
-        (self.handle).with_driven(|interface, _| interface.missed_deadlines())
+        (self.handle).with_driven(|interface, _| interface.qos_counts().missed_deadlines)
     }
 
     /// Returns how often publishers stopped being alive, of all publishers together: see
     /// [`liveliness`](SubscriberBuilder::liveliness).
     pub fn lost_liveliness(&self) -> u64 {
-        (self.handle).with_driven(|interface, _| interface.lost_liveliness())
+        (self.handle).with_driven(|interface, _| interface.qos_counts().lost_liveliness)
     }
 }
 

@@ -26,6 +26,7 @@ use sm2_proto::{Code, Contract, Farewell, Instant, LinkId, Refusal};
 use self::absence::Absence;
 use self::calls::Calls;
 pub(crate) use self::calls::{CallId, Choice, Outcome};
+use self::ended_links::QosCounts;
 use self::latched::LatchedMessages;
 use self::links::Links;
 pub(crate) use self::publish::Offered;
@@ -261,15 +262,9 @@ impl DeclaredInterface {
         self.reports.enable_events(&mut self.links);
     }
 
-    /// How many periods of the deadline have passed without a message: a publisher counts its own, a subscriber those
-    /// of all its links, current and past.
-    pub(crate) fn missed_deadlines(&self) -> u64 {
-        self.qos.missed_deadlines(&self.links)
-    }
-
-    /// How often a publisher stopped being alive: this one, or those of all links of a subscriber, current and past.
-    pub(crate) fn lost_liveliness(&self) -> u64 {
-        self.qos.lost_liveliness(&self.links)
+    /// How a publisher, or the publishers of a subscriber, have kept their deadlines and leases.
+    pub(crate) fn qos_counts(&self) -> QosCounts {
+        self.qos.counts(&self.links)
     }
 
     /// The statement of a publisher about its publications, for the OPEN of a new link.

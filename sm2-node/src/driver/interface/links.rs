@@ -1,9 +1,8 @@
 //! The links of one interface.
 
-use sm2_proto::QosWatch;
 use sm2_proto::link::Counters;
 
-use super::ended_links::EndedLinks;
+use super::ended_links::{EndedLinks, QosCounts};
 use crate::driver::limits::ENDED_WITH_MESSAGES;
 use crate::driver::link::LinkDriver;
 use crate::driver::status::LinkStatus;
@@ -19,29 +18,19 @@ pub(crate) struct Links {
     /// visits fast. Its slower removal happens once for each link.
     links: Vec<LinkDriver>,
     /// How many LINKs that DECLARED announced have not come yet (SM2-IFC-002).
-    due: u32,
+    pub(in crate::driver) due: u32,
     ended: EndedLinks,
 }
 
 impl Links {
-    /// The Manager announces this many LINKs; 0 if those that have not come never come.
-    pub(in crate::driver) const fn announce(&mut self, links: u32) {
-        self.due = links;
-    }
-
     /// Notes that one of the LINKs that DECLARED announced has come, or will not come.
     pub(in crate::driver) const fn link_came(&mut self) {
         self.due = self.due.saturating_sub(1);
     }
 
-    /// Whether a link is announced that has not come.
-    pub(super) const fn is_any_due(&self) -> bool {
-        self.due > 0
-    }
-
     /// Whether a link is announced or being opened.
     pub(crate) fn is_opening(&self) -> bool {
-        self.is_any_due() || self.iter().any(LinkDriver::is_opening)
+        self.due > 0 || self.iter().any(LinkDriver::is_opening)
     }
 
     /// The number of open links.
@@ -80,9 +69,13 @@ impl Links {
         over
     }
 
-    /// Records the end of a link.
-    pub(super) fn push_ended(&mut self, status: LinkStatus) {
-        self.ended.push(status);
+    /// Records the end of a link. Returns the link, if it exists.
+    pub(super) fn notice_end(&mut self, token: LinkToken) -> Option<&mut LinkDriver> {
+        let place = self.place(token)?;
+        let link = &mut self.links[place];
+        link.end_noticed = true;
+        self.ended.push(link);
+        Some(link)
     }
 
     /// The links whose end was not noticed.
@@ -93,31 +86,22 @@ impl Links {
     /// The statuses of all links, ended links first.
     pub(crate) fn statuses(&self) -> Vec<LinkStatus> {
         let live = self.current().map(LinkDriver::status);
-        self.ended.last().cloned().chain(live).collect()
+        self.ended.last.iter().cloned().chain(live).collect()
     }
 
     /// The sum over all links, current and past.
     //= SM2-QOS-006
     pub(crate) fn counters(&self) -> Counters {
-        let mut sum = self.ended.counters();
-        for link in self.current() {
-            sum.add(&link.counters());
-        }
+        let mut sum = self.ended.counters;
+        (self.current()).for_each(|link| sum.add(&link.counters()));
         sum
     }
 
-    /// How many periods of the deadline have passed without a message, on all links, current and past.
-    pub(super) fn missed_deadlines(&self) -> u64 {
-        self.ended.missed_deadlines() + self.sum_of_watches(QosWatch::missed_deadlines)
-    }
-
-    /// How often the publishers at the other ends stopped being alive, on all links, current and past.
-    pub(super) fn lost_liveliness(&self) -> u64 {
-        self.ended.lost_liveliness() + self.sum_of_watches(QosWatch::lost_liveliness)
-    }
-
-    fn sum_of_watches(&self, count: fn(&QosWatch) -> u64) -> u64 {
-        self.current().map(|link| count(link.qos_watch())).sum()
+    /// The same for the publishers at the other ends.
+    pub(super) fn qos_counts(&self) -> QosCounts {
+        let mut sum = self.ended.qos;
+        (self.current()).for_each(|link| sum.add(link.qos_watch()));
+        sum
     }
 
     /// Adds a link with a token greater than all others.

@@ -2,6 +2,7 @@
 
 use sm2_proto::{Contract, Instant, Newest, Period, QosWatch};
 
+use super::ended_links::QosCounts;
 use super::links::Links;
 use super::reports::Reports;
 use crate::driver::link::LinkDriver;
@@ -82,11 +83,10 @@ impl QosMonitor {
         self.tick_at
     }
 
-    pub(super) fn missed_deadlines(&self, links: &Links) -> u64 {
-        self.own.missed_deadlines() + links.missed_deadlines()
-    }
-
-    pub(super) fn lost_liveliness(&self, links: &Links) -> u64 {
-        self.own.lost_liveliness() + links.lost_liveliness()
+    /// The counts of this publisher, or of all links of a subscriber, current and past.
+    pub(super) fn counts(&self, links: &Links) -> QosCounts {
+        let mut sum = links.qos_counts();
+        sum.add(&self.own);
+        sum
     }
 }

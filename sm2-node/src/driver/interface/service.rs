@@ -18,7 +18,7 @@ impl DeclaredInterface {
     /// [`is_opening`](super::links::Links::is_opening): the link may never come.
     pub(crate) fn wait_for_server(&mut self, len: u64) -> Choice {
         let choice = self.calls.choose_server(len, &self.links);
-        if choice == Choice::Opening && self.links.is_any_due() {
+        if choice == Choice::Opening && self.links.due > 0 {
             self.for_control.wants_page = true;
         }
         choice

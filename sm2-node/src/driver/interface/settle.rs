@@ -72,14 +72,8 @@ impl DeclaredInterface {
     /// ends the other links.
     //= SM2-ACC-014
     pub(in crate::driver) fn discard_ended(&mut self, context: &mut Context<'_>) {
-        let ended = self.links.iter_mut().filter(|it| it.end_noticed);
-        let mut tokens = Vec::new();
-        for link in ended {
-            link.deny();
-            tokens.push(link.token());
-        }
-        for token in tokens {
-            self.settle_link(token, context);
+        for token in self.links.tokens_of(|link| link.end_noticed) {
+            self.with_link(token, context, |link, _, _| link.deny());
         }
     }
 
@@ -115,12 +109,12 @@ impl DeclaredInterface {
         self.detach_segments(context);
     }
 
-    /// Records the end of a link: queues it for the Manager, and keeps its counters.
+    /// Records the end of a link: queues it for the Manager, keeps its counters, and drops the messages of the oldest
+    /// links that are over.
     fn notice_end(&mut self, token: LinkToken) {
-        let Some(link) = self.links.get_mut(token) else {
+        let Some(link) = self.links.notice_end(token) else {
             return;
         };
-        link.end_noticed = true;
         self.outbox.recheck();
         self.for_control.freed.extend(link.counting.entry.take());
         for key in link.backlog.keys.drain(..) {
@@ -129,14 +123,7 @@ impl DeclaredInterface {
         if let Some(code) = link.end_code() {
             self.for_control.ends.push((link.id, code));
         }
-        let status = link.status();
-        self.links.push_ended(status);
-        self.drop_oldest_messages();
-    }
-
-    /// Drops the messages of the oldest ended links, so that an application that takes no messages
-    /// does not collect those of all past publishers.
-    fn drop_oldest_messages(&mut self) {
+        // An application that takes no messages must not collect those of all past publishers.
         for token in self.links.surplus() {
             let untaken = self.links.get(token).map_or(0, LinkDriver::untaken);
             self.remove(token, untaken as u64);

@@ -150,7 +150,7 @@ impl Control {
         self.sleepers.wake();
         let written = self.with_interface(id, sets, |interface, _| {
             if let State::Live { matches } = state {
-                interface.links.announce(matches);
+                interface.links.due = matches;
             }
             interface.state = state;
         });
@@ -175,7 +175,7 @@ impl Control {
     /// descriptors.
     //= SM2-IFC-002
     fn forget_due_links(&mut self, sets: &NodeSets) {
-        self.with_each_interface(sets, |interface| interface.links.announce(0));
+        self.with_each_interface(sets, |interface| interface.links.due = 0);
     }
 
     fn refused(&mut self, id: InterfaceId, reason: Refusal, sets: &NodeSets) {
