@@ -40,7 +40,9 @@ pub struct Events {
 
 impl Events {
     pub(crate) fn new(interface: &Arc<SharedInterface>) -> Self {
-        interface.lock().change(|it, _| it.enable_events());
+        interface
+            .lock()
+            .change(|it, _| it.reports.enable_events(&mut it.links));
         Self {
             interface: Arc::clone(interface),
         }

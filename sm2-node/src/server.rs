@@ -253,7 +253,7 @@ impl Pending {
                 self.answered = true;
                 return Ok(());
             }
-            let link = locked.interface().link(call.token);
+            let link = locked.interface().links.get(call.token);
             link.filter(|it| it.is_open())
                 .map(|it| (it.needs(), it.peer_max_len()))
         };

@@ -66,7 +66,7 @@ impl Control {
         let result = self.with_interface(interface, sets, |interface, context| {
             interface.on_event(token, event, context);
             interface.after_background_event(token, context);
-            let link = interface.link(token);
+            let link = interface.links.get(token);
             let has_ended = link.is_none_or(|it| it.end().is_some());
             (link.is_some_and(LinkDriver::is_short_of_memory), has_ended)
         });

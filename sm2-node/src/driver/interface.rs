@@ -20,7 +20,7 @@ use std::sync::Arc;
 
 use sm2_io::{CounterEntry, Event};
 use sm2_proto::control::LinkPeer;
-use sm2_proto::link::{Input, MaxLen, Publications};
+use sm2_proto::link::{Input, MaxLen};
 use sm2_proto::{Code, Contract, Farewell, Instant, LinkId, Refusal};
 
 use self::absence::Absence;
@@ -58,7 +58,7 @@ pub(crate) struct DeclaredInterface {
     pub(super) refused_again: Option<Refusal>,
     /// The link that the last message was taken from.
     pub(super) last_taken: LinkToken,
-    absence: Absence,
+    pub(super) absence: Absence,
     /// Whether the program has dropped the interface.
     is_closed: bool,
     pub(crate) reports: Reports,
@@ -137,17 +137,12 @@ impl DeclaredInterface {
             refused_again: None,
             last_taken: LinkToken::FIRST,
             is_closed: false,
-            reports: Reports::new(entry),
+            reports: Reports {
+                entry,
+                ..Reports::default()
+            },
             for_control: ForControl::default(),
         }
-    }
-
-    pub(crate) fn links(&self) -> impl Iterator<Item = &LinkDriver> {
-        self.links.iter()
-    }
-
-    pub(crate) fn link(&self, token: LinkToken) -> Option<&LinkDriver> {
-        self.links.get(token)
     }
 
     /// Whether the Manager of this session has granted the interface. Meaningful once that Manager
@@ -257,37 +252,27 @@ impl DeclaredInterface {
         }
     }
 
-    /// Collects events for the program from now on.
-    pub(crate) fn enable_events(&mut self) {
-        self.reports.enable_events(&mut self.links);
-    }
-
     /// How a publisher, or the publishers of a subscriber, have kept their deadlines and leases.
     pub(crate) fn qos_counts(&self) -> QosCounts {
         self.qos.counts(&self.links)
     }
 
-    /// The statement of a publisher about its publications, for the OPEN of a new link.
-    pub(super) const fn publications(&self) -> Publications {
-        self.absence.publications(self.published)
-    }
-
     /// Counts messages of this publisher that came and that the application will not get.
     pub(crate) fn lose(&mut self, publisher: &Arc<LinkPeer>, messages: u64) {
-        self.reports.lose(publisher, messages);
+        self.reports.lose(publisher, messages, 0);
     }
 
     /// Changes one link, if it exists, and does the work that follows from the change.
-    pub(super) fn with_link<R>(
+    pub(super) fn with_link(
         &mut self,
         token: LinkToken,
         context: &mut Context<'_>,
-        change: impl FnOnce(&mut LinkDriver, &mut Outbox, &mut Context<'_>) -> R,
-    ) -> Option<R> {
-        let link = self.links.get_mut(token)?;
-        let result = change(link, &mut self.outbox, context);
-        self.settle_link(token, context);
-        Some(result)
+        change: impl FnOnce(&mut LinkDriver, &mut Outbox, &mut Context<'_>),
+    ) {
+        if let Some(link) = self.links.get_mut(token) {
+            change(link, &mut self.outbox, context);
+            self.settle_link(token, context);
+        }
     }
 }
 

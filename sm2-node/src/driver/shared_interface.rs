@@ -153,7 +153,7 @@ impl SharedInterface {
     #[inline]
     pub(super) fn enter_prefetched(&self) -> (LockedInterface<'_>, Instant) {
         let locked = self.lock();
-        locked.interface.links().for_each(LinkDriver::prefetch);
+        locked.interface.links.iter().for_each(LinkDriver::prefetch);
         let now = sm2_io::clock::now();
         (self.begin(locked, now, Drive::IfDue), now)
     }
@@ -193,7 +193,7 @@ impl SharedInterface {
     /// The two ends of a link of this client.
     pub(crate) fn link_ends(&self, token: LinkToken) -> Option<LinkEnds> {
         let locked = self.lock();
-        let link = locked.interface.link(token)?;
+        let link = locked.interface.links.get(token)?;
         Some(LinkEnds {
             id: link.id,
             client: (locked.node_name.clone(), self.id),
@@ -207,7 +207,7 @@ impl SharedInterface {
         let locked = self.lock();
         self.id == ends.server.1
             && locked.node_name == ends.server.0
-            && locked.interface.links().any(|it| {
+            && locked.interface.links.iter().any(|it| {
                 let (name, interface) = &ends.client;
                 it.id == ends.id
                     && it.origin.peer.name == *name
@@ -419,7 +419,7 @@ impl InterfaceDriver {
             Drive::IfDue => is_due(),
             Drive::UnlessRings => is_due() || !self.has_rings_only(),
             Drive::UnlessRing(token) => {
-                let link = self.interface.link(token);
+                let link = self.interface.links.get(token);
                 is_due() || link.is_none_or(LinkDriver::is_woken_by_socket)
             }
         }
@@ -444,7 +444,7 @@ impl InterfaceDriver {
             let token = LinkToken(event.token);
             let (is_short, has_ended) = self.change_unharvested(sets, |interface, context| {
                 interface.on_event(token, event, context);
-                let link = interface.link(token);
+                let link = interface.links.get(token);
                 let has_ended = link.is_none_or(|it| it.end().is_some());
                 (link.is_some_and(LinkDriver::is_short_of_memory), has_ended)
             });
@@ -473,7 +473,12 @@ impl InterfaceDriver {
 
     /// The words that the next messages of the links fill.
     pub(super) fn next_words(&self) -> NextWords {
-        NextWords::of(self.interface.links().filter_map(LinkDriver::next_word))
+        NextWords::of(
+            self.interface
+                .links
+                .iter()
+                .filter_map(LinkDriver::next_word),
+        )
     }
 
     /// Whether all messages come through rings and no link is opening, so that the sockets need to be read only from
@@ -482,6 +487,6 @@ impl InterfaceDriver {
     pub(crate) fn has_rings_only(&self) -> bool {
         let interface = &self.interface;
         interface.links.count_open() > 0
-            && (interface.links()).all(|it| !it.is_woken_by_socket() || it.end().is_some())
+            && (interface.links.iter()).all(|it| !it.is_woken_by_socket() || it.end().is_some())
     }
 }

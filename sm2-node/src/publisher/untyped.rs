@@ -57,7 +57,7 @@ impl UntypedPublisher {
 
     pub(super) fn flush(&self, timeout: Option<Duration>) -> Result<bool, WaitError> {
         let flushed = (self.handle.interface).wait(until(timeout), |interface, _| {
-            let flushed = interface.links().all(|link| link.is_flushed());
+            let flushed = interface.links.iter().all(|link| link.is_flushed());
             flushed.then_some(())
         });
         Ok(flushed?.is_some())

@@ -14,7 +14,7 @@ use crate::driver::token::LinkToken;
 
 /// The knowledge of an interface about publications while a publisher and a subscriber have no link.
 #[derive(Debug)]
-pub(super) struct Absence {
+pub(in crate::driver) struct Absence {
     /// A publisher's number, which it says in OPEN. 0 at all other interfaces.
     publisher: u64,
     /// A subscriber's publishers without a link.
@@ -36,7 +36,7 @@ impl Absence {
 
     /// The statement of a publisher that has published this many messages, for the OPEN of a new link.
     //= SM2-OPN-006
-    pub(super) const fn publications(&self, published: u64) -> Publications {
+    pub(in crate::driver) const fn publications(&self, published: u64) -> Publications {
         match self.publisher {
             0 => Publications::UNKNOWN,
             publisher => Publications {
@@ -84,10 +84,7 @@ impl Absence {
             return;
         }
         let away = link.open_account(publications, record);
-        if away > 0 {
-            reports.count_away(away);
-            reports.lose(&peer, away);
-        }
+        reports.lose(&peer, away, away);
     }
 
     /// Closes the account of a link that was removed, and opens those of links that waited for that. `dropped` messages
@@ -100,9 +97,8 @@ impl Absence {
         reports: &mut Reports,
     ) {
         let (lost, away) = link.not_counted();
-        reports.count_away(away);
         let lost = lost.saturating_add(away).saturating_add(dropped);
-        reports.lose(&link.origin.peer, lost);
+        reports.lose(&link.origin.peer, lost, away);
         if let Some((publisher, record)) = link.close_account(dropped) {
             let node = link.origin.peer.name.clone();
             self.publishers.keep(node, publisher, record);

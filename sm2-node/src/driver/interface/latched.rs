@@ -76,15 +76,13 @@ impl LatchedMessages {
         while let Some(&key) = link.backlog.keys.front() {
             let label = outbox.label(key);
             let len = label.map_or(0, |label| label.len);
-            if label.is_some_and(|label| link.is_expired(label.time)) {
+            let is_expired = label.is_some_and(|label| link.is_expired(label.time));
+            if is_expired || !link.accepts(len) {
                 link.backlog.keys.pop_front();
-                link.drop_publication(Fate::Expired, context, outbox);
-                outbox.release(key);
-                continue;
-            }
-            if !link.accepts(len) {
-                link.backlog.keys.pop_front();
-                link.drop_too_long(len, context, outbox);
+                match is_expired {
+                    true => link.drop_publication(Fate::Expired, context, outbox),
+                    false => link.drop_too_long(len, context, outbox),
+                }
                 outbox.release(key);
                 continue;
             }

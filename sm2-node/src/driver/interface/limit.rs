@@ -5,7 +5,7 @@
 //! suspended, until the rest is within that half. A suspended link gets no message until its
 //! subscriber releases one. The other half is for the links that release what they get.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 
 use super::latched::LatchedMessages;
 use super::links::Links;
@@ -26,12 +26,6 @@ struct Holder {
     bytes: u64,
     /// The memory of messages that no younger holder has.
     alone: u64,
-}
-
-/// The messages in flight, and those of them that are latched.
-struct Footprints<'a> {
-    outbox: &'a Outbox,
-    latched: HashSet<u64>,
 }
 
 impl Holders {
@@ -71,11 +65,28 @@ impl Holders {
 
     fn among(links: &Links, outbox: &Outbox, latched: &LatchedMessages) -> Self {
         let latched = latched.raw_keys();
-        let footprints = Footprints { outbox, latched };
-        let mut holders: Vec<Holder> = (links.iter())
-            .filter(|link| link.is_open() && !link.is_suspended())
-            .filter_map(|link| footprints.of_link(link))
-            .collect();
+        // The number and the memory of a message. The publisher itself needs the memory of latched ones.
+        let footprint = |key| match latched.contains(&key) {
+            true => None,
+            false => outbox.footprint(MessageKey::from_raw(key)),
+        };
+        let holder = |link: &LinkDriver| {
+            let (mut oldest, mut bytes) = (u64::MAX, 0);
+            link.in_flight_keys(|key| {
+                if let Some((id, footprint)) = footprint(key) {
+                    oldest = oldest.min(id);
+                    bytes += footprint;
+                }
+            });
+            (bytes > 0).then(|| Holder {
+                token: link.token(),
+                oldest,
+                bytes,
+                alone: 0,
+            })
+        };
+        let active = (links.iter()).filter(|link| link.is_open() && !link.is_suspended());
+        let mut holders: Vec<_> = active.filter_map(holder).collect();
         holders.sort_by_key(|it| it.oldest);
         let mut youngest = HashMap::new();
         for (rank, holder) in holders.iter().enumerate() {
@@ -86,37 +97,10 @@ impl Holders {
             }
         }
         for (key, rank) in youngest {
-            if let Some((_, bytes)) = footprints.of(key) {
+            if let Some((_, bytes)) = footprint(key) {
                 holders[rank].alone += bytes;
             }
         }
         Self(holders)
-    }
-}
-
-impl Footprints<'_> {
-    fn of_link(&self, link: &LinkDriver) -> Option<Holder> {
-        let (mut oldest, mut bytes) = (u64::MAX, 0);
-        link.in_flight_keys(|key| {
-            if let Some((id, footprint)) = self.of(key) {
-                oldest = oldest.min(id);
-                bytes += footprint;
-            }
-        });
-        (bytes > 0).then(|| Holder {
-            token: link.token(),
-            oldest,
-            bytes,
-            alone: 0,
-        })
-    }
-
-    /// The number and the memory of a message, unless it is latched: then the publisher itself needs
-    /// the memory.
-    fn of(&self, key: u64) -> Option<(u64, u64)> {
-        match self.latched.contains(&key) {
-            true => None,
-            false => self.outbox.footprint(MessageKey::from_raw(key)),
-        }
     }
 }

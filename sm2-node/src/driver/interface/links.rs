@@ -110,7 +110,7 @@ impl Links {
         self.links.push(link);
     }
 
-    pub(in crate::driver) fn get(&self, token: LinkToken) -> Option<&LinkDriver> {
+    pub(crate) fn get(&self, token: LinkToken) -> Option<&LinkDriver> {
         self.links.get(self.place(token)?)
     }
 
@@ -124,7 +124,7 @@ impl Links {
         Some(self.links.remove(place))
     }
 
-    pub(in crate::driver) fn iter(&self) -> impl Iterator<Item = &LinkDriver> {
+    pub(crate) fn iter(&self) -> impl Iterator<Item = &LinkDriver> {
         self.links.iter()
     }
 

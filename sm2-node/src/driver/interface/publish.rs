@@ -81,7 +81,7 @@ impl DeclaredInterface {
     /// messages are latched, the needs of a link that opens later.
     pub(crate) fn needs(&self, len: u64) -> Needs {
         let mut needs = Needs::default();
-        let open = self.links().filter(|link| link.is_open());
+        let open = self.links.iter().filter(|link| link.is_open());
         for link in open.filter(|link| link.accepts(len)) {
             if !link.is_suspended() || link.is_reliable() {
                 needs.add(link.needs());
@@ -111,7 +111,7 @@ impl DeclaredInterface {
 
     /// Whether a publication would not wait: each reliable link has room, or owes.
     pub(crate) fn has_room(&self) -> bool {
-        !self.links().any(LinkDriver::delays_publication)
+        !self.links.iter().any(LinkDriver::delays_publication)
     }
 
     /// Offers a message to every open link. The caller must [finish](Self::finish) the returned

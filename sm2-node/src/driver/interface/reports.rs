@@ -15,7 +15,7 @@ use crate::driver::link::LinkDriver;
 
 /// The reports of an interface. Each loss is counted here at once in the entry, in the sums, and as an event, so that
 /// these agree.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct Reports {
     /// The entry of its counters, until the program drops the interface.
     pub(super) entry: Option<CounterEntry>,
@@ -30,18 +30,8 @@ pub(crate) struct Reports {
 }
 
 impl Reports {
-    pub(super) fn new(entry: Option<CounterEntry>) -> Self {
-        Self {
-            entry,
-            events: EventQueue::default(),
-            unheard: 0,
-            lost: 0,
-            away: 0,
-        }
-    }
-
     /// Collects events from now on. The first ones are the links that are open.
-    pub(super) fn enable_events(&mut self, links: &mut Links) {
+    pub(crate) fn enable_events(&mut self, links: &mut Links) {
         if !self.events.enable() {
             return;
         }
@@ -92,7 +82,7 @@ impl Reports {
         self.events.push_loss(&link.origin.peer, dropped);
     }
 
-    /// Counts a publication, and whether a link was open for it.
+    /// Counts a publication, and whether a link was open for it. A call of a client has one.
     #[inline]
     pub(super) fn count_publication(&mut self, time: Instant, len: u64, is_heard: bool) {
         self.unheard += u64::from(!is_heard);
@@ -102,11 +92,6 @@ impl Reports {
                 entry.unheard();
             }
         });
-    }
-
-    /// Counts a call of a client.
-    pub(super) fn count_call(&mut self, now: Instant, len: u64) {
-        update(self.entry.as_mut(), |entry| entry.published(now, len));
     }
 
     /// Counts a message that was taken at `now`, and the losses before it, `away` of them while its publisher had no
@@ -141,19 +126,18 @@ impl Reports {
         }
     }
 
-    /// Counts messages that were published while their publisher had no link.
-    pub(super) fn count_away(&mut self, messages: u64) {
-        self.away = self.away.saturating_add(messages);
-        update(self.entry.as_mut(), |entry| entry.away(messages));
-    }
-
-    /// Counts messages of this publisher that the application will not get.
-    pub(super) fn lose(&mut self, publisher: &Arc<LinkPeer>, messages: u64) {
+    /// Counts messages of this publisher that the application will not get, `away` of them published while it had no
+    /// link.
+    pub(super) fn lose(&mut self, publisher: &Arc<LinkPeer>, messages: u64, away: u64) {
         if messages == 0 {
             return;
         }
         self.lost = self.lost.saturating_add(messages);
-        update(self.entry.as_mut(), |entry| entry.lost(messages));
+        self.away = self.away.saturating_add(away);
+        update(self.entry.as_mut(), |entry| {
+            entry.lost(messages);
+            entry.away(away);
+        });
         self.events.push_loss(publisher, messages);
     }
 

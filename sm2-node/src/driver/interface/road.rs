@@ -66,7 +66,7 @@ impl DeclaredInterface {
     #[inline]
     fn is_road_open(&self, len: u64) -> bool {
         let mut is_any_open = false;
-        for link in self.links() {
+        for link in self.links.iter() {
             if link.is_on_road(len) || link.is_beside_road() {
                 is_any_open = true;
             } else if link.end().is_none() {
@@ -150,7 +150,8 @@ impl DeclaredInterface {
     ) -> Option<()> {
         let len = reply.len() as u64;
         let link = self
-            .link(call.token)
+            .links
+            .get(call.token)
             .filter(|link| link.is_open() && link.accepts(len))?;
         let forms = self.short_forms(reply, link.needs())?;
         self.reply(call, forms, len, status, context).then_some(())

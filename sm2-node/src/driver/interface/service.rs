@@ -33,7 +33,7 @@ impl DeclaredInterface {
         deadline: Option<Instant>,
         context: &mut Context<'_>,
     ) -> CallId {
-        let id = self.link(token).map_or(0, |link| link.calls.last) + 1;
+        let id = self.links.get(token).map_or(0, |link| link.calls.last) + 1;
         let call = CallId { token, id };
         self.calls.begin(call);
         // Zero means no deadline.
@@ -42,9 +42,12 @@ impl DeclaredInterface {
             link.calls.last = id;
             true
         });
-        self.reports.count_call(context.now, len);
+        (self.reports).count_publication(context.now, len, true);
         // If the link ended before the machine accepted the call, no output reports the call.
-        let over = self.link(token).is_none_or(|link| link.end().is_some());
+        let over = self
+            .links
+            .get(token)
+            .is_none_or(|link| link.end().is_some());
         if !sent || over {
             self.calls.finish(call, Outcome::ServerGone);
         }
@@ -64,7 +67,7 @@ impl DeclaredInterface {
     }
 
     fn collect_replies(&mut self, token: LinkToken, context: &mut Context<'_>) {
-        if self.link(token).is_some_and(LinkDriver::may_take) {
+        if self.links.get(token).is_some_and(LinkDriver::may_take) {
             self.settle_link(token, context);
         }
     }
@@ -122,7 +125,7 @@ impl DeclaredInterface {
 
     /// Whether the client no longer wants the reply, or is gone.
     pub(crate) fn is_cancelled(&self, call: CallId) -> bool {
-        match self.link(call.token) {
+        match self.links.get(call.token) {
             Some(link) => link.end().is_some() || link.calls.cancelled.contains(&call.id),
             None => true,
         }

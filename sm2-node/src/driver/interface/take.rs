@@ -107,7 +107,7 @@ impl DeclaredInterface {
         error: &io::Error,
         context: &mut Context<'_>,
     ) {
-        self.reports.lose(publisher, 1);
+        self.reports.lose(publisher, 1, 0);
         self.with_link(token, context, |link, outbox, context| {
             link.refuse_file(error);
             link.drain(Incoming::default(), context.sets, outbox);

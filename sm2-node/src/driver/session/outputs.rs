@@ -257,7 +257,7 @@ impl Control {
             let config = Config {
                 ring,
                 max_len: interface.max_len,
-                publications: interface.publications(),
+                publications: interface.absence.publications(interface.published),
                 ..Config::new(&interface.contract, link, version, reliable, sealed)
                     .with_peer(&origin.peer.contract)
             };
