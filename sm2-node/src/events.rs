@@ -40,9 +40,7 @@ pub struct Events {
 
 impl Events {
     pub(crate) fn new(interface: &Arc<SharedInterface>) -> Self {
-        interface
-            .lock()
-            .change(|it, _| it.reports.enable_events(&mut it.links));
+        (interface.lock()).change(|it, _| it.reports.enable_events(&mut it.links));
         Self {
             interface: Arc::clone(interface),
         }
@@ -88,9 +86,7 @@ impl Events {
 
     /// Takes the next event, if there is one, without driving the node.
     pub(crate) fn pop(&self) -> Option<Event> {
-        self.interface
-            .lock()
-            .change(|it, _| it.reports.events.pop())
+        (self.interface.lock()).change(|it, _| it.reports.events.pop())
     }
 
     /// How many events were displaced because the program did not take them in time.

@@ -187,8 +187,7 @@ impl<T: Message + ?Sized> Subscriber<T> {
     /// Returns how many messages were lost, of all publishers together. A loss counts once the next message
     /// of its publisher is taken, or once the publisher has a link again (see [`away`](Self::away)).
     pub fn lost(&self) -> u64 {
-        self.handle
-            .with_driven(|interface, _| interface.reports.lost)
+        (self.handle).with_driven(|interface, _| interface.reports.lost)
     }
 
     /// Returns how many of the [lost](Self::lost) messages were published while their publisher had no link with this

@@ -2,7 +2,6 @@
 
 mod absence;
 mod calls;
-mod ended_links;
 mod event_queue;
 mod latched;
 mod limit;
@@ -26,9 +25,8 @@ use sm2_proto::{Code, Contract, Farewell, Instant, LinkId, Refusal};
 use self::absence::Absence;
 use self::calls::Calls;
 pub(crate) use self::calls::{CallId, Choice, Outcome};
-use self::ended_links::QosCounts;
 use self::latched::LatchedMessages;
-use self::links::Links;
+use self::links::{Links, QosCounts};
 pub(crate) use self::publish::Offered;
 use self::qos::QosMonitor;
 use self::reports::Reports;

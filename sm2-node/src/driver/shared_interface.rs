@@ -473,12 +473,8 @@ impl InterfaceDriver {
 
     /// The words that the next messages of the links fill.
     pub(super) fn next_words(&self) -> NextWords {
-        NextWords::of(
-            self.interface
-                .links
-                .iter()
-                .filter_map(LinkDriver::next_word),
-        )
+        let links = self.interface.links.iter();
+        NextWords::of(links.filter_map(LinkDriver::next_word))
     }
 
     /// Whether all messages come through rings and no link is opening, so that the sockets need to be read only from

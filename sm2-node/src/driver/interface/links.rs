@@ -1,9 +1,11 @@
 //! The links of one interface.
 
+use std::collections::VecDeque;
+
+use sm2_proto::QosWatch;
 use sm2_proto::link::Counters;
 
-use super::ended_links::{EndedLinks, QosCounts};
-use crate::driver::limits::ENDED_WITH_MESSAGES;
+use crate::driver::limits::{ENDED_WITH_MESSAGES, HISTORY};
 use crate::driver::link::LinkDriver;
 use crate::driver::status::LinkStatus;
 use crate::driver::token::LinkToken;
@@ -20,6 +22,24 @@ pub(crate) struct Links {
     /// How many LINKs that DECLARED announced have not come yet (SM2-IFC-002).
     pub(in crate::driver) due: u32,
     ended: EndedLinks,
+}
+
+/// The statuses of the last links that are over, at most [`HISTORY`], and the sums over all that ever were.
+#[derive(Debug, Default)]
+struct EndedLinks {
+    /// The oldest first.
+    last: VecDeque<LinkStatus>,
+    counters: Counters,
+    qos: QosCounts,
+}
+
+/// How publishers have kept their deadlines and leases.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct QosCounts {
+    /// How many periods have passed without a message.
+    pub(crate) missed_deadlines: u64,
+    /// How often a publisher stopped being alive.
+    pub(crate) lost_liveliness: u64,
 }
 
 impl Links {
@@ -165,5 +185,24 @@ impl Links {
         self.links
             .binary_search_by_key(&token, |link| link.token())
             .ok()
+    }
+}
+
+impl EndedLinks {
+    /// Adds a link, when its end is noticed.
+    fn push(&mut self, link: &LinkDriver) {
+        self.counters.add(&link.counters());
+        self.qos.add(link.qos_watch());
+        if self.last.len() == HISTORY {
+            self.last.pop_front();
+        }
+        self.last.push_back(link.status());
+    }
+}
+
+impl QosCounts {
+    pub(super) fn add(&mut self, watch: &QosWatch) {
+        self.missed_deadlines += watch.missed_deadlines();
+        self.lost_liveliness += watch.lost_liveliness();
     }
 }

@@ -2,8 +2,7 @@
 
 use sm2_proto::{Contract, Instant, Newest, Period, QosWatch};
 
-use super::ended_links::QosCounts;
-use super::links::Links;
+use super::links::{Links, QosCounts};
 use super::reports::Reports;
 use crate::driver::link::LinkDriver;
 
@@ -51,7 +50,7 @@ impl QosMonitor {
     /// The program asserts the liveliness of its publisher at this time.
     pub(super) fn assert(&mut self, time: Instant, reports: &mut Reports) {
         self.own.assert(time, time);
-        self.report_liveliness(reports);
+        reports.report_liveliness(self.own.take_liveliness_change(), None);
     }
 
     /// Counts the periods that have passed without a message of this publisher, and checks whether it is alive.
@@ -59,13 +58,7 @@ impl QosMonitor {
         self.tick_at = None;
         self.own.check(Newest::NONE, now);
         reports.count_missed(self.own.take_missed(), None);
-        self.report_liveliness(reports);
-    }
-
-    fn report_liveliness(&mut self, reports: &mut Reports) {
-        if let Some(is_alive) = self.own.take_liveliness_change() {
-            reports.report_liveliness(is_alive, None);
-        }
+        reports.report_liveliness(self.own.take_liveliness_change(), None);
     }
 
     /// The end of the next period, if the control side does not know of a tick before. From now on it does.

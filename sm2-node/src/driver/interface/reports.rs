@@ -142,25 +142,20 @@ impl Reports {
     }
 
     /// Counts periods without a message of the publisher at the other end of a link, or else of this one.
-    pub(super) fn count_missed(&mut self, periods: u64, peer: Option<Arc<LinkPeer>>) {
+    pub(super) fn count_missed(&mut self, periods: u64, peer: Option<&Arc<LinkPeer>>) {
         if periods > 0 {
             update(self.entry.as_mut(), |entry| entry.missed_deadlines(periods));
+            let peer = peer.map(Arc::clone);
             self.events.push(Event::DeadlineMissed { peer, periods });
         }
     }
 
-    /// Tells the program whether the publisher at the other end of a link has stopped being alive, or is alive again.
+    /// Tells the program whether the publisher at the other end of a link, or else this one, is alive, if that has
+    /// changed.
     #[inline]
-    pub(super) fn report_liveliness_of(&mut self, link: &mut LinkDriver) {
-        if let Some(is_alive) = link.take_liveliness_change() {
-            let peer = Arc::clone(&link.origin.peer);
-            self.report_liveliness(is_alive, Some(peer));
-        }
-    }
-
-    /// Notes that the publisher at the other end of a link, or else this one, has stopped being alive, or is alive
-    /// again.
-    pub(super) fn report_liveliness(&mut self, is_alive: bool, peer: Option<Arc<LinkPeer>>) {
+    pub(super) fn report_liveliness(&mut self, change: Option<bool>, peer: Option<&Arc<LinkPeer>>) {
+        let Some(is_alive) = change else { return };
+        let peer = peer.map(Arc::clone);
         if is_alive {
             return self.events.push(Event::LivelinessRegained { peer });
         }

@@ -149,10 +149,8 @@ impl DeclaredInterface {
         context: &mut Context<'_>,
     ) -> Option<()> {
         let len = reply.len() as u64;
-        let link = self
-            .links
-            .get(call.token)
-            .filter(|link| link.is_open() && link.accepts(len))?;
+        let link = self.links.get(call.token);
+        let link = link.filter(|link| link.is_open() && link.accepts(len))?;
         let forms = self.short_forms(reply, link.needs())?;
         self.reply(call, forms, len, status, context).then_some(())
     }

@@ -44,10 +44,8 @@ impl DeclaredInterface {
         });
         (self.reports).count_publication(context.now, len, true);
         // If the link ended before the machine accepted the call, no output reports the call.
-        let over = self
-            .links
-            .get(token)
-            .is_none_or(|link| link.end().is_some());
+        let link = self.links.get(token);
+        let over = link.is_none_or(|link| link.end().is_some());
         if !sent || over {
             self.calls.finish(call, Outcome::ServerGone);
         }

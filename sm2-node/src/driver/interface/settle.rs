@@ -1,8 +1,6 @@
 //! The work that follows from a change of a link, or from a tick: settled messages, replies, segments without
 //! messages, and the end of links.
 
-use std::sync::Arc;
-
 use sm2_proto::Contract;
 use sm2_proto::link::Input;
 
@@ -53,7 +51,8 @@ impl DeclaredInterface {
             self.notice_end(token);
         }
         if let Some(link) = self.links.get_mut(token) {
-            self.reports.report_liveliness_of(link);
+            let change = link.take_liveliness_change();
+            (self.reports).report_liveliness(change, Some(&link.origin.peer));
         }
         self.ask_for_tick();
         self.detach_segments(context);
@@ -86,8 +85,8 @@ impl DeclaredInterface {
                 link.tick(context, outbox);
             });
             if let Some(link) = self.links.get_mut(token) {
-                let peer = Arc::clone(&link.origin.peer);
-                self.reports.count_missed(link.take_missed(), Some(peer));
+                let missed = link.take_missed();
+                (self.reports).count_missed(missed, Some(&link.origin.peer));
             }
         }
         self.ask_for_tick();
