@@ -145,8 +145,13 @@ impl Control {
         if let Some(at) = tick_at {
             self.qos_timer.tick_at(id, at);
         }
-        if wants_page {
-            self.expect_page(sets);
+        // The Manager sends a PAGE after the frames that are on their way now.
+        if wants_page
+            && self.session.is_ready()
+            && let Some(input) = self.questions.expect_page()
+        {
+            self.session.tell(input);
+            self.drain_session(Incoming::default(), sets);
         }
         if !ends.is_empty() {
             for (link, code) in ends {

@@ -20,6 +20,7 @@ use sm2_proto::node::Input;
 use sm2_proto::{EntityId, InterfaceId, NodeId, TypeId};
 
 use super::limits::CHANGES;
+use super::session::SessionDriver;
 
 /// A question that is answered exactly once.
 #[derive(Clone, Debug)]
@@ -143,7 +144,7 @@ impl Questions {
 
     /// Asks for a page unless one is expected. No thread waits for the answer. Returns the input
     /// that sends the question.
-    fn expect_page(&mut self) -> Option<Input<'static>> {
+    pub(super) fn expect_page(&mut self) -> Option<Input<'static>> {
         let question = Question::Page(LAST);
         if !self.queues[Self::kind(&question)].is_empty() {
             return None;
@@ -166,13 +167,45 @@ impl Questions {
         ticket
     }
 
+    /// The changes that a follower has collected once it has reached this revision. Requests them
+    /// if necessary; the caller drains the session.
+    fn followed(
+        &mut self,
+        ticket: Ticket,
+        revision: u64,
+        session: &mut SessionDriver,
+    ) -> Option<Result<Followed, Lost>> {
+        let Some(follower) = self.followers.get_mut(&ticket) else {
+            return Some(Err(Lost));
+        };
+        if !follower.lost && follower.revision >= revision && !follower.more {
+            return Some(Ok(Followed {
+                revision: follower.revision,
+                changes: std::mem::take(&mut follower.changes),
+            }));
+        }
+        let after = follower.revision;
+        follower.lost |= session.epoch() != Some(follower.epoch);
+        match self.watching {
+            _ if follower.lost => Some(Err(Lost)),
+            // Another follower waits for changes after a later revision, which may never come.
+            Some(later) if later > after => Some(Err(Lost)),
+            Some(_) => None,
+            None => {
+                self.watching = Some(after);
+                session.tell(Input::Watch { after });
+                None
+            }
+        }
+    }
+
     const fn ticket(&mut self) -> Ticket {
         self.last_ticket += 1;
         self.last_ticket
     }
 
     //= SM2-WCH-003
-    fn changes(&mut self, revision: u64, changes: Option<&[Change]>, more: bool) {
+    pub(super) fn changes(&mut self, revision: u64, changes: Option<&[Change]>, more: bool) {
         let Some(after) = self.watching.take() else {
             return;
         };

@@ -1,20 +1,23 @@
-//! Answers of the Manager. These functions feed the session; their caller drains it.
+//! Answers of the Manager. Each method returns the input that sends the next question, if one waits.
 
 use std::os::fd::OwnedFd;
 
-use sm2_proto::control::{Change, Item, Key, ReloadOutcome};
+use sm2_proto::control::{self, ReloadOutcome};
+use sm2_proto::node::Input;
 
 use super::{Answer, Page, Question, Questions};
-use crate::driver::control::Control;
 
-impl Control {
+impl Questions {
     pub(in crate::driver) fn page_came(
         &mut self,
-        revision: u64,
-        items: Vec<Item>,
-        next: Option<Key>,
-    ) {
-        let epoch = self.session.epoch().unwrap_or_default();
+        epoch: u64,
+        page: control::Page,
+    ) -> Option<Input<'static>> {
+        let control::Page {
+            revision,
+            items,
+            next,
+        } = page;
         self.answer_came(0, |questions, question| {
             let first = matches!(question, Question::FirstPage);
             Answer::Page(Page {
@@ -24,44 +27,40 @@ impl Control {
                 next,
                 follower: first.then(|| questions.follow(epoch, revision)),
             })
-        });
+        })
     }
 
-    pub(in crate::driver) fn counters_came(&mut self, file: Option<OwnedFd>) {
-        self.answer_came(1, |_, _| Answer::Counters(file));
-    }
-
-    pub(in crate::driver) fn schema_came(&mut self, text: Option<String>) {
-        self.answer_came(2, |_, _| Answer::Schema(text));
-    }
-
-    pub(in crate::driver) fn reload_came(&mut self, outcome: ReloadOutcome) {
-        self.answer_came(3, |_, _| Answer::Reloaded(outcome));
-    }
-
-    pub(in crate::driver) fn changes_came(
+    pub(in crate::driver) fn counters_came(
         &mut self,
-        revision: u64,
-        changes: Option<&[Change]>,
-        more: bool,
-    ) {
-        self.questions.changes(revision, changes, more);
-        self.sleepers.wake();
+        file: Option<OwnedFd>,
+    ) -> Option<Input<'static>> {
+        self.answer_came(1, |_, _| Answer::Counters(file))
+    }
+
+    pub(in crate::driver) fn schema_came(
+        &mut self,
+        text: Option<String>,
+    ) -> Option<Input<'static>> {
+        self.answer_came(2, |_, _| Answer::Schema(text))
+    }
+
+    pub(in crate::driver) fn reload_came(
+        &mut self,
+        outcome: ReloadOutcome,
+    ) -> Option<Input<'static>> {
+        self.answer_came(3, |_, _| Answer::Reloaded(outcome))
     }
 
     fn answer_came(
         &mut self,
         kind: usize,
-        answer: impl FnOnce(&mut Questions, Question) -> Answer,
-    ) {
-        let (answered, next) = self.questions.answered(kind);
+        answer: impl FnOnce(&mut Self, Question) -> Answer,
+    ) -> Option<Input<'static>> {
+        let (answered, next) = self.answered(kind);
         if let Some((ticket, question)) = answered {
-            let answer = answer(&mut self.questions, question);
-            self.questions.answers.insert(ticket, Some(answer));
+            let answer = answer(self, question);
+            self.answers.insert(ticket, Some(answer));
         }
-        if let Some(input) = next {
-            self.session.tell(input);
-        }
-        self.sleepers.wake();
+        next
     }
 }

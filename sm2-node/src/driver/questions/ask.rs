@@ -1,69 +1,12 @@
 //! Questions of threads, and waiting for the answers.
 
 use sm2_proto::Instant;
-use sm2_proto::node::Input;
 
 use super::{Answer, Followed, Lost, Question, Ticket};
-use crate::driver::control::Control;
 use crate::driver::datagram::Incoming;
-use crate::driver::event_sets::NodeSets;
 use crate::driver::shared_node::NodeState;
 use crate::driver::wait::WaitFailure;
 use crate::error::QueryError;
-
-impl Control {
-    fn ask(&mut self, question: Question, sets: &NodeSets) -> Ticket {
-        let (ticket, input) = self.questions.ask(question);
-        if let Some(input) = input {
-            self.session.tell(input);
-            self.drain_session(Incoming::default(), sets);
-        }
-        ticket
-    }
-
-    /// Makes sure that the Manager sends a PAGE after the frames that are on their way now.
-    pub(in crate::driver) fn expect_page(&mut self, sets: &NodeSets) {
-        if self.session.is_ready()
-            && let Some(input) = self.questions.expect_page()
-        {
-            self.session.tell(input);
-            self.drain_session(Incoming::default(), sets);
-        }
-    }
-
-    /// The changes that a follower has collected once it has reached this revision. Requests them
-    /// if necessary.
-    fn followed(
-        &mut self,
-        ticket: Ticket,
-        revision: u64,
-        sets: &NodeSets,
-    ) -> Option<Result<Followed, Lost>> {
-        let Some(follower) = self.questions.followers.get_mut(&ticket) else {
-            return Some(Err(Lost));
-        };
-        if !follower.lost && follower.revision >= revision && !follower.more {
-            return Some(Ok(Followed {
-                revision: follower.revision,
-                changes: std::mem::take(&mut follower.changes),
-            }));
-        }
-        let after = follower.revision;
-        follower.lost |= self.session.epoch() != Some(follower.epoch);
-        match self.questions.watching {
-            _ if follower.lost => return Some(Err(Lost)),
-            // Another follower waits for changes after a later revision, which may never come.
-            Some(later) if later > after => return Some(Err(Lost)),
-            Some(_) => {}
-            None => {
-                self.questions.watching = Some(after);
-                self.session.tell(Input::Watch { after });
-                self.drain_session(Incoming::default(), sets);
-            }
-        }
-        None
-    }
-}
 
 impl NodeState {
     /// Asks a question unless `asked` says that it was asked, and waits for the answer. The
@@ -78,7 +21,12 @@ impl NodeState {
     ) -> Result<Option<Answer>, QueryError> {
         let answer = self.wait(until, |control| {
             if asked.is_none() && control.session.is_ready() {
-                *asked = Some(control.ask(question.clone(), &self.sets));
+                let (ticket, input) = control.questions.ask(question.clone());
+                *asked = Some(ticket);
+                if let Some(input) = input {
+                    control.session.tell(input);
+                    control.drain_session(Incoming::default(), &self.sets);
+                }
             }
             let ticket = (*asked)?;
             match control.questions.answers.get(&ticket) {
@@ -146,7 +94,10 @@ impl NodeState {
         until: Option<Instant>,
     ) -> Result<Option<Result<Followed, Lost>>, WaitFailure> {
         self.wait(until, |control| {
-            control.followed(follower, revision, &self.sets)
+            let session = &mut control.session;
+            let followed = control.questions.followed(follower, revision, session);
+            control.drain_session(Incoming::default(), &self.sets);
+            followed
         })
     }
 }

@@ -4,7 +4,7 @@ use std::io;
 use std::sync::Arc;
 
 use sm2_io::{Event, SeqPacket};
-use sm2_proto::control::{Changes, LinkPeer, Page, SchemaText};
+use sm2_proto::control::{Changes, LinkPeer, SchemaText};
 use sm2_proto::link::Config;
 use sm2_proto::node::{End, Input, Output};
 use sm2_proto::{Farewell, InterfaceId, LinkId, Refusal};
@@ -16,6 +16,7 @@ use crate::driver::interface::{DeclaredInterface, State};
 use crate::driver::limits::BURST;
 use crate::driver::link::LinkDriver;
 use crate::driver::origin::Origin;
+use crate::driver::questions::Questions;
 
 impl Control {
     pub(in crate::driver) fn on_session_event(&mut self, event: Event, sets: &NodeSets) {
@@ -81,27 +82,38 @@ impl Control {
                     });
                 }
                 Output::Withdrawn { .. } => {}
-                Output::Page(Page {
-                    revision,
-                    items,
-                    next,
-                }) => {
+                Output::Page(page) => {
                     self.forget_due_links(sets);
-                    self.page_came(revision, items, next);
+                    let epoch = self.session.epoch().unwrap_or_default();
+                    self.answer_came(|it| it.page_came(epoch, page));
                 }
                 Output::Changes(Changes {
                     revision,
                     changes,
                     more,
-                }) => self.changes_came(revision, changes.as_deref(), more),
-                Output::Inspected { .. } => self.counters_came(came.take_fd()),
-                Output::NotInspected { .. } => self.counters_came(None),
-                Output::Described { text, .. } => self.schema_came(text),
-                Output::Reloaded(outcome) => self.reload_came(outcome),
+                }) => {
+                    self.questions.changes(revision, changes.as_deref(), more);
+                    self.sleepers.wake();
+                }
+                Output::Inspected { .. } => {
+                    let file = came.take_fd();
+                    self.answer_came(|it| it.counters_came(file));
+                }
+                Output::NotInspected { .. } => self.answer_came(|it| it.counters_came(None)),
+                Output::Described { text, .. } => self.answer_came(|it| it.schema_came(text)),
+                Output::Reloaded(outcome) => self.answer_came(|it| it.reload_came(outcome)),
                 Output::Resumed => self.resumed(),
                 Output::Ended(end) => self.ended(end, sets),
             }
         }
+    }
+
+    /// The answer to a question has come: the session asks the next one of its kind.
+    fn answer_came(&mut self, take: impl FnOnce(&mut Questions) -> Option<Input<'static>>) {
+        if let Some(input) = take(&mut self.questions) {
+            self.session.tell(input);
+        }
+        self.sleepers.wake();
     }
 
     /// Handles a welcome. The first Manager knows all interfaces of this node at once, because
