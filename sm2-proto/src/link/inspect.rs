@@ -1,8 +1,10 @@
 //! Methods that let a driver inspect a link at any time.
 
 use super::{
-    Config, Counters, End, LaneKind, Link, Placement, Publications, lane::Lane, phase::Phase,
+    Config, Counters, End, LaneKind, Link, LinkMemory, Placement, Publications, lane::Lane,
+    phase::Phase,
 };
+use crate::{Instant, Newest, QosWatch};
 
 impl Link {
     /// Whether [`poll`](crate::Machine::poll) may return an output. If this is `false`, `poll` returns
@@ -84,6 +86,34 @@ impl Link {
     #[inline]
     pub const fn is_woken_by_socket(&self) -> bool {
         !matches!(self.lane, Lane::Ring(_))
+    }
+
+    /// The newest message that has come, whether it was taken or not, for [`Input::Tick`](super::Input::Tick).
+    #[must_use]
+    pub fn newest(&self, memory: &impl LinkMemory) -> Newest {
+        self.lane.newest(memory)
+    }
+
+    /// How the publisher at the other end keeps its deadline and its lease, as far as the last
+    /// [tick](super::Input::Tick) and the last ALIVE tell. Watches nothing for all roles but a receiver.
+    #[must_use]
+    #[inline]
+    pub const fn watch(&self) -> &QosWatch {
+        &self.qos_timers.watch
+    }
+
+    /// As [`watch`](Self::watch), to take the changes since the last call.
+    #[inline]
+    pub const fn watch_mut(&mut self) -> &mut QosWatch {
+        &mut self.qos_timers.watch
+    }
+
+    /// Whether a message with this time of publication is older than its lifespan now.
+    //= SM2-QOS-010
+    #[must_use]
+    #[inline]
+    pub fn is_expired(&self, time: Instant, now: impl FnOnce() -> Instant) -> bool {
+        self.config.lifespan.has_passed_by(time, now)
     }
 
     /// Counts of the messages that the application passed to this end, by outcome.

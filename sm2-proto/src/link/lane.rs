@@ -6,7 +6,8 @@
 //! messages it accepts. It does so before OPEN, so that a process without a free descriptor can fall back to the
 //! socket.
 
-use super::{Config, Counters, ring::RingLane, socket_lane::SocketLane};
+use super::{Config, Counters, LinkMemory, ring::RingLane, socket_lane::SocketLane};
+use crate::{Instant, Newest};
 
 /// The lane of a link's messages, with the state that only this lane has.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -87,6 +88,26 @@ impl Lane {
             Self::Undecided => false,
             Self::Socket(socket) => socket.outbound.owes(),
             Self::Ring(ring) => ring.owes(),
+        }
+    }
+
+    /// The newest message that has come, whether it was taken or not.
+    pub(super) fn newest(&self, memory: &impl LinkMemory) -> Newest {
+        match self {
+            Self::Undecided => Newest::NONE,
+            Self::Socket(socket) => socket.inbound.newest(),
+            Self::Ring(ring) => match (&ring.incoming, memory.incoming()) {
+                (Some(receiver), Some(words)) => receiver.newest(words),
+                _ => Newest::NONE,
+            },
+        }
+    }
+
+    /// Drops the messages that wait and have expired. Passes their keys to `each`.
+    //= SM2-QOS-010
+    pub(super) fn expire_unsent(&mut self, now: Instant, each: impl FnMut(u64)) {
+        if let Self::Socket(socket) = self {
+            socket.outbound.expire(now, each);
         }
     }
 

@@ -9,12 +9,12 @@ use super::{
     lane::Lane,
     outbound::OutboundFrame,
     phase::Phase,
+    qos::QosTimers,
     segments::Geometry,
     wire::{Frame, LANE_RING, LANE_SOCKET, Open},
 };
 use crate::{
-    Code, Instant, Machine, QosWatch, Violation, limits::MESSAGE_MAX,
-    machine::debug_assert_drained, qos::AliveFrames,
+    Code, Instant, Machine, Period, Violation, limits::MESSAGE_MAX, machine::debug_assert_drained,
 };
 
 /// One end of one link. The [documentation of the module](crate::link) gives the order of calls of
@@ -41,10 +41,7 @@ pub struct Link {
     pub(super) peer_max_len: u64,
     /// The publications that the other end's OPEN states.
     pub(super) peer_publications: Publications,
-    /// Of a receiver, from the time when the link opened.
-    pub(super) watch: QosWatch,
-    /// Of a sender whose receiver demands a lease.
-    pub(super) alive_frames: AliveFrames,
+    pub(super) qos_timers: QosTimers,
 }
 
 /// The state of a link that is over.
@@ -78,8 +75,7 @@ impl Link {
             // Its OPEN has not come.
             peer_max_len: MESSAGE_MAX,
             peer_publications: Publications::UNKNOWN,
-            watch: QosWatch::default(),
-            alive_frames: AliveFrames::default(),
+            qos_timers: QosTimers::default(),
         }
     }
 
@@ -97,8 +93,11 @@ impl Link {
             }
             Input::Eof => self.finish(End::Eof),
             Input::Drop(fate) => self.drop_publication(fate)?,
-            Input::Tick(newest) => self.tick(now, newest),
-            Input::Assert(time) => self.assert_liveliness(time)?,
+            Input::Tick(newest) => self.qos_timers.tick(&self.config, now, newest),
+            Input::Assert(time) => {
+                self.qos_timers
+                    .assert_liveliness(&self.config, phase, time)?;
+            }
             Input::SegmentMissing => {
                 self.on_segment_missing();
                 if let Some(end) = self.end() {
@@ -113,6 +112,18 @@ impl Link {
             Input::Close(code) => self.finish(End::Local(code)),
         }
         Ok(())
+    }
+
+    /// Drops the messages that wait at this end and are older than their lifespan. Each input does so.
+    //= SM2-QOS-010
+    fn expire_unsent(&mut self, now: Instant) {
+        if self.config.lifespan != Period::NONE && self.state.is_ok() {
+            let events = &mut self.events;
+            self.lane.expire_unsent(now, |key| {
+                let fate = Fate::Expired;
+                events.push_back(Output::Settled { key, fate });
+            });
+        }
     }
 
     fn handle_ended(&mut self, over: Over, input: &Input<'_>) {
@@ -246,7 +257,7 @@ impl Link {
         if packet.is_some() {
             return packet;
         }
-        if let Some(time) = self.alive_frames.take() {
+        if let Some(time) = self.qos_timers.take_alive() {
             return Some(Packet::bare(Frame::Alive { time }.head()));
         }
         if let Some(call) = self.placed.poll() {
@@ -323,9 +334,11 @@ impl Machine for Link {
                 let shows_life = matches!(input, Input::Drop(_));
                 let result = self.handle_live(now, phase, input);
                 if shows_life && result.is_ok() {
-                    self.show_life(now);
+                    self.qos_timers.show_life(&self.config, now);
                 }
-                self.start_watch(now);
+                if self.state == Ok(Phase::Open) {
+                    self.qos_timers.start_watch(&self.config, now);
+                }
                 self.expire_unsent(now);
                 result
             }
@@ -347,6 +360,7 @@ impl Machine for Link {
     /// The time of the next [tick](super::Input::Tick); `None` unless a receiver demands a deadline or a lease, or
     /// ALIVE is held back.
     fn deadline(&self) -> Option<Instant> {
-        self.next_tick()
+        let next_tick = self.qos_timers.next_tick();
+        next_tick.filter(|_| self.state.is_ok())
     }
 }

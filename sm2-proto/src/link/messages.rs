@@ -289,6 +289,16 @@ impl Link {
         self.give_back(memory, sequences, Given::Consumed)
     }
 
+    /// Gives back a message that [`take`](Self::take) returned and that [has expired](Self::is_expired), so that the
+    /// application does not see it. Returns whether the sender has to be woken.
+    ///
+    /// # Errors
+    /// As [`release`](Self::release).
+    //= SM2-QOS-010
+    pub fn expire(&mut self, memory: &impl LinkMemory, delivery: &Delivery) -> Result<Wake, Error> {
+        self.give_back(memory, [delivery.sequence], Given::Expired)
+    }
+
     /// Gives messages back that the application has consumed, or that have expired.
     #[inline]
     pub(super) fn give_back(

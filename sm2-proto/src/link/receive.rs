@@ -53,7 +53,7 @@ impl Link {
             // DOORBELL has no content: the driver checks the ring after each wake-up.
             Frame::Doorbell => Ok(()),
             Frame::Detached { segment } => self.on_detached(segment),
-            Frame::Alive { time } => self.on_alive(time, now),
+            Frame::Alive { time } => self.qos_timers.on_alive(&self.config, time, now),
             //= SM2-OPN-007, SM2-COD-001
             Frame::Close(code) => {
                 self.finish(End::Peer(code));
