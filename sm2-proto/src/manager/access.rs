@@ -2,9 +2,10 @@
 
 use alloc::{collections::BTreeMap, sync::Arc, vec::Vec};
 
-use super::Credentials;
+use super::{Credentials, sessions::Sessions};
 use crate::{
     Contract, EntityId, Kind, Name, NodeId, Refusal,
+    control::Item,
     policy::{AccessPolicy, Action, Decision, Effect, Subject, User},
 };
 
@@ -141,21 +142,66 @@ impl Access {
         node == of || subject.is_none_or(|it| self.allows(node, Action::ReadCounters, it.node()))
     }
 
+    /// Whether a session may see an item: its own ones always.
+    //= SM2-ACC-010
+    pub(super) fn sees(&self, viewer: NodeId, item: &Item, sessions: &Sessions) -> bool {
+        if !self.is_restricted() {
+            return true;
+        }
+        match item {
+            Item::Domain { .. } => true,
+            Item::Node { node, name, .. } => {
+                *node == viewer || self.allows_sight(viewer, name, None)
+            }
+            Item::Interface { entity, contract }
+            | Item::Refusal {
+                entity, contract, ..
+            } => {
+                let owner = self.subjects.get(&entity.node).map(Subject::node);
+                entity.node == viewer
+                    || owner.is_some_and(|it| self.allows_sight(viewer, it, Some(contract.name())))
+            }
+            Item::Claim { entity, .. } => self.sees_interface(viewer, *entity, sessions),
+            Item::Link {
+                offering,
+                demanding,
+                ..
+            }
+            | Item::Waiting {
+                offering,
+                demanding,
+                ..
+            }
+            | Item::Unlinked {
+                offering,
+                demanding,
+                ..
+            } => [offering, demanding]
+                .into_iter()
+                .all(|&it| self.sees_interface(viewer, it, sessions)),
+        }
+    }
+
+    fn sees_interface(&self, viewer: NodeId, entity: EntityId, sessions: &Sessions) -> bool {
+        if entity.node == viewer {
+            return true;
+        }
+        if let Some((owner, name)) = self.ending.get(&entity) {
+            return self.allows_sight(viewer, owner, Some(name));
+        }
+        let record = sessions.record(entity.node);
+        record.is_some_and(|it| {
+            let contract = it.contract(entity.interface);
+            contract
+                .is_some_and(|contract| self.allows_sight(viewer, it.name(), Some(contract.name())))
+        })
+    }
+
     /// Whether a session may see a node, or an interface of the node on a topic or service.
     //= SM2-ACC-010
-    pub(super) fn allows_sight(&self, node: NodeId, owner: &Name, subject: Option<&Name>) -> bool {
+    fn allows_sight(&self, node: NodeId, owner: &Name, subject: Option<&Name>) -> bool {
         let mut names = [Some(owner), subject].into_iter().flatten();
         names.all(|it| self.allows(node, Action::See, it))
-    }
-
-    /// The name of a welcomed node.
-    pub(super) fn owner(&self, node: NodeId) -> Option<&Name> {
-        self.subjects.get(&node).map(Subject::node)
-    }
-
-    /// The names of the node and of the topic or service of an interface that is gone.
-    pub(super) fn ending(&self, entity: EntityId) -> Option<&(Name, Name)> {
-        self.ending.get(&entity)
     }
 
     /// Keeps the names of an interface whose links are to be ended.

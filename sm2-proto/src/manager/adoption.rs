@@ -7,11 +7,10 @@ use super::{
     claims::Claim,
     endings::is_shortage,
     links::{Agreed, Pair},
-    session::Session,
 };
 use crate::{
     Code, EntityId, Farewell, Instant, LinkId, NodeId, VERSION, Violation,
-    control::{Key, Limit, ToNode},
+    control::{Limit, ToNode},
     match_contracts,
 };
 
@@ -24,14 +23,14 @@ impl Manager {
         claim: Claim,
     ) -> Result<(), Violation> {
         let EntityId { node, interface } = entity;
-        let limit = self.limits.links_per_session();
-        let Some(session) = self.sessions.get_mut(&node) else {
+        let ours = self.registry.links().epoch();
+        let Some(session) = self.registry.session_mut(node) else {
             return Ok(());
         };
         let record = session.node();
         let known = record.and_then(|it| it.has_link(interface, link));
         let known = known.ok_or(violation!(UnknownInterface, "SM2-RES-003"))?;
-        if known || link.epoch == self.links.epoch() || claim.agreed.version != VERSION {
+        if known || link.epoch == ours || claim.agreed.version != VERSION {
             return Err(violation!(BadClaim, "SM2-RES-003"));
         }
         if !session.may_claim() {
@@ -44,21 +43,10 @@ impl Manager {
         //= SM2-ACC-014
         if record.suspended(interface).is_some() {
             self.begin_unlink(entity, link, Farewell::Denied.code());
-            return Ok(());
-        }
-        if record.link_ends() > limit {
+        } else if record.link_ends() > self.limits.links_per_session() {
             self.begin_unlink(entity, link, Farewell::Resources.code());
-            return Ok(());
-        }
-        match self.claims.meet(link, entity, claim) {
-            None => self.changed(Key::Claim { link, entity }),
-            Some(other) => {
-                self.changed(Key::Claim {
-                    link,
-                    entity: other,
-                });
-                self.adopt(link, [entity, other], claim.agreed);
-            }
+        } else if let Some(other) = self.registry.claim(entity, link, claim) {
+            self.adopt(link, [entity, other], claim.agreed);
         }
         Ok(())
     }
@@ -79,30 +67,23 @@ impl Manager {
     /// The pair that a claimed link joins, if this Manager would make such a link now.
     //= SM2-RES-005, SM2-MAT-003
     fn adoptable(&self, [one, other]: [EntityId; 2], agreed: Agreed) -> Option<Pair> {
-        let (uid, ours) = self.user_and_contract(one)?;
-        let (their_uid, theirs) = self.user_and_contract(other)?;
+        let sessions = self.registry.sessions();
+        let (uid, ours) = sessions.user_and_contract(one)?;
+        let (their_uid, theirs) = sessions.user_and_contract(other)?;
         let qos = match_contracts(ours, theirs).ok()?;
         let pair = Pair::new(one, ours, other);
         let sealed = qos.sealed || self.limits.seals(uid == their_uid);
         let fits = agreed.qos.reliable == qos.reliable && (agreed.qos.sealed || !sealed);
-        (fits && !self.links.joins(pair)).then_some(pair)
+        (fits && !self.registry.links().joins(pair)).then_some(pair)
     }
 
     /// CLAIMED: the session has claimed all its links. From now on it is linked like any other one.
-    //= SM2-RES-006, SM2-RES-007, SM2-SES-004
+    //= SM2-RES-006, SM2-RES-007
     pub(super) fn claimed(&mut self, now: Instant, node: NodeId) {
-        let Some(session) = self.sessions.remove(&node) else {
-            return;
-        };
-        let record = session.node();
+        let record = self.registry.sessions().record(node);
         let has_half = record.is_some_and(|it| it.half_claims().next().is_some());
         let until = has_half.then(|| now.after(self.limits.time(Limit::Recovery)));
-        self.sessions.insert(node, session.claimed(until));
-        if let Some(until) = until {
-            self.claims.expire_at(until, node);
-        }
-        self.greeting.remove(&node);
-        self.node_changed(node);
+        self.registry.claimed(node, until);
         self.work(node, &mut Budget::new(&self.limits));
     }
 
@@ -110,36 +91,17 @@ impl Manager {
     /// [`work`](Self::work) give the claims up.
     //= SM2-RES-006
     pub(super) fn expire_claims(&mut self, now: Instant) {
-        while let Some(node) = self.claims.pop_expired(now) {
-            if let Some(session) = self.sessions.get_mut(&node) {
-                session.claims_expired();
-                self.expired.insert(node);
-                self.jobs.insert(node);
-            }
-        }
-    }
-
-    /// Removes a claim without telling any node.
-    pub(super) fn give_up_claim(&mut self, entity: EntityId, link: LinkId) {
-        if self.claims.remove(link, entity) {
-            self.changed(Key::Claim { link, entity });
+        while let Some(node) = self.registry.pop_expired(now) {
+            self.expired.insert(node);
+            self.jobs.insert(node);
         }
     }
 
     /// Sends the Manager's UNLINK for a live end of a link.
     pub(super) fn begin_unlink(&mut self, entity: EntityId, link: LinkId, code: Code) {
-        let EntityId { node, interface } = entity;
         // UNLINKED repeats the code of UNLINK, so only after another code it tells of a shortage.
-        let record = self.sessions.get(&node).and_then(Session::node);
-        let pair = record
-            .and_then(|it| it.live_link(interface, link))
-            .flatten();
-        let pair = pair.filter(|&it| !is_shortage(code) && self.is_there(it));
-        let record = self.sessions.get_mut(&node).and_then(Session::node_mut);
-        let is_live = record.is_some_and(|it| it.begin_unlink(interface, link, pair));
-        if !is_live {
-            // The interface is gone, and its links are being ended.
-            return self.ending_links.forget(entity, link);
+        if !self.registry.begin_unlink(entity, link, !is_shortage(code)) {
+            return;
         }
         //= SM2-ACC-014
         if code == Farewell::Denied.code() {
@@ -151,7 +113,7 @@ impl Manager {
     /// Sends UNLINK.
     pub(super) fn send_unlink(&mut self, entity: EntityId, link: LinkId, code: Code) {
         let EntityId { node, interface } = entity;
-        self.send(
+        self.outbox.send(
             node,
             &ToNode::Unlink {
                 interface,

@@ -7,15 +7,13 @@ use super::{
     budget::{Budget, LINK, MARK, PAIR},
     channel::Channel,
     links::{Agreed, Pair},
-    node_record::NodeRecord,
-    phase::Phase,
     quota::{count, within},
     session::Session,
 };
 use crate::{
     Contract, EntityId, InterfaceId, Kind, LinkId, LinkKey, LinkQos, NodeId, Quota, Refusal,
     VERSION, Violation,
-    control::{Key, Limit, LinkPeer, ToNode, UnlinkedReason, encode_to_node},
+    control::{LinkPeer, ToNode, UnlinkedReason, encode_to_node},
     match_contracts,
 };
 
@@ -25,14 +23,15 @@ impl Manager {
         entity: EntityId,
         contract: Contract,
     ) -> Result<(), Violation> {
-        let record = self.sessions.get_mut(&entity.node);
-        let Some(record) = record.and_then(Session::node_mut) else {
+        let session = self.registry.session_mut(entity.node);
+        let Some(record) = session.and_then(Session::node_mut) else {
             return Ok(());
         };
         record.number(entity.interface)?;
+        let may_link = self.registry.sessions().may_link(entity.node);
         match self.check_interface(entity.node, &contract) {
             Ok(()) => self.grant(entity, contract),
-            Err(reason) if reason.is_denial() && !self.may_link(entity.node) => {
+            Err(reason) if reason.is_denial() && !may_link => {
                 self.declare_denied(entity, contract, reason);
             }
             Err(reason) => self.refuse(entity, contract, reason),
@@ -43,54 +42,32 @@ impl Manager {
     /// Keeps an interface that an earlier Manager granted and that the policy denies.
     //= SM2-RES-010
     fn declare_denied(&mut self, entity: EntityId, contract: Contract, reason: Refusal) {
-        if let Err(reason) = self.check_quotas(entity.node) {
+        if let Err(reason) = self.registry.refuse_quotas(entity.node) {
             return self.refuse(entity, contract, reason);
         }
-        let record = self.sessions.get_mut(&entity.node);
-        let Some(record) = record.and_then(Session::node_mut) else {
-            return;
-        };
-        self.users.declare(record.credentials());
-        record.declare(entity.interface, Arc::new(contract));
-        self.suspend(entity, reason);
+        self.registry
+            .declare_suspended(entity, contract, reason.clone());
+        self.send_refusal(entity, reason);
     }
 
     /// Checks whether an interface can be granted.
     //= SM2-IFC-005, SM2-IFC-006, SM2-RES-008
     fn check_interface(&self, node: NodeId, contract: &Contract) -> Result<(), Refusal> {
-        let Some(session) = self.sessions.get(&node) else {
-            return Ok(());
-        };
-        let channel = self.channels.get(contract);
+        let sessions = self.registry.sessions();
+        let channel = self.registry.channel(contract);
         let publishers = channel.map_or(0, |it| it.counterpart_count(Kind::Subscriber));
-        (self.access).refuse_interface(node, contract, publishers)?;
-        self.check_quotas(node)?;
+        let access = self.registry.access();
+        access.refuse_interface(node, contract, publishers)?;
+        self.registry.refuse_quotas(node)?;
         let Some(channel) = channel else {
             return Ok(());
         };
         channel.refuse_types(contract)?;
         //= SM2-RES-002
-        if session.phase() == Phase::Resuming {
+        if !sessions.may_link(node) {
             return Ok(());
         }
-        self.check_links(self.link_ends(node), node, contract, channel)
-    }
-
-    //= SM2-IFC-006
-    fn check_quotas(&self, node: NodeId) -> Result<(), Refusal> {
-        let Some(record) = self.node(node) else {
-            return Ok(());
-        };
-        record.refuse_interface(&self.limits)?;
-        self.users
-            .refuse_interface(record.credentials(), &self.limits)
-    }
-
-    /// Whether a session may be linked: not before it has claimed all its links.
-    //= SM2-RES-002, SM2-RES-007
-    pub(super) fn may_link(&self, node: NodeId) -> bool {
-        let phase = self.sessions.get(&node).map(Session::phase);
-        phase == Some(Phase::Ready)
+        self.check_links(sessions.link_ends(node), node, contract, channel)
     }
 
     /// Checks whether a session that has `ours` ends of links may have those of a new interface.
@@ -103,6 +80,7 @@ impl Manager {
         channel: &Channel,
     ) -> Result<(), Refusal> {
         let limit = self.limits.links_per_session();
+        let sessions = self.registry.sessions();
         // If the quota has room for a link with each counterpart, none has to be compared. A link
         // within the session has two ends there.
         if ours + 2 * channel.counterpart_count(contract.kind()) <= limit {
@@ -111,7 +89,7 @@ impl Manager {
         // The interfaces of a session stand together in this order, so one other count is enough.
         let mut theirs = (node, 0);
         for other in channel.matches(contract) {
-            if !self.may_link(other.node) {
+            if !sessions.may_link(other.node) {
                 continue;
             }
             if other.node == node {
@@ -119,7 +97,7 @@ impl Manager {
                 ours += 1;
             } else {
                 if other.node != theirs.0 {
-                    theirs = (other.node, self.link_ends(other.node));
+                    theirs = (other.node, sessions.link_ends(other.node));
                 }
                 if theirs.1 >= limit {
                     continue;
@@ -132,31 +110,14 @@ impl Manager {
         Ok(())
     }
 
-    fn node(&self, node: NodeId) -> Option<&NodeRecord> {
-        self.sessions.get(&node).and_then(Session::node)
-    }
-
-    fn link_ends(&self, node: NodeId) -> usize {
-        self.node(node).map_or(0, NodeRecord::link_ends)
-    }
-
     /// Grants an interface, answers, and links it as far as the budget of one part allows. Later
     /// parts link it with its other matches.
     //= SM2-IFC-002, SM2-LNK-006, SM2-SES-009
     fn grant(&mut self, entity: EntityId, contract: Contract) {
-        let record = self.sessions.get_mut(&entity.node);
-        let Some(record) = record.and_then(Session::node_mut) else {
-            return;
-        };
-        self.users.declare(record.credentials());
-        let contract = Arc::new(contract);
-        self.channels.insert(entity, &contract);
-        record.declare(entity.interface, Arc::clone(&contract));
-        self.supersede(entity.node, &contract);
-        self.member_changed(entity);
+        self.registry.declare(entity, &Arc::new(contract));
         let mut budget = Budget::of_declare(&self.limits);
         //= SM2-RES-002
-        let (links, more) = if self.may_link(entity.node) {
+        let (links, more) = if self.registry.sessions().may_link(entity.node) {
             self.link_missing(entity, EntityId::FIRST, &mut budget)
         } else {
             (Vec::new(), None)
@@ -164,10 +125,11 @@ impl Manager {
         // DECLARED comes first. It counts only the LINKs that follow at once: a link that waits may
         // end before its LINKs are sent.
         let (interface, matches) = (entity.interface, count(links.len()));
-        self.send(entity.node, &ToNode::Declared { interface, matches });
-        self.outputs.extend(links);
+        self.outbox
+            .send(entity.node, &ToNode::Declared { interface, matches });
+        self.outbox.extend(links);
         if let Some(after) = more
-            && let Some(session) = self.sessions.get_mut(&entity.node)
+            && let Some(session) = self.registry.session_mut(entity.node)
         {
             session.begin_matching(entity.interface, after);
             self.jobs.insert(entity.node);
@@ -176,37 +138,14 @@ impl Manager {
         self.jobs.charge(entity.node, spent);
     }
 
-    /// Forgets the refusals of a session that an interface with this contract supersedes.
-    //= SM2-WCH-004
-    pub(super) fn supersede(&mut self, node: NodeId, contract: &Contract) {
-        let record = self.sessions.get_mut(&node).and_then(Session::node_mut);
-        let superseded = record.map(|it| it.supersede(contract));
-        for interface in superseded.into_iter().flatten() {
-            self.member_changed(EntityId { node, interface });
-        }
-    }
-
-    //= SM2-WCH-004
     fn refuse(&mut self, entity: EntityId, contract: Contract, reason: Refusal) {
-        let EntityId { node, interface } = entity;
-        let limit = self.limits.count(Limit::RefusalsPerSession);
-        let record = self.sessions.get_mut(&node);
-        let Some(record) = record.and_then(Session::node_mut) else {
-            return;
-        };
-        let forgotten = record.refuse(interface, contract, reason.clone(), limit);
-        self.member_changed(entity);
-        if let Some(interface) = forgotten {
-            self.member_changed(EntityId {
-                interface,
-                ..entity
-            });
-        }
-        self.send(node, &ToNode::DeclareRefused { interface, reason });
+        self.registry.refuse(entity, contract, reason.clone());
+        self.send_refusal(entity, reason);
     }
 
-    pub(super) fn member_changed(&mut self, entity: EntityId) {
-        self.changed(Key::Member { entity });
+    pub(super) fn send_refusal(&mut self, EntityId { node, interface }: EntityId, reason: Refusal) {
+        self.outbox
+            .send(node, &ToNode::DeclareRefused { interface, reason });
     }
 
     fn quota(&self, node: NodeId) -> UnlinkedReason {
@@ -227,24 +166,22 @@ impl Manager {
     ) -> (Vec<Output>, Option<EntityId>) {
         // An interface without counterparts costs something, too.
         budget.spend(PAIR);
-        let session = self.sessions.get(&entity.node);
-        let record = session.and_then(Session::node);
-        let record = record.filter(|it| it.suspended(entity.interface).is_none());
-        let contract = record
-            .and_then(|it| it.contract(entity.interface))
-            .map(Arc::clone);
-        let (Some(session), Some(contract)) = (session, contract) else {
+        let sessions = self.registry.sessions();
+        let session = sessions.get(entity.node);
+        let contract = sessions.contract(entity);
+        let contract = contract.filter(|_| sessions.suspension(entity).is_none());
+        let (Some(session), Some(contract)) = (session, contract.cloned()) else {
             return (Vec::new(), None);
         };
         let mut more = None;
         let mut missing = Vec::new();
-        if let Some(channel) = self.channels.get(&contract) {
+        if let Some(channel) = self.registry.channel(&contract) {
             for (other, matches) in channel.counterparts(&contract, after) {
                 budget.spend(PAIR);
                 let pair = Pair::new(entity, &contract, other);
                 if matches
-                    && self.may_link(other.node)
-                    && !self.links.joins(pair)
+                    && sessions.may_link(other.node)
+                    && !self.registry.links().joins(pair)
                     && !session.has_ended(pair)
                 {
                     let is_full = self.node_without_room(pair).is_some();
@@ -261,7 +198,7 @@ impl Manager {
         for other in missing {
             let pair = Pair::new(entity, &contract, other);
             match self.node_without_room(pair) {
-                Some(node) => self.mark_unlinked(pair, self.quota(node)),
+                Some(node) => self.registry.mark_unlinked(pair, self.quota(node)),
                 None => links.extend(self.link(entity, other)),
             }
         }
@@ -276,12 +213,13 @@ impl Manager {
             && let Some(pair) = self.shortage.pop()
         {
             budget.spend(LINK);
+            let is_there = self.registry.sessions().are_there(pair);
             match self.node_without_room(pair) {
-                _ if self.links.joins(pair) || !self.is_there(pair) => {}
-                Some(node) => self.mark_unlinked(pair, self.quota(node)),
+                _ if self.registry.links().joins(pair) || !is_there => {}
+                Some(node) => self.registry.mark_unlinked(pair, self.quota(node)),
                 None => {
                     let links = self.link(pair.offering, pair.demanding);
-                    self.outputs.extend(links);
+                    self.outbox.extend(links);
                 }
             }
         }
@@ -290,32 +228,29 @@ impl Manager {
     /// A node of this pair whose quota has no room for one more link.
     fn node_without_room(&self, pair: Pair) -> Option<NodeId> {
         let limit = self.limits.links_per_session();
-        let mut nodes = pair.entities().map(|it| it.node).into_iter();
-        let ends = |node| pair.entities().iter().filter(|it| it.node == node).count();
-        nodes.find(|&node| self.link_ends(node) + ends(node) > limit)
+        self.registry.sessions().node_without_room(pair, limit)
     }
 
     /// Makes a link between a pair. Returns its LINKs unless they have to wait.
     //= SM2-LNK-001, SM2-LNK-002, SM2-MAT-002, SM2-MAT-003, SM2-VER-002
     fn link(&mut self, one: EntityId, other: EntityId) -> Option<Output> {
-        let (Some((us, ours)), Some((them, theirs))) = (self.end(one), self.end(other)) else {
-            return None;
-        };
+        let sessions = self.registry.sessions();
+        let (us, ours) = sessions.user_and_contract(one)?;
+        let (them, theirs) = sessions.user_and_contract(other)?;
         let qos = match_contracts(ours, theirs).ok()?;
         let pair = Pair::new(one, ours, other);
         let agreed = Agreed {
             version: VERSION,
             qos: LinkQos {
-                sealed: qos.sealed
-                    || (self.limits).seals(us.credentials().uid == them.credentials().uid),
+                sealed: qos.sealed || self.limits.seals(us == them),
                 ..qos
             },
         };
-        let waits = self.must_wait(pair);
-        let (link, key) = self.links.number();
+        let waits = self.registry.must_wait(pair);
+        let (link, key) = self.registry.number_link();
         self.insert_link(link, pair, agreed, !waits);
         if waits {
-            self.pending_links.insert(pair, link);
+            self.registry.pending_links.insert(pair, link);
             return None;
         }
         self.announcement((link, key), [one, other], agreed)
@@ -323,13 +258,14 @@ impl Manager {
 
     /// The two LINKs of a live link.
     //= SM2-LNK-001, SM2-LNK-002, SM2-LNK-006
-    pub(super) fn announcement(
+    fn announcement(
         &self,
         (link, key): (LinkId, LinkKey),
         [one, other]: [EntityId; 2],
         agreed: Agreed,
     ) -> Option<Output> {
-        let (ours, theirs) = (self.peer(one)?, self.peer(other)?);
+        let sessions = self.registry.sessions();
+        let (ours, theirs) = (sessions.peer(one)?, sessions.peer(other)?);
         let frame = |interface: InterfaceId, peer: LinkPeer| {
             encode_to_node(&ToNode::Link {
                 interface,
@@ -356,52 +292,29 @@ impl Manager {
         agreed: Agreed,
         announced: bool,
     ) {
-        self.links.insert(link, pair, agreed);
-        for entity in pair.entities() {
-            let node = self.sessions.get_mut(&entity.node);
-            if let Some(record) = node.and_then(Session::node_mut) {
-                record.link(entity.interface, link, pair);
-                if announced {
-                    record.announce(entity.interface);
-                }
+        self.registry.insert_link(link, pair, agreed, announced);
+        self.shortage.remove(pair);
+    }
+
+    /// Announces the pending links of a session after this one, as far as both ends have room and
+    /// the budget of one part allows.
+    //= SM2-LNK-006, SM2-SES-009
+    pub(super) fn announce_pending(&mut self, node: NodeId, mut after: LinkId) {
+        let mut budget = Budget::new(&self.limits);
+        while !self.registry.holds_back(node, 1)
+            && let Some(link) = self.registry.pending_links.next_of(node, after)
+        {
+            if budget.is_spent() {
+                return self.registry.pending_links.go_on(node, after);
+            }
+            after = link;
+            budget.spend(PAIR);
+            if let Some((pair, agreed)) = self.registry.announce(link) {
+                budget.spend(LINK);
+                let key = self.registry.links().key(link);
+                let links = self.announcement((link, key), pair.entities(), agreed);
+                self.outbox.extend(links);
             }
         }
-        self.mark_linked(pair);
-        self.shortage.remove(pair);
-        let offering = pair.offering;
-        self.changed(Key::Link { link, offering });
-    }
-
-    /// Removes a live link. Returns whether it was live.
-    pub(super) fn forget_link(&mut self, link: LinkId, pair: Pair) -> bool {
-        let was_live = self.links.remove(link, pair);
-        if was_live {
-            let offering = pair.offering;
-            self.changed(Key::Link { link, offering });
-        }
-        was_live
-    }
-
-    /// The user and the contract of an interface.
-    pub(super) fn user_and_contract(&self, entity: EntityId) -> Option<(u32, &Contract)> {
-        let (record, contract) = self.end(entity)?;
-        Some((record.credentials().uid, contract))
-    }
-
-    fn end(&self, entity: EntityId) -> Option<(&NodeRecord, &Contract)> {
-        let record = self.node(entity.node)?;
-        let contract = record.contract(entity.interface)?;
-        Some((record, contract))
-    }
-
-    /// An interface as LINK describes it to the other side.
-    fn peer(&self, EntityId { node, interface }: EntityId) -> Option<LinkPeer> {
-        let record = self.node(node)?;
-        Some(LinkPeer {
-            node,
-            name: record.name().clone(),
-            interface,
-            contract: Contract::clone(record.contract(interface)?),
-        })
     }
 }

@@ -40,6 +40,11 @@ impl Pair {
         core::iter::once(one).chain((other != one).then_some(other))
     }
 
+    /// The number of ends at a session.
+    pub(super) fn ends_at(self, node: NodeId) -> usize {
+        self.entities().iter().filter(|it| it.node == node).count()
+    }
+
     pub(super) fn other(self, one: EntityId) -> EntityId {
         if one == self.offering {
             self.demanding

@@ -10,6 +10,9 @@
 //! [`Output::Link`] asks for, and closes the connections that [`Output::HangUp`] names. A violation ends the session of
 //! the node that committed it, and nothing else.
 //!
+//! The code has two layers. `registry` has the tables: what exists in the domain, what has changed, and who sees it.
+//! The files beside it decide which interfaces and links there should be, and when frames are sent.
+//!
 //! Each input does a bounded amount of work ([`Limit::WorkPerTurn`]). Longer work is done in parts: the deadline is
 //! then in the past, each [`Input::Tick`] does one part, and the further frames of the session wait in its socket
 //! ([`Manager::is_busy`]). LINKs wait for nodes that do not read their sockets ([`Manager::awaits_room`]).
@@ -22,63 +25,43 @@ mod broker;
 mod budget;
 mod channel;
 mod claims;
-mod describe;
+mod counter_files;
 mod ending_links;
 mod endings;
 mod event;
 mod fair_queue;
-mod flow_control;
 #[cfg(feature = "fuzzing")]
 pub(crate) mod fuzz;
-mod inspect;
-mod invariants;
 mod links;
 mod log;
 mod new_policy;
 mod node_record;
-mod page;
+mod outbox;
 mod pending_links;
 mod phase;
 #[cfg(any(kani, test))]
 mod proofs;
 mod quota;
+mod registry;
 mod reload;
 mod reload_requests;
-mod requested_reload;
 mod round_robin;
 mod schemas;
 mod session;
+mod sessions;
 mod shortage;
-mod sight;
 mod unlinked;
 mod users;
-mod watch;
 mod work;
 
-use alloc::{
-    collections::{BTreeMap, BTreeSet, VecDeque},
-    vec::Vec,
-};
+use alloc::{collections::BTreeSet, sync::Arc, vec::Vec};
 use core::convert::Infallible;
 
 use self::{
-    access::Access,
-    budget::Budget,
-    channel::Channels,
-    claims::{Claim, Claims},
-    ending_links::EndingLinks,
-    fair_queue::FairQueue,
-    links::{Agreed, Links},
-    log::Log,
-    node_record::NodeRecord,
-    pending_links::PendingLinks,
-    reload::Reload,
-    reload_requests::ReloadRequests,
-    schemas::Schemas,
-    session::Session,
+    budget::Budget, claims::Claim, counter_files::CounterFiles, fair_queue::FairQueue,
+    links::Agreed, node_record::NodeRecord, outbox::Outbox, registry::Registry, reload::Reload,
+    reload_requests::ReloadRequests, schemas::Schemas, session::Session, sessions::broken,
     shortage::Shortage,
-    unlinked::UnlinkedPairs,
-    users::Users,
 };
 pub use self::{
     event::{Cause, Credentials, Input, Misuse, Output},
@@ -88,46 +71,29 @@ pub use self::{
 use crate::{
     Datagram, EntityId, Farewell, FdFacts, Instant, LinkQos, Machine, MisuseError, Name, NodeId,
     Refusal, VERSION, Violation,
-    control::{
-        Key, Limit, Limits, SchemaText, ToManager, ToNode, decode_to_manager, encode_to_node,
-    },
+    control::{Limit, Limits, ToManager, ToNode, decode_to_manager, encode_to_node},
     machine::debug_assert_drained,
+    policy::AccessPolicy,
 };
 
 /// The machine. See the [module](self) for the order of calls.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Manager {
     limits: Limits,
-    log: Log,
     last_node: NodeId,
-    access: Access,
-    sessions: BTreeMap<NodeId, Session>,
-    names: BTreeSet<Name>,
-    users: Users,
-    channels: Channels,
-    links: Links,
-    claims: Claims,
-    unlinked_pairs: UnlinkedPairs,
+    registry: Registry,
     schemas: Schemas,
-    /// The sessions that wait for a change of the domain.
-    watchers: BTreeSet<NodeId>,
-    /// The latest time for each session that is not ready to be so. Sessions are numbered as they came, so the first
-    /// deadline is the earliest.
-    greeting: BTreeMap<NodeId, Instant>,
-    pending_links: PendingLinks,
     /// The sessions whose claims have waited long enough and are being given up.
     expired: BTreeSet<NodeId>,
-    ending_links: EndingLinks,
     /// The sessions that are busy. Some of them are over.
     jobs: FairQueue,
     shortage: Shortage,
-    /// The sessions whose counters were lost, and when to ask for them again.
-    lost_counters: VecDeque<(Instant, NodeId)>,
+    counter_files: CounterFiles,
     reload: Reload,
     reload_requests: ReloadRequests,
     /// The time since which deferred work can be done.
     due: Option<Instant>,
-    outputs: VecDeque<Output>,
+    outbox: Outbox,
 }
 
 impl Manager {
@@ -139,54 +105,72 @@ impl Manager {
     pub const fn new(epoch: u64, secret: u128, limits: Limits) -> Self {
         Self {
             limits,
-            log: Log::new(limits.count(Limit::ChangesRemembered)),
             last_node: NodeId(0),
-            access: Access::new(),
-            sessions: BTreeMap::new(),
-            names: BTreeSet::new(),
-            users: Users::new(),
-            channels: Channels::new(),
-            links: Links::new(epoch, secret),
-            claims: Claims::new(),
-            unlinked_pairs: UnlinkedPairs::new(),
+            registry: Registry::new(epoch, secret, limits),
             schemas: Schemas::new(),
-            watchers: BTreeSet::new(),
-            greeting: BTreeMap::new(),
-            pending_links: PendingLinks::new(),
             expired: BTreeSet::new(),
-            ending_links: EndingLinks::new(),
             jobs: FairQueue::new(limits.count(Limit::WorkPerTurn)),
             shortage: Shortage::new(),
-            lost_counters: VecDeque::new(),
+            counter_files: CounterFiles::new(),
             reload: Reload::new(),
             reload_requests: ReloadRequests::new(),
             due: None,
-            outputs: VecDeque::new(),
+            outbox: Outbox::new(),
         }
+    }
+
+    /// Sets the access policy of the domain. Without this call everything is allowed. To be called
+    /// before the first input; later, [`Input::SetAccessPolicy`] sets another one.
+    #[must_use]
+    pub fn with_access_policy(mut self, policy: AccessPolicy) -> Self {
+        self.registry.set_policy(Some(Arc::new(policy)));
+        self
+    }
+
+    /// Whether a policy restricts the domain.
+    #[must_use]
+    pub const fn has_access_policy(&self) -> bool {
+        self.registry.access().is_restricted()
+    }
+
+    /// Sets the user of the Manager's process. Its sessions and those of root may have the access
+    /// policy read again. To be called before the first input; without it, only root may.
+    //= SM2-ACC-017
+    #[must_use]
+    pub const fn with_owner(mut self, uid: u32) -> Self {
+        self.reload_requests.owner = Some(uid);
+        self
     }
 
     /// A number that changes whenever a page would show something else.
     #[must_use]
     pub const fn revision(&self) -> u64 {
-        self.log.revision()
+        self.registry.revision()
     }
 
     /// The number of connections, ready or not.
     #[must_use]
     pub fn sessions(&self) -> usize {
-        self.sessions.len()
+        self.registry.sessions().iter().len()
     }
 
     /// Whether the HELLO of a session was granted.
     #[must_use]
     pub fn is_welcomed(&self, node: NodeId) -> bool {
-        self.sessions.get(&node).and_then(Session::node).is_some()
+        self.registry.sessions().record(node).is_some()
     }
 
     /// The number of links that are live at both ends.
     #[must_use]
     pub fn links(&self) -> usize {
-        self.links.len()
+        self.registry.links().len()
+    }
+
+    /// Whether the Manager holds back LINKs until a session's socket has taken all that was sent to
+    /// it. The driver reports that with [`Input::Drained`].
+    #[must_use]
+    pub fn awaits_room(&self, node: NodeId) -> bool {
+        self.registry.is_full(node)
     }
 }
 
@@ -201,64 +185,63 @@ impl Machine for Manager {
     /// been read before the end.
     fn handle(&mut self, now: Instant, input: Input<'_>) -> Result<(), MisuseError<Misuse>> {
         if !matches!(input, Input::LinkFailed { .. }) {
-            debug_assert_drained(&self.outputs);
+            debug_assert_drained(&self.outbox.0);
         }
         if let Input::Connected { session, .. } = input
             && session <= self.last_node
         {
             return Err(Misuse::SessionNumber(session).into());
         }
-        let before = self.log.revision();
+        let before = self.registry.revision();
         self.expire_greetings(now);
         self.expire_claims(now);
         self.shortage.expire(now);
-        self.ask_for_lost_counters(now);
+        while let Some(node) = self.counter_files.next_to_ask(now) {
+            self.outbox.send(node, &ToNode::CountersLost);
+        }
         match input {
             Input::Connected {
                 session,
                 credentials,
             } => self.connect(now, session, credentials),
-            Input::Groups { session, gids } if self.sessions.contains_key(&session) => {
-                self.access.add_groups(session, gids);
-            }
-            Input::Groups { .. } => {}
+            Input::Groups { session, gids } => self.registry.add_groups(session, gids),
             Input::Datagram { session, datagram } => self.receive(now, session, &datagram),
             Input::Closed { session } => self.end_session(session, Cause::Gone),
             Input::Stalled { session } => {
                 self.end_session(session, Cause::Farewell(Farewell::Stalled));
             }
             Input::LinkFailed { link } => self.link_failed(now, link),
-            Input::Drained { session } => self.drained(session),
+            Input::Drained { session } => self.registry.drained(session),
             Input::SetAccessPolicy(policy) => self.set_access_policy(policy),
-            Input::AccessPolicyUnusable { problem, text } => self.refuse_reloads(problem, text),
+            Input::AccessPolicyUnusable { problem, text } => {
+                self.reload_requests.refuse(problem, text, &mut self.outbox);
+            }
             Input::Tick => self.run_deferred(now),
             Input::DismissStandbys => self.dismiss_standbys(),
             Input::Shutdown => self.shut_down(),
         }
-        self.answer_reloads();
-        self.wake_watchers(before);
+        let is_applying = |it| self.reload_requests.is_applying(it);
+        if self.reload.is_confirmed(is_applying) {
+            self.reload_requests.policy_is_applied(&mut self.outbox);
+        }
+        self.registry.wake_watchers(before, &mut self.outbox);
         self.due = self.has_deferred(now).then_some(now);
-        debug_assert_eq!(self.invariants(), Ok(()));
+        debug_assert_eq!(self.broken_rule(), None);
         Ok(())
     }
 
     fn poll(&mut self) -> Option<Output> {
-        self.outputs.pop_front()
+        self.outbox.0.pop_front()
     }
 
     /// The time of the next [`Input::Tick`]. A time in the past means: at once, but after all other
     /// inputs that have come, because a tick does only a part of the work.
     fn deadline(&self) -> Option<Instant> {
-        let greeting = self.greeting.first_key_value().map(|(_, &it)| it);
-        let retry = self.shortage.deadline();
-        let counters = self.lost_counters.front().map(|&(at, _)| at);
-        let confirmation = self.reload.deadline();
         let all = [
-            greeting,
-            self.claims.deadline(),
-            retry,
-            counters,
-            confirmation,
+            self.registry.deadline(),
+            self.shortage.deadline(),
+            self.counter_files.deadline(),
+            self.reload.deadline(),
             self.due,
         ];
         all.into_iter().flatten().min()
@@ -269,33 +252,23 @@ impl Manager {
     //= SM2-SES-007
     fn connect(&mut self, now: Instant, node: NodeId, who: Credentials) {
         self.last_node = node;
-        self.sessions.insert(node, Session::new(who));
-        self.greeting
-            .insert(node, now.after(self.limits.time(Limit::Greeting)));
-        if !self.users.connect(who, &self.limits) {
+        if !self.registry.connect(now, node, who) {
             self.end_session(node, Cause::Farewell(Farewell::Resources));
         }
     }
 
     //= SM2-SES-004
     fn expire_greetings(&mut self, now: Instant) {
-        while let Some(first) = self.greeting.first_entry()
-            && *first.get() <= now
-        {
-            let (node, _) = first.remove_entry();
+        while let Some(node) = self.registry.pop_late(now) {
             self.end_session(node, Cause::Farewell(Farewell::GreetingTimeout));
         }
     }
 
     fn receive(&mut self, now: Instant, node: NodeId, datagram: &Datagram<'_>) {
-        if !self.sessions.contains_key(&node) {
-            return;
-        }
-        self.finish(node);
-        let Some(session) = self.sessions.get(&node) else {
+        let Some(phase) = self.registry.sessions().get(node).map(Session::phase) else {
             return;
         };
-        let phase = session.phase();
+        self.finish(node);
         // `None` for COUNTERS: this process had no free descriptor for the file.
         let file = datagram.fds.first();
         let step = decode_to_manager(datagram)
@@ -332,7 +305,10 @@ impl Manager {
                 link,
                 code,
             } => self.unlinked(now, at(interface), link, code)?,
-            ToManager::Query { after } => self.answer_query(node, after),
+            ToManager::Query { after } => {
+                let page = ToNode::Page(self.registry.page(node, after));
+                self.outbox.send(node, &page);
+            }
             ToManager::Goodbye { code } => self.end_session(node, Cause::Goodbye(code)),
             ToManager::Claim {
                 interface,
@@ -347,13 +323,29 @@ impl Manager {
                 self.claim(at(interface), link, Claim { key, agreed })?;
             }
             ToManager::Claimed => self.claimed(now, node),
-            ToManager::Watch { after } => self.watch(node, after)?,
-            ToManager::Counters => self.keep_counters(now, node, file)?,
-            ToManager::Inspect { node: of } => self.inspect(node, of),
-            ToManager::Schema(SchemaText { data, text }) => self.register(node, data, text)?,
-            ToManager::Describe { data } => self.describe(node, data),
-            ToManager::MaxLinks { max_links } => self.set_max_links(node, max_links),
-            ToManager::Reload => self.reload(node)?,
+            ToManager::Watch { after } => self.registry.watch(node, after, &mut self.outbox)?,
+            ToManager::Counters => {
+                self.counter_files.keep(now, node, file, &mut self.outbox)?;
+            }
+            ToManager::Inspect { node: of } => {
+                let is_allowed = self.registry.access().allows_inspection(node, of);
+                self.counter_files
+                    .answer(node, of, is_allowed, &mut self.outbox);
+            }
+            ToManager::Schema(text) => {
+                let session = self.registry.session_mut(node);
+                if let Some(record) = session.and_then(Session::node_mut) {
+                    self.schemas.register(record, text, &self.limits)?;
+                }
+            }
+            ToManager::Describe { data } => self.schemas.describe(node, data, &mut self.outbox),
+            ToManager::MaxLinks { max_links } => self.registry.set_max_links(node, max_links),
+            ToManager::Reload => {
+                if let Some(session) = self.registry.sessions().get(node) {
+                    let uid = session.credentials().uid;
+                    self.reload_requests.ask(node, uid, &mut self.outbox)?;
+                }
+            }
             ToManager::Suspended { interface } => self.reload.suspended(at(interface))?,
         }
         Ok(())
@@ -370,7 +362,7 @@ impl Manager {
         if min == 0 || min > max {
             return Err(violation!(BadVersionRange, "SM2-SES-002"));
         }
-        let Some(session) = self.sessions.get_mut(&node) else {
+        let Some(session) = self.registry.sessions().get(node) else {
             return Ok(());
         };
         let who = session.credentials();
@@ -380,98 +372,53 @@ impl Manager {
                 min: VERSION,
                 max: VERSION,
             })
-        } else if let Err(reason) = self.access.refuse_name(node, who, &name) {
-            Err(reason)
-        } else if self.names.contains(&name) {
-            Err(Refusal::NameTaken)
         } else {
-            self.users.refuse_session(who, &self.limits)
+            self.registry.refuse_session(node, who, &name)
         };
         let answer = match granted {
             Err(reason) => ToNode::HelloRefused { reason },
             Ok(()) => {
-                session.welcome(name.clone(), resuming)?;
-                //= SM2-SES-004
-                if !resuming {
-                    self.greeting.remove(&node);
-                }
-                self.users.greet(who);
-                self.access.welcome(node, who, &name);
-                self.names.insert(name);
-                self.node_changed(node);
+                self.registry.welcome(node, name, resuming)?;
                 ToNode::Welcome {
                     version: VERSION,
-                    epoch: self.links.epoch(),
+                    epoch: self.registry.links().epoch(),
                     node,
                 }
             }
         };
-        self.send(node, &answer);
+        self.outbox.send(node, &answer);
         Ok(())
     }
 
     //= SM2-SES-005, SM2-SES-006
     fn end_session(&mut self, node: NodeId, cause: Cause) {
-        let Some(session) = self.sessions.remove(&node) else {
+        let Some(session) = self.registry.end_session(node) else {
             return;
         };
-        self.greeting.remove(&node);
-        if let Some(until) = session.claims_until() {
-            self.claims.forget(until, node);
+        for data in session.node().into_iter().flat_map(NodeRecord::schemas) {
+            self.schemas.remove(data);
         }
-        match session {
-            Session::Greeting(credentials) => self.users.leave(credentials, false, 0),
-            Session::Resuming { node: record, .. } | Session::Ready { node: record, .. } => {
-                self.end_node(node, record);
-            }
-        }
-        self.access.end(node);
         self.reload.forget_session(node);
         self.reload_requests.forget(node);
-        self.pending_links.forget_session(node);
         self.expired.remove(&node);
-        self.forget_lost_counters(node);
+        self.counter_files.forget(node);
         self.work(node, &mut Budget::new(&self.limits));
         let goodbye = cause
             .code()
             .map(|code| encode_to_node(&ToNode::Goodbye { code }));
-        self.outputs.push_back(Output::HangUp {
+        self.outbox.push(Output::HangUp {
             session: node,
             goodbye,
             cause,
         });
     }
 
-    /// Removes a welcomed node and all that it registered.
-    fn end_node(&mut self, node: NodeId, mut record: NodeRecord) {
-        self.names.remove(record.name());
-        self.node_changed(node);
-        self.users
-            .leave(record.credentials(), true, record.interfaces());
-        for data in record.schemas() {
-            self.schemas.remove(data);
-        }
-        let entity = |interface| EntityId { node, interface };
-        for interface in record.refused() {
-            let entity = entity(interface);
-            self.changed(Key::Member { entity });
-        }
-        for interface in record.interface_ids() {
-            let entity = entity(interface);
-            if let Some(remains) = record.withdraw(interface) {
-                self.end_interface(entity, remains, Farewell::PeerGone);
-            }
-        }
-    }
-
     /// Ends every session. Nodes hear nothing of their links, which live on.
     //= SM2-SES-008
     fn shut_down(&mut self) {
-        for (link, pair) in self.links.iter().collect::<Vec<_>>() {
-            self.pending_links.remove(pair, link);
-            self.forget_link(link, pair);
-        }
-        let sessions: Vec<NodeId> = self.sessions.keys().copied().collect();
+        self.registry.remove_links();
+        let sessions = self.registry.sessions().iter();
+        let sessions: Vec<NodeId> = sessions.map(|(node, _)| node).collect();
         for node in sessions {
             self.end_session(node, Cause::Farewell(Farewell::ShuttingDown));
         }
@@ -481,20 +428,44 @@ impl Manager {
     /// Says goodbye to all standbys, which wait for the end of this Manager.
     //= SM2-RES-009
     fn dismiss_standbys(&mut self) {
-        let sessions = self.sessions.iter();
+        let sessions = self.registry.sessions().iter();
         let standbys = sessions.filter(|(_, session)| session.is_standby());
-        let standbys: Vec<NodeId> = standbys.map(|(&node, _)| node).collect();
+        let standbys: Vec<NodeId> = standbys.map(|(node, _)| node).collect();
         for node in standbys {
             self.end_session(node, Cause::Farewell(Farewell::ShuttingDown));
         }
     }
 
-    fn send(&mut self, node: NodeId, frame: &ToNode) {
-        if self.sessions.contains_key(&node) {
-            self.outputs.push_back(Output::Send {
-                session: node,
-                frame: encode_to_node(frame),
-            });
+    /// The first invariant that does not hold.
+    fn broken_rule(&self) -> Option<&'static str> {
+        if !self.registry.is_to_be_checked() {
+            return None;
         }
+        let records = self.registry.sessions().records();
+        let mut short = self.shortage.pairs();
+        let mut waiting = self.reload_requests.sessions();
+        let rules = [
+            (
+                self.schemas.are(records.flat_map(NodeRecord::schemas)),
+                "each schema is there as often as sessions registered it",
+            ),
+            (
+                short.all(|it| self.registry.may_be_linked(it)),
+                "pairs that are to be linked again match, and have no link",
+            ),
+            (
+                self.jobs_agree(),
+                "busy sessions wait for their turn, and no others",
+            ),
+            (
+                self.counter_files.agree(|it| self.is_welcomed(it)),
+                "each file of counters belongs to a welcomed session",
+            ),
+            (
+                waiting.all(|it| self.is_welcomed(it)),
+                "each session that waits for a policy is welcomed",
+            ),
+        ];
+        self.registry.broken_rule().or_else(|| broken(rules))
     }
 }

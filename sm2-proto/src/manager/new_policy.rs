@@ -19,7 +19,6 @@ use super::{
     budget::{Budget, MARK, PAIR, UNLINK},
     links::Pair,
     reload::Pass,
-    session::Session,
 };
 use crate::{
     Contract, EntityId, Farewell, Instant, InterfaceId, Kind, LinkId, NodeId, Refusal,
@@ -39,11 +38,10 @@ impl Manager {
     /// Judges all that is new by the policy from now on, and the rest in parts.
     //= SM2-ACC-013
     pub(super) fn set_access_policy(&mut self, policy: Option<Arc<AccessPolicy>>) {
-        let is_missing = policy.is_none() && !self.access.is_restricted();
-        if self.access.set_policy(policy) {
-            self.log.forget();
-        }
-        self.policy_was_read(is_missing);
+        let is_missing = policy.is_none() && !self.has_access_policy();
+        self.registry.set_policy(policy);
+        self.reload_requests
+            .policy_was_read(is_missing, &mut self.outbox);
         self.reload.begin();
     }
 
@@ -80,37 +78,25 @@ impl Manager {
         self.reload.is_due(now, waits)
     }
 
-    /// The first welcomed node or interface from this one on.
-    fn member_from(&self, at: EntityId) -> Option<EntityId> {
-        self.sessions.range(at.node..).find_map(|(&node, session)| {
-            let record = session.node()?;
-            if at <= EntityId::node(node) {
-                return Some(EntityId::node(node));
-            }
-            let interface = record.interface_from(at.interface)?;
-            Some(EntityId { node, interface })
-        })
-    }
-
     //= SM2-ACC-013
     fn deny(&mut self, at: EntityId, budget: &mut Budget) -> Pass {
-        let Some(entity) = self.member_from(at) else {
+        let Some(entity) = self.registry.sessions().member_from(at) else {
             return Pass::Allow(EntityId::FIRST, None);
         };
         let next = Pass::Deny(following(entity));
-        budget.spend(PAIR + self.access.cost());
+        budget.spend(PAIR + self.registry.access().cost());
         if entity == EntityId::node(entity.node) {
-            if self.access.refuse_welcomed(entity.node).is_err() {
+            let access = self.registry.access();
+            if access.refuse_welcomed(entity.node).is_err() {
                 self.reload.denied.insert(entity.node);
             }
             return next;
         }
         if self.is_granted(entity)
-            && let Some(contract) = self.contract_of(entity)
-            && let Err(reason) = self.judge(entity, &contract)
+            && let Some(contract) = self.registry.sessions().contract(entity)
+            && let Err(reason) = self.judge(entity, contract)
         {
             budget.spend(MARK);
-            self.channels.remove(entity, &contract);
             self.suspend_answered(entity, reason);
         }
         if self.is_granted(entity) || self.end_suspended(entity, budget) {
@@ -123,34 +109,25 @@ impl Manager {
     /// Judges an interface. Of the publishers of an exclusive topic, the first one stays.
     //= SM2-ACC-009, SM2-ACC-013
     fn judge(&self, entity: EntityId, contract: &Contract) -> Result<(), Refusal> {
-        let channel = self.channels.get(contract);
+        let channel = self.registry.channel(contract);
         let others = channel.map_or(0, |channel| match self.is_granted(entity) {
             true => usize::from(channel.has_offering_before(entity)),
             false => channel.counterpart_count(Kind::Subscriber),
         });
-        self.access
-            .refuse_interface(entity.node, contract, others)?;
+        let access = self.registry.access();
+        access.refuse_interface(entity.node, contract, others)?;
         match channel {
             Some(channel) if !self.is_granted(entity) => channel.refuse_types(contract),
             _ => Ok(()),
         }
     }
 
-    /// Notes that an interface is suspended, and tells its node.
-    pub(super) fn suspend(&mut self, entity: EntityId, reason: Refusal) {
-        let EntityId { node, interface } = entity;
-        if let Some(record) = self.sessions.get_mut(&node).and_then(Session::node_mut) {
-            record.set_suspended(interface, Some(reason.clone()));
-        }
-        self.member_changed(entity);
-        self.send(node, &ToNode::DeclareRefused { interface, reason });
-    }
-
     /// Suspends an interface that was granted or suspended in this session: its node answers.
     //= SM2-ACC-014
     fn suspend_answered(&mut self, entity: EntityId, reason: Refusal) {
         self.reload.ask(entity, None);
-        self.suspend(entity, reason);
+        self.registry.suspend(entity, reason.clone());
+        self.send_refusal(entity, reason);
     }
 
     /// Ends the links of a suspended interface. Returns whether none is left.
@@ -158,7 +135,7 @@ impl Manager {
     fn end_suspended(&mut self, entity: EntityId, budget: &mut Budget) -> bool {
         // Each part ends one at least, even if the judgement has spent the budget.
         loop {
-            let record = self.sessions.get(&entity.node).and_then(Session::node);
+            let record = self.registry.sessions().record(entity.node);
             if let Some((link, pair)) = record.and_then(|it| it.first_live(entity.interface)) {
                 budget.spend(2 * UNLINK);
                 self.deny_link(entity, link, pair);
@@ -175,14 +152,14 @@ impl Manager {
     //= SM2-ACC-014, SM2-LNK-006
     fn deny_link(&mut self, entity: EntityId, link: LinkId, pair: Option<Pair>) {
         let code = Farewell::Denied.code();
-        let unheard_of = pair.is_some_and(|pair| self.pending_links.remove(pair, link));
+        let unheard_of = pair.is_some_and(|it| self.registry.pending_links.remove(it, link));
         match pair {
-            None => self.give_up_claim(entity, link),
-            Some(pair) => drop(self.forget_link(link, pair)),
+            None => self.registry.give_up_claim(entity, link),
+            Some(pair) => drop(self.registry.remove_link(link, pair)),
         }
         for end in pair.map_or([Some(entity), None], |it| it.entities().map(Some)) {
             match end {
-                Some(end) if unheard_of => self.remove_link(end, link),
+                Some(end) if unheard_of => self.registry.remove_end(end, link),
                 Some(end) => self.begin_unlink(end, link, code),
                 None => {}
             }
@@ -196,20 +173,20 @@ impl Manager {
         after: Option<EntityId>,
         budget: &mut Budget,
     ) -> Option<Pass> {
-        let entity = self.member_from(at)?;
+        let entity = self.registry.sessions().member_from(at)?;
         let next = Pass::Allow(following(entity), None);
         budget.spend(PAIR);
         let mut after = after.filter(|_| entity == at);
-        if let Some(contract) = self.contract_of(entity)
+        if let Some(contract) = self.registry.sessions().contract(entity).cloned()
             && !self.is_granted(entity)
         {
-            budget.spend(self.access.cost());
+            budget.spend(self.registry.access().cost());
             match self.judge(entity, &contract) {
                 Ok(()) => {
                     self.grant_again(entity, &contract);
                     after = Some(EntityId::FIRST);
                 }
-                Err(reason) if self.suspension(entity) != Some(&reason) => {
+                Err(reason) if self.registry.sessions().suspension(entity) != Some(&reason) => {
                     budget.spend(MARK);
                     self.suspend_answered(entity, reason);
                 }
@@ -217,40 +194,25 @@ impl Manager {
             }
         }
         // The interfaces of a session that resumes are linked after CLAIMED.
-        let Some(after) = after.filter(|_| self.may_link(entity.node)) else {
+        let Some(after) = after.filter(|_| self.registry.sessions().may_link(entity.node)) else {
             return Some(next);
         };
         let (links, more) = self.link_missing(entity, after, budget);
-        self.outputs.extend(links);
+        self.outbox.extend(links);
         Some(more.map_or(next, |after| Pass::Allow(entity, Some(after))))
     }
 
     /// Ends the suspension of an interface. LINKs follow later, so `matches` is 0.
     fn grant_again(&mut self, entity: EntityId, contract: &Arc<Contract>) {
         let EntityId { node, interface } = entity;
-        if let Some(record) = self.sessions.get_mut(&node).and_then(Session::node_mut) {
-            record.set_suspended(interface, None);
-        }
-        self.channels.insert(entity, contract);
-        self.supersede(node, contract);
-        self.member_changed(entity);
+        self.registry.resume(entity, contract);
         let matches = 0;
-        self.send(node, &ToNode::Declared { interface, matches });
+        self.outbox
+            .send(node, &ToNode::Declared { interface, matches });
     }
 
-    fn suspension(&self, entity: EntityId) -> Option<&Refusal> {
-        let record = self.sessions.get(&entity.node).and_then(Session::node)?;
-        record.suspended(entity.interface)
-    }
-
-    fn contract_of(&self, entity: EntityId) -> Option<Arc<Contract>> {
-        let record = self.sessions.get(&entity.node).and_then(Session::node)?;
-        record.contract(entity.interface).cloned()
-    }
-
-    /// Whether there is this interface, and the policy does not deny it.
-    pub(super) fn is_granted(&self, entity: EntityId) -> bool {
-        self.user_and_contract(entity).is_some() && self.suspension(entity).is_none()
+    fn is_granted(&self, entity: EntityId) -> bool {
+        self.registry.sessions().is_granted(entity)
     }
 }
 

@@ -34,8 +34,6 @@ pub(super) struct NodeRecord {
     known_ends: usize,
     /// The number of ends of links that the node can have at a time, if it stated one.
     max_links: Option<u32>,
-    /// Whether the driver keeps the file of the node's counters.
-    pub(super) has_counters: bool,
     /// The types whose texts the node registered.
     schemas: BTreeSet<TypeId>,
     schema_bytes: usize,
@@ -82,7 +80,6 @@ impl NodeRecord {
             link_ends: 0,
             known_ends: 0,
             max_links: None,
-            has_counters: false,
             schemas: BTreeSet::new(),
             schema_bytes: 0,
         }

@@ -2,6 +2,8 @@
 
 use super::{
     Cause, Credentials, Input, Manager, Misuse, Output,
+    counter_files::CounterFiles,
+    outbox::Outbox,
     phase::{PHASES, Phase, TO_MANAGER_KINDS, ToManagerKind, legal},
     quota::within,
     users::Users,
@@ -169,7 +171,12 @@ fn bring(manager: &mut Manager, session: NodeId, phase: Phase, text: &str) {
         let welcomed = manager.hello(session, [1, 1], name(text), resuming);
         assert_eq!(welcomed, Ok(()));
     }
-    assert_eq!(manager.sessions[&session].phase(), phase);
+    assert_eq!(phase_of(manager, session), phase);
+}
+
+fn phase_of(manager: &Manager, session: NodeId) -> Phase {
+    let session = manager.registry.sessions().get(session);
+    session.expect("it is there").phase()
 }
 
 /// MGR-IDS: a connection is taken exactly if its number is greater than all before it.
@@ -192,7 +199,7 @@ fn session_numbers_are_fresh() {
     let verdict = manager.handle(NOW, connected.clone());
     if next > last {
         assert_eq!(verdict, Ok(()));
-        assert!(manager.last_node == session && manager.sessions.contains_key(&session));
+        assert!(manager.last_node == session && manager.sessions() == 1);
         let again = manager.handle(NOW, connected);
         assert_eq!(
             again,
@@ -218,7 +225,7 @@ fn hello_is_refused_in_order() {
     let limit = if quota_used { 1 } else { 2 };
     let mut manager = manager(Limits::default().with(Limit::SessionsPerUser, limit));
     bring(&mut manager, OTHER, Phase::Ready, "a");
-    manager.outputs.clear();
+    manager.outbox.0.clear();
     let (min, max): (u16, u16) = (any_version(), any_version());
     let verdict = manager.hello(
         OURS,
@@ -226,10 +233,10 @@ fn hello_is_refused_in_order() {
         name(if taken { "a" } else { "b" }),
         resuming,
     );
-    let phase = manager.sessions[&OURS].phase();
+    let phase = phase_of(&manager, OURS);
     if min == 0 || min > max {
         assert_eq!(verdict, Err(violation!(BadVersionRange, "SM2-SES-002")));
-        assert!(manager.outputs.is_empty() && phase == Phase::Greeting);
+        assert!(manager.outbox.0.is_empty() && phase == Phase::Greeting);
         return;
     }
     assert_eq!(verdict, Ok(()));
@@ -256,7 +263,7 @@ fn hello_is_refused_in_order() {
         session: OURS,
         frame,
     };
-    assert!(manager.outputs == [answer]);
+    assert!(manager.outbox.0 == [answer]);
     let ready = if resuming {
         Phase::Resuming
     } else {
@@ -264,8 +271,9 @@ fn hello_is_refused_in_order() {
     };
     assert!(phase == if granted { ready } else { Phase::Greeting });
     // A session that is not ready has a deadline.
-    assert_eq!(manager.greeting.contains_key(&OURS), phase != Phase::Ready);
-    assert_eq!(manager.names.len(), 1 + usize::from(granted));
+    assert_eq!(manager.deadline().is_some(), phase != Phase::Ready);
+    let has_name = |text| manager.registry.sessions().has_name(&name(text));
+    assert!(has_name("a") && has_name("b") == granted);
     kani::cover!(
         granted && resuming && max > VERSION,
         "a newer node comes back"
@@ -290,8 +298,8 @@ fn an_ended_session_is_silent() {
     let (phase, theirs) = (one_of(&PHASES), one_of(&PHASES));
     bring(&mut manager, OURS, phase, "a");
     bring(&mut manager, OTHER, theirs, "b");
-    manager.outputs.clear();
-    let bystander = manager.sessions[&OTHER].clone();
+    manager.outbox.0.clear();
+    let bystander = manager.registry.sessions().get(OTHER).cloned();
     let session = OURS;
     let datagram = |bytes| Input::Datagram {
         session,
@@ -341,8 +349,10 @@ fn an_ended_session_is_silent() {
     let before = manager.clone();
     assert_eq!(manager.handle(NOW, late), Ok(()));
     assert!(manager == before && manager.poll().is_none());
-    assert!(manager.sessions() == 1 && manager.sessions[&OTHER] == bystander);
-    assert_eq!(manager.names.len(), usize::from(theirs != Phase::Greeting));
+    let other = manager.registry.sessions().get(OTHER);
+    assert!(manager.sessions() == 1 && other == bystander.as_ref());
+    let has_name = |text| manager.registry.sessions().has_name(&name(text));
+    assert!(!has_name("a") && has_name("b") == (theirs != Phase::Greeting));
     kani::cover!(
         cause == early && phase == Phase::Ready,
         "a claim that is too late"
@@ -359,9 +369,7 @@ fn an_ended_session_is_silent() {
 #[cfg_attr(kani, kani::proof)]
 #[cfg_attr(kani, kani::unwind(14))]
 fn counters_are_kept_once() {
-    let mut manager = manager(Limits::default());
-    bring(&mut manager, OURS, Phase::Ready, "a");
-    manager.outputs.clear();
+    let (mut files, mut outbox) = (CounterFiles::new(), Outbox::new());
     let file = FdFacts {
         regular: kani::any(),
         size_bytes: kani::any(),
@@ -379,17 +387,18 @@ fn counters_are_kept_once() {
     } else {
         Ok(())
     };
-    assert_eq!(manager.keep_counters(NOW, OURS, Some(&file)), expected);
-    let kept = manager.outputs.pop_front();
+    let verdict = files.keep(NOW, OURS, Some(&file), &mut outbox);
+    assert_eq!(verdict, expected);
+    let kept = outbox.0.pop_front();
     assert_eq!(
         kept == Some(Output::KeepCounters { session: OURS }),
         expected.is_ok()
     );
     if expected.is_ok() {
-        let again = manager.keep_counters(NOW, OURS, Some(&file));
+        let again = files.keep(NOW, OURS, Some(&file), &mut outbox);
         assert_eq!(again, Err(violation!(CountersTwice, "SM2-CNT-001")));
     }
-    assert!(manager.outputs.is_empty());
+    assert!(outbox.0.is_empty());
     kani::cover!(expected.is_ok(), "kept");
     kani::cover!(
         expected == Err(violation!(BadSize, "SM2-CNT-001")),

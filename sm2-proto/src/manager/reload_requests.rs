@@ -1,9 +1,17 @@
-//! The sessions that have the access policy read again (SM2-ACC-016).
+//! RELOAD: who may have the access policy read again, and the answers (SM2-ACC-016, SM2-ACC-017).
 
-use alloc::collections::BTreeSet;
+use alloc::{borrow::ToOwned, collections::BTreeSet};
 use core::mem;
 
-use crate::NodeId;
+use super::{Output, outbox::Outbox};
+use crate::{
+    NodeId, Violation,
+    control::{PolicyProblem, ReloadOutcome, ToNode},
+    limits::RELOAD_TEXT_MAX,
+};
+
+/// The user id of root.
+const ROOT: u32 = 0;
 
 /// The user that may ask, and the sessions whose RELOAD is not answered.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -25,29 +33,57 @@ impl ReloadRequests {
         }
     }
 
-    /// A session asks.
-    pub(super) fn insert(&mut self, node: NodeId) {
-        self.reading.insert(node);
+    /// RELOAD of a session of this user.
+    //= SM2-ACC-016, SM2-ACC-017
+    pub(super) fn ask(
+        &mut self,
+        node: NodeId,
+        uid: u32,
+        outbox: &mut Outbox,
+    ) -> Result<(), Violation> {
+        if self.reading.contains(&node) || self.is_applying(node) {
+            return Err(violation!(ReloadTwice, "SM2-ACC-016"));
+        }
+        if uid == ROOT || Some(uid) == self.owner {
+            self.reading.insert(node);
+            outbox.push(Output::ReadAccessPolicy);
+        } else {
+            answer([node], &ReloadOutcome::NotPermitted, outbox);
+        }
+        Ok(())
     }
 
-    /// Whether the session waits for an answer.
-    pub(super) fn waits(&self, node: NodeId) -> bool {
-        self.reading.contains(&node) || self.is_applying(node)
+    /// The policy was read: all sessions that asked wait until it is applied. `is_missing`: the
+    /// domain had none, and has none now.
+    //= SM2-ACC-016
+    pub(super) fn policy_was_read(&mut self, is_missing: bool, outbox: &mut Outbox) {
+        if is_missing {
+            answer(
+                mem::take(&mut self.reading),
+                &ReloadOutcome::NoPolicy,
+                outbox,
+            );
+        } else {
+            self.applying.append(&mut self.reading);
+        }
     }
 
-    /// The policy is read: all sessions that asked wait until it is applied.
-    pub(super) fn begin_applying(&mut self) {
-        self.applying.append(&mut self.reading);
+    /// The policy cannot be used.
+    //= SM2-ACC-013, SM2-ACC-016
+    pub(super) fn refuse(&mut self, problem: PolicyProblem, text: &str, outbox: &mut Outbox) {
+        let text = start_of(text).to_owned();
+        let outcome = ReloadOutcome::Unusable { problem, text };
+        answer(mem::take(&mut self.reading), &outcome, outbox);
     }
 
-    /// Takes the sessions whose policy is not read yet.
-    pub(super) fn take_reading(&mut self) -> BTreeSet<NodeId> {
-        mem::take(&mut self.reading)
-    }
-
-    /// Takes the sessions whose policy is read.
-    pub(super) fn take_applying(&mut self) -> BTreeSet<NodeId> {
-        mem::take(&mut self.applying)
+    /// The policy is applied. The sessions whose names it denies are ended after their answer.
+    //= SM2-ACC-014, SM2-ACC-016
+    pub(super) fn policy_is_applied(&mut self, outbox: &mut Outbox) {
+        answer(
+            mem::take(&mut self.applying),
+            &ReloadOutcome::Applied,
+            outbox,
+        );
     }
 
     /// The session is over.
@@ -65,4 +101,20 @@ impl ReloadRequests {
     pub(super) fn sessions(&self) -> impl Iterator<Item = NodeId> {
         self.reading.union(&self.applying).copied()
     }
+}
+
+fn answer(nodes: impl IntoIterator<Item = NodeId>, outcome: &ReloadOutcome, outbox: &mut Outbox) {
+    for node in nodes {
+        let outcome = outcome.clone();
+        outbox.send(node, &ToNode::Reloaded { outcome });
+    }
+}
+
+/// The longest start of a text that a RELOADED may carry.
+fn start_of(text: &str) -> &str {
+    let mut end = text.len().min(RELOAD_TEXT_MAX);
+    while !text.is_char_boundary(end) {
+        end -= 1;
+    }
+    text.get(..end).unwrap_or_default()
 }

@@ -1,8 +1,14 @@
 //! The texts of types that sessions have registered, each as long as one of these sessions lives.
+//! SCHEMA registers one, and DESCRIBE asks for one (SM2-SCH-001, SM2-SCH-002).
 
 use alloc::{collections::BTreeMap, string::String};
 
-use crate::TypeId;
+use super::{node_record::NodeRecord, outbox::Outbox};
+use crate::{
+    NodeId, TypeId, Violation,
+    control::{Limit, Limits, SchemaText, ToNode},
+    schema::Schema,
+};
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Registered {
@@ -19,13 +25,34 @@ impl Schemas {
         Self(BTreeMap::new())
     }
 
-    /// The text of a type, if a session registered one.
-    pub(super) fn get(&self, data: &TypeId) -> Option<&String> {
-        Some(&self.0.get(data)?.text)
+    /// DESCRIBE: sends the text of a type, if a session registered one.
+    //= SM2-SCH-002
+    pub(super) fn describe(&self, node: NodeId, data: TypeId, outbox: &mut Outbox) {
+        let text = self.0.get(&data).map(|it| it.text.clone());
+        outbox.send(node, &ToNode::Described { data, text });
+    }
+
+    /// Registers a text for a node, as far as the quota of the node allows.
+    //= SM2-SCH-001
+    pub(super) fn register(
+        &mut self,
+        record: &mut NodeRecord,
+        SchemaText { data, text }: SchemaText,
+        limits: &Limits,
+    ) -> Result<(), Violation> {
+        let schema = Schema::parse(&text).map_err(|_| violation!(BadSchema, "SM2-SCH-001"))?;
+        if schema.hash() != data.hash {
+            return Err(violation!(BadSchema, "SM2-SCH-001"));
+        }
+        let quota = limits.count(Limit::SchemaBytesPerSession);
+        if record.register(&data, cost_bytes(&data, &text), quota) {
+            self.insert(data, text);
+        }
+        Ok(())
     }
 
     /// Adds one session to a text. The text of the first session stays.
-    pub(super) fn insert(&mut self, data: TypeId, text: String) {
+    fn insert(&mut self, data: TypeId, text: String) {
         let registered = self
             .0
             .entry(data)
@@ -50,4 +77,10 @@ impl Schemas {
         let counts = self.0.iter().map(|(data, it)| (data, it.sessions));
         counts.eq(recount)
     }
+}
+
+/// The share of a quota that a text takes. The name counts as well, or a session could register any
+/// number of short texts.
+fn cost_bytes(data: &TypeId, text: &str) -> usize {
+    data.name.as_str().len() + text.len()
 }

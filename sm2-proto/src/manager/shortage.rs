@@ -77,9 +77,10 @@ impl Shortage {
         }
     }
 
-    /// The first pair of an interface.
-    pub(super) fn first_of(&self, entity: EntityId) -> Option<Pair> {
-        self.pairs.first_of(entity)
+    /// Forgets one pair of an interface that is gone or suspended. Returns whether there was one.
+    pub(super) fn forget_one(&mut self, entity: EntityId) -> bool {
+        let pair = self.pairs.first_of(entity);
+        pair.is_some_and(|it| self.pairs.remove(it))
     }
 
     pub(super) fn remove(&mut self, pair: Pair) {

@@ -28,8 +28,10 @@ impl Manager {
     //= SM2-SES-009
     #[must_use]
     pub fn is_busy(&self, node: NodeId) -> bool {
-        let is_matching = self.sessions.get(&node).is_some_and(Session::is_matching);
-        is_matching || self.expired.contains(&node) || self.ending_links.has(node)
+        let session = self.registry.sessions().get(node);
+        session.is_some_and(Session::is_matching)
+            || self.expired.contains(&node)
+            || self.registry.ending_links.has(node)
     }
 
     /// Does one part of the deferred work: of the links that could not be made, of one session with
@@ -41,7 +43,7 @@ impl Manager {
         if self.shortage.is_due(now) {
             self.link_again();
         }
-        if let Some((node, after)) = self.pending_links.next_announceable() {
+        if let Some((node, after)) = self.registry.pending_links.next_announceable() {
             self.announce_pending(node, after);
         }
         if let Some(node) = self.jobs.next() {
@@ -51,7 +53,7 @@ impl Manager {
 
     /// Whether deferred work can be done now.
     pub(super) fn has_deferred(&self, now: Instant) -> bool {
-        self.pending_links.has_announceable()
+        self.registry.pending_links.has_announceable()
             || !self.jobs.is_empty()
             || self.shortage.is_due(now)
             || self.is_policy_due(now)
@@ -87,7 +89,7 @@ impl Manager {
         self.jobs.charge(node, before - budget.left());
         if is_busy {
             // It waits for its next part.
-        } else if self.sessions.contains_key(&node) {
+        } else if self.registry.sessions().get(node).is_some() {
             self.jobs.remove(node);
         } else {
             self.jobs.forget(node);
@@ -97,44 +99,39 @@ impl Manager {
     /// Ends links of interfaces that are gone, and forgets why others were not linked.
     fn end_links(&mut self, node: NodeId, budget: &mut Budget) {
         while !budget.is_spent()
-            && let Some((entity, cause)) = self.ending_links.first_of(node)
+            && let Some((entity, cause)) = self.registry.ending_links.first_of(node)
         {
-            if let Some((link, pair)) = self.ending_links.pop(entity) {
+            if let Some((link, pair)) = self.registry.ending_links.pop(entity) {
                 budget.spend(UNLINK);
                 self.end_link(link, pair, entity, cause.code());
             } else if !self.forget_pair(entity, budget) {
                 budget.spend(PAIR);
-                self.ending_links.remove(entity);
-                self.access.complete_end(entity);
+                self.registry.complete_end(entity);
             }
         }
     }
 
     /// Forgets one pair of an interface that is gone or suspended. Returns whether there was one.
     pub(super) fn forget_pair(&mut self, entity: EntityId, budget: &mut Budget) -> bool {
-        if let Some(pair) = self.unlinked_pairs.first_of(entity) {
-            self.mark_linked(pair);
-        } else if let Some(pair) = self.shortage.first_of(entity) {
-            self.shortage.remove(pair);
-        } else {
-            return false;
+        let forgotten = self.registry.forget_unlinked(entity) || self.shortage.forget_one(entity);
+        if forgotten {
+            budget.spend(MARK);
         }
-        budget.spend(MARK);
-        true
+        forgotten
     }
 
     /// Gives up claims whose counterparts did not come in time.
     //= SM2-RES-006
     fn give_up_expired(&mut self, node: NodeId, budget: &mut Budget) {
         while !budget.is_spent() && self.expired.contains(&node) {
-            let record = self.sessions.get(&node).and_then(Session::node);
+            let record = self.registry.sessions().record(node);
             let Some((interface, link)) = record.and_then(|it| it.half_claims().next()) else {
                 self.expired.remove(&node);
                 return;
             };
             budget.spend(UNLINK);
             let entity = EntityId { node, interface };
-            self.give_up_claim(entity, link);
+            self.registry.give_up_claim(entity, link);
             self.begin_unlink(entity, link, Farewell::PeerGone.code());
         }
     }
@@ -143,26 +140,26 @@ impl Manager {
     //= SM2-RES-007, SM2-MAT-002
     fn match_interfaces(&mut self, node: NodeId, budget: &mut Budget) {
         while !budget.is_spent()
-            && let Some((entity, after)) = self.next_to_match(node)
+            && let Some(session) = self.registry.session_mut(node)
+            && let Some((entity, after)) = session.next_to_match(node)
         {
             let (links, more) = self.link_missing(entity, after, budget);
-            if let Some(session) = self.sessions.get_mut(&node) {
+            if let Some(session) = self.registry.session_mut(node) {
                 session.matched(entity.interface, more);
             }
-            self.outputs.extend(links);
+            self.outbox.extend(links);
         }
-    }
-
-    fn next_to_match(&mut self, node: NodeId) -> Option<(EntityId, EntityId)> {
-        self.sessions.get_mut(&node)?.next_to_match(node)
     }
 
     /// Whether exactly the busy sessions wait for their turn.
     pub(super) fn jobs_agree(&self) -> bool {
-        let matching = self.sessions.iter().filter(|(_, it)| it.is_matching());
-        let matching = matching.map(|(&node, _)| node);
+        let sessions = self.registry.sessions().iter();
+        let matching = sessions.filter(|(_, it)| it.is_matching());
+        let matching = matching.map(|(node, _)| node);
         let expired = self.expired.iter().copied();
-        let mut busy = matching.chain(expired).chain(self.ending_links.nodes());
+        let mut busy = matching
+            .chain(expired)
+            .chain(self.registry.ending_links.nodes());
         self.jobs.iter().all(|it| self.is_busy(it)) && busy.all(|it| self.jobs.contains(it))
     }
 }

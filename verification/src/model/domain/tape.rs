@@ -115,8 +115,8 @@ struct Taker<'a> {
 }
 
 /// The positions of a Manager's 64-bit numbers. Its limits have 32 bits.
-const REVISION_AT: usize = 0;
-const LAST_SESSION_AT: usize = 1;
+const LAST_SESSION_AT: usize = 0;
+const REVISION_AT: usize = 1;
 
 impl<'a> Taker<'a> {
     fn new(keys: &'a Keys, revision: Option<u64>) -> Self {

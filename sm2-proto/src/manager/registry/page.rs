@@ -2,25 +2,26 @@
 
 use alloc::vec::Vec;
 
-use super::{Manager, links::Pair, phase::Phase, session::Session};
+use super::Registry;
 use crate::{
     EntityId, LinkId, NodeId,
-    control::{Item, Key, Page, ToNode},
+    control::{Item, Key, Page},
     limits::PAGE_BYTES,
+    manager::links::Pair,
 };
 
 /// How many items that the session may not see a page may pass over.
 const HIDDEN_MAX: usize = 512;
 
-impl Manager {
+impl Registry {
     //= SM2-IFC-007, SM2-ACC-010
-    pub(super) fn answer_query(&mut self, node: NodeId, after: Option<Key>) {
+    pub(in crate::manager) fn page(&self, viewer: NodeId, after: Option<Key>) -> Page {
         let mut room = PAGE_BYTES;
         let mut items = Vec::new();
         let (mut last, mut next) = (None, None);
         let mut hidden = 0;
         for item in self.items(after) {
-            if !self.sees(node, &item) {
+            if !self.access.sees(viewer, &item, &self.sessions) {
                 hidden += 1;
                 last = Some(item.key());
                 if hidden == HIDDEN_MAX {
@@ -37,29 +38,18 @@ impl Manager {
             last = Some(item.key());
             items.push(item);
         }
-        let revision = self.log.revision();
-        self.send(
-            node,
-            &ToNode::Page(Page {
-                revision,
-                items,
-                next,
-            }),
-        );
+        Page {
+            revision: self.log.revision(),
+            items,
+            next,
+        }
     }
 
     /// The item with this key, if there is one.
     pub(super) fn item(&self, key: Key) -> Option<Item> {
         match key {
             Key::Domain => Some(self.domain()),
-            Key::Member { entity } => {
-                let session = self.sessions.get(&entity.node)?;
-                if entity == EntityId::node(entity.node) {
-                    node_item(entity.node, session)
-                } else {
-                    session.node()?.member(entity)
-                }
-            }
+            Key::Member { entity } => self.sessions.item(entity),
             Key::Link { link, offering } => {
                 let item = self.links.item(link, offering)?;
                 Some(self.as_announced(item))
@@ -102,7 +92,7 @@ impl Manager {
             } => (offering, demanding),
             _ => (EntityId::FIRST, EntityId::FIRST),
         };
-        let members = members.into_iter().flat_map(|it| self.members(it));
+        let members = members.into_iter().flat_map(|it| self.sessions.items(it));
         let links = links.into_iter().flat_map(|it| self.links.items(it));
         let links = links.map(|it| self.as_announced(it));
         let claims = claims.into_iter().flat_map(|it| self.claims.items(it));
@@ -133,40 +123,10 @@ impl Manager {
         }
     }
 
-    /// The nodes, interfaces and refusals after an id.
-    fn members(&self, after: EntityId) -> impl Iterator<Item = Item> {
-        let rest = self.sessions.range(after.node..);
-        rest.flat_map(move |(&node, session)| {
-            let within = node == after.node;
-            let itself = if within {
-                None
-            } else {
-                node_item(node, session)
-            };
-            let after = if within { after } else { EntityId::node(node) };
-            let record = session.node().into_iter();
-            itself
-                .into_iter()
-                .chain(record.flat_map(move |it| it.members(after)))
-        })
-    }
-
     fn domain(&self) -> Item {
         let limits = self.limits.into();
         Item::Domain { limits }
     }
-}
-
-/// A session as an item, once it is welcomed.
-fn node_item(node: NodeId, session: &Session) -> Option<Item> {
-    Some(Item::Node {
-        node,
-        name: session.node()?.name().clone(),
-        uid: session.credentials().uid,
-        pid: session.credentials().pid,
-        resuming: session.phase() == Phase::Resuming,
-        max_links: session.node()?.max_links(),
-    })
 }
 
 fn size_bytes(item: &Item) -> usize {

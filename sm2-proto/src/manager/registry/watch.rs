@@ -7,31 +7,27 @@
 use alloc::{collections::BTreeSet, vec::Vec};
 use core::mem;
 
-use super::Manager;
+use super::Registry;
 use crate::{
-    EntityId, NodeId, Violation,
-    control::{Change, Changes, Key, ToNode},
+    NodeId, Violation,
+    control::{Change, Changes, ToNode},
     limits::DATAGRAM_MAX,
+    manager::outbox::Outbox,
 };
 
 /// The greatest size of a CHANGES without its changes: the number of the frame, the revision, the
 /// option, the number of changes, and the flag for more.
 const HEAD_BYTES: usize = 1 + 10 + 1 + 3 + 1;
 
-impl Manager {
-    /// Notes that an item has changed. Every change goes through this function.
-    pub(super) fn changed(&mut self, key: Key) {
-        self.log.push(key);
-    }
-
-    /// Notes that the item of a node has changed.
-    pub(super) fn node_changed(&mut self, node: NodeId) {
-        let entity = EntityId::node(node);
-        self.changed(Key::Member { entity });
-    }
-
+impl Registry {
+    /// WATCH: the changes, or a watcher that waits for some.
     //= SM2-WCH-001
-    pub(super) fn watch(&mut self, node: NodeId, after: u64) -> Result<(), Violation> {
+    pub(in crate::manager) fn watch(
+        &mut self,
+        node: NodeId,
+        after: u64,
+        outbox: &mut Outbox,
+    ) -> Result<(), Violation> {
         if self.watchers.contains(&node) {
             return Err(violation!(WatchTwice, "SM2-WCH-001"));
         }
@@ -39,30 +35,29 @@ impl Manager {
             self.watchers.insert(node);
         } else {
             let changes = self.changes(node, after);
-            self.send(node, &changes);
+            outbox.send(node, &changes);
         }
         Ok(())
     }
 
     /// Answers all watchers if the last input has changed the domain. All of them waited for a
-    /// change of the revision before. A watcher that is gone has changed the domain by its end, and
-    /// is dropped here.
+    /// change of the revision before.
     //= SM2-WCH-001
-    pub(super) fn wake_watchers(&mut self, before: u64) {
+    pub(in crate::manager) fn wake_watchers(&mut self, before: u64, outbox: &mut Outbox) {
         if self.log.revision() == before || self.watchers.is_empty() {
             return;
         }
         let watchers = mem::take(&mut self.watchers);
-        if self.has_access_policy() {
+        if self.access.is_restricted() {
             for node in watchers {
                 let changes = self.changes(node, before);
-                self.send(node, &changes);
+                outbox.send(node, &changes);
             }
         } else if let Some(&first) = watchers.first() {
             // All sessions see the same.
             let changes = self.changes(first, before);
             for node in watchers {
-                self.send(node, &changes);
+                outbox.send(node, &changes);
             }
         }
     }
@@ -85,7 +80,7 @@ impl Manager {
                 continue;
             }
             let change = match self.item(key) {
-                Some(item) if !self.sees(viewer, &item) => continue,
+                Some(item) if !self.access.sees(viewer, &item, &self.sessions) => continue,
                 Some(item) => Change::Set { item },
                 None => Change::Removed { key },
             };
