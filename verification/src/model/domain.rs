@@ -19,6 +19,7 @@ mod order;
 mod policy;
 mod ports;
 mod print;
+mod program;
 mod quiet;
 mod restriction;
 mod room;

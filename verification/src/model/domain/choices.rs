@@ -8,7 +8,9 @@ use sm2_proto::{
 
 use super::{
     Action, Scope,
-    world::{Connection, Socket, World, end_of},
+    order::Order,
+    program::Connection,
+    world::{Socket, World, end_of},
 };
 
 impl World {
@@ -17,8 +19,14 @@ impl World {
     #[must_use]
     pub fn actions(&self, scope: &Scope) -> Vec<Action> {
         let mut actions = self.progress();
+        let order = Order {
+            scope,
+            programs: &self.programs,
+            pairs: &self.pairs,
+            budget: self.budget,
+        };
         if scope.reduced
-            && let Some(first) = self.goes_first(scope, &actions)
+            && let Some(first) = order.goes_first(&actions)
         {
             return vec![first];
         }

@@ -9,7 +9,7 @@ use sm2_proto::{
 
 use super::{
     Fault,
-    world::{Down, Frame},
+    program::{Down, Frame},
 };
 
 /// Puts a frame into a node's queue.

@@ -8,7 +8,8 @@ use std::{
 use super::{
     super::{Failure, System},
     Action, Scope,
-    world::{Connection, Down, Pair, Program, World},
+    program::{Connection, Down, Program},
+    world::{Pair, World},
 };
 
 /// Shows a moment and its possible actions. The person chooses an action by number, goes back with
@@ -64,7 +65,8 @@ pub fn walk_by_hand(
 
 fn show(scope: &Scope, world: &World, tell: &mut impl Write) -> io::Result<Vec<Action>> {
     let actions = scope.actions(world);
-    writeln!(tell, "\n{world}")?;
+    writeln!(tell)?;
+    show_world(world, tell)?;
     match scope.check(world, &actions) {
         Ok(true) => writeln!(tell, "all is quiet, and as it should be")?,
         Ok(false) => {}
@@ -76,29 +78,26 @@ fn show(scope: &Scope, world: &World, tell: &mut impl Write) -> io::Result<Vec<A
     Ok(actions)
 }
 
-impl fmt::Display for World {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match &self.manager {
-            Some(manager) => {
-                let manager = manager.machine();
-                let (sessions, links) = (manager.sessions(), manager.links());
-                writeln!(
-                    f,
-                    "Manager {}: {sessions} sessions, {links} links",
-                    self.epoch
-                )?;
-            }
-            None => writeln!(f, "no Manager")?,
+fn show_world(world: &World, tell: &mut impl Write) -> io::Result<()> {
+    match &world.manager {
+        Some(manager) => {
+            let manager = manager.machine();
+            let (sessions, links) = (manager.sessions(), manager.links());
+            writeln!(
+                tell,
+                "Manager {}: {sessions} sessions, {links} links",
+                world.epoch
+            )?;
         }
-        for (at, program) in self.programs.iter().enumerate() {
-            writeln!(f, "node {at}, process {}: {program}", program.life)?;
-        }
-        for (link, pair) in &self.pairs {
-            writeln!(f, "{link}: {pair}")?;
-        }
-        let budget = &self.budget;
-        write!(f, "still possible: {budget:?}")
+        None => writeln!(tell, "no Manager")?,
     }
+    for (at, program) in world.programs.iter().enumerate() {
+        writeln!(tell, "node {at}, process {}: {program}", program.life)?;
+    }
+    for (link, pair) in &world.pairs {
+        writeln!(tell, "{link}: {pair}")?;
+    }
+    writeln!(tell, "still possible: {:?}", world.budget)
 }
 
 impl fmt::Display for Program {

@@ -1,9 +1,12 @@
 //! The domain as pages show it, compared with what it is.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    rc::Rc,
+};
 
 use sm2_proto::{
-    Contract, Datagram, EntityId, LinkId, Machine,
+    Contract, Datagram, EntityId, Instant, LinkId, Machine,
     control::{Item, Page, UnlinkedReason},
     domain::{Ask, Domain, Mirror},
     manager::{self, Manager},
@@ -14,7 +17,8 @@ use super::{
     super::{Failure, Property, fail},
     Fault, Scope,
     matching::{LinkQos, qos},
-    world::{End, World},
+    program::{End, Program},
+    world::Pair,
 };
 
 /// The declared interfaces, with their numbers at the Manager.
@@ -33,17 +37,27 @@ pub(super) struct Shown {
     pub(super) waiting: BTreeSet<[End; 2]>,
 }
 
-impl World {
-    /// Reads all pages. Each item belongs to the domain.
+/// The parts of a moment that the pages have to show.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Oracle<'a> {
+    pub(super) scope: &'a Scope,
+    pub(super) ends: &'a Ends<'a>,
+    pub(super) programs: &'a [Rc<Program>],
+    pub(super) pairs: &'a BTreeMap<LinkId, Pair>,
+    /// Pairs that ended their links.
+    pub(super) broken: &'a BTreeSet<[End; 2]>,
+}
+
+impl Oracle<'_> {
+    /// Checks that each item belongs to the domain.
     //= SM2-IFC-007, SM2-WCH-004 model
-    pub(super) fn shown(&self, scope: &Scope, ends: &Ends<'_>) -> Result<Shown, Failure> {
-        let entity_of = |end: &End| ends.get(end).map(|(entity, _)| *entity);
+    pub(super) fn shown_in(self, domain: &Domain) -> Result<Shown, Failure> {
         let found = |entity: &EntityId| {
-            let mut all = ends.iter().filter(|(_, (it, _))| it == entity);
+            let mut all = self.ends.iter().filter(|(_, (it, _))| it == entity);
             all.next().map(|(end, (_, contract))| (*end, *contract))
         };
         let mut shown = Shown::default();
-        for item in self.look(scope)?.items() {
+        for item in domain.items() {
             match item {
                 Item::Domain { .. } => {}
                 Item::Node { resuming, .. } if !resuming => shown.nodes += 1,
@@ -56,7 +70,7 @@ impl World {
                     Some((end, declared)) if declared == contract => {
                         shown.suspended.insert(end);
                     }
-                    None if self.was_refused(scope, *entity, contract) => {}
+                    None if self.was_refused(*entity, contract) => {}
                     _ => return fail(Property::MirrorIsExact, format!("{item:?} is shown")),
                 },
                 Item::Link {
@@ -90,7 +104,7 @@ impl World {
                     offering,
                     demanding,
                     reason: UnlinkedReason::Ended { .. },
-                } if self.is_broken(*offering, *demanding, entity_of) => {}
+                } if self.is_broken([*offering, *demanding]) => {}
                 other => return fail(Property::MirrorIsExact, format!("{other:?} is shown")),
             }
         }
@@ -98,17 +112,17 @@ impl World {
     }
 
     /// Checks that all of the domain is shown.
-    pub(super) fn check_mirror(&self, ends: &Ends<'_>, shown: &Shown) -> Result<(), Failure> {
-        let entity_of = |end: &End| ends.get(end).map(|(entity, _)| *entity);
+    pub(super) fn check_all_shown(self, shown: &Shown) -> Result<(), Failure> {
         let mut links: Vec<(LinkId, [EntityId; 2])> = Vec::new();
-        for (link, pair) in &self.pairs {
-            if let [Some(one), Some(other)] = pair.ends.each_ref().map(entity_of) {
+        for (link, pair) in self.pairs {
+            if let [Some(one), Some(other)] = self.entities(&pair.ends) {
                 let mut entities = [one, other];
                 entities.sort_unstable();
                 links.push((*link, entities));
             }
         }
-        let live = ends
+        let live = self
+            .ends
             .iter()
             .filter(|(end, _)| !shown.suspended.contains(end));
         let mut interfaces: Vec<_> = live.map(|(_, it)| (it.0, it.1.clone())).collect();
@@ -122,8 +136,8 @@ impl World {
     }
 
     /// Whether a program gave up this contract, after the Manager had refused it.
-    fn was_refused(&self, scope: &Scope, entity: EntityId, contract: &Contract) -> bool {
-        let programs = self.programs.iter().zip(&scope.programs);
+    fn was_refused(self, entity: EntityId, contract: &Contract) -> bool {
+        let programs = self.programs.iter().zip(&self.scope.programs);
         let mut own = programs.filter(|(program, _)| program.node.id() == Some(entity.node));
         own.any(|(program, contracts)| {
             let mut refused = program.refused.iter();
@@ -131,33 +145,57 @@ impl World {
         })
     }
 
-    fn is_broken(
-        &self,
-        offering: EntityId,
-        demanding: EntityId,
-        entity_of: impl Fn(&End) -> Option<EntityId>,
-    ) -> bool {
-        let wanted = [Some(offering), Some(demanding)];
+    /// The numbers of two interfaces at the Manager.
+    fn entities(self, ends: &[End; 2]) -> [Option<EntityId>; 2] {
+        let entity = |end| self.ends.get(end).map(|(entity, _)| *entity);
+        ends.each_ref().map(entity)
+    }
+
+    fn is_broken(self, pair: [EntityId; 2]) -> bool {
+        let wanted = pair.map(Some);
         self.broken.iter().any(|ends| {
-            let mut entities = ends.each_ref().map(&entity_of);
+            let mut entities = self.entities(ends);
             let straight = entities == wanted;
             entities.reverse();
             straight || entities == wanted
         })
     }
+}
 
-    /// Reads the domain as the first node would. Does not change the moment.
-    fn look(&self, scope: &Scope) -> Result<Domain, Failure> {
-        let unread = || Failure {
-            property: Property::MirrorIsExact,
-            what: "the domain cannot be read".into(),
-        };
-        let mut node: Node = self.programs[0].node.clone();
-        let mut manager = Manager::clone(self.manager.as_ref().ok_or_else(unread)?.machine());
+/// A node that reads the domain, and its Manager.
+#[derive(Debug)]
+pub(super) struct Reader {
+    now: Instant,
+    node: Node,
+    manager: Manager,
+}
+
+impl Reader {
+    /// Copies the machines, so that reading does not change the moment.
+    pub(super) fn new(
+        now: Instant,
+        node: &Node,
+        manager: Option<&Manager>,
+    ) -> Result<Self, Failure> {
+        Ok(Self {
+            now,
+            node: node.clone(),
+            manager: manager.cloned().ok_or_else(unread)?,
+        })
+    }
+
+    /// Reads all pages.
+    //= SM2-IFC-007 model
+    pub(super) fn read(self, scope: &Scope) -> Result<Domain, Failure> {
+        let Self {
+            now,
+            mut node,
+            mut manager,
+        } = self;
         let session = node.id().ok_or_else(unread)?;
         let mut mirror = Mirror::new();
         while let Some(Ask::Page { after }) = mirror.ask() {
-            let asked = node.handle(self.now, node::Input::Query { after });
+            let asked = node.handle(now, node::Input::Query { after });
             asked.map_err(|_| unread())?;
             while let Some(output) = node.poll() {
                 let node::Output::Transmit(bytes) = output else {
@@ -165,14 +203,14 @@ impl World {
                 };
                 let datagram = Datagram::new(&bytes);
                 let input = manager::Input::Datagram { session, datagram };
-                manager.handle(self.now, input).map_err(|_| unread())?;
+                manager.handle(now, input).map_err(|_| unread())?;
             }
             while let Some(output) = manager.poll() {
                 let manager::Output::Send { frame, .. } = output else {
                     return Err(unread());
                 };
                 let datagram = node::Input::Datagram(Datagram::new(&frame));
-                node.handle(self.now, datagram).map_err(|_| unread())?;
+                node.handle(now, datagram).map_err(|_| unread())?;
             }
             while let Some(output) = node.poll() {
                 let node::Output::Page(Page {
@@ -190,5 +228,12 @@ impl World {
             }
         }
         Ok(mirror.into_domain())
+    }
+}
+
+fn unread() -> Failure {
+    Failure {
+        property: Property::MirrorIsExact,
+        what: "the domain cannot be read".into(),
     }
 }

@@ -36,16 +36,32 @@
 //!
 //! **The last disconnected node connects.** The order of sessions is the same in any case.
 
-use sm2_proto::control::{ToManager, ToNode};
+use std::{collections::BTreeMap, rc::Rc};
+
+use sm2_proto::{
+    LinkId,
+    control::{ToManager, ToNode},
+};
 
 use super::{
     Action, Budget, Scope,
     books::Side,
-    world::{Connection, Down, Program, Socket, World},
+    program::{Connection, Down, Program},
+    world::{Pair, Socket},
 };
 
-impl World {
-    pub(super) fn goes_first(&self, scope: &Scope, progress: &[Action]) -> Option<Action> {
+/// The parts of a moment that decide about the order of its actions.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Order<'a> {
+    pub(super) scope: &'a Scope,
+    pub(super) programs: &'a [Rc<Program>],
+    pub(super) pairs: &'a BTreeMap<LinkId, Pair>,
+    pub(super) budget: Budget,
+}
+
+impl Order<'_> {
+    /// An action of these that may go first.
+    pub(super) fn goes_first(self, progress: &[Action]) -> Option<Action> {
         let first = |may: &dyn Fn(&Action) -> bool| progress.iter().copied().find(|it| may(it));
         let program = |at: u8| &*self.programs[usize::from(at)];
         first(&|action| match *action {
@@ -55,19 +71,19 @@ impl World {
         })
         .or_else(|| {
             first(&|action| match *action {
-                Action::NodeReads(at) => self.reads_alone(scope, at),
-                Action::ManagerReads(at) => self.reads_of_one_session(scope, program(at)),
+                Action::NodeReads(at) => self.reads_alone(at),
+                Action::ManagerReads(at) => self.reads_of_one_session(program(at)),
                 Action::Connects(at) => self.connects_last(at),
                 _ => false,
             })
         })
     }
 
-    fn asks_nothing_more(&self) -> bool {
+    const fn asks_nothing_more(self) -> bool {
         self.budget.withdrawals == 0 && self.budget.closes == 0
     }
 
-    fn reads_without_answer(&self, program: &Program) -> bool {
+    fn reads_without_answer(self, program: &Program) -> bool {
         let down = program.connection.as_ref().and_then(|it| it.down.front());
         let silent = match down {
             None => false,
@@ -81,7 +97,7 @@ impl World {
         silent && self.asks_nothing_more()
     }
 
-    fn reads_alone(&self, scope: &Scope, at: u8) -> bool {
+    fn reads_alone(self, at: u8) -> bool {
         let program = &self.programs[usize::from(at)];
         let sees_an_end = self.pairs.values().any(|pair| {
             let mut ends = pair.ends.iter().zip(pair.sockets);
@@ -94,11 +110,11 @@ impl World {
         self.asks_nothing_more()
             && self.budget.node_crashes == 0
             && self.budget.stalls == 0
-            && (scope.eager || program.undeclared.is_empty())
+            && (self.scope.eager || program.undeclared.is_empty())
             && !sees_an_end
     }
 
-    fn manager_stays(&self) -> bool {
+    fn manager_stays(self) -> bool {
         let Budget {
             manager_crashes,
             stalls,
@@ -108,27 +124,28 @@ impl World {
         [manager_crashes, stalls, shutdowns] == [0; 3]
     }
 
-    fn reads_of_one_session(&self, scope: &Scope, program: &Program) -> bool {
+    fn reads_of_one_session(self, program: &Program) -> bool {
         let Some((connection, frame)) = read_next(program) else {
             return false;
         };
         match frame {
             ToManager::Hello { .. } => self.manager_stays(),
             ToManager::Declare { .. } => connection.resuming && self.manager_stays(),
-            ToManager::Claim { .. } => self.nothing_ends(scope),
+            ToManager::Claim { .. } => self.nothing_ends(),
             _ => false,
         }
     }
 
-    fn nothing_ends(&self, scope: &Scope) -> bool {
-        let idle = |it: &Program| it.closed.is_empty() && (scope.eager || it.undeclared.is_empty());
+    fn nothing_ends(self) -> bool {
+        let eager = self.scope.eager;
+        let idle = |it: &Program| it.closed.is_empty() && (eager || it.undeclared.is_empty());
         self.budget == Budget::default()
             && self.pairs.values().all(|pair| !pair.doomed)
             && self.programs.iter().all(|it| idle(it))
     }
 
-    fn connects_last(&self, at: u8) -> bool {
-        let mut others = (0_u8..).zip(&self.programs).filter(|(it, _)| *it != at);
+    fn connects_last(self, at: u8) -> bool {
+        let mut others = (0_u8..).zip(self.programs).filter(|(it, _)| *it != at);
         let connected = |it: &Program| it.connection.as_ref().is_some_and(|it| !it.dead);
         self.budget.node_crashes == 0
             && self.manager_stays()

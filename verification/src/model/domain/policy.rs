@@ -1,78 +1,71 @@
 //! The access policy of a domain, which changes while it runs, and what has to follow from it.
 
-use std::{collections::BTreeSet, sync::Arc};
+use std::{collections::BTreeSet, rc::Rc};
 
-use sm2_proto::{
-    manager::{self, Manager},
-    policy::AccessPolicy,
-};
+use sm2_proto::{manager::Manager, policy::AccessPolicy};
 
 use super::{
     super::{Failure, Property, fail},
-    Fault, Restriction, Scope,
-    world::{End, World},
+    Restriction, Scope,
+    program::{End, Program},
 };
 
-impl World {
+/// The policy in force.
+#[derive(Clone, Debug, Default, Hash)]
+pub(super) struct Policy {
+    /// True if the restriction of the scope is the domain's access policy.
+    pub(super) restricted: bool,
+    /// True if the present Manager got another access policy while it ran.
+    pub(super) reloaded: bool,
+}
+
+impl Policy {
     /// The access policy of the domain.
     pub(super) fn access(&self, scope: &Scope) -> Option<AccessPolicy> {
         self.restricted.then(|| scope.restriction.policy())
     }
 
-    /// The domain gets the other policy. The Manager, if there is one, reads it.
-    pub(super) fn change_policy(&mut self, scope: &Scope) {
-        self.budget.reloads -= 1;
-        self.restricted = !self.restricted;
-        self.doom_restricted(scope);
-        self.reloaded = self.manager.is_some();
-        if scope.fault != Some(Fault::PolicyLost) {
-            let policy = self.access(scope).map(Arc::new);
-            self.feed_manager(scope, manager::Input::SetAccessPolicy(policy), usize::MAX);
-        }
-    }
-
-    /// Links that the policy in force may end. Which publisher of a topic stays depends on the order
-    /// of their declarations, also at the next Manager.
-    pub(super) fn doom_restricted(&mut self, scope: &Scope) {
+    /// The interfaces that the policy in force is about. Which publisher of a topic stays depends on
+    /// the order of their declarations, also at the next Manager.
+    pub(super) fn concerned(&self, scope: &Scope, programs: &[Rc<Program>]) -> BTreeSet<End> {
         if self.restricted {
-            let concerned: BTreeSet<_> = self.concerned(scope).collect();
-            self.doom_all(|end| concerned.contains(end));
+            concerned(scope, programs).collect()
+        } else {
+            BTreeSet::new()
         }
     }
 
     /// Whether a link may end soon: the Manager, which applies a policy in parts, has perhaps not
     /// judged one of these interfaces yet.
-    pub(super) fn is_undecided(&self, scope: &Scope, ends: &[End; 2]) -> bool {
-        let manager = self.manager.as_ref().map(|it| it.machine());
+    pub(super) fn is_undecided(
+        &self,
+        scope: &Scope,
+        programs: &[Rc<Program>],
+        manager: Option<&Manager>,
+        ends: &[End; 2],
+    ) -> bool {
         self.restricted
             && manager.is_some_and(Manager::is_applying_policy)
-            && self.concerned(scope).any(|end| ends.contains(&end))
-    }
-
-    /// The interfaces that the restriction is about.
-    fn concerned(&self, scope: &Scope) -> impl Iterator<Item = End> {
-        let programs = (0_u8..).zip(&self.programs).zip(&scope.programs);
-        programs.flat_map(move |((at, program), contracts)| {
-            let interfaces = program.interfaces.iter();
-            interfaces
-                .filter(|(_, place)| scope.restriction.is_about(&contracts[usize::from(**place)]))
-                .map(move |(&interface, _)| (at, program.life, interface))
-        })
+            && concerned(scope, programs).any(|end| ends.contains(&end))
     }
 
     /// Once a Manager has applied a policy that it got while it ran, no node that it has welcomed
     /// holds a link that the policy denies.
     //= SM2-ACC-014 model
-    pub(super) fn check_applied(&self, scope: &Scope) -> Result<(), Failure> {
-        let manager = self.manager.as_ref().map(|it| it.machine());
+    pub(super) fn check_applied(
+        &self,
+        scope: &Scope,
+        programs: &[Rc<Program>],
+        manager: Option<&Manager>,
+    ) -> Result<(), Failure> {
         let is_applied = manager.is_some_and(|it| !it.is_applying_policy());
         if !(self.restricted && self.reloaded && is_applied)
             || scope.restriction != Restriction::NoSubscriber
         {
             return Ok(());
         }
-        for (at, life, interface) in self.concerned(scope) {
-            let program = &self.programs[usize::from(at)];
+        for (at, life, interface) in concerned(scope, programs) {
+            let program = &programs[usize::from(at)];
             let known = program.connection.as_ref();
             let is_known =
                 program.node.is_ready() && known.is_some_and(|it| !it.dead && !it.resuming);
@@ -91,9 +84,10 @@ impl World {
     pub(super) fn check_suspended(
         &self,
         scope: &Scope,
+        programs: &[Rc<Program>],
         suspended: &BTreeSet<End>,
     ) -> Result<(), Failure> {
-        let concerned: BTreeSet<_> = self.concerned(scope).collect();
+        let concerned: BTreeSet<_> = concerned(scope, programs).collect();
         let live = concerned.difference(suspended).count();
         // The Manager judges a suspended interface only when the policy changes, so the publisher
         // that was live may be gone.
@@ -112,4 +106,15 @@ impl World {
         let what = format!("suspended are {suspended:?} of {concerned:?}");
         fail(Property::PolicyHolds, what)
     }
+}
+
+/// The interfaces that the restriction is about.
+fn concerned(scope: &Scope, programs: &[Rc<Program>]) -> impl Iterator<Item = End> {
+    let programs = (0_u8..).zip(programs).zip(&scope.programs);
+    programs.flat_map(move |((at, program), contracts)| {
+        let interfaces = program.interfaces.iter();
+        interfaces
+            .filter(|(_, place)| scope.restriction.is_about(&contracts[usize::from(**place)]))
+            .map(move |(&interface, _)| (at, program.life, interface))
+    })
 }

@@ -15,7 +15,8 @@ use super::{
     books::{Books, Side},
     faults,
     kept::Kept,
-    world::{Connection, Down, End, Frame, Pair, Socket, World},
+    program::{Connection, Down, End, Frame},
+    world::{Pair, Socket, World},
 };
 
 const USER: Credentials = Credentials {
@@ -231,10 +232,12 @@ impl World {
             let program = self.programs.get(usize::from(at));
             program.is_some_and(|it| it.life == life && it.interfaces.contains_key(&interface))
         };
+        let manager = self.manager.as_ref().map(|it| it.machine());
+        let is_undecided = (self.policy).is_undecided(scope, &self.programs, manager, &places);
         let pair = Pair {
             ends: places,
             sockets: [Socket::Underway; 2],
-            doomed: !places.into_iter().all(stays) || self.is_undecided(scope, &places),
+            doomed: !places.into_iter().all(stays) || is_undecided,
         };
         self.pairs.insert(link, pair);
         for ((session, frame), end) in ends.into_iter().zip(places) {

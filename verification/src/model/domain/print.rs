@@ -19,8 +19,9 @@
 
 use super::{
     Scope,
+    program::{Connection, End, Program},
     tape::{BEGIN, Tape, Word, epoch_of, link_word, session_number},
-    world::{Connection, End, Program, World},
+    world::World,
 };
 
 /// The new numbers of the links and sessions of one moment.
@@ -53,7 +54,7 @@ impl World {
 
         let mut mix = Mix::default();
         mix.word(self.epoch);
-        mix.word(self.restricted.into());
+        mix.word(self.policy.restricted.into());
         let budget = self.budget;
         for left in [
             budget.withdrawals,

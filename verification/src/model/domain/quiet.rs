@@ -7,8 +7,9 @@ use super::{
     Action, Budget, Scope,
     books::Books,
     matching::qos,
-    mirror::Ends,
-    world::{End, Socket, World},
+    mirror::{Ends, Oracle, Reader},
+    program::End,
+    world::{Socket, World},
 };
 
 impl World {
@@ -30,8 +31,9 @@ impl World {
                 joined.push(ends);
             }
         }
-        self.check_applied(scope)?;
-        self.check_room(scope)?;
+        let manager = self.manager.as_ref().map(|it| it.machine());
+        (self.policy).check_applied(scope, &self.programs, manager)?;
+        scope.check_room(&self.programs)?;
         if actions.iter().any(Action::goes_on) {
             return Ok(false);
         }
@@ -73,8 +75,17 @@ impl World {
                 return fail(Property::Converges, what.into());
             }
         }
-        let shown = self.shown(scope, &ends)?;
-        self.check_suspended(scope, &shown.suspended)?;
+        let manager = self.manager.as_ref().map(|it| it.machine());
+        let domain = Reader::new(self.now, &self.programs[0].node, manager)?.read(scope)?;
+        let oracle = Oracle {
+            scope,
+            ends: &ends,
+            programs: &self.programs,
+            pairs: &self.pairs,
+            broken: &self.broken,
+        };
+        let shown = oracle.shown_in(&domain)?;
+        (self.policy).check_suspended(scope, &self.programs, &shown.suspended)?;
         let entities: Vec<_> = ends.iter().collect();
         for (index, (one, (_, ours))) in entities.iter().enumerate() {
             for (other, (_, theirs)) in &entities[index + 1..] {
@@ -90,8 +101,8 @@ impl World {
                 }
             }
         }
-        self.check_waiting(scope, &shown.waiting)?;
-        self.check_mirror(&ends, &shown)
+        scope.check_waiting(&self.programs, &shown.waiting)?;
+        oracle.check_all_shown(&shown)
     }
 
     /// The declared interfaces, with their numbers at the Manager.

@@ -1,11 +1,11 @@
 //! A node that states for how many ends of links it has room.
 
-use std::collections::BTreeSet;
+use std::{collections::BTreeSet, rc::Rc};
 
 use super::{
     super::{Failure, Property, fail},
     Fault, Scope,
-    world::{End, World},
+    program::{End, Program},
 };
 
 impl Scope {
@@ -20,17 +20,12 @@ impl Scope {
         let room = u32::try_from(self.room(at)?).unwrap_or(u32::MAX);
         Some(room + overstated)
     }
-}
 
-impl World {
     /// No node has more links than it has room for.
     //= SM2-LNK-007 model
-    pub(super) fn check_room(&self, scope: &Scope) -> Result<(), Failure> {
-        for (at, program) in self.programs.iter().enumerate() {
-            if scope
-                .room(at)
-                .is_some_and(|room| program.links.len() > room)
-            {
+    pub(super) fn check_room(&self, programs: &[Rc<Program>]) -> Result<(), Failure> {
+        for (at, program) in programs.iter().enumerate() {
+            if self.room(at).is_some_and(|room| program.links.len() > room) {
                 let what = format!("node {at} has {} links", program.links.len());
                 return fail(Property::WithinRoom, what);
             }
@@ -42,12 +37,12 @@ impl World {
     //= SM2-LNK-007 model
     pub(super) fn check_waiting(
         &self,
-        scope: &Scope,
+        programs: &[Rc<Program>],
         waiting: &BTreeSet<[End; 2]>,
     ) -> Result<(), Failure> {
         let is_full = |end: &End| {
             let at = usize::from(end.0);
-            scope.room(at) == Some(self.programs[at].links.len())
+            self.room(at) == Some(programs[at].links.len())
         };
         for pair in waiting {
             if !pair.iter().any(is_full) {
@@ -62,7 +57,7 @@ impl World {
 mod tests {
     use sm2_proto::InterfaceId;
 
-    use super::*;
+    use super::{super::World, *};
 
     /// Only the first node states a room, which is one link.
     #[test]
@@ -74,7 +69,7 @@ mod tests {
         empty.program(0).links.clear();
         let property = |world: &World, ends: [u8; 2]| {
             let pair = ends.map(|at| (at, 0, InterfaceId(1)));
-            let checked = world.check_waiting(&scope, &BTreeSet::from([pair]));
+            let checked = scope.check_waiting(&world.programs, &BTreeSet::from([pair]));
             checked.err().map(|it| it.property)
         };
         assert_eq!(property(&full, [0, 2]), None);

@@ -1,7 +1,7 @@
 //! The effect of each action on a moment.
 
 use sm2_proto::control::{Limit, Limits};
-use std::rc::Rc;
+use std::{rc::Rc, sync::Arc};
 
 use sm2_proto::{
     Code, Farewell, InterfaceId, LinkId, Machine,
@@ -14,8 +14,9 @@ use super::{
     Action, Fault, Scope,
     books::Books,
     kept::Kept,
+    program::{Down, End, Program},
     tape::BEGIN,
-    world::{Down, End, Program, Socket, World},
+    world::{Socket, World},
 };
 
 impl World {
@@ -57,7 +58,17 @@ impl World {
             }
             Action::NodeDies(at) => next.node_dies(scope, at),
             Action::Stalls(at) => next.stall(scope, at),
-            Action::PolicyChanges => next.change_policy(scope),
+            Action::PolicyChanges => {
+                next.budget.reloads -= 1;
+                next.policy.restricted = !next.policy.restricted;
+                next.policy.reloaded = next.manager.is_some();
+                next.doom_restricted(scope);
+                if scope.fault != Some(Fault::PolicyLost) {
+                    let policy = next.policy.access(scope).map(Arc::new);
+                    let input = manager::Input::SetAccessPolicy(policy);
+                    next.feed_manager(scope, input, usize::MAX);
+                }
+            }
             Action::ManagerDies => {
                 next.budget.manager_crashes -= 1;
                 next.manager_ends();
@@ -89,12 +100,12 @@ impl World {
             .with(Limit::WorkPerTurn, scope.work_per_turn);
         let epoch = self.epoch_number();
         let manager = Manager::new(epoch, epoch.into(), limits);
-        let manager = match self.access(scope) {
+        let manager = match self.policy.access(scope) {
             Some(access) => manager.with_access_policy(access),
             None => manager,
         };
         self.manager = Some(Rc::new(Kept::new(manager)));
-        self.reloaded = false;
+        self.policy.reloaded = false;
         self.sessions = 0;
         self.now = BEGIN;
         self.broken.clear();
@@ -209,6 +220,12 @@ impl World {
                 connection.end();
             }
         }
+    }
+
+    /// Links that the policy in force may end.
+    fn doom_restricted(&mut self, scope: &Scope) {
+        let concerned = self.policy.concerned(scope, &self.programs);
+        self.doom_all(|end| concerned.contains(end));
     }
 
     pub(super) fn doom(&mut self, link: LinkId) {
