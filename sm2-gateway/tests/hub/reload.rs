@@ -5,13 +5,15 @@ use std::{collections::BTreeSet, num::NonZeroU64};
 use bytes::Bytes;
 use sm2_gateway::{
     hub::{DEFAULT_SEND_QOS, Hub, Input, LocalCommand, LocalEvent, Output, Policy, RequestId},
-    peer::{CallId, Command, ConnectionId, Event, PeerCall},
+    peer::{CallId, Command, ConnectionId, Event, PeerCall, Reason},
 };
 use sm2_proto::{
     Machine,
     gateway::{
-        Action, Direction, OfferId, Outcome, Rule, Rules, StreamToken, router::PIECE_DECISIONS,
-        schedule::SendQos, session::ControlCommand,
+        Action, Direction, OfferId, Outcome, Rule, Rules, StreamToken,
+        router::PIECE_DECISIONS,
+        schedule::SendQos,
+        session::{ControlCommand, End},
     },
 };
 
@@ -293,4 +295,19 @@ fn other_rules_withdraw_before_anything_else_is_said() {
     assert!(unoffer.max(unwant) < change, "{said:?}");
     // A message of the ended offer that was in flight reaches nobody.
     assert!(tell(&mut hub, 1, message(4, 1)).is_empty());
+}
+
+/// The end of a peer with many offers leaves work for further pieces, and these come to an end without other rules.
+#[test]
+fn what_an_ended_peer_leaves_is_freed_in_pieces() {
+    let mut hub = crowd();
+    let ended = Event::Ended(Reason::Session(End::Closed(None)));
+    tell(&mut hub, 2, ended);
+    assert_eq!(hub.deadline(), Some(NOW));
+    let mut pieces = 0;
+    while hub.deadline().is_some() {
+        pieces += 1;
+        assert!(pieces < TOPICS, "the pieces do not end");
+        input(&mut hub, Input::Tick);
+    }
 }

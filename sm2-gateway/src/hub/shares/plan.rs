@@ -107,13 +107,8 @@ impl<'a> Plan<'a> {
     }
 
     fn subtract(&mut self, process: Process, needed: u64) {
-        let left = self
-            .held
-            .remove(&process)
-            .unwrap_or(0)
-            .saturating_sub(needed);
-        if left > 0 {
-            self.held.insert(process, left);
+        if let Some(held) = self.held.get_mut(&process) {
+            *held = held.saturating_sub(needed);
         }
     }
 }

@@ -168,6 +168,27 @@ fn links_of_others_count_more_than_the_age_of_a_topic() {
     );
 }
 
+/// A process that publishes the topic as well, and that holds less, takes it over.
+#[test]
+fn a_topic_moves_to_another_publisher_before_it_is_given_up() {
+    let mut shares = room(10);
+    want(&mut shares, "shared", &[(FLOODING, 1)]);
+    shares.set_links(&topic("shared"), [(FLOODING, 1), (OTHER, 1)].into());
+    flood(&mut shares, 8);
+    changes(&mut shares);
+    assert_eq!((shares.held(FLOODING), shares.held(OTHER)), (56, 0));
+    want(&mut shares, "honest", &[(HONEST, 1)]);
+    assert_eq!(
+        changes(&mut shares),
+        [
+            Change::GiveUp(topic("flood/7")),
+            Change::Wait(topic("flood/7")),
+            Change::Take(topic("honest")),
+        ]
+    );
+    assert_eq!((shares.held(FLOODING), shares.held(OTHER)), (42, 8));
+}
+
 #[test]
 fn the_process_that_left_a_topic_holds_it_no_longer() {
     let mut shares = room(10);

@@ -148,3 +148,29 @@ fn a_remote_topic_is_taken_with_the_greatest_depth_of_its_subscribers() {
     remote.insert(&subject, far);
     until_seen(&mut watch, &remote, &[], &seen(3, 2));
 }
+
+/// The hub hears how many interfaces a session may have once, and again if that changes.
+#[test]
+fn a_limit_of_interfaces_is_said_when_it_changes() {
+    let limited = |most| DomainState {
+        interfaces: Some(most),
+        ..DomainState::default()
+    };
+    let said = |before: &DomainState, now: &DomainState| {
+        let events = before.difference(now).into_iter();
+        let most = events.map(|it| match it {
+            LocalEvent::Interfaces { most } => most,
+            other => panic!("{other:?}"),
+        });
+        most.collect::<Vec<_>>()
+    };
+    let unknown = DomainState::default();
+    for (before, now, expected) in [
+        (&unknown, &limited(10), vec![9]),
+        (&limited(10), &limited(10), vec![]),
+        (&limited(10), &limited(7), vec![6]),
+        (&limited(10), &unknown, vec![]),
+    ] {
+        assert_eq!(said(before, now), expected, "{before:?} {now:?}");
+    }
+}
