@@ -34,6 +34,30 @@ pub enum Reach {
     LinkAlone,
 }
 
+/// The workloads that a peer takes part in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// All that it has the means for.
+    Any,
+    /// Those with many messages per call: it differs from another peer in that alone.
+    Batches,
+    /// `pingpong` and `throughput`.
+    OneToOne,
+    /// `record`.
+    Record,
+    /// `fig4-max`, `pingpong` and `throughput`.
+    OtherLanguage,
+}
+
+/// The means of a peer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Means {
+    /// True if the peer has services.
+    pub services: bool,
+    /// True if the peer has nodes that discover each other and sleep when idle.
+    pub nodes: bool,
+}
+
 /// A middleware in one of its configurations.
 #[derive(Debug)]
 pub struct PeerInfo {
@@ -43,20 +67,12 @@ pub struct PeerInfo {
     pub family: Family,
     /// True if the peer needs a daemon process.
     pub daemon: bool,
-    /// True if the peer has services.
-    pub services: bool,
     /// True if the peer may drop messages even on a lossless channel.
     pub lossy: bool,
-    /// True if the peer has nodes that discover each other and sleep when idle.
-    pub nodes: bool,
-    /// True if the peer differs from another one only in sending many messages per call.
-    pub batches: bool,
-    /// True if the peer takes part in `pingpong` and `throughput` alone.
-    pub one_to_one: bool,
-    /// True if the peer takes part in `record` alone.
-    pub record_alone: bool,
-    /// True if the peer takes part in `fig4-max`, `pingpong` and `throughput` alone.
-    pub other_language: bool,
+    /// Its means.
+    pub has: Means,
+    /// The workloads that it takes part in.
+    pub part: Part,
     /// The hosts that the processes can be spread over.
     pub reach: Reach,
     /// A description in one line.
@@ -69,13 +85,12 @@ const fn peer(name: &'static str, family: Family, about: &'static str) -> PeerIn
         name,
         family,
         daemon: false,
-        services: true,
         lossy: false,
-        nodes: true,
-        batches: false,
-        one_to_one: false,
-        record_alone: false,
-        other_language: false,
+        has: Means {
+            services: true,
+            nodes: true,
+        },
+        part: Part::Any,
         reach: Reach::Host,
         about,
     }
@@ -84,7 +99,7 @@ const fn peer(name: &'static str, family: Family, about: &'static str) -> PeerIn
 /// Sends many messages per call.
 const fn batching(info: PeerInfo) -> PeerInfo {
     PeerInfo {
-        batches: true,
+        part: Part::Batches,
         ..info
     }
 }
@@ -92,7 +107,7 @@ const fn batching(info: PeerInfo) -> PeerInfo {
 /// One publisher and one subscriber, in `pingpong` and `throughput` alone.
 const fn one_to_one(info: PeerInfo) -> PeerInfo {
     PeerInfo {
-        one_to_one: true,
+        part: Part::OneToOne,
         ..bare(info)
     }
 }
@@ -100,7 +115,7 @@ const fn one_to_one(info: PeerInfo) -> PeerInfo {
 /// A middleware in Python or C++, in `fig4-max`, `pingpong` and `throughput` alone.
 const fn other_language(info: PeerInfo) -> PeerInfo {
     PeerInfo {
-        other_language: true,
+        part: Part::OtherLanguage,
         ..bare(info)
     }
 }
@@ -108,7 +123,7 @@ const fn other_language(info: PeerInfo) -> PeerInfo {
 /// A recorder, in `record` alone.
 const fn recorder(info: PeerInfo) -> PeerInfo {
     PeerInfo {
-        record_alone: true,
+        part: Part::Record,
         ..bare(info)
     }
 }
@@ -116,7 +131,10 @@ const fn recorder(info: PeerInfo) -> PeerInfo {
 /// Without services.
 const fn topics_only(info: PeerInfo) -> PeerInfo {
     PeerInfo {
-        services: false,
+        has: Means {
+            services: false,
+            ..info.has
+        },
         ..info
     }
 }
@@ -132,16 +150,21 @@ const fn brokered(info: PeerInfo) -> PeerInfo {
 /// Without nodes and services.
 const fn bare(info: PeerInfo) -> PeerInfo {
     PeerInfo {
-        services: false,
-        nodes: false,
+        has: Means {
+            services: false,
+            nodes: false,
+        },
         ..info
     }
 }
 
 /// Without nodes that sleep when idle.
-const fn restless(info: PeerInfo) -> PeerInfo {
+const fn without_sleep(info: PeerInfo) -> PeerInfo {
     PeerInfo {
-        nodes: false,
+        has: Means {
+            nodes: false,
+            ..info.has
+        },
         ..info
     }
 }
@@ -187,7 +210,7 @@ pub const PEERS: &[PeerInfo] = &[
         Family::Sm2,
         "SM2, sealed, reliable: not even the publisher can change a published message",
     )),
-    restless(brokered(peer(
+    without_sleep(brokered(peer(
         "sm2-spin",
         Family::Sm2,
         "SM2, pooled, reliable; subscribers spin instead of sleeping",
@@ -232,7 +255,7 @@ pub const PEERS: &[PeerInfo] = &[
         Family::Iceoryx2,
         "iceoryx2, an event wakes the subscriber; no overflow, the publisher retries",
     ),
-    restless(peer(
+    without_sleep(peer(
         "iceoryx2-poll",
         Family::Iceoryx2,
         "iceoryx2, the subscriber polls; safe overflow (its default: may drop)",

@@ -18,7 +18,7 @@ pub mod sm2;
 #[cfg(feature = "zenoh")]
 pub mod zenoh;
 
-pub use catalogue::{Family, PEERS, PeerInfo, Reach};
+pub use catalogue::{Family, PEERS, Part, PeerInfo, Reach};
 pub use contract::{Call, Flow, Handler, Peer, PeerError, Publish, Subscribe, TIMEOUT_NS};
 
 /// Evaluates an expression with `P` as the type of the domain's peer: `with_peer!(&domain, P => …)`.

@@ -48,8 +48,16 @@ struct Mode {
     sealed: bool,
     wait: Wait,
     batch: bool,
-    /// True if the recorder is a program with the crate `mcap` instead of `sm2-bag`.
-    mcap: bool,
+    recorder: Recorder,
+}
+
+/// The program that records.
+#[derive(Clone, Copy)]
+enum Recorder {
+    /// The recorder of `sm2-bag`.
+    Bag,
+    /// A program with the crate `mcap`.
+    Mcap,
 }
 
 impl Mode {
@@ -64,7 +72,10 @@ impl Mode {
                 Wait::Park
             },
             batch: peer == "sm2-batch",
-            mcap: peer == MCAP,
+            recorder: match peer {
+                MCAP => Recorder::Mcap,
+                _ => Recorder::Bag,
+            },
         }
     }
 }
@@ -178,9 +189,9 @@ impl Peer for Sm2 {
     }
 
     fn record(&self, recording: &Recording, ready: impl FnOnce()) -> Result<(), PeerError> {
-        match self.mode.mcap {
-            true => record::mcap(&self.node, recording, ready),
-            false => record::bag(&self.node, recording, ready),
+        match self.mode.recorder {
+            Recorder::Mcap => record::mcap(&self.node, recording, ready),
+            Recorder::Bag => record::bag(&self.node, recording, ready),
         }
     }
 }

@@ -4,7 +4,7 @@
 
 use crate::{
     link,
-    peers::{PeerInfo, Reach},
+    peers::{Part, PeerInfo, Reach},
 };
 
 mod bad_link;
@@ -201,20 +201,18 @@ const fn anywhere() -> Result<(), String> {
 }
 
 const fn everybody(peer: &PeerInfo) -> Result<(), &'static str> {
-    match peer.one_to_one {
-        true => Err("this program compares it in pingpong and throughput alone"),
-        false => sends_one_by_one(peer),
+    match peer.part {
+        Part::OneToOne => Err("this program compares it in pingpong and throughput alone"),
+        _ => sends_one_by_one(peer),
     }
 }
 
 const fn sends_one_by_one(peer: &PeerInfo) -> Result<(), &'static str> {
-    if peer.record_alone {
-        return Err(RECORD_ALONE);
-    }
-    match (peer.batches, peer.reach) {
-        (true, _) => Err("it differs from sm2 only with many messages per call"),
-        (false, Reach::LinkAlone) => Err("it needs two hosts"),
-        (false, Reach::Host | Reach::Link) => Ok(()),
+    match (peer.part, peer.reach) {
+        (Part::Record, _) => Err(RECORD_ALONE),
+        (Part::Batches, _) => Err("it differs from sm2 only with many messages per call"),
+        (_, Reach::LinkAlone) => Err("it needs two hosts"),
+        (_, Reach::Host | Reach::Link) => Ok(()),
     }
 }
 
@@ -230,7 +228,7 @@ const fn crosses_a_link(peer: &PeerInfo) -> Result<(), &'static str> {
 fn moves_messages(peer: &PeerInfo) -> Result<(), &'static str> {
     match peer.name {
         "raw-memcpy" => Err("it has one process and no communication"),
-        _ if peer.other_language => Err(OTHER_LANGUAGE),
+        _ if peer.part == Part::OtherLanguage => Err(OTHER_LANGUAGE),
         _ => everybody(peer),
     }
 }
@@ -242,15 +240,15 @@ const OTHER_LANGUAGE: &str = "this program compares it in fig4-max, pingpong and
 const RECORD_ALONE: &str = "it is a recorder: it runs in record alone";
 
 fn loses_nothing(peer: &PeerInfo) -> Result<(), &'static str> {
-    match (peer.record_alone, peer.lossy) {
-        (true, _) => Err(RECORD_ALONE),
-        (false, true) => Err("it drops messages by design"),
-        (false, false) => Ok(()),
+    match (peer.part, peer.lossy) {
+        (Part::Record, _) => Err(RECORD_ALONE),
+        (_, true) => Err("it drops messages by design"),
+        (_, false) => Ok(()),
     }
 }
 
 fn records(peer: &PeerInfo) -> Result<(), &'static str> {
-    match peer.record_alone || peer.name == "sm2" {
+    match peer.part == Part::Record || peer.name == "sm2" {
         true => Ok(()),
         false => Err("it is not a recorder"),
     }
@@ -264,14 +262,14 @@ fn has_bags(peer: &PeerInfo) -> Result<(), &'static str> {
 }
 
 const fn has_nodes(peer: &PeerInfo) -> Result<(), &'static str> {
-    match peer.nodes {
+    match peer.has.nodes {
         true => everybody(peer),
         false => Err("it has no nodes, or its nodes do not sleep"),
     }
 }
 
 const fn has_services(peer: &PeerInfo) -> Result<(), &'static str> {
-    match peer.services {
+    match peer.has.services {
         true => everybody(peer),
         false => Err("it has no services, or this program does not use them"),
     }

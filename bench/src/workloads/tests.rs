@@ -1,5 +1,8 @@
 use super::{Options, WORKLOADS, find};
-use crate::{job::Read, peers::PEERS};
+use crate::{
+    job::Read,
+    peers::{PEERS, Part},
+};
 
 fn options() -> Options {
     Options {
@@ -56,7 +59,10 @@ fn the_number_of_nodes_can_be_said() {
 
 #[test]
 fn a_one_to_one_peer_runs_pingpong_and_throughput_alone() {
-    let aeron = PEERS.iter().find(|peer| peer.one_to_one).unwrap();
+    let aeron = PEERS
+        .iter()
+        .find(|peer| peer.part == Part::OneToOne)
+        .unwrap();
     let run = WORKLOADS
         .iter()
         .filter(|workload| (workload.supports)(aeron).is_ok());
@@ -66,7 +72,10 @@ fn a_one_to_one_peer_runs_pingpong_and_throughput_alone() {
 
 #[test]
 fn a_peer_in_another_language_runs_three_workloads() {
-    let others: Vec<_> = PEERS.iter().filter(|peer| peer.other_language).collect();
+    let others: Vec<_> = PEERS
+        .iter()
+        .filter(|peer| peer.part == Part::OtherLanguage)
+        .collect();
     assert_eq!(others.len(), 5);
     for peer in others {
         let run = WORKLOADS
@@ -84,7 +93,7 @@ fn a_peer_in_another_language_runs_three_workloads() {
 
 #[test]
 fn a_recorder_runs_record_alone() {
-    for recorder in PEERS.iter().filter(|peer| peer.record_alone) {
+    for recorder in PEERS.iter().filter(|peer| peer.part == Part::Record) {
         let run = WORKLOADS
             .iter()
             .filter(|workload| (workload.supports)(recorder).is_ok());

@@ -7,12 +7,7 @@ pub(crate) const FILES_IN_CYCLES: &[(&str, usize)] = &[];
 pub(crate) const SIZES: &[(&str, usize)] = &[];
 
 /// Folder of a package with the name of a structure, and how many `bool` fields it has at most.
-pub(crate) const FLAGS: &[(&str, usize)] = &[
-    ("bench/Mode", 4),
-    ("bench/PeerInfo", 8),
-    ("sm2-node/LinkStatus", 6),
-    ("sm2-proto/Link", 4),
-];
+pub(crate) const FLAGS: &[(&str, usize)] = &[("sm2-node/LinkStatus", 6), ("sm2-proto/Link", 4)];
 
 /// Folder of a package with the name of a type, and how many files have its `impl` blocks at most.
 pub(crate) const IMPL_FILES: &[(&str, usize)] = &[];
