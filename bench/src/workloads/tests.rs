@@ -103,7 +103,14 @@ fn a_recorder_runs_record_alone() {
     let record = find("record").unwrap();
     let run = PEERS.iter().filter(|peer| (record.supports)(peer).is_ok());
     let names: Vec<_> = run.map(|peer| peer.name).collect();
-    assert_eq!(names, ["sm2", "mcap-writer", "zenoh-shm-mcap", "raw-disk"]);
+    let expected = [
+        "sm2",
+        "sm2-idle",
+        "mcap-writer",
+        "zenoh-shm-mcap",
+        "raw-disk",
+    ];
+    assert_eq!(names, expected);
 }
 
 #[test]
