@@ -287,6 +287,8 @@ fn pages_are_printed_and_written() {
     }
     let page = run(&["man", "topic", "hz"]).stdout();
     assert!(page.contains(".TH sm2-topic-hz 1"), "{page}");
+    // Commands to copy keep their lines.
+    assert!(page.contains(".SH EXAMPLES\n.nf\n"), "{page}");
     run(&["man", "topic", "hertz"]).failed(2, &["sm2 topic hertz"]);
 
     let folder = tempfile::tempdir().unwrap();
