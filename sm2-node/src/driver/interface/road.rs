@@ -52,13 +52,14 @@ impl DeclaredInterface {
         count
     }
 
-    /// Whether the road is open, if need be after the messages that came back were settled.
+    /// Whether the road is open, if a link delays it after the messages that came back were settled.
     #[inline]
     fn opens_road(&mut self, len: u64, context: &mut Context<'_>) -> bool {
-        self.is_road_open(len) || {
-            self.harvest(context);
-            self.is_road_open(len)
-        }
+        self.is_road_open(len)
+            || !self.has_room() && {
+                self.harvest(context);
+                self.is_road_open(len)
+            }
     }
 
     /// Whether links are open, all of them have rings, and none delays a publication. If a link is opening, the other
