@@ -17,5 +17,5 @@ mod region;
 mod scratch;
 pub(crate) mod writable;
 
-pub use self::read_only::{PooledMapping, SealedMapping, copy_from_range, copy_range};
+pub use self::read_only::{PooledMapping, SealedMapping, copy_from_range, copy_range, part_of};
 pub use self::scratch::Scratch;

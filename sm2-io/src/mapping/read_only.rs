@@ -101,11 +101,8 @@ impl PooledMapping {
     pub fn range(&self, start: u64, len: u64) -> Option<NonNull<[u8]>> {
         let start = usize::try_from(start).ok()?;
         let len = usize::try_from(len).ok()?;
-        if start.checked_add(len)? > self.region.len() {
-            return None;
-        }
-        let first = self.region.as_ptr().wrapping_add(start);
-        Some(NonNull::slice_from_raw_parts(NonNull::new(first)?, len))
+        let all = NonNull::new(self.region.as_ptr())?;
+        part_of(NonNull::slice_from_raw_parts(all, self.len()), start, len)
     }
 
     /// `N` bytes from `start` on, copied word by word; `None` if they are not all inside, or
@@ -162,6 +159,17 @@ fn map(fd: BorrowedFd<'_>, size_bytes: u64, len: u64, populate: bool) -> io::Res
     Ok(region)
 }
 
+/// The address of `len` bytes from `start` of a range on; `None` if they are not all inside.
+#[must_use]
+#[inline]
+pub fn part_of(range: NonNull<[u8]>, start: usize, len: usize) -> Option<NonNull<[u8]>> {
+    if start.checked_add(len)? > range.len() {
+        return None;
+    }
+    let first = range.cast::<u8>().as_ptr().wrapping_add(start);
+    Some(NonNull::slice_from_raw_parts(NonNull::new(first)?, len))
+}
+
 /// A private copy of a range of a [`PooledMapping`].
 ///
 /// # Safety
@@ -191,13 +199,13 @@ pub unsafe fn copy_range(range: NonNull<[u8]>) -> Vec<u8> {
 #[must_use]
 #[inline]
 pub unsafe fn copy_from_range(range: NonNull<[u8]>, start: usize, to: &mut [u8]) -> bool {
-    if (start.checked_add(to.len())).is_none_or(|end| end > range.len()) {
+    let Some(bytes) = part_of(range, start, to.len()) else {
         return false;
-    }
-    // SAFETY: as in `copy_range`; the destination is memory of this process, of the length that was checked, and no
+    };
+    // SAFETY: as in `copy_range`; the destination is memory of this process, of the length of the part, and no
     // part of a mapping that only has addresses.
     unsafe {
-        let source = range.cast::<u8>().as_ptr().add(start);
+        let source = bytes.cast::<u8>().as_ptr();
         std::ptr::copy_nonoverlapping(source, to.as_mut_ptr(), to.len());
     }
     // The compiler must not read the source again in place of the copy.
