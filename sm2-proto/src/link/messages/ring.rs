@@ -110,8 +110,9 @@ impl Link {
 
     /// [`Link::prefetch`] on the ring lane.
     #[inline]
-    pub(super) fn prefetch_from_ring(&self, memory: &impl LinkMemory) {
-        if let Lane::Ring(ring) = &self.lane
+    pub(super) fn prefetch_from_ring<M: LinkMemory>(&self, memory: &M) {
+        if M::PREFETCHES
+            && let Lane::Ring(ring) = &self.lane
             && let (Some(receiver), Some(words)) = (&ring.incoming, memory.incoming())
         {
             let geometry = |segment| ring.segments.geometry(segment);
